@@ -1,0 +1,122 @@
+"""Normal compliance: the stops' force, their energy, and the stage equation v = r + s F(v)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .time_functions import LoadFunction
+from .validation import InputError, number, positive
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Stops:
+    """F(v) = -kappa [(v - g2)_+ - (g1 - v)_+], the force of the stops on the beam (2.4).
+
+    ``lower`` is g1 and ``upper`` is g2 > g1 (displacements); ``None`` leaves that side free.
+    ``stiffness`` is kappa > 0, force per displacement. F < 0 on the upper stop, F > 0 on the lower.
+    Source: Dumont (2002), eq. (2.4).
+    """
+
+    lower: float | None = None
+    upper: float | None = None
+    stiffness: float = field(kw_only=True)
+
+    def __post_init__(self) -> None:
+        positive("stops.stiffness", self.stiffness)
+        for side in ("lower", "upper"):
+            if getattr(self, side) is not None:
+                number(f"stops.{side}", getattr(self, side))
+        if self.lower is None and self.upper is None:
+            raise InputError("stops", "no side", "have a lower or an upper stop", "for no contact pass stops=None")
+        if not self.g1 < self.g2:
+            raise InputError("stops.upper", self.upper, f"be > stops.lower = {self.lower}")
+
+    @property
+    def g1(self) -> float:
+        """The lower stop, -inf where that side is free."""
+        return -math.inf if self.lower is None else float(self.lower)
+
+    @property
+    def g2(self) -> float:
+        """The upper stop, +inf where that side is free."""
+        return math.inf if self.upper is None else float(self.upper)
+
+    def penetration(self, v: ArrayLike) -> Array:
+        """v - clip(v, g1, g2): > 0 into the upper stop, < 0 into the lower, 0 between them."""
+        v = np.asarray(v, float)
+        return v - np.clip(v, self.g1, self.g2)
+
+    def force(self, v: ArrayLike) -> Array:
+        """F(v) on the beam (2.4)."""
+        return -self.stiffness * self.penetration(v)
+
+    def energy(self, v: ArrayLike) -> Array:
+        """U(v) = kappa/2 [(v - g2)_+^2 + (g1 - v)_+^2], so F = -U'."""
+        return 0.5 * self.stiffness * self.penetration(v) ** 2
+
+    def state(self, v: ArrayLike) -> NDArray[np.int64]:
+        """chi = +1 where v > g2, -1 where v < g1, else 0 (strict)."""
+        v = np.asarray(v, float)
+        return (v > self.g2).astype(np.int64) - (v < self.g1).astype(np.int64)
+
+    def solve(self, r: ArrayLike, s: ArrayLike) -> Array:
+        """The force F with v = r + s F = r + s F(v), for a compliance s >= 0; one solution, closed form.
+
+        F = kappa/(1 + kappa s) (clip(r, g1, g2) - r). With s = 0 it is the extrapolated contact F(r).
+        """
+        return -self.stiffness / (1.0 + self.stiffness * np.asarray(s, float)) * self.penetration(r)
+
+
+@dataclass(frozen=True)
+class Contact:
+    """Stops that act on the position row @ q + offset(t), with the force row^T F(row @ q + offset(t)).
+
+    ``row`` has shape (n,). ``offset`` (a time function or None) moves the contact point against the
+    stops, as a moving support does in absolute coordinates.
+    """
+
+    row: Array
+    stops: Stops
+    offset: LoadFunction | None = None
+
+    def __post_init__(self) -> None:
+        row = np.array(self.row, float).ravel()
+        if not np.all(np.isfinite(row)) or not np.any(row):
+            raise InputError("contact.row", self.row, "be finite and not all zero")
+        object.__setattr__(self, "row", row)
+
+
+def solve_several(r: Array, compliance: Array, stops: list[Stops] | tuple[Stops, ...]) -> Array:
+    """The forces F with v = r + S F, F_c = F_c(v_c), for m contacts at once.
+
+    r: (m,) positions without contact force; S = ``compliance``: (m, m), symmetric positive
+    semidefinite. The map is the gradient of a strictly convex function, so the solution is unique.
+    Gauss-Seidel sweeps find the active set, one linear solve per guess finishes it exactly.
+    """
+    m = len(stops)
+    force = np.zeros(m)
+    if all(s.g1 <= x <= s.g2 for s, x in zip(stops, r, strict=True)):
+        return force
+    for _ in range(1000):
+        for c, stop in enumerate(stops):
+            rest = r[c] + compliance[c] @ force - compliance[c, c] * force[c]
+            force[c] = stop.solve(rest, compliance[c, c])
+        v = r + compliance @ force
+        chi = np.array([int(stop.state(x)) for stop, x in zip(stops, v, strict=True)])
+        active = np.flatnonzero(chi)
+        gap = np.array([stops[c].g2 if chi[c] > 0 else stops[c].g1 for c in active])
+        kappa = np.array([stops[c].stiffness for c in active])
+        # On the active set F_a = kappa (g - r - S_aa F_a): one m x m system.
+        exact = np.zeros(m)
+        matrix = np.eye(len(active)) + kappa[:, None] * compliance[np.ix_(active, active)]
+        exact[active] = np.linalg.solve(matrix, kappa * (gap - r[active]))
+        v = r + compliance @ exact
+        if all(int(stop.state(x)) == k for stop, x, k in zip(stops, v, chi, strict=True)):
+            return exact
+    return force  # the last bits of a position on the edge of a stop kept the active set from settling

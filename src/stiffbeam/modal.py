@@ -1,0 +1,76 @@
+"""System -> modes: coordinates in which the linear part decouples."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from .equations import Modal
+from .system import System
+from .validation import InputError
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Modes:
+    """q = shapes @ eta,  eta_j'' + damping_j eta_j' + omega_j^2 eta_j = shapes_j . f.
+
+    omega: (n,) ascending angular frequencies. shapes: (n, n), shapes^T M shapes = I. damping: (n,).
+    """
+
+    omega: Array
+    shapes: Array
+    damping: Array
+    mass: Array
+
+    @property
+    def equation(self) -> Modal:
+        return Modal(self.omega, self.damping)
+
+    def to_modal(self, q: Array) -> Array:
+        """eta = shapes^T M q; q of shape (..., n)."""
+        return q @ (self.mass @ self.shapes)
+
+    def to_nodal(self, eta: Array) -> Array:
+        """q = shapes eta; eta of shape (..., n)."""
+        return eta @ self.shapes.T
+
+    def force(self, vector: Array) -> Array:
+        """shapes^T f, of a load vector or a contact row (..., n)."""
+        return vector @ self.shapes
+
+
+def modes(system: System, springs: tuple[tuple[Array, float], ...] = ()) -> Modes | None:
+    """The modes of ``system`` with extra springs (row, stiffness), or None if damping couples them.
+
+    With the mass M = R^T R and the factor K = G^T G, omega are the singular values of G R^-1, a spring
+    (row, kappa) being one more row sqrt(kappa) row of G: the error is eps w_max in each omega. Without
+    a factor they are the roots of eigenvalues, with eps w_max^2 in each omega^2.
+    """
+    upper = scipy.linalg.cholesky(system.mass)  # R
+    if system.stiffness_factor is not None:
+        factor = np.vstack([system.stiffness_factor, *(np.sqrt(kappa) * row for row, kappa in springs)])
+        scaled = scipy.linalg.solve_triangular(upper, factor.T, trans="T").T
+        _, omega, vectors = scipy.linalg.svd(scaled, full_matrices=False)
+        omega, vectors = omega[::-1], vectors[::-1].T
+    else:
+        stiffness = system.stiffness + sum(kappa * np.outer(row, row) for row, kappa in springs)
+        scaled = scipy.linalg.solve_triangular(upper, stiffness, trans="T")
+        scaled = scipy.linalg.solve_triangular(upper, scaled.T, trans="T")
+        squares, vectors = scipy.linalg.eigh(0.5 * (scaled + scaled.T))
+        if squares[0] < -1e-9 * squares[-1]:
+            raise InputError("stiffness", f"least eigenvalue {squares[0]:.3g}", "be positive semidefinite")
+        squares[np.abs(squares) < 1e-14 * len(squares) * squares[-1]] = 0.0  # a rigid-body mode
+        omega = np.sqrt(np.maximum(squares, 0.0))
+    shapes = scipy.linalg.solve_triangular(upper, vectors)
+    # One sign per shape, so that equal systems give equal modes.
+    shapes = shapes * np.where(shapes[np.argmax(np.abs(shapes), axis=0), np.arange(shapes.shape[1])] < 0, -1.0, 1.0)
+    damping = shapes.T @ system.damping @ shapes
+    diagonal = np.diag(damping).copy()
+    if np.max(np.abs(damping - np.diag(diagonal))) > 1e-9 * max(np.max(np.abs(diagonal)), 1e-300):
+        return None
+    return Modes(omega=np.ascontiguousarray(omega), shapes=shapes, damping=diagonal, mass=system.mass)

@@ -1,0 +1,40 @@
+"""The schemes, one file each, and their registry. A new scheme is one file and one line here."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from ..validation import InputError, near
+from .bdf2 import BDF2
+from .hht import HHT
+from .scheme import Scheme
+from .sdirk import GAMMA_THIRD_ORDER, SDIRK
+from .theta import Theta
+
+SCHEMES: dict[str, type[Scheme]] = {scheme.name: scheme for scheme in (BDF2, SDIRK, HHT, Theta)}
+
+# The parameter sets that tests and studies run beside each scheme's defaults.
+_VARIANTS: dict[str, list[dict]] = {
+    "sdirk": [{"nystrom": True}, {"gamma": 1.0}, {"gamma": 1.0, "nystrom": True}],
+    "hht": [{"alpha": 0.0}, {"alpha": -0.3}],
+}
+
+
+def make(name: str, **parameters) -> Scheme:
+    """The registered scheme ``name`` with its parameters."""
+    if name not in SCHEMES:
+        raise InputError("scheme", name, "be a registered scheme", near(name, SCHEMES))
+    try:
+        return SCHEMES[name](**parameters)
+    except TypeError as error:
+        raise InputError("scheme", f"{name}({parameters})", "take only its own parameters", str(error)) from None
+
+
+def registered() -> Iterator[Scheme]:
+    """Every registered scheme: its defaults, then its variants."""
+    for name in SCHEMES:
+        for parameters in [{}, *_VARIANTS.get(name, [])]:
+            yield make(name, **parameters)
+
+
+__all__ = ["BDF2", "GAMMA_THIRD_ORDER", "HHT", "SCHEMES", "SDIRK", "Scheme", "Theta", "make", "registered"]

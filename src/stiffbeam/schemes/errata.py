@@ -1,0 +1,114 @@
+"""The paper's misprints that run, as schemes of their own; the textbook definitions stay clean.
+
+A study can so show what each of them costs. Misprints that do not run (a missing term, a wrong index)
+are listed in the paper's reproduction, not here.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..validation import InputError, near
+from .hht import HHT
+from .scheme import Array, Scheme
+from .sdirk import SDIRK
+
+
+class UnweightedHHT(HHT):
+    """(4.13) as printed: M a^{n+1} = -(1 + alpha) K q^{n+1} + alpha K q^n + f^{n+1}; order 1 under load.
+
+    The stiffness is weighted, load and contact (the paper's F + G) are not; the damping, absent from
+    the print, is weighted with the stiffness. State: (q, v, a).
+    """
+
+    order = 1
+    erratum = "unweighted"
+
+    def initial(self, equation, history, force) -> Array:
+        return np.stack([*history[0], equation.acceleration(history[0], force)])
+
+    def step(self, equation, dt, z, forces):
+        q, v, a = z
+        alpha, beta, gamma = self.alpha, self.beta, self.gamma
+        ahead = np.stack([q + dt * v + dt**2 * (0.5 - beta) * a, v + dt * (1.0 - gamma) * a])
+        none = np.zeros_like(q)
+        inner = (1.0 + alpha) * equation.net_force(ahead, none) - alpha * equation.net_force(z[:2], none)
+        a_new = equation.solve((1.0 + alpha) * gamma * dt, (1.0 + alpha) * beta * dt**2, inner + forces[0])
+        q_new = ahead[0] + dt**2 * beta * a_new
+        return np.stack([q_new, ahead[1] + dt * gamma * a_new, a_new]), [q_new]
+
+
+class PrintedSigma(SDIRK):
+    """(4.9) with the printed sign of sigma: order 2 instead of 3 at gamma = 0.4359."""
+
+    erratum = "sigma"
+
+    def __init__(self, gamma: float, nystrom: bool = False) -> None:
+        super().__init__(gamma, nystrom)
+        self.order = 2
+
+    @property
+    def sigma(self) -> float:
+        return -super().sigma
+
+
+class PrintedStageMatrix(SDIRK):
+    """(4.14) with the printed stage matrix: off-diagonal sigma, gamma^2 b1, gamma^2 b2 for those of A A.
+
+    Order 2, and unstable for most steps: refused where its spectral radius exceeds 1 on the system.
+    """
+
+    erratum = "stage-matrix"
+
+    def __init__(self, gamma: float) -> None:
+        super().__init__(gamma, nystrom=True)
+        self.order = 2
+
+    @property
+    def Abar(self) -> np.ndarray:
+        g, s, (b1, b2, _) = self.gamma, self.sigma, self.b
+        return np.array([[g**2, 0.0, 0.0], [s, g**2, 0.0], [b1 * g**2, b2 * g**2, g**2]])
+
+    def check(self, omega_max: float, dt: float) -> None:
+        from ..equations import Modal
+
+        # Sampled at 60 points per octave below omega_max dt; the unstable range is an interval.
+        x = omega_max * dt * 2.0 ** -np.arange(0.0, 12.0, 1.0 / 60.0)
+        one = np.ones(x.size)
+        none = [np.zeros((2, x.size))] * 3
+        # dt = 1 and omega = x: the amplification matrix of (q, q').
+        identity = np.stack([np.outer([1.0, 0.0], one), np.outer([0.0, 1.0], one)])
+        z, _ = self.step(Modal(x, 0.0 * x), 1.0, identity, none)
+        radius = np.max(np.abs(np.linalg.eigvals(np.moveaxis(z, -1, 0))), axis=-1)
+        if np.any(radius > 1.0 + 1e-9):
+            worst = float(np.min(x[radius > 1.0 + 1e-9]))
+            raise InputError(
+                "dt",
+                dt,
+                f"keep the printed stage matrix of (4.14) stable, omega dt < {worst:.3g} for every frequency",
+                f"use dt < {worst / omega_max:.3g} or the corrected scheme",
+            )
+
+
+_FORMS = {
+    HHT: {"unweighted": lambda s: UnweightedHHT(s.alpha)},
+    SDIRK: {
+        "sigma": lambda s: PrintedSigma(s.gamma, s.nystrom),
+        "stage-matrix": lambda s: PrintedStageMatrix(s.gamma),
+    },
+}
+_AT_ANY_STEP = {HHT: "unweighted", SDIRK: "sigma"}
+
+
+def printed(scheme: Scheme, errata: tuple[str, ...]) -> Scheme:
+    """``scheme`` with the named errata (default: the one that runs at any step)."""
+    forms = _FORMS.get(type(scheme))
+    if forms is None:
+        raise InputError("scheme", str(scheme), "have a printed form that runs and differs", "HHT and SDIRK have one")
+    names = errata or (_AT_ANY_STEP[type(scheme)],)
+    for name in names:
+        if name not in forms:
+            raise InputError("erratum", name, "be one the paper prints for this scheme", near(name, forms))
+    if len(names) > 1:
+        raise InputError("errata", names, "be one at a time", "each is a scheme of its own")
+    return forms[names[0]](scheme)

@@ -1,0 +1,105 @@
+"""SDIRK-OS: the three-stage singly diagonally implicit Runge-Kutta family of Owren and Simonsen."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+
+from ..validation import InputError
+from .scheme import Scheme, in_interval
+
+# The middle root of 1/6 - (3/2) g + 3 g^2 - g^3, nearest double: third order.
+GAMMA_THIRD_ORDER = 0.435866521508459
+# The two real roots between which R(z) is L-stable: 24 g^4 - 72 g^3 + 48 g^2 - 12 g + 1 (p. 61).
+GAMMA_MIN, GAMMA_MAX = 0.1804253064293986, 2.185600097355037
+COEFFICIENT_LIMIT = 1e3
+
+
+class SDIRK(Scheme):
+    """K_i = f(t^n + c_i dt, y^n + dt sum_{j<=i} a_ij K_j),  y^{n+1} = y^n + dt sum b_i K_i, with
+
+        gamma        | gamma
+        gamma+sigma  | sigma   gamma                b2 = (gamma^2 - 2 gamma + 1/2)/sigma
+        1            | b1      b2      gamma        b1 = 1 - gamma - b2                        (4.8), (4.9)
+
+        sigma = -(gamma^3 - 3 gamma^2 + 2 gamma - 1/3)/(gamma^2 - 2 gamma + 1/2)
+
+    Stiffly accurate and L-stable for gamma in [0.18043, 2.18560]; order 3 for gamma = 0.435866521508459
+    (the default, the paper's 0.4359), else 2. The paper prints sigma without its minus sign, which
+    costs an order: ``printed("sigma")``. Refused where sigma vanishes or has its pole (a coefficient
+    beyond 1e3, near gamma = 0.25777, 0.29289, 0.60507). gamma > 1 puts nodes beyond the step (Remark 8).
+
+    nystrom=False solves for the rates K_i of y = (q, q') or of a first-order y, (4.10) and (4.12);
+    nystrom=True for the accelerations alone with Abar = A A and Bbar = b^T A, (4.14), which needs a
+    second-order system. The two are equal. State: y. Source: Dumont (2002), (4.7)-(4.14); Owren and
+    Simonsen, Comput. Methods Appl. Mech. Eng. 122 (1995) 1-10.
+    """
+
+    name = "sdirk"
+
+    def __init__(self, gamma: float = GAMMA_THIRD_ORDER, nystrom: bool = False) -> None:
+        gamma = in_interval("gamma", gamma, GAMMA_MIN, GAMMA_MAX, "outside it the scheme is not L-stable")
+        # The paper's four digits mean the root.
+        self.gamma = GAMMA_THIRD_ORDER if abs(gamma - 0.4359) < 5e-5 else gamma
+        self.nystrom = bool(nystrom)
+        self.order = 3 if self.gamma == GAMMA_THIRD_ORDER else 2
+        if self.gamma > 1.0:
+            warnings.warn(f"gamma = {self.gamma:g} > 1 evaluates forces beyond the step (Remark 8)", stacklevel=2)
+        g, s = self.gamma, self.sigma
+        b2 = (g**2 - 2.0 * g + 0.5) / s if s else np.inf
+        self.A = np.array([[g, 0.0, 0.0], [s, g, 0.0], [1.0 - g - b2, b2, g]])
+        if not np.all(np.abs(self.A) <= COEFFICIENT_LIMIT):
+            raise InputError("gamma", gamma, f"give coefficients below {COEFFICIENT_LIMIT:g}", "move gamma by 0.01")
+        self.b = self.A[2]
+        self.nodes = (g, g + s, 1.0)
+
+    @property
+    def sigma(self) -> float:
+        """The tableau's sigma (not the contact force), corrected: the paper prints the opposite sign."""
+        g = self.gamma
+        denominator = g**2 - 2.0 * g + 0.5
+        return -(g**3 - 3.0 * g**2 + 2.0 * g - 1.0 / 3.0) / denominator if denominator else np.inf
+
+    @property
+    def Abar(self) -> np.ndarray:
+        """The Nystroem matrix A A: weights of the accelerations in the stage positions, over dt^2."""
+        return self.A @ self.A
+
+    @property
+    def paper(self) -> str:  # type: ignore[override]
+        return "(4.14)" if self.nystrom else "(4.10), (4.12)"
+
+    @property
+    def second_order_only(self) -> bool:  # type: ignore[override]
+        return self.nystrom
+
+    @property
+    def parameters(self):
+        return {"gamma": self.gamma} | ({"nystrom": True} if self.nystrom else {})
+
+    def step(self, equation, dt, z, forces):
+        return (self._step_nystrom if self.nystrom else self._step_rates)(equation, dt, z, forces)
+
+    def _step_rates(self, equation, dt, y, forces):
+        rates, positions = [], []
+        for a, force in zip(self.A, forces, strict=True):
+            r = y + dt * sum(a_j * k for a_j, k in zip(a, rates, strict=False))
+            rates.append(equation.implicit_rate(self.gamma * dt, r, force))
+            positions.append((r + self.gamma * dt * rates[-1])[0])
+        return y + dt * sum(b * k for b, k in zip(self.b, rates, strict=True)), positions
+
+    def _step_nystrom(self, equation, dt, z, forces):
+        q, v = z
+        implicit = self.gamma * dt
+        accelerations, positions = [], []
+        for c, a, abar, force in zip(self.nodes, self.A, self.Abar, forces, strict=True):
+            # Stage values without the stage's own acceleration.
+            q_i = q + c * dt * v + dt**2 * sum(w * k for w, k in zip(abar, accelerations, strict=False))
+            v_i = v + dt * sum(w * k for w, k in zip(a, accelerations, strict=False))
+            k = equation.solve(implicit, implicit**2, equation.net_force(np.stack([q_i, v_i]), force))
+            accelerations.append(k)
+            positions.append(q_i + implicit**2 * k)
+        q_new = q + dt * v + dt**2 * sum(w * k for w, k in zip(self.b @ self.A, accelerations, strict=True))
+        v_new = v + dt * sum(w * k for w, k in zip(self.b, accelerations, strict=True))
+        return np.stack([q_new, v_new]), positions

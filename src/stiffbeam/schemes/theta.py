@@ -1,0 +1,36 @@
+"""The theta-method, which makes BDF2's first step."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .scheme import Array, Scheme, in_interval
+
+
+class Theta(Scheme):
+    """y^{n+1} = y^n + dt [(1 - theta) f^n + theta f^{n+1}], theta in [1/2, 1].
+
+    Order 2 for theta = 1/2 (the trapezoidal rule), else 1; A-stable. State: (y^n, f^n), the rate
+    carried. Source: Dumont (2002), Section 5.2.1.
+    """
+
+    name = "theta"
+    paper = "Section 5.2.1"
+
+    def __init__(self, theta: float = 0.5) -> None:
+        self.theta = in_interval("theta", theta, 0.5, 1.0)
+        self.order = 2 if self.theta == 0.5 else 1
+
+    @property
+    def parameters(self):
+        return {"theta": self.theta}
+
+    def initial(self, equation, history, force) -> Array:
+        return np.concatenate([history[0], equation.rate(history[0], force)])
+
+    def step(self, equation, dt, z, forces):
+        y, rate = z[: equation.order], z[equation.order :]
+        r = y + (1.0 - self.theta) * dt * rate
+        rate_new = equation.implicit_rate(self.theta * dt, r, forces[0])
+        y_new = r + self.theta * dt * rate_new
+        return np.concatenate([y_new, rate_new]), [y_new[0]]

@@ -1,0 +1,296 @@
+"""The semi-discrete system that every scheme and every solver integrates."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .contact import Contact
+from .time_functions import Constant, Harmonic, LoadFunction, TimeFunction, evaluate
+from .validation import InputError
+
+if TYPE_CHECKING:
+    from .problem import BeamProblem
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class System:
+    """M q'' + C q' + K q = sum_k p_k f_k(t) + sum_c row_c^T F_c(row_c q + o_c(t)),  n unknowns.
+
+    mass, damping, stiffness: (n, n), symmetric; M positive definite, C and K positive semidefinite.
+    loads: pairs (p_k of shape (n,), f_k). contacts: where the stops act. observe: the row of ``tip``,
+    None for the position of the first contact. q0, v0: (n,) initial data. stiffness_factor: G with
+    G^T G = K where one is known, from which frequencies lose eps w_max/w_1 rather than its square.
+    Make one with ``semidiscretise`` or ``System.from_matrices``.
+    """
+
+    mass: Array
+    damping: Array
+    stiffness: Array
+    loads: tuple[tuple[Array, LoadFunction], ...] = ()
+    contacts: tuple[Contact, ...] = ()
+    observe: Array | None = None
+    q0: Array
+    v0: Array
+    stiffness_factor: Array | None = None
+    form: str = "matrices"
+    problem: BeamProblem | None = None
+    build_first_order: Callable[[System], FirstOrderSystem] | None = field(default=None, repr=False)
+
+    @classmethod
+    def from_matrices(
+        cls,
+        mass: Any,
+        stiffness: Any,
+        damping: Any = None,
+        loads: Sequence[tuple[ArrayLike, LoadFunction]] = (),
+        contacts: Sequence[Contact] = (),
+        observe: ArrayLike | None = None,
+        initial_displacement: ArrayLike | None = None,
+        initial_velocity: ArrayLike | None = None,
+    ) -> System:
+        """Anyone's finite-element model: dense or SciPy sparse matrices, any contact row.
+
+        Raises InputError naming what is wrong: shape, symmetry, definiteness.
+        """
+        mass = _symmetric("mass", mass)
+        n = len(mass)
+        stiffness = _symmetric("stiffness", stiffness, n)
+        damping = np.zeros((n, n)) if damping is None else _symmetric("damping", damping, n)
+        try:
+            np.linalg.cholesky(mass)
+        except np.linalg.LinAlgError:
+            raise InputError("mass", "the matrix given", "be positive definite") from None
+        for name, matrix in (("stiffness", stiffness), ("damping", damping)):
+            spectrum = np.linalg.eigvalsh(matrix)
+            if spectrum[0] < -1e-10 * max(abs(spectrum[-1]), 1e-300):
+                raise InputError(name, f"least eigenvalue {spectrum[0]:.3g}", "be positive semidefinite")
+        contacts = tuple(contacts)
+        for contact in contacts:
+            if contact.row.shape != (n,):
+                raise InputError("contact.row", contact.row.shape, f"have shape ({n},)")
+        if observe is None and not contacts:
+            raise InputError("observe", None, "name the row of .tip where there is no contact", "pass observe=row")
+        return cls(
+            mass=mass,
+            damping=damping,
+            stiffness=stiffness,
+            loads=tuple((_vector("loads", vector, n), function) for vector, function in loads),
+            contacts=contacts,
+            observe=None if observe is None else _vector("observe", observe, n),
+            q0=np.zeros(n) if initial_displacement is None else _vector("initial_displacement", initial_displacement, n),
+            v0=np.zeros(n) if initial_velocity is None else _vector("initial_velocity", initial_velocity, n),
+        )
+
+    @property
+    def size(self) -> int:
+        """n, the number of unknowns."""
+        return len(self.mass)
+
+    @property
+    def damped(self) -> bool:
+        return bool(np.any(self.damping))
+
+    @cached_property
+    def channels(self) -> tuple[tuple[Array, LoadFunction | None], ...]:
+        """The observed positions (row, offset): one per contact, then the tip where it is another row."""
+        rows = tuple((contact.row, contact.offset) for contact in self.contacts)
+        return rows if self.observe is None else (*rows, (self.observe, None))
+
+    @property
+    def tip_channel(self) -> int:
+        """The index in ``channels`` of the tip."""
+        return 0 if self.observe is None else len(self.contacts)
+
+    def load(self, t: ArrayLike) -> Array:
+        """sum_k p_k f_k(t); shape t.shape + (n,)."""
+        t = np.asarray(t, float)
+        total = np.zeros((*t.shape, self.size))
+        for vector, function in self.loads:
+            total += evaluate(function, t)[..., None] * vector
+        return total
+
+    def positions(self, t: ArrayLike, q: Array) -> Array:
+        """row q + o(t) of every channel; q of shape t.shape + (n,) gives t.shape + (channels,)."""
+        return np.stack([q @ row + offset_values(offset, t) for row, offset in self.channels], axis=-1)
+
+    def contact_energy(self, t: ArrayLike, q: Array) -> Array:
+        """sum_c U_c(row_c q + o_c(t))."""
+        total = np.zeros(np.shape(t))
+        for contact in self.contacts:
+            total = total + contact.stops.energy(q @ contact.row + offset_values(contact.offset, t))
+        return total
+
+    def energy(self, t: ArrayLike, q: Array, v: Array) -> Array:
+        """E = 1/2 q'^T M q' + 1/2 q^T K q + sum_c U_c; q, v of shape t.shape + (n,)."""
+        kinetic = 0.5 * np.sum(v * (v @ self.mass), axis=-1)
+        strain = q @ self.stiffness_factor.T if self.stiffness_factor is not None else None
+        elastic = np.sum(strain**2, axis=-1) if strain is not None else np.sum(q * (q @ self.stiffness), axis=-1)
+        return kinetic + 0.5 * elastic + self.contact_energy(t, q)
+
+    def first_order(self) -> FirstOrderSystem:
+        """y' = A y + ...: the paper's (v_1, v_1', ..., v_M, v_M') (3.5) or (w, s, v_M) (3.12)."""
+        build = self.build_first_order or _interleaved
+        return build(self)
+
+    def rhs(self, t: float, y: Array) -> Array:
+        """The method-of-lines right-hand side in first-order form."""
+        return self._first_order.rhs(t, y)
+
+    def jacobian(self, t: float, y: Array) -> Array:
+        """d rhs/dy, (m, m)."""
+        return self._first_order.jacobian(t, y)
+
+    @cached_property
+    def _first_order(self) -> FirstOrderSystem:
+        return self.first_order()
+
+    def displacement(self, t: ArrayLike, q: Array, x: ArrayLike) -> Array:
+        """u(x, t) of a beam by a cubic spline through the nodes; t (m,), q (m, n), x (...) -> (m, ...)."""
+        from .semidiscretisation import beam_displacement
+
+        return beam_displacement(self, np.asarray(t, float), q, x)
+
+    @cached_property
+    def fingerprint(self) -> str:
+        """A hash of everything that determines the solution; equal for equal systems in any process.
+
+        A bare callable cannot be hashed by content: it counts as equal to itself only.
+        """
+        digest = hashlib.sha256(self.form.encode())
+        for array in (self.mass, self.damping, self.stiffness, self.q0, self.v0, self.observe):
+            digest.update(b"none" if array is None else np.ascontiguousarray(array).tobytes())
+        for vector, function in self.loads:
+            digest.update(vector.tobytes() + _describe(function).encode())
+        for contact in self.contacts:
+            digest.update(contact.row.tobytes() + repr(contact.stops).encode() + _describe(contact.offset).encode())
+        return digest.hexdigest()
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class FirstOrderContact:
+    """The contact of a first-order system: the force column * F(row @ y + offset(t))."""
+
+    row: Array
+    column: Array
+    contact: Contact
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class FirstOrderSystem:
+    """y' = A y + sum_k b_k f_k(t) + sum_c column_c F_c(row_c y + o_c(t)),  m unknowns.
+
+    matrix: A, (m, m). loads: pairs (b_k, f_k). observe: the row of ``tip`` in y. y0: (m,).
+    to_q, to_v: (n, m), q = to_q y and q' = to_v y of the ``system`` it was made from.
+    """
+
+    matrix: Array
+    loads: tuple[tuple[Array, LoadFunction], ...]
+    contacts: tuple[FirstOrderContact, ...]
+    observe: Array | None
+    y0: Array
+    to_q: Array
+    to_v: Array
+    system: System
+
+    def rhs(self, t: float, y: Array) -> Array:
+        """f(t, y) of shape (m,)."""
+        rate = self.matrix @ y
+        for vector, function in self.loads:
+            rate = rate + vector * evaluate(function, t)
+        for c in self.contacts:
+            rate = rate + c.column * c.contact.stops.force(c.row @ y + offset_values(c.contact.offset, t))
+        return rate
+
+    def jacobian(self, t: float, y: Array) -> Array:
+        """df/dy of shape (m, m); the one-sided value on the kink of a contact."""
+        jacobian = self.matrix.copy()
+        for c in self.contacts:
+            if c.contact.stops.state(c.row @ y + offset_values(c.contact.offset, t)):
+                jacobian -= c.contact.stops.stiffness * np.outer(c.column, c.row)
+        return jacobian
+
+    @cached_property
+    def bandwidths(self) -> tuple[int, int]:
+        """(lower, upper) bandwidth of the Jacobian."""
+        pattern = self.matrix != 0.0
+        for c in self.contacts:
+            pattern = pattern | (np.outer(c.column, c.row) != 0.0)
+        i, j = np.nonzero(pattern)
+        return int(max(0, np.max(i - j))), int(max(0, np.max(j - i)))
+
+
+def _interleaved(system: System) -> FirstOrderSystem:
+    """y = (q_1, q_1', ..., q_n, q_n'), the order of (3.5)."""
+    n = system.size
+    q, v = slice(0, 2 * n, 2), slice(1, 2 * n, 2)
+    solve = np.linalg.inv(system.mass) if np.any(system.mass - np.diag(np.diag(system.mass))) else None
+    divide = (lambda x: solve @ x) if solve is not None else (lambda x: (x.T / np.diag(system.mass)).T)
+
+    def column(vector: Array) -> Array:
+        out = np.zeros(2 * n)
+        out[v] = divide(vector)
+        return out
+
+    def row(vector: Array) -> Array:
+        out = np.zeros(2 * n)
+        out[q] = vector
+        return out
+
+    matrix = np.zeros((2 * n, 2 * n))
+    matrix[q, v] = np.eye(n)
+    matrix[v, q] = -divide(system.stiffness)
+    matrix[v, v] = -divide(system.damping)
+    matrix += 0.0  # no signed zeros in the Jacobian
+    y0 = np.zeros(2 * n)
+    y0[q], y0[v] = system.q0, system.v0
+    to_q, to_v = np.zeros((n, 2 * n)), np.zeros((n, 2 * n))
+    to_q[:, q], to_v[:, v] = np.eye(n), np.eye(n)
+    return FirstOrderSystem(
+        matrix=matrix,
+        loads=tuple((column(p), f) for p, f in system.loads),
+        contacts=tuple(FirstOrderContact(row=row(c.row), column=column(c.row), contact=c) for c in system.contacts),
+        observe=None if system.observe is None else row(system.observe),
+        y0=y0,
+        to_q=to_q,
+        to_v=to_v,
+        system=system,
+    )
+
+
+def offset_values(offset: LoadFunction | None, t: ArrayLike) -> Array:
+    """o(t), zero for None."""
+    return np.zeros(np.shape(t)) if offset is None else evaluate(offset, t)
+
+
+def _describe(function: LoadFunction | None) -> str:
+    if function is None or isinstance(function, (Harmonic, Constant)):
+        return repr(function)
+    kind = "time function" if isinstance(function, TimeFunction) else "callable"
+    return f"{kind} {id(function)}"
+
+
+def _symmetric(name: str, matrix: Any, n: int | None = None) -> Array:
+    dense = np.array(matrix.toarray() if hasattr(matrix, "toarray") else matrix, float)
+    if dense.ndim != 2 or dense.shape[0] != dense.shape[1] or (n is not None and len(dense) != n):
+        raise InputError(name, dense.shape, "be a square matrix" if n is None else f"have shape ({n}, {n})")
+    if not np.all(np.isfinite(dense)):
+        raise InputError(name, "an entry that is not finite", "be finite")
+    if np.max(np.abs(dense - dense.T), initial=0.0) > 1e-12 * np.max(np.abs(dense), initial=0.0):
+        raise InputError(name, "an unsymmetric matrix", "be symmetric to 1e-12")
+    return 0.5 * (dense + dense.T)
+
+
+def _vector(name: str, vector: ArrayLike, n: int) -> Array:
+    array = np.array(vector, float).ravel()
+    if array.shape != (n,) or not np.all(np.isfinite(array)):
+        raise InputError(name, array.shape, f"be {n} finite numbers")
+    return array
