@@ -18,7 +18,7 @@ from .modal import Modes, modes
 from .propagator import LANES, Propagator, aligned, build
 from .recorder import SampledImpacts
 from .schemes import Scheme
-from .system import FirstOrderSystem, System, offset_values
+from .system import FirstOrderSystem, System, offset_rate, offset_values
 from .trajectory import Diverged, Trajectory, Work
 from .validation import InputError, positive
 
@@ -145,18 +145,8 @@ def _omega_max(system: System) -> float:
 def _initial_channels(system: System) -> tuple[Array, Array]:
     """Positions and velocities of the channels at t = 0."""
     positions = system.positions(0.0, system.q0)
-    velocities = [system.v0 @ row + _offset_rate(offset, 0.0) for row, offset in system.channels]
+    velocities = [system.v0 @ row + offset_rate(offset, 0.0) for row, offset in system.channels]
     return positions, np.array(velocities)
-
-
-def _offset_rate(offset, t) -> Array:
-    """o'(t); by a central difference for a bare callable."""
-    if offset is None:
-        return np.zeros(np.shape(t))
-    if hasattr(offset, "rate"):
-        return offset.rate(t)
-    step = 1e-6 * max(1.0, float(np.max(np.abs(t))))
-    return (offset_values(offset, np.asarray(t) + step) - offset_values(offset, np.asarray(t) - step)) / (2 * step)
 
 
 def _check_overflow(piece: Piece, scheme: Scheme, dt: float, contact: str, omega_max: float) -> None:
@@ -186,9 +176,7 @@ def block_length(scheme: Scheme, contacts: int) -> int:
     return 2 ** max(0, int(np.log2(NODES_PER_BLOCK / nodes)))
 
 
-def _modal_pieces(
-    system: System, basis: Modes, scheme: Scheme, dt: float, steps: int, contact: str
-) -> Iterator[Piece]:
+def _modal_pieces(system: System, basis: Modes, scheme: Scheme, dt: float, steps: int, contact: str) -> Iterator[Piece]:
     """The starter's steps one by one, then blocks."""
     y = np.stack([basis.to_modal(system.q0), basis.to_modal(system.v0)])
     history, first = [y], 0
@@ -275,7 +263,7 @@ def _blocks(
                 del c
                 channel = int(np.argmax(unit))
                 t = starts_at_of(rows, inside)
-                speeds[:, channel] += _offset_rate(system.channels[channel][1], t)
+                speeds[:, channel] += offset_rate(system.channels[channel][1], t)
             return speeds
 
         def starts_at_of(rows, inside, starts_at=starts_at):
@@ -393,7 +381,9 @@ def _direct_blocks(
     offsets = [offset for _, offset in system.channels]
     t0 = np.asarray(first * dt)
     at_start = np.array([row @ history[0][0] + offset_values(o, t0) for row, o in zip(view.rows, offsets, strict=True)])
-    force = view.load(t0) + sum(s.force(x) * column for s, x, column in zip(stops, at_start, view.columns, strict=False))
+    force = view.load(t0) + sum(
+        s.force(x) * column for s, x, column in zip(stops, at_start, view.columns, strict=False)
+    )
     z = scheme.initial(equation, history, force)
 
     # Responses to a unit force of contact c at node s: state and contact positions at the nodes.
@@ -439,6 +429,6 @@ def _direct_blocks(
 
         def velocities(k, y=y, ends=ends):
             speed = equation.velocity(np.moveaxis(y[k - 1], 1, 0)) @ view.rows.T
-            return speed + np.stack([_offset_rate(o, ends[k - 1]) for o in offsets], axis=-1)
+            return speed + np.stack([offset_rate(o, ends[k - 1]) for o in offsets], axis=-1)
 
         yield Piece(start, positions, velocities, lambda y=y: view.to_states(y), seconds), z

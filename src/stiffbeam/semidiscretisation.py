@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .contact import Contact
 from .problem import BeamProblem, DistributedLoad, PointLoad
-from .system import FirstOrderContact, FirstOrderSystem, System
+from .system import FirstOrderContact, FirstOrderSystem, System, interleaved
 from .time_functions import Constant, Harmonic, LoadFunction, TimeFunction
 from .validation import InputError, near
 
@@ -42,16 +42,14 @@ def _displacement(problem: BeamProblem, M: int) -> System:
     -v^T D H v = 1/2 kappa_0^2 + sum_i kappa_i^2 with the curvatures kappa_0 = 2 v_1/h^2 and
     kappa_i = (v_{i-1} - 2 v_i + v_{i+1})/h^2, which gives the factor G of the stiffness.
     """
-    h = 1.0 / M
-    weights = np.full(M, h)
-    weights[-1] = h / 2
-    curvature = (np.eye(M, k=1) - 2.0 * np.eye(M) + np.eye(M, k=-1)) / h**2  # row i-1: kappa_i; last row unused
-    factor = np.vstack([np.zeros(M), curvature[:-1]])
-    factor[0, 0] = np.sqrt(2.0) / h**2  # sqrt(1/2) kappa_0
-    factor *= np.sqrt(h)
-    bending = factor.T @ factor
+    weights = np.full(M, 1.0 / M)
+    weights[-1] = 0.5 / M
+    bending = bending_stencil(M) * float(M) ** 3
+    factor = np.vstack([np.zeros(M), (np.eye(M, k=1) - 2.0 * np.eye(M) + np.eye(M, k=-1))[:-1]])
+    factor[0, 0] = np.sqrt(2.0)  # sqrt(1/2) kappa_0
+    factor *= np.sqrt(float(M) ** 3)
     clamp = np.zeros(M)
-    clamp[-2:] = (-2.0 / h, 2.0 / h)  # the moment condition (2.5) in v: k^2 v_xx + d v_xxt = 2 (k^2 phi + d phi')
+    clamp[-2:] = (-2.0 * M, 2.0 * M)  # the moment condition (2.5) in v: k^2 v_xx + d v_xxt = 2 (k^2 phi + d phi')
     return System(
         mass=np.diag(weights),
         damping=problem.viscosity * bending,
@@ -63,7 +61,33 @@ def _displacement(problem: BeamProblem, M: int) -> System:
         stiffness_factor=np.sqrt(problem.stiffness) * factor,
         form="displacement",
         problem=problem,
+        build_first_order=_paper_displacement,
     )
+
+
+def bending_stencil(M: int) -> Array:
+    """-h^4 D H, whole numbers: 7, -4, 1 at the clamp, 1, -4, 6, -4, 1 inside, 5, -2 and 1 at the tip."""
+    curvature = (np.eye(M, k=1) - 2.0 * np.eye(M) + np.eye(M, k=-1))[:-1]
+    stencil = curvature.T @ curvature
+    stencil[0, 0] += 2.0
+    return stencil
+
+
+def _paper_displacement(system: System) -> FirstOrderSystem:
+    """(3.5) itself. Its entries are small whole multiples of k^2/h^4, rounded alike.
+
+    Dividing the stiffness by the mass entry by entry would perturb the lowest frequency by
+    eps (w_max/w_1)^2, more than a tight tolerance allows.
+    """
+    M, problem = system.size, system.problem
+    assert problem is not None
+    H = bending_stencil(M)
+    H[-1] *= 2.0
+    first_order = interleaved(system)
+    q, v = slice(0, 2 * M, 2), slice(1, 2 * M, 2)
+    first_order.matrix[v, q] = 0.0 - problem.stiffness * float(M) ** 4 * H
+    first_order.matrix[v, v] = 0.0 - problem.viscosity * float(M) ** 4 * H
+    return first_order
 
 
 def _velocity_curvature(problem: BeamProblem, M: int) -> System:
@@ -79,7 +103,7 @@ def _velocity_curvature(problem: BeamProblem, M: int) -> System:
             "be 0 in the velocity-curvature form",
             "(3.12) eliminates the displacement, and d u_xxxxt has no place in it: use form='displacement'",
         )
-    P, Q, L, R = velocity_curvature_matrices(M)
+    P, Q, L, _ = velocity_curvature_matrices(M)
     h = 1.0 / M
     moment = np.zeros(M)
     moment[-2:] = (-2.0 / h**2, 7.0 / h**2)  # w_M = 2 phi in the last two rows of -k^2 R w, (3.10)
@@ -185,9 +209,7 @@ def _initial(problem: BeamProblem, M: int) -> dict[str, Array]:
     return {"q0": np.asarray(u0 - phi * lift, float) + 0.0, "v0": np.asarray(v0 - rate * lift, float) + 0.0 * x}
 
 
-def _loads(
-    problem: BeamProblem, M: int, mass: Array, clamp: Array
-) -> tuple[tuple[Array, LoadFunction], ...]:
+def _loads(problem: BeamProblem, M: int, mass: Array, clamp: Array) -> tuple[tuple[Array, LoadFunction], ...]:
     """Base motion -mass (1 - x^2) phi'' and clamp (k^2 phi + d phi'), then the loads mass f.
 
     A Dirac load is spread on the two nodes beside it as the generalised force (1 - theta, theta).

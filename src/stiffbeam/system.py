@@ -86,7 +86,9 @@ class System:
             loads=tuple((_vector("loads", vector, n), function) for vector, function in loads),
             contacts=contacts,
             observe=None if observe is None else _vector("observe", observe, n),
-            q0=np.zeros(n) if initial_displacement is None else _vector("initial_displacement", initial_displacement, n),
+            q0=np.zeros(n)
+            if initial_displacement is None
+            else _vector("initial_displacement", initial_displacement, n),
             v0=np.zeros(n) if initial_velocity is None else _vector("initial_velocity", initial_velocity, n),
         )
 
@@ -138,7 +140,7 @@ class System:
 
     def first_order(self) -> FirstOrderSystem:
         """y' = A y + ...: the paper's (v_1, v_1', ..., v_M, v_M') (3.5) or (w, s, v_M) (3.12)."""
-        build = self.build_first_order or _interleaved
+        build = self.build_first_order or interleaved
         return build(self)
 
     def rhs(self, t: float, y: Array) -> Array:
@@ -228,7 +230,7 @@ class FirstOrderSystem:
         return int(max(0, np.max(i - j))), int(max(0, np.max(j - i)))
 
 
-def _interleaved(system: System) -> FirstOrderSystem:
+def interleaved(system: System) -> FirstOrderSystem:
     """y = (q_1, q_1', ..., q_n, q_n'), the order of (3.5)."""
     n = system.size
     q, v = slice(0, 2 * n, 2), slice(1, 2 * n, 2)
@@ -269,6 +271,16 @@ def _interleaved(system: System) -> FirstOrderSystem:
 def offset_values(offset: LoadFunction | None, t: ArrayLike) -> Array:
     """o(t), zero for None."""
     return np.zeros(np.shape(t)) if offset is None else evaluate(offset, t)
+
+
+def offset_rate(offset: LoadFunction | None, t: ArrayLike) -> Array:
+    """o'(t); by a central difference for a bare callable."""
+    if offset is None:
+        return np.zeros(np.shape(t))
+    if isinstance(offset, TimeFunction):
+        return offset.rate(t)
+    step = 1e-6 * max(1.0, float(np.max(np.abs(t))))
+    return (offset_values(offset, np.asarray(t) + step) - offset_values(offset, np.asarray(t) - step)) / (2 * step)
 
 
 def _describe(function: LoadFunction | None) -> str:

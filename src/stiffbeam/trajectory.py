@@ -193,6 +193,7 @@ class Reference(Trajectory):
     evaluate: Callable[[Array], tuple[Array, Array]] | None = field(default=None, repr=False)
     state_at: Callable[[Array], tuple[Array, Array]] | None = field(default=None, repr=False)
     ledger_at: Callable[[Array], Ledger] | None = field(default=None, repr=False)
+    solution: Any = field(default=None, repr=False)  # the solver's own representation, where it has one
 
     def at(self, t: ArrayLike) -> tuple[Array, Array]:
         """(tip, tip velocity) at any times in [0, t_end]."""

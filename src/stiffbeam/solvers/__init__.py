@@ -1,0 +1,55 @@
+"""Reference solutions: one call, one Trajectory type, whoever solves."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..system import System
+from ..trajectory import Reference
+from ..validation import InputError, near
+
+METHODS = ("exact", "cvode", "cvode-adams", "dop853", "radau")
+
+
+def reference(
+    system: System,
+    t_end: float,
+    method: str = "exact",
+    t_eval: ArrayLike | None = None,
+    rtol: float = 1e-10,
+    atol: float | None = None,
+) -> Reference:
+    """A reference solution on [0, t_end], with the horizon to which it can be trusted.
+
+    method: "exact" (piecewise linear, closed form between switches), "cvode" (BDF) and "cvode-adams"
+    (SUNDIALS), "dop853" and "radau" (SciPy). t_eval: output times, default 2001 equidistant; the exact
+    solution answers ``at`` any time, the others at t_eval only. rtol, atol (default rtol/100) are for
+    the adaptive solvers. Contact runs are chaotic: past ``horizon`` no float64 solution is *the* one.
+    Raises InputError for what a method cannot take, SolverFailure where one gives up.
+    """
+    from .agreement import with_horizon
+
+    times = None if t_eval is None else np.asarray(t_eval, float)
+    return with_horizon(solve(system, t_end, method, times, rtol, atol), system, t_end)
+
+
+def solve(
+    system: System, t_end: float, method: str, t_eval: NDArray | None, rtol: float, atol: float | None
+) -> Reference:
+    """``reference`` without the horizon."""
+    if not isinstance(system, System):
+        raise InputError("system", type(system).__name__, "be a System")
+    if method == "exact":
+        from .piecewise import solve_exact
+
+        return solve_exact(system, t_end, t_eval)
+    if method in ("cvode", "cvode-adams"):
+        from .cvode import solve_cvode
+
+        return solve_cvode(system, t_end, t_eval, rtol, atol, adams=method == "cvode-adams")
+    if method in ("dop853", "radau"):
+        from .scipy import solve_scipy
+
+        return solve_scipy(system, t_end, t_eval, rtol, atol, method)
+    raise InputError("method", method, "be a reference method", near(method, METHODS))

@@ -1,0 +1,126 @@
+"""What the adaptive solvers share: from states at the output times to a Reference."""
+
+from __future__ import annotations
+
+import platform
+import time
+from collections.abc import Callable
+from importlib.metadata import version
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..ledger import Ledger, step_ledger
+from ..system import System
+from ..trajectory import ContactRecord, Impacts, Reference, Work
+from ..validation import InputError, positive
+from .rhs import RightHandSide
+
+Array = NDArray[np.float64]
+
+
+class Solve(NamedTuple):
+    """y (k, m) at the output times; events (time, index into rhs.sides); counters; seconds."""
+
+    y: Array
+    events: list[tuple[float, int]]
+    counters: dict[str, int]
+    seconds: float
+
+
+def reference_from(
+    system: System,
+    t_end: float,
+    t_eval: Array | None,
+    rtol: float,
+    atol: float | None,
+    method: str,
+    versions: dict[str, str],
+    solve: Callable[[RightHandSide, Array, float, float], Solve],
+) -> Reference:
+    """Run ``solve`` on the first-order system and wrap its output.
+
+    atol defaults to rtol/100 for every component. Share of time in contact, peak force, impulse and
+    the energy ledger are taken at the output times.
+    """
+    positive("t_end", t_end)
+    rtol = positive("rtol", rtol)
+    atol = rtol / 100.0 if atol is None else positive("atol", atol)
+    t = np.linspace(0.0, t_end, 2001) if t_eval is None else np.asarray(t_eval, float)
+    if t.ndim != 1 or not len(t) or np.any(np.diff(t) <= 0.0) or t[0] < 0.0 or t[-1] > t_end * (1 + 1e-12):
+        raise InputError("t_eval", t, f"increase within [0, {t_end:g}]")
+    begun = time.perf_counter()
+    rhs = RightHandSide(system.first_order())
+    # A two-point span makes some solvers store every step: there is always a point in between.
+    grid = np.unique(np.concatenate([[0.0, 0.5 * t_end, t_end], t]))
+    result = solve(rhs, grid, rtol, atol)
+    kept = np.searchsorted(grid, t)
+    y = result.y[kept]
+    positions, velocities = rhs.channels(t, y)
+    tip = system.tip_channel
+    states = (y @ rhs.first_order.to_q.T, y @ rhs.first_order.to_v.T)
+
+    def only_at_outputs(times: Array) -> NDArray[np.int64]:
+        index = np.clip(np.searchsorted(t, times - 1e-12 * t_end), 0, len(t) - 1)
+        if np.any(np.abs(t[index] - times) > 1e-11 * t_end):
+            raise InputError("t", "new times", f"be among t_eval for {method}", "pass them as t_eval=")
+        return index
+
+    def ledger(times: Array) -> Ledger:
+        return step_ledger(system, iter([(t, *states)]), times)
+
+    return Reference(
+        t=t,
+        tip=positions[:, tip],
+        tip_velocity=velocities[:, tip],
+        contacts=tuple(
+            _record(system, i, t, positions[:, i], result.events, rhs.sides) for i in range(len(system.contacts))
+        ),
+        work=Work(
+            steps=len(t) - 1,
+            seconds=time.perf_counter() - begun,
+            march_seconds=result.seconds,
+            counters=result.counters,
+        ),
+        provenance={
+            "method": method,
+            "form": system.form,
+            "t_end": float(t_end),
+            "rtol": rtol,
+            "atol": atol,
+            "stiffbeam": version("stiffbeam"),
+            "numpy": np.__version__,
+            "python": platform.python_version(),
+            **versions,
+        },
+        system=system,
+        fingerprint=system.fingerprint,
+        evaluate=lambda times: (positions[only_at_outputs(times), tip], velocities[only_at_outputs(times), tip]),
+        state_at=lambda times: tuple(s[only_at_outputs(times)] for s in states),  # type: ignore[return-value]
+        ledger_at=ledger,
+    )
+
+
+def _record(
+    system: System, i: int, t: Array, position: Array, events: list[tuple[float, int]], sides: list[tuple[int, int]]
+) -> ContactRecord:
+    stops = system.contacts[i].stops
+    mine = [(when, sides[k][1]) for when, k in events if sides[k][0] == i]
+    force = stops.force(position)
+    unknown = np.full(len(mine), np.nan)
+    return ContactRecord(
+        stops=stops,
+        position=position,
+        force=force,
+        impacts=Impacts(
+            np.array([when for when, _ in mine]),
+            np.array([side for _, side in mine], np.int64),
+            unknown,
+            unknown,
+            "event",
+        ),
+        fraction=float(np.mean(stops.state(position) != 0)),
+        peak_force=float(np.max(np.abs(force))),
+        impulse=float(np.trapezoid(np.abs(force), t)),
+    )

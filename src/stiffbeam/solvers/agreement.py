@@ -1,0 +1,91 @@
+"""Horizons: how long two solutions agree, and so how long a reference can be trusted."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..modal import modes
+from ..system import System
+from ..trajectory import Impacts, Reference, Trajectory
+
+Array = NDArray[np.float64]
+DISPLACEMENT_TOLERANCE = 1e-3  # of max |u|
+TWINS = 4
+
+
+def time_tolerance(system: System) -> float:
+    """How far impact times may differ inside the horizon: a thousandth of the longest natural period.
+
+    That is 1.0e-4 time units for the paper's k^2 = 300.
+    """
+    basis = modes(system)
+    omega = np.array([0.0]) if basis is None else basis.omega
+    first = omega[omega > 0.0]
+    return 1e-3 * 2.0 * np.pi / float(first[0]) if len(first) else 1e-4
+
+
+def agreement(a: Trajectory, b: Trajectory, tolerance: float) -> float:
+    """The time to which a and b agree: |du| <= 1e-3 max|u| at common times, impact times to ``tolerance``.
+
+    Impacts are paired in order; the sequence parts where the stop differs, the times do, or one has no
+    partner. Both must have the same output times.
+    """
+    scale = float(np.max(np.abs(a.tip)))
+    end = float(min(a.t[-1], b.t[-1]))
+    apart = np.flatnonzero(np.abs(a.tip - b.tip) > DISPLACEMENT_TOLERANCE * scale)
+    horizon = min(end, float(a.t[max(0, apart[0] - 1)])) if len(apart) else end
+    for c, d in zip(a.contacts, b.contacts, strict=True):
+        horizon = min(horizon, parting(c.impacts, d.impacts, tolerance, end))
+    return horizon
+
+
+def parting(a: Impacts, b: Impacts, tolerance: float, end: float) -> float:
+    """The time of the first impact without a partner of the same stop within ``tolerance``, else ``end``."""
+    n = min(a.count, b.count)
+    bad = (a.stops[:n] != b.stops[:n]) | (np.abs(a.times[:n] - b.times[:n]) > tolerance)
+    if np.any(bad):
+        k = int(np.argmax(bad))
+        return float(min(a.times[k], b.times[k]))
+    unpaired = np.concatenate([a.times[n:], b.times[n:]])
+    # One that comes within the tolerance of the end may have its partner just after it.
+    unpaired = unpaired[unpaired < end - tolerance]
+    return float(np.min(unpaired)) if len(unpaired) else end
+
+
+def with_horizon(reference: Reference, system: System, t_end: float, rtol: float | None = None) -> Reference:
+    """``reference`` with its horizon, and in the provenance what it was measured against.
+
+    The exact solution is held against twins whose frequencies and initial data are perturbed by the
+    rounding errors of its own construction (four seeds, the earliest parting counts); any other
+    solution against the exact one, or where that does not exist against itself at ten times its rtol.
+    """
+    from . import solve
+    from .piecewise import Perturbation, solve_exact
+
+    tolerance = time_tolerance(system)
+    if reference.provenance["method"] == "exact":
+        spread = np.finfo(float).eps
+        horizon = t_end
+        for seed in range(TWINS):
+            perturbation = Perturbation(frequency=spread, state=10.0 * spread, seed=seed)
+            twin = solve_exact(system, t_end, reference.t, perturbation)
+            horizon = min(horizon, agreement(reference, twin, tolerance))
+        against = f"{TWINS} twins perturbed by rounding"
+    else:
+        try:
+            other = solve_exact(system, t_end, reference.t)
+            against = "exact"
+        except ValueError:
+            loose = 10.0 * float(reference.provenance["rtol"])
+            other = solve(system, t_end, reference.provenance["method"], reference.t, loose, None)
+            against = f"itself at rtol {loose:g}"
+        horizon = agreement(reference, other, tolerance)
+    notes = {
+        "horizon": horizon,
+        "horizon_against": against,
+        "horizon_tolerance": f"|du| <= {DISPLACEMENT_TOLERANCE:g} max|u|, impact times to {tolerance:.3g}",
+    }
+    return replace(reference, horizon=horizon, provenance=reference.provenance | notes)
