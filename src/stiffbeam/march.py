@@ -107,7 +107,7 @@ def integrate(
         t=outputs * dt,
         tip=positions[:, tip],
         tip_velocity=velocities[:, tip],
-        contacts=tuple(s.record(positions[:, i]) for i, s in enumerate(samplers)),
+        contacts=tuple(s.record(positions[:, i], velocities[:, i]) for i, s in enumerate(samplers)),
         work=Work(steps=steps, seconds=seconds, march_seconds=march_seconds),
         provenance={
             "method": str(scheme),

@@ -60,11 +60,12 @@ class SampledImpacts:
             peaks[-1] = impulses[-1] = np.nan  # still open
         return Impacts(np.array(self.times), np.array(self.sides, np.int64), peaks, impulses, "sampled")
 
-    def record(self, position: Array) -> ContactRecord:
-        """With the positions at the output times."""
+    def record(self, position: Array, velocity: Array) -> ContactRecord:
+        """With position and velocity at the output times."""
         return ContactRecord(
             stops=self.stops,
             position=position,
+            velocity=velocity,
             force=self.stops.force(position),
             impacts=self.impacts(),
             fraction=self.touching / max(1, self.first_step),

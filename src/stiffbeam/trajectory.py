@@ -74,11 +74,13 @@ class Impacts:
 
 @dataclass(frozen=True, eq=False)
 class ContactRecord:
-    """What happened at one contact: position and force (sigma on the beam, < 0 on the upper stop) at
-    the output times; impacts, share of time in contact, peak |sigma| and impulse over every step."""
+    """What happened at one contact: position, velocity and force (sigma on the beam, < 0 on the upper
+    stop) at the output times; impacts, share of time in contact, peak |sigma| and impulse over every
+    step."""
 
     stops: Stops
     position: Array
+    velocity: Array
     force: Array
     impacts: Impacts
     fraction: float
@@ -88,7 +90,8 @@ class ContactRecord:
 
 @dataclass(frozen=True)
 class Work:
-    """What a run cost. seconds: all of it but compilation; march_seconds: the stepping alone."""
+    """What a run cost. steps: of a fixed-step scheme, switches of the exact solution, 0 where the solver
+    does not tell. seconds: all of it but compilation; march_seconds: the stepping alone."""
 
     steps: int = 0
     seconds: float = 0.0
@@ -190,13 +193,13 @@ class Reference(Trajectory):
     """
 
     horizon: float = float("nan")
-    evaluate: Callable[[Array], tuple[Array, Array]] | None = field(default=None, repr=False)
+    evaluate: Callable[[Array, int], tuple[Array, Array]] | None = field(default=None, repr=False)  # (t, channel)
     state_at: Callable[[Array], tuple[Array, Array]] | None = field(default=None, repr=False)
     ledger_at: Callable[[Array], Ledger] | None = field(default=None, repr=False)
     solution: Any = field(default=None, repr=False)  # the solver's own representation, where it has one
 
-    def at(self, t: ArrayLike) -> tuple[Array, Array]:
-        """(tip, tip velocity) at any times in [0, t_end]."""
+    def at(self, t: ArrayLike, contact: int | None = None) -> tuple[Array, Array]:
+        """(tip, tip velocity) at any times in [0, t_end], or position and velocity of a contact."""
         t = np.atleast_1d(np.asarray(t, float))
         end = float(self.provenance["t_end"])
         if np.any((t < 0.0) | (t > end * (1 + 1e-12))):
@@ -204,16 +207,19 @@ class Reference(Trajectory):
         if self.evaluate is None:
             method = self.provenance["method"]
             raise InputError("t", "new times", f"be among t_eval for {method}", "pass them as t_eval=")
-        return self.evaluate(np.minimum(t, end))
+        channel = contact if contact is not None else (self.system.tip_channel if self.system else 0)
+        return self.evaluate(np.minimum(t, end), channel)
 
     def impacts_sampled(self, dt: float, t_end: float | None = None) -> Impacts:
-        """The impacts a perfect scheme with step ``dt`` would count: the sampled rule on this u(n dt)."""
+        """The impacts a perfect scheme with step ``dt`` would count at the first contact: the sampled
+        rule on the exact u(n dt)."""
         from .recorder import sampled_impacts
 
         end = float(self.provenance["t_end"]) if t_end is None else t_end
         steps = int(np.floor(end / dt * (1 + 1e-12)))
-        u, v = self.at(np.arange(steps + 1) * dt)
-        return sampled_impacts(u, v, dt, self.contacts[0].stops) if self.contacts else Impacts.none("sampled")
+        if not self.contacts:
+            return Impacts.none("sampled")
+        return sampled_impacts(*self.at(np.arange(steps + 1) * dt, contact=0), dt, self.contacts[0].stops)
 
     @cached_property
     def states(self) -> tuple[Array, Array]:

@@ -60,6 +60,7 @@ class Scheme(ABC):
 
     def check(self, omega_max: float, dt: float) -> None:
         """Raise InputError where the scheme cannot be used with this step; omega_max is the top frequency."""
+        return
 
     @property
     def parameters(self) -> dict[str, Any]:
@@ -75,7 +76,7 @@ class Scheme(ABC):
 
 
 def _short(value: Any) -> str:
-    return f"{value:.6g}" if isinstance(value, float) else str(value)
+    return f"{value:.6g}" if isinstance(value, float) else str(value).lower()
 
 
 def in_interval(field: str, value: Any, low: float, high: float, remedy: str = "") -> float:

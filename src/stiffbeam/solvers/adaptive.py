@@ -75,10 +75,11 @@ def reference_from(
         tip=positions[:, tip],
         tip_velocity=velocities[:, tip],
         contacts=tuple(
-            _record(system, i, t, positions[:, i], result.events, rhs.sides) for i in range(len(system.contacts))
+            _record(system, i, t, positions[:, i], velocities[:, i], result.events, rhs.sides)
+            for i in range(len(system.contacts))
         ),
         work=Work(
-            steps=len(t) - 1,
+            steps=0,
             seconds=time.perf_counter() - begun,
             march_seconds=result.seconds,
             counters=result.counters,
@@ -96,14 +97,20 @@ def reference_from(
         },
         system=system,
         fingerprint=system.fingerprint,
-        evaluate=lambda times: (positions[only_at_outputs(times), tip], velocities[only_at_outputs(times), tip]),
+        evaluate=lambda times, channel: tuple(x[only_at_outputs(times), channel] for x in (positions, velocities)),  # type: ignore[return-value]
         state_at=lambda times: tuple(s[only_at_outputs(times)] for s in states),  # type: ignore[return-value]
         ledger_at=ledger,
     )
 
 
 def _record(
-    system: System, i: int, t: Array, position: Array, events: list[tuple[float, int]], sides: list[tuple[int, int]]
+    system: System,
+    i: int,
+    t: Array,
+    position: Array,
+    velocity: Array,
+    events: list[tuple[float, int]],
+    sides: list[tuple[int, int]],
 ) -> ContactRecord:
     stops = system.contacts[i].stops
     mine = [(when, sides[k][1]) for when, k in events if sides[k][0] == i]
@@ -112,6 +119,7 @@ def _record(
     return ContactRecord(
         stops=stops,
         position=position,
+        velocity=velocity,
         force=force,
         impacts=Impacts(
             np.array([when for when, _ in mine]),

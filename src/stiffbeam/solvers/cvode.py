@@ -42,7 +42,7 @@ def solve_cvode(
             J[:] = rhs.jacobian(t, y)
 
         def events(t: float, y: Array, gaps: Array) -> None:
-            gaps[:] = rhs.gaps(t, y)
+            rhs.gaps(t, y, gaps)
 
         if sides:
             events.terminal = [False] * len(sides)  # type: ignore[attr-defined]

@@ -34,10 +34,11 @@ def contact_record(system: System, solution: Solution, i: int, t: Array, t_end: 
     peaks, impulses = _episodes(solution, starts[closed], ends[closed], path, contact.stops)
     counted = closed > 0  # contact at t = 0 is no impact
     ended = ends[closed] < t_end
-    position, _ = path(t)
+    position, velocity = path(t)
     return ContactRecord(
         stops=contact.stops,
         position=position,
+        velocity=velocity,
         force=contact.stops.force(position),
         impacts=Impacts(
             times=starts[closed][counted],

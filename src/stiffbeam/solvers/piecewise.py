@@ -134,15 +134,13 @@ def solve_exact(
     positive("t_end", t_end)
     solution, compile_seconds = _march(system, t_end, perturbation)
     t = np.linspace(0.0, t_end, 2001) if t_eval is None else np.asarray(t_eval, float)
-    row, _ = system.channels[system.tip_channel]
-    offset_of = solution.offset(system, system.tip_channel)
 
-    def evaluate(times: Array) -> tuple[Array, Array]:
-        u, v = solution.observed(times, row)
-        shift, shift_rate = offset_of(times)
+    def evaluate(times: Array, channel: int) -> tuple[Array, Array]:
+        u, v = solution.observed(times, system.channels[channel][0])
+        shift, shift_rate = solution.offset(system, channel)(times)
         return u + shift, v + shift_rate
 
-    tip, velocity = evaluate(t)
+    tip, velocity = evaluate(t, system.tip_channel)
     contacts = tuple(contact_record(system, solution, i, t, t_end) for i in range(len(system.contacts)))
     seconds = time.perf_counter() - begun - compile_seconds
     return Reference(

@@ -36,6 +36,7 @@ class RightHandSide:
             elif offset is not None:
                 offsets_rest.append(i)
         self._offsets_rest = offsets_rest
+        self._shifts = np.zeros(m)
         self._args = (
             matrix.indptr.astype(np.int64),
             matrix.indices.astype(np.int64),
@@ -54,10 +55,9 @@ class RightHandSide:
 
     def shifts(self, t: float) -> Array:
         """The part of the offsets that is not compiled in, (m,)."""
-        shifts = np.zeros(len(self.first_order.contacts))
         for i in self._offsets_rest:
-            shifts[i] = offset_values(self.first_order.contacts[i].contact.offset, t)
-        return shifts
+            self._shifts[i] = offset_values(self.first_order.contacts[i].contact.offset, t)
+        return self._shifts
 
     def __call__(self, t: float, y: Array, out: Array) -> None:
         """Write f(t, y) into ``out``."""
@@ -76,16 +76,9 @@ class RightHandSide:
         """df/dy, (m, m)."""
         return self.first_order.jacobian(t, y)
 
-    def gaps(self, t: float, y: Array) -> Array:
-        """u - g2 and g1 - u of every contact side that has a stop: each rises through 0 at an impact."""
-        gaps = []
-        for c in self.first_order.contacts:
-            u = float(c.row @ y + offset_values(c.contact.offset, t))
-            if np.isfinite(c.contact.stops.g2):
-                gaps.append(u - c.contact.stops.g2)
-            if np.isfinite(c.contact.stops.g1):
-                gaps.append(c.contact.stops.g1 - u)
-        return np.array(gaps)
+    def gaps(self, t: float, y: Array, out: Array) -> None:
+        """Write u - g2 and g1 - u of every contact side that has a stop: each rises through 0 at an impact."""
+        _gaps(t, y, out, *self._args[3:4], *self._args[5:6], *self._args[7:8], *self._args[9:], self.shifts(t))
 
     @property
     def sides(self) -> list[tuple[int, int]]:
@@ -137,3 +130,20 @@ def _rhs(t, y, out, indptr, indices, data, frequencies, basis, rows, columns, of
             force = kappa[c] * (min(max(u, g1[c]), g2[c]) - u)
             for i in range(n):
                 out[i] += columns[c, i] * force
+
+
+@compiled
+def _gaps(t, y, out, frequencies, rows, offsets, g1, g2, shifts):
+    k = 0
+    for c in range(g1.size):
+        u = shifts[c] + offsets[0, c]
+        for f in range(frequencies.size):
+            u += offsets[1 + 2 * f, c] * np.sin(frequencies[f] * t) + offsets[2 + 2 * f, c] * np.cos(frequencies[f] * t)
+        for i in range(y.size):
+            u += rows[c, i] * y[i]
+        if np.isfinite(g2[c]):
+            out[k] = u - g2[c]
+            k += 1
+        if np.isfinite(g1[c]):
+            out[k] = g1[c] - u
+            k += 1

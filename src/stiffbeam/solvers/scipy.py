@@ -29,10 +29,12 @@ def solve_scipy(
 
     def solve(rhs: RightHandSide, t: Array, rtol: float, atol: float) -> Solve:
         events = []
+        gaps = np.empty(len(rhs.sides))
         for k in range(len(rhs.sides)):
 
             def gap(t: float, y: Array, k: int = k) -> float:
-                return float(rhs.gaps(t, y)[k])
+                rhs.gaps(t, y, gaps)
+                return float(gaps[k])
 
             gap.direction = 1.0  # type: ignore[attr-defined]
             events.append(gap)

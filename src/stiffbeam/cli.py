@@ -1,0 +1,199 @@
+"""The ``stiffbeam`` command."""
+
+from __future__ import annotations
+
+import json
+import sys
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+app = typer.Typer(
+    add_completion=False,
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    help="Fixed-step schemes beside adaptive and exact solutions of vibro-impact beams.",
+)
+
+CaseArgument = Annotated[str, typer.Argument(help="table1 .. table17, a case file, or file.toml:name")]
+
+
+@app.command()
+def cases(
+    show: Annotated[str | None, typer.Option(help="print one case as TOML, a start for your own file")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="for programs")] = False,
+) -> None:
+    """List the paper's cases."""
+    from .cases import find_case, paper_cases, paper_text
+
+    if show is not None:
+        name = find_case(show).name
+        blocks = paper_text().split("[[case]]")[1:]
+        block = next((b for b in blocks if f'name = "{name}"\n' in b), None)
+        print("[[case]]" + block.rstrip() if block else Path(show).read_text(encoding="utf-8"))
+        return
+    listed = paper_cases().values()
+    if as_json:
+        rows = [
+            {
+                "name": c.name, "title": c.title, "cells": c.cells, "dt": c.dt, "t_end": c.t_end,
+                "runs": [f"{scheme}@{form}" for scheme, form in c.runs],
+                "published": c.published, "inferred": list(c.notes),
+            }
+            for c in listed
+        ]  # fmt: skip
+        print(json.dumps(rows, indent=2))
+        return
+    from rich import box
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(box=box.SIMPLE_HEAD)
+    for heading in ("case", "title", "cells", "dt", "t_end", "runs"):
+        table.add_column(heading, no_wrap=heading == "case", overflow="fold")
+    for c in listed:
+        runs = "\n".join(f"{scheme}@{form}" for scheme, form in c.runs)
+        table.add_row(c.name, c.title, str(c.cells), f"{c.dt:g}", f"{c.t_end:g}", runs)
+    Console().print(table)
+    print("t_end and other inferred values carry their reason in `stiffbeam cases --show NAME`.")
+
+
+@app.command()
+def compare(
+    case: CaseArgument,
+    schemes: Annotated[
+        str | None, typer.Option(help="comma-separated, e.g. 'bdf2,hht(alpha=-0.2)@displacement,sdirk.printed'")
+    ] = None,
+    references: Annotated[
+        str, typer.Option(help="comma-separated; the first that can take the case is the yardstick")
+    ] = "exact,cvode,cvode-adams",
+    contact: Annotated[str, typer.Option(help="implicit, or extrapolated as in the paper")] = "implicit",
+    dt: Annotated[float | None, typer.Option(help="time step instead of the case's")] = None,
+    t_end: Annotated[float | None, typer.Option(help="end time instead of the case's")] = None,
+    out: Annotated[Path | None, typer.Option(help="folder for picture, trajectories and table")] = None,
+    json_file: Annotated[Path | None, typer.Option("--json", help="write the records here, - for stdout")] = None,
+) -> None:
+    """Run schemes beside SUNDIALS and the exact solution: table, picture, trajectories."""
+    from .cases import find_case, parse_run, split_runs
+    from .studies.comparison import compare_case
+    from .validation import positive
+
+    chosen = find_case(case)
+    for name, value in (("--dt", dt), ("--t-end", t_end)):
+        if value is not None:
+            positive(name, value)
+    runs = None if schemes is None else [_like_case(parse_run(text), text, chosen) for text in split_runs(schemes)]
+    names = [name.strip() for name in references.split(",") if name.strip()]
+    with _progress() as progress:
+        result = compare_case(chosen, runs, names, contact, dt, t_end, progress)
+        folder = out if out is not None else Path("stiffbeam-output") / chosen.name
+        written = _write(result, folder, progress)
+    records = json.dumps(result.to_dict(), indent=2)
+    if json_file is not None and str(json_file) == "-":
+        print(records)
+    else:
+        _print_result(result, written)
+        if json_file is not None:
+            json_file.parent.mkdir(parents=True, exist_ok=True)
+            json_file.write_text(records + "\n", encoding="utf-8")
+    failed_runs = [label for label, _ in result.failures if not label.startswith(tuple(f"{n}@" for n in names))]
+    if failed_runs or not result.references:
+        raise typer.Exit(1)
+
+
+def _like_case(run, text: str, case):
+    """A bare ``hht`` or ``sdirk`` takes the parameters it has in the case."""
+    scheme, form = run
+    if "(" not in text and ".printed" not in text:
+        for own, own_form in case.runs:
+            if own.name == scheme.name and ("@" not in text or own_form == form):
+                return own, form if "@" in text else own_form
+    return run
+
+
+def _write(result, folder: Path, progress) -> list[Path]:
+    from .report import comparison_tables
+
+    written = []
+    total = len(result.runs) + len(result.references)
+    for i, trajectory in enumerate([*result.runs, *result.references]):
+        progress("saving trajectories", i, total)
+        written.append(trajectory.save(folder / f"{_file_name(trajectory.label)}.nc"))
+    if result.references:
+        from .figures import four_panels, save_figure
+
+        progress("drawing", 0, 0)
+        form = result.references[0].provenance["form"]
+        same = [r for r in result.runs if r.provenance["form"] == form]
+        others = [r for r in result.runs if r.provenance["form"] != form]
+        title = f"{result.case.name}: {result.case.title} (dt = {result.case.dt:g}, {result.case.cells} cells)"
+        drawn = [r for r in result.references if r.provenance["form"] == form]
+        picture = folder / "comparison.png"
+        written.append(save_figure(four_panels(title, [*same, *others], drawn), picture))
+    from rich.console import Console
+
+    table = folder / "comparison.txt"
+    table.parent.mkdir(parents=True, exist_ok=True)
+    with table.open("w", encoding="utf-8") as stream:
+        Console(file=stream, width=160).print(
+            comparison_tables(result.comparisons, result.references[:1], result.failures)
+        )
+    written.append(table)
+    return written
+
+
+def _file_name(label: str) -> str:
+    """The label without the characters that shells and file systems dislike."""
+    return label.replace("(", "-").replace(")", "").replace(", ", "-").replace("@", "-")
+
+
+def _print_result(result, written: list[Path]) -> None:
+    from rich.console import Console
+
+    from .report import comparison_tables
+
+    console = Console(width=None if sys.stdout.isatty() else 150)
+    console.print(f"[bold]{result.case.name}[/]  {result.case.title}")
+    console.print(comparison_tables(result.comparisons, result.references[:1], result.failures))
+    console.print("\nWritten: " + ", ".join(str(path) for path in written), soft_wrap=True, highlight=False)
+
+
+@contextmanager
+def _progress():
+    """A progress display on stderr, silent when that is not a terminal."""
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+    console = Console(stderr=True)
+    columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as display:
+        task = display.add_task("starting", total=None)
+
+        def progress(what: str, done: int, total: int) -> None:
+            display.update(task, description=what, completed=done, total=total or None)
+
+        yield progress
+
+
+def main() -> None:
+    """Entry point: InputError exits with 2, a failure with 1, both with one clear line."""
+    from .trajectory import Diverged, SolverFailure
+    from .validation import InputError
+
+    try:
+        app()
+    except InputError as error:
+        print(f"stiffbeam: {error}", file=sys.stderr)
+        raise SystemExit(2) from None
+    except (Diverged, SolverFailure) as error:
+        print(f"stiffbeam: {error}", file=sys.stderr)
+        raise SystemExit(1) from None
+    except KeyboardInterrupt:
+        print("stiffbeam: interrupted", file=sys.stderr)
+        raise SystemExit(130) from None
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,52 @@
+"""Impact sequences held against each other: pairing, delays, the time they part."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..trajectory import Impacts
+
+
+@dataclass(frozen=True)
+class Matching:
+    """The i-th impact of a run paired with the i-th of the reference, both sampled, up to ``window``.
+
+    A pair holds if both hit the same stop and |t_run - t_ref| is less than half the smaller gap to the
+    neighbouring reference impacts. matched_until: the reference time of the first pair that does not
+    hold (of an impact without a partner: its own time), else the window. first_error: t_run - t_ref of
+    the first pair; median_delay: of all pairs that hold; > 0 means late, NaN where there is no pair.
+    """
+
+    matched: int
+    matched_until: float
+    first_error: float
+    median_delay: float
+
+
+def match(run: Impacts, reference: Impacts, window: float) -> Matching:
+    """Pair two impact sequences; both may reach past ``window``."""
+    n = min(run.count, reference.count)
+    times = reference.times
+    gaps = np.diff(times)
+    after = np.append(gaps, np.inf)[: len(times)]
+    before = np.insert(gaps, 0, np.inf)[: len(times)]
+    tolerance = np.minimum(before, after) / 2.0
+    tolerance[np.isinf(tolerance)] = window / 2.0  # a single impact has no neighbour
+    delay = run.times[:n] - times[:n]
+    fails = (run.stops[:n] != reference.stops[:n]) | ~(np.abs(delay) < tolerance[:n])
+    matched = int(np.argmax(fails)) if np.any(fails) else n
+    until = window
+    if matched < reference.count:
+        until = float(times[matched])
+    elif matched < run.count:
+        until = float(run.times[matched])
+    until = min(until, window)
+    inside = delay[:matched][times[:matched] <= window]
+    return Matching(
+        matched=len(inside),
+        matched_until=until,
+        first_error=float(delay[0]) if n and times[0] <= window else float("nan"),
+        median_delay=float(np.median(inside)) if len(inside) else float("nan"),
+    )

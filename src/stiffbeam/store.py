@@ -1,0 +1,159 @@
+"""Trajectories as netCDF files that xarray and ncdump read."""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from .contact import Stops
+from .ledger import Ledger
+from .trajectory import ContactRecord, Impacts, Reference, Trajectory, Work
+from .validation import InputError
+
+FORMAT = 1
+_LEDGER = {
+    "energy": "total energy E",
+    "input": "work of the loads since t = 0",
+    "viscous": "viscous loss since t = 0",
+    "loss": "numerical loss since t = 0",
+    "contact": "numerical loss in steps with contact",
+    "free": "numerical loss in steps without contact",
+}
+
+
+def to_xarray(run: Trajectory) -> xr.Dataset:
+    """Dimensions time, contact, impact; non-dimensional units; provenance in the attributes."""
+    time = ("time", run.t, {"long_name": "time", "units": "1"})
+    data: dict[str, Any] = {
+        "tip": ("time", run.tip, {"long_name": "tip displacement u(1, t)", "units": "1"}),
+        "tip_velocity": ("time", run.tip_velocity, {"long_name": "tip velocity u_t(1, t)", "units": "1"}),
+    }
+    if run.contacts:
+        names = {
+            "position": "position of the contact point",
+            "velocity": "velocity of the contact point",
+            "force": "contact force sigma on the beam, negative on the upper stop",
+        }
+        for name, text in names.items():
+            values = np.stack([getattr(c, name) for c in run.contacts])
+            data[f"contact_{name}"] = (("contact", "time"), values, {"long_name": text, "units": "1"})
+        totals = {
+            "fraction": "share of time in contact",
+            "peak_force": "largest |sigma|",
+            "impulse": "integral of |sigma|",
+        }
+        for name, text in totals.items():
+            values = [getattr(c, name) for c in run.contacts]
+            data[f"contact_{name}"] = ("contact", values, {"long_name": text, "units": "1"})
+        impacts = [c.impacts for c in run.contacts]
+        data["impact_contact"] = ("impact", np.repeat(np.arange(len(impacts)), [i.count for i in impacts]))
+        fields = {
+            "times": "time of impact",
+            "stops": "+1 upper stop, -1 lower stop",
+            "peaks": "largest |sigma| of the impact",
+            "impulses": "integral of |sigma| over the impact",
+        }
+        for name, text in fields.items():
+            values = np.concatenate([getattr(i, name) for i in impacts])
+            data[f"impact_{name}"] = ("impact", values, {"long_name": text, "units": "1"})
+    ledger = run.energy if run.pieces is not None or "energy" in run.__dict__ or _solves(run) else None
+    if ledger is not None:
+        for name, text in _LEDGER.items():
+            data[f"ledger_{name}"] = ("time", getattr(ledger, name), {"long_name": text, "units": "1"})
+    attributes = {
+        "title": f"stiffbeam trajectory: {run.label}",
+        "source": f"stiffbeam {run.provenance.get('stiffbeam', '')}".strip(),
+        "stiffbeam_format": FORMAT,
+        "kind": "reference" if isinstance(run, Reference) else "run",
+        "fingerprint": run.fingerprint,
+        "provenance": json.dumps(run.provenance),
+        "work": json.dumps(
+            {
+                "steps": run.work.steps,
+                "seconds": run.work.seconds,
+                "march_seconds": run.work.march_seconds,
+                "counters": run.work.counters,
+            }
+        ),
+        "stops": json.dumps([[c.stops.lower, c.stops.upper, c.stops.stiffness] for c in run.contacts]),
+        "impact_kind": run.impacts.kind,
+    }
+    if isinstance(run, Reference):
+        attributes["horizon"] = run.horizon
+    return xr.Dataset(data, coords={"time": time}, attrs=attributes)
+
+
+def save(run: Trajectory, file: str | Path) -> Path:
+    """Write ``run`` to a netCDF-4 file; the file appears whole or not at all."""
+    path = Path(file)
+    dataset = to_xarray(run)
+    encoding = {name: {"zlib": True, "complevel": 4, "shuffle": True} for name in dataset.data_vars}
+    for name, variable in dataset.data_vars.items():
+        if not variable.size or not variable.dims:
+            encoding[name] = {}
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handle, partial = tempfile.mkstemp(suffix=".nc", dir=path.parent)
+    os.close(handle)
+    try:
+        dataset.to_netcdf(partial, engine="h5netcdf", encoding=encoding)
+        os.chmod(partial, 0o644)
+        os.replace(partial, path)
+    except BaseException:
+        Path(partial).unlink(missing_ok=True)
+        raise
+    return path
+
+
+def load(file: str | Path) -> Trajectory:
+    """Read a file written by ``save``. Raises InputError for a file that is none."""
+    path = Path(file)
+    if not path.is_file():
+        raise InputError("file", str(path), "exist")
+    try:
+        with xr.open_dataset(path, engine="h5netcdf", decode_times=False) as opened:
+            data = opened.load()
+    except (OSError, ValueError, KeyError) as error:
+        raise InputError("file", str(path), "be a whole netCDF-4 file", str(error)) from None
+    if data.attrs.get("stiffbeam_format") != FORMAT:
+        found = data.attrs.get("stiffbeam_format")
+        raise InputError("file", str(path), f"be a stiffbeam trajectory of format {FORMAT}", f"it has format {found}")
+    contacts = []
+    for i, (lower, upper, stiffness) in enumerate(json.loads(data.attrs["stops"])):
+        mine = data["impact_contact"].values == i
+        impacts = Impacts(
+            *(data[f"impact_{name}"].values[mine] for name in ("times", "stops", "peaks", "impulses")),
+            kind=data.attrs["impact_kind"],
+        )
+        contacts.append(
+            ContactRecord(
+                stops=Stops(lower, upper, stiffness=stiffness),
+                impacts=impacts,
+                **{name: data[f"contact_{name}"].values[i] for name in ("position", "velocity", "force")},
+                **{name: float(data[f"contact_{name}"].values[i]) for name in ("fraction", "peak_force", "impulse")},
+            )
+        )
+    work = json.loads(data.attrs["work"])
+    common: dict[str, Any] = {
+        "t": data["time"].values,
+        "tip": data["tip"].values,
+        "tip_velocity": data["tip_velocity"].values,
+        "contacts": tuple(contacts),
+        "work": Work(**work),
+        "provenance": json.loads(data.attrs["provenance"]),
+        "fingerprint": data.attrs["fingerprint"],
+    }
+    reference = data.attrs["kind"] == "reference"
+    run = Reference(**common, horizon=float(data.attrs["horizon"])) if reference else Trajectory(**common)
+    if "ledger_energy" in data:
+        run.__dict__["energy"] = Ledger(run.t, *(data[f"ledger_{name}"].values for name in _LEDGER))
+    return run
+
+
+def _solves(run: Trajectory) -> bool:
+    return isinstance(run, Reference) and run.ledger_at is not None
