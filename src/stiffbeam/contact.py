@@ -8,10 +8,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .arrays import Array
 from .time_functions import LoadFunction
 from .validation import InputError, number, positive
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

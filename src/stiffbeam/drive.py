@@ -6,12 +6,12 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from .arrays import Array
 from .system import System
 from .time_functions import Constant, Harmonic, LoadFunction
 
-Array = NDArray[np.float64]
 Term = tuple[Array, LoadFunction]
 
 

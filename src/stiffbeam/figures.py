@@ -7,12 +7,11 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from .arrays import Array
 from .drive import Drive
 from .trajectory import Reference, Trajectory
 
-Array = NDArray[np.float64]
 # Okabe and Ito's palette, distinguishable with any colour vision; black is the reference.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 DASHES = ((), (5, 1.5), (1.5, 1.2), (6, 1.5, 1.5, 1.5), (3, 1), (8, 2))
@@ -46,6 +45,7 @@ def four_panels(title: str, runs: Sequence[Trajectory], references: Sequence[Ref
     curves: list[tuple[int | None, str, Array, Array, Array]] = []
     u, v = main.at(fine) if main.solution is not None else (main.tip, main.tip_velocity)
     curves.append((None, main.label, fine if main.solution is not None else main.t, u, v))
+    schemes = len(runs)
     runs = [*runs, *references[1:]]
     for i, run in enumerate(runs):
         here = run.t <= window
@@ -54,7 +54,8 @@ def four_panels(title: str, runs: Sequence[Trajectory], references: Sequence[Ref
     start, end = _first_contact(main, system, window)
     for index, label, t, u, v in curves:
         draw(displacement, t, u, index, label)
-        draw(portrait, u, v, index, label)
+        if index is None or index < schemes:
+            draw(portrait, u, v, index, label)  # the other solvers follow the reference: left out for clarity
         near = (t >= start) & (t <= end)
         draw(zoom, t[near], u[near], index, label)
     for axis in (displacement, zoom):

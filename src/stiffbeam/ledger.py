@@ -8,9 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from .arrays import Array
 from .system import System
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

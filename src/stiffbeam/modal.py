@@ -6,13 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
+from .arrays import Array
 from .equations import Modal
 from .system import System
 from .validation import InputError
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,13 +52,13 @@ def modes(system: System, springs: tuple[tuple[Array, float], ...] = ()) -> Mode
     upper = scipy.linalg.cholesky(system.mass)  # R
     if system.stiffness_factor is not None:
         factor = np.vstack([system.stiffness_factor, *(np.sqrt(kappa) * row for row, kappa in springs)])
-        scaled = scipy.linalg.solve_triangular(upper, factor.T, trans="T").T
+        scaled = scipy.linalg.solve_triangular(upper, factor.T, trans=1).T
         _, omega, vectors = scipy.linalg.svd(scaled, full_matrices=False)
         omega, vectors = omega[::-1], vectors[::-1].T
     else:
         stiffness = system.stiffness + sum(kappa * np.outer(row, row) for row, kappa in springs)
-        scaled = scipy.linalg.solve_triangular(upper, stiffness, trans="T")
-        scaled = scipy.linalg.solve_triangular(upper, scaled.T, trans="T")
+        scaled = scipy.linalg.solve_triangular(upper, stiffness, trans=1)
+        scaled = scipy.linalg.solve_triangular(upper, scaled.T, trans=1)
         squares, vectors = scipy.linalg.eigh(0.5 * (scaled + scaled.T))
         if squares[0] < -1e-9 * squares[-1]:
             raise InputError("stiffness", f"least eigenvalue {squares[0]:.3g}", "be positive semidefinite")

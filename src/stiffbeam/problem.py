@@ -7,13 +7,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from .arrays import Array
 from .contact import Stops
 from .time_functions import Constant, Harmonic, LoadFunction, TimeFunction
 from .validation import InputError, non_negative, positive
 
-Array = NDArray[np.float64]
 Profile = Callable[[Any], Any]
 
 

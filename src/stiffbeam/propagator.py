@@ -13,15 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from .arrays import Array, aligned, padded
 from .contact import Stops
 from .drive import Drive, Term
 from .modal import Modes
 from .schemes import Scheme
 from .system import System
 from .time_functions import evaluate
-
-Array = NDArray[np.float64]
-LANES = 8  # doubles in the widest vector register; arrays are padded to multiples of it
 
 
 @dataclass(frozen=True, eq=False)
@@ -229,16 +227,3 @@ def build(scheme: Scheme, system: System, modes: Modes, dt: float, steps: int, c
         velocity_push=velocity_push,
         velocity_samples=velocity_samples,
     )
-
-
-def padded(size: int) -> int:
-    """``size`` rounded up to a multiple of LANES, at least LANES."""
-    return max(1, -(-size // LANES)) * LANES
-
-
-def aligned(shape: tuple[int, ...]) -> Array:
-    """Zeros at a 64-byte boundary."""
-    count = int(np.prod(shape))
-    buffer = np.zeros(count + LANES)
-    start = (-buffer.ctypes.data // 8) % LANES
-    return buffer[start : start + count].reshape(shape)

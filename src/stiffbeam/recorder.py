@@ -7,11 +7,10 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from .arrays import Array
 from .contact import Stops
 from .kernel import first_crossing, scan
 from .trajectory import ContactRecord, Impacts
-
-Array = NDArray[np.float64]
 
 
 class SampledImpacts:

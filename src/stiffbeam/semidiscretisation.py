@@ -6,17 +6,19 @@ tip alone, u(1, t) = v(1, t). Grid: h = 1/M, x_i = i h, unknowns at x_1..x_M.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import scipy.linalg
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from .arrays import Array
 from .contact import Contact
 from .problem import BeamProblem, DistributedLoad, PointLoad
 from .system import FirstOrderContact, FirstOrderSystem, System, interleaved
 from .time_functions import Constant, Harmonic, LoadFunction, TimeFunction
 from .validation import InputError, near
 
-Array = NDArray[np.float64]
 FORMS = ("displacement", "velocity-curvature")
 
 
@@ -127,8 +129,8 @@ def velocity_curvature_matrices(M: int) -> tuple[Array, Array, Array, Array]:
     """P, Q, L, R of (3.12), each (M, M): w_0..w_{M-1} = L s-integrated, P R = L^T Q."""
     h = 1.0 / M
     interior = np.eye(M - 1) * 4.0 / 3.0 - (np.eye(M - 1, k=1) + np.eye(M - 1, k=-1)) / 6.0
-    P = h * scipy.linalg.block_diag(interior, 1.0 / 3.0)
-    Q = h * scipy.linalg.block_diag(1.0 / 3.0, interior)
+    P: Array = h * scipy.linalg.block_diag(interior, 1.0 / 3.0)
+    Q: Array = h * scipy.linalg.block_diag(1.0 / 3.0, interior)
     L = np.zeros((M, M))  # acts on s_1..s_M, s_0 = 0
     L[0, :2] = (4.0, -0.5)  # (3.9)
     for i in range(1, M):
@@ -263,6 +265,7 @@ def beam_displacement(system: System, t: Array, q: Array, x: ArrayLike) -> Array
         raise InputError("x", x, "lie in [0, 1]")
     M = system.size
     values = np.concatenate([np.zeros((*q.shape[:-1], 1)), q], axis=-1)
-    spline = CubicSpline(np.arange(M + 1) / M, values, axis=-1, bc_type=((1, np.zeros(q.shape[:-1])), "not-a-knot"))
+    ends: Any = ((1, np.zeros(q.shape[:-1])), "not-a-knot")
+    spline = CubicSpline(np.arange(M + 1) / M, values, axis=-1, bc_type=ends)
     phi = system.problem.base
     return spline(x) if phi is None else spline(x) + np.multiply.outer(phi.value(t), 1.0 - x**2)

@@ -134,8 +134,12 @@ def load(file: str | Path) -> Trajectory:
             ContactRecord(
                 stops=Stops(lower, upper, stiffness=stiffness),
                 impacts=impacts,
-                **{name: data[f"contact_{name}"].values[i] for name in ("position", "velocity", "force")},
-                **{name: float(data[f"contact_{name}"].values[i]) for name in ("fraction", "peak_force", "impulse")},
+                position=data["contact_position"].values[i],
+                velocity=data["contact_velocity"].values[i],
+                force=data["contact_force"].values[i],
+                fraction=float(data["contact_fraction"].values[i]),
+                peak_force=float(data["contact_peak_force"].values[i]),
+                impulse=float(data["contact_impulse"].values[i]),
             )
         )
     work = json.loads(data.attrs["work"])

@@ -9,16 +9,15 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from .arrays import Array
 from .contact import Contact
 from .time_functions import Constant, Harmonic, LoadFunction, TimeFunction, evaluate
 from .validation import InputError
 
 if TYPE_CHECKING:
     from .problem import BeamProblem
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -8,11 +8,10 @@ from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from .arrays import Array
 from .validation import InputError, number, positive
-
-Array = NDArray[np.float64]
 
 
 @runtime_checkable

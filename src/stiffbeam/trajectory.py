@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .arrays import Array
 from .contact import Stops
 from .validation import InputError
 
@@ -20,7 +21,6 @@ if TYPE_CHECKING:
     from .ledger import Ledger
     from .system import System
 
-Array = NDArray[np.float64]
 # Pieces of a run at every step: times (k + 1,), q (k + 1, n), q' (k + 1, n); pieces share end points.
 Pieces = Callable[[], Iterator[tuple[Array, Array, Array]]]
 

@@ -6,8 +6,8 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..drive import Drive
 from ..modal import modes
 from ..recorder import sampled_impacts
@@ -16,8 +16,6 @@ from ..trajectory import Impacts, Reference, Trajectory
 from ..validation import InputError
 from .impacts import Matching, match
 from .phase import PhaseLag, phase_lag
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

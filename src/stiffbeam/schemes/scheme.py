@@ -5,12 +5,8 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from typing import Any, ClassVar
 
-import numpy as np
-from numpy.typing import NDArray
-
+from ..arrays import Array
 from ..validation import InputError
-
-Array = NDArray[np.float64]
 
 
 class Scheme(ABC):

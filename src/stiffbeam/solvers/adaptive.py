@@ -11,13 +11,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..ledger import Ledger, step_ledger
 from ..system import System
 from ..trajectory import ContactRecord, Impacts, Reference, Work
 from ..validation import InputError, positive
 from .rhs import RightHandSide
-
-Array = NDArray[np.float64]
 
 
 class Solve(NamedTuple):

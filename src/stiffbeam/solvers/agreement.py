@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..modal import modes
 from ..system import System
 from ..trajectory import Impacts, Reference, Trajectory
 
-Array = NDArray[np.float64]
 DISPLACEMENT_TOLERANCE = 1e-3  # of max |u|
 TWINS = 4
 

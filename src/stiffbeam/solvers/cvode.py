@@ -5,14 +5,13 @@ from __future__ import annotations
 import time
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..system import System
 from ..trajectory import Reference, SolverFailure
 from .adaptive import Solve, reference_from
 from .rhs import RightHandSide
 
-Array = NDArray[np.float64]
 MAX_STEPS = 10_000_000  # per output point; the default of 500 ends most contact runs
 
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..contact import Stops
 from ..ledger import Ledger
 from ..system import System
@@ -15,8 +16,6 @@ from ..trajectory import ContactRecord, Impacts
 
 if TYPE_CHECKING:
     from .piecewise import Solution
-
-Array = NDArray[np.float64]
 
 
 def contact_record(system: System, solution: Solution, i: int, t: Array, t_end: float) -> ContactRecord:

@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..drive import Drive
 from ..modal import Modes, modes
 from ..system import System
@@ -26,7 +27,6 @@ from ..validation import InputError, positive
 from .exact_measures import contact_record, exact_ledger
 from .switching import follow
 
-Array = NDArray[np.float64]
 RESONANCE = 1e-8  # |Omega^2 - omega^2|/omega^2 below which a drive counts as resonant
 EVENTS_PER_CALL = 4096
 

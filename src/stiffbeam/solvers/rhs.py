@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import scipy.sparse
-from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..compiled import compiled
 from ..drive import Drive
 from ..system import FirstOrderSystem, System, offset_rate, offset_values
 from ..time_functions import Constant, Harmonic, evaluate
-
-Array = NDArray[np.float64]
 
 
 class RightHandSide:

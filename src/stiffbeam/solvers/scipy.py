@@ -6,14 +6,12 @@ import time
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..system import System
 from ..trajectory import Reference, SolverFailure
 from .adaptive import Solve, reference_from
 from .rhs import RightHandSide
-
-Array = NDArray[np.float64]
 
 
 def solve_scipy(

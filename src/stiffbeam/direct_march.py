@@ -1,0 +1,144 @@
+"""The direct march: any scheme on any System or FirstOrderSystem, with factorised matrices."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from .arrays import Array
+from .contact import solve_several
+from .equations import FirstOrder, Matrices
+from .pieces import STEPS_PER_PIECE, Piece
+from .schemes import Scheme
+from .system import FirstOrderSystem, System, offset_rate, offset_values
+from .time_functions import evaluate
+
+
+def direct_pieces(
+    system: System | FirstOrderSystem, scheme: Scheme, dt: float, steps: int, contact: str
+) -> Iterator[Piece]:
+    """Step by step with the scheme's own ``step`` on matrices; contact by superposition.
+
+    A step is linear in the contact forces, so the step is taken without them, the forces are found
+    node by node from its positions and the probed compliances, and their responses are added.
+    """
+    view = _View.of(system)
+    history, done = [view.y0], 0
+    starter = scheme.starter
+    if starter is not None:
+        count = min(steps, scheme.history - 1)
+        for piece, z in _direct_blocks(view, starter, dt, history, 0, count, contact, 1):
+            history.insert(0, z[: view.equation.order])
+            done += 1
+            yield piece
+    if done < steps:
+        for piece, _ in _direct_blocks(view, scheme, dt, history, done, steps - done, contact, STEPS_PER_PIECE // 4):
+            yield piece
+
+
+@dataclass(frozen=True, eq=False)
+class _View:
+    """System and FirstOrderSystem as one: y of shape (order, n), forces and rows acting on positions."""
+
+    equation: Matrices | FirstOrder
+    system: System
+    y0: Array
+    loads: tuple
+    rows: Array  # (channels, n), contacts first
+    columns: Array  # (contacts, n): what a unit contact force adds to the right-hand side
+    to_states: Callable[[Array], tuple[Array, Array]]  # z (k, order, n) -> q, q'
+
+    @classmethod
+    def of(cls, system: System | FirstOrderSystem) -> _View:
+        if isinstance(system, System):
+            return cls(
+                equation=Matrices(system.mass, system.damping, system.stiffness),
+                system=system,
+                y0=np.stack([system.q0, system.v0]),
+                loads=system.loads,
+                rows=np.array([row for row, _ in system.channels]),
+                columns=np.array([c.row for c in system.contacts]).reshape(-1, system.size),
+                to_states=lambda y: (y[:, 0], y[:, 1]),
+            )
+        rows = [c.row for c in system.contacts] + ([] if system.observe is None else [system.observe])
+        return cls(
+            equation=FirstOrder(system.matrix),
+            system=system.system,
+            y0=system.y0[None],
+            loads=system.loads,
+            rows=np.array(rows),
+            columns=np.array([c.column for c in system.contacts]).reshape(-1, len(system.y0)),
+            to_states=lambda y: (y[:, 0] @ system.to_q.T, y[:, 0] @ system.to_v.T),
+        )
+
+    def load(self, t: Array) -> Array:
+        """Load vectors, t.shape + (n,)."""
+        total = np.zeros((*t.shape, self.y0.shape[-1]))
+        for vector, function in self.loads:
+            total += evaluate(function, t)[..., None] * vector
+        return total
+
+
+def _direct_blocks(
+    view: _View, scheme: Scheme, dt: float, history: list[Array], first: int, steps: int, contact: str, length: int
+) -> Iterator[tuple[Piece, Array]]:
+    equation, system, order = view.equation, view.system, view.equation.order
+    nodes, stops = scheme.nodes, [c.stops for c in system.contacts]
+    S, m = len(nodes), len(stops)
+    offsets = [offset for _, offset in system.channels]
+    t0 = np.asarray(first * dt)
+    at_start = np.array([row @ history[0][0] + offset_values(o, t0) for row, o in zip(view.rows, offsets, strict=True)])
+    force = view.load(t0) + sum(
+        s.force(x) * column for s, x, column in zip(stops, at_start, view.columns, strict=False)
+    )
+    z = scheme.initial(equation, history, force)
+
+    # Responses to a unit force of contact c at node s: state and contact positions at the nodes.
+    zero = np.zeros_like(z)
+    none = [np.zeros_like(history[0][0])] * S
+    response_z = np.empty((S, m, *z.shape))
+    response = np.zeros((S, m, S, m))  # [node, contact] of the force, [node, contact] of the position
+    for s in range(S):
+        for c in range(m):
+            forces = list(none)
+            forces[s] = view.columns[c]
+            response_z[s, c], at_nodes = scheme.step(equation, dt, zero, forces)
+            if contact == "implicit":
+                response[s, c] = np.array(at_nodes) @ view.rows[:m].T
+
+    for start in range(first, first + steps, length):
+        begun = time.perf_counter()
+        count = min(length, first + steps - start)
+        times = (start + np.arange(count))[:, None] * dt + np.array(nodes) * dt
+        loads = view.load(times)
+        shifts = np.stack([offset_values(o, times) for o in offsets[:m]], axis=-1) if m else np.zeros((count, S, 0))
+        path = np.empty((count, *z.shape))
+        for k in range(count):
+            predicted = scheme.predict(equation, dt, z) if contact == "extrapolated" else None
+            z, at_nodes = scheme.step(equation, dt, z, list(loads[k]))
+            if m:
+                arguments = np.array(predicted or at_nodes) @ view.rows[:m].T + shifts[k]
+                for s in range(S):
+                    if m == 1:
+                        f = stops[0].solve(arguments[s], response[s, 0, s, 0])
+                    else:
+                        f = solve_several(arguments[s], response[s, :, s].T, stops)
+                    if np.any(f):
+                        arguments = arguments + np.tensordot(f, response[s], 1)
+                        z = z + np.tensordot(f, response_z[s], 1)
+            path[k] = z
+        seconds = time.perf_counter() - begun
+        y = path[:, :order]
+        ends = (start + 1 + np.arange(count)) * dt
+        positions = np.stack(
+            [y[:, 0] @ row + offset_values(o, ends) for row, o in zip(view.rows, offsets, strict=True)], axis=-1
+        )
+
+        def velocities(k, y=y, ends=ends):
+            speed = equation.velocity(np.moveaxis(y[k - 1], 1, 0)) @ view.rows.T
+            return speed + np.stack([offset_rate(o, ends[k - 1]) for o in offsets], axis=-1)
+
+        yield Piece(start, positions, velocities, lambda y=y: view.to_states(y), seconds), z

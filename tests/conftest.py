@@ -1,0 +1,39 @@
+"""Shared problems: the paper's Table 10 and small smooth systems."""
+
+from __future__ import annotations
+
+import os
+
+import numpy as np
+import pytest
+
+import stiffbeam as sb
+
+os.environ.setdefault("MPLBACKEND", "agg")
+
+
+@pytest.fixture(scope="session")
+def table10() -> sb.BeamProblem:
+    return sb.BeamProblem(
+        stiffness=300.0, stops=sb.Stops(-0.1, 0.1, stiffness=5e6), base=sb.Harmonic(amplitude=0.2, frequency=10.0)
+    )
+
+
+@pytest.fixture(scope="session", params=["displacement", "velocity-curvature"])
+def table10_system(request, table10) -> sb.System:
+    return sb.semidiscretise(table10, 25, request.param)
+
+
+@pytest.fixture(scope="session")
+def three_masses() -> sb.System:
+    """A smooth forced linear system with frequencies 0.8 to 3.2, a full mass matrix and no contact."""
+    mass = np.array([[2.0, 0.5, 0.0], [0.5, 2.0, 0.5], [0.0, 0.5, 1.0]])
+    stiffness = np.array([[8.0, -3.0, 0.0], [-3.0, 7.0, -3.0], [0.0, -3.0, 5.0]])
+    return sb.System.from_matrices(
+        mass,
+        stiffness,
+        loads=[(np.array([1.0, 0.0, -1.0]), sb.Harmonic(1.0, 1.3, 0.4)), (np.array([0.0, 0.5, 0.5]), sb.Constant(0.7))],
+        observe=[0.0, 0.0, 1.0],
+        initial_displacement=[0.3, -0.2, 0.1],
+        initial_velocity=[0.0, 0.4, -0.5],
+    )

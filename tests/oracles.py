@@ -1,0 +1,86 @@
+"""Independent answers: closed forms and plain loops that share no code with the package."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.linalg
+from scipy.optimize import brentq
+
+
+def beam_roots(count: int) -> np.ndarray:
+    """The roots of cos l + 1/cosh l = 0, the clamped-free beam's eigenvalues."""
+    f = lambda x: np.cos(x) + 1.0 / np.cosh(x)  # noqa: E731
+    return np.array(
+        [brentq(f, (i - 0.5) * np.pi - 0.6, (i - 0.5) * np.pi + 0.6, xtol=1e-15) for i in range(1, count + 1)]
+    )
+
+
+def beam_mode(root: float, x: np.ndarray) -> np.ndarray:
+    """X(x) = ((sin l + sinh l)/(cos l + cosh l)) (cosh lx - cos lx) + sin lx - sinh lx (Section 5.1).
+
+    Written with decaying exponentials: cosh - sinh cancels for large l.
+    """
+    r = (np.sin(root) + np.sinh(root)) / (np.cos(root) + np.cosh(root))
+    # r cosh(lx) - sinh(lx) = ((r - 1) e^{lx} + (r + 1) e^{-lx})/2, and r - 1 is of size e^{-l}.
+    r_minus_1 = (np.sin(root) - np.cos(root) - np.exp(-root)) / (np.cos(root) + np.cosh(root))
+    return (
+        0.5 * r_minus_1 * np.exp(root * x)
+        + 0.5 * (r + 1.0) * np.exp(-root * x)
+        - r * np.cos(root * x)
+        + np.sin(root * x)
+    )
+
+
+def moving_support_series(k2: float, amplitude: float, a: float, t: np.ndarray, modes: int) -> np.ndarray:
+    """Tip of a beam without contact whose clamp moves by E (1 - cos a t), from rest: u = phi + sum X_i T_i.
+
+    T_i'' + l_i^4 k^2 T_i = -phi'' int X_i / int X_i^2, T_i(0) = T_i'(0) = 0, with phi'' = E a^2 cos a t.
+    """
+    x, w = np.polynomial.legendre.leggauss(400)
+    x, w = 0.5 * (x + 1.0), 0.5 * w
+    u = amplitude * (1.0 - np.cos(a * t))
+    for root in beam_roots(modes):
+        X = beam_mode(root, x)
+        omega = root**2 * np.sqrt(k2)
+        gain = -amplitude * a**2 * (w @ X) / (w @ X**2) / (omega**2 - a**2)
+        u = u + beam_mode(root, np.array([1.0]))[0] * gain * (np.cos(a * t) - np.cos(omega * t))
+    return u
+
+
+def exact_linear(system, t: np.ndarray, frequency: float, sine, cosine, constant) -> tuple[np.ndarray, np.ndarray]:
+    """q(t), q'(t) of M q'' + C q' + K q = constant + sine sin + cosine cos, by the matrix exponential."""
+    n = len(system.mass)
+    A = np.zeros((2 * n + 3, 2 * n + 3))
+    inverse = np.linalg.inv(system.mass)
+    A[:n, n : 2 * n] = np.eye(n)
+    A[n : 2 * n, :n], A[n : 2 * n, n : 2 * n] = -inverse @ system.stiffness, -inverse @ system.damping
+    A[n : 2 * n, 2 * n :] = np.stack([inverse @ constant, inverse @ sine, inverse @ cosine], axis=1)
+    A[2 * n + 1, 2 * n + 2], A[2 * n + 2, 2 * n + 1] = frequency, -frequency
+    y0 = np.concatenate([system.q0, system.v0, [1.0, 0.0, 1.0]])
+    y = np.array([scipy.linalg.expm(A * s) @ y0 for s in t])
+    return y[:, :n], y[:, n : 2 * n]
+
+
+def newmark_hht_loop(mass, stiffness, row, stops, load, alpha, dt, steps, q, v):
+    """HHT-alpha with a prefactored LU and implicit contact, written straight from its three equations.
+
+    ``load(t)`` is the load vector. Returns the contact position at t_0..t_steps.
+    """
+    beta, gamma = (1 - alpha) ** 2 / 4, 0.5 - alpha
+    lu = scipy.linalg.lu_factor(mass + (1 + alpha) * beta * dt**2 * stiffness)
+    compliance = (1 + alpha) * beta * dt**2 * row @ scipy.linalg.lu_solve(lu, row)
+    force = load(0.0) + row * float(stops.force(row @ q)) - stiffness @ q
+    a = np.linalg.solve(mass, force)
+    positions = [row @ q]
+    for n in range(steps):
+        q_ahead = q + dt * v + dt**2 * (0.5 - beta) * a
+        v_ahead = v + dt * (1 - gamma) * a
+        known = (1 + alpha) * (load((n + 1) * dt) - stiffness @ q_ahead) - alpha * force
+        free = scipy.linalg.lu_solve(lu, known)
+        r = row @ q_ahead + beta * dt**2 * (row @ free)
+        F = float(stops.solve(r, compliance))
+        a = free + (1 + alpha) * F * scipy.linalg.lu_solve(lu, row)
+        q, v = q_ahead + beta * dt**2 * a, v_ahead + gamma * dt * a
+        force = load((n + 1) * dt) + row * F - stiffness @ q
+        positions.append(row @ q)
+    return np.array(positions)

@@ -1,0 +1,275 @@
+"""The modal block march against the direct march: every scheme, form and contact treatment."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from oracles import exact_linear
+
+import stiffbeam as sb
+from stiffbeam import kernel, march, modal_march
+from stiffbeam.modal import modes
+from stiffbeam.propagator import build
+from stiffbeam.schemes import registered
+
+SCHEMES = [*registered(), sb.HHT(-0.1).printed(), sb.SDIRK().printed("sigma")]
+T_SHORT = 0.056  # through the first contacts of Table 10; rounding has grown a thousandfold by 0.1
+
+
+def direct(system, *args, monkeypatch, **kwargs):
+    """The same run, marched step by step with factorised matrices."""
+    with monkeypatch.context() as patch:
+        patch.setattr(march, "modes", lambda system: None)
+        run = sb.integrate(system, *args, **kwargs)
+    assert run.provenance["march"] == "direct"
+    return run
+
+
+def assert_equal_runs(modal, other, tolerance):
+    scale = np.max(np.abs(other.tip))
+    assert modal.provenance["march"] == "modal blocks"
+    assert np.max(np.abs(modal.tip - other.tip)) < tolerance * scale
+    assert np.max(np.abs(modal.tip_velocity - other.tip_velocity)) < 1e4 * tolerance * np.max(
+        np.abs(other.tip_velocity)
+    )
+    assert np.max(np.abs(modal.states[0] - other.states[0])) < tolerance * scale
+    for a, b in zip(modal.contacts, other.contacts, strict=True):
+        assert list(a.impacts.stops) == list(b.impacts.stops)
+        assert np.max(np.abs(a.impacts.times - b.impacts.times), initial=0.0) < 1e3 * tolerance
+
+
+@pytest.mark.parametrize("scheme", SCHEMES, ids=str)
+@pytest.mark.parametrize("contact", ["implicit", "extrapolated"])
+def test_modal_blocks_equal_the_direct_march(scheme, contact, table10_system, monkeypatch):
+    """Equal within eps (w_max/w_1)^2 = 1e-10 a step at worst; extrapolated contact amplifies it."""
+    modal = sb.integrate(table10_system, scheme, 1e-4, T_SHORT, contact)
+    other = direct(table10_system, scheme, 1e-4, T_SHORT, contact, monkeypatch=monkeypatch)
+    assert modal.impacts.count > 0
+    assert_equal_runs(modal, other, 1e-10 if contact == "implicit" else 1e-7)
+
+
+@pytest.mark.parametrize("scheme", [sb.BDF2(), sb.HHT(-0.1), sb.SDIRK(), sb.SDIRK(1.0, nystrom=True)], ids=str)
+@pytest.mark.parametrize("contact", ["implicit", "extrapolated"])
+def test_the_marches_agree_with_viscosity(scheme, contact, table10, monkeypatch):
+    problem = sb.BeamProblem(stiffness=300.0, viscosity=0.05, stops=table10.stops, base=table10.base)
+    system = sb.semidiscretise(problem, 16)
+    modal = sb.integrate(system, scheme, 1e-4, 0.08, contact)
+    assert modal.impacts.count > 0
+    assert_equal_runs(modal, direct(system, scheme, 1e-4, 0.08, contact, monkeypatch=monkeypatch), 1e-9)
+
+
+def two_contacts(**kwargs) -> sb.System:
+    """A chain of four masses with stops at two of them, a moving stop and a full mass matrix."""
+    mass = np.diag([1.0, 1.2, 0.8, 1.0]) + 0.1 * (np.eye(4, k=1) + np.eye(4, k=-1))
+    stiffness = 40.0 * (2 * np.eye(4) - np.eye(4, k=1) - np.eye(4, k=-1))
+    unit = np.eye(4)
+    return sb.System.from_matrices(
+        mass,
+        stiffness,
+        loads=[(unit[1], kwargs.get("load", sb.Harmonic(15.0, 4.0))), (unit[3], sb.Harmonic(9.0, 2.5, 1.0))],
+        contacts=[
+            sb.Contact(unit[3], sb.Stops(-0.25, 0.2, stiffness=3e3)),
+            sb.Contact(unit[2], sb.Stops(None, 0.15, stiffness=2e3), kwargs.get("offset", sb.Harmonic(0.05, 3.0))),
+        ],
+        observe=unit[0],
+        initial_velocity=[0.0, 1.0, 0.0, 0.5],
+    )
+
+
+@pytest.mark.parametrize("scheme", [sb.BDF2(), sb.HHT(-0.1), sb.SDIRK()], ids=str)
+@pytest.mark.parametrize("contact", ["implicit", "extrapolated"])
+def test_the_marches_agree_with_two_contacts_and_a_moving_stop(scheme, contact, monkeypatch):
+    system = two_contacts()
+    modal = sb.integrate(system, scheme, 2e-3, 3.0, contact)
+    assert all(c.impacts.count > 0 for c in modal.contacts)
+    assert_equal_runs(modal, direct(system, scheme, 2e-3, 3.0, contact, monkeypatch=monkeypatch), 1e-9)
+
+
+@pytest.mark.parametrize("scheme", [sb.BDF2(), sb.HHT(-0.1), sb.SDIRK()], ids=str)
+def test_a_callable_load_and_a_callable_offset_equal_the_harmonic_ones(scheme):
+    harmonic = sb.integrate(two_contacts(), scheme, 2e-3, 2.0)
+    sampled = sb.integrate(
+        two_contacts(load=lambda t: 15.0 * np.sin(4.0 * t), offset=lambda t: 0.05 * np.sin(3.0 * t)), scheme, 2e-3, 2.0
+    )
+    assert np.max(np.abs(harmonic.tip - sampled.tip)) < 1e-11
+    # The velocity of the callable offset is a central difference, good to 1e-9.
+    assert np.max(np.abs(harmonic.contacts[1].velocity - sampled.contacts[1].velocity)) < 1e-8
+    assert np.max(np.abs(harmonic.energy.input - sampled.energy.input)) < 1e-10
+
+
+@pytest.mark.parametrize("scheme", [sb.BDF2(), sb.HHT(-0.1), sb.SDIRK()], ids=str)
+def test_blocks_of_any_length_are_the_same_scheme(scheme, table10, monkeypatch):
+    system = sb.semidiscretise(table10, 25)
+    whole = sb.integrate(system, scheme, 1e-4, T_SHORT)
+    for length in (1, 3, 8):
+        monkeypatch.setattr(modal_march, "block_length", lambda *_, length=length: length)
+        other = sb.integrate(system, scheme, 1e-4, T_SHORT)
+        assert np.max(np.abs(whole.tip - other.tip)) < 1e-11 * np.max(np.abs(whole.tip))
+
+
+def test_the_kernel_equals_its_definition_in_numpy(table10):
+    """w = reading x, z' = transition z + g drive_state, then the stops node by node."""
+    system = sb.semidiscretise(table10, 25)
+    block = build(sb.HHT(-0.1), system, modes(system), 1e-4, 32, "implicit")
+    rng = np.random.default_rng(1)
+    z = block.pack(rng.normal(size=(4, 25)) * np.array([0.1, 1.0, 10.0, 10.0])[:, None])
+    g = block.drive.coefficients(np.array([0.3]))
+    entries, forces, starts = np.zeros((1, 32)), np.zeros((1, 32)), np.zeros((1, z.size))
+    expected_z = np.zeros_like(z)
+    x = z.copy()
+    x[100:103] = g[0]
+    w = block.reading @ x
+    expected_z[:100] = np.einsum("cej,ej->cj", block.transition, z[:100].reshape(4, 25)).ravel()
+    expected_z += g[0] @ block.drive_state
+    expected_force = np.zeros(32)
+    for i in range(32):
+        expected_force[i] = table10.stops.solve(w[i], block.push[i, i])
+        w = w + expected_force[i] * block.push[i]
+        expected_z += expected_force[i] * block.push_state[i]
+    none_r, none_d = np.zeros((0, 32)), np.zeros((0, z.size))
+    kernel.march(
+        z, block.reading, block.transition, block.push, block.push_state, 5e6, -0.1, 0.1,
+        g, block.drive_state, none_r, none_d, entries, forces, starts,
+    )  # fmt: skip
+    assert np.count_nonzero(forces) > 0
+    assert np.allclose(entries[0], w, rtol=0, atol=1e-12 * np.max(np.abs(w)))
+    assert np.allclose(forces[0], expected_force, rtol=1e-10)
+    assert np.allclose(z[:100], expected_z[:100], rtol=0, atol=1e-12 * np.max(np.abs(expected_z)))
+
+
+def test_every_thins_the_output_and_nothing_else(table10):
+    system = sb.semidiscretise(table10, 25)
+    full = sb.integrate(system, sb.SDIRK(), 1e-4, 0.5)
+    thin = sb.integrate(system, sb.SDIRK(), 1e-4, 0.5, every=7)
+    assert np.array_equal(thin.t, full.t[::7])
+    assert np.array_equal(thin.tip, full.tip[::7])
+    assert np.allclose(thin.tip_velocity, full.tip_velocity[::7], rtol=0, atol=1e-12)
+    assert np.array_equal(thin.impacts.times, full.impacts.times)
+    assert thin.contacts[0].peak_force == full.contacts[0].peak_force
+    assert np.array_equal(thin.energy.loss, full.energy.loss[::7])
+    assert np.array_equal(thin.states[0], full.states[0][::7])
+
+
+def test_a_run_is_the_same_to_the_bit_when_made_again(table10):
+    system = sb.semidiscretise(table10, 25)
+    runs = [sb.integrate(system, sb.HHT(), 1e-4, 1.0) for _ in range(2)]
+    assert np.array_equal(runs[0].tip, runs[1].tip)
+    # The states are made by a second march: they must be those of the first, through the chaos.
+    assert np.max(np.abs(runs[0].states[0][:, -1] - runs[0].tip)) < 1e-12
+
+
+def test_a_step_that_does_not_divide_the_end_is_refused_with_one_that_does(table10):
+    with pytest.raises(sb.InputError, match=r"0\.0001$"):
+        sb.integrate(sb.semidiscretise(table10, 8), sb.HHT(), 1.0001e-4, 0.1)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "field"),
+    [
+        ({"dt": -1.0}, "dt"), ({"t_end": 0.0}, "t_end"), ({"every": 0}, "every"), ({"contact": "penalty"}, "contact"),
+    ],
+)  # fmt: skip
+def test_bad_arguments_are_named(arguments, field, table10):
+    with pytest.raises(sb.InputError, match=field):
+        sb.integrate(sb.semidiscretise(table10, 8), sb.HHT(), **({"dt": 1e-4, "t_end": 0.01} | arguments))
+
+
+def test_an_overflow_names_scheme_time_and_remedy():
+    """Extrapolated contact overflows on Table 11 with dt = 2.5e-4, implicit contact does not."""
+    case = sb.paper_case(11)
+    system = sb.semidiscretise(case.problem, case.cells)
+    for scheme in (sb.BDF2(), sb.HHT(-0.1), sb.SDIRK(nystrom=True)):
+        with pytest.raises(sb.Diverged, match="implicit") as caught:
+            sb.integrate(system, scheme, 2.5e-4, case.t_end, "extrapolated")
+        assert 0.0 < caught.value.t < case.t_end
+        assert str(scheme) in str(caught.value)
+        assert np.all(np.isfinite(sb.integrate(system, scheme, 2.5e-4, case.t_end).tip))
+
+
+def test_sampled_impacts_are_counted_by_the_papers_rule(table10):
+    """An impact is a step in contact whose predecessor was not (or was on the other stop)."""
+    run = sb.integrate(sb.semidiscretise(table10, 25), sb.HHT(), 1e-4, 2.0)
+    chi = table10.stops.state(run.tip)
+    counted = np.flatnonzero((chi[1:] != 0) & (chi[1:] != chi[:-1])) + 1
+    assert run.impacts.count == len(counted) > 100
+    assert np.array_equal(run.impacts.stops, chi[counted])
+    # The time lies inside the step that ends in contact.
+    assert np.all(run.impacts.times <= run.t[counted] + 1e-15)
+    assert np.all(run.impacts.times >= run.t[counted - 1] - 1e-15)
+    assert run.contacts[0].fraction == np.mean(chi[1:] != 0)
+    force = np.abs(table10.stops.force(run.tip[1:]))
+    assert np.isclose(run.contacts[0].peak_force, force.max(), rtol=1e-12)
+    assert np.isclose(run.contacts[0].impulse, force.sum() * 1e-4, rtol=1e-9)
+    closed = run.impacts.impulses[~np.isnan(run.impacts.impulses)]
+    assert np.isclose(closed.sum(), force.sum() * 1e-4, rtol=1e-2)
+
+
+def test_the_impact_time_is_where_the_hermite_cubic_crosses(table10):
+    from scipy.interpolate import CubicHermiteSpline
+
+    run = sb.integrate(sb.semidiscretise(table10, 25), sb.SDIRK(), 1e-4, 0.3)
+    spline = CubicHermiteSpline(run.t, run.tip, run.tip_velocity)
+    assert run.impacts.count > 10
+    assert np.allclose(spline(run.impacts.times), 0.1 * run.impacts.stops, rtol=0, atol=1e-13)
+
+
+def test_a_flight_over_the_whole_gap_inside_one_step_counts_the_second_stop():
+    """u jumps from the upper to the lower stop: chi changes sign and the crossing of the lower is timed."""
+    from stiffbeam.recorder import sampled_impacts
+
+    stops = sb.Stops(-1.0, 1.0, stiffness=1.0)
+    t = np.arange(5) * 0.5
+    u, v = 1.2 * np.cos(2 * np.pi * t), -2.4 * np.pi * np.sin(2 * np.pi * t)
+    impacts = sampled_impacts(u, v, 0.5, stops)
+    assert list(impacts.stops) == [-1, 1, -1, 1]
+    assert np.all((impacts.times > t[:-1]) & (impacts.times < t[1:]))
+
+
+@pytest.mark.parametrize("scheme", [sb.HHT(-0.1), sb.SDIRK(), sb.BDF2()], ids=str)
+def test_the_ledger_of_a_step_by_step_sum(scheme, table10):
+    """E, input and loss recomputed from the run's states by the definition."""
+    system = sb.semidiscretise(table10, 12)
+    run = sb.integrate(system, scheme, 1e-4, 0.3)
+    q, v = run.states
+    E = 0.5 * np.einsum("ki,ij,kj->k", v, system.mass, v) + 0.5 * np.einsum("ki,ij,kj->k", q, system.stiffness, q)
+    E += table10.stops.energy(q[:, -1])
+    f = system.load(run.t)
+    d_input = 0.5 * np.sum((f[1:] + f[:-1]) * np.diff(q, axis=0), axis=1)
+    assert np.allclose(run.energy.energy, E, rtol=1e-10)
+    assert np.allclose(run.energy.input[1:], np.cumsum(d_input), rtol=1e-9)
+    assert np.allclose(run.energy.loss, E[0] - E + run.energy.input, rtol=0, atol=1e-10 * E.max())
+    assert np.allclose(run.energy.contact + run.energy.free, run.energy.loss, rtol=0, atol=1e-10 * E.max())
+
+
+def test_the_trapezoidal_rule_loses_energy_at_the_kink_only(table10):
+    """In free flight the ledger's input is the trapezoidal rule's own work."""
+    run = sb.integrate(sb.semidiscretise(table10, 12), sb.HHT(0.0), 1e-4, 0.3)
+    assert run.impacts.count > 3
+    assert np.max(np.abs(run.energy.free)) < 1e-9 * np.max(run.energy.energy)
+    assert np.max(np.abs(run.energy.contact)) > 1e-3 * np.max(run.energy.energy)
+
+
+def test_viscous_loss_is_what_the_dashpots_take():
+    """Free decay of one damped mode by the trapezoidal rule: E0 - E = viscous, to rounding."""
+    system = sb.System.from_matrices([[1.0]], [[9.0]], [[0.4]], observe=[1.0], initial_displacement=[1.0])
+    run = sb.integrate(system, sb.HHT(0.0), 0.01, 5.0)
+    assert np.allclose(run.energy.viscous, run.energy.energy[0] - run.energy.energy, rtol=0, atol=1e-12)
+    assert abs(run.energy.viscous[-1] - 4.5) > 0.1
+
+
+def test_displacement_at_the_tip_and_the_clamp(table10):
+    run = sb.integrate(sb.semidiscretise(table10, 25), sb.HHT(), 1e-4, 0.05, every=50)
+    u = run.displacement([0.0, 1.0])
+    assert np.allclose(u[:, 1], run.tip, atol=1e-12)
+    assert np.allclose(u[:, 0], 0.2 * np.sin(10 * run.t), atol=1e-12)
+
+
+def test_every_one_step_scheme_solves_a_rigid_body_mode():
+    """q'' = f with K = 0 on one coordinate: no division by the zero frequency."""
+    system = sb.System.from_matrices(
+        np.eye(2), [[1.0, -1.0], [-1.0, 1.0]], loads=[([1.0, 1.0], sb.Constant(2.0))], observe=[0.5, 0.5]
+    )
+    exact = exact_linear(system, np.array([1.5]), 1.0, np.zeros(2), np.zeros(2), np.full(2, 2.0))
+    for scheme in (sb.HHT(-0.1), sb.SDIRK(), sb.Theta()):
+        run = sb.integrate(system, scheme, 0.01, 1.5)
+        assert np.isclose(run.tip[-1], exact[0][0].mean(), rtol=1e-4)

@@ -1,0 +1,190 @@
+"""Measures recover what synthetic signals were made with; compare prints what its parts say."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from oracles import beam_mode, beam_roots
+
+import stiffbeam as sb
+from stiffbeam.figures import amplitude_spectrum, four_panels
+from stiffbeam.measures.impacts import match
+from stiffbeam.measures.phase import phase_lag
+from stiffbeam.trajectory import Impacts
+
+
+def impacts(times, stops):
+    blank = np.zeros(len(times))
+    return Impacts(np.array(times, float), np.array(stops, np.int64), blank, blank, "sampled")
+
+
+@pytest.mark.parametrize("lag", [-0.031, 0.0, 0.0004, 0.05])
+def test_a_known_lag_is_recovered(lag):
+    """u_run(t) = u_ref(t - lag): a late run has a positive lag. Hermite interpolation is good to dt^4."""
+    t = np.arange(0.0, 3.0 + 1e-9, 1e-3)
+    u_ref = lambda s: np.sin(7.0 * s) + 0.3 * np.sin(19.0 * s + 1.0)  # noqa: E731
+    v = 7.0 * np.cos(7.0 * (t - lag)) + 5.7 * np.cos(19.0 * (t - lag) + 1.0)
+    found = phase_lag(t, u_ref(t - lag), v, u_ref, 3.0, drive=7.0, first=4.0)
+    assert not found.undefined
+    assert abs(found.lag - lag) < 1e-7
+    assert found.residual < 1e-6
+    assert found.residual <= found.unshifted + 1e-12
+
+
+def test_a_decayed_run_has_its_lag_and_a_residual():
+    """Over whole half periods the loss of amplitude does not bias the lag."""
+    t = np.linspace(0.0, np.pi, 7001)
+    u_ref = lambda s: np.sin(7.0 * s)  # noqa: E731
+    found = phase_lag(t, 0.8 * u_ref(t - 0.01), 5.6 * np.cos(7.0 * (t - 0.01)), u_ref, np.pi, drive=7.0, first=4.0)
+    assert abs(found.lag - 0.01) < 1e-5
+    assert abs(found.residual - 0.2) < 1e-5
+
+
+def test_a_lag_is_undefined_in_a_window_too_short_or_without_a_minimum():
+    t = np.arange(0.0, 3.0 + 1e-9, 1e-3)
+    zero = np.zeros_like(t)
+    assert "shorter" in phase_lag(t, zero, zero, np.sin, 0.5, drive=7.0, first=4.0).undefined
+    ramp = phase_lag(t, t, zero + 1.0, lambda s: s + 5.0, 3.0, drive=7.0, first=4.0)
+    assert "no best shift" in ramp.undefined
+    assert np.isnan(ramp.lag)
+
+
+def test_matching_pairs_impacts_in_order_until_the_first_that_does_not_fit():
+    reference = impacts([1.0, 2.0, 2.4, 4.0], [1, -1, 1, -1])
+    same = match(reference, reference, 5.0)
+    assert (same.matched, same.matched_until, same.median_delay) == (4, 5.0, 0.0)
+    late = match(impacts([1.1, 2.1, 2.45, 4.1], [1, -1, 1, -1]), reference, 5.0)
+    assert late.matched == 4
+    assert late.first_error == pytest.approx(0.1)
+    assert late.median_delay == pytest.approx(0.1)
+    # the second may be off by half the gap of 0.4 to the third, no more
+    assert match(impacts([1.0, 2.21, 2.45], [1, -1, 1]), reference, 5.0).matched_until == 2.0
+    assert match(impacts([1.0, 2.0, 2.4], [1, -1, -1]), reference, 5.0).matched_until == 2.4
+    assert match(impacts([1.0, 2.0], [1, -1]), reference, 5.0).matched_until == 2.4  # one is missing
+    assert match(impacts([1, 2, 2.4, 4, 4.5], [1, -1, 1, -1, 1]), reference, 5.0).matched_until == 4.5  # one too many
+    assert match(impacts([1, 2, 2.4, 4, 4.5], [1, -1, 1, -1, 1]), reference, 3.0).matched_until == 3.0
+    nothing = match(impacts([], []), impacts([], []), 2.0)
+    assert (nothing.matched, nothing.matched_until) == (0, 2.0)
+    assert np.isnan(nothing.first_error)
+
+
+def test_the_spectrum_shows_a_sinusoid_with_its_amplitude():
+    t = np.arange(0, 6001) * 1e-3
+    u = 0.3 + 0.7 * np.sin(10 * t + 0.2) + 0.05 * np.cos(30 * t)
+    omega, amplitude = amplitude_spectrum(t, u, 10.0)
+    for w, a in ((0.0, 0.3), (10.0, 0.7), (30.0, 0.05)):
+        assert amplitude[np.argmin(np.abs(omega - w))] == pytest.approx(a, rel=0.01)
+
+
+@pytest.fixture(scope="module")
+def compared(table10):
+    system = sb.semidiscretise(table10, 12)
+    ref = sb.reference(system, 0.6)
+    # A step short enough for the impacts to match for a while.
+    run = sb.integrate(system, sb.SDIRK(), 5e-6, 0.6)
+    return system, ref, run, sb.compare(run, ref)
+
+
+def test_compare_says_what_its_definitions_say(compared, table10):
+    _, ref, run, c = compared
+    assert c.window == min(0.6, ref.horizon)
+    inside = run.t <= c.window * (1 + 1e-12)
+    u, v = ref.at(run.t[inside])
+    error = run.tip[inside] - u
+    assert c.tip_error_max == pytest.approx(np.max(np.abs(error)) / np.max(np.abs(u)))
+    assert c.tip_error_rms == pytest.approx(np.sqrt(np.mean(error**2)) / np.max(np.abs(u)))
+    chi = table10.stops.state(run.tip[inside])
+    assert c.contacts.impacts == np.count_nonzero((chi[1:] != 0) & (chi[1:] != chi[:-1]))
+    assert c.contacts.fraction == pytest.approx(np.mean(chi[1:] != 0))
+    assert c.contacts.peak_force == pytest.approx(np.max(np.abs(table10.stops.force(run.tip[inside]))))
+    assert c.reference_events == np.count_nonzero(ref.impacts.times <= c.window)
+    assert c.reference_contacts.impacts == ref.impacts_sampled(5e-6, c.window).count
+    last = np.flatnonzero(inside)[-1]
+    assert c.energy_lost == pytest.approx(run.energy.loss[last] / run.energy.input[last])
+    assert 0 < c.matching.matched_until <= c.window
+    assert c.matching.matched > 3
+    del v
+
+
+def test_a_reference_compared_with_itself_has_no_error(compared):
+    system, ref, run, _ = compared
+    same = sb.reference(system, 0.6, t_eval=run.t)
+    c = sb.compare(same, ref)
+    assert c.tip_error_max == 0.0
+    assert c.matching.matched_until == c.window
+    assert c.contacts == c.reference_contacts
+    assert abs(c.phase.lag) < 1e-9
+    assert abs(c.energy_lost) < 1e-9
+
+
+def test_a_late_run_shows_a_positive_lag(table10):
+    """BDF2 elongates the period by (w dt)^2/3: it is late, four times as late with twice the step."""
+    first = beam_roots(1)[0]
+    problem = sb.BeamProblem(stiffness=300.0, initial_velocity=lambda x: beam_mode(first, x))
+    system = sb.semidiscretise(problem, 8)
+    ref = sb.reference(system, 0.5)
+    lags = [sb.compare(sb.integrate(system, sb.BDF2(), dt, 0.5), ref).phase.lag for dt in (1e-4, 2e-4)]
+    assert 0 < lags[0] < lags[1]
+    assert lags[1] / lags[0] == pytest.approx(4.0, rel=0.15)
+    # Half the final delay on average: BDF2's phase error is (w dt)^2/3 per w t, w = 59.8.
+    assert lags[1] == pytest.approx((59.8 * 2e-4) ** 2 / 3 * 0.25, rel=0.15)
+
+
+def test_the_comparison_prints_and_goes_to_json(compared):
+    c = compared[3]
+    text = str(c)
+    assert "sdirk" in text
+    assert "one realisation" in text
+    assert "<pre>" in c._repr_html_()
+    plain = json.loads(json.dumps(c.to_dict(), allow_nan=False))
+    assert plain["contacts"]["impacts"] == c.contacts.impacts
+
+
+def test_what_cannot_be_compared_is_refused(compared, table10):
+    system, ref, run, _ = compared
+    other = sb.integrate(sb.semidiscretise(table10, 10), sb.HHT(), 1e-4, 0.1)
+    with pytest.raises(sb.InputError, match="same system"):
+        sb.compare(other, ref)
+    with pytest.raises(sb.InputError, match="every"):
+        sb.compare(sb.integrate(system, sb.HHT(), 1e-4, 0.1, every=10), ref)
+    del run
+
+
+def test_a_contact_away_from_the_tip_is_compared_at_the_contact():
+    system = sb.System.from_matrices(
+        np.eye(2),
+        [[30.0, -10.0], [-10.0, 30.0]],
+        loads=[([1.0, 0.0], sb.Harmonic(5.0, 3.0))],
+        contacts=[sb.Contact([0.0, 1.0], sb.Stops(-0.05, 0.05, stiffness=500.0))],
+        observe=[1.0, 0.0],
+    )
+    ref = sb.reference(system, 4.0)
+    run = sb.integrate(system, sb.SDIRK(), 1e-3, 4.0)
+    c = sb.compare(run, ref)
+    assert c.contacts.impacts == c.reference_contacts.impacts > 3
+    assert c.contacts.fraction == pytest.approx(c.reference_contacts.fraction, abs=0.01)
+    assert c.tip_error_max < 1e-2
+
+
+def test_the_figure_has_four_labelled_panels_with_the_reference_in_each(compared):
+    _, ref, run, _ = compared
+    figure = four_panels("title", [run], [ref])
+    axes = figure.get_axes()
+    assert len(axes) == 4
+    for axis in axes:
+        assert axis.get_xlabel()
+        assert axis.get_ylabel()
+        assert axis.get_title(loc="left").startswith("(")
+        assert len([line for line in axis.get_lines() if len(line.get_xdata()) > 2]) >= 2
+
+
+def test_a_system_without_contact_compares_and_draws():
+    system = sb.semidiscretise(sb.BeamProblem(stiffness=300.0, base=sb.Harmonic(0.01, 10.0)), 6)
+    ref = sb.reference(system, 0.5)
+    run = sb.integrate(system, sb.HHT(), 1e-3, 0.5)
+    c = sb.compare(run, ref)
+    assert c.contacts.impacts == 0
+    assert c.tip_error_rms < 0.2
+    four_panels("no contact", [run], [ref]).canvas.draw()

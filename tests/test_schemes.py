@@ -1,0 +1,254 @@
+"""Orders, equivalences and classical properties of every registered scheme."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from oracles import exact_linear, newmark_hht_loop
+
+import stiffbeam as sb
+from stiffbeam.equations import Modal
+from stiffbeam.schemes import GAMMA_THIRD_ORDER, registered
+from stiffbeam.schemes.sdirk import GAMMA_MAX, GAMMA_MIN
+
+ALL = [*registered(), sb.HHT(-0.1).printed()]
+
+
+def observed_order(system, scheme, steps, exact_at, t_end):
+    """Slope of log(error) over log(dt) by regression, and the error at the finest step."""
+    errors = []
+    for n in steps:
+        run = sb.integrate(system, scheme, t_end / n, t_end, every=n)
+        q, v = run.states
+        errors.append(np.max(np.abs(np.concatenate([q[-1] - exact_at[0], v[-1] - exact_at[1]]))))
+    slope = np.polyfit(np.log(1.0 / np.array(steps)), np.log(errors), 1)[0]
+    return slope, errors[-1]
+
+
+@pytest.mark.parametrize("scheme", ALL, ids=str)
+def test_every_scheme_has_its_order_on_a_smooth_forced_system(scheme, three_masses):
+    t_end = 4.0
+    load = np.array([1.0, 0.0, -1.0])
+    exact = exact_linear(
+        three_masses, np.array([t_end]), 1.3, load * np.cos(0.4), load * np.sin(0.4), np.array([0.0, 0.35, 0.35])
+    )
+    # dt <= 0.02 against periods above 2: asymptotic; the errors stay far above rounding (1e-13).
+    slope, finest = observed_order(three_masses, scheme, [200, 280, 400, 560, 800], (exact[0][0], exact[1][0]), t_end)
+    assert abs(slope - scheme.order) < 0.1
+    assert finest < (0.02 if scheme.order == 1 else 2e-3)
+
+
+def test_the_printed_sigma_costs_an_order(three_masses):
+    """2.9 at coarse steps, where the third-order error still dominates, falling to 2."""
+    load = np.array([1.0, 0.0, -1.0])
+    exact = exact_linear(
+        three_masses, np.array([4.0]), 1.3, load * np.cos(0.4), load * np.sin(0.4), np.array([0.0, 0.35, 0.35])
+    )
+    end = (exact[0][0], exact[1][0])
+    coarse, _ = observed_order(three_masses, sb.SDIRK().printed("sigma"), [50, 70, 100], end, 4.0)
+    fine, _ = observed_order(three_masses, sb.SDIRK().printed("sigma"), [6400, 9000, 12800], end, 4.0)
+    assert coarse > 2.8
+    assert abs(fine - 2.0) < 0.1
+
+
+@pytest.mark.parametrize("scheme", [sb.BDF2(), sb.HHT(-0.2), sb.SDIRK(), sb.SDIRK(1.0, nystrom=True)], ids=str)
+def test_the_order_holds_with_damping_that_does_not_decouple(scheme):
+    damping = np.array([[0.3, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]])  # a dashpot at one mass
+    load = np.array([1.0, 0.0, 0.0])
+    system = sb.System.from_matrices(
+        np.diag([2.0, 1.0, 1.0]),
+        np.array([[8.0, -3.0, 0.0], [-3.0, 7.0, -3.0], [0.0, -3.0, 5.0]]),
+        damping,
+        loads=[(load, sb.Harmonic(1.0, 1.3))],
+        observe=[0.0, 0.0, 1.0],
+        initial_velocity=[0.0, 0.4, -0.5],
+    )
+    exact = exact_linear(system, np.array([2.0]), 1.3, load, 0 * load, 0 * load)
+    steps = [100, 140, 200, 280]
+    slope, _ = observed_order(system, scheme, steps, (exact[0][0], exact[1][0]), 2.0)
+    assert abs(slope - scheme.order) < 0.1
+    assert sb.integrate(system, scheme, 0.02, 2.0).provenance["march"] == "direct"
+
+
+def test_sdirk_for_rates_and_in_nystroem_form_are_equal(table10_system):
+    for gamma in (GAMMA_THIRD_ORDER, 1.0, 0.3):
+        runs = [sb.integrate(table10_system, sb.SDIRK(gamma, nystrom=n), 1e-4, 0.1) for n in (False, True)]
+        assert np.max(np.abs(runs[0].tip - runs[1].tip)) < 1e-10 * np.max(np.abs(runs[0].tip))
+        assert runs[0].impacts.count == runs[1].impacts.count > 0
+
+
+@pytest.mark.parametrize("scheme", [sb.BDF2(), sb.SDIRK(), sb.SDIRK(1.0)], ids=str)
+@pytest.mark.parametrize("contact", ["implicit", "extrapolated"])
+def test_velocity_curvature_as_the_papers_first_order_system_gives_the_same_run(scheme, contact, table10):
+    """(4.5) and (4.10) on (w, s, v_M) against the same schemes on P x'' + k^2 L^T Q L x."""
+    system = sb.semidiscretise(table10, 25, "velocity-curvature")
+    t_end = 0.06  # the first six impacts; rounding is amplified a thousandfold by 0.1
+    second = sb.integrate(system, scheme, 1e-4, t_end, contact)
+    first = sb.integrate(system.first_order(), scheme, 1e-4, t_end, contact)
+    assert first.provenance["march"] == "direct"
+    assert second.impacts.count == first.impacts.count > 0
+    # eps (w_max/w_1)^2 = 1e-10 of rounding in the matrices, over 600 steps and through contact
+    assert np.max(np.abs(first.tip - second.tip)) < 1e-9 * np.max(np.abs(second.tip))
+    assert np.max(np.abs(first.states[0] - second.states[0])) < 1e-9
+
+
+def test_displacement_as_the_papers_first_order_system_gives_the_same_run(table10):
+    system = sb.semidiscretise(table10, 25)
+    second = sb.integrate(system, sb.BDF2(), 1e-4, 0.06)
+    first = sb.integrate(system.first_order(), sb.BDF2(), 1e-4, 0.06)
+    assert np.max(np.abs(first.tip - second.tip)) < 1e-9 * np.max(np.abs(second.tip))
+
+
+def test_a_second_order_scheme_refuses_a_first_order_system(table10):
+    with pytest.raises(sb.InputError, match="second order"):
+        sb.integrate(sb.semidiscretise(table10, 8).first_order(), sb.HHT(), 1e-4, 0.01)
+
+
+def test_hht_equals_a_plain_loop_over_its_three_equations(table10):
+    system = sb.semidiscretise(table10, 25)
+    t_end, dt = 0.06, 1e-4
+    run = sb.integrate(system, sb.HHT(-0.1), dt, t_end)
+    loop = newmark_hht_loop(
+        system.mass, system.stiffness, system.contacts[0].row, system.contacts[0].stops, system.load, -0.1, dt, 600,
+        system.q0, system.v0,
+    )  # fmt: skip
+    assert run.impacts.count == 3
+    assert np.max(np.abs(run.tip - loop)) < 1e-9 * np.max(np.abs(loop))
+
+
+def test_the_third_order_gamma_is_a_root_and_meets_the_order_conditions():
+    g = GAMMA_THIRD_ORDER
+    assert abs(1 / 6 - 1.5 * g + 3 * g**2 - g**3) < 1e-16
+    scheme = sb.SDIRK(0.4359)
+    assert scheme.gamma == g
+    c = np.array(scheme.nodes)
+    assert np.allclose(c, scheme.A.sum(axis=1), atol=1e-15)
+    for value, wanted in (
+        (scheme.b.sum(), 1), (scheme.b @ c, 1 / 2), (scheme.b @ c**2, 1 / 3), (scheme.b @ scheme.A @ c, 1 / 6),
+    ):  # fmt: skip
+        assert abs(value - wanted) < 1e-14
+    assert abs(scheme.nodes[1] - (1 + g) / 2) < 1e-14  # Owren and Simonsen's abscissa
+
+
+def test_gamma_one_has_the_tableau_that_follows_from_the_corrected_sigma():
+    scheme = sb.SDIRK(1.0)
+    assert np.allclose(scheme.nodes, (1.0, 1.0 / 3.0, 1.0), atol=1e-15)
+    assert np.allclose(scheme.b, (-0.75, 0.75, 1.0), atol=1e-15)
+
+
+@pytest.mark.parametrize("gamma", [0.2, 0.4359, 0.8, 1.0, 2.0])
+def test_sdirk_amplifies_like_the_papers_stability_function(gamma):
+    with pytest.warns(UserWarning, match="Remark 8") if gamma > 1 else __import__("contextlib").nullcontext():
+        scheme = sb.SDIRK(gamma)
+    g = scheme.gamma
+    for x in (0.1, 1.0, 10.0, 1e3):
+        z = 1j * x
+        R = ((3 * g**2 - 3 * g + 0.5) * z**2 - (3 * g - 1) * z + 1) / (1 - g * z) ** 3
+        eigenvalues = np.linalg.eigvals(amplification_matrix(scheme, x))
+        assert np.min(np.abs(eigenvalues - R)) < 1e-12
+        assert np.min(np.abs(eigenvalues - np.conj(R))) < 1e-12
+
+
+def test_l_stability_ends_at_the_two_gammas_of_page_61():
+    polynomial = np.polynomial.Polynomial([1, -12, 48, -72, 24])
+    assert abs(polynomial(GAMMA_MIN)) < 1e-13
+    assert abs(polynomial(GAMMA_MAX)) < 1e-11
+    x = np.logspace(-2, 4, 2000)
+
+    def worst(g):
+        z = 1j * x
+        return np.max(np.abs(((3 * g**2 - 3 * g + 0.5) * z**2 - (3 * g - 1) * z + 1) / (1 - g * z) ** 3))
+
+    assert worst(GAMMA_MIN + 1e-3) <= 1 + 1e-12 < worst(GAMMA_MIN - 1e-3)
+    assert worst(GAMMA_MAX - 1e-3) <= 1 + 1e-12 < worst(GAMMA_MAX + 1e-3)
+
+
+def test_the_published_damping_at_ten_refutes_the_higher_gamma_the_higher_the_damping():
+    """|R(10 i)| = .74 .37 .44 .28 .11 .027 .052 at these gammas: not monotone."""
+    published = {0.18043: 0.74, 0.2: 0.37, 0.3: 0.44, 0.4359: 0.28, 0.6: 0.11, 0.8: 0.027, 1.0: 0.052}
+    for gamma, radius in published.items():
+        eigenvalues = np.abs(np.linalg.eigvals(amplification_matrix(sb.SDIRK(gamma), 10.0)))
+        assert abs(np.max(eigenvalues) - radius) < 0.06 * radius
+
+
+def amplification_matrix(scheme, x):
+    """The step matrix for q'' + x^2 q = 0 with dt = 1."""
+    equation = Modal(np.array([x]), np.zeros(1))
+    zero = [np.zeros(1)] * len(scheme.nodes)
+    size = len(scheme.initial(equation, [np.zeros((2, 1))] * scheme.history, np.zeros(1)))
+    return np.array([scheme.step(equation, 1.0, unit[:, None], zero)[0][:, 0] for unit in np.eye(size)]).T
+
+
+@pytest.mark.parametrize("scheme", list(registered()), ids=str)
+def test_every_registered_scheme_is_unconditionally_stable(scheme):
+    for x in np.logspace(-3, 4, 150):
+        assert np.max(np.abs(np.linalg.eigvals(amplification_matrix(scheme, x)))) <= 1 + 1e-9
+
+
+@pytest.mark.parametrize(("scheme", "elongation"), [(sb.HHT(-0.1), 0.0395), (sb.BDF2(), 0.102)], ids=str)
+def test_the_period_elongation_at_a_tenth_of_the_period_is_the_literatures(scheme, elongation):
+    """Relative period elongation at dt/T = 0.1 known from the literature: 3.95 % and 10.2 %."""
+    x = 2 * np.pi * 0.1
+    eigenvalues = np.linalg.eigvals(amplification_matrix(scheme, x))
+    principal = eigenvalues[np.argmax(np.abs(eigenvalues) - 10 * (np.abs(eigenvalues.imag) < 1e-12))]
+    assert abs(x / abs(np.angle(principal)) - 1 - elongation) < 0.0006
+
+
+def test_the_trapezoidal_rule_is_hht_with_alpha_zero(table10_system):
+    theta = sb.integrate(table10_system, sb.Theta(0.5), 1e-4, 0.05)
+    hht = sb.integrate(table10_system, sb.HHT(0.0), 1e-4, 0.05)
+    assert np.max(np.abs(theta.tip - hht.tip)) < 1e-11
+
+
+def test_parameters_outside_their_range_are_refused_with_the_way_out():
+    with pytest.raises(sb.InputError, match="pass -alpha"):
+        sb.HHT(0.1)
+    with pytest.raises(sb.InputError, match="L-stable"):
+        sb.SDIRK(0.1)
+    for pole_or_zero in (0.25777, 0.29289, 0.60507):
+        with pytest.raises(sb.InputError, match="coefficients"):
+            sb.SDIRK(pole_or_zero)
+    with pytest.raises(sb.InputError, match="theta"):
+        sb.Theta(0.3)
+
+
+def test_printed_forms_are_chosen_by_name_and_bad_names_are_refused():
+    assert str(sb.HHT(-0.1).printed()) == "hht(alpha=-0.1).printed(unweighted)"
+    assert sb.SDIRK().printed().sigma == -sb.SDIRK().sigma
+    with pytest.raises(sb.InputError, match="sigma"):
+        sb.SDIRK().printed("sigmaa")
+    with pytest.raises(sb.InputError, match="printed form"):
+        sb.BDF2().printed()
+
+
+def test_the_printed_stage_matrix_is_refused_where_it_is_unstable_and_second_order_where_not(three_masses, table10):
+    printed = sb.SDIRK(nystrom=True).printed("stage-matrix")
+    # The paper's own system is beyond the limit: w_max dt = 4.3.
+    with pytest.raises(sb.InputError, match=r"omega dt < 0\.13"):
+        sb.integrate(sb.semidiscretise(table10, 25), printed, 1e-4, 0.01)
+    load = np.array([1.0, 0.0, -1.0])
+    exact = exact_linear(
+        three_masses, np.array([2.0]), 1.3, load * np.cos(0.4), load * np.sin(0.4), np.array([0.0, 0.35, 0.35])
+    )
+    slope, _ = observed_order(three_masses, printed, [200, 280, 400, 560], (exact[0][0], exact[1][0]), 2.0)
+    assert abs(slope - 2.0) < 0.1
+
+
+def test_a_scheme_of_ones_own_runs_without_registration(three_masses):
+    class ImplicitMidpoint(sb.Scheme):
+        """k = f(t + dt/2, y + dt/2 k): its only node is not the end of the step."""
+
+        name = "midpoint"
+        nodes = (0.5,)
+
+        def step(self, equation, dt, z, forces):
+            k = equation.implicit_rate(dt / 2, z, forces[0])
+            return z + dt * k, [(z + dt / 2 * k)[0]]
+
+    scheme = ImplicitMidpoint()
+    load = np.array([1.0, 0.0, -1.0])
+    exact = exact_linear(
+        three_masses, np.array([4.0]), 1.3, load * np.cos(0.4), load * np.sin(0.4), np.array([0.0, 0.35, 0.35])
+    )
+    slope, _ = observed_order(three_masses, scheme, [200, 280, 400, 560], (exact[0][0], exact[1][0]), 4.0)
+    assert abs(slope - 2.0) < 0.1
