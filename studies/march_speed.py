@@ -77,7 +77,7 @@ def main() -> None:
     assert np.max(np.abs(check.tip - tip[: len(check.tip)])) < 1e-9, "the loop and the march are one scheme"
     print(f"NumPy loop with prefactored LU, HHT: {1e6 * loop:.1f} us a step")
     print(
-        f"{'scheme':18} {'march':>9} {'ratio':>7} {'whole run, every step kept':>28} {'ratio':>7}   multiply-adds a step"
+        f"{'scheme':18} {'march':>9} {'ratio':>7} {'whole run, every step kept':>27} {'ratio':>7}  multiply-adds a step"
     )
     for name, scheme, least in runs:
         march, whole = best[name]

@@ -274,3 +274,19 @@ def first_crossing(gap0, rate0, gap1, rate1):
             return high
         low = high
     return 1.0
+
+
+@compiled
+def crossing_times(u, before, after, steps, sides, g1, g2, dt, times):
+    """When in its step (0 to 1) each sampled impact crosses its stop, by the cubic Hermite interpolant.
+
+    u: (n + 1,) positions; steps, sides: (count,) as ``scan`` finds them; before, after: (count,) u' at
+    both ends of the step. Out: times (count,), in steps from u_0.
+    """
+    for i in range(steps.size):
+        k = steps[i]
+        side = sides[i]
+        stop = g2 if side > 0 else g1
+        gap0 = side * (stop - u[k - 1])
+        gap1 = side * (stop - u[k])
+        times[i] = k - 1 + first_crossing(gap0, -side * before[i] * dt, gap1, -side * after[i] * dt)

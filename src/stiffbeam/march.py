@@ -73,7 +73,7 @@ def integrate(
     for piece in pieces():
         _check_overflow(piece, scheme, dt, contact, omega_max)
         march_seconds += piece.seconds
-        here = outputs[(outputs > piece.first) & (outputs <= piece.first + len(piece.positions))]
+        here = outputs[piece.first // every + 1 : (piece.first + len(piece.positions)) // every + 1]
         positions[here // every] = piece.positions[here - piece.first - 1]
         velocities[here // every] = piece.velocities(here - piece.first)
         for i, sampler in enumerate(samplers):

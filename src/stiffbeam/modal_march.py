@@ -134,5 +134,6 @@ def warm_up(contacts: int) -> float:
         kernel.march_several(state, square, cube, square, square, law, law, law, *[empty] * 7)
     index = np.zeros(1, np.int64)
     kernel.scan(np.zeros(1), 0.0, 0.0, 1.0, 1.0, 0, index, index, np.zeros(1), np.zeros(1))
-    kernel.first_crossing(1.0, -1.0, 0.0, -1.0)
+    none = np.zeros(0, np.int64)
+    kernel.crossing_times(np.zeros(1), np.zeros(0), np.zeros(0), none, none, 0.0, 0.0, 1.0, np.zeros(0))
     return time.perf_counter() - begun

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from .arrays import Array
 from .contact import Stops
-from .kernel import first_crossing, scan
+from .kernel import crossing_times, scan
 from .trajectory import ContactRecord, Impacts
 
 
@@ -41,13 +41,10 @@ class SampledImpacts:
         self.peak = max(self.peak, float(np.max(peaks[: count + 1])))
         self.impulse += float(np.sum(impulses[: count + 1]))
         if count:
-            k = steps[1 : count + 1]
-            before, after = velocity(k - 1), velocity(k)
-            for step, side, v0, v1 in zip(k, sides[1 : count + 1], before, after, strict=True):
-                gap = (g2 if side > 0 else -g1) - side * path[step - 1 : step + 1]
-                s = first_crossing(gap[0], -side * v0 * self.dt, gap[1], -side * v1 * self.dt)
-                self.times.append((self.first_step + step - 1 + s) * self.dt)
-                self.sides.append(int(side))
+            k, stops, inside = steps[1 : count + 1], sides[1 : count + 1], np.empty(count)
+            crossing_times(path, velocity(k - 1), velocity(k), k, stops, g1, g2, self.dt, inside)
+            self.times += ((self.first_step + inside) * self.dt).tolist()
+            self.sides += stops.tolist()
             self.peaks += peaks[1 : count + 1].tolist()
             self.impulses += impulses[1 : count + 1].tolist()
         self.last = float(u[-1])

@@ -1,0 +1,193 @@
+"""Trajectories as files: what is saved comes back, and what is no such file is said to be none."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import stiffbeam as sb
+
+
+@pytest.fixture(scope="module")
+def system():
+    problem = sb.BeamProblem(stiffness=300.0, stops=sb.Stops(-0.001, 0.001, stiffness=2e7), base=sb.Harmonic(0.2, 10.0))
+    return sb.semidiscretise(problem, 10)
+
+
+@pytest.fixture(scope="module")
+def run(system):
+    return sb.integrate(system, sb.HHT(-0.1), 5e-5, 0.05)
+
+
+@pytest.fixture(scope="module")
+def exact(system):
+    return sb.reference(system, 0.05, t_eval=np.linspace(0.0, 0.05, 101))
+
+
+def assert_same(a, b):
+    """Every number and string that a file keeps, bit by bit."""
+    assert type(a) is type(b)
+    assert (a.label, a.fingerprint, a.provenance, a.work) == (b.label, b.fingerprint, b.provenance, b.work)
+    for name in ("t", "tip", "tip_velocity", "contact_force"):
+        np.testing.assert_array_equal(getattr(a, name), getattr(b, name))
+    assert len(a.contacts) == len(b.contacts)
+    for c, d in zip(a.contacts, b.contacts, strict=True):
+        assert (c.stops, c.impacts.kind) == (d.stops, d.impacts.kind)
+        for name in ("position", "velocity", "force", "fraction", "peak_force", "impulse"):
+            np.testing.assert_array_equal(getattr(c, name), getattr(d, name))
+        for name in ("times", "stops", "peaks", "impulses"):  # equal NaN count as equal
+            np.testing.assert_array_equal(getattr(c.impacts, name), getattr(d.impacts, name))
+        assert np.issubdtype(c.impacts.stops.dtype, np.integer)
+    for ledger in dataclasses.fields(a.energy):
+        np.testing.assert_array_equal(getattr(a.energy, ledger.name), getattr(b.energy, ledger.name))
+
+
+def test_a_scheme_run_comes_back_bit_by_bit(run, tmp_path):
+    assert run.impacts.count > 0
+    file = run.save(tmp_path / "folder" / "run.nc")  # the folder is made
+    assert file == tmp_path / "folder" / "run.nc"
+    assert_same(sb.load(file), run)
+
+
+def test_an_exact_reference_comes_back_with_its_horizon(exact, tmp_path):
+    assert exact.impacts.kind == "event"
+    assert exact.impacts.count > 0
+    loaded = sb.load(exact.save(tmp_path / "exact.nc"))
+    assert_same(loaded, exact)
+    assert loaded.horizon == exact.horizon > 0.0
+
+
+def test_a_reference_without_a_horizon_comes_back_without_one(exact, tmp_path):
+    unknown = dataclasses.replace(exact, horizon=float("nan"))
+    assert np.isnan(sb.load(unknown.save(tmp_path / "unknown.nc")).horizon)
+
+
+def test_a_loaded_run_can_be_saved_and_compared_again(run, exact, tmp_path):
+    once = sb.load(run.save(tmp_path / "once.nc"))
+    assert_same(sb.load(once.save(tmp_path / "twice.nc")), run)
+    fresh, stored = sb.compare(run, exact), sb.compare(once, exact)
+    assert stored.to_dict() == fresh.to_dict()
+
+
+def test_two_loaded_files_alone_cannot_be_compared(run, exact, tmp_path):
+    stored, reference = sb.load(run.save(tmp_path / "run.nc")), sb.load(exact.save(tmp_path / "exact.nc"))
+    with pytest.raises(sb.InputError, match="leave one trajectory with its system"):
+        sb.compare(stored, reference)
+
+
+def test_a_lower_stop_alone_comes_back(tmp_path):
+    problem = sb.paper_case(14).problem
+    run = sb.integrate(sb.semidiscretise(problem, 10), sb.HHT(-0.01), 5e-5, 0.05)
+    assert run.impacts.count > 0
+    loaded = sb.load(run.save(tmp_path / "one.nc"))
+    assert_same(loaded, run)
+    assert loaded.contacts[0].stops == sb.Stops(lower=-0.001, stiffness=7e6)
+    assert loaded.contacts[0].stops.upper is None
+
+
+def test_runs_without_impacts_and_without_contacts_come_back(system, tmp_path):
+    calm = sb.integrate(system, sb.BDF2(), 1e-5, 1e-4)
+    assert calm.impacts.count == 0
+    assert_same(sb.load(calm.save(tmp_path / "calm.nc")), calm)
+    free = sb.BeamProblem(stiffness=300.0, base=sb.Harmonic(0.2, 10.0))
+    contactless = sb.integrate(sb.semidiscretise(free, 8), sb.BDF2(), 1e-3, 0.05)
+    assert_same(sb.load(contactless.save(tmp_path / "free.nc")), contactless)
+
+
+def test_a_thinned_run_comes_back_at_its_output_times(system, tmp_path):
+    thin = sb.integrate(system, sb.HHT(), 5e-5, 0.02, every=8)
+    assert len(thin.t) == 51
+    assert_same(sb.load(thin.save(tmp_path / "thin.nc")), thin)
+
+
+def test_the_file_is_one_that_xarray_opens(run, tmp_path):
+    file = run.save(tmp_path / "run.nc")
+    with xr.open_dataset(file, engine="h5netcdf") as data:
+        assert dict(data.sizes) == {"time": 1001, "contact": 1, "impact": run.impacts.count}
+        np.testing.assert_array_equal(data["tip"], run.tip)
+        np.testing.assert_array_equal(data["time"], run.t)
+        np.testing.assert_array_equal(data["ledger_loss"], run.energy.loss)
+        assert all("long_name" in data[name].attrs for name in data.data_vars if name != "impact_contact")
+        assert run.label in data.attrs["title"]
+
+
+def test_saving_again_replaces_the_file(run, exact, tmp_path):
+    file = run.save(tmp_path / "one.nc")
+    exact.save(file)
+    assert isinstance(sb.load(file), sb.Reference)
+    assert [path.name for path in tmp_path.iterdir()] == ["one.nc"]
+
+
+@pytest.mark.parametrize("keep", [0, 4, 100, 0.25, 0.5, -1], ids=str)
+def test_a_truncated_file_is_named(run, tmp_path, keep):
+    file = run.save(tmp_path / "cut.nc")
+    whole = file.read_bytes()
+    file.write_bytes(whole[: int(keep * len(whole)) if isinstance(keep, float) else keep])
+    with pytest.raises(sb.InputError, match=r"^file must be a whole netCDF-4 file, got '.*cut\.nc'"):
+        sb.load(file)
+
+
+def test_what_is_no_trajectory_is_named(tmp_path):
+    text = tmp_path / "notes.nc"
+    text.write_text("not a netCDF file\n" * 100, encoding="utf-8")
+    with pytest.raises(sb.InputError, match=r"be a whole netCDF-4 file, got '.*notes\.nc'"):
+        sb.load(text)
+    other = tmp_path / "other.nc"
+    xr.Dataset({"temperature": ("x", np.arange(3.0))}).to_netcdf(other, engine="h5netcdf")
+    with pytest.raises(sb.InputError, match=r"be a stiffbeam trajectory of format 1, got '.*other\.nc'"):
+        sb.load(other)
+    for missing in (tmp_path / "none.nc", tmp_path):
+        with pytest.raises(sb.InputError, match="file must exist"):
+            sb.load(missing)
+
+
+def half_written(dataset, path, *args, **kwargs):
+    with open(path, "wb") as stream:
+        stream.write(b"half a file")
+    raise OSError(28, "No space left on device")
+
+
+def no_rename(*args):
+    raise PermissionError(13, "Permission denied")
+
+
+@pytest.mark.parametrize(
+    ("target", "failure"),
+    [("xarray.Dataset.to_netcdf", half_written), ("os.replace", no_rename)],
+    ids=["write", "rename"],
+)
+def test_a_failing_write_leaves_no_partial_file(run, exact, tmp_path, monkeypatch, target, failure):
+    old = exact.save(tmp_path / "old.nc")
+    before = old.read_bytes()
+    monkeypatch.setattr(target, failure)
+    for file in (old, tmp_path / "new.nc"):
+        with pytest.raises(OSError, match=r"No space|denied"):
+            run.save(file)
+    assert [path.name for path in tmp_path.iterdir()] == ["old.nc"]
+    assert old.read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("ask", "field"),
+    [
+        (lambda t: t.states, "states"),
+        (lambda t: t.displacement(0.5), "displacement(x)"),
+    ],
+    ids=["states", "displacement"],
+)
+def test_a_loaded_run_asked_for_states_says_what_to_do(run, exact, tmp_path, ask, field):
+    for trajectory, remedy in ((run, "integrate again"), (exact, "again")):
+        loaded = sb.load(trajectory.save(tmp_path / "stored.nc"))
+        with pytest.raises(sb.InputError, match=f"a loaded file.*{remedy}") as caught:
+            ask(loaded)
+        assert caught.value.field == field
+        assert caught.value.remedy
+
+
+def test_a_loaded_reference_asked_for_new_times_is_refused(exact, tmp_path):
+    loaded = sb.load(exact.save(tmp_path / "exact.nc"))
+    with pytest.raises(sb.InputError, match="new times"):
+        loaded.at(0.0123)
