@@ -105,7 +105,6 @@ def test_a_file_of_ones_own_is_shown_as_it_is(command, tmp_path):
     assert (code, out.strip()) == (0, MINE.strip())
 
 
-@pytest.mark.xfail(strict=True, raises=FileNotFoundError, reason="the name after the colon is taken as the file's")
 def test_a_named_case_of_a_file_can_be_shown(command, tmp_path):
     (tmp_path / "mine.toml").write_text(MINE, encoding="utf-8")
     code, out, _ = command("cases", "--show", "mine.toml:mine")
@@ -135,7 +134,7 @@ def test_compare_pipes_json_without_nan(piped):
     labels = [c["label"] for c in records["comparisons"]]
     assert labels == [
         "hht(alpha=-0.1)@displacement",
-        "sdirk(gamma=0.435867, nystrom=true)@displacement",
+        "sdirk(gamma=0.4359, nystrom=true)@displacement",
         "bdf2@displacement",
     ]
     assert [r["label"] for r in records["references"]] == ["exact@displacement"]
@@ -157,11 +156,11 @@ def test_compare_writes_picture_table_and_trajectories(piped):
         "comparison.txt",
         "exact-displacement.nc",
         "hht-alpha=-0.1-displacement.nc",
-        "sdirk-gamma=0.435867-nystrom=true-displacement.nc",
+        "sdirk-gamma=0.4359-nystrom=true-displacement.nc",
     ]
     assert_shows_curves(out / "comparison.png")
     table = words((out / "comparison.txt").read_text(encoding="utf-8"))
-    for name in ("exact (reference)", "hht(alpha=-0.1)", "sdirk(gamma=0.435867, nystrom=true)", "bdf2"):
+    for name in ("exact (reference)", "hht(alpha=-0.1)", "sdirk(gamma=0.4359, nystrom=true)", "bdf2"):
         assert name in table
     assert isinstance(sb.load(out / "exact-displacement.nc"), sb.Reference)
     system = sb.semidiscretise(sb.paper_case(10).problem, 25)
@@ -186,7 +185,6 @@ def test_options_replace_schemes_step_folder_and_records(command, tmp_path):
     assert "deep/folder/comparison.png" in out
 
 
-@pytest.mark.xfail(strict=True, reason="the horizon of a further reference is NaN, which json writes as NaN")
 def test_records_of_two_references_are_json_too(command, tmp_path):
     (tmp_path / "mine.toml").write_text(MOVING, encoding="utf-8")
     code, out, _ = command("compare", "mine.toml", "--references", "exact,dop853", "--json", "-")
@@ -195,7 +193,6 @@ def test_records_of_two_references_are_json_too(command, tmp_path):
     assert "NaN" not in out
 
 
-@pytest.mark.xfail(strict=True, reason="the spectrum of a motion that is zero has no logarithm")
 def test_a_beam_that_stays_at_rest_is_compared_without_warnings(command, tmp_path):
     (tmp_path / "mine.toml").write_text(MINE, encoding="utf-8")
     code, _, err = command("compare", "mine.toml", "--references", "exact")
@@ -209,7 +206,8 @@ def test_a_beam_that_stays_at_rest_is_compared_without_warnings(command, tmp_pat
 def overflow(tmp_path_factory):
     """Table 11 as printed, dt = 25e-5, with extrapolated contact, to where the first scheme overflows.
 
-    The runs grow by a factor of order 1e5 a step; SDIRK is the first to pass 1e100, at step 81.
+    From the first impact on the runs grow some thirtyfold a step; SDIRK is the first to pass 1e100, at
+    step 81, BDF2 and HHT follow two and four steps later.
     """
     folder = tmp_path_factory.mktemp("overflow")
     arguments = "compare table11 --dt 2.5e-4 --t-end 0.0205 --contact extrapolated --references exact --out here"
@@ -221,7 +219,7 @@ def test_a_run_that_overflows_is_named_with_its_time_and_the_remedy(overflow):
     said = words(process.stdout)
     assert process.returncode == 1
     assert process.stderr == ""
-    label = "sdirk(gamma=0.435867, nystrom=true)"
+    label = "sdirk(gamma=0.4359, nystrom=true)"
     assert f"failed {label}@displacement {label} overflowed at t = 0.02" in said
     assert "use contact='implicit' or a smaller dt (omega_max dt is" in said
     assert said.count("failed ") == 1
@@ -240,7 +238,6 @@ def test_the_other_runs_of_one_that_overflows_are_there(overflow):
     assert "overflowed at t = 0.02" in (folder / "comparison.txt").read_text(encoding="utf-8")
 
 
-@pytest.mark.xfail(strict=True, reason="an error of 1e100 % is written with a hundred digits and breaks the table")
 def test_a_run_that_grows_without_bound_leaves_the_table_readable(overflow):
     table = (overflow[1] / "comparison.txt").read_text(encoding="utf-8")
     row = next(line for line in table.splitlines() if line.strip().startswith("exact"))

@@ -81,7 +81,7 @@ def test_the_stage_equation_holds_to_rounding(stops, r, s):
     v = r + s * force
     g = max(abs(x) for x in (stops.g1, stops.g2) if math.isfinite(x))
     # v has the error eps (|r| + |s F|), F(v) kappa times that and its own eps |g|.
-    tolerance = 8.0 * EPS * (stops.stiffness * (abs(r) + abs(s * force) + g) + abs(force))
+    tolerance = 8.0 * EPS * (stops.stiffness * (abs(r) + abs(s * force) + g) + abs(force)) + 1e-300
     assert abs(force - stops.force(v)) <= tolerance
     assert force * stops.force(r) >= 0.0
     assert abs(force) <= abs(stops.force(r)) * (1 + 4 * EPS)  # the compliance only yields
@@ -158,17 +158,18 @@ def by_enumeration(r, S, stops):
             wrong = max(wrong, inside if k == 0 else max(0.0, stop.g2 - x if k > 0 else x - stop.g1))
         if wrong < best:
             best, found = wrong, force
-    assert best < 1e-12  # one regime is consistent
+    # One regime is consistent, up to the rounding of its positions.
+    assert best < 1e-14 * (5.0 + np.max(np.abs(S)) * np.max(np.abs(found)))
     return found
 
 
 @st.composite
-def several(draw, most_ill=2.0):
-    """Positions, an SPD compliance of condition up to 10^most_ill, and stops, for m = 2 or 3."""
+def several(draw):
+    """Positions, an SPD compliance of condition up to 1e8, and stops, for m = 2 or 3."""
     m = draw(st.sampled_from([2, 3]))
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     Q, _ = np.linalg.qr(rng.normal(size=(m, m)))
-    S = (Q * np.logspace(0.0, -draw(st.floats(0.0, most_ill)), m)) @ Q.T * 10.0 ** draw(st.floats(-9.0, 0.0))
+    S = (Q * np.logspace(0.0, -draw(st.floats(0.0, 8.0)), m)) @ Q.T * 10.0 ** draw(st.floats(-9.0, 0.0))
     r = rng.uniform(-3.0, 3.0, m)
     stops = []
     for c in range(m):
@@ -186,29 +187,21 @@ def several(draw, most_ill=2.0):
     return r, 0.5 * (S + S.T), stops
 
 
-def arrays(stops):
-    return tuple(np.array([getattr(s, name) for s in stops], float) for name in ("stiffness", "g1", "g2"))
-
-
 def close(a, b, S, stops):
-    """Equal to rounding: eps in a position is kappa/(1 + kappa s) eps in a force, times the condition."""
-    kappa = np.array([s.stiffness for s in stops])
-    stiffest = np.max(kappa / (1.0 + kappa * np.linalg.eigvalsh(S)[0]))
-    return np.max(np.abs(a - b)) <= 1e-13 * (5.0 * stiffest + np.max(np.abs(a)) * np.linalg.cond(S))
+    """Equal to rounding: both solve (1/kappa + S) F = g - r, whose inverse turns errors into forces."""
+    matrix = np.diag([1.0 / s.stiffness for s in stops]) + S
+    error = 1e-14 * (5.0 + np.linalg.norm(matrix) * np.max(np.abs(a)))
+    return np.max(np.abs(a - b)) <= np.linalg.norm(np.linalg.inv(matrix)) * error
 
 
 @settings(max_examples=200, deadline=None)
 @given(several())
 def test_several_contacts_are_solved_as_by_trying_all_regimes(case):
     r, S, stops = case
-    assert close(by_enumeration(r, S, stops), solve_several(r, S, stops), S, stops)
-
-
-@settings(max_examples=200, deadline=None)
-@given(several())
-def test_the_compiled_node_solver_equals_the_plain_one(case):
-    r, S, stops = case
-    assert close(solve_several(r, S, stops), solve_node(r, S, *arrays(stops)), S, stops)
+    force = solve_several(r, S, stops)
+    assert close(by_enumeration(r, S, stops), force, S, stops)
+    law = (np.array([getattr(s, name) for s in stops]) for name in ("stiffness", "g1", "g2"))
+    assert np.array_equal(solve_node(r, S, *law), force)  # the march's own call
 
 
 @given(any_stops(), POSITIONS, st.floats(-9.0, 1.0))
@@ -217,11 +210,7 @@ def test_one_contact_among_several_is_the_closed_form(stops, r, exponent):
     closed = float(stops.solve(r, s))
     # The penetration may cancel: its error is eps (|r| + |g|), with |g| < 4.
     tolerance = 8.0 * EPS * (stops.stiffness / (1.0 + stops.stiffness * s) * (abs(r) + 4.0) + abs(closed))
-    for force in (
-        solve_several(np.array([r]), np.array([[s]]), [stops]),
-        solve_node(np.array([r]), np.array([[s]]), *arrays([stops])),
-    ):
-        assert abs(force[0] - closed) <= tolerance
+    assert abs(solve_several(np.array([r]), np.array([[s]]), [stops])[0] - closed) <= tolerance + 1e-300
 
 
 def test_contacts_that_do_not_feel_each_other_are_solved_one_by_one():
@@ -236,7 +225,6 @@ def test_open_contacts_exert_no_force():
     S = np.array([[2.0, 1.0], [1.0, 2.0]])
     for r in ([0.0, 0.1], [-0.1, 0.2]):
         assert not np.any(solve_several(np.array(r), S, stops))
-        assert not np.any(solve_node(np.array(r), S, *arrays(stops)))
 
 
 def test_a_contact_may_open_or_close_another():
@@ -248,29 +236,20 @@ def test_a_contact_may_open_or_close_another():
     assert np.allclose(v, [0.1, -0.1], atol=1e-5)
 
 
-SOLVERS = [
-    pytest.param(lambda r, S, stops: solve_several(r, S, stops), id="plain"),
-    pytest.param(lambda r, S, stops: solve_node(r, S, *arrays(stops)), id="compiled"),
-]
-
-
-@pytest.mark.parametrize("solve", SOLVERS)
-@pytest.mark.xfail(strict=True, reason="the sweeps crawl where the compliance is ill-conditioned, and are returned")
-def test_three_stops_near_the_tip_of_a_slowly_loaded_cantilever_are_solved(solve):
-    """Static compliance of a cantilever at x = 0.9, 0.95, 1: condition 7e4."""
+def test_three_stops_near_the_tip_of_a_slowly_loaded_cantilever_are_solved():
+    """Static compliance of a cantilever at x = 0.9, 0.95, 1: condition 7e4, where plain sweeps crawl."""
     x = np.array([0.9, 0.95, 1.0])
     near, far = np.minimum.outer(x, x), np.maximum.outer(x, x)
     S = near**2 * (3.0 * far - near) / 6.0
     stops = [sb.Stops(-0.1, 0.1, stiffness=1e6)] * 3
     rng = np.random.default_rng(0)
     for r in rng.normal(size=(100, 3)) * 0.3:
-        assert close(by_enumeration(r, S, stops), solve(r, S, stops), S, stops)
+        assert close(by_enumeration(r, S, stops), solve_several(r, S, stops), S, stops)
 
 
-@pytest.mark.parametrize("solve", SOLVERS)
-def test_two_contacts_at_one_point_share_the_force(solve):
+def test_two_contacts_at_one_point_share_the_force():
     """A singular compliance: the same point touches two equal springs, twice as stiff as one."""
     stops = [sb.Stops(-0.1, 0.1, stiffness=1e4)] * 2
     S = np.full((2, 2), 1e-3)
     total = float(sb.Stops(-0.1, 0.1, stiffness=2e4).solve(0.5, 1e-3))
-    assert np.allclose(solve(np.array([0.5, 0.5]), S, stops), total / 2.0, rtol=1e-12)
+    assert np.allclose(solve_several(np.array([0.5, 0.5]), S, stops), total / 2.0, rtol=1e-12)

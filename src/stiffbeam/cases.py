@@ -51,8 +51,8 @@ def find_case(name: str) -> Case:
     known = paper_cases()
     if name in known:
         return known[name]
-    file, _, wanted = name.partition(".toml:") if ".toml:" in name else (name, "", "")
-    file += ".toml" if wanted else ""
+    file = case_file(name)
+    wanted = name[len(file) + 1 :]
     if file.endswith(".toml") or Path(file).is_file():
         cases = load_cases(Path(file))
         if wanted:
@@ -63,6 +63,12 @@ def find_case(name: str) -> Case:
             raise InputError("case", name, "name one case of the file", f"{name}:" + f" or {name}:".join(cases))
         return next(iter(cases.values()))
     raise InputError("case", name, "be a table of the paper or a TOML file", near(name, known))
+
+
+def case_file(name: str) -> str:
+    """The file in ``file.toml`` or ``file.toml:case``."""
+    head, separator, _ = name.partition(".toml:")
+    return head + ".toml" if separator else name
 
 
 @cache
@@ -82,6 +88,8 @@ def load_cases(file: Path) -> dict[str, Case]:
         data = tomllib.loads(file.read_text(encoding="utf-8"))
     except FileNotFoundError:
         raise InputError("case file", str(file), "exist") from None
+    except OSError as error:
+        raise InputError("case file", str(file), "be a readable file", str(error)) from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise InputError("case file", str(file), "be valid TOML", str(error)) from None
     return _parse(data, str(file))
@@ -135,6 +143,8 @@ def _parse(data: dict[str, Any], source: str) -> dict[str, Case]:
     if unknown:
         raise InputError(f"{source}: {min(unknown)}", data[min(unknown)], "stand inside a [[case]] table")
     for entry in entries:
+        if not isinstance(entry, dict):
+            raise InputError(f"{source}: case", entry, "be a table", "write [[case]]")
         case = _Reader(entry, f"{source}: {entry.get('name', 'case')}").case()
         if case.name in cases:
             raise InputError(f"{source}: name", case.name, "be given once")
@@ -240,6 +250,9 @@ class _Reader:
             self.number(key)
         stops, base = self.sub("stops"), self.sub("base")
         loads = self.get("loads", list, "be a list of tables", [])
+        for i, load in enumerate(loads):
+            if not isinstance(load, dict):
+                raise self.error(f"loads[{i}]", load, "be a table", "write { position = ..., amplitude = ..., ... }")
         return self.build(
             BeamProblem.from_physical if physical else BeamProblem,
             **numbers,

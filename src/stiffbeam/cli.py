@@ -26,13 +26,13 @@ def cases(
     as_json: Annotated[bool, typer.Option("--json", help="for programs")] = False,
 ) -> None:
     """List the paper's cases."""
-    from .cases import find_case, paper_cases, paper_text
+    from .cases import case_file, find_case, paper_cases, paper_text
 
     if show is not None:
         name = find_case(show).name
         blocks = paper_text().split("[[case]]")[1:]
         block = next((b for b in blocks if f'name = "{name}"\n' in b), None)
-        print("[[case]]" + block.rstrip() if block else Path(show).read_text(encoding="utf-8"))
+        print("[[case]]" + block.rstrip() if block else Path(case_file(show)).read_text(encoding="utf-8").rstrip())
         return
     listed = paper_cases().values()
     if as_json:
@@ -86,10 +86,16 @@ def compare(
             positive(name, value)
     runs = None if schemes is None else [_like_case(parse_run(text), text, chosen) for text in split_runs(schemes)]
     names = [name.strip() for name in references.split(",") if name.strip()]
+    folder = out if out is not None else Path("stiffbeam-output") / chosen.name
+    written: list[Path] = []
     with _progress() as progress:
-        result = compare_case(chosen, runs, names, contact, dt, t_end, progress)
-        folder = out if out is not None else Path("stiffbeam-output") / chosen.name
-        written = _write(result, folder, progress)
+        # Each trajectory is saved as soon as it is there: an interrupt loses only the one that is running.
+        result = compare_case(
+            chosen, runs, names, contact, dt, t_end, progress,
+            keep=lambda run: written.append(run.save(folder / f"{_file_name(run.label)}.nc")),
+        )  # fmt: skip
+        progress("drawing", 0, 0)
+        written += _draw(result, folder)
     records = json.dumps(result.to_dict(), indent=2)
     if json_file is not None and str(json_file) == "-":
         print(records)
@@ -113,27 +119,21 @@ def _like_case(run, text: str, case):
     return run
 
 
-def _write(result, folder: Path, progress) -> list[Path]:
+def _draw(result, folder: Path) -> list[Path]:
+    """The picture and the table as files."""
+    from rich.console import Console
+
     from .report import comparison_tables
 
     written = []
-    total = len(result.runs) + len(result.references)
-    for i, trajectory in enumerate([*result.runs, *result.references]):
-        progress("saving trajectories", i, total)
-        written.append(trajectory.save(folder / f"{_file_name(trajectory.label)}.nc"))
     if result.references:
         from .figures import four_panels, save_figure
 
-        progress("drawing", 0, 0)
         form = result.references[0].provenance["form"]
-        same = [r for r in result.runs if r.provenance["form"] == form]
-        others = [r for r in result.runs if r.provenance["form"] != form]
-        title = f"{result.case.name}: {result.case.title} (dt = {result.case.dt:g}, {result.case.cells} cells)"
+        runs = sorted(result.runs, key=lambda run: run.provenance["form"] != form)
         drawn = [r for r in result.references if r.provenance["form"] == form]
-        picture = folder / "comparison.png"
-        written.append(save_figure(four_panels(title, [*same, *others], drawn), picture))
-    from rich.console import Console
-
+        title = f"{result.case.name}: {result.case.title} (dt = {result.case.dt:g}, {result.case.cells} cells)"
+        written.append(save_figure(four_panels(title, runs, drawn), folder / "comparison.png"))
     table = folder / "comparison.txt"
     table.parent.mkdir(parents=True, exist_ok=True)
     with table.open("w", encoding="utf-8") as stream:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -91,31 +92,14 @@ class Contact:
         object.__setattr__(self, "row", row)
 
 
-def solve_several(r: Array, compliance: Array, stops: list[Stops] | tuple[Stops, ...]) -> Array:
+def solve_several(r: Array, compliance: Array, stops: Sequence[Stops]) -> Array:
     """The forces F with v = r + S F, F_c = F_c(v_c), for m contacts at once.
 
     r: (m,) positions without contact force; S = ``compliance``: (m, m), symmetric positive
-    semidefinite. The map is the gradient of a strictly convex function, so the solution is unique.
-    Gauss-Seidel sweeps find the active set, one linear solve per guess finishes it exactly.
+    semidefinite. The forces minimise a strictly convex function, so there is one solution; it is found
+    by a finite active-set method (see kernel.solve_node).
     """
-    m = len(stops)
-    force = np.zeros(m)
-    if all(s.g1 <= x <= s.g2 for s, x in zip(stops, r, strict=True)):
-        return force
-    for _ in range(1000):
-        for c, stop in enumerate(stops):
-            rest = r[c] + compliance[c] @ force - compliance[c, c] * force[c]
-            force[c] = stop.solve(rest, compliance[c, c])
-        v = r + compliance @ force
-        chi = np.array([int(stop.state(x)) for stop, x in zip(stops, v, strict=True)])
-        active = np.flatnonzero(chi)
-        gap = np.array([stops[c].g2 if chi[c] > 0 else stops[c].g1 for c in active])
-        kappa = np.array([stops[c].stiffness for c in active])
-        # On the active set F_a = kappa (g - r - S_aa F_a): one m x m system.
-        exact = np.zeros(m)
-        matrix = np.eye(len(active)) + kappa[:, None] * compliance[np.ix_(active, active)]
-        exact[active] = np.linalg.solve(matrix, kappa * (gap - r[active]))
-        v = r + compliance @ exact
-        if all(int(stop.state(x)) == k for stop, x, k in zip(stops, v, chi, strict=True)):
-            return exact
-    return force  # the last bits of a position on the edge of a stop kept the active set from settling
+    from .kernel import solve_node
+
+    law = (np.array([getattr(stop, name) for stop in stops]) for name in ("stiffness", "g1", "g2"))
+    return solve_node(np.ascontiguousarray(r), np.ascontiguousarray(compliance), *law)

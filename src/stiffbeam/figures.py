@@ -135,10 +135,10 @@ def _draw_spectra(axis, runs, references, frequencies) -> None:
         axis.set_xlabel(f"angular frequency, in multiples of the drive a = {drive:g}")
     else:
         axis.set_xlabel("angular frequency")
-    axis.set_yscale("log")
     visible = [line.get_ydata()[line.get_xdata() <= axis.get_xlim()[1]] for line in axis.get_lines()]
-    if visible:
-        top = max(float(np.max(y)) for y in visible)
+    top = max((float(np.max(y)) for y in visible), default=0.0)
+    if top > 0.0:  # a beam that stays at rest has no logarithm
+        axis.set_yscale("log")
         axis.set_ylim(top * 1e-4, top * 2.0)
     axis.set_ylabel("amplitude of $u(1, t)$")
     title = f"(d) spectrum, t to {whole:g} (one realisation)" if np.isfinite(whole) else "(d) spectrum"

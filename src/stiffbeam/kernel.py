@@ -14,6 +14,22 @@ from .compiled import compiled
 
 
 @compiled
+def advance(z, transition, drive, drive_state, b, z_new):
+    """z_new = transition z + g drive_state with g = drive[b]: a block without contact."""
+    a, n = transition.shape[0], transition.shape[2]
+    for d in range(z.size):
+        z_new[d] = 0.0
+    for k in range(drive.shape[1]):
+        g = drive[b, k]
+        for d in range(z.size):
+            z_new[d] += g * drive_state[k, d]
+    for c in range(a):
+        for e in range(a):
+            for j in range(n):
+                z_new[c * n + j] += transition[c, e, j] * z[e * n + j]
+
+
+@compiled
 def march(
     z, reading, transition, push, push_state, kappa, g1, g2,
     drive, drive_state, inflow, inflow_state, entries, forces, starts,
@@ -27,12 +43,12 @@ def march(
     blocks, R = entries.shape
     D = z.size
     N = push.shape[0]
-    a, n = transition.shape[0], transition.shape[2]
+    modal = transition.shape[0] * transition.shape[2]  # x = (z, g, padding), z the first of them
     z_new = np.empty(D)
     for b in range(blocks):
         w = entries[b]
         for k in range(drive.shape[1]):
-            z[a * n + k] = drive[b, k]
+            z[modal + k] = drive[b, k]
         for r in range(0, R, 8):
             s0 = s1 = s2 = s3 = s4 = s5 = s6 = s7 = 0.0
             for d in range(D):
@@ -53,21 +69,12 @@ def march(
             w[r + 5] = s5
             w[r + 6] = s6
             w[r + 7] = s7
-        for d in range(D):
-            z_new[d] = 0.0
-        for k in range(drive.shape[1]):
-            g = drive[b, k]
-            for d in range(D):
-                z_new[d] += g * drive_state[k, d]
+        advance(z, transition, drive, drive_state, b, z_new)
         if inflow.shape[0]:
             for r in range(R):
                 w[r] += inflow[b, r]
             for d in range(D):
                 z_new[d] += inflow_state[b, d]
-        for c in range(a):
-            for e in range(a):
-                for j in range(n):
-                    z_new[c * n + j] += transition[c, e, j] * z[e * n + j]
         for i in range(N):
             r = w[i]
             force = 0.0
@@ -93,32 +100,23 @@ def march_several(
     D = z.size
     N = push.shape[0]
     m = kappa.size
-    a, n = transition.shape[0], transition.shape[2]
+    modal = transition.shape[0] * transition.shape[2]
     z_new = np.empty(D)
     for b in range(blocks):
         w = entries[b]
         for k in range(drive.shape[1]):
-            z[a * n + k] = drive[b, k]
+            z[modal + k] = drive[b, k]
         for r in range(R):
             total = 0.0
             for d in range(D):
                 total += z[d] * reading[r, d]
             w[r] = total
-        for d in range(D):
-            z_new[d] = 0.0
-        for k in range(drive.shape[1]):
-            g = drive[b, k]
-            for d in range(D):
-                z_new[d] += g * drive_state[k, d]
+        advance(z, transition, drive, drive_state, b, z_new)
         if inflow.shape[0]:
             for r in range(R):
                 w[r] += inflow[b, r]
             for d in range(D):
                 z_new[d] += inflow_state[b, d]
-        for c in range(a):
-            for e in range(a):
-                for j in range(n):
-                    z_new[c * n + j] += transition[c, e, j] * z[e * n + j]
         for first in range(0, N, m):
             touched = False
             for c in range(m):
@@ -139,38 +137,60 @@ def march_several(
 
 @compiled
 def solve_node(r, compliance, kappa, g1, g2):
-    """The forces F with v = r + S F and F_c = F_c(v_c): contact.solve_several, compiled.
+    """The forces F (m,) with v = r + S F and F_c = F_c(v_c), S symmetric positive semidefinite.
 
-    Gauss-Seidel finds the active set of a strictly convex problem; one linear solve then finishes it.
+    They minimise 1/2 F^T S F + r^T F + sum_c (F_c^2/(2 kappa_c) - g_c F_c), g_c the stop that F_c comes
+    from. Lawson and Hanson's active set: close the contact that penetrates most, solve for the closed
+    ones, and go only as far as no force changes sign, opening those that reach zero. It ends because
+    the minimum over the closed contacts falls at every turn.
     """
     m = r.size
     force = np.zeros(m)
-    exact = np.zeros(m)
-    for _ in range(1000):
+    side = np.zeros(m)  # +1 on the upper stop, -1 on the lower, 0 open
+    for _ in range(20 * m):
+        worst = 0.0
+        entering = -1
+        stop = 0.0
         for c in range(m):
-            rest = r[c]
-            for e in range(m):
-                if e != c:
-                    rest += compliance[e, c] * force[e]
-            force[c] = kappa[c] / (1.0 + kappa[c] * compliance[c, c]) * (min(max(rest, g1[c]), g2[c]) - rest)
-        matrix = np.eye(m)
-        right = np.zeros(m)
-        for c in range(m):
-            if force[c] != 0.0:
-                gap = g2[c] if force[c] < 0.0 else g1[c]
-                right[c] = kappa[c] * (gap - r[c])
+            if side[c] == 0.0:
+                v = r[c]
                 for e in range(m):
-                    matrix[c, e] += kappa[c] * compliance[e, c]
-        exact = np.linalg.solve(matrix, right)
-        settled = True
-        for c in range(m):
-            v = r[c]
-            for e in range(m):
-                v += compliance[e, c] * exact[e]
-            chi = 1.0 if v > g2[c] else (-1.0 if v < g1[c] else 0.0)
-            settled = settled and np.sign(force[c]) == -chi
-        if settled:
-            return exact
+                    v += compliance[e, c] * force[e]
+                depth = max(v - g2[c], g1[c] - v)
+                if depth > 1e-15 * abs(v) and kappa[c] * depth > worst:
+                    worst = kappa[c] * depth
+                    entering = c
+                    stop = 1.0 if v > g2[c] else -1.0
+        if entering < 0:
+            break
+        side[entering] = stop
+        while True:
+            # (1/kappa + S) F = g - r on the closed contacts, the others left at zero.
+            matrix = np.eye(m)
+            right = np.zeros(m)
+            for c in range(m):
+                if side[c] != 0.0:
+                    right[c] = (g2[c] if side[c] > 0.0 else g1[c]) - r[c]
+                    matrix[c, c] = 1.0 / kappa[c] + compliance[c, c]
+                    for e in range(m):
+                        if e != c and side[e] != 0.0:
+                            matrix[c, e] = compliance[e, c]
+            target = np.linalg.solve(matrix, right)
+            way = 1.0
+            opening = -1
+            for c in range(m):
+                if side[c] != 0.0 and target[c] * side[c] >= 0.0:  # the force opposes its side
+                    part = force[c] / (force[c] - target[c]) if force[c] != target[c] else 0.0
+                    if opening < 0 or part < way:
+                        way = part
+                        opening = c
+            if opening < 0:
+                force = target
+                break
+            for c in range(m):
+                force[c] += way * (target[c] - force[c])
+            force[opening] = 0.0
+            side[opening] = 0.0
     return force
 
 
@@ -183,21 +203,12 @@ def fill(z, transition, push_state, forces, drive, drive_state, inflow_state, st
     states (steps, D).
     """
     D = z.size
-    a, n = transition.shape[0], transition.shape[2]
     for k in range(forces.shape[0]):
         new = states[k]
-        for d in range(D):
-            new[d] = 0.0
-        for i in range(drive.shape[1]):
-            for d in range(D):
-                new[d] += drive[k, i] * drive_state[i, d]
+        advance(z, transition, drive, drive_state, k, new)
         if inflow_state.shape[0]:
             for d in range(D):
                 new[d] += inflow_state[k, d]
-        for c in range(a):
-            for e in range(a):
-                for j in range(n):
-                    new[c * n + j] += transition[c, e, j] * z[e * n + j]
         for i in range(forces.shape[1]):
             force = forces[k, i]
             if force != 0.0:

@@ -118,11 +118,11 @@ class BeamProblem:
         u = np.asarray(self.initial_displacement(np.array([0.0, step, 0.25, 0.5, 0.75, 1.0])), float)
         if u.shape != (6,) or not np.all(np.isfinite(u)):
             raise InputError("initial_displacement", u, "return one finite value per x")
-        scale = max(1e-300, float(np.max(np.abs(u - phi0))))
+        scale = max(1e-300, abs(phi0), float(np.max(np.abs(u))))
         if abs(u[0] - phi0) > 1e-9 * scale:
             raise InputError("initial_displacement", u[0], f"equal the base motion phi(0) = {phi0} at x = 0")
         # A smooth profile with u0'(0) = 0 moves by O(step^2) only.
-        if abs(u[1] - u[0]) > 0.02 * step * scale:
+        if abs(u[1] - u[0]) > 0.02 * step * float(np.max(np.abs(u - u[0]))) + 1e-14 * scale:
             raise InputError("initial_displacement", (u[1] - u[0]) / step, "have zero slope at the clamp x = 0")
 
     @classmethod

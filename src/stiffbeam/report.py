@@ -23,7 +23,10 @@ def number(value: float, digits: int = 3) -> str:
 
 
 def percent(value: float) -> str:
-    return DASH if not np.isfinite(value) else f"{100 * value + 0.0:.1f} %".replace("-0.0", "0.0")
+    """Per cent with one digit, or in powers of ten where that would be a long number."""
+    if not np.isfinite(value):
+        return DASH
+    return f"{100 * value:.1e} %" if abs(value) > 1e3 else f"{100 * value + 0.0:.1f} %".replace("-0.0 ", "0.0 ")
 
 
 def _lag(comparison: Comparison) -> str:

@@ -129,8 +129,8 @@ def velocity_curvature_matrices(M: int) -> tuple[Array, Array, Array, Array]:
     """P, Q, L, R of (3.12), each (M, M): w_0..w_{M-1} = L s-integrated, P R = L^T Q."""
     h = 1.0 / M
     interior = np.eye(M - 1) * 4.0 / 3.0 - (np.eye(M - 1, k=1) + np.eye(M - 1, k=-1)) / 6.0
-    P: Array = h * scipy.linalg.block_diag(interior, 1.0 / 3.0)
-    Q: Array = h * scipy.linalg.block_diag(1.0 / 3.0, interior)
+    P = h * np.asarray(scipy.linalg.block_diag(interior, 1.0 / 3.0))
+    Q = h * np.asarray(scipy.linalg.block_diag(1.0 / 3.0, interior))
     L = np.zeros((M, M))  # acts on s_1..s_M, s_0 = 0
     L[0, :2] = (4.0, -0.5)  # (3.9)
     for i in range(1, M):

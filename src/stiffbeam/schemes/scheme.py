@@ -60,19 +60,15 @@ class Scheme(ABC):
 
     @property
     def parameters(self) -> dict[str, Any]:
-        """The scheme's parameters by name, for labels and provenance."""
+        """The arguments that make this scheme again, for labels and provenance."""
         return {}
 
     def __str__(self) -> str:
-        inside = ", ".join(f"{k}={_short(v)}" for k, v in self.parameters.items())
+        inside = ", ".join(f"{name}={str(value).lower()}" for name, value in self.parameters.items())
         label = f"{self.name}({inside})" if inside else self.name
         return f"{label}.printed({self.erratum})" if self.erratum else label
 
     __repr__ = __str__
-
-
-def _short(value: Any) -> str:
-    return f"{value:.6g}" if isinstance(value, float) else str(value).lower()
 
 
 def in_interval(field: str, value: Any, low: float, high: float, remedy: str = "") -> float:

@@ -76,7 +76,8 @@ class SDIRK(Scheme):
 
     @property
     def parameters(self):
-        return {"gamma": self.gamma} | ({"nystrom": True} if self.nystrom else {})
+        gamma = 0.4359 if self.gamma == GAMMA_THIRD_ORDER else self.gamma
+        return {"gamma": gamma} | ({"nystrom": True} if self.nystrom else {})
 
     def step(self, equation, dt, z, forces):
         return (self._step_nystrom if self.nystrom else self._step_rates)(equation, dt, z, forces)

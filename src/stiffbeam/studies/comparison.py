@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -13,7 +13,7 @@ from ..march import integrate
 from ..measures.comparison import Comparison, compare
 from ..schemes import BDF2, HHT, SDIRK, Scheme
 from ..semidiscretisation import semidiscretise
-from ..solvers import METHODS, reference, solve
+from ..solvers import METHODS, reference
 from ..system import System
 from ..trajectory import Diverged, Reference, SolverFailure, Trajectory
 from ..validation import InputError, near
@@ -67,12 +67,13 @@ def compare_case(
     dt: float | None = None,
     t_end: float | None = None,
     progress: Progress = lambda what, done, total: None,
+    keep: Callable[[Trajectory], None] = lambda trajectory: None,
 ) -> CaseComparison:
     """Run every scheme over the case's time span and hold it against a reference of the same form.
 
     The first of ``references`` that can take the system is the yardstick over the whole span; the
     others run to its horizon only and are compared like the schemes. A run that fails is reported and
-    the others go on.
+    the others go on. ``keep`` is called with every trajectory as soon as it is finished.
     """
     case = replace(case, dt=dt or case.dt, t_end=t_end or case.t_end)
     for name in references:
@@ -96,11 +97,14 @@ def compare_case(
                 result.failures.append((label, str(error)))
                 continue
             result.runs.append(run)
+            keep(run)
             if yardstick is not None:
                 progress(f"measuring {label}", 0, 0)
                 result.comparisons.append(compare(run, yardstick))
         if yardstick is not None:
-            _further_references(system, case, references, yardstick, result, progress)
+            keep(yardstick)
+            for further in _further_references(system, case, references, yardstick, result, progress):
+                keep(further)
     return result
 
 
@@ -129,7 +133,7 @@ def _further_references(
     yardstick: Reference,
     result: CaseComparison,
     progress: Progress,
-) -> None:
+) -> Iterator[Reference]:
     window = min(case.t_end, yardstick.horizon)
     steps = int(np.floor(window / case.dt * (1 + 1e-12)))
     if steps < 2:
@@ -142,9 +146,10 @@ def _further_references(
         label = f"{method}@{system.form}"
         progress(f"{label} to the horizon {window:.3g}", 0, 0)
         try:
-            further = solve(system, float(times[-1]), method, times, 1e-10, None)
+            further = reference(system, float(times[-1]), method, times)
         except (InputError, SolverFailure) as error:
             result.failures.append((label, str(error)))
             continue
         result.references.append(further)
         result.comparisons.append(compare(further, yardstick))
+        yield further
