@@ -142,6 +142,17 @@ class System:
         build = self.build_first_order or interleaved
         return build(self)
 
+    def descriptor(self) -> tuple[Array, FirstOrderSystem]:
+        """(E, right) with E y' = right(t, y), y = (q_1, q_1', ..., q_n, q_n'), no mass inverted.
+
+        E is (2n, 2n): the identity on the positions, M on the velocities.
+        """
+        n = self.size
+        q, v = slice(0, 2 * n, 2), slice(1, 2 * n, 2)
+        E = np.zeros((2 * n, 2 * n))
+        E[q, q], E[v, v] = np.eye(n), self.mass
+        return E, interleaved(self, inverse=lambda x: x)
+
     def rhs(self, t: float, y: Array) -> Array:
         """The method-of-lines right-hand side in first-order form."""
         return self._first_order.rhs(t, y)
@@ -229,12 +240,11 @@ class FirstOrderSystem:
         return int(max(0, np.max(i - j))), int(max(0, np.max(j - i)))
 
 
-def interleaved(system: System) -> FirstOrderSystem:
-    """y = (q_1, q_1', ..., q_n, q_n'), the order of (3.5)."""
+def interleaved(system: System, inverse: Callable[[Array], Array] | None = None) -> FirstOrderSystem:
+    """y = (q_1, q_1', ..., q_n, q_n'), the order of (3.5); ``inverse`` stands for M^-1."""
     n = system.size
     q, v = slice(0, 2 * n, 2), slice(1, 2 * n, 2)
-    solve = np.linalg.inv(system.mass) if np.any(system.mass - np.diag(np.diag(system.mass))) else None
-    divide = (lambda x: solve @ x) if solve is not None else (lambda x: (x.T / np.diag(system.mass)).T)
+    divide = inverse or _inverse_mass(system.mass)
 
     def column(vector: Array) -> Array:
         out = np.zeros(2 * n)
@@ -265,6 +275,14 @@ def interleaved(system: System) -> FirstOrderSystem:
         to_v=to_v,
         system=system,
     )
+
+
+def _inverse_mass(mass: Array) -> Callable[[Array], Array]:
+    diagonal = np.diag(mass)
+    if not np.any(mass - np.diag(diagonal)):
+        return lambda x: (x.T / diagonal).T
+    inverse = np.linalg.inv(mass)
+    return lambda x: inverse @ x
 
 
 def offset_values(offset: LoadFunction | None, t: ArrayLike) -> Array:

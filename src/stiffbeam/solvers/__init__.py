@@ -9,7 +9,7 @@ from ..system import System
 from ..trajectory import Reference
 from ..validation import InputError, near
 
-METHODS = ("exact", "cvode", "cvode-adams", "dop853", "radau")
+METHODS = ("exact", "cvode", "cvode-adams", "ida", "kvaerno3", "kvaerno5", "dop853", "radau")
 
 
 def reference(
@@ -22,8 +22,9 @@ def reference(
 ) -> Reference:
     """A reference solution on [0, t_end], with the horizon to which it can be trusted.
 
-    method: "exact" (piecewise linear, closed form between switches), "cvode" (BDF) and "cvode-adams"
-    (SUNDIALS), "dop853" and "radau" (SciPy). t_eval: output times, default 2001 equidistant; the exact
+    method: "exact" (piecewise linear, closed form between switches); "cvode" (BDF), "cvode-adams" and
+    "ida" (BDF on the residual, no mass inverted) of SUNDIALS; "kvaerno3" and "kvaerno5" (ESDIRK,
+    diffrax); "dop853" and "radau" (SciPy). t_eval: output times, default 2001 equidistant; the exact
     solution answers ``at`` any time, the others at t_eval only. rtol, atol (default rtol/100) are for
     the adaptive solvers. Contact runs are chaotic: past ``horizon`` no float64 solution is *the* one.
     Raises InputError for what a method cannot take, SolverFailure where one gives up.
@@ -48,6 +49,14 @@ def solve(
         from .cvode import solve_cvode
 
         return solve_cvode(system, t_end, t_eval, rtol, atol, adams=method == "cvode-adams")
+    if method == "ida":
+        from .ida import solve_ida
+
+        return solve_ida(system, t_end, t_eval, rtol, atol)
+    if method in ("kvaerno3", "kvaerno5"):
+        from .kvaerno import solve_kvaerno
+
+        return solve_kvaerno(system, t_end, t_eval, rtol, atol, method)
     if method in ("dop853", "radau"):
         from .scipy import solve_scipy
 

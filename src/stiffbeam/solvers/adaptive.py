@@ -12,20 +12,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import Array
+from ..contact import Stops
+from ..kernel import first_crossing
 from ..ledger import Ledger, step_ledger
-from ..system import System
+from ..system import FirstOrderSystem, System
 from ..trajectory import ContactRecord, Impacts, Reference, Work
 from ..validation import InputError, positive
 from .rhs import RightHandSide
 
 
 class Solve(NamedTuple):
-    """y (k, m) at the output times; events (time, index into rhs.sides); counters; seconds."""
+    """y (k, m) at the output times; events (time, index into rhs.sides) or None; counters; seconds of
+    solving, and of compiling, apart."""
 
     y: Array
-    events: list[tuple[float, int]]
+    events: list[tuple[float, int]] | None
     counters: dict[str, int]
     seconds: float
+    compile_seconds: float = 0.0
 
 
 def reference_from(
@@ -37,10 +41,12 @@ def reference_from(
     method: str,
     versions: dict[str, str],
     solve: Callable[[RightHandSide, Array, float, float], Solve],
+    first_order: FirstOrderSystem | None = None,
 ) -> Reference:
-    """Run ``solve`` on the first-order system and wrap its output.
+    """Run ``solve`` on the first-order system (its own unless given) and wrap its output.
 
-    atol defaults to rtol/100 for every component. Share of time in contact, peak force, impulse and
+    A solver without event detection leaves ``events`` None: its impacts are the sampled ones at the
+    output times. atol defaults to rtol/100 for every component. Share of time in contact, peak force, impulse and
     the energy ledger are taken at the output times.
     """
     positive("t_end", t_end)
@@ -50,7 +56,7 @@ def reference_from(
     if t.ndim != 1 or not len(t) or np.any(np.diff(t) <= 0.0) or t[0] < 0.0 or t[-1] > t_end * (1 + 1e-12):
         raise InputError("t_eval", t, f"increase within [0, {t_end:g}]")
     begun = time.perf_counter()
-    rhs = RightHandSide(system.first_order())
+    rhs = RightHandSide(first_order or system.first_order())
     # A two-point span makes some solvers store every step: there is always a point in between.
     grid = np.unique(np.concatenate([[0.0, 0.5 * t_end, t_end], t]))
     result = solve(rhs, grid, rtol, atol)
@@ -79,7 +85,7 @@ def reference_from(
         ),
         work=Work(
             steps=0,
-            seconds=time.perf_counter() - begun,
+            seconds=time.perf_counter() - begun - result.compile_seconds,
             march_seconds=result.seconds,
             counters=result.counters,
         ),
@@ -89,6 +95,7 @@ def reference_from(
             "t_end": float(t_end),
             "rtol": rtol,
             "atol": atol,
+            **({"compile_seconds": result.compile_seconds} if result.compile_seconds else {}),
             "stiffbeam": version("stiffbeam"),
             "numpy": np.__version__,
             "python": platform.python_version(),
@@ -108,11 +115,14 @@ def _record(
     t: Array,
     position: Array,
     velocity: Array,
-    events: list[tuple[float, int]],
+    events: list[tuple[float, int]] | None,
     sides: list[tuple[int, int]],
 ) -> ContactRecord:
     stops = system.contacts[i].stops
-    mine = [(when, sides[k][1]) for when, k in events if sides[k][0] == i]
+    if events is None:
+        mine, kind = _crossings(t, position, velocity, stops), "sampled"
+    else:
+        mine, kind = [(when, sides[k][1]) for when, k in events if sides[k][0] == i], "event"
     force = stops.force(position)
     unknown = np.full(len(mine), np.nan)
     return ContactRecord(
@@ -125,9 +135,22 @@ def _record(
             np.array([side for _, side in mine], np.int64),
             unknown,
             unknown,
-            "event",
+            kind,
         ),
         fraction=float(np.mean(stops.state(position) != 0)),
         peak_force=float(np.max(np.abs(force))),
         impulse=float(np.trapezoid(np.abs(force), t)),
     )
+
+
+def _crossings(t: Array, u: Array, v: Array, stops: Stops) -> list[tuple[float, int]]:
+    """The sampled impacts at output times that need not be equidistant."""
+    chi = stops.state(u)
+    found = []
+    for k in np.flatnonzero((chi[1:] != 0) & (chi[1:] != chi[:-1])) + 1:
+        side, length = int(chi[k]), t[k] - t[k - 1]
+        stop = stops.g2 if side > 0 else stops.g1
+        gap = side * (stop - u[k - 1 : k + 1])
+        s = first_crossing(gap[0], -side * v[k - 1] * length, gap[1], -side * v[k] * length)
+        found.append((float(t[k - 1] + s * length), side))
+    return found

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import time
 
-import numpy as np
-
 from ..arrays import Array
 from ..system import System
-from ..trajectory import Reference, SolverFailure
+from ..trajectory import Reference
 from .adaptive import Solve, reference_from
 from .rhs import RightHandSide
-
-MAX_STEPS = 10_000_000  # per output point; the default of 500 ends most contact runs
+from .sundials import MAX_STEPS, event_options, finished
 
 
 def solve_cvode(
@@ -35,18 +32,13 @@ def solve_cvode(
         if rhs.banded:
             lower, upper = rhs.first_order.bandwidths
             options = {"linsolver": "band", "lband": lower, "uband": upper}
-        sides = rhs.sides
 
         def jacobian(t: float, y: Array, yp: Array, J: Array) -> None:
             J[:] = rhs.jacobian(t, y)
 
-        def events(t: float, y: Array, gaps: Array) -> None:
-            rhs.gaps(t, y, gaps)
+        def gaps(t: float, y: Array, out: Array) -> None:
+            rhs.gaps(t, y, out)
 
-        if sides:
-            events.terminal = [False] * len(sides)  # type: ignore[attr-defined]
-            events.direction = [1] * len(sides)  # type: ignore[attr-defined]
-            options |= {"eventsfn": events, "num_events": len(sides)}
         solver = CVODE(
             rhs,
             method="Adams" if adams else "BDF",
@@ -55,20 +47,10 @@ def solve_cvode(
             jacfn=jacobian,
             max_num_steps=MAX_STEPS,
             **options,
+            **event_options(gaps, len(rhs.sides)),
         )
         begun = time.perf_counter()
         result = solver.solve(t, rhs.first_order.y0)
-        seconds = time.perf_counter() - begun
-        if not result.success or len(result.t) < len(t):
-            remedy = "loosen rtol and atol or use method='exact'"
-            raise SolverFailure(method, float(result.t[-1]), str(result.message), remedy)
-        found: list[tuple[float, int]] = []
-        if sides and result.t_events is not None:
-            which = np.asarray(result.i_events)
-            found = [
-                (float(s), int(k)) for s, row in zip(result.t_events, which, strict=True) for k in np.flatnonzero(row)
-            ]
-        counters = {"rhs": int(result.nfev), "jacobians": int(result.njev)}
-        return Solve(np.asarray(result.y), found, counters, seconds)
+        return finished(method, result, t, time.perf_counter() - begun)
 
     return reference_from(system, t_end, t_eval, rtol, atol, method, {"scikit-sundae": sksundae.__version__}, solve)

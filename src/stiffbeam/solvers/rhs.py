@@ -97,7 +97,7 @@ class RightHandSide:
         system: System = self.first_order.system
         q, v = y @ self.first_order.to_q.T, y @ self.first_order.to_v.T
         positions = system.positions(t, q)
-        for i, c in enumerate(self.first_order.contacts):  # v_M is carried, not re-derived
+        for i, c in enumerate(self.first_order.contacts):  # (3.12) carries v_M beside w
             positions[:, i] = y @ c.row + offset_values(c.contact.offset, t)
         velocities = np.stack([v @ row + offset_rate(o, t) for row, o in system.channels], axis=-1)
         return positions, velocities
