@@ -152,6 +152,7 @@ def test_compare_writes_picture_table_and_trajectories(piped):
     out = folder / "stiffbeam-output" / "table10"
     assert sorted(path.name for path in out.iterdir()) == [
         "bdf2-displacement.nc",
+        "comparison.json",
         "comparison.png",
         "comparison.txt",
         "exact-displacement.nc",
@@ -229,6 +230,7 @@ def test_the_other_runs_of_one_that_overflows_are_there(overflow):
     _, folder = overflow
     assert sorted(path.name for path in folder.iterdir()) == [
         "bdf2-displacement.nc",
+        "comparison.json",
         "comparison.png",
         "comparison.txt",
         "exact-displacement.nc",

@@ -252,3 +252,53 @@ def test_a_scheme_of_ones_own_runs_without_registration(three_masses):
     )
     slope, _ = observed_order(three_masses, scheme, [200, 280, 400, 560], (exact[0][0], exact[1][0]), 4.0)
     assert abs(slope - 2.0) < 0.1
+
+
+class Own(sb.Scheme):
+    """Implicit Euler, to be broken in one way at a time."""
+
+    def step(self, equation, dt, z, forces):
+        y = z + dt * equation.implicit_rate(dt, z, forces[0])
+        return y, [y[0]]
+
+
+def test_a_step_that_breaks_the_contract_is_refused(three_masses):
+    class Nonlinear(Own):
+        def step(self, equation, dt, z, forces):
+            return super().step(equation, dt, z**2, forces)
+
+    class LooksAhead(Own):
+        nodes = (0.5, 1.0)
+
+        def step(self, equation, dt, z, forces):
+            y, [position] = super().step(equation, dt, z, [forces[1]])
+            return y, [position, position]
+
+    class Forgetful(Own):
+        nodes = (0.5, 1.0)
+
+    for scheme, word in ((Nonlinear(), "linear"), (LooksAhead(), "causal"), (Forgetful(), "2 positions")):
+        with pytest.raises(sb.InputError, match=word):
+            sb.integrate(three_masses, scheme, 0.01, 0.1)
+    run = sb.integrate(three_masses, Own(), 0.01, 0.1)
+    assert run.label == "own@matrices"
+
+
+def test_a_last_node_that_is_not_the_end_of_the_step_is_noticed(table10):
+    """The force acts on an explicit guess of the end; the tip is the state's, not the guess."""
+
+    class Guess(sb.Scheme):
+        nodes = (1.0,)
+
+        def step(self, equation, dt, z, forces):
+            y = z + dt * equation.implicit_rate(dt, z, forces[0])
+            return y, [(z + dt * z[::-1])[0]]
+
+    run = sb.integrate(sb.semidiscretise(table10, 8), Guess(), 1e-6, 0.01, every=100)
+    assert np.max(np.abs(run.tip - run.states[0][:, -1])) < 1e-14
+
+
+def test_what_is_no_scheme_or_no_system_is_refused(three_masses):
+    for system, scheme in ((three_masses, "hht"), (three_masses, sb.HHT), ("beam", sb.HHT())):
+        with pytest.raises(sb.InputError, match="be a"):
+            sb.integrate(system, scheme, 0.01, 0.1)

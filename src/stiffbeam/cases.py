@@ -19,7 +19,7 @@ from .problem import BeamProblem, DistributedLoad, Load, PointLoad
 from .schemes import Scheme, make
 from .semidiscretisation import FORMS
 from .time_functions import Constant, Harmonic
-from .validation import InputError, near
+from .validation import InputError, near, step_count
 
 
 @dataclass(frozen=True)
@@ -213,11 +213,7 @@ class _Reader:
         for key, value in (("dt", dt), ("t_end", t_end)):
             if not 0 < value < np.inf:
                 raise self.error(key, value, "be > 0")
-        steps = round(t_end / dt)
-        if steps < 1 or abs(steps * dt - t_end) > 1e-9 * t_end:
-            raise self.error(
-                "dt", dt, f"divide t_end = {t_end}", f"the nearest step that does is {t_end / max(1, steps)!r}"
-            )
+        self.build(step_count, dt, t_end)
         parsed = []
         for run in runs:
             if not isinstance(run, str):

@@ -78,7 +78,7 @@ def compare(
     """Run schemes beside SUNDIALS and the exact solution: table, picture, trajectories."""
     from .cases import find_case, parse_run, split_runs
     from .studies.comparison import compare_case
-    from .validation import positive
+    from .validation import InputError, positive
 
     chosen = find_case(case)
     for name, value in (("--dt", dt), ("--t-end", t_end)):
@@ -86,17 +86,25 @@ def compare(
             positive(name, value)
     runs = None if schemes is None else [_like_case(parse_run(text), text, chosen) for text in split_runs(schemes)]
     names = [name.strip() for name in references.split(",") if name.strip()]
-    folder = out if out is not None else Path("stiffbeam-output") / chosen.name
+    for option, given in (("--schemes", runs is None or runs), ("--references", names)):
+        if not given:
+            raise InputError(option, "nothing", "name at least one")
+    folder = out if out is not None else Path("stiffbeam-output") / _file_name(chosen.name)
     written: list[Path] = []
+
+    def keep(run) -> None:
+        if not written:
+            _clear(folder)
+        written.append(run.save(folder / f"{_file_name(run.label)}.nc"))
+
     with _progress() as progress:
         # Each trajectory is saved as soon as it is there: an interrupt loses only the one that is running.
-        result = compare_case(
-            chosen, runs, names, contact, dt, t_end, progress,
-            keep=lambda run: written.append(run.save(folder / f"{_file_name(run.label)}.nc")),
-        )  # fmt: skip
+        result = compare_case(chosen, runs, names, contact, dt, t_end, progress, keep)
         progress("drawing", 0, 0)
         written += _draw(result, folder)
-    records = json.dumps(result.to_dict(), indent=2)
+        records = json.dumps(result.to_dict() | {"files": [path.name for path in written]}, indent=2)
+        (folder / "comparison.json").write_text(records + "\n", encoding="utf-8")
+        written.append(folder / "comparison.json")
     if json_file is not None and str(json_file) == "-":
         print(records)
     else:
@@ -119,26 +127,43 @@ def _like_case(run, text: str, case):
     return run
 
 
+def _clear(folder: Path) -> None:
+    """Remove what an earlier comparison wrote here, so that old and new never stand side by side."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        earlier = folder / "comparison.json"
+        if earlier.is_file():
+            for name in json.loads(earlier.read_text(encoding="utf-8")).get("files", []):
+                (folder / Path(name).name).unlink(missing_ok=True)
+            earlier.unlink()
+    except (OSError, ValueError) as error:
+        from .validation import InputError
+
+        raise InputError("--out", str(folder), "be a folder that can be written to", str(error)) from None
+
+
 def _draw(result, folder: Path) -> list[Path]:
     """The picture and the table as files."""
     from rich.console import Console
 
-    from .report import comparison_tables
+    from .report import WIDTH, comparison_tables
 
     written = []
-    if result.references:
+    units = result.case.problem.units
+    length = f", in units of {units.length:g} m" if units else ""
+    forms = list(dict.fromkeys(r.provenance["form"] for r in result.references))
+    for form in forms:
         from .figures import four_panels, save_figure
 
-        form = result.references[0].provenance["form"]
-        runs = sorted(result.runs, key=lambda run: run.provenance["form"] != form)
-        drawn = [r for r in result.references if r.provenance["form"] == form]
-        title = f"{result.case.name}: {result.case.title} (dt = {result.case.dt:g}, {result.case.cells} cells)"
-        written.append(save_figure(four_panels(title, runs, drawn), folder / "comparison.png"))
+        runs, references = ([x for x in xs if x.provenance["form"] == form] for xs in (result.runs, result.references))
+        title = f"{result.case.name}: {result.case.title} ({form}, dt = {result.case.dt:g}, {result.case.cells} cells)"
+        name = "comparison.png" if form == forms[0] else f"comparison-{form}.png"
+        written.append(save_figure(four_panels(title, runs, references, length), folder / name))
     table = folder / "comparison.txt"
     table.parent.mkdir(parents=True, exist_ok=True)
     with table.open("w", encoding="utf-8") as stream:
-        Console(file=stream, width=160).print(
-            comparison_tables(result.comparisons, result.references[:1], result.failures)
+        Console(file=stream, width=WIDTH).print(
+            comparison_tables(result.comparisons, result.references, result.failures)
         )
     written.append(table)
     return written
@@ -146,17 +171,21 @@ def _draw(result, folder: Path) -> list[Path]:
 
 def _file_name(label: str) -> str:
     """The label without the characters that shells and file systems dislike."""
-    return label.replace("(", "-").replace(")", "").replace(", ", "-").replace("@", "-")
+    plain = label.replace("(", "-").replace(")", "").replace(", ", "-").replace("@", "-")
+    return "".join(c if c.isalnum() or c in "-._=" else "_" for c in plain)
 
 
 def _print_result(result, written: list[Path]) -> None:
     from rich.console import Console
 
-    from .report import comparison_tables
+    from .report import WIDTH, comparison_tables
 
-    console = Console(width=None if sys.stdout.isatty() else 150)
+    console = Console(width=None if sys.stdout.isatty() else WIDTH)
     console.print(f"[bold]{result.case.name}[/]  {result.case.title}")
-    console.print(comparison_tables(result.comparisons, result.references[:1], result.failures))
+    console.print(comparison_tables(result.comparisons, result.references, result.failures))
+    units = result.case.problem.units
+    if units:
+        console.print(f"Units: displacements {units.length:g} m, times {units.time:g} s, forces {units.force:.6g} N.")
     console.print("\nWritten: " + ", ".join(str(path) for path in written), soft_wrap=True, highlight=False)
 
 

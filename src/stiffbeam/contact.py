@@ -73,7 +73,7 @@ class Stops:
         return -self.stiffness / (1.0 + self.stiffness * np.asarray(s, float)) * self.penetration(r)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Contact:
     """Stops that act on the position row @ q + offset(t), with the force row^T F(row @ q + offset(t)).
 

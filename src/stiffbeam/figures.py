@@ -17,11 +17,13 @@ COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 DASHES = ((), (5, 1.5), (1.5, 1.2), (6, 1.5, 1.5, 1.5), (3, 1), (8, 2))
 
 
-def four_panels(title: str, runs: Sequence[Trajectory], references: Sequence[Reference]) -> Figure:
+def four_panels(title: str, runs: Sequence[Trajectory], references: Sequence[Reference], length: str = "") -> Figure:
     """(a) tip displacement, (b) phase portrait, (c) zoom on the first contact, (d) amplitude spectrum.
 
-    Panels a to c show the time inside the horizon of the first reference, where one solution exists to
-    compare with; panel d shows every run over its whole span.
+    All of one form: another form is another system. Panels a to c show the time inside the horizon of
+    the first reference, where one solution exists to compare with; panel d shows the schemes over their
+    whole span. The other references are drawn in a and c only, where they follow the first. ``length``
+    names the unit of displacement, where it has one.
     """
     main = references[0]
     system = main.system
@@ -60,12 +62,12 @@ def four_panels(title: str, runs: Sequence[Trajectory], references: Sequence[Ref
         draw(zoom, t[near], u[near], index, label)
     for axis in (displacement, zoom):
         _draw_stops(axis, system, horizontal=True)
-        axis.set(xlabel="time $t$", ylabel="tip displacement $u(1, t)$")
+        axis.set(xlabel="time $t$", ylabel=f"tip displacement $u(1, t)${length}")
     displacement.set_title(f"(a) displacement to the horizon t = {window:.3g}", loc="left")
     _draw_stops(portrait, system, horizontal=False)
-    portrait.set(xlabel="tip displacement $u(1, t)$", ylabel="tip velocity $u_t(1, t)$")
+    portrait.set(xlabel=f"tip displacement $u(1, t)${length}", ylabel="tip velocity $u_t(1, t)$")
     portrait.locator_params(axis="x", nbins=6)
-    portrait.set_title("(b) phase portrait to the horizon", loc="left")
+    portrait.set_title("(b) phase portrait to the horizon, schemes and reference", loc="left")
     zoom.set_xlim(start, end)
     if system.contacts:
         zoom.set_title("(c) first contact", loc="left")
@@ -121,7 +123,8 @@ def _draw_spectra(axis, runs, references, frequencies) -> None:
         if isinstance(run, Reference):
             continue  # ends at the horizon
         omega, amplitude = amplitude_spectrum(run.t, run.tip, drive)
-        axis.plot(omega, amplitude, color=COLOURS[i % len(COLOURS)], lw=0.9, label=run.label, zorder=2 + i)
+        style = {"color": COLOURS[i % len(COLOURS)], "dashes": DASHES[i % len(DASHES)] or (None, None)}
+        axis.plot(omega, amplitude, lw=0.9, label=run.label, zorder=2 + i, **style)
         whole = min(whole, float(run.t[-1]))
     if runs and references:
         t = runs[0].t
@@ -141,7 +144,7 @@ def _draw_spectra(axis, runs, references, frequencies) -> None:
         axis.set_yscale("log")
         axis.set_ylim(top * 1e-4, top * 2.0)
     axis.set_ylabel("amplitude of $u(1, t)$")
-    title = f"(d) spectrum, t to {whole:g} (one realisation)" if np.isfinite(whole) else "(d) spectrum"
+    title = f"(d) spectrum to t = {whole:g}, one realisation each" if np.isfinite(whole) else "(d) spectrum"
     axis.set_title(title, loc="left")
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .arrays import Array
-from .system import System
+from .system import System, offset_values
 
 
 @dataclass(frozen=True, eq=False)
@@ -17,7 +17,8 @@ class Ledger:
     """Cumulative energy balance at times t (k,), every array (k,) and zero at t = 0 but ``energy``.
 
         energy   E = 1/2 q'^T M q' + 1/2 q^T K q + sum U
-        input    sum over steps of 1/2 (F^n + F^{n+1}) . dq,  F the load vector
+        input    sum over steps of 1/2 (F^n + F^{n+1}) . dq,  F the load vector; a stop that moves
+                 against its contact by do_c puts in -1/2 (F_c^n + F_c^{n+1}) do_c
         viscous  sum over steps of dq^T C dq / dt
         loss     E_n - E_{n+1} + d_input - d_viscous, summed; > 0: lost by the scheme
         contact, free   the part of ``loss`` in steps with a contact at either end, and without
@@ -33,10 +34,13 @@ class Ledger:
     contact: Array
     free: Array
 
-    @property
-    def relative_loss(self) -> float:
-        """Total loss over the sum of |d_input|-free measure: loss / input at the end; NaN without input."""
-        return float(self.loss[-1] / self.input[-1]) if self.input[-1] else float("nan")
+    def lost_fraction(self, k: int = -1) -> float:
+        """loss/(E_0 + input) at index k: the share of all energy the system has had, NaN where that is <= 0.
+
+        E_0 counts, since a run may live on it; the input alone is neither positive nor a scale then.
+        """
+        had = self.energy[0] + self.input[k]
+        return float(self.loss[k] / had) if had > 0.0 else float("nan")
 
 
 def step_ledger(system: System, pieces: Iterator[tuple[Array, Array, Array]], outputs: Array) -> Ledger:
@@ -48,12 +52,13 @@ def step_ledger(system: System, pieces: Iterator[tuple[Array, Array, Array]], ou
         energy = system.energy(t, q, v)
         load = system.load(t)
         dq = np.diff(q, axis=0)
-        d_input = 0.5 * np.sum((load[1:] + load[:-1]) * dq, axis=1)
+        d_input = 0.5 * np.sum((load[1:] + load[:-1]) * dq, axis=1) + _work_of_stops(system, t, q)
         d_viscous = np.sum(dq * (dq @ system.damping), axis=1) / np.diff(t) if system.damped else 0.0 * d_input
         d_loss = -np.diff(energy) + d_input - d_viscous
         touching = _touching(system, t, q)
         in_contact = touching[1:] | touching[:-1]
-        steps = np.stack([d_input, d_viscous, d_loss, np.where(in_contact, d_loss, 0), np.where(in_contact, 0, d_loss)])
+        parts = (np.where(in_contact, d_loss, 0.0), np.where(in_contact, 0.0, d_loss))
+        steps = np.stack([d_input, d_viscous, d_loss, *parts])
         cumulative = np.concatenate([total[:, None], total[:, None] + np.cumsum(steps, axis=1)], axis=1)
         total = cumulative[:, -1]
         keep = slice(1 if times else 0, None)
@@ -66,6 +71,17 @@ def step_ledger(system: System, pieces: Iterator[tuple[Array, Array, Array]], ou
         columns.append(np.concatenate([energy[None, keep], cumulative[:, keep]])[:, wanted])
     data = np.concatenate(columns, axis=1)
     return Ledger(np.concatenate(times), *data)
+
+
+def _work_of_stops(system: System, t: Array, q: Array) -> Array:
+    """-1/2 (F^n + F^{n+1}) do of the contacts whose stops move."""
+    work = np.zeros(len(t) - 1)
+    for contact in system.contacts:
+        if contact.offset is not None:
+            o = offset_values(contact.offset, t)
+            force = contact.stops.force(q @ contact.row + o)
+            work -= 0.5 * (force[1:] + force[:-1]) * np.diff(o)
+    return work
 
 
 def _touching(system: System, t: Array, q: Array) -> NDArray[np.bool_]:

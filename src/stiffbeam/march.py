@@ -17,9 +17,10 @@ from .modal_march import modal_pieces, warm_up
 from .pieces import Piece
 from .recorder import SampledImpacts
 from .schemes import Scheme
+from .schemes.contract import check_contract
 from .system import FirstOrderSystem, System, offset_rate
 from .trajectory import Diverged, Trajectory, Work
-from .validation import InputError, positive
+from .validation import InputError, positive, step_count
 
 CONTACTS = ("implicit", "extrapolated")
 OVERFLOW = 1e100
@@ -45,7 +46,11 @@ def integrate(
     other, and a FirstOrderSystem, step by step with factorised matrices (``provenance["march"]``).
     Raises InputError for bad arguments and Diverged where the run overflows.
     """
-    steps = _steps(positive("dt", dt), positive("t_end", t_end))
+    if not isinstance(system, (System, FirstOrderSystem)):
+        raise InputError("system", type(system).__name__, "be a System", "make it with semidiscretise or from_matrices")
+    if not isinstance(scheme, Scheme):
+        raise InputError("scheme", scheme, "be a Scheme object", "for example stiffbeam.HHT(alpha=-0.1)")
+    steps = step_count(positive("dt", dt), positive("t_end", t_end))
     if isinstance(every, bool) or not isinstance(every, (int, np.integer)) or every < 1:
         raise InputError("every", every, "be an integer >= 1")
     if contact not in CONTACTS:
@@ -57,6 +62,7 @@ def integrate(
     basis = modes(system) if isinstance(system, System) else None
     omega_max = float(basis.omega[-1]) if basis else _omega_max(parent)
     scheme.check(omega_max, dt)
+    check_contract(scheme)
 
     def pieces() -> Iterator[Piece]:
         if isinstance(system, System) and basis is not None:
@@ -110,14 +116,6 @@ def integrate(
         pieces=lambda: _states(parent, pieces(), dt),
         fingerprint=parent.fingerprint,
     )
-
-
-def _steps(dt: float, t_end: float) -> int:
-    steps = round(t_end / dt)
-    if steps < 1 or abs(steps * dt - t_end) > 1e-9 * t_end:
-        nearest = t_end / max(1, steps)
-        raise InputError("dt", dt, f"divide t_end = {t_end:g} to 1e-9", f"the nearest step that does is {nearest!r}")
-    return steps
 
 
 def _omega_max(system: System) -> float:

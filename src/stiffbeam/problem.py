@@ -101,7 +101,8 @@ class BeamProblem:
             raise InputError("stops", self.stops, "be a Stops or None")
         if self.base is not None and not isinstance(self.base, TimeFunction):
             raise InputError("base", self.base, "have value, rate and acceleration", "use Harmonic or Constant")
-        object.__setattr__(self, "loads", tuple(self.loads))
+        loads = (self.loads,) if isinstance(self.loads, (PointLoad, DistributedLoad)) else tuple(self.loads)
+        object.__setattr__(self, "loads", loads)
         for load in self.loads:
             if not isinstance(load, (PointLoad, DistributedLoad)):
                 raise InputError("loads", load, "hold PointLoad and DistributedLoad only")

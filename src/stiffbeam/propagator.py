@@ -140,7 +140,8 @@ def build(scheme: Scheme, system: System, modes: Modes, dt: float, steps: int, c
         for s, c in enumerate(scheme.nodes):
             entries += [(i, arguments[k][s], (k + c) * dt) for i in range(m)]
     N = len(entries)
-    end_is_node = contact == "implicit" and scheme.nodes[-1] == 1.0
+    # The last node holds the end of the step if its position is the new q, whatever the scheme calls it.
+    end_is_node = contact == "implicit" and np.array_equal(positions[0][-1], states[0][0])
     end_entry = np.empty((K, len(rows)), np.int64)
     for k in range(K):
         for i in range(len(rows)):

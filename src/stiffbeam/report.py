@@ -15,6 +15,7 @@ from .measures.comparison import Comparison
 from .trajectory import Reference
 
 DASH = "–"
+WIDTH = 130  # columns of a table that goes to a file; a terminal keeps its own
 
 
 def number(value: float, digits: int = 3) -> str:
@@ -23,10 +24,10 @@ def number(value: float, digits: int = 3) -> str:
 
 
 def percent(value: float) -> str:
-    """Per cent with one digit, or in powers of ten where that would be a long number."""
+    """Per cent to two digits, in powers of ten where that would be a long number."""
     if not np.isfinite(value):
         return DASH
-    return f"{100 * value:.1e} %" if abs(value) > 1e3 else f"{100 * value + 0.0:.1f} %".replace("-0.0 ", "0.0 ")
+    return f"{100 * value:.0e} %" if not 1e-5 < abs(value) < 1e3 and value else f"{100 * value:.2g} %"
 
 
 def _lag(comparison: Comparison) -> str:
@@ -42,98 +43,111 @@ def comparison_tables(
     references: Sequence[Reference] = (),
     failures: Sequence[tuple[str, str]] = (),
 ) -> RenderableType:
-    """The measures inside the horizon, the totals beyond it in a block of their own, the failures."""
-    forms = {c.label.partition("@")[2] for c in comparisons}
-    common = f"@{forms.pop()}" if len(forms) == 1 else ""
-
-    def name(label: str) -> str:
-        return label.removesuffix(common)
-
-    title = f"Inside the horizon{f', {common[1:]} form' if common else ''}"
-    inside = Table(box=box.SIMPLE_HEAD, title=title, title_justify="left", title_style="bold")
-    inside.add_column("run", no_wrap=True)
-    for heading in (
-        "to t =", "steps", "seconds", "ns/step", "tip error\nrms", "phase\nlag", "energy\nlost",
-        "impacts", "in\ncontact", "impacts\npart at",
-    ):  # fmt: skip
-        inside.add_column(heading, justify="right", no_wrap=True)
-    seen: set[str] = set()
-    for c in comparisons:
-        if c.reference not in seen:
-            seen.add(c.reference)
-            inside.add_row(
-                f"{name(c.reference)}  (reference)", number(c.window), *[DASH] * 6,
-                f"{c.reference_contacts.impacts} [{c.reference_events}]", percent(c.reference_contacts.fraction), DASH,
-                style="bold",
-            )  # fmt: skip
-        inside.add_row(
-            name(c.label),
-            number(c.window),
-            str(c.steps) if c.steps else DASH,
-            number(c.seconds),
-            f"{c.ns_per_step:.0f}" if c.steps else DASH,
-            percent(c.tip_error_rms) if c.tip_error_rms > 1e-3 else number(c.tip_error_rms, 2),
-            _lag(c),
-            percent(c.energy_lost),
-            str(c.contacts.impacts),
-            percent(c.contacts.fraction),
-            number(c.matching.matched_until) if c.matching.matched_until < c.window else "horizon",
-        )
-    parts: list[RenderableType] = [inside]
-    note = Text(style="dim")
-    for reference in references:
-        against = reference.provenance.get("horizon_against", "")
-        note.append(
-            f"Reference {reference.label}: horizon {number(reference.horizon)} (against {against}), "
-            f"{number(reference.work.seconds)} s.\n"
-        )
-    note.append(
-        "Tip error over max |u|. Phase lag > 0: late; in brackets the median impact delay where the lag is undefined. "
-        "Energy lost: numerical loss over input.\nImpacts: sampled at the run's steps, [by events]. "
-        "Steps, seconds, ns/step (the march alone): of the whole run, to t_end; all else to the horizon."
-    )
-    parts.append(note)
-    schemes = [c for c in comparisons if c.t_end > c.window * (1 + 1e-9)]
-    if schemes:
-        end = schemes[0].t_end
-        totals = Table(
-            box=box.SIMPLE_HEAD,
-            title=f"Totals to t = {end:g}: one realisation each, not comparable past the horizon",
-            title_justify="left",
-            title_style="bold",
-        )
-        totals.add_column("run", no_wrap=True)
-        for heading in ("impacts", "in contact", "peak force", "impulse", "energy lost"):
-            totals.add_column(heading, justify="right")
-        seen.clear()
-        for c in schemes:
-            if c.reference not in seen:
-                seen.add(c.reference)
-                r = c.reference_totals
-                totals.add_row(
-                    f"{name(c.reference)}, sampled", str(r.impacts), percent(r.fraction), number(r.peak_force, 4),
-                    number(r.impulse, 4), DASH,
-                )  # fmt: skip
-                totals.add_row(f"{name(c.reference)}, events", str(c.reference_totals_events), DASH, DASH, DASH, DASH)
-            totals.add_row(
-                name(c.label), str(c.totals.impacts), percent(c.totals.fraction), number(c.totals.peak_force, 4),
-                number(c.totals.impulse, 4), percent(c.totals_energy_lost),
-            )  # fmt: skip
-        parts.append(totals)
+    """One table per form inside the horizon, the whole runs in a table of their own, the failures."""
+    parts: list[RenderableType] = []
+    for yardstick in dict.fromkeys(c.reference for c in comparisons):
+        parts.append(_inside([c for c in comparisons if c.reference == yardstick]))
+    if comparisons:
+        parts.append(Text(_explanation(comparisons, references), style="dim"))
+    for yardstick in dict.fromkeys(c.reference for c in comparisons):
+        parts.append(_whole([c for c in comparisons if c.reference == yardstick]))
     for label, message in failures:
         parts.append(Text.assemble(("failed  ", "bold red"), (label, "bold"), f"  {message}"))
     return Group(*parts)
 
 
+def _table(title: str, headings: Sequence[str]) -> Table:
+    table = Table(box=box.SIMPLE_HEAD, title=title, title_justify="left", title_style="bold", padding=(0, 1, 0, 0))
+    table.add_column("run", overflow="fold")
+    for heading in headings:
+        table.add_column(heading, justify="right", no_wrap=True, min_width=6)
+    return table
+
+
+def _inside(comparisons: Sequence[Comparison]) -> Table:
+    """The measures on [0, horizon] of one form's runs."""
+    first = comparisons[0]
+    method, _, form = first.reference.partition("@")
+    table = _table(
+        f"To the horizon t = {number(first.window)}, {form} form",
+        (
+            "tip error\nrms",
+            "before\nparting",
+            "impacts\npart at",
+            "lag\n(time)",
+            "energy\nlost",
+            "impacts",
+            "in\ncontact",
+        ),
+    )
+    table.add_row(
+        f"{method}  (reference)", DASH, DASH, DASH, DASH, DASH,
+        f"{first.reference_contacts.impacts} [{first.reference_events}]", percent(first.reference_contacts.fraction),
+        style="bold",
+    )  # fmt: skip
+    for c in comparisons:
+        parted = c.matching.matched_until < c.window
+        table.add_row(
+            c.label.partition("@")[0],
+            percent(c.tip_error_rms),
+            percent(c.tip_error_matched),
+            number(c.matching.matched_until) if parted else "horizon",
+            _lag(c),
+            percent(c.energy_lost),
+            str(c.contacts.impacts),
+            percent(c.contacts.fraction),
+        )
+    return table
+
+
+def _whole(comparisons: Sequence[Comparison]) -> Table:
+    """Cost and totals of the whole runs of one form; the adaptive solvers ended at the horizon."""
+    first = comparisons[0]
+    method, _, form = first.reference.partition("@")
+    table = _table(
+        f"To t = {max(c.t_end for c in comparisons):g}, {form} form: one realisation each, not comparable",
+        ("steps", "seconds", "ns/step", "impacts", "in\ncontact", "peak\nforce", "impulse", "energy\nlost"),
+    )
+    totals = first.reference_totals
+    table.add_row(
+        method, DASH, DASH, DASH, f"{totals.impacts} [{first.reference_totals_events}]", percent(totals.fraction),
+        number(totals.peak_force, 4), number(totals.impulse, 4), DASH, style="bold",
+    )  # fmt: skip
+    for c in comparisons:
+        if c.steps:
+            table.add_row(
+                c.label.partition("@")[0], str(c.steps), number(c.seconds), f"{c.ns_per_step:.0f}",
+                str(c.totals.impacts), percent(c.totals.fraction), number(c.totals.peak_force, 4),
+                number(c.totals.impulse, 4), percent(c.totals_energy_lost),
+            )  # fmt: skip
+    return table
+
+
+def _explanation(comparisons: Sequence[Comparison], references: Sequence[Reference]) -> str:
+    lines = [
+        f"{r.label}: horizon {number(r.horizon)} (against {r.provenance.get('horizon_against', '')}), "
+        f"{number(r.work.seconds)} s"
+        for r in references
+    ]
+    lines += [
+        "Tip error: rms over max |u|, to the horizon and before the impacts part. Lag > 0: late; in brackets the",
+        "median impact delay where the phase lag is undefined.",
+        "Energy lost: of all energy the system has had. Impacts: sampled at the run's steps, [by events].",
+    ]
+    if any(c.contact_count > 1 for c in comparisons):
+        lines.append("Impacts, contact and force are those of the first of several contacts; run.contacts has all.")
+    return "\n".join(lines) + "\n"
+
+
 def comparison_text(comparisons: Sequence[Comparison]) -> str:
     """The tables as plain text."""
     stream = io.StringIO()
-    Console(file=stream, width=160, color_system=None).print(comparison_tables(comparisons))
+    Console(file=stream, width=WIDTH, color_system=None).print(comparison_tables(comparisons))
     return stream.getvalue()
 
 
 def comparison_html(comparisons: Sequence[Comparison]) -> str:
     """The tables for a notebook."""
-    console = Console(record=True, width=160, file=io.StringIO())
+    console = Console(record=True, width=WIDTH, file=io.StringIO())
     console.print(comparison_tables(comparisons))
     return console.export_html(inline_styles=True, code_format="<pre>{code}</pre>")

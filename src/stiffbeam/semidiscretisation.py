@@ -29,6 +29,8 @@ def semidiscretise(problem: BeamProblem, cells: int, form: str = "displacement")
     (3.5), one for second-order systems as (3.6). form "velocity-curvature": (3.12), d = 0 only.
     Raises InputError.
     """
+    if not isinstance(problem, BeamProblem):
+        raise InputError("problem", type(problem).__name__, "be a BeamProblem")
     if isinstance(cells, bool) or not isinstance(cells, (int, np.integer)) or cells < 4:
         raise InputError("cells", cells, "be an integer >= 4", "the stencils at both ends must not overlap")
     if form == "displacement":

@@ -19,7 +19,7 @@ from .validation import InputError
 FORMAT = 1
 _LEDGER = {
     "energy": "total energy E",
-    "input": "work of the loads since t = 0",
+    "input": "work of loads and moving stops since t = 0",
     "viscous": "viscous loss since t = 0",
     "loss": "numerical loss since t = 0",
     "contact": "numerical loss in steps with contact",

@@ -67,15 +67,24 @@ class System:
         try:
             np.linalg.cholesky(mass)
         except np.linalg.LinAlgError:
-            raise InputError("mass", "the matrix given", "be positive definite") from None
+            least = float(np.linalg.eigvalsh(mass)[0])
+            remedy = "condense unknowns without mass out of the model first"
+            raise InputError("mass", f"least eigenvalue {least:.3g}", "be positive definite", remedy) from None
         for name, matrix in (("stiffness", stiffness), ("damping", damping)):
             spectrum = np.linalg.eigvalsh(matrix)
             if spectrum[0] < -1e-10 * max(abs(spectrum[-1]), 1e-300):
                 raise InputError(name, f"least eigenvalue {spectrum[0]:.3g}", "be positive semidefinite")
-        contacts = tuple(contacts)
+        contacts = (contacts,) if isinstance(contacts, Contact) else tuple(contacts)
         for contact in contacts:
+            if not isinstance(contact, Contact):
+                raise InputError("contacts", contact, "hold Contact(row, stops) only")
             if contact.row.shape != (n,):
                 raise InputError("contact.row", contact.row.shape, f"have shape ({n},)")
+        for load in loads:
+            if not isinstance(load, (tuple, list)) or len(load) != 2:
+                raise InputError("loads", load, "hold pairs (vector, time function)")
+            if not isinstance(load[1], TimeFunction) and not callable(load[1]):
+                raise InputError("loads", load[1], "pair a vector with a Harmonic, a Constant or a function of time")
         if observe is None and not contacts:
             raise InputError("observe", None, "name the row of .tip where there is no contact", "pass observe=row")
         return cls(
@@ -308,7 +317,10 @@ def _describe(function: LoadFunction | None) -> str:
 
 
 def _symmetric(name: str, matrix: Any, n: int | None = None) -> Array:
-    dense = np.array(matrix.toarray() if hasattr(matrix, "toarray") else matrix, float)
+    given = np.asarray(matrix.toarray() if hasattr(matrix, "toarray") else matrix)
+    if not np.isrealobj(given):
+        raise InputError(name, f"a matrix of {given.dtype}", "be real")
+    dense = np.array(given, float)
     if dense.ndim != 2 or dense.shape[0] != dense.shape[1] or (n is not None and len(dense) != n):
         raise InputError(name, dense.shape, "be a square matrix" if n is None else f"have shape ({n}, {n})")
     if not np.all(np.isfinite(dense)):

@@ -90,4 +90,7 @@ def evaluate(function: LoadFunction, t: ArrayLike) -> Array:
             f"return one value per time, shape {t.shape}",
             "write it with NumPy functions, so that it takes an array of times",
         )
+    if not np.all(np.isfinite(values)):
+        first = t[~np.isfinite(np.broadcast_to(values, t.shape))].flat[0]
+        raise InputError("a load's time function", f"a value that is not finite at t = {first:g}", "be finite")
     return np.broadcast_to(values, t.shape)

@@ -90,8 +90,10 @@ class ContactRecord:
 
 @dataclass(frozen=True)
 class Work:
-    """What a run cost. steps: of a fixed-step scheme, switches of the exact solution, 0 where the solver
-    does not tell. seconds: all of it but compilation; march_seconds: the stepping alone."""
+    """What a run cost. steps: of a fixed-step scheme, 0 for a reference, whose counters tell.
+
+    seconds: all of it but compilation; march_seconds: the stepping alone.
+    """
 
     steps: int = 0
     seconds: float = 0.0
@@ -189,7 +191,8 @@ class Reference(Trajectory):
     """A Trajectory that says how far it can be trusted, and where it knows, any time in between.
 
     horizon: the time to which an independent or more precise solution agrees with it, |du| <= 1e-3
-    max|u| and impact times to 1e-4; NaN where nothing has been compared.
+    max|u| and impact times to a thousandth of the longest natural period; NaN where nothing has been
+    compared. provenance["horizon_against"] says with what.
     """
 
     horizon: float = float("nan")
@@ -206,7 +209,7 @@ class Reference(Trajectory):
             raise InputError("t", (t.min(), t.max()), f"lie in [0, {end:g}]")
         if self.evaluate is None:
             method = self.provenance["method"]
-            raise InputError("t", "new times", f"be among t_eval for {method}", "pass them as t_eval=")
+            raise InputError("t", "new times", f"be among t_eval for {method}", "for a comparison pass t_eval=run.t")
         channel = contact if contact is not None else (self.system.tip_channel if self.system else 0)
         return self.evaluate(np.minimum(t, end), channel)
 

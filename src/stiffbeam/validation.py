@@ -42,6 +42,15 @@ def non_negative(field: str, value: Any) -> float:
     return float(value)
 
 
+def step_count(dt: float, t_end: float) -> int:
+    """t_end/dt, which must be whole to 1e-9."""
+    steps = round(t_end / dt)
+    if steps < 1 or abs(steps * dt - t_end) > 1e-9 * t_end:
+        nearest = t_end / max(1, steps)
+        raise InputError("dt", dt, f"divide t_end = {t_end:g} to 1e-9", f"the nearest step that does is {nearest!r}")
+    return steps
+
+
 def near(name: str, known: Iterable[str]) -> str:
     """A remedy that lists the known names closest to ``name``, or all of them."""
     names = list(known)

@@ -33,10 +33,12 @@ class Contacts:
 class Comparison:
     """A run against a reference on [0, window], window = min(t_end, horizon); totals to t_end apart.
 
-    tip_error_rms, tip_error_max: of u_run - u_ref at the run's steps, over max |u_ref|.
-    energy_lost: the ledger's loss over its input (NaN without input). impacts of the run, of the
-    reference sampled at the run's steps, and of the reference by events. totals: the same contact
-    statistics to t_end, one realisation each and not comparable with one another.
+    tip_error_rms, tip_error_max: of u_run - u_ref at the run's steps, over max |u_ref|;
+    tip_error_matched: the rms over [0, matching.matched_until], before the impacts part.
+    energy_lost: the ledger's loss over E_0 + input, all energy the system has had. contacts: of the
+    first of ``contact_count`` contacts, for the run and for the reference sampled at the run's steps;
+    reference_events: its impacts by events. totals: the same to t_end, one realisation each and not
+    comparable with one another.
     """
 
     label: str
@@ -49,12 +51,14 @@ class Comparison:
     t_end: float
     tip_error_rms: float
     tip_error_max: float
+    tip_error_matched: float
     phase: PhaseLag
     energy_lost: float
     contacts: Contacts
     reference_contacts: Contacts
     reference_events: int
     matching: Matching
+    contact_count: int
     totals: Contacts
     totals_energy_lost: float
     reference_totals: Contacts
@@ -81,6 +85,9 @@ def compare(run: Trajectory, reference: Reference) -> Comparison:
     ``run`` is a scheme's run with every step on output, or another reference at equidistant times.
     Raises InputError where the systems differ, the outputs are thinned or the reference has no horizon.
     """
+    if not isinstance(run, Trajectory) or not isinstance(reference, Reference):
+        got = f"{type(run).__name__}, {type(reference).__name__}"
+        raise InputError("compare", got, "be given a run and a reference, in this order")
     if run.fingerprint != reference.fingerprint:
         raise InputError("reference", reference.label, f"be of the same system as {run.label}", "solve run.system")
     system = run.system or reference.system
@@ -139,14 +146,16 @@ def compare(run: Trajectory, reference: Reference) -> Comparison:
         t_end=t_end,
         tip_error_rms=float(np.sqrt(np.mean(error**2))),
         tip_error_max=float(np.max(np.abs(error))),
+        tip_error_matched=float(np.sqrt(np.mean(error[t[here] <= matching.matched_until] ** 2))),
         phase=lag,
-        energy_lost=_ratio(energy.loss[last], energy.input[last]),
+        energy_lost=energy.lost_fraction(last),
         contacts=_contacts(system, run_sampled, position[here], dt, window),
         reference_contacts=_contacts(system, ref_sampled, u_contact[here], dt, window),
         reference_events=reference.impacts.until(window).count,
         matching=matching,
+        contact_count=len(system.contacts),
         totals=_contacts(system, run_sampled, position, dt, t_end),
-        totals_energy_lost=_ratio(energy.loss[-1], energy.input[-1]),
+        totals_energy_lost=energy.lost_fraction(),
         reference_totals=_contacts(system, ref_sampled, u_contact, dt, t_end),
         reference_totals_events=reference.impacts.until(t_end).count,
     )
@@ -163,10 +172,6 @@ def _contacts(system: System, impacts: Impacts, position: Array, dt: float, end:
         peak_force=float(np.max(force, initial=0.0)),
         impulse=float(np.sum(force) * dt),
     )
-
-
-def _ratio(a: float, b: float) -> float:
-    return float(a / b) if b else float("nan")
 
 
 def _plain(value: Any) -> Any:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from typing import Any, ClassVar
 
+import numpy as np
+
 from ..arrays import Array
 from ..validation import InputError
 
@@ -14,17 +16,22 @@ class Scheme(ABC):
 
     ``nodes`` are the c_i in t_n + c_i dt at which the scheme asks for the force. ``step`` must be
     linear in (state, forces), and the position at node i must not depend on the force at a later
-    node. The state z has shape (components, ..., n) and starts with y (see equations). A subclass
-    with ``nodes`` and ``step`` can be given to ``integrate`` as it is.
+    node; ``integrate`` checks both. The state z has shape (components, ..., n) and starts with y (see
+    equations). A subclass with ``nodes`` and ``step`` can be given to ``integrate`` as it is; its name
+    is the class's in small letters unless it has one.
     """
 
-    name: ClassVar[str]
+    name: ClassVar[str] = ""
     paper: ClassVar[str] = ""  # the paper's equation numbers
     erratum: ClassVar[str] = ""  # the name of the misprint, for a printed form
     nodes: tuple[float, ...] = (1.0,)
     order: int = 2  # on smooth problems
     history: ClassVar[int] = 1  # number of past y that ``initial`` takes
     second_order_only: ClassVar[bool] = False
+
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        cls.name = cls.name or cls.__name__.lower()
 
     @property
     def starter(self) -> Scheme | None:
@@ -73,6 +80,6 @@ class Scheme(ABC):
 
 def in_interval(field: str, value: Any, low: float, high: float, remedy: str = "") -> float:
     """``value`` as a float in [low, high]."""
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not low <= value <= high:
+    if isinstance(value, bool) or not isinstance(value, (int, float, np.floating)) or not low <= value <= high:
         raise InputError(field, value, f"lie in [{low:.6g}, {high:.6g}]", remedy)
     return float(value)

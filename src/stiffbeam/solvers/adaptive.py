@@ -52,9 +52,7 @@ def reference_from(
     positive("t_end", t_end)
     rtol = positive("rtol", rtol)
     atol = rtol / 100.0 if atol is None else positive("atol", atol)
-    t = np.linspace(0.0, t_end, 2001) if t_eval is None else np.asarray(t_eval, float)
-    if t.ndim != 1 or not len(t) or np.any(np.diff(t) <= 0.0) or t[0] < 0.0 or t[-1] > t_end * (1 + 1e-12):
-        raise InputError("t_eval", t, f"increase within [0, {t_end:g}]")
+    t = output_times(t_eval, t_end)
     begun = time.perf_counter()
     rhs = RightHandSide(first_order or system.first_order())
     # A two-point span makes some solvers store every step: there is always a point in between.
@@ -69,7 +67,7 @@ def reference_from(
     def only_at_outputs(times: Array) -> NDArray[np.int64]:
         index = np.clip(np.searchsorted(t, times - 1e-12 * t_end), 0, len(t) - 1)
         if np.any(np.abs(t[index] - times) > 1e-11 * t_end):
-            raise InputError("t", "new times", f"be among t_eval for {method}", "pass them as t_eval=")
+            raise InputError("t", "new times", f"be among t_eval for {method}", "for a comparison pass t_eval=run.t")
         return index
 
     def ledger(times: Array) -> Ledger:
@@ -107,6 +105,16 @@ def reference_from(
         state_at=lambda times: tuple(s[only_at_outputs(times)] for s in states),  # type: ignore[return-value]
         ledger_at=ledger,
     )
+
+
+def output_times(t_eval: Array | None, t_end: float) -> Array:
+    """t_eval, checked, or 2001 equidistant times."""
+    if t_eval is None:
+        return np.linspace(0.0, t_end, 2001)
+    t = np.asarray(t_eval, float)
+    if t.ndim != 1 or len(t) < 2 or np.any(np.diff(t) <= 0.0) or t[0] < 0.0 or t[-1] > t_end * (1 + 1e-12):
+        raise InputError("t_eval", t, f"be two or more increasing times in [0, {t_end:g}]")
+    return np.minimum(t, t_end)
 
 
 def _record(

@@ -33,7 +33,7 @@ def agreement(a: Trajectory, b: Trajectory, tolerance: float) -> float:
     """
     scale = float(np.max(np.abs(a.tip)))
     end = float(min(a.t[-1], b.t[-1]))
-    apart = np.flatnonzero(np.abs(a.tip - b.tip) > DISPLACEMENT_TOLERANCE * scale)
+    apart = np.flatnonzero(~(np.abs(a.tip - b.tip) <= DISPLACEMENT_TOLERANCE * scale))  # NaN is apart
     horizon = min(end, float(a.t[max(0, apart[0] - 1)])) if len(apart) else end
     for c, d in zip(a.contacts, b.contacts, strict=True):
         horizon = min(horizon, parting(c.impacts, d.impacts, tolerance, end))

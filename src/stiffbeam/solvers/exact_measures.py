@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,8 +14,19 @@ from ..ledger import Ledger
 from ..system import System
 from ..trajectory import ContactRecord, Impacts
 
-if TYPE_CHECKING:
-    from .piecewise import Solution
+
+class Solution(Protocol):
+    """What the exact solutions offer, whichever way they are represented."""
+
+    @property
+    def times(self) -> Array: ...  # the starts of the pieces
+    @property
+    def shortest_period(self) -> float: ...
+    def side(self, contact: int, /) -> NDArray[np.int64]: ...  # chi of the contact in every piece
+    def states(self, t: Array, /) -> tuple[Array, Array]: ...  # q, q' (k, n)
+    def observed(self, t: Array, row: Array, /) -> tuple[Array, Array]: ...  # row @ q and its rate
+    def offset(self, system: System, channel: int, /) -> Callable[[Array], tuple[Array, Array]]: ...
+    def work(self, system: System, edges: Array, /) -> tuple[Array, Array]: ...  # input, viscous per interval
 
 
 def contact_record(system: System, solution: Solution, i: int, t: Array, t_end: float) -> ContactRecord:
@@ -28,11 +39,10 @@ def contact_record(system: System, solution: Solution, i: int, t: Array, t_end: 
         shift, shift_rate = offset(times)
         return u + shift, v + shift_rate
 
-    starts, ends = solution.times, np.append(solution.times[1:], t_end)
-    closed = np.flatnonzero((solution.regime != 0) & (ends > starts))
-    peaks, impulses = _episodes(solution, starts[closed], ends[closed], path, contact.stops)
-    counted = closed > 0  # contact at t = 0 is no impact
-    ended = ends[closed] < t_end
+    starts, ends, sides = _closed(solution, i, t_end)
+    peaks, impulses = _episodes(solution, starts, ends, path, contact.stops)
+    counted = starts > 0.0  # contact at t = 0 is no impact
+    ended = ends < t_end
     position, velocity = path(t)
     return ContactRecord(
         stops=contact.stops,
@@ -40,16 +50,32 @@ def contact_record(system: System, solution: Solution, i: int, t: Array, t_end: 
         velocity=velocity,
         force=contact.stops.force(position),
         impacts=Impacts(
-            times=starts[closed][counted],
-            stops=solution.regime[closed][counted],
+            times=starts[counted],
+            stops=sides[counted],
             peaks=np.where(ended, peaks, np.nan)[counted],
             impulses=np.where(ended, impulses, np.nan)[counted],
             kind="event",
         ),
-        fraction=float(np.sum((ends - starts)[closed]) / t_end),
+        fraction=float(np.sum(ends - starts) / t_end),
         peak_force=float(np.max(peaks, initial=0.0)),
         impulse=float(np.sum(impulses)),
     )
+
+
+def _closed(solution: Solution, i: int, t_end: float) -> tuple[Array, Array, NDArray[np.int64]]:
+    """Start, end and side of every span in which the contact stays on one stop.
+
+    Pieces of no length, where it touches and turns straight back, do not count; pieces in which only
+    other contacts switch belong together.
+    """
+    ends = np.append(solution.times[1:], t_end)
+    real = ends > solution.times
+    starts, ends, side = solution.times[real], ends[real], solution.side(i)[real]
+    new = np.concatenate([[True], side[1:] != side[:-1]])
+    first = np.flatnonzero(new)
+    last = np.append(first[1:], len(side)) - 1
+    closed = side[first] != 0
+    return starts[first][closed], ends[last][closed], side[first][closed]
 
 
 def _episodes(
@@ -63,7 +89,7 @@ def _episodes(
     if not len(starts):
         return np.zeros(0), np.zeros(0)
     nodes, weights = np.polynomial.legendre.leggauss(10)
-    index, left, width = _panels(solution, starts, ends)
+    index, left, width = panels(solution.shortest_period, starts, ends)
     t = left[:, None] + width[:, None] * (nodes + 1.0) / 2.0
     sigma = np.abs(stops.force(path(t.ravel())[0])).reshape(t.shape)
     impulses = np.bincount(index, sigma @ weights * width / 2.0, len(starts))
@@ -91,35 +117,25 @@ def _runs(owner: NDArray[np.int64]) -> list[tuple[int, int]]:
     return list(zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True))
 
 
-def _panels(solution: Solution, starts: Array, ends: Array) -> tuple[NDArray[np.int64], Array, Array]:
-    """Panels no longer than the shortest period: owner, left end and width of each."""
-    shortest = 2.0 * np.pi / max(float(r.omega[-1]) for r in solution.regimes.values())
-    panels = np.maximum(1, np.ceil((ends - starts) / shortest)).astype(int)
-    index = np.repeat(np.arange(len(starts)), panels)
-    inside = np.arange(len(index)) - np.repeat(np.cumsum(panels) - panels, panels)
-    width = ((ends - starts) / panels)[index]
+def panels(longest: float, starts: Array, ends: Array) -> tuple[NDArray[np.int64], Array, Array]:
+    """Panels no longer than ``longest`` of the intervals [starts, ends]: owner, left end and width of each."""
+    count = np.maximum(1, np.ceil((ends - starts) / longest)).astype(int)
+    index = np.repeat(np.arange(len(starts)), count)
+    inside = np.arange(len(index)) - np.repeat(np.cumsum(count) - count, count)
+    width = ((ends - starts) / count)[index]
     return index, starts[index] + inside * width, width
 
 
 def exact_ledger(system: System, solution: Solution, times: Array) -> Ledger:
-    """The exact flow's ledger at increasing times: input = int sum_k f_k p_k^T q' dt, piece by piece.
+    """The exact flow's ledger at increasing times.
 
-    Gauss-Legendre quadrature on panels no longer than the shortest period is exact to rounding, so the
-    loss left over is the error of the solution itself.
+    input = int (sum_k f_k p_k^T q' - sum_c F_c o_c') dt and viscous = int q'^T C q' dt are exact to
+    rounding, so the loss left over is the error of the solution itself.
     """
-    nodes, weights = np.polynomial.legendre.leggauss(10)
     edges = np.unique(np.concatenate([solution.times[solution.times < times[-1]], times, [0.0]]))
-    index, left, width = _panels(solution, edges[:-1], edges[1:])
-    basis, _ = solution.drive.split(system.loads, system.size)
-    work = np.zeros(len(left))
-    for part in np.array_split(np.arange(len(left)), max(1, len(left) // 20_000)):
-        t = left[part][:, None] + width[part][:, None] * (nodes + 1.0) / 2.0
-        _, v = solution.states(t.ravel())
-        power = np.sum((solution.drive.coefficients(t.ravel()) @ basis) * v, axis=1).reshape(t.shape)
-        work[part] = power @ weights * width[part] / 2.0
-    cumulative = np.concatenate([[0.0], np.cumsum(np.bincount(index, work, len(edges) - 1))])
-    total = cumulative[np.searchsorted(edges, times)]
+    where = np.searchsorted(edges, times)
+    given, taken = (np.concatenate([[0.0], np.cumsum(x)])[where] for x in solution.work(system, edges))
     start, energy = (system.energy(t, *solution.states(t)) for t in (np.zeros(1), times))
-    loss = start[0] - energy + total
+    loss = start[0] - energy + given - taken
     zero = np.zeros(len(times))
-    return Ledger(times, energy, total, zero, loss, zero, loss)
+    return Ledger(times, energy, given, taken, loss, zero, loss)

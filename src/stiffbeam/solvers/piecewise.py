@@ -1,119 +1,27 @@
 """The exact solution: between switches the system is linear, so only the switching times are sought.
 
-With linear compliance the system has three regimes, free and on either stop, each with modes of its
-own (two eigendecompositions: the stops share their stiffness). In a regime every mode is known in
-closed form, and the time to the next switch is approached by steps that provably contain no switch.
+With linear compliance every contact is free or on one of its stops, and each combination is a linear
+system with a solution in closed form. The time to the next switch is approached by steps that provably
+contain none (switching.py).
 """
 
 from __future__ import annotations
 
-import math
 import platform
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
 from importlib.metadata import version
-from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..arrays import Array
 from ..drive import Drive
-from ..modal import Modes, modes
 from ..system import System
 from ..trajectory import Reference, Work
 from ..validation import InputError, positive
+from .adaptive import output_times
 from .exact_measures import contact_record, exact_ledger
-from .switching import follow
-
-RESONANCE = 1e-8  # |Omega^2 - omega^2|/omega^2 below which a drive counts as resonant
-EVENTS_PER_CALL = 4096
-
-
-class Regime(NamedTuple):
-    """eta'' + omega^2 eta = c + harmonics, eta = h + P g(t), in one contact regime.
-
-    omega: (n,). level: c (n,). particular: P (n, d), d-th drive coefficient to modal amplitude, its
-    constant column zero. row: (n,) the contact position's modal row; offset: (d,) its offset in g.
-    """
-
-    omega: Array
-    level: Array
-    particular: Array
-    row: Array
-    offset: Array
-
-
-@dataclass(frozen=True, eq=False)
-class Solution:
-    """The pieces: at times[i] regime[i] begins with the homogeneous part h, h' of rows i.
-
-    regime: 0 free, +1 upper, -1 lower. h, rate: (pieces, n) in the modes of that regime.
-    """
-
-    drive: Drive
-    bases: dict[int, Modes]
-    regimes: dict[int, Regime]
-    times: Array
-    regime: NDArray[np.int64]
-    h: Array
-    rate: Array
-    evaluations: int
-
-    def modal(self, t: Array, piece: NDArray[np.int64], regime: int) -> tuple[Array, Array]:
-        """eta, eta' (k, n) at times t inside the given pieces, all of one regime."""
-        law = self.regimes[regime]
-        tau = (t - self.times[piece])[:, None]
-        c, s, v = _oscillation(law.omega, tau)
-        h, rate = self.h[piece], self.rate[piece]
-        g = self.drive.coefficients(t)
-        eta = h * c + rate * s + law.level * v + g @ law.particular.T
-        velocity = rate * c + (law.level - law.omega**2 * h) * s + g @ self.drive.derivative().T @ law.particular.T
-        return eta, velocity
-
-    def piece_at(self, t: Array) -> NDArray[np.int64]:
-        return np.maximum(np.searchsorted(self.times, t, side="right") - 1, 0)
-
-    def states(self, t: Array) -> tuple[Array, Array]:
-        """q, q' (k, n) at any times."""
-        n = len(self.h[0])
-        q, v = np.empty((len(t), n)), np.empty((len(t), n))
-        piece = self.piece_at(t)
-        for regime, basis in self.bases.items():
-            here = np.flatnonzero(self.regime[piece] == regime)
-            for part in np.array_split(here, max(1, len(here) * n // 2_000_000)):
-                eta, rate = self.modal(t[part], piece[part], regime)
-                q[part], v[part] = basis.to_nodal(eta), basis.to_nodal(rate)
-        return q, v
-
-    def offset(self, system: System, channel: int) -> Callable[[Array], tuple[Array, Array]]:
-        """o(t) and o'(t) of a channel."""
-        column = self.drive.offsets(system)[0][:, channel]
-
-        def values(t: Array) -> tuple[Array, Array]:
-            g = self.drive.coefficients(t)
-            return g @ column, g @ self.drive.derivative().T @ column
-
-        return values
-
-    def observed(self, t: Array, row: Array) -> tuple[Array, Array]:
-        """row @ q and its rate at any times, (k,)."""
-        u, v = np.empty(len(t)), np.empty(len(t))
-        piece = self.piece_at(t)
-        for regime, basis in self.bases.items():
-            here = np.flatnonzero(self.regime[piece] == regime)
-            for part in np.array_split(here, max(1, len(here) * len(row) // 2_000_000)):
-                eta, rate = self.modal(t[part], piece[part], regime)
-                u[part], v[part] = eta @ basis.force(row), rate @ basis.force(row)
-        return u, v
-
-
-def _oscillation(omega: Array, tau: Array) -> tuple[Array, Array, Array]:
-    """cos(omega tau), sin(omega tau)/omega and (1 - cos(omega tau))/omega^2, regular at omega = 0."""
-    x = omega * tau
-    half = np.sinc(x / (2.0 * np.pi))
-    return np.cos(x), tau * np.sinc(x / np.pi), 0.5 * (tau * half) ** 2
+from .exponential import exponential
+from .undamped import Perturbation, undamped
 
 
 def solve_exact(
@@ -121,8 +29,10 @@ def solve_exact(
 ) -> Reference:
     """The exact piecewise-linear solution in float64, with crossings that cannot be missed.
 
-    Takes d = 0 (no damping), at most one contact with one or two stops, Harmonic and Constant time
-    functions. Raises InputError with the reason for anything else.
+    Takes any damping, any number of contacts, Harmonic and Constant time functions; raises InputError
+    with the reason for other time functions, for a resonant drive without damping, and where regimes
+    are too close to critical damping or to a rigid-body motion for their eigenvectors. Without damping
+    and with at most one contact all of it is compiled; else regimes are made as they are met.
 
     With u the gap's position, u' its rate and B >= |u''| on the rest of the piece, no switch lies
     before the smaller positive root s of (g2 - u) - u' s - B s^2/2 = 0 and (u - g1) + u' s - B s^2/2 = 0;
@@ -132,8 +42,10 @@ def solve_exact(
     """
     begun = time.perf_counter()
     positive("t_end", t_end)
-    solution, compile_seconds = _march(system, t_end, perturbation)
-    t = np.linspace(0.0, t_end, 2001) if t_eval is None else np.asarray(t_eval, float)
+    _refuse(system)
+    solve = exponential if system.damped or len(system.contacts) > 1 else undamped
+    solution, compile_seconds = solve(system, t_end, perturbation)
+    t = output_times(t_eval, t_end)
 
     def evaluate(times: Array, channel: int) -> tuple[Array, Array]:
         u, v = solution.observed(times, system.channels[channel][0])
@@ -149,7 +61,6 @@ def solve_exact(
         tip_velocity=velocity,
         contacts=contacts,
         work=Work(
-            steps=len(solution.times),
             seconds=seconds,
             march_seconds=seconds,
             counters={"evaluations": solution.evaluations, "switches": len(solution.times) - 1},
@@ -172,158 +83,10 @@ def solve_exact(
     )
 
 
-class Perturbation(NamedTuple):
-    """A relative change of every frequency and of the initial data, for a twin of the solution.
-
-    frequency: size of the change of each omega relative to the largest; state: of each initial modal
-    amplitude relative to the largest in energy; seed: of the random signs and sizes.
-    """
-
-    frequency: float
-    state: float
-    seed: int
-
-
-def _march(system: System, t_end: float, perturbation: Perturbation | None) -> tuple[Solution, float]:
-    _refuse(system)
-    drive = Drive.of(system)
-    bases, regimes = _regimes(system, drive, perturbation)
-    stops = system.contacts[0].stops if system.contacts else None
-    g1, g2 = (stops.g1, stops.g2) if stops else (-math.inf, math.inf)
-    eta = bases[0].to_modal(system.q0)
-    rate = bases[0].to_modal(system.v0)
-    if perturbation is not None:
-        eta, rate = _perturbed(eta, rate, bases[0], regimes[0], drive, perturbation)
-    q, v = bases[0].to_nodal(eta), bases[0].to_nodal(rate)
-    u0 = float(q @ system.channels[0][0] + drive.coefficients(0.0) @ regimes[0].offset)
-    regime = int(stops.state(u0)) if stops else 0
-    g0, g0_rate = drive.coefficients(0.0), drive.derivative() @ drive.coefficients(0.0)
-    law = regimes[regime]
-    h = bases[regime].to_modal(q) - law.particular @ g0
-    h_rate = bases[regime].to_modal(v) - law.particular @ g0_rate
-
-    free, contact = regimes[0], regimes.get(1, regimes[0])
-    lower = regimes.get(-1, regimes[0])
-    to_contact = bases[0].shapes.T @ system.mass @ bases.get(1, bases[0]).shapes  # eta_contact = eta_free @ this
-    args = (
-        np.stack([free.omega, contact.omega]),
-        np.stack([lower.level, free.level, contact.level]),
-        np.stack([lower.particular, free.particular, contact.particular]),
-        np.stack([free.row, contact.row]),
-        free.offset,
-        np.ascontiguousarray(to_contact),
-        np.array(drive.frequencies),
-        g1,
-        g2,
-    )
-    compiling = time.perf_counter()
-    nothing = np.zeros((1, len(h)))
-    follow(h.copy(), h_rate.copy(), regime, 0.0, 0.0, True, *args, np.zeros(1), np.zeros(1, np.int64), nothing, nothing)
-    compile_seconds = time.perf_counter() - compiling
-
-    times, kinds, hs, rates = [np.zeros(1)], [np.array([regime])], [h[None].copy()], [h_rate[None].copy()]
-    t, evaluations, at_switch = 0.0, 0, False
-    while True:
-        out_t, out_regime = np.empty(EVENTS_PER_CALL), np.empty(EVENTS_PER_CALL, np.int64)
-        out_h, out_rate = np.empty((EVENTS_PER_CALL, len(h))), np.empty((EVENTS_PER_CALL, len(h)))
-        count, used = follow(h, h_rate, regime, t, t_end, at_switch, *args, out_t, out_regime, out_h, out_rate)
-        evaluations += used
-        times.append(out_t[:count])
-        kinds.append(out_regime[:count])
-        hs.append(out_h[:count])
-        rates.append(out_rate[:count])
-        if count < EVENTS_PER_CALL:
-            break
-        t, regime, at_switch = float(out_t[-1]), int(out_regime[-1]), True
-        h, h_rate = out_h[-1].copy(), out_rate[-1].copy()
-    return (
-        Solution(
-            drive=drive,
-            bases=bases,
-            regimes=regimes,
-            times=np.concatenate(times),
-            regime=np.concatenate(kinds),
-            h=np.concatenate(hs),
-            rate=np.concatenate(rates),
-            evaluations=evaluations,
-        ),
-        compile_seconds,
-    )
-
-
 def _refuse(system: System) -> None:
-    if system.damped:
-        raise InputError("damping", "C != 0", "be 0 for the exact solution in float64", "use method='cvode'")
-    if len(system.contacts) > 1:
-        raise InputError(
-            "contacts", len(system.contacts), "be at most one for the exact solution", "use method='cvode'"
-        )
     drive = Drive.of(system)
     rest = drive.split(system.loads, system.size)[1] + drive.offsets(system)[1]
     if rest:
         raise InputError(
             "time function", rest[0][1], "be Harmonic or Constant for the exact solution", "use method='cvode'"
         )
-
-
-def _regimes(
-    system: System, drive: Drive, perturbation: Perturbation | None
-) -> tuple[dict[int, Modes], dict[int, Regime]]:
-    basis, _ = drive.split(system.loads, system.size)
-    offsets, _ = drive.offsets(system)
-    row, offset = system.channels[0][0], offsets[:, 0]
-    bases, regimes = {}, {}
-    for regime in (0, 1, -1) if system.contacts else (0,):
-        total = basis.copy()
-        springs: tuple = ()
-        if regime:
-            stops = system.contacts[0].stops
-            gap = stops.g2 if regime > 0 else stops.g1
-            if not math.isfinite(gap):
-                gap = 0.0  # a side without a stop: never entered
-            springs = ((row, stops.stiffness),)
-            # sigma = kappa (gap - row q - offset): the first term is a load, the second in the matrix.
-            total[0] += stops.stiffness * gap * row
-            total -= stops.stiffness * np.outer(offset, row)
-        base = bases[1] if regime == -1 else modes(system, springs)
-        assert base is not None
-        if perturbation is not None and regime != -1:
-            base = _perturbed_basis(base, perturbation, regime)
-        bases[regime] = base
-        force = base.force(total)  # (d, n)
-        gain = base.omega**2 - (drive.rates**2)[:, None]
-        near = np.abs(gain[1:]) < RESONANCE * base.omega**2
-        if np.any(near & (np.abs(force[1:]) > 0.0)):
-            k = int(np.argwhere(near)[0][1])
-            raise InputError(
-                "frequency",
-                float(base.omega[k]),
-                f"differ from the natural frequency {base.omega[k]:.9g} by {RESONANCE:g} relative",
-                "move the drive off the resonance or use method='cvode-adams'",
-            )
-        gain[0] = 1.0
-        particular = (force / gain).T
-        particular[:, 0] = 0.0  # the constant stays with h, regular at omega = 0
-        regimes[regime] = Regime(
-            np.ascontiguousarray(base.omega), force[0].copy(), np.ascontiguousarray(particular), base.force(row), offset
-        )
-    return bases, regimes
-
-
-def _perturbed_basis(base: Modes, perturbation: Perturbation, regime: int) -> Modes:
-    rng = np.random.default_rng([perturbation.seed, regime])
-    change = perturbation.frequency * base.omega[-1] * rng.uniform(-1.0, 1.0, base.omega.size)
-    return Modes(np.abs(base.omega + change), base.shapes, base.damping, base.mass)
-
-
-def _perturbed(
-    eta: Array, rate: Array, base: Modes, law: Regime, drive: Drive, perturbation: Perturbation
-) -> tuple[Array, Array]:
-    """Initial modal data changed in proportion to the motion: amplitudes of the start and of the drive."""
-    rng = np.random.default_rng([perturbation.seed, 99])
-    start = np.hypot(base.omega * eta, rate)
-    driven = np.sum(np.abs(law.particular) * np.maximum(drive.rates, 1.0), axis=1)
-    size = perturbation.state * max(float(np.max(start)), float(np.max(driven)))
-    noise = rng.uniform(-1.0, 1.0, (2, eta.size))
-    scale = np.maximum(base.omega, base.omega[-1] * 1e-8)
-    return eta + size * noise[0] / scale, rate + size * noise[1]

@@ -85,6 +85,29 @@ def safe_step(gap, rate, b2):
 
 
 @compiled
+def gap_step(gap, rate, curve, b2, b3, scale, at_rest, t):
+    """(s, closes) for a gap >= 0 with its two derivatives: it stays positive for s, or closes at s.
+
+    at_rest: the gap of a stop just met or left is exactly zero and its speed never negative but for
+    rounding; then gap >= gap' s + max(-b2 s^2/2, gap'' s^2/2 - b3 s^3/6). scale: a size for rounding.
+    """
+    if at_rest and abs(gap) <= 1e-9 * scale + 1e-300:
+        noise = 1e-13 * math.sqrt(b2 * scale)
+        safe = 2.0 * max(rate, 0.0) / b2
+        if curve > 0.0 and rate > -noise:
+            x = 0.5 * curve
+            safe = max(safe, (x + math.sqrt(x * x + 2.0 * b3 / 3.0 * max(rate, 0.0))) * 3.0 / b3)
+        return safe, safe == 0.0  # zero: it turns straight back, touching without penetration
+    safe = safe_step(max(gap, 0.0), rate, b2)
+    if safe <= 4.0 * EPS * (t + safe) or gap <= 0.0:
+        if rate < 0.0 or curve < 0.0:
+            return safe, True
+        # Grazing: the gap closes without speed and opens again.
+        safe = max(safe, 3.0 * curve / b3, 1e-15 * t + 1e-18)
+    return safe, False
+
+
+@compiled
 def follow(
     h, rate, regime, t_start, t_end, at_switch,
     omegas, levels, particulars, rows, offset, to_contact, frequencies, g1, g2,
@@ -125,39 +148,14 @@ def follow(
                     continue
                 # gap >= 0 in the present regime: distance to the stop when free, penetration in contact.
                 sign = -side if regime == 0 else side
-                gap = sign * (u - stop)
-                gap_rate = sign * speed
-                gap_curve = sign * curve
-                if resting and abs(gap) <= 1e-9 * (abs(stop) + abs(u)) + 1e-300:
-                    # The gap of the stop just met or left is exactly zero, its speed never negative but
-                    # for rounding: gap >= gap' s + max(-b2 s^2/2, gap'' s^2/2 - b3 s^3/6).
-                    noise = 1e-13 * math.sqrt(b2 * (abs(stop) + abs(u)))
-                    safe = 2.0 * max(gap_rate, 0.0) / b2
-                    if gap_curve > 0.0 and gap_rate > -noise:
-                        x = 0.5 * gap_curve
-                        safe = max(safe, (x + math.sqrt(x * x + 2.0 * b3 / 3.0 * max(gap_rate, 0.0))) * 3.0 / b3)
-                    if safe == 0.0:
-                        # It turns straight back: touching without penetration.
-                        target = side
-                        step = 0.0
-                        found = True
-                        break
-                else:
-                    safe = safe_step(max(gap, 0.0), gap_rate, b2)
-                    near = safe <= 4.0 * EPS * (t_start + tau + safe) or gap <= 0.0
-                    if near and gap_rate < 0.0:
-                        target = side
-                        step = safe
-                        found = True
-                        break
-                    if near:
-                        # Grazing: the gap closes without speed and opens again unless u'' drives it in.
-                        if gap_curve < 0.0:
-                            target = side
-                            step = safe
-                            found = True
-                            break
-                        safe = max(safe, 3.0 * gap_curve / b3, 1e-15 * (t_start + tau) + 1e-18)
+                safe, closes = gap_step(
+                    sign * (u - stop), sign * speed, sign * curve, b2, b3, abs(stop) + abs(u), resting, t_start + tau
+                )
+                if closes:
+                    target = side
+                    step = safe
+                    found = True
+                    break
                 if safe < step:
                     step = safe
             if found:
@@ -224,3 +222,55 @@ def follow(
             out_rate[count, j] = rate[j]
         count += 1
     return count, evaluations
+
+
+@compiled
+def search(sigma, omega, real, imaginary, chi, g1, g2, resting, t_start, t_end):
+    """The first switch of m contacts whose positions are u_c(tau) = Re sum_k a_ck exp((sigma_k + i omega_k) tau).
+
+    a = real + i imaginary: (m, K); sigma <= 0. chi, g1, g2: (m,). resting: the contact whose gap is
+    exactly zero at the start, or -1. Returns (tau, contact, side, evaluations); contact -1: none
+    before t_end. Every gap that is open or closed is kept positive, see ``gap_step``.
+    """
+    m, K = real.shape
+    tau = 0.0
+    evaluations = 0
+    while True:
+        evaluations += 1
+        step = math.inf
+        for contact in range(m):
+            u = 0.0
+            speed = 0.0
+            curve = 0.0
+            b2 = 1e-300
+            b3 = 1e-300
+            for k in range(K):
+                decay = math.exp(sigma[k] * tau)
+                c = math.cos(omega[k] * tau)
+                s = math.sin(omega[k] * tau)
+                x = decay * (real[contact, k] * c - imaginary[contact, k] * s)
+                y = decay * (real[contact, k] * s + imaginary[contact, k] * c)
+                size = sigma[k] * sigma[k] + omega[k] * omega[k]
+                u += x
+                speed += sigma[k] * x - omega[k] * y
+                curve += (sigma[k] * sigma[k] - omega[k] * omega[k]) * x - 2.0 * sigma[k] * omega[k] * y
+                amplitude = size * decay * math.hypot(real[contact, k], imaginary[contact, k])
+                b2 += amplitude
+                b3 += amplitude * math.sqrt(size)
+            b2 *= 1.0 + 1e-12  # rounding in the sums
+            b3 *= 1.0 + 1e-12
+            for side in (1, -1):
+                stop = g2[contact] if side > 0 else g1[contact]
+                if math.isinf(stop) or (chi[contact] != 0 and chi[contact] != side):
+                    continue
+                sign = -side if chi[contact] == 0 else side
+                safe, closes = gap_step(
+                    sign * (u - stop), sign * speed, sign * curve, b2, b3, abs(stop) + abs(u),
+                    contact == resting and tau == 0.0, t_start + tau,
+                )  # fmt: skip
+                if closes:
+                    return tau + safe, contact, side, evaluations
+                step = min(step, safe)
+        if t_start + tau + step >= t_end:
+            return t_end - t_start, -1, 0, evaluations
+        tau += max(step, EPS * (t_start + tau))

@@ -8,15 +8,15 @@ from typing import Any
 
 import numpy as np
 
-from ..cases import Case
-from ..march import integrate
+from ..cases import Case, paper_cases
+from ..march import CONTACTS, integrate
 from ..measures.comparison import Comparison, compare
 from ..schemes import BDF2, HHT, SDIRK, Scheme
 from ..semidiscretisation import semidiscretise
 from ..solvers import METHODS, reference
 from ..system import System
 from ..trajectory import Diverged, Reference, SolverFailure, Trajectory
-from ..validation import InputError, near
+from ..validation import InputError, near, step_count
 
 DEFAULT_REFERENCES = ("exact", "cvode", "cvode-adams")
 Progress = Callable[[str, int, int], None]  # (what is running, done, total); total 0: unknown
@@ -50,8 +50,10 @@ class CaseComparison:
 
 
 def default_runs(case: Case) -> list[tuple[Scheme, str]]:
-    """The case's own runs, and whichever of the paper's three schemes is missing among them."""
+    """The case's own runs; for a table of the paper also whichever of its three schemes is missing."""
     runs = list(case.runs)
+    if case.name not in paper_cases() or case.runs != paper_cases()[case.name].runs:
+        return runs
     names = {scheme.name for scheme, _ in runs}
     for scheme in (BDF2(), SDIRK(nystrom=True), HHT()):
         if scheme.name not in names:
@@ -76,6 +78,9 @@ def compare_case(
     the others go on. ``keep`` is called with every trajectory as soon as it is finished.
     """
     case = replace(case, dt=dt or case.dt, t_end=t_end or case.t_end)
+    step_count(case.dt, case.t_end)
+    if contact not in CONTACTS:
+        raise InputError("contact", contact, f"be one of {CONTACTS}")
     for name in references:
         if name not in METHODS:
             raise InputError("references", name, "be a reference method", near(name, METHODS))
@@ -92,7 +97,7 @@ def compare_case(
                     progress=lambda done, label=label: progress(label, done, round(case.t_end / case.dt)),
                 )  # fmt: skip
             except (Diverged, InputError) as error:
-                if isinstance(error, InputError) and error.field != "dt":
+                if isinstance(error, InputError) and error.field != "dt":  # dt: an erratum refused on this system
                     raise
                 result.failures.append((label, str(error)))
                 continue
