@@ -172,7 +172,7 @@ def test_a_run_may_leave_out_what_has_a_default():
         ("hht(alpha=-0.1", "scheme must read name(parameter=value, ...)@form"),
         ("hht@displacement@displacement", "e.g. hht(alpha=-0.1)@displacement"),
         ("hht(alpha=small)", "scheme must give alpha a number, true or false, got 'hht(alpha=small)'"),
-        ("hht(alpha)", "scheme must give alpha a number"),
+        ("hht(alpha)", "scheme must name every parameter"),
         ("hht(alhpa=-0.1)", "'alhpa'"),
         ("hht(alpha=0.1)", "alpha must lie in [-0.333333, 0], got 0.1: if your alpha is in [0, 1/3], pass -alpha"),
         ("hht(alpha='-0.1')", "alpha must lie in [-0.333333, 0], got '-0.1'"),

@@ -19,7 +19,7 @@ from .problem import BeamProblem, DistributedLoad, Load, PointLoad
 from .schemes import Scheme, make
 from .semidiscretisation import FORMS
 from .time_functions import Constant, Harmonic
-from .validation import InputError, near, step_count
+from .validation import InputError, near, positive, step_count
 
 
 @dataclass(frozen=True)
@@ -111,7 +111,11 @@ def parse_run(text: str, default_form: str = "displacement") -> tuple[Scheme, st
         raise InputError("scheme", text, "read name(parameter=value, ...)@form", "e.g. hht(alpha=-0.1)@displacement")
     parameters: dict[str, Any] = {}
     for item in filter(None, (match["args"] or "").split(",")):
-        key, _, value = (part.strip() for part in item.partition("="))
+        key, equals, value = (part.strip() for part in item.partition("="))
+        if not equals:
+            raise InputError("scheme", text, "name every parameter", "for example hht(alpha=-0.1)")
+        if key in parameters:
+            raise InputError("scheme", text, f"give {key} once")
         try:
             truth = {"true": True, "false": False}
             parameters[key] = truth[value.lower()] if value.lower() in truth else ast.literal_eval(value)
@@ -211,8 +215,7 @@ class _Reader:
             raise self.error("cells", cells, "be an integer >= 4")
         dt, t_end = self.number("dt"), self.number("t_end")
         for key, value in (("dt", dt), ("t_end", t_end)):
-            if not 0 < value < np.inf:
-                raise self.error(key, value, "be > 0")
+            self.build(positive, key, value)
         self.build(step_count, dt, t_end)
         parsed = []
         for run in runs:
@@ -220,6 +223,12 @@ class _Reader:
                 raise self.error("runs", run, "be strings like 'hht(alpha=-0.1)@displacement'")
             parsed.append(self.build(parse_run, run))
         published = self.get("published", dict, "be a table", {})
+        for kind, values in published.items():
+            if not isinstance(values, dict) or not all(isinstance(v, (int, float)) for v in values.values()):
+                raise self.error(f"published.{kind}", values, "be a table of numbers by run")
+        notes = self.get("inferred", list, "be a list of strings", [])
+        if not all(isinstance(note, str) for note in notes):
+            raise self.error("inferred", notes, "be a list of strings")
         return Case(
             name=name,
             title=self.get("title", str, "be a string", name),
@@ -229,12 +238,12 @@ class _Reader:
             t_end=float(t_end),
             runs=tuple(parsed),
             published=published,
-            notes=tuple(self.get("inferred", list, "be a list of strings", [])),
+            notes=tuple(notes),
         )
 
     def problem(self) -> BeamProblem:
         shared = {"stops", "base", "loads", "initial_displacement", "initial_velocity"}
-        physical = "length" in self.table
+        physical = any(name in self.table for name in ("length", "bending_stiffness", "mass_per_length"))
         own = (
             ("length", "bending_stiffness", "mass_per_length", "bending_viscosity", "time_unit")
             if physical
@@ -265,9 +274,10 @@ class _Reader:
         return self.build(Stops, self.number("lower", None), self.number("upper", None), stiffness=stiffness)
 
     def time_function(self, besides: set[str]) -> Harmonic | Constant:
-        self.only({"amplitude", "frequency", "phase", "constant"} | besides)
         if "constant" in self.table:
+            self.only({"constant"} | besides)
             return self.build(Constant, self.number("constant"))
+        self.only({"amplitude", "frequency", "phase"} | besides)
         return self.build(Harmonic, self.number("amplitude"), self.number("frequency"), self.number("phase", 0.0))
 
     def load(self) -> Load:

@@ -29,9 +29,11 @@ def cases(
     from .cases import case_file, find_case, paper_cases, paper_text
 
     if show is not None:
-        name = find_case(show).name
+        name = find_case(show).name if show in paper_cases() else ""
         blocks = paper_text().split("[[case]]")[1:]
         block = next((b for b in blocks if f'name = "{name}"\n' in b), None)
+        if block is None:
+            find_case(show)
         print("[[case]]" + block.rstrip() if block else Path(case_file(show)).read_text(encoding="utf-8").rstrip())
         return
     listed = paper_cases().values()
@@ -86,6 +88,8 @@ def compare(
             positive(name, value)
     runs = None if schemes is None else [_like_case(parse_run(text), text, chosen) for text in split_runs(schemes)]
     names = [name.strip() for name in references.split(",") if name.strip()]
+    if json_file is not None and json_file.is_dir():
+        raise InputError("--json", str(json_file), "be a file, or - for the terminal")
     for option, given in (("--schemes", runs is None or runs), ("--references", names)):
         if not given:
             raise InputError(option, "nothing", "name at least one")

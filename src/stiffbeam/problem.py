@@ -80,7 +80,7 @@ class BeamProblem:
 
     stiffness: k^2 > 0. viscosity: d >= 0 (Kelvin-Voigt). stops: g1, g2, kappa, or None for no contact.
     base: phi, None for a clamp at rest. loads: f. initial_displacement, initial_velocity: u0(x), v0(x)
-    taking an array of x; None is at rest, u0 = phi(0) and v0 = 0. All quantities are non-dimensional;
+    taking an array of x to one of values; None is at rest, u0 = phi(0) and v0 = 0. All quantities are non-dimensional;
     ``from_physical`` makes the problem from physical ones and sets ``units``, the way back.
     Raises InputError (a ValueError) naming field, value and rule. Source: Dumont (2002), Section 2.
     """
@@ -108,7 +108,21 @@ class BeamProblem:
                 raise InputError("loads", load, "hold PointLoad and DistributedLoad only")
             if isinstance(load, PointLoad) and load.position > 1.0:
                 raise InputError("load.position", load.position, "lie on the beam, 0 < position <= 1")
+        self._check_profiles()
         self._check_clamp()
+
+    def _check_profiles(self) -> None:
+        x = np.linspace(0.0, 1.0, 7)
+        profiles = [("initial_displacement", self.initial_displacement), ("initial_velocity", self.initial_velocity)]
+        profiles += [("load.shape", load.shape) for load in self.loads if isinstance(load, DistributedLoad)]
+        for name, profile in profiles:
+            if profile is None:
+                continue
+            if not callable(profile):
+                raise InputError(name, profile, "be a function of x", "for a constant write lambda x: 0 * x + c")
+            values = np.asarray(profile(x), float)
+            if values.shape != x.shape or not np.all(np.isfinite(values)):
+                raise InputError(name, values, "return one finite value per x", "write it with NumPy functions")
 
     def _check_clamp(self) -> None:
         """u0 has to meet the clamp: u0(0) = phi(0) and u0'(0) = 0 (2.3)."""
@@ -116,15 +130,14 @@ class BeamProblem:
             return
         phi0 = 0.0 if self.base is None else float(self.base.value(0.0))
         step = 1e-5
-        u = np.asarray(self.initial_displacement(np.array([0.0, step, 0.25, 0.5, 0.75, 1.0])), float)
-        if u.shape != (6,) or not np.all(np.isfinite(u)):
-            raise InputError("initial_displacement", u, "return one finite value per x")
+        x = np.array([0.0, step, 0.25, 0.5, 0.75, 1.0])
+        u = np.asarray(self.initial_displacement(x), float)
         scale = max(1e-300, abs(phi0), float(np.max(np.abs(u))))
         if abs(u[0] - phi0) > 1e-9 * scale:
-            raise InputError("initial_displacement", u[0], f"equal the base motion phi(0) = {phi0} at x = 0")
+            raise InputError("initial_displacement", float(u[0]), f"equal the base motion phi(0) = {phi0} at x = 0")
         # A smooth profile with u0'(0) = 0 moves by O(step^2) only.
         if abs(u[1] - u[0]) > 0.02 * step * float(np.max(np.abs(u - u[0]))) + 1e-14 * scale:
-            raise InputError("initial_displacement", (u[1] - u[0]) / step, "have zero slope at the clamp x = 0")
+            raise InputError("initial_displacement", float(u[1] - u[0]) / step, "have zero slope at the clamp x = 0")
 
     @classmethod
     def from_physical(
@@ -156,6 +169,10 @@ class BeamProblem:
         bending = positive("bending_stiffness", bending_stiffness)
         mass = positive("mass_per_length", mass_per_length)
         force = mass * length**2 / t0**2
+        loads = (loads,) if isinstance(loads, (PointLoad, DistributedLoad)) else tuple(loads)
+        for load in loads:
+            if isinstance(load, PointLoad) and load.position > length:
+                raise InputError("load.position", load.position, f"lie on the beam, at most length = {length:g}")
         if stops is not None:
             stops = Stops(
                 lower=None if stops.lower is None else stops.lower / length,

@@ -8,6 +8,7 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 import xarray as xr
 
@@ -97,8 +98,11 @@ def save(run: Trajectory, file: str | Path) -> Path:
     for name, variable in dataset.data_vars.items():
         if not variable.size or not variable.dims:
             encoding[name] = {}
-    path.parent.mkdir(parents=True, exist_ok=True)
-    handle, partial = tempfile.mkstemp(suffix=".nc", dir=path.parent)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, partial = tempfile.mkstemp(suffix=".nc", dir=path.parent)
+    except OSError as error:
+        raise InputError("file", str(path), "lie in a folder that can be written to", str(error)) from None
     os.close(handle)
     try:
         dataset.to_netcdf(partial, engine="h5netcdf", encoding=encoding)
@@ -116,10 +120,17 @@ def load(file: str | Path) -> Trajectory:
     if not path.is_file():
         raise InputError("file", str(path), "exist")
     try:
+        with h5py.File(path):  # a damaged file fails here, before a reader has it half open
+            pass
         with xr.open_dataset(path, engine="h5netcdf", decode_times=False) as opened:
-            data = opened.load()
-    except (OSError, ValueError, KeyError) as error:
+            return _from_dataset(opened.load(), path)
+    except InputError:
+        raise
+    except (OSError, ValueError, KeyError, TypeError, RuntimeError, AttributeError) as error:
         raise InputError("file", str(path), "be a whole netCDF-4 file", str(error)) from None
+
+
+def _from_dataset(data: xr.Dataset, path: Path) -> Trajectory:
     if data.attrs.get("stiffbeam_format") != FORMAT:
         found = data.attrs.get("stiffbeam_format")
         raise InputError("file", str(path), f"be a stiffbeam trajectory of format {FORMAT}", f"it has format {found}")

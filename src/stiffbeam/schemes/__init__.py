@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from inspect import signature
 
 from ..validation import InputError, near
 from .bdf2 import BDF2
@@ -24,10 +25,12 @@ def make(name: str, **parameters) -> Scheme:
     """The registered scheme ``name`` with its parameters."""
     if name not in SCHEMES:
         raise InputError("scheme", name, "be a registered scheme", near(name, SCHEMES))
-    try:
-        return SCHEMES[name](**parameters)
-    except TypeError as error:
-        raise InputError("scheme", f"{name}({parameters})", "take only its own parameters", str(error)) from None
+    own = [p for p in signature(SCHEMES[name]).parameters if p not in ("args", "kwargs")]
+    for parameter in parameters:
+        if parameter not in own:
+            remedy = near(parameter, own) if own else "it has none"
+            raise InputError(f"{name}'s parameter", parameter, "be one of its own", remedy)
+    return SCHEMES[name](**parameters)
 
 
 def registered() -> Iterator[Scheme]:

@@ -42,6 +42,8 @@ class SDIRK(Scheme):
         gamma = in_interval("gamma", gamma, GAMMA_MIN, GAMMA_MAX, "outside it the scheme is not L-stable")
         # The paper's four digits mean the root.
         self.gamma = GAMMA_THIRD_ORDER if abs(gamma - 0.4359) < 5e-5 else gamma
+        if not isinstance(nystrom, (bool, np.bool_)):
+            raise InputError("nystrom", nystrom, "be True or False")
         self.nystrom = bool(nystrom)
         self.order = 3 if self.gamma == GAMMA_THIRD_ORDER else 2
         if self.gamma > 1.0:

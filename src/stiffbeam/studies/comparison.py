@@ -105,7 +105,7 @@ def compare_case(
             keep(run)
             if yardstick is not None:
                 progress(f"measuring {label}", 0, 0)
-                result.comparisons.append(compare(run, yardstick))
+                _measure(result, run, yardstick)
         if yardstick is not None:
             keep(yardstick)
             for further in _further_references(system, case, references, yardstick, result, progress):
@@ -156,5 +156,13 @@ def _further_references(
             result.failures.append((label, str(error)))
             continue
         result.references.append(further)
-        result.comparisons.append(compare(further, yardstick))
+        _measure(result, further, yardstick)
         yield further
+
+
+def _measure(result: CaseComparison, run: Trajectory, yardstick: Reference) -> None:
+    """Compare, or note why it cannot be: one run that cannot be compared does not end the others."""
+    try:
+        result.comparisons.append(compare(run, yardstick))
+    except InputError as error:
+        result.failures.append((run.label, str(error)))
