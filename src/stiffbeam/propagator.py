@@ -9,6 +9,7 @@ one product with ``reading`` and one with ``transition`` per block, and touches 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,7 @@ from .arrays import Array, aligned, padded
 from .contact import Stops
 from .drive import Drive, Term
 from .modal import Modes
+from .probe import Probe, probe
 from .schemes import Scheme
 from .system import System
 from .time_functions import evaluate
@@ -101,110 +103,69 @@ class Propagator:
         return entries, state, values
 
 
+class Entry(NamedTuple):
+    """One entry of a block: which channel it reads, in which probed field (batch, n), at which time."""
+
+    channel: int
+    field: Array
+    time: float
+
+
 def build(scheme: Scheme, system: System, modes: Modes, dt: float, steps: int, contact: str) -> Propagator:
-    """Probe ``steps`` steps of ``scheme`` on the modes of ``system``."""
-    equation, n = modes.equation, system.size
-    K, S, m = steps, len(scheme.nodes), len(system.contacts)
+    """Probe ``steps`` steps of ``scheme`` on the modes of ``system`` and arrange what they say."""
+    K, S, m, n = steps, len(scheme.nodes), len(system.contacts), system.size
     rows = np.array([modes.force(row) for row, _ in system.channels])  # (channels, n), modal
     drive = Drive.of(system)
     basis, samples = drive.split(system.loads, n)
-    basis, sampled = modes.force(basis), [modes.force(p) for p, _ in samples]
     offsets, offset_samples = drive.offsets(system)
+    pulses = np.array([*rows[:m], *(modes.force(p) for p, _ in samples)]).reshape(-1, n)
+    probed = probe(scheme, modes.equation, dt, K, pulses, drive, modes.force(basis))
+    entries, end_entry = _entries(scheme, probed, dt, m, len(rows), contact)
+    R, D = padded(len(entries)), padded(probed.components * n + drive.size)
+    modal, tail = slice(0, probed.components * n), slice(probed.components * n, probed.components * n + drive.size)
 
-    # One batch of unit inputs: state components | contact forces | sampled loads | drive coefficients.
-    zero = np.zeros(n)
-    a = scheme.initial(equation, [np.zeros((2, n))] * scheme.history, zero).shape[0]
-    pulses = [rows[c] for c in range(m)] + sampled  # a unit force at one node of the first step
-    batch = a + S * len(pulses) + drive.size
-    z = np.zeros((a, batch, n))
-    z[np.arange(a), np.arange(a)] = 1.0
-    states, positions, predictions = [], [], []
-    for k in range(K):
-        forces = []
-        for s, c in enumerate(scheme.nodes):
-            force = np.zeros((batch, n))
-            if k == 0:
-                for p, vector in enumerate(pulses):
-                    force[a + p * S + s] = vector
-            force[batch - drive.size :] = drive.transition((k + c) * dt).T @ basis
-            forces.append(force)
-        predictions.append(np.stack(scheme.predict(equation, dt, z)))
-        z, at_nodes = scheme.step(equation, dt, z, forces)
-        states.append(z)
-        positions.append(np.stack(at_nodes))
-    arguments = positions if contact == "implicit" else predictions
-
-    # The entries: (what is read, its time), contact arguments first.
-    entries: list[tuple[int, Array, float]] = []
-    for k in range(K):
-        for s, c in enumerate(scheme.nodes):
-            entries += [(i, arguments[k][s], (k + c) * dt) for i in range(m)]
-    N = len(entries)
-    # The last node holds the end of the step if its position is the new q, whatever the scheme calls it.
-    end_is_node = contact == "implicit" and np.array_equal(positions[0][-1], states[0][0])
-    end_entry = np.empty((K, len(rows)), np.int64)
-    for k in range(K):
-        for i in range(len(rows)):
-            if end_is_node and i < m:
-                end_entry[k, i] = (k * S + S - 1) * m + i
-            else:
-                end_entry[k, i] = len(entries)
-                entries.append((i, states[k][0], (k + 1) * dt))
-    R, D = padded(len(entries)), padded(a * n + drive.size)
-    tail = slice(a * n, a * n + drive.size)  # where x holds g
-
-    def flat(x: Array) -> Array:
-        """(a, n) -> (D,), padded."""
-        out = np.zeros(D)
-        out[: a * n] = x.reshape(-1)
-        return out
-
-    reading, response = aligned((R, D)), np.zeros((batch, R))
-    channel_of_entry, time_of_entry = np.full(R, -1, np.int64), np.zeros(R)
-    for r, (i, field, time) in enumerate(entries):
-        reading[r] = flat(field[:a] * rows[i])
-        response[:, r] = field @ rows[i]
-        reading[r, tail] = response[batch - drive.size :, r] + drive.transition(time).T @ offsets[:, i]
-        channel_of_entry[r], time_of_entry[r] = i, time
-
-    # A force in step k acts as one in step 0, k steps later.
-    def shifted(pulse: int, k: int) -> tuple[Array, Array, Array]:
-        """Entries, end state and end velocities for pulse ``pulse`` given in step k."""
-        out = np.zeros(R)
-        out[k * S * m : N] = response[pulse, : N - k * S * m]
-        surplus = len(entries) - N
-        per_step = surplus // K
-        out[N + k * per_step : len(entries)] = response[pulse, N : len(entries) - k * per_step]
-        speeds = np.zeros((K, len(rows)))
-        for later in range(k, K):
-            speeds[later] = rows @ states[later - k][1, pulse]
-        return out, flat(states[K - 1 - k][:, pulse]), speeds
-
-    push, push_state = aligned((N, R)), aligned((N, D))
-    velocity_push = np.zeros((K, len(rows), N))
-    for k in range(K):
-        for s in range(S):
-            for c in range(m):
-                i = (k * S + s) * m + c
-                push[i], push_state[i], velocity_push[..., i] = shifted(a + c * S + s, k)
-    L = len(samples) * K * S
-    sample_entries, sample_state = np.zeros((L, R)), np.zeros((L, D))
-    velocity_samples = np.zeros((K, len(rows), L))
-    for p in range(len(samples)):
-        for k in range(K):
-            for s in range(S):
-                i = (p * K + k) * S + s
-                sample_entries[i], sample_state[i], velocity_samples[..., i] = shifted(a + (m + p) * S + s, k)
-
+    # What every entry and every velocity reads from x = (z, g, padding).
+    reading, response = aligned((R, D)), np.zeros((probed.states.shape[2], R))
+    for r, entry in enumerate(entries):
+        response[:, r] = entry.field @ rows[entry.channel]
+        reading[r, modal] = (entry.field[probed.of_states] * rows[entry.channel]).reshape(-1)
+        reading[r, tail] = response[probed.of_drive, r] + drive.transition(entry.time).T @ offsets[:, entry.channel]
     velocity = np.zeros((K, len(rows), D))
-    derivative = drive.derivative()
-    for k in range(K):
-        at_end = drive.transition((k + 1) * dt)
-        for i, row in enumerate(rows):
-            speed = states[k][1] @ row
-            velocity[k, i] = flat(states[k][1, :a] * row)
-            velocity[k, i, tail] = speed[batch - drive.size :] + at_end.T @ derivative.T @ offsets[:, i]
+    for k, i in np.ndindex(K, len(rows)):
+        rate = probed.states[k, 1]
+        offset_rate = drive.transition((k + 1) * dt).T @ drive.derivative().T @ offsets[:, i]
+        velocity[k, i, modal] = (rate[probed.of_states] * rows[i]).reshape(-1)
+        velocity[k, i, tail] = (rate @ rows[i])[probed.of_drive] + offset_rate
 
+    def pulse(kind: int, k: int, s: int) -> tuple[Array, Array, Array]:
+        """What a unit force at node s of step k does to the entries, the end state and the velocities.
+
+        A force in step k acts as one in step 0, k steps later.
+        """
+        b = probed.of_pulse(kind, s)
+        # Both groups of entries, at the nodes and at the ends of steps, run step by step.
+        at_nodes, at_ends = response[b, : K * S * m], response[b, K * S * m : len(entries)]
+        out, end = np.zeros(R), np.zeros(D)
+        out[: len(entries)] = np.concatenate([_later(at_nodes, k, K), _later(at_ends, k, K)])
+        end[modal] = probed.states[K - 1 - k, :, b].reshape(-1)
+        speeds = np.zeros((K, len(rows)))
+        speeds[k:] = probed.states[: K - k, 1, b] @ rows.T
+        return out, end, speeds
+
+    push, push_state, velocity_push = (
+        aligned((K * S * m, R)),
+        aligned((K * S * m, D)),
+        np.zeros((K, len(rows), K * S * m)),
+    )
+    for i, (k, s, c) in enumerate(np.ndindex(K, S, m)):
+        push[i], push_state[i], velocity_push[..., i] = pulse(c, k, s)
+    L = len(samples) * K * S
+    sample_entries, sample_state, velocity_samples = np.zeros((L, R)), np.zeros((L, D)), np.zeros((K, len(rows), L))
+    for i, (p, k, s) in enumerate(np.ndindex(len(samples), K, S)):
+        sample_entries[i], sample_state[i], velocity_samples[..., i] = pulse(m + p, k, s)
+
+    drive_state = np.zeros((drive.size, D))
+    drive_state[:, modal] = np.moveaxis(probed.states[-1][:, probed.of_drive], 1, 0).reshape(drive.size, -1)
     return Propagator(
         scheme=scheme,
         dt=dt,
@@ -212,19 +173,46 @@ def build(scheme: Scheme, system: System, modes: Modes, dt: float, steps: int, c
         contacts=m,
         stops=tuple(contact.stops for contact in system.contacts),
         reading=reading,
-        transition=np.ascontiguousarray(states[-1][:, :a]),
+        transition=np.ascontiguousarray(probed.states[-1][:, probed.of_states]),
         push=push,
         push_state=push_state,
         drive=drive,
-        drive_state=np.array([flat(states[-1][:, b]) for b in range(batch - drive.size, batch)]),
+        drive_state=drive_state,
         samples=tuple(samples),
         sample_entries=sample_entries,
         sample_state=sample_state,
         offset_samples=tuple(offset_samples),
-        channel_of_entry=channel_of_entry,
-        time_of_entry=time_of_entry,
+        channel_of_entry=np.array([e.channel for e in entries] + [-1] * (R - len(entries))),
+        time_of_entry=np.array([e.time for e in entries] + [0.0] * (R - len(entries))),
         end_entry=end_entry,
         velocity=velocity,
         velocity_push=velocity_push,
         velocity_samples=velocity_samples,
     )
+
+
+def _entries(
+    scheme: Scheme, probed: Probe, dt: float, contacts: int, channels: int, contact: str
+) -> tuple[list[Entry], NDArray[np.int64]]:
+    """Contact arguments at every node, then the channels at the ends of steps that no node holds.
+
+    Also (K, channels), the entry that holds each channel at the end of each step.
+    """
+    K, S = probed.positions.shape[:2]
+    arguments = probed.positions if contact == "implicit" else probed.predictions
+    entries = [Entry(c, arguments[k, s], (k + scheme.nodes[s]) * dt) for k, s, c in np.ndindex(K, S, contacts)]
+    at_node = contact == "implicit" and probed.ends_at_last_node
+    end_entry = np.empty((K, channels), np.int64)
+    for k, i in np.ndindex(K, channels):
+        if at_node and i < contacts:
+            end_entry[k, i] = (k * S + S - 1) * contacts + i
+        else:
+            end_entry[k, i] = len(entries)
+            entries.append(Entry(i, probed.states[k, 0], (k + 1) * dt))
+    return entries, end_entry
+
+
+def _later(values: Array, k: int, steps: int) -> Array:
+    """Values that run step by step, moved k of ``steps`` steps back in time: zeros, then the first."""
+    shift = k * (len(values) // steps)
+    return np.concatenate([np.zeros(shift), values[: len(values) - shift]])
