@@ -9,7 +9,7 @@ from ..system import System
 from ..trajectory import Reference
 from ..validation import InputError, near
 
-METHODS = ("exact", "cvode", "cvode-adams", "ida", "kvaerno3", "kvaerno5", "dop853", "radau")
+METHODS = ("exact", "multiprecision", "cvode", "cvode-adams", "ida", "kvaerno3", "kvaerno5", "dop853", "radau")
 
 
 def reference(
@@ -19,10 +19,12 @@ def reference(
     t_eval: ArrayLike | None = None,
     rtol: float = 1e-10,
     atol: float | None = None,
+    digits: int | str = "auto",
 ) -> Reference:
     """A reference solution on [0, t_end], with the horizon to which it can be trusted.
 
-    method: "exact" (piecewise linear, closed form between switches); "cvode" (BDF), "cvode-adams" and
+    method: "exact" (piecewise linear, closed form between switches); "multiprecision" (the same in as
+    many ``digits`` as the chaos eats, confirmed with more: trusted to t_end); "cvode" (BDF), "cvode-adams" and
     "ida" (BDF on the residual, no mass inverted) of SUNDIALS; "kvaerno3" and "kvaerno5" (ESDIRK,
     diffrax); "dop853" and "radau" (SciPy). t_eval: output times, default 2001 equidistant; the exact
     solution answers ``at`` any time, the others at t_eval only. rtol, atol (default rtol/100) are for
@@ -32,6 +34,10 @@ def reference(
     from .agreement import with_horizon
 
     times = None if t_eval is None else np.asarray(t_eval, float)
+    if method == "multiprecision":
+        from .multiprecision import solve_multiprecision
+
+        return solve_multiprecision(system, t_end, times, digits)
     return with_horizon(solve(system, t_end, method, times, rtol, atol), system, t_end)
 
 

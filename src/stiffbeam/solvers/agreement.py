@@ -31,8 +31,8 @@ def agreement(a: Trajectory, b: Trajectory, tolerance: float) -> float:
     Impacts are paired in order; the sequence parts where the stop differs, the times do, or one has no
     partner. Both must have the same output times.
     """
-    # A tip that has hardly moved yet is measured against what it has passed over, not against nothing.
-    scale = max(float(np.max(np.abs(a.tip))), float(np.max(np.abs(a.tip_velocity))) * float(a.t[-1]))
+    # A tip that has not moved yet is no scale: a millionth of the way its speed would have taken it is.
+    scale = max(float(np.max(np.abs(a.tip))), 1e-6 * float(np.max(np.abs(a.tip_velocity)) * a.t[-1]))
     end = float(min(a.t[-1], b.t[-1]))
     apart = np.flatnonzero(~(np.abs(a.tip - b.tip) <= DISPLACEMENT_TOLERANCE * scale))  # NaN is apart
     horizon = min(end, float(a.t[max(0, apart[0] - 1)])) if len(apart) else end

@@ -21,6 +21,8 @@ class Solution(Protocol):
     @property
     def times(self) -> Array: ...  # the starts of the pieces
     @property
+    def evaluations(self) -> int: ...
+    @property
     def shortest_period(self) -> float: ...
     def side(self, contact: int, /) -> NDArray[np.int64]: ...  # chi of the contact in every piece
     def states(self, t: Array, /) -> tuple[Array, Array]: ...  # q, q' (k, n)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import platform
 import time
 from importlib.metadata import version
+from typing import Any
 
 import numpy as np
 
@@ -19,7 +20,7 @@ from ..system import System
 from ..trajectory import Reference, Work
 from ..validation import InputError, positive
 from .adaptive import output_times
-from .exact_measures import contact_record, exact_ledger
+from .exact_measures import Solution, contact_record, exact_ledger
 from .exponential import exponential
 from .undamped import Perturbation, undamped
 
@@ -42,9 +43,23 @@ def solve_exact(
     """
     begun = time.perf_counter()
     positive("t_end", t_end)
-    _refuse(system)
+    refuse(system)
     solve = exponential if system.damped or len(system.contacts) > 1 else undamped
     solution, compile_seconds = solve(system, t_end, perturbation)
+    frequencies = "SVD of the curvature factor" if system.stiffness_factor is not None else "eigh"
+    return reference_of(system, solution, t_end, t_eval, begun + compile_seconds, "exact", {"frequencies": frequencies})
+
+
+def reference_of(
+    system: System,
+    solution: Solution,
+    t_end: float,
+    t_eval: Array | None,
+    begun: float,
+    method: str,
+    notes: dict[str, Any],
+) -> Reference:
+    """A piecewise solution as a Reference; ``begun`` is the clock when the work on it began."""
     t = output_times(t_eval, t_end)
 
     def evaluate(times: Array, channel: int) -> tuple[Array, Array]:
@@ -54,7 +69,7 @@ def solve_exact(
 
     tip, velocity = evaluate(t, system.tip_channel)
     contacts = tuple(contact_record(system, solution, i, t, t_end) for i in range(len(system.contacts)))
-    seconds = time.perf_counter() - begun - compile_seconds
+    seconds = time.perf_counter() - begun
     return Reference(
         t=t,
         tip=tip,
@@ -66,10 +81,10 @@ def solve_exact(
             counters={"evaluations": solution.evaluations, "switches": len(solution.times) - 1},
         ),
         provenance={
-            "method": "exact",
+            "method": method,
             "form": system.form,
             "t_end": float(t_end),
-            "frequencies": "SVD of the curvature factor" if system.stiffness_factor is not None else "eigh",
+            **notes,
             "stiffbeam": version("stiffbeam"),
             "numpy": np.__version__,
             "python": platform.python_version(),
@@ -83,7 +98,8 @@ def solve_exact(
     )
 
 
-def _refuse(system: System) -> None:
+def refuse(system: System) -> None:
+    """Raise InputError for time functions without a closed form."""
     drive = Drive.of(system)
     rest = drive.split(system.loads, system.size)[1] + drive.offsets(system)[1]
     if rest:

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import Array
+from ..contact import Stops
 from ..drive import Drive
 from ..modal import Modes, modes
 from ..system import System
@@ -157,7 +158,6 @@ def undamped(system: System, t_end: float, perturbation: Perturbation | None) ->
     drive = Drive.of(system)
     bases, regimes = _regimes(system, drive, perturbation)
     stops = system.contacts[0].stops if system.contacts else None
-    g1, g2 = (stops.g1, stops.g2) if stops else (-math.inf, math.inf)
     eta = bases[0].to_modal(system.q0)
     rate = bases[0].to_modal(system.v0)
     if perturbation is not None:
@@ -170,20 +170,8 @@ def undamped(system: System, t_end: float, perturbation: Perturbation | None) ->
     h = bases[regime].to_modal(q) - law.particular @ g0
     h_rate = bases[regime].to_modal(v) - law.particular @ g0_rate
 
-    free, contact = regimes[0], regimes.get(1, regimes[0])
-    lower = regimes.get(-1, regimes[0])
     to_contact = bases[0].shapes.T @ system.mass @ bases.get(1, bases[0]).shapes  # eta_contact = eta_free @ this
-    args = (
-        np.stack([free.omega, contact.omega]),
-        np.stack([lower.level, free.level, contact.level]),
-        np.stack([lower.particular, free.particular, contact.particular]),
-        np.stack([free.row, contact.row]),
-        free.offset,
-        np.ascontiguousarray(to_contact),
-        np.array(drive.frequencies),
-        g1,
-        g2,
-    )
+    args = search_arguments(regimes, to_contact, drive, stops)
     compiling = time.perf_counter()
     nothing = np.zeros((1, len(h)))
     follow(h.copy(), h_rate.copy(), regime, 0.0, 0.0, True, *args, np.zeros(1), np.zeros(1, np.int64), nothing, nothing)
@@ -216,6 +204,23 @@ def undamped(system: System, t_end: float, perturbation: Perturbation | None) ->
             evaluations=evaluations,
         ),
         compile_seconds,
+    )
+
+
+def search_arguments(regimes: dict[int, Regime], to_contact: Array, drive: Drive, stops: Stops | None) -> tuple:
+    """The arrays over regimes that ``switching.follow`` takes, from omegas to g2."""
+    free, contact = regimes[0], regimes.get(1, regimes[0])
+    lower = regimes.get(-1, regimes[0])
+    return (
+        np.stack([free.omega, contact.omega]),
+        np.stack([lower.level, free.level, contact.level]),
+        np.stack([lower.particular, free.particular, contact.particular]),
+        np.stack([free.row, contact.row]),
+        free.offset,
+        np.ascontiguousarray(to_contact),
+        np.array(drive.frequencies),
+        stops.g1 if stops else -math.inf,
+        stops.g2 if stops else math.inf,
     )
 
 
