@@ -82,6 +82,19 @@ def paper_text() -> str:
     return files("stiffbeam").joinpath("paper.toml").read_text(encoding="utf-8")
 
 
+def case_text(name: str) -> str:
+    """The case as the TOML of a file of its own; ``name`` as in ``find_case``."""
+    case = find_case(name)
+    text = paper_text() if name in paper_cases() else Path(case_file(name)).read_text(encoding="utf-8")
+    blocks = ["[[case]]" + block.rstrip() + "\n" for block in re.split(r"(?m)^\[\[case\]\]", text)[1:]]
+    return next(block for block in blocks if tomllib.loads(block)["case"][0].get("name") == case.name)
+
+
+def parse_case(text: str, source: str) -> Case:
+    """The one case in a TOML text."""
+    return next(iter(_parse(tomllib.loads(text), source).values()))
+
+
 def load_cases(file: Path) -> dict[str, Case]:
     """The cases of a TOML file by name. Raises InputError naming file, field, value and rule."""
     try:

@@ -26,15 +26,10 @@ def cases(
     as_json: Annotated[bool, typer.Option("--json", help="for programs")] = False,
 ) -> None:
     """List the paper's cases."""
-    from .cases import case_file, find_case, paper_cases, paper_text
+    from .cases import case_text, paper_cases
 
     if show is not None:
-        name = find_case(show).name if show in paper_cases() else ""
-        blocks = paper_text().split("[[case]]")[1:]
-        block = next((b for b in blocks if f'name = "{name}"\n' in b), None)
-        if block is None:
-            find_case(show)
-        print("[[case]]" + block.rstrip() if block else Path(case_file(show)).read_text(encoding="utf-8").rstrip())
+        print(case_text(show).rstrip())
         return
     listed = paper_cases().values()
     if as_json:
@@ -119,6 +114,114 @@ def compare(
     failed_runs = [label for label, _ in result.failures if not label.startswith(tuple(f"{n}@" for n in names))]
     if failed_runs or not result.references:
         raise typer.Exit(1)
+
+
+@app.command("reference")
+def reference_command(
+    case: Annotated[str | None, typer.Argument(help="table1 .. table17, a case file, or file.toml:name")] = None,
+    method: Annotated[str, typer.Option(help="exact, multiprecision, cvode, ...; all: hold them together")] = "exact",
+    form: Annotated[str, typer.Option(help="displacement or velocity-curvature")] = "displacement",
+    digits: Annotated[str, typer.Option(help="of multiprecision: a number, or auto")] = "auto",
+    rtol: Annotated[float, typer.Option(help="of the adaptive solvers")] = 1e-10,
+    t_end: Annotated[float | None, typer.Option(help="end time instead of the case's")] = None,
+    budget: Annotated[float, typer.Option(help="seconds for --method all; the rest is named as skipped")] = 60.0,
+    out: Annotated[Path | None, typer.Option(help="netCDF file to write")] = None,
+    check: Annotated[Path | None, typer.Option(help="verify a frozen file, or a folder with a manifest")] = None,
+    remake: Annotated[Path | None, typer.Option(help="compute what is missing of the paper's references here")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="for programs")] = False,
+) -> None:
+    """Make, compare and check reference solutions."""
+    from .validation import InputError
+
+    if sum(x is not None for x in (case, check, remake)) != 1:
+        raise InputError("reference", "its arguments", "be one of CASE, --check PATH and --remake DIR")
+    with _progress() as progress:
+        if check is not None:
+            from .studies.references import check as check_files
+
+            records = check_files(check, progress)
+            failed = any(r["problem"] for r in records)
+        elif remake is not None:
+            from .studies.references import remake as remake_files
+
+            records = [{"file": name, "written": True} for name in remake_files(remake, None, progress)]
+            failed = False
+        else:
+            assert case is not None
+            records = _references(case, method, form, digits, rtol, t_end, budget, out, progress)
+            failed = False
+    if as_json:
+        print(json.dumps(records, indent=2))
+    elif method == "all" and case is not None:
+        _print_agreement(records[0])
+    else:
+        for record in records:
+            print("  ".join(f"{key}: {value}" for key, value in record.items() if value not in ("", None)))
+        if not records:
+            print("nothing to do: every reference is there and whole")
+    if failed:
+        raise typer.Exit(1)
+
+
+def _references(name, method, form, digits, rtol, t_end, budget, out, progress) -> list[dict]:
+    """One reference, saved, or the agreement of all methods."""
+    from .cases import case_text, find_case
+    from .semidiscretisation import semidiscretise
+    from .solvers import reference
+    from .validation import InputError
+
+    case = find_case(name)
+    end = case.t_end if t_end is None else t_end
+    if method == "all":
+        from .studies.agreement import agree
+
+        return [agree(case, form, end, budget=budget, rtol=rtol, progress=progress).to_dict()]
+    if digits != "auto" and not digits.isdigit():
+        raise InputError("--digits", digits, "be a number or auto")
+    progress(f"{method}@{form}", 0, 0)
+    system = semidiscretise(case.problem, case.cells, form)
+    found = reference(system, end, method, rtol=rtol, digits="auto" if digits == "auto" else int(digits))
+    record = {
+        "reference": found.label,
+        "t_end": end,
+        "horizon": found.horizon,
+        "against": found.provenance["horizon_against"],
+        "impacts": found.impacts.count,
+        "seconds": round(found.work.seconds, 3),
+        "digits": found.provenance.get("digits"),
+    }
+    if out is not None:
+        from .frozen import freeze
+
+        frozen = method == "multiprecision" and found.horizon >= end
+        record["file"] = freeze(found, case_text(name), out)["file"] if frozen else str(found.save(out))
+    return [record]
+
+
+def _print_agreement(record: dict) -> None:
+    from rich import box
+    from rich.console import Console
+    from rich.table import Table
+
+    names = list(record["differences"])
+    table = Table(box=box.SIMPLE_HEAD, title=f"Against {record['judge']}, each to its horizon", title_justify="left")
+    table.add_column("reference", no_wrap=True)
+    for heading in ("horizon", "tip difference", "impact times", "seconds", "claim"):
+        table.add_column(heading, justify="right")
+    for name in names:
+        impacts = record["impact_differences"][name][record["judge"]]
+        table.add_row(
+            name,
+            f"{record['horizons'][name]:.4g}",
+            f"{record['differences'][name][record['judge']]:.1e}",
+            "sampled" if impacts is None else f"{impacts:.1e}",
+            f"{record['seconds'][name]:.3g}",
+            record["refuted"].get(name, "holds"),
+        )
+    console = Console(width=None if sys.stdout.isatty() else 120)
+    console.print(table)
+    for name, reason in record["skipped"].items():
+        console.print(f"skipped  {name}: {reason}", highlight=False)
 
 
 def _like_case(run, text: str, case):

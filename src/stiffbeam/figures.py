@@ -67,7 +67,7 @@ def four_panels(title: str, runs: Sequence[Trajectory], references: Sequence[Ref
     _draw_stops(portrait, system, horizontal=False)
     portrait.set(xlabel=f"tip displacement $u(1, t)${length}", ylabel="tip velocity $u_t(1, t)$")
     portrait.locator_params(axis="x", nbins=6)
-    portrait.set_title("(b) phase portrait to the horizon, schemes and reference", loc="left")
+    portrait.set_title("(b) phase portrait to the horizon", loc="left")
     zoom.set_xlim(start, end)
     if system.contacts:
         zoom.set_title("(c) first contact", loc="left")

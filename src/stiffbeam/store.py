@@ -13,7 +13,9 @@ import numpy as np
 import xarray as xr
 
 from .contact import Stops
+from .frozen import thaw
 from .ledger import Ledger
+from .system import System
 from .trajectory import ContactRecord, Impacts, Reference, Trajectory, Work
 from .validation import InputError
 
@@ -114,8 +116,9 @@ def save(run: Trajectory, file: str | Path) -> Path:
     return path
 
 
-def load(file: str | Path) -> Trajectory:
-    """Read a file written by ``save``. Raises InputError for a file that is none."""
+def load(file: str | Path, system: System | None = None) -> Trajectory:
+    """Read a file written by ``save`` or a frozen reference. Raises InputError for a file that is neither,
+    or is damaged. ``system``: for a frozen reference that does not hold its own case."""
     path = Path(file)
     if not path.is_file():
         raise InputError("file", str(path), "exist")
@@ -123,10 +126,11 @@ def load(file: str | Path) -> Trajectory:
         with h5py.File(path):  # a damaged file fails here, before a reader has it half open
             pass
         with xr.open_dataset(path, engine="h5netcdf", decode_times=False) as opened:
-            return _from_dataset(opened.load(), path)
+            data = opened.load()
+            return thaw(data, path, system) if "stiffbeam_frozen" in data.attrs else _from_dataset(data, path)
     except InputError:
         raise
-    except (OSError, ValueError, KeyError, TypeError, RuntimeError, AttributeError) as error:
+    except (OSError, ValueError, KeyError, TypeError, RuntimeError, AttributeError, IndexError) as error:
         raise InputError("file", str(path), "be a whole netCDF-4 file", str(error)) from None
 
 

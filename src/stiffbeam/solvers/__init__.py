@@ -51,6 +51,10 @@ def solve(
         from .piecewise import solve_exact
 
         return solve_exact(system, t_end, t_eval)
+    if method == "multiprecision":
+        from .multiprecision import solve_multiprecision
+
+        return solve_multiprecision(system, t_end, t_eval)
     if method in ("cvode", "cvode-adams"):
         from .cvode import solve_cvode
 

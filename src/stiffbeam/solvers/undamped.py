@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -57,6 +57,18 @@ class Solution:
     h: Array
     rate: Array
     evaluations: int
+
+    def first(self, count: int) -> Solution:
+        """The first ``count`` pieces."""
+        part = (x[:count] for x in (self.times, self.regime, self.h, self.rate))
+        times, regime, h, rate = part
+        return replace(self, times=times, regime=regime, h=h, rate=rate)
+
+    def state_at_start(self, piece: int) -> tuple[Array, Array]:
+        """q, q' (1, n) where a piece begins, from that piece."""
+        side = int(self.regime[piece])
+        eta, rate = self.modal(self.times[piece : piece + 1], np.array([piece]), side)
+        return self.bases[side].to_nodal(eta), self.bases[side].to_nodal(rate)
 
     def modal(self, t: Array, piece: NDArray[np.int64], regime: int) -> tuple[Array, Array]:
         """eta, eta' (k, n) at times t inside the given pieces, all of one regime."""
@@ -154,57 +166,56 @@ class Perturbation(NamedTuple):
     seed: int
 
 
+class Tracer:
+    """Follows solutions of one system; its modes are made once. ``compile_seconds``: spent compiling."""
+
+    def __init__(self, system: System, perturbation: Perturbation | None = None) -> None:
+        self.system, self.drive = system, Drive.of(system)
+        self.bases, self.regimes = _regimes(system, self.drive, perturbation)
+        self.stops = system.contacts[0].stops if system.contacts else None
+        free, contact = self.bases[0], self.bases.get(1, self.bases[0])
+        to_contact = free.shapes.T @ system.mass @ contact.shapes  # eta_contact = eta_free @ this
+        self._args = search_arguments(self.regimes, to_contact, self.drive, self.stops)
+        compiling = time.perf_counter()
+        none = np.zeros((1, system.size))
+        index = np.zeros(1, np.int64)
+        follow(none[0].copy(), none[0].copy(), 0, 0.0, 0.0, True, *self._args, np.zeros(1), index, none, none)
+        self.compile_seconds = time.perf_counter() - compiling
+
+    def side(self, q: Array) -> int:
+        """chi of the contact at t = 0."""
+        u = float(q @ self.system.channels[0][0] + self.drive.coefficients(0.0) @ self.regimes[0].offset)
+        return int(self.stops.state(u)) if self.stops else 0
+
+    def trace(self, t: float, regime: int, q: Array, v: Array, at_switch: bool, t_end: float) -> Solution:
+        """The solution from (q, q') at time t in a regime; at_switch: its gap is exactly zero there."""
+        law, g = self.regimes[regime], self.drive.coefficients(t)
+        h = self.bases[regime].to_modal(q) - law.particular @ g
+        rate = self.bases[regime].to_modal(v) - law.particular @ (self.drive.derivative() @ g)
+        found = [(np.array([t]), np.array([regime]), h[None].copy(), rate[None].copy())]
+        evaluations, count = 0, EVENTS_PER_CALL
+        while count == EVENTS_PER_CALL:
+            times, sides = np.empty(EVENTS_PER_CALL), np.empty(EVENTS_PER_CALL, np.int64)
+            hs, rates = np.empty((EVENTS_PER_CALL, len(h))), np.empty((EVENTS_PER_CALL, len(h)))
+            count, used = follow(h, rate, regime, t, t_end, at_switch, *self._args, times, sides, hs, rates)
+            evaluations += used
+            found.append((times[:count], sides[:count], hs[:count], rates[:count]))
+            if count:
+                t, regime, at_switch = float(times[count - 1]), int(sides[count - 1]), True
+                h, rate = hs[count - 1].copy(), rates[count - 1].copy()
+        times, sides, hs, rates = (np.concatenate(x) for x in zip(*found, strict=True))
+        return Solution(self.drive, self.bases, self.regimes, times, sides, hs, rates, evaluations)
+
+
 def undamped(system: System, t_end: float, perturbation: Perturbation | None) -> tuple[Solution, float]:
-    drive = Drive.of(system)
-    bases, regimes = _regimes(system, drive, perturbation)
-    stops = system.contacts[0].stops if system.contacts else None
-    eta = bases[0].to_modal(system.q0)
-    rate = bases[0].to_modal(system.v0)
+    """The solution on [0, t_end] and the seconds spent compiling."""
+    tracer = Tracer(system, perturbation)
+    basis = tracer.bases[0]
+    eta, rate = basis.to_modal(system.q0), basis.to_modal(system.v0)
     if perturbation is not None:
-        eta, rate = _perturbed(eta, rate, bases[0], regimes[0], drive, perturbation)
-    q, v = bases[0].to_nodal(eta), bases[0].to_nodal(rate)
-    u0 = float(q @ system.channels[0][0] + drive.coefficients(0.0) @ regimes[0].offset)
-    regime = int(stops.state(u0)) if stops else 0
-    g0, g0_rate = drive.coefficients(0.0), drive.derivative() @ drive.coefficients(0.0)
-    law = regimes[regime]
-    h = bases[regime].to_modal(q) - law.particular @ g0
-    h_rate = bases[regime].to_modal(v) - law.particular @ g0_rate
-
-    to_contact = bases[0].shapes.T @ system.mass @ bases.get(1, bases[0]).shapes  # eta_contact = eta_free @ this
-    args = search_arguments(regimes, to_contact, drive, stops)
-    compiling = time.perf_counter()
-    nothing = np.zeros((1, len(h)))
-    follow(h.copy(), h_rate.copy(), regime, 0.0, 0.0, True, *args, np.zeros(1), np.zeros(1, np.int64), nothing, nothing)
-    compile_seconds = time.perf_counter() - compiling
-
-    times, kinds, hs, rates = [np.zeros(1)], [np.array([regime])], [h[None].copy()], [h_rate[None].copy()]
-    t, evaluations, at_switch = 0.0, 0, False
-    while True:
-        out_t, out_regime = np.empty(EVENTS_PER_CALL), np.empty(EVENTS_PER_CALL, np.int64)
-        out_h, out_rate = np.empty((EVENTS_PER_CALL, len(h))), np.empty((EVENTS_PER_CALL, len(h)))
-        count, used = follow(h, h_rate, regime, t, t_end, at_switch, *args, out_t, out_regime, out_h, out_rate)
-        evaluations += used
-        times.append(out_t[:count])
-        kinds.append(out_regime[:count])
-        hs.append(out_h[:count])
-        rates.append(out_rate[:count])
-        if count < EVENTS_PER_CALL:
-            break
-        t, regime, at_switch = float(out_t[-1]), int(out_regime[-1]), True
-        h, h_rate = out_h[-1].copy(), out_rate[-1].copy()
-    return (
-        Solution(
-            drive=drive,
-            bases=bases,
-            regimes=regimes,
-            times=np.concatenate(times),
-            regime=np.concatenate(kinds),
-            h=np.concatenate(hs),
-            rate=np.concatenate(rates),
-            evaluations=evaluations,
-        ),
-        compile_seconds,
-    )
+        eta, rate = _perturbed(eta, rate, basis, tracer.regimes[0], tracer.drive, perturbation)
+    q, v = basis.to_nodal(eta), basis.to_nodal(rate)
+    return tracer.trace(0.0, tracer.side(q), q, v, False, t_end), tracer.compile_seconds
 
 
 def search_arguments(regimes: dict[int, Regime], to_contact: Array, drive: Drive, stops: Stops | None) -> tuple:

@@ -121,7 +121,7 @@ def _yardstick(
         steps = round(case.t_end / case.dt)
         try:
             # The adaptive solvers answer at the times they were asked for: the runs' own steps.
-            times = None if method == "exact" else np.arange(steps + 1) * case.dt
+            times = None if method in ("exact", "multiprecision") else np.arange(steps + 1) * case.dt
             yardstick = reference(system, case.t_end, method, times)
         except (InputError, SolverFailure) as error:
             result.failures.append((f"{method}@{system.form}", str(error)))

@@ -1,0 +1,237 @@
+"""Frozen references: a multiprecision solution in a small file, from which float64 gives any time.
+
+A file holds every switching time, and the full state at some of the switches. From one of these states
+float64 loses only a few digits on the way to the next, so re-marching between them gives the solution
+at any time within the stated bound, however long the chaos has been going on.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import tempfile
+import time
+from dataclasses import replace
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from .arrays import Array
+from .cases import parse_case
+from .semidiscretisation import semidiscretise
+from .solvers.piecewise import reference_of
+from .solvers.undamped import Perturbation, Solution, Tracer
+from .system import System
+from .trajectory import Reference
+from .validation import InputError
+
+FORMAT = 1
+BOUND = 1e-9  # of max |u| and of the times: what re-marching may lose
+
+
+def freeze(reference: Reference, case: str, file: str | Path) -> dict[str, Any]:
+    """Write a multiprecision ``reference`` of the TOML text ``case``; returns what a manifest says of it.
+
+    With an empty ``case`` the file can be read together with its system only.
+
+    The stored states are chosen so that the file, read back, gives the reference within ``BOUND``;
+    that is tried before anything is written. Raises InputError where the reference is not confirmed
+    to its end.
+    """
+    t_end = float(reference.provenance["t_end"])
+    if reference.provenance["method"] != "multiprecision" or reference.horizon < t_end:
+        raise InputError("reference", reference.label, "be multiprecision and confirmed to t_end", "give more digits")
+    assert reference.system is not None
+    solution: Solution = reference.solution
+    dataset = _dataset(reference, solution, case, t_end, _states_to_store(reference, solution, t_end))
+    deviation = _deviation(solution, _march(reference.system, dataset, "the file to be"), reference)
+    if deviation > BOUND:
+        raise InputError("reference", f"{deviation:.1e} off", f"be re-marched to {BOUND:g}", "report this case")
+    dataset.attrs["bound"] = BOUND
+    dataset.attrs["deviation"] = deviation
+    dataset.attrs["hash"] = _hash(dataset)
+    path = Path(file)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handle, partial = tempfile.mkstemp(suffix=".nc", dir=path.parent)
+    os.close(handle)
+    try:
+        encoding = {name: {"zlib": True, "complevel": 9, "shuffle": True} for name in dataset.data_vars}
+        dataset.to_netcdf(partial, engine="h5netcdf", encoding=encoding)
+        os.chmod(partial, 0o644)
+        os.replace(partial, path)
+    except BaseException:
+        Path(partial).unlink(missing_ok=True)
+        raise
+    return {
+        "file": path.name,
+        "form": reference.provenance["form"],
+        "t_end": t_end,
+        "digits": reference.provenance["digits"],
+        "confirmed_with": reference.provenance["digits_confirmed_with"],
+        "impacts": reference.impacts.count,
+        "contact_fraction": reference.contacts[0].fraction if reference.contacts else 0.0,
+        "peak_force": reference.contacts[0].peak_force if reference.contacts else 0.0,
+        "bound": BOUND,
+        "seconds": round(reference.work.seconds, 1),
+        "hash": dataset.attrs["hash"],
+    }
+
+
+def thaw(data: xr.Dataset, path: Path, system: System | None = None) -> Reference:
+    """The Reference in an opened file; its content is checked against the hash, its switches re-marched.
+
+    system: what the file is of, by default what its case makes.
+    """
+    begun = time.perf_counter()
+    if data.attrs.get("hash") != _hash(data):
+        raise InputError("file", str(path), "hold what its hash says", "it is damaged: remake it")
+    if data.attrs["stiffbeam_frozen"] != FORMAT:
+        raise InputError("file", str(path), f"be of format {FORMAT}", f"it has {data.attrs['stiffbeam_frozen']}")
+    if system is None:
+        if not data.attrs["case"]:
+            raise InputError("file", str(path), "hold its case", "read it together with its system")
+        case = parse_case(data.attrs["case"], str(path))
+        system = semidiscretise(case.problem, case.cells, data.attrs["form"])
+    if system.fingerprint != data.attrs["fingerprint"]:
+        raise InputError(
+            "file", str(path), "describe the system that its case makes", "this version differs: remake it"
+        )
+    t_end = float(data.attrs["t_end"])
+    notes = json.loads(data.attrs["provenance"])
+    solution = _march(system, data, str(path))
+    reference = reference_of(system, solution, t_end, None, begun, "multiprecision", notes)
+    return replace(reference, horizon=t_end)
+
+
+def _states_to_store(reference: Reference, solution: Solution, t_end: float) -> Array:
+    """The pieces whose initial states a file needs.
+
+    From each of them float64 is followed until it is off by a tenth of ``BOUND``, and the next is the
+    last piece before that. Followed three times, twice with frequencies changed in their last bits: on
+    another machine the modes come out differently, and a grazing impact can magnify that.
+    """
+    assert reference.system is not None
+    system, row = reference.system, reference.system.channels[0][0]
+    eps = float(np.finfo(float).eps)
+    tracers = [Tracer(system), *(Tracer(system, Perturbation(eps, 0.0, seed)) for seed in (1, 2))]
+    scale = float(np.max(np.abs(reference.tip)))
+    times = solution.times
+    middles = 0.5 * (times + np.append(times[1:], t_end))
+    expected = solution.observed(middles, row)[0]
+    stored, span = [0], 16
+    while True:
+        piece = stored[-1]
+        last = good = min(piece + span, len(times))
+        q, v = (x[0] for x in solution.state_at_start(piece))
+        for tracer in tracers:
+            side, until = int(solution.regime[piece]), float(middles[last - 1])
+            part = tracer.trace(float(times[piece]), side, q, v, piece > 0, until)
+            here = slice(piece, min(piece + len(part.times), last))
+            part = part.first(here.stop - piece)
+            late = np.abs(part.times - times[here])
+            other = part.regime != solution.regime[here]
+            u = part.observed(middles[here], row)[0]
+            off = np.maximum(late, np.abs(u - expected[here]) / scale) + other
+            bad = np.flatnonzero(off > BOUND / 10.0)
+            good = min(good, piece + int(bad[0]) if len(bad) else here.stop)
+        if good >= len(times):
+            return np.array(stored)
+        if good < last:
+            stored.append(max(piece + 1, good))
+            span = max(16, 2 * (good - piece))
+        else:
+            span *= 2
+
+
+def _dataset(reference: Reference, solution: Solution, case: str, t_end: float, stored: Array) -> xr.Dataset:
+    """The switches, and the states at the start of the pieces ``stored``."""
+    assert reference.system is not None
+    q, v = (np.empty((len(stored), reference.system.size)) for _ in range(2))
+    for row, piece in enumerate(stored):
+        q[row], v[row] = (x[0] for x in solution.state_at_start(piece))
+    keep = (
+        "digits",
+        "digits_confirmed_with",
+        "horizon",
+        "horizon_against",
+        "horizon_tolerance",
+        "python-flint",
+        "numpy",
+    )
+    attributes = {
+        "title": f"stiffbeam frozen reference, {reference.provenance['form']} form",
+        "stiffbeam_frozen": FORMAT,
+        "source": f"stiffbeam {version('stiffbeam')}",
+        "case": case,
+        "form": reference.provenance["form"],
+        "t_end": t_end,
+        "fingerprint": reference.fingerprint,
+        "provenance": json.dumps({key: reference.provenance[key] for key in keep}),
+    }
+    return xr.Dataset(
+        {
+            "switch_time": ("switch", solution.times, {"long_name": "start of every piece"}),
+            "side": ("switch", solution.regime.astype(np.int8), {"long_name": "+1 upper stop, -1 lower, 0 free"}),
+            "stored_switch": ("stored", stored.astype(np.int32), {"long_name": "the switch a state belongs to"}),
+            "q": (("stored", "node"), q, {"long_name": "displacement v = u - phi (1 - x^2) at the nodes"}),
+            "q_rate": (("stored", "node"), v, {"long_name": "its rate"}),
+        },
+        attrs=attributes,
+    )
+
+
+def _march(system: System, data: xr.Dataset, source: str) -> Solution:
+    """Re-march from stored state to stored state, holding every switch against the file."""
+    tracer = Tracer(system)
+    times, sides = data["switch_time"].values, data["side"].values.astype(np.int64)
+    stored, t_end = data["stored_switch"].values, float(data.attrs["t_end"])
+    parts: list[Solution] = []
+    evaluations = 0
+    for row, piece in enumerate(stored):
+        last = stored[row + 1] if row + 1 < len(stored) else len(times)
+        # To the middle of the piece after the span, so that rounding cannot hide its last switch.
+        until = (
+            0.5 * (times[last] + (times[last + 1] if last + 1 < len(times) else t_end)) if last < len(times) else t_end
+        )
+        q, v = data["q"].values[row], data["q_rate"].values[row]
+        part = tracer.trace(float(times[piece]), int(sides[piece]), q, v, piece > 0, float(until))
+        evaluations += part.evaluations
+        count = last - piece
+        same = len(part.times) >= count and np.array_equal(part.regime[:count], sides[piece:last])
+        if not same or np.max(np.abs(part.times[:count] - times[piece:last])) > BOUND * max(1.0, t_end):
+            raise InputError("file", source, "give the switches it lists", "it is damaged: remake it")
+        parts.append(part.first(count))
+    return replace(
+        parts[0],
+        times=np.concatenate([part.times for part in parts]),  # h belongs to these, not to the file's
+        regime=sides,
+        h=np.concatenate([part.h for part in parts]),
+        rate=np.concatenate([part.rate for part in parts]),
+        evaluations=evaluations,
+    )
+
+
+def _deviation(a: Solution, b: Solution, reference: Reference) -> float:
+    """Largest difference in tip displacement over max |u|, in the middle of every piece."""
+    assert reference.system is not None
+    if len(a.times) != len(b.times):
+        return float("inf")
+    t = 0.5 * (a.times + np.append(a.times[1:], float(reference.provenance["t_end"])))
+    row = reference.system.channels[0][0]
+    difference = np.abs(a.observed(t, row)[0] - b.observed(t, row)[0])
+    return float(np.max(difference) / np.max(np.abs(reference.tip)))
+
+
+def _hash(data: xr.Dataset) -> str:
+    """sha256 of everything in the file but the hash itself."""
+    digest = hashlib.sha256()
+    for name in sorted(map(str, data.data_vars)):
+        digest.update(name.encode() + np.ascontiguousarray(data[name].values).tobytes())
+    for name in sorted(data.attrs):
+        if name not in ("hash", "deviation"):
+            digest.update(f"{name}={data.attrs[name]}".encode())
+    return digest.hexdigest()

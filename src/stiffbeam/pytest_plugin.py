@@ -1,0 +1,74 @@
+"""pytest plugin: references with a bound for other people's tests of their integrators."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+if TYPE_CHECKING:
+    from .trajectory import Reference, Trajectory
+
+
+@pytest.fixture(scope="session")
+def reference_solution() -> Callable[..., Reference]:
+    """``reference_solution(problem_or_case_or_system, cells=25, t_end=1.0, form="displacement")``.
+
+    A multiprecision reference, trusted to t_end, computed once and cached between test runs. A case is
+    named ("table10", a file) or given; its cells and t_end are the defaults then.
+    """
+    from .cases import Case, find_case
+    from .problem import BeamProblem
+    from .reference_cache import cached_reference
+    from .semidiscretisation import semidiscretise
+    from .system import System
+    from .validation import InputError
+
+    def make(what: Any, cells: int | None = None, t_end: float | None = None, form: str = "displacement") -> Reference:
+        case = find_case(what) if isinstance(what, str) else what
+        if isinstance(case, Case):
+            system = semidiscretise(case.problem, cells or case.cells, form)
+            end = t_end or case.t_end
+        elif isinstance(case, (BeamProblem, System)):
+            if t_end is None or (isinstance(case, BeamProblem) and cells is None):
+                raise InputError("reference_solution", case, "be given t_end, and cells for a BeamProblem")
+            system = case if isinstance(case, System) else semidiscretise(case, cells or 0, form)
+            end = t_end
+        else:
+            raise InputError("reference_solution", what, "be a BeamProblem, a System, a case or its name")
+        return cached_reference(system, end)
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def assert_within_reference() -> Callable[..., None]:
+    """``assert_within_reference(run, reference, tolerance, until=None)``, see the function of that name."""
+    return within_reference
+
+
+def within_reference(run: Trajectory, reference: Reference, tolerance: float, until: float | None = None) -> None:
+    """Assert |u_run - u_ref| <= tolerance max |u_ref| at the run's times up to ``until`` (default: its end).
+
+    run: a Trajectory, or a pair of arrays (t, u). Refuses, with InputError, to compare past the horizon
+    of the reference: there no solution is known to compare with.
+    """
+    import numpy as np
+
+    from .validation import InputError
+
+    t, u = (np.asarray(x, float) for x in (run if isinstance(run, tuple) else (run.t, run.tip)))
+    end = float(t[-1]) if until is None else until
+    if end > reference.horizon * (1 + 1e-12):
+        raise InputError(
+            "until", end, f"be at most the horizon {reference.horizon:g}",
+            "pass until=reference.horizon or a reference that reaches further",
+        )  # fmt: skip
+    inside = t <= end * (1 + 1e-12)
+    expected = reference.at(t[inside])[0]
+    error = np.abs(u[inside] - expected) / np.max(np.abs(expected))
+    worst = int(np.argmax(error))
+    assert error[worst] <= tolerance, (
+        f"off by {error[worst]:.3e} of the largest displacement at t = {t[worst]:.6g}, allowed {tolerance:.3e}"
+    )

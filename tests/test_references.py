@@ -1,0 +1,229 @@
+"""Frozen references, their cache, their agreement, and the pytest plugin."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+import stiffbeam as sb
+from stiffbeam import cache
+from stiffbeam.cases import case_text, paper_cases
+from stiffbeam.frozen import BOUND, freeze
+from stiffbeam.reference_cache import cached_reference
+from stiffbeam.solvers import solve
+from stiffbeam.studies.agreement import agree
+from stiffbeam.studies.references import check, remake, wanted
+from stiffbeam.trajectory import Work
+
+STORE = Path(__file__).parent.parent / "reference"
+
+
+@pytest.fixture(scope="module")
+def many(table10):
+    return sb.reference(sb.semidiscretise(table10, 25), 0.8, "multiprecision")
+
+
+@pytest.fixture(scope="module")
+def frozen(many, tmp_path_factory):
+    file = tmp_path_factory.mktemp("frozen") / "table10.nc"
+    freeze(many, case_text("table10"), file)
+    return file
+
+
+def test_a_frozen_reference_comes_back_within_its_bound_past_the_float64_horizon(many, frozen):
+    again = sb.load(frozen)
+    assert isinstance(again, sb.Reference)
+    assert again.horizon == 0.8
+    assert np.max(np.abs(again.tip - many.tip)) < BOUND * np.max(np.abs(many.tip))
+    t = np.random.default_rng(0).uniform(0, 0.8, 500)
+    assert np.max(np.abs(again.at(t)[0] - many.at(t)[0])) < BOUND * np.max(np.abs(many.tip))
+    assert np.allclose(again.impacts.times, many.impacts.times, rtol=0, atol=BOUND)
+    assert np.allclose(again.impacts.peaks, many.impacts.peaks, rtol=1e-5, equal_nan=True)
+    # float64 alone has lost it by then
+    double = sb.reference(many.system, 0.8, t_eval=many.t)
+    assert np.max(np.abs(double.tip - many.tip)) > 0.01 * np.max(np.abs(many.tip))
+
+
+@pytest.mark.parametrize("name", ["switch_time", "side", "q", "q_rate"])
+def test_a_changed_number_in_a_frozen_file_is_found(name, frozen, tmp_path):
+    (damaged := tmp_path / "damaged.nc").write_bytes(frozen.read_bytes())
+    with h5py.File(damaged, "r+") as file:
+        data = file[name]
+        index = (len(data) // 2,) if data.ndim == 1 else (len(data) // 2, 3)
+        data[index] = data[index] * (1 + 1e-12) if data.dtype.kind == "f" else -data[index] + 1
+    with pytest.raises(sb.InputError, match="damaged"):
+        sb.load(damaged)
+
+
+def test_a_flipped_byte_or_a_cut_is_found_or_harmless(frozen, tmp_path, many):
+    content = frozen.read_bytes()
+    rng = np.random.default_rng(3)
+    (damaged := tmp_path / "damaged.nc").write_bytes(content[: len(content) // 2])
+    with pytest.raises(sb.InputError, match="netCDF"):
+        sb.load(damaged)
+    found = 0
+    for position in rng.integers(0, len(content), 12):
+        flipped = bytearray(content)
+        flipped[position] ^= 0x10
+        damaged.write_bytes(bytes(flipped))
+        try:
+            again = sb.load(damaged)
+            assert np.allclose(again.impacts.times, many.impacts.times, rtol=0, atol=BOUND)  # padding
+        except sb.InputError:
+            found += 1
+    assert found > 0
+
+
+def test_only_a_confirmed_reference_is_frozen(many, tmp_path):
+    few = sb.reference(many.system, 2.0, "multiprecision", digits=25)
+    with pytest.raises(sb.InputError, match="confirmed"):
+        freeze(few, case_text("table10"), tmp_path / "few.nc")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_small_store_is_made_checked_and_completed(tmp_path, monkeypatch):
+    from stiffbeam.studies import references
+
+    monkeypatch.setattr(references, "wanted", lambda: [("table14", "displacement", ["table14"])])
+    short = dataclasses.replace(paper_cases()["table14"], t_end=0.1)
+    monkeypatch.setattr(references, "paper_cases", lambda: {"table14": short})
+    assert remake(tmp_path) == ["table14-displacement.nc"]
+    assert remake(tmp_path) == []  # it is there and whole
+    assert [r["problem"] for r in check(tmp_path)] == [""]
+    (tmp_path / "table14-displacement.nc").write_bytes(b"nothing")
+    assert "netCDF" in check(tmp_path)[0]["problem"]
+    assert remake(tmp_path) == ["table14-displacement.nc"]
+
+
+def test_every_table_of_the_paper_has_a_job_and_tables_with_one_physics_share_it():
+    jobs = wanted()
+    assert {table for _, _, tables in jobs for table in tables} == {f"table{i}" for i in range(1, 18)}
+    assert ("table2", "displacement", ["table2", "table6", "table10"]) in jobs
+    assert len(jobs) == 19
+
+
+def test_the_store_of_the_repository_is_complete_and_small():
+    manifest = json.loads((STORE / "MANIFEST.json").read_text(encoding="utf-8"))["references"]
+    assert {(e["tables"][0], e["form"]) for e in manifest} == {(name, form) for name, form, _ in wanted()}
+    assert sum(file.stat().st_size for file in STORE.glob("*.nc")) < 10_000_000
+    for entry in manifest:
+        assert entry["t_end"] == paper_cases()[entry["tables"][0]].t_end
+        assert entry["confirmed_with"] < entry["digits"]
+
+
+@pytest.mark.slow
+def test_every_frozen_reference_of_the_repository_is_good():
+    records = check(STORE)
+    assert len(records) == 19
+    assert [r for r in records if r["problem"]] == []
+
+
+def test_a_stored_table_agrees_with_a_fresh_float64_run_inside_the_horizon():
+    frozen = sb.load(STORE / "table13-displacement.nc")
+    fresh = sb.reference(frozen.system, 0.1, t_eval=np.linspace(0, 0.1, 201))
+    inside = fresh.t <= fresh.horizon
+    assert np.max(np.abs(frozen.at(fresh.t[inside])[0] - fresh.tip[inside])) < 1e-3 * np.max(np.abs(fresh.tip))
+
+
+def test_the_cache_serves_remakes_and_never_confuses(table10, tmp_path, monkeypatch):
+    monkeypatch.setattr(cache, "directory", lambda: tmp_path)
+    system = sb.semidiscretise(table10, 8)
+    first = cached_reference(system, 0.1)
+    [file] = (tmp_path / "references").iterdir()
+    before = file.stat().st_mtime_ns
+    again = cached_reference(system, 0.1)
+    assert file.stat().st_mtime_ns == before
+    assert np.max(np.abs(again.tip - first.tip)) < BOUND
+    cached_reference(sb.semidiscretise(table10, 9), 0.1)
+    cached_reference(system, 0.05)
+    assert len(list((tmp_path / "references").iterdir())) == 3
+    file.write_bytes(file.read_bytes()[:1000])
+    with pytest.warns(UserWarning, match="remaking a cached reference"):
+        remade = cached_reference(system, 0.1)
+    assert np.max(np.abs(remade.tip - first.tip)) < BOUND
+    pushed = sb.BeamProblem(stiffness=300.0, loads=(sb.PointLoad(0.5, lambda t: 0 * t),))
+    with pytest.raises(sb.InputError, match="Harmonic or Constant"):
+        cached_reference(sb.semidiscretise(pushed, 8), 0.1)
+
+
+def test_agreement_names_the_judge_the_skipped_and_the_refuted(monkeypatch):
+    from stiffbeam.studies import agreement
+
+    def slow_kvaerno(system, t_end, method, *rest):
+        if method != "kvaerno3":
+            return solve(system, t_end, method, *rest)
+        pilot = solve(system, t_end, "exact", *rest)
+        return dataclasses.replace(pilot, work=Work(march_seconds=1e3))
+
+    monkeypatch.setattr(agreement, "solve", slow_kvaerno)
+    case = sb.paper_case(5)
+    found = agree(case, t_end=0.02, budget=20.0, methods=("exact", "multiprecision", "cvode-adams", "kvaerno3"))
+    assert found.judge == "multiprecision"
+    assert set(found.references) == {"exact", "multiprecision", "cvode-adams"}
+    assert "budget" in found.skipped["kvaerno3"]
+    assert found.refuted == {}
+    i, j = (list(found.references).index(name) for name in ("exact", "multiprecision"))
+    assert found.differences[i, j] < 1e-9
+    json.dumps(found.to_dict(), allow_nan=False)
+    monkeypatch.setattr(agreement, "REFUTED", 1e-6)  # a claim that nobody holds
+    assert "cvode-adams" in agree(case, t_end=0.02, budget=20.0, methods=("exact", "cvode-adams")).refuted
+
+
+DOWNSTREAM = """
+import numpy as np
+import pytest
+import stiffbeam as sb
+
+PROBLEM = sb.BeamProblem(
+    stiffness=300.0, stops=sb.Stops(-0.1, 0.1, stiffness=5e6), base=sb.Harmonic(amplitude=0.2, frequency=10.0)
+)
+
+def test_my_integrator(reference_solution, assert_within_reference):
+    reference = reference_solution(PROBLEM, cells=8, t_end=0.5)
+    run = sb.integrate(reference.system, sb.SDIRK(), dt=1e-6, t_end=0.06)
+    assert_within_reference(run, reference, tolerance=1e-3)
+    with pytest.raises(AssertionError, match="off by"):
+        assert_within_reference((run.t, 1.01 * run.tip), reference, tolerance=1e-3)
+
+def test_it_refuses_what_nobody_knows(reference_solution, assert_within_reference):
+    reference = reference_solution(PROBLEM, cells=8, t_end=0.05)
+    run = sb.integrate(reference.system, sb.SDIRK(), dt=1e-4, t_end=0.1)
+    with pytest.raises(sb.InputError, match="horizon"):
+        assert_within_reference(run, reference, tolerance=1.0)
+"""
+
+
+def test_the_plugin_works_in_a_project_of_someone_else(tmp_path):
+    (tmp_path / "test_mine.py").write_text(DOWNSTREAM, encoding="utf-8")
+    environment = os.environ | {"STIFFBEAM_CACHE_DIR": str(cache.directory())}
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "test_mine.py"],
+        cwd=tmp_path, capture_output=True, text=True, env=environment,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "2 passed" in done.stdout
+
+
+def test_the_command_makes_checks_and_compares(tmp_path):
+    def run(*arguments):
+        command = [sys.executable, "-m", "stiffbeam.cli", "reference", *arguments]
+        return subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+
+    made = run("table10", "--method", "multiprecision", "--t-end", "0.5", "--out", "ref.nc")
+    assert (made.returncode, made.stderr) == (0, "")
+    assert "horizon: 0.5" in made.stdout
+    assert run("--check", "ref.nc").returncode == 0
+    (tmp_path / "ref.nc").write_bytes((tmp_path / "ref.nc").read_bytes()[:5000])
+    damaged = run("--check", "ref.nc")
+    assert damaged.returncode == 1
+    assert "problem" in damaged.stdout
+    assert run("table10", "--check", "ref.nc").returncode == 2
+    assert run("table10", "--method", "multiprecision", "--digits", "many").returncode == 2
