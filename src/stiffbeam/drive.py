@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -82,3 +82,13 @@ class Drive:
         units = np.eye(len(system.channels))
         terms = [(units[c], o) for c, (_, o) in enumerate(system.channels) if o is not None]
         return self.split(terms, len(system.channels))
+
+    def offset(self, system: System, channel: int) -> Callable[[Array], tuple[Array, Array]]:
+        """t -> (o(t), o'(t)) of a channel whose offset is harmonic or constant."""
+        column = self.offsets(system)[0][:, channel]
+
+        def values(t: Array) -> tuple[Array, Array]:
+            g = self.coefficients(t)
+            return g @ column, g @ self.derivative().T @ column
+
+        return values

@@ -9,8 +9,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
-import tempfile
 import time
 from dataclasses import replace
 from importlib.metadata import version
@@ -20,6 +18,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from . import netcdf
 from .arrays import Array
 from .cases import parse_case
 from .semidiscretisation import semidiscretise
@@ -54,18 +53,7 @@ def freeze(reference: Reference, case: str, file: str | Path) -> dict[str, Any]:
     dataset.attrs["bound"] = BOUND
     dataset.attrs["deviation"] = deviation
     dataset.attrs["hash"] = _hash(dataset)
-    path = Path(file)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    handle, partial = tempfile.mkstemp(suffix=".nc", dir=path.parent)
-    os.close(handle)
-    try:
-        encoding = {name: {"zlib": True, "complevel": 9, "shuffle": True} for name in dataset.data_vars}
-        dataset.to_netcdf(partial, engine="h5netcdf", encoding=encoding)
-        os.chmod(partial, 0o644)
-        os.replace(partial, path)
-    except BaseException:
-        Path(partial).unlink(missing_ok=True)
-        raise
+    path = netcdf.write(dataset, file, compression=9)
     return {
         "file": path.name,
         "form": reference.provenance["form"],

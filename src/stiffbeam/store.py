@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +10,7 @@ import h5py
 import numpy as np
 import xarray as xr
 
+from . import netcdf
 from .contact import Stops
 from .frozen import thaw
 from .ledger import Ledger
@@ -94,26 +93,7 @@ def to_xarray(run: Trajectory) -> xr.Dataset:
 
 def save(run: Trajectory, file: str | Path) -> Path:
     """Write ``run`` to a netCDF-4 file; the file appears whole or not at all."""
-    path = Path(file)
-    dataset = to_xarray(run)
-    encoding = {name: {"zlib": True, "complevel": 4, "shuffle": True} for name in dataset.data_vars}
-    for name, variable in dataset.data_vars.items():
-        if not variable.size or not variable.dims:
-            encoding[name] = {}
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, partial = tempfile.mkstemp(suffix=".nc", dir=path.parent)
-    except OSError as error:
-        raise InputError("file", str(path), "lie in a folder that can be written to", str(error)) from None
-    os.close(handle)
-    try:
-        dataset.to_netcdf(partial, engine="h5netcdf", encoding=encoding)
-        os.chmod(partial, 0o644)
-        os.replace(partial, path)
-    except BaseException:
-        Path(partial).unlink(missing_ok=True)
-        raise
-    return path
+    return netcdf.write(to_xarray(run), file)
 
 
 def load(file: str | Path, system: System | None = None) -> Trajectory:
