@@ -401,3 +401,14 @@ def test_kvaerno_takes_its_compilation_out_of_the_time_and_refuses_what_jax_cann
     pushed = dataclasses.replace(table10, loads=(sb.PointLoad(0.5, lambda t: 0 * t),))
     with pytest.raises(sb.InputError, match="Harmonic or Constant"):
         solve(sb.semidiscretise(pushed, 8), 0.1, "kvaerno5", None, 1e-6, None)
+
+
+@pytest.mark.parametrize(
+    ("method", "module", "package"), [("cvode", "sksundae", "scikit-sundae"), ("kvaerno5", "diffrax", "diffrax")]
+)
+def test_a_missing_library_is_named_with_its_package(method, module, package, table10, monkeypatch):
+    import sys
+
+    monkeypatch.setitem(sys.modules, module, None)
+    with pytest.raises(sb.InputError, match=f"pip install {package}"):
+        solve(sb.semidiscretise(table10, 8), 0.01, method, None, 1e-6, None)

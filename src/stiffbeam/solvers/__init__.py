@@ -35,16 +35,39 @@ def reference(
 
     times = None if t_eval is None else np.asarray(t_eval, float)
     if method == "multiprecision":
-        from .multiprecision import solve_multiprecision
-
-        return solve_multiprecision(system, t_end, times, digits)
+        return solve(system, t_end, method, times, rtol, atol, digits)
     return with_horizon(solve(system, t_end, method, times, rtol, atol), system, t_end)
 
 
 def solve(
-    system: System, t_end: float, method: str, t_eval: NDArray | None, rtol: float, atol: float | None
+    system: System,
+    t_end: float,
+    method: str,
+    t_eval: NDArray | None,
+    rtol: float,
+    atol: float | None,
+    digits: int | str = "auto",
 ) -> Reference:
-    """``reference`` without the horizon."""
+    """``reference`` without the horizon, but for multiprecision, which brings its own."""
+    try:
+        return _solve(system, t_end, method, t_eval, rtol, atol, digits)
+    except ModuleNotFoundError as error:
+        remedy = f"pip install {_PACKAGES.get(error.name or '', error.name)}"
+        raise InputError("method", method, f"have its library {error.name} installed", remedy) from None
+
+
+_PACKAGES = {"sksundae": "scikit-sundae", "flint": "python-flint"}
+
+
+def _solve(
+    system: System,
+    t_end: float,
+    method: str,
+    t_eval: NDArray | None,
+    rtol: float,
+    atol: float | None,
+    digits: int | str,
+) -> Reference:
     if not isinstance(system, System):
         raise InputError("system", type(system).__name__, "be a System")
     if method == "exact":
@@ -54,7 +77,7 @@ def solve(
     if method == "multiprecision":
         from .multiprecision import solve_multiprecision
 
-        return solve_multiprecision(system, t_end, t_eval)
+        return solve_multiprecision(system, t_end, t_eval, digits)
     if method in ("cvode", "cvode-adams"):
         from .cvode import solve_cvode
 
