@@ -10,6 +10,7 @@ from ..trajectory import Reference
 from ..validation import InputError, near
 
 METHODS = ("exact", "multiprecision", "cvode", "cvode-adams", "ida", "kvaerno3", "kvaerno5", "dop853", "radau")
+_PACKAGES = {"sksundae": "scikit-sundae", "flint": "python-flint"}  # where import and package differ
 
 
 def reference(
@@ -50,48 +51,33 @@ def solve(
 ) -> Reference:
     """``reference`` without the horizon, but for multiprecision, which brings its own."""
     try:
-        return _solve(system, t_end, method, t_eval, rtol, atol, digits)
+        if not isinstance(system, System):
+            raise InputError("system", type(system).__name__, "be a System")
+        if method == "exact":
+            from .piecewise import solve_exact
+
+            return solve_exact(system, t_end, t_eval)
+        if method == "multiprecision":
+            from .multiprecision import solve_multiprecision
+
+            return solve_multiprecision(system, t_end, t_eval, digits)
+        if method in ("cvode", "cvode-adams"):
+            from .cvode import solve_cvode
+
+            return solve_cvode(system, t_end, t_eval, rtol, atol, adams=method == "cvode-adams")
+        if method == "ida":
+            from .ida import solve_ida
+
+            return solve_ida(system, t_end, t_eval, rtol, atol)
+        if method in ("kvaerno3", "kvaerno5"):
+            from .kvaerno import solve_kvaerno
+
+            return solve_kvaerno(system, t_end, t_eval, rtol, atol, method)
+        if method in ("dop853", "radau"):
+            from .scipy import solve_scipy
+
+            return solve_scipy(system, t_end, t_eval, rtol, atol, method)
+        raise InputError("method", method, "be a reference method", near(method, METHODS))
     except ModuleNotFoundError as error:
         remedy = f"pip install {_PACKAGES.get(error.name or '', error.name)}"
         raise InputError("method", method, f"have its library {error.name} installed", remedy) from None
-
-
-_PACKAGES = {"sksundae": "scikit-sundae", "flint": "python-flint"}
-
-
-def _solve(
-    system: System,
-    t_end: float,
-    method: str,
-    t_eval: NDArray | None,
-    rtol: float,
-    atol: float | None,
-    digits: int | str,
-) -> Reference:
-    if not isinstance(system, System):
-        raise InputError("system", type(system).__name__, "be a System")
-    if method == "exact":
-        from .piecewise import solve_exact
-
-        return solve_exact(system, t_end, t_eval)
-    if method == "multiprecision":
-        from .multiprecision import solve_multiprecision
-
-        return solve_multiprecision(system, t_end, t_eval, digits)
-    if method in ("cvode", "cvode-adams"):
-        from .cvode import solve_cvode
-
-        return solve_cvode(system, t_end, t_eval, rtol, atol, adams=method == "cvode-adams")
-    if method == "ida":
-        from .ida import solve_ida
-
-        return solve_ida(system, t_end, t_eval, rtol, atol)
-    if method in ("kvaerno3", "kvaerno5"):
-        from .kvaerno import solve_kvaerno
-
-        return solve_kvaerno(system, t_end, t_eval, rtol, atol, method)
-    if method in ("dop853", "radau"):
-        from .scipy import solve_scipy
-
-        return solve_scipy(system, t_end, t_eval, rtol, atol, method)
-    raise InputError("method", method, "be a reference method", near(method, METHODS))

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import flint
@@ -19,32 +19,20 @@ from flint import arb, arb_mat, ctx
 
 from ..arrays import Array
 from ..drive import Drive
-from ..modal import Modes, modes
 from ..system import System
 from ..trajectory import Reference, SolverFailure
 from ..validation import InputError
 from .agreement import with_horizon
 from .piecewise import reference_of, refuse, solve_exact
+from .precise_modes import PreciseRegime, dot, double, precise_regime, rounded_modes, rounded_regime
 from .rational import Exact, exact_problem
 from .switching import follow
-from .undamped import Regime, Solution, search_arguments
+from .undamped import Solution, search_arguments
 
 BITS = math.log2(10.0)
 GUARD_BITS = 100  # below the digits that are lost: two doubles' worth for the outputs
 MAX_DIGITS = 20_000
 AGREEMENT = 1e-12  # of max |u|: how closely two precisions have to agree, float64 evaluation included
-
-
-@dataclass(eq=False)
-class _Regime:
-    """Modes of one regime at full precision: omega, omega^2 (n,), X (n, n), level (n,), P (n, d)."""
-
-    omega: list[Any]
-    squares: list[Any]
-    shapes: Any
-    level: list[Any]
-    particular: list[list[Any]]
-    row: list[Any]
 
 
 def solve_multiprecision(system: System, t_end: float, t_eval: Array | None, digits: int | str = "auto") -> Reference:
@@ -116,9 +104,9 @@ def _march(system: System, t_end: float, digits: int) -> Solution:
         drive = Drive.of(system)
         problem = exact_problem(system, drive)
         frequencies = [arb(f) for f in drive.frequencies]
-        regimes: dict[int, _Regime] = {}
+        regimes: dict[int, PreciseRegime] = {}
         for side in (0, 1, -1) if system.contacts else (0,):
-            regimes[side] = _regime(system, problem, drive, frequencies, side, regimes.get(1))
+            regimes[side] = precise_regime(system, problem, drive, frequencies, side, regimes.get(1))
         cross = None
         if 1 in regimes:
             cross = regimes[0].shapes.transpose() * problem.mass * regimes[1].shapes  # eta_free = cross eta_contact
@@ -127,88 +115,15 @@ def _march(system: System, t_end: float, digits: int) -> Solution:
         ctx.prec = before
 
 
-def _regime(
-    system: System, problem: Exact, drive: Drive, frequencies: list[Any], side: int, other: _Regime | None
-) -> _Regime:
-    """The regime of ``side``; on the lower stop the modes are those of the ``other``, on the upper."""
-    n = system.size
-    springs: tuple = ()
-    stiffness, basis = problem.stiffness, problem.basis.tolist()
-    if side:
-        assert problem.stops is not None
-        kappa, lower, upper = problem.stops
-        gap = upper if side > 0 else lower
-        springs = ((system.contacts[0].row, system.contacts[0].stops.stiffness),)
-        stiffness = stiffness + arb_mat([[kappa * a * b for a in problem.row] for b in problem.row])
-        basis = [
-            [b - kappa * o * r for b, r in zip(line, problem.row, strict=True)]
-            for line, o in zip(basis, problem.offset, strict=True)
-        ]
-        basis[0] = [b + kappa * (gap if gap is not None else 0) * r for b, r in zip(basis[0], problem.row, strict=True)]
-    if other is None:
-        base = modes(system, springs)
-        assert base is not None
-        squares, shapes = _refine(problem.mass, stiffness, base.shapes)
-    else:
-        squares, shapes = other.squares, other.shapes
-    force = (shapes.transpose() * arb_mat(basis).transpose()).tolist()  # (n, d)
-    particular = [[arb(0)] * drive.size for _ in range(n)]
-    for k, frequency in enumerate(frequencies):
-        for j in range(n):
-            gain = 1 / (squares[j] - frequency * frequency)
-            for i in (1 + 2 * k, 2 + 2 * k):
-                particular[j][i] = (force[j][i] * gain).mid()
-    row = (arb_mat([problem.row]) * shapes).tolist()[0]
-    return _Regime(
-        omega=[x.sqrt().mid() for x in squares],
-        squares=squares,
-        shapes=shapes,
-        level=[force[j][0].mid() for j in range(n)],
-        particular=particular,
-        row=[x.mid() for x in row],
-    )
-
-
-def _refine(mass: Any, stiffness: Any, shapes: Array) -> tuple[list[Any], Any]:
-    """Eigenvalues and mass-normalised eigenvectors from float64 ones, to the current precision.
-
-    Ogita and Aishima's iteration for the pencil (K, M), quadratic: with R = I - X^T M X and S = X^T K X,
-    X <- X (I + E), E_ij = (S_ij + lambda_j R_ij)/(lambda_j - lambda_i), E_ii = R_ii/2.
-    """
-    target, n = ctx.prec, shapes.shape[0]
-    X = arb_mat([[arb(float(x)) for x in line] for line in shapes])
-    precision, done = 240, False
-    while True:
-        ctx.prec = min(target, precision)
-        R = (X.transpose() * mass * X).tolist()
-        S = (X.transpose() * stiffness * X).tolist()
-        values = [(S[i][i] / R[i][i]).mid() for i in range(n)]
-        if done:
-            ctx.prec = target
-            return values, X
-        largest = arb(0)
-        E = [[arb(0)] * n for _ in range(n)]
-        for i in range(n):
-            for j in range(n):
-                r = (1 if i == j else 0) - R[i][j].mid()
-                E[i][j] = r / 2 if i == j else (S[i][j].mid() + values[j] * r) / (values[j] - values[i])
-                largest = max(largest, abs(E[i][j]).mid())
-        step = X * arb_mat(E)
-        X = (X + step).mid()
-        # The next error is the square of this one; stop when that is below the target.
-        done = ctx.prec == target and largest * largest < arb(2) ** (40 - target)
-        precision *= 2
-
-
 def _follow(
     system: System, t_end: float, full: int, drive: Drive, problem: Exact, frequencies: list[Any],
-    regimes: dict[int, _Regime], cross: Any,
+    regimes: dict[int, PreciseRegime], cross: Any,
 ) -> Solution:  # fmt: skip
     n = system.size
-    rounded = {side: _rounded(regime, drive, problem) for side, regime in regimes.items()}
-    bases = {side: _rounded_modes(regime, system) for side, regime in regimes.items()}
+    rounded = {side: rounded_regime(regime, drive, problem) for side, regime in regimes.items()}
+    bases = {side: rounded_modes(regime, system) for side, regime in regimes.items()}
     stops = system.contacts[0].stops if system.contacts else None
-    args = search_arguments(rounded, _double(cross) if cross is not None else np.eye(n), drive, stops)
+    args = search_arguments(rounded, double(cross) if cross is not None else np.eye(n), drive, stops)
     mass_shapes = problem.mass * regimes[0].shapes
     eta, rate = ((arb_mat([values]) * mass_shapes).tolist()[0] for values in (problem.q0, problem.v0))
     t, side = arb(0), 0
@@ -257,11 +172,6 @@ def _follow(
     )
 
 
-def dot(a: list[Any], b: list[Any]) -> Any:
-    """sum a_i b_i."""
-    return sum((x * y for x, y in zip(a, b, strict=True)), arb(0))
-
-
 def _stop(problem: Exact, side: int, new: int) -> Any:
     """The position at which the contact switches between ``side`` and ``new``."""
     assert problem.stops is not None
@@ -278,7 +188,7 @@ def _coefficients(frequencies: list[Any], t: Any) -> tuple[list[Any], list[Any]]
     return g, g_rate
 
 
-def _homogeneous(regime: _Regime, eta: list, rate: list, g: list, g_rate: list) -> tuple[list, list]:
+def _homogeneous(regime: PreciseRegime, eta: list, rate: list, g: list, g_rate: list) -> tuple[list, list]:
     """h = eta - P g and its rate, midpoints."""
     h, h_rate = [], []
     for j, p in enumerate(regime.particular):
@@ -287,7 +197,7 @@ def _homogeneous(regime: _Regime, eta: list, rate: list, g: list, g_rate: list) 
     return h, h_rate
 
 
-def _oscillators(regime: _Regime, h: list, h_rate: list, tau: Any) -> tuple[list, list]:
+def _oscillators(regime: PreciseRegime, h: list, h_rate: list, tau: Any) -> tuple[list, list]:
     """The homogeneous part and its rate at tau: h cos + h'/w sin + level (1 - cos)/w^2."""
     q, v = [], []
     for w, w2, x, y, level in zip(regime.omega, regime.squares, h, h_rate, regime.level, strict=True):
@@ -299,7 +209,7 @@ def _oscillators(regime: _Regime, h: list, h_rate: list, tau: Any) -> tuple[list
 
 
 def _newton(
-    regime: _Regime, problem: Exact, frequencies: list, h: list, h_rate: list, t: Any, tau: Any, stop: Any
+    regime: PreciseRegime, problem: Exact, frequencies: list, h: list, h_rate: list, t: Any, tau: Any, stop: Any
 ) -> Any:
     """Sharpen the switching time from float64 to half the current precision, doubling it at each turn."""
     full, accurate = ctx.prec, 28  # bits: what float64 knows of a time between two switches
@@ -314,7 +224,9 @@ def _newton(
     return tau
 
 
-def _gap(regime: _Regime, problem: Exact, frequencies: list, q: list, v: list, t: Any, stop: Any) -> tuple[Any, Any]:
+def _gap(
+    regime: PreciseRegime, problem: Exact, frequencies: list, q: list, v: list, t: Any, stop: Any
+) -> tuple[Any, Any]:
     """u - stop and u' at time t, with the homogeneous parts q and rates v there."""
     g, g_rate = _coefficients(frequencies, t)
     drive = _drive_row(regime, problem)
@@ -323,7 +235,7 @@ def _gap(regime: _Regime, problem: Exact, frequencies: list, q: list, v: list, t
     return u.mid(), speed.mid()
 
 
-def _drive_row(regime: _Regime, problem: Exact) -> list[Any]:
+def _drive_row(regime: PreciseRegime, problem: Exact) -> list[Any]:
     """row P + offset, (d,)."""
     total = list(problem.offset)
     for row, p in zip(regime.row, regime.particular, strict=True):
@@ -332,7 +244,7 @@ def _drive_row(regime: _Regime, problem: Exact) -> list[Any]:
 
 
 def _advance(
-    regime: _Regime, problem: Exact, frequencies: list, h: list, h_rate: list, t: Any, tau: Any, stop: Any
+    regime: PreciseRegime, problem: Exact, frequencies: list, h: list, h_rate: list, t: Any, tau: Any, stop: Any
 ) -> tuple[list, list, list, list, Any]:
     """eta, eta' and g, g' at the switch: one full evaluation at tau, then a Taylor step of the last half
     of the digits, shift = -gap/u'."""
@@ -356,22 +268,3 @@ def _change(cross: Any, eta: list, rate: list, to_contact: bool) -> tuple[list, 
     columns = arb_mat([[a, b] for a, b in zip(eta, rate, strict=True)]).mid()
     both = ((cross.transpose() if to_contact else cross) * columns).tolist()
     return [line[0].mid() for line in both], [line[1].mid() for line in both]
-
-
-def _double(matrix: Any) -> Array:
-    return np.array([[float(x) for x in line] for line in matrix.tolist()])
-
-
-def _rounded(regime: _Regime, drive: Drive, problem: Exact) -> Regime:
-    return Regime(
-        np.array([float(x) for x in regime.omega]),
-        np.array([float(x) for x in regime.level]),
-        np.array([[float(x) for x in line] for line in regime.particular]).reshape(len(regime.omega), drive.size),
-        np.array([float(x) for x in regime.row]),
-        np.array([float(x) for x in problem.offset]),
-    )
-
-
-def _rounded_modes(regime: _Regime, system: System) -> Modes:
-    omega = np.array([float(x) for x in regime.omega])
-    return Modes(omega, _double(regime.shapes), np.zeros_like(omega), system.mass)

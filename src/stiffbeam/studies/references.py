@@ -35,7 +35,7 @@ def remake(
     """Compute and freeze what is missing in ``folder``; returns the files written.
 
     A file that is whole and of this version is kept: interrupted work goes on where it stopped, and
-    deleting a file remakes it. ``only``: names of tables. All of them take about ten minutes.
+    deleting a file remakes it. ``only``: names of tables. All of them take about a quarter of an hour.
     """
     jobs = [job for job in wanted() if only is None or set(only) & set(job[2])]
     if not jobs:
