@@ -167,7 +167,7 @@ def test_a_run_may_leave_out_what_has_a_default():
     ("text", "message"),
     [
         ("hhtt", "scheme must be a registered scheme, got 'hhtt': did you mean hht?"),
-        ("xyz", "known: bdf2, sdirk, hht, theta"),
+        ("xyz", "known: bdf2, sdirk, hht"),
         ("", "scheme must read name(parameter=value, ...)@form, got ''"),
         ("hht(alpha=-0.1", "scheme must read name(parameter=value, ...)@form"),
         ("hht@displacement@displacement", "e.g. hht(alpha=-0.1)@displacement"),

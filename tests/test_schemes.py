@@ -185,15 +185,6 @@ def test_every_registered_scheme_is_unconditionally_stable(scheme):
         assert np.max(np.abs(np.linalg.eigvals(amplification_matrix(scheme, x)))) <= 1 + 1e-9
 
 
-@pytest.mark.parametrize(("scheme", "elongation"), [(sb.HHT(-0.1), 0.0395), (sb.BDF2(), 0.102)], ids=str)
-def test_the_period_elongation_at_a_tenth_of_the_period_is_the_literatures(scheme, elongation):
-    """Relative period elongation at dt/T = 0.1 known from the literature: 3.95 % and 10.2 %."""
-    x = 2 * np.pi * 0.1
-    eigenvalues = np.linalg.eigvals(amplification_matrix(scheme, x))
-    principal = eigenvalues[np.argmax(np.abs(eigenvalues) - 10 * (np.abs(eigenvalues.imag) < 1e-12))]
-    assert abs(x / abs(np.angle(principal)) - 1 - elongation) < 0.0006
-
-
 def test_the_trapezoidal_rule_is_hht_with_alpha_zero(table10_system):
     theta = sb.integrate(table10_system, sb.Theta(0.5), 1e-4, 0.05)
     hht = sb.integrate(table10_system, sb.HHT(0.0), 1e-4, 0.05)

@@ -14,9 +14,10 @@ if TYPE_CHECKING:
     from .cases import Case, load_cases, paper_case
     from .contact import Contact, Stops
     from .march import integrate
+    from .measures.amplification import Amplification, amplification
     from .measures.comparison import Comparison, compare
     from .problem import BeamProblem, DistributedLoad, PointLoad, Units
-    from .schemes import BDF2, HHT, SDIRK, Scheme, Theta
+    from .schemes import BDF2, HHT, SDIRK, Bathe, GeneralisedAlpha, Scheme, Theta, Trapezoidal
     from .semidiscretisation import semidiscretise
     from .solvers import reference
     from .store import load
@@ -29,9 +30,10 @@ _HOME = {
     "cases": ("Case", "load_cases", "paper_case"),
     "contact": ("Contact", "Stops"),
     "march": ("integrate",),
+    "measures.amplification": ("Amplification", "amplification"),
     "measures.comparison": ("Comparison", "compare"),
     "problem": ("BeamProblem", "DistributedLoad", "PointLoad", "Units"),
-    "schemes": ("BDF2", "HHT", "SDIRK", "Scheme", "Theta"),
+    "schemes": ("BDF2", "HHT", "SDIRK", "Bathe", "GeneralisedAlpha", "Scheme", "Theta", "Trapezoidal"),
     "semidiscretisation": ("semidiscretise",),
     "solvers": ("reference",),
     "store": ("load",),
@@ -46,6 +48,8 @@ __all__ = [
     "BDF2",
     "HHT",
     "SDIRK",
+    "Amplification",
+    "Bathe",
     "BeamProblem",
     "Case",
     "Comparison",
@@ -54,6 +58,7 @@ __all__ = [
     "DistributedLoad",
     "Diverged",
     "FirstOrderSystem",
+    "GeneralisedAlpha",
     "Harmonic",
     "Impacts",
     "InputError",
@@ -66,7 +71,9 @@ __all__ = [
     "Theta",
     "TimeFunction",
     "Trajectory",
+    "Trapezoidal",
     "Units",
+    "amplification",
     "compare",
     "integrate",
     "load",

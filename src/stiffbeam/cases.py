@@ -115,7 +115,7 @@ def parse_run(text: str, default_form: str = "displacement") -> tuple[Scheme, st
     ``sdirk.printed(sigma)@velocity-curvature``.
     """
     pattern = (
-        r"\s*(?P<name>\w+)\s*(\((?P<args>[^()]*)\))?"
+        r"\s*(?P<name>[\w-]+)\s*(\((?P<args>[^()]*)\))?"
         r"\s*(?P<printed>\.printed(\((?P<errata>[^()]*)\))?)?"
         r"\s*(@\s*(?P<form>[\w-]+))?\s*"
     )

@@ -6,18 +6,25 @@ from collections.abc import Iterator
 from inspect import signature
 
 from ..validation import InputError, near
+from .bathe import Bathe
 from .bdf2 import BDF2
+from .generalised_alpha import GeneralisedAlpha
 from .hht import HHT
 from .scheme import Scheme
 from .sdirk import GAMMA_THIRD_ORDER, SDIRK
 from .theta import Theta
+from .trapezoidal import Trapezoidal
 
-SCHEMES: dict[str, type[Scheme]] = {scheme.name: scheme for scheme in (BDF2, SDIRK, HHT, Theta)}
+SCHEMES: dict[str, type[Scheme]] = {
+    scheme.name: scheme for scheme in (BDF2, SDIRK, HHT, GeneralisedAlpha, Trapezoidal, Bathe, Theta)
+}
 
 # The parameter sets that tests and studies run beside each scheme's defaults.
 _VARIANTS: dict[str, list[dict]] = {
     "sdirk": [{"nystrom": True}, {"gamma": 1.0}, {"gamma": 1.0, "nystrom": True}],
     "hht": [{"alpha": 0.0}, {"alpha": -0.3}],
+    "generalised-alpha": [{"rho": 0.0}, {"rho": 1.0}],
+    "bathe": [{"split": 2.0 - 2.0**0.5}],
 }
 
 
@@ -40,4 +47,17 @@ def registered() -> Iterator[Scheme]:
             yield make(name, **parameters)
 
 
-__all__ = ["BDF2", "GAMMA_THIRD_ORDER", "HHT", "SCHEMES", "SDIRK", "Scheme", "Theta", "make", "registered"]
+__all__ = [
+    "BDF2",
+    "GAMMA_THIRD_ORDER",
+    "HHT",
+    "SCHEMES",
+    "SDIRK",
+    "Bathe",
+    "GeneralisedAlpha",
+    "Scheme",
+    "Theta",
+    "Trapezoidal",
+    "make",
+    "registered",
+]

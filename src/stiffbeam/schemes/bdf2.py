@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .scheme import Array, Scheme
+from .scheme import Array, Scheme, oscillator
 from .theta import Theta
 
 
@@ -33,6 +33,9 @@ class BDF2(Scheme):
         r = (4.0 * y - y_before) / 3.0
         y_new = r + c * equation.implicit_rate(c, r, forces[0])
         return np.concatenate([y_new, y]), [y_new[0]]
+
+    def characteristic(self, x, xi):
+        return np.array([1.5 - oscillator(x, xi), -2.0, 0.5])
 
     def predict(self, equation, dt, z):
         y, y_before = z[: equation.order], z[equation.order :]

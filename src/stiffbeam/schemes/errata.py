@@ -73,6 +73,9 @@ class PrintedStageMatrix(SDIRK):
         g, s, (b1, b2, _) = self.gamma, self.sigma, self.b
         return np.array([[g**2, 0.0, 0.0], [s, g**2, 0.0], [b1 * g**2, b2 * g**2, g**2]])
 
+    def characteristic(self, x, xi):
+        return None  # (4.14)'s R(z) belongs to A A
+
     def check(self, omega_max: float, dt: float) -> None:
         from ..equations import Modal
 

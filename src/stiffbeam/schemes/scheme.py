@@ -55,6 +55,14 @@ class Scheme(ABC):
         velocity = equation.velocity(y)
         return [y[0] + c * dt * velocity for c in self.nodes]
 
+    def characteristic(self, x: float, xi: float) -> Array | None:
+        """Coefficients, highest first, of the polynomial whose roots amplify q'' + 2 xi w q' + w^2 q = 0, x = w dt.
+
+        In closed form, for theory beside the step itself; None where a scheme states none. A scheme on
+        y' = z y gives that of z = ``oscillator(x, xi)``; the conjugate roots belong to it.
+        """
+        return None
+
     def printed(self, *errata: str) -> Scheme:
         """The scheme as the paper prints it: the named errata, or all that run at any step."""
         from . import errata as printed_forms
@@ -76,6 +84,11 @@ class Scheme(ABC):
         return f"{label}.printed({self.erratum})" if self.erratum else label
 
     __repr__ = __str__
+
+
+def oscillator(x: float, xi: float) -> complex:
+    """z = dt times the eigenvalue of q'' + 2 xi w q' + w^2 q = 0 in the upper half plane, x = w dt."""
+    return x * complex(-xi, (1.0 - xi * xi) ** 0.5)
 
 
 def in_interval(field: str, value: Any, low: float, high: float, remedy: str = "") -> float:

@@ -7,7 +7,7 @@ import warnings
 import numpy as np
 
 from ..validation import InputError
-from .scheme import Scheme, in_interval
+from .scheme import Array, Scheme, in_interval, oscillator
 
 # The middle root of 1/6 - (3/2) g + 3 g^2 - g^3, nearest double: third order.
 GAMMA_THIRD_ORDER = 0.435866521508459
@@ -80,6 +80,10 @@ class SDIRK(Scheme):
     def parameters(self):
         gamma = 0.4359 if self.gamma == GAMMA_THIRD_ORDER else self.gamma
         return {"gamma": gamma} | ({"nystrom": True} if self.nystrom else {})
+
+    def characteristic(self, x, xi) -> Array | None:
+        z, g = oscillator(x, xi), self.gamma
+        return np.array([(1.0 - g * z) ** 3, -((3.0 * g**2 - 3.0 * g + 0.5) * z**2 - (3.0 * g - 1.0) * z + 1.0)])
 
     def step(self, equation, dt, z, forces):
         return (self._step_nystrom if self.nystrom else self._step_rates)(equation, dt, z, forces)

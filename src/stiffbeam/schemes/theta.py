@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .scheme import Array, Scheme, in_interval
+from .scheme import Array, Scheme, in_interval, oscillator
 
 
 class Theta(Scheme):
@@ -34,3 +34,7 @@ class Theta(Scheme):
         rate_new = equation.implicit_rate(self.theta * dt, r, forces[0])
         y_new = r + self.theta * dt * rate_new
         return np.concatenate([y_new, rate_new]), [y_new[0]]
+
+    def characteristic(self, x, xi):
+        z = oscillator(x, xi)
+        return np.array([1.0 - self.theta * z, -1.0 - (1.0 - self.theta) * z])

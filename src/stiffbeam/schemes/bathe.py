@@ -1,0 +1,49 @@
+"""Bathe's composite scheme: the trapezoidal rule over part of the step, a three-point BDF over the whole."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .scheme import Array, Scheme, in_interval, oscillator
+
+
+class Bathe(Scheme):
+    """With s = ``split``, the share of the step that the trapezoidal rule takes,
+
+        y^{n+s} = y^n + s dt/2 (f^n + f^{n+s}),
+        s (2 - s) y^{n+1} = y^{n+s} - (1 - s)^2 y^n + s (1 - s) dt f^{n+1}.
+
+    Order 2, L-stable for s in (0, 1). s = 1/2 is Bathe's choice; s = 2 - sqrt 2 is TR-BDF2, where both
+    stages solve with the same matrix. State: (y^n, f^n). Sources: Bathe and Baig, Comput. Struct. 83
+    (2005) 2513-2524; Bank et al., IEEE Trans. Electron Devices 32 (1985) 1992-2007.
+    """
+
+    name = "bathe"
+
+    def __init__(self, split: float = 0.5) -> None:
+        self.split = in_interval("split", split, 0.01, 0.99)
+        self.nodes = (self.split, 1.0)
+
+    @property
+    def parameters(self):
+        return {"split": self.split}
+
+    def initial(self, equation, history, force) -> Array:
+        return np.concatenate([history[0], equation.rate(history[0], force)])
+
+    def step(self, equation, dt, z, forces):
+        y, rate = z[: equation.order], z[equation.order :]
+        s = self.split
+        half = s * dt / 2.0
+        r = y + half * rate
+        y_split = r + half * equation.implicit_rate(half, r, forces[0])
+        c = (1.0 - s) / (2.0 - s) * dt
+        r = (y_split - (1.0 - s) ** 2 * y) / (s * (2.0 - s))
+        rate_new = equation.implicit_rate(c, r, forces[1])
+        y_new = r + c * rate_new
+        return np.concatenate([y_new, rate_new]), [y_split[0], y_new[0]]
+
+    def characteristic(self, x, xi):
+        z, s = oscillator(x, xi), self.split
+        trapezoidal = (1.0 + s * z / 2.0) / (1.0 - s * z / 2.0)
+        return np.array([s * (2.0 - s) - s * (1.0 - s) * z, (1.0 - s) ** 2 - trapezoidal])

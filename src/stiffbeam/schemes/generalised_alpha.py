@@ -1,0 +1,31 @@
+"""Generalised-alpha: the least dissipative of its family for a given damping at high frequencies."""
+
+from __future__ import annotations
+
+from .newmark import WeightedNewmark
+from .scheme import in_interval
+
+
+class GeneralisedAlpha(WeightedNewmark):
+    """The weighted Newmark step with, for a spectral radius rho at infinite frequency,
+
+        alpha_m = (2 rho - 1)/(rho + 1),    beta  = (1 - alpha_m + alpha_f)^2/4,
+        alpha_f = rho/(rho + 1),            gamma = 1/2 - alpha_m + alpha_f.
+
+    Order 2, A-stable for rho in [0, 1]; rho = 1 loses no energy on a linear system, rho = 0 removes the
+    highest modes in one step. The weights fall on the old values, as in Chung and Hulbert; HHT is
+    alpha_m = 0, alpha_f = -alpha. Source: Chung and Hulbert, J. Appl. Mech. 60 (1993) 371-375, (25)-(27).
+    """
+
+    name = "generalised-alpha"
+
+    def __init__(self, rho: float = 0.8) -> None:
+        self.rho = in_interval("rho", rho, 0.0, 1.0)
+        self.alpha_m = (2.0 * self.rho - 1.0) / (self.rho + 1.0)
+        self.alpha_f = self.rho / (self.rho + 1.0)
+        self.beta = (1.0 - self.alpha_m + self.alpha_f) ** 2 / 4.0
+        self.gamma = 0.5 - self.alpha_m + self.alpha_f
+
+    @property
+    def parameters(self):
+        return {"rho": self.rho}

@@ -1,0 +1,57 @@
+"""The step that HHT-alpha and generalised-alpha share: Newmark's updates, weighted forces."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+from numpy.polynomial import Polynomial
+
+from .scheme import Array, Scheme
+
+
+class WeightedNewmark(Scheme):
+    """(1 - alpha_m) M a^{n+1} + alpha_m M a^n = (1 - alpha_f) N^{n+1} + alpha_f N^n,
+
+        q^{n+1} = q^n + dt v^n + dt^2 [(1/2 - beta) a^n + beta a^{n+1}],
+        v^{n+1} = v^n + dt [(1 - gamma) a^n + gamma a^{n+1}],       N = f - C v - K q.
+
+    Order 2 for gamma = 1/2 - alpha_m + alpha_f, if every force is in N and the acceleration a is carried
+    from step to step, with a^0 from the equation of motion; a is not M^-1 N. Loads and contact enter as
+    (1 - alpha_f) f^{n+1} + alpha_f f^n. State: (q, v, a, M^-1 N).
+    """
+
+    second_order_only: ClassVar[bool] = True
+    alpha_m: float
+    alpha_f: float
+    beta: float
+    gamma: float
+
+    def initial(self, equation, history, force) -> Array:
+        q, v = history[0]
+        a = equation.acceleration(history[0], force)
+        return np.stack([q, v, a, a])
+
+    def step(self, equation, dt, z, forces):
+        q, v, a, net = z
+        beta, gamma = self.beta, self.gamma
+        of_new, of_old = (1.0 - self.alpha_f) / (1.0 - self.alpha_m), self.alpha_f / (1.0 - self.alpha_m)
+        inertia = self.alpha_m / (1.0 - self.alpha_m)
+        q_ahead = q + dt * v + dt**2 * (0.5 - beta) * a
+        v_ahead = v + dt * (1.0 - gamma) * a
+        known = of_new * equation.net_force(np.stack([q_ahead, v_ahead]), forces[0])
+        known = known + equation.mass(of_old * net - inertia * a)
+        a_new = equation.solve(of_new * gamma * dt, of_new * beta * dt**2, known)
+        q_new = q_ahead + dt**2 * beta * a_new
+        v_new = v_ahead + dt * gamma * a_new
+        net_new = (a_new + inertia * a - of_old * net) / of_new
+        return np.stack([q_new, v_new, a_new, net_new]), [q_new]
+
+    def characteristic(self, x, xi):
+        # The three equations with q, v, a times powers of dt and every new value lambda times the old one.
+        one, root = Polynomial([-1.0, 1.0]), Polynomial([0.0, 1.0])  # lambda - 1, lambda
+        rate = 1.0 - self.gamma + self.gamma * root
+        position = rate + (0.5 - self.beta + self.beta * root) * one
+        inertia = (self.alpha_m + (1.0 - self.alpha_m) * root) * one**2
+        forces = 2.0 * xi * x * one * rate + x**2 * position
+        return (inertia + (self.alpha_f + (1.0 - self.alpha_f) * root) * forces).coef[::-1]
