@@ -14,9 +14,9 @@ from .system import System, offset_values
 
 @dataclass(frozen=True, eq=False)
 class Ledger:
-    """Cumulative energy balance at times t (k,), every array (k,) and zero at t = 0 but ``energy``.
+    """Energy at times t (k,) and its balance since t = 0, every array (k,).
 
-        energy   E = 1/2 q'^T M q' + 1/2 q^T K q + sum U
+        kinetic, elastic, stops    1/2 q'^T M q', 1/2 q^T K q (bending) and sum U; energy E is their sum
         input    sum over steps of 1/2 (F^n + F^{n+1}) . dq,  F the load vector; a stop that moves
                  against its contact by do_c puts in -1/2 (F_c^n + F_c^{n+1}) do_c
         viscous  sum over steps of dq^T C dq / dt
@@ -27,12 +27,19 @@ class Ledger:
     """
 
     t: Array
-    energy: Array
+    kinetic: Array
+    elastic: Array
+    stops: Array
     input: Array
     viscous: Array
     loss: Array
     contact: Array
     free: Array
+
+    @property
+    def energy(self) -> Array:
+        """E = kinetic + elastic + stops."""
+        return self.kinetic + self.elastic + self.stops
 
     def lost_fraction(self, k: int = -1) -> float:
         """loss/(E_0 + input) at index k: the share of all energy the system has had, NaN where that is <= 0.
@@ -49,12 +56,12 @@ def step_ledger(system: System, pieces: Iterator[tuple[Array, Array, Array]], ou
     times: list[Array] = []
     total = np.zeros(5)  # input, viscous, loss, contact, free
     for t, q, v in pieces:
-        energy = system.energy(t, q, v)
+        energies = np.stack(system.energies(t, q, v))
         load = system.load(t)
         dq = np.diff(q, axis=0)
         d_input = 0.5 * np.sum((load[1:] + load[:-1]) * dq, axis=1) + _work_of_stops(system, t, q)
         d_viscous = np.sum(dq * (dq @ system.damping), axis=1) / np.diff(t) if system.damped else 0.0 * d_input
-        d_loss = -np.diff(energy) + d_input - d_viscous
+        d_loss = -np.diff(np.sum(energies, axis=0)) + d_input - d_viscous
         touching = _touching(system, t, q)
         in_contact = touching[1:] | touching[:-1]
         parts = (np.where(in_contact, d_loss, 0.0), np.where(in_contact, 0.0, d_loss))
@@ -68,7 +75,7 @@ def step_ledger(system: System, pieces: Iterator[tuple[Array, Array, Array]], ou
         wanted[np.minimum(nearest, len(t) - 1)] = True
         wanted = wanted[keep]
         times.append(t[keep][wanted])
-        columns.append(np.concatenate([energy[None, keep], cumulative[:, keep]])[:, wanted])
+        columns.append(np.concatenate([energies[:, keep], cumulative[:, keep]])[:, wanted])
     data = np.concatenate(columns, axis=1)
     return Ledger(np.concatenate(times), *data)
 

@@ -20,7 +20,9 @@ from .validation import InputError
 
 FORMAT = 1
 _LEDGER = {
-    "energy": "total energy E",
+    "kinetic": "kinetic energy",
+    "elastic": "bending energy",
+    "stops": "energy in the stops",
     "input": "work of loads and moving stops since t = 0",
     "viscous": "viscous loss since t = 0",
     "loss": "numerical loss since t = 0",
@@ -149,7 +151,7 @@ def _from_dataset(data: xr.Dataset, path: Path) -> Trajectory:
     }
     reference = data.attrs["kind"] == "reference"
     run = Reference(**common, horizon=float(data.attrs["horizon"])) if reference else Trajectory(**common)
-    if "ledger_energy" in data:
+    if "ledger_kinetic" in data:
         run.__dict__["energy"] = Ledger(run.t, *(data[f"ledger_{name}"].values for name in _LEDGER))
     return run
 

@@ -139,12 +139,16 @@ class System:
             total = total + contact.stops.energy(q @ contact.row + offset_values(contact.offset, t))
         return total
 
-    def energy(self, t: ArrayLike, q: Array, v: Array) -> Array:
-        """E = 1/2 q'^T M q' + 1/2 q^T K q + sum_c U_c; q, v of shape t.shape + (n,)."""
+    def energies(self, t: ArrayLike, q: Array, v: Array) -> tuple[Array, Array, Array]:
+        """(1/2 q'^T M q', 1/2 q^T K q, sum_c U_c), each t.shape; q, v of shape t.shape + (n,)."""
         kinetic = 0.5 * np.sum(v * (v @ self.mass), axis=-1)
         strain = q @ self.stiffness_factor.T if self.stiffness_factor is not None else None
         elastic = np.sum(strain**2, axis=-1) if strain is not None else np.sum(q * (q @ self.stiffness), axis=-1)
-        return kinetic + 0.5 * elastic + self.contact_energy(t, q)
+        return kinetic, 0.5 * elastic, self.contact_energy(t, q)
+
+    def energy(self, t: ArrayLike, q: Array, v: Array) -> Array:
+        """E, the sum of ``energies``."""
+        return sum(self.energies(t, q, v), np.zeros(np.shape(t)))
 
     def first_order(self) -> FirstOrderSystem:
         """y' = A y + ...: the paper's (v_1, v_1', ..., v_M, v_M') (3.5) or (w, s, v_M) (3.12)."""

@@ -69,7 +69,7 @@ def amplification(
         raise InputError("source", source, f"be one of {SOURCES}")
     roots = _kernel_roots(scheme, x, xi) if source == "kernel" else _closed_roots(scheme, x, xi)
     # A real pair may leave the axis by the square root of rounding.
-    complex_ones = np.abs(roots.imag) > 1e-7 * np.abs(roots)
+    complex_ones = np.abs(np.imag(roots)) > 1e-7 * np.abs(roots)
     principal = roots[np.arange(len(x)), np.argmax(np.where(complex_ones, np.abs(roots), -1.0), axis=1)]
     with np.errstate(divide="ignore", invalid="ignore"):
         phase = np.where(np.any(complex_ones, axis=1), np.abs(np.angle(principal)), np.nan)

@@ -137,7 +137,7 @@ def exact_ledger(system: System, solution: Solution, times: Array) -> Ledger:
     edges = np.unique(np.concatenate([solution.times[solution.times < times[-1]], times, [0.0]]))
     where = np.searchsorted(edges, times)
     given, taken = (np.concatenate([[0.0], np.cumsum(x)])[where] for x in solution.work(system, edges))
-    start, energy = (system.energy(t, *solution.states(t)) for t in (np.zeros(1), times))
-    loss = start[0] - energy + given - taken
-    zero = np.zeros(len(times))
-    return Ledger(times, energy, given, taken, loss, zero, loss)
+    energies = system.energies(times, *solution.states(times))
+    start = np.zeros(1)
+    loss = system.energy(start, *solution.states(start))[0] - sum(energies) + given - taken
+    return Ledger(times, *energies, given, taken, loss, contact=np.zeros(len(times)), free=loss)
