@@ -260,7 +260,8 @@ def _draw(result, folder: Path) -> list[Path]:
     length = f", in units of {units.length:g} m" if units else ""
     forms = list(dict.fromkeys(r.provenance["form"] for r in result.references))
     for form in forms:
-        from .figures import four_panels, save_figure
+        from .figures import save_figure
+        from .figures.comparison import four_panels
 
         runs, references = ([x for x in xs if x.provenance["form"] == form] for xs in (result.runs, result.references))
         title = f"{result.case.name}: {result.case.title} ({form}, dt = {result.case.dt:g}, {result.case.cells} cells)"

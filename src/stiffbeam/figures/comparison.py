@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from .arrays import Array
-from .drive import Drive
-from .trajectory import Reference, Trajectory
-
-# Okabe and Ito's palette, distinguishable with any colour vision; black is the reference.
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
-DASHES = ((), (5, 1.5), (1.5, 1.2), (6, 1.5, 1.5, 1.5), (3, 1), (8, 2))
+from ..arrays import Array
+from ..drive import Drive
+from ..measures.spectrum import amplitude_spectrum
+from ..trajectory import Reference, Trajectory
+from . import COLOURS, DASHES
 
 
 def four_panels(title: str, runs: Sequence[Trajectory], references: Sequence[Reference], length: str = "") -> Figure:
@@ -82,7 +79,7 @@ def four_panels(title: str, runs: Sequence[Trajectory], references: Sequence[Ref
 
 def _first_contact(reference: Reference, system, window: float) -> tuple[float, float]:
     """A span around the first group of impacts: an eighth of the lowest natural period."""
-    from .modal import modes
+    from ..modal import modes
 
     basis = modes(system)
     omega = basis.omega[basis.omega > 0.0] if basis is not None else np.zeros(0)
@@ -146,27 +143,3 @@ def _draw_spectra(axis, runs, references, frequencies) -> None:
     axis.set_ylabel("amplitude of $u(1, t)$")
     title = f"(d) spectrum to t = {whole:g}, one realisation each" if np.isfinite(whole) else "(d) spectrum"
     axis.set_title(title, loc="left")
-
-
-def amplitude_spectrum(t: Array, u: Array, drive: float) -> tuple[Array, Array]:
-    """Angular frequencies and amplitudes of u over as many whole drive periods as fit, counted from the end.
-
-    A sinusoid A sin(w t) on a bin shows the amplitude A.
-    """
-    dt = float(t[1] - t[0])
-    n = len(t) - 1
-    if drive:
-        period = 2.0 * np.pi / drive
-        n = round(np.floor((t[-1] - t[0]) / period * (1 + 1e-12)) * period / dt) or n
-    signal = u[-n:]
-    amplitude = np.abs(np.fft.rfft(signal)) * 2.0 / n
-    amplitude[0] /= 2.0
-    return 2.0 * np.pi * np.fft.rfftfreq(n, dt), amplitude
-
-
-def save_figure(figure: Figure, file: str | Path) -> Path:
-    """Write PNG (200 dpi) or SVG by the file's ending."""
-    path = Path(file)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=200)
-    return path
