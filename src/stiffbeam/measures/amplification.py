@@ -83,16 +83,22 @@ def _kernel_roots(scheme: Scheme, x: Array, xi: float) -> Array:
     """Eigenvalues (len(x), a) of the one-step propagator on independent oscillators with dt = 1."""
     omega = 2.0 * np.pi * x
     n = len(x)
-    system = System.from_matrices(np.eye(n), np.diag(omega**2), observe=np.ones(n))
-    basis = Modes(omega=omega, shapes=np.eye(n), damping=2.0 * xi * omega, mass=np.eye(n))
+    one, nothing = np.eye(n), np.zeros(n)
+    system = System(
+        mass=one, damping=np.diag(2.0 * xi * omega), stiffness=np.diag(omega**2), observe=one[0], q0=nothing, v0=nothing
+    )
+    basis = Modes(omega=omega, shapes=one, damping=2.0 * xi * omega, mass=one)
     return np.linalg.eigvals(np.moveaxis(build(scheme, system, basis, 1.0, 1, "implicit").transition, -1, 0))
 
 
 def _closed_roots(scheme: Scheme, x: Array, xi: float) -> Array:
-    rows = []
-    for value in 2.0 * np.pi * x:
-        polynomial = scheme.characteristic(value, xi)
-        if polynomial is None:
-            raise InputError("scheme", str(scheme), "state its characteristic polynomial", "use source='kernel'")
-        rows.append(np.roots(polynomial))
-    return np.array([np.pad(row, (0, max(map(len, rows)) - len(row))) for row in rows])
+    """Roots (len(x), degree) of the characteristic polynomial: eigenvalues of its companion matrix."""
+    polynomials = [scheme.characteristic(value, xi) for value in 2.0 * np.pi * x]
+    if polynomials[0] is None:
+        raise InputError("scheme", str(scheme), "state its characteristic polynomial", "use source='kernel'")
+    coefficients = np.array(polynomials)
+    degree = coefficients.shape[1] - 1
+    companion = np.zeros((len(x), degree, degree), coefficients.dtype)
+    companion[:, np.arange(1, degree), np.arange(degree - 1)] = 1.0
+    companion[:, 0] = -coefficients[:, 1:] / coefficients[:, :1]
+    return np.linalg.eigvals(companion)

@@ -107,6 +107,11 @@ _FORMS = {
 _AT_ANY_STEP = {HHT: "unweighted", SDIRK: "sigma"}
 
 
+def forms_of(scheme: Scheme) -> list[str]:
+    """The names of the errata that ``scheme`` has."""
+    return list(_FORMS.get(type(scheme), {}))
+
+
 def printed(scheme: Scheme, errata: tuple[str, ...]) -> Scheme:
     """``scheme`` with the named errata (default: the one that runs at any step)."""
     forms = _FORMS.get(type(scheme))

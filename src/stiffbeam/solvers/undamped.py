@@ -169,11 +169,11 @@ class Tracer:
         self.stops = system.contacts[0].stops if system.contacts else None
         free, contact = self.bases[0], self.bases.get(1, self.bases[0])
         to_contact = free.shapes.T @ system.mass @ contact.shapes  # eta_contact = eta_free @ this
-        self._args = search_arguments(self.regimes, to_contact, self.drive, self.stops)
+        self.search = search_arguments(self.regimes, to_contact, self.drive, self.stops)
         compiling = time.perf_counter()
         none = np.zeros((1, system.size))
         index = np.zeros(1, np.int64)
-        follow(none[0].copy(), none[0].copy(), 0, 0.0, 0.0, True, *self._args, np.zeros(1), index, none, none)
+        follow(none[0].copy(), none[0].copy(), 0, 0.0, 0.0, True, *self.search, np.zeros(1), index, none, none)
         self.compile_seconds = time.perf_counter() - compiling
 
     def side(self, q: Array) -> int:
@@ -191,7 +191,7 @@ class Tracer:
         while count == EVENTS_PER_CALL:
             times, sides = np.empty(EVENTS_PER_CALL), np.empty(EVENTS_PER_CALL, np.int64)
             hs, rates = np.empty((EVENTS_PER_CALL, len(h))), np.empty((EVENTS_PER_CALL, len(h)))
-            count, used = follow(h, rate, regime, t, t_end, at_switch, *self._args, times, sides, hs, rates)
+            count, used = follow(h, rate, regime, t, t_end, at_switch, *self.search, times, sides, hs, rates)
             evaluations += used
             found.append((times[:count], sides[:count], hs[:count], rates[:count]))
             if count:

@@ -12,6 +12,7 @@ from ..frozen import freeze
 from ..semidiscretisation import semidiscretise
 from ..solvers import reference
 from ..store import load
+from ..trajectory import Reference
 from ..validation import InputError
 
 MANIFEST = "MANIFEST.json"
@@ -76,6 +77,19 @@ def check(target: Path, progress: Progress = lambda what, done, total: None) -> 
             record["problem"] = str(error)
         records.append(record)
     return records
+
+
+def frozen(folder: Path, case: Case, form: str, t_end: float) -> Reference | None:
+    """The frozen solution of ``case`` over at least [0, t_end] in ``folder``, None where there is none.
+
+    A case that has a table's name but not its physics finds nothing.
+    """
+    for entry in _entries(folder):
+        if case.name in entry["tables"] and entry["form"] == form and entry["t_end"] >= t_end:
+            found = load(folder / entry["file"])
+            if isinstance(found, Reference) and found.fingerprint == _system(case, form).fingerprint:
+                return found
+    return None
 
 
 def _system(case: Case, form: str):

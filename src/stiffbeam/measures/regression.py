@@ -1,0 +1,34 @@
+"""Observed orders: a straight line through log(error) over log(step), with its interval."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.stats
+from numpy.typing import ArrayLike
+
+
+@dataclass(frozen=True)
+class Order:
+    """error = C step^slope by least squares; slope +- interval holds with 95 % (Student's t, n - 2)."""
+
+    slope: float
+    interval: float
+    constant: float
+    points: int
+
+    def __str__(self) -> str:
+        return f"{self.slope:.2f} ± {self.interval:.2f}" if np.isfinite(self.interval) else f"{self.slope:.2f}"
+
+
+def observed_order(steps: ArrayLike, errors: ArrayLike) -> Order:
+    """The Order through (steps, errors), all > 0; NaN for fewer than two points, no interval for two."""
+    x, y = np.log(np.asarray(steps, float)), np.log(np.asarray(errors, float))
+    n = len(x)
+    nan = float("nan")
+    if n < 2:
+        return Order(nan, nan, nan, n)
+    fit = scipy.stats.linregress(x, y)
+    interval = float(scipy.stats.t.ppf(0.975, n - 2) * fit.stderr) if n > 2 else nan
+    return Order(float(fit.slope), interval, float(np.exp(fit.intercept)), n)
