@@ -13,8 +13,10 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from .cases import Case, load_cases, paper_case
     from .contact import Contact, Stops
+    from .ensemble import Ensemble, integrate_ensemble, reference_ensemble
     from .march import integrate
     from .measures.comparison import Comparison, compare
+    from .members import Members, perturbed, varied
     from .problem import BeamProblem, DistributedLoad, PointLoad, Units
     from .schemes import BDF2, HHT, SDIRK, Scheme, Theta
     from .semidiscretisation import semidiscretise
@@ -28,8 +30,10 @@ if TYPE_CHECKING:
 _HOME = {
     "cases": ("Case", "load_cases", "paper_case"),
     "contact": ("Contact", "Stops"),
+    "ensemble": ("Ensemble", "integrate_ensemble", "reference_ensemble"),
     "march": ("integrate",),
     "measures.comparison": ("Comparison", "compare"),
+    "members": ("Members", "perturbed", "varied"),
     "problem": ("BeamProblem", "DistributedLoad", "PointLoad", "Units"),
     "schemes": ("BDF2", "HHT", "SDIRK", "Scheme", "Theta"),
     "semidiscretisation": ("semidiscretise",),
@@ -53,10 +57,12 @@ __all__ = [
     "Contact",
     "DistributedLoad",
     "Diverged",
+    "Ensemble",
     "FirstOrderSystem",
     "Harmonic",
     "Impacts",
     "InputError",
+    "Members",
     "PointLoad",
     "Reference",
     "Scheme",
@@ -69,11 +75,15 @@ __all__ = [
     "Units",
     "compare",
     "integrate",
+    "integrate_ensemble",
     "load",
     "load_cases",
     "paper_case",
+    "perturbed",
     "reference",
+    "reference_ensemble",
     "semidiscretise",
+    "varied",
 ]
 
 
