@@ -107,34 +107,57 @@ def test_blocks_of_any_length_are_the_same_scheme(scheme, table10, monkeypatch):
         assert np.max(np.abs(whole.tip - other.tip)) < 1e-11 * np.max(np.abs(whole.tip))
 
 
-def test_the_kernel_equals_its_definition_in_numpy(table10):
-    """w = reading x, z' = transition z + g drive_state, then the stops node by node."""
+def test_a_block_equals_its_definition_in_numpy(table10):
+    """w = reading z + g entries, z' = transition z + g state, then the stops node by node."""
     system = sb.semidiscretise(table10, 25)
-    block = build(sb.HHT(-0.1), system, modes(system), 1e-4, 32, "implicit")
+    march_ = modal_march.March.of(system, modes(system), sb.HHT(-0.1), 1e-4, "implicit")
+    block, forcing = march_.block.block, march_.block.forcing([system])
     rng = np.random.default_rng(1)
-    z = block.pack(rng.normal(size=(4, 25)) * np.array([0.1, 1.0, 10.0, 10.0])[:, None])
-    g = block.drive.coefficients(np.array([0.3]))
-    entries, forces, starts = np.zeros((1, 32)), np.zeros((1, 32)), np.zeros((1, z.size))
-    expected_z = np.zeros_like(z)
-    x = z.copy()
-    x[100:103] = g[0]
-    w = block.reading @ x
-    expected_z[:100] = np.einsum("cej,ej->cj", block.transition, z[:100].reshape(4, 25)).ravel()
-    expected_z += g[0] @ block.drive_state
-    expected_force = np.zeros(32)
+    z = march_.block.pack(rng.normal(size=(4, 1, 25)) * np.array([0.1, 1.0, 10.0, 10.0])[:, None, None])[0]
+    t = 0.3
+    g = np.array([1.0, np.sin(10.0 * t), np.cos(10.0 * t)])
+    w = block.reading @ z + g @ forcing.entries[0]
+    expected = g @ forcing.state[0]
+    expected[:75] += np.einsum("cej,ej->cj", block.transition, z[:75].reshape(3, 25)).ravel()
+    forces = np.zeros(32)
     for i in range(32):
-        expected_force[i] = table10.stops.solve(w[i], block.push[i, i])
-        w = w + expected_force[i] * block.push[i]
-        expected_z += expected_force[i] * block.push_state[i]
-    none_r, none_d = np.zeros((0, 32)), np.zeros((0, z.size))
-    kernel.march(
-        z, block.reading, block.transition, block.push, block.push_state, 5e6, -0.1, 0.1,
-        g, block.drive_state, none_r, none_d, entries, forces, starts,
-    )  # fmt: skip
-    assert np.count_nonzero(forces) > 0
-    assert np.allclose(entries[0], w, rtol=0, atol=1e-12 * np.max(np.abs(w)))
-    assert np.allclose(forces[0], expected_force, rtol=1e-10)
-    assert np.allclose(z[:100], expected_z[:100], rtol=0, atol=1e-12 * np.max(np.abs(expected_z)))
+        forces[i] = table10.stops.solve(w[i], block.push[i, i])
+        w = w + forces[i] * block.push[i]
+        expected += forces[i] * block.push_state[i]
+    flight = march_.start([system], 32, 1)
+    state = flight.state._replace(z=z[None].copy())
+    kept = kernel.Kept(flight.positions, flight.velocities, np.zeros((1, 80)), np.zeros((1, 32)))
+    events, cursor = np.zeros((64, 6)), np.zeros(3, np.int64)
+    first = round(t / 1e-4)
+    positions = np.zeros((1, first + 33, 1))
+    kept = kept._replace(positions=positions, velocities=positions.copy())
+    inflow = march_.block.inflow(np.zeros(1), 1.0)
+    assert kernel.run(block, flight.law, forcing, inflow, state, kept, events, first, 32, 1e-4, 1, cursor)
+    assert np.count_nonzero(kept.forces) > 0
+    assert np.allclose(positions[0, first + 1 :, 0], w, rtol=0, atol=1e-12 * np.max(np.abs(w)))
+    assert np.allclose(kept.forces[0], forces, rtol=1e-10)
+    assert np.allclose(state.z[0], expected, rtol=0, atol=1e-12 * np.max(np.abs(expected)))
+
+
+def test_components_that_only_add_to_others_are_left_out(table10):
+    """HHT carries q + .. a, v + .. a and the net force; its a is gone. What is left goes on as before."""
+    system = sb.semidiscretise(table10, 12)
+    basis = modes(system)
+    kept = {
+        "hht(alpha=-0.1)": 3, "hht(alpha=-0.3)": 3, "hht(alpha=0.0)": 2, "bdf2": 4, "theta(theta=0.5)": 2,
+        "sdirk(gamma=0.4359)": 2, "hht(alpha=-0.1).printed(unweighted)": 3,
+    }  # fmt: skip
+    for scheme in SCHEMES:
+        reduced, full = (build(scheme, system, basis, 1e-4, 8, "implicit", reduced=x) for x in (True, False))
+        if str(scheme) in kept:
+            assert len(reduced.keep) == kept[str(scheme)]
+        rng = np.random.default_rng(2)
+        sizes = np.array([0.1, 1.0, 1e3, 1e3])[: full.mix.shape[1], None, None]
+        z = rng.normal(size=(full.mix.shape[1], 1, 12)) * sizes
+        entries = [x.block.reading @ x.pack(z)[0] for x in (reduced, full)]
+        assert np.allclose(*entries, rtol=0, atol=1e-12 * np.max(np.abs(entries[1])))
+        again = full.pack(reduced.unpack(reduced.pack(z)))[0]
+        assert np.allclose(full.block.reading @ again, entries[1], rtol=0, atol=1e-12 * np.max(np.abs(entries[1])))
 
 
 def test_every_thins_the_output_and_nothing_else(table10):

@@ -13,9 +13,11 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from .cases import Case, load_cases, paper_case
     from .contact import Contact, Stops
+    from .ensemble import Ensemble, integrate_ensemble, reference_ensemble
     from .march import integrate
     from .measures.amplification import Amplification, amplification
     from .measures.comparison import Comparison, compare
+    from .members import Members, perturbed, varied
     from .problem import BeamProblem, DistributedLoad, PointLoad, Units
     from .schemes import BDF2, HHT, SDIRK, Bathe, GeneralisedAlpha, Scheme, Theta, Trapezoidal
     from .semidiscretisation import semidiscretise
@@ -29,9 +31,11 @@ if TYPE_CHECKING:
 _HOME = {
     "cases": ("Case", "load_cases", "paper_case"),
     "contact": ("Contact", "Stops"),
+    "ensemble": ("Ensemble", "integrate_ensemble", "reference_ensemble"),
     "march": ("integrate",),
     "measures.amplification": ("Amplification", "amplification"),
     "measures.comparison": ("Comparison", "compare"),
+    "members": ("Members", "perturbed", "varied"),
     "problem": ("BeamProblem", "DistributedLoad", "PointLoad", "Units"),
     "schemes": ("BDF2", "HHT", "SDIRK", "Bathe", "GeneralisedAlpha", "Scheme", "Theta", "Trapezoidal"),
     "semidiscretisation": ("semidiscretise",),
@@ -57,11 +61,13 @@ __all__ = [
     "Contact",
     "DistributedLoad",
     "Diverged",
+    "Ensemble",
     "FirstOrderSystem",
     "GeneralisedAlpha",
     "Harmonic",
     "Impacts",
     "InputError",
+    "Members",
     "PointLoad",
     "Reference",
     "Scheme",
@@ -76,11 +82,15 @@ __all__ = [
     "amplification",
     "compare",
     "integrate",
+    "integrate_ensemble",
     "load",
     "load_cases",
     "paper_case",
+    "perturbed",
     "reference",
+    "reference_ensemble",
     "semidiscretise",
+    "varied",
 ]
 
 

@@ -18,6 +18,6 @@ def compiled(function: Callable[..., Any]) -> Any:
     before = numba.config.CACHE_DIR  # type: ignore[attr-defined]
     numba.config.CACHE_DIR = str(cache.directory() / "numba")  # type: ignore[attr-defined]
     try:
-        return numba.njit(cache=True, fastmath=FASTMATH, error_model="numpy")(function)
+        return numba.njit(cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy")(function)
     finally:
         numba.config.CACHE_DIR = before  # type: ignore[attr-defined]

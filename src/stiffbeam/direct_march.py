@@ -137,8 +137,6 @@ def _direct_blocks(
             [y[:, 0] @ row + offset_values(o, ends) for row, o in zip(view.rows, offsets, strict=True)], axis=-1
         )
 
-        def velocities(k, y=y, ends=ends):
-            speed = equation.velocity(np.moveaxis(y[k - 1], 1, 0)) @ view.rows.T
-            return speed + np.stack([offset_rate(o, ends[k - 1]) for o in offsets], axis=-1)
-
+        velocities = equation.velocity(np.moveaxis(y, 1, 0)) @ view.rows.T
+        velocities = velocities + np.stack([offset_rate(o, ends) for o in offsets], axis=-1)
         yield Piece(start, positions, velocities, lambda y=y: view.to_states(y), seconds), z

@@ -2,28 +2,27 @@
 
 from __future__ import annotations
 
-import platform
 import time
-from collections.abc import Callable, Iterator
-from importlib.metadata import version
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .arrays import Array
 from .direct_march import direct_pieces
+from .kernel import OVERFLOW
 from .modal import modes
-from .modal_march import modal_pieces, warm_up
+from .modal_march import March, initial_channels, replay, warm_up
 from .pieces import Piece
-from .recorder import SampledImpacts
+from .recorder import SampledImpacts, Seen, record
 from .schemes import Scheme
 from .schemes.contract import check_contract
-from .system import FirstOrderSystem, System, offset_rate
-from .trajectory import Diverged, Trajectory, Work
+from .system import FirstOrderSystem, System
+from .trajectory import Diverged, Trajectory, Work, versions
 from .validation import InputError, positive, step_count
 
 CONTACTS = ("implicit", "extrapolated")
-OVERFLOW = 1e100
 
 
 def integrate(
@@ -46,76 +45,136 @@ def integrate(
     other, and a FirstOrderSystem, step by step with factorised matrices (``provenance["march"]``).
     Raises InputError for bad arguments and Diverged where the run overflows.
     """
-    if not isinstance(system, (System, FirstOrderSystem)):
-        raise InputError("system", type(system).__name__, "be a System", "make it with semidiscretise or from_matrices")
-    if not isinstance(scheme, Scheme):
-        raise InputError("scheme", scheme, "be a Scheme object", "for example stiffbeam.HHT(alpha=-0.1)")
-    steps = step_count(positive("dt", dt), positive("t_end", t_end))
-    if isinstance(every, bool) or not isinstance(every, (int, np.integer)) or every < 1:
-        raise InputError("every", every, "be an integer >= 1")
-    if contact not in CONTACTS:
-        raise InputError("contact", contact, f"be one of {CONTACTS}")
-    if scheme.second_order_only and isinstance(system, FirstOrderSystem):
-        raise InputError("system", "a FirstOrderSystem", f"be of second order for {scheme}", "pass the System itself")
-    parent = system if isinstance(system, System) else system.system
     begun = time.perf_counter()
-    basis = modes(system) if isinstance(system, System) else None
-    omega_max = float(basis.omega[-1]) if basis else _omega_max(parent)
-    scheme.check(omega_max, dt)
-    check_contract(scheme)
-
-    def pieces() -> Iterator[Piece]:
-        if isinstance(system, System) and basis is not None:
-            return modal_pieces(system, basis, scheme, dt, steps, contact)
-        return direct_pieces(system, scheme, dt, steps, contact)
-
-    compile_seconds = warm_up(len(parent.contacts))
-    outputs = np.arange(0, steps + 1, every)
-    positions = np.empty((len(outputs), len(parent.channels)))
-    velocities = np.empty_like(positions)
-    positions[0], velocities[0] = _initial_channels(parent)
-    samplers = [SampledImpacts(c.stops, dt, float(positions[0, i])) for i, c in enumerate(parent.contacts)]
-    march_seconds, last_velocity = 0.0, velocities[0]
-    for piece in pieces():
-        _check_overflow(piece, scheme, dt, contact, omega_max)
-        march_seconds += piece.seconds
-        here = outputs[piece.first // every + 1 : (piece.first + len(piece.positions)) // every + 1]
-        positions[here // every] = piece.positions[here - piece.first - 1]
-        velocities[here // every] = piece.velocities(here - piece.first)
-        for i, sampler in enumerate(samplers):
-
-            def velocity(k: NDArray[np.int64], i: int = i, piece: Piece = piece, before: Array = last_velocity):
-                known = piece.velocities(np.maximum(k, 1))[:, i]
-                return np.where(k == 0, before[i], known)
-
-            sampler.feed(piece.positions[:, i], velocity)
-        last_velocity = piece.velocities(np.array([len(piece.positions)]))[0]
-        if progress is not None:
-            progress(piece.first + len(piece.positions))
-    seconds = time.perf_counter() - begun - compile_seconds
-    tip = parent.tip_channel
+    plan = Plan.of(system, scheme, dt, t_end, contact, every)
+    compile_seconds = warm_up() if plan.modal else 0.0
+    if plan.modal is not None:
+        flight = plan.modal.start([plan.system], plan.steps, every)
+        for done in flight.fly():
+            if progress is not None and not flight.state.diverged[0]:
+                progress(done)
+        seen, march_seconds = flight.seen(0), flight.seconds
+    else:
+        seen, march_seconds = _direct(plan, system, every, progress)
+    if not np.isnan(seen.diverged):
+        remedy = "use contact='implicit'" if contact == "extrapolated" else "the scheme is unstable on this system"
+        hint = f"{remedy} or a smaller dt (omega_max dt is {plan.omega_max * dt:.3g})"
+        raise Diverged(str(scheme), seen.diverged, hint)
     return Trajectory(
-        t=outputs * dt,
-        tip=positions[:, tip],
-        tip_velocity=velocities[:, tip],
-        contacts=tuple(s.record(positions[:, i], velocities[:, i]) for i, s in enumerate(samplers)),
-        work=Work(steps=steps, seconds=seconds, march_seconds=march_seconds),
-        provenance={
-            "method": str(scheme),
-            "form": parent.form if isinstance(system, System) else f"{parent.form}, first order",
-            "contact": contact,
-            "dt": float(dt),
-            "t_end": float(t_end),
-            "every": int(every),
-            "march": "modal blocks" if basis is not None else "direct",
-            "stiffbeam": version("stiffbeam"),
-            "numpy": np.__version__,
-            "python": platform.python_version(),
-        },
-        system=parent,
-        pieces=lambda: _states(parent, pieces(), dt),
-        fingerprint=parent.fingerprint,
+        t=np.arange(0, plan.steps + 1, every) * dt,
+        tip=seen.tip,
+        tip_velocity=seen.tip_velocity,
+        contacts=seen.contacts,
+        work=Work(plan.steps, time.perf_counter() - begun - compile_seconds, march_seconds),
+        provenance=plan.provenance(every),
+        system=plan.system,
+        pieces=lambda: plan.states(system),
+        fingerprint=plan.system.fingerprint,
     )
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """A run whose arguments have been checked. ``modal``: the block march, None where modes do not decouple."""
+
+    system: System
+    scheme: Scheme
+    dt: float
+    steps: int
+    t_end: float
+    contact: str
+    form: str
+    omega_max: float
+    modal: March | None
+
+    @classmethod
+    def of(
+        cls, system: System | FirstOrderSystem, scheme: Scheme, dt: float, t_end: float, contact: str, every: int
+    ) -> Plan:
+        """Raises InputError for bad arguments."""
+        if not isinstance(system, (System, FirstOrderSystem)):
+            remedy = "make it with semidiscretise or from_matrices"
+            raise InputError("system", type(system).__name__, "be a System", remedy)
+        if not isinstance(scheme, Scheme):
+            raise InputError("scheme", scheme, "be a Scheme object", "for example stiffbeam.HHT(alpha=-0.1)")
+        steps = step_count(positive("dt", dt), positive("t_end", t_end))
+        if isinstance(every, bool) or not isinstance(every, (int, np.integer)) or every < 1:
+            raise InputError("every", every, "be an integer >= 1")
+        if contact not in CONTACTS:
+            raise InputError("contact", contact, f"be one of {CONTACTS}")
+        if scheme.second_order_only and isinstance(system, FirstOrderSystem):
+            rule = f"be of second order for {scheme}"
+            raise InputError("system", "a FirstOrderSystem", rule, "pass the System itself")
+        parent = system if isinstance(system, System) else system.system
+        basis = modes(system) if isinstance(system, System) else None
+        omega_max = float(basis.omega[-1]) if basis else _omega_max(parent)
+        scheme.check(omega_max, dt)
+        check_contract(scheme)
+        form = parent.form if isinstance(system, System) else f"{parent.form}, first order"
+        modal = March.of(parent, basis, scheme, dt, contact) if basis is not None else None
+        return cls(parent, scheme, dt, steps, t_end, contact, form, omega_max, modal)
+
+    def provenance(self, every: int | None) -> dict[str, Any]:
+        return {
+            "method": str(self.scheme),
+            "form": self.form,
+            "contact": self.contact,
+            "dt": float(self.dt),
+            "t_end": float(self.t_end),
+            "every": 0 if every is None else int(every),
+            "march": "direct" if self.modal is None else "modal blocks",
+            **versions(),
+        }
+
+    def seen(self, members: Sequence[System], every: int | None) -> list[Seen]:
+        """What members of the system have seen at the end; outputs where ``every`` is given."""
+        if self.modal is None:
+            return [_direct(self, member, every, None)[0] for member in members]
+        flight = self.modal.start(members, self.steps, every)
+        for _ in flight.fly():
+            pass
+        return [flight.seen(i) for i in range(len(members))]
+
+    def states(self, system: System | FirstOrderSystem) -> Iterator[tuple[Array, Array, Array]]:
+        """Times, q and q' of a run at every step, piece by piece with shared end points."""
+        if self.modal is not None:
+            return replay(self.modal, self.system, self.steps)
+        return _states(self.system, direct_pieces(system, self.scheme, self.dt, self.steps, self.contact), self.dt)
+
+
+def _direct(
+    plan: Plan, system: System | FirstOrderSystem, every: int | None, progress: Callable[[int], None] | None
+) -> tuple[Seen, float]:
+    """The direct march piece by piece, in bounded memory; also the seconds it took."""
+    parent = system if isinstance(system, System) else system.system
+    u0, v0 = initial_channels(parent)
+    thin = every or plan.steps + 1
+    positions, velocities = np.empty((2, plan.steps // thin + 1, len(u0)))
+    positions[0], velocities[0] = u0, v0
+    samplers = [SampledImpacts(c.stops, plan.dt, float(u0[i]), float(v0[i])) for i, c in enumerate(parent.contacts)]
+    seconds, diverged = 0.0, np.nan
+    for piece in direct_pieces(system, plan.scheme, plan.dt, plan.steps, plan.contact):
+        seconds += piece.seconds
+        bad = ~np.all(np.abs(piece.positions) < OVERFLOW, axis=1)
+        if np.any(bad):
+            diverged = (piece.first + 1 + int(np.argmax(bad))) * plan.dt
+            break
+        done = piece.first + len(piece.positions)
+        here = np.arange(piece.first // thin + 1, done // thin + 1)
+        positions[here] = piece.positions[here * thin - piece.first - 1]
+        velocities[here] = piece.velocities[here * thin - piece.first - 1]
+        for i, sampler in enumerate(samplers):
+            sampler.feed(piece.positions[:, i], piece.velocities[:, i])
+        if progress is not None:
+            progress(done)
+    if every is None:
+        positions, velocities = positions[:0], velocities[:0]
+    tip = parent.tip_channel
+    contacts = tuple(
+        record(s.stops, positions[:, i], velocities[:, i], s.tally, s.events, plan.steps)
+        for i, s in enumerate(samplers)
+    )
+    return Seen(positions[:, tip], velocities[:, tip], contacts, diverged), seconds
 
 
 def _omega_max(system: System) -> float:
@@ -123,21 +182,6 @@ def _omega_max(system: System) -> float:
 
     squares = scipy.linalg.eigh(system.stiffness, system.mass, eigvals_only=True)
     return float(np.sqrt(max(0.0, squares[-1])))
-
-
-def _initial_channels(system: System) -> tuple[Array, Array]:
-    """Positions and velocities of the channels at t = 0."""
-    positions = system.positions(0.0, system.q0)
-    velocities = [system.v0 @ row + offset_rate(offset, 0.0) for row, offset in system.channels]
-    return positions, np.array(velocities)
-
-
-def _check_overflow(piece: Piece, scheme: Scheme, dt: float, contact: str, omega_max: float) -> None:
-    bad = ~np.all(np.abs(piece.positions) < OVERFLOW, axis=1)
-    if np.any(bad):
-        t = (piece.first + 1 + int(np.argmax(bad))) * dt
-        remedy = "use contact='implicit'" if contact == "extrapolated" else "the scheme is unstable on this system"
-        raise Diverged(str(scheme), t, f"{remedy} or a smaller dt (omega_max dt is {omega_max * dt:.3g})")
 
 
 def _states(system: System, pieces: Iterator[Piece], dt: float) -> Iterator[tuple[Array, Array, Array]]:

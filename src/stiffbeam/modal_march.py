@@ -1,22 +1,27 @@
-"""The modal march: blocks of K steps of any scheme through one compiled kernel."""
+"""The modal march: members of an ensemble in blocks of K steps through one compiled kernel."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
-from functools import cache
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from . import kernel
 from .arrays import LANES, Array, aligned
+from .contact import Stops
+from .kernel import Block, Forcing, Inflow, Kept, Marchers
 from .modal import Modes
-from .pieces import STEPS_PER_PIECE, Piece
 from .propagator import Propagator, build
+from .recorder import Seen, record
+from .sampling import CONTACT, EVENT, IMPACT_IMPULSE, IMPACT_PEAK, MEMBER, ROW, SIDE, TALLY, new_tally
 from .schemes import Scheme
 from .system import System, offset_rate
 
 NODES_PER_BLOCK = 48  # longer blocks pay more for the contact than they save
+STEPS_PER_CALL = 1 << 16  # between two reports of progress
+STEPS_REPLAYED = 4096  # held in memory at once where states, or sampled loads, are wanted
 
 
 def block_length(scheme: Scheme, contacts: int) -> int:
@@ -25,115 +30,225 @@ def block_length(scheme: Scheme, contacts: int) -> int:
     return 2 ** max(0, int(np.log2(NODES_PER_BLOCK / nodes)))
 
 
-def modal_pieces(system: System, basis: Modes, scheme: Scheme, dt: float, steps: int, contact: str) -> Iterator[Piece]:
-    """The starter's steps one by one, then blocks."""
-    y = np.stack([basis.to_modal(system.q0), basis.to_modal(system.v0)])
-    history, first = [y], 0
-    positions = system.positions(0.0, system.q0)
-    force = basis.force(_total_force(system, 0.0, positions))
-    starter = scheme.starter
-    if starter is not None:
-        one = build(starter, system, basis, dt, 1, contact)
-        z = one.pack(starter.initial(basis.equation, history, force))
-        for piece in _blocks(one, lambda: one, basis, z, 0, min(steps, scheme.history - 1)):
-            yield piece
-            history.insert(0, one.unpack(z)[:2].copy())
-            first += 1
-            force = basis.force(_total_force(system, first * dt, piece.positions[-1]))
-    if first < steps:
-        z0 = scheme.initial(basis.equation, history, force)
-        block = build(scheme, system, basis, dt, block_length(scheme, len(system.contacts)), contact)
-        single_step = cache(lambda: build(scheme, system, basis, dt, 1, contact))  # for states only
-        yield from _blocks(block, single_step, basis, block.pack(z0), first, steps - first)
+@dataclass(frozen=True, eq=False)
+class March:
+    """A scheme on a system in modal coordinates: what every member shares, made once.
+
+    The propagators of the starter and of the blocks know the linear part only. Members may differ in
+    initial data, in their stops and in the frequencies and amplitudes of their harmonic loads.
+    """
+
+    system: System
+    basis: Modes
+    scheme: Scheme
+    dt: float
+    contact: str
+    starter: Propagator | None
+    block: Propagator
+
+    @classmethod
+    def of(cls, system: System, basis: Modes, scheme: Scheme, dt: float, contact: str) -> March:
+        starter = scheme.starter
+        one = None if starter is None else build(starter, system, basis, dt, 1, contact, reduced=False)
+        length = block_length(scheme, len(system.contacts))
+        return cls(system, basis, scheme, dt, contact, one, build(scheme, system, basis, dt, length, contact))
+
+    def start(self, members: Sequence[System], steps: int, every: int | None) -> Flight:
+        """The members at t = 0, ready for ``steps`` steps."""
+        return Flight(self, tuple(members), steps, every)
 
 
-def _total_force(system: System, t: float, positions: Array) -> Array:
-    """Load plus contact force at time t."""
-    force = system.load(t)
-    for c, contact in enumerate(system.contacts):
-        force = force + contact.row * contact.stops.force(positions[c])
-    return force
+@dataclass(eq=False)
+class Flight:
+    """Members on their way: they march in step, stretch by stretch."""
 
+    march: March
+    members: tuple[System, ...]
+    steps: int
+    every: int | None  # outputs kept, None for none
+    done: int = 0
+    seconds: float = 0.0
+    positions: Array = field(init=False)  # (M, outputs, C)
+    velocities: Array = field(init=False)
+    events: Array = field(init=False)  # (impacts, 6), see sampling; by member, in order of time
+    state: Marchers = field(init=False)
 
-def _blocks(
-    block: Propagator,
-    one: Callable[[], Propagator],
-    basis: Modes,
-    z: Array,
-    first: int,
-    steps: int,
-) -> Iterator[Piece]:
-    """``steps`` steps from the packed state z (advanced in place) at step ``first``."""
-    K, dt = block.steps, block.dt
-    per_piece = max(1, STEPS_PER_PIECE // K) if K > 1 else 1
-    R, N, D = block.reading.shape[0], block.push.shape[0], z.size
-    g1 = np.array([s.g1 for s in block.stops])
-    g2 = np.array([s.g2 for s in block.stops])
-    kappa = np.array([s.stiffness for s in block.stops])
-    single = block.contacts <= 1
-    march = kernel.march if single else kernel.march_several
-    law = tuple(x[0] if len(x) else default for x, default in ((kappa, 0.0), (g1, -np.inf), (g2, np.inf)))
-    law = law if single else (kappa, g1, g2)
-    last = (first + steps) * dt
-    most = min(per_piece, -(-steps // K))
-    buffers = [aligned((most, width)) for width in (R, N, D)]
-    done = 0
-    while done < steps:
-        begun = time.perf_counter()
-        blocks = min(most, -(-(steps - done) // K))
-        starts_at = (first + done + K * np.arange(blocks)) * dt
-        entries, forces, starts = (buffer[:blocks] for buffer in buffers)
-        inflow, inflow_state, values = block.inflow(starts_at, last)
-        march(
-            z, block.reading, block.transition, block.push, block.push_state, *law,
-            block.drive.coefficients(starts_at), block.drive_state, inflow, inflow_state, entries, forces, starts,
-        )  # fmt: skip
-        valid = min(blocks * K, steps - done)
-        positions = entries[:, block.end_entry].reshape(blocks * K, -1)[:valid]
-        seconds = time.perf_counter() - begun
-
-        def velocities(k, values=values, forces=forces, starts=starts, starts_at=starts_at):
-            rows, inside = np.divmod(np.asarray(k) - 1, K)
-            used, where = np.unique(rows, return_inverse=True)
-            of_blocks = (
-                np.tensordot(starts[used], block.velocity, (1, 2))
-                + np.tensordot(forces[used], block.velocity_push, (1, 2))
-                + np.tensordot(values[used], block.velocity_samples, (1, 2))
+    def __post_init__(self) -> None:
+        system, M = self.march.system, len(self.members)
+        self.law = np.array([[(s.stiffness, s.g1, s.g2) for s in _stops(member)] for member in self.members])
+        self.law = self.law.reshape(M, len(system.contacts), 3)
+        alike = all(_functions(member) == _functions(self.members[0]) for member in self.members)
+        self._forced = self.members[:1] if alike else self.members
+        u, v = (np.array(x) for x in zip(*(initial_channels(member) for member in self.members), strict=True))
+        m = len(system.contacts)
+        tally = new_tally(u[:, :m], self.law[..., 1], self.law[..., 2])
+        self.state = Marchers(np.zeros((M, 0)), u, v, tally, np.zeros(M, np.int64))
+        kept = 0 if self.every is None else self.steps // self.every + 1
+        self.positions, self.velocities = np.zeros((2, M, kept, u.shape[1]))
+        if kept:
+            self.positions[:, 0], self.velocities[:, 0] = u, v
+        self._rows, self.events = 0, np.empty((64 * M, EVENT))
+        basis = self.march.basis
+        self._history = [
+            np.stack(
+                [
+                    np.array([basis.to_modal(member.q0) for member in self.members]),
+                    np.array([basis.to_modal(member.v0) for member in self.members]),
+                ]
             )
-            speeds = of_blocks[where, inside]
-            for unit, offset in block.offset_samples:
-                speeds[:, np.argmax(unit)] += offset_rate(offset, starts_at[rows] + (inside + 1) * dt)
-            return speeds
+        ]
 
-        def states(forces=forces, starts=starts, valid=valid, at=first + done):
-            single_step = one()
-            times = (at + np.arange(valid)) * dt
-            _, inflow_one, _ = single_step.inflow(times, last)
-            out = aligned((valid, D))
-            by_step = np.ascontiguousarray(forces.reshape(len(forces) * K, N // K)[:valid])
-            kernel.fill(
-                starts[0].copy(), single_step.transition, single_step.push_state, by_step,
-                block.drive.coefficients(times), single_step.drive_state, inflow_one, out,
-            )  # fmt: skip
-            z_all = single_step.unpack(out)
-            return basis.to_nodal(z_all[:, 0]), basis.to_nodal(z_all[:, 1])
+    def fly(self, replayed: Callable[[Stretch], None] | None = None) -> Iterator[int]:
+        """March to the end; yields the number of steps done after every stretch."""
+        march, scheme = self.march, self.march.scheme
+        history = self._history
+        if march.starter is not None:
+            one = march.starter
+            z = one.scheme.initial(march.basis.equation, history, self._force())
+            self.state = self.state._replace(z=one.pack(z))
+            forcing = one.forcing(self._forced)
+            for _ in range(min(self.steps, scheme.history - 1)):
+                self._stretch(one, forcing, 1, replayed)
+                history.insert(0, one.unpack(self.state.z)[:2])
+                yield self.done
+        if self.done < self.steps:
+            block = march.block
+            z = scheme.initial(march.basis.equation, history, self._force())
+            self.state = self.state._replace(z=block.pack(z))
+            forcing = block.forcing(self._forced)
+            bounded = replayed is not None or not block.harmonic
+            most = STEPS_REPLAYED if bounded else max(STEPS_REPLAYED, STEPS_PER_CALL // len(self.members))
+            while self.done < self.steps:
+                self._stretch(block, forcing, min(most, self.steps - self.done), replayed)
+                yield self.done
+        self._finish()
 
-        yield Piece(first + done, positions, velocities, states, seconds)
-        done += valid
+    def _stretch(
+        self, block: Propagator, forcing: Forcing, steps: int, replayed: Callable[[Stretch], None] | None
+    ) -> None:
+        first, dt, K = self.done, self.march.dt, block.steps
+        begun = time.perf_counter()
+        starts_at = (first + K * np.arange(-(-steps // K))) * dt
+        inflow = block.inflow(starts_at, self.steps * dt)
+        rows = len(starts_at) if replayed is not None else 0
+        starts = aligned((rows, self.state.z.shape[1]))
+        forces = aligned((rows, len(block.block.push)))
+        kept = Kept(self.positions, self.velocities, starts, forces)
+        cursor = np.array([0, 0, self._rows])
+        while not kernel.run(
+            block.block, self.law, forcing, inflow, self.state, kept, self.events, first, steps, dt, self.every or 1,
+            cursor,
+        ):  # fmt: skip
+            longer = max(2 * len(self.events), cursor[2] + 2 * K * max(1, self.law.shape[1]))
+            self.events = np.concatenate([self.events, np.empty((longer - len(self.events), EVENT))])
+        self._rows = int(cursor[2])
+        self.done += steps
+        self.seconds += time.perf_counter() - begun
+        if replayed is not None:
+            replayed(Stretch(self, block, first, steps, starts, forces))
+
+    def _force(self) -> Array:
+        """Load plus contact force on the modes at this time, (members, n)."""
+        total = []
+        for member, positions in zip(self.members, self.state.position, strict=True):
+            force = member.load(self.done * self.march.dt)
+            for c, contact in enumerate(member.contacts):
+                force = force + contact.row * contact.stops.force(positions[c])
+            total.append(self.march.basis.force(force))
+        return np.array(total)
+
+    def seen(self, member: int) -> Seen:
+        """What a member has seen, at the end."""
+        first, last = np.searchsorted(self.events[:, MEMBER], [member, member + 1])
+        own = self.events[first:last]
+        positions, velocities, tip = self.positions[member], self.velocities[member], self.march.system.tip_channel
+        contacts = tuple(
+            record(
+                contact.stops, positions[:, c], velocities[:, c], self.state.tally[member, c],
+                own[own[:, CONTACT] == c], self.steps,
+            )
+            for c, contact in enumerate(self.members[member].contacts)
+        )  # fmt: skip
+        diverged = int(self.state.diverged[member])
+        when = diverged * self.march.dt if diverged else np.nan
+        return Seen(positions[:, tip].copy(), velocities[:, tip].copy(), contacts, when)
+
+    def _finish(self) -> None:
+        """Put the impacts in order, and leave open those that are."""
+        tally, events = self.state.tally, self.events
+        open_rows = tally[..., ROW][(tally[..., SIDE] != 0.0) & (tally[..., ROW] >= 0.0)].astype(int)
+        events[open_rows, IMPACT_PEAK] = events[open_rows, IMPACT_IMPULSE] = np.nan
+        events = events[: self._rows]
+        self.events = events[np.lexsort((np.arange(len(events)), events[:, CONTACT], events[:, MEMBER]))]
 
 
-def warm_up(contacts: int) -> float:
-    """Compile or load the kernels on empty input; the seconds it took."""
+@dataclass(frozen=True, eq=False)
+class Stretch:
+    """Consecutive steps of the only member of a flight, with what its states can be made again from."""
+
+    flight: Flight
+    block: Propagator
+    first: int
+    steps: int
+    starts: Array  # (B, D)
+    forces: Array  # (B, N)
+
+    def states(self, one: Propagator) -> tuple[Array, Array]:
+        """q, q' (steps, n) at the ends of the steps; ``one``: the scheme's propagator of a single step."""
+        flight, dt = self.flight, self.flight.march.dt
+        times = (self.first + np.arange(self.steps)) * dt
+        inflow = one.inflow(times, flight.steps * dt)
+        forcing = one.forcing(flight.members)
+        g = np.ones((self.steps, forcing.state.shape[1]))
+        phase = np.multiply.outer(times, forcing.frequencies[0])
+        g[:, 1::2], g[:, 2::2] = np.sin(phase), np.cos(phase)
+        z = one.pack(self.block.unpack(self.starts[:1]))[0]
+        out = aligned((self.steps, len(z)))
+        by_step = np.ascontiguousarray(self.forces.reshape(len(self.forces) * self.block.steps, -1)[: self.steps])
+        kernel.fill(z, one.block.transition, one.block.push_state, by_step, g, forcing.state[0], inflow.state, out)
+        states = one.unpack(out)
+        basis = flight.march.basis
+        return basis.to_nodal(states[0]), basis.to_nodal(states[1])
+
+
+def replay(march: March, system: System, steps: int) -> Iterator[tuple[Array, Array, Array]]:
+    """Times, q and q' of a run at every step, stretch by stretch with shared end points."""
+    one = build(march.scheme, march.system, march.basis, march.dt, 1, march.contact, reduced=False)
+    q_last, v_last = system.q0[None], system.v0[None]
+    stretches: list[Stretch] = []
+    for _ in march.start([system], steps, None).fly(stretches.append):
+        stretch = stretches.pop()
+        q, v = stretch.states(one if stretch.block is not march.starter else stretch.block)
+        q, v = np.concatenate([q_last, q]), np.concatenate([v_last, v])
+        yield (stretch.first + np.arange(len(q))) * march.dt, q, v
+        q_last, v_last = q[-1:], v[-1:]
+
+
+def _stops(system: System) -> list[Stops]:
+    return [contact.stops for contact in system.contacts]
+
+
+def _functions(system: System) -> list[object]:
+    """What the loads and offsets of a system are made of; vectors count as equal to themselves only."""
+    return [*((id(vector), f) for vector, f in system.loads), *(offset for _, offset in system.channels)]
+
+
+def initial_channels(system: System) -> tuple[Array, Array]:
+    """Positions and velocities of the channels at t = 0."""
+    velocities = [system.v0 @ row + offset_rate(offset, 0.0) for row, offset in system.channels]
+    return system.positions(0.0, system.q0), np.array(velocities)
+
+
+def warm_up() -> float:
+    """Compile or load the kernel on no members; the seconds it took."""
     begun = time.perf_counter()
-    empty, cube = np.zeros((0, LANES)), np.zeros((1, 1, LANES))
-    state, law = np.zeros(LANES), np.ones(2)
-    square = np.zeros((LANES, LANES))
-    if contacts <= 1:
-        kernel.march(state, square, cube, square, square, 1.0, 0.0, 0.0, *[empty] * 7)
-    else:
-        kernel.march_several(state, square, cube, square, square, law, law, law, *[empty] * 7)
-    index = np.zeros(1, np.int64)
-    kernel.scan(np.zeros(1), 0.0, 0.0, 1.0, 1.0, 0, index, index, np.zeros(1), np.zeros(1))
-    none = np.zeros(0, np.int64)
-    kernel.crossing_times(np.zeros(1), np.zeros(0), np.zeros(0), none, none, 0.0, 0.0, 1.0, np.zeros(0))
+    z, index = np.zeros((0, LANES)), np.zeros((1, 1), np.int64)
+    row = np.zeros((1, LANES))
+    none = np.zeros((0, 1, 1))
+    kernel.run(
+        Block(row, np.zeros((1, 1, LANES)), row, row, row, index, np.zeros((1, 1, LANES)), np.zeros((1, 1, 1))),
+        np.zeros((0, 1, 3)), Forcing(z, none, none, np.zeros((0, 1, 1, 1))), Inflow(z, z, none),
+        Marchers(z, z, z, np.zeros((0, 1, TALLY)), index[0]), Kept(none, none, z, z), row, 0, 0, 1.0, 1,
+        np.zeros(3, np.int64),
+    )  # fmt: skip
     return time.perf_counter() - begun

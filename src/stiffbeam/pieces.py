@@ -5,9 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
 from .arrays import Array
 
 STEPS_PER_PIECE = 4096
@@ -19,6 +16,6 @@ class Piece:
 
     first: int
     positions: Array  # (k, channels) at the ends of the steps
-    velocities: Callable[[NDArray[np.int64]], Array]  # 1..k -> (len, channels)
+    velocities: Array  # (k, channels)
     states: Callable[[], tuple[Array, Array]]  # q, q' at the ends of the steps, each (k, n)
     seconds: float

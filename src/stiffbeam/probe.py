@@ -1,50 +1,28 @@
-"""Probing: a scheme's own step, taken with unit states, unit forces and the unit drive."""
+"""Probing: a scheme's own step, taken with unit states, unit forces and unit drives."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from .arrays import Array
-from .drive import Drive
 from .equations import Modal
 from .schemes import Scheme
 
 
 @dataclass(frozen=True, eq=False)
 class Probe:
-    """What K steps make of a batch of unit inputs, in modal coordinates.
+    """What K steps make of a batch of inputs, in modal coordinates.
 
-    The batch holds, in this order: a unit state for each of the a components (all modes at once, since
-    they decouple); a unit force of each of P kinds at each of the S nodes of the *first* step; each of
-    the d drive coefficients g at the start. states: (K, a, batch, n), z at the ends of the steps.
-    positions, predictions: (K, S, batch, n), q at the nodes and what ``predict`` expects there.
+    states: (K, a, batch, n), z at the ends of the steps. positions, predictions: (K, S, batch, n), q at
+    the nodes and what ``predict`` expects there.
     """
 
     states: Array
     positions: Array
     predictions: Array
-    drive_size: int  # d
-
-    @property
-    def components(self) -> int:
-        """a."""
-        return self.states.shape[1]
-
-    @property
-    def of_states(self) -> slice:
-        """The responses to the unit states in a batch axis."""
-        return slice(0, self.components)
-
-    def of_pulse(self, kind: int, node: int) -> int:
-        """The response to a unit force of a kind at a node of the first step."""
-        return self.components + kind * self.positions.shape[1] + node
-
-    @property
-    def of_drive(self) -> slice:
-        """The responses to the drive coefficients."""
-        return slice(self.states.shape[2] - self.drive_size, None)
 
     @property
     def ends_at_last_node(self) -> bool:
@@ -52,22 +30,39 @@ class Probe:
         return np.array_equal(self.positions[0, -1], self.states[0, 0])
 
 
-def probe(scheme: Scheme, equation: Modal, dt: float, steps: int, pulses: Array, drive: Drive, basis: Array) -> Probe:
-    """Take ``steps`` steps. pulses: (P, n) modal force vectors; basis: (d, n), the load is g(t) @ basis."""
-    n, S = basis.shape[1], len(scheme.nodes)
-    a = scheme.initial(equation, [np.zeros((2, n))] * scheme.history, np.zeros(n)).shape[0]
-    batch = a + S * len(pulses) + drive.size
+def components(scheme: Scheme, equation: Modal, n: int) -> int:
+    """a, the number of state components of a scheme."""
+    return scheme.initial(equation, [np.zeros((2, n))] * scheme.history, np.zeros(n)).shape[0]
+
+
+def probe_units(scheme: Scheme, equation: Modal, dt: float, steps: int, pulses: Array) -> Probe:
+    """The batch: a unit state for each of the a components (all modes at once, since they decouple), then
+    the modal force vectors ``pulses`` (P, n), each at each of the S nodes of the *first* step."""
+    n, S = pulses.shape[1], len(scheme.nodes)
+    a = components(scheme, equation, n)
+    batch = a + S * len(pulses)
     z = np.zeros((a, batch, n))
     z[np.arange(a), np.arange(a)] = 1.0
+    first = np.zeros((S, batch, n))
+    for s in range(S):
+        first[s, a + s :: S] = pulses
+    none = np.zeros((S, batch, n))
+    return _march(scheme, equation, dt, z, lambda k: first if k == 0 else none, steps)
+
+
+def probe_load(
+    scheme: Scheme, equation: Modal, dt: float, steps: int, load: Callable[[float], Array], shape: tuple[int, int]
+) -> Probe:
+    """From rest under a load: ``load(t)`` of ``shape`` = (batch, n), t counted from the start."""
+    z = np.zeros((components(scheme, equation, shape[1]), *shape))
+    return _march(scheme, equation, dt, z, lambda k: [load((k + c) * dt) for c in scheme.nodes], steps)
+
+
+def _march(scheme: Scheme, equation: Modal, dt: float, z: Array, forces: Callable, steps: int) -> Probe:
     states, positions, predictions = [], [], []
     for k in range(steps):
-        forces = np.zeros((S, batch, n))
-        for s, c in enumerate(scheme.nodes):
-            if k == 0:
-                forces[s, a + s : a + S * len(pulses) : S] = pulses
-            forces[s, batch - drive.size :] = drive.transition((k + c) * dt).T @ basis
         predictions.append(np.stack(scheme.predict(equation, dt, z)))
-        z, at_nodes = scheme.step(equation, dt, z, list(forces))
+        z, at_nodes = scheme.step(equation, dt, z, list(forces(k)))
         states.append(z)
         positions.append(np.stack(at_nodes))
-    return Probe(np.stack(states), np.stack(positions), np.stack(predictions), drive.size)
+    return Probe(np.stack(states), np.stack(positions), np.stack(predictions))

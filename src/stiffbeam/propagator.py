@@ -8,211 +8,288 @@ one product with ``reading`` and one with ``transition`` per block, and touches 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .arrays import Array, aligned, padded
-from .contact import Stops
 from .drive import Drive, Term
+from .kernel import Block, Forcing, Inflow
 from .modal import Modes
-from .probe import Probe, probe
+from .probe import Probe, probe_load, probe_units
 from .schemes import Scheme
-from .system import System
+from .system import System, offset_rate
 from .time_functions import evaluate
 
 
 @dataclass(frozen=True, eq=False)
 class Propagator:
-    """K steps from the state z (a, n) in modal coordinates, as x = (z, g(t), padding) of D numbers.
+    """K steps from the state z (a, n) in modal coordinates, packed as D numbers.
 
-    g(t) are the d drive coefficients at the block's start. The block's entries w (R,) are the contact
-    arguments, node by node and contact by contact, followed by the channel positions at the ends of
-    steps that are no node:
+    The block's entries w (R,) are the contact arguments, node by node and contact by contact, followed
+    by the channel positions at the ends of steps that are no node:
 
-        w = reading x + inflow          z_new = transition z + g drive_state + inflow'
+        w = reading z + g entries + inflow          z_new = transition z + g state + inflow'
         F_i = F(w_i),  then  w += push_i F_i,  z_new += push'_i F_i     for the nodes in order,
 
-    where w_i = r + s F_i is solved in closed form with s = ``push[i, i]`` (0 where the contact is
-    extrapolated and w_i is the predictor). ``inflow`` is there for sampled loads and offsets only.
+    where w_i = r + s F_i is solved in closed form with the compliance s (0 where the contact is
+    extrapolated and w_i is the predictor). ``block`` holds what is the same for every load and stop;
+    g entries and g state, the harmonic and constant loads with g(t) at the block's start, are made by
+    ``forcing``; ``inflow`` is there for sampled loads and offsets only.
     """
 
     scheme: Scheme
     dt: float
     steps: int  # K
-    contacts: int  # m
-    stops: tuple[Stops, ...]
-    reading: Array  # (R, D)
-    transition: Array  # (a, a, n)
-    push: Array  # (N, R), N = K S m force nodes
-    push_state: Array  # (N, D)
-    drive: Drive
-    drive_state: Array  # (d, D)
+    system: System
+    basis: Modes
+    block: Block
+    end_channels: NDArray[np.int64]  # the channels read at the ends of steps
+    extrapolated: bool
+    keep: NDArray[np.int64]  # the components of the scheme's state that the packed one holds
+    mix: Array  # (len(keep), a): what each of them holds
     samples: tuple[Term, ...]  # loads that are sampled at the nodes
     sample_entries: Array  # (loads K S, R)
     sample_state: Array  # (loads K S, D)
+    sample_velocity: Array  # (loads K S, K, channels)
     offset_samples: tuple[Term, ...]  # offsets that are sampled at the entries
-    channel_of_entry: NDArray[np.int64]  # (R,), -1 for padding
-    time_of_entry: Array  # (R,) from the block's start
-    end_entry: NDArray[np.int64]  # (K, channels): the entry that holds a channel at the end of a step
-    # The velocity of every channel at the ends of the steps, read only where it is wanted:
-    velocity: Array  # (K, channels, D)
-    velocity_push: Array  # (K, channels, N)
-    velocity_samples: Array  # (K, channels, loads K S)
-
-    @property
-    def components(self) -> int:
-        """a."""
-        return self.transition.shape[0]
 
     def pack(self, z: Array) -> Array:
-        """(a, n) -> (D,)."""
-        packed = aligned((self.reading.shape[1],))
-        packed[: z.size] = z.reshape(-1)
+        """The scheme's states (a, members, n) -> (members, D)."""
+        mixed = np.einsum("ce,emj->cmj", self.mix, z)
+        packed = aligned((z.shape[1], self.block.reading.shape[1]))
+        packed[:, : mixed.shape[0] * z.shape[2]] = np.moveaxis(mixed, 0, 1).reshape(z.shape[1], -1)
         return packed
 
-    def unpack(self, z: Array) -> Array:
-        """(..., D) -> (..., a, n)."""
-        a, _, n = self.transition.shape
-        return z[..., : a * n].reshape(*z.shape[:-1], a, n)
+    def unpack(self, packed: Array) -> Array:
+        """(members, D) -> states (a, members, n) that go on as the packed ones do."""
+        a, n = self.mix.shape[1], self.block.transition.shape[2]
+        z = np.zeros((a, len(packed), n))
+        z[self.keep] = np.moveaxis(packed[:, : len(self.keep) * n].reshape(-1, len(self.keep), n), 1, 0)
+        return z
 
     @property
     def harmonic(self) -> bool:
         """Whether every load and offset is in the drive, so that there is no inflow."""
         return not self.samples and not self.offset_samples
 
-    def inflow(self, starts: Array, last: float) -> tuple[Array, Array, Array]:
-        """What sampled loads and offsets add to the entries (B, R) and states (B, D) of blocks at ``starts``.
+    @property
+    def entry_times(self) -> Array:
+        """From the block's start, of the entries that are there (no padding)."""
+        nodes = np.add.outer(np.arange(self.steps), self.scheme.nodes) * self.dt
+        ends = (1 + np.arange(self.steps)) * self.dt
+        contacts = len(self.system.contacts)
+        return np.concatenate([np.repeat(nodes.ravel(), contacts), np.repeat(ends, len(self.end_channels))])
 
-        Also the samples (B, loads K S). No rows without any. Callables are not asked for times after
-        ``last``: a block may run past the end, its surplus steps are dropped.
+    @property
+    def entry_channels(self) -> NDArray[np.int64]:
+        nodes = np.tile(np.arange(len(self.system.contacts)), self.steps * len(self.scheme.nodes))
+        return np.concatenate([nodes, np.tile(self.end_channels, self.steps)])
+
+    def inflow(self, starts: Array, last: float) -> Inflow:
+        """What sampled loads and offsets add to the blocks that start at ``starts`` (B,).
+
+        Callables are not asked for times after ``last``: a block may run past the end, its surplus
+        steps are dropped.
         """
-        values = np.zeros((len(starts), self.sample_entries.shape[0]))
+        (R, D), K, channels = self.block.reading.shape, self.steps, self.block.end_entry.shape[1]
         if self.harmonic:
-            return np.zeros((0, self.reading.shape[0])), np.zeros((0, self.reading.shape[1])), values
+            return Inflow(np.zeros((0, R)), np.zeros((0, D)), np.zeros((0, K, channels)))
+        values = np.zeros((len(starts), len(self.sample_entries)))
         if self.samples:
-            offsets = np.add.outer(np.arange(self.steps), self.scheme.nodes).ravel() * self.dt
+            offsets = np.add.outer(np.arange(K), self.scheme.nodes).ravel() * self.dt
             times = np.minimum(np.add.outer(starts, offsets), last)
             values = np.concatenate([evaluate(f, times) for _, f in self.samples], axis=1)
         entries, state = values @ self.sample_entries, values @ self.sample_state
-        times = np.minimum(np.add.outer(starts, self.time_of_entry), last)
+        velocity = np.tensordot(values, self.sample_velocity, 1)
+        ends = starts[:, None] + (1 + np.arange(K)) * self.dt
+        times = np.minimum(np.add.outer(starts, self.entry_times), last)
         for unit, function in self.offset_samples:
-            entries += np.where(self.channel_of_entry == np.argmax(unit), evaluate(function, times), 0.0)
-        return entries, state, values
+            here = np.flatnonzero(self.entry_channels == np.argmax(unit))
+            entries[:, here] += evaluate(function, times[:, here])
+            velocity[..., np.argmax(unit)] += offset_rate(function, np.minimum(ends, last))
+        return Inflow(entries, state, velocity)
 
+    def forcing(self, systems: Sequence[System]) -> Forcing:
+        """The harmonic and constant loads and offsets of systems that differ from this one in nothing else.
 
-class Entry(NamedTuple):
-    """One entry of a block: which channel it reads, in which probed field (batch, n), at which time."""
-
-    channel: int
-    field: Array
-    time: float
-
-
-def build(scheme: Scheme, system: System, modes: Modes, dt: float, steps: int, contact: str) -> Propagator:
-    """Probe ``steps`` steps of ``scheme`` on the modes of ``system`` and arrange what they say."""
-    K, S, m, n = steps, len(scheme.nodes), len(system.contacts), system.size
-    rows = np.array([modes.force(row) for row, _ in system.channels])  # (channels, n), modal
-    drive = Drive.of(system)
-    basis, samples = drive.split(system.loads, n)
-    offsets, offset_samples = drive.offsets(system)
-    pulses = np.array([*rows[:m], *(modes.force(p) for p, _ in samples)]).reshape(-1, n)
-    probed = probe(scheme, modes.equation, dt, K, pulses, drive, modes.force(basis))
-    entries, end_entry = _entries(scheme, probed, dt, m, len(rows), contact)
-    R, D = padded(len(entries)), padded(probed.components * n + drive.size)
-    modal, tail = slice(0, probed.components * n), slice(probed.components * n, probed.components * n + drive.size)
-
-    # What every entry and every velocity reads from x = (z, g, padding).
-    reading, response = aligned((R, D)), np.zeros((probed.states.shape[2], R))
-    for r, entry in enumerate(entries):
-        response[:, r] = entry.field @ rows[entry.channel]
-        reading[r, modal] = (entry.field[probed.of_states] * rows[entry.channel]).reshape(-1)
-        reading[r, tail] = response[probed.of_drive, r] + drive.transition(entry.time).T @ offsets[:, entry.channel]
-    velocity = np.zeros((K, len(rows), D))
-    for k, i in np.ndindex(K, len(rows)):
-        rate = probed.states[k, 1]
-        offset_rate = drive.transition((k + 1) * dt).T @ drive.derivative().T @ offsets[:, i]
-        velocity[k, i, modal] = (rate[probed.of_states] * rows[i]).reshape(-1)
-        velocity[k, i, tail] = (rate @ rows[i])[probed.of_drive] + offset_rate
-
-    def pulse(kind: int, k: int, s: int) -> tuple[Array, Array, Array]:
-        """What a unit force at node s of step k does to the entries, the end state and the velocities.
-
-        A force in step k acts as one in step 0, k steps later.
+        Probed once for all of them: from rest, under each drive coefficient of each system.
         """
-        b = probed.of_pulse(kind, s)
-        # Both groups of entries, at the nodes and at the ends of steps, run step by step.
-        at_nodes, at_ends = response[b, : K * S * m], response[b, K * S * m : len(entries)]
-        out, end = np.zeros(R), np.zeros(D)
-        out[: len(entries)] = np.concatenate([_later(at_nodes, k, K), _later(at_ends, k, K)])
-        end[modal] = probed.states[K - 1 - k, :, b].reshape(-1)
-        speeds = np.zeros((K, len(rows)))
-        speeds[k:] = probed.states[: K - k, 1, b] @ rows.T
-        return out, end, speeds
+        drives = [Drive.of(system) for system in systems]
+        V, d, n, K = len(systems), drives[0].size, self.system.size, self.steps
+        frequencies = np.array([drive.frequencies for drive in drives]).reshape(V, -1)
+        loads = np.stack(
+            [self.basis.force(drive.split(s.loads, n)[0]) for drive, s in zip(drives, systems, strict=True)]
+        )
+        shifts = np.stack([drive.offsets(s)[0] for drive, s in zip(drives, systems, strict=True)])  # (V, d, channels)
+        probed = probe_load(
+            self.scheme, self.basis.equation, self.dt, K,
+            lambda t: turned(loads, frequencies, t).reshape(V * d, n), (V * d, n),
+        )  # fmt: skip
+        rows = _modal_rows(self.system, self.basis)
+        entries, state = np.zeros((V, d, self.block.reading.shape[0])), aligned((V, d, self.block.reading.shape[1]))
+        fields = entries_of(probed, rows, len(self.system.contacts), self.end_channels, self.extrapolated)
+        entries[..., : fields.shape[1]] = fields.reshape(V, d, -1)
+        mixed = np.einsum("ce,emj->cmj", self.mix, probed.states[-1])  # (kept, V d, n)
+        state[..., : mixed.shape[0] * n] = np.moveaxis(mixed, 0, 1).reshape(V, d, -1)
+        rates = shifts.copy()  # g' @ shifts = g @ rates
+        rates[:, 0] = 0.0
+        rates[:, 1::2], rates[:, 2::2] = (
+            -frequencies[..., None] * shifts[:, 2::2],
+            frequencies[..., None] * shifts[:, 1::2],
+        )
+        velocity = np.empty((V, K, len(rows), d))
+        for c, row in enumerate(rows):
+            velocity[:, :, c] = np.moveaxis(np.sum(probed.states[:, 1] * row, axis=-1).reshape(K, V, d), 0, 1)
+        if np.any(shifts):
+            for r, (channel, t) in enumerate(zip(self.entry_channels, self.entry_times, strict=True)):
+                entries[..., r] += turned(shifts[..., channel], frequencies, t)
+            for k, c in np.ndindex(K, len(rows)):
+                velocity[:, k, c] += turned(rates[..., c], frequencies, (k + 1) * self.dt)
+        return Forcing(frequencies, entries, state, velocity)
 
-    push, push_state, velocity_push = (
-        aligned((K * S * m, R)),
-        aligned((K * S * m, D)),
-        np.zeros((K, len(rows), K * S * m)),
+
+def turned(basis: Array, frequencies: Array, t: float) -> Array:
+    """T(t)^T basis with g(t_0 + t) = T(t) g(t_0): the load t after the start per unit of g there.
+
+    basis: (V, d, ...). frequencies: (V, F). Elementwise, so that a member has the bits of its solo run.
+    """
+    out = np.array(basis)
+    phase = (frequencies * t).reshape(*frequencies.shape, *[1] * (basis.ndim - 2))
+    s, c = np.sin(phase), np.cos(phase)
+    out[:, 1::2] = c * basis[:, 1::2] - s * basis[:, 2::2]
+    out[:, 2::2] = s * basis[:, 1::2] + c * basis[:, 2::2]
+    return out
+
+
+def entries_of(probed: Probe, rows: Array, contacts: int, end_channels: Array, extrapolated: bool) -> Array:
+    """The entries (batch, ...) that a batch of inputs makes: contact arguments at every node, then the
+    ``end_channels`` at the ends of steps."""
+    arguments = probed.predictions if extrapolated else probed.positions
+    K, S, batch, _ = arguments.shape
+    nodes, ends = np.empty((K, S, contacts, batch)), np.empty((K, len(end_channels), batch))
+    for c in range(contacts):
+        nodes[:, :, c] = np.sum(arguments * rows[c], axis=-1)
+    for i, channel in enumerate(end_channels):
+        ends[:, i] = np.sum(probed.states[:, 0] * rows[channel], axis=-1)
+    return np.concatenate([nodes.reshape(-1, batch), ends.reshape(-1, batch)]).T
+
+
+def _modal_rows(system: System, basis: Modes) -> Array:
+    return np.array([basis.force(row) for row, _ in system.channels])  # (channels, n)
+
+
+def build(
+    scheme: Scheme, system: System, basis: Modes, dt: float, steps: int, contact: str, reduced: bool = True
+) -> Propagator:
+    """Probe ``steps`` steps of ``scheme`` on the modes of ``system`` and arrange what they say.
+
+    ``reduced``: leave out the components of the state that only add to others, see ``independent``.
+    """
+    K, S, m, n = steps, len(scheme.nodes), len(system.contacts), system.size
+    rows = _modal_rows(system, basis)
+    drive = Drive.of(system)
+    samples, offset_samples = drive.split(system.loads, n)[1], drive.offsets(system)[1]
+    pulses = np.array([*rows[:m], *(basis.force(p) for p, _ in samples)]).reshape(-1, n)
+    probed = probe_units(scheme, basis.equation, dt, K, pulses)
+    a, extrapolated = probed.states.shape[1], contact == "extrapolated"
+    keep, mix = independent(probed, extrapolated) if reduced else (np.arange(a), np.eye(a))
+    at_node = not extrapolated and probed.ends_at_last_node
+    end_channels = np.arange(m if at_node else 0, len(rows))
+    end_entry = K * S * m + np.arange(K * len(end_channels)).reshape(K, -1)
+    if at_node:
+        last_nodes = (np.arange(K)[:, None] * S + S - 1) * m + np.arange(m)
+        end_entry = np.concatenate([last_nodes, end_entry], axis=1)
+
+    # What entries, velocities and the end state read from the unit states: one term per mode.
+    width, used = K * S * m + K * len(end_channels), len(keep) * n
+    R, D = padded(width), padded(used)
+    reading, velocity = aligned((R, D)), np.zeros((K, len(rows), D))
+    arguments = probed.predictions if extrapolated else probed.positions
+    at_nodes = np.einsum("ksbj,cj->kscbj", arguments[:, :, keep], rows[:m]).reshape(-1, used)
+    at_ends = np.einsum("kbj,cj->kcbj", probed.states[:, 0][:, keep], rows[end_channels]).reshape(-1, used)
+    reading[:width, :used] = np.concatenate([at_nodes, at_ends])
+    velocity[..., :used] = np.einsum("kbj,cj->kcbj", probed.states[:, 1][:, keep], rows).reshape(K, -1, used)
+    mixed = np.einsum("cd,kdbj->kcbj", mix, probed.states)  # packed states, (K, kept, batch, n)
+
+    # A force in step k acts as one in step 0, k steps later.
+    P, C, E = len(pulses), len(rows), len(end_channels)
+    of_pulses = slice(a, None)
+    response = entries_of(probed, rows, m, end_channels, extrapolated)[of_pulses].reshape(P, S, width)
+    speeds = np.einsum("kbj,cj->bkc", probed.states[:, 1, of_pulses], rows).reshape(P, S, K, C)
+    ended = np.moveaxis(mixed[:, :, of_pulses], 2, 0).reshape(P, S, K, used)
+    entries, state, rates = np.zeros((P, K, S, R)), np.zeros((P, K, S, D)), np.zeros((P, K, S, K, C))
+    split = K * S * m  # entries at the nodes, then at the ends of steps
+    for k in range(K):
+        entries[:, k, :, k * S * m : split] = response[:, :, : (K - k) * S * m]
+        entries[:, k, :, split + k * E : width] = response[:, :, split : split + (K - k) * E]
+        state[:, k, :, :used] = ended[:, :, K - 1 - k]
+        rates[:, k, :, k:] = speeds[:, :, : K - k]
+
+    def by_node(x: Array, kinds: slice, order: tuple[int, ...]) -> Array:
+        """(kinds, K, S, ...) -> (nodes, ...), kinds first or last among the first three axes."""
+        moved = np.moveaxis(x[kinds], (0, 1, 2), order)
+        return moved.reshape(-1, *x.shape[3:])
+
+    of_contacts, of_samples = slice(0, m), slice(m, P)
+    step_by_step, kind_by_kind = (2, 0, 1), (0, 1, 2)
+    push, push_state = aligned((K * S * m, R)), aligned((K * S * m, D))
+    push[:] = by_node(entries, of_contacts, step_by_step)
+    push_state[:] = by_node(state, of_contacts, step_by_step)
+    node = np.arange(K * S * m)
+    block = Block(
+        reading=reading,
+        transition=np.ascontiguousarray(mixed[-1][:, keep]),
+        push=push,
+        push_state=push_state,
+        compliance=push[node[:, None], (node - node % max(1, m))[:, None] + np.arange(m)],
+        end_entry=end_entry,
+        velocity=velocity,
+        velocity_push=np.ascontiguousarray(np.moveaxis(by_node(rates, of_contacts, step_by_step), 0, -1)),
     )
-    for i, (k, s, c) in enumerate(np.ndindex(K, S, m)):
-        push[i], push_state[i], velocity_push[..., i] = pulse(c, k, s)
-    L = len(samples) * K * S
-    sample_entries, sample_state, velocity_samples = np.zeros((L, R)), np.zeros((L, D)), np.zeros((K, len(rows), L))
-    for i, (p, k, s) in enumerate(np.ndindex(len(samples), K, S)):
-        sample_entries[i], sample_state[i], velocity_samples[..., i] = pulse(m + p, k, s)
-
-    drive_state = np.zeros((drive.size, D))
-    drive_state[:, modal] = np.moveaxis(probed.states[-1][:, probed.of_drive], 1, 0).reshape(drive.size, -1)
     return Propagator(
         scheme=scheme,
         dt=dt,
         steps=K,
-        contacts=m,
-        stops=tuple(contact.stops for contact in system.contacts),
-        reading=reading,
-        transition=np.ascontiguousarray(probed.states[-1][:, probed.of_states]),
-        push=push,
-        push_state=push_state,
-        drive=drive,
-        drive_state=drive_state,
+        system=system,
+        basis=basis,
+        block=block,
+        end_channels=end_channels,
+        extrapolated=extrapolated,
+        keep=keep,
+        mix=mix,
         samples=tuple(samples),
-        sample_entries=sample_entries,
-        sample_state=sample_state,
+        sample_entries=by_node(entries, of_samples, kind_by_kind),
+        sample_state=by_node(state, of_samples, kind_by_kind),
+        sample_velocity=by_node(rates, of_samples, kind_by_kind),
         offset_samples=tuple(offset_samples),
-        channel_of_entry=np.array([e.channel for e in entries] + [-1] * (R - len(entries))),
-        time_of_entry=np.array([e.time for e in entries] + [0.0] * (R - len(entries))),
-        end_entry=end_entry,
-        velocity=velocity,
-        velocity_push=velocity_push,
-        velocity_samples=velocity_samples,
     )
 
 
-def _entries(
-    scheme: Scheme, probed: Probe, dt: float, contacts: int, channels: int, contact: str
-) -> tuple[list[Entry], NDArray[np.int64]]:
-    """Contact arguments at every node, then the channels at the ends of steps that no node holds.
+INDEPENDENT = 1e-13  # of what a component does, beyond rounding
 
-    Also (K, channels), the entry that holds each channel at the end of each step.
+
+def independent(probed: Probe, extrapolated: bool) -> tuple[NDArray[np.int64], Array]:
+    """The components of the state that a run needs, and what each of them has to hold.
+
+    If a unit of component e does to all that follows what x_ec units of the components c do, in every
+    mode alike, then e need not be carried: c becomes c + x_ec e. (HHT's acceleration enters by q + dt v
+    + dt^2 (1/2 - beta) a and v + dt (1 - gamma) a only.) Returns (keep, mix), mix of shape (kept, a).
     """
-    K, S = probed.positions.shape[:2]
-    arguments = probed.positions if contact == "implicit" else probed.predictions
-    entries = [Entry(c, arguments[k, s], (k + scheme.nodes[s]) * dt) for k, s, c in np.ndindex(K, S, contacts)]
-    at_node = contact == "implicit" and probed.ends_at_last_node
-    end_entry = np.empty((K, channels), np.int64)
-    for k, i in np.ndindex(K, channels):
-        if at_node and i < contacts:
-            end_entry[k, i] = (k * S + S - 1) * contacts + i
+    a = probed.states.shape[1]
+    fields = (probed.states[0], probed.predictions[0] if extrapolated else probed.positions[0])
+    effects = np.concatenate([np.moveaxis(x[:, :a], 1, -1).reshape(-1, a) for x in fields])  # (outputs, a)
+    scale = np.max(np.abs(effects), axis=1)
+    effects = effects[scale > 0.0] / scale[scale > 0.0, None]
+    size = np.max(np.abs(effects), axis=0)
+    keep: list[int] = []
+    mix = np.eye(a)
+    for e in range(a):
+        x = np.linalg.lstsq(effects[:, keep] / size[keep], effects[:, e], rcond=None)[0] / size[keep]
+        if np.max(np.abs(effects[:, keep] @ x - effects[:, e])) <= INDEPENDENT * size[e]:
+            mix[keep, e] = x
         else:
-            end_entry[k, i] = len(entries)
-            entries.append(Entry(i, probed.states[k, 0], (k + 1) * dt))
-    return entries, end_entry
-
-
-def _later(values: Array, k: int, steps: int) -> Array:
-    """Values that run step by step, moved k of ``steps`` steps back in time: zeros, then the first."""
-    shift = k * (len(values) // steps)
-    return np.concatenate([np.zeros(shift), values[: len(values) - shift]])
+            keep.append(e)
+    return np.array(keep), mix[keep]

@@ -1,77 +1,97 @@
-"""Outputs and impacts of a fixed-step run, accumulated piece by piece in bounded memory."""
+"""What a fixed-step run has seen of its contacts, as records."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .arrays import Array
 from .contact import Stops
-from .kernel import crossing_times, scan
+from .sampling import (
+    EVENT,
+    IMPACT_IMPULSE,
+    IMPACT_PEAK,
+    IMPULSE,
+    PEAK,
+    ROW,
+    SIDE,
+    STOP,
+    TIME,
+    TOUCHING,
+    crossing,
+    new_tally,
+    scan,
+)
 from .trajectory import ContactRecord, Impacts
+
+
+def impacts_of(events: Array) -> Impacts:
+    """Rows of a list of events as sampled impacts."""
+    columns = (events[:, column].copy() for column in (TIME, STOP, IMPACT_PEAK, IMPACT_IMPULSE))
+    times, stops, peaks, impulses = columns
+    return Impacts(times, stops.astype(np.int64), peaks, impulses, "sampled")
+
+
+def record(stops: Stops, position: Array, velocity: Array, tally: Array, events: Array, steps: int) -> ContactRecord:
+    """With position and velocity at the output times."""
+    return ContactRecord(
+        stops=stops,
+        position=position,
+        velocity=velocity,
+        force=stops.force(position),
+        impacts=impacts_of(events),
+        fraction=float(tally[TOUCHING]) / max(1, steps),
+        peak_force=float(tally[PEAK]),
+        impulse=float(tally[IMPULSE]),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """What one run has seen: tip and tip velocity at the output times, its contacts, when it overflowed."""
+
+    tip: Array
+    tip_velocity: Array
+    contacts: tuple[ContactRecord, ...]
+    diverged: float = float("nan")
 
 
 class SampledImpacts:
     """The sampled impacts of one contact, fed with consecutive stretches of positions."""
 
-    def __init__(self, stops: Stops, dt: float, u0: float) -> None:
-        self.stops, self.dt, self.last, self.first_step = stops, dt, u0, 0
-        self.chi = int(stops.state(u0))
-        self.times: list[float] = []
-        self.sides: list[int] = []
-        self.peaks: list[float] = []
-        self.impulses: list[float] = []
-        self.peak, self.impulse, self.touching = 0.0, 0.0, 0
+    def __init__(self, stops: Stops, dt: float, u0: float, v0: float) -> None:
+        self.stops, self.dt, self.steps = stops, dt, 0
+        self.position, self.velocity = u0, v0
+        self.tally = new_tally(np.array(u0), np.array(stops.g1), np.array(stops.g2))
+        self._events, self._rows = np.empty((64, EVENT)), 0
 
-    def feed(self, u: Array, velocity: Callable[[NDArray[np.int64]], Array]) -> None:
-        """The positions u of the next steps; ``velocity(k)`` gives u' after k of them, k = 0 the last known."""
-        path = np.concatenate([[self.last], u])
-        steps, sides = np.zeros(len(path), np.int64), np.zeros(len(path), np.int64)
-        peaks, impulses = np.zeros(len(path)), np.zeros(len(path))
-        g1, g2 = self.stops.g1, self.stops.g2
-        count, touching, self.chi = scan(
-            path, g1, g2, self.stops.stiffness, self.dt, self.chi, steps, sides, peaks, impulses
-        )
-        self.touching += touching
-        if self.peaks:
-            self.peaks[-1] = max(self.peaks[-1], peaks[0])
-            self.impulses[-1] += impulses[0]
-        self.peak = max(self.peak, float(np.max(peaks[: count + 1])))
-        self.impulse += float(np.sum(impulses[: count + 1]))
-        if count:
-            k, stops, inside = steps[1 : count + 1], sides[1 : count + 1], np.empty(count)
-            crossing_times(path, velocity(k - 1), velocity(k), k, stops, g1, g2, self.dt, inside)
-            self.times += ((self.first_step + inside) * self.dt).tolist()
-            self.sides += stops.tolist()
-            self.peaks += peaks[1 : count + 1].tolist()
-            self.impulses += impulses[1 : count + 1].tolist()
-        self.last = float(u[-1])
-        self.first_step += len(u)
+    def feed(self, u: Array, v: Array) -> None:
+        """Positions u and velocities v at the ends of the next steps, (k,)."""
+        if self._rows + len(u) > len(self._events):
+            self._events = np.concatenate([self._events, np.empty((len(self._events) + len(u), EVENT))])
+        law = np.array([self.stops.stiffness, self.stops.g1, self.stops.g2])
+        first = self._rows
+        self._rows = scan(np.ascontiguousarray(u), len(u), law, self.dt, self.tally, self._events, first)
+        for row in self._events[first : self._rows]:
+            k = int(row[TIME])
+            start = (u[k - 1], v[k - 1]) if k else (self.position, self.velocity)
+            stop = self.stops.g2 if row[STOP] > 0 else self.stops.g1
+            row[TIME] = (self.steps + k + crossing(*start, u[k], v[k], stop, self.dt)) * self.dt
+        self.position, self.velocity = float(u[-1]), float(v[-1])
+        self.steps += len(u)
 
-    def impacts(self) -> Impacts:
-        peaks, impulses = np.array(self.peaks), np.array(self.impulses)
-        if self.chi and len(peaks):
-            peaks[-1] = impulses[-1] = np.nan  # still open
-        return Impacts(np.array(self.times), np.array(self.sides, np.int64), peaks, impulses, "sampled")
-
-    def record(self, position: Array, velocity: Array) -> ContactRecord:
-        """With position and velocity at the output times."""
-        return ContactRecord(
-            stops=self.stops,
-            position=position,
-            velocity=velocity,
-            force=self.stops.force(position),
-            impacts=self.impacts(),
-            fraction=self.touching / max(1, self.first_step),
-            peak_force=self.peak,
-            impulse=self.impulse,
-        )
+    @property
+    def events(self) -> Array:
+        """The list of impacts so far, the open one without peak and impulse."""
+        events = self._events[: self._rows].copy()
+        if self.tally[SIDE] and self.tally[ROW] >= 0:
+            events[int(self.tally[ROW]), [IMPACT_PEAK, IMPACT_IMPULSE]] = np.nan
+        return events
 
 
 def sampled_impacts(u: Array, v: Array, dt: float, stops: Stops) -> Impacts:
     """The sampled impacts in positions u_0..u_n with velocities v_0..v_n."""
-    sampler = SampledImpacts(stops, dt, float(u[0]))
-    sampler.feed(u[1:], lambda k: v[k])
-    return sampler.impacts()
+    sampler = SampledImpacts(stops, dt, float(u[0]), float(v[0]))
+    sampler.feed(u[1:], v[1:])
+    return impacts_of(sampler.events)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import platform
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cache, cached_property
+from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,6 +25,12 @@ if TYPE_CHECKING:
 
 # Pieces of a run at every step: times (k + 1,), q (k + 1, n), q' (k + 1, n); pieces share end points.
 Pieces = Callable[[], Iterator[tuple[Array, Array, Array]]]
+
+
+@cache
+def versions() -> dict[str, str]:
+    """What a run was made with, for its provenance."""
+    return {"stiffbeam": version("stiffbeam"), "numpy": np.__version__, "python": platform.python_version()}
 
 
 class Diverged(RuntimeError):

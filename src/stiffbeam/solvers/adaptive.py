@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from ..arrays import Array
 from ..contact import Stops
-from ..kernel import first_crossing
 from ..ledger import Ledger, step_ledger
+from ..sampling import first_crossing
 from ..system import FirstOrderSystem, System
 from ..trajectory import ContactRecord, Impacts, Reference, Work
 from ..validation import InputError, positive

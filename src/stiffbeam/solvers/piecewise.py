@@ -7,17 +7,14 @@ contain none (switching.py).
 
 from __future__ import annotations
 
-import platform
 import time
-from importlib.metadata import version
 from typing import Any
-
-import numpy as np
 
 from ..arrays import Array
 from ..drive import Drive
+from ..modal import Modes
 from ..system import System
-from ..trajectory import Reference, Work
+from ..trajectory import Reference, Work, versions
 from ..validation import InputError, positive
 from .adaptive import output_times
 from .exact_measures import Solution, contact_record, exact_ledger
@@ -26,14 +23,19 @@ from .undamped import Perturbation, undamped
 
 
 def solve_exact(
-    system: System, t_end: float, t_eval: Array | None = None, perturbation: Perturbation | None = None
+    system: System,
+    t_end: float,
+    t_eval: Array | None = None,
+    perturbation: Perturbation | None = None,
+    known: dict[float, Modes] | None = None,
 ) -> Reference:
     """The exact piecewise-linear solution in float64, with crossings that cannot be missed.
 
     Takes any damping, any number of contacts, Harmonic and Constant time functions; raises InputError
     with the reason for other time functions, for a resonant drive without damping, and where regimes
     are too close to critical damping or to a rigid-body motion for their eigenvectors. Without damping
-    and with at most one contact all of it is compiled; else regimes are made as they are met.
+    and with at most one contact all of it is compiled; else regimes are made as they are met. ``known``
+    keeps the modes of systems that share their matrices and contact row, see ``undamped``.
 
     With u the gap's position, u' its rate and B >= |u''| on the rest of the piece, no switch lies
     before the smaller positive root s of (g2 - u) - u' s - B s^2/2 = 0 and (u - g1) + u' s - B s^2/2 = 0;
@@ -44,8 +46,10 @@ def solve_exact(
     begun = time.perf_counter()
     positive("t_end", t_end)
     refuse(system)
-    solve = exponential if system.damped or len(system.contacts) > 1 else undamped
-    solution, compile_seconds = solve(system, t_end, perturbation)
+    if system.damped or len(system.contacts) > 1:
+        solution, compile_seconds = exponential(system, t_end, perturbation)
+    else:
+        solution, compile_seconds = undamped(system, t_end, perturbation, known)
     frequencies = "SVD of the curvature factor" if system.stiffness_factor is not None else "eigh"
     return reference_of(system, solution, t_end, t_eval, begun + compile_seconds, "exact", {"frequencies": frequencies})
 
@@ -85,9 +89,7 @@ def reference_of(
             "form": system.form,
             "t_end": float(t_end),
             **notes,
-            "stiffbeam": version("stiffbeam"),
-            "numpy": np.__version__,
-            "python": platform.python_version(),
+            **versions(),
         },
         system=system,
         fingerprint=system.fingerprint,

@@ -161,11 +161,16 @@ class Perturbation(NamedTuple):
 
 
 class Tracer:
-    """Follows solutions of one system; its modes are made once. ``compile_seconds``: spent compiling."""
+    """Follows solutions of one system; its modes are made once. ``compile_seconds``: spent compiling.
 
-    def __init__(self, system: System, perturbation: Perturbation | None = None) -> None:
+    known: modes by the stiffness of the stop, 0 for the free system; used and added to.
+    """
+
+    def __init__(
+        self, system: System, perturbation: Perturbation | None = None, known: dict[float, Modes] | None = None
+    ) -> None:
         self.system, self.drive = system, Drive.of(system)
-        self.bases, self.regimes = _regimes(system, self.drive, perturbation)
+        self.bases, self.regimes = _regimes(system, self.drive, perturbation, {} if known is None else known)
         self.stops = system.contacts[0].stops if system.contacts else None
         free, contact = self.bases[0], self.bases.get(1, self.bases[0])
         to_contact = free.shapes.T @ system.mass @ contact.shapes  # eta_contact = eta_free @ this
@@ -201,9 +206,11 @@ class Tracer:
         return Solution(self.drive, self.bases, self.regimes, times, sides, hs, rates, evaluations)
 
 
-def undamped(system: System, t_end: float, perturbation: Perturbation | None) -> tuple[Solution, float]:
+def undamped(
+    system: System, t_end: float, perturbation: Perturbation | None, known: dict[float, Modes] | None = None
+) -> tuple[Solution, float]:
     """The solution on [0, t_end] and the seconds spent compiling."""
-    tracer = Tracer(system, perturbation)
+    tracer = Tracer(system, perturbation, known)
     basis = tracer.bases[0]
     eta, rate = basis.to_modal(system.q0), basis.to_modal(system.v0)
     if perturbation is not None:
@@ -230,7 +237,7 @@ def search_arguments(regimes: dict[int, Regime], to_contact: Array, drive: Drive
 
 
 def _regimes(
-    system: System, drive: Drive, perturbation: Perturbation | None
+    system: System, drive: Drive, perturbation: Perturbation | None, known: dict[float, Modes]
 ) -> tuple[dict[int, Modes], dict[int, Regime]]:
     basis, _ = drive.split(system.loads, system.size)
     offsets, _ = drive.offsets(system)
@@ -248,8 +255,10 @@ def _regimes(
             # sigma = kappa (gap - row q - offset): the first term is a load, the second in the matrix.
             total[0] += stops.stiffness * gap * row
             total -= stops.stiffness * np.outer(offset, row)
-        base = bases[1] if regime == -1 else modes(system, springs)
+        stiffness = springs[0][1] if springs else 0.0
+        base = bases[1] if regime == -1 else known.get(stiffness) or modes(system, springs)
         assert base is not None
+        known.setdefault(stiffness, base)
         if perturbation is not None and regime != -1:
             base = _perturbed_basis(base, perturbation, regime)
         bases[regime] = base

@@ -1,0 +1,237 @@
+"""integrate_ensemble and reference_ensemble: many members of one system, side by side on all cores."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .arrays import Array
+from .march import Plan, Seen
+from .members import Members, as_members
+from .modal_march import warm_up
+from .schemes import Scheme
+from .system import System
+from .trajectory import Impacts, Work
+from .validation import InputError, near
+
+ENGINES = ("numba",)
+MEMBERS_PER_SLICE = 64  # marched by one thread in one go
+Progress = Callable[[int], None]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ContactStatistics:
+    """What the members have seen of one contact, see ContactRecord.
+
+    fraction, peak_force, impulse: (M,). impacts: those of all members, one member after the other;
+    member i has the rows offsets[i] to offsets[i + 1].
+    """
+
+    fraction: Array
+    peak_force: Array
+    impulse: Array
+    impacts: Impacts
+    offsets: NDArray[np.int64]
+
+    @property
+    def impact_count(self) -> NDArray[np.int64]:
+        """(M,)."""
+        return np.diff(self.offsets)
+
+    def impacts_of(self, member: int) -> Impacts:
+        """The impacts of one member."""
+        rows = slice(self.offsets[member], self.offsets[member + 1])
+        x = self.impacts
+        return Impacts(x.times[rows], x.stops[rows], x.peaks[rows], x.impulses[rows], x.kind)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Ensemble:
+    """What M members have done.
+
+    contacts: one record per contact; the arrays over members of the first stand on the ensemble itself.
+    t: (k,) output times, tip and tip_velocity: (M, k); k = 0 unless they were asked for. diverged:
+    (M,), the time at which a member overflowed, NaN for none; it has seen nothing after. work.steps
+    counts member-steps.
+    """
+
+    members: Members
+    contacts: tuple[ContactStatistics, ...]
+    t: Array
+    tip: Array
+    tip_velocity: Array
+    diverged: Array
+    work: Work
+    provenance: dict[str, Any]
+
+    def __len__(self) -> int:
+        return len(self.members)
+
+    @property
+    def label(self) -> str:
+        """Method and form, e.g. ``hht(alpha=-0.1)@displacement``."""
+        return f"{self.provenance['method']}@{self.provenance['form']}"
+
+    @property
+    def contact(self) -> ContactStatistics:
+        """The first contact's record; InputError without contact."""
+        if not self.contacts:
+            raise InputError("contact", "a system without contacts", "be asked of one with stops")
+        return self.contacts[0]
+
+    @property
+    def impact_count(self) -> NDArray[np.int64]:
+        """(M,) at the first contact."""
+        return self.contact.impact_count
+
+    @property
+    def contact_fraction(self) -> Array:
+        """(M,) share of the steps in contact, of the time for an exact ensemble."""
+        return self.contact.fraction
+
+    @property
+    def peak_force(self) -> Array:
+        """(M,) max |sigma|."""
+        return self.contact.peak_force
+
+    @property
+    def impulse(self) -> Array:
+        """(M,) integral of |sigma|."""
+        return self.contact.impulse
+
+    @property
+    def impacts(self) -> Impacts:
+        """All impacts at the first contact, one member after the other, see ``contact.offsets``."""
+        return self.contact.impacts
+
+
+def integrate_ensemble(
+    system: System,
+    scheme: Scheme,
+    dt: float,
+    t_end: float,
+    members: Members | Sequence[System],
+    contact: str = "implicit",
+    every: int | None = None,
+    engine: str = "numba",
+    progress: Progress | None = None,
+) -> Ensemble:
+    """``integrate`` for every member, on all cores; each has the bits of its solo run.
+
+    members: from ``perturbed`` or ``varied``, or systems that differ from ``system`` in initial data,
+    stops, and frequencies and amplitudes of their loads only. every: keep tip and tip velocity at every
+    so many steps; None keeps none, and memory does not grow with the steps but for the impacts.
+    progress: called with the number of member-steps done. A member that overflows is marked in
+    ``diverged`` and the others go on. Raises InputError for bad arguments.
+    """
+    begun = time.perf_counter()
+    members = as_members(system, members)
+    if engine not in ENGINES:
+        raise InputError("engine", engine, "be a known engine", near(str(engine), ENGINES))
+    plan = Plan.of(system, scheme, dt, t_end, contact, 1 if every is None else every)
+    compile_seconds = warm_up() if plan.modal else 0.0
+
+    def march(part: Members) -> list[Seen]:
+        return plan.seen(part, every)
+
+    seen = list(_over_slices(march, members, plan.steps, progress))
+    seconds = time.perf_counter() - begun - compile_seconds
+    return _ensemble(
+        members,
+        seen,
+        np.arange(0, plan.steps + 1, every) * dt if every is not None else np.zeros(0),
+        Work(len(members) * plan.steps, seconds, seconds),
+        plan.provenance(every) | {"engine": engine, "members": len(members), "parameter": members.parameter},
+    )
+
+
+def reference_ensemble(
+    system: System,
+    t_end: float,
+    members: Members | Sequence[System],
+    t_eval: ArrayLike | None = None,
+    progress: Progress | None = None,
+) -> Ensemble:
+    """The exact solution of every member, on all cores; each has the bits of its solo run.
+
+    t_eval: (k,) times at which tip and tip velocity are kept, None for none. progress: called with the
+    number of members done. No horizon is computed: past it statistics over the members are all that
+    means anything. Raises InputError as ``reference(method="exact")`` does.
+    """
+    from .solvers.piecewise import solve_exact
+
+    begun = time.perf_counter()
+    members = as_members(system, members)
+    times = np.zeros(0) if t_eval is None else np.asarray(t_eval, float)
+    at = np.array([0.0, float(t_end)]) if t_eval is None else times
+    known: dict = {}  # modes, shared between members
+    provenance = solve_exact(members[0], t_end, at, known=known).provenance
+
+    def solve(part: Members) -> list[Seen]:
+        runs = (solve_exact(member, t_end, at, known=known) for member in part)
+        return [Seen(run.tip[: len(times)], run.tip_velocity[: len(times)], run.contacts) for run in runs]
+
+    seen = list(_over_slices(solve, members, 1, progress))
+    seconds = time.perf_counter() - begun
+    notes = {"members": len(members), "parameter": members.parameter}
+    return _ensemble(members, seen, times, Work(0, seconds, seconds), provenance | notes)
+
+
+def _over_slices(
+    work: Callable[[Members], list[Seen]], members: Members, unit: int, progress: Progress | None
+) -> Iterator[Seen]:
+    """``work`` on slices of the members, one thread per core, the results in order."""
+    threads = _cores()
+    size = min(MEMBERS_PER_SLICE, max(1, len(members) // (4 * threads)))
+    with ThreadPoolExecutor(threads) as pool:
+        parts: list[Future] = [pool.submit(work, members[i : i + size]) for i in range(0, len(members), size)]
+        try:
+            done = 0
+            for part in parts:
+                seen = part.result()
+                done += len(seen)
+                if progress is not None:
+                    progress(done * unit)
+                yield from seen
+        finally:
+            for part in parts:
+                part.cancel()
+
+
+def _cores() -> int:
+    """The cores this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _ensemble(members: Members, seen: list[Seen], t: Array, work: Work, provenance: dict[str, Any]) -> Ensemble:
+    contacts = []
+    for records in zip(*(one.contacts for one in seen), strict=True):
+        each = [record.impacts for record in records]
+        names = ("times", "stops", "peaks", "impulses")
+        columns = {name: np.concatenate([getattr(x, name) for x in each]) for name in names}
+        contacts.append(
+            ContactStatistics(
+                fraction=np.array([record.fraction for record in records]),
+                peak_force=np.array([record.peak_force for record in records]),
+                impulse=np.array([record.impulse for record in records]),
+                impacts=Impacts(**columns, kind=each[0].kind),
+                offsets=np.concatenate([[0], np.cumsum([x.count for x in each])]),
+            )
+        )
+    return Ensemble(
+        members=members,
+        contacts=tuple(contacts),
+        t=t,
+        tip=np.array([one.tip for one in seen]),
+        tip_velocity=np.array([one.tip_velocity for one in seen]),
+        diverged=np.array([one.diverged for one in seen]),
+        work=work,
+        provenance=provenance,
+    )

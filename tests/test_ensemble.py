@@ -1,0 +1,197 @@
+"""Ensembles: every member is its solo run, to the bit."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from test_march import two_contacts
+
+import stiffbeam as sb
+from stiffbeam.solvers.piecewise import solve_exact
+
+
+@pytest.fixture(scope="module")
+def system(table10) -> sb.System:
+    return sb.semidiscretise(table10, 25)
+
+
+def assert_same_bits(ensemble, i, run):
+    """Member i of an ensemble with outputs against a run of it alone."""
+    assert np.array_equal(ensemble.tip[i], run.tip)
+    assert np.array_equal(ensemble.tip_velocity[i], run.tip_velocity)
+    for statistics, record in zip(ensemble.contacts, run.contacts, strict=True):
+        own = statistics.impacts_of(i)
+        assert statistics.impact_count[i] == record.impacts.count
+        for name in ("times", "stops", "peaks", "impulses"):
+            assert np.array_equal(getattr(own, name), getattr(record.impacts, name), equal_nan=True)
+        assert statistics.fraction[i] == record.fraction
+        assert statistics.peak_force[i] == record.peak_force
+        assert statistics.impulse[i] == record.impulse
+
+
+def members_of(kind: str, system: sb.System) -> sb.Members:
+    if kind == "perturbed":
+        return sb.perturbed(system, 9, 1e-10)
+    if kind == "frequency":
+        return sb.varied(system, frequency=np.linspace(9.0, 11.0, 9))
+    if kind == "amplitude":
+        return sb.varied(system, amplitude=np.linspace(0.15, 0.25, 9))
+    gaps, stiffness = np.linspace(0.08, 0.12, 9), np.geomspace(1e6, 1e7, 9)
+    return sb.varied(system, stops=[sb.Stops(-g, g, stiffness=k) for g, k in zip(gaps, stiffness, strict=True)])
+
+
+KINDS = ("perturbed", "frequency", "amplitude", "stops")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("scheme", [sb.HHT(-0.1), sb.BDF2(), sb.SDIRK(nystrom=True)], ids=str)
+@pytest.mark.parametrize("contact", ["implicit", "extrapolated"])
+def test_a_member_has_the_bits_of_its_solo_run(kind, scheme, contact, system):
+    """Through the chaos: nothing but equal bits keeps two runs together to t = 1."""
+    members = members_of(kind, system)
+    ensemble = sb.integrate_ensemble(system, scheme, 1e-4, 1.0, members, contact, every=10)
+    assert len(ensemble) == 9
+    assert np.min(ensemble.impact_count) > 20
+    assert len(np.unique(ensemble.impulse)) == 9
+    for i in (0, 4, 8):
+        if np.isnan(ensemble.diverged[i]):
+            assert_same_bits(ensemble, i, sb.integrate(members[i], scheme, 1e-4, 1.0, contact, every=10))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_an_exact_member_has_the_bits_of_its_solo_run(kind, system):
+    members = members_of(kind, system)
+    t = np.linspace(0.0, 0.5, 51)
+    ensemble = sb.reference_ensemble(system, 0.5, members, t)
+    assert ensemble.label == "exact@displacement"
+    for i in (0, 4, 8):
+        assert_same_bits(ensemble, i, solve_exact(members[i], 0.5, t))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_schemes_ensemble_converges_to_the_exact_one(kind, system):
+    """Through the first impacts: half the step, a quarter of the error or less in the worst member."""
+    members = members_of(kind, system)
+    exact = sb.reference_ensemble(system, 0.08, members, np.linspace(0.0, 0.08, 801))
+    assert np.min(exact.impact_count) > 1
+    errors = []
+    for dt in (5e-6, 2.5e-6):
+        run = sb.integrate_ensemble(system, sb.SDIRK(nystrom=True), dt, 0.08, members, every=round(1e-4 / dt))
+        errors.append(np.max(np.abs(run.tip - exact.tip)) / np.max(np.abs(exact.tip)))
+    assert np.allclose(run.impulse, exact.impulse, rtol=1e-2)
+    assert errors[1] < 5e-4
+    assert errors[0] > 4.0 * errors[1]
+
+
+def test_slices_and_stretches_of_any_size_give_the_same_bits(system, monkeypatch):
+    from stiffbeam import ensemble as module
+    from stiffbeam import modal_march
+
+    members = sb.perturbed(system, 20)
+    whole = sb.integrate_ensemble(system, sb.BDF2(), 1e-4, 0.5, members, every=5)
+    monkeypatch.setattr(module, "MEMBERS_PER_SLICE", 3)
+    monkeypatch.setattr(modal_march, "STEPS_PER_CALL", 1)
+    monkeypatch.setattr(modal_march, "STEPS_REPLAYED", 96)
+    other = sb.integrate_ensemble(system, sb.BDF2(), 1e-4, 0.5, members, every=5)
+    assert np.array_equal(whole.tip, other.tip)
+    assert np.array_equal(whole.impacts.times, other.impacts.times)
+    assert np.array_equal(whole.impulse, other.impulse)
+
+
+@pytest.mark.parametrize("load", [None, lambda t: 15.0 * np.sin(4.0 * t)], ids=["harmonic", "sampled"])
+def test_several_contacts_a_moving_stop_and_sampled_loads(load):
+    system = two_contacts() if load is None else two_contacts(load=load)
+    members = sb.perturbed(system, 5, 1e-8)
+    ensemble = sb.integrate_ensemble(system, sb.HHT(-0.1), 2e-3, 3.0, members, every=1)
+    for i in (0, 4):
+        assert_same_bits(ensemble, i, sb.integrate(members[i], sb.HHT(-0.1), 2e-3, 3.0))
+    assert all(np.all(c.impact_count > 0) for c in ensemble.contacts)
+
+
+def test_damping_that_does_not_decouple_is_marched_directly():
+    mass, stiffness = np.eye(2), np.array([[200.0, -100.0], [-100.0, 100.0]])
+    system = sb.System.from_matrices(
+        mass, stiffness, np.diag([0.0, 1.0]), loads=[([0.0, 1.0], sb.Harmonic(50.0, 6.0))],
+        contacts=[sb.Contact([0.0, 1.0], sb.Stops(upper=0.1, stiffness=1e4))],
+    )  # fmt: skip
+    members = sb.varied(system, frequency=[5.0, 6.0, 7.0])
+    ensemble = sb.integrate_ensemble(system, sb.HHT(-0.1), 1e-3, 2.0, members, every=4)
+    assert ensemble.provenance["march"] == "direct"
+    assert_same_bits(ensemble, 2, sb.integrate(members[2], sb.HHT(-0.1), 1e-3, 2.0, every=4))
+
+
+def test_perturbations_are_of_the_stated_size(system):
+    """omega eta and eta' move by size V r, |r| <= 1, V the largest modal speed of start and drive."""
+    from stiffbeam.modal import modes
+
+    basis = modes(system)
+    members = sb.perturbed(system, 400, 1e-6, seed=3)
+    start = np.max(np.hypot(basis.omega * basis.to_modal(system.q0), basis.to_modal(system.v0)))
+    drive = sum(
+        np.abs(basis.force(p)) * abs(f.amplitude) / np.maximum(basis.omega, f.frequency) for p, f in system.loads
+    )
+    V = max(start, np.max(drive))
+    eta = np.array([basis.to_modal(m.q0 - system.q0) for m in members]) * basis.omega / (1e-6 * V)
+    rate = np.array([basis.to_modal(m.v0 - system.v0) for m in members]) / (1e-6 * V)
+    for r in (eta, rate):
+        assert 0.99 < np.max(np.abs(r)) < 1.0 + 1e-6
+        assert np.allclose(np.mean(r, axis=0), 0.0, atol=5 * 3**-0.5 / 20)  # five standard errors
+        assert np.allclose(np.std(r, axis=0), 3**-0.5, atol=0.1)
+    again = sb.perturbed(system, 3, 1e-6, seed=3)
+    assert all(np.array_equal(a.q0, b.q0) for a, b in zip(again, members[:3], strict=True))
+
+
+def test_a_system_at_rest_at_zero_is_perturbed_in_proportion_to_its_load():
+    def system(load):
+        return sb.System.from_matrices([[1.0]], [[4.0]], loads=[([1.0], load)], observe=[1.0])
+
+    small, large = (sb.perturbed(system(sb.Harmonic(a, 3.0)), 1, 1e-3) for a in (1.0, 10.0))
+    assert np.isclose(large[0].v0[0], 10.0 * small[0].v0[0], rtol=1e-12)
+    assert 0.0 < abs(small[0].v0[0]) <= 1e-3 * 1.0 / 3.0
+    with pytest.raises(sb.InputError, match="scale"):
+        sb.perturbed(system(lambda t: np.sin(3.0 * t)), 1)
+    assert sb.perturbed(system(lambda t: np.sin(3.0 * t)), 1, scale=1.0)[0].v0[0] != 0.0
+
+
+def test_a_member_that_overflows_leaves_the_others_alone():
+    case = sb.paper_case(11)
+    system = sb.semidiscretise(case.problem, case.cells)
+    stops = [case.problem.stops, sb.Stops(-10.0, 10.0, stiffness=2e7)]
+    members = sb.varied(system, stops=stops)
+    ensemble = sb.integrate_ensemble(system, sb.HHT(-0.1), 2.5e-4, case.t_end, members, "extrapolated")
+    with pytest.raises(sb.Diverged) as caught:
+        sb.integrate(members[0], sb.HHT(-0.1), 2.5e-4, case.t_end, "extrapolated")
+    assert ensemble.diverged[0] == caught.value.t
+    assert np.isnan(ensemble.diverged[1])
+    assert ensemble.tip.shape == (2, 0)
+
+
+def test_the_statistics_of_an_ensemble_are_those_of_its_impacts(system):
+    ensemble = sb.integrate_ensemble(system, sb.HHT(-0.1), 1e-4, 1.0, sb.perturbed(system, 6))
+    peaks = [np.nanmax(ensemble.contact.impacts_of(i).peaks) for i in range(6)]
+    assert np.all(peaks <= ensemble.peak_force)
+    assert ensemble.impacts.count == np.sum(ensemble.impact_count)
+    assert ensemble.work.steps == 60_000
+    done = []
+    sb.integrate_ensemble(system, sb.HHT(-0.1), 1e-4, 0.1, sb.perturbed(system, 6), progress=done.append)
+    assert done[-1] == 6000
+    assert done == sorted(done)
+
+
+@pytest.mark.parametrize(
+    ("make", "field"),
+    [
+        (lambda s: sb.perturbed(s, 0), "members"),
+        (lambda s: sb.varied(s), "varied"),
+        (lambda s: sb.varied(s, frequency=[1.0], amplitude=[1.0]), "varied"),
+        (lambda s: sb.varied(s, frequency=[-1.0]), "frequency"),
+        (lambda s: sb.varied(s, stops=[0.1]), "stops"),
+        (lambda s: sb.integrate_ensemble(s, sb.HHT(), 1e-4, 0.1, sb.perturbed(s, 1), engine="fortran"), "engine"),
+        (lambda s: sb.integrate_ensemble(s, sb.HHT(), 1e-4, 0.1, []), "members"),
+        (lambda s: sb.integrate_ensemble(s, sb.HHT(), 1e-4, 0.1, [sb.semidiscretise(s.problem, 8)]), "members"),
+        (lambda s: sb.varied(two_contacts(), frequency=[1.0]), "frequency"),
+    ],
+)
+def test_bad_arguments_are_named(make, field, system):
+    with pytest.raises(sb.InputError, match=field):
+        make(system)
