@@ -10,6 +10,8 @@ from typing import Annotated
 
 import typer
 
+from . import cli_studies
+
 app = typer.Typer(
     add_completion=False,
     no_args_is_help=True,
@@ -312,6 +314,9 @@ def _progress():
             display.update(task, description=what, completed=done, total=total or None)
 
         yield progress
+
+
+cli_studies.register(app, _progress)
 
 
 def main() -> None:

@@ -17,7 +17,7 @@ def roots(count: int) -> Array:
     f = lambda x: np.cos(x) + 1.0 / np.cosh(x)  # noqa: E731  bounded for large x
     # The i-th root is within 0.31 of (i - 1/2) pi.
     centres = (np.arange(1, count + 1) - 0.5) * np.pi
-    return np.array([brentq(f, c - 0.5, c + 0.5, xtol=1e-15, rtol=1e-15) for c in centres])
+    return np.array([brentq(f, c - 0.5, c + 0.5, xtol=1e-15) for c in centres])
 
 
 def mode(root: float, x: ArrayLike) -> Array:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import scipy.stats
@@ -29,6 +30,6 @@ def observed_order(steps: ArrayLike, errors: ArrayLike) -> Order:
     nan = float("nan")
     if n < 2:
         return Order(nan, nan, nan, n)
-    fit = scipy.stats.linregress(x, y)
+    fit: Any = scipy.stats.linregress(x, y)
     interval = float(scipy.stats.t.ppf(0.975, n - 2) * fit.stderr) if n > 2 else nan
     return Order(float(fit.slope), interval, float(np.exp(fit.intercept)), n)

@@ -9,12 +9,14 @@ import numpy as np
 
 from ..arrays import Array
 from ..cases import Case, parse_run
+from ..contact import Contact
 from ..drive import Drive
 from ..modal import modes
 from ..schemes import SCHEMES, Scheme, make
 from ..semidiscretisation import semidiscretise
 from ..solvers import reference
 from ..system import System
+from ..time_functions import Harmonic, LoadFunction
 from ..trajectory import Reference
 from ..validation import InputError
 
@@ -67,6 +69,23 @@ def first_impacts(case: Case, form: str, impacts: int) -> float:
     if len(times) > impacts:
         end = min(end, 0.5 * float(times[impacts - 1] + times[impacts]))
     return end
+
+
+def later(system: System, t: float, q: Array, v: Array) -> System:
+    """The system as it is from time ``t`` on, with t as its new zero and (q, v) its initial data."""
+
+    def shift(function: LoadFunction) -> LoadFunction:
+        if isinstance(function, Harmonic):
+            return replace(function, phase=(function.phase + function.frequency * t) % (2.0 * np.pi))
+        return function
+
+    return replace(
+        system,
+        q0=q,
+        v0=v,
+        loads=tuple((vector, shift(function)) for vector, function in system.loads),
+        contacts=tuple(c if c.offset is None else Contact(c.row, c.stops, shift(c.offset)) for c in system.contacts),
+    )
 
 
 def without_contact(system: System) -> System:

@@ -1,0 +1,245 @@
+"""The commands of the study registry: one per study, and ``studies`` for all of them."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+Case = Annotated[str, typer.Argument(help="table1 .. table17, a case file, or file.toml:name")]
+Schemes = Annotated[str | None, typer.Option(help="comma-separated, e.g. 'bdf2,hht(alpha=-0.2)'; default: all")]
+Form = Annotated[str, typer.Option(help="displacement or velocity-curvature")]
+Forms = Annotated[str | None, typer.Option(help="comma-separated; default: all the case can take")]
+Dt = Annotated[float | None, typer.Option(help="time step to start from, instead of the case's")]
+End = Annotated[float | None, typer.Option(help="end time instead of the case's")]
+Halvings = Annotated[int | None, typer.Option(help="how many steps dt, dt/2, dt/4, ...")]
+Impacts = Annotated[int | None, typer.Option(help="the window ends when so many impacts are over")]
+Contact = Annotated[str, typer.Option(help="implicit, or extrapolated as in the paper")]
+Out = Annotated[Path | None, typer.Option(help="folder for records, picture and journal")]
+Json = Annotated[Path | None, typer.Option("--json", help="write the records here, - for stdout")]
+Jobs = Annotated[int | None, typer.Option(help="processes; default: one per core")]
+Smoke = Annotated[bool, typer.Option("--smoke", help="the small configuration: seconds instead of minutes")]
+References = Annotated[Path | None, typer.Option(help="folder of frozen references; default: ./reference if there")]
+
+
+def register(app: typer.Typer, progress: Callable) -> None:
+    """Add the commands to ``app``; ``progress`` is its progress display."""
+
+    def run(
+        name: str, case: str, out: Path | None, json_file: Path | None, jobs: int | None, smoke: bool, **options: Any
+    ):
+        from .cases import find_case
+        from .studies import find_study
+
+        chosen = find_case(case)
+        study = find_study(name)
+        given = {key: value for key, value in options.items() if value is not None}
+        with progress() as show:
+            records, written = _run(study, chosen, out, jobs, (dict(study.smoke) if smoke else {}) | given, show)
+        if json_file is not None and str(json_file) == "-":
+            print(json.dumps(records.to_dict(), indent=2, allow_nan=False))
+            return
+        if json_file is not None:
+            json_file.parent.mkdir(parents=True, exist_ok=True)
+            json_file.write_text(json.dumps(records.to_dict(), indent=2, allow_nan=False) + "\n", encoding="utf-8")
+        _print(records, written)
+
+    @app.command()
+    def amplification(
+        schemes: Schemes = None,
+        damping: Annotated[float | None, typer.Option(help="physical damping ratio of the oscillator")] = None,
+        out: Out = None, json_file: Json = None, jobs: Jobs = None, smoke: Smoke = False,
+    ) -> None:  # fmt: skip
+        """One step on a free oscillation: radius, period elongation, damping."""
+        run("amplification", "table10", out, json_file, jobs, smoke, schemes=_labels(schemes), damping=damping)
+
+    @app.command()
+    def modes(
+        case: Case = "table10", schemes: Schemes = None, form: Form = "displacement", dt: Dt = None,
+        steps: Annotated[int | None, typer.Option(help="length of the runs")] = None,
+        out: Out = None, json_file: Json = None, jobs: Jobs = None, smoke: Smoke = False,
+    ) -> None:  # fmt: skip
+        """Phase lag and damping mode by mode on runs without contact, against theory."""
+        run("modes", case, out, json_file, jobs, smoke, schemes=_labels(schemes), form=form, dt=dt, steps=steps)
+
+    @app.command()
+    def energy(
+        case: Case = "table10", schemes: Schemes = None, forms: Forms = None, dt: Dt = None, t_end: End = None,
+        contact: Contact = "implicit",
+        out: Out = None, json_file: Json = None, jobs: Jobs = None, smoke: Smoke = False,
+    ) -> None:  # fmt: skip
+        """The energy ledger of every scheme and of the exact flow, in every form."""
+        run("energy", case, out, json_file, jobs, smoke, schemes=_labels(schemes), forms=_list(forms), dt=dt,
+            t_end=t_end, contact=contact)  # fmt: skip
+
+    @app.command()
+    def converge(
+        case: Case = "table10", schemes: Schemes = None,
+        kinds: Annotated[str | None, typer.Option(help="smooth, contact, or both")] = None,
+        form: Form = "displacement", dt: Dt = None, halvings: Halvings = None, impacts: Impacts = None,
+        contact: Contact = "implicit",
+        out: Out = None, json_file: Json = None, jobs: Jobs = None, smoke: Smoke = False,
+    ) -> None:  # fmt: skip
+        """Observed orders in time, smooth and through contact."""
+        run("converge", case, out, json_file, jobs, smoke, schemes=_labels(schemes), kinds=_list(kinds), form=form,
+            dt=dt, halvings=halvings, impacts=impacts, contact=contact)  # fmt: skip
+
+    @app.command()
+    def space(
+        case: Case = "table10",
+        cells: Annotated[str | None, typer.Option(help="grids, comma-separated")] = None,
+        forms: Forms = None,
+        finest: Annotated[int | None, typer.Option(help="the grid that contact is compared with")] = None,
+        impacts: Impacts = None,
+        out: Out = None, json_file: Json = None, jobs: Jobs = None, smoke: Smoke = False,
+    ) -> None:  # fmt: skip
+        """Convergence of both discretisations to the beam, and of the contact."""
+        run("space", case, out, json_file, jobs, smoke, cells=_numbers(cells, int), forms=_list(forms),
+            finest=finest, impacts=impacts)  # fmt: skip
+
+    @app.command()
+    def rigid(
+        case: Case = "table10", form: Form = "displacement",
+        factors: Annotated[str | None, typer.Option(help="of the stops' stiffness, comma-separated")] = None,
+        impacts: Impacts = None,
+        out: Out = None, json_file: Json = None, jobs: Jobs = None, smoke: Smoke = False,
+    ) -> None:  # fmt: skip
+        """Towards rigid stops: kappa to infinity."""
+        run("rigid", case, out, json_file, jobs, smoke, form=form, factors=_numbers(factors, float), impacts=impacts)
+
+    @app.command()
+    def errata(
+        case: Case = "table10", schemes: Schemes = None, form: Form = "displacement", dt: Dt = None,
+        halvings: Halvings = None, impacts: Impacts = None,
+        out: Out = None, json_file: Json = None, jobs: Jobs = None, smoke: Smoke = False,
+    ) -> None:  # fmt: skip
+        """What each misprint of the paper costs."""
+        run("errata", case, out, json_file, jobs, smoke, schemes=_labels(schemes), form=form, dt=dt,
+            halvings=halvings, impacts=impacts)  # fmt: skip
+
+    @app.command()
+    def impacts(
+        case: Case = "table10", schemes: Schemes = None, form: Form = "displacement", dt: Dt = None,
+        halvings: Halvings = None, t_end: End = None,
+        sensitivity: Annotated[bool, typer.Option(help="also over alpha, gamma and the contact treatment")] = True,
+        references: References = None,
+        out: Out = None, json_file: Json = None, jobs: Jobs = None, smoke: Smoke = False,
+    ) -> None:  # fmt: skip
+        """Impact counts against the step, with the true count."""
+        run("impacts", case, out, json_file, jobs, smoke, schemes=_labels(schemes), form=form, dt=dt, halvings=halvings,
+            t_end=t_end, sensitivity=sensitivity and not smoke, references=_references(references))  # fmt: skip
+
+    @app.command()
+    def precision(
+        case: Case = "table10", schemes: Schemes = None,
+        methods: Annotated[str | None, typer.Option(help="reference solvers, comma-separated")] = None,
+        form: Form = "displacement", dt: Dt = None, halvings: Halvings = None,
+        tolerances: Annotated[str | None, typer.Option(help="rtol of the solvers, comma-separated")] = None,
+        impacts: Impacts = None,
+        out: Out = None, json_file: Json = None, smoke: Smoke = False,
+    ) -> None:  # fmt: skip
+        """Work and precision: error against seconds and against work."""
+        run("precision", case, out, json_file, 1, smoke, schemes=_labels(schemes), methods=_list(methods), form=form,
+            dt=dt, halvings=halvings, tolerances=_numbers(tolerances, float), impacts=impacts)  # fmt: skip
+
+    @app.command()
+    def ensemble(
+        case: Case = "table10", schemes: Schemes = None, form: Form = "displacement", dt: Dt = None, t_end: End = None,
+        members: Annotated[int | None, typer.Option(help="perturbed runs of each method")] = None,
+        size: Annotated[float | None, typer.Option(help="of the perturbation, relative to the motion")] = None,
+        contact: Contact = "implicit",
+        out: Out = None, json_file: Json = None, smoke: Smoke = False,
+    ) -> None:  # fmt: skip
+        """Past the horizon: distributions over perturbed runs."""
+        run("ensemble", case, out, json_file, 1, smoke, schemes=_labels(schemes), form=form, dt=dt, t_end=t_end,
+            members=members, size=size, contact=contact)  # fmt: skip
+
+    @app.command()
+    def chaos(
+        case: Case = "table10", schemes: Schemes = None, form: Form = "displacement", dt: Dt = None,
+        starts: Annotated[int | None, typer.Option(help="pairs of neighbouring motions")] = None,
+        out: Out = None, json_file: Json = None, smoke: Smoke = False,
+    ) -> None:  # fmt: skip
+        """Lyapunov exponents of the exact flow and of the schemes; the delayed portrait."""
+        run("chaos", case, out, json_file, 1, smoke, schemes=_labels(schemes), form=form, dt=dt, starts=starts)
+
+    @app.command()
+    def studies(
+        case: Case = "table10", out: Out = None, references: References = None, jobs: Jobs = None, smoke: Smoke = False
+    ) -> None:
+        """Every study on one case; a second run goes on where the first was stopped."""
+        from .cases import find_case
+        from .studies import STUDIES, find_study
+
+        chosen = find_case(case)
+        frozen = _references(references)
+        for name in STUDIES:
+            study = find_study(name)
+            options = dict(study.smoke) if smoke else {}
+            if name == "impacts" and frozen is not None:
+                options["references"] = frozen
+            with progress() as show:
+                records, written = _run(study, chosen, out, jobs, options, show)
+            _print(records, written)
+
+
+def _run(study, case, out: Path | None, jobs: int | None, options: dict, show) -> tuple[Any, list[Path]]:
+    from .studies.runner import run_study
+
+    folder = out if out is not None else Path("stiffbeam-output") / _folder(case.name)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        from .validation import InputError
+
+        raise InputError("--out", str(folder), "be a folder that can be written to", str(error)) from None
+    cores = jobs if jobs is not None else os.cpu_count() or 1
+    records = run_study(study, case, folder / "journal", cores, progress=show, **options)
+    show("drawing", 0, 0)
+    return records, records.save(folder)
+
+
+def _print(records, written: list[Path]) -> None:
+    from rich.console import Console
+
+    console = Console(highlight=False)
+    console.print(f"[bold]{records.study.name}[/]  {records.study.question}")
+    console.print(records.answer)
+    for message in dict.fromkeys(row["failed"] for row in records.failures):
+        console.print(f"[bold red]failed[/]  {message}")
+    names = ", ".join(str(path) for path in written)
+    console.print(f"{records.seconds:.1f} s. Written: {names}\n", soft_wrap=True)
+
+
+def _folder(name: str) -> str:
+    return "".join(c if c.isalnum() or c in "-._" else "_" for c in name)
+
+
+def _list(text: str | None) -> list[str] | None:
+    return None if text is None else [part.strip() for part in text.split(",") if part.strip()]
+
+
+def _labels(text: str | None) -> list[str] | None:
+    from .cases import split_runs
+
+    return None if text is None else [part.strip() for part in split_runs(text)]
+
+
+def _numbers(text: str | None, kind: Callable[[str], Any]) -> list | None:
+    from .validation import InputError
+
+    try:
+        return None if text is None else [kind(part) for part in text.split(",")]
+    except ValueError:
+        raise InputError("list", text, "be numbers with commas between them") from None
+
+
+def _references(folder: Path | None) -> str | None:
+    """The folder of frozen references: the one named, else ./reference where that holds some."""
+    if folder is not None:
+        return str(folder)
+    return "reference" if Path("reference/MANIFEST.json").is_file() else None
