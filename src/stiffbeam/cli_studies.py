@@ -48,7 +48,7 @@ def register(app: typer.Typer, progress: Callable) -> None:
             json_file.write_text(json.dumps(records.to_dict(), indent=2, allow_nan=False) + "\n", encoding="utf-8")
         _print(records, written)
 
-    @app.command()
+    @command
     def amplification(
         schemes: Schemes = None,
         damping: Annotated[float | None, typer.Option(help="physical damping ratio of the oscillator")] = None,
@@ -57,7 +57,7 @@ def register(app: typer.Typer, progress: Callable) -> None:
         """One step on a free oscillation: radius, period elongation, damping."""
         run("amplification", "table10", out, json_file, jobs, smoke, schemes=_labels(schemes), damping=damping)
 
-    @app.command()
+    @command
     def modes(
         case: Case = "table10", schemes: Schemes = None, form: Form = "displacement", dt: Dt = None,
         steps: Annotated[int | None, typer.Option(help="length of the runs")] = None,
@@ -66,7 +66,7 @@ def register(app: typer.Typer, progress: Callable) -> None:
         """Phase lag and damping mode by mode on runs without contact, against theory."""
         run("modes", case, out, json_file, jobs, smoke, schemes=_labels(schemes), form=form, dt=dt, steps=steps)
 
-    @app.command()
+    @command
     def energy(
         case: Case = "table10", schemes: Schemes = None, forms: Forms = None, dt: Dt = None, t_end: End = None,
         contact: Contact = "implicit",
@@ -76,7 +76,7 @@ def register(app: typer.Typer, progress: Callable) -> None:
         run("energy", case, out, json_file, jobs, smoke, schemes=_labels(schemes), forms=_list(forms), dt=dt,
             t_end=t_end, contact=contact)  # fmt: skip
 
-    @app.command()
+    @command
     def converge(
         case: Case = "table10", schemes: Schemes = None,
         kinds: Annotated[str | None, typer.Option(help="smooth, contact, or both")] = None,
@@ -88,7 +88,7 @@ def register(app: typer.Typer, progress: Callable) -> None:
         run("converge", case, out, json_file, jobs, smoke, schemes=_labels(schemes), kinds=_list(kinds), form=form,
             dt=dt, halvings=halvings, impacts=impacts, contact=contact)  # fmt: skip
 
-    @app.command()
+    @command
     def space(
         case: Case = "table10",
         cells: Annotated[str | None, typer.Option(help="grids, comma-separated")] = None,
@@ -101,7 +101,7 @@ def register(app: typer.Typer, progress: Callable) -> None:
         run("space", case, out, json_file, jobs, smoke, cells=_numbers(cells, int), forms=_list(forms),
             finest=finest, impacts=impacts)  # fmt: skip
 
-    @app.command()
+    @command
     def rigid(
         case: Case = "table10", form: Form = "displacement",
         factors: Annotated[str | None, typer.Option(help="of the stops' stiffness, comma-separated")] = None,
@@ -111,7 +111,7 @@ def register(app: typer.Typer, progress: Callable) -> None:
         """Towards rigid stops: kappa to infinity."""
         run("rigid", case, out, json_file, jobs, smoke, form=form, factors=_numbers(factors, float), impacts=impacts)
 
-    @app.command()
+    @command
     def errata(
         case: Case = "table10", schemes: Schemes = None, form: Form = "displacement", dt: Dt = None,
         halvings: Halvings = None, impacts: Impacts = None,
@@ -121,7 +121,7 @@ def register(app: typer.Typer, progress: Callable) -> None:
         run("errata", case, out, json_file, jobs, smoke, schemes=_labels(schemes), form=form, dt=dt,
             halvings=halvings, impacts=impacts)  # fmt: skip
 
-    @app.command()
+    @command
     def impacts(
         case: Case = "table10", schemes: Schemes = None, form: Form = "displacement", dt: Dt = None,
         halvings: Halvings = None, t_end: End = None,
@@ -133,7 +133,7 @@ def register(app: typer.Typer, progress: Callable) -> None:
         run("impacts", case, out, json_file, jobs, smoke, schemes=_labels(schemes), form=form, dt=dt, halvings=halvings,
             t_end=t_end, sensitivity=sensitivity and not smoke, references=_references(references))  # fmt: skip
 
-    @app.command()
+    @command
     def precision(
         case: Case = "table10", schemes: Schemes = None,
         methods: Annotated[str | None, typer.Option(help="reference solvers, comma-separated")] = None,
@@ -146,7 +146,7 @@ def register(app: typer.Typer, progress: Callable) -> None:
         run("precision", case, out, json_file, 1, smoke, schemes=_labels(schemes), methods=_list(methods), form=form,
             dt=dt, halvings=halvings, tolerances=_numbers(tolerances, float), impacts=impacts)  # fmt: skip
 
-    @app.command()
+    @command
     def ensemble(
         case: Case = "table10", schemes: Schemes = None, form: Form = "displacement", dt: Dt = None, t_end: End = None,
         members: Annotated[int | None, typer.Option(help="perturbed runs of each method")] = None,
@@ -158,7 +158,7 @@ def register(app: typer.Typer, progress: Callable) -> None:
         run("ensemble", case, out, json_file, 1, smoke, schemes=_labels(schemes), form=form, dt=dt, t_end=t_end,
             members=members, size=size, contact=contact)  # fmt: skip
 
-    @app.command()
+    @command
     def chaos(
         case: Case = "table10", schemes: Schemes = None, form: Form = "displacement", dt: Dt = None,
         starts: Annotated[int | None, typer.Option(help="pairs of neighbouring motions")] = None,
@@ -167,7 +167,7 @@ def register(app: typer.Typer, progress: Callable) -> None:
         """Lyapunov exponents of the exact flow and of the schemes; the delayed portrait."""
         run("chaos", case, out, json_file, 1, smoke, schemes=_labels(schemes), form=form, dt=dt, starts=starts)
 
-    @app.command()
+    @command
     def studies(
         case: Case = "table10", out: Out = None, references: References = None, jobs: Jobs = None, smoke: Smoke = False
     ) -> None:
