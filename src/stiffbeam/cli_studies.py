@@ -29,6 +29,8 @@ References = Annotated[Path | None, typer.Option(help="folder of frozen referenc
 def register(app: typer.Typer, progress: Callable) -> None:
     """Add the commands to ``app``; ``progress`` is its progress display."""
 
+    command = app.command(rich_help_panel="Studies")
+
     def run(
         name: str, case: str, out: Path | None, json_file: Path | None, jobs: int | None, smoke: bool, **options: Any
     ):
