@@ -1,6 +1,7 @@
 """stiffbeam: fixed-step schemes beside adaptive and exact solutions of vibro-impact systems.
 
     problem -> semidiscretise -> System -> integrate (scheme) or reference (solver) -> Trajectory -> compare
+    study: a registered question asked of a case, records out
 
 Names are loaded on first use; SUNDIALS, jax and matplotlib only by the functions that need them.
 """
@@ -22,7 +23,9 @@ if TYPE_CHECKING:
     from .schemes import BDF2, HHT, SDIRK, Bathe, GeneralisedAlpha, Scheme, Theta, Trapezoidal
     from .semidiscretisation import semidiscretise
     from .solvers import reference
+    from .solvers.rigid import rigid_limit
     from .store import load
+    from .studies import study
     from .system import FirstOrderSystem, System
     from .time_functions import Constant, Harmonic, TimeFunction
     from .trajectory import Diverged, Impacts, Reference, SolverFailure, Trajectory
@@ -40,7 +43,9 @@ _HOME = {
     "schemes": ("BDF2", "HHT", "SDIRK", "Bathe", "GeneralisedAlpha", "Scheme", "Theta", "Trapezoidal"),
     "semidiscretisation": ("semidiscretise",),
     "solvers": ("reference",),
+    "solvers.rigid": ("rigid_limit",),
     "store": ("load",),
+    "studies": ("study",),
     "system": ("FirstOrderSystem", "System"),
     "time_functions": ("Constant", "Harmonic", "TimeFunction"),
     "trajectory": ("Diverged", "Impacts", "Reference", "SolverFailure", "Trajectory"),
@@ -89,7 +94,9 @@ __all__ = [
     "perturbed",
     "reference",
     "reference_ensemble",
+    "rigid_limit",
     "semidiscretise",
+    "study",
     "varied",
 ]
 

@@ -26,7 +26,7 @@ from .undamped import Solution, Tracer
 MOST_IMPACTS = 200_000
 
 
-def solve_rigid(system: System, t_end: float, t_eval: Array | None = None) -> Reference:
+def rigid_limit(system: System, t_end: float, t_eval: Array | None = None) -> Reference:
     """The solution on [0, t_end] with the stops of ``system``'s one contact made rigid.
 
     Takes what the exact solution without damping takes. The Reference has impacts with impulses

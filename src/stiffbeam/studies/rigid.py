@@ -11,7 +11,7 @@ import numpy as np
 
 from ..cases import Case
 from ..measures.regression import observed_order
-from ..solvers.rigid import solve_rigid
+from ..solvers.rigid import rigid_limit
 from ..validation import InputError
 from .common import solve_once, system_of
 from .study import Point, Row, Rows, Study
@@ -31,7 +31,7 @@ def evaluate(case: Case, point: Point) -> list[Row]:
     stops = case.problem.stops
     assert stops is not None
     kappa = stops.stiffness * point["factor"]
-    rigid = solve_rigid(system_of(case, point["form"]), case.t_end)
+    rigid = rigid_limit(system_of(case, point["form"]), case.t_end)
     n = point["impacts"]
     if rigid.impacts.count <= n:
         raise InputError("impacts", n, f"be fewer than the {rigid.impacts.count} of the rigid stops")
