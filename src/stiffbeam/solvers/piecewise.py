@@ -21,8 +21,8 @@ from ..trajectory import Reference, Work
 from ..validation import InputError, positive
 from .adaptive import output_times
 from .exact_measures import Solution, contact_record, exact_ledger
-from .exponential import exponential
-from .undamped import Perturbation, undamped
+from .exponential_tracer import ExponentialTracer
+from .undamped import Perturbation, Tracer
 
 
 def solve_exact(
@@ -44,10 +44,22 @@ def solve_exact(
     begun = time.perf_counter()
     positive("t_end", t_end)
     refuse(system)
-    solve = exponential if system.damped or len(system.contacts) > 1 else undamped
-    solution, compile_seconds = solve(system, t_end, perturbation)
+    tracer = tracer_of(system, perturbation)
+    solution = tracer.solve(t_end)
     frequencies = "SVD of the curvature factor" if system.stiffness_factor is not None else "eigh"
-    return reference_of(system, solution, t_end, t_eval, begun + compile_seconds, "exact", {"frequencies": frequencies})
+    return reference_of(
+        system, solution, t_end, t_eval, begun + tracer.compile_seconds, "exact", {"frequencies": frequencies}
+    )
+
+
+def general(system: System) -> bool:
+    """Whether it takes sums of complex exponentials: damping, or several contacts."""
+    return system.damped or len(system.contacts) > 1
+
+
+def tracer_of(system: System, perturbation: Perturbation | None = None) -> Tracer | ExponentialTracer:
+    """What follows solutions of the system in float64."""
+    return (ExponentialTracer if general(system) else Tracer)(system, perturbation)
 
 
 def reference_of(
