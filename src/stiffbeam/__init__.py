@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from .schemes import BDF2, HHT, SDIRK, Scheme, Theta
     from .semidiscretisation import semidiscretise
     from .solvers import reference
+    from .solvers.tangent import Growth, lyapunov
     from .store import load
     from .system import FirstOrderSystem, System
     from .time_functions import Constant, Harmonic, TimeFunction
@@ -34,6 +35,7 @@ _HOME = {
     "schemes": ("BDF2", "HHT", "SDIRK", "Scheme", "Theta"),
     "semidiscretisation": ("semidiscretise",),
     "solvers": ("reference",),
+    "solvers.tangent": ("Growth", "lyapunov"),
     "store": ("load",),
     "system": ("FirstOrderSystem", "System"),
     "time_functions": ("Constant", "Harmonic", "TimeFunction"),
@@ -54,6 +56,7 @@ __all__ = [
     "DistributedLoad",
     "Diverged",
     "FirstOrderSystem",
+    "Growth",
     "Harmonic",
     "Impacts",
     "InputError",
@@ -71,6 +74,7 @@ __all__ = [
     "integrate",
     "load",
     "load_cases",
+    "lyapunov",
     "paper_case",
     "reference",
     "semidiscretise",
