@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
+from oracles import damped_bounces, exact_linear
 
 import stiffbeam as sb
 from stiffbeam.solvers import solve
-from stiffbeam.solvers.multiprecision import _march
+from stiffbeam.solvers.agreement import time_tolerance
+from stiffbeam.solvers.multiprecision import march
 
 pytest.importorskip("flint")
 
@@ -34,7 +38,7 @@ def test_past_it_float64_parts_from_it_and_the_digits_confirm_themselves(table10
     assert np.max(np.abs(many.tip - double.tip)[inside]) < 1e-3 * scale
     assert np.max(np.abs(many.tip - double.tip)[~inside]) > 0.1 * scale
     # An independent number of digits gives the same switches over the whole span.
-    other = _march(system, 1.0, 150)
+    other = march(system, 1.0, 150)
     assert np.array_equal(other.regime, many.solution.regime)
     assert np.max(np.abs(other.times - many.solution.times)) < 1e-14
     # The energy ledger closes as it does in float64: the pieces are one solution.
@@ -75,11 +79,121 @@ def test_one_stop_contact_at_the_start_and_no_contact_at_all():
         assert np.max(np.abs(many.tip - double.tip)) < 1e-11
 
 
-def test_what_it_cannot_take_is_refused(table10):
-    import dataclasses
+def test_a_damped_mass_between_stops_bounces_as_the_closed_form_in_mpmath_past_the_float64_horizon():
+    pytest.importorskip("mpmath")
+    system = sb.System.from_matrices(
+        [[1.0]], [[1.0]], [[0.02]],
+        loads=[([1.0], sb.Harmonic(5.0, 2.8))],
+        contacts=[sb.Contact([1.0], sb.Stops(-0.5, 0.8, stiffness=400.0))],
+        initial_velocity=[1.0],
+    )  # fmt: skip
+    many, double = sb.reference(system, 110.0, "multiprecision"), sb.reference(system, 110.0)
+    expected = damped_bounces(1.0, 0.02, 400.0, (-0.5, 0.8), 5.0, 2.8, 0.0, 1.0, 110.0)
+    times, sides = (np.array(x) for x in zip(*expected, strict=True))
+    assert many.horizon == 110.0 > double.horizon + 20.0
+    assert np.array_equal(many.solution.sides[1:, 0], sides)
+    assert np.max(np.abs(many.solution.times[1:] - times)) < 1e-13  # rounding of the times to float64
+    # float64 has it to its horizon and has lost it at the end.
+    n = min(double.impacts.count, many.impacts.count)
+    apart = np.abs(double.impacts.times[:n] - many.impacts.times[:n])
+    assert np.max(apart[many.impacts.times[:n] < double.horizon]) < time_tolerance(system)
+    assert np.max(apart) > time_tolerance(system)
 
-    with pytest.raises(sb.InputError, match="undamped"):
-        sb.reference(sb.semidiscretise(dataclasses.replace(table10, viscosity=1.0), 6), 0.1, "multiprecision")
+
+@pytest.mark.parametrize("viscosity", [0.05, 20.0])
+def test_a_viscous_beam_in_two_precisions_and_in_float64(viscosity, table10):
+    """At d = 20 most modes are overdamped and lie within 1e-7 of each other."""
+    system = sb.semidiscretise(dataclasses.replace(table10, viscosity=viscosity), 16)
+    many = sb.reference(system, 0.3, "multiprecision")
+    double = solve(system, 0.3, "exact", many.t, 0.0, None)
+    assert many.horizon == 0.3
+    assert many.impacts.count == double.impacts.count > 1
+    assert np.max(np.abs(many.tip - double.tip)) < 1e-10
+    assert np.max(np.abs(many.contact_force - double.contact_force)) < 1e-10 * 5e6  # stop stiffness times that
+    other = march(system, 0.3, 80)
+    assert np.array_equal(other.sides, many.solution.sides)
+    assert np.max(np.abs(other.times - many.solution.times)) < 1e-14
+    assert np.max(np.abs(many.energy.loss)) < 1e-10 * np.max(many.energy.energy)
+
+
+def test_damping_that_couples_no_modes_is_the_closed_form(three_masses):
+    """C = 0.3 M + 0.02 K without contact, against the matrix exponential."""
+    system = dataclasses.replace(three_masses, damping=0.3 * three_masses.mass + 0.02 * three_masses.stiffness)
+    load = np.array([1.0, 0.0, -1.0])
+    times = np.linspace(0.0, 20.0, 11)
+    q, v = exact_linear(system, times, 1.3, load * np.cos(0.4), load * np.sin(0.4), np.array([0.0, 0.35, 0.35]))
+    many = sb.reference(system, 20.0, "multiprecision", t_eval=times)
+    assert np.max(np.abs(many.states[0] - q)) < 1e-12
+    assert np.max(np.abs(many.states[1] - v)) < 1e-12
+
+
+def test_two_contacts_with_a_moving_stop_past_the_float64_horizon():
+    from test_march import two_contacts
+
+    system = two_contacts()
+    many, double = sb.reference(system, 50.0, "multiprecision"), sb.reference(system, 50.0)
+    assert many.horizon == 50.0
+    assert 20.0 < double.horizon < 40.0
+    inside, scale = many.t <= double.horizon, np.max(np.abs(many.tip))
+    assert np.max(np.abs(many.tip - double.tip)[inside]) < 1e-3 * scale
+    assert np.max(np.abs(many.tip - double.tip)[~inside]) > 0.1 * scale
+    assert all(record.impacts.count > 50 for record in many.contacts)
+    other = march(system, 50.0, 120)
+    assert np.array_equal(other.sides, many.solution.sides)
+    assert np.max(np.abs(other.times - many.solution.times)) < 1e-13
+    # The moving stop's work is in the ledger.
+    assert np.max(np.abs(many.energy.loss)) < 1e-10 * np.max(many.energy.energy)
+
+
+@pytest.mark.parametrize(
+    ("stiffness", "damping"),
+    [
+        (np.diag([4.0, 4.0, 4.0]), None),
+        (np.diag([4.0, 4.0, 4.0]), 0.1 * np.eye(3)),
+        (np.diag([4.0, 4.0 * (1 + 1e-15), 4.0]) + 1e-15, None),
+        (np.diag([4.0, 4.0 * (1 + 1e-15), 4.0]) + 1e-15, 0.1 * np.eye(3)),
+        (np.array([[1.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 1.0]]), None),
+        (np.zeros((1, 1)), None),
+    ],
+    ids=["equal", "equal damped", "nearly equal", "nearly equal damped", "rigid-body mode", "free mass"],
+)
+def test_frequencies_that_coincide_or_vanish(stiffness, damping):
+    n = len(stiffness)
+    system = sb.System.from_matrices(
+        np.eye(n), stiffness, damping,
+        loads=[(np.ones(n), sb.Harmonic(1.0, 1.7))],
+        contacts=[sb.Contact(np.eye(n)[0], sb.Stops(-0.5, 0.3, stiffness=50.0))],
+        initial_velocity=np.arange(1.0, n + 1.0),
+    )  # fmt: skip
+    many = sb.reference(system, 20.0, "multiprecision")
+    double = sb.reference(system, 20.0)
+    assert many.horizon == double.horizon == 20.0
+    assert many.impacts.count == double.impacts.count > 5
+    assert np.max(np.abs(many.tip - double.tip)) < 1e-11
+
+
+@pytest.mark.parametrize("contacts", [0, 2])
+def test_a_mode_at_the_drives_frequency_that_is_not_forced_is_no_resonance(contacts):
+    """K = diag(4, 9, 16) driven at 3 on the first mass only: u = (sin 3t - 1.5 sin 2t)/(4 - 9)."""
+    far = [sb.Contact(np.eye(3)[i], sb.Stops(-9.0, 9.0, stiffness=1.0)) for i in range(contacts)]
+    unit = np.eye(3)[0]
+    system = sb.System.from_matrices(
+        np.eye(3), np.diag([4.0, 9.0, 16.0]), loads=[(unit, sb.Harmonic(1.0, 3.0))], contacts=far, observe=unit
+    )
+    many = sb.reference(system, 5.0, "multiprecision", digits=30)
+    assert np.max(np.abs(many.tip - (np.sin(3 * many.t) - 1.5 * np.sin(2 * many.t)) / (4.0 - 9.0))) < 1e-13
+    resonant = dataclasses.replace(system, loads=((unit, sb.Harmonic(1.0, 2.0)),))
+    with pytest.raises(sb.InputError, match="natural frequency"):
+        sb.reference(resonant, 5.0, "multiprecision", digits=30)
+
+
+def test_what_it_cannot_take_is_refused(table10):
+    pushed = dataclasses.replace(table10, loads=(sb.PointLoad(0.5, lambda t: 0 * t),))
+    with pytest.raises(sb.InputError, match="Harmonic or Constant"):
+        sb.reference(sb.semidiscretise(pushed, 6), 0.1, "multiprecision")
+    critical = sb.System.from_matrices([[1.0]], [[4.0]], [[4.0]], observe=[1.0], initial_displacement=[1.0])
+    with pytest.raises(sb.InputError, match="critically damped"):
+        sb.reference(critical, 1.0, "multiprecision")
     with pytest.raises(sb.InputError, match="digits"):
         sb.reference(sb.semidiscretise(table10, 6), 0.1, "multiprecision", digits=5)
 

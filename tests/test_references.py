@@ -154,6 +154,22 @@ def test_the_cache_serves_remakes_and_never_confuses(table10, tmp_path, monkeypa
         cached_reference(sb.semidiscretise(pushed, 8), 0.1)
 
 
+@pytest.mark.parametrize("kind", ["viscous", "two contacts"])
+def test_frozen_references_take_damping_and_several_contacts(kind, table10, tmp_path):
+    from test_march import two_contacts
+
+    viscous = sb.semidiscretise(dataclasses.replace(table10, viscosity=0.05), 8)
+    system, t_end = (viscous, 0.5) if kind == "viscous" else (two_contacts(), 40.0)
+    many = sb.reference(system, t_end, "multiprecision")
+    freeze(many, "", tmp_path / "frozen.nc")
+    again = sb.load(tmp_path / "frozen.nc", system)
+    t = np.random.default_rng(0).uniform(0.0, t_end, 300)
+    assert np.max(np.abs(again.at(t)[0] - many.at(t)[0])) < BOUND * np.max(np.abs(many.tip))
+    for ours, theirs in zip(again.contacts, many.contacts, strict=True):
+        assert ours.impacts.count == theirs.impacts.count > 5
+        assert np.allclose(ours.impacts.times, theirs.impacts.times, rtol=0, atol=BOUND)
+
+
 def test_agreement_names_the_judge_the_skipped_and_the_refuted(monkeypatch):
     from stiffbeam.studies import agreement
 

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from .semidiscretisation import semidiscretise
     from .solvers import reference
     from .solvers.rigid import rigid_limit
+    from .solvers.tangent import Growth, lyapunov
     from .store import load
     from .studies import study
     from .system import FirstOrderSystem, System
@@ -44,6 +45,7 @@ _HOME = {
     "semidiscretisation": ("semidiscretise",),
     "solvers": ("reference",),
     "solvers.rigid": ("rigid_limit",),
+    "solvers.tangent": ("Growth", "lyapunov"),
     "store": ("load",),
     "studies": ("study",),
     "system": ("FirstOrderSystem", "System"),
@@ -69,6 +71,7 @@ __all__ = [
     "Ensemble",
     "FirstOrderSystem",
     "GeneralisedAlpha",
+    "Growth",
     "Harmonic",
     "Impacts",
     "InputError",
@@ -90,6 +93,7 @@ __all__ = [
     "integrate_ensemble",
     "load",
     "load_cases",
+    "lyapunov",
     "paper_case",
     "perturbed",
     "reference",

@@ -17,13 +17,15 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 from . import netcdf
 from .arrays import Array
 from .cases import parse_case
 from .semidiscretisation import semidiscretise
-from .solvers.piecewise import reference_of
-from .solvers.undamped import Perturbation, Solution, Tracer
+from .solvers.exact_measures import Solution
+from .solvers.piecewise import reference_of, tracer_of
+from .solvers.undamped import Perturbation
 from .system import System
 from .trajectory import Reference
 from .validation import InputError
@@ -105,7 +107,7 @@ def _states_to_store(reference: Reference, solution: Solution, t_end: float) -> 
     assert reference.system is not None
     system, row = reference.system, reference.system.channels[0][0]
     eps = float(np.finfo(float).eps)
-    tracers = [Tracer(system), *(Tracer(system, Perturbation(eps, 0.0, seed)) for seed in (1, 2))]
+    tracers = [tracer_of(system), *(tracer_of(system, Perturbation(eps, 0.0, seed)) for seed in (1, 2))]
     scale = float(np.max(np.abs(reference.tip)))
     times = solution.times
     middles = 0.5 * (times + np.append(times[1:], t_end))
@@ -116,12 +118,12 @@ def _states_to_store(reference: Reference, solution: Solution, t_end: float) -> 
         last = good = min(piece + span, len(times))
         q, v = (x[0] for x in solution.state_at_start(piece))
         for tracer in tracers:
-            side, until = int(solution.regime[piece]), float(middles[last - 1])
-            part = tracer.trace(float(times[piece]), side, q, v, piece > 0, until)
+            until = float(middles[last - 1])
+            part = tracer.trace(float(times[piece]), *_contact_state(solution.sides, piece, q, v), until)
             here = slice(piece, min(piece + len(part.times), last))
             part = part.first(here.stop - piece)
             late = np.abs(part.times - times[here])
-            other = part.regime != solution.regime[here]
+            other = np.any(part.sides != solution.sides[here], axis=1)
             u = part.observed(middles[here], row)[0]
             off = np.maximum(late, np.abs(u - expected[here]) / scale) + other
             bad = np.flatnonzero(off > BOUND / 10.0)
@@ -138,6 +140,8 @@ def _states_to_store(reference: Reference, solution: Solution, t_end: float) -> 
 def _dataset(reference: Reference, solution: Solution, case: str, t_end: float, stored: Array) -> xr.Dataset:
     """The switches, and the states at the start of the pieces ``stored``."""
     assert reference.system is not None
+    sides = solution.sides.astype(np.int8)
+    sides = sides[:, 0] if sides.shape[1] == 1 else sides
     q, v = (np.empty((len(stored), reference.system.size)) for _ in range(2))
     for row, piece in enumerate(stored):
         q[row], v[row] = (x[0] for x in solution.state_at_start(piece))
@@ -163,7 +167,11 @@ def _dataset(reference: Reference, solution: Solution, case: str, t_end: float, 
     return xr.Dataset(
         {
             "switch_time": ("switch", solution.times, {"long_name": "start of every piece"}),
-            "side": ("switch", solution.regime.astype(np.int8), {"long_name": "+1 upper stop, -1 lower, 0 free"}),
+            "side": (
+                ("switch", "contact") if sides.ndim == 2 else "switch",
+                sides,
+                {"long_name": "+1 upper stop, -1 lower, 0 free"},
+            ),
             "stored_switch": ("stored", stored.astype(np.int32), {"long_name": "the switch a state belongs to"}),
             "q": (("stored", "node"), q, {"long_name": "displacement v = u - phi (1 - x^2) at the nodes"}),
             "q_rate": (("stored", "node"), v, {"long_name": "its rate"}),
@@ -174,11 +182,11 @@ def _dataset(reference: Reference, solution: Solution, case: str, t_end: float, 
 
 def _march(system: System, data: xr.Dataset, source: str) -> Solution:
     """Re-march from stored state to stored state, holding every switch against the file."""
-    tracer = Tracer(system)
+    tracer = tracer_of(system)
     times, sides = data["switch_time"].values, data["side"].values.astype(np.int64)
+    sides = sides[:, None] if sides.ndim == 1 else sides
     stored, t_end = data["stored_switch"].values, float(data.attrs["t_end"])
     parts: list[Solution] = []
-    evaluations = 0
     for row, piece in enumerate(stored):
         last = stored[row + 1] if row + 1 < len(stored) else len(times)
         # To the middle of the piece after the span, so that rounding cannot hide its last switch.
@@ -186,21 +194,21 @@ def _march(system: System, data: xr.Dataset, source: str) -> Solution:
             0.5 * (times[last] + (times[last + 1] if last + 1 < len(times) else t_end)) if last < len(times) else t_end
         )
         q, v = data["q"].values[row], data["q_rate"].values[row]
-        part = tracer.trace(float(times[piece]), int(sides[piece]), q, v, piece > 0, float(until))
-        evaluations += part.evaluations
+        part = tracer.trace(float(times[piece]), *_contact_state(sides, piece, q, v), float(until))
         count = last - piece
-        same = len(part.times) >= count and np.array_equal(part.regime[:count], sides[piece:last])
+        same = len(part.times) >= count and np.array_equal(part.sides[:count], sides[piece:last])
         if not same or np.max(np.abs(part.times[:count] - times[piece:last])) > BOUND * max(1.0, t_end):
             raise InputError("file", source, "give the switches it lists", "it is damaged: remake it")
         parts.append(part.first(count))
-    return replace(
-        parts[0],
-        times=np.concatenate([part.times for part in parts]),  # h belongs to these, not to the file's
-        regime=sides,
-        h=np.concatenate([part.h for part in parts]),
-        rate=np.concatenate([part.rate for part in parts]),
-        evaluations=evaluations,
-    )
+    return parts[0].joined(parts)  # with the times re-marched, to which the coefficients belong
+
+
+def _contact_state(
+    sides: NDArray[np.int64], piece: int, q: Array, v: Array
+) -> tuple[tuple[int, ...], Array, Array, int]:
+    """What a tracer starts a piece from: sides, q, q' and the contact whose gap is exactly zero, -1 at t = 0."""
+    resting = int(np.flatnonzero(sides[piece] != sides[piece - 1])[0]) if piece else -1
+    return tuple(sides[piece].tolist()), q, v, resting
 
 
 def _deviation(a: Solution, b: Solution, reference: Reference) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -58,13 +59,16 @@ def with_horizon(reference: Reference, system: System, t_end: float, rtol: float
     """``reference`` with its horizon, and in the provenance what it was measured against.
 
     The exact solution is held against twins whose frequencies and initial data are perturbed by the
-    rounding errors of its own construction (four seeds, the earliest parting counts); any other
-    solution against the exact one, or where that does not exist against itself at ten times its rtol.
+    rounding errors of its own construction (four seeds, the earliest parting counts), and beside that
+    what its tangent flow predicts is noted as horizon_predicted; any other solution against the exact
+    one, or where that does not exist against itself at ten times its rtol.
     """
     from . import solve
     from .piecewise import Perturbation, solve_exact
+    from .tangent import predicted_horizon
 
     tolerance = time_tolerance(system)
+    notes: dict[str, Any] = {}
     if reference.provenance["method"] == "exact":
         spread = np.finfo(float).eps
         horizon = t_end
@@ -73,6 +77,8 @@ def with_horizon(reference: Reference, system: System, t_end: float, rtol: float
             twin = solve_exact(system, t_end, reference.t, perturbation)
             horizon = min(horizon, agreement(reference, twin, tolerance))
         against = f"{TWINS} twins perturbed by rounding"
+        predicted = predicted_horizon(system, reference.solution, t_end, DISPLACEMENT_TOLERANCE)
+        notes["horizon_predicted"] = predicted
     else:
         try:
             other = solve_exact(system, t_end, reference.t)
@@ -82,7 +88,7 @@ def with_horizon(reference: Reference, system: System, t_end: float, rtol: float
             other = solve(system, t_end, reference.provenance["method"], reference.t, loose, None)
             against = f"itself at rtol {loose:g}"
         horizon = agreement(reference, other, tolerance)
-    notes = {
+    notes |= {
         "horizon": horizon,
         "horizon_against": against,
         "horizon_tolerance": f"|du| <= {DISPLACEMENT_TOLERANCE:g} max|u|, impact times to {tolerance:.3g}",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,10 +21,16 @@ class Solution(Protocol):
     @property
     def times(self) -> Array: ...  # the starts of the pieces
     @property
+    def sides(self) -> NDArray[np.int64]: ...  # chi of every contact in every piece, (pieces, m)
+    @property
     def evaluations(self) -> int: ...
     @property
     def shortest_period(self) -> float: ...
-    def side(self, contact: int, /) -> NDArray[np.int64]: ...  # chi of the contact in every piece
+    @classmethod
+    def joined(cls, parts: Any, /) -> Any: ...  # of consecutive parts
+    def first(self, count: int, /) -> Any: ...  # the first pieces
+    def state_at_start(self, piece: int, /) -> tuple[Array, Array]: ...  # q, q' (1, n)
+    def flow(self, piece: int, tau: float, dq: Array, dv: Array, /) -> tuple[Array, Array]: ...  # homogeneous
     def states(self, t: Array, /) -> tuple[Array, Array]: ...  # q, q' (k, n)
     def observed(self, t: Array, row: Array, /) -> tuple[Array, Array]: ...  # row @ q and its rate
     def offset(self, system: System, channel: int, /) -> Callable[[Array], tuple[Array, Array]]: ...
@@ -72,7 +78,7 @@ def _closed(solution: Solution, i: int, t_end: float) -> tuple[Array, Array, NDA
     """
     ends = np.append(solution.times[1:], t_end)
     real = ends > solution.times
-    starts, ends, side = solution.times[real], ends[real], solution.side(i)[real]
+    starts, ends, side = solution.times[real], ends[real], solution.sides[real, i]
     new = np.concatenate([[True], side[1:] != side[:-1]])
     first = np.flatnonzero(new)
     last = np.append(first[1:], len(side)) - 1

@@ -18,8 +18,8 @@ from ..trajectory import Reference, Work, versions
 from ..validation import InputError, positive
 from .adaptive import output_times
 from .exact_measures import Solution, contact_record, exact_ledger
-from .exponential import exponential
-from .undamped import Perturbation, undamped
+from .exponential_tracer import ExponentialTracer
+from .undamped import Perturbation, Tracer
 
 
 def solve_exact(
@@ -46,12 +46,24 @@ def solve_exact(
     begun = time.perf_counter()
     positive("t_end", t_end)
     refuse(system)
-    if system.damped or len(system.contacts) > 1:
-        solution, compile_seconds = exponential(system, t_end, perturbation)
-    else:
-        solution, compile_seconds = undamped(system, t_end, perturbation, known)
+    tracer = tracer_of(system, perturbation, known)
+    solution = tracer.solve(t_end)
     frequencies = "SVD of the curvature factor" if system.stiffness_factor is not None else "eigh"
-    return reference_of(system, solution, t_end, t_eval, begun + compile_seconds, "exact", {"frequencies": frequencies})
+    return reference_of(
+        system, solution, t_end, t_eval, begun + tracer.compile_seconds, "exact", {"frequencies": frequencies}
+    )
+
+
+def general(system: System) -> bool:
+    """Whether it takes sums of complex exponentials: damping, or several contacts."""
+    return system.damped or len(system.contacts) > 1
+
+
+def tracer_of(
+    system: System, perturbation: Perturbation | None = None, known: dict[float, Modes] | None = None
+) -> Tracer | ExponentialTracer:
+    """What follows solutions of the system in float64; ``known``: modes to share, where the tracer has some."""
+    return ExponentialTracer(system, perturbation) if general(system) else Tracer(system, perturbation, known)
 
 
 def reference_of(

@@ -1,125 +1,156 @@
-"""Modes of the contact regimes in many digits, refined from the float64 ones."""
+"""What both multiprecision solutions share: eigenvectors and switching times, refined from float64 ones."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
-from flint import arb, arb_mat, ctx
+from flint import acb_mat, arb, arb_mat, ctx
 
 from ..arrays import Array
-from ..drive import Drive
-from ..modal import Modes, modes
-from ..system import System
-from .rational import Exact
-from .undamped import Regime
+from ..trajectory import SolverFailure
+from ..validation import InputError
+
+START_BITS = 240
+MAX_TURNS = 60
+GUARD_BITS = 100  # below the digits that are lost: two doubles' worth for the outputs
+KNOWN_BITS = 28  # what float64 knows of a time between two switches
 
 
-@dataclass(eq=False)
-class PreciseRegime:
-    """Modes of one regime at full precision: omega, omega^2 (n,), X (n, n), level (n,), P (n, d)."""
+class Pencil(Protocol):
+    """A symmetric eigenproblem B x = lambda A x, transposed and not conjugated where it is complex."""
 
-    omega: list[Any]
-    squares: list[Any]
-    shapes: Any
-    level: list[Any]
-    particular: list[list[Any]]
-    row: list[Any]
+    def products(self, X: Any, values: list[Any], /) -> tuple[Any, Any]:
+        """X^T A X and X^T B X."""
+        ...
 
-
-def precise_regime(
-    system: System, problem: Exact, drive: Drive, frequencies: list[Any], side: int, other: PreciseRegime | None
-) -> PreciseRegime:
-    """The regime of ``side``; on the lower stop the modes are those of the ``other``, on the upper."""
-    n = system.size
-    springs: tuple = ()
-    stiffness, basis = problem.stiffness, problem.basis.tolist()
-    if side:
-        assert problem.stops is not None
-        kappa, lower, upper = problem.stops
-        gap = upper if side > 0 else lower
-        springs = ((system.contacts[0].row, system.contacts[0].stops.stiffness),)
-        stiffness = stiffness + arb_mat([[kappa * a * b for a in problem.row] for b in problem.row])
-        basis = [
-            [b - kappa * o * r for b, r in zip(line, problem.row, strict=True)]
-            for line, o in zip(basis, problem.offset, strict=True)
-        ]
-        basis[0] = [b + kappa * (gap if gap is not None else 0) * r for b, r in zip(basis[0], problem.row, strict=True)]
-    if other is None:
-        base = modes(system, springs)
-        assert base is not None
-        squares, shapes = _refine(problem.mass, stiffness, base.shapes)
-    else:
-        squares, shapes = other.squares, other.shapes
-    force = (shapes.transpose() * arb_mat(basis).transpose()).tolist()  # (n, d)
-    particular = [[arb(0)] * drive.size for _ in range(n)]
-    for k, frequency in enumerate(frequencies):
-        for j in range(n):
-            gain = 1 / (squares[j] - frequency * frequency)
-            for i in (1 + 2 * k, 2 + 2 * k):
-                particular[j][i] = (force[j][i] * gain).mid()
-    row = (arb_mat([problem.row]) * shapes).tolist()[0]
-    return PreciseRegime(
-        omega=[x.sqrt().mid() for x in squares],
-        squares=squares,
-        shapes=shapes,
-        level=[force[j][0].mid() for j in range(n)],
-        particular=particular,
-        row=[x.mid() for x in row],
-    )
+    def from_scratch(self) -> tuple[Any, list[Any]]:
+        """X with x^T A x = 1, and the eigenvalues, by the QR algorithm at the current precision."""
+        ...
 
 
-def _refine(mass: Any, stiffness: Any, shapes: Array) -> tuple[list[Any], Any]:
-    """Eigenvalues and mass-normalised eigenvectors from float64 ones, to the current precision.
+def refine(pencil: Pencil, X: Any, values: list[Any]) -> tuple[Any, list[Any]]:
+    """Eigenvectors, X^T A X = I, and eigenvalues to the current precision from those of float64.
 
-    Ogita and Aishima's iteration for the pencil (K, M), quadratic: with R = I - X^T M X and S = X^T K X,
-    X <- X (I + E), E_ij = (S_ij + lambda_j R_ij)/(lambda_j - lambda_i), E_ii = R_ii/2.
+    Ogita and Aishima's iteration, quadratic: with R = I - X^T A X and S = X^T B X,
+    X <- X (I + E), E_ij = (S_ij + lambda_j R_ij)/(lambda_j - lambda_i), E_ij = R_ij/2 on the diagonal
+    and between equal eigenvalues. Where float64 is too far off to start from, as with eigenvalues that
+    nearly coincide, it starts from the QR algorithm. Raises InputError where that does not help either.
     """
-    target, n = ctx.prec, shapes.shape[0]
-    X = arb_mat([[arb(float(x)) for x in line] for line in shapes])
-    precision, done = 240, False
-    while True:
-        ctx.prec = min(target, precision)
-        R = (X.transpose() * mass * X).tolist()
-        S = (X.transpose() * stiffness * X).tolist()
-        values = [(S[i][i] / R[i][i]).mid() for i in range(n)]
-        if done:
-            ctx.prec = target
-            return values, X
-        largest = arb(0)
-        E = [[arb(0)] * n for _ in range(n)]
-        for i in range(n):
-            for j in range(n):
-                r = (1 if i == j else 0) - R[i][j].mid()
-                E[i][j] = r / 2 if i == j else (S[i][j].mid() + values[j] * r) / (values[j] - values[i])
-                largest = max(largest, abs(E[i][j]).mid())
-        step = X * arb_mat(E)
-        X = (X + step).mid()
-        # The next error is the square of this one; stop when that is below the target.
-        done = ctx.prec == target and largest * largest < arb(2) ** (40 - target)
-        precision *= 2
+    target, n = ctx.prec, X.ncols()
+    precision, done, fresh = START_BITS, False, False
+    try:
+        for _ in range(MAX_TURNS):
+            ctx.prec = min(target, precision)
+            R, S = (matrix.mid().tolist() for matrix in pencil.products(X, values))
+            values = [(S[i][i] / R[i][i]).mid() for i in range(n)]
+            if done:
+                return X, values
+            E = [[_correction(i, j, R[i][j], S[i][j], values) for j in range(n)] for i in range(n)]
+            largest = max((abs(x).mid() for line in E for x in line), key=lambda x: x if x.is_finite() else arb("inf"))
+            if not largest < 0.5 and not fresh:
+                (X, values), fresh = pencil.from_scratch(), True
+                continue
+            X = (X + X * type(X)(E)).mid()
+            # The next error is the square of this one, and the one after that what has to be carried.
+            bits = target if largest == 0 else math.floor(-float(largest.log()) / math.log(2.0))
+            done = ctx.prec == target and 2 * bits > target - 40
+            precision = max(START_BITS, 4 * bits + 120)
+    finally:
+        ctx.prec = target
+    raise InputError(
+        "damping", "modes that cannot be separated", "have as many eigenvectors as unknowns",
+        "a mode is critically damped: change the damping a little or use method='cvode'",
+    )  # fmt: skip
 
 
-def rounded_regime(regime: PreciseRegime, drive: Drive, problem: Exact) -> Regime:
-    return Regime(
-        np.array([float(x) for x in regime.omega]),
-        np.array([float(x) for x in regime.level]),
-        np.array([[float(x) for x in line] for line in regime.particular]).reshape(len(regime.omega), drive.size),
-        np.array([float(x) for x in regime.row]),
-        np.array([float(x) for x in problem.offset]),
-    )
+def _correction(i: int, j: int, r: Any, s: Any, values: list[Any]) -> Any:
+    """E_ij of ``refine``; eigenvalues that agree in a third of the digits are equal."""
+    if i == j:
+        return (1 - r) / 2
+    apart = values[j] - values[i]
+    equal = abs(apart).mid() <= abs(values[j]).mid() * arb(2) ** (-ctx.prec // 3)
+    return (-r / 2 if equal else (s - values[j] * r) / apart).mid()
 
 
-def rounded_modes(regime: PreciseRegime, system: System) -> Modes:
-    omega = np.array([float(x) for x in regime.omega])
-    return Modes(omega, double(regime.shapes), np.zeros_like(omega), system.mass)
+def eigenvectors(A: Any, B: Any) -> tuple[list[list[Any]], list[Any]]:
+    """Columns and values of B x = lambda A x by the QR algorithm, ordered by the values' real parts."""
+    values, vectors = acb_mat(A.solve(B)).eig(right=True, algorithm="approx")
+    columns = vectors.transpose().tolist()
+    order = sorted(range(len(values)), key=lambda i: float(values[i].real))
+    return [columns[i] for i in order], [values[i].mid() for i in order]
 
 
-def double(matrix: Any) -> Array:
-    return np.array([[float(x) for x in line] for line in matrix.tolist()])
+@dataclass(frozen=True, eq=False)
+class UndampedPencil:
+    """K x = omega^2 M x, real."""
+
+    mass: Any
+    stiffness: Any
+
+    def products(self, X: Any, values: list[Any]) -> tuple[Any, Any]:
+        turned = X.transpose()
+        return turned * (self.mass * X), turned * (self.stiffness * X)
+
+    def from_scratch(self) -> tuple[Any, list[Any]]:
+        columns, values = eigenvectors(self.mass, self.stiffness)
+        real = [[(x / max(column, key=lambda x: float(abs(x)))).real for x in column] for column in columns]
+        X = arb_mat(real).transpose().mid()
+        norms = (X.transpose() * self.mass * X).tolist()
+        X = arb_mat([[(x / norms[j][j].sqrt()).mid() for j, x in enumerate(line)] for line in X.tolist()])
+        return X, [value.real for value in values]
+
+
+def precision_at(full: int, t: float, t_end: float) -> int:
+    """Bits to carry at time t: from ``full`` down to what the outputs need, as the chaos uses them up."""
+    return max(GUARD_BITS, math.ceil(full - (full - GUARD_BITS) * min(1.0, t / t_end))) + 30
+
+
+def locate(
+    gap_at: Callable[[Any], tuple[Any, Any, Any]], start: float, fastest: float, shortest: float, t: float
+) -> tuple[Any, Any, Any]:
+    """(tau, shift, parts): the gap closes at tau + shift, ``parts`` are those of the evaluation at tau.
+
+    gap_at(tau) -> (gap, gap', parts). Newton's method from the float64 time ``start``, the precision
+    doubled at each turn, so that only one evaluation is made at full precision; what is left is
+    ``shift``, so small against 1/fastest that a Taylor step of second order is exact. Raises
+    SolverFailure where that leads further than a fiftieth of the ``shortest`` period away: two
+    crossings so close to each other that float64 cannot tell them apart.
+    """
+    full, tau, accurate = ctx.prec, arb(start), KNOWN_BITS
+    try:
+        while accurate < full // 2:
+            accurate = 2 * accurate - 8  # the ratio of gap'' to gap' costs a few bits at each turn
+            ctx.prec = min(full, accurate + 70)
+            gap, speed, _ = gap_at(tau)
+            tau = (tau - gap / speed).mid()
+    finally:
+        ctx.prec = full
+    for _ in range(64):
+        gap, speed, parts = gap_at(tau)
+        shift = (-gap / speed).mid()
+        if not abs(float(tau + shift) - start) < 0.02 * shortest:
+            break
+        if abs(shift) * fastest < arb(2) ** (-full // 3):
+            return tau, shift, parts
+        tau = (tau + shift).mid()
+    raise SolverFailure("multiprecision", t + start, "the switch is a graze that float64 cannot place", "shorten t_end")
+
+
+def response(force: Any, gain: Any, scale: Any) -> Any:
+    """force/gain; 0 for a mode at the frequency of a drive that leaves it alone, the others being refused."""
+    resonant = abs(gain).mid() <= abs(scale).mid() * arb(2) ** (-ctx.prec // 3)
+    return arb(0) if resonant else (force / gain).mid()
 
 
 def dot(a: list[Any], b: list[Any]) -> Any:
     """sum a_i b_i."""
     return sum((x * y for x, y in zip(a, b, strict=True)), arb(0))
+
+
+def double(matrix: Any) -> Array:
+    """Rounded to float64."""
+    return np.array([[float(x) for x in line] for line in matrix.tolist()])

@@ -6,6 +6,7 @@ System carry roundings that past the horizon lead to another trajectory.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,18 +21,49 @@ from ..time_functions import Constant, Harmonic
 
 
 @dataclass(frozen=True, eq=False)
-class Exact:
-    """M, K (n, n) and the loads' basis (d, n) as arb_mat; the first contact's row (n,), its offset in
-    the drive coefficients (d,), the stops kappa, g1, g2 (None where free) and q0, v0 (n,) as arb."""
+class ExactContact:
+    """Row (n,), offset in the drive coefficients (d,), kappa, g1, g2 (None where free), all arb."""
 
-    mass: Any
-    stiffness: Any
-    basis: Any
     row: list[Any]
     offset: list[Any]
-    stops: tuple[Any, Any, Any] | None
+    kappa: Any
+    g1: Any
+    g2: Any
+
+    def stop(self, side: int) -> Any:
+        """The position of the stop on ``side``; 0 for a side without one, which is never entered."""
+        gap = self.g2 if side > 0 else self.g1
+        return arb(0) if gap is None else gap
+
+
+@dataclass(frozen=True, eq=False)
+class Exact:
+    """M, C, K (n, n) and the loads' basis (d, n) as arb_mat; contacts; q0, v0 (n,) as arb."""
+
+    mass: Any
+    damping: Any
+    stiffness: Any
+    basis: Any
+    contacts: list[ExactContact]
     q0: list[Any]
     v0: list[Any]
+
+    def closed(self, sides: Sequence[int]) -> tuple[Any, list[list[Any]]]:
+        """K and the loads' basis with every contact on the given side, 0 free.
+
+        sigma = kappa (g - row q - offset): row q goes to the stiffness, the rest to the loads.
+        """
+        stiffness, basis = self.stiffness, self.basis.tolist()
+        for contact, side in zip(self.contacts, sides, strict=True):
+            if side:
+                push = [contact.kappa * r for r in contact.row]
+                stiffness = stiffness + arb_mat([[a * b for a in push] for b in contact.row])
+                basis = [
+                    [b - o * p for b, p in zip(line, push, strict=True)]
+                    for line, o in zip(basis, contact.offset, strict=True)
+                ]
+                basis[0] = [b + contact.stop(side) * p for b, p in zip(basis[0], push, strict=True)]
+        return stiffness, basis
 
 
 def number(x: float) -> fmpq:
@@ -41,62 +73,68 @@ def number(x: float) -> fmpq:
 
 def exact_problem(system: System, drive: Drive) -> Exact:
     """The problem at the current precision: call it again after raising ctx.prec."""
-    n = system.size
-    basis = [[arb(0)] * n for _ in range(drive.size)]
-
-    def add(vector: list[Any], function: Harmonic | Constant, factor: Any = 1) -> None:
-        """basis += vector times the drive coefficients of factor * function."""
-        if isinstance(function, Constant):
-            coefficients = [(0, arb(number(function.level)))]
-        else:
-            k = 1 + 2 * drive.frequencies.index(function.frequency)
-            s, c = arb(number(function.phase)).sin_cos()
-            amplitude = arb(number(function.amplitude))
-            coefficients = [(k, amplitude * c), (k + 1, amplitude * s)]
-        for k, value in coefficients:
-            basis[k] = [b + p * factor * value for b, p in zip(basis[k], vector, strict=True)]
-
+    loads = _Loads(drive, system.size)
     if system.problem is not None:
-        mass, stiffness, q0, v0 = _beam(system, system.problem, add)
+        mass, damping, stiffness, q0, v0 = _beam(system, system.problem, loads)
     else:
-        mass, stiffness = ([[number(x) for x in line] for line in matrix] for matrix in (system.mass, system.stiffness))
+        mass, damping, stiffness = (
+            [[number(x) for x in line] for line in matrix] for matrix in (system.mass, system.damping, system.stiffness)
+        )
         for vector, function in system.loads:
-            assert isinstance(function, (Harmonic, Constant))
-            add([number(x) for x in vector], function)
+            loads.add([number(x) for x in vector], function)
         q0, v0 = ([number(x) for x in values] for values in (system.q0, system.v0))
-    row, offset_function = system.channels[0]
-    offset = [arb(0)] * drive.size
-    if isinstance(offset_function, (Harmonic, Constant)):
-        loads, basis = basis, [[arb(0)] for _ in range(drive.size)]
-        add([arb(1)], offset_function)
-        offset, basis = [line[0] for line in basis], loads
-    stops = None
-    if system.contacts:
-        s = system.contacts[0].stops
-        lower, upper = (None if x is None else arb(number(x)) for x in (s.lower, s.upper))
-        stops = (arb(number(s.stiffness)), lower, upper)
+    contacts = []
+    for contact in system.contacts:
+        offset = _Loads(drive, 1)
+        if contact.offset is not None:
+            offset.add([fmpq(1)], contact.offset)
+        g1, g2 = (None if x is None else arb(number(x)) for x in (contact.stops.lower, contact.stops.upper))
+        row, kappa = [arb(number(x)) for x in contact.row], arb(number(contact.stops.stiffness))
+        contacts.append(ExactContact(row, [line[0] for line in offset.basis], kappa, g1, g2))
     return Exact(
         mass=arb_mat([[arb(x) for x in line] for line in mass]),
+        damping=arb_mat([[arb(x) for x in line] for line in damping]),
         stiffness=arb_mat([[arb(x) for x in line] for line in stiffness]),
-        basis=arb_mat(basis),
-        row=[arb(number(x)) for x in row],
-        offset=offset,
-        stops=stops,
+        basis=arb_mat(loads.basis),
+        contacts=contacts,
         q0=[arb(x) for x in q0],
         v0=[arb(x) for x in v0],
     )
 
 
-def _beam(system: System, problem: BeamProblem, add: Any) -> tuple[Any, Any, Any, Any]:
-    """Mass, stiffness and initial data of both forms; the loads go through ``add``."""
+class _Loads:
+    """A sum of vectors times time functions, gathered as a basis (d, n) of the drive coefficients."""
+
+    def __init__(self, drive: Drive, n: int) -> None:
+        self.frequencies = drive.frequencies
+        self.basis = [[arb(0)] * n for _ in range(drive.size)]
+
+    def add(self, vector: list[Any], function: Any, factor: Any = 1, rate: bool = False) -> None:
+        """Add vector * factor * f(t), or f'(t) for ``rate``; f is Harmonic or Constant."""
+        assert isinstance(function, (Harmonic, Constant))
+        if isinstance(function, Constant):
+            coefficients = [] if rate else [(0, arb(number(function.level)))]
+        else:
+            k = 1 + 2 * self.frequencies.index(function.frequency)
+            s, c = arb(number(function.phase)).sin_cos()
+            size = arb(number(function.amplitude))
+            if rate:  # a w cos(w t + phase)
+                s, c, size = c, -s, size * number(function.frequency)
+            coefficients = [(k, size * c), (k + 1, size * s)]
+        for k, value in coefficients:
+            self.basis[k] = [b + p * factor * value for b, p in zip(self.basis[k], vector, strict=True)]
+
+
+def _beam(system: System, problem: BeamProblem, loads: _Loads) -> tuple[Any, Any, Any, Any, Any]:
+    """Mass, damping, stiffness and initial data of both forms; the loads go to ``loads``."""
     M = system.size
-    k2 = number(problem.stiffness)
+    k2, d = number(problem.stiffness), number(problem.viscosity)
     if system.form == "displacement":
         mass = [[fmpq(0)] * M for _ in range(M)]
         for i in range(M):
             mass[i][i] = fmpq(1, M if i < M - 1 else 2 * M)
-        stencil = bending_stencil(M)
-        stiffness = [[k2 * M**3 * int(x) for x in line] for line in stencil]
+        stencil = [[fmpq(M**3 * int(x)) for x in line] for line in bending_stencil(M)]
+        damping, stiffness = ([[k * x for x in line] for line in stencil] for k in (d, k2))
         clamp = [fmpq(0)] * (M - 2) + [fmpq(-2 * M), fmpq(2 * M)]
     else:
         mass = _weights(M, last=True)
@@ -104,6 +142,7 @@ def _beam(system: System, problem: BeamProblem, add: Any) -> tuple[Any, Any, Any
         L = _curvature(M)
         QL = [[sum((Q[i][k] * L[k][j] for k in range(M)), fmpq(0)) for j in range(M)] for i in range(M)]
         stiffness = [[k2 * sum((L[k][i] * QL[k][j] for k in range(M)), fmpq(0)) for j in range(M)] for i in range(M)]
+        damping = [[fmpq(0)] * M for _ in range(M)]  # the form exists for d = 0 only
         moment = [fmpq(0)] * (M - 2) + [fmpq(-2 * M**2), fmpq(7 * M**2)]
         clamp = [sum((a * b for a, b in zip(line, moment, strict=True)), fmpq(0)) for line in mass]
     x = [fmpq(i, M) for i in range(1, M + 1)]
@@ -116,29 +155,30 @@ def _beam(system: System, problem: BeamProblem, add: Any) -> tuple[Any, Any, Any
     phi0 = rate0 = arb(0)
     if isinstance(phi, Harmonic):
         frequency = number(phi.frequency)
-        add(weighted(lift), phi, frequency * frequency)  # -mass lift phi''
+        loads.add(weighted(lift), phi, frequency * frequency)  # -mass lift phi''
         s, c = arb(number(phi.phase)).sin_cos()
         phi0, rate0 = arb(number(phi.amplitude)) * s, arb(number(phi.amplitude) * frequency) * c
     elif isinstance(phi, Constant):
         phi0 = arb(number(phi.level))
     if phi is not None:
-        add([k2 * p for p in clamp], phi)  # type: ignore[arg-type]
+        loads.add([k2 * p for p in clamp], phi)
+        loads.add([d * p for p in clamp], phi, rate=True)
     for load in problem.loads:
         if isinstance(load, PointLoad):
             cell = min(int(load.position * M), M - 1)
             theta = number(load.position) * M - cell
             weights = [fmpq(0)] * (M + 1)
             weights[cell], weights[cell + 1] = 1 - theta, theta
-            add(weights[1:], load.time)  # type: ignore[arg-type]
+            loads.add(weights[1:], load.time)
         else:
             shape = np.broadcast_to(load.shape(np.arange(1, M + 1) / M), M)
-            add(weighted([number(y) for y in shape]), load.time)  # type: ignore[arg-type]
+            loads.add(weighted([number(y) for y in shape]), load.time)
     grid = np.arange(1, M + 1) / M
     u0 = [phi0] * M if problem.initial_displacement is None else [number(y) for y in problem.initial_displacement(grid)]
     w0 = [fmpq(0)] * M if problem.initial_velocity is None else [number(y) for y in problem.initial_velocity(grid)]
     q0 = [arb(a) - phi0 * b for a, b in zip(u0, lift, strict=True)]
     v0 = [arb(a) - rate0 * b for a, b in zip(w0, lift, strict=True)]
-    return mass, stiffness, q0, v0
+    return mass, damping, stiffness, q0, v0
 
 
 def _weights(M: int, last: bool) -> list[list[Any]]:

@@ -45,7 +45,7 @@ def rigid_limit(system: System, t_end: float, t_eval: Array | None = None) -> Re
     kick = np.linalg.solve(system.mass, row)
     mass = 1.0 / float(row @ kick)  # what the stop feels
     q, v = system.q0, system.v0
-    if tracer.side(q):
+    if system.contacts[0].stops.state(row @ q):
         raise InputError("initial displacement", float(row @ q), "lie between rigid stops")
     drive, law, basis = tracer.drive, tracer.regimes[0], tracer.bases[0]
     pieces: list[tuple[float, Array, Array]] = []  # start, h, h'

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -58,6 +58,17 @@ class Solution:
     rate: Array
     evaluations: int
 
+    @classmethod
+    def joined(cls, parts: Sequence[Solution]) -> Solution:
+        """One solution from consecutive ones of the same tracer."""
+        arrays = {name: np.concatenate([getattr(p, name) for p in parts]) for name in ("times", "regime", "h", "rate")}
+        return replace(parts[-1], **arrays, evaluations=sum(part.evaluations for part in parts))
+
+    @property
+    def sides(self) -> NDArray[np.int64]:
+        """chi in every piece, (pieces, 1); 0 without contact."""
+        return self.regime[:, None]
+
     def first(self, count: int) -> Solution:
         """The first ``count`` pieces."""
         part = (x[:count] for x in (self.times, self.regime, self.h, self.rate))
@@ -70,6 +81,13 @@ class Solution:
         eta, rate = self.modal(self.times[piece : piece + 1], np.array([piece]), side)
         return self.bases[side].to_nodal(eta), self.bases[side].to_nodal(rate)
 
+    def flow(self, piece: int, tau: float, dq: Array, dv: Array) -> tuple[Array, Array]:
+        """The homogeneous flow of a piece's regime over tau: (n, k) -> (n, k)."""
+        basis = self.bases[int(self.regime[piece])]
+        c, s, _ = (x[:, None] for x in _oscillation(basis.omega, tau))
+        eta, rate = basis.to_modal(dq.T).T, basis.to_modal(dv.T).T
+        return basis.shapes @ (c * eta + s * rate), basis.shapes @ (c * rate - basis.omega[:, None] ** 2 * s * eta)
+
     def modal(self, t: Array, piece: NDArray[np.int64], regime: int) -> tuple[Array, Array]:
         """eta, eta' (k, n) at times t inside the given pieces, all of one regime."""
         law = self.regimes[regime]
@@ -80,10 +98,6 @@ class Solution:
         eta = h * c + rate * s + law.level * v + g @ law.particular.T
         velocity = rate * c + (law.level - law.omega**2 * h) * s + g @ self.drive.derivative().T @ law.particular.T
         return eta, velocity
-
-    def side(self, contact: int) -> NDArray[np.int64]:
-        """chi of the contact in every piece."""
-        return self.regime
 
     @property
     def shortest_period(self) -> float:
@@ -141,7 +155,7 @@ class Solution:
         return u, v
 
 
-def _oscillation(omega: Array, tau: Array) -> tuple[Array, Array, Array]:
+def _oscillation(omega: Array, tau: Array | float) -> tuple[Array, Array, Array]:
     """cos(omega tau), sin(omega tau)/omega and (1 - cos(omega tau))/omega^2, regular at omega = 0."""
     x = omega * tau
     half = np.sinc(x / (2.0 * np.pi))
@@ -169,7 +183,7 @@ class Tracer:
     def __init__(
         self, system: System, perturbation: Perturbation | None = None, known: dict[float, Modes] | None = None
     ) -> None:
-        self.system, self.drive = system, Drive.of(system)
+        self.system, self.drive, self.perturbation = system, Drive.of(system), perturbation
         self.bases, self.regimes = _regimes(system, self.drive, perturbation, {} if known is None else known)
         self.stops = system.contacts[0].stops if system.contacts else None
         free, contact = self.bases[0], self.bases.get(1, self.bases[0])
@@ -181,42 +195,38 @@ class Tracer:
         follow(none[0].copy(), none[0].copy(), 0, 0.0, 0.0, True, *self.search, np.zeros(1), index, none, none)
         self.compile_seconds = time.perf_counter() - compiling
 
-    def side(self, q: Array) -> int:
-        """chi of the contact at t = 0."""
+    def solve(self, t_end: float) -> Solution:
+        """The solution on [0, t_end] from the initial data."""
+        basis = self.bases[0]
+        eta, rate = basis.to_modal(self.system.q0), basis.to_modal(self.system.v0)
+        if self.perturbation is not None:
+            fastest = max(float(b.omega[-1]) for b in self.bases.values()) or 1.0
+            eta, rate = _perturbed(eta, rate, fastest, self.regimes[0], self.drive, self.perturbation)
+        q, v = basis.to_nodal(eta), basis.to_nodal(rate)
         u = float(q @ self.system.channels[0][0] + self.drive.coefficients(0.0) @ self.regimes[0].offset)
-        return int(self.stops.state(u)) if self.stops else 0
+        sides = (int(self.stops.state(u)),) if self.stops else ()
+        return self.trace(0.0, sides, q, v, -1, t_end)
 
-    def trace(self, t: float, regime: int, q: Array, v: Array, at_switch: bool, t_end: float) -> Solution:
-        """The solution from (q, q') at time t in a regime; at_switch: its gap is exactly zero there."""
+    def trace(self, t: float, sides: tuple[int, ...], q: Array, v: Array, resting: int, t_end: float) -> Solution:
+        """The solution from (q, q') at time t with the contact on the given side; resting: the contact
+        whose gap is exactly zero there, or -1."""
+        regime, at_switch = (sides[0] if sides else 0), resting >= 0
         law, g = self.regimes[regime], self.drive.coefficients(t)
         h = self.bases[regime].to_modal(q) - law.particular @ g
         rate = self.bases[regime].to_modal(v) - law.particular @ (self.drive.derivative() @ g)
         found = [(np.array([t]), np.array([regime]), h[None].copy(), rate[None].copy())]
         evaluations, count = 0, EVENTS_PER_CALL
         while count == EVENTS_PER_CALL:
-            times, sides = np.empty(EVENTS_PER_CALL), np.empty(EVENTS_PER_CALL, np.int64)
+            times, chi = np.empty(EVENTS_PER_CALL), np.empty(EVENTS_PER_CALL, np.int64)
             hs, rates = np.empty((EVENTS_PER_CALL, len(h))), np.empty((EVENTS_PER_CALL, len(h)))
-            count, used = follow(h, rate, regime, t, t_end, at_switch, *self.search, times, sides, hs, rates)
+            count, used = follow(h, rate, regime, t, t_end, at_switch, *self.search, times, chi, hs, rates)
             evaluations += used
-            found.append((times[:count], sides[:count], hs[:count], rates[:count]))
+            found.append((times[:count], chi[:count], hs[:count], rates[:count]))
             if count:
-                t, regime, at_switch = float(times[count - 1]), int(sides[count - 1]), True
+                t, regime, at_switch = float(times[count - 1]), int(chi[count - 1]), True
                 h, rate = hs[count - 1].copy(), rates[count - 1].copy()
-        times, sides, hs, rates = (np.concatenate(x) for x in zip(*found, strict=True))
-        return Solution(self.drive, self.bases, self.regimes, times, sides, hs, rates, evaluations)
-
-
-def undamped(
-    system: System, t_end: float, perturbation: Perturbation | None, known: dict[float, Modes] | None = None
-) -> tuple[Solution, float]:
-    """The solution on [0, t_end] and the seconds spent compiling."""
-    tracer = Tracer(system, perturbation, known)
-    basis = tracer.bases[0]
-    eta, rate = basis.to_modal(system.q0), basis.to_modal(system.v0)
-    if perturbation is not None:
-        eta, rate = _perturbed(eta, rate, basis, tracer.regimes[0], tracer.drive, perturbation)
-    q, v = basis.to_nodal(eta), basis.to_nodal(rate)
-    return tracer.trace(0.0, tracer.side(q), q, v, False, t_end), tracer.compile_seconds
+        times, chi, hs, rates = (np.concatenate(x) for x in zip(*found, strict=True))
+        return Solution(self.drive, self.bases, self.regimes, times, chi, hs, rates, evaluations)
 
 
 def search_arguments(regimes: dict[int, Regime], to_contact: Array, drive: Drive, stops: Stops | None) -> tuple:
@@ -302,13 +312,13 @@ def _perturbed_basis(base: Modes, perturbation: Perturbation, regime: int) -> Mo
 
 
 def _perturbed(
-    eta: Array, rate: Array, base: Modes, law: Regime, drive: Drive, perturbation: Perturbation
+    eta: Array, rate: Array, fastest: float, law: Regime, drive: Drive, perturbation: Perturbation
 ) -> tuple[Array, Array]:
     """Initial modal data changed in proportion to the motion: amplitudes of the start and of the drive."""
     rng = np.random.default_rng([perturbation.seed, 99])
-    start = np.hypot(base.omega * eta, rate)
+    start = np.hypot(law.omega * eta, rate)
     driven = np.sum(np.abs(law.particular) * np.maximum(drive.rates, 1.0), axis=1)
     size = perturbation.state * max(float(np.max(start)), float(np.max(driven)))
     noise = rng.uniform(-1.0, 1.0, (2, eta.size))
-    scale = np.maximum(base.omega, base.omega[-1] * 1e-8)
+    scale = np.maximum(law.omega, fastest * 1e-8)
     return eta + size * noise[0] / scale, rate + size * noise[1]

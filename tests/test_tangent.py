@@ -1,0 +1,132 @@
+"""The tangent flow: against closed forms, against the parting of perturbed motions, and what is made of it."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from test_march import two_contacts
+
+import stiffbeam as sb
+from stiffbeam.solvers import solve, tangent
+from stiffbeam.solvers.piecewise import tracer_of
+
+
+def table(number: int) -> sb.System:
+    case = sb.paper_case(number)
+    return sb.semidiscretise(case.problem, case.cells)
+
+
+def viscous(table10) -> sb.System:
+    return sb.semidiscretise(dataclasses.replace(table10, viscosity=0.02), 10)
+
+
+def test_without_contact_the_energy_of_a_tangent_vector_is_conserved(table10):
+    free = sb.semidiscretise(dataclasses.replace(table10, stops=None), 12)
+    growth = sb.lyapunov(free, 1.0)
+    assert growth.log_growth.shape == (201, 4)
+    assert np.max(np.abs(growth.log_growth)) < 1e-11
+    assert abs(growth.exponent) < 1e-11
+
+
+def test_a_damped_oscillator_loses_half_its_damping_a_period():
+    """x'' + c x' + w^2 x = 0: Phi = exp(-c t/2) after whole periods of sqrt(w^2 - c^2/4)."""
+    c, w = 0.3, 2.0
+    t_end = 4 * 2 * np.pi / np.sqrt(w**2 - c**2 / 4)
+    system = sb.System.from_matrices([[1.0]], [[w**2]], [[c]], observe=[1.0], initial_velocity=[1.0])
+    growth = sb.lyapunov(system, t_end)
+    assert np.allclose(growth.log_growth[-1], -c * t_end / 2, rtol=1e-12)
+    assert abs(growth.exponent + c / 2) < 1e-13
+    assert growth.digits == 0.0  # it loses none on the way down
+
+
+@pytest.mark.parametrize("which", ["table10", "viscous", "two contacts"])
+def test_tangent_vectors_grow_as_perturbed_motions_part(which, table10):
+    """A step of 1e-8 along each vector; linear while the difference is small, across dozens of switches."""
+    system, t_end = {
+        "table10": lambda: (sb.semidiscretise(table10, 10), 0.15),
+        "viscous": lambda: (viscous(table10), 0.3),
+        "two contacts": lambda: (two_contacts(), 6.0),
+    }[which]()
+    growth = sb.lyapunov(system, t_end, seed=3)
+    dq, dv = tangent._vectors(system, 3)
+    step = 1e-8
+    base = tracer_of(system).solve(t_end)
+    assert len(base.times) > 10
+    here = base.states(growth.t)
+    for j in range(dq.shape[1]):
+        moved = dataclasses.replace(system, q0=system.q0 + step * dq[:, j], v0=system.v0 + step * dv[:, j])
+        there = tracer_of(moved).solve(t_end).states(growth.t)
+        q, v = (b - a for a, b in zip(here, there, strict=True))
+        measured = np.log(tangent._norm(system, q.T, v.T) / step)
+        # What is not linear is of the size of the difference, relative to a motion of size one.
+        linear = growth.log_growth[:, j] < np.log(1e-4 / step)
+        assert np.sum(linear) > 150
+        assert np.max(np.abs(measured - growth.log_growth[:, j])[linear]) < 0.05
+
+
+@pytest.mark.parametrize("number", [2, 5, 12, 14, 17])
+def test_the_predicted_horizon_is_that_of_the_twins_within_a_factor_of_two(number):
+    system = table(number)
+    ref = sb.reference(system, 0.6)
+    predicted = ref.provenance["horizon_predicted"]
+    assert ref.horizon < 0.6
+    # Rounding is counted as if it had all been there from the start: early rather than late.
+    assert 0.5 * ref.horizon < predicted < 1.2 * ref.horizon
+
+
+def test_the_predicted_horizon_with_damping_several_contacts_and_without_chaos(table10, three_masses):
+    chain = sb.reference(two_contacts(), 60.0)
+    assert chain.horizon < 40.0
+    assert 0.5 * chain.horizon < chain.provenance["horizon_predicted"] < 1.2 * chain.horizon
+    for system, t_end in ((viscous(table10), 0.3), (three_masses, 20.0)):
+        calm = sb.reference(system, t_end)
+        assert calm.horizon == calm.provenance["horizon_predicted"] == t_end
+
+
+def test_the_exponents_of_two_motions_of_a_chaotic_table_agree_within_their_scatter():
+    """Past the horizon the two motions have nothing in common but the system."""
+    system = table(10)
+    windows = np.linspace(0.5, 5.0, 19)
+    means, errors = [], []
+    for seed, factor in ((0, 1.0), (1, 1.0 + 1e-9)):
+        growth = sb.lyapunov(dataclasses.replace(system, v0=factor * system.v0), 5.0, seed)
+        logs = np.interp(windows, growth.t, growth.log_growth[:, 0])
+        rates = np.diff(logs) / np.diff(windows)
+        means.append(np.mean(rates))
+        errors.append(np.std(rates, ddof=1) / np.sqrt(len(rates)))
+    assert all(60.0 < mean < 90.0 for mean in means)  # 26 to 39 digits per time unit
+    assert all(error < 0.1 * mean for mean, error in zip(means, errors, strict=True))
+    assert abs(means[0] - means[1]) < 3.0 * np.hypot(*errors)
+    # After a while every vector has turned into the direction that grows fastest.
+    rates = np.diff(growth.log_growth[[growth.t.searchsorted(0.5), -1]], axis=0)[0] / 4.5
+    assert np.ptp(rates) < 0.01 * np.mean(rates)
+
+
+def test_the_digits_that_multiprecision_starts_from_suffice(table10):
+    system = sb.semidiscretise(table10, 25)
+    many = sb.reference(system, 2.0, "multiprecision")
+    first = many.provenance["digits_confirmed_with"]
+    assert first == 20 + np.ceil(1.05 * sb.lyapunov(system, 2.0).digits)
+    assert many.horizon == 2.0
+    # float64 with its sixteen has lost as many at its own horizon as the tangent vectors say.
+    double = solve(system, 2.0, "exact", many.t, 0.0, None)
+    apart = np.abs(double.tip - many.tip) > 1e-3 * np.max(np.abs(many.tip))
+    lost = np.interp(many.t[np.argmax(apart)], *_digits(system))
+    assert 9.0 < lost < 16.0
+
+
+def _digits(system):
+    growth = sb.lyapunov(system, 2.0)
+    return growth.t, growth.largest / np.log(10.0)
+
+
+def test_what_has_no_tangent_flow_is_refused(table10):
+    pushed = dataclasses.replace(table10, loads=(sb.PointLoad(0.5, lambda t: 0 * t),))
+    with pytest.raises(sb.InputError, match="Harmonic or Constant"):
+        sb.lyapunov(sb.semidiscretise(pushed, 6), 0.1)
+    with pytest.raises(sb.InputError, match="t_end"):
+        sb.lyapunov(sb.semidiscretise(table10, 6), -1.0)
+    with pytest.raises(sb.InputError, match="System"):
+        sb.lyapunov(table10, 1.0)
