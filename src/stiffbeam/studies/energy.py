@@ -24,7 +24,7 @@ def points(
     t_end: float | None = None,
     contact: str = "implicit",
 ) -> list[Point]:
-    """Exact and every scheme on every form that the case can take; first-order marches for two schemes.
+    """The exact flow and every scheme on every form that the case can take; first-order marches for two schemes.
 
     The exact flow is followed to its horizon, where a float64 solution still is one.
     """
@@ -82,7 +82,10 @@ def answer(rows: Rows) -> str:
             share = row["lost_in_contact"] / row["loss"] if row["loss"] else float("nan")
             parts.append(f"{row['scheme']} {100 * row['lost_fraction']:.2g} % ({100 * share:.0f} % of it in contact)")
     end = max(row["t"] for row in rows)
-    return f"Of all energy put in to t = {end:g} lost: {', '.join(parts)}. The exact flow closes to {', '.join(exact)}."
+    return (
+        f"Of all energy put in to t = {end:g}, one realisation each, lost: {', '.join(parts)}. "
+        f"The exact flow closes to {', '.join(exact)}."
+    )
 
 
 STUDY = Study(
