@@ -127,13 +127,15 @@ def register(app: typer.Typer, progress: Callable) -> None:
     def impacts(
         case: Case = "table10", schemes: Schemes = None, form: Form = "displacement", dt: Dt = None,
         halvings: Halvings = None, t_end: End = None,
+        members: Annotated[int | None, typer.Option(help="perturbed runs behind each mean")] = None,
         sensitivity: Annotated[bool, typer.Option(help="also over alpha, gamma and the contact treatment")] = True,
         references: References = None,
         out: Out = None, json_file: Json = None, jobs: Jobs = None, smoke: Smoke = False,
     ) -> None:  # fmt: skip
         """Impact counts against the step, with the true count."""
         run("impacts", case, out, json_file, jobs, smoke, schemes=_labels(schemes), form=form, dt=dt, halvings=halvings,
-            t_end=t_end, sensitivity=sensitivity and not smoke, references=_references(references))  # fmt: skip
+            t_end=t_end, members=members, sensitivity=sensitivity and not smoke,
+            references=_references(references))  # fmt: skip
 
     @command
     def precision(

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ..studies.common import scheme_of
-from ..studies.impacts import TRUE
+from ..studies.impacts import EXACT, TRUE
 from ..studies.study import Records, Row
 from . import MARKERS, column, dashed, found_rows, log_scale, look, say_empty, shared_legend, short
 
@@ -24,17 +24,18 @@ def draw(records: Records) -> Figure:
     """Above: over the step, with the true values in black. Below: how long the impacts are the true ones,
     and at the coarsest step what parameters and the treatment of the contact do."""
     rows = found_rows(records)
-    runs = [row for row in rows if row["purpose"] == "step" and row["scheme"] != TRUE]
+    runs = [row for row in rows if row["purpose"] == "step" and row["scheme"] not in (TRUE, EXACT)]
     true = [row for row in rows if row["scheme"] == TRUE]
     figure = Figure(figsize=(11.0, 7.8), layout="constrained")
     span = f" to t = {rows[0]['t_end']:g}" if rows else ""
     digits = max((row["true_digits"] for row in runs), default=0)
-    known = f"{digits} digits" if digits else "float64: one realisation past the horizon"
-    figure.suptitle(f"{records.case.name}{span}: impacts of every scheme, true ones in black ({known})")
+    known = f"{digits} digits" if digits else "float64, one realisation"
+    figure.suptitle(f"{records.case.name}{span}: means over perturbed runs; the true motion in black ({known})")
     axes = figure.subplots(2, 3)
     for axis, (name, words, title, factor), letter in zip(axes[0], OVER_STEP, "abc", strict=True):
         _over_step(axis, runs, name, factor)
         _true_values(axis, runs, true, name, factor)
+        _exact_ensemble(axis, [row for row in rows if row["scheme"] == EXACT], name, factor)
         axis.set(ylabel=words)
         axis.set_title(f"({letter}) {title}", loc="left")
         axis.set_ylim(bottom=0.0)
@@ -72,6 +73,16 @@ def _true_values(axis, runs: Sequence[Row], true: Sequence[Row], name: str, fact
         value = factor * column(own, name)[0] if own else float("nan")
     if np.isfinite(value):
         axis.axhline(value, color="black", lw=1.6, label="true")
+
+
+def _exact_ensemble(axis, exact: Sequence[Row], name: str, factor: float) -> None:
+    """The mean over exact members as a dotted line, with the spread of the count as a band."""
+    for row in exact:
+        mean = factor * row[name]
+        if name == "count":
+            low, high = mean - row["count_spread"], mean + row["count_spread"]
+            axis.axhspan(low, high, color="0.85", lw=0, zorder=0, label="exact members, mean ± spread")
+        axis.axhline(mean, color="0.3", lw=1.2, ls=":", zorder=1)
 
 
 def _over_parameters(axis, rows: Sequence[Row], count: float) -> None:
