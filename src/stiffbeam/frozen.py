@@ -76,10 +76,10 @@ def thaw(data: xr.Dataset, path: Path, system: System | None = None, t_eval: Arr
     system: what the file is of, by default what its case makes. t_eval: output times, by default 2001.
     """
     begun = time.perf_counter()
-    if data.attrs.get("hash") != _hash(data):
-        raise InputError("file", str(path), "hold what its hash says", "it is damaged: remake it")
     if data.attrs["stiffbeam_frozen"] != FORMAT:
         raise InputError("file", str(path), f"be of format {FORMAT}", f"it has {data.attrs['stiffbeam_frozen']}")
+    if data.attrs.get("hash") != _hash(data):
+        raise InputError("file", str(path), "hold what its hash says", "it is damaged: remake it")
     if system is None:
         if not data.attrs["case"]:
             raise InputError("file", str(path), "hold its case", "read it together with its system")

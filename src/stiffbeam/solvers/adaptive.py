@@ -19,6 +19,8 @@ from ..trajectory import ContactRecord, Impacts, Reference, Work, output_index
 from ..validation import InputError, positive
 from .rhs import RightHandSide
 
+LEAST_RTOL = 100.0 * float(np.finfo(float).eps)  # below it steps shrink without end instead of failing
+
 
 class Solve(NamedTuple):
     """y (k, m) at the output times; events (time, index into rhs.sides) or None; counters; seconds of
@@ -50,6 +52,8 @@ def reference_from(
     """
     positive("t_end", t_end)
     rtol = positive("rtol", rtol)
+    if rtol < LEAST_RTOL:
+        raise InputError("rtol", rtol, f"be at least {LEAST_RTOL:.2g} in float64", "use method='multiprecision'")
     atol = rtol / 100.0 if atol is None else positive("atol", atol)
     t = output_times(t_eval, t_end)
     begun = time.perf_counter()
