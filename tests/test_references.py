@@ -118,6 +118,14 @@ def test_the_store_of_the_repository_is_complete_and_small():
         assert entry["confirmed_with"] < entry["digits"]
 
 
+def test_the_impacts_in_the_readme_are_those_of_the_manifest():
+    text = (STORE / "README.md").read_text(encoding="utf-8")
+    for e in json.loads((STORE / "MANIFEST.json").read_text(encoding="utf-8"))["references"]:
+        tables = ", ".join(table.removeprefix("table") for table in e["tables"])
+        row = [tables, e["form"], f"{e['t_end']:g}", str(e["digits"]), str(e["impacts"])]
+        assert f"| {' | '.join(row)} | {100 * e['contact_fraction']:.1f} % |" in text
+
+
 @pytest.mark.slow
 def test_every_frozen_reference_of_the_repository_is_good():
     records = check(STORE)
