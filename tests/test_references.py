@@ -1,4 +1,4 @@
-"""Frozen references, their cache, their agreement, and the pytest plugin."""
+"""Frozen references, their agreement, and the pytest plugin."""
 
 from __future__ import annotations
 
@@ -17,7 +17,6 @@ import stiffbeam as sb
 from stiffbeam import cache
 from stiffbeam.cases import case_text, paper_cases
 from stiffbeam.frozen import BOUND, freeze
-from stiffbeam.reference_cache import cached_reference
 from stiffbeam.solvers import solve
 from stiffbeam.studies.agreement import agree
 from stiffbeam.studies.references import check, remake, wanted
@@ -119,6 +118,14 @@ def test_the_store_of_the_repository_is_complete_and_small():
         assert entry["confirmed_with"] < entry["digits"]
 
 
+def test_the_impacts_in_the_readme_are_those_of_the_manifest():
+    text = (STORE / "README.md").read_text(encoding="utf-8")
+    for e in json.loads((STORE / "MANIFEST.json").read_text(encoding="utf-8"))["references"]:
+        tables = ", ".join(table.removeprefix("table") for table in e["tables"])
+        row = [tables, e["form"], f"{e['t_end']:g}", str(e["digits"]), str(e["impacts"])]
+        assert f"| {' | '.join(row)} | {100 * e['contact_fraction']:.1f} % |" in text
+
+
 @pytest.mark.slow
 def test_every_frozen_reference_of_the_repository_is_good():
     records = check(STORE)
@@ -131,27 +138,6 @@ def test_a_stored_table_agrees_with_a_fresh_float64_run_inside_the_horizon():
     fresh = sb.reference(frozen.system, 0.1, t_eval=np.linspace(0, 0.1, 201))
     inside = fresh.t <= fresh.horizon
     assert np.max(np.abs(frozen.at(fresh.t[inside])[0] - fresh.tip[inside])) < 1e-3 * np.max(np.abs(fresh.tip))
-
-
-def test_the_cache_serves_remakes_and_never_confuses(table10, tmp_path, monkeypatch):
-    monkeypatch.setattr(cache, "directory", lambda: tmp_path)
-    system = sb.semidiscretise(table10, 8)
-    first = cached_reference(system, 0.1)
-    [file] = (tmp_path / "references").iterdir()
-    before = file.stat().st_mtime_ns
-    again = cached_reference(system, 0.1)
-    assert file.stat().st_mtime_ns == before
-    assert np.max(np.abs(again.tip - first.tip)) < BOUND
-    cached_reference(sb.semidiscretise(table10, 9), 0.1)
-    cached_reference(system, 0.05)
-    assert len(list((tmp_path / "references").iterdir())) == 3
-    file.write_bytes(file.read_bytes()[:1000])
-    with pytest.warns(UserWarning, match="remaking a cached reference"):
-        remade = cached_reference(system, 0.1)
-    assert np.max(np.abs(remade.tip - first.tip)) < BOUND
-    pushed = sb.BeamProblem(stiffness=300.0, loads=(sb.PointLoad(0.5, lambda t: 0 * t),))
-    with pytest.raises(sb.InputError, match="Harmonic or Constant"):
-        cached_reference(sb.semidiscretise(pushed, 8), 0.1)
 
 
 @pytest.mark.parametrize("kind", ["viscous", "two contacts"])
@@ -219,10 +205,10 @@ def test_it_refuses_what_nobody_knows(reference_solution, assert_within_referenc
 
 def test_the_plugin_works_in_a_project_of_someone_else(tmp_path):
     (tmp_path / "test_mine.py").write_text(DOWNSTREAM, encoding="utf-8")
-    environment = os.environ | {"STIFFBEAM_CACHE_DIR": str(cache.directory())}
     done = subprocess.run(
         [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "test_mine.py"],
-        cwd=tmp_path, capture_output=True, text=True, env=environment,
+        cwd=tmp_path, capture_output=True, text=True,
+        env=os.environ | {"STIFFBEAM_CACHE_DIR": str(cache.directory())},
     )  # fmt: skip
     assert done.returncode == 0, done.stdout + done.stderr
     assert "2 passed" in done.stdout

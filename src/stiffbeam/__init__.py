@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from .measures.comparison import Comparison, compare
     from .members import Members, perturbed, varied
     from .problem import BeamProblem, DistributedLoad, PointLoad, Units
+    from .reference_cache import cached_reference
     from .schemes import BDF2, HHT, SDIRK, Bathe, GeneralisedAlpha, Scheme, Theta, Trapezoidal
     from .semidiscretisation import semidiscretise
     from .solvers import reference
@@ -41,6 +42,7 @@ _HOME = {
     "measures.comparison": ("Comparison", "compare"),
     "members": ("Members", "perturbed", "varied"),
     "problem": ("BeamProblem", "DistributedLoad", "PointLoad", "Units"),
+    "reference_cache": ("cached_reference",),
     "schemes": ("BDF2", "HHT", "SDIRK", "Bathe", "GeneralisedAlpha", "Scheme", "Theta", "Trapezoidal"),
     "semidiscretisation": ("semidiscretise",),
     "solvers": ("reference",),
@@ -88,6 +90,7 @@ __all__ = [
     "Trapezoidal",
     "Units",
     "amplification",
+    "cached_reference",
     "compare",
     "integrate",
     "integrate_ensemble",

@@ -73,9 +73,12 @@ def compare(
     t_end: Annotated[float | None, typer.Option(help="end time instead of the case's")] = None,
     out: Annotated[Path | None, typer.Option(help="folder for picture, trajectories and table")] = None,
     json_file: Annotated[Path | None, typer.Option("--json", help="write the records here, - for stdout")] = None,
+    cache: Annotated[bool, typer.Option("--cache", help="keep the references and use those that are kept")] = False,
 ) -> None:
     """Run schemes beside SUNDIALS and the exact solution: table, picture, trajectories."""
     from .cases import find_case, parse_run, split_runs
+    from .reference_cache import cached_reference
+    from .solvers import reference
     from .studies.comparison import compare_case
     from .validation import InputError, positive
 
@@ -100,7 +103,9 @@ def compare(
 
     with _progress() as progress:
         # Each trajectory is saved as soon as it is there: an interrupt loses only the one that is running.
-        result = compare_case(chosen, runs, names, contact, dt, t_end, progress, keep)
+        result = compare_case(
+            chosen, runs, names, contact, dt, t_end, progress, keep, cached_reference if cache else reference
+        )
         progress("drawing", 0, 0)
         written += _draw(result, folder)
         records = json.dumps(result.to_dict() | {"files": [path.name for path in written]}, indent=2)
@@ -130,6 +135,7 @@ def reference_command(
     out: Annotated[Path | None, typer.Option(help="netCDF file to write")] = None,
     check: Annotated[Path | None, typer.Option(help="verify a frozen file, or a folder with a manifest")] = None,
     remake: Annotated[Path | None, typer.Option(help="compute what is missing of the paper's references here")] = None,
+    cache: Annotated[bool, typer.Option("--cache", help="keep the reference and use one that is kept")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="for programs")] = False,
 ) -> None:
     """Make, compare and check reference solutions."""
@@ -150,7 +156,7 @@ def reference_command(
             failed = False
         else:
             assert case is not None
-            records = _references(case, method, form, digits, rtol, t_end, budget, out, progress)
+            records = _references(case, method, form, digits, rtol, t_end, budget, out, cache, progress)
             failed = False
     if as_json:
         print(json.dumps(records, indent=2))
@@ -165,9 +171,10 @@ def reference_command(
         raise typer.Exit(1)
 
 
-def _references(name, method, form, digits, rtol, t_end, budget, out, progress) -> list[dict]:
+def _references(name, method, form, digits, rtol, t_end, budget, out, cache, progress) -> list[dict]:
     """One reference, saved, or the agreement of all methods."""
     from .cases import case_text, find_case
+    from .reference_cache import cached_reference
     from .semidiscretisation import semidiscretise
     from .solvers import reference
     from .validation import InputError
@@ -182,7 +189,10 @@ def _references(name, method, form, digits, rtol, t_end, budget, out, progress) 
         raise InputError("--digits", digits, "be a number or auto")
     progress(f"{method}@{form}", 0, 0)
     system = semidiscretise(case.problem, case.cells, form)
-    found = reference(system, end, method, rtol=rtol, digits="auto" if digits == "auto" else int(digits))
+    if cache and out is not None and method == "multiprecision":
+        raise InputError("--cache", "with --out", "be left out here", "the file written is itself one to keep")
+    solve = cached_reference if cache else reference
+    found = solve(system, end, method, rtol=rtol, digits="auto" if digits == "auto" else int(digits))
     record = {
         "reference": found.label,
         "t_end": end,

@@ -7,7 +7,6 @@ at any time within the stated bound, however long the chaos has been going on.
 
 from __future__ import annotations
 
-import hashlib
 import json
 import time
 from dataclasses import replace
@@ -71,16 +70,16 @@ def freeze(reference: Reference, case: str, file: str | Path) -> dict[str, Any]:
     }
 
 
-def thaw(data: xr.Dataset, path: Path, system: System | None = None) -> Reference:
+def thaw(data: xr.Dataset, path: Path, system: System | None = None, t_eval: Array | None = None) -> Reference:
     """The Reference in an opened file; its content is checked against the hash, its switches re-marched.
 
-    system: what the file is of, by default what its case makes.
+    system: what the file is of, by default what its case makes. t_eval: output times, by default 2001.
     """
     begun = time.perf_counter()
-    if data.attrs.get("hash") != _hash(data):
-        raise InputError("file", str(path), "hold what its hash says", "it is damaged: remake it")
     if data.attrs["stiffbeam_frozen"] != FORMAT:
         raise InputError("file", str(path), f"be of format {FORMAT}", f"it has {data.attrs['stiffbeam_frozen']}")
+    if data.attrs.get("hash") != _hash(data):
+        raise InputError("file", str(path), "hold what its hash says", "it is damaged: remake it")
     if system is None:
         if not data.attrs["case"]:
             raise InputError("file", str(path), "hold its case", "read it together with its system")
@@ -93,7 +92,7 @@ def thaw(data: xr.Dataset, path: Path, system: System | None = None) -> Referenc
     t_end = float(data.attrs["t_end"])
     notes = json.loads(data.attrs["provenance"])
     solution = _march(system, data, str(path))
-    reference = reference_of(system, solution, t_end, None, begun, "multiprecision", notes)
+    reference = reference_of(system, solution, t_end, t_eval, begun, "multiprecision", notes)
     return replace(reference, horizon=t_end)
 
 
@@ -223,11 +222,5 @@ def _deviation(a: Solution, b: Solution, reference: Reference) -> float:
 
 
 def _hash(data: xr.Dataset) -> str:
-    """sha256 of everything in the file but the hash itself."""
-    digest = hashlib.sha256()
-    for name in sorted(map(str, data.data_vars)):
-        digest.update(name.encode() + np.ascontiguousarray(data[name].values).tobytes())
-    for name in sorted(data.attrs):
-        if name not in ("hash", "deviation"):
-            digest.update(f"{name}={data.attrs[name]}".encode())
-    return digest.hexdigest()
+    """Of everything in the file but the hash itself, and what depends on the machine."""
+    return netcdf.content_hash(data, data.attrs.keys() - {"hash", "deviation"})

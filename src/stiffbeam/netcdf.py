@@ -1,11 +1,14 @@
-"""Writing a dataset so that the file appears whole or not at all."""
+"""Writing a dataset so that the file appears whole or not at all, and knowing it again."""
 
 from __future__ import annotations
 
+import hashlib
 import os
 import tempfile
+from collections.abc import Iterable
 from pathlib import Path
 
+import numpy as np
 import xarray as xr
 
 from .validation import InputError
@@ -32,3 +35,13 @@ def write(dataset: xr.Dataset, file: str | Path, compression: int = 4) -> Path:
         Path(partial).unlink(missing_ok=True)
         raise
     return path
+
+
+def content_hash(data: xr.Dataset, attributes: Iterable[str]) -> str:
+    """sha256 of every variable and of the named attributes."""
+    digest = hashlib.sha256()
+    for name in sorted(map(str, data.variables)):
+        digest.update(name.encode() + np.ascontiguousarray(data[name].values).tobytes())
+    for name in sorted(attributes):
+        digest.update(f"{name}={data.attrs.get(name)}".encode())
+    return digest.hexdigest()

@@ -13,10 +13,11 @@ if TYPE_CHECKING:
 
 @pytest.fixture(scope="session")
 def reference_solution() -> Callable[..., Reference]:
-    """``reference_solution(problem_or_case_or_system, cells=25, t_end=1.0, form="displacement")``.
+    """``reference_solution(problem_or_case_or_system, cells=25, t_end=1.0, form="displacement", **options)``.
 
     A multiprecision reference, trusted to t_end, computed once and cached between test runs. A case is
-    named ("table10", a file) or given; its cells and t_end are the defaults then.
+    named ("table10", a file) or given; its cells and t_end are the defaults then. options: those of
+    ``stiffbeam.cached_reference``, as method="cvode", t_eval=times, rtol=1e-9.
     """
     from .cases import Case, find_case
     from .problem import BeamProblem
@@ -25,7 +26,9 @@ def reference_solution() -> Callable[..., Reference]:
     from .system import System
     from .validation import InputError
 
-    def make(what: Any, cells: int | None = None, t_end: float | None = None, form: str = "displacement") -> Reference:
+    def make(
+        what: Any, cells: int | None = None, t_end: float | None = None, form: str = "displacement", **options: Any
+    ) -> Reference:
         case = find_case(what) if isinstance(what, str) else what
         if isinstance(case, Case):
             system = semidiscretise(case.problem, cells or case.cells, form)
@@ -37,7 +40,7 @@ def reference_solution() -> Callable[..., Reference]:
             end = t_end
         else:
             raise InputError("reference_solution", what, "be a BeamProblem, a System, a case or its name")
-        return cached_reference(system, end)
+        return cached_reference(system, end, **options)
 
     return make
 

@@ -3,22 +3,26 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
 import xarray as xr
+from numpy.typing import ArrayLike
 
 from . import netcdf
+from .arrays import Array
 from .contact import Stops
 from .frozen import thaw
 from .ledger import Ledger
 from .system import System
-from .trajectory import ContactRecord, Impacts, Reference, Trajectory, Work
+from .trajectory import ContactRecord, Impacts, Reference, Trajectory, Work, output_index
 from .validation import InputError
 
 FORMAT = 1
+_HASHED = ("stiffbeam_format", "kind", "fingerprint", "provenance", "work", "stops", "impact_kind", "horizon")
 _LEDGER = {
     "kinetic": "kinetic energy",
     "elastic": "bending energy",
@@ -90,7 +94,9 @@ def to_xarray(run: Trajectory) -> xr.Dataset:
     }
     if isinstance(run, Reference):
         attributes["horizon"] = run.horizon
-    return xr.Dataset(data, coords={"time": time}, attrs=attributes)
+    dataset = xr.Dataset(data, coords={"time": time}, attrs=attributes)
+    dataset.attrs["hash"] = netcdf.content_hash(dataset, _HASHED)
+    return dataset
 
 
 def save(run: Trajectory, file: str | Path) -> Path:
@@ -98,28 +104,50 @@ def save(run: Trajectory, file: str | Path) -> Path:
     return netcdf.write(to_xarray(run), file)
 
 
-def load(file: str | Path, system: System | None = None) -> Trajectory:
+def load(file: str | Path, system: System | None = None, t_eval: ArrayLike | None = None) -> Trajectory:
     """Read a file written by ``save`` or a frozen reference. Raises InputError for a file that is neither,
-    or is damaged. ``system``: for a frozen reference that does not hold its own case."""
+    or is damaged, or is of another ``system``.
+
+    A frozen reference answers at any time, and comes at ``t_eval``; what was saved answers at the times
+    it was saved at. Without ``system`` a trajectory does without, a frozen reference has its own case.
+    """
     path = Path(file)
     if not path.is_file():
         raise InputError("file", str(path), "exist")
     try:
-        with h5py.File(path):  # a damaged file fails here, before a reader has it half open
-            pass
+        _read_all(path)
         with xr.open_dataset(path, engine="h5netcdf", decode_times=False) as opened:
             data = opened.load()
-            return thaw(data, path, system) if "stiffbeam_frozen" in data.attrs else _from_dataset(data, path)
+            if "stiffbeam_frozen" in data.attrs:
+                return thaw(data, path, system, None if t_eval is None else np.asarray(t_eval, float))
+            return _from_dataset(data, path, system)
     except InputError:
         raise
     except (OSError, ValueError, KeyError, TypeError, RuntimeError, AttributeError, IndexError) as error:
         raise InputError("file", str(path), "be a whole netCDF-4 file", str(error)) from None
 
 
-def _from_dataset(data: xr.Dataset, path: Path) -> Trajectory:
+def _read_all(path: Path) -> None:
+    """Read every attribute and value once: a damaged file fails here, before xarray has it half open."""
+
+    def read(name: str, item: h5py.Group | h5py.Dataset) -> None:
+        dict(item.attrs)
+        if isinstance(item, h5py.Dataset):
+            item[()]
+
+    with h5py.File(path) as file:
+        dict(file.attrs)
+        file.visititems(read)
+
+
+def _from_dataset(data: xr.Dataset, path: Path, system: System | None) -> Trajectory:
     if data.attrs.get("stiffbeam_format") != FORMAT:
         found = data.attrs.get("stiffbeam_format")
         raise InputError("file", str(path), f"be a stiffbeam trajectory of format {FORMAT}", f"it has format {found}")
+    if data.attrs.get("hash") != netcdf.content_hash(data, _HASHED):
+        raise InputError("file", str(path), "hold what its hash says", "it is damaged: save the run again")
+    if system is not None and system.fingerprint != data.attrs["fingerprint"]:
+        raise InputError("file", str(path), "be of the system it is read with", "it is of another one")
     contacts = []
     for i, (lower, upper, stiffness) in enumerate(json.loads(data.attrs["stops"])):
         mine = data["impact_contact"].values == i
@@ -148,12 +176,28 @@ def _from_dataset(data: xr.Dataset, path: Path) -> Trajectory:
         "work": Work(**work),
         "provenance": json.loads(data.attrs["provenance"]),
         "fingerprint": data.attrs["fingerprint"],
+        "system": system,
     }
-    reference = data.attrs["kind"] == "reference"
-    run = Reference(**common, horizon=float(data.attrs["horizon"])) if reference else Trajectory(**common)
+    if data.attrs["kind"] == "reference":
+        run = Reference(**common, horizon=float(data.attrs["horizon"]), evaluate=_at_outputs(common))
+    else:
+        run = Trajectory(**common)
     if "ledger_kinetic" in data:
         run.__dict__["energy"] = Ledger(run.t, *(data[f"ledger_{name}"].values for name in _LEDGER))
     return run
+
+
+def _at_outputs(saved: dict[str, Any]) -> Callable[[Array, int], tuple[Array, Array]]:
+    """A contact's position and velocity at output times; the channel after the last contact is the tip."""
+
+    def evaluate(times: Array, channel: int) -> tuple[Array, Array]:
+        index = output_index(saved["t"], times, f"a saved {saved['provenance']['method']}")
+        if channel < len(saved["contacts"]):
+            contact = saved["contacts"][channel]
+            return contact.position[index], contact.velocity[index]
+        return saved["tip"][index], saved["tip_velocity"][index]
+
+    return evaluate
 
 
 def _solves(run: Trajectory) -> bool:

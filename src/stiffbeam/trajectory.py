@@ -194,6 +194,14 @@ class Trajectory:
         return to_xarray(self)
 
 
+def output_index(t: Array, times: Array, method: str) -> NDArray[np.int64]:
+    """Where ``times`` stand among the output times t. Raises InputError for any other time."""
+    index = np.clip(np.searchsorted(t, times - 1e-12 * t[-1]), 0, len(t) - 1)
+    if np.any(np.abs(t[index] - times) > 1e-11 * t[-1]):
+        raise InputError("t", "new times", f"be among t_eval for {method}", "for a comparison pass t_eval=run.t")
+    return index
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Reference(Trajectory):
     """A Trajectory that says how far it can be trusted, and where it knows, any time in between.
@@ -218,7 +226,8 @@ class Reference(Trajectory):
         if self.evaluate is None:
             method = self.provenance["method"]
             raise InputError("t", "new times", f"be among t_eval for {method}", "for a comparison pass t_eval=run.t")
-        channel = contact if contact is not None else (self.system.tip_channel if self.system else 0)
+        tip = self.system.tip_channel if self.system else len(self.contacts)
+        channel = tip if contact is None else contact
         return self.evaluate(np.minimum(t, end), channel)
 
     def impacts_sampled(self, dt: float, t_end: float | None = None) -> Impacts:

@@ -70,12 +70,14 @@ def compare_case(
     t_end: float | None = None,
     progress: Progress = lambda what, done, total: None,
     keep: Callable[[Trajectory], None] = lambda trajectory: None,
+    solve: Callable[..., Reference] = reference,
 ) -> CaseComparison:
     """Run every scheme over the case's time span and hold it against a reference of the same form.
 
     The first of ``references`` that can take the system is the yardstick over the whole span; the
     others run to its horizon only and are compared like the schemes. A run that fails is reported and
-    the others go on. ``keep`` is called with every trajectory as soon as it is finished.
+    the others go on. ``keep`` is called with every trajectory as soon as it is finished. ``solve`` makes
+    the references: ``cached_reference`` keeps them for the next time.
     """
     case = replace(case, dt=dt or case.dt, t_end=t_end or case.t_end)
     step_count(case.dt, case.t_end)
@@ -88,7 +90,7 @@ def compare_case(
     chosen = list(default_runs(case) if runs is None else runs)
     for form in dict.fromkeys(form for _, form in chosen):
         system = semidiscretise(case.problem, case.cells, form)
-        yardstick = _yardstick(system, case, references, result, progress)
+        yardstick = _yardstick(system, case, references, result, progress, solve)
         for scheme, _ in (pair for pair in chosen if pair[1] == form):
             label = f"{scheme}@{form}"
             try:
@@ -108,13 +110,18 @@ def compare_case(
                 _measure(result, run, yardstick)
         if yardstick is not None:
             keep(yardstick)
-            for further in _further_references(system, case, references, yardstick, result, progress):
+            for further in _further_references(system, case, references, yardstick, result, progress, solve):
                 keep(further)
     return result
 
 
 def _yardstick(
-    system: System, case: Case, references: Sequence[str], result: CaseComparison, progress: Progress
+    system: System,
+    case: Case,
+    references: Sequence[str],
+    result: CaseComparison,
+    progress: Progress,
+    solve: Callable[..., Reference],
 ) -> Reference | None:
     for method in references:
         progress(f"{method}@{system.form}", 0, 0)
@@ -122,7 +129,7 @@ def _yardstick(
         try:
             # The adaptive solvers answer at the times they were asked for: the runs' own steps.
             times = None if method in ("exact", "multiprecision") else np.arange(steps + 1) * case.dt
-            yardstick = reference(system, case.t_end, method, times)
+            yardstick = solve(system, case.t_end, method, times)
         except (InputError, SolverFailure) as error:
             result.failures.append((f"{method}@{system.form}", str(error)))
             continue
@@ -138,6 +145,7 @@ def _further_references(
     yardstick: Reference,
     result: CaseComparison,
     progress: Progress,
+    solve: Callable[..., Reference],
 ) -> Iterator[Reference]:
     window = min(case.t_end, yardstick.horizon)
     steps = int(np.floor(window / case.dt * (1 + 1e-12)))
@@ -151,7 +159,7 @@ def _further_references(
         label = f"{method}@{system.form}"
         progress(f"{label} to the horizon {window:.3g}", 0, 0)
         try:
-            further = reference(system, float(times[-1]), method, times)
+            further = solve(system, float(times[-1]), method, times)
         except (InputError, SolverFailure) as error:
             result.failures.append((label, str(error)))
             continue

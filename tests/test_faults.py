@@ -1,0 +1,167 @@
+"""What goes wrong in references: a clear error each, and nothing half-written."""
+
+from __future__ import annotations
+
+import sys
+
+import h5py
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import stiffbeam as sb
+from stiffbeam import frozen
+from stiffbeam.cases import case_text
+from stiffbeam.cli import app
+from stiffbeam.solvers import METHODS, multiprecision, solve
+
+ADAPTIVE = [method for method in METHODS if method not in ("exact", "multiprecision")]
+
+
+@pytest.fixture(scope="module")
+def system(table10):
+    return sb.semidiscretise(table10, 8)
+
+
+def command(*arguments):
+    """Run the command in this process; its error comes through."""
+    done = CliRunner().invoke(app, arguments, standalone_mode=False)
+    if done.exception:
+        raise done.exception
+
+
+@pytest.mark.parametrize("method", ADAPTIVE)
+def test_a_tolerance_below_float64_is_refused(method, system):
+    with pytest.raises(sb.InputError, match=r"rtol must be at least 2.2e-14 in float64, got 1e-30.*multiprecision"):
+        solve(system, 0.01, method, None, 1e-30, None)
+
+
+@pytest.mark.parametrize("method", ["cvode", "cvode-adams", "ida"])
+def test_sundials_that_gives_up_says_where_and_what_to_do(method, system, monkeypatch, tmp_path):
+    from stiffbeam.solvers import cvode, ida
+
+    for module in (cvode, ida):
+        monkeypatch.setattr(module, "MAX_STEPS", 20)
+    with pytest.raises(sb.SolverFailure, match=rf"{method} stopped at t = .*steps.*; loosen rtol"):
+        solve(system, 0.1, method, None, 1e-10, None)
+    with pytest.raises(sb.SolverFailure, match="loosen"):
+        command("reference", "table10", "--method", method, "--t-end", "0.1", "--out", str(tmp_path / "r.nc"))
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("method", ["cvode", "ida"])
+def test_sundials_that_cannot_meet_a_tolerance_says_so(method, system, monkeypatch):
+    """Past the check of ours, SUNDIALS itself refuses."""
+    from stiffbeam.solvers import adaptive
+
+    monkeypatch.setattr(adaptive, "LEAST_RTOL", 0.0)
+    with pytest.raises(sb.SolverFailure, match=f"{method} stopped at t = 0: Could not satisfy demanded accuracy"):
+        solve(system, 0.01, method, None, 1e-30, None)
+
+
+def test_digits_that_cannot_be_reached_leave_no_file(table10, monkeypatch, tmp_path):
+    monkeypatch.setattr(multiprecision, "MAX_DIGITS", 60)
+    with pytest.raises(sb.SolverFailure, match="digits are not enough; shorten t_end"):
+        sb.reference(sb.semidiscretise(table10, 25), 2.0, "multiprecision")
+    with pytest.raises(sb.SolverFailure, match="digits are not enough"):
+        command("reference", "table10", "--method", "multiprecision", "--t-end", "2", "--out", str(tmp_path / "r.nc"))
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("method", "module", "package"),
+    [
+        ("cvode", "sksundae", "scikit-sundae"),
+        ("ida", "sksundae", "scikit-sundae"),
+        ("kvaerno3", "diffrax", "diffrax"),
+        ("kvaerno5", "jax", "jax"),
+        ("multiprecision", "flint", "python-flint"),
+    ],
+)
+def test_a_missing_library_is_named_with_its_package(method, module, package, system, monkeypatch):
+    for name in [
+        name for name in sys.modules if name.startswith(("stiffbeam.solvers.multi", "stiffbeam.solvers.prec"))
+    ]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.delitem(sys.modules, "stiffbeam.solvers.rational", raising=False)
+    monkeypatch.setitem(sys.modules, module, None)
+    with pytest.raises(sb.InputError, match=f"library {module} installed.*pip install {package}"):
+        solve(system, 0.01, method, None, 1e-6, None)
+
+
+@pytest.fixture(scope="module")
+def files(system, tmp_path_factory):
+    """A saved reference and a frozen one."""
+    folder = tmp_path_factory.mktemp("files")
+    sb.reference(system, 0.05, "cvode-adams", np.linspace(0.0, 0.05, 101), rtol=1e-6).save(folder / "saved.nc")
+    table = sb.paper_case(10)
+    many = sb.reference(sb.semidiscretise(table.problem, table.cells), 0.1, "multiprecision")
+    frozen.freeze(many, case_text("table10"), folder / "frozen.nc")
+    return folder
+
+
+@pytest.mark.parametrize("kind", ["saved", "frozen"])
+def test_a_flipped_byte_is_found_or_changes_nothing(kind, files, tmp_path):
+    content = (files / f"{kind}.nc").read_bytes()
+    whole = sb.load(files / f"{kind}.nc")
+    damaged, found = tmp_path / "damaged.nc", 0
+    positions = np.random.default_rng(5).integers(0, len(content), 60)
+    for position in positions.tolist():
+        flipped = bytearray(content)
+        flipped[position] ^= 0x04
+        damaged.write_bytes(flipped)
+        try:
+            again = sb.load(damaged)
+        except sb.InputError as error:
+            found += error.field == "file"
+            continue
+        np.testing.assert_array_equal(again.t, whole.t)
+        np.testing.assert_allclose(again.tip, whole.tip, rtol=0, atol=1e-15)
+        np.testing.assert_array_equal(again.impacts.stops, whole.impacts.stops)
+        assert again.horizon == whole.horizon
+        assert again.provenance == whole.provenance
+    assert found > len(positions) // 4
+
+
+@pytest.mark.parametrize("kind", ["saved", "frozen"])
+@pytest.mark.parametrize("part", [0.1, 0.5, 0.9, 0.999])
+def test_a_cut_file_is_found(kind, part, files, tmp_path):
+    content = (files / f"{kind}.nc").read_bytes()
+    (cut := tmp_path / "cut.nc").write_bytes(content[: int(part * len(content))])
+    with pytest.raises(sb.InputError, match=r"be a whole netCDF-4 file, got '.*cut\.nc'"):
+        sb.load(cut)
+
+
+@pytest.mark.parametrize(
+    ("kind", "attribute", "value", "message"),
+    [
+        ("saved", "stiffbeam_format", 2, "be a stiffbeam trajectory of format 1.*it has format 2"),
+        ("frozen", "stiffbeam_frozen", 2, "be of format 1.*it has 2"),
+        ("saved", "horizon", 0.06, "hold what its hash says"),
+        ("frozen", "t_end", 0.2, "hold what its hash says"),
+    ],
+)
+def test_another_version_and_a_changed_attribute_are_found(kind, attribute, value, message, files, tmp_path):
+    (copy := tmp_path / "copy.nc").write_bytes((files / f"{kind}.nc").read_bytes())
+    with h5py.File(copy, "r+") as file:
+        file.attrs[attribute] = value
+    with pytest.raises(sb.InputError, match=message):
+        sb.load(copy)
+
+
+def test_a_frozen_file_whose_case_another_version_discretises_differently_is_found(files, monkeypatch):
+    from stiffbeam import semidiscretisation
+
+    finer = lambda problem, cells, form: semidiscretisation.semidiscretise(problem, cells + 1, form)  # noqa: E731
+    monkeypatch.setattr(frozen, "semidiscretise", finer)
+    with pytest.raises(sb.InputError, match=r"describe the system that its case makes.*this version differs"):
+        sb.load(files / "frozen.nc")
+
+
+def test_a_file_of_another_system_is_found(files, system, table10):
+    other = sb.semidiscretise(table10, 9)
+    with pytest.raises(sb.InputError, match="be of the system it is read with"):
+        sb.load(files / "saved.nc", other)
+    with pytest.raises(sb.InputError, match="describe the system"):
+        sb.load(files / "frozen.nc", other)
+    assert sb.load(files / "saved.nc", system).system is system
