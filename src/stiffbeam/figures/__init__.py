@@ -134,6 +134,7 @@ def signed_log(axis: Axes, values: Iterable[Array], threshold: float) -> None:
 def say_empty(axis: Axes, text: str = "no point could be evaluated") -> None:
     """Words in the place of curves that do not exist."""
     axis.text(0.5, 0.5, text, transform=axis.transAxes, ha="center", va="center", color="0.35", in_layout=False)
+    axis.set(xticks=[], yticks=[])
 
 
 def shared_legend(figure: Figure, columns: int = 4) -> None:

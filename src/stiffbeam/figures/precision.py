@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 
 import numpy as np
@@ -29,7 +30,7 @@ def draw(records: Records) -> Figure:
         log_scale(axis)
         axis.set(xlabel=words, ylabel="tip error, rms, relative")
         axis.set_title(f"({letter}) {title}", loc="left")
-    _failed(axes[0], records.failures)
+    _failed(axes[0], records.rows)
     tracked = [row for row in rows if np.isfinite(column([row], "tracked")[0])]
     for label in dict.fromkeys(row["method"] for row in tracked):
         own = sorted((row for row in tracked if row["method"] == label), key=lambda row: row["tracked_seconds"])
@@ -59,11 +60,12 @@ def _curves(axis, rows: Sequence[Row], cost: str, result: str) -> None:
         axis.plot(column(own, cost), y, ms=4.5, lw=1.1, label=short(label), **look(label))
 
 
-def _failed(axis, failures: Sequence[Row]) -> None:
-    """Crosses along the top edge, each under the name of what failed there."""
-    for i, row in enumerate(failures):
-        setting = f"Δt = {row['dt']:.1e}" if row["dt"] else f"rtol {row['rtol']:g}"
-        x = (i + 0.5) / len(failures)
-        axis.plot(x, 1.0, "x", ms=8, mew=2, color=look(row["method"])["color"], transform=axis.transAxes, clip_on=False)
-        axis.annotate(f"{short(row['method'])}, {setting}: failed", (x, 0.97), xycoords="axes fraction", rotation=90,
-                      ha="center", va="top", fontsize=8)  # fmt: skip
+def _failed(axis, rows: Sequence[Row]) -> None:
+    """Crosses along the top edge, one a method, above its name and how many of its points failed."""
+    counts = Counter(row["method"] for row in rows if "failed" in row)
+    tried = Counter(row["method"] for row in rows)
+    for i, (method, failed) in enumerate(counts.items()):
+        x = (i + 0.5) / len(counts)
+        axis.plot(x, 1.0, "x", ms=8, mew=2, color=look(method)["color"], transform=axis.transAxes, clip_on=False)
+        text = f"{short(method)}: {failed} of {tried[method]} failed"
+        axis.annotate(text, (x, 0.97), xycoords="axes fraction", rotation=90, ha="center", va="top", fontsize=8)
