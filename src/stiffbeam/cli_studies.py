@@ -209,10 +209,12 @@ def _run(study, case, out: Path | None, jobs: int | None, options: dict, show) -
 
 def _print(records, written: list[Path]) -> None:
     from rich.console import Console
+    from rich.padding import Padding
 
     console = Console(highlight=False)
     console.print(f"[bold]{records.study.name}[/]  {records.study.question}")
-    console.print(records.answer)
+    for i, part in enumerate(records.answer.split("; ")):
+        console.print(Padding(part, (0, 0, 0, 2 if i else 0)))
     for message in dict.fromkeys(row["failed"] for row in records.failures):
         console.print(f"[bold red]failed[/]  {message}")
     names = ", ".join(str(path) for path in written)

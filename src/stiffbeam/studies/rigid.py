@@ -80,7 +80,7 @@ def answer(rows: Rows) -> str:
     own = rows[0]
     return (
         f"The tip approaches that of rigid stops like kappa^-({order}) (theory: 1/2), from kappa = "
-        f"{near[0]['kappa']:.2g} on; at the case's kappa = {own['kappa']:.2g} the first {own['rigid_impacts']} rigid "
+        f"{near[0]['kappa']:.2g} on; at kappa = {own['kappa']:.2g} the first {own['rigid_impacts']} rigid "
         f"impacts are {own['impacts']} and the tip is {100 * own['tip_error']:.2g} % of its largest displacement off."
     )
 
