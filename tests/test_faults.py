@@ -105,7 +105,7 @@ def test_a_flipped_byte_is_found_or_changes_nothing(kind, files, tmp_path):
     content = (files / f"{kind}.nc").read_bytes()
     whole = sb.load(files / f"{kind}.nc")
     damaged, found = tmp_path / "damaged.nc", 0
-    positions = np.random.default_rng(5).integers(0, len(content), 60)
+    positions = np.random.default_rng(5).integers(0, len(content), 25)
     for position in positions.tolist():
         flipped = bytearray(content)
         flipped[position] ^= 0x04

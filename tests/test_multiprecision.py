@@ -103,7 +103,7 @@ def test_a_damped_mass_between_stops_bounces_as_the_closed_form_in_mpmath_past_t
 @pytest.mark.parametrize("viscosity", [0.05, 20.0])
 def test_a_viscous_beam_in_two_precisions_and_in_float64(viscosity, table10):
     """At d = 20 most modes are overdamped and lie within 1e-7 of each other."""
-    system = sb.semidiscretise(dataclasses.replace(table10, viscosity=viscosity), 16)
+    system = sb.semidiscretise(dataclasses.replace(table10, viscosity=viscosity), 12)
     many = sb.reference(system, 0.3, "multiprecision")
     double = solve(system, 0.3, "exact", many.t, 0.0, None)
     assert many.horizon == 0.3

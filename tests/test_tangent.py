@@ -66,7 +66,7 @@ def test_tangent_vectors_grow_as_perturbed_motions_part(which, table10):
         assert np.max(np.abs(measured - growth.log_growth[:, j])[linear]) < 0.05
 
 
-@pytest.mark.parametrize("number", [2, 5, 12, 14, 17])
+@pytest.mark.parametrize("number", [2, 14, 17, *(pytest.param(n, marks=pytest.mark.slow) for n in (5, 12))])
 def test_the_predicted_horizon_is_that_of_the_twins_within_a_factor_of_two(number):
     system = table(number)
     ref = sb.reference(system, 0.6)

@@ -43,7 +43,7 @@ COUNTER = {"exact": "evaluations", "multiprecision": "evaluations", "kvaerno3": 
         ("ida", swinging, 50.0),
         ("dop853", swinging, 50.0),
         ("radau", swinging, 25.0),
-        ("kvaerno5", swinging, 25.0),
+        pytest.param("kvaerno5", swinging, 25.0, marks=pytest.mark.slow),
         pytest.param("kvaerno3", swinging, 25.0, marks=pytest.mark.slow),
     ],
 )
