@@ -17,11 +17,12 @@ import matplotlib.image
 import numpy as np
 import pandas
 import pytest
+from matplotlib.figure import Figure
 
 import stiffbeam as sb
 import stiffbeam.studies
 from stiffbeam.cases import paper_case, parse_case
-from stiffbeam.figures import look, short
+from stiffbeam.figures import TRUTH, look, short
 from stiffbeam.schemes import registered
 from stiffbeam.studies import STUDIES, Records, converge, find_study, impacts, journal, precision, study
 from stiffbeam.studies.runner import run_study
@@ -72,11 +73,12 @@ def test_a_study_answers_in_numbers_from_flat_rows(name):
     assert find_study(name).question.endswith("?")
     assert json.loads(json.dumps(records.rows)) is not None
     assert all(isinstance(v, (int, float, str, bool, type(None))) for row in records.rows for v in row.values())
-    # Rows of one kind have one set of keys, whatever their scheme found.
+    # Rows of one kind have one set of keys, whatever their scheme found; pairs are rates and distances.
     kinds: dict[str, set[frozenset[str]]] = {}
     parameters = {p for scheme in registered() for p in scheme.parameters} if name == "amplification" else set()
     for row in records.rows:
-        kinds.setdefault(str(row.get("kind")), set()).add(frozenset(row) - parameters)
+        kind = row.get("scheme") if row.get("scheme") in (*TRUTH, None) else "a scheme"
+        kinds.setdefault(str(row.get("kind", kind)), set()).add(frozenset(row) - parameters)
     assert all(len(keys) <= (2 if kind == "pairs" else 1) for kind, keys in kinds.items())
     assert len(records.to_dataframe()) == len(records.rows)
 
@@ -87,45 +89,47 @@ def test_a_study_draws_named_axes(name):
     assert figure.axes
     for axis in figure.axes:
         if axis.get_lines() or axis.patches or axis.collections:
-            assert axis.get_ylabel()
+            # A category axis has names for ticks instead.
+            assert axis.get_ylabel() or any(c.isalpha() for tick in axis.get_yticklabels() for c in tick.get_text())
             assert axis.get_xlabel() or axis.get_shared_x_axes().get_siblings(axis)[1:] or axis.get_xticklabels()
             assert axis.get_title(loc="left") or axis.get_shared_x_axes().get_siblings(axis)[1:]
     assert figure.get_suptitle()
 
 
 @pytest.mark.parametrize("name", STUDIES)
-def test_a_study_saves_what_it_found(name, tmp_path):
+def test_a_study_saves_what_it_found(name, tmp_path, monkeypatch):
+    write = Figure.savefig
+    monkeypatch.setattr(Figure, "savefig", lambda figure, file, dpi: write(figure, file, dpi=dpi / 4))  # for speed
     text, table, picture = smoke(name).save(tmp_path / "folder")
     document = json.loads(text.read_text(), parse_constant=lambda name: pytest.fail(f"{name} is no JSON"))
     assert document["study"] == name
     assert document["answer"] == smoke(name).answer
     assert len(document["rows"]) == len(pandas.read_csv(table)) == len(smoke(name).rows)
     pixels = matplotlib.image.imread(picture)[..., :3]
-    assert pixels.shape[1] > 2000
+    assert pixels.shape[1] == 11 * 200 // 4
     assert np.mean(np.any(pixels < 0.9, axis=-1)) > 0.005
 
 
 def variants(rows, keys):
-    """Rows as they may come: none, all failed, a single one, one scheme only, with holes."""
+    """Rows as they may come: none, all failed, half of them, one scheme only, with holes, without a number."""
     rng = random.Random(1)
-    numbers = {k for k, v in rows[-1].items() if isinstance(v, float) and k not in keys}
+    numbers = {k for row in rows for k, v in row.items() if isinstance(v, float) and k not in keys}
     failed = [{k: v for k, v in row.items() if k in keys} | {"failed": "it overflowed"} for row in rows]
+    lost = {str(row): rng.random() < 0.5 for row in failed}  # the rows of a point fail together
     who = "method" if "method" in rows[0] else "scheme"
     yield []
     yield failed
-    yield rows[:1]
+    yield [other if lost[str(other)] else one for one, other in zip(rows, failed, strict=True)]
     yield [row for row in rows if row.get(who) == rows[-1].get(who)]
-    yield [one if rng.random() < 0.5 else other for one, other in zip(rows, failed, strict=True)]
-    for hole in (None, float("nan")):
-        yield [{k: hole if k in numbers and rng.random() < 0.3 else v for k, v in row.items()} for row in rows]
-        yield [{k: hole if k in numbers else v for k, v in row.items()} for row in rows]
+    yield [{k: None if k in numbers and rng.random() < 0.3 else v for k, v in row.items()} for row in rows]
+    yield [{k: float("nan") if k in numbers else v for k, v in row.items()} for row in rows]
 
 
 @pytest.mark.parametrize("name", STUDIES)
 def test_a_picture_survives_failed_missing_and_single_rows(name):
     records = smoke(name)
     keys = set().union(*find_study(name).points(SMALL, **find_study(name).smoke))
-    keys |= {"dt", "kappa", "t", "dt_over_period", "horizon", "true_count", "omega"}
+    keys |= {"dt", "kappa", "t", "dt_over_period", "omega"}
     for rows in variants(records.rows, keys):
         replace(records, rows=rows).figure().canvas.draw()
 
@@ -306,10 +310,9 @@ def test_two_processes_find_what_one_finds(tmp_path):
 
 
 def test_a_point_that_fails_is_a_row_and_the_others_are_there():
-    """Extrapolated contact overflows with the trapezoidal rule on the paper's Table 10 before t = 1."""
-    case = replace(paper_case(10), t_end=1.0)
-    options = {"schemes": ["trapezoidal"], "forms": ["displacement"], "contact": "extrapolated"}
-    records = study("energy", case, **options)
+    """Extrapolated contact is unstable: kappa dt^2 over the mass at the tip is far above its limit here."""
+    options = {"schemes": ["trapezoidal"], "forms": ["displacement"], "contact": "extrapolated", "dt": 1e-3}
+    records = study("energy", SMALL, **options)
     (failed,) = records.failures
     assert failed["scheme"] == "trapezoidal"
     assert "overflowed at t = 0." in failed["failed"]
@@ -367,7 +370,7 @@ def test_the_envelope_takes_the_worst_of_every_whole_octave():
     [
         ("contact", "bdf2", 0.15, 1000, "impacts part"),
         ("smooth", "bdf2", 0.6, 12, "error above 10 %"),
-        ("smooth", "sdirk", 0.6, 48, "motion not resolved"),
+        ("smooth", "sdirk", 0.1, 10, "motion not resolved"),
         ("smooth", "sdirk", 0.6, 200_000, "rounding"),
         ("smooth", "bdf2", 0.6, 2_000, ""),
     ],
@@ -384,13 +387,13 @@ def test_a_point_that_means_nothing_says_why_it_is_left_out(kind, scheme, t_end,
 def test_every_scheme_converges_with_its_order_on_the_smooth_problem():
     case = replace(paper_case(10), cells=4, dt=1e-3, t_end=0.7)
     labels = [str(scheme) for scheme in registered()]
-    records = study("converge", case, schemes=labels, kinds=["smooth"], halvings=6)
+    records = study("converge", case, schemes=labels, kinds=["smooth"], halvings=3)
     found = converge.orders(records.rows)
     assert len(found) == len(labels)
     for scheme in registered():
         order = found["smooth", str(scheme)]
         assert abs(order.slope - scheme.order) < 0.1, scheme
-        assert order.points >= 3
+        assert order.points == 3
 
 
 def test_the_cheapest_method_is_found_between_its_points():
@@ -405,12 +408,18 @@ def test_the_cheapest_method_is_found_between_its_points():
     assert [name for _, name in precision.cheapest(rows, 1e-2, "seconds")] == []
 
 
-def test_a_count_is_right_only_if_every_finer_one_is():
-    def row(dt, count, purpose="step"):
-        return {"scheme": "bdf2", "purpose": purpose, "dt": dt, "count": count, "true_count": 100}
+@pytest.mark.parametrize(("spread", "allowed"), [(0.0, 0.0), (10.0, 1.96 * 10.0 * np.sqrt(1 / 16 + 1 / 128))])
+def test_a_count_is_right_only_if_every_finer_one_is(spread, allowed):
+    """To the tolerance and the 95 % interval of a difference of means over 16 and 128 members."""
 
-    right = [row(1e-4, 100), row(5e-5, 200), row(2.5e-5, 104), row(1.25e-5, 96), row(1e-6, 0, "contact")]
-    assert impacts.right_from(right, "bdf2") == 2.5e-5  # right by accident at 1e-4 does not count
-    assert impacts.right_from(right, "bdf2", tolerance=0.041) == 2.5e-5
-    assert np.isnan(impacts.right_from(right, "bdf2", tolerance=0.03))
-    assert np.isnan(impacts.right_from(right, "hht"))
+    def row(dt, count, scheme="bdf2", purpose="step"):
+        return {"scheme": scheme, "purpose": purpose, "dt": dt, "count": count, "count_spread": spread, "members": 16}
+
+    edge = 100.0 + 5.0 + allowed
+    rows = [row(0.0, 100.0, "exact"), row(1e-4, 100.0), row(5e-5, 200.0), row(1e-6, 0.0, purpose="contact")]
+    rows += [row(2.5e-5, edge - 0.01), row(1.25e-5, 200.0 - edge + 0.01)]
+    assert impacts.right_from(rows, "bdf2") == 2.5e-5  # right by accident at 1e-4 does not count
+    assert np.isnan(impacts.right_from([*rows, row(6e-6, edge + 0.01)], "bdf2"))
+    assert impacts.right_from([*rows, row(2e-5, edge + 0.01)], "bdf2") == 1.25e-5
+    assert np.isnan(impacts.right_from(rows, "hht"))
+    assert np.isnan(impacts.right_from(rows[1:], "bdf2"))

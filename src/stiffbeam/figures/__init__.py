@@ -45,11 +45,12 @@ def look(label: str) -> dict[str, Any]:
         k = METHODS.index(label) if label in METHODS else len(METHODS)
         return {"color": ("0.6", "0.3")[k % 2], "linestyle": dashed(k), "marker": MARKERS[k % len(MARKERS)]}
     i = list(SCHEMES).index(scheme.name)
-    variant = 0 if short(label) == short(scheme.name) else 1 + crc32(short(label).encode()) % 5
+    pairs = len(DASHES) * len(MARKERS)  # coprime, so that every shift is another pair
+    other = 0 if short(label) == short(scheme.name) else 1 + crc32(short(label).encode()) % (pairs - 1)
     return {
         "color": COLOURS[i % len(COLOURS)],
-        "linestyle": dashed(i + i // len(COLOURS) + variant),
-        "marker": MARKERS[(i + variant) % len(MARKERS)],
+        "linestyle": dashed(i + i // len(COLOURS) + other),
+        "marker": MARKERS[(i + other) % len(MARKERS)],
     }
 
 

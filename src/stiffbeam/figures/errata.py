@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from matplotlib.figure import Figure
 
+from ..schemes import SCHEMES, make
+from ..schemes.errata import forms_of
 from ..studies.errata import groups
 from ..studies.study import Records, Row
-from . import column, dashed, found_rows, log_scale, look, mark_order, say_empty, short
+from . import MARKERS, column, dashed, found_rows, log_scale, look, mark_order, say_empty, short
 
 EXTRAPOLATED = "extrapolated contact"
+ERRATA = [erratum for name in SCHEMES for erratum in forms_of(make(name))]
 
 
 def draw(records: Records) -> Figure:
@@ -51,22 +56,27 @@ def _name(scheme: str, reading: str) -> str:
     return short(scheme) + inner
 
 
+def _printed(reading: str) -> dict[str, Any]:
+    """Hollow, with dashes and marker of the erratum, the same in every panel."""
+    i = ERRATA.index(reading.removeprefix("printed(").removesuffix(")"))
+    return {"mfc": "white", "linestyle": dashed(1 + i), "marker": MARKERS[i % len(MARKERS)]}
+
+
 def _errors(axis, found: dict[tuple[str, str, str], list[Row]]) -> None:
     for i, ((scheme, reading, _), own) in enumerate(found.items()):
         style = look(scheme) | {"ms": 4.5, "lw": 1.1}
         dt = column(own, "dt")
         if scheme not in {key[0] for key in list(found)[:i]}:
             axis.plot(dt, column(own, "error"), label=f"{short(scheme)}, right", **style | {"linestyle": "-"})
-        hollow = {"mfc": "white", "linestyle": dashed(1 + i), "marker": "osD^v"[i % 5]}
-        axis.plot(dt, column(own, "error_printed"), label=_name(scheme, reading), **style | hollow)
+        axis.plot(dt, column(own, "error_printed"), label=_name(scheme, reading), **style | _printed(reading))
     axis.set_ylabel("tip error, rms, relative")
 
 
 def _factors(axis, found: dict[tuple[str, str, str], list[Row]], refused: dict[tuple[str, str, str], int]) -> None:
-    for i, ((scheme, reading, kind), own) in enumerate(found.items()):
+    for (scheme, reading, kind), own in found.items():
         style = look(scheme) | {"ms": 4.5, "lw": 1.1}
         if reading != EXTRAPOLATED:
-            style |= {"mfc": "white", "linestyle": dashed(1 + i), "marker": "osD^v"[i % 5]}
+            style |= _printed(reading)
         missing = refused.get((scheme, reading, kind), 0)
         text = _name(scheme, reading) + (f" ({missing} steps failed)" if missing else "")
         axis.plot(column(own, "dt"), column(own, "error_printed") / column(own, "error"), label=text, **style)

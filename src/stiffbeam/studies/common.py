@@ -18,7 +18,7 @@ from ..solvers import reference
 from ..system import System
 from ..time_functions import Harmonic, LoadFunction
 from ..trajectory import Reference
-from ..validation import InputError
+from ..validation import InputError, positive
 
 _REFERENCES: dict[tuple[str, float, str], Reference] = {}
 _KEPT = 4
@@ -63,6 +63,7 @@ def first_impacts(case: Case, form: str, impacts: int) -> float:
     It ends half-way to the next impact, so that whether a scheme counts the last one does not hang on
     rounding; a case without so many ends at half the horizon.
     """
+    positive("impacts", impacts)
     exact = solve_once(system_of(case, form), case.t_end)
     times = exact.impacts.times
     end = 0.5 * min(exact.horizon, case.t_end)

@@ -125,9 +125,9 @@ def answer(rows: Rows) -> str:
     for kind, head in parts.items():
         own = [f"{scheme} {order}" for (k, scheme), order in found.items() if k == kind and np.isfinite(order.slope)]
         few = [scheme for (k, scheme), order in found.items() if k == kind and not np.isfinite(order.slope)]
+        missing = [f"too few points count for {', '.join(few)}"] if few else []
         if own or few:
-            missing = f"; too few points count for {', '.join(few)}" if few else ""
-            sentences.append(f"{head}{', '.join(own)}{missing}.")
+            sentences.append(head + "; ".join([", ".join(own)] * bool(own) + missing) + ".")
     return " ".join(sentences)
 
 

@@ -112,11 +112,15 @@ def answer(rows: Rows) -> str:
     parts = []
     for method in dict.fromkeys(r["method"] for r in rows if r["method"] != "exact"):
         count, share = distribution(rows, method, "count"), distribution(rows, method, "fraction")
+        if not len(count) or not len(exact):
+            continue
         off, interval = difference(count, exact)
         parts.append(
             f"{method} {np.mean(count):.4g} ± {np.std(count):.2g} ({off:+.3g} ± {interval:.2g}), "
             f"{100 * np.mean(share):.2g} % in contact"
         )
+    if not len(exact):
+        return "No member of the exact solution reached the end, and without it there is nothing to compare with."
     share = distribution(rows, "exact", "fraction")
     return (
         f"Over {len(exact)} members perturbed by {first['size']:g} the exact solution has {np.mean(exact):.4g} ± "

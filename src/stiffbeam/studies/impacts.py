@@ -123,7 +123,9 @@ def right_from(rows: Rows, scheme: str, tolerance: float = 0.05) -> float:
 
     To ``tolerance`` of it and the 95 % interval of the difference of the two means.
     """
-    exact = next(r for r in rows if r["scheme"] == EXACT)
+    exact = next((r for r in rows if r["scheme"] == EXACT), None)
+    if exact is None:
+        return float("nan")
     own = sorted((r for r in rows if r["scheme"] == scheme and r["purpose"] == "step"), key=lambda r: r["dt"])
     largest = float("nan")
     for row in own:
@@ -136,7 +138,11 @@ def right_from(rows: Rows, scheme: str, tolerance: float = 0.05) -> float:
 
 def answer(rows: Rows) -> str:
     steps = [r for r in rows if r["purpose"] == "step" and r["scheme"] not in (TRUE, EXACT)]
-    exact = next(r for r in rows if r["scheme"] == EXACT)
+    exact = next((r for r in rows if r["scheme"] == EXACT), None)
+    if not steps or exact is None:
+        return (
+            f"Without {'schemes' if exact else 'the exact members'} there is nothing to compare at {len(rows)} points."
+        )
     coarse, true = max(r["dt"] for r in steps), steps[0]
     known = f"{true['true_digits']} digits" if true["true_digits"] else "float64"
     parts = []

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
@@ -28,13 +29,12 @@ class Journal:
             return
         self.file.parent.mkdir(parents=True, exist_ok=True)
         if self.file.is_file():
-            text = self.file.read_text(encoding="utf-8")
-            whole = text[: text.rfind("\n") + 1]
+            text = self.file.read_bytes()
+            whole = text[: text.rfind(b"\n") + 1]
             for line in whole.splitlines():
                 entry = json.loads(line)
                 self.finished[_key(entry["point"])] = entry["rows"]
-            if whole != text:
-                self.file.write_text(whole, encoding="utf-8")
+            os.truncate(self.file, len(whole))
 
     def rows(self, point: Point) -> list[Row] | None:
         """The rows of a finished point, None where it is still to be evaluated."""

@@ -134,7 +134,7 @@ def answer(rows: Rows) -> str:
         sentences.append(f"Impacts are followed, of {rows[0]['horizon']:.3g}, by {', '.join(parts)}.")
     if exact is not None:
         sentences.append(f"The exact solution takes {1e3 * exact['seconds']:.2g} ms.")
-    return " ".join(sentences)
+    return " ".join(sentences) or "No method reached an error of 0.001 or followed an impact."
 
 
 STUDY = Study(

@@ -12,7 +12,7 @@ import numpy as np
 from ..cases import Case
 from ..measures.regression import observed_order
 from ..solvers.rigid import rigid_limit
-from ..validation import InputError
+from ..validation import InputError, positive
 from .common import solve_once, system_of
 from .study import Point, Row, Rows, Study
 
@@ -23,6 +23,7 @@ def points(case: Case, form: str = "displacement", factors: list[float] | None =
     """The case's kappa times 4^0 .. 4^9, until the rigid solution's first ``impacts`` impacts are over."""
     if case.problem.stops is None:
         raise InputError("case", case.name, "have stops")
+    positive("impacts", impacts)
     chosen = [4.0**k for k in range(10)] if factors is None else factors
     return [{"form": form, "factor": float(factor), "impacts": impacts} for factor in chosen]
 
@@ -77,10 +78,11 @@ def answer(rows: Rows) -> str:
     if len(near) < 2:
         return "At no stiffness tried does the compliant contact have as many impacts as rigid stops have."
     order = observed_order([1.0 / r["kappa"] for r in near], [r["tip_error"] for r in near])
-    own = rows[0]
+    own = min(rows, key=lambda r: r["kappa"])
+    which = "the case's kappa" if own["factor"] == 1.0 else "kappa"
     return (
         f"The tip approaches that of rigid stops like kappa^-({order}) (theory: 1/2), from kappa = "
-        f"{near[0]['kappa']:.2g} on; at kappa = {own['kappa']:.2g} the first {own['rigid_impacts']} rigid "
+        f"{near[0]['kappa']:.2g} on; at {which} = {own['kappa']:.2g} the first {own['rigid_impacts']} rigid "
         f"impacts are {own['impacts']} and the tip is {100 * own['tip_error']:.2g} % of its largest displacement off."
     )
 

@@ -37,6 +37,8 @@ def run_study(
     with ``failed``.
     """
     case = find_case(case) if isinstance(case, str) else case
+    if jobs < 1:
+        raise InputError("jobs", jobs, "be 1 or more")
     known = [name for name in inspect.signature(study.points).parameters if name != "case"]
     for name in options:
         if name not in known:
