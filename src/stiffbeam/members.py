@@ -140,7 +140,7 @@ def varied(
 def _with_stops(system: System, stops: Sequence[Stops | Sequence[Stops]]) -> Members:
     contacts = []
     for entry in stops:
-        each = list(entry) if isinstance(entry, (tuple, list)) else [entry]
+        each: list[Any] = list(entry) if isinstance(entry, (tuple, list)) else [entry]
         if len(each) != len(system.contacts) or not all(isinstance(stop, Stops) for stop in each):
             raise InputError("stops", entry, f"be {len(system.contacts)} Stops, one per contact")
         pairs = zip(system.contacts, each, strict=True)
