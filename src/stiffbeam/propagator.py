@@ -72,6 +72,15 @@ class Propagator:
         return z
 
     @property
+    def amplification(self) -> Array:
+        """(n, kept, kept): what the K steps make of the kept components of every mode, without forces."""
+        kept, n = len(self.keep), self.system.size
+        matrix = np.zeros((n, kept, kept))
+        for e, c in np.ndindex(kept, kept):
+            matrix[:, c, (c + e) % kept] = self.block.transition[e, c * n : (c + 1) * n]
+        return matrix
+
+    @property
     def harmonic(self) -> bool:
         """Whether every load and offset is in the drive, so that there is no inflow."""
         return not self.samples and not self.offset_samples
