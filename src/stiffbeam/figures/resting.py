@@ -1,4 +1,5 @@
-"""How much of the resting on the stop is numerical: one contact in close-up, and the share of contact in every table."""
+"""How much of the resting on the stop is numerical: one contact in close-up, and the share of contact in every "
+"table."""
 
 from __future__ import annotations
 

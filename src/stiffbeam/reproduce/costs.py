@@ -38,12 +38,13 @@ def costs(tables: Sequence[int], reading: Reading) -> list[dict[str, Any]]:
             for scheme, form in case.runs
         }
         unit = next(equation for equation in YARDSTICK if equation in timed)
+        paper_unit, own_unit = timed[unit]
         for equation, (paper, own) in timed.items():
             rows.append(
                 {
                     "table": table, "equation": equation, "paper_seconds": paper, "ns_per_step": own,
-                    "paper_ratio": paper / timed[unit][0],
-                    "ratio": None if own is None or timed[unit][1] is None else own / timed[unit][1],
+                    "paper_ratio": paper / paper_unit,
+                    "ratio": None if own is None or own_unit is None else own / own_unit,
                     "unit": unit,
                 }
             )  # fmt: skip

@@ -8,14 +8,14 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
-VOID = {"img", "br", "meta", "hr"}
+VOID = {"img", "link", "meta"}
 
 
 class Html(str):
     """Text that is already HTML."""
 
 
-def element(name: str, *content: object, **attributes: object) -> Html:
+def element(name: str, /, *content: object, **attributes: object) -> Html:
     """``<name attributes>content</name>``; content that is not Html is escaped, ``class_`` is class."""
     written = "".join(
         f' {key.rstrip("_").replace("_", "-")}="{html.escape(str(value))}"'
@@ -67,6 +67,7 @@ def aligned(number: str, places: int) -> Html:
     """``number`` with what stands behind its digits before the point in a box ``places`` characters wide."""
     fraction = _fraction(number)
     whole = number[: len(number) - len(fraction)]
+    fraction = fraction.replace(" ", "\u00a0")  # a box drops a space at its start
     if not places:
         return joined(number)
     return joined(whole, element("span", fraction, class_="f", style=f"width:{places}ch"))
