@@ -101,6 +101,7 @@ def made(tmp_path_factory):
     return out
 
 
+@pytest.mark.slow
 def test_the_page_of_one_table_is_whole_and_stands_alone(made):
     page = check((made / "index.html").read_text(encoding="utf-8"))
     assert len(page.images) == 5  # a, b, b delayed, c, d
@@ -108,6 +109,7 @@ def test_the_page_of_one_table_is_whole_and_stands_alone(made):
     assert not list(made.glob("*.partial"))
 
 
+@pytest.mark.slow
 def test_the_page_says_what_was_taken_for_granted(made):
     text = (made / "index.html").read_text(encoding="utf-8")
     for words in ("never stated", "Contact implicit, schemes corrected", "frozen multiprecision", "one realisation"):
@@ -115,6 +117,7 @@ def test_the_page_says_what_was_taken_for_granted(made):
     assert f"stiffbeam {version('stiffbeam')}" in text
 
 
+@pytest.mark.slow
 def test_the_numbers_of_a_table_hold_together(made):
     found = json.loads((made / "17.json").read_text(encoding="utf-8"))["table17"]
     run_, true = found["runs"]["(4.13)"], found["true"]["displacement"]
@@ -133,6 +136,7 @@ def test_the_numbers_of_a_table_hold_together(made):
         assert abs(counted - ensemble["impacts"]) < 4.0 * ensemble["impacts_sd"] * np.sqrt(1 + 1 / ensemble["members"])
 
 
+@pytest.mark.slow
 def test_the_figure_is_a_picture_of_its_own(made):
     pixels = matplotlib.image.imread(made / "figure17.png")[..., :3]
     assert min(pixels.shape[:2]) > 1000
@@ -141,6 +145,7 @@ def test_the_figure_is_a_picture_of_its_own(made):
     assert stored.impacts.count == json.loads((made / "17.json").read_text())["table17"]["runs"]["(4.13)"]["impacts"]
 
 
+@pytest.mark.slow
 def test_a_second_run_takes_the_table_from_the_store(made, monkeypatch):
     from stiffbeam.reproduce import make as making
 
@@ -242,6 +247,7 @@ def looked_at(file: Path, tmp_path: Path, width: int) -> dict:
     return json.loads(html.unescape(match[1]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("width", [1280, 500])
 def test_a_browser_shows_every_figure_and_follows_every_link(made, tmp_path, width):
     found = looked_at(made / "index.html", tmp_path, width)
