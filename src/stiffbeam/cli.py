@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from . import cli_studies
+from . import cli_reproduce, cli_studies
 
 app = typer.Typer(
     add_completion=False,
@@ -327,6 +327,7 @@ def _progress():
 
 
 cli_studies.register(app, _progress)
+cli_reproduce.register(app, _progress)
 
 
 def main() -> None:

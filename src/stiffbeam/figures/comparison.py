@@ -50,7 +50,7 @@ def four_panels(title: str, runs: Sequence[Trajectory], references: Sequence[Ref
         here = run.t <= window
         curves.append((i, run.label, run.t[here], run.tip[here], run.tip_velocity[here]))
 
-    start, end = _first_contact(main, system, window)
+    start, end = first_contact(main, system, window)
     for index, label, t, u, v in curves:
         draw(displacement, t, u, index, label)
         if index is None or index < schemes:
@@ -58,17 +58,17 @@ def four_panels(title: str, runs: Sequence[Trajectory], references: Sequence[Ref
         near = (t >= start) & (t <= end)
         draw(zoom, t[near], u[near], index, label)
     for axis in (displacement, zoom):
-        _draw_stops(axis, system, horizontal=True)
+        draw_stops(axis, system, horizontal=True)
         axis.set(xlabel="time $t$", ylabel=f"tip displacement $u(1, t)${length}")
     displacement.set_title(f"(a) displacement to the horizon t = {window:.3g}", loc="left")
-    _draw_stops(portrait, system, horizontal=False)
+    draw_stops(portrait, system, horizontal=False)
     portrait.set(xlabel=f"tip displacement $u(1, t)${length}", ylabel="tip velocity $u_t(1, t)$")
     portrait.locator_params(axis="x", nbins=6)
     portrait.set_title("(b) phase portrait to the horizon", loc="left")
     zoom.set_xlim(start, end)
     if system.contacts:
         zoom.set_title("(c) first contact", loc="left")
-        _zoom_on_stop(zoom, main, system, start, end)
+        zoom_on_stop(zoom, main, system, start, end)
     else:
         zoom.set_title("(c) first oscillations", loc="left")
     _draw_spectra(spectrum, runs, references, Drive.of(system).frequencies)
@@ -77,7 +77,7 @@ def four_panels(title: str, runs: Sequence[Trajectory], references: Sequence[Ref
     return figure
 
 
-def _first_contact(reference: Reference, system, window: float) -> tuple[float, float]:
+def first_contact(reference: Reference, system, window: float) -> tuple[float, float]:
     """A span around the first group of impacts: an eighth of the lowest natural period."""
     from ..modal import modes
 
@@ -89,7 +89,7 @@ def _first_contact(reference: Reference, system, window: float) -> tuple[float, 
     return max(0.0, first - 0.1 * length), min(window, first + 0.9 * length)
 
 
-def _zoom_on_stop(axis, reference: Reference, system, start: float, end: float) -> None:
+def zoom_on_stop(axis, reference: Reference, system, start: float, end: float) -> None:
     """Scale the zoom to what happens at the stop that is hit."""
     stops = system.contacts[0].stops
     if not reference.impacts.count:
@@ -105,7 +105,7 @@ def _zoom_on_stop(axis, reference: Reference, system, start: float, end: float) 
     axis.set_ylim(low, high)
 
 
-def _draw_stops(axis, system, horizontal: bool) -> None:
+def draw_stops(axis, system, horizontal: bool) -> None:
     for contact in system.contacts[:1]:
         for stop in (contact.stops.g1, contact.stops.g2):
             if np.isfinite(stop):

@@ -1,0 +1,290 @@
+"""The page and the command that makes it: whole, self-contained, and without complaint from a real browser."""
+
+from __future__ import annotations
+
+import html
+import json
+import re
+import shutil
+import subprocess
+import sys
+from html.parser import HTMLParser
+from importlib.metadata import version
+from pathlib import Path
+
+import matplotlib.image
+import numpy as np
+import pytest
+
+import stiffbeam as sb
+from stiffbeam import cli
+from stiffbeam.reproduce import html as h
+from stiffbeam.reproduce.claims import FAILS, HOLDS, SCHEME_ONLY
+from stiffbeam.reproduce.table_section import percent, short, written
+
+STORE = Path(__file__).parent.parent / "reference"
+BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
+
+
+class Page(HTMLParser):
+    """What a reader meets: ids, links, pictures, texts, and tags that are left open."""
+
+    VOID = ("img", "link", "meta", "br", "hr", "line")
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.ids: list[str] = []
+        self.links: list[str] = []
+        self.images: list[dict] = []
+        self.tags: list[str] = []
+        self.open: list[str] = []
+        self.sources: list[str] = []
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        found = dict(attrs)
+        self.tags.append(tag)
+        if tag not in self.VOID:
+            self.open.append(tag)
+        if "id" in found:
+            self.ids.append(found["id"])
+        if tag == "a":
+            self.links.append(found["href"])
+        if tag == "img":
+            self.images.append(found)
+        self.sources += [found[key] for key in ("src", "href", "data", "poster", "srcset") if key in found]
+
+    def handle_endtag(self, tag):
+        if tag not in self.VOID:
+            assert self.open.pop() == tag
+
+
+def check(text: str) -> Page:
+    """What holds for every page."""
+    page = Page(text)
+    assert not page.open
+    assert text.startswith('<!doctype html>\n<html lang="en">')
+    assert len(set(page.ids)) == len(page.ids)
+    assert page.links
+    assert all(link.startswith("#") and link[1:] in page.ids for link in page.links)
+    assert page.images
+    for image in page.images:
+        assert len(image["alt"]) > 30
+        assert image["src"].startswith(("data:image/svg+xml;base64,", "data:image/png;base64,"))
+    assert len({image["alt"] for image in page.images}) == len(page.images)
+    # Nothing from outside: no address is loaded, no script, no imported style or font.
+    assert all(source.startswith(("#", "data:")) for source in page.sources)
+    assert not {"script", "iframe", "object", "embed", "audio", "video"} & set(page.tags)
+    assert "@import" not in text
+    assert "url(" not in re.sub(r"base64,[A-Za-z0-9+/=]+", "", text)
+    assert page.tags.count("h1") == page.tags.count("title") == page.tags.count("main") == page.tags.count("nav") == 1
+    assert page.tags.count("table") == page.tags.count("caption")
+    assert page.tags.count("figure") == page.tags.count("figcaption")
+    assert "nan" not in re.sub(r"<[^>]*>|base64,\S+", " ", text).lower().split()
+    return page
+
+
+def run(monkeypatch, *arguments) -> int:
+    monkeypatch.setattr(sys, "argv", ["stiffbeam", *map(str, arguments)])
+    with pytest.raises(SystemExit) as stopped:
+        cli.main()
+    return int(stopped.value.code or 0)
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """``reproduce figure 17`` as a user runs it: the quickest table, and the one with a panel more."""
+    out = tmp_path_factory.mktemp("reproduction")
+    with pytest.MonkeyPatch.context() as patch:
+        code = run(patch, "reproduce", "figure", "17", "--references", STORE, "--out", out, "--json", out / "17.json")
+    assert code == 0
+    return out
+
+
+@pytest.mark.slow
+def test_the_page_of_one_table_is_whole_and_stands_alone(made):
+    page = check((made / "index.html").read_text(encoding="utf-8"))
+    assert len(page.images) == 5  # a, b, b delayed, c, d
+    assert "table-17" in page.ids
+    assert not list(made.glob("*.partial"))
+
+
+@pytest.mark.slow
+def test_the_page_says_what_was_taken_for_granted(made):
+    text = (made / "index.html").read_text(encoding="utf-8")
+    for words in ("never stated", "Contact implicit, schemes corrected", "frozen multiprecision", "one realisation"):
+        assert words in text
+    assert f"stiffbeam {version('stiffbeam')}" in text
+
+
+@pytest.mark.slow
+def test_the_numbers_of_a_table_hold_together(made):
+    found = json.loads((made / "17.json").read_text(encoding="utf-8"))["table17"]
+    run_, true = found["runs"]["(4.13)"], found["true"]["displacement"]
+    manifest = json.loads((STORE / "MANIFEST.json").read_text(encoding="utf-8"))["references"]
+    entry = next(e for e in manifest if "table17" in e["tables"])
+    assert true["events"] == entry["impacts"]
+    assert true["fraction"] == pytest.approx(entry["contact_fraction"], rel=1e-6)
+    assert true["impacts"] <= true["events"]  # a step can jump over a short visit
+    assert 0.1 < true["horizon"] < 0.4
+    assert 0.0 < run_["parted"] <= true["horizon"]
+    assert run_["fast"] < true["fast"]
+    # The run itself belongs to its ensemble, the true motion to the true one: within four deviations.
+    for row in (run_, true):
+        ensemble = row["ensemble"]
+        counted = row.get("events", row["impacts"])
+        assert abs(counted - ensemble["impacts"]) < 4.0 * ensemble["impacts_sd"] * np.sqrt(1 + 1 / ensemble["members"])
+
+
+@pytest.mark.slow
+def test_the_figure_is_a_picture_of_its_own(made):
+    pixels = matplotlib.image.imread(made / "figure17.png")[..., :3]
+    assert min(pixels.shape[:2]) > 1000
+    assert np.mean(np.ptp(pixels, axis=-1) > 0.3) > 0.001  # coloured: the scheme
+    stored = sb.load(made / "implicit-corrected" / "table17" / "run-4.13.nc")
+    assert stored.impacts.count == json.loads((made / "17.json").read_text())["table17"]["runs"]["(4.13)"]["impacts"]
+
+
+@pytest.mark.slow
+def test_a_second_run_takes_the_table_from_the_store(made, monkeypatch):
+    from stiffbeam.reproduce import make as making
+
+    def refuse(job):
+        raise AssertionError("made again")
+
+    monkeypatch.setattr(making, "make", refuse)
+    before = (made / "index.html").read_text(encoding="utf-8")
+    assert run(monkeypatch, "reproduce", "table", "17", "--references", STORE, "--out", made) == 0
+    after = (made / "index.html").read_text(encoding="utf-8")
+    footer = re.compile(r"<footer.*</footer>", re.DOTALL)
+    assert footer.sub("", after) == footer.sub("", before)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["table"], "table N"),
+        (["chapter", "3"], "all, table N or figure N"),
+        (["all", "3"], "all, table N or figure N"),
+        (["table", "18"], "1 to 17"),
+        (["table", "3", "--contact", "soft"], "implicit"),
+        (["table", "3", "--references", "nowhere"], "MANIFEST"),
+        (["table", "3", "--jobs", "0"], ">= 1"),
+    ],
+)
+def test_bad_input_is_refused_with_a_remedy(arguments, words, monkeypatch, capsys, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    assert run(monkeypatch, "reproduce", *arguments) == 2
+    assert words in capsys.readouterr().err
+
+
+def test_elements_escape_what_they_hold():
+    assert h.element("p", "a < b & c", class_="x") == '<p class="x">a &lt; b &amp; c</p>'
+    assert h.element("img", src="x", alt='"quoted"') == '<img src="x" alt="&quot;quoted&quot;">'
+    assert h.element("p", h.element("b", "1 > 0")) == "<p><b>1 &gt; 0</b></p>"
+
+
+def test_numbers_of_a_column_stand_on_their_decimal_point():
+    table = h.table(["name", "value"], [["a", "1.25"], ["b", "310"], ["c", "12.5 ± 3"]], "numbers")
+    widths = re.findall(r'class="f" style="width:(\d+)ch"', table)
+    assert widths == ["6", "6", "6"]  # ".5 ± 3"
+    assert 'scope="row">a' in table
+
+
+def test_numbers_are_written_as_the_paper_does():
+    assert [written(x) for x in (300.0, -0.1, 5e6, 1e-4, 2.5e-5)] == ["300", "−0.1", "5 × 10⁶", "10⁻⁴", "2.5 × 10⁻⁵"]
+    assert [short(x) for x in (3904, None, -0.25)] == ["3\u202f904", "–", "−0.25"]
+    assert [percent(x) for x in (0.0398, 0.38, 0.0994)] == ["4 %", "38 %", "9.9 %"]
+
+
+# ---------------------------------------------------------------- a real browser
+
+PROBE = """<script>
+window.complaints = [];
+window.addEventListener("error", e => complaints.push(String(e.message || e.target.outerHTML)), true);
+for (const kind of ["error", "warn"]) {
+  const own = console[kind]; console[kind] = (...x) => { complaints.push(x.join(" ")); own(...x); };
+}
+</script>"""
+REPORT = """<script>
+addEventListener("load", async () => {
+  await Promise.all([...document.images].map(x => x.decode().catch(e => complaints.push(String(e)))));
+  const out = document.createElement("pre");
+  out.id = "report";
+  out.textContent = JSON.stringify({
+    complaints,
+    images: [...document.images].map(x => [x.naturalWidth, x.getBoundingClientRect().width]),
+    links: [...document.links].map(x => [x.hash, !!document.getElementById(x.hash.slice(1)), x.host]),
+    overflow: document.documentElement.scrollWidth - document.documentElement.clientWidth,
+    resources: performance.getEntriesByType("resource").map(x => x.name).filter(x => !x.startsWith("data:")),
+  });
+  document.body.append(out);
+});
+</script>"""
+
+
+def looked_at(file: Path, tmp_path: Path, width: int) -> dict:
+    """What a headless browser finds on the page at this width."""
+    browser = next(filter(None, map(shutil.which, BROWSERS)), None)
+    if browser is None:
+        pytest.skip(f"no browser is installed: none of {', '.join(BROWSERS)} is on the path")
+    text = file.read_text(encoding="utf-8")
+    probed = tmp_path / "probed.html"
+    probed.write_text(
+        text.replace("<head>", "<head>" + PROBE, 1).replace("</body>", REPORT + "</body>", 1), encoding="utf-8"
+    )
+    done = subprocess.run(
+        [
+            browser, "--headless=new", "--no-sandbox", "--disable-gpu", "--enable-logging=stderr", "--hide-scrollbars",
+            f"--user-data-dir={tmp_path / 'profile'}", f"--window-size={width},900", "--virtual-time-budget=20000",
+            "--dump-dom", probed.as_uri(),
+        ],
+        capture_output=True, text=True, timeout=300,
+    )  # fmt: skip
+    match = re.search(r'<pre id="report">(.*?)</pre>', done.stdout, re.DOTALL)
+    assert match, done.stderr[-2000:]
+    assert "CONSOLE" not in done.stderr
+    return json.loads(html.unescape(match[1]))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("width", [1280, 500])
+def test_a_browser_shows_every_figure_and_follows_every_link(made, tmp_path, width):
+    found = looked_at(made / "index.html", tmp_path, width)
+    assert found["complaints"] == []
+    assert found["resources"] == []
+    assert len(found["images"]) == 5
+    assert all(natural > 0 and shown > 0.3 * width for natural, shown in found["images"])
+    assert all(there for _, there, _ in found["links"])
+    assert found["overflow"] <= 0  # wide tables scroll inside their own box, never the page
+
+
+# ---------------------------------------------------------------- everything
+
+
+@pytest.mark.slow
+def test_the_whole_reproduction(tmp_path):
+    """Every table, claim and misprint on one page; small ensembles, for time."""
+    from stiffbeam.reproduce.everything import reproduce
+    from stiffbeam.reproduce.reading import Reading
+
+    file, tables = reproduce(None, Reading(references=str(STORE)), tmp_path, jobs=2, members=8, exact_members=2)
+    assert list(tables) == list(range(1, 18))
+    text = file.read_text(encoding="utf-8")
+    page = check(text)
+    assert len(page.images) == 17 * 4 + 1 + 2 + 2  # panels, the delayed one, Section 5.1, contact
+    assert {f"table-{n}" for n in range(1, 18)} <= set(page.ids)
+    assert not any(finished.numbers["failures"] for finished in tables.values())
+    verdicts = dict(re.findall(r'<td>([^<]*)</td><td>[^<]*</td><td><span class="verdict \w+">([^<]*)</span>', text))
+    assert len(verdicts) > 40
+    assert "not measured" not in verdicts.values()
+    # What other tests and the references' manifest know already.
+    assert verdicts["Free flights are very short compared with contacts"] == SCHEME_ONLY
+    assert verdicts["The contact time is long compared with the free flight"] == SCHEME_ONLY
+    assert verdicts["Higher is the value of gamma, higher is the damping"] == FAILS
+    assert verdicts["The solutions of (4.12) and (4.14) are exactly similar"] == HOLDS
+    assert verdicts["Both discretisations in space are of second order (Remark 5)"] == HOLDS
+    assert verdicts["The motion may be considered as chaotic"] == HOLDS
+    found = looked_at(file, tmp_path, 1280)
+    assert found["complaints"] == []
+    assert all(natural > 0 for natural, _ in found["images"])
