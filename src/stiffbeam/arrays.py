@@ -11,9 +11,9 @@ Array = NDArray[Any]  # float64 unless a docstring says otherwise
 LANES = 8  # doubles in the widest vector register
 
 
-def padded(size: int) -> int:
-    """``size`` rounded up to a multiple of LANES, at least LANES."""
-    return max(1, -(-size // LANES)) * LANES
+def padded(size: int, least: int = LANES) -> int:
+    """``size`` rounded up to a multiple of LANES, not below ``least``."""
+    return max(least, -(-size // LANES) * LANES)
 
 
 def aligned(shape: tuple[int, ...]) -> Array:

@@ -1,8 +1,8 @@
 """The compiled march: members of an ensemble one after another, each in blocks of K steps.
 
 A run is an ensemble of one and ``run`` is the only entry, so a member has the bits of its solo run.
-Loop shapes matter here: eight rows are dotted at a time, and a push runs over the whole row, its
-leading zeros included, because a loop from a variable start does not vectorise.
+Loop shapes matter here: eight rows at a time, dotted or added, and no loop that is shorter than it
+need be. That is what the padding to eight is for.
 """
 
 from __future__ import annotations
@@ -13,24 +13,28 @@ from typing import NamedTuple
 import numpy as np
 
 from .arrays import Array
-from .compiled import compiled
-from .sampling import CONTACT, MEMBER, STOP, TIME, crossing, scan
+from .compiled import compiled, inlined
+from .sampling import CONTACT, MEMBER, SIDE, STOP, TIME, crossing, scan
 
 OVERFLOW = 1e100
 
 
 class Block(NamedTuple):
-    """K steps as one linear map, see Propagator; the same for every member. Rows are padded to eight.
+    """K steps as one linear map, see Propagator; the same for every member.
 
-    N = K S m force nodes, R entries, D state components, C channels.
+    N force nodes, R entries (the nodes first) and D state components, each padded to eight with zeros;
+    C channels. A row of R + D numbers acts on the entries and on the new state together. A state of a
+    components and n modes is held as z (D + (a - 1) n,), component by component and from the start
+    again, so that z[e n + d] is what is e components after z[d].
     """
 
     reading: Array  # (R, D)
-    transition: Array  # (a, a, n)
-    push: Array  # (N, R)
-    push_state: Array  # (N, D)
-    compliance: Array  # (N, m): of the contacts of a node on each other
-    end_entry: Array  # (K, C) integers: the entry that holds a channel at the end of a step
+    transition: Array  # (a, D): z_new[d] = sum_e transition[e, d] z[e n + d]
+    push: Array  # (N, R + D)
+    push_beyond: Array  # (N, R + D): push without the entries up to the end of a node's own eight
+    compliance: Array  # (K S m, m): of the contacts of a node on each other
+    end_first: Array  # (C,) integers: the entry that holds a channel at the end of the first step,
+    end_stride: Array  # (C,) and how many entries later the next one is
     velocity: Array  # (K, C, D): the channels' velocities at the ends of the steps
     velocity_push: Array  # (K, C, N)
 
@@ -38,24 +42,23 @@ class Block(NamedTuple):
 class Forcing(NamedTuple):
     """What the drive g = (1, sin w1 t, cos w1 t, ...) at a block's start does; V = 1 or one per member."""
 
+    constant: float  # 1, or 0 where nothing is constant in time
     frequencies: Array  # (V, F)
-    entries: Array  # (V, d, R)
-    state: Array  # (V, d, D)
+    rows: Array  # (V, d, R + D)
     velocity: Array  # (V, K, C, d)
 
 
 class Inflow(NamedTuple):
     """What sampled loads and offsets add to the blocks of a stretch; no rows without any."""
 
-    entries: Array  # (B, R)
-    state: Array  # (B, D)
+    rows: Array  # (B, R + D)
     velocity: Array  # (B, K, C)
 
 
 class Marchers(NamedTuple):
     """Where the members are and what they have seen; advanced in place."""
 
-    z: Array  # (M, D)
+    z: Array  # (M, D + (a - 1) n)
     position: Array  # (M, C) at the last step
     velocity: Array  # (M, C)
     tally: Array  # (M, m, 8), see sampling
@@ -67,11 +70,11 @@ class Kept(NamedTuple):
 
     positions: Array  # (M, outputs, C) at every ``every``-th step
     velocities: Array  # (M, outputs, C)
-    starts: Array  # (B, D): the state of the only member at the start of each block
+    starts: Array  # (B, D + (a - 1) n): the state of the only member at the start of each block
     forces: Array  # (B, N)
 
 
-@compiled
+@inlined
 def read(reading, z, w):
     """w = reading z."""
     R, D = reading.shape
@@ -97,81 +100,148 @@ def read(reading, z, w):
         w[r + 7] = s7
 
 
-@compiled
-def advance(transition, z, z_new):
-    """z_new = transition z, mode by mode."""
-    a, n = transition.shape[0], transition.shape[2]
-    for d in range(a * n, z.size):
-        z_new[d] = 0.0
-    for c in range(a):
-        for j in range(n):
-            z_new[c * n + j] = transition[c, 0, j] * z[j]
-        for e in range(1, a):
-            for j in range(n):
-                z_new[c * n + j] += transition[c, e, j] * z[e * n + j]
+@inlined
+def advance(transition, n, z, z_new):
+    """z_new = transition z, the first D numbers of it."""
+    a, D = transition.shape
+    for d in range(D):
+        z_new[d] = transition[0, d] * z[d]
+    for e in range(1, a):
+        shift = np.uint64(e * n)  # unsigned: no vector code for indices that might be counted from the end
+        for d in range(np.uint64(D)):
+            z_new[d] += transition[e, d] * z[shift + d]
+
+
+@inlined
+def force_by_drive(constant, frequencies, rows, v, t, g, out):
+    """g (d,) at time t, and out += g rows[v]."""
+    g[0] = constant
+    if constant != 0.0:
+        for j in range(out.size):
+            out[j] += constant * rows[v, 0, j]
+    for f in range(frequencies.shape[1]):
+        phase = frequencies[v, f] * t
+        s, c = math.sin(phase), math.cos(phase)
+        g[1 + 2 * f], g[2 + 2 * f] = s, c
+        for j in range(out.size):
+            out[j] += s * rows[v, 1 + 2 * f, j] + c * rows[v, 2 + 2 * f, j]
+
+
+@inlined
+def add_eight(force, first, rows, out):
+    """out += force[first : first + 8] @ rows[first : first + 8]."""
+    f0, f1, f2, f3 = force[first], force[first + 1], force[first + 2], force[first + 3]
+    f4, f5, f6, f7 = force[first + 4], force[first + 5], force[first + 6], force[first + 7]
+    for j in range(out.size):
+        out[j] += (
+            f0 * rows[first, j]
+            + f1 * rows[first + 1, j]
+            + f2 * rows[first + 2, j]
+            + f3 * rows[first + 3, j]
+            + f4 * rows[first + 4, j]
+            + f5 * rows[first + 5, j]
+            + f6 * rows[first + 6, j]
+            + f7 * rows[first + 7, j]
+        )
+
+
+@inlined
+def stop(r, stiff, g1, g2):
+    """F = stiff (clip(r, g1, g2) - r), see Stops.solve."""
+    if r > g2:
+        return stiff * (g2 - r)
+    if r < g1:
+        return stiff * (g1 - r)
+    return 0.0
+
+
+@inlined
+def stop_eight(i, push, g1, g2, stiff, w, forces):
+    """The forces of eight nodes, each pushing the later ones; their entries as far as these push."""
+    a, b, c, d, e, f, g, h = i, i + 1, i + 2, i + 3, i + 4, i + 5, i + 6, i + 7
+    r0 = w[a]
+    f0 = stop(r0, stiff[a], g1, g2)
+    r1 = w[b] + f0 * push[a, b]
+    f1 = stop(r1, stiff[b], g1, g2)
+    r2 = w[c] + f0 * push[a, c] + f1 * push[b, c]
+    f2 = stop(r2, stiff[c], g1, g2)
+    r3 = w[d] + f0 * push[a, d] + f1 * push[b, d] + f2 * push[c, d]
+    f3 = stop(r3, stiff[d], g1, g2)
+    r4 = w[e] + f0 * push[a, e] + f1 * push[b, e] + f2 * push[c, e] + f3 * push[d, e]
+    f4 = stop(r4, stiff[e], g1, g2)
+    r5 = w[f] + f0 * push[a, f] + f1 * push[b, f] + f2 * push[c, f] + f3 * push[d, f] + f4 * push[e, f]
+    f5 = stop(r5, stiff[f], g1, g2)
+    r6 = (
+        w[g] + f0 * push[a, g] + f1 * push[b, g] + f2 * push[c, g] + f3 * push[d, g] + f4 * push[e, g] + f5 * push[f, g]
+    )
+    f6 = stop(r6, stiff[g], g1, g2)
+    r7 = (
+        w[h] + f0 * push[a, h] + f1 * push[b, h] + f2 * push[c, h] + f3 * push[d, h] + f4 * push[e, h] + f5 * push[f, h]
+    ) + f6 * push[g, h]
+    f7 = stop(r7, stiff[h], g1, g2)
+    forces[a], forces[b], forces[c], forces[d] = f0, f1, f2, f3
+    forces[e], forces[f], forces[g], forces[h] = f4, f5, f6, f7
+    w[a], w[b], w[c], w[d] = r0 + f0 * push[a, a], r1 + f1 * push[b, b], r2 + f2 * push[c, c], r3 + f3 * push[d, d]
+    w[e], w[f], w[g], w[h] = r4 + f4 * push[e, e], r5 + f5 * push[f, f], r6 + f6 * push[g, g], r7 + f7 * push[h, h]
+
+
+@inlined
+def stiffness_of(compliance, kappa, stiff):
+    """kappa/(1 + kappa s) of the nodes of one contact, 0 for padding."""
+    for i in range(stiff.size):
+        stiff[i] = 0.0
+    for i in range(compliance.shape[0]):
+        stiff[i] = kappa / (1.0 + kappa * compliance[i, 0])
+
+
+@inlined
+def resolve(push, push_beyond, g1, g2, stiff, out, forces):
+    """The stops of one contact, node by node: eight push each other, then all that follows. Whether any is met."""
+    touched = False
+    for first in range(0, forces.size, 8):
+        beyond = 0
+        for i in range(first, first + 8):
+            beyond += (out[i] > g2) | (out[i] < g1)
+            forces[i] = 0.0
+        if beyond:
+            stop_eight(first, push, g1, g2, stiff, out, forces)
+            add_eight(forces, first, push_beyond, out)
+            touched = True
+    return touched
 
 
 @compiled
-def drive(forcing, v, t, g):
-    """g (d,) at time t."""
-    g[0] = 1.0
-    for f in range(forcing.frequencies.shape[1]):
-        phase = forcing.frequencies[v, f] * t
-        g[1 + 2 * f] = math.sin(phase)
-        g[2 + 2 * f] = math.cos(phase)
-
-
-@compiled
-def resolve(block, law, w, z_new, forces):
-    """The stops, node by node: F = kappa/(1 + kappa s) (clip(r, g1, g2) - r), see Stops.solve."""
-    N, R = block.push.shape
-    kappa, g1, g2 = law[0, 0], law[0, 1], law[0, 2]
-    for i in range(N):
-        r = w[i]
-        force = 0.0
-        if r > g2 or r < g1:
-            force = kappa / (1.0 + kappa * block.compliance[i, 0]) * (min(max(r, g1), g2) - r)
-            for j in range(R):
-                w[j] += force * block.push[i, j]
-            for d in range(z_new.size):
-                z_new[d] += force * block.push_state[i, d]
-        forces[i] = force
-
-
-@compiled
-def resolve_several(block, law, w, z_new, forces):
-    """``resolve`` for m contacts: the m entries of a node are solved together."""
-    N, R = block.push.shape
+def resolve_several(push, compliance, law, out, forces):
+    """The stops of m contacts, the m entries of a node together. Whether any is met."""
     m = law.shape[0]
-    for first in range(0, N - m + 1, m):
+    met = False
+    for first in range(0, compliance.shape[0], m):
         touched = False
         for c in range(m):
             forces[first + c] = 0.0
-            touched = touched or w[first + c] > law[c, 2] or w[first + c] < law[c, 1]
+            touched = touched or out[first + c] > law[c, 2] or out[first + c] < law[c, 1]
         if touched:
-            force = solve_node(
-                w[first : first + m], block.compliance[first : first + m], law[:, 0], law[:, 1], law[:, 2]
-            )
+            met = True
+            force = solve_node(out[first : first + m], compliance[first : first + m], law[:, 0], law[:, 1], law[:, 2])
             for c in range(m):
                 forces[first + c] = force[c]
-                for j in range(R):
-                    w[j] += force[c] * block.push[first + c, j]
-                for d in range(z_new.size):
-                    z_new[d] += force[c] * block.push_state[first + c, d]
+                for j in range(out.size):
+                    out[j] += force[c] * push[first + c, j]
+    return met
 
 
-@compiled
-def speed(block, forcing, inflow, v, b, k, c, z, g, forces):
+@inlined
+def speed(velocity, velocity_push, forced, inflow, v, b, k, c, z, g, forces):
     """The velocity of channel c at the end of step k of a block."""
     total = 0.0
-    for d in range(z.size):
-        total += z[d] * block.velocity[k, c, d]
+    for d in range(velocity.shape[2]):
+        total += z[d] * velocity[k, c, d]
     for i in range(forces.size):
-        total += forces[i] * block.velocity_push[k, c, i]
+        total += forces[i] * velocity_push[k, c, i]
     for e in range(g.size):
-        total += g[e] * forcing.velocity[v, k, c, e]
-    if inflow.velocity.shape[0]:
-        total += inflow.velocity[b, k, c]
+        total += g[e] * forced[v, k, c, e]
+    if inflow.shape[0]:
+        total += inflow[b, k, c]
     return total
 
 
@@ -183,83 +253,125 @@ def run(block, law, forcing, inflow, marchers, kept, events, first, steps, dt, e
     cursor: (member, block, free row of events), advanced in place; where the list may not hold another
     block's impacts, False is returned and the call can be made again with a longer one.
     """
-    M, D = marchers.z.shape
-    K, C = block.end_entry.shape
-    N, R = block.push.shape
-    m = law.shape[1]
-    d = forcing.entries.shape[1]
-    z, z_new, w, forces, g = np.empty(D), np.empty(D), np.empty(R), np.zeros(N), np.empty(d)
-    u = np.empty(K)
+    # Fields are taken out once: every use of one would be counted, and no loop with it vectorised.
+    reading, transition, push, push_beyond, compliance = block[:5]
+    end_first, end_stride, velocity, velocity_push = block[5:]
+    constant, frequencies, forced, forced_velocity = forcing
+    inflow_rows, inflow_velocity = inflow
+    states, position, last_velocity, tally, diverged = marchers
+    positions, velocities, starts, all_forces = kept
+    (R, D), a, N, m = reading.shape, transition.shape[0], push.shape[0], law.shape[1]
+    K, C = velocity.shape[0], velocity.shape[1]
+    n = (states.shape[1] - D) // max(1, a - 1)
+    z, out, forces, g = np.empty(states.shape[1]), np.empty(R + D), np.zeros(N), np.empty(forced.shape[1])
+    z_new = out[R:]
+    z_last, g_last, forces_last = np.empty(D), np.empty(g.size), np.empty(N)
+    u, stiff = np.empty(K), np.empty(N)
     blocks = (steps + K - 1) // K
     rows = cursor[2]
-    for i in range(cursor[0], M):
-        if marchers.diverged[i] > 0:
+    for i in range(cursor[0], states.shape[0]):
+        if diverged[i] > 0:
             cursor[1] = 0
             continue
-        v = min(i, forcing.entries.shape[0] - 1)
-        z[:] = marchers.z[i]
-        for b in range(cursor[1], blocks):
+        v = min(i, forced.shape[0] - 1)
+        g1 = g2 = 0.0
+        if m == 1:
+            stiffness_of(compliance, law[i, 0, 0], stiff)
+            g1, g2 = law[i, 0, 1], law[i, 0, 2]
+        for e in range(z.size):
+            z[e] = states[i, e]
+        resumed = cursor[1]
+        count = 0
+        full = False
+        for b in range(resumed, blocks):
             if rows + m * K > events.shape[0]:
-                marchers.z[i] = z
-                cursor[0], cursor[1], cursor[2] = i, b, rows
-                return False
+                full = True
+                cursor[1] = b
+                break
             at = first + b * K
-            drive(forcing, v, at * dt, g)
-            read(block.reading, z, w)
-            advance(block.transition, z, z_new)
-            for e in range(d):
-                for r in range(R):
-                    w[r] += g[e] * forcing.entries[v, e, r]
-                for j in range(D):
-                    z_new[j] += g[e] * forcing.state[v, e, j]
-            if inflow.entries.shape[0]:
-                for r in range(R):
-                    w[r] += inflow.entries[b, r]
-                for j in range(D):
-                    z_new[j] += inflow.state[b, j]
-            if m == 1:
-                resolve(block, law[i], w, z_new, forces)
-            elif m > 1:
-                resolve_several(block, law[i], w, z_new, forces)
             count = min(K, steps - b * K)
-            if kept.starts.shape[0]:
-                kept.starts[b] = z
-                kept.forces[b] = forces
+            read(reading, z, out)
+            advance(transition, n, z, z_new)
+            force_by_drive(constant, frequencies, forced, v, at * dt, g, out)
+            if inflow_rows.shape[0]:
+                for j in range(out.size):
+                    out[j] += inflow_rows[b, j]
+            touched = True
+            if m == 1:
+                touched = resolve(push, push_beyond, g1, g2, stiff, out, forces)
+            elif m > 1:
+                touched = resolve_several(push, compliance, law[i], out, forces)
+            if starts.shape[0]:
+                for e in range(z.size):
+                    starts[b, e] = z[e]
+                for e in range(N):
+                    all_forces[b, e] = forces[e]
             finite = True
             for c in range(C):
-                for k in range(count):
-                    u[k] = w[block.end_entry[k, c]]
-                if not abs(u[count - 1]) < OVERFLOW:
+                entry, stride = np.uint64(end_first[c]), np.uint64(end_stride[c])
+                u_end = out[entry + np.uint64(count - 1) * stride]
+                if not abs(u_end) < OVERFLOW:
                     for k in range(count - 1, -1, -1):
-                        if not abs(u[k]) < OVERFLOW:
-                            marchers.diverged[i] = at + k + 1
+                        if not abs(out[end_first[c] + k * end_stride[c]]) < OVERFLOW:
+                            diverged[i] = at + k + 1
                     finite = False
                     break
-                if kept.positions.shape[1]:
-                    for n in range(at // every + 1, (at + count) // every + 1):
-                        k = n * every - at - 1
-                        kept.positions[i, n, c] = u[k]
-                        kept.velocities[i, n, c] = speed(block, forcing, inflow, v, b, k, c, z, g, forces)
-                if c < m:
-                    new = scan(u, count, law[i, c], dt, marchers.tally[i, c], events, rows)
+                if positions.shape[1]:
+                    for o in range(at // every + 1, (at + count) // every + 1):
+                        k = o * every - at - 1
+                        positions[i, o, c] = out[end_first[c] + k * end_stride[c]]
+                        velocities[i, o, c] = speed(
+                            velocity, velocity_push, forced_velocity, inflow_velocity, v, b, k, c, z, g, forces
+                        )
+                # What is not at a node may be beyond a stop although no node is.
+                if c < m and (touched or tally[i, c, SIDE] != 0.0 or end_first[c] >= N):
+                    for k in range(np.uint64(count)):
+                        u[k] = out[entry + k * stride]
+                    new = scan(u, count, law, dt, tally, i, c, events, rows)
                     for row in range(rows, new):
                         k = int(events[row, TIME])
-                        stop = law[i, c, 2] if events[row, STOP] > 0.0 else law[i, c, 1]
+                        stop_at = law[i, c, 2] if events[row, STOP] > 0.0 else law[i, c, 1]
+                        u0 = u[k - 1] if k > 0 else position[i, c]
                         if k > 0:
-                            u0, v0 = u[k - 1], speed(block, forcing, inflow, v, b, k - 1, c, z, g, forces)
+                            v0 = speed(
+                                velocity, velocity_push, forced_velocity, inflow_velocity, v, b, k - 1, c, z, g, forces
+                            )
+                        elif b > resumed:
+                            v0 = speed(
+                                velocity, velocity_push, forced_velocity, inflow_velocity, v, b - 1, K - 1, c,
+                                z_last, g_last, forces_last,
+                            )  # fmt: skip
                         else:
-                            u0, v0 = marchers.position[i, c], marchers.velocity[i, c]
-                        v1 = speed(block, forcing, inflow, v, b, k, c, z, g, forces)
-                        events[row, TIME] = (at + k + crossing(u0, v0, u[k], v1, stop, dt)) * dt
+                            v0 = last_velocity[i, c]
+                        v1 = speed(velocity, velocity_push, forced_velocity, inflow_velocity, v, b, k, c, z, g, forces)
+                        events[row, TIME] = (at + k + crossing(u0, v0, u[k], v1, stop_at, dt)) * dt
                         events[row, MEMBER] = i
                         events[row, CONTACT] = c
                     rows = new
-                marchers.position[i, c] = u[count - 1]
-                marchers.velocity[i, c] = speed(block, forcing, inflow, v, b, count - 1, c, z, g, forces)
+                position[i, c] = u_end
             if not finite:
                 break
-            z[:] = z_new
-        marchers.z[i] = z
+            for e in range(D):
+                z_last[e] = z[e]
+                z[e] = z_new[e]
+            for e in range((a - 1) * n):
+                z[a * n + e] = z[e]
+            for e in range(N):
+                forces_last[e] = forces[e]
+            for e in range(g.size):
+                g_last[e] = g[e]
+        if count > 0:
+            last = (cursor[1] if full else blocks) - 1
+            for c in range(C):
+                last_velocity[i, c] = speed(
+                    velocity, velocity_push, forced_velocity, inflow_velocity, v, last, count - 1, c,
+                    z_last, g_last, forces_last,
+                )  # fmt: skip
+        for e in range(z.size):
+            states[i, e] = z[e]
+        if full:
+            cursor[0], cursor[2] = i, rows
+            return False
         cursor[1] = 0
     cursor[0], cursor[2] = 0, rows
     return True
@@ -325,25 +437,29 @@ def solve_node(r, compliance, kappa, g1, g2):
 
 
 @compiled
-def fill(z, transition, push_state, forces, g, drive_state, inflow_state, states):
+def fill(z, transition, n, push, forces, g, driven, inflow, states):
     """The states at the ends of single steps, from the forces a block march has found.
 
-    z: (D,), advanced in place. transition, push_state (S m, D), drive_state (d, D): of the one-step
-    propagator. forces: (steps, S m). g: (steps, d). inflow_state: (steps, D) or no rows. Out: states
-    (steps, D).
+    z as in Block, advanced in place. transition; push (S m, D) and driven (d, D): the state parts of the
+    one-step propagator's rows. forces: (steps, S m). g: (steps, d). inflow: (steps, D) or no rows. Out:
+    states (steps, D).
     """
+    a, D = transition.shape
     for k in range(forces.shape[0]):
         new = states[k]
-        advance(transition, z, new)
+        advance(transition, n, z, new)
         for e in range(g.shape[1]):
-            for j in range(z.size):
-                new[j] += g[k, e] * drive_state[e, j]
-        if inflow_state.shape[0]:
-            for j in range(z.size):
-                new[j] += inflow_state[k, j]
+            for j in range(D):
+                new[j] += g[k, e] * driven[e, j]
+        if inflow.shape[0]:
+            for j in range(D):
+                new[j] += inflow[k, j]
         for i in range(forces.shape[1]):
             force = forces[k, i]
             if force != 0.0:
-                for j in range(z.size):
-                    new[j] += force * push_state[i, j]
-        z[:] = new
+                for j in range(D):
+                    new[j] += force * push[i, j]
+        for j in range(D):
+            z[j] = new[j]
+        for j in range((a - 1) * n):
+            z[a * n + j] = z[j]

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .contact import Contact, Stops
+from .contact import Stops
 from .modal import modes
 from .semidiscretisation import semidiscretise
 from .system import System
@@ -144,7 +144,7 @@ def _with_stops(system: System, stops: Sequence[Stops | Sequence[Stops]]) -> Mem
         if len(each) != len(system.contacts) or not all(isinstance(stop, Stops) for stop in each):
             raise InputError("stops", entry, f"be {len(system.contacts)} Stops, one per contact")
         pairs = zip(system.contacts, each, strict=True)
-        contacts.append(tuple(Contact(contact.row, stop, contact.offset) for contact, stop in pairs))
+        contacts.append(tuple(replace(contact, stops=stop) for contact, stop in pairs))
     if not contacts:
         raise InputError("stops", stops, "name at least one member")
     fields: dict[str, Sequence[Any]] = {"contacts": contacts}

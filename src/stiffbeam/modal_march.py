@@ -19,7 +19,7 @@ from .sampling import CONTACT, EVENT, IMPACT_IMPULSE, IMPACT_PEAK, MEMBER, ROW, 
 from .schemes import Scheme
 from .system import System, offset_rate
 
-NODES_PER_BLOCK = 48  # longer blocks pay more for the contact than they save
+NODES_PER_BLOCK = 32  # longer blocks pay more for the contact than they save
 STEPS_PER_CALL = 1 << 16  # between two reports of progress
 STEPS_REPLAYED = 4096  # held in memory at once where states, or sampled loads, are wanted
 
@@ -45,6 +45,7 @@ class March:
     contact: str
     starter: Propagator | None
     block: Propagator
+    _forcings: dict[Propagator, Forcing] = field(default_factory=dict, repr=False)
 
     @classmethod
     def of(cls, system: System, basis: Modes, scheme: Scheme, dt: float, contact: str) -> March:
@@ -52,6 +53,12 @@ class March:
         one = None if starter is None else build(starter, system, basis, dt, 1, contact, reduced=False)
         length = block_length(scheme, len(system.contacts))
         return cls(system, basis, scheme, dt, contact, one, build(scheme, system, basis, dt, length, contact))
+
+    def forcing(self, propagator: Propagator) -> Forcing:
+        """What the loads and offsets of ``system`` itself do to one of the propagators; made once."""
+        if propagator not in self._forcings:
+            self._forcings[propagator] = propagator.forcing([self.system])
+        return self._forcings[propagator]
 
     def start(self, members: Sequence[System], steps: int, every: int | None) -> Flight:
         """The members at t = 0, ready for ``steps`` steps."""
@@ -77,8 +84,8 @@ class Flight:
         system, M = self.march.system, len(self.members)
         self.law = np.array([[(s.stiffness, s.g1, s.g2) for s in _stops(member)] for member in self.members])
         self.law = self.law.reshape(M, len(system.contacts), 3)
-        alike = all(_functions(member) == _functions(self.members[0]) for member in self.members)
-        self._forced = self.members[:1] if alike else self.members
+        functions = _functions(system)
+        self._alike = all(_functions(member) == functions for member in self.members)
         u, v = (np.array(x) for x in zip(*(initial_channels(member) for member in self.members), strict=True))
         m = len(system.contacts)
         tally = new_tally(u[:, :m], self.law[..., 1], self.law[..., 2])
@@ -106,7 +113,7 @@ class Flight:
             one = march.starter
             z = one.scheme.initial(march.basis.equation, history, self._force())
             self.state = self.state._replace(z=one.pack(z))
-            forcing = one.forcing(self._forced)
+            forcing = march.forcing(one) if self._alike else one.forcing(self.members)
             for _ in range(min(self.steps, scheme.history - 1)):
                 self._stretch(one, forcing, 1, replayed)
                 history.insert(0, one.unpack(self.state.z)[:2])
@@ -115,7 +122,7 @@ class Flight:
             block = march.block
             z = scheme.initial(march.basis.equation, history, self._force())
             self.state = self.state._replace(z=block.pack(z))
-            forcing = block.forcing(self._forced)
+            forcing = march.forcing(block) if self._alike else block.forcing(self.members)
             bounded = replayed is not None or not block.harmonic
             most = STEPS_REPLAYED if bounded else max(STEPS_REPLAYED, STEPS_PER_CALL // len(self.members))
             while self.done < self.steps:
@@ -149,9 +156,10 @@ class Flight:
 
     def _force(self) -> Array:
         """Load plus contact force on the modes at this time, (members, n)."""
-        total = []
+        total, t = [], self.done * self.march.dt
+        shared = self.march.system.load(t)
         for member, positions in zip(self.members, self.state.position, strict=True):
-            force = member.load(self.done * self.march.dt)
+            force = shared if self._alike else member.load(t)
             for c, contact in enumerate(member.contacts):
                 force = force + contact.row * contact.stops.force(positions[c])
             total.append(self.march.basis.force(force))
@@ -198,16 +206,20 @@ class Stretch:
         flight, dt = self.flight, self.flight.march.dt
         times = (self.first + np.arange(self.steps)) * dt
         inflow = one.inflow(times, flight.steps * dt)
-        forcing = one.forcing(flight.members)
-        g = np.ones((self.steps, forcing.state.shape[1]))
+        forcing = flight.march.forcing(one)
+        g = np.full((self.steps, forcing.rows.shape[1]), forcing.constant)
         phase = np.multiply.outer(times, forcing.frequencies[0])
         g[:, 1::2], g[:, 2::2] = np.sin(phase), np.cos(phase)
         z = one.pack(self.block.unpack(self.starts[:1]))[0]
-        out = aligned((self.steps, len(z)))
-        by_step = np.ascontiguousarray(self.forces.reshape(len(self.forces) * self.block.steps, -1)[: self.steps])
-        kernel.fill(z, one.block.transition, one.block.push_state, by_step, g, forcing.state[0], inflow.state, out)
+        out, basis = aligned((self.steps, one.block.reading.shape[1])), flight.march.basis
+        nodes = len(self.block.block.compliance)
+        by_step = self.forces[:, :nodes].reshape(len(self.forces) * self.block.steps, -1)[: self.steps]
+        of_state = slice(one.block.reading.shape[0], None)
+        kernel.fill(
+            z, one.block.transition, len(basis.omega), one.block.push[:, of_state], by_step, g,
+            forcing.rows[0][:, of_state], inflow.rows[:, of_state], out,
+        )  # fmt: skip
         states = one.unpack(out)
-        basis = flight.march.basis
         return basis.to_nodal(states[0]), basis.to_nodal(states[1])
 
 
@@ -246,8 +258,8 @@ def warm_up() -> float:
     row = np.zeros((1, LANES))
     none = np.zeros((0, 1, 1))
     kernel.run(
-        Block(row, np.zeros((1, 1, LANES)), row, row, row, index, np.zeros((1, 1, LANES)), np.zeros((1, 1, 1))),
-        np.zeros((0, 1, 3)), Forcing(z, none, none, np.zeros((0, 1, 1, 1))), Inflow(z, z, none),
+        Block(row, row, row, row, row, index[0], index[0], none, none),
+        np.zeros((0, 1, 3)), Forcing(0.0, z, none, np.zeros((0, 1, 1, 1))), Inflow(z, none),
         Marchers(z, z, z, np.zeros((0, 1, TALLY)), index[0]), Kept(none, none, z, z), row, 0, 0, 1.0, 1,
         np.zeros(3, np.int64),
     )  # fmt: skip

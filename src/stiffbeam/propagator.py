@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .arrays import Array, aligned, padded
+from .arrays import LANES, Array, aligned, padded
 from .drive import Drive, Term
 from .kernel import Block, Forcing, Inflow
 from .modal import Modes
@@ -31,13 +31,13 @@ class Propagator:
     The block's entries w (R,) are the contact arguments, node by node and contact by contact, followed
     by the channel positions at the ends of steps that are no node:
 
-        w = reading z + g entries + inflow          z_new = transition z + g state + inflow'
-        F_i = F(w_i),  then  w += push_i F_i,  z_new += push'_i F_i     for the nodes in order,
+        (w, z_new) = (reading z, transition z) + g rows + inflow
+        F_i = F(w_i),  then  (w, z_new) += push_i F_i      for the nodes in order,
 
     where w_i = r + s F_i is solved in closed form with the compliance s (0 where the contact is
-    extrapolated and w_i is the predictor). ``block`` holds what is the same for every load and stop;
-    g entries and g state, the harmonic and constant loads with g(t) at the block's start, are made by
-    ``forcing``; ``inflow`` is there for sampled loads and offsets only.
+    extrapolated and w_i is the predictor). ``block`` holds what is the same for every load and stop; the
+    rows of the harmonic and constant loads, with g(t) at the block's start, are made by ``forcing``;
+    ``inflow`` is there for sampled loads and offsets only.
     """
 
     scheme: Scheme
@@ -51,21 +51,22 @@ class Propagator:
     keep: NDArray[np.int64]  # the components of the scheme's state that the packed one holds
     mix: Array  # (len(keep), a): what each of them holds
     samples: tuple[Term, ...]  # loads that are sampled at the nodes
-    sample_entries: Array  # (loads K S, R)
-    sample_state: Array  # (loads K S, D)
+    sample_rows: Array  # (loads K S, R + D)
     sample_velocity: Array  # (loads K S, K, channels)
     offset_samples: tuple[Term, ...]  # offsets that are sampled at the entries
 
     def pack(self, z: Array) -> Array:
-        """The scheme's states (a, members, n) -> (members, D)."""
+        """The scheme's states (a, members, n) -> (members, D + (kept - 1) n), see Block."""
         mixed = np.einsum("ce,emj->cmj", self.mix, z)
-        packed = aligned((z.shape[1], self.block.reading.shape[1]))
-        packed[:, : mixed.shape[0] * z.shape[2]] = np.moveaxis(mixed, 0, 1).reshape(z.shape[1], -1)
+        kept, members, n = mixed.shape
+        packed = aligned((members, self.block.reading.shape[1] + (kept - 1) * n))
+        packed[:, : kept * n] = np.moveaxis(mixed, 0, 1).reshape(members, -1)
+        packed[:, kept * n : (2 * kept - 1) * n] = packed[:, : (kept - 1) * n]
         return packed
 
     def unpack(self, packed: Array) -> Array:
-        """(members, D) -> states (a, members, n) that go on as the packed ones do."""
-        a, n = self.mix.shape[1], self.block.transition.shape[2]
+        """Packed (members, ...) -> states (a, members, n) that go on as the packed ones do."""
+        a, n = self.mix.shape[1], self.system.size
         z = np.zeros((a, len(packed), n))
         z[self.keep] = np.moveaxis(packed[:, : len(self.keep) * n].reshape(-1, len(self.keep), n), 1, 0)
         return z
@@ -77,16 +78,20 @@ class Propagator:
 
     @property
     def entry_times(self) -> Array:
-        """From the block's start, of the entries that are there (no padding)."""
+        """From the block's start; 0 for padding of the nodes, none for that at the end."""
         nodes = np.add.outer(np.arange(self.steps), self.scheme.nodes) * self.dt
         ends = (1 + np.arange(self.steps)) * self.dt
-        contacts = len(self.system.contacts)
-        return np.concatenate([np.repeat(nodes.ravel(), contacts), np.repeat(ends, len(self.end_channels))])
+        at_nodes = np.zeros(len(self.block.push))
+        at_nodes[: len(self.block.compliance)] = np.repeat(nodes.ravel(), len(self.system.contacts))
+        return np.concatenate([at_nodes, np.repeat(ends, len(self.end_channels))])
 
     @property
     def entry_channels(self) -> NDArray[np.int64]:
-        nodes = np.tile(np.arange(len(self.system.contacts)), self.steps * len(self.scheme.nodes))
-        return np.concatenate([nodes, np.tile(self.end_channels, self.steps)])
+        """The channel of each entry, -1 for padding of the nodes."""
+        at_nodes = np.full(len(self.block.push), -1)
+        contacts = len(self.system.contacts)
+        at_nodes[: len(self.block.compliance)] = np.arange(len(self.block.compliance)) % max(1, contacts)
+        return np.concatenate([at_nodes, np.tile(self.end_channels, self.steps)])
 
     def inflow(self, starts: Array, last: float) -> Inflow:
         """What sampled loads and offsets add to the blocks that start at ``starts`` (B,).
@@ -94,23 +99,23 @@ class Propagator:
         Callables are not asked for times after ``last``: a block may run past the end, its surplus
         steps are dropped.
         """
-        (R, D), K, channels = self.block.reading.shape, self.steps, self.block.end_entry.shape[1]
+        (R, D), K, channels = self.block.reading.shape, self.steps, self.block.velocity.shape[1]
         if self.harmonic:
-            return Inflow(np.zeros((0, R)), np.zeros((0, D)), np.zeros((0, K, channels)))
-        values = np.zeros((len(starts), len(self.sample_entries)))
+            return Inflow(np.zeros((0, R + D)), np.zeros((0, K, channels)))
+        values = np.zeros((len(starts), len(self.sample_rows)))
         if self.samples:
             offsets = np.add.outer(np.arange(K), self.scheme.nodes).ravel() * self.dt
             times = np.minimum(np.add.outer(starts, offsets), last)
             values = np.concatenate([evaluate(f, times) for _, f in self.samples], axis=1)
-        entries, state = values @ self.sample_entries, values @ self.sample_state
+        rows = values @ self.sample_rows
         velocity = np.tensordot(values, self.sample_velocity, 1)
         ends = starts[:, None] + (1 + np.arange(K)) * self.dt
         times = np.minimum(np.add.outer(starts, self.entry_times), last)
         for unit, function in self.offset_samples:
             here = np.flatnonzero(self.entry_channels == np.argmax(unit))
-            entries[:, here] += evaluate(function, times[:, here])
+            rows[:, here] += evaluate(function, times[:, here])
             velocity[..., np.argmax(unit)] += offset_rate(function, np.minimum(ends, last))
-        return Inflow(entries, state, velocity)
+        return Inflow(rows, velocity)
 
     def forcing(self, systems: Sequence[System]) -> Forcing:
         """The harmonic and constant loads and offsets of systems that differ from this one in nothing else.
@@ -128,12 +133,12 @@ class Propagator:
             self.scheme, self.basis.equation, self.dt, K,
             lambda t: turned(loads, frequencies, t).reshape(V * d, n), (V * d, n),
         )  # fmt: skip
-        rows = _modal_rows(self.system, self.basis)
-        entries, state = np.zeros((V, d, self.block.reading.shape[0])), aligned((V, d, self.block.reading.shape[1]))
+        rows, (R, D) = _modal_rows(self.system, self.basis), self.block.reading.shape
+        forced = aligned((V, d, R + D))
         fields = entries_of(probed, rows, len(self.system.contacts), self.end_channels, self.extrapolated)
-        entries[..., : fields.shape[1]] = fields.reshape(V, d, -1)
+        forced[..., : fields.shape[1]] = fields.reshape(V, d, -1)
         mixed = np.einsum("ce,emj->cmj", self.mix, probed.states[-1])  # (kept, V d, n)
-        state[..., : mixed.shape[0] * n] = np.moveaxis(mixed, 0, 1).reshape(V, d, -1)
+        forced[..., R : R + mixed.shape[0] * n] = np.moveaxis(mixed, 0, 1).reshape(V, d, -1)
         rates = shifts.copy()  # g' @ shifts = g @ rates
         rates[:, 0] = 0.0
         rates[:, 1::2], rates[:, 2::2] = (
@@ -145,10 +150,12 @@ class Propagator:
             velocity[:, :, c] = np.moveaxis(np.sum(probed.states[:, 1] * row, axis=-1).reshape(K, V, d), 0, 1)
         if np.any(shifts):
             for r, (channel, t) in enumerate(zip(self.entry_channels, self.entry_times, strict=True)):
-                entries[..., r] += turned(shifts[..., channel], frequencies, t)
+                if channel >= 0:
+                    forced[..., r] += turned(shifts[..., channel], frequencies, t)
             for k, c in np.ndindex(K, len(rows)):
                 velocity[:, k, c] += turned(rates[..., c], frequencies, (k + 1) * self.dt)
-        return Forcing(frequencies, entries, state, velocity)
+        constant = float(np.any(loads[:, 0]) or np.any(shifts[:, 0]))
+        return Forcing(constant, frequencies, forced, velocity)
 
 
 def turned(basis: Array, frequencies: Array, t: float) -> Array:
@@ -165,8 +172,8 @@ def turned(basis: Array, frequencies: Array, t: float) -> Array:
 
 
 def entries_of(probed: Probe, rows: Array, contacts: int, end_channels: Array, extrapolated: bool) -> Array:
-    """The entries (batch, ...) that a batch of inputs makes: contact arguments at every node, then the
-    ``end_channels`` at the ends of steps."""
+    """The entries (batch, ...) that a batch of inputs makes: contact arguments at every node, padded to
+    eight, then the ``end_channels`` at the ends of steps."""
     arguments = probed.predictions if extrapolated else probed.positions
     K, S, batch, _ = arguments.shape
     nodes, ends = np.empty((K, S, contacts, batch)), np.empty((K, len(end_channels), batch))
@@ -174,7 +181,8 @@ def entries_of(probed: Probe, rows: Array, contacts: int, end_channels: Array, e
         nodes[:, :, c] = np.sum(arguments * rows[c], axis=-1)
     for i, channel in enumerate(end_channels):
         ends[:, i] = np.sum(probed.states[:, 0] * rows[channel], axis=-1)
-    return np.concatenate([nodes.reshape(-1, batch), ends.reshape(-1, batch)]).T
+    padding = np.zeros((padded(K * S * contacts, least=0) - K * S * contacts, batch))
+    return np.concatenate([nodes.reshape(-1, batch), padding, ends.reshape(-1, batch)]).T
 
 
 def _modal_rows(system: System, basis: Modes) -> Array:
@@ -198,19 +206,20 @@ def build(
     keep, mix = independent(probed, extrapolated) if reduced else (np.arange(a), np.eye(a))
     at_node = not extrapolated and probed.ends_at_last_node
     end_channels = np.arange(m if at_node else 0, len(rows))
-    end_entry = K * S * m + np.arange(K * len(end_channels)).reshape(K, -1)
+    N = padded(K * S * m, least=0)
+    end_first, end_stride = N + np.arange(len(rows)), np.full(len(rows), len(end_channels))
     if at_node:
-        last_nodes = (np.arange(K)[:, None] * S + S - 1) * m + np.arange(m)
-        end_entry = np.concatenate([last_nodes, end_entry], axis=1)
+        end_first[:m], end_stride[:m] = (S - 1) * m + np.arange(m), S * m
+        end_first[m:] = N + np.arange(len(rows) - m)
 
     # What entries, velocities and the end state read from the unit states: one term per mode.
-    width, used = K * S * m + K * len(end_channels), len(keep) * n
+    width, used = N + K * len(end_channels), len(keep) * n
     R, D = padded(width), padded(used)
     reading, velocity = aligned((R, D)), np.zeros((K, len(rows), D))
     arguments = probed.predictions if extrapolated else probed.positions
     at_nodes = np.einsum("ksbj,cj->kscbj", arguments[:, :, keep], rows[:m]).reshape(-1, used)
     at_ends = np.einsum("kbj,cj->kcbj", probed.states[:, 0][:, keep], rows[end_channels]).reshape(-1, used)
-    reading[:width, :used] = np.concatenate([at_nodes, at_ends])
+    reading[: len(at_nodes), :used], reading[N:width, :used] = at_nodes, at_ends
     velocity[..., :used] = np.einsum("kbj,cj->kcbj", probed.states[:, 1][:, keep], rows).reshape(K, -1, used)
     mixed = np.einsum("cd,kdbj->kcbj", mix, probed.states)  # packed states, (K, kept, batch, n)
 
@@ -220,12 +229,11 @@ def build(
     response = entries_of(probed, rows, m, end_channels, extrapolated)[of_pulses].reshape(P, S, width)
     speeds = np.einsum("kbj,cj->bkc", probed.states[:, 1, of_pulses], rows).reshape(P, S, K, C)
     ended = np.moveaxis(mixed[:, :, of_pulses], 2, 0).reshape(P, S, K, used)
-    entries, state, rates = np.zeros((P, K, S, R)), np.zeros((P, K, S, D)), np.zeros((P, K, S, K, C))
-    split = K * S * m  # entries at the nodes, then at the ends of steps
+    pushed, rates = np.zeros((P, K, S, R + D)), np.zeros((P, K, S, K, C))
     for k in range(K):
-        entries[:, k, :, k * S * m : split] = response[:, :, : (K - k) * S * m]
-        entries[:, k, :, split + k * E : width] = response[:, :, split : split + (K - k) * E]
-        state[:, k, :, :used] = ended[:, :, K - 1 - k]
+        pushed[:, k, :, k * S * m : K * S * m] = response[:, :, : (K - k) * S * m]
+        pushed[:, k, :, N + k * E : width] = response[:, :, N : N + (K - k) * E]
+        pushed[:, k, :, R : R + used] = ended[:, :, K - 1 - k]
         rates[:, k, :, k:] = speeds[:, :, : K - k]
 
     def by_node(x: Array, kinds: slice, order: tuple[int, ...]) -> Array:
@@ -235,19 +243,23 @@ def build(
 
     of_contacts, of_samples = slice(0, m), slice(m, P)
     step_by_step, kind_by_kind = (2, 0, 1), (0, 1, 2)
-    push, push_state = aligned((K * S * m, R)), aligned((K * S * m, D))
-    push[:] = by_node(entries, of_contacts, step_by_step)
-    push_state[:] = by_node(state, of_contacts, step_by_step)
-    node = np.arange(K * S * m)
+    nodes = K * S * m
+    push, push_beyond, velocity_push = aligned((N, R + D)), aligned((N, R + D)), np.zeros((K, C, N))
+    push[:nodes] = by_node(pushed, of_contacts, step_by_step)
+    own_end = (np.arange(N)[:, None] // LANES + 1) * LANES  # of a node's eight
+    push_beyond[:] = np.where(np.arange(R + D) >= own_end, push, 0.0)
+    velocity_push[..., :nodes] = np.moveaxis(by_node(rates, of_contacts, step_by_step), 0, -1)
+    node = np.arange(nodes)
     block = Block(
         reading=reading,
-        transition=np.ascontiguousarray(mixed[-1][:, keep]),
+        transition=_shifted(mixed[-1][:, keep], D),
         push=push,
-        push_state=push_state,
+        push_beyond=push_beyond,
         compliance=push[node[:, None], (node - node % max(1, m))[:, None] + np.arange(m)],
-        end_entry=end_entry,
+        end_first=end_first,
+        end_stride=end_stride,
         velocity=velocity,
-        velocity_push=np.ascontiguousarray(np.moveaxis(by_node(rates, of_contacts, step_by_step), 0, -1)),
+        velocity_push=velocity_push,
     )
     return Propagator(
         scheme=scheme,
@@ -261,11 +273,19 @@ def build(
         keep=keep,
         mix=mix,
         samples=tuple(samples),
-        sample_entries=by_node(entries, of_samples, kind_by_kind),
-        sample_state=by_node(state, of_samples, kind_by_kind),
+        sample_rows=by_node(pushed, of_samples, kind_by_kind),
         sample_velocity=by_node(rates, of_samples, kind_by_kind),
         offset_samples=tuple(offset_samples),
     )
+
+
+def _shifted(matrix: Array, D: int) -> Array:
+    """Mode by mode matrices (a, a, n) as the transition of a Block: the e-th cyclic diagonals."""
+    a, _, n = matrix.shape
+    shifted = aligned((a, D))
+    for e, c in np.ndindex(a, a):
+        shifted[e, c * n : (c + 1) * n] = matrix[c, (c + e) % a]
+    return shifted
 
 
 INDEPENDENT = 1e-13  # of what a component does, beyond rounding

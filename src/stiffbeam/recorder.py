@@ -70,9 +70,11 @@ class SampledImpacts:
         """Positions u and velocities v at the ends of the next steps, (k,)."""
         if self._rows + len(u) > len(self._events):
             self._events = np.concatenate([self._events, np.empty((len(self._events) + len(u), EVENT))])
-        law = np.array([self.stops.stiffness, self.stops.g1, self.stops.g2])
+        law = np.array([[[self.stops.stiffness, self.stops.g1, self.stops.g2]]])
         first = self._rows
-        self._rows = scan(np.ascontiguousarray(u), len(u), law, self.dt, self.tally, self._events, first)
+        self._rows = scan(
+            np.ascontiguousarray(u), len(u), law, self.dt, self.tally[None, None], 0, 0, self._events, first
+        )
         for row in self._events[first : self._rows]:
             k = int(row[TIME])
             start = (u[k - 1], v[k - 1]) if k else (self.position, self.velocity)

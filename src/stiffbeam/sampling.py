@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from .arrays import Array
-from .compiled import compiled
+from .compiled import inlined
 
 # A tally (..., 8) is what one contact has seen so far.
 SIDE, TOUCHING, PEAK, IMPULSE, ROW = range(5)
@@ -25,16 +25,22 @@ def new_tally(u0: Array, g1: Array, g2: Array) -> Array:
     return tally
 
 
-@compiled
-def scan(u, count, law, dt, tally, events, rows):
-    """Take the steps u (count,) into one tally; impacts that begin are appended to ``events``.
+@inlined
+def scan(u, count, law, dt, tally, i, c, events, rows):
+    """Take the steps u (count,) into the tally of contact c of member i; impacts that begin are appended.
 
-    law: (kappa, g1, g2). Row ``rows`` of ``events`` is the first free one; a new impact holds the step
-    before its crossing, 0 for the last one known, in TIME. Returns the first free row.
+    law: (M, m, 3), kappa, g1, g2. tally: (M, m, 8). Row ``rows`` of ``events`` is the first free one; a
+    new impact holds the step before its crossing, 0 for the last one known, in TIME. Returns the first
+    free row.
     """
-    kappa, g1, g2 = law[0], law[1], law[2]
-    side = tally[SIDE]
-    row = int(tally[ROW])
+    kappa, g1, g2 = law[i, c, 0], law[i, c, 1], law[i, c, 2]
+    side = tally[i, c, SIDE]
+    row = int(tally[i, c, ROW])
+    touching = 0
+    peak = tally[i, c, PEAK]
+    impulse = tally[i, c, IMPULSE]
+    own_peak = events[row, IMPACT_PEAK] if row >= 0 else 0.0
+    own_impulse = events[row, IMPACT_IMPULSE] if row >= 0 else 0.0
     for k in range(count):
         new = 0.0
         depth = 0.0
@@ -45,64 +51,82 @@ def scan(u, count, law, dt, tally, events, rows):
             new = -1.0
             depth = g1 - u[k]
         if new != side:
+            if row >= 0:
+                events[row, IMPACT_PEAK] = own_peak
+                events[row, IMPACT_IMPULSE] = own_impulse
             row = -1
             if new != 0.0:
                 row = rows
                 rows += 1
                 events[row, TIME] = k
                 events[row, STOP] = new
-                events[row, IMPACT_PEAK] = 0.0
-                events[row, IMPACT_IMPULSE] = 0.0
+                own_peak = own_impulse = 0.0
             side = new
         if new != 0.0:
             force = kappa * depth
-            tally[TOUCHING] += 1.0
-            tally[PEAK] = max(tally[PEAK], force)
-            tally[IMPULSE] += force * dt
-            if row >= 0:
-                events[row, IMPACT_PEAK] = max(events[row, IMPACT_PEAK], force)
-                events[row, IMPACT_IMPULSE] += force * dt
-    tally[SIDE] = side
-    tally[ROW] = row
+            touching += 1
+            peak = max(peak, force)
+            impulse += force * dt
+            own_peak = max(own_peak, force)
+            own_impulse += force * dt
+    if row >= 0:
+        events[row, IMPACT_PEAK] = own_peak
+        events[row, IMPACT_IMPULSE] = own_impulse
+    tally[i, c, SIDE] = side
+    tally[i, c, ROW] = row
+    tally[i, c, TOUCHING] += touching
+    tally[i, c, PEAK] = peak
+    tally[i, c, IMPULSE] = impulse
     return rows
 
 
-@compiled
+@inlined
 def crossing(u0, v0, u1, v1, stop, dt):
     """When in its step, 0 to 1, the cubic Hermite interpolant of (u, u') first reaches a stop beyond u0."""
     sign = 1.0 if u1 > u0 else -1.0
     return first_crossing(sign * (stop - u0), -sign * v0 * dt, sign * (stop - u1), -sign * v1 * dt)
 
 
-@compiled
+@inlined
 def first_crossing(gap0, rate0, gap1, rate1):
     """The least s in (0, 1] at which the cubic Hermite interpolant of a gap reaches zero.
 
-    gap0 > 0 >= gap1 at s = 0 and 1; rate0, rate1: d gap/ds there. Bisection on the first sign change
-    between the extrema of the cubic.
+    gap0 > 0 >= gap1 at s = 0 and 1; rate0, rate1: d gap/ds there. Newton's method, kept inside the first
+    sign change between the extrema of the cubic.
     """
     # p(s) = c0 + c1 s + c2 s^2 + c3 s^3
     c0, c1 = gap0, rate0
     c2 = 3.0 * (gap1 - gap0) - 2.0 * rate0 - rate1
     c3 = 2.0 * (gap0 - gap1) + rate0 + rate1
-    points = np.array([0.0, 1.0, 1.0, 1.0])
+    low = 0.0
+    high = 1.0
     # p'(s) = c1 + 2 c2 s + 3 c3 s^2
     discriminant = c2 * c2 - 3.0 * c1 * c3
     if discriminant > 0.0:
         q = -(c2 + math.copysign(math.sqrt(discriminant), c2))
-        for i, (top, bottom) in enumerate(((q, 3.0 * c3), (c1, q))):
-            if bottom != 0.0 and 0.0 < top / bottom < 1.0:
-                points[1 + i] = top / bottom
-    points.sort()
-    low = 0.0
-    for high in points[1:]:
-        if c0 + high * (c1 + high * (c2 + high * c3)) <= 0.0 or high == 1.0:
-            for _ in range(60):
-                middle = 0.5 * (low + high)
-                if c0 + middle * (c1 + middle * (c2 + middle * c3)) > 0.0:
-                    low = middle
+        one = q / (3.0 * c3) if c3 != 0.0 else 1.0
+        two = c1 / q if q != 0.0 else 1.0
+        for point in (min(one, two), max(one, two)):
+            if low < point < high:
+                if c0 + point * (c1 + point * (c2 + point * c3)) <= 0.0:
+                    high = point
                 else:
-                    high = middle
-            return high
-        low = high
-    return 1.0
+                    low = point
+    s = min(max(gap0 / (gap0 - gap1), low), high)
+    for _ in range(100):
+        gap = c0 + s * (c1 + s * (c2 + s * c3))
+        rate = c1 + s * (2.0 * c2 + s * 3.0 * c3)
+        if gap > 0.0:
+            low = s
+        else:
+            high = s
+        new = s - gap / rate if rate < 0.0 else math.inf
+        enough = 1e-9  # Newton's next error is of the size of its square
+        if not low <= new <= high:
+            new = 0.5 * (low + high)
+            enough = 1e-16
+        done = abs(new - s) < enough
+        s = new
+        if done:
+            break
+    return s
