@@ -12,6 +12,14 @@ import stiffbeam as sb
 os.environ.setdefault("MPLBACKEND", "agg")
 
 
+@pytest.fixture(scope="session", autouse=True)
+def compiled() -> None:
+    """Every run of the tests on the same engine, also where nothing is compiled yet."""
+    from stiffbeam.modal_march import warm_up
+
+    warm_up()
+
+
 @pytest.fixture(scope="session")
 def table10() -> sb.BeamProblem:
     return sb.BeamProblem(

@@ -98,6 +98,57 @@ def test_slices_and_stretches_of_any_size_give_the_same_bits(system, monkeypatch
     assert np.array_equal(whole.impulse, other.impulse)
 
 
+@pytest.mark.parametrize("engine", ["numpy", "jax"])
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("contact", ["implicit", "extrapolated"])
+def test_other_engines_are_equal_to_rounding(engine, kind, contact, system):
+    """Through the first impacts, before chaos has made rounding visible."""
+    members = members_of(kind, system)
+    t_end = 0.06 if contact == "implicit" else 0.056
+    for scheme in (sb.HHT(-0.1), sb.BDF2(), sb.SDIRK(nystrom=True)):
+        ours, other = (
+            sb.integrate_ensemble(system, scheme, 1e-4, t_end, members, contact, every=7, engine=name)
+            for name in ("numba", engine)
+        )
+        assert other.provenance["engine"] == engine
+        assert np.sum(ours.impact_count) > 9
+        assert np.array_equal(ours.impact_count, other.impact_count)
+        tolerance = 1e-9 if contact == "implicit" else 1e-6
+        for name in ("tip", "tip_velocity", "peak_force", "impulse", "contact_fraction"):
+            a, b = getattr(ours, name), getattr(other, name)
+            assert np.max(np.abs(a - b)) < 1e3 * tolerance * np.max(np.abs(a))
+        assert np.max(np.abs(ours.tip - other.tip)) < tolerance * np.max(np.abs(ours.tip))
+        assert np.allclose(ours.impacts.times, other.impacts.times, rtol=0, atol=tolerance)
+
+
+def test_jax_goes_on_where_it_left_off(system, monkeypatch):
+    """Sampled loads, stretches that are filled up, a list of impacts that is too short."""
+    from stiffbeam import kernel_jax
+
+    stops = sb.Stops(-0.06, 0.05, stiffness=5e6)
+    problem = sb.BeamProblem(
+        stiffness=300.0, viscosity=0.05, stops=stops, base=system.problem.base,
+        loads=sb.PointLoad(0.5, lambda t: 40.0 * np.sin(6.0 * t)),
+    )  # fmt: skip
+    driven = sb.semidiscretise(problem, 8)
+    members = sb.perturbed(driven, 3, 1e-6)
+    whole = sb.integrate_ensemble(driven, sb.HHT(-0.1), 1e-4, 0.1, members, every=1)
+    for size in (1 << 22, 300):
+        monkeypatch.setattr(kernel_jax, "NUMBERS_BACK", size)
+        other = sb.integrate_ensemble(driven, sb.HHT(-0.1), 1e-4, 0.1, members, every=1, engine="jax")
+        assert np.sum(other.impact_count) > 9
+        assert np.max(np.abs(whole.tip - other.tip)) < 1e-8 * np.max(np.abs(whole.tip))
+        assert np.allclose(whole.impulse, other.impulse, rtol=1e-6)
+
+
+def test_jax_refuses_several_contacts_and_leaves_single_precision_alone():
+    import jax.numpy as jnp
+
+    with pytest.raises(sb.InputError, match="contact"):
+        sb.integrate_ensemble(two_contacts(), sb.HHT(), 2e-3, 0.1, sb.perturbed(two_contacts(), 2), engine="jax")
+    assert jnp.ones(1).dtype == np.float32
+
+
 @pytest.mark.parametrize("load", [None, lambda t: 15.0 * np.sin(4.0 * t)], ids=["harmonic", "sampled"])
 def test_several_contacts_a_moving_stop_and_sampled_loads(load):
     system = two_contacts() if load is None else two_contacts(load=load)

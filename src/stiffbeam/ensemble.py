@@ -21,8 +21,9 @@ from .system import System
 from .trajectory import Impacts, Work
 from .validation import InputError, near
 
-ENGINES = ("numba",)
+ENGINES = ("numba", "numpy", "jax")
 MEMBERS_PER_SLICE = 64  # marched by one thread in one go
+DEVICE_MEMBERS = 1 << 14  # marched by a device in one go
 Progress = Callable[[int], None]
 
 
@@ -123,11 +124,12 @@ def integrate_ensemble(
     engine: str = "numba",
     progress: Progress | None = None,
 ) -> Ensemble:
-    """``integrate`` for every member, on all cores; each has the bits of its solo run.
+    """``integrate`` for every member, on all cores; each has the bits of its solo run on the same engine.
 
     members: from ``perturbed`` or ``varied``, or systems that differ from ``system`` in initial data,
     stops, and frequencies and amplitudes of their loads only. every: keep tip and tip velocity at every
     so many steps; None keeps none, and memory does not grow with the steps but for the impacts.
+    engine: "numba"; "numpy"; "jax" (at most one contact; on a GPU where JAX has one), equal to rounding.
     progress: called with the number of member-steps done. A member that overflows is marked in
     ``diverged`` and the others go on. Raises InputError for bad arguments.
     """
@@ -135,20 +137,21 @@ def integrate_ensemble(
     members = as_members(system, members)
     if engine not in ENGINES:
         raise InputError("engine", engine, "be a known engine", near(str(engine), ENGINES))
-    plan = Plan.of(system, scheme, dt, t_end, contact, 1 if every is None else every)
-    compile_seconds = warm_up() if plan.modal else 0.0
+    plan = Plan.of(system, scheme, dt, t_end, contact, 1 if every is None else every, engine)
+    compile_seconds = warm_up() if plan.engine == "numba" else 0.0
+    size = DEVICE_MEMBERS if engine == "jax" else MEMBERS_PER_SLICE
 
     def march(part: Members) -> list[Seen]:
         return plan.seen(part, every)
 
-    seen = list(_over_slices(march, members, plan.steps, progress))
+    seen = list(_over_slices(march, members, size, plan.steps, progress))
     seconds = time.perf_counter() - begun - compile_seconds
     return _ensemble(
         members,
         seen,
         np.arange(0, plan.steps + 1, every) * dt if every is not None else np.zeros(0),
         Work(len(members) * plan.steps, seconds, seconds),
-        plan.provenance(every) | {"engine": engine, "members": len(members), "parameter": members.parameter},
+        plan.provenance(every) | {"members": len(members), "parameter": members.parameter},
     )
 
 
@@ -178,18 +181,18 @@ def reference_ensemble(
         runs = (solve_exact(member, t_end, at, known=known) for member in part)
         return [Seen(run.tip[: len(times)], run.tip_velocity[: len(times)], run.contacts) for run in runs]
 
-    seen = list(_over_slices(solve, members, 1, progress))
+    seen = list(_over_slices(solve, members, MEMBERS_PER_SLICE, 1, progress))
     seconds = time.perf_counter() - begun
     notes = {"members": len(members), "parameter": members.parameter}
     return _ensemble(members, seen, times, Work(0, seconds, seconds), provenance | notes)
 
 
 def _over_slices(
-    work: Callable[[Members], list[Seen]], members: Members, unit: int, progress: Progress | None
+    work: Callable[[Members], list[Seen]], members: Members, most: int, unit: int, progress: Progress | None
 ) -> Iterator[Seen]:
-    """``work`` on slices of the members, one thread per core, the results in order."""
-    threads = _cores()
-    size = min(MEMBERS_PER_SLICE, max(1, len(members) // (4 * threads)))
+    """``work`` on slices of at most ``most`` members, one thread per core, the results in order."""
+    threads = _cores() if most <= MEMBERS_PER_SLICE else 1  # a device is shared by no threads
+    size = min(most, max(1, len(members) // (4 * threads))) if threads > 1 else most
     with ThreadPoolExecutor(threads) as pool:
         parts: list[Future] = [pool.submit(work, members[i : i + size]) for i in range(0, len(members), size)]
         try:

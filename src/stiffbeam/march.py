@@ -13,7 +13,7 @@ from .arrays import Array
 from .direct_march import direct_pieces
 from .kernel import OVERFLOW
 from .modal import modes
-from .modal_march import March, initial_channels, replay, warm_up
+from .modal_march import RUNS, March, engine_for, initial_channels, replay, warm_up
 from .pieces import Piece
 from .recorder import SampledImpacts, Seen, record
 from .schemes import Scheme
@@ -33,21 +33,26 @@ def integrate(
     contact: str = "implicit",
     every: int = 1,
     progress: Callable[[int], None] | None = None,
+    engine: str = "auto",
 ) -> Trajectory:
     """March ``scheme`` over [0, t_end] with the fixed step ``dt``.
 
     contact "implicit": every stage solves v = r + s F(v), in closed form for one contact.
     "extrapolated": the force at a node is F(v*), v* predicted from known values, as in the paper;
     it can overflow. ``every`` thins the outputs only: impacts, peaks and the ledger see every step.
-    ``progress`` is called with the number of steps done.
+    ``progress`` is called with the number of steps done. engine: "numba" or "numpy", equal to rounding
+    and each bit-identical to itself; "auto" is numba but for short runs while nothing is compiled yet
+    (``provenance["engine"]`` says which).
 
     A System whose damping decouples is marched in modal coordinates by the compiled block kernel; any
     other, and a FirstOrderSystem, step by step with factorised matrices (``provenance["march"]``).
     Raises InputError for bad arguments and Diverged where the run overflows.
     """
     begun = time.perf_counter()
-    plan = Plan.of(system, scheme, dt, t_end, contact, every)
-    compile_seconds = warm_up() if plan.modal else 0.0
+    if engine == "jax":
+        raise InputError("engine", engine, "be numba, numpy or auto for one run", "use integrate_ensemble")
+    plan = Plan.of(system, scheme, dt, t_end, contact, every, engine)
+    compile_seconds = warm_up() if plan.engine == "numba" else 0.0
     if plan.modal is not None:
         flight = plan.modal.start([plan.system], plan.steps, every)
         for done in flight.fly():
@@ -85,11 +90,19 @@ class Plan:
     contact: str
     form: str
     omega_max: float
+    engine: str
     modal: March | None
 
     @classmethod
     def of(
-        cls, system: System | FirstOrderSystem, scheme: Scheme, dt: float, t_end: float, contact: str, every: int
+        cls,
+        system: System | FirstOrderSystem,
+        scheme: Scheme,
+        dt: float,
+        t_end: float,
+        contact: str,
+        every: int,
+        engine: str,
     ) -> Plan:
         """Raises InputError for bad arguments."""
         if not isinstance(system, (System, FirstOrderSystem)):
@@ -102,6 +115,8 @@ class Plan:
             raise InputError("every", every, "be an integer >= 1")
         if contact not in CONTACTS:
             raise InputError("contact", contact, f"be one of {CONTACTS}")
+        if engine not in (*RUNS, "auto"):
+            raise InputError("engine", engine, f"be one of {('auto', *RUNS)}")
         if scheme.second_order_only and isinstance(system, FirstOrderSystem):
             rule = f"be of second order for {scheme}"
             raise InputError("system", "a FirstOrderSystem", rule, "pass the System itself")
@@ -111,8 +126,11 @@ class Plan:
         scheme.check(omega_max, dt)
         check_contract(scheme)
         form = parent.form if isinstance(system, System) else f"{parent.form}, first order"
-        modal = March.of(parent, basis, scheme, dt, contact) if basis is not None else None
-        return cls(parent, scheme, dt, steps, t_end, contact, form, omega_max, modal)
+        if basis is None:
+            return cls(parent, scheme, dt, steps, t_end, contact, form, omega_max, "numpy", None)
+        engine = engine_for(steps) if engine == "auto" else engine
+        modal = March.of(parent, basis, scheme, dt, contact, engine)
+        return cls(parent, scheme, dt, steps, t_end, contact, form, omega_max, engine, modal)
 
     def provenance(self, every: int | None) -> dict[str, Any]:
         return {
@@ -123,6 +141,7 @@ class Plan:
             "t_end": float(self.t_end),
             "every": 0 if every is None else int(every),
             "march": "direct" if self.modal is None else "modal blocks",
+            "engine": self.engine,
             **versions(),
         }
 

@@ -8,8 +8,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from . import kernel
+from . import kernel, kernel_jax, kernel_numpy
 from .arrays import LANES, Array, aligned
+from .compiled import directory
 from .contact import Stops
 from .kernel import Block, Forcing, Inflow, Kept, Marchers
 from .modal import Modes
@@ -22,6 +23,24 @@ from .system import System, offset_rate
 NODES_PER_BLOCK = 32  # longer blocks pay more for the contact than they save
 STEPS_PER_CALL = 1 << 16  # between two reports of progress
 STEPS_REPLAYED = 4096  # held in memory at once where states, or sampled loads, are wanted
+
+
+RUNS = {"numba": kernel.run, "numpy": kernel_numpy.run, "jax": kernel_jax.run}
+PATIENCE = 2e6  # member-steps that NumPy may take in a process before numba is worth its compilation
+_taken_by_numpy = 0.0
+
+
+def engine_for(steps: int) -> str:
+    """ "numba" where the kernel is compiled already, in this process or on disk, or worth it; else "numpy".
+
+    NumPy takes a few microseconds a step and numba about ten seconds the first time: short runs have
+    their answer at once, and nobody pays more than twice what knowing the future would have cost.
+    """
+    global _taken_by_numpy
+    if kernel.run.signatures or any(directory().rglob("kernel.run-*.nbi")) or _taken_by_numpy + steps > PATIENCE:
+        return "numba"
+    _taken_by_numpy += steps
+    return "numpy"
 
 
 def block_length(scheme: Scheme, contacts: int) -> int:
@@ -45,14 +64,16 @@ class March:
     contact: str
     starter: Propagator | None
     block: Propagator
+    run: Callable[..., bool] = kernel.run  # or the same in NumPy
     _forcings: dict[Propagator, Forcing] = field(default_factory=dict, repr=False)
 
     @classmethod
-    def of(cls, system: System, basis: Modes, scheme: Scheme, dt: float, contact: str) -> March:
+    def of(cls, system: System, basis: Modes, scheme: Scheme, dt: float, contact: str, engine: str = "numba") -> March:
         starter = scheme.starter
         one = None if starter is None else build(starter, system, basis, dt, 1, contact, reduced=False)
         length = block_length(scheme, len(system.contacts))
-        return cls(system, basis, scheme, dt, contact, one, build(scheme, system, basis, dt, length, contact))
+        block = build(scheme, system, basis, dt, length, contact)
+        return cls(system, basis, scheme, dt, contact, one, block, RUNS[engine])
 
     def forcing(self, propagator: Propagator) -> Forcing:
         """What the loads and offsets of ``system`` itself do to one of the propagators; made once."""
@@ -142,7 +163,7 @@ class Flight:
         forces = aligned((rows, len(block.block.push)))
         kept = Kept(self.positions, self.velocities, starts, forces)
         cursor = np.array([0, 0, self._rows])
-        while not kernel.run(
+        while not self.march.run(
             block.block, self.law, forcing, inflow, self.state, kept, self.events, first, steps, dt, self.every or 1,
             cursor,
         ):  # fmt: skip

@@ -19,9 +19,8 @@ from .sampling import (
     STOP,
     TIME,
     TOUCHING,
-    crossing,
     new_tally,
-    scan,
+    observe,
 )
 from .trajectory import ContactRecord, Impacts
 
@@ -62,8 +61,8 @@ class SampledImpacts:
 
     def __init__(self, stops: Stops, dt: float, u0: float, v0: float) -> None:
         self.stops, self.dt, self.steps = stops, dt, 0
-        self.position, self.velocity = u0, v0
-        self.tally = new_tally(np.array(u0), np.array(stops.g1), np.array(stops.g2))
+        self._last = np.array([[u0]]), np.array([[v0]])
+        self._tally = new_tally(self._last[0], np.array(stops.g1), np.array(stops.g2))
         self._events, self._rows = np.empty((64, EVENT)), 0
 
     def feed(self, u: Array, v: Array) -> None:
@@ -71,17 +70,14 @@ class SampledImpacts:
         if self._rows + len(u) > len(self._events):
             self._events = np.concatenate([self._events, np.empty((len(self._events) + len(u), EVENT))])
         law = np.array([[[self.stops.stiffness, self.stops.g1, self.stops.g2]]])
-        first = self._rows
-        self._rows = scan(
-            np.ascontiguousarray(u), len(u), law, self.dt, self.tally[None, None], 0, 0, self._events, first
-        )
-        for row in self._events[first : self._rows]:
-            k = int(row[TIME])
-            start = (u[k - 1], v[k - 1]) if k else (self.position, self.velocity)
-            stop = self.stops.g2 if row[STOP] > 0 else self.stops.g1
-            row[TIME] = (self.steps + k + crossing(*start, u[k], v[k], stop, self.dt)) * self.dt
-        self.position, self.velocity = float(u[-1]), float(v[-1])
-        self.steps += len(u)
+        u, v = (np.array(x, float).reshape(1, -1, 1) for x in (u, v))
+        never = np.zeros(1, np.int64)
+        self._rows = observe(u, v, law, self.dt, self.steps, *self._last, self._tally, never, self._events, self._rows)
+        self.steps += u.shape[1]
+
+    @property
+    def tally(self) -> Array:
+        return self._tally[0, 0]
 
     @property
     def events(self) -> Array:

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from .arrays import Array
-from .compiled import inlined
+from .compiled import compiled, inlined
 
 # A tally (..., 8) is what one contact has seen so far.
 SIDE, TOUCHING, PEAK, IMPULSE, ROW = range(5)
@@ -77,6 +77,38 @@ def scan(u, count, law, dt, tally, i, c, events, rows):
     tally[i, c, TOUCHING] += touching
     tally[i, c, PEAK] = peak
     tally[i, c, IMPULSE] = impulse
+    return rows
+
+
+@compiled
+def observe(u, v, law, dt, first, position, velocity, tally, diverged, events, rows):
+    """Take positions u and velocities v (M, steps, C) after step ``first`` of members that have not diverged.
+
+    position, velocity: (M, C) at step ``first``, brought up to date as the tallies (M, m, 8) are. The
+    impacts that begin are written to ``events`` from row ``rows`` on, which must have room. Returns the
+    first free row.
+    """
+    M, steps, C = u.shape
+    path = np.empty(steps)
+    for i in range(M):
+        if diverged[i]:
+            continue
+        for c in range(law.shape[1]):
+            for k in range(steps):
+                path[k] = u[i, k, c]
+            new = scan(path, steps, law, dt, tally, i, c, events, rows)
+            for row in range(rows, new):
+                k = int(events[row, TIME])
+                u0 = path[k - 1] if k > 0 else position[i, c]
+                v0 = v[i, k - 1, c] if k > 0 else velocity[i, c]
+                stop = law[i, c, 2] if events[row, STOP] > 0.0 else law[i, c, 1]
+                events[row, TIME] = (first + k + crossing(u0, v0, path[k], v[i, k, c], stop, dt)) * dt
+                events[row, MEMBER] = i
+                events[row, CONTACT] = c
+            rows = new
+        for c in range(C):
+            position[i, c] = u[i, steps - 1, c]
+            velocity[i, c] = v[i, steps - 1, c]
     return rows
 
 

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import time
-from importlib import import_module
 
 import numpy as np
 
 from ..arrays import Array
+from ..double_precision import double_precision
 from ..drive import Drive
 from ..system import System
 from ..trajectory import Reference, SolverFailure
@@ -34,15 +34,12 @@ def solve_kvaerno(
     import jax
     import jax.numpy as jnp
 
-    # A switch of the whole process in older versions of JAX moved out of ``experimental``.
-    home = jax if hasattr(jax, "enable_x64") else import_module("jax.experimental")
-    enable_x64 = home.enable_x64
     drive = Drive.of(system)
     if drive.split(system.loads, system.size)[1] or drive.offsets(system)[1]:
         raise InputError("time function", "a callable", f"be Harmonic or Constant for {method}", "use method='cvode'")
 
     def solve(rhs: RightHandSide, t: Array, rtol: float, atol: float) -> Solve:
-        with enable_x64(True):
+        with double_precision():
             field = _vector_field(rhs, drive)
             controller = diffrax.PIDController(rtol=rtol, atol=atol)
             solver = {"kvaerno3": diffrax.Kvaerno3, "kvaerno5": diffrax.Kvaerno5}[method]()
