@@ -1,96 +1,296 @@
-"""How much faster than a plain NumPy loop is the block march, and what bounds it?
+"""How fast are march, ensembles and references against what one would write by hand, and what bounds them?
 
-Table 10, M = 25, implicit contact. The yardstick is the loop a careful NumPy user writes: HHT-alpha with
-a prefactored LU, one solve and two matrix-vector products a step. Times are the least of several
-repetitions in one process, so the ratios hold when the machine drifts. Run:
+    python studies/march_speed.py [--quick] [--out DIR] [--record FILE]
 
-    python studies/march_speed.py
+Everything is timed in one process, in turns, the least of several repetitions counting, so that the
+ratios hold where the machine drifts. Writes march_speed.json and march_speed.png to DIR, prints the
+ratios, and ends with status 1 when one recorded in studies/march_speed.json is missed by more than a
+third. ``--record`` writes the ratios found. The yardsticks, Table 10 (M = 25, implicit contact):
+
+* NumPy loop: HHT-alpha with a prefactored LU, one solve and two matrix-vector products a step.
+* by hand: HHT-alpha in modal coordinates, step by step, compiled by numba; it evaluates its drive at
+  every step, as ours does once a block, and keeps the tip but no velocity and no impacts.
+
+What bounds the block march. A step of HHT takes R D/K multiply-adds for the entries of a block, a^2 n/K
+for the state and, in contact, R + D more; ``stream`` times such a matrix-vector product alone on data
+of that size, and bound = multiply-adds x stream. What comes on top are loops of a few dozen numbers,
+the search for impacts with their velocities, and sine and cosine once a block.
 """
 
 from __future__ import annotations
 
+import argparse
+import json
+import os
+import subprocess
+import sys
 import time
+from collections.abc import Callable
+from pathlib import Path
 
+import numba
 import numpy as np
-import scipy.linalg
+from march_speed_page import draw
+from yardsticks import Timed, by_hand, numpy_loop
 
 import stiffbeam as sb
+from stiffbeam import ensemble, kernel
+from stiffbeam.compiled import FASTMATH
 from stiffbeam.modal import modes
-from stiffbeam.modal_march import block_length
-from stiffbeam.propagator import build
+from stiffbeam.modal_march import March
 
-REPETITIONS = 15
-
-
-def numpy_hht_loop(system: sb.System, alpha: float, dt: float, steps: int) -> tuple[float, np.ndarray]:
-    """Seconds per step and tip displacement of HHT-alpha with a prefactored LU and closed-form contact."""
-    M, K, row, stops = system.mass, system.stiffness, system.contacts[0].row, system.contacts[0].stops
-    g1, g2, kappa = stops.g1, stops.g2, stops.stiffness
-    beta, gamma = (1 - alpha) ** 2 / 4, 0.5 - alpha
-    lu = scipy.linalg.lu_factor(M + (1 + alpha) * beta * dt**2 * K)
-    push = (1 + alpha) * scipy.linalg.lu_solve(lu, row)
-    compliance = beta * dt**2 * push[-1]
-    stiff = kappa / (1 + kappa * compliance)
-    loads = system.load(np.arange(steps + 1) * dt)
-    q, v = system.q0.copy(), system.v0.copy()
-    net = loads[0] - K @ q
-    a = np.linalg.solve(M, net)
-    tip = np.empty(steps + 1)
-    tip[0] = q[-1]
-    begun = time.perf_counter()
-    for n in range(1, steps + 1):
-        q_ahead = q + dt * v + dt**2 * (0.5 - beta) * a
-        v_ahead = v + dt * (1 - gamma) * a
-        free = scipy.linalg.lu_solve(lu, (1 + alpha) * (loads[n] - K @ q_ahead) - alpha * net, check_finite=False)
-        r = q_ahead[-1] + beta * dt**2 * free[-1]
-        force = stiff * (min(max(r, g1), g2) - r)
-        a = free + push * force
-        q = q_ahead + beta * dt**2 * a
-        v = v_ahead + gamma * dt * a
-        net = loads[n] - K @ q
-        net[-1] += force
-        tip[n] = q[-1]
-    return (time.perf_counter() - begun) / steps, tip
+RECORDED = Path(__file__).with_suffix(".json")
+SCHEMES = {"HHT": sb.HHT(-0.1), "BDF2": sb.BDF2(), "SDIRK-OS": sb.SDIRK(nystrom=True)}
 
 
-def main() -> None:
+def march_of(system: sb.System, scheme: sb.Scheme, dt: float, steps: int) -> Timed:
+    """The stepping of the block march, impacts and peaks included, propagator excluded as the LU is above."""
+    basis = modes(system)
+    assert basis is not None
+    march = March.of(system, basis, scheme, dt, "implicit")
+
+    def run() -> float:
+        flight = march.start([system], steps, None)
+        for _ in flight.fly():
+            pass
+        return flight.seconds
+
+    return run
+
+
+def timed(work: Callable[[], object]) -> Timed:
+    def run() -> float:
+        begun = time.perf_counter()
+        work()
+        return time.perf_counter() - begun
+
+    return run
+
+
+def least(runs: dict[str, Timed], repetitions: int) -> dict[str, float]:
+    """The least seconds of each, taken in turns; one run of each beforehand."""
+    for run in runs.values():
+        run()
+    times = {name: [] for name in runs}
+    for _ in range(repetitions):
+        for name, run in runs.items():
+            times[name].append(run())
+    return {name: min(values) for name, values in times.items()}
+
+
+@numba.njit(fastmath=FASTMATH, error_model="numpy")
+def _stream(reading, z, w, times):
+    for _ in range(times):
+        kernel.read(reading, z, w)
+        z[0] = 1e-9 * w[0]
+
+
+def stream(R: int, D: int) -> float:
+    """Seconds per multiply-add of a matrix-vector product (R, D) that stays in the first-level cache."""
+    reading, z, w = np.ones((R, D)), np.ones(D), np.ones(R)
+    return least({"": timed(lambda: _stream(reading, z, w, 2000))}, 9)[""] / (2000 * R * D)
+
+
+def singles(cells: int, steps: int, repetitions: int) -> dict[str, float]:
+    """ns per step of every way to march Table 10 with M = cells."""
+    case = sb.paper_case(10)
+    system = sb.semidiscretise(case.problem, cells)
+    slow = min(steps, 2000)
+    loop, loop_tip = numpy_loop(system, case.dt, slow)
+    hand, hand_tip = by_hand(system, case.dt, steps)
+    runs = {name: march_of(system, scheme, case.dt, steps) for name, scheme in SCHEMES.items()}
+    seconds = least({"by hand": hand, **runs}, repetitions)
+    ns = {name: 1e9 * x / steps for name, x in seconds.items()}
+    ns["NumPy loop"] = 1e9 * least({"": loop}, max(2, repetitions // 5))[""] / slow
+    # One scheme, three programs: equal before chaos has made rounding visible.
+    run = sb.integrate(system, SCHEMES["HHT"], case.dt, 0.05)
+    for tip in (loop_tip, hand_tip):
+        assert np.max(np.abs(run.tip[:500] - tip[:500])) < 1e-9, "the programs march different schemes"
+    return ns
+
+
+def whole_runs(steps: int, repetitions: int) -> dict[str, float]:
+    """ns per step of ``integrate`` with every step kept, and of the energy ledger's second pass."""
     case = sb.paper_case(10)
     system = sb.semidiscretise(case.problem, case.cells)
-    runs: list[tuple[str, sb.Scheme, int]] = [
-        ("HHT(-0.1)", sb.HHT(-0.1), 300),
-        ("BDF2", sb.BDF2(), 0),
-        ("SDIRK-OS(0.4359)", sb.SDIRK(nystrom=True), 150),
+    found = {}
+    for name, scheme in SCHEMES.items():
+
+        def whole(scheme=scheme):
+            return sb.integrate(system, scheme, case.dt, steps * case.dt)
+
+        found[f"{name}, whole run"] = 1e9 * least({"": timed(whole)}, repetitions)[""] / steps
+        runs = [whole() for _ in range(max(2, repetitions // 3))]
+        found[f"{name}, ledger"] = 1e9 * min(timed(lambda run=run: run.energy)() for run in runs) / steps
+    return found
+
+
+def ensembles(members: int, steps: int, repetitions: int) -> dict[str, float]:
+    """ns per member-step of ensembles of Table 10, engines and threads, and seconds per exact member."""
+    case = sb.paper_case(10)
+    system = sb.semidiscretise(case.problem, case.cells)
+    many = sb.perturbed(system, members)
+    drives = sb.varied(system, frequency=np.linspace(9.0, 11.0, members))
+    t_end, cores = steps * case.dt, ensemble.cores()
+
+    def run(scheme: sb.Scheme, which=many, engine: str = "numba", threads: int = cores) -> Timed:
+        def work() -> float:
+            before, ensemble.cores = ensemble.cores, lambda: threads
+            try:
+                return sb.integrate_ensemble(system, scheme, case.dt, t_end, which, engine=engine).work.seconds
+            finally:
+                ensemble.cores = before
+
+        return work
+
+    runs = {name: run(scheme) for name, scheme in SCHEMES.items()}
+    runs |= {"HHT, frequencies": run(SCHEMES["HHT"], drives), "HHT, JAX scan": run(SCHEMES["HHT"], engine="jax")}
+    runs |= {f"HHT, {k} threads": run(SCHEMES["HHT"], threads=k) for k in sorted({1, cores})}
+    found = {name: 1e9 * x / (members * steps) for name, x in least(runs, repetitions).items()}
+    exact = least({"": timed(lambda: sb.reference_ensemble(system, t_end, many[: max(4, members // 10)]))}, 2)[""]
+    return found | {"exact, ns per member and step's time": 1e9 * exact / (max(4, members // 10) * steps)}
+
+
+def references(t_end: float) -> dict[str, float]:
+    """Seconds of the references over [0, t_end] at rtol 1e-10, each alone, the least of three."""
+    from stiffbeam.solvers import solve
+
+    case = sb.paper_case(10)
+    system, t = sb.semidiscretise(case.problem, case.cells), np.linspace(0.0, t_end, 11)
+    methods = ("exact", "cvode", "cvode-adams", "dop853")
+    return least({m: timed(lambda m=m: solve(system, t_end, m, t, 1e-10, 1e-12)) for m in methods}, 3)
+
+
+def startup() -> dict[str, float]:
+    """Seconds from the command to the first step: of a reference, and of a scheme; kernels on disk."""
+    code = """
+import os, sys, time
+from stiffbeam import cli
+from stiffbeam.solvers import undamped
+from stiffbeam import modal_march
+def mark(owner, name, label, last):
+    original = getattr(owner, name)
+    def marked(*arguments, **keywords):
+        print(label, time.time() - float(os.environ["BEGUN"]), flush=True)
+        setattr(owner, name, original)
+        if last:
+            os._exit(0)
+        return original(*arguments, **keywords)
+    setattr(owner, name, marked)
+mark(undamped.Tracer, "trace", "reference", False)
+mark(modal_march.Flight, "fly", "scheme", True)
+sys.argv = ["stiffbeam", "compare", "table10"]
+cli.main()
+"""
+    found: dict[str, float] = {}
+    for _ in range(4):
+        environment = os.environ | {"BEGUN": str(time.time())}
+        done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
+        for line in done.stdout.splitlines():
+            label, seconds = line.split()
+            found[label] = min(found.get(label, np.inf), float(seconds))
+    return found
+
+
+def bound_of(cells: int) -> dict[str, float]:
+    """Multiply-adds of a step and the ns they take when streamed, per scheme."""
+    case = sb.paper_case(10)
+    system = sb.semidiscretise(case.problem, cells)
+    basis, found = modes(system), {}
+    assert basis is not None
+    for name, scheme in SCHEMES.items():
+        propagator = March.of(system, basis, scheme, case.dt, "implicit").block
+        (R, D), N = propagator.block.reading.shape, len(propagator.block.push)
+        share = sb.integrate(system, scheme, case.dt, 0.5, every=100).contacts[0].fraction
+        work = (R * D + len(propagator.block.transition) * D + share * N * (R + D)) / propagator.steps
+        found[f"{name}, multiply-adds"] = work
+        found[f"{name}, bound ns"] = 1e9 * work * stream(R, D)
+    return found
+
+
+def ratios_of(record: dict) -> dict[str, float]:
+    """The ratios that are watched: smaller is better, but for those that say ``times``."""
+    one, many, whole = record["single"]["25"], record["ensemble"], record["whole"]
+    ratios = {f"{name} / by hand": one[name] / one["by hand"] for name in SCHEMES}
+    ratios |= {f"{name} / bound": one[name] / record["bound"][f"{name}, bound ns"] for name in SCHEMES}
+    ratios |= {f"NumPy loop / {name}, times": one["NumPy loop"] / one[name] for name in SCHEMES}
+    ratios |= {
+        f"NumPy loop / {name} whole run, times": one["NumPy loop"] / whole[f"{name}, whole run"] for name in SCHEMES
+    }
+    ratios |= {f"{name} member-step / by hand": many[name] / one["by hand"] for name in SCHEMES}
+    ratios["HHT member-step with own frequency / by hand"] = many["HHT, frequencies"] / one["by hand"]
+    ratios["HHT member-step on JAX / by hand"] = many["HHT, JAX scan"] / one["by hand"]
+    ratios["HHT ledger / by hand"] = whole["HHT, ledger"] / one["by hand"]
+    seconds = record["reference"]
+    ratios["CVODE BDF / exact, times"] = seconds["cvode"] / seconds["exact"]
+    ratios["DOP853 / exact, times"] = seconds["dop853"] / seconds["exact"]
+    return ratios
+
+
+def missed(ratios: dict[str, float], recorded: dict[str, float]) -> list[str]:
+    """What is worse than recorded by more than a third."""
+    return [
+        f"{name}: {ratios[name]:.3g}, recorded {value:.3g}"
+        for name, value in recorded.items()
+        if (ratios[name] < value / (4 / 3) if name.endswith("times") else ratios[name] > value * 4 / 3)
     ]
-    loop = np.inf
-    best = {name: (np.inf, np.inf) for name, _, _ in runs}
-    contact = {}
-    for _ in range(REPETITIONS):
-        seconds, tip = numpy_hht_loop(system, -0.1, case.dt, 4000)
-        loop = min(loop, seconds)
-        for name, scheme, _ in runs:
-            every_step = sb.integrate(system, scheme, case.dt, case.t_end)
-            thinned = sb.integrate(system, scheme, case.dt, case.t_end, every=100)
-            now = (thinned.work.march_seconds, every_step.work.seconds)
-            best[name] = tuple(min(a, b / thinned.work.steps) for a, b in zip(best[name], now, strict=True))
-            contact[name] = every_step.contacts[0].fraction
-    check = sb.integrate(system, sb.HHT(-0.1), case.dt, 0.06)
-    assert np.max(np.abs(check.tip - tip[: len(check.tip)])) < 1e-9, "the loop and the march are one scheme"
-    print(f"NumPy loop with prefactored LU, HHT: {1e6 * loop:.1f} us a step")
-    print(
-        f"{'scheme':18} {'march':>9} {'ratio':>7} {'whole run, every step kept':>27} {'ratio':>7}  multiply-adds a step"
-    )
-    for name, scheme, least in runs:
-        march, whole = best[name]
-        length = block_length(scheme, 1)
-        block = build(scheme, system, modes(system), case.dt, length, "implicit")
-        D, N, R = block.reading.shape[1], block.push.shape[0], block.reading.shape[0]
-        work = (R * D + block.components**2 * 25 + contact[name] * N * (R + D)) / length
-        wanted = f"  (wanted: {least})" if least else ""
-        print(
-            f"{name:18} {1e9 * march:6.1f} ns {loop / march:6.0f}x {1e9 * whole:25.1f} ns {loop / whole:6.0f}x"
-            f"   {work:.0f}{wanted}"
-        )
+
+
+def measure(quick: bool) -> dict:
+    cells = [25, 50] if quick else [10, 25, 50, 100, 200, 400]
+    repetitions = 2 if quick else 15
+    steps = 2000 if quick else 20_000
+    case = sb.paper_case(10)
+    system = sb.semidiscretise(case.problem, case.cells)
+    record: dict = {"cores": ensemble.cores()}
+    record["single"] = {str(M): singles(M, steps if M <= 50 else steps // 4, repetitions) for M in cells}
+    record["bound"] = bound_of(25)
+    record["whole"] = whole_runs(steps, 2 if quick else 5)
+    record["steps"] = {name: {} for name in SCHEMES}
+    for name, scheme in SCHEMES.items():
+        for k in (500, 1000) if quick else (1000, 10_000, 100_000, 1_000_000):
+            work = timed(lambda s=scheme, k=k: sb.integrate(system, s, case.dt, k * case.dt, every=100))
+            record["steps"][name][str(k)] = least({"": work}, 3)[""]
+    record["ensemble"] = ensembles(8 if quick else 200, steps, 1 if quick else 5)
+    sizes = (1, 4) if quick else (1, 10, 100, 1000)
+    record["members"] = {"HHT": {}, "HHT, JAX scan": {}}
+    for size in sizes:
+        many = sb.perturbed(system, size)
+        for name, engine in (("HHT", "numba"), ("HHT, JAX scan", "jax")):
+
+            def work(many=many, engine=engine):
+                return sb.integrate_ensemble(system, SCHEMES["HHT"], case.dt, 0.2, many, engine=engine).work.seconds
+
+            record["members"][name][str(size)] = 1e9 * least({"": work}, 2)[""] / (size * round(0.2 / case.dt))
+    record["reference"] = references(0.01 if quick else 0.1)
+    record["startup"] = startup() if not quick else {}
+    record["ratios"] = ratios_of(record)
+    return record
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--quick", action="store_true", help="a smoke run: small sizes, no ratio is judged")
+    parser.add_argument("--out", type=Path, default=Path("stiffbeam-output/march_speed"))
+    parser.add_argument("--record", type=Path, help="write the ratios found to this file")
+    options = parser.parse_args()
+    record = measure(options.quick)
+    options.out.mkdir(parents=True, exist_ok=True)
+    (options.out / "march_speed.json").write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
+    draw(record, options.out / "march_speed.png")
+    for name, value in record["ratios"].items():
+        print(f"{name:50} {value:8.3g}")
+    for name, value in record["startup"].items():
+        print(f"second `stiffbeam compare table10`, first step of the {name}: {value:.2f} s")
+    if options.record:
+        options.record.write_text(json.dumps(record["ratios"], indent=2) + "\n", encoding="utf-8")
+    if options.quick:
+        return 0
+    failures = missed(record["ratios"], json.loads(RECORDED.read_text(encoding="utf-8")))
+    for line in failures:
+        print(f"missed by more than a third: {line}", file=sys.stderr)
+    return 1 if failures else 0
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -191,7 +191,7 @@ def _over_slices(
     work: Callable[[Members], list[Seen]], members: Members, most: int, unit: int, progress: Progress | None
 ) -> Iterator[Seen]:
     """``work`` on slices of at most ``most`` members, one thread per core, the results in order."""
-    threads = _cores() if most <= MEMBERS_PER_SLICE else 1  # a device is shared by no threads
+    threads = cores() if most <= MEMBERS_PER_SLICE else 1  # a device is shared by no threads
     size = min(most, max(1, len(members) // (4 * threads))) if threads > 1 else most
     with ThreadPoolExecutor(threads) as pool:
         parts: list[Future] = [pool.submit(work, members[i : i + size]) for i in range(0, len(members), size)]
@@ -208,7 +208,7 @@ def _over_slices(
                 part.cancel()
 
 
-def _cores() -> int:
+def cores() -> int:
     """The cores this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 

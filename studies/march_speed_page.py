@@ -1,0 +1,61 @@
+"""The page of plots of march_speed.py."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import matplotlib
+
+matplotlib.use("agg")
+import matplotlib.pyplot as plt
+
+# Okabe and Ito's colours; every line has a marker of its own as well.
+STYLES = {
+    "NumPy loop": {"color": "#000000", "marker": "x"},
+    "by hand": {"color": "#888888", "marker": "s"},
+    "HHT": {"color": "#0072B2", "marker": "o"},
+    "BDF2": {"color": "#D55E00", "marker": "^"},
+    "SDIRK-OS": {"color": "#009E73", "marker": "D"},
+    "HHT, JAX scan": {"color": "#CC79A7", "marker": "v"},
+}
+
+
+def draw(record: dict, file: Path) -> None:
+    """Scaling in M, in steps and in members, and the costs of Table 10 side by side."""
+    figure, ((cells, steps), (members, costs)) = plt.subplots(2, 2, figsize=(11, 8.5), layout="constrained")
+    sizes = [int(M) for M in record["single"]]
+    for name in ("NumPy loop", "by hand", "HHT", "BDF2", "SDIRK-OS"):
+        cells.loglog(sizes, [found[name] for found in record["single"].values()], label=name, **STYLES[name])
+    cells.set(xlabel="cells M", ylabel="ns per step", title="One run of Table 10")
+    cells.set_xticks(sizes, [str(M) for M in sizes])
+    cells.minorticks_off()
+    for name, points in record["steps"].items():
+        steps.loglog([int(k) for k in points], [1e3 * x for x in points.values()], label=name, **STYLES[name])
+    steps.set(xlabel="steps", ylabel="ms", title="integrate, every 100th step kept, set-up included")
+    for name, points in record["members"].items():
+        label = name if "," in name else f"{name}, numba"
+        members.loglog([int(k) for k in points], list(points.values()), label=label, **STYLES[name])
+    members.set(xlabel="members", ylabel="ns per member-step", title=f"Ensembles of HHT on {record['cores']} cores")
+    for axes in (cells, steps, members):
+        axes.grid(True, which="major", alpha=0.3)
+        axes.legend(frameon=False)
+    _bars(costs, record)
+    figure.savefig(file, dpi=150)
+    plt.close(figure)
+
+
+def _bars(axes, record: dict) -> None:
+    single, ensemble = record["single"]["25"], record["ensemble"]
+    schemes = ("HHT", "BDF2", "SDIRK-OS")
+    bars = {"by hand": single["by hand"]}
+    bars |= {f"{name}, one run": single[name] for name in schemes}
+    bars |= {f"{name}, streamed only": record["bound"][f"{name}, bound ns"] for name in schemes}
+    bars |= {f"{name}, member": ensemble[name] for name in schemes}
+    bars |= {f"{name}, member": x for name, x in ensemble.items() if "thread" in name or "frequencies" in name}
+    names = list(bars)[::-1]
+    colours = [STYLES[name.split(",")[0]]["color"] for name in names]
+    axes.barh(names, [bars[name] for name in names], color=colours, alpha=0.85)
+    axes.bar_label(axes.containers[0], fmt="%.1f", padding=3, fontsize=8)
+    axes.set(xlabel="ns per step or member-step", title="Table 10, M = 25")
+    axes.set_xlim(0, 1.12 * max(bars.values()))
+    axes.tick_params(axis="y", labelsize=8)
