@@ -72,6 +72,15 @@ class Propagator:
         return z
 
     @property
+    def mode_matrices(self) -> Array:
+        """The transition of the packed state mode by mode, (n, a, a)."""
+        a, n = len(self.keep), self.system.size
+        matrices = np.empty((n, a, a))
+        for e, c in np.ndindex(a, a):
+            matrices[:, c, (c + e) % a] = self.block.transition[e, c * n : (c + 1) * n]
+        return matrices
+
+    @property
     def harmonic(self) -> bool:
         """Whether every load and offset is in the drive, so that there is no inflow."""
         return not self.samples and not self.offset_samples

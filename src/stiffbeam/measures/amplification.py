@@ -88,7 +88,7 @@ def _kernel_roots(scheme: Scheme, x: Array, xi: float) -> Array:
         mass=one, damping=np.diag(2.0 * xi * omega), stiffness=np.diag(omega**2), observe=one[0], q0=nothing, v0=nothing
     )
     basis = Modes(omega=omega, shapes=one, damping=2.0 * xi * omega, mass=one)
-    return np.linalg.eigvals(np.moveaxis(build(scheme, system, basis, 1.0, 1, "implicit").block.transition, -1, 0))
+    return np.linalg.eigvals(build(scheme, system, basis, 1.0, 1, "implicit").mode_matrices)
 
 
 def _closed_roots(scheme: Scheme, x: Array, xi: float) -> Array:
