@@ -11,6 +11,7 @@ from ..arrays import Array
 THRESHOLD = 4.0  # times the local median: white noise exceeds it in one bin of 10^4
 REACH = 2.0  # the median is taken over +- so many drive frequencies
 MULTIPLES = 15
+EXCITED = 0.01  # of the largest amplitude, from which on a frequency counts as excited
 
 
 @dataclass(frozen=True)
@@ -89,3 +90,12 @@ def share_off_multiples(omega: Array, amplitude: Array, drive: float, count: int
     power = amplitude[bins] ** 2
     total = float(np.sum(power))
     return float(np.sum(power[bins % per_drive != 0])) / total if total else 0.0
+
+
+def band(omega: Array, amplitude: Array, drive: float, count: int = MULTIPLES) -> float:
+    """The share of the bins up to ``count`` + 1/2 drive frequencies with more than EXCITED of the largest amplitude.
+
+    1 over the bins per multiple for a few lines, towards 1 for a band that is filled.
+    """
+    bins = amplitude[1 : int((count + 0.5) * drive / omega[1]) + 1]
+    return float(np.mean(bins > EXCITED * np.max(bins)))

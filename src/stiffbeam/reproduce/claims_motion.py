@@ -16,7 +16,7 @@ from .claims import FAILS, HOLDS, PARTLY, Claim, Evidence, Finding, verdict
 from .numbers import Numbers
 
 PREFERENCE = 1.5  # times: what counts as higher amplitudes of one kind of multiples than of the other
-BROAD = 0.1  # share of the spectrum beside the multiples, from which on it counts as a wide band
+BROAD = 0.5  # share of the frequencies to 15a that are excited, from which on it is a wide band
 PERIODIC = 0.05  # aperiodicity below which a motion counts as periodic
 
 
@@ -37,19 +37,19 @@ def _named(orders: list[int]) -> str:
     return ", ".join(f"{k}a" for k in orders) or "none"
 
 
-def _odd_only(row: Numbers, wanted: tuple[int, ...]) -> bool:
-    found = lines(row)
-    return set(wanted) <= set(found) and not any(k % 2 == 0 for k in found)
+def _odd(row: Numbers, wanted: tuple[int, ...]) -> bool:
+    """The ``wanted`` multiples are peaks, and odd ones stand clearly above even ones."""
+    return set(wanted) <= set(lines(row)) and row["even_over_odd"] < 1.0 / PREFERENCE
 
 
 def _odd_multiples(table: int, wanted: tuple[int, ...]):
     def check(e: Evidence) -> Finding:
         runs = "; ".join(f"{name} {_named(lines(row))}" for name, row in e.runs(table).items())
         truth = e.true(table)
-        of_runs = all(_odd_only(row, wanted) for row in e.runs(table).values())
+        of_runs = all(_odd(row, wanted) for row in e.runs(table).values())
         return Finding(
             f"Peaks above a, to 9a: {runs}; true motion {_named(lines(truth))}.",
-            verdict(of_runs, _odd_only(truth, wanted)),
+            verdict(of_runs, _odd(truth, wanted)),
         )
 
     return check
@@ -83,11 +83,11 @@ def _long_contact(table: int):
 
 def _broad(table: int):
     def check(e: Evidence) -> Finding:
-        runs = {name: row["off_multiples"] for name, row in e.runs(table).items()}
-        truth = e.true(table)["off_multiples"]
+        runs = {name: row["band"] for name, row in e.runs(table).items()}
+        truth = e.true(table)["band"]
         written = ", ".join(f"{name} {percent(x)}" for name, x in runs.items())
         return Finding(
-            f"Share of the spectrum (squared amplitudes to 15a) beside the multiples: {written}; true "
+            f"Frequencies to 15a with more than a hundredth of the largest amplitude: {written}; true "
             f"{percent(truth)}.",
             verdict(all(x > BROAD for x in runs.values()), truth > BROAD),
         )
@@ -203,9 +203,7 @@ def _periodic(table: int, equation: str = "(4.13)"):
             f"From one drive period to the next the tip changes by {percent(run['aperiodicity'])} with HHT and by "
             f"{percent(truth['aperiodicity'])} truly; neighbouring motions part like exp({rates[0]:.0f} t) and "
             f"exp({rates[1]:.0f} t).",
-            verdict(
-                run["aperiodicity"] < PERIODIC and rates[0] <= 1.0, truth["aperiodicity"] < PERIODIC and rates[1] <= 1.0
-            ),
+            verdict(run["aperiodicity"] < PERIODIC, truth["aperiodicity"] < PERIODIC),
         )
 
     return check
@@ -261,17 +259,17 @@ def _load_lines(e: Evidence) -> Finding:
     run, truth = lines(e.run(16, "(4.13)")), lines(e.true(16))
     return Finding(
         f"Peaks above w, to 9w: HHT {_named(run)}; true {_named(truth)} (a stands for w).",
-        verdict(len(run) >= 3, len(truth) >= 3),
+        verdict(len(run) >= 2, len(truth) >= 2),
     )
 
 
 def _wide_at_resonance(e: Evidence) -> Finding:
-    low, high = (e.true(t)["off_multiples"] for t in (2, 5))
-    stiff = e.true(1)["off_multiples"]
+    stiff, flexible, fast = (e.true(table)["band"] for table in (1, 2, 5))
     return Finding(
-        f"True share beside the multiples: Table 1 (stiff, a = 10) {percent(stiff)}, Table 2 (flexible, a = 10) "
-        f"{percent(low)}, Table 5 (flexible, a = 60) {percent(high)}.",
-        HOLDS if high > 3 * low and low > 3 * stiff else PARTLY if high > 3 * low or low > 3 * stiff else FAILS,
+        "True share of the frequencies to 15a with more than a hundredth of the largest amplitude: Table 1 (stiff, "
+        f"a = 10) {percent(stiff)}, Table 2 (flexible, a = 10) {percent(flexible)}, Table 5 (flexible, a = 60) "
+        f"{percent(fast)}.",
+        HOLDS if fast > BROAD and stiff < flexible < fast else PARTLY if fast > BROAD else FAILS,
     )
 
 

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 VOID = {"img", "link", "meta"}
+NARROW = "\u202f"  # a narrow space at which no line breaks
 
 
 class Html(str):
@@ -104,3 +105,17 @@ def code(text: str) -> Html:
 def anchor(name: str) -> str:
     """``Table 10`` as ``table-10``."""
     return re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-")
+
+
+def typeset(text: str) -> str:
+    """Powers of ten, minus signs, per cent and Greek letters as on paper."""
+    text = re.sub(r"(\d(?:\.\d+)?)e([+-]\d+)", lambda m: f"{m[1]}{NARROW}×{NARROW}10{raised(int(m[2]))}", text)
+    text = re.sub(r"(?<![\w)])-(?=\d)", "−", text)
+    for word, letter in (("gamma", "γ"), ("alpha", "α"), ("lambda", "λ"), ("sigma", "σ")):
+        text = re.sub(rf"\b{word}\b", letter, text)
+    return text.replace(" %", NARROW + "%")
+
+
+def raised(exponent: int) -> str:
+    """``exponent`` in superior figures."""
+    return str(exponent).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))

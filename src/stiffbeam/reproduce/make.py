@@ -107,14 +107,14 @@ def _run(waiting: dict[int, Job], jobs: int, done: int, progress: Progress):
 def make(job: Job) -> dict[str, Any]:
     """Everything of one table: pictures and trajectories into its folder, the rest as one row."""
     from ..figures import save_figure
-    from ..figures.paper import panels, picture, together
+    from ..figures.paper import panels, picture, save_small, together
 
     made = make_table(paper_cases()[f"table{job.number}"], job.reading)
     numbers = numbers_of(made, job.members, job.exact_members)
     pictures = []
     for panel in panels(made):
-        file = f"panel-{panel.letter.replace('′', '-delayed')}.svg"
-        save_figure(picture(panel), job.folder / file)
+        file = f"panel-{panel.letter.replace('′', '-delayed')}.png"
+        save_small(picture(panel), job.folder / file)
         pictures.append([panel.letter, panel.title, file])
     whole = save_figure(together(made), job.folder / f"figure{job.number}.png")
     files = [file for _, _, file in pictures] + [whole.name]

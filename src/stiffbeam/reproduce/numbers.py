@@ -12,7 +12,7 @@ from ..closed_form import natural_frequencies
 from ..ensemble import Ensemble, integrate_ensemble, reference_ensemble
 from ..march import integrate
 from ..measures.comparison import compare
-from ..measures.peaks import even_over_odd, find_peaks, multiple_amplitudes, share_off_multiples
+from ..measures.peaks import band, even_over_odd, find_peaks, multiple_amplitudes, share_off_multiples
 from ..measures.spectrum import amplitude_spectrum
 from ..members import perturbed
 from ..studies.study import plain
@@ -118,6 +118,7 @@ def motion(t: Array, u: Array, v: Array, made: Made) -> Numbers:
         ],
         "multiples": multiples.tolist(),
         "even_over_odd": even_over_odd(multiples),
+        "band": band(omega, amplitude, drive),
         "off_multiples": share_off_multiples(omega, amplitude, drive),
         "aperiodicity": float(np.sqrt(np.mean(change**2)) / (np.sqrt(2.0) * np.std(late))),
         "fast": fast,

@@ -39,8 +39,8 @@ def write_page(
             h.element("h1", TITLE),
             h.paragraph(CITATION, class_="cited"),
             h.paragraph(
-                "Every table and figure remade beside the true motion of the same equations; every claim that can be "
-                "tested, tested.",
+                "Every table and figure remade beside the true motion of the same equations; every claim that can "
+                "be tested, tested.",
                 class_="lead",
             ),
         ),

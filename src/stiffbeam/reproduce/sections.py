@@ -8,7 +8,7 @@ from typing import Any
 
 from ..cases import paper_cases
 from . import html as h
-from .claims import FAILS, HOLDS, SCHEME_ONLY
+from .claims import FAILS, HOLDS, PARTLY, SCHEME_ONLY
 from .costs import CPU_TABLES
 from .no_contact import CELLS, DT, STIFFNESS, T_END
 from .numbers import PERTURBATION, Numbers
@@ -241,8 +241,8 @@ def claims(judged: Sequence[Mapping[str, str]]) -> h.Html:
         h.element(
             "tr",
             h.element("th", row["section"], scope="row"),
-            h.element("td", row["claim"]),
-            h.element("td", row["measured"]),
+            h.element("td", h.typeset(row["claim"])),
+            h.element("td", h.typeset(row["measured"])),
             h.element("td", h.element("span", row["verdict"], class_=f"verdict {_colour(row['verdict'])}")),
         )
         for row in judged
@@ -250,7 +250,8 @@ def claims(judged: Sequence[Mapping[str, str]]) -> h.Html:
     counts: dict[str, int] = {}
     for row in judged:
         counts[row["verdict"]] = counts.get(row["verdict"], 0) + 1
-    summary = ", ".join(f"{n} {verdict}" for verdict, n in sorted(counts.items(), key=lambda item: -item[1]))
+    plural = {HOLDS: "hold", FAILS: "do not hold", PARTLY: "hold in part", SCHEME_ONLY: "are true of the scheme only"}
+    summary = ", ".join(f"{n} {plural.get(x, x)}" for x, n in sorted(counts.items(), key=lambda item: -item[1]))
     head = h.element(
         "tr", *(h.element("th", x, scope="col") for x in ("section", "the paper says", "measured", "verdict"))
     )
@@ -272,7 +273,7 @@ def _colour(verdict: str) -> str:
 
 
 def misprints(rows: Sequence[Mapping[str, str]]) -> h.Html:
-    cells = [[row["where"], row["printed"], row["right"], row["effect"]] for row in rows]
+    cells = [[row["where"], row["printed"], row["right"], h.typeset(row["effect"])] for row in rows]
     return h.table(
         ["where", "printed", "right", "effect, measured"], cells, "Misprints and their effect", text=(0, 1, 2, 3)
     )

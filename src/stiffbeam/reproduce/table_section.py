@@ -31,7 +31,7 @@ def written(value: float) -> str:
     if 0.001 <= size < 1e5:
         return f"{value:g}".replace("-", MINUS)
     digits, _, exponent = f"{value:e}".partition("e")
-    power = "10" + str(int(exponent)).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
+    power = "10" + h.raised(int(exponent))
     factor = f"{float(digits):g}".replace("-", MINUS)
     return power if factor == "1" else f"{factor} × {power}"
 
