@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from test_march import two_contacts
@@ -149,6 +151,19 @@ def test_jax_refuses_several_contacts_and_leaves_single_precision_alone():
     assert jnp.ones(1).dtype == np.float32
 
 
+def test_the_company_of_a_member_does_not_change_its_bits(system, monkeypatch):
+    """Seven marched together in stretches whose length no block divides, past the horizon."""
+    from stiffbeam import modal_march
+
+    monkeypatch.setenv("STIFFBEAM_THREADS", "1")
+    monkeypatch.setattr(modal_march, "STEPS_REPLAYED", 64)
+    monkeypatch.setattr(modal_march, "STEPS_PER_CALL", 7 * 70)
+    members = sb.varied(system, frequency=np.linspace(9.0, 11.0, 28))  # four slices of seven
+    many = sb.integrate_ensemble(system, sb.HHT(-0.1), 1e-4, 0.6, members, every=5)
+    for i in (0, 6, 27):
+        assert_same_bits(many, i, sb.integrate(members[i], sb.HHT(-0.1), 1e-4, 0.6, every=5))
+
+
 @pytest.mark.parametrize("load", [None, lambda t: 15.0 * np.sin(4.0 * t)], ids=["harmonic", "sampled"])
 def test_several_contacts_a_moving_stop_and_sampled_loads(load):
     system = two_contacts() if load is None else two_contacts(load=load)
@@ -246,3 +261,70 @@ def test_the_statistics_of_an_ensemble_are_those_of_its_impacts(system):
 def test_bad_arguments_are_named(make, field, system):
     with pytest.raises(sb.InputError, match=field):
         make(system)
+
+
+@pytest.mark.parametrize("engine", ["numba", "numpy", "jax"])
+@pytest.mark.parametrize("scheme", [sb.HHT(-0.1), sb.BDF2(), sb.SDIRK(nystrom=True)], ids=str)
+def test_contacts_recorded_from_a_time_on_are_those_of_every_step_after_it(scheme, engine, system):
+    """A window that begins inside a block and during a contact, against all steps of the same run."""
+    dt, t_end, passed = 1e-4, 0.4, 1203
+
+    def march(since, every=None):
+        return sb.integrate_ensemble(system, scheme, dt, t_end, [system], every=every, engine=engine, since=since)
+
+    whole, stops = march(0.0, every=1), system.contacts[0].stops
+    side, force = stops.state(whole.tip[0]), np.abs(stops.force(whole.tip[0]))
+    passed += int(np.argmax(side[passed:] != 0)) + 1
+    assert passed % 16
+    assert side[passed - 1]
+    late, force = side[passed:], force[passed + 1 :]
+    window = march(passed * dt)
+    assert window.contact_fraction[0] == np.mean(late[1:] != 0)
+    assert window.peak_force[0] == np.max(force)
+    assert window.impulse[0] == pytest.approx(np.sum(force) * dt, rel=1e-12)
+    assert window.impact_count[0] == np.sum((late[1:] != 0) & (late[1:] != late[:-1])) > 10
+    begun = whole.impacts.times > passed * dt
+    assert np.array_equal(window.impacts.times, whole.impacts.times[begun])
+    assert np.array_equal(window.impacts.stops, whole.impacts.stops[begun])
+    assert np.allclose(window.impacts.peaks, whole.impacts.peaks[begun], rtol=1e-12, equal_nan=True)
+
+
+def test_the_direct_march_records_from_a_time_on():
+    """Two contacts and a damping that couples the modes."""
+    system = replace(two_contacts(), damping=np.diag([0.0, 0.3, 0.0, 0.1]))
+    run = sb.integrate(system, sb.HHT(-0.1), 2e-3, 3.0)
+    many = sb.integrate_ensemble(system, sb.HHT(-0.1), 2e-3, 3.0, [system], since=1.0)
+    assert many.provenance["march"] == "direct"
+    for statistics, record in zip(many.contacts, run.contacts, strict=True):
+        assert statistics.fraction[0] == np.mean(record.force[501:] != 0.0)
+        assert statistics.peak_force[0] == np.max(np.abs(record.force[501:]))
+        assert statistics.impact_count[0] == np.sum(record.impacts.times > 1.0)
+
+
+def test_the_exact_record_from_a_time_on(system):
+    """From the middle of a contact: the two halves of the run add up to the whole."""
+    whole = solve_exact(system, 0.5)
+    contact, t = whole.contacts[0], float(whole.impacts.times[5]) + 1e-5
+    assert contact.stops.state(whole.at(t, 0)[0])[0]
+    early = solve_exact(system, t).contacts[0]
+    late = sb.reference_ensemble(system, 0.5, [system], since=t)
+    assert late.impact_count[0] == contact.impacts.count - 6
+    assert late.impulse[0] + early.impulse == pytest.approx(contact.impulse, rel=1e-9)
+    assert late.contact_fraction[0] * (0.5 - t) + early.fraction * t == pytest.approx(0.5 * contact.fraction, rel=1e-9)
+    assert max(late.peak_force[0], early.peak_force) == pytest.approx(contact.peak_force, rel=1e-12)
+
+
+@pytest.mark.parametrize("since", [-0.1, 0.6, 0.00015])
+def test_a_time_to_record_from_that_is_none_is_refused(since, system):
+    with pytest.raises(sb.InputError, match="since"):
+        sb.integrate_ensemble(system, sb.HHT(), 1e-4, 0.6, [system], since=since)
+
+
+def test_the_threads_can_be_limited(monkeypatch):
+    from stiffbeam.ensemble import cores
+
+    monkeypatch.setenv("STIFFBEAM_THREADS", "3")
+    assert cores() == 3
+    monkeypatch.setenv("STIFFBEAM_THREADS", "none")
+    with pytest.raises(sb.InputError, match="STIFFBEAM_THREADS"):
+        cores()

@@ -290,7 +290,7 @@ def test_the_journal_of_another_version_study_or_option_is_never_read(tmp_path, 
         patch.setattr(journal, "version", lambda package: "0.0.0")
         assert evaluated() == 4
     with monkeypatch.context() as patch:
-        patch.setattr(journal, "_source", lambda: "edited")
+        patch.setattr(journal, "source_hash", lambda: "edited")
         assert evaluated() == 4
     assert evaluated() == 0
 

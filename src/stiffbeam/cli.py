@@ -313,11 +313,15 @@ def _print_result(result, written: list[Path]) -> None:
 def _progress():
     """A progress display on stderr, silent when that is not a terminal."""
     from rich.console import Console
-    from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+    from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
     console = Console(stderr=True)
-    columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as display:
+    columns = (
+        SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), TextColumn("left"),
+        TimeRemainingColumn(),
+    )  # fmt: skip
+    shown = {"console": console, "transient": True, "disable": not console.is_terminal}
+    with Progress(*columns, speed_estimate_period=600.0, **shown) as display:
         task = display.add_task("starting", total=None)
 
         def progress(what: str, done: int, total: int) -> None:
@@ -332,7 +336,7 @@ cli_reproduce.register(app, _progress)
 
 def main() -> None:
     """Entry point: InputError exits with 2, a failure with 1, both with one clear line."""
-    from .trajectory import Diverged, SolverFailure
+    from .trajectory import Diverged, SolverFailure, Unfinished
     from .validation import InputError
 
     try:
@@ -340,7 +344,7 @@ def main() -> None:
     except InputError as error:
         print(f"stiffbeam: {error}", file=sys.stderr)
         raise SystemExit(2) from None
-    except (Diverged, SolverFailure) as error:
+    except (Diverged, SolverFailure, Unfinished) as error:
         print(f"stiffbeam: {error}", file=sys.stderr)
         raise SystemExit(1) from None
     except KeyboardInterrupt:

@@ -23,6 +23,7 @@ Out = Annotated[Path | None, typer.Option(help="folder for records, picture and 
 Json = Annotated[Path | None, typer.Option("--json", help="write the records here, - for stdout")]
 Jobs = Annotated[int | None, typer.Option(help="processes; default: one per core")]
 Smoke = Annotated[bool, typer.Option("--smoke", help="the small configuration: seconds instead of minutes")]
+Scheduler = Annotated[str | None, typer.Option(help="of Dask, e.g. tcp://host:8786: its workers instead of processes")]
 References = Annotated[Path | None, typer.Option(help="folder of frozen references; default: ./reference if there")]
 
 
@@ -32,16 +33,18 @@ def register(app: typer.Typer, progress: Callable) -> None:
     command = app.command(rich_help_panel="Studies")
 
     def run(
-        name: str, case: str, out: Path | None, json_file: Path | None, jobs: int | None, smoke: bool, **options: Any
-    ):
+        name: str, case: str, out: Path | None, json_file: Path | None, jobs: int | None, smoke: bool,
+        scheduler: str | None = None, **options: Any,
+    ):  # fmt: skip
         from .cases import find_case
         from .studies import find_study
 
         chosen = find_case(case)
         study = find_study(name)
         given = {key: value for key, value in options.items() if value is not None}
-        with progress() as show:
-            records, written = _run(study, chosen, out, jobs, (dict(study.smoke) if smoke else {}) | given, show)
+        with progress() as show, _workers(scheduler) as workers:
+            options = (dict(study.smoke) if smoke else {}) | given
+            records, written = _run(study, chosen, out, jobs, options, show, workers)
         if json_file is not None and str(json_file) == "-":
             print(json.dumps(records.to_dict(), indent=2, allow_nan=False))
             return
@@ -172,6 +175,29 @@ def register(app: typer.Typer, progress: Callable) -> None:
         run("chaos", case, out, json_file, 1, smoke, schemes=_labels(schemes), form=form, dt=dt, starts=starts)
 
     @command
+    def sweep(
+        case: Case = "table10",
+        parameter: Annotated[
+            str, typer.Option(help="frequency, amplitude, clearance, stop-stiffness, stiffness, viscosity, dt, alpha")
+        ] = "frequency",
+        values: Annotated[
+            str | None, typer.Option(help="start:stop:count, start:stop:count:log, or comma-separated")
+        ] = None,
+        second: Annotated[str | None, typer.Option(help="another parameter: impacts and forces on a grid")] = None,
+        second_values: Annotated[str | None, typer.Option(help="as --values")] = None,
+        method: Annotated[str | None, typer.Option(help="a scheme, or exact; default: the case's first scheme")] = None,
+        form: Form = "displacement", contact: Contact = "implicit",
+        dt: Annotated[float | None, typer.Option(help="the nearest step that divides the period is taken")] = None,
+        periods: Annotated[int | None, typer.Option(help="of the drive, that are looked at")] = None,
+        transient: Annotated[int | None, typer.Option(help="periods of the drive before them")] = None,
+        out: Out = None, json_file: Json = None, jobs: Jobs = None, scheduler: Scheduler = None, smoke: Smoke = False,
+    ) -> None:  # fmt: skip
+        """Bifurcation diagrams, impacts and forces over one or two parameters; goes on after a kill."""
+        run("sweep", case, out, json_file, jobs, smoke, scheduler, parameter=parameter, values=_range(values),
+            second=second, second_values=_range(second_values), method=method, form=form, contact=contact, dt=dt,
+            periods=periods, transient=transient)  # fmt: skip
+
+    @command
     def studies(
         case: Case = "table10", out: Out = None, references: References = None, jobs: Jobs = None, smoke: Smoke = False
     ) -> None:
@@ -191,7 +217,7 @@ def register(app: typer.Typer, progress: Callable) -> None:
             _print(records, written)
 
 
-def _run(study, case, out: Path | None, jobs: int | None, options: dict, show) -> tuple[Any, list[Path]]:
+def _run(study, case, out: Path | None, jobs: int | None, options: dict, show, workers=None) -> tuple[Any, list[Path]]:
     from .studies.runner import run_study
 
     folder = out if out is not None else Path("stiffbeam-output") / _folder(case.name)
@@ -202,9 +228,20 @@ def _run(study, case, out: Path | None, jobs: int | None, options: dict, show) -
 
         raise InputError("--out", str(folder), "be a folder that can be written to", str(error)) from None
     cores = jobs if jobs is not None else os.cpu_count() or 1
-    records = run_study(study, case, folder / "journal", cores, progress=show, **options)
+    records = run_study(study, case, folder / "journal", cores, workers, show, **options)
     show("drawing", 0, 0)
     return records, records.save(folder)
+
+
+def _workers(address: str | None):
+    """The executor behind --scheduler, None without one."""
+    from contextlib import nullcontext
+
+    if address is None:
+        return nullcontext()
+    from .studies.scheduler import scheduler
+
+    return scheduler(address)
 
 
 def _print(records, written: list[Path]) -> None:
@@ -242,6 +279,25 @@ def _numbers(text: str | None, kind: Callable[[str], Any]) -> list | None:
         return None if text is None else [kind(part) for part in text.split(",")]
     except ValueError:
         raise InputError("list", text, "be numbers with commas between them") from None
+
+
+def _range(text: str | None) -> list[float] | None:
+    """``start:stop:count``, evenly spaced, ``start:stop:count:log``, or numbers with commas between them."""
+    if text is None or ":" not in text:
+        return _numbers(text, float)
+    import numpy as np
+
+    from .validation import InputError
+
+    start, stop, count, *spacing = [*text.split(":"), "", ""][: max(3, text.count(":") + 1)]
+    try:
+        low, high, n = float(start), float(stop), int(count)
+        if n < 1 or spacing not in ([], ["log"]) or (spacing and min(low, high) <= 0.0):
+            raise ValueError
+    except ValueError:
+        rule = "read start:stop:count, start:stop:count:log with both ends > 0, or numbers with commas between them"
+        raise InputError("values", text, rule, "for example 8:14:400") from None
+    return (np.geomspace if spacing else np.linspace)(low, high, n).tolist()
 
 
 def _references(folder: Path | None) -> str | None:

@@ -18,8 +18,8 @@ from .members import Members, as_members
 from .modal_march import warm_up
 from .schemes import Scheme
 from .system import System
-from .trajectory import Impacts, Work
-from .validation import InputError, near
+from .trajectory import Impacts, Reference, Work
+from .validation import InputError, near, non_negative
 
 ENGINES = ("numba", "numpy", "jax")
 MEMBERS_PER_SLICE = 64  # marched by one thread in one go
@@ -123,6 +123,7 @@ def integrate_ensemble(
     every: int | None = None,
     engine: str = "numba",
     progress: Progress | None = None,
+    since: float = 0.0,
 ) -> Ensemble:
     """``integrate`` for every member, on all cores; each has the bits of its solo run on the same engine.
 
@@ -130,19 +131,23 @@ def integrate_ensemble(
     stops, and frequencies and amplitudes of their loads only. every: keep tip and tip velocity at every
     so many steps; None keeps none, and memory does not grow with the steps but for the impacts.
     engine: "numba"; "numpy"; "jax" (at most one contact; on a GPU where JAX has one), equal to rounding.
-    progress: called with the number of member-steps done. A member that overflows is marked in
-    ``diverged`` and the others go on. Raises InputError for bad arguments.
+    progress: called with the number of member-steps done. since: the time, a whole number of steps,
+    after which contacts are recorded; one that is there then is no impact. A member that overflows is
+    marked in ``diverged`` and the others go on. Raises InputError for bad arguments.
     """
     begun = time.perf_counter()
     members = as_members(system, members)
     if engine not in ENGINES:
         raise InputError("engine", engine, "be a known engine", near(str(engine), ENGINES))
     plan = Plan.of(system, scheme, dt, t_end, contact, 1 if every is None else every, engine)
+    passed = round(_before(since, t_end) / dt)
+    if abs(passed * dt - since) > 1e-9 * t_end:
+        raise InputError("since", since, f"be a whole number of steps dt = {dt:g}")
     compile_seconds = warm_up() if plan.engine == "numba" else 0.0
     size = DEVICE_MEMBERS if engine == "jax" else MEMBERS_PER_SLICE
 
     def march(part: Members) -> list[Seen]:
-        return plan.seen(part, every)
+        return plan.seen(part, every, passed)
 
     seen = list(_over_slices(march, members, size, plan.steps, progress))
     seconds = time.perf_counter() - begun - compile_seconds
@@ -161,12 +166,14 @@ def reference_ensemble(
     members: Members | Sequence[System],
     t_eval: ArrayLike | None = None,
     progress: Progress | None = None,
+    since: float = 0.0,
 ) -> Ensemble:
     """The exact solution of every member, on all cores; each has the bits of its solo run.
 
     t_eval: (k,) times at which tip and tip velocity are kept, None for none. progress: called with the
-    number of members done. No horizon is computed: past it statistics over the members are all that
-    means anything. Raises InputError as ``reference(method="exact")`` does.
+    number of members done. since: the time after which contacts are recorded. No horizon is computed:
+    past it statistics over the members are all that means anything. Raises InputError as
+    ``reference(method="exact")`` does.
     """
     from .solvers.piecewise import solve_exact
 
@@ -174,17 +181,21 @@ def reference_ensemble(
     members = as_members(system, members)
     times = np.zeros(0) if t_eval is None else np.asarray(t_eval, float)
     at = np.array([0.0, float(t_end)]) if t_eval is None else times
-    known: dict = {}  # modes, shared between members
-    provenance = solve_exact(members[0], t_end, at, known=known).provenance
+    _before(since, t_end)
+    known: dict = {}  # modes, shared between members; the first one finds them
+    first = solve_exact(members[0], t_end, at, known=known, since=since)
+
+    def see(run: Reference) -> Seen:
+        return Seen(run.tip[: len(times)], run.tip_velocity[: len(times)], run.contacts)
 
     def solve(part: Members) -> list[Seen]:
-        runs = (solve_exact(member, t_end, at, known=known) for member in part)
-        return [Seen(run.tip[: len(times)], run.tip_velocity[: len(times)], run.contacts) for run in runs]
+        return [see(solve_exact(member, t_end, at, known=known, since=since)) for member in part]
 
-    seen = list(_over_slices(solve, members, MEMBERS_PER_SLICE, 1, progress))
+    rest = None if progress is None else lambda done: progress(1 + done)
+    seen = [see(first), *_over_slices(solve, members[1:], MEMBERS_PER_SLICE, 1, rest)]
     seconds = time.perf_counter() - begun
     notes = {"members": len(members), "parameter": members.parameter}
-    return _ensemble(members, seen, times, Work(0, seconds, seconds), provenance | notes)
+    return _ensemble(members, seen, times, Work(0, seconds, seconds), first.provenance | notes)
 
 
 def _over_slices(
@@ -208,8 +219,20 @@ def _over_slices(
                 part.cancel()
 
 
+def _before(since: float, t_end: float) -> float:
+    """``since`` as a time in [0, t_end)."""
+    if not non_negative("since", since) < t_end:
+        raise InputError("since", since, f"be a time before t_end = {t_end:g}")
+    return since
+
+
 def cores() -> int:
-    """The cores this process may use."""
+    """The threads an ensemble marches on: STIFFBEAM_THREADS, else the cores this process may use."""
+    wanted = os.environ.get("STIFFBEAM_THREADS", "").strip()
+    if wanted:
+        if not wanted.isdigit() or int(wanted) < 1:
+            raise InputError("STIFFBEAM_THREADS", wanted, "be an integer >= 1")
+        return int(wanted)
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 

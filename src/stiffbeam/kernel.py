@@ -327,7 +327,7 @@ def run(block, law, forcing, inflow, marchers, kept, events, first, steps, dt, e
                 if c < m and (touched or tally[i, c, SIDE] != 0.0 or end_first[c] >= N):
                     for k in range(np.uint64(count)):
                         u[k] = out[entry + k * stride]
-                    new = scan(u, count, law, dt, tally, i, c, events, rows)
+                    new = scan(u, count, law, dt, tally, i, c, events, rows, at)
                     for row in range(rows, new):
                         k = int(events[row, TIME])
                         stop_at = law[i, c, 2] if events[row, STOP] > 0.0 else law[i, c, 1]

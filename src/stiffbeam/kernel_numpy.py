@@ -23,6 +23,7 @@ from .sampling import (
     PEAK,
     ROW,
     SIDE,
+    SINCE,
     STOP,
     TIME,
     TOUCHING,
@@ -70,7 +71,7 @@ def run(
 
         velocities = partial(_velocities, block, forcing.velocity[v], inflow, starts, forces, g)
         path = np.concatenate([marchers.position[i : i + 1], u])
-        found = [_sample(path[:, c], law[i, c], dt, marchers.tally[i, c]) for c in range(law.shape[1])]
+        found = [_sample(path[:, c], law[i, c], dt, marchers.tally[i, c], first) for c in range(law.shape[1])]
         if cursor[2] + sum(len(rows) for rows, _ in found) > len(events):
             cursor[0] = i
             return False
@@ -148,19 +149,20 @@ def _march(block: Block, law: Array, given: Array, z: Array) -> tuple[Array, Arr
     return entries, starts, forces, z
 
 
-def _sample(path: Array, law: Array, dt: float, before: Array) -> tuple[Array, Array]:
+def _sample(path: Array, law: Array, dt: float, before: Array, first: int) -> tuple[Array, Array]:
     """The impacts that begin in u_1.. of ``path`` (steps + 1,) as rows of events, and the tally after.
 
-    TIME holds the step, ROW the row of the open one among these or -1; the last two numbers of the tally
-    are peak and impulse that belong to the impact that was open before.
+    first: the step of path[0]. TIME holds the step, ROW the row of the open one among these or -1; the
+    last two numbers of the tally are peak and impulse that belong to the impact that was open before.
     """
     kappa, g1, g2 = law
     u = path[1:]
     chi = (u > g2) * 1.0 - (u < g1) * 1.0
-    force = kappa * np.abs(u - np.clip(u, g1, g2))
+    counted = first + np.arange(len(u)) >= before[SINCE]
+    force = np.where(counted, kappa * np.abs(u - np.clip(u, g1, g2)), 0.0)
     edges = np.flatnonzero(np.diff(np.concatenate([[before[SIDE]], chi])))  # chi changes with these steps
     spans = np.concatenate([[0], edges, [len(u)]])
-    begun = edges[chi[edges] != 0.0]
+    begun = edges[(chi[edges] != 0.0) & counted[edges]]
     rows = np.zeros((len(begun), EVENT))
     ends = spans[np.searchsorted(spans, begun, side="right")]
     rows[:, TIME], rows[:, STOP] = begun, chi[begun]
@@ -168,7 +170,7 @@ def _sample(path: Array, law: Array, dt: float, before: Array) -> tuple[Array, A
         row[IMPACT_PEAK], row[IMPACT_IMPULSE] = np.max(force[start:end]), np.sum(force[start:end]) * dt
     tally = before.copy()
     tally[SIDE] = chi[-1]
-    tally[TOUCHING] += np.count_nonzero(chi)
+    tally[TOUCHING] += np.count_nonzero(chi[counted])
     tally[PEAK], tally[IMPULSE] = max(before[PEAK], np.max(force)), before[IMPULSE] + np.sum(force) * dt
     tally[ROW] = len(rows) - 1 if chi[-1] and len(rows) else -1.0
     carried = force[: spans[1]]  # of the impact open before, where there is one

@@ -145,11 +145,12 @@ class Plan:
             **versions(),
         }
 
-    def seen(self, members: Sequence[System], every: int | None) -> list[Seen]:
-        """What members of the system have seen at the end; outputs where ``every`` is given."""
+    def seen(self, members: Sequence[System], every: int | None, since: int = 0) -> list[Seen]:
+        """What members of the system have seen at the end, of their contacts after step ``since``; outputs
+        where ``every`` is given."""
         if self.modal is None:
-            return [_direct(self, member, every, None)[0] for member in members]
-        flight = self.modal.start(members, self.steps, every)
+            return [_direct(self, member, every, None, since)[0] for member in members]
+        flight = self.modal.start(members, self.steps, every, since)
         for _ in flight.fly():
             pass
         return [flight.seen(i) for i in range(len(members))]
@@ -162,7 +163,11 @@ class Plan:
 
 
 def _direct(
-    plan: Plan, system: System | FirstOrderSystem, every: int | None, progress: Callable[[int], None] | None
+    plan: Plan,
+    system: System | FirstOrderSystem,
+    every: int | None,
+    progress: Callable[[int], None] | None,
+    since: int = 0,
 ) -> tuple[Seen, float]:
     """The direct march piece by piece, in bounded memory; also the seconds it took."""
     parent = system if isinstance(system, System) else system.system
@@ -170,7 +175,8 @@ def _direct(
     thin = every or plan.steps + 1
     positions, velocities = np.empty((2, plan.steps // thin + 1, len(u0)))
     positions[0], velocities[0] = u0, v0
-    samplers = [SampledImpacts(c.stops, plan.dt, float(u0[i]), float(v0[i])) for i, c in enumerate(parent.contacts)]
+    starts = zip(parent.contacts, u0.tolist(), v0.tolist(), strict=False)
+    samplers = [SampledImpacts(c.stops, plan.dt, u, v, since) for c, u, v in starts]
     seconds, diverged = 0.0, np.nan
     for piece in direct_pieces(system, plan.scheme, plan.dt, plan.steps, plan.contact):
         seconds += piece.seconds

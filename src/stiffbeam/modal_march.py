@@ -81,9 +81,9 @@ class March:
             self._forcings[propagator] = propagator.forcing([self.system])
         return self._forcings[propagator]
 
-    def start(self, members: Sequence[System], steps: int, every: int | None) -> Flight:
-        """The members at t = 0, ready for ``steps`` steps."""
-        return Flight(self, tuple(members), steps, every)
+    def start(self, members: Sequence[System], steps: int, every: int | None, since: int = 0) -> Flight:
+        """The members at t = 0, ready for ``steps`` steps; contacts are recorded after step ``since``."""
+        return Flight(self, tuple(members), steps, every, since)
 
 
 @dataclass(eq=False)
@@ -94,6 +94,7 @@ class Flight:
     members: tuple[System, ...]
     steps: int
     every: int | None  # outputs kept, None for none
+    since: int = 0
     done: int = 0
     seconds: float = 0.0
     positions: Array = field(init=False)  # (M, outputs, C)
@@ -109,7 +110,7 @@ class Flight:
         self._alike = all(_functions(member) == functions for member in self.members)
         u, v = (np.array(x) for x in zip(*(initial_channels(member) for member in self.members), strict=True))
         m = len(system.contacts)
-        tally = new_tally(u[:, :m], self.law[..., 1], self.law[..., 2])
+        tally = new_tally(u[:, :m], self.law[..., 1], self.law[..., 2], self.since)
         self.state = Marchers(np.zeros((M, 0)), u, v, tally, np.zeros(M, np.int64))
         kept = 0 if self.every is None else self.steps // self.every + 1
         self.positions, self.velocities = np.zeros((2, M, kept, u.shape[1]))
@@ -146,6 +147,7 @@ class Flight:
             forcing = march.forcing(block) if self._alike else block.forcing(self.members)
             bounded = replayed is not None or not block.harmonic
             most = STEPS_REPLAYED if bounded else max(STEPS_REPLAYED, STEPS_PER_CALL // len(self.members))
+            most = max(1, most // block.steps) * block.steps  # the blocks of a run do not depend on the company
             while self.done < self.steps:
                 self._stretch(block, forcing, min(most, self.steps - self.done), replayed)
                 yield self.done

@@ -16,6 +16,7 @@ from .sampling import (
     PEAK,
     ROW,
     SIDE,
+    SINCE,
     STOP,
     TIME,
     TOUCHING,
@@ -33,14 +34,14 @@ def impacts_of(events: Array) -> Impacts:
 
 
 def record(stops: Stops, position: Array, velocity: Array, tally: Array, events: Array, steps: int) -> ContactRecord:
-    """With position and velocity at the output times."""
+    """With position and velocity at the output times; ``steps`` of the whole run."""
     return ContactRecord(
         stops=stops,
         position=position,
         velocity=velocity,
         force=stops.force(position),
         impacts=impacts_of(events),
-        fraction=float(tally[TOUCHING]) / max(1, steps),
+        fraction=float(tally[TOUCHING]) / max(1, steps - int(tally[SINCE])),
         peak_force=float(tally[PEAK]),
         impulse=float(tally[IMPULSE]),
     )
@@ -57,12 +58,12 @@ class Seen:
 
 
 class SampledImpacts:
-    """The sampled impacts of one contact, fed with consecutive stretches of positions."""
+    """The sampled impacts of one contact after step ``since``, fed with consecutive stretches of positions."""
 
-    def __init__(self, stops: Stops, dt: float, u0: float, v0: float) -> None:
+    def __init__(self, stops: Stops, dt: float, u0: float, v0: float, since: int = 0) -> None:
         self.stops, self.dt, self.steps = stops, dt, 0
         self._last = np.array([[u0]]), np.array([[v0]])
-        self._tally = new_tally(self._last[0], np.array(stops.g1), np.array(stops.g2))
+        self._tally = new_tally(self._last[0], np.array(stops.g1), np.array(stops.g2), since)
         self._events, self._rows = np.empty((64, EVENT)), 0
 
     def feed(self, u: Array, v: Array) -> None:

@@ -10,32 +10,36 @@ from .arrays import Array
 from .compiled import compiled, inlined
 
 # A tally (..., 8) is what one contact has seen so far.
-SIDE, TOUCHING, PEAK, IMPULSE, ROW = range(5)
+SIDE, TOUCHING, PEAK, IMPULSE, ROW, SINCE = range(6)
 TALLY = 8
+# The steps up to SINCE are passed over; SIDE is followed from the start.
 # An impact is one row of a list of events; ROW is the row of the one that is open, or -1.
 MEMBER, CONTACT, TIME, STOP, IMPACT_PEAK, IMPACT_IMPULSE = range(6)
 EVENT = 6
 
 
-def new_tally(u0: Array, g1: Array, g2: Array) -> Array:
-    """Tallies at positions u0 (...,), between stops g1 and g2; contact at the start is no impact."""
+def new_tally(u0: Array, g1: Array, g2: Array, since: int = 0) -> Array:
+    """Tallies of the steps after ``since``, at positions u0 (...,), between stops g1 and g2; contact that
+    is there before is no impact."""
     tally = np.zeros((*np.shape(u0), TALLY))
     tally[..., ROW] = -1.0
+    tally[..., SINCE] = since
     tally[..., SIDE] = (u0 > g2) * 1.0 - (u0 < g1) * 1.0
     return tally
 
 
 @inlined
-def scan(u, count, law, dt, tally, i, c, events, rows):
+def scan(u, count, law, dt, tally, i, c, events, rows, first):
     """Take the steps u (count,) into the tally of contact c of member i; impacts that begin are appended.
 
-    law: (M, m, 3), kappa, g1, g2. tally: (M, m, 8). Row ``rows`` of ``events`` is the first free one; a
-    new impact holds the step before its crossing, 0 for the last one known, in TIME. Returns the first
-    free row.
+    law: (M, m, 3), kappa, g1, g2. tally: (M, m, 8). first: the number of steps before u. Row ``rows`` of
+    ``events`` is the first free one; a new impact holds the step before its crossing, 0 for the last one
+    known, in TIME. Returns the first free row.
     """
     kappa, g1, g2 = law[i, c, 0], law[i, c, 1], law[i, c, 2]
     side = tally[i, c, SIDE]
     row = int(tally[i, c, ROW])
+    passed = int(tally[i, c, SINCE]) - first  # so many of these steps are passed over
     touching = 0
     peak = tally[i, c, PEAK]
     impulse = tally[i, c, IMPULSE]
@@ -55,14 +59,14 @@ def scan(u, count, law, dt, tally, i, c, events, rows):
                 events[row, IMPACT_PEAK] = own_peak
                 events[row, IMPACT_IMPULSE] = own_impulse
             row = -1
-            if new != 0.0:
+            if new != 0.0 and k >= passed:
                 row = rows
                 rows += 1
                 events[row, TIME] = k
                 events[row, STOP] = new
                 own_peak = own_impulse = 0.0
             side = new
-        if new != 0.0:
+        if new != 0.0 and k >= passed:
             force = kappa * depth
             touching += 1
             peak = max(peak, force)
@@ -96,7 +100,7 @@ def observe(u, v, law, dt, first, position, velocity, tally, diverged, events, r
         for c in range(law.shape[1]):
             for k in range(steps):
                 path[k] = u[i, k, c]
-            new = scan(path, steps, law, dt, tally, i, c, events, rows)
+            new = scan(path, steps, law, dt, tally, i, c, events, rows, first)
             for row in range(rows, new):
                 k = int(events[row, TIME])
                 u0 = path[k - 1] if k > 0 else position[i, c]

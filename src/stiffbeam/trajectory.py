@@ -49,6 +49,10 @@ class SolverFailure(RuntimeError):
         super().__init__(f"{solver} stopped at t = {t:.6g}: {reason}; {remedy}")
 
 
+class Unfinished(RuntimeError):
+    """Work on several processes or machines stopped half-way; the message says why and how to go on."""
+
+
 @dataclass(frozen=True, eq=False)
 class Impacts:
     """Entries into a stop, in order of time.

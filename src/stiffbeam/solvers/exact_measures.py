@@ -39,8 +39,10 @@ class Solution(Protocol):
     def work(self, system: System, edges: Array, /) -> tuple[Array, Array]: ...  # input, viscous per interval
 
 
-def contact_record(system: System, solution: Solution, i: int, t: Array, t_end: float) -> ContactRecord:
-    """Contact history by events: impacts are the switches from free to a stop."""
+def contact_record(
+    system: System, solution: Solution, i: int, t: Array, t_end: float, since: float = 0.0
+) -> ContactRecord:
+    """Contact history in [since, t_end] by events: impacts are the switches from free to a stop."""
     contact = system.contacts[i]
     offset = solution.offset(system, i)
 
@@ -50,8 +52,11 @@ def contact_record(system: System, solution: Solution, i: int, t: Array, t_end: 
         return u + shift, v + shift_rate
 
     starts, ends, sides = _closed(solution, i, t_end)
+    late = ends > since
+    starts, ends, sides = starts[late], ends[late], sides[late]
+    counted = starts > since  # contact that is there at the start is no impact
+    starts = np.maximum(starts, since)
     peaks, impulses = _episodes(solution, starts, ends, path, contact.stops)
-    counted = starts > 0.0  # contact at t = 0 is no impact
     ended = ends < t_end
     position, velocity = path(t)
     return ContactRecord(
@@ -66,7 +71,7 @@ def contact_record(system: System, solution: Solution, i: int, t: Array, t_end: 
             impulses=np.where(ended, impulses, np.nan)[counted],
             kind="event",
         ),
-        fraction=float(np.sum(ends - starts) / t_end),
+        fraction=float(np.sum(ends - starts) / (t_end - since)),
         peak_force=float(np.max(peaks, initial=0.0)),
         impulse=float(np.sum(impulses)),
     )

@@ -28,6 +28,7 @@ def solve_exact(
     t_eval: Array | None = None,
     perturbation: Perturbation | None = None,
     known: dict[float, Modes] | None = None,
+    since: float = 0.0,
 ) -> Reference:
     """The exact piecewise-linear solution in float64, with crossings that cannot be missed.
 
@@ -35,7 +36,8 @@ def solve_exact(
     with the reason for other time functions, for a resonant drive without damping, and where regimes
     are too close to critical damping or to a rigid-body motion for their eigenvectors. Without damping
     and with at most one contact all of it is compiled; else regimes are made as they are met. ``known``
-    keeps the modes of systems that share their matrices and contact row, see ``undamped``.
+    keeps the modes of systems that share their matrices and contact row, see ``undamped``. Contacts are
+    recorded from ``since`` on.
 
     With u the gap's position, u' its rate and B >= |u''| on the rest of the piece, no switch lies
     before the smaller positive root s of (g2 - u) - u' s - B s^2/2 = 0 and (u - g1) + u' s - B s^2/2 = 0;
@@ -49,9 +51,8 @@ def solve_exact(
     tracer = tracer_of(system, perturbation, known)
     solution = tracer.solve(t_end)
     frequencies = "SVD of the curvature factor" if system.stiffness_factor is not None else "eigh"
-    return reference_of(
-        system, solution, t_end, t_eval, begun + tracer.compile_seconds, "exact", {"frequencies": frequencies}
-    )
+    notes = {"frequencies": frequencies}
+    return reference_of(system, solution, t_end, t_eval, begun + tracer.compile_seconds, "exact", notes, since)
 
 
 def general(system: System) -> bool:
@@ -74,6 +75,7 @@ def reference_of(
     begun: float,
     method: str,
     notes: dict[str, Any],
+    since: float = 0.0,
 ) -> Reference:
     """A piecewise solution as a Reference; ``begun`` is the clock when the work on it began."""
     t = output_times(t_eval, t_end)
@@ -84,7 +86,7 @@ def reference_of(
         return u + shift, v + shift_rate
 
     tip, velocity = evaluate(t, system.tip_channel)
-    contacts = tuple(contact_record(system, solution, i, t, t_end) for i in range(len(system.contacts)))
+    contacts = tuple(contact_record(system, solution, i, t, t_end, since) for i in range(len(system.contacts)))
     seconds = time.perf_counter() - begun
     return Reference(
         t=t,

@@ -11,7 +11,7 @@ from .study import Records, Study
 # The order in which they answer: one step, one run, many runs, many steps.
 STUDIES = (
     "amplification", "modes", "energy", "converge", "space", "rigid", "errata", "impacts", "precision", "ensemble",
-    "chaos",
+    "chaos", "sweep",
 )  # fmt: skip
 
 

@@ -34,7 +34,7 @@ class Journal:
             for line in whole.splitlines():
                 entry = json.loads(line)
                 self.finished[_key(entry["point"])] = entry["rows"]
-            os.truncate(self.file, len(whole))
+            os.truncate(self.file, len(whole))  # never rewritten: a kill here must not lose the rest
 
     def rows(self, point: Point) -> list[Row] | None:
         """The rows of a finished point, None where it is still to be evaluated."""
@@ -63,11 +63,11 @@ def _digest(study: str, case: Case) -> str:
     system = semidiscretise(case.problem, case.cells, "displacement")
     runs = [f"{scheme}@{form}" for scheme, form in case.runs]
     content = f"{study} {system.fingerprint} {case.cells} {case.dt!r} {case.t_end!r} {runs} {version('stiffbeam')}"
-    return hashlib.sha256(f"{content} {_source()}".encode()).hexdigest()[:12]
+    return hashlib.sha256(f"{content} {source_hash()}".encode()).hexdigest()[:12]
 
 
 @cache
-def _source() -> str:
+def source_hash() -> str:
     """A hash of the package's own files: results of an edited package are not those of this one."""
     digest = hashlib.sha256()
     for file in sorted(Path(__file__).parents[1].rglob("*.py")):

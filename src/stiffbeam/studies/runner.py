@@ -4,20 +4,25 @@ from __future__ import annotations
 
 import inspect
 import multiprocessing
+import os
+import threading
 import time
-from collections.abc import Callable, Iterator
-from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
-from contextlib import contextmanager
+from collections.abc import Callable, Generator, Iterator
+from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, as_completed
 from pathlib import Path
 from typing import Any
 
 from ..cases import Case, find_case
-from ..trajectory import Diverged, SolverFailure
+from ..ensemble import cores
+from ..trajectory import Diverged, SolverFailure, Unfinished
 from ..validation import InputError, near
 from .journal import Journal
 from .study import Point, Records, Row, Study
 
 Progress = Callable[[str, int, int], None]
+DEATHS = 3  # of processes without a point in between, until it is given up
+GO_ON = "what is finished is kept, the same command goes on from there"
+_ALONE = threading.Lock()  # a process evaluates one point at a time, whatever executor it belongs to
 
 
 def run_study(
@@ -34,7 +39,7 @@ def run_study(
     folder: where the journal of finished points is kept; a second run with the same folder computes the
     missing ones only. jobs: processes to use, unless an ``executor`` is given; a timed study runs point
     by point whatever they say. options: the study's own, see its ``points``. A point that fails is a row
-    with ``failed``.
+    with ``failed``. Raises InputError, and Unfinished where processes keep dying.
     """
     case = find_case(case) if isinstance(case, str) else case
     if jobs < 1:
@@ -49,51 +54,88 @@ def run_study(
     journal = Journal(None if folder is None else Path(folder), study.name, case)
     missing = [point for point in points if journal.rows(point) is None]
     finished = len(points) - len(missing)
-    with _pool(study, len(missing), jobs, executor) as pool:
-        for point, rows in _evaluate_all(study, case, missing, pool):
-            journal.keep(point, rows)
-            finished += 1
-            progress(study.name, finished, len(points))
+    progress(study.name, finished, len(points))
+    for point, rows in _evaluate_all(study, case, missing, jobs, executor):
+        journal.keep(point, rows)
+        finished += 1
+        progress(study.name, finished, len(points))
     rows = [row for point in points for row in journal.rows(point) or []]
     return Records(study, case, options, rows, time.perf_counter() - begun)
 
 
-@contextmanager
-def _pool(study: Study, points: int, jobs: int, executor: Executor | None) -> Iterator[Executor | None]:
-    """The given executor, processes of our own, or None for this process.
+def _evaluate_all(
+    study: Study, case: Case, points: list[Point], jobs: int, executor: Executor | None
+) -> Iterator[tuple[Point, list[Row]]]:
+    """Here, on the executor, or on processes of our own; points as they are finished."""
+    if study.timed or len(points) < 2 or (executor is None and jobs == 1):
+        for point in points:
+            yield point, evaluate_point(study.evaluate, case, point)
+    elif executor is not None:
+        lost = yield from _gather(executor, study, case, points)
+        if lost:
+            raise Unfinished(f"the executor lost {len(lost)} points of {study.name}: {GO_ON}")
+    else:
+        yield from _on_processes(study, case, points, jobs)
+
+
+def _on_processes(study: Study, case: Case, points: list[Point], jobs: int) -> Iterator[tuple[Point, list[Row]]]:
+    """On processes that share the cores; where one is killed, new ones take what is missing.
 
     Never threads: SUNDIALS solvers do not share one. Spawned, since a forked jax or numba may hang.
     """
-    if study.timed or points < 2 or (executor is None and jobs == 1):
-        yield None
-    elif executor is not None:
-        yield executor
-    else:
-        context = multiprocessing.get_context("spawn")
-        with ProcessPoolExecutor(min(jobs, points), mp_context=context) as own:
-            try:
-                yield own
-            except BaseException:
-                own.shutdown(cancel_futures=True)
-                raise
+    context = multiprocessing.get_context("spawn")
+    deaths = 0
+    while points:
+        workers = min(jobs, len(points))
+        pool = ProcessPoolExecutor(workers, context, _follow, (max(1, cores() // workers),))
+        try:
+            lost = yield from _gather(pool, study, case, points)
+        finally:
+            pool.shutdown(cancel_futures=True)
+        deaths = deaths + 1 if len(lost) == len(points) else 0
+        if deaths == DEATHS:
+            raise Unfinished(f"a process of {study.name} died {deaths} times in a row: is there enough memory? {GO_ON}")
+        points = lost
 
 
-def _evaluate_all(
-    study: Study, case: Case, points: list[Point], pool: Executor | None
-) -> Iterator[tuple[Point, list[Row]]]:
-    if pool is None:
+def _gather(
+    pool: Executor, study: Study, case: Case, points: list[Point]
+) -> Generator[tuple[Point, list[Row]], None, list[Point]]:
+    """Points as they are finished; returns those that were lost with their process."""
+    lost = []
+    futures: dict[Future, Point] = {}
+    try:
         for point in points:
-            yield point, evaluate_point(study.evaluate, case, point)
-        return
-    futures = {pool.submit(evaluate_point, study.evaluate, case, point): point for point in points}
+            futures[pool.submit(evaluate_point, study.evaluate, case, point)] = point
+    except BrokenExecutor:
+        lost = points[len(futures) :]
     for future in as_completed(futures):
-        yield futures[future], future.result()
+        if isinstance(future.exception(), BrokenExecutor):
+            lost.append(futures[future])
+        else:
+            yield futures[future], future.result()
+    return lost
+
+
+def _follow(threads: int) -> None:
+    """A worker takes its share of the cores, and ends when the process that started it is gone."""
+    os.environ["STIFFBEAM_THREADS"] = str(threads)
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+
+    def watch() -> None:
+        parent.join()
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
 
 
 def evaluate_point(evaluate: Callable[[Case, Point], list[Row]], case: Case, point: Point) -> list[Row]:
-    """The rows at one point, each with the point's own entries; a failure as a row."""
-    try:
-        found = evaluate(case, point)
-    except (Diverged, SolverFailure, InputError) as error:
-        found = [{"failed": str(error)}]
-    return [point | row for row in found]
+    """The rows at one point, each with the point's own entries but lists; a failure as a row."""
+    with _ALONE:
+        try:
+            found = evaluate(case, point)
+        except (Diverged, SolverFailure, InputError) as error:
+            found = [{"failed": str(error)}]
+    own = {name: value for name, value in point.items() if not isinstance(value, list)}
+    return [own | row for row in found]

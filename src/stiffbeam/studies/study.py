@@ -23,7 +23,7 @@ class Study:
     """points(case, **options) -> where to look; evaluate(case, point) -> rows; answer(rows) -> a sentence.
 
     ``evaluate`` is a pure function at the top of its module, so that another process can call it; the
-    point's entries stand in each of its rows. What one point finds must not depend on the others; what
+    point's entries, lists left out, stand in each of its rows. What one point finds must not depend on the others; what
     needs them all (a slope, a ranking) belongs to ``answer`` and the picture. smoke: options for a run
     of seconds. timed: the rows hold seconds, so points must not run side by side.
     """

@@ -1,0 +1,410 @@
+"""Sweeps: the section against closed forms, every parameter against a system built by hand, kills."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import stiffbeam as sb
+from stiffbeam.cases import Case
+from stiffbeam.cli import app
+from stiffbeam.studies import find_study, study
+from stiffbeam.studies.runner import run_study
+from stiffbeam.studies.sweep import repeats_after, sections
+from stiffbeam.trajectory import Unfinished
+
+SHORT = {"periods": 3, "transient": 2}
+TABLE10 = sb.paper_case(10)
+# Smooth and damped, so that the start is forgotten to rounding within the transient.
+LINEAR = Case(
+    name="linear",
+    title="a viscous beam without stops",
+    problem=sb.BeamProblem(stiffness=300.0, viscosity=3.0, base=sb.Harmonic(0.2, 10.0, phase=0.3)),
+    cells=8,
+    dt=1e-3,
+    t_end=1.0,
+    runs=((sb.Trapezoidal(), "displacement"),),
+)
+
+
+def steady_tip(problem: sb.BeamProblem, rate) -> float:
+    """u(1, 0) of the steady motion: (s^2 M + s C + K) q = p, s the factor that stands for d/dt."""
+    system = sb.semidiscretise(problem, LINEAR.cells)
+    force = sum(p * f.amplitude * np.exp(1j * f.phase) for p, f in system.loads)  # Im of it at t = 0
+    s = rate(problem.base.frequency)
+    return float(np.linalg.solve(s**2 * system.mass + s * system.damping + system.stiffness, force)[-1].imag)
+
+
+def frequency_steps(frequency: float, dt: float) -> float:
+    """The step nearest to dt that divides the period."""
+    period = 2.0 * np.pi / frequency
+    return period / round(period / dt)
+
+
+def test_the_section_of_a_linear_motion_is_the_closed_form():
+    """Exact: s = i a. Trapezoidal rule: its steady motion is exactly that of s = (2 i/dt) tan(a dt/2)."""
+    values = [7.0, 10.0, 13.7]
+    exact = sections(study("sweep", LINEAR, method="exact", values=values, periods=4, transient=12).rows)
+    rule = sections(study("sweep", LINEAR, values=values, dt=5e-3, periods=4, transient=12).rows)
+    assert list(exact) == list(rule) == values
+    for a in values:
+        problem = replace(LINEAR.problem, base=sb.Harmonic(0.2, a, phase=0.3))
+        dt = frequency_steps(a, 5e-3)
+        assert np.allclose(exact[a], steady_tip(problem, lambda a: 1j * a), rtol=1e-8, atol=0.0)
+        assert np.allclose(rule[a], steady_tip(problem, lambda a, dt=dt: 2j / dt * np.tan(a * dt / 2)), rtol=1e-8)
+        assert repeats_after(rule[a], 0.2) == 1
+        assert abs(rule[a][0] / exact[a][0] - 1.0) > 1e-6, "the two closed forms must not be one"
+
+
+def by_hand(parameter: str, value: float) -> tuple[sb.System, sb.Scheme, float]:
+    """Table 10 with one parameter changed, built from the constructors."""
+    stiffness, gap, kappa, base, viscosity = 300.0, 0.1, 5e6, {"amplitude": 0.2, "frequency": 10.0}, 0.0
+    scheme, dt = sb.HHT(-0.1), 2e-4
+    if parameter in base:
+        base[parameter] = value
+    stiffness = value if parameter == "stiffness" else stiffness
+    viscosity = value if parameter == "viscosity" else viscosity
+    gap = value if parameter == "clearance" else gap
+    kappa = value if parameter == "stop-stiffness" else kappa
+    dt = value if parameter == "dt" else dt
+    if parameter in ("alpha", "gamma", "rho"):
+        scheme = {"alpha": sb.HHT, "gamma": sb.SDIRK, "rho": sb.GeneralisedAlpha}[parameter](value)
+    problem = sb.BeamProblem(
+        stiffness=stiffness, viscosity=viscosity, stops=sb.Stops(-gap, gap, stiffness=kappa), base=sb.Harmonic(**base)
+    )
+    return sb.semidiscretise(problem, 25), scheme, frequency_steps(base["frequency"], dt)
+
+
+RANGES = {
+    "frequency": [8.5, 11.0], "amplitude": [0.15, 0.3], "clearance": [0.05, 0.12], "stop-stiffness": [1e6, 2e7],
+    "stiffness": [200.0, 400.0], "viscosity": [0.0, 0.02], "dt": [1e-4, 2.3e-4], "alpha": [-0.3, 0.0],
+    "gamma": [0.3, 0.5], "rho": [0.2, 1.0],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("parameter", RANGES)
+def test_a_parameter_does_what_it_does_to_a_system_built_by_hand(parameter):
+    """To the bit, through the chaos."""
+    method = {"gamma": "sdirk", "rho": "generalised-alpha"}.get(parameter, "hht(alpha=-0.1)")
+    records = study("sweep", TABLE10, parameter=parameter, values=RANGES[parameter], method=method, dt=2e-4, **SHORT)
+    for value in RANGES[parameter]:
+        system, scheme, dt = by_hand(parameter, value)
+        period = 2.0 * np.pi / system.problem.base.frequency
+        run = sb.integrate(system, scheme, dt, 5 * period)
+        per_period = round(period / dt)
+        shown = dt if parameter == "dt" else value
+        own = [r for r in records.rows if r[parameter] == shown]
+        assert [r["tip"] for r in own if r["kind"] == "section"] == run.tip[3 * per_period :: per_period].tolist()
+        seen = next(r for r in own if r["kind"] == "contact")
+        late = run.contact_force[2 * per_period + 1 :]
+        assert seen["count"] == np.sum(run.impacts.times > 2 * period) > 0
+        assert seen["fraction"] == np.mean(late != 0.0)
+        assert seen["peak_force"] == np.max(np.abs(late))
+
+
+def test_an_exact_sweep_is_the_exact_solution():
+    values = [0.08, 0.1]
+    records = study("sweep", TABLE10, parameter="clearance", values=values, method="exact", **SHORT)
+    period = 2.0 * np.pi / 10.0
+    for value in values:
+        system, _, _ = by_hand("clearance", value)
+        whole = sb.reference(system, 5 * period, t_eval=period * np.arange(6))
+        assert np.array_equal(sections(records.rows)[value], whole.tip[3:])
+        seen = next(r for r in records.rows if r["clearance"] == value and r["kind"] == "contact")
+        assert seen["count"] == np.sum(whole.impacts.times > 2 * period)
+
+
+@pytest.mark.parametrize(("first", "second"), [("clearance", "frequency"), ("frequency", "stop-stiffness")])
+def test_a_grid_of_two_parameters_is_its_single_sweeps(first, second):
+    values = {"clearance": [0.08, 0.1, 0.12], "frequency": [9.0, 10.0], "stop-stiffness": [1e6, 5e6]}
+    options = {"dt": 2e-4, **SHORT}
+    grid = study(
+        "sweep", TABLE10, parameter=first, values=values[first], second=second, second_values=values[second], **options
+    )
+    assert {r["kind"] for r in grid.rows} == {"contact"}
+    assert len(grid.rows) == len(values[first]) * len(values[second])
+    for y in values[second]:
+        problem = TABLE10.problem
+        if second == "frequency":
+            problem = replace(problem, base=replace(problem.base, frequency=y))
+        else:
+            problem = replace(problem, stops=replace(problem.stops, stiffness=y))
+        case = replace(TABLE10, problem=problem)
+        line = study("sweep", case, parameter=first, values=values[first], **options)
+        for row in (r for r in line.rows if r["kind"] == "contact"):
+            own = next(r for r in grid.rows if r[first] == row[first] and r[second] == y)
+            assert all(own[name] == row[name] for name in ("count", "fraction", "peak_force"))
+    assert "impacts a period" in grid.answer
+    assert len(grid.figure().axes) == 6  # three maps, three colour bars
+
+
+def test_what_repeats_itself():
+    chaos = np.random.default_rng(1).uniform(-1.0, 1.0, 40)
+    assert repeats_after(np.full(40, 0.3), 1.0) == 1
+    assert repeats_after(np.tile([0.3, -0.2, 0.1], 14), 1.0) == 3
+    assert repeats_after(np.tile([0.3, 0.3004], 14), 1.0) == 1
+    assert repeats_after(chaos, 1.0) == 0
+
+
+def test_the_smoke_configuration_answers_and_draws(tmp_path):
+    records = study("sweep", TABLE10, **find_study("sweep").smoke)
+    assert "4 values" in records.answer
+    assert [path.name for path in records.save(tmp_path)] == ["sweep.json", "sweep.csv", "sweep.png"]
+    axes = records.figure().axes
+    assert len(axes) == 3
+    x, y = axes[0].get_lines()[0].get_data()
+    drawn = {(a, b) for a, b in zip(x, y, strict=True)}
+    assert drawn == {(r["frequency"], r["tip"]) for r in records.rows if r["kind"] == "section"}
+
+
+def test_a_value_that_a_scheme_refuses_is_a_row_and_the_others_stand():
+    """gamma = 0.29289 is a pole of sigma."""
+    records = study("sweep", TABLE10, parameter="gamma", values=[0.25, 0.29289, 0.4], method="sdirk", **SHORT)
+    assert [row["gamma"] for row in records.failures] == [0.29289]
+    assert set(sections([r for r in records.rows if "failed" not in r])) == {0.25, 0.4}
+
+
+def test_a_value_that_overflows_is_a_row_and_the_others_stand():
+    """The extrapolated contact overflows on stiff stops (Table 11 with a coarse step)."""
+    case = sb.paper_case(11)
+    records = study(
+        "sweep", case, parameter="stop-stiffness", values=[1e4, 2e7], contact="extrapolated", dt=2.5e-4, **SHORT
+    )
+    assert [row["stop-stiffness"] for row in records.failures] == [2e7]
+    assert "overflowed" in records.failures[0]["failed"]
+    assert "stop-stiffness 10000 to 10000" in records.answer
+
+
+BAD = {
+    "alhpa": ({"parameter": "alhpa", "values": [0.0]}, "did you mean alpha"),
+    "other scheme": ({"parameter": "gamma", "values": [0.3], "method": "bdf2"}, "one that bdf2 has"),
+    "dt of exact": ({"parameter": "dt", "values": [1e-4], "method": "exact"}, "one that exact has"),
+    "no values": ({"parameter": "amplitude"}, "be given for amplitude"),
+    "none": ({"values": []}, "be given for frequency"),
+    "negative": ({"values": [9.0, -1.0]}, "frequency must be > 0"),
+    "not a number": ({"values": [float("nan"), 9.0]}, "finite"),
+    "clearance": ({"parameter": "clearance", "values": [0.0, 0.1]}, "clearance must be > 0"),
+    "coarse": ({"parameter": "dt", "values": [1.0]}, "half a period"),
+    "twice": ({"values": [9.0], "second": "frequency", "second_values": [9.0]}, "another parameter"),
+    "second": ({"values": [9.0], "second": "clearance"}, "be given for clearance"),
+    "periods": ({"values": [9.0], "periods": 0}, "periods must be an integer >= 1"),
+    "jobs": ({"values": [9.0], "jobs": 0}, "jobs must be 1 or more"),
+    "scheme": ({"values": [9.0], "method": "htt"}, "did you mean hht"),
+}
+
+
+@pytest.mark.parametrize("bad", BAD)
+def test_bad_input_is_refused_before_anything_runs(bad):
+    options, message = BAD[bad]
+    with pytest.raises(sb.InputError, match=message):
+        study("sweep", TABLE10, **options)
+
+
+def test_a_case_without_a_drive_of_its_own_is_refused():
+    still = replace(TABLE10, problem=replace(TABLE10.problem, base=None))
+    with pytest.raises(sb.InputError, match="one, for a section once a period"):
+        study("sweep", still)
+    with pytest.raises(sb.InputError, match="case with stops"):
+        study("sweep", LINEAR, parameter="clearance", values=[0.1])
+
+
+# ---------------------------------------------------------------- stopped, killed, spread out
+
+MANY = {"parameter": "clearance", "values": np.linspace(0.06, 0.12, 32).tolist(), "dt": 5e-4, **SHORT}
+
+
+@pytest.fixture(scope="module")
+def serial() -> list[dict]:
+    return study("sweep", TABLE10, **MANY).rows
+
+
+def journal_lines(folder) -> int:
+    files = list(folder.glob("sweep-*.jsonl"))
+    return len(files[0].read_bytes().splitlines()) if files else 0
+
+
+def test_an_interrupted_sweep_goes_on_where_it_stopped(tmp_path, serial):
+    def stop(_what, done, _total):
+        if done == 5:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run_study(find_study("sweep"), TABLE10, tmp_path, progress=stop, **MANY)
+    assert journal_lines(tmp_path) == 5
+    journal = next(tmp_path.glob("sweep-*.jsonl"))
+    whole = journal.read_bytes()
+    journal.write_bytes(whole + b'{"point": {"parameter": "clear')  # the line that a kill has cut
+    steps = []
+    records = run_study(
+        find_study("sweep"), TABLE10, tmp_path, progress=lambda what, done, total: steps.append(done), **MANY
+    )
+    assert steps[1:3] == [5, 6]
+    assert journal.read_bytes().startswith(whole)
+    assert records.rows == serial
+
+
+def die_once(case, point):
+    """The study's own evaluation; the process that takes the third point first gets SIGKILL in the middle."""
+    if point["values"][0][0] == MANY["values"][4] and not os.path.exists(os.environ["STIFFBEAM_TEST_KILLED"]):
+        with open(os.environ["STIFFBEAM_TEST_KILLED"], "x"):
+            os.kill(os.getpid(), signal.SIGKILL)
+    return find_study("sweep").evaluate(case, point)
+
+
+def die(_case, _point):
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+@pytest.mark.slow
+def test_two_processes_find_what_one_does_and_one_may_be_killed(tmp_path, serial, monkeypatch):
+    """SIGKILL on a worker in the middle of a batch: a new pool does what is missing."""
+    monkeypatch.setenv("STIFFBEAM_TEST_KILLED", str(tmp_path / "killed"))
+    records = run_study(replace(find_study("sweep"), evaluate=die_once), TABLE10, tmp_path, jobs=2, **MANY)
+    assert (tmp_path / "killed").exists()
+    assert records.rows == serial
+    assert journal_lines(tmp_path) == 16, "no batch was done twice"
+
+
+@pytest.mark.slow
+def test_a_pool_that_keeps_dying_is_given_up_and_says_how_to_go_on(tmp_path):
+    with pytest.raises(Unfinished, match="the same command goes on from there"):
+        run_study(replace(find_study("sweep"), evaluate=die), TABLE10, tmp_path, jobs=2, **MANY)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform != "linux", reason="looks for the children in /proc")
+def test_a_sweep_whose_process_is_killed_loses_no_finished_point(tmp_path, serial):
+    """SIGKILL on the driving process: its workers end too, and the same command does the rest only."""
+    command = [
+        sys.executable, "-m", "stiffbeam.cli", "sweep", "table10", "--parameter", "clearance", "--values",
+        "0.06:0.12:32", "--dt", "5e-4", "--periods", "3", "--transient", "2", "--out", str(tmp_path), "--jobs", "2",
+    ]  # fmt: skip
+    driver = subprocess.Popen(command, stdout=subprocess.DEVNULL)
+    folder = tmp_path / "journal"
+    end = time.monotonic() + 120.0
+    while journal_lines(folder) < 2 and time.monotonic() < end:
+        time.sleep(0.005)
+    children = children_of(driver.pid)
+    driver.kill()
+    driver.wait()
+    kept = journal_lines(folder)
+    assert kept >= 2
+    assert children
+    assert not (tmp_path / "sweep.json").exists()
+    while any(alive(child) for child in children) and time.monotonic() < end:
+        time.sleep(0.05)
+    assert not any(alive(child) for child in children)
+    before = next(folder.glob("*.jsonl")).read_bytes()
+    whole = before[: before.rfind(b"\n") + 1]
+    subprocess.run(command, stdout=subprocess.DEVNULL, check=True)
+    assert next(folder.glob("*.jsonl")).read_bytes().startswith(whole)
+    assert journal_lines(folder) == 16, "a finished point would stand there twice"
+    assert json.loads((tmp_path / "sweep.json").read_text())["rows"] == json.loads(json.dumps(serial))
+
+
+def children_of(pid: int) -> list[int]:
+    with open(f"/proc/{pid}/task/{pid}/children") as stream:
+        return [int(child) for child in stream.read().split()]
+
+
+def alive(pid: int) -> bool:
+    try:
+        with open(f"/proc/{pid}/stat") as stream:
+            return stream.read().rsplit(")", 1)[1].split()[0] != "Z"
+    except FileNotFoundError:
+        return False
+
+
+@pytest.mark.slow
+def test_dask_workers_find_what_one_process_does_and_one_may_be_killed(tmp_path, serial, monkeypatch):
+    """A local cluster of worker processes; one gets SIGKILL in the middle of a batch."""
+    distributed = pytest.importorskip("distributed")
+    from stiffbeam.studies.scheduler import scheduler
+
+    monkeypatch.setenv("STIFFBEAM_TEST_KILLED", str(tmp_path / "killed"))
+    cluster = distributed.LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None)
+    with cluster, scheduler(cluster.scheduler_address) as executor:
+        study = replace(find_study("sweep"), evaluate=die_once)
+        records = run_study(study, TABLE10, tmp_path, executor=executor, **MANY)
+    assert (tmp_path / "killed").exists()
+    assert records.rows == serial
+    assert journal_lines(tmp_path) == 16, "no batch was done twice"
+
+
+@pytest.mark.slow
+def test_dask_workers_that_keep_dying_are_given_up(tmp_path):
+    distributed = pytest.importorskip("distributed")
+    import dask
+
+    from stiffbeam.studies.scheduler import scheduler
+
+    with (
+        dask.config.set({"distributed.scheduler.allowed-failures": 0}),
+        distributed.LocalCluster(n_workers=1, threads_per_worker=1, processes=True, dashboard_address=None) as cluster,
+        pytest.raises(Unfinished, match="the same command goes on from there"),
+        scheduler(cluster.scheduler_address) as executor,
+    ):
+        run_study(replace(find_study("sweep"), evaluate=die), TABLE10, tmp_path, executor=executor, **MANY)
+
+
+def test_a_scheduler_that_is_not_there_is_named(monkeypatch):
+    pytest.importorskip("distributed")
+    from stiffbeam.studies import scheduler as module
+
+    monkeypatch.setattr(module, "PATIENCE", 0.5)
+    with pytest.raises(sb.InputError, match="running scheduler"), module.scheduler("tcp://127.0.0.1:9"):
+        pass
+
+
+def test_without_dask_the_package_is_named(monkeypatch):
+    from stiffbeam.studies.scheduler import scheduler
+
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(sb.InputError, match=r"pip install 'stiffbeam\[dask\]'"), scheduler("tcp://127.0.0.1:9"):
+        pass
+
+
+# ---------------------------------------------------------------- command line
+
+
+def run_cli(*arguments: str):
+    return CliRunner().invoke(app, ["sweep", *arguments], catch_exceptions=True)
+
+
+def test_the_command_writes_records_and_picture(tmp_path):
+    result = run_cli(
+        "table10", "--parameter", "stop-stiffness", "--values", "1e6:1e7:3:log", "--method", "sdirk(gamma=0.5)",
+        "--dt", "5e-4", "--periods", "3", "--transient", "1", "--jobs", "1", "--out", str(tmp_path), "--json", "-",
+    )  # fmt: skip
+    assert result.exit_code == 0, result.output
+    records = json.loads(result.stdout)
+    assert {row["method"] for row in records["rows"]} == {"sdirk(gamma=0.5)"}
+    found = sorted({row["stop-stiffness"] for row in records["rows"]})
+    assert np.allclose(found, [1e6, 10**6.5, 1e7], rtol=1e-12)
+    assert (tmp_path / "sweep.png").stat().st_size > 10_000
+    assert not any(isinstance(value, (list, dict)) for row in records["rows"] for value in row.values())
+
+
+@pytest.mark.parametrize("values", ["8:14", "8:14:x", "8:14:0", "8:14:3:cubic", "0:14:3:log", "8,nine", "8:14:3:log:2"])
+def test_values_that_cannot_be_read_are_refused(values):
+    result = run_cli("table10", "--values", values)
+    assert isinstance(result.exception, sb.InputError)
+    assert "numbers with commas between them" in str(result.exception)
+
+
+def test_lists_and_ranges_of_values():
+    from stiffbeam.cli_studies import _range
+
+    assert _range("8:14:4") == [8.0, 10.0, 12.0, 14.0]
+    assert _range("1e-4, 2e-4") == [1e-4, 2e-4]
+    assert np.allclose(_range("1:100:3:log"), [1.0, 10.0, 100.0])
+    assert _range(None) is None
