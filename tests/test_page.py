@@ -191,6 +191,13 @@ def test_numbers_of_a_column_stand_on_their_decimal_point():
     assert 'scope="row">a' in table
 
 
+def test_measured_sentences_are_typeset():
+    narrow = h.NARROW
+    assert h.typeset("3.1e-03 for gamma = -0.6, 4 %") == f"3.1{narrow}×{narrow}10⁻³ for γ = −0.6, 4{narrow}%"
+    assert h.typeset("max |R(iy)| - 1, order 2-3") == "max |R(iy)| - 1, order 2-3"
+    assert h.raised(-12) == "⁻¹²"
+
+
 def test_numbers_are_written_as_the_paper_does():
     assert [written(x) for x in (300.0, -0.1, 5e6, 1e-4, 2.5e-5)] == ["300", "−0.1", "5 × 10⁶", "10⁻⁴", "2.5 × 10⁻⁵"]
     assert [short(x) for x in (3904, None, -0.25)] == ["3\u202f904", "–", "−0.25"]

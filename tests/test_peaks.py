@@ -7,6 +7,7 @@ import pytest
 
 from stiffbeam.measures.peaks import (
     THRESHOLD,
+    band,
     even_over_odd,
     find_peaks,
     multiple_amplitudes,
@@ -65,3 +66,11 @@ def test_share_off_multiples_is_that_of_the_lines_beside_them():
     assert share_off_multiples(*spectrum([(1, 1.0), (3.5, 0.5)]), DRIVE) == pytest.approx(0.25 / 1.25)
     noise = np.mean([share_off_multiples(*spectrum([], noise=1.0, seed=seed), DRIVE) for seed in range(20)])
     assert noise == pytest.approx(11 / 12, abs=0.02)  # 12 bins a multiple, one of them on it
+
+
+def test_a_band_is_filled_by_noise_and_not_by_lines():
+    # 12 bins a multiple, 186 to 15.5 of them: three lines are 3/186.
+    assert band(*spectrum([(1, 1.0), (3, 0.3), (5.25, 0.1)]), DRIVE) == pytest.approx(3 / 186)
+    # Rayleigh amplitudes: the largest of 186 is near sqrt(ln 186) = 2.3 rms, below a hundredth of it are 5e-4.
+    assert band(*spectrum([], noise=1.0), DRIVE) > 0.98
+    assert band(*spectrum([(1, 1.0)], noise=1e-4), DRIVE) == pytest.approx(1 / 186)

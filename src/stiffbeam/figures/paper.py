@@ -123,7 +123,7 @@ def _line(axis: Axes, x: Array, y: Array, label: str, style: dict) -> None:
 
 def _displacement(axis: Axes, made: Made, end: float) -> None:
     for label, style, t, u, _ in _curves(made, end):
-        _line(axis, t, u, label, style)
+        _line(axis, t, u, label, style | {"lw": 0.8})  # thin: the true motion is fast
     _stops(axis, made, horizontal=True)
     _horizon(axis, made, end)
     axis.set(xlabel="time $t$", ylabel="tip displacement $u(1, t)$", xlim=(0.0, end))
