@@ -288,7 +288,9 @@ def test_the_bending_viscosity_damps_each_mode_by_eta_over_ei_times_its_frequenc
     assert abs(damping[0] / (0.4 / BENDING * FIRST**2) - 1.0) < 2.5 / 12**2  # omega has the error h^2
 
 
-@pytest.mark.parametrize("base", [sb.Harmonic(0.01, 30.0, 0.4), sb.Constant(0.02), Parabola()], ids=lambda base: type(base).__name__)
+@pytest.mark.parametrize(
+    "base", [sb.Harmonic(0.01, 30.0, 0.4), sb.Constant(0.02), Parabola()], ids=lambda base: type(base).__name__
+)
 def test_the_base_moves_by_the_same_metres_at_the_same_seconds(base):
     problem = sb.BeamProblem.from_physical(**STRIP, base=base, time_unit=0.05)
     t = np.linspace(0.0, 3.0, 7)
