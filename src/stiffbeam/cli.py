@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
 from contextlib import contextmanager
 from pathlib import Path
@@ -336,6 +337,8 @@ cli_reproduce.register(app, _progress)
 
 def main() -> None:
     """Entry point: InputError exits with 2, a failure with 1, both with one clear line."""
+    if "OMP_NUM_THREADS" not in os.environ:  # before NumPy is there: on small matrices BLAS threads only wait
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from .trajectory import Diverged, SolverFailure, Unfinished
     from .validation import InputError
 

@@ -9,6 +9,7 @@ import threading
 import time
 from collections.abc import Callable, Generator, Iterator
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, as_completed
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -87,11 +88,12 @@ def _on_processes(study: Study, case: Case, points: list[Point], jobs: int) -> I
     deaths = 0
     while points:
         workers = min(jobs, len(points))
-        pool = ProcessPoolExecutor(workers, context, _follow, (max(1, cores() // workers),))
-        try:
-            lost = yield from _gather(pool, study, case, points)
-        finally:
-            pool.shutdown(cancel_futures=True)
+        pool = ProcessPoolExecutor(workers, context, _follow)
+        with _threads(max(1, cores() // workers)):
+            try:
+                lost = yield from _gather(pool, study, case, points)
+            finally:
+                pool.shutdown(cancel_futures=True)
         deaths = deaths + 1 if len(lost) == len(points) else 0
         if deaths == DEATHS:
             raise Unfinished(f"a process of {study.name} died {deaths} times in a row: is there enough memory? {GO_ON}")
@@ -117,9 +119,25 @@ def _gather(
     return lost
 
 
-def _follow(threads: int) -> None:
-    """A worker takes its share of the cores, and ends when the process that started it is gone."""
-    os.environ["STIFFBEAM_THREADS"] = str(threads)
+@contextmanager
+def _threads(count: int) -> Iterator[None]:
+    """Processes that are started meanwhile use so many threads, in ensembles and in the BLAS.
+
+    The matrices are so small that threads of the BLAS mostly wait for each other.
+    """
+    names = ("STIFFBEAM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
+    before = {name: os.environ.pop(name) for name in names if name in os.environ}
+    os.environ.update(dict.fromkeys(names, str(count)))
+    try:
+        yield
+    finally:
+        for name in names:
+            del os.environ[name]
+        os.environ.update(before)
+
+
+def _follow() -> None:
+    """A worker ends when the process that started it is gone."""
     parent = multiprocessing.parent_process()
     assert parent is not None
 
