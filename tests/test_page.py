@@ -214,8 +214,7 @@ for (const kind of ["error", "warn"]) {
 }
 </script>"""
 REPORT = """<script>
-addEventListener("load", async () => {
-  await Promise.all([...document.images].map(x => x.decode().catch(e => complaints.push(String(e)))));
+addEventListener("load", () => {
   const out = document.createElement("pre");
   out.id = "report";
   out.textContent = JSON.stringify({

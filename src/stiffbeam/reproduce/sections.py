@@ -165,8 +165,8 @@ def impacts(numbers: Mapping[int, Numbers]) -> h.Html:
     return h.joined(
         h.paragraph(
             "Impacts by the paper's rule at the paper's step, over the whole span. ± is one standard deviation over "
-            f"runs whose initial data differ by {written(PERTURBATION)} of the motion: counts inside it are the same. The "
-            "paper gives counts for Tables 10 to 13 only. They fit none of the spans its CPU times allow."
+            f"runs whose initial data differ by {written(PERTURBATION)} of the motion: counts inside it are the same. "
+            "The paper gives counts for Tables 10 to 13 only. They fit none of the spans its CPU times allow."
         ),
         h.table(
             [
