@@ -24,7 +24,7 @@ def in_time(curves: Sequence[ErrorCurve]) -> Figure:
 
 
 def _draw(curves: Sequence[ErrorCurve], what: str) -> Figure:
-    figure = Figure(figsize=(5.0, 3.7), layout="constrained")
+    figure = Figure(figsize=(5.0, 3.9), layout="constrained")
     axis = figure.subplots()
     for curve in curves:
         t, size = _envelope(curve, getattr(curve, what))
@@ -34,7 +34,7 @@ def _draw(curves: Sequence[ErrorCurve], what: str) -> Figure:
             colour, dashes = STYLE[curve.name]
             axis.plot(t, size, color=colour, dashes=dashes or (None, None), lw=1.2, label=curve.name)
     axis.set(yscale="log", xlabel="time $t$", ylabel="error at the tip over $X_1(1)$", xlim=(0.0, curves[0].t[-1]))
-    axis.legend(frameon=False, fontsize=8, ncols=2)
+    figure.legend(loc="outside lower center", frameon=False, fontsize=8, ncols=4)
     return figure
 
 

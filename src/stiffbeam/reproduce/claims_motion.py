@@ -9,6 +9,7 @@ import numpy as np
 
 from ..cases import paper_cases
 from ..ensemble import integrate_ensemble
+from ..measures.peaks import EXCITED
 from ..members import perturbed
 from ..semidiscretisation import semidiscretise
 from ..solvers.tangent import lyapunov
@@ -16,8 +17,8 @@ from .claims import FAILS, HOLDS, PARTLY, Claim, Evidence, Finding, verdict
 from .numbers import Numbers
 
 PREFERENCE = 1.5  # times: what counts as higher amplitudes of one kind of multiples than of the other
-BROAD = 0.5  # share of the frequencies to 15a that are excited, from which on it is a wide band
-PERIODIC = 0.05  # aperiodicity below which a motion counts as periodic
+BROAD = 1 / 3  # share of the frequencies to 15a that are excited; lines at all odd multiples fill half of it at most
+PERIODIC = 0.03  # aperiodicity below which a motion counts as periodic: about the width of a line in print
 
 
 def percent(value: float) -> str:
@@ -25,8 +26,9 @@ def percent(value: float) -> str:
 
 
 def lines(row: Numbers, highest: int = 9) -> list[int]:
-    """The multiples of the drive among the peaks, from 2 to ``highest``."""
-    return [round(p["multiple"]) for p in row["peaks"] if p["name"] in _multiples(highest)]
+    """The multiples of the drive among the peaks, from 2 to ``highest``, that are EXCITED."""
+    least = EXCITED * max(row["multiples"])
+    return [round(p["multiple"]) for p in row["peaks"] if p["name"] in _multiples(highest) and p["amplitude"] > least]
 
 
 def _multiples(highest: int) -> set[str]:
@@ -48,7 +50,7 @@ def _odd_multiples(table: int, wanted: tuple[int, ...]):
         truth = e.true(table)
         of_runs = all(_odd(row, wanted) for row in e.runs(table).values())
         return Finding(
-            f"Peaks above a, to 9a: {runs}; true motion {_named(lines(truth))}.",
+            f"Peaks from 2a to 9a above a hundredth of the largest: {runs}; true motion {_named(lines(truth))}.",
             verdict(of_runs, _odd(truth, wanted)),
         )
 
@@ -162,7 +164,7 @@ def _same_lines(e: Evidence) -> Finding:
     same = all(orders == first for orders in rest)
     truth = lines(e.true(10))
     return Finding(
-        f"Peaks above a, to 9a: {written}; true {_named(truth)}.",
+        f"Peaks from 2a to 9a above a hundredth of the largest: {written}; true {_named(truth)}.",
         (HOLDS if truth == first else PARTLY) if same else FAILS,
     )
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from itertools import pairwise
+from statistics import median
 
 import numpy as np
 
@@ -225,7 +226,8 @@ def _ratio(e: Evidence, tables: tuple[int, ...], equation: str) -> tuple[list[fl
 
 
 def _span(values: list[float]) -> str:
-    return f"{min(values):.2f} to {max(values):.2f}"
+    """The median, and from where to where: one table's ratio can be off on a busy machine."""
+    return f"{median(values):.2f} ({min(values):.2f} to {max(values):.2f})"
 
 
 def _same_time(e: Evidence) -> Finding:
@@ -234,7 +236,10 @@ def _same_time(e: Evidence) -> Finding:
         paper, ours = _ratio(e, (1, 2, 3, 4, 5), equation)
         parts.append(f"{equation} {_span(ours)} times HHT (paper {_span(paper)})")
         own += ours
-    return Finding(f"Time a step: {'; '.join(parts)}.", HOLDS if max(own) < 2.0 and min(own) > 0.5 else FAILS)
+    return Finding(
+        f"Time a step, median and range over the tables: {'; '.join(parts)}.",
+        HOLDS if 0.5 < median(own) < 2.0 else FAILS,
+    )
 
 
 def _sdirk_time(e: Evidence) -> Finding:
@@ -244,17 +249,18 @@ def _sdirk_time(e: Evidence) -> Finding:
         parts.append(f"{equation} {_span(ours)} times (4.14) (paper {_span(paper)})")
         own += ours
     return Finding(
-        f"Time a step: {'; '.join(parts)}. In modal coordinates the three are one kernel.",
-        FAILS if max(own) < 1.5 and min(own) > 0.67 else HOLDS,
+        f"Time a step, median and range over the tables: {'; '.join(parts)}. "
+        "In modal coordinates the three are one kernel.",
+        FAILS if 0.67 < median(own) < 1.5 else HOLDS,
     )
 
 
 def _hht_faster(e: Evidence) -> Finding:
     paper, own = _ratio(e, (10, 11, 12, 13), "(4.14)")
     hht, sdirk = (largest_step(scheme) for scheme in (HHT(-0.1), SDIRK(nystrom=True)))
-    ratio = next(r["ratio"] for r in e.costs if r["table"] == 10 and r["equation"] == "(4.14)")
+    ratio = median(own)
     equal = "no step tried gives both a tip error of 0.1 %"
-    slower = min(own) > 1.0
+    slower = median(own) > 1.0
     if hht and sdirk:
         slower = ratio * hht / sdirk > 1.0
         equal = (
@@ -263,7 +269,7 @@ def _hht_faster(e: Evidence) -> Finding:
         )
     return Finding(
         f"A step of (4.14) takes {_span(own)} times one of HHT (paper {_span(paper)}); {equal}.",
-        (HOLDS if slower else PARTLY) if min(own) > 1.1 else FAILS,
+        (HOLDS if slower else PARTLY) if median(own) > 1.1 else FAILS,
     )
 
 

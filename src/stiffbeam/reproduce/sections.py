@@ -13,7 +13,7 @@ from .costs import CPU_TABLES
 from .no_contact import CELLS, DT, STIFFNESS, T_END
 from .numbers import PERTURBATION, Numbers
 from .reading import Reading
-from .table_section import DASH, percent, short, spread
+from .table_section import DASH, percent, short, spread, written
 
 CITATION = (
     "Y. Dumont, Vibrations of a beam between stops: numerical simulations and comparison of several numerical "
@@ -120,7 +120,7 @@ def how_read(reading: Reading) -> h.Html:
 
 def no_contact(pictures: Sequence[Path], curves: Mapping[str, Mapping[str, float]]) -> h.Html:
     rows = [
-        [name, f"{row['error']:.1e}", f"{row['in_time']:.1e}" if row["in_time"] else "–"]
+        [name, h.typeset(f"{row['error']:.1e}"), h.typeset(f"{row['in_time']:.1e}") if row["in_time"] else "–"]
         for name, row in curves.items()
     ]
     return h.joined(
@@ -165,8 +165,8 @@ def impacts(numbers: Mapping[int, Numbers]) -> h.Html:
     return h.joined(
         h.paragraph(
             "Impacts by the paper's rule at the paper's step, over the whole span. ± is one standard deviation over "
-            f"runs whose initial data differ by {PERTURBATION:g} of the motion: counts inside it are the same. The "
-            "paper gives counts for Tables 10 to 13 only. They fit none of the spans its CPU times allow."
+            f"runs whose initial data differ by {written(PERTURBATION)} of the motion: counts inside it are the same. "
+            "The paper gives counts for Tables 10 to 13 only. They fit none of the spans its CPU times allow."
         ),
         h.table(
             [

@@ -141,7 +141,7 @@ def _group(number: int) -> str:
 
 
 _LOOK_GROUP = {
-    "BDF": "In (a), compare the schemes with the broad grey curves up to the horizon; in (b), how much narrower the "
+    "BDF": "In (a), compare the schemes with the grey curves up to the horizon; in (b), how much narrower the "
     "schemes' velocities are than the true ones.",
     "SDIRK": "In (c), (4.12) and (4.14) lie on each other, as they must: they are one scheme. (4.10) follows the "
     "other grid.",
