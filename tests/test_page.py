@@ -242,7 +242,7 @@ def looked_at(file: Path, tmp_path: Path, width: int) -> dict:
     done = subprocess.run(
         [
             browser, "--headless=new", "--no-sandbox", "--disable-gpu", "--enable-logging=stderr", "--hide-scrollbars",
-            f"--user-data-dir={tmp_path / 'profile'}", f"--window-size={width},900", "--virtual-time-budget=20000",
+            f"--user-data-dir={tmp_path / 'profile'}", f"--window-size={width},900", "--virtual-time-budget=100000",
             "--dump-dom", probed.as_uri(),
         ],
         capture_output=True, text=True, timeout=300,
