@@ -402,7 +402,7 @@ def test_values_that_cannot_be_read_are_refused(values):
 
 
 def test_lists_and_ranges_of_values():
-    from stiffbeam.cli_studies import _range
+    from stiffbeam.cli.studies import _range
 
     assert _range("8:14:4") == [8.0, 10.0, 12.0, 14.0]
     assert _range("1e-4, 2e-4") == [1e-4, 2e-4]

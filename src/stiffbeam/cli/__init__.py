@@ -1,0 +1,32 @@
+"""The ``stiffbeam`` command: one module a command, which adds itself to the application."""
+
+from __future__ import annotations
+
+import os
+import sys
+
+from . import cases, compare, reference, reproduce, studies  # noqa: F401  in the order of the help
+from .application import app
+
+
+def main() -> None:
+    """Entry point: InputError exits with 2, a failure with 1, both with one clear line."""
+    if "OMP_NUM_THREADS" not in os.environ:  # before NumPy is there: on small matrices BLAS threads only wait
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    from ..trajectory import Diverged, SolverFailure, Unfinished
+    from ..validation import InputError
+
+    try:
+        app()
+    except InputError as error:
+        print(f"stiffbeam: {error}", file=sys.stderr)
+        raise SystemExit(2) from None
+    except (Diverged, SolverFailure, Unfinished) as error:
+        print(f"stiffbeam: {error}", file=sys.stderr)
+        raise SystemExit(1) from None
+    except KeyboardInterrupt:
+        print("stiffbeam: interrupted", file=sys.stderr)
+        raise SystemExit(130) from None
+
+
+__all__ = ["app", "main"]

@@ -1,0 +1,5 @@
+"""``python -m stiffbeam.cli``."""
+
+from . import main
+
+main()

@@ -1,0 +1,47 @@
+"""Where a command's files go: folders, names, and records for programs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+
+def default_folder(case: str) -> Path:
+    """stiffbeam-output/<case>."""
+    return Path("stiffbeam-output") / file_name(case)
+
+
+def file_name(label: str) -> str:
+    """The label without the characters that shells and file systems dislike."""
+    plain = label.replace("(", "-").replace(")", "").replace(", ", "-").replace("@", "-")
+    return "".join(c if c.isalnum() or c in "-._=" else "_" for c in plain)
+
+
+def make_folder(folder: Path) -> Path:
+    """``folder``, made where it is not there; InputError where that cannot be."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        from ..validation import InputError
+
+        raise InputError("--out", str(folder), "be a folder that can be written to", str(error)) from None
+    return folder
+
+
+def check_json(file: Path | None) -> None:
+    """InputError for a --json that no file can be, before anything is computed."""
+    if file is not None and file.is_dir():
+        from ..validation import InputError
+
+        raise InputError("--json", str(file), "be a file, or - for the terminal")
+
+
+def write_json(text: str, file: Path | None) -> bool:
+    """Write the records where --json says; whether that is the terminal, which then shows nothing else."""
+    if file is None:
+        return False
+    if str(file) == "-":
+        print(text)
+        return True
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_text(text + "\n", encoding="utf-8")
+    return False

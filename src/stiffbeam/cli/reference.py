@@ -1,0 +1,126 @@
+"""``stiffbeam reference``: make, compare and check reference solutions."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from .application import app
+from .progress import progress
+
+
+@app.command("reference")
+def reference_command(
+    case: Annotated[str | None, typer.Argument(help="table1 .. table17, a case file, or file.toml:name")] = None,
+    method: Annotated[str, typer.Option(help="exact, multiprecision, cvode, ...; all: hold them together")] = "exact",
+    form: Annotated[str, typer.Option(help="displacement or velocity-curvature")] = "displacement",
+    digits: Annotated[str, typer.Option(help="of multiprecision: a number, or auto")] = "auto",
+    rtol: Annotated[float, typer.Option(help="of the adaptive solvers")] = 1e-10,
+    t_end: Annotated[float | None, typer.Option(help="end time instead of the case's")] = None,
+    budget: Annotated[float, typer.Option(help="seconds for --method all; the rest is named as skipped")] = 60.0,
+    out: Annotated[Path | None, typer.Option(help="netCDF file to write")] = None,
+    check: Annotated[Path | None, typer.Option(help="verify a frozen file, or a folder with a manifest")] = None,
+    remake: Annotated[Path | None, typer.Option(help="compute what is missing of the paper's references here")] = None,
+    cache: Annotated[bool, typer.Option("--cache", help="keep the reference and use one that is kept")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="for programs")] = False,
+) -> None:
+    """Make, compare and check reference solutions."""
+    from ..validation import InputError
+
+    if sum(x is not None for x in (case, check, remake)) != 1:
+        raise InputError("reference", "its arguments", "be one of CASE, --check PATH and --remake DIR")
+    with progress() as show:
+        if check is not None:
+            from ..studies.references import check as check_files
+
+            records = check_files(check, show)
+            failed = any(r["problem"] for r in records)
+        elif remake is not None:
+            from ..studies.references import remake as remake_files
+
+            records = [{"file": name, "written": True} for name in remake_files(remake, None, show)]
+            failed = False
+        else:
+            assert case is not None
+            records = _references(case, method, form, digits, rtol, t_end, budget, out, cache, show)
+            failed = False
+    if as_json:
+        print(json.dumps(records, indent=2))
+    elif method == "all" and case is not None:
+        _print_agreement(records[0])
+    else:
+        for record in records:
+            print("  ".join(f"{key}: {value}" for key, value in record.items() if value not in ("", None)))
+        if not records:
+            print("nothing to do: every reference is there and whole")
+    if failed:
+        raise typer.Exit(1)
+
+
+def _references(name, method, form, digits, rtol, t_end, budget, out, cache, show) -> list[dict]:
+    """One reference, saved, or the agreement of all methods."""
+    from ..cases import case_text, find_case
+    from ..reference_cache import cached_reference
+    from ..semidiscretisation import semidiscretise
+    from ..solvers import reference
+    from ..validation import InputError
+
+    case = find_case(name)
+    end = case.t_end if t_end is None else t_end
+    if method == "all":
+        from ..studies.agreement import agree
+
+        return [agree(case, form, end, budget=budget, rtol=rtol, progress=show).to_dict()]
+    if digits != "auto" and not digits.isdigit():
+        raise InputError("--digits", digits, "be a number or auto")
+    show(f"{method}@{form}", 0, 0)
+    system = semidiscretise(case.problem, case.cells, form)
+    if cache and out is not None and method == "multiprecision":
+        raise InputError("--cache", "with --out", "be left out here", "the file written is itself one to keep")
+    solve = cached_reference if cache else reference
+    found = solve(system, end, method, rtol=rtol, digits="auto" if digits == "auto" else int(digits))
+    record = {
+        "reference": found.label,
+        "t_end": end,
+        "horizon": found.horizon,
+        "against": found.provenance["horizon_against"],
+        "impacts": found.impacts.count,
+        "seconds": round(found.work.seconds, 3),
+        "digits": found.provenance.get("digits"),
+    }
+    if out is not None:
+        from ..frozen import freeze
+
+        frozen = method == "multiprecision" and found.horizon >= end
+        record["file"] = freeze(found, case_text(name), out)["file"] if frozen else str(found.save(out))
+    return [record]
+
+
+def _print_agreement(record: dict) -> None:
+    from rich import box
+    from rich.console import Console
+    from rich.table import Table
+
+    names = list(record["differences"])
+    table = Table(box=box.SIMPLE_HEAD, title=f"Against {record['judge']}, each to its horizon", title_justify="left")
+    table.add_column("reference", no_wrap=True)
+    for heading in ("horizon", "tip difference", "impact times", "seconds", "claim"):
+        table.add_column(heading, justify="right")
+    for name in names:
+        impacts = record["impact_differences"][name][record["judge"]]
+        table.add_row(
+            name,
+            f"{record['horizons'][name]:.4g}",
+            f"{record['differences'][name][record['judge']]:.1e}",
+            "sampled" if impacts is None else f"{impacts:.1e}",
+            f"{record['seconds'][name]:.3g}",
+            record["refuted"].get(name, "holds"),
+        )
+    console = Console(width=None if sys.stdout.isatty() else 120)
+    console.print(table)
+    for name, reason in record["skipped"].items():
+        console.print(f"skipped  {name}: {reason}", highlight=False)

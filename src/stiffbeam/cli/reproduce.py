@@ -1,0 +1,101 @@
+"""``stiffbeam reproduce``: the paper's tables and figures, judged, as one page."""
+
+from __future__ import annotations
+
+import json
+import shlex
+import shutil
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from .application import app
+from .options import Jobs, Json, References
+from .output import check_json, make_folder, write_json
+from .progress import progress
+
+What = Annotated[str, typer.Argument(help="all, table N or figure N")]
+Number = Annotated[int | None, typer.Argument(help="1 .. 17", show_default=False)]
+Out = Annotated[Path, typer.Option(help="folder for the page, the pictures and the store")]
+Contact = Annotated[str, typer.Option(help="implicit, or extrapolated as the paper describes it")]
+Printed = Annotated[bool, typer.Option("--printed", help="HHT and SDIRK with the paper's misprints")]
+
+
+@app.command()
+def reproduce(
+    what: What = "all",
+    number: Number = None,
+    out: Out = Path("stiffbeam-output/reproduction"),
+    contact: Contact = "implicit",
+    printed: Printed = False,
+    references: References = None,
+    jobs: Jobs = None,
+    json_file: Json = None,
+) -> None:
+    """Remake Dumont (2002): tables, figures, claims and misprints on one page."""
+    from ..ensemble import cores
+    from ..reproduce.everything import reproduce as remake
+    from ..reproduce.reading import reading
+
+    tables = _tables(what, number)
+    _check(out, jobs, json_file)
+    chosen = reading(contact, printed, references)
+    with progress() as show:
+        page, made = remake(tables, chosen, out, jobs or cores(), progress=show, command=_command())
+    written = [page]
+    if what == "figure":
+        drawn = out / chosen.name / f"table{number}" / f"figure{number}.png"
+        written.insert(0, Path(shutil.copy2(drawn, out)))
+    records = {f"table{n}": finished.numbers for n, finished in made.items()}
+    if not write_json(json.dumps(records, indent=2, ensure_ascii=False), json_file):
+        _print(records)
+        print("Written: " + ", ".join(str(file) for file in written))
+    if any(record["failures"] for record in records.values()):
+        raise typer.Exit(1)
+
+
+def _tables(what: str, number: int | None) -> list[int] | None:
+    from ..validation import InputError
+
+    if what == "all" and number is None:
+        return None
+    if what not in ("table", "figure") or number is None:
+        given = what if number is None else f"{what} {number}"
+        raise InputError("reproduce", given, "be all, table N or figure N", "for example: stiffbeam reproduce table 10")
+    return [number]
+
+
+def _check(out: Path, jobs: int | None, json_file: Path | None) -> None:
+    from ..validation import InputError
+
+    if jobs is not None and jobs < 1:
+        raise InputError("--jobs", jobs, "be >= 1")
+    check_json(json_file)
+    make_folder(out)
+
+
+def _command() -> str:
+    """The command as it was typed, but for the place of the program."""
+    return shlex.join(["stiffbeam", *sys.argv[1:]])
+
+
+def _print(records: dict) -> None:
+    from rich import box
+    from rich.console import Console
+    from rich.table import Table
+
+    from ..report import WIDTH, percent
+
+    table = Table(box=box.SIMPLE_HEAD)
+    for heading in ("table", "motion", "impacts", "contact", "horizon"):
+        table.add_column(heading, justify="left" if heading in ("table", "motion") else "right")
+    for name, found in records.items():
+        for equation, row in found["runs"].items():
+            table.add_row(name, f"{equation} {row['scheme']}", str(row["impacts"]), percent(row["fraction"]), "")
+        for form, row in found["true"].items():
+            table.add_row(name, f"true, {form}", str(row["impacts"]), percent(row["fraction"]), f"{row['horizon']:.3g}")
+        for equation, why in found["failures"].items():
+            table.add_row(name, f"{equation} failed: {why}", "", "", "")
+    Console(width=None if sys.stdout.isatty() else WIDTH).print(table)
