@@ -38,10 +38,10 @@ from march_speed_page import draw
 from yardsticks import Timed, by_hand, numpy_loop
 
 import stiffbeam as sb
-from stiffbeam import ensemble, kernel
 from stiffbeam.compiled import FASTMATH
+from stiffbeam.march import ensemble, kernel
+from stiffbeam.march.modal_march import March
 from stiffbeam.modal import modes
-from stiffbeam.modal_march import March
 
 RECORDED = Path(__file__).with_suffix(".json")
 SCHEMES = {"HHT": sb.HHT(-0.1), "BDF2": sb.BDF2(), "SDIRK-OS": sb.SDIRK(nystrom=True)}
@@ -179,7 +179,7 @@ def startup() -> dict[str, float]:
 import os, sys, time
 from stiffbeam import cli
 from stiffbeam.solvers import undamped
-from stiffbeam import modal_march
+from stiffbeam.march import modal_march
 def mark(owner, name, label, last):
     original = getattr(owner, name)
     def marked(*arguments, **keywords):

@@ -79,7 +79,7 @@ def two_workers_one_killed() -> Ways:
 
 def ready(_: int) -> float:
     """Import the package and its kernel, and wait, so that both workers do it."""
-    from stiffbeam.modal_march import warm_up
+    from stiffbeam.march.modal_march import warm_up
 
     warm_up()
     time.sleep(1.0)

@@ -15,7 +15,7 @@ os.environ.setdefault("MPLBACKEND", "agg")
 @pytest.fixture(scope="session", autouse=True)
 def compiled() -> None:
     """Every run of the tests on the same engine, also where nothing is compiled yet."""
-    from stiffbeam.modal_march import warm_up
+    from stiffbeam.march.modal_march import warm_up
 
     warm_up()
 

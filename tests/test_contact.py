@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import stiffbeam as sb
+from stiffbeam.active_set import solve_node
 from stiffbeam.contact import solve_several
-from stiffbeam.kernel import solve_node
 
 EPS = np.finfo(float).eps
 POSITIONS = st.floats(-5.0, 5.0)

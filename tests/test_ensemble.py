@@ -86,8 +86,8 @@ def test_the_schemes_ensemble_converges_to_the_exact_one(kind, system):
 
 
 def test_slices_and_stretches_of_any_size_give_the_same_bits(system, monkeypatch):
-    from stiffbeam import ensemble as module
-    from stiffbeam import modal_march
+    from stiffbeam.march import ensemble as module
+    from stiffbeam.march import modal_march
 
     members = sb.perturbed(system, 20)
     whole = sb.integrate_ensemble(system, sb.BDF2(), 1e-4, 0.5, members, every=5)
@@ -125,7 +125,7 @@ def test_other_engines_are_equal_to_rounding(engine, kind, contact, system):
 
 def test_jax_goes_on_where_it_left_off(system, monkeypatch):
     """Sampled loads, stretches that are filled up, a list of impacts that is too short."""
-    from stiffbeam import kernel_jax
+    from stiffbeam.march import kernel_jax
 
     stops = sb.Stops(-0.06, 0.05, stiffness=5e6)
     problem = sb.BeamProblem(
@@ -153,7 +153,7 @@ def test_jax_refuses_several_contacts_and_leaves_single_precision_alone():
 
 def test_the_company_of_a_member_does_not_change_its_bits(system, monkeypatch):
     """Seven marched together in stretches whose length no block divides, past the horizon."""
-    from stiffbeam import modal_march
+    from stiffbeam.march import modal_march
 
     monkeypatch.setenv("STIFFBEAM_THREADS", "1")
     monkeypatch.setattr(modal_march, "STEPS_REPLAYED", 64)
@@ -321,7 +321,7 @@ def test_a_time_to_record_from_that_is_none_is_refused(since, system):
 
 
 def test_the_threads_can_be_limited(monkeypatch):
-    from stiffbeam.ensemble import cores
+    from stiffbeam.march.ensemble import cores
 
     monkeypatch.setenv("STIFFBEAM_THREADS", "3")
     assert cores() == 3

@@ -53,7 +53,7 @@ def test_both_kernels_agree_on_two_contacts_moving_stops_and_sampled_loads(schem
 
 def test_stretches_leave_no_trace_in_the_numpy_kernel(table10, monkeypatch):
     """Impacts that are open between two stretches go on, a list of impacts that is too short is lengthened."""
-    from stiffbeam import modal_march
+    from stiffbeam.march import modal_march
 
     system = sb.semidiscretise(table10, 12)
     whole = sb.integrate(system, sb.HHT(-0.1), 1e-4, 0.2, engine="numpy")
@@ -81,7 +81,7 @@ def test_a_short_run_waits_for_no_compiler_and_a_long_one_does_not_stay_slow(tmp
     """In a process of its own with an empty cache: NumPy first, numba once its share is used up."""
     code = """
 import stiffbeam as sb
-from stiffbeam import kernel, modal_march
+from stiffbeam.march import kernel, modal_march
 case = sb.paper_case(10)
 system = sb.semidiscretise(case.problem, 4)
 run = sb.integrate(system, sb.HHT(), 1e-4, 0.05)

@@ -7,9 +7,11 @@ import pytest
 from oracles import exact_linear
 
 import stiffbeam as sb
-from stiffbeam import kernel, march, modal_march
+from stiffbeam.march import integrate as march
+from stiffbeam.march import kernel, modal_march
+from stiffbeam.march.layout import Kept
+from stiffbeam.march.propagator import build
 from stiffbeam.modal import modes
-from stiffbeam.propagator import build
 from stiffbeam.schemes import registered
 
 SCHEMES = [*registered(), sb.HHT(-0.1).printed(), sb.SDIRK().printed("sigma")]
@@ -129,7 +131,7 @@ def test_a_block_equals_its_definition_in_numpy(table10):
     w, expected = row[:R], row[R : R + 75]
     flight = march_.start([system], 32, 1)
     state = flight.state._replace(z=z[None].copy())
-    kept = kernel.Kept(flight.positions, flight.velocities, np.zeros((1, len(z))), np.zeros((1, 32)))
+    kept = Kept(flight.positions, flight.velocities, np.zeros((1, len(z))), np.zeros((1, 32)))
     events, cursor = np.zeros((64, 6)), np.zeros(3, np.int64)
     first = round(t / 1e-4)
     positions = np.zeros((1, first + 33, 1))

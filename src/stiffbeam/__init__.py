@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from .cases import Case, load_cases, paper_case
     from .contact import Contact, Stops
-    from .ensemble import Ensemble, integrate_ensemble, reference_ensemble
-    from .march import integrate
+    from .march.ensemble import Ensemble, integrate_ensemble, reference_ensemble
+    from .march.integrate import integrate
+    from .march.members import Members, perturbed, varied
     from .measures.amplification import Amplification, amplification
     from .measures.comparison import Comparison, compare
-    from .members import Members, perturbed, varied
     from .problem import BeamProblem, DistributedLoad, PointLoad, Units
     from .reference_cache import cached_reference
     from .schemes import BDF2, HHT, SDIRK, Bathe, GeneralisedAlpha, Scheme, Theta, Trapezoidal
@@ -36,11 +36,11 @@ if TYPE_CHECKING:
 _HOME = {
     "cases": ("Case", "load_cases", "paper_case"),
     "contact": ("Contact", "Stops"),
-    "ensemble": ("Ensemble", "integrate_ensemble", "reference_ensemble"),
-    "march": ("integrate",),
+    "march.ensemble": ("Ensemble", "integrate_ensemble", "reference_ensemble"),
+    "march.integrate": ("integrate",),
     "measures.amplification": ("Amplification", "amplification"),
     "measures.comparison": ("Comparison", "compare"),
-    "members": ("Members", "perturbed", "varied"),
+    "march.members": ("Members", "perturbed", "varied"),
     "problem": ("BeamProblem", "DistributedLoad", "PointLoad", "Units"),
     "reference_cache": ("cached_reference",),
     "schemes": ("BDF2", "HHT", "SDIRK", "Bathe", "GeneralisedAlpha", "Scheme", "Theta", "Trapezoidal"),

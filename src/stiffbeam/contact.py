@@ -99,7 +99,7 @@ def solve_several(r: Array, compliance: Array, stops: Sequence[Stops]) -> Array:
     semidefinite. The forces minimise a strictly convex function, so there is one solution; it is found
     by a finite active-set method (see kernel.solve_node).
     """
-    from .kernel import solve_node
+    from .active_set import solve_node
 
     law = (np.array([getattr(stop, name) for stop in stops]) for name in ("stiffness", "g1", "g2"))
     return solve_node(np.ascontiguousarray(r), np.ascontiguousarray(compliance), *law)

@@ -35,7 +35,7 @@ def reproduce(
     json_file: Json = None,
 ) -> None:
     """Remake Dumont (2002): tables, figures, claims and misprints on one page."""
-    from ..ensemble import cores
+    from ..march.ensemble import cores
     from ..reproduce.everything import reproduce as remake
     from ..reproduce.reading import reading
 

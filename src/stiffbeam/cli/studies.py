@@ -225,7 +225,7 @@ def studies(
 
 
 def _run(study, case, out: Path | None, jobs: int | None, options: dict, show, workers=None) -> tuple[Any, list[Path]]:
-    from ..ensemble import cores
+    from ..march.ensemble import cores
     from ..studies.runner import run_study
 
     folder = make_folder(out if out is not None else default_folder(case.name))

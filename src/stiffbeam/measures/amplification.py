@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arrays import Array
+from ..march.propagator import build
 from ..modal import Modes
-from ..propagator import build
 from ..schemes import Scheme
 from ..system import System
 from ..validation import InputError, number

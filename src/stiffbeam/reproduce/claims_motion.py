@@ -8,9 +8,9 @@ from itertools import pairwise
 import numpy as np
 
 from ..cases import paper_cases
-from ..ensemble import integrate_ensemble
+from ..march.ensemble import integrate_ensemble
+from ..march.members import perturbed
 from ..measures.peaks import EXCITED
-from ..members import perturbed
 from ..semidiscretisation import semidiscretise
 from ..solvers.tangent import lyapunov
 from .claims import FAILS, HOLDS, PARTLY, Claim, Evidence, Finding, verdict

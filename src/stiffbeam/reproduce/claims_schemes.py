@@ -8,7 +8,7 @@ from statistics import median
 import numpy as np
 
 from ..cases import paper_case
-from ..march import integrate
+from ..march.integrate import integrate
 from ..measures.amplification import amplification
 from ..measures.regression import observed_order
 from ..schemes import HHT, SDIRK, Trapezoidal

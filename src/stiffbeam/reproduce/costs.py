@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from ..cases import Case, paper_cases
-from ..march import integrate
+from ..march.integrate import integrate
 from ..schemes import Scheme
 from ..semidiscretisation import semidiscretise
 from ..solvers import reference

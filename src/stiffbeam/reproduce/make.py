@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from ..cases import paper_cases
-from ..march import integrate
+from ..march.integrate import integrate
 from ..studies.journal import Journal
 from .numbers import EXACT_MEMBERS, MEMBERS, Numbers, numbers_of
 from .reading import Reading

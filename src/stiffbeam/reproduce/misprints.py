@@ -10,7 +10,7 @@ import scipy.integrate
 
 from ..cases import paper_case
 from ..closed_form import mode, roots
-from ..march import integrate
+from ..march.integrate import integrate
 from ..measures.amplification import amplification
 from ..measures.regression import Order, observed_order
 from ..problem import PointLoad

@@ -9,7 +9,7 @@ import numpy as np
 from ..arrays import Array
 from ..cases import parse_run
 from ..closed_form import mode, roots
-from ..march import integrate
+from ..march.integrate import integrate
 from ..problem import BeamProblem, DistributedLoad
 from ..semidiscretisation import semidiscretise
 from ..solvers import reference

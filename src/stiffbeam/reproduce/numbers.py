@@ -9,12 +9,12 @@ import numpy as np
 
 from ..arrays import Array
 from ..closed_form import natural_frequencies
-from ..ensemble import Ensemble, integrate_ensemble, reference_ensemble
-from ..march import integrate
+from ..march.ensemble import Ensemble, integrate_ensemble, reference_ensemble
+from ..march.integrate import integrate
+from ..march.members import perturbed
 from ..measures.comparison import compare
 from ..measures.peaks import band, even_over_odd, find_peaks, multiple_amplitudes, share_off_multiples
 from ..measures.spectrum import amplitude_spectrum
-from ..members import perturbed
 from ..studies.study import plain
 from ..trajectory import Diverged, Reference, Trajectory
 from .reading import Reading

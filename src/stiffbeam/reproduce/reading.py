@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..march import CONTACTS
+from ..march.integrate import CONTACTS
 from ..schemes import Scheme
 from ..schemes.errata import forms_of
 from ..validation import InputError

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from ..cases import Case
-from ..march import integrate
+from ..march.integrate import integrate
 from ..schemes import SDIRK, Scheme
 from ..semidiscretisation import semidiscretise
 from ..solvers import reference

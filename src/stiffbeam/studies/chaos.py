@@ -12,7 +12,7 @@ import numpy as np
 from ..arrays import Array
 from ..cases import Case
 from ..drive import Drive
-from ..ensemble import Ensemble, integrate_ensemble, reference_ensemble
+from ..march.ensemble import Ensemble, integrate_ensemble, reference_ensemble
 from ..modal import modes
 from ..solvers.tangent import lyapunov
 from ..validation import InputError

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..cases import Case, paper_cases
-from ..march import CONTACTS, integrate
+from ..march.integrate import CONTACTS, integrate
 from ..measures.comparison import Comparison, compare
 from ..schemes import BDF2, HHT, SDIRK, Scheme
 from ..semidiscretisation import semidiscretise

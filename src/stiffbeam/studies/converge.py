@@ -10,7 +10,7 @@ import numpy as np
 
 from ..cases import Case
 from ..drive import Drive
-from ..march import integrate
+from ..march.integrate import integrate
 from ..measures.impacts import match
 from ..measures.regression import Order, observed_order
 from ..modal import modes

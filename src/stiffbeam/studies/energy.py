@@ -6,7 +6,7 @@ import numpy as np
 
 from ..cases import Case
 from ..ledger import Ledger
-from ..march import integrate
+from ..march.integrate import integrate
 from ..semidiscretisation import FORMS
 from ..trajectory import Trajectory
 from .common import scheme_labels, scheme_of, solve_once, system_of

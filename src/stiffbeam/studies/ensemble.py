@@ -7,9 +7,9 @@ import numpy as np
 from ..arrays import Array
 from ..cases import Case
 from ..drive import Drive
-from ..ensemble import integrate_ensemble, reference_ensemble
+from ..march.ensemble import integrate_ensemble, reference_ensemble
+from ..march.members import perturbed
 from ..measures.spectrum import amplitude_spectrum
-from ..members import perturbed
 from ..validation import InputError
 from .common import scheme_labels, scheme_of, system_of
 from .study import Point, Row, Rows, Study

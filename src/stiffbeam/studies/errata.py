@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..cases import Case
-from ..march import integrate
+from ..march.integrate import integrate
 from ..measures.regression import observed_order
 from ..schemes.errata import forms_of
 from .common import first_impacts, scheme_labels, scheme_of, smooth, solve_once, system_of

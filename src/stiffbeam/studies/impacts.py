@@ -12,10 +12,10 @@ from pathlib import Path
 import numpy as np
 
 from ..cases import Case
-from ..ensemble import Ensemble, integrate_ensemble, reference_ensemble
-from ..march import integrate
+from ..march.ensemble import Ensemble, integrate_ensemble, reference_ensemble
+from ..march.integrate import integrate
+from ..march.members import perturbed
 from ..measures.impacts import match
-from ..members import perturbed
 from ..schemes import HHT, SDIRK
 from ..trajectory import Diverged, Reference
 from ..validation import InputError

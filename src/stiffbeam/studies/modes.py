@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..cases import Case
-from ..march import integrate
+from ..march.integrate import integrate
 from ..measures.amplification import amplification
 from ..measures.free_modes import free_mode_errors
 from ..modal import modes

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..arrays import Array
 from ..cases import Case
-from ..march import integrate
+from ..march.integrate import integrate
 from ..measures.impacts import match
 from ..solvers import solve
 from ..system import System

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from ..cases import Case, find_case
-from ..ensemble import cores
+from ..march.ensemble import cores
 from ..trajectory import Diverged, SolverFailure, Unfinished
 from ..validation import InputError, near
 from .journal import Journal

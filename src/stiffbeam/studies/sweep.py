@@ -21,8 +21,8 @@ from ..arrays import Array
 from ..cases import Case, parse_run
 from ..contact import Stops
 from ..drive import Drive
-from ..ensemble import Ensemble, integrate_ensemble, reference_ensemble
-from ..members import varied
+from ..march.ensemble import Ensemble, integrate_ensemble, reference_ensemble
+from ..march.members import varied
 from ..schemes import Scheme, make
 from ..semidiscretisation import semidiscretise
 from ..system import System

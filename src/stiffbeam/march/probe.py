@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .arrays import Array
-from .equations import Modal
-from .schemes import Scheme
+from ..arrays import Array
+from ..equations import Modal
+from ..schemes import Scheme
 
 
 @dataclass(frozen=True, eq=False)

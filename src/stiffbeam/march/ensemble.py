@@ -12,14 +12,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .arrays import Array
-from .march import Plan, Seen
+from ..arrays import Array
+from ..schemes import Scheme
+from ..system import System
+from ..trajectory import Impacts, Reference, Work
+from ..validation import InputError, near, non_negative
+from .integrate import Plan, Seen
 from .members import Members, as_members
 from .modal_march import warm_up
-from .schemes import Scheme
-from .system import System
-from .trajectory import Impacts, Reference, Work
-from .validation import InputError, near, non_negative
 
 ENGINES = ("numba", "numpy", "jax")
 MEMBERS_PER_SLICE = 64  # marched by one thread in one go
@@ -175,7 +175,7 @@ def reference_ensemble(
     past it statistics over the members are all that means anything. Raises InputError as
     ``reference(method="exact")`` does.
     """
-    from .solvers.piecewise import solve_exact
+    from ..solvers.piecewise import solve_exact
 
     begun = time.perf_counter()
     members = as_members(system, members)

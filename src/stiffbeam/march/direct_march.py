@@ -8,13 +8,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .arrays import Array
-from .contact import solve_several
-from .equations import FirstOrder, Matrices
+from ..arrays import Array
+from ..contact import solve_several
+from ..equations import FirstOrder, Matrices
+from ..schemes import Scheme
+from ..system import FirstOrderSystem, System, offset_rate, offset_values
+from ..time_functions import evaluate
 from .pieces import STEPS_PER_PIECE, Piece
-from .schemes import Scheme
-from .system import FirstOrderSystem, System, offset_rate, offset_values
-from .time_functions import evaluate
 
 
 def direct_pieces(

@@ -8,17 +8,17 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ..arrays import LANES, Array, aligned
+from ..compiled import directory
+from ..contact import Stops
+from ..modal import Modes
+from ..recorder import Seen, record
+from ..sampling import CONTACT, EVENT, IMPACT_IMPULSE, IMPACT_PEAK, MEMBER, ROW, SIDE, TALLY, new_tally
+from ..schemes import Scheme
+from ..system import System, offset_rate
 from . import kernel, kernel_jax, kernel_numpy
-from .arrays import LANES, Array, aligned
-from .compiled import directory
-from .contact import Stops
-from .kernel import Block, Forcing, Inflow, Kept, Marchers
-from .modal import Modes
+from .layout import Block, Forcing, Inflow, Kept, Marchers
 from .propagator import Propagator, build
-from .recorder import Seen, record
-from .sampling import CONTACT, EVENT, IMPACT_IMPULSE, IMPACT_PEAK, MEMBER, ROW, SIDE, TALLY, new_tally
-from .schemes import Scheme
-from .system import System, offset_rate
 
 NODES_PER_BLOCK = 32  # longer blocks pay more for the contact than they save
 STEPS_PER_CALL = 1 << 16  # between two reports of progress

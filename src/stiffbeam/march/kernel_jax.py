@@ -12,11 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from .arrays import Array
-from .double_precision import double_precision
-from .kernel import OVERFLOW, Block, Forcing, Inflow, Kept, Marchers
-from .sampling import SIDE, observe
-from .validation import InputError
+from ..arrays import Array
+from ..double_precision import double_precision
+from ..sampling import SIDE, observe
+from ..validation import InputError
+from .layout import OVERFLOW, Block, Forcing, Inflow, Kept, Marchers
 
 NUMBERS_BACK = 1 << 22  # positions and velocities that come back from the device at a time
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from .arrays import Array
+from ..arrays import Array
 
 STEPS_PER_PIECE = 4096
 

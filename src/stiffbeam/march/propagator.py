@@ -14,14 +14,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .arrays import LANES, Array, aligned, padded
-from .drive import Drive, Term
-from .kernel import Block, Forcing, Inflow
-from .modal import Modes
+from ..arrays import LANES, Array, aligned, padded
+from ..drive import Drive, Term
+from ..modal import Modes
+from ..schemes import Scheme
+from ..system import System, offset_rate
+from ..time_functions import evaluate
+from .layout import Block, Forcing, Inflow
 from .probe import Probe, probe_load, probe_units
-from .schemes import Scheme
-from .system import System, offset_rate
-from .time_functions import evaluate
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,18 +9,18 @@ from typing import Any
 
 import numpy as np
 
-from .arrays import Array
+from ..arrays import Array
+from ..modal import modes
+from ..recorder import SampledImpacts, Seen, record
+from ..schemes import Scheme
+from ..schemes.contract import check_contract
+from ..system import FirstOrderSystem, System
+from ..trajectory import Diverged, Trajectory, Work, versions
+from ..validation import InputError, positive, step_count
 from .direct_march import direct_pieces
-from .kernel import OVERFLOW
-from .modal import modes
+from .layout import OVERFLOW
 from .modal_march import RUNS, March, engine_for, initial_channels, replay, warm_up
 from .pieces import Piece
-from .recorder import SampledImpacts, Seen, record
-from .schemes import Scheme
-from .schemes.contract import check_contract
-from .system import FirstOrderSystem, System
-from .trajectory import Diverged, Trajectory, Work, versions
-from .validation import InputError, positive, step_count
 
 CONTACTS = ("implicit", "extrapolated")
 

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .contact import Stops
-from .modal import modes
-from .semidiscretisation import semidiscretise
-from .system import System
-from .time_functions import Constant, Harmonic, LoadFunction
-from .validation import InputError, number, positive
+from ..contact import Stops
+from ..modal import modes
+from ..semidiscretisation import semidiscretise
+from ..system import System
+from ..time_functions import Constant, Harmonic, LoadFunction
+from ..validation import InputError, number, positive
 
 
 @dataclass(frozen=True, eq=False)

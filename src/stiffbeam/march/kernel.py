@@ -8,70 +8,13 @@ need be. That is what the padding to eight is for.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
-from .arrays import Array
-from .compiled import compiled, inlined
-from .sampling import CONTACT, MEMBER, SIDE, STOP, TIME, crossing, scan
-
-OVERFLOW = 1e100
-
-
-class Block(NamedTuple):
-    """K steps as one linear map, see Propagator; the same for every member.
-
-    N force nodes, R entries (the nodes first) and D state components, each padded to eight with zeros;
-    C channels. A row of R + D numbers acts on the entries and on the new state together. A state of a
-    components and n modes is held as z (D + (a - 1) n,), component by component and from the start
-    again, so that z[e n + d] is what is e components after z[d].
-    """
-
-    reading: Array  # (R, D)
-    transition: Array  # (a, D): z_new[d] = sum_e transition[e, d] z[e n + d]
-    push: Array  # (N, R + D)
-    push_beyond: Array  # (N, R + D): push without the entries up to the end of a node's own eight
-    compliance: Array  # (K S m, m): of the contacts of a node on each other
-    end_first: Array  # (C,) integers: the entry that holds a channel at the end of the first step,
-    end_stride: Array  # (C,) and how many entries later the next one is
-    velocity: Array  # (K, C, D): the channels' velocities at the ends of the steps
-    velocity_push: Array  # (K, C, N)
-
-
-class Forcing(NamedTuple):
-    """What the drive g = (1, sin w1 t, cos w1 t, ...) at a block's start does; V = 1 or one per member."""
-
-    constant: float  # 1, or 0 where nothing is constant in time
-    frequencies: Array  # (V, F)
-    rows: Array  # (V, d, R + D)
-    velocity: Array  # (V, K, C, d)
-
-
-class Inflow(NamedTuple):
-    """What sampled loads and offsets add to the blocks of a stretch; no rows without any."""
-
-    rows: Array  # (B, R + D)
-    velocity: Array  # (B, K, C)
-
-
-class Marchers(NamedTuple):
-    """Where the members are and what they have seen; advanced in place."""
-
-    z: Array  # (M, D + (a - 1) n)
-    position: Array  # (M, C) at the last step
-    velocity: Array  # (M, C)
-    tally: Array  # (M, m, 8), see sampling
-    diverged: Array  # (M,) integers: the step that overflowed, 0 for none
-
-
-class Kept(NamedTuple):
-    """What is kept of a stretch of steps. Empty arrays are not wanted."""
-
-    positions: Array  # (M, outputs, C) at every ``every``-th step
-    velocities: Array  # (M, outputs, C)
-    starts: Array  # (B, D + (a - 1) n): the state of the only member at the start of each block
-    forces: Array  # (B, N)
+from ..active_set import solve_node
+from ..compiled import compiled, inlined
+from ..sampling import CONTACT, MEMBER, SIDE, STOP, TIME, crossing, scan
+from .layout import OVERFLOW
 
 
 @inlined
@@ -375,65 +318,6 @@ def run(block, law, forcing, inflow, marchers, kept, events, first, steps, dt, e
         cursor[1] = 0
     cursor[0], cursor[2] = 0, rows
     return True
-
-
-@compiled
-def solve_node(r, compliance, kappa, g1, g2):
-    """The forces F (m,) with v = r + S F and F_c = F_c(v_c), S symmetric positive semidefinite.
-
-    They minimise 1/2 F^T S F + r^T F + sum_c (F_c^2/(2 kappa_c) - g_c F_c), g_c the stop that F_c comes
-    from. Lawson and Hanson's active set: close the contact that penetrates most, solve for the closed
-    ones, and go only as far as no force changes sign, opening those that reach zero. It ends because
-    the minimum over the closed contacts falls at every turn.
-    """
-    m = r.size
-    force = np.zeros(m)
-    side = np.zeros(m)  # +1 on the upper stop, -1 on the lower, 0 open
-    for _ in range(20 * m):
-        worst = 0.0
-        entering = -1
-        stop = 0.0
-        for c in range(m):
-            if side[c] == 0.0:
-                v = r[c]
-                for e in range(m):
-                    v += compliance[e, c] * force[e]
-                depth = max(v - g2[c], g1[c] - v)
-                if depth > 1e-15 * abs(v) and kappa[c] * depth > worst:
-                    worst = kappa[c] * depth
-                    entering = c
-                    stop = 1.0 if v > g2[c] else -1.0
-        if entering < 0:
-            break
-        side[entering] = stop
-        while True:
-            # (1/kappa + S) F = g - r on the closed contacts, the others left at zero.
-            matrix = np.eye(m)
-            right = np.zeros(m)
-            for c in range(m):
-                if side[c] != 0.0:
-                    right[c] = (g2[c] if side[c] > 0.0 else g1[c]) - r[c]
-                    matrix[c, c] = 1.0 / kappa[c] + compliance[c, c]
-                    for e in range(m):
-                        if e != c and side[e] != 0.0:
-                            matrix[c, e] = compliance[e, c]
-            target = np.linalg.solve(matrix, right)
-            way = 1.0
-            opening = -1
-            for c in range(m):
-                if side[c] != 0.0 and target[c] * side[c] >= 0.0:  # the force opposes its side
-                    part = force[c] / (force[c] - target[c]) if force[c] != target[c] else 0.0
-                    if opening < 0 or part < way:
-                        way = part
-                        opening = c
-            if opening < 0:
-                force = target
-                break
-            for c in range(m):
-                force[c] += way * (target[c] - force[c])
-            force[opening] = 0.0
-            side[opening] = 0.0
-    return force
 
 
 @compiled

@@ -11,9 +11,9 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from .arrays import Array
-from .kernel import OVERFLOW, Block, Forcing, Inflow, Kept, Marchers, solve_node
-from .sampling import (
+from ..active_set import solve_node
+from ..arrays import Array
+from ..sampling import (
     CONTACT,
     EVENT,
     IMPACT_IMPULSE,
@@ -29,6 +29,7 @@ from .sampling import (
     TOUCHING,
     first_crossing,
 )
+from .layout import OVERFLOW, Block, Forcing, Inflow, Kept, Marchers
 
 
 def run(
