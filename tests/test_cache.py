@@ -11,7 +11,7 @@ import sys
 
 import numpy as np
 import pytest
-from test_march import two_contacts
+from systems import two_contacts
 from test_store import assert_same
 from typer.testing import CliRunner
 

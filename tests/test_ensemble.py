@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_march import two_contacts
+from systems import two_contacts
 
 import stiffbeam as sb
 from stiffbeam.solvers.piecewise import solve_exact

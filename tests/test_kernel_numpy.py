@@ -8,7 +8,8 @@ import sys
 
 import numpy as np
 import pytest
-from test_march import SCHEMES, two_contacts
+from systems import two_contacts
+from test_march import SCHEMES
 
 import stiffbeam as sb
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from oracles import exact_linear
+from systems import two_contacts
 
 import stiffbeam as sb
 from stiffbeam.march import integrate as march
@@ -58,24 +59,6 @@ def test_the_marches_agree_with_viscosity(scheme, contact, table10, monkeypatch)
     modal = sb.integrate(system, scheme, 1e-4, 0.08, contact)
     assert modal.impacts.count > 0
     assert_equal_runs(modal, direct(system, scheme, 1e-4, 0.08, contact, monkeypatch=monkeypatch), 1e-9)
-
-
-def two_contacts(**kwargs) -> sb.System:
-    """A chain of four masses with stops at two of them, a moving stop and a full mass matrix."""
-    mass = np.diag([1.0, 1.2, 0.8, 1.0]) + 0.1 * (np.eye(4, k=1) + np.eye(4, k=-1))
-    stiffness = 40.0 * (2 * np.eye(4) - np.eye(4, k=1) - np.eye(4, k=-1))
-    unit = np.eye(4)
-    return sb.System.from_matrices(
-        mass,
-        stiffness,
-        loads=[(unit[1], kwargs.get("load", sb.Harmonic(15.0, 4.0))), (unit[3], sb.Harmonic(9.0, 2.5, 1.0))],
-        contacts=[
-            sb.Contact(unit[3], sb.Stops(-0.25, 0.2, stiffness=3e3)),
-            sb.Contact(unit[2], sb.Stops(None, 0.15, stiffness=2e3), kwargs.get("offset", sb.Harmonic(0.05, 3.0))),
-        ],
-        observe=unit[0],
-        initial_velocity=[0.0, 1.0, 0.0, 0.5],
-    )
 
 
 @pytest.mark.parametrize("scheme", [sb.BDF2(), sb.HHT(-0.1), sb.SDIRK()], ids=str)
@@ -255,38 +238,6 @@ def test_a_flight_over_the_whole_gap_inside_one_step_counts_the_second_stop():
     impacts = sampled_impacts(u, v, 0.5, stops)
     assert list(impacts.stops) == [-1, 1, -1, 1]
     assert np.all((impacts.times > t[:-1]) & (impacts.times < t[1:]))
-
-
-@pytest.mark.parametrize("scheme", [sb.HHT(-0.1), sb.SDIRK(), sb.BDF2()], ids=str)
-def test_the_ledger_of_a_step_by_step_sum(scheme, table10):
-    """E, input and loss recomputed from the run's states by the definition."""
-    system = sb.semidiscretise(table10, 12)
-    run = sb.integrate(system, scheme, 1e-4, 0.3)
-    q, v = run.states
-    E = 0.5 * np.einsum("ki,ij,kj->k", v, system.mass, v) + 0.5 * np.einsum("ki,ij,kj->k", q, system.stiffness, q)
-    E += table10.stops.energy(q[:, -1])
-    f = system.load(run.t)
-    d_input = 0.5 * np.sum((f[1:] + f[:-1]) * np.diff(q, axis=0), axis=1)
-    assert np.allclose(run.energy.energy, E, rtol=1e-10)
-    assert np.allclose(run.energy.input[1:], np.cumsum(d_input), rtol=1e-9)
-    assert np.allclose(run.energy.loss, E[0] - E + run.energy.input, rtol=0, atol=1e-10 * E.max())
-    assert np.allclose(run.energy.contact + run.energy.free, run.energy.loss, rtol=0, atol=1e-10 * E.max())
-
-
-def test_the_trapezoidal_rule_loses_energy_at_the_kink_only(table10):
-    """In free flight the ledger's input is the trapezoidal rule's own work."""
-    run = sb.integrate(sb.semidiscretise(table10, 12), sb.HHT(0.0), 1e-4, 0.3)
-    assert run.impacts.count > 3
-    assert np.max(np.abs(run.energy.free)) < 1e-9 * np.max(run.energy.energy)
-    assert np.max(np.abs(run.energy.contact)) > 1e-3 * np.max(run.energy.energy)
-
-
-def test_viscous_loss_is_what_the_dashpots_take():
-    """Free decay of one damped mode by the trapezoidal rule: E0 - E = viscous, to rounding."""
-    system = sb.System.from_matrices([[1.0]], [[9.0]], [[0.4]], observe=[1.0], initial_displacement=[1.0])
-    run = sb.integrate(system, sb.HHT(0.0), 0.01, 5.0)
-    assert np.allclose(run.energy.viscous, run.energy.energy[0] - run.energy.energy, rtol=0, atol=1e-12)
-    assert abs(run.energy.viscous[-1] - 4.5) > 0.1
 
 
 def test_displacement_at_the_tip_and_the_clamp(table10):

@@ -128,7 +128,7 @@ def test_damping_that_couples_no_modes_is_the_closed_form(three_masses):
 
 
 def test_two_contacts_with_a_moving_stop_past_the_float64_horizon():
-    from test_march import two_contacts
+    from systems import two_contacts
 
     system = two_contacts()
     many, double = sb.reference(system, 50.0, "multiprecision"), sb.reference(system, 50.0)

@@ -142,7 +142,7 @@ def test_a_stored_table_agrees_with_a_fresh_float64_run_inside_the_horizon():
 
 @pytest.mark.parametrize("kind", ["viscous", "two contacts"])
 def test_frozen_references_take_damping_and_several_contacts(kind, table10, tmp_path):
-    from test_march import two_contacts
+    from systems import two_contacts
 
     viscous = sb.semidiscretise(dataclasses.replace(table10, viscosity=0.05), 8)
     system, t_end = (viscous, 0.5) if kind == "viscous" else (two_contacts(), 40.0)

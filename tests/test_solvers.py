@@ -330,7 +330,7 @@ def test_the_exact_solution_with_viscosity_agrees_with_cvode_and_closes_its_ledg
 
 @pytest.mark.parametrize("method", ["cvode-adams", "ida", "dop853", "kvaerno5"])
 def test_the_solvers_agree_on_two_contacts_with_a_moving_stop(method):
-    from test_march import two_contacts
+    from systems import two_contacts
 
     system, times = two_contacts(), np.linspace(0.0, 4.0, 201)
     exact = solve(system, 4.0, "exact", times, 0.0, None)

@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from test_march import two_contacts
+from systems import two_contacts
 
 import stiffbeam as sb
 from stiffbeam.solvers import solve, tangent

@@ -70,7 +70,7 @@ def to_xarray(run: Trajectory) -> xr.Dataset:
         for name, text in fields.items():
             values = np.concatenate([getattr(i, name) for i in impacts])
             data[f"impact_{name}"] = ("impact", values, {"long_name": text, "units": "1"})
-    ledger = run.energy if run.pieces is not None or "energy" in run.__dict__ or _solves(run) else None
+    ledger = run.energy if run.ledger is not None or "energy" in run.__dict__ else None
     if ledger is not None:
         for name, text in _LEDGER.items():
             data[f"ledger_{name}"] = ("time", getattr(ledger, name), {"long_name": text, "units": "1"})
@@ -198,7 +198,3 @@ def _at_outputs(saved: dict[str, Any]) -> Callable[[Array, int], tuple[Array, Ar
         return saved["tip"][index], saved["tip_velocity"][index]
 
     return evaluate
-
-
-def _solves(run: Trajectory) -> bool:
-    return isinstance(run, Reference) and run.ledger_at is not None

@@ -121,8 +121,8 @@ class Work:
 class Trajectory:
     """A run at its output times t (k,): tip and tip_velocity (k,), contacts, work, provenance.
 
-    ``energy`` and ``states`` are made on first use by going through the run once more (bit-identical,
-    since a run is a function of its arguments); a loaded file has what was saved.
+    ``energy`` and ``states`` are made on first use, those of a scheme by going through the run once more
+    (bit-identical, since a run is a function of its arguments); a loaded file has what was saved.
     """
 
     t: Array
@@ -133,6 +133,7 @@ class Trajectory:
     provenance: dict[str, Any]
     system: System | None = field(default=None, repr=False)
     pieces: Pieces | None = field(default=None, repr=False)
+    ledger: Callable[[], Ledger] | None = field(default=None, repr=False)  # at the output times
     fingerprint: str = ""
 
     @property
@@ -172,12 +173,10 @@ class Trajectory:
 
     @cached_property
     def energy(self) -> Ledger:
-        """The energy ledger at the output times, accumulated over every step."""
-        if self.system is None or self.pieces is None:
-            raise InputError("energy", "a loaded file", "have been saved with the run", "integrate again")
-        from .ledger import step_ledger
-
-        return step_ledger(self.system, self.pieces(), self.t)
+        """The energy ledger at the output times, of a scheme added up over every step."""
+        if self.ledger is None:
+            raise InputError("energy", "a loaded file", "have been saved with the run", "run it again")
+        return self.ledger()
 
     def displacement(self, x: ArrayLike) -> Array:
         """u(x, t) at the output times; x (...) in [0, 1] gives (k, ...)."""
@@ -218,7 +217,6 @@ class Reference(Trajectory):
     horizon: float = float("nan")
     evaluate: Callable[[Array, int], tuple[Array, Array]] | None = field(default=None, repr=False)  # (t, channel)
     state_at: Callable[[Array], tuple[Array, Array]] | None = field(default=None, repr=False)
-    ledger_at: Callable[[Array], Ledger] | None = field(default=None, repr=False)
     solution: Any = field(default=None, repr=False)  # the solver's own representation, where it has one
 
     def at(self, t: ArrayLike, contact: int | None = None) -> tuple[Array, Array]:
@@ -250,9 +248,3 @@ class Reference(Trajectory):
         if self.state_at is None:
             raise InputError("states", "a loaded file", "come from a run", "solve again; files keep the tip only")
         return self.state_at(self.t)
-
-    @cached_property
-    def energy(self) -> Ledger:
-        if self.ledger_at is None:
-            raise InputError("energy", "a loaded file", "have been saved with the run", "solve again")
-        return self.ledger_at(self.t)

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..arrays import Array
+from ..ledger import Ledger, step_ledger
 from ..modal import modes
 from ..recorder import SampledImpacts, Seen, record
 from ..schemes import Scheme
@@ -19,8 +20,9 @@ from ..trajectory import Diverged, Trajectory, Work, versions
 from ..validation import InputError, positive, step_count
 from .direct_march import direct_pieces
 from .layout import OVERFLOW
-from .modal_march import RUNS, March, engine_for, initial_channels, replay, warm_up
+from .modal_march import RUNS, March, engine_for, initial_channels, warm_up
 from .pieces import Piece
+from .replay import modal_ledger, replay
 
 CONTACTS = ("implicit", "extrapolated")
 
@@ -74,6 +76,7 @@ def integrate(
         provenance=plan.provenance(every),
         system=plan.system,
         pieces=lambda: plan.states(system),
+        ledger=lambda: plan.ledger(system, every),
         fingerprint=plan.system.fingerprint,
     )
 
@@ -160,6 +163,12 @@ class Plan:
         if self.modal is not None:
             return replay(self.modal, self.system, self.steps)
         return _states(self.system, direct_pieces(system, self.scheme, self.dt, self.steps, self.contact), self.dt)
+
+    def ledger(self, system: System | FirstOrderSystem, every: int) -> Ledger:
+        """The energy ledger of a run, added up at every step and kept at every ``every``-th."""
+        if self.modal is not None:
+            return modal_ledger(self.modal, self.system, self.steps, every)
+        return step_ledger(self.system, self.states(system), np.arange(0, self.steps + 1, every) * self.dt)
 
 
 def _direct(

@@ -318,32 +318,3 @@ def run(block, law, forcing, inflow, marchers, kept, events, first, steps, dt, e
         cursor[1] = 0
     cursor[0], cursor[2] = 0, rows
     return True
-
-
-@compiled
-def fill(z, transition, n, push, forces, g, driven, inflow, states):
-    """The states at the ends of single steps, from the forces a block march has found.
-
-    z as in Block, advanced in place. transition; push (S m, D) and driven (d, D): the state parts of the
-    one-step propagator's rows. forces: (steps, S m). g: (steps, d). inflow: (steps, D) or no rows. Out:
-    states (steps, D).
-    """
-    a, D = transition.shape
-    for k in range(forces.shape[0]):
-        new = states[k]
-        advance(transition, n, z, new)
-        for e in range(g.shape[1]):
-            for j in range(D):
-                new[j] += g[k, e] * driven[e, j]
-        if inflow.shape[0]:
-            for j in range(D):
-                new[j] += inflow[k, j]
-        for i in range(forces.shape[1]):
-            force = forces[k, i]
-            if force != 0.0:
-                for j in range(D):
-                    new[j] += force * push[i, j]
-        for j in range(D):
-            z[j] = new[j]
-        for j in range((a - 1) * n):
-            z[a * n + j] = z[j]

@@ -19,6 +19,7 @@ from ..system import System, offset_rate
 from . import kernel, kernel_jax, kernel_numpy
 from .layout import Block, Forcing, Inflow, Kept, Marchers
 from .propagator import Propagator, build
+from .replay import Stretch
 
 NODES_PER_BLOCK = 32  # longer blocks pay more for the contact than they save
 STEPS_PER_CALL = 1 << 16  # between two reports of progress
@@ -211,52 +212,6 @@ class Flight:
         events[open_rows, IMPACT_PEAK] = events[open_rows, IMPACT_IMPULSE] = np.nan
         events = events[: self._rows]
         self.events = events[np.lexsort((np.arange(len(events)), events[:, CONTACT], events[:, MEMBER]))]
-
-
-@dataclass(frozen=True, eq=False)
-class Stretch:
-    """Consecutive steps of the only member of a flight, with what its states can be made again from."""
-
-    flight: Flight
-    block: Propagator
-    first: int
-    steps: int
-    starts: Array  # (B, D)
-    forces: Array  # (B, N)
-
-    def states(self, one: Propagator) -> tuple[Array, Array]:
-        """q, q' (steps, n) at the ends of the steps; ``one``: the scheme's propagator of a single step."""
-        flight, dt = self.flight, self.flight.march.dt
-        times = (self.first + np.arange(self.steps)) * dt
-        inflow = one.inflow(times, flight.steps * dt)
-        forcing = flight.march.forcing(one)
-        g = np.full((self.steps, forcing.rows.shape[1]), forcing.constant)
-        phase = np.multiply.outer(times, forcing.frequencies[0])
-        g[:, 1::2], g[:, 2::2] = np.sin(phase), np.cos(phase)
-        z = one.pack(self.block.unpack(self.starts[:1]))[0]
-        out, basis = aligned((self.steps, one.block.reading.shape[1])), flight.march.basis
-        nodes = len(self.block.block.compliance)
-        by_step = self.forces[:, :nodes].reshape(len(self.forces) * self.block.steps, -1)[: self.steps]
-        of_state = slice(one.block.reading.shape[0], None)
-        kernel.fill(
-            z, one.block.transition, len(basis.omega), one.block.push[:, of_state], by_step, g,
-            forcing.rows[0][:, of_state], inflow.rows[:, of_state], out,
-        )  # fmt: skip
-        states = one.unpack(out)
-        return basis.to_nodal(states[0]), basis.to_nodal(states[1])
-
-
-def replay(march: March, system: System, steps: int) -> Iterator[tuple[Array, Array, Array]]:
-    """Times, q and q' of a run at every step, stretch by stretch with shared end points."""
-    one = build(march.scheme, march.system, march.basis, march.dt, 1, march.contact, reduced=False)
-    q_last, v_last = system.q0[None], system.v0[None]
-    stretches: list[Stretch] = []
-    for _ in march.start([system], steps, None).fly(stretches.append):
-        stretch = stretches.pop()
-        q, v = stretch.states(one if stretch.block is not march.starter else stretch.block)
-        q, v = np.concatenate([q_last, q]), np.concatenate([v_last, v])
-        yield (stretch.first + np.arange(len(q))) * march.dt, q, v
-        q_last, v_last = q[-1:], v[-1:]
 
 
 def _stops(system: System) -> list[Stops]:

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..arrays import Array
 from ..contact import Stops
-from ..ledger import Ledger, step_ledger
+from ..ledger import step_ledger
 from ..sampling import first_crossing
 from ..system import FirstOrderSystem, System
 from ..trajectory import ContactRecord, Impacts, Reference, Work, output_index
@@ -67,9 +67,6 @@ def reference_from(
     tip = system.tip_channel
     states = (y @ rhs.first_order.to_q.T, y @ rhs.first_order.to_v.T)
 
-    def ledger(times: Array) -> Ledger:
-        return step_ledger(system, iter([(t, *states)]), times)
-
     return Reference(
         t=t,
         tip=positions[:, tip],
@@ -102,7 +99,7 @@ def reference_from(
             x[output_index(t, times, method), channel] for x in (positions, velocities)
         ),
         state_at=lambda times: tuple(s[output_index(t, times, method)] for s in states),  # type: ignore[return-value]
-        ledger_at=ledger,
+        ledger=lambda: step_ledger(system, iter([(t, *states)]), t),
     )
 
 

@@ -109,7 +109,7 @@ def reference_of(
         fingerprint=system.fingerprint,
         evaluate=evaluate,
         state_at=solution.states,
-        ledger_at=lambda times: exact_ledger(system, solution, times),
+        ledger=lambda: exact_ledger(system, solution, t),
         solution=solution,
     )
 

@@ -1,0 +1,113 @@
+"""What a block march passes over: states and the energy ledger at every step.
+
+A second march keeps the state at the start of each block and the forces in it; from these the single
+steps are taken once more, linear now. A run that nobody asks pays nothing for this.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..arrays import Array, aligned
+from ..ledger import Ledger
+from ..system import System, offset_values
+from ..time_functions import evaluate
+from .propagator import Propagator, build
+from .single_steps import Energies, Step, account
+from .single_steps import states as states_of
+
+if TYPE_CHECKING:
+    from .modal_march import Flight, March
+
+
+@dataclass(frozen=True, eq=False)
+class Stretch:
+    """Consecutive steps of the only member of a flight, with what they can be made again from."""
+
+    flight: Flight
+    block: Propagator
+    first: int
+    steps: int
+    starts: Array  # (B, D)
+    forces: Array  # (B, N)
+
+    def step(self, one: Propagator) -> tuple[Step, Array]:
+        """The steps with all they are given, and the packed state they start from; ``one``: the scheme's
+        propagator of a single step."""
+        flight, dt = self.flight, self.flight.march.dt
+        times = (self.first + np.arange(self.steps)) * dt
+        forcing = flight.march.forcing(one)
+        g = np.full((self.steps, forcing.rows.shape[1]), forcing.constant)
+        phase = np.multiply.outer(times, forcing.frequencies[0])
+        g[:, 1::2], g[:, 2::2] = np.sin(phase), np.cos(phase)
+        nodes = len(self.block.block.compliance)
+        by_step = self.forces[:, :nodes].reshape(len(self.forces) * self.block.steps, -1)[: self.steps]
+        of_state = slice(one.block.reading.shape[0], None)
+        step = Step(
+            transition=one.block.transition,
+            push=one.block.push[:, of_state],
+            driven=forcing.rows[0][:, of_state],
+            forces=by_step,
+            g=g,
+            inflow=one.inflow(times, flight.steps * dt).rows[:, of_state],
+        )
+        return step, one.pack(self.block.unpack(self.starts[:1]))[0]
+
+
+def _stretches(march: March, system: System, steps: int) -> Iterator[tuple[Stretch, Propagator]]:
+    """The run once more, stretch by stretch, with the propagator of its single steps."""
+    one = build(march.scheme, march.system, march.basis, march.dt, 1, march.contact, reduced=False)
+    found: list[Stretch] = []
+    for _ in march.start([system], steps, None).fly(found.append):
+        stretch = found.pop()
+        yield stretch, one if stretch.block is not march.starter else stretch.block
+
+
+def replay(march: March, system: System, steps: int) -> Iterator[tuple[Array, Array, Array]]:
+    """Times, q and q' of a run at every step, stretch by stretch with shared end points."""
+    q_last, v_last = system.q0[None], system.v0[None]
+    for stretch, one in _stretches(march, system, steps):
+        step, z = stretch.step(one)
+        out = aligned((stretch.steps, one.block.reading.shape[1]))
+        states_of(step, system.size, z, out)
+        eta, rate = one.unpack(out)[:2]
+        q = np.concatenate([q_last, march.basis.to_nodal(eta)])
+        v = np.concatenate([v_last, march.basis.to_nodal(rate)])
+        yield (stretch.first + np.arange(len(q))) * march.dt, q, v
+        q_last, v_last = q[-1:], v[-1:]
+
+
+def modal_ledger(march: March, system: System, steps: int, every: int) -> Ledger:
+    """The ledger of a run in modal coordinates, added up at every step and kept at every ``every``-th.
+
+    The same sums as ``step_ledger``, which takes them in the system's own coordinates.
+    """
+    basis, contacts, dt = march.basis, system.contacts, march.dt
+    moving = any(contact.offset is not None for contact in contacts)
+    kept, balance = np.zeros((steps // every + 1, 8)), np.zeros(8)
+    start = np.array(system.energies(0.0, system.q0, system.v0))
+    kept[0, :3] = balance[:3] = start
+    q = basis.to_modal(system.q0)
+    shared = {
+        "squares": basis.omega**2,
+        "damping": basis.damping,
+        "loads": basis.force(np.array([vector for vector, _ in system.loads]).reshape(-1, system.size)),
+        "rows": basis.force(np.array([contact.row for contact in contacts]).reshape(-1, system.size)),
+        "law": np.array([(c.stops.stiffness, c.stops.g1, c.stops.g2) for c in contacts]).reshape(-1, 3),
+    }
+    for stretch, one in _stretches(march, system, steps):
+        t = (stretch.first + np.arange(stretch.steps + 1)) * dt
+        values = np.zeros((len(t), len(system.loads)))
+        for k, (_, function) in enumerate(system.loads):
+            values[:, k] = evaluate(function, t)
+        offsets = np.zeros((len(t) if moving else 0, len(contacts)))
+        for c, contact in enumerate(contacts if moving else ()):
+            offsets[:, c] = offset_values(contact.offset, t)
+        step, z = stretch.step(one)
+        energies = Energies(**shared, load_values=values, offsets=offsets)
+        account(step, energies, system.size, z, q, balance, stretch.first, every, dt, kept)
+    return Ledger(np.arange(0, steps + 1, every) * dt, *kept.T.copy())

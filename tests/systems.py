@@ -1,0 +1,25 @@
+"""Systems that several tests share, besides the fixtures."""
+
+from __future__ import annotations
+
+import numpy as np
+
+import stiffbeam as sb
+
+
+def two_contacts(**kwargs) -> sb.System:
+    """A chain of four masses with stops at two of them, a moving stop and a full mass matrix."""
+    mass = np.diag([1.0, 1.2, 0.8, 1.0]) + 0.1 * (np.eye(4, k=1) + np.eye(4, k=-1))
+    stiffness = 40.0 * (2 * np.eye(4) - np.eye(4, k=1) - np.eye(4, k=-1))
+    unit = np.eye(4)
+    return sb.System.from_matrices(
+        mass,
+        stiffness,
+        loads=[(unit[1], kwargs.get("load", sb.Harmonic(15.0, 4.0))), (unit[3], sb.Harmonic(9.0, 2.5, 1.0))],
+        contacts=[
+            sb.Contact(unit[3], sb.Stops(-0.25, 0.2, stiffness=3e3)),
+            sb.Contact(unit[2], sb.Stops(None, 0.15, stiffness=2e3), kwargs.get("offset", sb.Harmonic(0.05, 3.0))),
+        ],
+        observe=unit[0],
+        initial_velocity=[0.0, 1.0, 0.0, 0.5],
+    )

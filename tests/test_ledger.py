@@ -1,0 +1,92 @@
+"""The energy ledger: its definition, and the compiled sums in modal coordinates against it."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+
+import numpy as np
+import pytest
+from systems import two_contacts
+
+import stiffbeam as sb
+from stiffbeam.ledger import Ledger, step_ledger
+from stiffbeam.schemes import registered
+
+
+@pytest.mark.parametrize("scheme", [sb.HHT(-0.1), sb.SDIRK(), sb.BDF2()], ids=str)
+def test_the_ledger_of_a_step_by_step_sum(scheme, table10):
+    """E, input and loss recomputed from the run's states by the definition."""
+    system = sb.semidiscretise(table10, 12)
+    run = sb.integrate(system, scheme, 1e-4, 0.3)
+    q, v = run.states
+    E = 0.5 * np.einsum("ki,ij,kj->k", v, system.mass, v) + 0.5 * np.einsum("ki,ij,kj->k", q, system.stiffness, q)
+    E += table10.stops.energy(q[:, -1])
+    f = system.load(run.t)
+    d_input = 0.5 * np.sum((f[1:] + f[:-1]) * np.diff(q, axis=0), axis=1)
+    assert np.allclose(run.energy.energy, E, rtol=1e-10)
+    assert np.allclose(run.energy.input[1:], np.cumsum(d_input), rtol=1e-9)
+    assert np.allclose(run.energy.loss, E[0] - E + run.energy.input, rtol=0, atol=1e-10 * E.max())
+    assert np.allclose(run.energy.contact + run.energy.free, run.energy.loss, rtol=0, atol=1e-10 * E.max())
+
+
+def test_the_trapezoidal_rule_loses_energy_at_the_kink_only(table10):
+    """In free flight the ledger's input is the trapezoidal rule's own work."""
+    run = sb.integrate(sb.semidiscretise(table10, 12), sb.HHT(0.0), 1e-4, 0.3)
+    assert run.impacts.count > 3
+    assert np.max(np.abs(run.energy.free)) < 1e-9 * np.max(run.energy.energy)
+    assert np.max(np.abs(run.energy.contact)) > 1e-3 * np.max(run.energy.energy)
+
+
+def test_viscous_loss_is_what_the_dashpots_take():
+    """Free decay of one damped mode by the trapezoidal rule: E0 - E = viscous, to rounding."""
+    system = sb.System.from_matrices([[1.0]], [[9.0]], [[0.4]], observe=[1.0], initial_displacement=[1.0])
+    run = sb.integrate(system, sb.HHT(0.0), 0.01, 5.0)
+    assert np.allclose(run.energy.viscous, run.energy.energy[0] - run.energy.energy, rtol=0, atol=1e-12)
+    assert abs(run.energy.viscous[-1] - 4.5) > 0.1
+
+
+def assert_the_same_ledger(run: sb.Trajectory) -> None:
+    """The run's own, compiled and in modal coordinates, and that of its states by the definition.
+
+    Each entry is a sum over at most ``steps`` terms of the size of the energy, each with a few roundings
+    for each coordinate; those of a scheme that goes round in the same rounding errors add up linearly.
+    """
+    system, own = run.system, run.energy
+    assert system is not None
+    assert run.pieces is not None
+    other = step_ledger(system, run.pieces(), run.t)
+    size = np.max(np.abs(other.energy)) + np.max(np.abs(other.input))
+    rounding = np.finfo(float).eps * 10 * system.size * run.work.steps * size
+    assert np.array_equal(own.t, other.t)
+    for field in fields(Ledger)[1:]:
+        difference = np.max(np.abs(getattr(own, field.name) - getattr(other, field.name)))
+        assert difference <= rounding, (field.name, difference, rounding)
+    assert np.max(np.abs(other.contact)) > 1e6 * rounding
+
+
+@pytest.mark.parametrize("scheme", list(registered()), ids=str)
+@pytest.mark.parametrize("contact", ["implicit", "extrapolated"])
+def test_the_compiled_ledger_is_that_of_the_states(scheme, contact, table10_system):
+    assert_the_same_ledger(sb.integrate(table10_system, scheme, 1e-4, 0.15, contact, every=3))
+
+
+@pytest.mark.parametrize("scheme", [sb.BDF2(), sb.HHT(-0.1), sb.SDIRK()], ids=str)
+def test_the_compiled_ledger_takes_dashpots_moving_stops_and_sampled_loads(scheme, table10):
+    viscous = sb.BeamProblem(stiffness=300.0, viscosity=0.05, stops=table10.stops, base=table10.base)
+    assert_the_same_ledger(sb.integrate(sb.semidiscretise(viscous, 16), scheme, 1e-4, 0.2))
+    assert_the_same_ledger(sb.integrate(two_contacts(), scheme, 2e-3, 3.0))
+    sampled = two_contacts(load=lambda t: 15.0 * np.sin(4.0 * t), offset=lambda t: 0.05 * np.sin(3.0 * t))
+    assert_the_same_ledger(sb.integrate(sampled, scheme, 2e-3, 3.0))
+
+
+def test_the_ledger_does_not_depend_on_where_stretches_end(table10, monkeypatch):
+    from stiffbeam.march import modal_march
+
+    run = sb.integrate(sb.semidiscretise(table10, 12), sb.BDF2(), 1e-4, 0.3, every=7)
+    monkeypatch.setattr(modal_march, "STEPS_REPLAYED", 96)
+    assert_the_same_ledger(run)
+
+
+@pytest.mark.parametrize("engine", ["numba", "numpy"])
+def test_the_ledger_needs_no_particular_engine(engine, table10):
+    assert_the_same_ledger(sb.integrate(sb.semidiscretise(table10, 12), sb.HHT(), 1e-4, 0.2, engine=engine))
