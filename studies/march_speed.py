@@ -147,19 +147,31 @@ def ensembles(members: int, steps: int, repetitions: int) -> dict[str, float]:
     found = {name: 1e9 * x / (members * steps) for name, x in least(runs, repetitions).items()}
     few = max(4, members // 10)
     exact = least({"": timed(lambda: sb.reference_ensemble(system, t_end, many[:few]), cores)}, 2)[""]
-    return found | {"exact, seconds for 1000 members": 1000 * exact / few} | threads_of(system, case.dt, t_end, many)
+    return found | {"exact, seconds for 1000 members": 1000 * exact / few}
 
 
-def threads_of(system: sb.System, dt: float, t_end: float, many: sb.Members) -> dict[str, float]:
-    """Wall time per member-step of HHT on one thread and on all: means something on a quiet machine only."""
-    found, all_cores = {}, ensemble.cores
-    for threads in sorted({1, all_cores()}):
-        ensemble.cores = lambda threads=threads: threads
-        try:
-            work = [sb.integrate_ensemble(system, SCHEMES["HHT"], dt, t_end, many).work for _ in range(3)]
-        finally:
-            ensemble.cores = all_cores
-        found[f"HHT, wall time, threads: {threads}"] = min(each.ns_per_step for each in work)
+def threads(members: int, steps: int, repetitions: int) -> dict[str, dict[str, float]]:
+    """Wall seconds of ensembles on 1, 2, 4, .. threads and on all cores: they mean something on a quiet
+    machine only."""
+    case, all_cores = sb.paper_case(10), ensemble.cores()
+    system = sb.semidiscretise(case.problem, case.cells)
+    many, t_end, found = sb.perturbed(system, members), steps * case.dt, {}
+    runs = {
+        name: lambda scheme=scheme: sb.integrate_ensemble(system, scheme, case.dt, t_end, many)
+        for name, scheme in SCHEMES.items()
+    } | {"exact": lambda: sb.reference_ensemble(system, 0.1 * t_end, many)}
+    counts = sorted({all_cores, *(2**k for k in range(all_cores.bit_length()))})
+    before = os.environ.get("STIFFBEAM_THREADS")
+    for name, run in runs.items():
+        times: dict[str, list[float]] = {str(count): [] for count in counts}
+        for _ in range(repetitions):
+            for count in counts:
+                os.environ["STIFFBEAM_THREADS"] = str(count)
+                times[str(count)].append(run().work.seconds)
+        found[name] = {count: min(each) for count, each in times.items()}
+    os.environ.pop("STIFFBEAM_THREADS")
+    if before is not None:
+        os.environ["STIFFBEAM_THREADS"] = before
     return found
 
 
@@ -174,7 +186,7 @@ def references(t_end: float) -> dict[str, float]:
 
 
 def startup() -> dict[str, float]:
-    """Processor seconds from the command to the first step of a reference and of a scheme; kernels on disk."""
+    """Seconds from the command to the first step of a reference and of a scheme; kernels on disk."""
     code = """
 import os, sys, time
 from stiffbeam import cli
@@ -183,7 +195,7 @@ from stiffbeam.march import modal_march
 def mark(owner, name, label, last):
     original = getattr(owner, name)
     def marked(*arguments, **keywords):
-        print(label, time.process_time(), flush=True)
+        print(label, time.process_time(), time.time(), flush=True)
         setattr(owner, name, original)
         if last:
             os._exit(0)
@@ -196,10 +208,12 @@ cli.main()
 """
     found: dict[str, float] = {}
     for _ in range(4):
+        begun = time.time()
         done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
         for line in done.stdout.splitlines():
-            label, seconds = line.split()
-            found[label] = min(found.get(label, np.inf), float(seconds))
+            what, busy, now = line.rsplit(" ", 2)
+            for label, seconds in ((what, float(now) - begun), (f"{what}, processor time", float(busy))):
+                found[label] = min(found.get(label, np.inf), seconds)
     return found
 
 
@@ -263,6 +277,7 @@ def measure(quick: bool) -> dict:
             work = timed(lambda s=scheme, k=k: sb.integrate(system, s, case.dt, k * case.dt, every=100))
             record["steps"][name][str(k)] = least({"": work}, 3)[""]
     record["ensemble"] = ensembles(8 if quick else 200, steps, 1 if quick else 5)
+    record["threads"] = threads(8 if quick else 200, steps, 1 if quick else 5)
     sizes = (1, 4) if quick else (1, 10, 100, 1000)
     record["members"] = {"HHT": {}, "HHT, JAX scan": {}}
     for size in sizes:
@@ -294,7 +309,10 @@ def main() -> int:
     for name, value in record["ratios"].items():
         print(f"{name:50} {value:8.3g}")
     for name, value in record["startup"].items():
-        print(f"second `stiffbeam compare table10`, first step of the {name}: {value:.2f} s of processor time")
+        print(f"second `stiffbeam compare table10`, first step of the {name}: {value:.2f} s")
+    for name, times in record["threads"].items():
+        gains = ", ".join(f"{count}: {times['1'] / seconds:.2f}" for count, seconds in times.items())
+        print(f"times as fast on so many threads, ensemble of {name}: {gains}")
     if options.record:
         options.record.write_text(json.dumps(record["ratios"], indent=2) + "\n", encoding="utf-8")
     if options.quick:

@@ -17,12 +17,15 @@ STYLES = {
     "BDF2": {"color": "#D55E00", "marker": "^"},
     "SDIRK-OS": {"color": "#009E73", "marker": "D"},
     "HHT, JAX scan": {"color": "#CC79A7", "marker": "v"},
+    "exact": {"color": "#56B4E9", "marker": "P"},
 }
 
 
 def draw(record: dict, file: Path) -> None:
-    """Scaling in M, in steps and in members, and the costs of Table 10 side by side."""
-    figure, ((cells, steps), (members, costs)) = plt.subplots(2, 2, figsize=(11, 8.5), layout="constrained")
+    """Scaling in M, in steps, in members and in threads, and the costs of Table 10 side by side."""
+    figure, ((cells, steps, members), (threads, costs, parts)) = plt.subplots(
+        2, 3, figsize=(15.5, 8.5), layout="constrained"
+    )
     sizes = [int(M) for M in record["single"]]
     for name in ("NumPy loop", "by hand", "HHT", "BDF2", "SDIRK-OS"):
         cells.loglog(sizes, [found[name] for found in record["single"].values()], label=name, **STYLES[name])
@@ -40,12 +43,41 @@ def draw(record: dict, file: Path) -> None:
         ylabel="ns per member-step",
         title=f"Ensembles of HHT on {record['cores']} cores, set-up included",
     )
-    for axes in (cells, steps, members):
+    _threads(threads, record["threads"])
+    for axes in (cells, steps, members, threads):
         axes.grid(True, which="major", alpha=0.3)
         axes.legend(frameon=False)
     _bars(costs, record)
+    _whole(parts, record)
     figure.savefig(file, dpi=150)
     plt.close(figure)
+
+
+def _threads(axes, record: dict) -> None:
+    """Times as fast as on one thread; the ideal dashed."""
+    counts = [int(count) for count in record["exact"]]
+    axes.plot(counts, counts, color="#888888", linestyle="--", label="ideal")
+    for name, times in record.items():
+        axes.plot(counts, [times["1"] / seconds for seconds in times.values()], label=name, **STYLES[name])
+    axes.set(xlabel="threads", ylabel="times as fast as on one", title="Ensembles, wall time", ylim=(0.0, None))
+    axes.set_xticks(counts)
+
+
+def _whole(axes, record: dict) -> None:
+    """A step of ``integrate`` with every step kept, and what the energy ledger takes when asked for."""
+    march, whole = record["single"]["25"], record["whole"]
+    names = ("HHT", "BDF2", "SDIRK-OS")[::-1]
+    parts = {
+        "march": [march[name] for name in names],
+        "set-up and output": [whole[f"{name}, whole run"] - march[name] for name in names],
+        "energy ledger, when asked for": [whole[f"{name}, ledger"] for name in names],
+    }
+    left = [0.0] * len(names)
+    for (label, widths), colour in zip(parts.items(), ("#0072B2", "#56B4E9", "#E69F00"), strict=True):
+        axes.barh(names, widths, left=left, label=label, color=colour)
+        left = [a + b for a, b in zip(left, widths, strict=True)]
+    axes.set(xlabel="ns per step", title="integrate, every step kept")
+    axes.legend(frameon=False)
 
 
 def _bars(axes, record: dict) -> None:

@@ -78,6 +78,27 @@ def position(h, rate, omega, level, particular, row, offset, frequencies, tau, t
 
 
 @compiled
+def observe(t, piece, starts, h, rate, omega, level, row, wave, frequencies, u, v):
+    """row . eta and its rate at times t inside the given pieces, all of one regime, into u and v (k,).
+
+    starts, h, rate: of all pieces. row: modal. wave: (d,), what row sees of the particular solution.
+    """
+    for i in range(t.size):
+        own_h, own_rate = h[piece[i]], rate[piece[i]]
+        tau = t[i] - starts[piece[i]]
+        position = velocity = 0.0
+        for j in range(omega.size):
+            c, s_over, level_part = oscillation(omega[j], tau)
+            position += row[j] * (own_h[j] * c + own_rate[j] * s_over + level[j] * level_part)
+            velocity += row[j] * (own_rate[j] * c + (level[j] - omega[j] * omega[j] * own_h[j]) * s_over)
+        for k in range(frequencies.size):
+            s, c = math.sin(frequencies[k] * t[i]), math.cos(frequencies[k] * t[i])
+            position += wave[1 + 2 * k] * s + wave[2 + 2 * k] * c
+            velocity += frequencies[k] * (wave[1 + 2 * k] * c - wave[2 + 2 * k] * s)
+        u[i], v[i] = position, velocity
+
+
+@compiled
 def safe_step(gap, rate, b2):
     """The positive root of gap + rate s - b2 s^2/2 = 0, gap >= 0: the gap cannot close before."""
     root = math.sqrt(rate * rate + 2.0 * b2 * gap)

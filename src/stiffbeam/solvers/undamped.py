@@ -22,7 +22,7 @@ from ..modal import Modes, modes
 from ..system import System
 from ..validation import InputError
 from .exact_measures import panels
-from .switching import follow
+from .switching import follow, observe
 
 RESONANCE = 1e-8  # |Omega^2 - omega^2|/omega^2 below which a drive counts as resonant
 EVENTS_PER_CALL = 4096
@@ -146,12 +146,15 @@ class Solution:
     def observed(self, t: Array, row: Array) -> tuple[Array, Array]:
         """row @ q and its rate at any times, (k,)."""
         u, v = np.empty(len(t)), np.empty(len(t))
-        piece = self.piece_at(t)
+        piece, frequencies = self.piece_at(t), np.array(self.drive.frequencies)
         for regime, basis in self.bases.items():
-            here = np.flatnonzero(self.regime[piece] == regime)
-            for part in np.array_split(here, max(1, len(here) * len(row) // 2_000_000)):
-                eta, rate = self.modal(t[part], piece[part], regime)
-                u[part], v[part] = eta @ basis.force(row), rate @ basis.force(row)
+            here, law, seen = np.flatnonzero(self.regime[piece] == regime), self.regimes[regime], basis.force(row)
+            position, velocity = np.empty((2, len(here)))
+            observe(
+                t[here], piece[here], self.times, self.h, self.rate, law.omega, law.level, seen,
+                seen @ law.particular, frequencies, position, velocity,
+            )  # fmt: skip
+            u[here], v[here] = position, velocity
         return u, v
 
 
