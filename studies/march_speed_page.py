@@ -34,7 +34,7 @@ def draw(record: dict, file: Path) -> None:
     cells.minorticks_off()
     for name, points in record["steps"].items():
         steps.loglog([int(k) for k in points], [1e3 * x for x in points.values()], label=name, **STYLES[name])
-    steps.set(xlabel="steps", ylabel="ms", title="integrate, every 100th step kept, set-up included")
+    steps.set(xlabel="steps", ylabel="ms", title="integrate, every 100th step kept, set-up included", ylim=(1.0, 100.0))
     for name, points in record["members"].items():
         label = name if "," in name else f"{name}, numba"
         members.loglog([int(k) for k in points], list(points.values()), label=label, **STYLES[name])
@@ -43,6 +43,9 @@ def draw(record: dict, file: Path) -> None:
         ylabel="ns per member-step",
         title=f"Ensembles of HHT on {record['cores']} cores, set-up included",
     )
+    for axes in (steps, members):
+        axes.minorticks_off()
+    members.set_ylim(10.0, None)
     _threads(threads, record["threads"])
     for axes in (cells, steps, members, threads):
         axes.grid(True, which="major", alpha=0.3)
@@ -77,7 +80,8 @@ def _whole(axes, record: dict) -> None:
         axes.barh(names, widths, left=left, label=label, color=colour)
         left = [a + b for a, b in zip(left, widths, strict=True)]
     axes.set(xlabel="ns per step", title="integrate, every step kept")
-    axes.legend(frameon=False)
+    axes.set_ylim(-0.6, len(names))
+    axes.legend(frameon=False, loc="upper center", ncols=2, fontsize=8)
 
 
 def _bars(axes, record: dict) -> None:

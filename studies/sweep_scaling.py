@@ -9,6 +9,8 @@ processes or workers and their import of the package. Everything must find ident
 has one thread everywhere: on matrices this small more of them only wait. Run (two minutes; two cores):
 
     OPENBLAS_NUM_THREADS=1 python studies/sweep_scaling.py
+
+and look at stiffbeam-output/sweep_scaling.png.
 """
 
 from __future__ import annotations
@@ -20,7 +22,12 @@ import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import contextmanager
+from pathlib import Path
 
+import matplotlib
+
+matplotlib.use("agg")
+import matplotlib.pyplot as plt
 import numpy as np
 from distributed import Client, LocalCluster
 
@@ -29,6 +36,7 @@ from stiffbeam.studies import find_study
 from stiffbeam.studies.runner import run_study
 from stiffbeam.studies.scheduler import scheduler
 
+PICTURE = Path("stiffbeam-output/sweep_scaling.png")
 VALUES, STEPS_PER_PERIOD, TRANSIENT, REPETITIONS = 400, 6250, 6, 3
 SWEEPS = {
     "clearance, 1e5 steps": ("clearance", np.linspace(0.05, 0.15, VALUES), 10),
@@ -90,8 +98,27 @@ WAYS = {
     "one process, one thread": lambda: one_process(1),
     "one process, two threads": lambda: one_process(2),
     "two processes": two_processes,
-    "two workers, one killed": two_workers_one_killed,
+    "two Dask workers, one killed": two_workers_one_killed,
 }
+
+
+def draw(best: dict[tuple[str, str], tuple[float, float]], file: Path) -> None:
+    """The seconds of every sweep in every way; what is paid once is hatched."""
+    figure, panels = plt.subplots(1, len(SWEEPS), figsize=(11, 3.1), layout="constrained", sharey=True)
+    for axes, name in zip(panels, SWEEPS, strict=True):
+        everything, sweep = zip(*(best[name, way] for way in WAYS), strict=True)
+        start = np.maximum(0.0, np.subtract(everything, sweep))
+        axes.barh(list(WAYS), sweep, color="#0072B2", label="sweep, and times as fast as one thread")
+        bars = axes.barh(
+            list(WAYS), start, left=sweep, color="white", edgecolor="#888888", hatch="///", label="start, paid once"
+        )
+        axes.bar_label(bars, [f"{sweep[0] / each:.2f} ×" for each in sweep], padding=3)
+        axes.set(title=f"{VALUES} values: {name}", xlabel="s", xlim=(0.0, 1.25 * max(everything)))
+    panels[0].invert_yaxis()
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=2, frameon=False)
+    file.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(file, dpi=150)
+    plt.close(figure)
 
 
 def main() -> None:
@@ -118,7 +145,7 @@ def main() -> None:
         one = best[name, "one process, one thread"][1]
         for way in WAYS:
             everything, sweep = best[name, way]
-            print(f"{name}: {way:26} sweep {sweep:6.2f} s, all {everything:6.2f} s, {one / sweep:.2f} times as fast")
+            print(f"{name}: {way:28} sweep {sweep:6.2f} s, all {everything:6.2f} s, {one / sweep:.2f} times as fast")
     parts = []
     for name in SWEEPS:
         one, threads, processes, workers = (best[name, way] for way in WAYS)
@@ -127,6 +154,7 @@ def main() -> None:
             f"processes (after {processes[0] - processes[1]:.1f} s of start), {workers[1]:.1f} s on two Dask workers, "
             "one of them killed"
         )
+    draw(best, PICTURE)
     print(f"{VALUES} values: {'; '.join(parts)}: identical records each time.")
 
 

@@ -72,10 +72,10 @@ def force_by_drive(constant, frequencies, rows, v, t, g, out):
 
 @inlined
 def add_eight(force, first, rows, out):
-    """out += force[first : first + 8] @ rows[first : first + 8]."""
+    """out += force[first : first + 8] @ rows[first : first + 8] beyond the eight entries of these forces."""
     f0, f1, f2, f3 = force[first], force[first + 1], force[first + 2], force[first + 3]
     f4, f5, f6, f7 = force[first + 4], force[first + 5], force[first + 6], force[first + 7]
-    for j in range(out.size):
+    for j in range(np.uint64(first + 8), np.uint64(out.size)):
         out[j] += (
             f0 * rows[first, j]
             + f1 * rows[first + 1, j]
@@ -138,7 +138,7 @@ def stiffness_of(compliance, kappa, stiff):
 
 
 @inlined
-def resolve(push, push_beyond, g1, g2, stiff, out, forces):
+def resolve(push, g1, g2, stiff, out, forces):
     """The stops of one contact, node by node: eight push each other, then all that follows. Whether any is met."""
     touched = False
     for first in range(0, forces.size, 8):
@@ -148,7 +148,7 @@ def resolve(push, push_beyond, g1, g2, stiff, out, forces):
             forces[i] = 0.0
         if beyond:
             stop_eight(first, push, g1, g2, stiff, out, forces)
-            add_eight(forces, first, push_beyond, out)
+            add_eight(forces, first, push, out)
             touched = True
     return touched
 
@@ -197,8 +197,8 @@ def run(block, law, forcing, inflow, marchers, kept, events, first, steps, dt, e
     block's impacts, False is returned and the call can be made again with a longer one.
     """
     # Fields are taken out once: every use of one would be counted, and no loop with it vectorised.
-    reading, transition, push, push_beyond, compliance = block[:5]
-    end_first, end_stride, velocity, velocity_push = block[5:]
+    reading, transition, push, compliance = block[:4]
+    end_first, end_stride, velocity, velocity_push = block[4:]
     constant, frequencies, forced, forced_velocity = forcing
     inflow_rows, inflow_velocity = inflow
     states, position, last_velocity, tally, diverged = marchers
@@ -241,7 +241,7 @@ def run(block, law, forcing, inflow, marchers, kept, events, first, steps, dt, e
                     out[j] += inflow_rows[b, j]
             touched = True
             if m == 1:
-                touched = resolve(push, push_beyond, g1, g2, stiff, out, forces)
+                touched = resolve(push, g1, g2, stiff, out, forces)
             elif m > 1:
                 touched = resolve_several(push, compliance, law[i], out, forces)
             if starts.shape[0]:

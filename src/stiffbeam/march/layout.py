@@ -21,7 +21,6 @@ class Block(NamedTuple):
     reading: Array  # (R, D)
     transition: Array  # (a, D): z_new[d] = sum_e transition[e, d] z[e n + d]
     push: Array  # (N, R + D)
-    push_beyond: Array  # (N, R + D): push without the entries up to the end of a node's own eight
     compliance: Array  # (K S m, m): of the contacts of a node on each other
     end_first: Array  # (C,) integers: the entry that holds a channel at the end of the first step,
     end_stride: Array  # (C,) and how many entries later the next one is

@@ -236,7 +236,7 @@ def warm_up() -> float:
     row = np.zeros((1, LANES))
     none = np.zeros((0, 1, 1))
     kernel.run(
-        Block(row, row, row, row, row, index[0], index[0], none, none),
+        Block(row, row, row, row, index[0], index[0], none, none),
         np.zeros((0, 1, 3)), Forcing(0.0, z, none, np.zeros((0, 1, 1, 1))), Inflow(z, none),
         Marchers(z, z, z, np.zeros((0, 1, TALLY)), index[0]), Kept(none, none, z, z), row, 0, 0, 1.0, 1,
         np.zeros(3, np.int64),

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import LANES, Array, aligned, padded
+from ..arrays import Array, aligned, padded
 from ..drive import Drive, Term
 from ..modal import Modes
 from ..schemes import Scheme
@@ -253,17 +253,14 @@ def build(
     of_contacts, of_samples = slice(0, m), slice(m, P)
     step_by_step, kind_by_kind = (2, 0, 1), (0, 1, 2)
     nodes = K * S * m
-    push, push_beyond, velocity_push = aligned((N, R + D)), aligned((N, R + D)), np.zeros((K, C, N))
+    push, velocity_push = aligned((N, R + D)), np.zeros((K, C, N))
     push[:nodes] = by_node(pushed, of_contacts, step_by_step)
-    own_end = (np.arange(N)[:, None] // LANES + 1) * LANES  # of a node's eight
-    push_beyond[:] = np.where(np.arange(R + D) >= own_end, push, 0.0)
     velocity_push[..., :nodes] = np.moveaxis(by_node(rates, of_contacts, step_by_step), 0, -1)
     node = np.arange(nodes)
     block = Block(
         reading=reading,
         transition=_shifted(mixed[-1][:, keep], D),
         push=push,
-        push_beyond=push_beyond,
         compliance=push[node[:, None], (node - node % max(1, m))[:, None] + np.arange(m)],
         end_first=end_first,
         end_stride=end_stride,
