@@ -190,3 +190,12 @@ def test_a_system_without_contact_compares_and_draws():
     assert c.contacts.impacts == 0
     assert c.tip_error_rms < 0.2
     four_panels("no contact", [run], [ref]).canvas.draw()
+
+
+def test_the_table_says_when_a_time_per_step_is_numpys(table10):
+    system = sb.semidiscretise(table10, 12)
+    ref = sb.reference(system, 0.05)
+    for engine, told in (("numpy", True), ("numba", False)):
+        found = sb.compare(sb.integrate(system, sb.HHT(), 1e-4, 0.05, engine=engine), ref)
+        assert found.to_dict()["engine"] == engine
+        assert ("ns/step in NumPy: hht" in str(found)) == told

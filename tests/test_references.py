@@ -163,11 +163,11 @@ def test_agreement_names_the_judge_the_skipped_and_the_refuted(monkeypatch):
         if method != "kvaerno3":
             return solve(system, t_end, method, *rest)
         pilot = solve(system, t_end, "exact", *rest)
-        return dataclasses.replace(pilot, work=Work(march_seconds=1e3))
+        return dataclasses.replace(pilot, work=Work(march_seconds=1e6))
 
     monkeypatch.setattr(agreement, "solve", slow_kvaerno)
     case = sb.paper_case(5)
-    found = agree(case, t_end=0.02, budget=20.0, methods=("exact", "multiprecision", "cvode-adams", "kvaerno3"))
+    found = agree(case, t_end=0.02, budget=500.0, methods=("exact", "multiprecision", "cvode-adams", "kvaerno3"))
     assert found.judge == "multiprecision"
     assert set(found.references) == {"exact", "multiprecision", "cvode-adams"}
     assert "budget" in found.skipped["kvaerno3"]
@@ -176,7 +176,7 @@ def test_agreement_names_the_judge_the_skipped_and_the_refuted(monkeypatch):
     assert found.differences[i, j] < 1e-9
     json.dumps(found.to_dict(), allow_nan=False)
     monkeypatch.setattr(agreement, "REFUTED", 1e-6)  # a claim that nobody holds
-    assert "cvode-adams" in agree(case, t_end=0.02, budget=20.0, methods=("exact", "cvode-adams")).refuted
+    assert "cvode-adams" in agree(case, t_end=0.02, budget=500.0, methods=("exact", "cvode-adams")).refuted
 
 
 DOWNSTREAM = """

@@ -136,6 +136,12 @@ def _explanation(comparisons: Sequence[Comparison], references: Sequence[Referen
         "median impact delay where the phase lag is undefined.",
         "Energy lost: of all energy the system has had. Impacts: sampled at the run's steps, [by events].",
     ]
+    in_numpy = [c.label.partition("@")[0] for c in comparisons if c.engine == "numpy"]
+    if in_numpy:
+        lines += [
+            f"ns/step in NumPy: {', '.join(dict.fromkeys(in_numpy))}.",
+            "Short runs do not wait for the compiler, and modes that do not decouple march without it.",
+        ]
     if any(c.contact_count > 1 for c in comparisons):
         lines.append("Impacts, contact and force are those of the first of several contacts; run.contacts has all.")
     return "\n".join(lines) + "\n"

@@ -10,6 +10,7 @@ import numpy as np
 from ..arrays import Array
 from ..drive import Drive
 from ..modal import modes
+from ..plain import plain
 from ..recorder import sampled_impacts
 from ..system import System
 from ..trajectory import Impacts, Reference, Trajectory
@@ -47,6 +48,7 @@ class Comparison:
     steps: int
     seconds: float
     ns_per_step: float
+    engine: str
     window: float
     t_end: float
     tip_error_rms: float
@@ -66,7 +68,7 @@ class Comparison:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers and strings; NaN becomes None, as JSON has none."""
-        return _plain(asdict(self))
+        return plain(asdict(self))
 
     def __str__(self) -> str:
         from ..report import comparison_text
@@ -142,6 +144,7 @@ def compare(run: Trajectory, reference: Reference) -> Comparison:
         steps=run.work.steps,
         seconds=run.work.seconds,
         ns_per_step=run.work.ns_per_step,
+        engine=str(run.provenance.get("engine", "")),
         window=window,
         t_end=t_end,
         tip_error_rms=float(np.sqrt(np.mean(error**2))),
@@ -172,11 +175,3 @@ def _contacts(system: System, impacts: Impacts, position: Array, dt: float, end:
         peak_force=float(np.max(force, initial=0.0)),
         impulse=float(np.sum(force) * dt),
     )
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _plain(item) for key, item in value.items()}
-    if isinstance(value, float) and not np.isfinite(value):
-        return None
-    return value.item() if isinstance(value, np.generic) else value

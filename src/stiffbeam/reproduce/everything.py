@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from ..cases import paper_case
+from ..plain import plain
 from ..studies.journal import Journal
-from ..studies.study import plain
 from ..validation import InputError
 from . import sections
 from .claims import Evidence, judged

@@ -15,7 +15,7 @@ from ..march.members import perturbed
 from ..measures.comparison import compare
 from ..measures.peaks import band, even_over_odd, find_peaks, multiple_amplitudes, share_off_multiples
 from ..measures.spectrum import amplitude_spectrum
-from ..studies.study import plain
+from ..plain import plain
 from ..trajectory import Diverged, Reference, Trajectory
 from .reading import Reading
 from .table import Made, equation_of

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..arrays import Array
+from ..plain import plain
 from ..semidiscretisation import semidiscretise
 from ..solvers import METHODS, solve
 from ..solvers.agreement import agreement, time_tolerance
@@ -47,12 +48,8 @@ class Agreement:
             "skipped": self.skipped,
             "seconds": {name: r.work.march_seconds for name, r in self.references.items()},
             "work": {name: r.work.counters for name, r in self.references.items()},
-            "differences": {
-                a: {b: _finite(self.differences[i, j]) for j, b in enumerate(names)} for i, a in enumerate(names)
-            },
-            "impact_differences": {
-                a: {b: _finite(self.impact_differences[i, j]) for j, b in enumerate(names)} for i, a in enumerate(names)
-            },
+            "differences": plain(_by_name(self.differences, names)),
+            "impact_differences": plain(_by_name(self.impact_differences, names)),
         }
 
 
@@ -139,5 +136,5 @@ def _refuted(references: dict[str, Reference], judge: str, rtol: float) -> dict[
     return refuted
 
 
-def _finite(x: float) -> float | None:
-    return float(x) if np.isfinite(x) else None
+def _by_name(matrix: Array, names: list[str]) -> dict[str, dict[str, float]]:
+    return {a: dict(zip(names, row, strict=True)) for a, row in zip(names, matrix, strict=True)}

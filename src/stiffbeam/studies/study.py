@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..cases import Case
+from ..plain import plain
 
 if TYPE_CHECKING:
     import pandas
@@ -93,14 +94,3 @@ class Records:
         table = folder / f"{self.study.name}.csv"
         self.to_dataframe().to_csv(table, index=False)
         return [text, table, save_figure(self.figure(), folder / f"{self.study.name}.png")]
-
-
-def plain(value: Any) -> Any:
-    """``value`` for JSON, which has no NaN: None stands for it."""
-    if isinstance(value, Mapping):
-        return {key: plain(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [plain(item) for item in value]
-    if hasattr(value, "item"):
-        value = value.item()
-    return None if isinstance(value, float) and not (abs(value) < float("inf")) else value
