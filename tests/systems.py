@@ -23,3 +23,22 @@ def two_contacts(**kwargs) -> sb.System:
         observe=unit[0],
         initial_velocity=[0.0, 1.0, 0.0, 0.5],
     )
+
+
+def bouncing_chain(**kwargs) -> sb.System:
+    """Three masses, full mass matrix, one contact with a moving stop: small enough for every solver."""
+    mass = np.array([[1.0, 0.2, 0.0], [0.2, 1.5, 0.1], [0.0, 0.1, 0.7]])
+    stiffness = np.array([[60.0, -30.0, 0.0], [-30.0, 60.0, -30.0], [0.0, -30.0, 30.0]])
+    return sb.System.from_matrices(
+        mass,
+        stiffness,
+        kwargs.pop("damping", None),
+        loads=[([0.0, 0.0, 1.0], sb.Harmonic(6.0, 2.2, 0.3)), ([1.0, 0.0, 0.0], sb.Constant(0.4))],
+        contacts=[
+            sb.Contact(
+                [0.0, 0.2, 1.0], sb.Stops(-0.35, 0.25, stiffness=900.0), kwargs.pop("offset", sb.Harmonic(0.05, 1.1))
+            )
+        ],
+        initial_velocity=[0.2, 0.0, 1.0],
+        **kwargs,
+    )

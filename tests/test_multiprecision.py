@@ -54,7 +54,7 @@ def test_too_few_digits_show_as_a_horizon(table10):
 
 @pytest.mark.parametrize("seed", [1, 2])
 def test_matrices_of_ones_own_with_a_moving_stop(seed):
-    from test_solvers import bouncing_chain
+    from systems import bouncing_chain
 
     system = bouncing_chain()
     many = sb.reference(system, 6.0, "multiprecision", digits=40 + seed)

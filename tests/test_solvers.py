@@ -1,4 +1,4 @@
-"""The exact solution, CVODE and SciPy against each other and against closed forms."""
+"""The reference solvers against each other, and how far each can be trusted."""
 
 from __future__ import annotations
 
@@ -6,10 +6,9 @@ import dataclasses
 
 import numpy as np
 import pytest
-from oracles import exact_linear
+from systems import bouncing_chain
 
 import stiffbeam as sb
-from stiffbeam.modal import modes
 from stiffbeam.solvers import solve
 from stiffbeam.solvers.agreement import agreement, parting, time_tolerance
 from stiffbeam.trajectory import Impacts
@@ -62,25 +61,6 @@ def test_at_tolerance_1e_8_the_solvers_agree_to_the_second_impact(method, table1
     assert exact.impacts.count == other.impacts.count > 0
 
 
-def bouncing_chain(**kwargs) -> sb.System:
-    """Three masses, full mass matrix, one contact with a moving stop: small enough for every solver."""
-    mass = np.array([[1.0, 0.2, 0.0], [0.2, 1.5, 0.1], [0.0, 0.1, 0.7]])
-    stiffness = np.array([[60.0, -30.0, 0.0], [-30.0, 60.0, -30.0], [0.0, -30.0, 30.0]])
-    return sb.System.from_matrices(
-        mass,
-        stiffness,
-        kwargs.pop("damping", None),
-        loads=[([0.0, 0.0, 1.0], sb.Harmonic(6.0, 2.2, 0.3)), ([1.0, 0.0, 0.0], sb.Constant(0.4))],
-        contacts=[
-            sb.Contact(
-                [0.0, 0.2, 1.0], sb.Stops(-0.35, 0.25, stiffness=900.0), kwargs.pop("offset", sb.Harmonic(0.05, 1.1))
-            )
-        ],
-        initial_velocity=[0.2, 0.0, 1.0],
-        **kwargs,
-    )
-
-
 @pytest.mark.parametrize("method", ["cvode", "cvode-adams", "ida", "kvaerno5", "dop853", "radau"])
 def test_the_solvers_agree_on_a_system_from_matrices(method):
     system, times = bouncing_chain(), np.linspace(0.0, 6.0, 121)
@@ -93,133 +73,6 @@ def test_the_solvers_agree_on_a_system_from_matrices(method):
         assert exact.impacts.count == other.impacts.count
         assert np.max(np.abs(other.impacts.times - exact.impacts.times)) < 1e-5
     assert np.max(np.abs(other.tip_velocity - exact.tip_velocity)) < 1e-3
-
-
-def test_without_contact_the_exact_solution_is_the_matrix_exponential(three_masses):
-    times = np.linspace(0.0, 20.0, 11)
-    load = np.array([1.0, 0.0, -1.0])
-    q, v = exact_linear(three_masses, times, 1.3, load * np.cos(0.4), load * np.sin(0.4), np.array([0.0, 0.35, 0.35]))
-    ref = sb.reference(three_masses, 20.0, t_eval=times)
-    assert np.max(np.abs(ref.states[0] - q)) < 1e-12
-    assert np.max(np.abs(ref.states[1] - v)) < 1e-12
-    assert ref.horizon == 20.0
-
-
-def test_one_mass_on_one_stop_bounces_as_the_closed_form_says():
-    """q'' + w^2 q = 0 with a spring kappa beyond q = g: half periods of w and sqrt(w^2 + kappa) alternate."""
-    w, kappa, g = 3.0, 91.0, 0.0
-    system = sb.System.from_matrices(
-        [[1.0]], [[w**2]], contacts=[sb.Contact([1.0], sb.Stops(None, g, stiffness=kappa))], initial_velocity=[-1.0]
-    )
-    ref = sb.reference(system, 20.0)
-    period = np.pi / w + np.pi / np.sqrt(w**2 + kappa)
-    expected = np.pi / w + period * np.arange(int((20.0 - np.pi / w) // period) + 1)
-    assert ref.impacts.count == len(expected)
-    assert np.allclose(ref.impacts.times, expected, rtol=0, atol=1e-13)
-    closed = ref.impacts.peaks[~np.isnan(ref.impacts.peaks)]
-    assert np.allclose(closed, kappa / np.sqrt(w**2 + kappa), rtol=1e-12)  # speed 1 at every impact
-    assert np.allclose(ref.impacts.impulses[:-1], 2.0 * kappa / (w**2 + kappa), rtol=1e-12)
-    assert np.isclose(ref.contacts[0].fraction, (np.pi / np.sqrt(100.0)) / period, atol=0.02)
-
-
-def test_a_double_crossing_too_short_for_any_sampling_is_found():
-    """The mass penetrates by 1e-9 of its amplitude for 9e-5 of a period; sampled outputs never see it."""
-    g = 1.0 - 1e-9
-    system = sb.System.from_matrices(
-        [[1.0]], [[1.0]], contacts=[sb.Contact([1.0], sb.Stops(None, g, stiffness=1.0))], initial_velocity=[1.0]
-    )
-    ref = sb.reference(system, 7.0, t_eval=np.linspace(0.0, 7.0, 50))
-    assert ref.impacts.count == 1
-    assert abs(ref.impacts.times[0] - np.arcsin(g)) < 1e-11
-    assert ref.impacts_sampled(0.05).count == 0
-
-
-def test_touching_without_penetration_is_no_impact():
-    system = sb.System.from_matrices(
-        [[1.0]],
-        [[1.0]],
-        contacts=[sb.Contact([1.0], sb.Stops(None, 1.0 + 1e-12, stiffness=1.0))],
-        initial_velocity=[1.0],
-    )
-    assert sb.reference(system, 30.0).impacts.count == 0
-
-
-def test_contact_at_the_start_is_no_impact_and_counts_as_contact():
-    system = sb.System.from_matrices(
-        [[1.0]],
-        [[1.0]],
-        contacts=[sb.Contact([1.0], sb.Stops(-0.5, None, stiffness=99.0))],
-        initial_displacement=[-0.6],
-    )
-    ref = sb.reference(system, 1.0)
-    assert ref.impacts.count == 0
-    assert ref.contacts[0].fraction > 0.1
-    assert np.isclose(ref.contact_force[0], 9.9)
-
-
-@pytest.mark.parametrize("cells", [25])
-def test_the_exact_energy_ledger_closes_over_a_thousand_events(cells, table10):
-    ref = solve(sb.semidiscretise(table10, cells), 3.0, "exact", np.linspace(0.0, 3.0, 61), 0.0, None)
-    assert ref.work.counters["switches"] > 1000
-    assert np.max(np.abs(ref.energy.loss)) < 1e-10 * np.max(np.abs(ref.energy.input))
-    assert np.max(ref.energy.energy) > 1.0
-
-
-def test_peaks_and_impulses_are_those_of_a_fine_sampling(table10):
-    system = sb.semidiscretise(table10, 12)
-    ref = solve(system, 0.15, "exact", None, 0.0, None)
-    t = np.linspace(0.0, 0.15, 600_001)
-    force = np.abs(table10.stops.force(ref.at(t)[0]))
-    assert ref.impacts.count > 7
-    assert np.isclose(ref.contacts[0].peak_force, force.max(), rtol=1e-6)
-    assert np.isclose(ref.contacts[0].impulse, np.trapezoid(force, t), rtol=1e-6)
-    for i in (0, 3, 7):
-        start = ref.impacts.times[i]
-        after = t[(t > start) & (force == 0.0)][0]
-        inside = (t >= start) & (t <= after)
-        assert np.isclose(ref.impacts.peaks[i], force[inside].max(), rtol=1e-4)
-        assert np.isclose(ref.impacts.impulses[i], np.trapezoid(force[inside], t[inside]), rtol=1e-3)
-
-
-def test_the_exact_solution_satisfies_the_equation_of_motion_everywhere(table10_system):
-    """M q'' + K q - loads - contact = 0, with q'' by differences of the closed-form velocity."""
-    ref = solve(table10_system, 0.08, "exact", None, 0.0, None)
-    rng = np.random.default_rng(0)
-    t, step = rng.uniform(0.001, 0.079, 40), 1e-9
-    _, ahead = ref.solution.states(t + step)
-    _, behind = ref.solution.states(t - step)
-    q, _ = ref.solution.states(t)
-    residual = (ahead - behind) / (2 * step) @ table10_system.mass + q @ table10_system.stiffness
-    residual -= table10_system.load(t)
-    contact = table10_system.contacts[0]
-    residual -= contact.stops.force(q @ contact.row)[:, None] * contact.row
-    # differences: eps |v|/step = 2e-6 and w_max^3 v step^2 = 1e-4, per unit mass of 0.04 |q''| = 1e4
-    assert np.max(np.abs(residual)) < 1e-4 * np.max(np.abs(q @ table10_system.stiffness))
-
-
-def test_frequencies_from_the_curvature_factor_lose_less_than_from_the_stiffness():
-    """Against 40-digit frequencies of the same matrices: eps w_max/w_1 instead of its square."""
-    mpmath = pytest.importorskip("mpmath")
-    M = 25
-    system = sb.semidiscretise(sb.BeamProblem(stiffness=300.0), M)
-    with mpmath.workdps(40):
-        h = mpmath.mpf(1) / M
-        C = mpmath.zeros(M, M)
-        C[0, 0] = mpmath.sqrt(2)
-        for i in range(1, M):
-            C[i, i] = 1
-            C[i, i - 1] = -2
-            if i > 1:
-                C[i, i - 2] = 1
-        scale = mpmath.diag([1] * (M - 1) + [mpmath.sqrt(2)])
-        B = C * scale
-        eigenvalues = sorted(mpmath.eigsy(B.T * B, eigvals_only=True))
-        exact = np.array([float(mpmath.sqrt(300 * x) / h**2) for x in eigenvalues])
-    by_factor = modes(system).omega
-    by_stiffness = modes(dataclasses.replace(system, stiffness_factor=None)).omega
-    assert abs(by_factor[0] / exact[0] - 1) < 1e-12
-    assert abs(by_factor[0] / exact[0] - 1) < 0.1 * abs(by_stiffness[0] / exact[0] - 1) + 1e-13
-    assert np.max(np.abs(by_factor / exact - 1)) < 1e-12
 
 
 def test_the_horizon_of_table_10_is_what_perturbed_runs_show(table10):
@@ -279,21 +132,6 @@ def test_cvode_takes_a_callable_load_like_a_harmonic_one(form):
     assert np.max(np.abs(tips[0] - tips[1])) < 1e-8
 
 
-def test_what_the_exact_solution_cannot_take_is_refused_with_the_reason(table10):
-    pushed = dataclasses.replace(table10, base=None, loads=(sb.PointLoad(0.5, lambda t: 0 * t),))
-    with pytest.raises(sb.InputError, match="Harmonic or Constant"):
-        sb.reference(sb.semidiscretise(pushed, 8), 0.1)
-    critical = sb.System.from_matrices([[1.0]], [[4.0]], [[4.0]], observe=[1.0], initial_displacement=[1.0])
-    with pytest.raises(sb.InputError, match="critically damped"):
-        sb.reference(critical, 1.0)
-    floating = sb.System.from_matrices(np.eye(2), [[1.0, -1.0], [-1.0, 1.0]], 0.1 * np.eye(2), observe=[1.0, 0.0])
-    with pytest.raises(sb.InputError, match="rigid-body"):
-        sb.reference(floating, 1.0)
-    resonant = sb.System.from_matrices([[1.0]], [[4.0]], loads=[([1.0], sb.Harmonic(1.0, 2.0))], observe=[1.0])
-    with pytest.raises(sb.InputError, match="natural frequency"):
-        sb.reference(resonant, 1.0)
-
-
 def test_a_reference_without_an_exact_partner_is_held_against_itself(table10):
     pushed = dataclasses.replace(table10, viscosity=2.0, loads=(sb.PointLoad(0.5, lambda t: np.cos(9.0 * t)),))
     ref = sb.reference(sb.semidiscretise(pushed, 8), 0.1, "cvode", rtol=1e-9)
@@ -343,33 +181,6 @@ def test_the_solvers_agree_on_two_contacts_with_a_moving_stop(method):
             assert np.max(np.abs(a.impacts.times - b.impacts.times)) < 1e-6
     # The moving stop does work: without it the ledger would be off by its whole energy.
     assert np.max(np.abs(exact.energy.loss)) < 1e-10 * np.max(exact.energy.energy)
-
-
-def test_both_exact_solutions_are_one_where_both_apply(table10_system):
-    from stiffbeam.solvers.exponential_tracer import ExponentialTracer
-
-    times = np.linspace(0.0, 0.1, 101)
-    real = solve(table10_system, 0.1, "exact", times, 0.0, None)
-    general = ExponentialTracer(table10_system).solve(0.1)
-    assert np.max(np.abs(general.states(times)[0] - real.states[0])) < 1e-12
-    assert np.allclose(general.times[1:], real.solution.times[1:], rtol=0, atol=1e-13)
-
-
-def test_a_mode_at_the_drives_frequency_that_is_not_forced_is_no_resonance():
-    """K = diag(4, 9, 16) driven at 3 on the first mass only: u = (sin 3t - 1.5 sin 2t)/(4 - 9)."""
-    system = sb.System.from_matrices(
-        np.eye(3), np.diag([4.0, 9.0, 16.0]), loads=[([1.0, 0.0, 0.0], sb.Harmonic(1.0, 3.0))], observe=[1.0, 0.0, 0.0]
-    )
-    ref = sb.reference(system, 5.0)
-    expected = (np.sin(3 * ref.t) - 1.5 * np.sin(2 * ref.t)) / (4.0 - 9.0)
-    assert np.max(np.abs(ref.tip - expected)) < 1e-13
-    forced = sb.System.from_matrices(
-        np.eye(3), np.diag([4.0, 9.0, 16.0]),
-        loads=[([1.0, 0.0, 0.0], sb.Harmonic(1.0, 3.0)), ([0.0, 0.0, 1.0], sb.Harmonic(1.0, 4.0))],
-        observe=[1.0, 0.0, 0.0],
-    )  # fmt: skip
-    with pytest.raises(sb.InputError, match=r"mode 3, 4, .*got 4\.0"):
-        sb.reference(forced, 5.0)
 
 
 @pytest.mark.parametrize("method", ["exact", "cvode"])

@@ -1,14 +1,10 @@
-"""The studies: every one runs, answers, draws and saves; a killed one goes on where it stopped."""
+"""The studies: every one runs, answers, draws and saves, and says what went wrong."""
 
 from __future__ import annotations
 
 import json
-import os
 import pkgutil
 import random
-import signal
-import subprocess
-import sys
 from dataclasses import replace
 from functools import cache
 from importlib import import_module
@@ -24,11 +20,12 @@ import stiffbeam.studies
 from stiffbeam.cases import paper_case, parse_case
 from stiffbeam.figures import TRUTH, look, short
 from stiffbeam.schemes import registered
-from stiffbeam.studies import STUDIES, Records, converge, find_study, impacts, journal, precision, study
-from stiffbeam.studies.runner import run_study
+from stiffbeam.studies import STUDIES, Records, find_study, study
 from stiffbeam.validation import InputError
 
 SMALL = replace(paper_case(10), cells=8, t_end=0.8)
+
+
 FREE = """
 [[case]]
 name = "free"
@@ -39,16 +36,12 @@ t_end = 0.5
 stiffness = 300.0
 base = { amplitude = 0.1, frequency = 10.0 }
 """
-THREE = ["bdf2", "hht(alpha=-0.1)", "trapezoidal"]
 
 
 @cache
 def smoke(name: str) -> Records:
     """The smoke configuration on a small grid, once for all tests."""
     return study(name, SMALL, **find_study(name).smoke)
-
-
-# ---------------------------------------------------------------- every study
 
 
 def test_the_registry_names_every_study_there_is():
@@ -172,143 +165,6 @@ def test_a_scheme_looks_the_same_everywhere_and_unlike_the_others():
     assert look("cvode") != look("ida")
 
 
-# ---------------------------------------------------------------- the journal
-
-
-def counting(study, calls, stop_after=None):
-    """The study with its evaluations counted, killed after so many."""
-    evaluate = study.evaluate
-
-    def counted(case, point):
-        if stop_after is not None and len(calls) == stop_after:
-            raise KeyboardInterrupt
-        calls.append(point)
-        return evaluate(case, point)
-
-    return replace(study, evaluate=counted)
-
-
-AMPLIFICATION = {"schemes": [*THREE, "bathe"], "per_decade": 10}
-
-
-def test_an_interrupted_study_evaluates_only_what_is_missing(tmp_path):
-    one = find_study("amplification")
-    whole = run_study(one, SMALL, **AMPLIFICATION)
-    first, second, third = [], [], []
-    with pytest.raises(KeyboardInterrupt):
-        run_study(counting(one, first, stop_after=3), SMALL, tmp_path, **AMPLIFICATION)
-    resumed = run_study(counting(one, second), SMALL, tmp_path, **AMPLIFICATION)
-    assert len(first) == 3
-    assert [point["scheme"] for point in second] == ["bathe(split=0.5)"]
-    assert json.dumps(resumed.rows) == json.dumps(whole.rows)
-    run_study(counting(one, third), SMALL, tmp_path, **AMPLIFICATION)
-    assert not third
-
-
-KILLED = """
-import sys, time
-from dataclasses import replace
-from stiffbeam.cases import paper_case
-from stiffbeam.studies import study
-
-def progress(what, done, total):
-    print(done, flush=True)
-    if done == 2:
-        time.sleep(600)
-
-case = replace(paper_case(10), cells=8, t_end=0.8)
-study("amplification", case, folder=sys.argv[1], progress=progress, schemes={schemes!r}, per_decade=10)
-"""
-
-
-def test_a_killed_process_loses_nothing_finished(tmp_path):
-    script = KILLED.format(schemes=AMPLIFICATION["schemes"])
-    child = subprocess.Popen([sys.executable, "-c", script, str(tmp_path)], stdout=subprocess.PIPE, text=True)
-    try:
-        assert child.stdout is not None
-        while child.stdout.readline().strip() != "2":
-            assert child.poll() is None
-        os.kill(child.pid, signal.SIGKILL)
-        assert child.wait(30) == -signal.SIGKILL
-    finally:
-        child.kill()
-        child.wait()
-        child.stdout.close()
-    calls = []
-    resumed = run_study(counting(find_study("amplification"), calls), SMALL, tmp_path, **AMPLIFICATION)
-    assert len(calls) == 2
-    assert json.dumps(resumed.rows) == json.dumps(study("amplification", SMALL, **AMPLIFICATION).rows)
-
-
-def test_a_line_cut_short_is_evaluated_again(tmp_path):
-    one = find_study("amplification")
-    whole = run_study(one, SMALL, tmp_path, **AMPLIFICATION)
-    (file,) = tmp_path.glob("*.jsonl")
-    full = file.read_bytes()
-    file.write_bytes(full[:-40])
-    calls = []
-    again = run_study(counting(one, calls), SMALL, tmp_path, **AMPLIFICATION)
-    assert [point["scheme"] for point in calls] == ["bathe(split=0.5)"]
-    assert json.dumps(again.rows) == json.dumps(whole.rows)
-    assert file.read_bytes() == full
-
-
-@pytest.mark.parametrize(
-    "other",
-    [
-        {"dt": 2e-4},
-        {"t_end": 0.4},
-        {"cells": 9},
-        {"problem": replace(SMALL.problem, stiffness=301.0)},
-        {"runs": SMALL.runs[:1]},
-    ],
-    ids=["dt", "t_end", "cells", "problem", "runs"],
-)
-def test_the_journal_of_another_case_is_never_read(other, tmp_path):
-    one = find_study("amplification")
-    run_study(one, SMALL, tmp_path, **AMPLIFICATION)
-    (file,) = tmp_path.glob("*.jsonl")
-    before, calls = file.read_bytes(), []
-    run_study(counting(one, calls), replace(SMALL, **other), tmp_path, **AMPLIFICATION)
-    assert len(calls) == 4
-    assert file.read_bytes() == before
-
-
-def test_the_journal_of_another_version_study_or_option_is_never_read(tmp_path, monkeypatch):
-    one = find_study("amplification")
-    run_study(one, SMALL, tmp_path, **AMPLIFICATION)
-
-    def evaluated(study=one, **options):
-        calls = []
-        run_study(counting(study, calls), SMALL, tmp_path, **(AMPLIFICATION | options))
-        return len(calls)
-
-    assert evaluated() == 0
-    assert evaluated(per_decade=11) == 4
-    assert evaluated(replace(one, name="another")) == 4
-    with monkeypatch.context() as patch:
-        patch.setattr(journal, "version", lambda package: "0.0.0")
-        assert evaluated() == 4
-    with monkeypatch.context() as patch:
-        patch.setattr(journal, "source_hash", lambda: "edited")
-        assert evaluated() == 4
-    assert evaluated() == 0
-
-
-@pytest.mark.slow
-def test_two_processes_find_what_one_finds(tmp_path):
-    options = {"schemes": THREE, "halvings": 2, "t_end": 0.2, "sensitivity": False}
-    alone = study("impacts", SMALL, **options)
-    together = study("impacts", SMALL, folder=tmp_path, jobs=2, **options)
-    assert json.dumps(together.rows) == json.dumps(alone.rows)
-    calls = []
-    run_study(counting(find_study("impacts"), calls), SMALL, tmp_path, **options)
-    assert not calls  # what other processes found was kept
-
-
-# ---------------------------------------------------------------- failures and bad input
-
-
 def test_a_point_that_fails_is_a_row_and_the_others_are_there():
     """Extrapolated contact is unstable: kappa dt^2 over the mass at the tip is far above its limit here."""
     options = {"schemes": ["trapezoidal"], "forms": ["displacement"], "contact": "extrapolated", "dt": 1e-3}
@@ -345,81 +201,3 @@ def test_a_study_none_of_whose_points_succeed_says_why():
 def test_bad_input_is_named_with_its_remedy(call, words):
     with pytest.raises(InputError, match=words):
         call()
-
-
-# ---------------------------------------------------------------- what answers are made of
-
-
-def point(octave, error, dt, left_out=""):
-    return {"octave": octave, "error_rms": error, "dt": dt, "left_out": left_out, "kind": "contact", "scheme": "bdf2"}
-
-
-def test_the_envelope_takes_the_worst_of_every_whole_octave():
-    rows = [
-        point(0, 1e-2, 1.0, "impacts part"), point(0, 1e-3, 0.7),
-        point(1, 3e-3, 0.5), point(1, 4e-3, 0.4),
-        point(2, 1e-3, 0.25), point(2, 5e-4, 0.2),
-        point(3, 1e-5, 0.125), point(3, 1e-9, 0.1, "rounding"),
-    ]  # fmt: skip
-    assert converge.envelope(rows) == ([0.5, 0.25], [4e-3, 1e-3])
-    assert converge.orders(rows)["contact", "bdf2"].slope == pytest.approx(2.0)
-
-
-@pytest.mark.parametrize(
-    ("kind", "scheme", "t_end", "steps", "reason"),
-    [
-        ("contact", "bdf2", 0.15, 1000, "impacts part"),
-        ("smooth", "bdf2", 0.6, 12, "error above 10 %"),
-        ("smooth", "sdirk", 0.1, 10, "motion not resolved"),
-        ("smooth", "sdirk", 0.6, 200_000, "rounding"),
-        ("smooth", "bdf2", 0.6, 2_000, ""),
-    ],
-)
-def test_a_point_that_means_nothing_says_why_it_is_left_out(kind, scheme, t_end, steps, reason):
-    where = {"kind": kind, "scheme": scheme, "form": "displacement", "contact": "implicit", "t_end": t_end}
-    (row,) = converge.evaluate(replace(SMALL, t_end=0.6), where | {"steps": steps, "octave": 0})
-    assert row["left_out"] == reason
-    other = point(1, 1e-4, 0.5), point(2, 1e-5, 0.25)
-    slope = converge.orders([point(0, 1.0, 1.0, row["left_out"]), *other])["contact", "bdf2"]
-    assert slope.points == (2 if reason else 3)
-
-
-def test_every_scheme_converges_with_its_order_on_the_smooth_problem():
-    case = replace(paper_case(10), cells=4, dt=1e-3, t_end=0.7)
-    labels = [str(scheme) for scheme in registered()]
-    records = study("converge", case, schemes=labels, kinds=["smooth"], halvings=3)
-    found = converge.orders(records.rows)
-    assert len(found) == len(labels)
-    for scheme in registered():
-        order = found["smooth", str(scheme)]
-        assert abs(order.slope - scheme.order) < 0.1, scheme
-        assert order.points == 3
-
-
-def test_the_cheapest_method_is_found_between_its_points():
-    def row(method, cost, error):
-        return {"method": method, "seconds": cost, "error": error}
-
-    rows = [row("fast", 1.0, 1e-2), row("fast", 100.0, 1e-6), row("slow", 50.0, 1e-2), row("slow", 500.0, 1e-5)]
-    rows += [row("never", 1e-3, 1e-2), row("never", 1e3, 2e-4), row("at once", 0.5, 1e-9)]
-    (first, second) = precision.cheapest(rows, 1e-4, "seconds")
-    assert first == (pytest.approx(10.0), "fast")  # half-way in both logarithms
-    assert second == (pytest.approx(50.0 * 10 ** (2 / 3)), "slow")
-    assert [name for _, name in precision.cheapest(rows, 1e-2, "seconds")] == []
-
-
-@pytest.mark.parametrize(("spread", "allowed"), [(0.0, 0.0), (10.0, 1.96 * 10.0 * np.sqrt(1 / 16 + 1 / 128))])
-def test_a_count_is_right_only_if_every_finer_one_is(spread, allowed):
-    """To the tolerance and the 95 % interval of a difference of means over 16 and 128 members."""
-
-    def row(dt, count, scheme="bdf2", purpose="step"):
-        return {"scheme": scheme, "purpose": purpose, "dt": dt, "count": count, "count_spread": spread, "members": 16}
-
-    edge = 100.0 + 5.0 + allowed
-    rows = [row(0.0, 100.0, "exact"), row(1e-4, 100.0), row(5e-5, 200.0), row(1e-6, 0.0, purpose="contact")]
-    rows += [row(2.5e-5, edge - 0.01), row(1.25e-5, 200.0 - edge + 0.01)]
-    assert impacts.right_from(rows, "bdf2") == 2.5e-5  # right by accident at 1e-4 does not count
-    assert np.isnan(impacts.right_from([*rows, row(6e-6, edge + 0.01)], "bdf2"))
-    assert impacts.right_from([*rows, row(2e-5, edge + 0.01)], "bdf2") == 1.25e-5
-    assert np.isnan(impacts.right_from(rows, "hht"))
-    assert np.isnan(impacts.right_from(rows[1:], "bdf2"))

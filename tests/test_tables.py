@@ -1,0 +1,122 @@
+"""The paper's seventeen tables as cases."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import stiffbeam as sb
+from stiffbeam.cases import load_cases, paper_cases, paper_text, parse_run
+from stiffbeam.schemes import GAMMA_THIRD_ORDER
+
+
+def test_all_seventeen_tables_load_in_order():
+    cases = paper_cases()
+    assert list(cases) == [f"table{k}" for k in range(1, 18)]
+    for case in cases.values():
+        assert case.title
+        assert case.runs
+        assert case.cells in (25, 40, 50)
+        assert abs(round(case.t_end / case.dt) * case.dt - case.t_end) < 1e-9 * case.t_end
+
+
+# table: k^2, a, h, dt, g2, kappa, alpha (None: no HHT run), gamma (None: no SDIRK run)
+PARAMETERS = {
+    1: (8000.0, 10.0, 0.04, 1e-4, 0.1, 4e6, -0.1, None),
+    3: (300.0, 10.0, 0.02, 2e-5, 0.001, 2e7, -0.1, None),
+    4: (300.0, 60.0, 0.02, 1e-5, 0.001, 3e7, -0.3, None),
+    6: (300.0, 10.0, 0.04, 1e-4, 0.1, 5e6, None, 1.0),
+    10: (300.0, 10.0, 0.04, 1e-4, 0.1, 5e6, -0.1, 0.435866521508459),
+    11: (300.0, 10.0, 0.025, 2.5e-5, 0.001, 2e7, -0.1, 0.435866521508459),
+    12: (300.0, 60.0, 0.02, 1e-5, 0.001, 6e7, -0.1, 0.435866521508459),
+    13: (300.0, 60.0, 0.02, 2e-5, 0.01, 4e7, -0.1, 0.435866521508459),
+    17: (300.0, 60.0, 0.025, 2e-5, 0.1, 5e7, -0.1, None),
+}
+
+
+@pytest.mark.parametrize("table", PARAMETERS)
+def test_a_table_has_the_papers_parameters(table):
+    k2, a, h, dt, g2, kappa, alpha, gamma = PARAMETERS[table]
+    case = sb.paper_case(table)
+    problem = case.problem
+    assert (problem.stiffness, problem.viscosity, case.dt) == (k2, 0.0, dt)
+    assert 1.0 / case.cells == h
+    assert problem.stops == sb.Stops(-g2, g2, stiffness=kappa)
+    assert problem.base == sb.Harmonic(0.2, a)
+    assert problem.loads == ()
+    assert {s.alpha for s, _ in case.runs if isinstance(s, sb.HHT)} == ({alpha} if alpha is not None else set())
+    assert {s.gamma for s, _ in case.runs if isinstance(s, sb.SDIRK)} == ({gamma} if gamma is not None else set())
+
+
+def test_table_6_runs_sdirk_on_all_three_discretisations():
+    runs = [(s.name, s.nystrom, form) for s, form in sb.paper_case(6).runs]
+    assert runs == [
+        ("sdirk", False, "velocity-curvature"),
+        ("sdirk", False, "displacement"),
+        ("sdirk", True, "displacement"),
+    ]
+
+
+def test_table_14_has_a_lower_stop_only():
+    case = sb.paper_case(14)
+    assert case.problem.stops == sb.Stops(lower=-0.001, stiffness=7e6)
+    assert [s.alpha for s, _ in case.runs] == [-0.01]
+
+
+@pytest.mark.parametrize(("table", "position"), [(15, 0.23), (16, 0.70)])
+def test_tables_15_and_16_have_a_point_load_and_a_clamp_at_rest(table, position):
+    problem = sb.paper_case(table).problem
+    assert problem.stiffness == 282.84
+    assert problem.base is None
+    (load,) = problem.loads
+    assert load.position == position
+    t = np.linspace(0.0, 2.0, 9)
+    assert np.max(np.abs(load.time.value(t) - 67.024 * np.cos(6.0 * t))) < 67.024 * 1e-14
+
+
+@pytest.mark.parametrize(
+    ("table", "kind", "hht", "sdirk"),
+    [
+        (10, "impacts", 3904, 4494),
+        (10, "cpu_seconds", 15.59, 43.24),
+        (11, "impacts", 291, 266),
+        (12, "impacts", 688, 824),
+        (13, "impacts", 2062, 1130),
+    ],
+)
+def test_published_numbers_belong_to_the_runs(table, kind, hht, sdirk):
+    case = sb.paper_case(table)
+    by_run = {parse_run(name)[0].name: value for name, value in case.published[kind].items()}
+    assert by_run == {"hht": hht, "sdirk": sdirk}
+
+
+def test_every_published_number_is_of_a_run_the_case_makes():
+    def key(scheme, form):
+        return type(scheme), tuple(scheme.parameters.items()), form
+
+    for case in paper_cases().values():
+        runs = {key(*run) for run in case.runs}
+        for numbers in case.published.values():
+            assert {key(*parse_run(name)) for name in numbers} <= runs
+            assert all(value > 0 for value in numbers.values())
+
+
+def test_what_is_inferred_is_noted_with_its_reason():
+    for case in paper_cases().values():
+        noted = {note.partition(":")[0] for note in case.notes}
+        assert {"initial data", "t_end"} <= noted
+        assert all(note.partition(":")[2].strip() for note in case.notes)
+        third = [s for s, _ in case.runs if isinstance(s, sb.SDIRK) and s.gamma == GAMMA_THIRD_ORDER]
+        assert bool(third) == ("scheme" in noted)
+        assert bool(case.problem.loads) == ("load" in noted)
+    assert any(note.startswith("dt: printed 25 x 10^-5") for note in sb.paper_case(11).notes)
+
+
+def test_the_papers_file_is_one_that_users_can_load(tmp_path):
+    file = tmp_path / "mine.toml"
+    file.write_text(paper_text(), encoding="utf-8")
+    mine = load_cases(file)
+    assert list(mine) == list(paper_cases())
+    for name, case in paper_cases().items():
+        assert mine[name].problem == case.problem
+        assert str(mine[name].runs) == str(case.runs)
