@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import os
 
+os.environ.setdefault("MPLBACKEND", "agg")
+# Before NumPy is there, and inherited by pytest's workers: on all cores at once, BLAS threads only wait for each other.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 import numpy as np
 import pytest
 
 import stiffbeam as sb
-
-os.environ.setdefault("MPLBACKEND", "agg")
 
 
 @pytest.fixture(scope="session", autouse=True)
