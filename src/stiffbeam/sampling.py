@@ -29,6 +29,12 @@ def new_tally(u0: Array, g1: Array, g2: Array, since: int = 0) -> Array:
 
 
 @inlined
+def side_of(u, g1, g2):
+    """chi: +1 beyond g2, -1 beyond g1, else 0."""
+    return 1.0 if u > g2 else (-1.0 if u < g1 else 0.0)
+
+
+@inlined
 def scan(u, count, law, dt, tally, i, c, events, rows, first):
     """Take the steps u (count,) into the tally of contact c of member i; impacts that begin are appended.
 
@@ -40,42 +46,37 @@ def scan(u, count, law, dt, tally, i, c, events, rows, first):
     side = tally[i, c, SIDE]
     row = int(tally[i, c, ROW])
     passed = int(tally[i, c, SINCE]) - first  # so many of these steps are passed over
-    touching = 0
-    peak = tally[i, c, PEAK]
-    impulse = tally[i, c, IMPULSE]
     own_peak = events[row, IMPACT_PEAK] if row >= 0 else 0.0
     own_impulse = events[row, IMPACT_IMPULSE] if row >= 0 else 0.0
-    for k in range(count):
-        new = 0.0
-        depth = 0.0
-        if u[k] > g2:
-            new = 1.0
-            depth = u[k] - g2
-        elif u[k] < g1:
-            new = -1.0
-            depth = g1 - u[k]
+    touching = 0
+    peak, impulse = tally[i, c, PEAK], tally[i, c, IMPULSE]
+    k = 0
+    while k < count:  # from one change of side to the next
+        new = side_of(u[k], g1, g2)
         if new != side:
             if row >= 0:
-                events[row, IMPACT_PEAK] = own_peak
-                events[row, IMPACT_IMPULSE] = own_impulse
+                events[row, IMPACT_PEAK], events[row, IMPACT_IMPULSE] = own_peak, own_impulse
             row = -1
             if new != 0.0 and k >= passed:
                 row = rows
                 rows += 1
-                events[row, TIME] = k
-                events[row, STOP] = new
+                events[row, TIME], events[row, STOP] = k, new
                 own_peak = own_impulse = 0.0
             side = new
-        if new != 0.0 and k >= passed:
-            force = kappa * depth
-            touching += 1
-            peak = max(peak, force)
-            impulse += force * dt
-            own_peak = max(own_peak, force)
-            own_impulse += force * dt
+        depths = deepest = 0.0
+        while k < count and side_of(u[k], g1, g2) == side:
+            if side != 0.0 and k >= passed:
+                depth = u[k] - g2 if side > 0.0 else g1 - u[k]
+                depths += depth
+                deepest = max(deepest, depth)
+                touching += 1
+            k += 1
+        own_peak = max(own_peak, kappa * deepest)
+        own_impulse += kappa * depths * dt
+        peak = max(peak, kappa * deepest)
+        impulse += kappa * depths * dt
     if row >= 0:
-        events[row, IMPACT_PEAK] = own_peak
-        events[row, IMPACT_IMPULSE] = own_impulse
+        events[row, IMPACT_PEAK], events[row, IMPACT_IMPULSE] = own_peak, own_impulse
     tally[i, c, SIDE] = side
     tally[i, c, ROW] = row
     tally[i, c, TOUCHING] += touching
