@@ -36,14 +36,16 @@ def look(label: str) -> dict[str, Any]:
     """Colour, dashes and marker of a method, the same in every picture; arguments of ``Axes.plot``.
 
     The truth is black. A scheme has its colour by name; other parameters than its default's change dashes
-    and marker. The Nyström form of SDIRK-OS is the same scheme and looks the same. Other solvers are grey.
+    and marker. The Nyström form of SDIRK-OS is the same scheme and looks the same. Other solvers are grey,
+    a user's own scheme has the colour that its label falls on.
     """
     if label in TRUTH:
         return {"color": "black", "linestyle": "-", "marker": "*"}
     scheme = _scheme(label)
     if scheme is None:
-        k = METHODS.index(label) if label in METHODS else len(METHODS)
-        return {"color": ("0.6", "0.3")[k % 2], "linestyle": dashed(k), "marker": MARKERS[k % len(MARKERS)]}
+        k = METHODS.index(label) if label in METHODS else crc32(label.encode())
+        colours = ("0.6", "0.3") if label in METHODS else COLOURS
+        return {"color": colours[k % len(colours)], "linestyle": dashed(k), "marker": MARKERS[k % len(MARKERS)]}
     i = list(SCHEMES).index(scheme.name)
     pairs = len(DASHES) * len(MARKERS)  # coprime, so that every shift is another pair
     other = 0 if short(label) == short(scheme.name) else 1 + crc32(short(label).encode()) % (pairs - 1)

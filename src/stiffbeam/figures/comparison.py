@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -11,7 +12,7 @@ from ..arrays import Array
 from ..drive import Drive
 from ..measures.spectrum import amplitude_spectrum
 from ..trajectory import Reference, Trajectory
-from . import COLOURS, DASHES
+from . import look, short
 
 
 def four_panels(title: str, runs: Sequence[Trajectory], references: Sequence[Reference], length: str = "") -> Figure:
@@ -19,8 +20,8 @@ def four_panels(title: str, runs: Sequence[Trajectory], references: Sequence[Ref
 
     All of one form: another form is another system. Panels a to c show the time inside the horizon of
     the first reference, where one solution exists to compare with; panel d shows the schemes over their
-    whole span. The other references are drawn in a and c only, where they follow the first. ``length``
-    names the unit of displacement, where it has one.
+    whole span. The other references, black and thin, are drawn in a and c only, where they follow the
+    first. ``length`` names the unit of displacement, where it has one.
     """
     main = references[0]
     system = main.system
@@ -32,31 +33,30 @@ def four_panels(title: str, runs: Sequence[Trajectory], references: Sequence[Ref
     displacement, portrait, zoom, spectrum = axes.ravel()
     fine = np.linspace(0.0, window, 6000)
 
-    def draw(axis, x, y, index, label) -> None:
+    def draw(axis, x, y, index, run) -> None:
+        name = short(run.provenance["method"])
         if index is None:
             width = 0.9 if axis is portrait else 2.6  # the portrait crosses itself too often for a broad line
-            axis.plot(x, y, color="black", lw=width, alpha=0.38, label=label, zorder=1)
+            axis.plot(x, y, color="black", lw=width, alpha=0.38, label=name, zorder=1)
         else:
-            dashes = DASHES[index % len(DASHES)]
-            colour = COLOURS[index % len(COLOURS)]
-            axis.plot(x, y, color=colour, lw=1.1, dashes=dashes or (None, None), label=label, zorder=2 + index)
+            axis.plot(x, y, lw=1.1, label=name, zorder=2 + index, **line_of(run))
 
-    curves: list[tuple[int | None, str, Array, Array, Array]] = []
+    curves: list[tuple[int | None, Trajectory, Array, Array, Array]] = []
     u, v = main.at(fine) if main.solution is not None else (main.tip, main.tip_velocity)
-    curves.append((None, main.label, fine if main.solution is not None else main.t, u, v))
+    curves.append((None, main, fine if main.solution is not None else main.t, u, v))
     schemes = len(runs)
     runs = [*runs, *references[1:]]
     for i, run in enumerate(runs):
         here = run.t <= window
-        curves.append((i, run.label, run.t[here], run.tip[here], run.tip_velocity[here]))
+        curves.append((i, run, run.t[here], run.tip[here], run.tip_velocity[here]))
 
     start, end = first_contact(main, system, window)
-    for index, label, t, u, v in curves:
-        draw(displacement, t, u, index, label)
+    for index, run, t, u, v in curves:
+        draw(displacement, t, u, index, run)
         if index is None or index < schemes:
-            draw(portrait, u, v, index, label)  # the other solvers follow the reference: left out for clarity
+            draw(portrait, u, v, index, run)  # the other solvers follow the reference: left out for clarity
         near = (t >= start) & (t <= end)
-        draw(zoom, t[near], u[near], index, label)
+        draw(zoom, t[near], u[near], index, run)
     for axis in (displacement, zoom):
         draw_stops(axis, system, horizontal=True)
         axis.set(xlabel="time $t$", ylabel=f"tip displacement $u(1, t)${length}")
@@ -73,8 +73,14 @@ def four_panels(title: str, runs: Sequence[Trajectory], references: Sequence[Ref
         zoom.set_title("(c) first oscillations", loc="left")
     _draw_spectra(spectrum, runs, references, Drive.of(system).frequencies)
     handles, labels = displacement.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=2, frameon=False)
+    figure.legend(handles, labels, loc="outside lower center", ncols=4, frameon=False, handlelength=3.2)
     return figure
+
+
+def line_of(run: Trajectory) -> dict[str, Any]:
+    """Colour and dashes: a scheme's own, black for a solver, which is grey elsewhere, as it lies on the reference."""
+    style = look(run.provenance["method"])
+    return {"color": "black" if isinstance(run, Reference) else style["color"], "linestyle": style["linestyle"]}
 
 
 def first_contact(reference: Reference, system, window: float) -> tuple[float, float]:
@@ -120,8 +126,7 @@ def _draw_spectra(axis, runs, references, frequencies) -> None:
         if isinstance(run, Reference):
             continue  # ends at the horizon
         omega, amplitude = amplitude_spectrum(run.t, run.tip, drive)
-        style = {"color": COLOURS[i % len(COLOURS)], "dashes": DASHES[i % len(DASHES)] or (None, None)}
-        axis.plot(omega, amplitude, lw=0.9, label=run.label, zorder=2 + i, **style)
+        axis.plot(omega, amplitude, lw=0.9, label=short(run.provenance["method"]), zorder=2 + i, **line_of(run))
         whole = min(whole, float(run.t[-1]))
     if runs and references:
         t = runs[0].t
