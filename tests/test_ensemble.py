@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -29,6 +29,9 @@ def assert_same_bits(ensemble, i, run):
         assert statistics.fraction[i] == record.fraction
         assert statistics.peak_force[i] == record.peak_force
         assert statistics.impulse[i] == record.impulse
+    ledger = ensemble.ledger(i)
+    for field in fields(ledger):
+        assert np.array_equal(getattr(ledger, field.name), getattr(run.energy, field.name)), field.name
 
 
 def members_of(kind: str, system: sb.System) -> sb.Members:

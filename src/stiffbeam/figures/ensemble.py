@@ -11,25 +11,37 @@ from . import column, found_rows, look, say_empty, shared_legend, short
 
 
 def draw(records: Records) -> Figure:
-    """(a) impact counts, (b) contact share, (c) peak forces of the impacts, (d) spectra with 90 % bands."""
+    """(a) impact counts, (b) contact share, (c) energy lost, (d) peak forces of the impacts, (e) spectra with
+    90 % bands."""
     rows = found_rows(records)
     methods = list(dict.fromkeys(row["method"] for row in rows))
     figure = Figure(figsize=(11.0, 8.6), layout="constrained")
     size = f"{rows[0]['members']} members each, perturbed by {rows[0]['size']:g}" if rows else "no members"
     figure.suptitle(f"{records.case.name}: distributions past the horizon ({size})")
-    (counts, shares), (forces, spectra) = figure.subplots(2, 2)
+    axes = figure.subplot_mosaic([["counts", "shares", "losses"], ["forces", "spectra", "spectra"]])
+    counts, shares, losses, forces, spectra = axes.values()
+    for axis in (shares, losses, forces):
+        axis.sharey(counts)
     if not rows:
-        for axis in (counts, shares, forces, spectra):
+        for axis in axes.values():
             say_empty(axis)
         return figure
     _boxes(counts, rows, methods, "count", 1.0)
     counts.set(xlabel=f"impacts to t = {rows[0]['t_end']:g}")
-    counts.set_title("(a) impact count, each member a dot, the mean a bar", loc="left")
+    counts.set_title("(a) impacts, member by member", loc="left")
     _boxes(shares, rows, methods, "fraction", 100.0)
     shares.set(xlabel="share of the time in contact, %")
     shares.set_title("(b) time in contact", loc="left")
+    _boxes(losses, rows, methods, "energy_lost", 1.0)
+    losses.axvline(0.0, color="black", lw=0.8, ls=":")
+    losses.set(xlabel="energy; the exact motion loses none")
+    losses.set_title("(c) energy lost by the scheme", loc="left")
+    for axis in (shares, losses):
+        axis.tick_params(labelleft=False)
     _peaks(forces, rows, methods)
     _spectra(spectra, rows, methods)
+    counts.set_yticks(range(len(methods)), [short(method) for method in methods])
+    counts.set_ylim(len(methods) - 0.4, -0.6)  # the four panels share it, the first method on top
     shared_legend(figure)
     return figure
 
@@ -47,8 +59,6 @@ def _boxes(axis, rows, methods, quantity: str, scale: float) -> None:
         axis.plot([np.mean(values)] * 2, [i - 0.38, i + 0.38], color=style["color"], lw=2.2)
         if method == "exact":
             axis.axvline(np.mean(values), color="black", lw=0.8, ls=":")
-    axis.set_yticks(range(len(methods)), [short(method) for method in methods])
-    axis.invert_yaxis()
     axis.margins(x=0.04)
 
 
@@ -62,11 +72,9 @@ def _peaks(axis, rows, methods) -> None:
         axis.plot(force[[0, -1]], [i, i], color=colour, lw=1.2)
         axis.plot(force[[1, -2]], [i, i], color=colour, lw=5.0, solid_capstyle="butt")
         axis.plot(force[2], i, marker="o", ms=6, mfc="white", mec=colour, ls="")
-    axis.set_yticks(range(len(methods)), [short(method) for method in methods])
-    axis.invert_yaxis()
     axis.set_xscale("log")
     axis.set(xlabel=r"peak force of an impact $\max|\sigma|$")
-    axis.set_title("(c) impact forces: median, middle half, 90 %", loc="left")
+    axis.set_title("(d) forces: median, 50 %, 90 %", loc="left")
 
 
 def _spectra(axis, rows, methods) -> None:
@@ -86,4 +94,4 @@ def _spectra(axis, rows, methods) -> None:
         axis.set_yscale("log")
         axis.set_ylim(1e-4 * top, 2.0 * top)
     axis.set(xlabel=r"angular frequency $\omega$", ylabel="mean amplitude of $u(1, t)$")
-    axis.set_title("(d) spectra, mean over the members", loc="left")
+    axis.set_title("(e) spectra, mean over the members", loc="left")

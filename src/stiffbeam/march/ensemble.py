@@ -6,13 +6,14 @@ import os
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..arrays import Array
+from ..ledger import Ledger
 from ..schemes import Scheme
 from ..system import System
 from ..trajectory import Impacts, Reference, Work
@@ -60,7 +61,8 @@ class Ensemble:
     contacts: one record per contact; the arrays over members of the first stand on the ensemble itself.
     t: (k,) output times, tip and tip_velocity: (M, k); k = 0 unless they were asked for. diverged:
     (M,), the time at which a member overflowed, NaN for none; it has seen nothing after. work.steps
-    counts member-steps.
+    counts member-steps. ledger(i): the energy ledger of member i at the output times, at the start and
+    the end where there are none, made by going through the member once more.
     """
 
     members: Members
@@ -71,6 +73,7 @@ class Ensemble:
     diverged: Array
     work: Work
     provenance: dict[str, Any]
+    ledger: Callable[[int], Ledger] = field(repr=False)
 
     def __len__(self) -> int:
         return len(self.members)
@@ -157,6 +160,7 @@ def integrate_ensemble(
         np.arange(0, plan.steps + 1, every) * dt if every is not None else np.zeros(0),
         Work(len(members) * plan.steps, seconds, seconds),
         plan.provenance(every) | {"members": len(members), "parameter": members.parameter},
+        lambda i: plan.ledger(members[i], every or plan.steps),
     )
 
 
@@ -195,7 +199,11 @@ def reference_ensemble(
     seen = [see(first), *_over_slices(solve, members[1:], MEMBERS_PER_SLICE, 1, rest)]
     seconds = time.perf_counter() - begun
     notes = {"members": len(members), "parameter": members.parameter}
-    return _ensemble(members, seen, times, Work(0, seconds, seconds), first.provenance | notes)
+
+    def ledger(i: int) -> Ledger:
+        return solve_exact(members[i], t_end, at, known=known).energy
+
+    return _ensemble(members, seen, times, Work(0, seconds, seconds), first.provenance | notes, ledger)
 
 
 def _over_slices(
@@ -236,7 +244,14 @@ def cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _ensemble(members: Members, seen: list[Seen], t: Array, work: Work, provenance: dict[str, Any]) -> Ensemble:
+def _ensemble(
+    members: Members,
+    seen: list[Seen],
+    t: Array,
+    work: Work,
+    provenance: dict[str, Any],
+    ledger: Callable[[int], Ledger],
+) -> Ensemble:
     contacts = []
     for records in zip(*(one.contacts for one in seen), strict=True):
         each = [record.impacts for record in records]
@@ -260,4 +275,5 @@ def _ensemble(members: Members, seen: list[Seen], t: Array, work: Work, provenan
         diverged=np.array([one.diverged for one in seen]),
         work=work,
         provenance=provenance,
+        ledger=ledger,
     )

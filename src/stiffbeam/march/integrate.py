@@ -160,15 +160,17 @@ class Plan:
 
     def states(self, system: System | FirstOrderSystem) -> Iterator[tuple[Array, Array, Array]]:
         """Times, q and q' of a run at every step, piece by piece with shared end points."""
+        parent = system if isinstance(system, System) else system.system
         if self.modal is not None:
-            return replay(self.modal, self.system, self.steps)
-        return _states(self.system, direct_pieces(system, self.scheme, self.dt, self.steps, self.contact), self.dt)
+            return replay(self.modal, parent, self.steps)
+        return _states(parent, direct_pieces(system, self.scheme, self.dt, self.steps, self.contact), self.dt)
 
     def ledger(self, system: System | FirstOrderSystem, every: int) -> Ledger:
         """The energy ledger of a run, added up at every step and kept at every ``every``-th."""
+        parent = system if isinstance(system, System) else system.system
         if self.modal is not None:
-            return modal_ledger(self.modal, self.system, self.steps, every)
-        return step_ledger(self.system, self.states(system), np.arange(0, self.steps + 1, every) * self.dt)
+            return modal_ledger(self.modal, parent, self.steps, every)
+        return step_ledger(parent, self.states(system), np.arange(0, self.steps + 1, every) * self.dt)
 
 
 def _direct(

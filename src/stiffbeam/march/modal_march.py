@@ -136,7 +136,7 @@ class Flight:
             one = march.starter
             z = one.scheme.initial(march.basis.equation, history, self._force())
             self.state = self.state._replace(z=one.pack(z))
-            forcing = march.forcing(one) if self._alike else one.forcing(self.members)
+            forcing = self.forcing(one)
             for _ in range(min(self.steps, scheme.history - 1)):
                 self._stretch(one, forcing, 1, replayed)
                 history.insert(0, one.unpack(self.state.z)[:2])
@@ -145,7 +145,7 @@ class Flight:
             block = march.block
             z = scheme.initial(march.basis.equation, history, self._force())
             self.state = self.state._replace(z=block.pack(z))
-            forcing = march.forcing(block) if self._alike else block.forcing(self.members)
+            forcing = self.forcing(block)
             bounded = replayed is not None or not block.harmonic
             most = STEPS_REPLAYED if bounded else max(STEPS_REPLAYED, STEPS_PER_CALL // len(self.members))
             most = max(1, most // block.steps) * block.steps  # the blocks of a run do not depend on the company
@@ -153,6 +153,10 @@ class Flight:
                 self._stretch(block, forcing, min(most, self.steps - self.done), replayed)
                 yield self.done
         self._finish()
+
+    def forcing(self, block: Propagator) -> Forcing:
+        """What the loads and offsets of the members do to one of the propagators."""
+        return self.march.forcing(block) if self._alike else block.forcing(self.members)
 
     def _stretch(
         self, block: Propagator, forcing: Forcing, steps: int, replayed: Callable[[Stretch], None] | None

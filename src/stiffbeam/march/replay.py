@@ -40,7 +40,7 @@ class Stretch:
         propagator of a single step."""
         flight, dt = self.flight, self.flight.march.dt
         times = (self.first + np.arange(self.steps)) * dt
-        forcing = flight.march.forcing(one)
+        forcing = flight.forcing(one)
         g = np.full((self.steps, forcing.rows.shape[1]), forcing.constant)
         phase = np.multiply.outer(times, forcing.frequencies[0])
         g[:, 1::2], g[:, 2::2] = np.sin(phase), np.cos(phase)

@@ -16,6 +16,7 @@ from .study import Point, Row, Rows, Study
 
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 SAMPLES = 4000  # tip samples of a member, for the spectrum
+LEDGERS = 24  # members of a scheme whose energy is followed: its spread is small, but for the trapezoidal rule
 HARMONICS = 16  # the spectrum is kept up to this multiple of the drive
 
 
@@ -57,12 +58,17 @@ def evaluate(case: Case, point: Point) -> list[Row]:
     whole = ~np.isfinite(many.diverged)
     drive = max(Drive.of(system).frequencies, default=0.0)
     response = _at_frequency(t, many.tip, drive)
+    losses = np.full((len(many), 2), np.nan)
+    for i in np.flatnonzero(whole)[: LEDGERS if point["method"] != "exact" else 0]:  # the exact flow loses nothing
+        ledger = many.ledger(i)
+        losses[i] = ledger.loss[-1], ledger.energy[0] + ledger.input[-1]
     rows: list[Row] = [
         {
             "kind": "member", "member": i, "count": int(many.impact_count[i]),
             "fraction": float(many.contact_fraction[i]), "peak_force": float(many.peak_force[i]),
             "impulse": float(many.impulse[i]), "diverged": not bool(whole[i]),
             "drive_amplitude": float(np.abs(response[i])), "drive_phase": float(np.angle(response[i])),
+            "energy_lost": losses[i, 0], "energy_had": losses[i, 1],
         }
         for i in range(len(many))
     ]  # fmt: skip
@@ -95,9 +101,10 @@ def _spectrum(t: Array, tips: Array, drive: float) -> list[Row]:
 
 
 def distribution(rows: Rows, method: str, quantity: str) -> Array:
-    """The values of ``quantity`` over the members that reached the end."""
+    """The values of ``quantity`` over the members that reached the end and have it."""
     own = [r for r in rows if r["kind"] == "member" and r["method"] == method and not r["diverged"]]
-    return np.array([r[quantity] for r in own], float)
+    values = np.array([r[quantity] for r in own], float)
+    return values[np.isfinite(values)]
 
 
 def difference(a: Array, b: Array) -> tuple[float, float]:
@@ -115,9 +122,11 @@ def answer(rows: Rows) -> str:
         if not len(count) or not len(exact):
             continue
         off, interval = difference(count, exact)
+        lost, had = (distribution(rows, method, f"energy_{name}") for name in ("lost", "had"))
         parts.append(
             f"{method} {np.mean(count):.4g} ± {np.std(count):.2g} ({off:+.3g} ± {interval:.2g}), "
             f"{100 * np.mean(share):.2g} % in contact"
+            + (f", energy lost {np.mean(lost):.3g} ± {np.std(lost):.2g} of {np.mean(had):.3g}" if len(lost) else "")
         )
     if not len(exact):
         return "No member of the exact solution reached the end, and without it there is nothing to compare with."
