@@ -191,7 +191,7 @@ def startup() -> dict[str, float]:
     code = """
 import os, sys, time
 from stiffbeam import cli
-from stiffbeam.solvers import undamped
+from stiffbeam.solvers import undamped_tracer
 from stiffbeam.march import modal_march
 def mark(owner, name, label, last):
     original = getattr(owner, name)
@@ -202,7 +202,7 @@ def mark(owner, name, label, last):
             os._exit(0)
         return original(*arguments, **keywords)
     setattr(owner, name, marked)
-mark(undamped.Tracer, "trace", "reference", False)
+mark(undamped_tracer.Tracer, "trace", "reference", False)
 mark(modal_march.Flight, "fly", "scheme", True)
 sys.argv = ["stiffbeam", "compare", "table10"]
 cli.main()

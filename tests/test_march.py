@@ -10,8 +10,8 @@ from systems import two_contacts
 import stiffbeam as sb
 from stiffbeam.march import integrate as march
 from stiffbeam.march import kernel, modal_march
+from stiffbeam.march.build import build
 from stiffbeam.march.layout import Kept
-from stiffbeam.march.propagator import build
 from stiffbeam.modal import modes
 from stiffbeam.schemes import registered
 

@@ -240,9 +240,9 @@ def test_values_that_cannot_be_read_are_refused(values):
 
 
 def test_lists_and_ranges_of_values():
-    from stiffbeam.cli.studies import _range
+    from stiffbeam.cli.lists import values_of
 
-    assert _range("8:14:4") == [8.0, 10.0, 12.0, 14.0]
-    assert _range("1e-4, 2e-4") == [1e-4, 2e-4]
-    assert np.allclose(_range("1:100:3:log"), [1.0, 10.0, 100.0])
-    assert _range(None) is None
+    assert values_of("8:14:4") == [8.0, 10.0, 12.0, 14.0]
+    assert values_of("1e-4, 2e-4") == [1e-4, 2e-4]
+    assert np.allclose(values_of("1:100:3:log"), [1.0, 10.0, 100.0])
+    assert values_of(None) is None

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from .cases import Case, load_cases, paper_case
     from .contact import Contact, Stops
+    from .first_order import FirstOrderSystem
     from .march.ensemble import Ensemble, integrate_ensemble, reference_ensemble
     from .march.integrate import integrate
     from .march.members import Members, perturbed, varied
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
     from .solvers.tangent import Growth, lyapunov
     from .store import load
     from .studies import study
-    from .system import FirstOrderSystem, System
+    from .system import System
     from .time_functions import Constant, Harmonic, TimeFunction
     from .trajectory import Diverged, Impacts, Reference, SolverFailure, Trajectory
     from .validation import InputError
@@ -50,7 +51,8 @@ _HOME = {
     "solvers.tangent": ("Growth", "lyapunov"),
     "store": ("load",),
     "studies": ("study",),
-    "system": ("FirstOrderSystem", "System"),
+    "first_order": ("FirstOrderSystem",),
+    "system": ("System",),
     "time_functions": ("Constant", "Harmonic", "TimeFunction"),
     "trajectory": ("Diverged", "Impacts", "Reference", "SolverFailure", "Trajectory"),
     "validation": ("InputError",),

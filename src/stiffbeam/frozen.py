@@ -24,7 +24,7 @@ from .cases import parse_case
 from .semidiscretisation import semidiscretise
 from .solvers.exact_measures import Solution
 from .solvers.piecewise import reference_of, tracer_of
-from .solvers.undamped import Perturbation
+from .solvers.undamped_tracer import Perturbation
 from .system import System
 from .trajectory import Reference
 from .validation import InputError

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .arrays import Array
-from .system import System, offset_values
+from .system import System
+from .time_functions import offset_values
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,8 +14,9 @@ from numpy.typing import ArrayLike
 
 from .arrays import Array
 from .contact import Contact
+from .first_order import FirstOrderContact, FirstOrderSystem, interleaved
 from .problem import BeamProblem, DistributedLoad, PointLoad
-from .system import FirstOrderContact, FirstOrderSystem, System, interleaved
+from .system import System
 from .time_functions import Constant, Harmonic, LoadFunction, TimeFunction
 from .validation import InputError, near
 

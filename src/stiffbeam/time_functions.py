@@ -94,3 +94,18 @@ def evaluate(function: LoadFunction, t: ArrayLike) -> Array:
         first = t[~np.isfinite(np.broadcast_to(values, t.shape))].flat[0]
         raise InputError("a load's time function", f"a value that is not finite at t = {first:g}", "be finite")
     return np.broadcast_to(values, t.shape)
+
+
+def offset_values(offset: LoadFunction | None, t: ArrayLike) -> Array:
+    """o(t), zero for None."""
+    return np.zeros(np.shape(t)) if offset is None else evaluate(offset, t)
+
+
+def offset_rate(offset: LoadFunction | None, t: ArrayLike) -> Array:
+    """o'(t); by a central difference for a bare callable."""
+    if offset is None:
+        return np.zeros(np.shape(t))
+    if isinstance(offset, TimeFunction):
+        return offset.rate(t)
+    step = 1e-6 * max(1.0, float(np.max(np.abs(t))))
+    return (offset_values(offset, np.asarray(t) + step) - offset_values(offset, np.asarray(t) - step)) / (2 * step)

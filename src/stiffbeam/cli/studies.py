@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
 from .application import app
+from .lists import labels, names, numbers, values_of
 from .options import Case, Jobs, Json, References
 from .output import check_json, default_folder, make_folder, write_json
 from .progress import progress
@@ -55,7 +55,7 @@ def amplification(
     out: Out = None, json_file: Json = None, jobs: Jobs = None, smoke: Smoke = False,
 ) -> None:  # fmt: skip
     """One step on a free oscillation: radius, period elongation, damping."""
-    run("amplification", "table10", out, json_file, jobs, smoke, schemes=_labels(schemes), damping=damping)
+    run("amplification", "table10", out, json_file, jobs, smoke, schemes=labels(schemes), damping=damping)
 
 
 @command
@@ -65,7 +65,7 @@ def modes(
     out: Out = None, json_file: Json = None, jobs: Jobs = None, smoke: Smoke = False,
 ) -> None:  # fmt: skip
     """Phase lag and damping mode by mode on runs without contact, against theory."""
-    run("modes", case, out, json_file, jobs, smoke, schemes=_labels(schemes), form=form, dt=dt, steps=steps)
+    run("modes", case, out, json_file, jobs, smoke, schemes=labels(schemes), form=form, dt=dt, steps=steps)
 
 
 @command
@@ -75,7 +75,7 @@ def energy(
     out: Out = None, json_file: Json = None, jobs: Jobs = None, smoke: Smoke = False,
 ) -> None:  # fmt: skip
     """The energy ledger of every scheme and of the exact flow, in every form."""
-    run("energy", case, out, json_file, jobs, smoke, schemes=_labels(schemes), forms=_list(forms), dt=dt,
+    run("energy", case, out, json_file, jobs, smoke, schemes=labels(schemes), forms=names(forms), dt=dt,
         t_end=t_end, contact=contact)  # fmt: skip
 
 
@@ -88,7 +88,7 @@ def converge(
     out: Out = None, json_file: Json = None, jobs: Jobs = None, smoke: Smoke = False,
 ) -> None:  # fmt: skip
     """Observed orders in time, smooth and through contact."""
-    run("converge", case, out, json_file, jobs, smoke, schemes=_labels(schemes), kinds=_list(kinds), form=form,
+    run("converge", case, out, json_file, jobs, smoke, schemes=labels(schemes), kinds=names(kinds), form=form,
         dt=dt, halvings=halvings, impacts=impacts, contact=contact)  # fmt: skip
 
 
@@ -102,7 +102,7 @@ def space(
     out: Out = None, json_file: Json = None, jobs: Jobs = None, smoke: Smoke = False,
 ) -> None:  # fmt: skip
     """Convergence of both discretisations to the beam, and of the contact."""
-    run("space", case, out, json_file, jobs, smoke, cells=_numbers(cells, int), forms=_list(forms),
+    run("space", case, out, json_file, jobs, smoke, cells=numbers(cells, int), forms=names(forms),
         finest=finest, impacts=impacts)  # fmt: skip
 
 
@@ -114,7 +114,7 @@ def rigid(
     out: Out = None, json_file: Json = None, jobs: Jobs = None, smoke: Smoke = False,
 ) -> None:  # fmt: skip
     """Towards rigid stops: kappa to infinity."""
-    run("rigid", case, out, json_file, jobs, smoke, form=form, factors=_numbers(factors, float), impacts=impacts)
+    run("rigid", case, out, json_file, jobs, smoke, form=form, factors=numbers(factors, float), impacts=impacts)
 
 
 @command
@@ -124,7 +124,7 @@ def errata(
     out: Out = None, json_file: Json = None, jobs: Jobs = None, smoke: Smoke = False,
 ) -> None:  # fmt: skip
     """What each misprint of the paper costs."""
-    run("errata", case, out, json_file, jobs, smoke, schemes=_labels(schemes), form=form, dt=dt,
+    run("errata", case, out, json_file, jobs, smoke, schemes=labels(schemes), form=form, dt=dt,
         halvings=halvings, impacts=impacts)  # fmt: skip
 
 
@@ -138,7 +138,7 @@ def impacts(
     out: Out = None, json_file: Json = None, jobs: Jobs = None, smoke: Smoke = False,
 ) -> None:  # fmt: skip
     """Impact counts against the step, with the true count."""
-    run("impacts", case, out, json_file, jobs, smoke, schemes=_labels(schemes), form=form, dt=dt, halvings=halvings,
+    run("impacts", case, out, json_file, jobs, smoke, schemes=labels(schemes), form=form, dt=dt, halvings=halvings,
         t_end=t_end, members=members, sensitivity=sensitivity and not smoke,
         references=_references(references))  # fmt: skip
 
@@ -153,8 +153,8 @@ def precision(
     out: Out = None, json_file: Json = None, smoke: Smoke = False,
 ) -> None:  # fmt: skip
     """Work and precision: error against seconds and against work."""
-    run("precision", case, out, json_file, 1, smoke, schemes=_labels(schemes), methods=_list(methods), form=form,
-        dt=dt, halvings=halvings, tolerances=_numbers(tolerances, float), impacts=impacts)  # fmt: skip
+    run("precision", case, out, json_file, 1, smoke, schemes=labels(schemes), methods=names(methods), form=form,
+        dt=dt, halvings=halvings, tolerances=numbers(tolerances, float), impacts=impacts)  # fmt: skip
 
 
 @command
@@ -166,7 +166,7 @@ def ensemble(
     out: Out = None, json_file: Json = None, smoke: Smoke = False,
 ) -> None:  # fmt: skip
     """Past the horizon: distributions over perturbed runs."""
-    run("ensemble", case, out, json_file, 1, smoke, schemes=_labels(schemes), form=form, dt=dt, t_end=t_end,
+    run("ensemble", case, out, json_file, 1, smoke, schemes=labels(schemes), form=form, dt=dt, t_end=t_end,
         members=members, size=size, contact=contact)  # fmt: skip
 
 
@@ -177,7 +177,7 @@ def chaos(
     out: Out = None, json_file: Json = None, smoke: Smoke = False,
 ) -> None:  # fmt: skip
     """Lyapunov exponents of the exact flow and of the schemes; the delayed portrait."""
-    run("chaos", case, out, json_file, 1, smoke, schemes=_labels(schemes), form=form, dt=dt, starts=starts)
+    run("chaos", case, out, json_file, 1, smoke, schemes=labels(schemes), form=form, dt=dt, starts=starts)
 
 
 @command
@@ -199,8 +199,8 @@ def sweep(
     out: Out = None, json_file: Json = None, jobs: Jobs = None, scheduler: Scheduler = None, smoke: Smoke = False,
 ) -> None:  # fmt: skip
     """Bifurcation diagrams, impacts and forces over one or two parameters; goes on after a kill."""
-    run("sweep", case, out, json_file, jobs, smoke, scheduler, parameter=parameter, values=_range(values),
-        second=second, second_values=_range(second_values), method=method, form=form, contact=contact, dt=dt,
+    run("sweep", case, out, json_file, jobs, smoke, scheduler, parameter=parameter, values=values_of(values),
+        second=second, second_values=values_of(second_values), method=method, form=form, contact=contact, dt=dt,
         periods=periods, transient=transient)  # fmt: skip
 
 
@@ -255,46 +255,8 @@ def _print(records, written: list[Path]) -> None:
         console.print(Padding(part, (0, 0, 0, 2 if i else 0)))
     for message in dict.fromkeys(row["failed"] for row in records.failures):
         console.print(f"[bold red]failed[/]  {message}")
-    names = ", ".join(str(path) for path in written)
-    console.print(f"{records.seconds:.1f} s. Written: {names}\n", soft_wrap=True)
-
-
-def _list(text: str | None) -> list[str] | None:
-    return None if text is None else [part.strip() for part in text.split(",") if part.strip()]
-
-
-def _labels(text: str | None) -> list[str] | None:
-    from ..cases import split_runs
-
-    return None if text is None else [part.strip() for part in split_runs(text)]
-
-
-def _numbers(text: str | None, kind: Callable[[str], Any]) -> list | None:
-    from ..validation import InputError
-
-    try:
-        return None if text is None else [kind(part) for part in text.split(",")]
-    except ValueError:
-        raise InputError("list", text, "be numbers with commas between them") from None
-
-
-def _range(text: str | None) -> list[float] | None:
-    """``start:stop:count``, evenly spaced, ``start:stop:count:log``, or numbers with commas between them."""
-    if text is None or ":" not in text:
-        return _numbers(text, float)
-    import numpy as np
-
-    from ..validation import InputError
-
-    start, stop, count, *spacing = [*text.split(":"), "", ""][: max(3, text.count(":") + 1)]
-    try:
-        low, high, n = float(start), float(stop), int(count)
-        if n < 1 or spacing not in ([], ["log"]) or (spacing and min(low, high) <= 0.0):
-            raise ValueError
-    except ValueError:
-        rule = "read start:stop:count, start:stop:count:log with both ends > 0, or numbers with commas between them"
-        raise InputError("values", text, rule, "for example 8:14:400") from None
-    return (np.geomspace if spacing else np.linspace)(low, high, n).tolist()
+    files = ", ".join(str(path) for path in written)
+    console.print(f"{records.seconds:.1f} s. Written: {files}\n", soft_wrap=True)
 
 
 def _references(folder: Path | None) -> str | None:

@@ -11,9 +11,10 @@ import numpy as np
 from ..arrays import Array
 from ..contact import solve_several
 from ..equations import FirstOrder, Matrices
+from ..first_order import FirstOrderSystem
 from ..schemes import Scheme
-from ..system import FirstOrderSystem, System, offset_rate, offset_values
-from ..time_functions import evaluate
+from ..system import System
+from ..time_functions import evaluate, offset_rate, offset_values
 from .pieces import STEPS_PER_PIECE, Piece
 
 

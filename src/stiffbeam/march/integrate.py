@@ -10,12 +10,13 @@ from typing import Any
 import numpy as np
 
 from ..arrays import Array
+from ..first_order import FirstOrderSystem
 from ..ledger import Ledger, step_ledger
 from ..modal import modes
 from ..recorder import SampledImpacts, Seen, record
 from ..schemes import Scheme
 from ..schemes.contract import check_contract
-from ..system import FirstOrderSystem, System
+from ..system import System
 from ..trajectory import Diverged, Trajectory, Work, versions
 from ..validation import InputError, positive, step_count
 from .direct_march import direct_pieces

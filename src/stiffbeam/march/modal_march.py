@@ -15,10 +15,12 @@ from ..modal import Modes
 from ..recorder import Seen, record
 from ..sampling import CONTACT, EVENT, IMPACT_IMPULSE, IMPACT_PEAK, MEMBER, ROW, SIDE, TALLY, new_tally
 from ..schemes import Scheme
-from ..system import System, offset_rate
+from ..system import System
+from ..time_functions import offset_rate
 from . import kernel, kernel_jax, kernel_numpy
+from .build import build
 from .layout import Block, Forcing, Inflow, Kept, Marchers
-from .propagator import Propagator, build
+from .propagator import Propagator
 from .replay import Stretch
 
 NODES_PER_BLOCK = 32  # longer blocks pay more for the contact than they save

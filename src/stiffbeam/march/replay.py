@@ -14,9 +14,10 @@ import numpy as np
 
 from ..arrays import Array, aligned
 from ..ledger import Ledger
-from ..system import System, offset_values
-from ..time_functions import evaluate
-from .propagator import Propagator, build
+from ..system import System
+from ..time_functions import evaluate, offset_values
+from .build import build
+from .propagator import Propagator
 from .single_steps import Energies, Step, account
 from .single_steps import states as states_of
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arrays import Array
-from ..march.propagator import build
+from ..march.build import build
 from ..modal import Modes
 from ..schemes import Scheme
 from ..system import System

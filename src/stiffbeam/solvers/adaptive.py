@@ -12,9 +12,10 @@ import numpy as np
 
 from ..arrays import Array
 from ..contact import Stops
+from ..first_order import FirstOrderSystem
 from ..ledger import step_ledger
 from ..sampling import first_crossing
-from ..system import FirstOrderSystem, System
+from ..system import System
 from ..trajectory import ContactRecord, Impacts, Reference, Work, output_index
 from ..validation import InputError, positive
 from .rhs import RightHandSide

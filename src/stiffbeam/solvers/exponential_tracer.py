@@ -15,7 +15,7 @@ from ..system import System
 from ..validation import InputError
 from .exponential import Complex, ExponentialSolution, Regime, phasors, spin_of
 from .switching import search
-from .undamped import Perturbation, refuse_resonance
+from .undamped_tracer import Perturbation, refuse_resonance
 
 CONDITION_LIMIT = 1e8  # of the eigenvectors: beyond it eight digits are lost
 

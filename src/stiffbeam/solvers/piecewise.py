@@ -19,7 +19,7 @@ from ..validation import InputError, positive
 from .adaptive import output_times
 from .exact_measures import Solution, contact_record, exact_ledger
 from .exponential_tracer import ExponentialTracer
-from .undamped import Perturbation, Tracer
+from .undamped_tracer import Perturbation, Tracer
 
 
 def solve_exact(

@@ -15,7 +15,8 @@ from ..system import System
 from .precise_modes import UndampedPencil, dot, double, locate, precision_at, refine, response
 from .rational import Exact, exact_problem
 from .switching import follow
-from .undamped import Regime, Solution, Tracer, search_arguments
+from .undamped import Regime, Solution
+from .undamped_tracer import Tracer, search_arguments
 
 
 @dataclass(eq=False)

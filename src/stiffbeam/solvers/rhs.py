@@ -8,8 +8,9 @@ import scipy.sparse
 from ..arrays import Array
 from ..compiled import compiled
 from ..drive import Drive
-from ..system import FirstOrderSystem, System, offset_rate, offset_values
-from ..time_functions import Constant, Harmonic, evaluate
+from ..first_order import FirstOrderSystem
+from ..system import System
+from ..time_functions import Constant, Harmonic, evaluate, offset_rate, offset_values
 
 
 class RightHandSide:

@@ -21,7 +21,8 @@ from ..trajectory import Impacts, Reference
 from ..validation import InputError, positive
 from .piecewise import reference_of, refuse
 from .switching import follow
-from .undamped import Solution, Tracer
+from .undamped import Solution
+from .undamped_tracer import Tracer
 
 MOST_IMPACTS = 200_000
 

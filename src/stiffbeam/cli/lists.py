@@ -1,0 +1,47 @@
+"""Lists on the command line."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+
+def names(text: str | None) -> list[str] | None:
+    """Words with commas between them."""
+    return None if text is None else [part.strip() for part in text.split(",") if part.strip()]
+
+
+def labels(text: str | None) -> list[str] | None:
+    """Runs with commas between them; those inside parentheses belong to a run."""
+    from ..cases import split_runs
+
+    return None if text is None else [part.strip() for part in split_runs(text)]
+
+
+def numbers(text: str | None, kind: Callable[[str], Any]) -> list | None:
+    """Numbers with commas between them."""
+    from ..validation import InputError
+
+    try:
+        return None if text is None else [kind(part) for part in text.split(",")]
+    except ValueError:
+        raise InputError("list", text, "be numbers with commas between them") from None
+
+
+def values_of(text: str | None) -> list[float] | None:
+    """``start:stop:count``, evenly spaced, ``start:stop:count:log``, or numbers with commas between them."""
+    if text is None or ":" not in text:
+        return numbers(text, float)
+    import numpy as np
+
+    from ..validation import InputError
+
+    start, stop, count, *spacing = [*text.split(":"), "", ""][: max(3, text.count(":") + 1)]
+    try:
+        low, high, n = float(start), float(stop), int(count)
+        if n < 1 or spacing not in ([], ["log"]) or (spacing and min(low, high) <= 0.0):
+            raise ValueError
+    except ValueError:
+        rule = "read start:stop:count, start:stop:count:log with both ends > 0, or numbers with commas between them"
+        raise InputError("values", text, rule, "for example 8:14:400") from None
+    return (np.geomspace if spacing else np.linspace)(low, high, n).tolist()
