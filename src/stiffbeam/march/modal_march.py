@@ -21,7 +21,6 @@ from . import kernel, kernel_jax, kernel_numpy
 from .build import build
 from .layout import Block, Forcing, Inflow, Kept, Marchers
 from .propagator import Propagator
-from .replay import Stretch
 
 NODES_PER_BLOCK = 32  # longer blocks pay more for the contact than they save
 STEPS_PER_CALL = 1 << 16  # between two reports of progress
@@ -218,6 +217,18 @@ class Flight:
         events[open_rows, IMPACT_PEAK] = events[open_rows, IMPACT_IMPULSE] = np.nan
         events = events[: self._rows]
         self.events = events[np.lexsort((np.arange(len(events)), events[:, CONTACT], events[:, MEMBER]))]
+
+
+@dataclass(frozen=True, eq=False)
+class Stretch:
+    """Consecutive steps of the only member of a flight, with what they can be made again from."""
+
+    flight: Flight
+    block: Propagator
+    first: int
+    steps: int
+    starts: Array  # (B, D): the state at the start of each block
+    forces: Array  # (B, N)
 
 
 def _stops(system: System) -> list[Stops]:

@@ -7,8 +7,6 @@ steps are taken once more, linear now. A run that nobody asks pays nothing for t
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,46 +15,33 @@ from ..ledger import Ledger
 from ..system import System
 from ..time_functions import evaluate, offset_values
 from .build import build
+from .modal_march import March, Stretch
 from .propagator import Propagator
 from .single_steps import Energies, Step, account
 from .single_steps import states as states_of
 
-if TYPE_CHECKING:
-    from .modal_march import Flight, March
 
-
-@dataclass(frozen=True, eq=False)
-class Stretch:
-    """Consecutive steps of the only member of a flight, with what they can be made again from."""
-
-    flight: Flight
-    block: Propagator
-    first: int
-    steps: int
-    starts: Array  # (B, D)
-    forces: Array  # (B, N)
-
-    def step(self, one: Propagator) -> tuple[Step, Array]:
-        """The steps with all they are given, and the packed state they start from; ``one``: the scheme's
-        propagator of a single step."""
-        flight, dt = self.flight, self.flight.march.dt
-        times = (self.first + np.arange(self.steps)) * dt
-        forcing = flight.forcing(one)
-        g = np.full((self.steps, forcing.rows.shape[1]), forcing.constant)
-        phase = np.multiply.outer(times, forcing.frequencies[0])
-        g[:, 1::2], g[:, 2::2] = np.sin(phase), np.cos(phase)
-        nodes = len(self.block.block.compliance)
-        by_step = self.forces[:, :nodes].reshape(len(self.forces) * self.block.steps, -1)[: self.steps]
-        of_state = slice(one.block.reading.shape[0], None)
-        step = Step(
-            transition=one.block.transition,
-            push=one.block.push[:, of_state],
-            driven=forcing.rows[0][:, of_state],
-            forces=by_step,
-            g=g,
-            inflow=one.inflow(times, flight.steps * dt).rows[:, of_state],
-        )
-        return step, one.pack(self.block.unpack(self.starts[:1]))[0]
+def step_of(stretch: Stretch, one: Propagator) -> tuple[Step, Array]:
+    """The steps of a stretch with all they are given, and the packed state they start from; ``one``: the
+    scheme's propagator of a single step."""
+    flight, dt = stretch.flight, stretch.flight.march.dt
+    times = (stretch.first + np.arange(stretch.steps)) * dt
+    forcing = flight.forcing(one)
+    g = np.full((stretch.steps, forcing.rows.shape[1]), forcing.constant)
+    phase = np.multiply.outer(times, forcing.frequencies[0])
+    g[:, 1::2], g[:, 2::2] = np.sin(phase), np.cos(phase)
+    nodes = len(stretch.block.block.compliance)
+    by_step = stretch.forces[:, :nodes].reshape(len(stretch.forces) * stretch.block.steps, -1)[: stretch.steps]
+    of_state = slice(one.block.reading.shape[0], None)
+    step = Step(
+        transition=one.block.transition,
+        push=one.block.push[:, of_state],
+        driven=forcing.rows[0][:, of_state],
+        forces=by_step,
+        g=g,
+        inflow=one.inflow(times, flight.steps * dt).rows[:, of_state],
+    )
+    return step, one.pack(stretch.block.unpack(stretch.starts[:1]))[0]
 
 
 def _stretches(march: March, system: System, steps: int) -> Iterator[tuple[Stretch, Propagator]]:
@@ -72,7 +57,7 @@ def replay(march: March, system: System, steps: int) -> Iterator[tuple[Array, Ar
     """Times, q and q' of a run at every step, stretch by stretch with shared end points."""
     q_last, v_last = system.q0[None], system.v0[None]
     for stretch, one in _stretches(march, system, steps):
-        step, z = stretch.step(one)
+        step, z = step_of(stretch, one)
         out = aligned((stretch.steps, one.block.reading.shape[1]))
         states_of(step, system.size, z, out)
         eta, rate = one.unpack(out)[:2]
@@ -108,7 +93,7 @@ def modal_ledger(march: March, system: System, steps: int, every: int) -> Ledger
         offsets = np.zeros((len(t) if moving else 0, len(contacts)))
         for c, contact in enumerate(contacts if moving else ()):
             offsets[:, c] = offset_values(contact.offset, t)
-        step, z = stretch.step(one)
+        step, z = step_of(stretch, one)
         energies = Energies(**shared, load_values=values, offsets=offsets)
         account(step, energies, system.size, z, q, balance, stretch.first, every, dt, kept)
     return Ledger(np.arange(0, steps + 1, every) * dt, *kept.T.copy())
