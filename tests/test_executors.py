@@ -104,7 +104,7 @@ def test_a_sweep_whose_process_is_killed_loses_no_finished_point(tmp_path, seria
     kept = journal_lines(folder)
     assert kept >= 2
     assert children
-    assert not (tmp_path / "sweep.json").exists()
+    assert not (tmp_path / "sweep-clearance.json").exists()
     while any(alive(child) for child in children) and time.monotonic() < end:
         time.sleep(0.05)
     assert not any(alive(child) for child in children)
@@ -113,7 +113,7 @@ def test_a_sweep_whose_process_is_killed_loses_no_finished_point(tmp_path, seria
     subprocess.run(command, stdout=subprocess.DEVNULL, check=True)
     assert next(folder.glob("*.jsonl")).read_bytes().startswith(whole)
     assert journal_lines(folder) == 16, "a finished point would stand there twice"
-    assert json.loads((tmp_path / "sweep.json").read_text())["rows"] == json.loads(json.dumps(serial))
+    assert json.loads((tmp_path / "sweep-clearance.json").read_text())["rows"] == json.loads(json.dumps(serial))
 
 
 def children_of(pid: int) -> list[int]:

@@ -228,7 +228,7 @@ def test_the_command_writes_records_and_picture(tmp_path):
     assert {row["method"] for row in records["rows"]} == {"sdirk(gamma=0.5)"}
     found = sorted({row["stop-stiffness"] for row in records["rows"]})
     assert np.allclose(found, [1e6, 10**6.5, 1e7], rtol=1e-12)
-    assert (tmp_path / "sweep.png").stat().st_size > 10_000
+    assert (tmp_path / "sweep-stop-stiffness.png").stat().st_size > 10_000
     assert not any(isinstance(value, (list, dict)) for row in records["rows"] for value in row.values())
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .arrays import Array
-from .time_functions import LoadFunction
+from .time_functions import LoadFunction, TimeFunction
 from .validation import InputError, number, positive
 
 
@@ -28,12 +28,12 @@ class Stops:
     stiffness: float = field(kw_only=True)
 
     def __post_init__(self) -> None:
-        positive("stops.stiffness", self.stiffness)
+        object.__setattr__(self, "stiffness", positive("stops.stiffness", self.stiffness))
         for side in ("lower", "upper"):
             if getattr(self, side) is not None:
-                number(f"stops.{side}", getattr(self, side))
+                object.__setattr__(self, side, number(f"stops.{side}", getattr(self, side)))
         if self.lower is None and self.upper is None:
-            raise InputError("stops", "no side", "have a lower or an upper stop", "for no contact pass stops=None")
+            raise InputError("stops", "no side", "have a lower or an upper stop", "for no contact leave stops out")
         if not self.g1 < self.g2:
             raise InputError("stops.upper", self.upper, f"be > stops.lower = {self.lower}")
 
@@ -90,6 +90,10 @@ class Contact:
         if not np.all(np.isfinite(row)) or not np.any(row):
             raise InputError("contact.row", self.row, "be finite and not all zero")
         object.__setattr__(self, "row", row)
+        if not isinstance(self.stops, Stops):
+            raise InputError("contact.stops", self.stops, "be Stops", "for example Stops(upper=0.1, stiffness=1e4)")
+        if self.offset is not None and not isinstance(self.offset, TimeFunction) and not callable(self.offset):
+            raise InputError("contact.offset", self.offset, "be a function of time", "for example Constant(0.1)")
 
 
 def solve_several(r: Array, compliance: Array, stops: Sequence[Stops]) -> Array:
@@ -97,7 +101,7 @@ def solve_several(r: Array, compliance: Array, stops: Sequence[Stops]) -> Array:
 
     r: (m,) positions without contact force; S = ``compliance``: (m, m), symmetric positive
     semidefinite. The forces minimise a strictly convex function, so there is one solution; it is found
-    by a finite active-set method (see kernel.solve_node).
+    by a finite active-set method (see active_set.solve_node).
     """
     from .active_set import solve_node
 

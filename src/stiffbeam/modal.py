@@ -62,7 +62,8 @@ def modes(system: System, springs: tuple[tuple[Array, float], ...] = ()) -> Mode
         squares, vectors = scipy.linalg.eigh(0.5 * (scaled + scaled.T))
         if squares[0] < -1e-9 * squares[-1]:
             raise InputError("stiffness", f"least eigenvalue {squares[0]:.3g}", "be positive semidefinite")
-        squares[np.abs(squares) < 1e-14 * len(squares) * squares[-1]] = 0.0  # a rigid-body mode
+        rounding = 2.0 * np.finfo(float).eps * max(len(squares), 8) * squares[-1]
+        squares[np.abs(squares) < rounding] = 0.0  # a rigid-body mode
         omega = np.sqrt(np.maximum(squares, 0.0))
     shapes = scipy.linalg.solve_triangular(upper, vectors)
     # One sign per shape, so that equal systems give equal modes.

@@ -47,7 +47,10 @@ def reference_solution() -> Callable[..., Reference]:
 
 @pytest.fixture(scope="session")
 def assert_within_reference() -> Callable[..., None]:
-    """``assert_within_reference(run, reference, tolerance, until=None)``, see the function of that name."""
+    """``assert_within_reference(run, reference, tolerance, until=None)``: |u_run - u_ref| <= tolerance max |u_ref|.
+
+    run: a Trajectory, or a pair of arrays (t, u). Comparing past the reference's horizon is refused.
+    """
     return within_reference
 
 
@@ -62,6 +65,10 @@ def within_reference(run: Trajectory, reference: Reference, tolerance: float, un
     from .validation import InputError
 
     t, u = (np.asarray(x, float) for x in (run if isinstance(run, tuple) else (run.t, run.tip)))
+    if t.shape != u.shape or t.ndim != 1 or not len(t):
+        raise InputError("run", (t.shape, u.shape), "be times and displacements of one length")
+    if not np.all(np.isfinite(u)):
+        raise InputError("run", f"a displacement that is not finite at t = {t[~np.isfinite(u)][0]:g}", "be finite")
     end = float(t[-1]) if until is None else until
     if end > reference.horizon * (1 + 1e-12):
         raise InputError(
@@ -70,7 +77,7 @@ def within_reference(run: Trajectory, reference: Reference, tolerance: float, un
         )  # fmt: skip
     inside = t <= end * (1 + 1e-12)
     expected = reference.at(t[inside])[0]
-    error = np.abs(u[inside] - expected) / np.max(np.abs(expected))
+    error = np.abs(u[inside] - expected) / max(float(np.max(np.abs(expected))), 1e-300)
     worst = int(np.argmax(error))
     assert error[worst] <= tolerance, (
         f"off by {error[worst]:.3e} of the largest displacement at t = {t[worst]:.6g}, allowed {tolerance:.3e}"

@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
+from uuid import uuid4
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,6 +20,9 @@ from .validation import InputError
 
 if TYPE_CHECKING:
     from .problem import BeamProblem
+
+
+_PROCESS, _CALLABLES = uuid4().hex, {}
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -189,7 +193,7 @@ class System:
     def fingerprint(self) -> str:
         """A hash of everything that determines the solution; equal for equal systems in any process.
 
-        A bare callable cannot be hashed by content: it counts as equal to itself only.
+        A bare callable cannot be hashed by content: it counts as equal to itself only, in this process.
         """
         digest = hashlib.sha256(self.form.encode())
         for array in (self.mass, self.damping, self.stiffness, self.q0, self.v0, self.observe):
@@ -204,8 +208,8 @@ class System:
 def _describe(function: LoadFunction | None) -> str:
     if function is None or isinstance(function, (Harmonic, Constant)):
         return repr(function)
-    kind = "time function" if isinstance(function, TimeFunction) else "callable"
-    return f"{kind} {id(function)}"
+    _CALLABLES[id(function)] = function  # kept, so that no other one is ever given its number
+    return f"callable {_PROCESS} {id(function)}"
 
 
 def _symmetric(name: str, matrix: Any, n: int | None = None) -> Array:

@@ -32,9 +32,9 @@ class Harmonic:
     phase: float = 0.0
 
     def __post_init__(self) -> None:
-        number("amplitude", self.amplitude)
-        positive("frequency", self.frequency)
-        number("phase", self.phase)
+        object.__setattr__(self, "amplitude", number("amplitude", self.amplitude))
+        object.__setattr__(self, "frequency", positive("frequency", self.frequency))
+        object.__setattr__(self, "phase", number("phase", self.phase))
 
     def value(self, t: ArrayLike) -> Array:
         return self.amplitude * np.sin(self.frequency * np.asarray(t, float) + self.phase)
@@ -63,7 +63,7 @@ class Constant:
     level: float
 
     def __post_init__(self) -> None:
-        number("level", self.level)
+        object.__setattr__(self, "level", number("level", self.level))
 
     def value(self, t: ArrayLike) -> Array:
         return np.full(np.shape(t), float(self.level))
@@ -81,18 +81,21 @@ LoadFunction = TimeFunction | Callable[[Any], Any]
 def evaluate(function: LoadFunction, t: ArrayLike) -> Array:
     """f(t) of a TimeFunction or of a bare callable, as a float array of the shape of ``t``."""
     t = np.asarray(t, float)
-    values = function.value(t) if isinstance(function, TimeFunction) else function(t)
-    values = np.asarray(values, float)
+    try:
+        values = np.asarray(function.value(t) if isinstance(function, TimeFunction) else function(t), float)
+    except (TypeError, ValueError) as error:
+        remedy = "write it with NumPy functions, for example numpy.where for an if"
+        raise InputError("a time function", str(error), "take an array of times", remedy) from None
     if values.shape != t.shape and values.shape != ():
         raise InputError(
-            "a load's time function",
+            "a time function",
             values.shape,
             f"return one value per time, shape {t.shape}",
             "write it with NumPy functions, so that it takes an array of times",
         )
     if not np.all(np.isfinite(values)):
         first = t[~np.isfinite(np.broadcast_to(values, t.shape))].flat[0]
-        raise InputError("a load's time function", f"a value that is not finite at t = {first:g}", "be finite")
+        raise InputError("a time function", f"a value that is not finite at t = {first:g}", "be finite")
     return np.broadcast_to(values, t.shape)
 
 
@@ -102,10 +105,13 @@ def offset_values(offset: LoadFunction | None, t: ArrayLike) -> Array:
 
 
 def offset_rate(offset: LoadFunction | None, t: ArrayLike) -> Array:
-    """o'(t); by a central difference for a bare callable."""
+    """o'(t), of a bare callable by differences that stay inside [0, t], but for the first few steps."""
     if offset is None:
         return np.zeros(np.shape(t))
     if isinstance(offset, TimeFunction):
         return offset.rate(t)
-    step = 1e-6 * max(1.0, float(np.max(np.abs(t))))
-    return (offset_values(offset, np.asarray(t) + step) - offset_values(offset, np.asarray(t) - step)) / (2 * step)
+    t = np.asarray(t, float)
+    step = 1e-6 * float(np.max(np.abs(t))) or 1e-8
+    step = np.where(t < 2.0 * step, step, -step)  # forwards there, else backwards
+    here, next_, last = (offset_values(offset, t + k * step) for k in range(3))
+    return (4.0 * next_ - 3.0 * here - last) / (2.0 * step)

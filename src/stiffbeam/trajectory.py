@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .arrays import Array
 from .contact import Stops
-from .validation import InputError
+from .validation import InputError, positive
 
 if TYPE_CHECKING:
     import xarray
@@ -121,8 +121,8 @@ class Work:
 class Trajectory:
     """A run at its output times t (k,): tip and tip_velocity (k,), contacts, work, provenance.
 
-    ``energy`` and ``states`` are made on first use, those of a scheme by going through the run once more
-    (bit-identical, since a run is a function of its arguments); a loaded file has what was saved.
+    ``energy`` and ``states`` are made on first use, those of a scheme by going through the run once more,
+    equal to rounding, since a run is a function of its arguments; a loaded file has what was saved.
     """
 
     t: Array
@@ -173,7 +173,7 @@ class Trajectory:
 
     @cached_property
     def energy(self) -> Ledger:
-        """The energy ledger at the output times, of a scheme added up over every step."""
+        """The energy ledger at the output times, of a scheme added up over every step before them."""
         if self.ledger is None:
             raise InputError("energy", "a loaded file", "have been saved with the run", "run it again")
         return self.ledger()
@@ -223,7 +223,7 @@ class Reference(Trajectory):
         """(tip, tip velocity) at any times in [0, t_end], or position and velocity of a contact."""
         t = np.atleast_1d(np.asarray(t, float))
         end = float(self.provenance["t_end"])
-        if np.any((t < 0.0) | (t > end * (1 + 1e-12))):
+        if not np.all(np.isfinite(t)) or np.any((t < 0.0) | (t > end * (1 + 1e-12))):
             raise InputError("t", (t.min(), t.max()), f"lie in [0, {end:g}]")
         if self.evaluate is None:
             method = self.provenance["method"]
@@ -238,6 +238,7 @@ class Reference(Trajectory):
         from .recorder import sampled_impacts
 
         end = float(self.provenance["t_end"]) if t_end is None else t_end
+        positive("dt", dt)
         steps = int(np.floor(end / dt * (1 + 1e-12)))
         if not self.contacts:
             return Impacts.none("sampled")

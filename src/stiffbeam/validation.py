@@ -42,12 +42,19 @@ def non_negative(field: str, value: Any) -> float:
     return float(value)
 
 
+def integer(field: str, value: Any, least: int) -> int:
+    """``value`` as a whole number >= ``least``."""
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
+        raise InputError(field, value, f"be an integer >= {least}")
+    return int(value)
+
+
 def step_count(dt: float, t_end: float) -> int:
     """t_end/dt, which must be whole to 1e-9."""
     steps = round(t_end / dt)
     if steps < 1 or abs(steps * dt - t_end) > 1e-9 * t_end:
         nearest = t_end / max(1, steps)
-        raise InputError("dt", dt, f"divide t_end = {t_end:g} to 1e-9", f"the nearest step that does is {nearest!r}")
+        raise InputError("dt", dt, f"divide t_end = {t_end:g} to 1e-9", f"the nearest step that does is {nearest:.12g}")
     return steps
 
 

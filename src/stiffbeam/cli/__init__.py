@@ -8,6 +8,8 @@ import sys
 from . import cases, compare, reference, reproduce, studies  # noqa: F401  in the order of the help
 from .application import app
 
+INTERRUPTED = 130  # the exit status of a program that Ctrl-C has stopped
+
 
 def main() -> None:
     """Entry point: InputError exits with 2, a failure with 1, both with one clear line."""
@@ -24,9 +26,14 @@ def main() -> None:
     except (Diverged, SolverFailure, Unfinished) as error:
         print(f"stiffbeam: {error}", file=sys.stderr)
         raise SystemExit(1) from None
-    except KeyboardInterrupt:
-        print("stiffbeam: interrupted", file=sys.stderr)
-        raise SystemExit(130) from None
+    except (KeyboardInterrupt, SystemExit) as stop:
+        if isinstance(stop, SystemExit) and stop.code != INTERRUPTED:
+            raise
+        print(
+            "stiffbeam: interrupted; studies and sweeps keep what is finished, the same command goes on",
+            file=sys.stderr,
+        )
+        raise SystemExit(INTERRUPTED) from None
 
 
 __all__ = ["app", "main"]

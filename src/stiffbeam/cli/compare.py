@@ -112,7 +112,8 @@ def _draw(result, folder: Path) -> list[Path]:
         from ..figures.comparison import four_panels
 
         runs, references = ([x for x in xs if x.provenance["form"] == form] for xs in (result.runs, result.references))
-        title = f"{result.case.name}: {result.case.title} ({form}, dt = {result.case.dt:g}, {result.case.cells} cells)"
+        named = ": ".join(dict.fromkeys([result.case.name, result.case.title]))
+        title = f"{named} ({form}, dt = {result.case.dt:g}, {result.case.cells} cells)"
         name = "comparison.png" if form == forms[0] else f"comparison-{form}.png"
         written.append(save_figure(four_panels(title, runs, references, length), folder / name))
     table = folder / "comparison.txt"

@@ -72,6 +72,10 @@ def _references(name, method, form, digits, rtol, t_end, budget, out, cache, sho
     case = find_case(name)
     end = case.t_end if t_end is None else t_end
     if method == "all":
+        if out is not None:
+            raise InputError(
+                "--out", str(out), "be left out with --method all", "name the one method whose file you want"
+            )
         from ..studies.agreement import agree
 
         return [agree(case, form, end, budget=budget, rtol=rtol, progress=show).to_dict()]

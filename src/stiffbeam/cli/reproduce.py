@@ -87,15 +87,18 @@ def _print(records: dict) -> None:
     from rich.table import Table
 
     from ..report import WIDTH, percent
+    from ..reproduce.numbers import truth_name
 
-    table = Table(box=box.SIMPLE_HEAD)
+    table = Table(box=box.SIMPLE_HEAD, caption="Impacts at the table's step, as a perfect scheme would count them.")
     for heading in ("table", "motion", "impacts", "contact", "horizon"):
         table.add_column(heading, justify="left" if heading in ("table", "motion") else "right")
     for name, found in records.items():
         for equation, row in found["runs"].items():
             table.add_row(name, f"{equation} {row['scheme']}", str(row["impacts"]), percent(row["fraction"]), "")
         for form, row in found["true"].items():
-            table.add_row(name, f"true, {form}", str(row["impacts"]), percent(row["fraction"]), f"{row['horizon']:.3g}")
+            table.add_row(
+                name, truth_name(form, row), str(row["impacts"]), percent(row["fraction"]), f"{row['horizon']:.3g}"
+            )
         for equation, why in found["failures"].items():
             table.add_row(name, f"{equation} failed: {why}", "", "", "")
     Console(width=None if sys.stdout.isatty() else WIDTH).print(table)

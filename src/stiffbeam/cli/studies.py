@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -32,9 +33,9 @@ command = app.command(rich_help_panel="Studies")
 
 def run(
     name: str, case: str, out: Path | None, json_file: Path | None, jobs: int | None, smoke: bool,
-    scheduler: str | None = None, **options: Any,
+    scheduler: str | None = None, stem: str = "", **options: Any,
 ) -> None:  # fmt: skip
-    """Ask the study ``name`` of a case; print and save what it finds."""
+    """Ask the study ``name`` of a case; print and save what it finds, as ``stem`` if one is given."""
     from ..cases import find_case
     from ..studies import find_study
 
@@ -43,9 +44,11 @@ def run(
     given = {key: value for key, value in options.items() if value is not None}
     with progress() as show, _workers(scheduler) as workers:
         options = (dict(study.smoke) if smoke else {}) | given
-        records, written = _run(study, chosen, out, jobs, options, show, workers)
+        records, written = _run(study, chosen, out, jobs, options, show, workers, stem)
     if not write_json(json.dumps(records.to_dict(), indent=2, allow_nan=False), json_file):
         _print(records, written)
+    if not written:
+        raise typer.Exit(1)
 
 
 @command
@@ -199,7 +202,8 @@ def sweep(
     out: Out = None, json_file: Json = None, jobs: Jobs = None, scheduler: Scheduler = None, smoke: Smoke = False,
 ) -> None:  # fmt: skip
     """Bifurcation diagrams, impacts and forces over one or two parameters; goes on after a kill."""
-    run("sweep", case, out, json_file, jobs, smoke, scheduler, parameter=parameter, values=values_of(values),
+    stem = "-".join(["sweep", parameter, *([second] if second else [])])
+    run("sweep", case, out, json_file, jobs, smoke, scheduler, stem, parameter=parameter, values=values_of(values),
         second=second, second_values=values_of(second_values), method=method, form=form, contact=contact, dt=dt,
         periods=periods, transient=transient)  # fmt: skip
 
@@ -211,27 +215,41 @@ def studies(
     """Every study on one case; a second run goes on where the first was stopped."""
     from ..cases import find_case
     from ..studies import STUDIES, find_study
+    from ..validation import InputError
 
     chosen = find_case(case)
-    frozen = _references(references)
+    frozen, empty = _references(references), False
     for name in STUDIES:
         study = find_study(name)
         options = dict(study.smoke) if smoke else {}
         if name == "impacts" and frozen is not None:
             options["references"] = frozen
-        with progress() as show:
-            records, written = _run(study, chosen, out, jobs, options, show)
+        try:
+            with progress() as show:
+                records, written = _run(study, chosen, out, jobs, options, show)
+        except InputError as error:  # a study that this case cannot be asked
+            print(f"{name}: {error}", file=sys.stderr)
+            empty = True
+            continue
         _print(records, written)
+        empty = empty or not written
+    if empty:
+        raise typer.Exit(1)
 
 
-def _run(study, case, out: Path | None, jobs: int | None, options: dict, show, workers=None) -> tuple[Any, list[Path]]:
+def _run(
+    study, case, out: Path | None, jobs: int | None, options: dict, show, workers=None, stem: str = ""
+) -> tuple[Any, list[Path]]:
+    """The records, and the files they were written to: none where no point could be evaluated."""
     from ..march.ensemble import cores
     from ..studies.runner import run_study
 
     folder = make_folder(out if out is not None else default_folder(case.name))
     records = run_study(study, case, folder / "journal", cores() if jobs is None else jobs, workers, show, **options)
+    if len(records.failures) == len(records.rows):
+        return records, []  # what an earlier run has found stays
     show("drawing", 0, 0)
-    return records, records.save(folder)
+    return records, records.save(folder, stem)
 
 
 def _workers(address: str | None):
@@ -255,7 +273,7 @@ def _print(records, written: list[Path]) -> None:
         console.print(Padding(part, (0, 0, 0, 2 if i else 0)))
     for message in dict.fromkeys(row["failed"] for row in records.failures):
         console.print(f"[bold red]failed[/]  {message}")
-    files = ", ".join(str(path) for path in written)
+    files = ", ".join(str(path) for path in written) or "nothing"
     console.print(f"{records.seconds:.1f} s. Written: {files}\n", soft_wrap=True)
 
 

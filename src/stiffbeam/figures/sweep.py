@@ -60,7 +60,8 @@ def _diagram(figure: Figure, points: Rows, contacts: Rows) -> None:
         axis.set(ylabel=label)
         axis.set_title(title, loc="left")
         if contacts:
-            axis.plot(along[order], values[order], lw=0.7, marker=".", ms=3.0, color=colour)
+            line = 0.7 if len(along) <= 400 else 0.0  # more points than that are a band, lines would fill it
+            axis.plot(along[order], values[order], lw=line, marker=".", ms=3.0 if line else 1.5, color=colour)
             axis.set_ylim(bottom=0.0)
         else:
             say_empty(axis, "no contact")

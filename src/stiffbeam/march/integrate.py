@@ -18,7 +18,7 @@ from ..schemes import Scheme
 from ..schemes.contract import check_contract
 from ..system import System
 from ..trajectory import Diverged, Trajectory, Work, versions
-from ..validation import InputError, positive, step_count
+from ..validation import InputError, integer, positive, step_count
 from .direct_march import direct_pieces
 from .layout import OVERFLOW
 from .modal_march import RUNS, March, engine_for, initial_channels, warm_up
@@ -65,8 +65,8 @@ def integrate(
     else:
         seen, march_seconds = _direct(plan, system, every, progress)
     if not np.isnan(seen.diverged):
-        remedy = "use contact='implicit'" if contact == "extrapolated" else "the scheme is unstable on this system"
-        hint = f"{remedy} or a smaller dt (omega_max dt is {plan.omega_max * dt:.3g})"
+        remedy = "use contact='implicit' or a smaller dt" if contact == "extrapolated" else "use a smaller dt"
+        hint = f"{remedy} (omega_max dt is {plan.omega_max * dt:.3g})"
         raise Diverged(str(scheme), seen.diverged, hint)
     return Trajectory(
         t=np.arange(0, plan.steps + 1, every) * dt,
@@ -115,8 +115,7 @@ class Plan:
         if not isinstance(scheme, Scheme):
             raise InputError("scheme", scheme, "be a Scheme object", "for example stiffbeam.HHT(alpha=-0.1)")
         steps = step_count(positive("dt", dt), positive("t_end", t_end))
-        if isinstance(every, bool) or not isinstance(every, (int, np.integer)) or every < 1:
-            raise InputError("every", every, "be an integer >= 1")
+        integer("every", every, 1)
         if contact not in CONTACTS:
             raise InputError("contact", contact, f"be one of {CONTACTS}")
         if engine not in (*RUNS, "auto"):

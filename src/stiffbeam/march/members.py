@@ -14,7 +14,7 @@ from ..modal import modes
 from ..semidiscretisation import semidiscretise
 from ..system import System
 from ..time_functions import Constant, Harmonic, LoadFunction
-from ..validation import InputError, number, positive
+from ..validation import InputError, integer, non_negative, number, positive
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,11 +62,21 @@ def as_members(system: System, members: Members | Sequence[System]) -> Members:
             alike = len(system.channels) == len(member.channels) and len(system.contacts) == len(member.contacts)
             if not alike or not all(np.array_equal(a, b) for a, b in shared):
                 raise InputError("members", member.form, "share matrices and contact rows with the system")
+            if _sampled(member) != _sampled(system):
+                rule = "share every callable load and offset with the system"
+                raise InputError("members", member.form, rule, "integrate such systems one by one")
     elif members.system.fingerprint != system.fingerprint:
         raise InputError("members", members.parameter, "be made from the system that is integrated")
     if not len(members):
         raise InputError("members", 0, "be at least one")
     return members
+
+
+def _sampled(system: System) -> list[tuple]:
+    """The loads and offsets that are known by their values only."""
+    terms = [*((f, vector.tobytes()) for vector, f in system.loads), *((o, b"") for _, o in system.channels)]
+    known = (Harmonic, Constant, type(None))
+    return [(i, id(f), vector) for i, (f, vector) in enumerate(terms) if not isinstance(f, known)]
 
 
 def perturbed(system: System, members: int, size: float = 1e-12, seed: int = 1, scale: float | None = None) -> Members:
@@ -83,9 +93,8 @@ def perturbed(system: System, members: int, size: float = 1e-12, seed: int = 1, 
     any larger ensemble.
     """
     _system(system)
-    if isinstance(members, bool) or not isinstance(members, (int, np.integer)) or members < 1:
-        raise InputError("members", members, "be an integer >= 1")
-    number("size", size)
+    integer("members", members, 1)
+    non_negative("size", size)
     basis = modes(replace(system, damping=np.zeros_like(system.damping)))
     assert basis is not None
     omega = basis.omega
@@ -129,6 +138,8 @@ def varied(
         return _with_stops(system, stops)
     name = chosen[0]
     values = np.atleast_1d(np.asarray(given[name], float)).ravel()
+    if not len(values):
+        raise InputError(name, given[name], "name at least one member")
     for value in values:
         (positive if name == "frequency" else number)(name, float(value))
     drive = _drive(system, name)

@@ -132,6 +132,9 @@ class Propagator:
         Probed once for all of them: from rest, under each drive coefficient of each system.
         """
         drives = [Drive.of(system) for system in systems]
+        most = max(len(drive.frequencies) for drive in drives)
+        # Members may have fewer frequencies than others: the places left over carry nothing.
+        drives = [Drive(x.frequencies + (1.0,) * (most - len(x.frequencies))) for x in drives]
         V, d, n, K = len(systems), drives[0].size, self.system.size, self.steps
         frequencies = np.array([drive.frequencies for drive in drives]).reshape(V, -1)
         loads = np.stack(

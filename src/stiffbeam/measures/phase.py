@@ -37,13 +37,17 @@ def phase_lag(
     w1 = ``first``. u_run between its steps is the cubic Hermite interpolant. A grid of 401 shifts, then
     Brent's method. Undefined if ``end`` < 4 tau_m or the minimum lies at an end of the range.
     """
-    tau_m = np.pi / (2.0 * max(drive, first))
     nan = float("nan")
+    if max(drive, first) <= 0.0:
+        return PhaseLag(nan, nan, nan, "nothing here has a frequency")
+    tau_m = np.pi / (2.0 * max(drive, first))
     if end < 4.0 * tau_m:
         return PhaseLag(nan, nan, nan, f"the window {end:.3g} is shorter than 4 tau_m = {4 * tau_m:.3g}")
     inside = t[(t >= tau_m) & (t <= end - tau_m)]
     target = reference(inside)
     scale = float(np.sum(target**2))
+    if scale == 0.0:
+        return PhaseLag(nan, nan, nan, "the reference is at rest")
     run = CubicHermiteSpline(t, u, v)
 
     def J(tau: float) -> float:

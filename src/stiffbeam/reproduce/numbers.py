@@ -94,6 +94,11 @@ def of_truth(truth: Reference, made: Made) -> Numbers:
     }
 
 
+def truth_name(form: str, row: Numbers) -> str:
+    """What the row of ``of_truth`` is called: float64 alone knows the motion to its horizon only."""
+    return f"true, {form}" if row["digits"] else f"exact in float64, {form}"
+
+
 def motion(t: Array, u: Array, v: Array, made: Made) -> Numbers:
     """Spectrum, regularity and fast motion of a tip, over whole drive periods.
 

@@ -11,7 +11,7 @@ from . import html as h
 from .claims import FAILS, HOLDS, PARTLY, SCHEME_ONLY
 from .costs import CPU_TABLES
 from .no_contact import CELLS, DT, STIFFNESS, T_END
-from .numbers import PERTURBATION, Numbers
+from .numbers import PERTURBATION, Numbers, truth_name
 from .reading import Reading
 from .table_section import DASH, percent, short, spread, written
 
@@ -214,7 +214,7 @@ def spectra(numbers: Mapping[int, Numbers]) -> h.Html:
     rows = []
     for table, found in numbers.items():
         named = [(equation, row) for equation, row in found["runs"].items()]
-        named += [(f"true, {form}", row) for form, row in found["true"].items()]
+        named += [(truth_name(form, row), row) for form, row in found["true"].items()]
         for name, row in named:
             peaks = ", ".join(p["name"] for p in row["peaks"] if p["multiple"] < 9.5) or "none"
             shares = [DASH if row[x] is None else f"{100 * row[x]:.1f}" for x in ("off_multiples", "aperiodicity")]

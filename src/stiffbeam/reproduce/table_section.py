@@ -10,7 +10,7 @@ from ..schemes import HHT, SDIRK
 from ..time_functions import Harmonic
 from . import html as h
 from .make import Finished
-from .numbers import Numbers
+from .numbers import Numbers, truth_name
 from .table import drive_of
 
 MINUS, DASH = "−", "–"
@@ -168,7 +168,7 @@ _LOOK = {
 
 def numbers_table(number: int, numbers: Numbers) -> h.Html:
     named = [(f"{name} {row['scheme']}", row) for name, row in numbers["runs"].items()]
-    named += [(f"true, {form}", row) for form, row in numbers["true"].items()]
+    named += [(truth_name(form, row), row) for form, row in numbers["true"].items()]
     rows = []
     for name, row in named:
         errors = [DASH] * 3

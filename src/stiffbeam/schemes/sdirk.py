@@ -41,7 +41,7 @@ class SDIRK(Scheme):
     def __init__(self, gamma: float = GAMMA_THIRD_ORDER, nystrom: bool = False) -> None:
         gamma = in_interval("gamma", gamma, GAMMA_MIN, GAMMA_MAX, "outside it the scheme is not L-stable")
         # The paper's four digits mean the root.
-        self.gamma = GAMMA_THIRD_ORDER if abs(gamma - 0.4359) < 5e-5 else gamma
+        self.gamma = GAMMA_THIRD_ORDER if gamma == 0.4359 else gamma  # as the paper prints it
         if not isinstance(nystrom, (bool, np.bool_)):
             raise InputError("nystrom", nystrom, "be True or False")
         self.nystrom = bool(nystrom)

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import platform
 import time
 from collections.abc import Callable
-from importlib.metadata import version
 from typing import NamedTuple
 
 import numpy as np
@@ -16,7 +14,7 @@ from ..first_order import FirstOrderSystem
 from ..ledger import step_ledger
 from ..sampling import first_crossing
 from ..system import System
-from ..trajectory import ContactRecord, Impacts, Reference, Work, output_index
+from ..trajectory import ContactRecord, Impacts, Reference, Work, output_index, versions
 from ..validation import InputError, positive
 from .rhs import RightHandSide
 
@@ -41,7 +39,7 @@ def reference_from(
     rtol: float,
     atol: float | None,
     method: str,
-    versions: dict[str, str],
+    libraries: dict[str, str],
     solve: Callable[[RightHandSide, Array, float, float], Solve],
     first_order: FirstOrderSystem | None = None,
 ) -> Reference:
@@ -89,10 +87,8 @@ def reference_from(
             "rtol": rtol,
             "atol": atol,
             **({"compile_seconds": result.compile_seconds} if result.compile_seconds else {}),
-            "stiffbeam": version("stiffbeam"),
-            "numpy": np.__version__,
-            "python": platform.python_version(),
-            **versions,
+            **versions(),
+            **libraries,
         },
         system=system,
         fingerprint=system.fingerprint,

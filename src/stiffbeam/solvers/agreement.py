@@ -20,9 +20,8 @@ def time_tolerance(system: System) -> float:
 
     That is 1.0e-4 time units for the paper's k^2 = 300.
     """
-    basis = modes(system)
-    omega = np.array([0.0]) if basis is None else basis.omega
-    first = omega[omega > 0.0]
+    basis = modes(replace(system, damping=np.zeros_like(system.damping)))
+    first = np.zeros(0) if basis is None else basis.omega[basis.omega > 0.0]
     return 1e-3 * 2.0 * np.pi / float(first[0]) if len(first) else 1e-4
 
 
@@ -33,7 +32,7 @@ def agreement(a: Trajectory, b: Trajectory, tolerance: float) -> float:
     partner. Both must have the same output times.
     """
     # A tip that has not moved yet is no scale: a millionth of the way its speed would have taken it is.
-    scale = max(float(np.max(np.abs(a.tip))), 1e-6 * float(np.max(np.abs(a.tip_velocity)) * a.t[-1]))
+    scale = max(float(np.max(np.abs(a.tip))), 1e-6 * float(np.max(np.abs(a.tip_velocity)) * a.t[-1]), 1e-300)
     end = float(min(a.t[-1], b.t[-1]))
     apart = np.flatnonzero(~(np.abs(a.tip - b.tip) <= DISPLACEMENT_TOLERANCE * scale))  # NaN is apart
     horizon = min(end, float(a.t[max(0, apart[0] - 1)])) if len(apart) else end
@@ -43,16 +42,25 @@ def agreement(a: Trajectory, b: Trajectory, tolerance: float) -> float:
 
 
 def parting(a: Impacts, b: Impacts, tolerance: float, end: float) -> float:
-    """The time of the first impact without a partner of the same stop within ``tolerance``, else ``end``."""
+    """The time of the first impact without a partner of the same stop within ``tolerance``, else ``end``.
+
+    Not counting those within the tolerance of the start, where a motion that starts on a stop may enter it
+    or be in it already, and of the end, whose partner may come just after.
+    """
+    a, b = (_after(tolerance, x) for x in (a, b))
     n = min(a.count, b.count)
     bad = (a.stops[:n] != b.stops[:n]) | (np.abs(a.times[:n] - b.times[:n]) > tolerance)
     if np.any(bad):
         k = int(np.argmax(bad))
         return float(min(a.times[k], b.times[k]))
     unpaired = np.concatenate([a.times[n:], b.times[n:]])
-    # One that comes within the tolerance of the end may have its partner just after it.
     unpaired = unpaired[unpaired < end - tolerance]
     return float(np.min(unpaired)) if len(unpaired) else end
+
+
+def _after(t: float, impacts: Impacts) -> Impacts:
+    late = impacts.times > t
+    return Impacts(impacts.times[late], impacts.stops[late], impacts.peaks[late], impacts.impulses[late], impacts.kind)
 
 
 def with_horizon(reference: Reference, system: System, t_end: float, rtol: float | None = None) -> Reference:

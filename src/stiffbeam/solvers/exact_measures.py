@@ -141,8 +141,9 @@ def _runs(owner: NDArray[np.int64]) -> list[tuple[int, int]]:
 
 
 def panels(longest: float, starts: Array, ends: Array) -> tuple[NDArray[np.int64], Array, Array]:
-    """Panels no longer than ``longest`` of the intervals [starts, ends]: owner, left end and width of each."""
-    count = np.maximum(1, np.ceil((ends - starts) / longest)).astype(int)
+    """Panels no longer than half of ``longest``, since products have twice the frequency, of the intervals
+    [starts, ends]: owner, left end and width of each."""
+    count = np.maximum(1, np.ceil(2.0 * (ends - starts) / longest)).astype(int)
     index = np.repeat(np.arange(len(starts)), count)
     inside = np.arange(len(index)) - np.repeat(np.cumsum(count) - count, count)
     width = ((ends - starts) / count)[index]

@@ -15,14 +15,13 @@ from ..time_functions import Constant, Harmonic, evaluate, offset_rate, offset_v
 
 class RightHandSide:
     """y' = f(t, y) of a FirstOrderSystem. Harmonic and constant functions are compiled in; a bare
-    callable is called once per evaluation. ``calls`` counts evaluations."""
+    callable is called once per evaluation."""
 
     def __init__(self, first_order: FirstOrderSystem) -> None:
         system = first_order.system
         self.first_order = first_order
         self.size = len(first_order.y0)
         self.drive = Drive.of(system)
-        self.calls = 0
         matrix = scipy.sparse.csr_matrix(first_order.matrix)
         basis, self._rest = self.drive.split(first_order.loads, self.size)
         contacts = first_order.contacts
@@ -50,7 +49,6 @@ class RightHandSide:
             np.array([c.contact.stops.g2 for c in contacts]),
         )
         self(0.0, first_order.y0.copy(), np.empty(self.size))
-        self.calls = 0
 
     def shifts(self, t: float) -> Array:
         """The part of the offsets that is not compiled in, (m,)."""
@@ -60,7 +58,6 @@ class RightHandSide:
 
     def __call__(self, t: float, y: Array, out: Array) -> None:
         """Write f(t, y) into ``out``."""
-        self.calls += 1
         _rhs(t, y, out, *self._args, self.shifts(t))
         for vector, function in self._rest:
             out += vector * evaluate(function, t)

@@ -30,11 +30,13 @@ def oscillation(omega, tau):
 
 @compiled
 def bounds(h, rate, omega, level, particular, row, offset, frequencies):
-    """B2 >= |u''| and B3 >= |u'''| for the rest of a piece, u the contact position."""
+    """B0, B2 >= |u''| and B3 >= |u'''| for the rest of a piece, u the contact position; B0: its size, for rounding."""
+    b0 = abs(offset[0])
     b2 = 0.0
     b3 = 0.0
     for j in range(h.size):
         amplitude = abs(row[j]) * math.hypot(level[j] - omega[j] * omega[j] * h[j], omega[j] * rate[j])
+        b0 += abs(row[j]) * (math.hypot(h[j], rate[j] / omega[j]) if omega[j] > 0.0 else abs(h[j]))
         b2 += amplitude
         b3 += amplitude * omega[j]
     for k in range(frequencies.size):
@@ -44,10 +46,11 @@ def bounds(h, rate, omega, level, particular, row, offset, frequencies):
             s += row[j] * particular[j, 1 + 2 * k]
             c += row[j] * particular[j, 2 + 2 * k]
         amplitude = math.hypot(s, c) * frequencies[k] ** 2
+        b0 += math.hypot(s, c)
         b2 += amplitude
         b3 += amplitude * frequencies[k]
     # Rounding in the sums above.
-    return b2 * (1.0 + 1e-12) + 1e-300, b3 * (1.0 + 1e-12) + 1e-300
+    return b0, b2 * (1.0 + 1e-12) + 1e-300, b3 * (1.0 + 1e-12) + 1e-300
 
 
 @compiled
@@ -109,10 +112,12 @@ def safe_step(gap, rate, b2):
 def gap_step(gap, rate, curve, b2, b3, scale, at_rest, t):
     """(s, closes) for a gap >= 0 with its two derivatives: it stays positive for s, or closes at s.
 
-    at_rest: the gap of a stop just met or left is exactly zero and its speed never negative but for
+    at_rest: the gap of the stop just met or left is exactly zero and its speed never negative but for
     rounding; then gap >= gap' s + max(-b2 s^2/2, gap'' s^2/2 - b3 s^3/6). scale: a size for rounding.
     """
-    if at_rest and abs(gap) <= 1e-9 * scale + 1e-300:
+    if b2 <= 1e-290 and rate >= 0.0:
+        return math.inf, False  # nothing moves
+    if at_rest:
         noise = 1e-13 * math.sqrt(b2 * scale)
         safe = 2.0 * max(rate, 0.0) / b2
         if curve > 0.0 and rate > -noise:
@@ -123,8 +128,9 @@ def gap_step(gap, rate, curve, b2, b3, scale, at_rest, t):
     if safe <= 4.0 * EPS * (t + safe) or gap <= 0.0:
         if rate < 0.0 or curve < 0.0:
             return safe, True
-        # Grazing: the gap closes without speed and opens again.
-        safe = max(safe, 3.0 * curve / b3, 1e-15 * t + 1e-18)
+        # Grazing: the gap closes without speed and opens again. Within eps^(1/3) b2/b3 it changes by less
+        # than the fastest motion's rounding.
+        safe = max(safe, 3.0 * curve / b3, 6e-6 * b2 / b3, 1e-15 * t + 1e-18)
     return safe, False
 
 
@@ -153,7 +159,7 @@ def follow(
         row = rows[own]
         level = levels[regime + 1]
         particular = particulars[regime + 1]
-        b2, b3 = bounds(h, rate, omega, level, particular, row, offset, frequencies)
+        b0, b2, b3 = bounds(h, rate, omega, level, particular, row, offset, frequencies)
         tau = 0.0
         target = 0
         found = False
@@ -163,6 +169,7 @@ def follow(
             evaluations += 1
             step = math.inf
             target = 0
+            nearest = 1 if abs(u - g2) <= abs(u - g1) else -1
             for side in (1, -1):
                 stop = g2 if side > 0 else g1
                 if math.isinf(stop) or (regime != 0 and regime != side):
@@ -170,8 +177,9 @@ def follow(
                 # gap >= 0 in the present regime: distance to the stop when free, penetration in contact.
                 sign = -side if regime == 0 else side
                 safe, closes = gap_step(
-                    sign * (u - stop), sign * speed, sign * curve, b2, b3, abs(stop) + abs(u), resting, t_start + tau
-                )
+                    sign * (u - stop), sign * speed, sign * curve, b2, b3, abs(stop) + b0,
+                    resting and side == nearest, t_start + tau,
+                )  # fmt: skip
                 if closes:
                     target = side
                     step = safe
@@ -263,6 +271,7 @@ def search(sigma, omega, real, imaginary, chi, g1, g2, resting, t_start, t_end):
             u = 0.0
             speed = 0.0
             curve = 0.0
+            b0 = 0.0
             b2 = 1e-300
             b3 = 1e-300
             for k in range(K):
@@ -276,18 +285,20 @@ def search(sigma, omega, real, imaginary, chi, g1, g2, resting, t_start, t_end):
                 speed += sigma[k] * x - omega[k] * y
                 curve += (sigma[k] * sigma[k] - omega[k] * omega[k]) * x - 2.0 * sigma[k] * omega[k] * y
                 amplitude = size * decay * math.hypot(real[contact, k], imaginary[contact, k])
+                b0 += decay * math.hypot(real[contact, k], imaginary[contact, k])
                 b2 += amplitude
                 b3 += amplitude * math.sqrt(size)
             b2 *= 1.0 + 1e-12  # rounding in the sums
             b3 *= 1.0 + 1e-12
+            nearest = 1 if abs(u - g2[contact]) <= abs(u - g1[contact]) else -1
             for side in (1, -1):
                 stop = g2[contact] if side > 0 else g1[contact]
                 if math.isinf(stop) or (chi[contact] != 0 and chi[contact] != side):
                     continue
                 sign = -side if chi[contact] == 0 else side
                 safe, closes = gap_step(
-                    sign * (u - stop), sign * speed, sign * curve, b2, b3, abs(stop) + abs(u),
-                    contact == resting and tau == 0.0, t_start + tau,
+                    sign * (u - stop), sign * speed, sign * curve, b2, b3, abs(stop) + b0,
+                    contact == resting and side == nearest and tau == 0.0, t_start + tau,
                 )  # fmt: skip
                 if closes:
                     return tau + safe, contact, side, evaluations

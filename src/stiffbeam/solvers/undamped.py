@@ -94,7 +94,8 @@ class Solution:
 
     @property
     def shortest_period(self) -> float:
-        return 2.0 * np.pi / max(float(r.omega[-1]) for r in self.regimes.values())
+        fastest = [float(r.omega[-1]) for r in self.regimes.values()]
+        return 2.0 * np.pi / max(*fastest, *self.drive.frequencies, 1e-300)
 
     def work(self, system: System, edges: Array) -> tuple[Array, Array]:
         """Work of the loads and viscous loss between consecutive edges, which include every switch.

@@ -15,7 +15,7 @@ from ..drive import Drive
 from ..march.ensemble import Ensemble, integrate_ensemble, reference_ensemble
 from ..modal import modes
 from ..solvers.tangent import lyapunov
-from ..validation import InputError
+from ..validation import InputError, integer
 from .common import later, scheme_labels, scheme_of, solve_once, system_of
 from .study import Point, Row, Rows, Study
 
@@ -35,6 +35,7 @@ def points(
 ) -> list[Point]:
     """The exact flow and every scheme at ``dt`` (the case's): ``starts`` pairs a distance ``size`` apart,
     followed for ``span`` (half the case's horizon); and the exact motion's portraits."""
+    integer("starts", starts, 1)
     exact = solve_once(system_of(case, form), case.t_end)
     dt = case.dt if dt is None else dt
     span = min(exact.horizon, case.t_end) / 2.0 if span is None else span
@@ -42,7 +43,9 @@ def points(
     pairs = [{"kind": "pairs", "method": method} | rest for method in ["exact", *scheme_labels(case, schemes)]]
     drive = max(Drive.of(exact.system or system_of(case, form)).frequencies, default=0.0)
     tangent = {"kind": "tangent", "method": "tangent flow", "form": form}
-    return [*pairs, tangent, {"kind": "portrait", "method": "exact", "form": form, "drive": drive}]
+    portrait = {"kind": "portrait", "method": "exact", "form": form, "drive": drive}
+    long_enough = not drive or 0.9 * case.t_end > 2.0 * np.pi / drive  # for a portrait delayed by a period
+    return [*pairs, tangent, *([portrait] if long_enough else [])]
 
 
 def evaluate(case: Case, point: Point) -> list[Row]:
@@ -135,10 +138,10 @@ def answer(rows: Rows) -> str:
     if not found:
         return "No pair could be followed long enough."
     parts = [f"{method} {mean:.3g} ± {interval:.2g}" for method, (mean, interval) in found.items()]
-    digits = found["tangent flow"][0] / np.log(10.0) if "tangent flow" in found else float("nan")
+    mean, interval = (x / np.log(10.0) for x in found.get("tangent flow", (float("nan"), float("nan"))))
     return (
         f"Neighbouring motions part like exp(lambda t) with lambda = {', '.join(parts)} (mean over the starts, 95 %); "
-        f"the exact flow loses {digits:.2g} digits per unit of time."
+        f"by the tangent flow the exact motion loses {mean:.2g} ± {interval:.2g} digits per unit of time."
     )
 
 

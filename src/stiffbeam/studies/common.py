@@ -31,7 +31,10 @@ def scheme_labels(case: Case, schemes: Sequence[str] | None = None) -> list[str]
     trapezoidal rule, which stands under that name.
     """
     if schemes is not None:
-        return [str(parse_run(label)[0]) for label in schemes]
+        for label in schemes:
+            if not isinstance(label, (str, Scheme)):
+                raise InputError("schemes", label, "be labels of registered schemes", "for example 'hht(alpha=-0.1)'")
+        return [str(parse_run(str(label))[0]) for label in schemes]
     own: dict[str, Scheme] = {}
     for scheme, _ in case.runs:
         own.setdefault(scheme.name, scheme)

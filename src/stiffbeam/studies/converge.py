@@ -14,7 +14,7 @@ from ..march.integrate import integrate
 from ..measures.impacts import match
 from ..measures.regression import Order, observed_order
 from ..modal import modes
-from ..validation import InputError
+from ..validation import InputError, integer
 from .common import first_impacts, scheme_labels, scheme_of, smooth, solve_once, system_of
 from .study import Point, Row, Rows, Study
 
@@ -41,6 +41,7 @@ def points(
     smooth: the case without stops on its slow motion, over one period of the drive or of the lowest
     mode, whichever is longer. contact: the case itself until its first ``impacts`` impacts are over.
     """
+    integer("halvings", halvings, 1)
     start = case.dt if dt is None else dt
     system = system_of(case, form)
     found: list[Point] = []

@@ -10,7 +10,7 @@ from ..drive import Drive
 from ..march.ensemble import integrate_ensemble, reference_ensemble
 from ..march.members import perturbed
 from ..measures.spectrum import amplitude_spectrum
-from ..validation import InputError
+from ..validation import InputError, integer
 from .common import scheme_labels, scheme_of, system_of
 from .study import Point, Row, Rows, Study
 
@@ -35,6 +35,7 @@ def points(
     data, perturbed by ``size`` relative to the motion (see ``perturbed``)."""
     if case.problem.stops is None:
         raise InputError("case", case.name, "have stops")
+    integer("members", members, 1)
     rest = {
         "form": form, "dt": case.dt if dt is None else dt, "t_end": case.t_end if t_end is None else t_end,
         "members": members, "size": size, "seed": seed, "contact": contact,

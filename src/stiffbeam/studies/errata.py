@@ -8,6 +8,7 @@ from ..cases import Case
 from ..march.integrate import integrate
 from ..measures.regression import observed_order
 from ..schemes.errata import forms_of
+from ..validation import integer
 from .common import first_impacts, scheme_labels, scheme_of, smooth, solve_once, system_of
 from .converge import ROUNDING
 from .study import Point, Row, Rows, Study
@@ -25,6 +26,7 @@ def points(
     impacts: int = 4,
 ) -> list[Point]:
     """Every erratum of the case's schemes, and the paper's extrapolated contact, at steps from ``dt`` downwards."""
+    integer("halvings", halvings, 1)
     start = case.dt if dt is None else dt
     window = first_impacts(case, form, impacts) if case.problem.stops is not None else 0.0
     found: list[Point] = []

@@ -18,7 +18,7 @@ from ..march.members import perturbed
 from ..measures.impacts import match
 from ..schemes import HHT, SDIRK
 from ..trajectory import Diverged, Reference
-from ..validation import InputError
+from ..validation import InputError, integer
 from .common import scheme_labels, scheme_of, solve_once, system_of
 from .references import frozen
 from .study import Point, Row, Rows, Study
@@ -46,6 +46,8 @@ def points(
     """
     if case.problem.stops is None:
         raise InputError("case", case.name, "have stops")
+    for name, value in (("halvings", halvings), ("members", members)):
+        integer(name, value, 1)
     dt, t_end = case.dt if dt is None else dt, case.t_end if t_end is None else t_end
     rest = {"form": form, "t_end": t_end, "references": references, "members": members}
     labels = scheme_labels(case, schemes)
@@ -144,16 +146,18 @@ def answer(rows: Rows) -> str:
             f"Without {'schemes' if exact else 'the exact members'} there is nothing to compare at {len(rows)} points."
         )
     coarse, true = max(r["dt"] for r in steps), steps[0]
-    known = f"{true['true_digits']} digits" if true["true_digits"] else "float64"
+    digits = true["true_digits"]
+    known = f"The true motion ({digits} digits)" if digits else "The exact motion in float64, one realisation,"
     parts = []
     for row in (r for r in steps if r["dt"] == coarse):
         largest = right_from(rows, row["scheme"])
         right = f"right to 5 % from dt = {largest:.2g} on" if np.isfinite(largest) else "never right to 5 %"
         parts.append(f"{row['scheme']} {row['count']:.4g} and {100 * row['fraction']:.2g} %, {right}")
     return (
-        f"The true motion has {true['true_count']} impacts ({known}), the exact ensemble {exact['count']:.4g} ± "
-        f"{exact['count_spread']:.2g} and {100 * exact['fraction']:.2g} % of the time in contact; means at "
-        f"dt = {coarse:g}: {'; '.join(parts)}. The finest step tried is {min(r['dt'] for r in steps):.2g}."
+        f"{known} has {true['true_count']} impacts to t = {rows[0]['t_end']:g}, the exact ensemble "
+        f"{exact['count']:.4g} ± {exact['count_spread']:.2g} and {100 * exact['fraction']:.2g} % of the time in "
+        f"contact; means at dt = {coarse:g}: {'; '.join(parts)}. The finest step tried is "
+        f"{min(r['dt'] for r in steps):.2g}."
     )
 
 

@@ -32,9 +32,15 @@ class Journal:
             text = self.file.read_bytes()
             whole = text[: text.rfind(b"\n") + 1]
             for line in whole.splitlines():
-                entry = json.loads(line)
-                self.finished[_key(entry["point"])] = entry["rows"]
-            os.truncate(self.file, len(whole))  # never rewritten: a kill here must not lose the rest
+                try:
+                    entry = json.loads(line)
+                    point, rows = entry["point"], entry["rows"]
+                except (ValueError, KeyError, TypeError):
+                    continue  # a damaged line: its point is evaluated again
+                if not all("failed" in row for row in rows):  # what failed may work now
+                    self.finished[_key(point)] = rows
+            if len(whole) < len(text):
+                os.truncate(self.file, len(whole))  # never rewritten: a kill here must not lose the rest
 
     def rows(self, point: Point) -> list[Row] | None:
         """The rows of a finished point, None where it is still to be evaluated."""

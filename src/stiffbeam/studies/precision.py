@@ -14,6 +14,7 @@ from ..measures.impacts import match
 from ..solvers import solve
 from ..system import System
 from ..trajectory import Reference, Trajectory
+from ..validation import integer
 from .common import first_impacts, scheme_labels, scheme_of, solve_once, system_of
 from .study import Point, Row, Rows, Study
 
@@ -40,6 +41,7 @@ def points(
     The error is taken until the first ``impacts`` impacts are over (half the horizon without contact),
     where it is not yet amplified by chaos; the time tracked on the whole horizon.
     """
+    integer("halvings", halvings, 1)
     dt = case.dt if dt is None else dt
     end = first_impacts(case, form, impacts)
     horizon = min(solve_once(system_of(case, form), case.t_end).horizon, case.t_end)

@@ -9,11 +9,11 @@ from typing import Any
 
 from ..cases import Case, case_text, paper_cases
 from ..frozen import freeze
-from ..semidiscretisation import semidiscretise
 from ..solvers import reference
 from ..store import load
 from ..trajectory import Reference
 from ..validation import InputError
+from .common import system_of
 
 MANIFEST = "MANIFEST.json"
 Progress = Callable[[str, int, int], None]
@@ -25,7 +25,7 @@ def wanted() -> list[tuple[str, str, list[str]]]:
     found: dict[tuple[str, float], tuple[str, str, list[str]]] = {}
     for case in paper_cases().values():
         for form in ["displacement", *sorted({form for _, form in case.runs} - {"displacement"})]:
-            key = (_system(case, form).fingerprint, case.t_end)
+            key = (system_of(case, form).fingerprint, case.t_end)
             found.setdefault(key, (case.name, form, []))[2].append(case.name)
     return list(found.values())
 
@@ -48,7 +48,7 @@ def remake(
         if _whole(file):
             continue
         case = paper_cases()[name]
-        solution = reference(_system(case, form), case.t_end, "multiprecision")
+        solution = reference(system_of(case, form), case.t_end, "multiprecision")
         entry = freeze(solution, case_text(name), file) | {"tables": tables}
         _note(folder, entry)
         written.append(file.name)
@@ -87,13 +87,9 @@ def frozen(folder: Path, case: Case, form: str, t_end: float) -> Reference | Non
     for entry in _entries(folder):
         if case.name in entry["tables"] and entry["form"] == form and entry["t_end"] >= t_end:
             found = load(folder / entry["file"])
-            if isinstance(found, Reference) and found.fingerprint == _system(case, form).fingerprint:
+            if isinstance(found, Reference) and found.fingerprint == system_of(case, form).fingerprint:
                 return found
     return None
-
-
-def _system(case: Case, form: str):
-    return semidiscretise(case.problem, case.cells, form)
 
 
 def _whole(file: Path) -> bool:

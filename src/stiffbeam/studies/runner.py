@@ -13,10 +13,12 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ..cases import Case, find_case
 from ..march.ensemble import cores
 from ..trajectory import Diverged, SolverFailure, Unfinished
-from ..validation import InputError, near
+from ..validation import InputError, near, positive
 from .journal import Journal
 from .study import Point, Records, Row, Study
 
@@ -43,12 +45,19 @@ def run_study(
     with ``failed``. Raises InputError, and Unfinished where processes keep dying.
     """
     case = find_case(case) if isinstance(case, str) else case
+    if not isinstance(case, Case):
+        remedy = "studies refine and vary the beam itself; for a System use integrate, reference and compare"
+        raise InputError("case", type(case).__name__, "be a case, its name or a case file", remedy)
     if jobs < 1:
         raise InputError("jobs", jobs, "be 1 or more")
     known = [name for name in inspect.signature(study.points).parameters if name != "case"]
     for name in options:
         if name not in known:
             raise InputError(f"option of {study.name}", name, "be one the study knows", near(name, known))
+    options = {name: value.tolist() if hasattr(value, "tolist") else value for name, value in options.items()}
+    for name in ("dt", "t_end"):
+        if options.get(name) is not None:
+            positive(name, options[name])
     begun = time.perf_counter()
     progress(f"{study.name}: planning", 0, 0)
     points = study.points(case, **{name: value for name, value in options.items() if value is not None})
@@ -155,5 +164,7 @@ def evaluate_point(evaluate: Callable[[Case, Point], list[Row]], case: Case, poi
             found = evaluate(case, point)
         except (Diverged, SolverFailure, InputError) as error:
             found = [{"failed": str(error)}]
+        except (ArithmeticError, np.linalg.LinAlgError) as error:
+            found = [{"failed": f"{type(error).__name__}: {error}"}]
     own = {name: value for name, value in point.items() if not isinstance(value, list)}
     return [own | row for row in found]

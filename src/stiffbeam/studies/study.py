@@ -77,20 +77,20 @@ class Records:
             "study": self.study.name,
             "question": self.study.question,
             "case": self.case.name,
-            "options": self.options,
+            "options": plain(self.options),
             "answer": self.answer,
             "seconds": round(self.seconds, 3),
             "rows": plain(self.rows),
         }
 
-    def save(self, folder: str | Path) -> list[Path]:
-        """Write <study>.json, <study>.csv and <study>.png into ``folder``."""
+    def save(self, folder: str | Path, stem: str = "") -> list[Path]:
+        """Write <stem>.json, <stem>.csv and <stem>.png into ``folder``; stem: the study's name if none is given."""
         from ..figures import save_figure
 
-        folder = Path(folder)
+        folder, stem = Path(folder), stem or self.study.name
         folder.mkdir(parents=True, exist_ok=True)
-        text = folder / f"{self.study.name}.json"
+        text = folder / f"{stem}.json"
         text.write_text(json.dumps(self.to_dict(), indent=2, allow_nan=False) + "\n", encoding="utf-8")
-        table = folder / f"{self.study.name}.csv"
+        table = folder / f"{stem}.csv"
         self.to_dataframe().to_csv(table, index=False)
-        return [text, table, save_figure(self.figure(), folder / f"{self.study.name}.png")]
+        return [text, table, save_figure(self.figure(), folder / f"{stem}.png")]

@@ -27,7 +27,7 @@ from ..schemes import Scheme, make
 from ..semidiscretisation import semidiscretise
 from ..system import System
 from ..trajectory import Diverged, SolverFailure
-from ..validation import InputError, near, number, positive
+from ..validation import InputError, integer, near, number, positive
 from .common import scheme_of, system_of
 from .study import Point, Row, Rows, Study
 
@@ -118,8 +118,7 @@ def points(
     """
     method = str(case.runs[0][0]) if method is None else method if method == EXACT else str(parse_run(method)[0])
     for name, periods_given, least in (("periods", periods, 1), ("transient", transient, 0)):
-        if isinstance(periods_given, bool) or not isinstance(periods_given, int) or periods_given < least:
-            raise InputError(name, periods_given, f"be an integer >= {least}")
+        integer(name, periods_given, least)
     if values is None and parameter == "frequency":
         own = 2.0 * np.pi / _period(system_of(case, form))
         values = np.linspace(0.7 * own, 1.3 * own, count).tolist()
