@@ -105,6 +105,9 @@ class System:
             v0=np.zeros(n) if initial_velocity is None else _vector("initial_velocity", initial_velocity, n),
         )
 
+    def __repr__(self) -> str:
+        return f"<System, {self.form}: {self.size} unknowns, {len(self.loads)} loads, {len(self.contacts)} contacts>"
+
     @property
     def size(self) -> int:
         """n, the number of unknowns."""

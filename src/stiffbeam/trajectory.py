@@ -136,6 +136,11 @@ class Trajectory:
     ledger: Callable[[], Ledger] | None = field(default=None, repr=False)  # at the output times
     fingerprint: str = ""
 
+    def __repr__(self) -> str:
+        return (
+            f"<{type(self).__name__} {self.label}: {len(self.t)} times to {self.t[-1]:g}, {self.impacts.count} impacts>"
+        )
+
     @property
     def label(self) -> str:
         """Method and form, e.g. ``hht(alpha=-0.1)@displacement``."""
@@ -205,7 +210,7 @@ def output_index(t: Array, times: Array, method: str) -> NDArray[np.int64]:
     return index
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Reference(Trajectory):
     """A Trajectory that says how far it can be trusted, and where it knows, any time in between.
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from importlib.metadata import version
+from typing import Annotated
+
 import typer
 
 app = typer.Typer(
@@ -10,3 +13,16 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     help="Fixed-step schemes beside adaptive and exact solutions of vibro-impact beams.",
 )
+
+
+def _version(asked: bool) -> None:
+    if asked:
+        print(f"stiffbeam {version('stiffbeam')}")
+        raise typer.Exit()
+
+
+@app.callback()
+def options(
+    _: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="say the version")] = False,
+) -> None:
+    """Fixed-step schemes beside adaptive and exact solutions of vibro-impact beams."""

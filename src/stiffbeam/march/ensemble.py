@@ -78,6 +78,9 @@ class Ensemble:
     def __len__(self) -> int:
         return len(self.members)
 
+    def __repr__(self) -> str:
+        return f"<Ensemble {self.label}: {len(self)} members, {self.members.parameter}>"
+
     @property
     def label(self) -> str:
         """Method and form, e.g. ``hht(alpha=-0.1)@displacement``."""

@@ -14,7 +14,7 @@ from ..measures.impacts import match
 from ..solvers import solve
 from ..system import System
 from ..trajectory import Reference, Trajectory
-from ..validation import integer
+from ..validation import InputError, integer, near
 from .common import first_impacts, scheme_labels, scheme_of, solve_once, system_of
 from .study import Point, Row, Rows, Study
 
@@ -42,6 +42,9 @@ def points(
     where it is not yet amplified by chaos; the time tracked on the whole horizon.
     """
     integer("halvings", halvings, 1)
+    for method in methods or ():
+        if method not in METHODS:
+            raise InputError("method", method, "be a reference solver", near(method, METHODS))
     dt = case.dt if dt is None else dt
     end = first_impacts(case, form, impacts)
     horizon = min(solve_once(system_of(case, form), case.t_end).horizon, case.t_end)
