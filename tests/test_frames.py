@@ -139,3 +139,19 @@ def test_a_second_writer_and_a_damaged_line_cost_no_finished_point(tmp_path):
     assert again.rows({"k": 1}) == [{"x": 1.0}]
     assert again.rows({"k": 2}) == [{"x": 2.0}]
     assert again.rows({"k": 3}) is None  # what failed may work now
+
+
+def test_a_callable_offset_is_asked_for_times_inside_the_run_only():
+    asked = []
+
+    def offset(t):
+        asked.extend(np.ravel(t))
+        return 0.1 * np.sqrt(t)
+
+    system = oscillator(4.0, 0.0, sb.Stops(upper=0.3, stiffness=1e3), 0.0, v0=1.0, offset=offset)
+    run = sb.integrate(system, sb.HHT(), 1e-2, 1.0)
+    assert min(asked) >= 0.0
+    assert max(asked) <= 1.0 + 1e-12
+    t = run.t[20:]
+    mass_rate = run.tip_velocity[20:] - 0.05 / np.sqrt(t)
+    assert np.max(np.abs(mass_rate - run.states[1][20:, 0])) < 1e-6  # the difference quotient's truncation and rounding

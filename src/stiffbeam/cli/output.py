@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 
@@ -16,23 +17,28 @@ def file_name(label: str) -> str:
     return "".join(c if c.isalnum() or c in "-._=" else "_" for c in plain)
 
 
-def make_folder(folder: Path) -> Path:
+def make_folder(folder: Path, option: str = "--out") -> Path:
     """``folder``, made where it is not there; InputError where that cannot be."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         from ..validation import InputError
 
-        raise InputError("--out", str(folder), "be a folder that can be written to", str(error)) from None
+        raise InputError(option, str(folder), "be a folder that can be written to", str(error)) from None
     return folder
 
 
 def check_json(file: Path | None) -> None:
     """InputError for a --json that no file can be, before anything is computed."""
-    if file is not None and file.is_dir():
-        from ..validation import InputError
+    if file is None or str(file) == "-":
+        return
+    from ..validation import InputError
 
+    if file.is_dir():
         raise InputError("--json", str(file), "be a file, or - for the terminal")
+    make_folder(file.parent, "--json")
+    if not os.access(file if file.exists() else file.parent, os.W_OK):
+        raise InputError("--json", str(file), "be a file that can be written to")
 
 
 def write_json(text: str, file: Path | None) -> bool:
@@ -42,6 +48,5 @@ def write_json(text: str, file: Path | None) -> bool:
     if str(file) == "-":
         print(text)
         return True
-    file.parent.mkdir(parents=True, exist_ok=True)
     file.write_text(text + "\n", encoding="utf-8")
     return False

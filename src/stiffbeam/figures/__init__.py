@@ -10,6 +10,7 @@ from zlib import crc32
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogFormatterSciNotation, LogLocator, NullFormatter
 
 from ..arrays import Array
 from ..cases import parse_run
@@ -99,8 +100,18 @@ def log_scale(axis: Axes, x: bool = True, y: bool = True) -> None:
     """Logarithmic axes wherever what is drawn so far holds anything positive."""
     if x and np.isfinite(axis.dataLim.minposx):
         axis.set_xscale("log")
+        _few_ticks(axis.xaxis, axis.dataLim.x1 / axis.dataLim.minposx)
     if y and np.isfinite(axis.dataLim.minposy):
         axis.set_yscale("log")
+        _few_ticks(axis.yaxis, axis.dataLim.y1 / axis.dataLim.minposy)
+
+
+def _few_ticks(axis, span: float) -> None:
+    """Over less than a decade, ticks at 1, 2 and 5 only: all nine would be written over each other."""
+    if 1.0 < span < 10.0:
+        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axis.set_major_formatter(LogFormatterSciNotation(labelOnlyBase=False, minor_thresholds=(np.inf, np.inf)))
+        axis.set_minor_formatter(NullFormatter())
 
 
 def mark_order(axis: Axes, orders: Iterable[float], x: float = 0.96, y: float = 0.05, width: float = 0.09) -> None:

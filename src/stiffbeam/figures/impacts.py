@@ -38,7 +38,7 @@ def draw(records: Records) -> Figure:
         _exact_ensemble(axis, [row for row in rows if row["scheme"] == EXACT], name, factor)
         axis.set(ylabel=words)
         axis.set_title(f"({letter}) {title}", loc="left")
-        axis.set_ylim(bottom=0.0)
+        axis.set_ylim(0.0, 1.05 * axis.get_ylim()[1])
     _over_step(axes[1, 0], runs, "matched_until", 1.0)
     axes[1, 0].set(ylabel="true impacts followed to $t$")
     axes[1, 0].set_title("(d) how far they are true", loc="left")

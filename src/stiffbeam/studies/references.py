@@ -104,7 +104,10 @@ def _entries(folder: Path) -> list[dict[str, Any]]:
     path = folder / MANIFEST
     if not path.is_file():
         raise InputError("folder", str(folder), f"hold a {MANIFEST}", "remake the references there")
-    return json.loads(path.read_text(encoding="utf-8"))["references"]
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))["references"]
+    except (ValueError, KeyError, TypeError) as error:
+        raise InputError("manifest", str(path), "be whole", f"remake the references there ({error})") from None
 
 
 def _note(folder: Path, entry: dict[str, Any]) -> None:
