@@ -155,3 +155,18 @@ def test_a_callable_offset_is_asked_for_times_inside_the_run_only():
     t = run.t[20:]
     mass_rate = run.tip_velocity[20:] - 0.05 / np.sqrt(t)
     assert np.max(np.abs(mass_rate - run.states[1][20:, 0])) < 1e-6  # the difference quotient's truncation and rounding
+
+
+def test_a_slow_first_mode_is_no_rigid_motion():
+    """800 cells given as matrices: w_max/w_1 = 4e6, and the square of that is near 1/eps; 1.8751^2 sqrt(300)."""
+    from stiffbeam.modal import modes
+
+    beam = sb.semidiscretise(sb.BeamProblem(stiffness=300.0), 800)
+    given = sb.System.from_matrices(beam.mass, beam.stiffness, observe=np.eye(800)[-1])
+    basis, chain = modes(given), 100.0 * np.array([[1.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 1.0]])
+    free = modes(sb.System.from_matrices(np.eye(3), chain, observe=np.eye(3)[-1]))
+    assert basis is not None
+    assert basis.omega[0] == pytest.approx(1.8751041**2 * np.sqrt(300.0), rel=0.05)
+    assert free is not None
+    assert np.allclose(free.omega, [0.0, 10.0, np.sqrt(300.0)], rtol=1e-12)
+    assert free.omega[0] == 0.0

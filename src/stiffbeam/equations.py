@@ -2,27 +2,19 @@
 
 A scheme's state is an array z of shape (components, ..., n); its first ``order`` rows are the
 first-order variable y: y = (q, q') for a second-order equation, y = (y,) for a first-order one.
-Arrays may carry batch axes in the middle, so that many unit states are stepped at once.
+Arrays may carry batch axes in the middle, so that many unit states are stepped at once. Each equation offers
+
+    rate(y, f) = A y + B f,   implicit_rate(c, r, f) = k with k = A (r + c k) + B f,   velocity(y), of the positions
+
+to schemes that read it as y' = A y + B f, and one of second order its matrices to those that do not.
 """
 
 from __future__ import annotations
-
-from typing import Protocol
 
 import numpy as np
 import scipy.linalg
 
 from .arrays import Array
-
-
-class Equation(Protocol):
-    """y' = A y + B f, the form in which BDF2 and SDIRK read the paper's (4.1)."""
-
-    order: int
-
-    def velocity(self, y: Array) -> Array: ...  # time derivative of the positions y[0], contact rows only
-    def rate(self, y: Array, force: Array) -> Array: ...  # A y + B f
-    def implicit_rate(self, c: float, r: Array, force: Array) -> Array: ...  # k = A (r + c k) + B f
 
 
 class SecondOrder:
