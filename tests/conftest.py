@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 
 os.environ.setdefault("MPLBACKEND", "agg")
 # Before NumPy is there, and inherited by pytest's workers: on all cores at once, BLAS threads only wait for each other.
@@ -47,3 +48,21 @@ def three_masses() -> sb.System:
         initial_displacement=[0.3, -0.2, 0.1],
         initial_velocity=[0.0, 0.4, -0.5],
     )
+
+
+@pytest.fixture
+def command(tmp_path, monkeypatch, capsys):
+    """The command in this process and in an empty folder: (exit code, stdout, stderr)."""
+    from stiffbeam import cli
+
+    monkeypatch.chdir(tmp_path)
+
+    def run(*arguments):
+        monkeypatch.setattr(sys, "argv", ["stiffbeam", *arguments])
+        capsys.readouterr()
+        with pytest.raises(SystemExit) as stopped:
+            cli.main()
+        captured = capsys.readouterr()
+        return int(stopped.value.code or 0), captured.out, captured.err
+
+    return run

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 import stiffbeam as sb
-from stiffbeam import cli
 
 MINE = """
 [[case]]
@@ -31,22 +30,6 @@ def shell(*arguments, cwd):
     """The command in a process of its own, with pipes for stdout and stderr."""
     command = [sys.executable, "-W", "error", "-m", "stiffbeam.cli", *arguments]
     return subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=120)
-
-
-@pytest.fixture
-def command(tmp_path, monkeypatch, capsys):
-    """The command in this process and in an empty folder: (exit code, stdout, stderr)."""
-    monkeypatch.chdir(tmp_path)
-
-    def run(*arguments):
-        monkeypatch.setattr(sys, "argv", ["stiffbeam", *arguments])
-        capsys.readouterr()
-        with pytest.raises(SystemExit) as stopped:
-            cli.main()
-        captured = capsys.readouterr()
-        return int(stopped.value.code or 0), captured.out, captured.err
-
-    return run
 
 
 def words(text):
@@ -316,34 +299,6 @@ def test_import_and_help_load_no_heavy_library(code, light, tmp_path):
     loaded = process.stdout.rpartition("[")[2]
     assert f"'{light}'" in loaded
     assert not [name for name in HEAVY if f"'{name}'" in loaded]
-
-
-def test_a_study_that_finds_nothing_ends_with_1_and_overwrites_nothing(command, tmp_path):
-    """The printed stage matrix is refused at this step, and no other scheme is asked for."""
-    earlier = tmp_path / "modes.json"
-    earlier.write_text("what an earlier run has found", encoding="utf-8")
-    code, out, _ = command("modes", "table10", "--schemes", "sdirk.printed(stage-matrix)", "--out", ".", "--jobs", "1")
-    assert code == 1
-    assert "No point could be evaluated" in words(out)
-    assert "Written: nothing" in words(out)
-    assert earlier.read_text(encoding="utf-8") == "what an earlier run has found"
-
-
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        (["ensemble", "table10", "--members", "0"], "members"), (["modes", "table10", "--dt", "0"], "dt"),
-        (["converge", "table10", "--dt", "nan"], "dt"), (["chaos", "table10", "--starts", "0"], "starts"),
-        (["precision", "table10", "--methods", "exakt"], "exact"),
-        (["reference", "table10", "--method", "all", "--out", "x.nc"], "--out"),
-        (["modes", "table10", "--smoke", "--json", "/proc/none/x.json"], "--json"),
-    ],
-)  # fmt: skip
-def test_bad_options_of_studies_are_refused_before_anything_is_written(arguments, said, command, tmp_path):
-    code, _, err = command(*arguments)
-    assert code == 2
-    assert said in err
-    assert not [path for path in tmp_path.rglob("*") if path.is_file()]
 
 
 def test_the_version_is_said(command):
