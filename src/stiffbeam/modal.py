@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.linalg
@@ -40,6 +40,13 @@ class Modes:
     def force(self, vector: Array) -> Array:
         """shapes^T f, of a load vector or a contact row (..., n)."""
         return vector @ self.shapes
+
+
+def undamped_modes(system: System) -> Modes:
+    """The modes of ``system`` without its damping, which always decouple."""
+    found = modes(replace(system, damping=np.zeros_like(system.damping)))
+    assert found is not None
+    return found
 
 
 def modes(system: System, springs: tuple[tuple[Array, float], ...] = ()) -> Modes | None:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..contact import Stops
-from ..modal import modes
+from ..modal import undamped_modes
 from ..semidiscretisation import semidiscretise
 from ..system import System
 from ..time_functions import Constant, Harmonic, LoadFunction
@@ -95,8 +95,7 @@ def perturbed(system: System, members: int, size: float = 1e-12, seed: int = 1, 
     _system(system)
     integer("members", members, 1)
     non_negative("size", size)
-    basis = modes(replace(system, damping=np.zeros_like(system.damping)))
-    assert basis is not None
+    basis = undamped_modes(system)
     omega = basis.omega
     if scale is None:
         speeds = np.hypot(omega * basis.to_modal(system.q0), basis.to_modal(system.v0))

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 
 from ..arrays import Array
 from ..drive import Drive
-from ..modal import modes
+from ..modal import undamped_modes
 from ..plain import plain
 from ..recorder import sampled_impacts
 from ..system import System
@@ -126,8 +126,8 @@ def compare(run: Trajectory, reference: Reference) -> Comparison:
         ref_sampled = run_sampled = Impacts.none("sampled")
     matching = match(run_sampled, ref_sampled, window)
     energy = run.energy
-    basis = modes(replace(system, damping=np.zeros_like(system.damping)))
-    omega = np.zeros(0) if basis is None else basis.omega[basis.omega > 0.0]
+    omega = undamped_modes(system).omega
+    omega = omega[omega > 0.0]
     lag = phase_lag(
         t[: len(u_ref)],
         run.tip[: len(u_ref)],

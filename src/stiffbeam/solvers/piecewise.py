@@ -36,7 +36,7 @@ def solve_exact(
     with the reason for other time functions, for a resonant drive without damping, and where regimes
     are too close to critical damping or to a rigid-body motion for their eigenvectors. Without damping
     and with at most one contact all of it is compiled; else regimes are made as they are met. ``known``
-    keeps the modes of systems that share their matrices and contact row, see ``undamped``. Contacts are
+    keeps the modes of systems that share their matrices and contact row, see ``Tracer``. Contacts are
     recorded from ``since`` on.
 
     With u the gap's position, u' its rate and B >= |u''| on the rest of the piece, no switch lies

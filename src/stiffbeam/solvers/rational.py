@@ -75,18 +75,19 @@ def exact_problem(system: System, drive: Drive) -> Exact:
     """The problem at the current precision: call it again after raising ctx.prec."""
     loads = _Loads(drive, system.size)
     made = None if system.problem is None else semidiscretise(system.problem, system.size, system.form)
-    if made is not None and system.problem is not None and made.fingerprint == system.fingerprint:
-        mass, damping, stiffness, q0, v0 = _beam(system, system.problem, loads)
-    elif made is not None and system.problem is not None and _differ_at_start_only(system, made):
-        mass, damping, stiffness, _, _ = _beam(system, system.problem, loads)
-        q0, v0 = ([number(x) for x in values] for values in (system.q0, system.v0))
+    q0, v0 = ([number(x) for x in values] for values in (system.q0, system.v0))
+    # A system that its problem makes, but perhaps for initial data of its own, as a perturbed member has.
+    own = system.fingerprint
+    if made and system.problem and replace(made, q0=system.q0, v0=system.v0).fingerprint == own:
+        mass, damping, stiffness, *start = _beam(system, system.problem, loads)
+        if made.fingerprint == own:
+            q0, v0 = start
     else:
         mass, damping, stiffness = (
             [[number(x) for x in line] for line in matrix] for matrix in (system.mass, system.damping, system.stiffness)
         )
         for vector, function in system.loads:
             loads.add([number(x) for x in vector], function)
-        q0, v0 = ([number(x) for x in values] for values in (system.q0, system.v0))
     contacts = []
     for contact in system.contacts:
         offset = _Loads(drive, 1)
@@ -104,11 +105,6 @@ def exact_problem(system: System, drive: Drive) -> Exact:
         q0=[arb(x) for x in q0],
         v0=[arb(x) for x in v0],
     )
-
-
-def _differ_at_start_only(system: System, made: System) -> bool:
-    """Whether a system is the one that its problem makes, but for the initial data."""
-    return replace(system, q0=made.q0, v0=made.v0).fingerprint == made.fingerprint
 
 
 class _Loads:

@@ -81,7 +81,7 @@ def position(h, rate, omega, level, particular, row, offset, frequencies, tau, t
 
 
 @compiled
-def observe(t, piece, starts, h, rate, omega, level, row, wave, frequencies, u, v):
+def follow_row(t, piece, starts, h, rate, omega, level, row, wave, frequencies, u, v):
     """row . eta and its rate at times t inside the given pieces, all of one regime, into u and v (k,).
 
     starts, h, rate: of all pieces. row: modal. wave: (d,), what row sees of the particular solution.

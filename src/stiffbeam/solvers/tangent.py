@@ -8,12 +8,12 @@ identity) and Phi is the product of the homogeneous flows of the pieces.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from ..arrays import Array
-from ..modal import modes
+from ..modal import undamped_modes
 from ..system import System
 from ..validation import InputError, positive
 from .exact_measures import Solution
@@ -91,8 +91,7 @@ def predicted_horizon(system: System, solution: Solution, t_end: float, toleranc
 
 def _vectors(system: System, seed: int) -> tuple[Array, Array]:
     """Unit tangent vectors (n, vectors): random with the energy spread over all modes, and (q', q'')."""
-    basis = modes(replace(system, damping=np.zeros_like(system.damping)))
-    assert basis is not None
+    basis = undamped_modes(system)
     noise = np.random.default_rng(seed).standard_normal((2, system.size, RANDOM))
     scale = np.maximum(basis.omega, basis.omega[-1] * 1e-8 or 1.0)[:, None]
     force = system.load(0.0) - system.stiffness @ system.q0 - system.damping @ system.v0

@@ -18,7 +18,7 @@ from ..drive import Drive
 from ..modal import Modes
 from ..system import System
 from .exact_measures import panels
-from .switching import observe
+from .switching import follow_row
 
 
 class Regime(NamedTuple):
@@ -144,7 +144,7 @@ class Solution:
         for regime, basis in self.bases.items():
             here, law, seen = np.flatnonzero(self.regime[piece] == regime), self.regimes[regime], basis.force(row)
             position, velocity = np.empty((2, len(here)))
-            observe(
+            follow_row(
                 t[here], piece[here], self.times, self.h, self.rate, law.omega, law.level, seen,
                 seen @ law.particular, frequencies, position, velocity,
             )  # fmt: skip
