@@ -7,7 +7,7 @@ ratios hold where the machine drifts; whatever takes longer than a few milliseco
 which other people's work does not change. Ensembles are given as processor time over threads: what a
 member-step takes on that many cores of their own. Writes march_speed.json and march_speed.png to DIR, prints the
 ratios, and ends with status 1 when one recorded in studies/march_speed.json is missed by more than a
-third. ``--record`` writes the ratios found. The yardsticks, Table 10 (M = 25, implicit contact):
+third. ``--record`` writes the ratios found. Written by hand, Table 10 (M = 25, implicit contact):
 
 * NumPy loop: HHT-alpha with a prefactored LU, one solve and two matrix-vector products a step.
 * by hand: HHT-alpha in modal coordinates, step by step, compiled by numba; it evaluates its drive at
@@ -27,22 +27,20 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # idle threads of a library would count as ours
 
-import numba
 import numpy as np
+from hand_written import by_hand, numpy_loop
 from march_speed_page import draw
-from yardsticks import Timed, by_hand, numpy_loop
+from timing import Timed, least, stream, timed
 
 import stiffbeam as sb
-from stiffbeam.arrays import aligned
-from stiffbeam.compiled import FASTMATH
-from stiffbeam.march import ensemble, kernel
-from stiffbeam.march.modal_march import March
-from stiffbeam.modal import modes
+from stiffbeam.basics.threads import cores
+from stiffbeam.march.leap import LeapFlight
+from stiffbeam.march.modal_march import Flight, March
+from stiffbeam.model.modes import modes
 
 RECORDED = Path(__file__).with_suffix(".json")
 SCHEMES = {"HHT": sb.HHT(-0.1), "BDF2": sb.BDF2(), "SDIRK-OS": sb.SDIRK(nystrom=True)}
@@ -63,39 +61,30 @@ def march_of(system: sb.System, scheme: sb.Scheme, dt: float, steps: int) -> Tim
     return run
 
 
-def timed(work: Callable[[], object], threads: int = 1) -> Timed:
-    """``work`` in processor time over threads."""
+def leaping(steps: int, dts: tuple[float, ...], repetitions: int) -> dict[str, dict[str, dict[str, float]]]:
+    """ns per step of the block march and of the leaping march with all their records, in turns; the leaping one
+    also with its regimes made anew. Of Table 10 over ``steps`` steps from rest, no less than to t = 0.1."""
+    case = sb.paper_case(10)
+    system, found = sb.semidiscretise(case.problem, case.cells), {}
+    basis = modes(system)
+    assert basis is not None
+    for name, scheme in SCHEMES.items():
+        found[name] = {}
+        for dt in dts:
+            march, count = March.of(system, basis, scheme, dt, "implicit"), max(steps, round(0.1 / dt))
 
-    def run() -> float:
-        begun = time.process_time()
-        work()
-        return (time.process_time() - begun) / threads
+            def fly(kind=Flight, march=march, count=count, anew=False) -> None:
+                if anew:
+                    march.leapers.clear()
+                for _ in kind(march, (system,), count, None).fly():
+                    pass
 
-    return run
-
-
-def least(runs: dict[str, Timed], repetitions: int) -> dict[str, float]:
-    """The least seconds of each, taken in turns; one run of each beforehand."""
-    for run in runs.values():
-        run()
-    times = {name: [] for name in runs}
-    for _ in range(repetitions):
-        for name, run in runs.items():
-            times[name].append(run())
-    return {name: min(values) for name, values in times.items()}
-
-
-@numba.njit(fastmath=FASTMATH, error_model="numpy")
-def _stream(reading, z, w, times):
-    for _ in range(times):
-        kernel.read(reading, z, w)
-        z[0] = 1e-9 * w[0]
-
-
-def stream(R: int, D: int) -> float:
-    """Seconds per multiply-add of a matrix-vector product (R, D) that stays in the first-level cache."""
-    reading, z, w = aligned((R, D)), aligned((D,)), aligned((R,))
-    return least({"": timed(lambda: _stream(reading, z, w, 2000))}, 9)[""] / (2000 * R * D)
+            runs = {"leaps": timed(lambda fly=fly: fly(LeapFlight))}
+            runs["leaps, regimes included"] = timed(lambda fly=fly: fly(LeapFlight, anew=True))
+            if count <= 2_000_000:
+                runs["blocks"] = timed(fly)
+            found[name][f"{dt:g}"] = {key: 1e9 * x / count for key, x in least(runs, repetitions).items()}
+    return found
 
 
 def singles(cells: int, steps: int, repetitions: int) -> dict[str, float]:
@@ -138,23 +127,23 @@ def ensembles(members: int, steps: int, repetitions: int) -> dict[str, float]:
     system = sb.semidiscretise(case.problem, case.cells)
     many = sb.perturbed(system, members)
     drives = sb.varied(system, frequency=np.linspace(9.0, 11.0, members))
-    t_end, cores = steps * case.dt, ensemble.cores()
+    t_end, count = steps * case.dt, cores()
 
     def run(scheme: sb.Scheme, which=many, engine: str = "numba") -> Timed:
-        return timed(lambda: sb.integrate_ensemble(system, scheme, case.dt, t_end, which, engine=engine), cores)
+        return timed(lambda: sb.integrate_ensemble(system, scheme, case.dt, t_end, which, engine=engine), count)
 
     runs = {name: run(scheme) for name, scheme in SCHEMES.items()}
     runs |= {"HHT, frequencies": run(SCHEMES["HHT"], drives), "HHT, JAX scan": run(SCHEMES["HHT"], engine="jax")}
     found = {name: 1e9 * x / (members * steps) for name, x in least(runs, repetitions).items()}
     few = max(4, members // 10)
-    exact = least({"": timed(lambda: sb.reference_ensemble(system, t_end, many[:few]), cores)}, 2)[""]
+    exact = least({"": timed(lambda: sb.reference_ensemble(system, t_end, many[:few]), count)}, 2)[""]
     return found | {"exact, seconds for 1000 members": 1000 * exact / few}
 
 
 def threads(members: int, steps: int, repetitions: int) -> dict[str, dict[str, float]]:
     """Wall seconds of ensembles on 1, 2, 4, .. threads and on all cores: they mean something on a quiet
     machine only."""
-    case, all_cores = sb.paper_case(10), ensemble.cores()
+    case, all_cores = sb.paper_case(10), cores()
     system = sb.semidiscretise(case.problem, case.cells)
     many, t_end, found = sb.perturbed(system, members), steps * case.dt, {}
     runs = {
@@ -178,7 +167,7 @@ def threads(members: int, steps: int, repetitions: int) -> dict[str, dict[str, f
 
 def references(t_end: float) -> dict[str, float]:
     """Seconds of the references over [0, t_end] at rtol 1e-10, each alone, the least of three."""
-    from stiffbeam.solvers import solve
+    from stiffbeam.references import solve
 
     case = sb.paper_case(10)
     system, t = sb.semidiscretise(case.problem, case.cells), np.linspace(0.0, t_end, 11)
@@ -191,7 +180,7 @@ def startup() -> dict[str, float]:
     code = """
 import os, sys, time
 from stiffbeam import cli
-from stiffbeam.solvers import undamped_tracer
+from stiffbeam.references.exact import undamped_tracer
 from stiffbeam.march import modal_march
 def mark(owner, name, label, last):
     original = getattr(owner, name)
@@ -247,6 +236,10 @@ def ratios_of(record: dict) -> dict[str, float]:
     ratios["HHT member-step with own frequency / by hand"] = many["HHT, frequencies"] / one["by hand"]
     ratios["HHT member-step on JAX / by hand"] = many["HHT, JAX scan"] / one["by hand"]
     ratios["HHT ledger / by hand"] = whole["HHT, ledger"] / one["by hand"]
+    for name, by_step in record["leaping"].items():
+        for dt, ns in by_step.items():
+            if "blocks" in ns:
+                ratios[f"{name}, blocks / leaps at dt = {dt}, times"] = ns["blocks"] / ns["leaps"]
     seconds = record["reference"]
     ratios["CVODE BDF / exact, times"] = seconds["cvode"] / seconds["exact"]
     ratios["DOP853 / exact, times"] = seconds["dop853"] / seconds["exact"]
@@ -268,10 +261,13 @@ def measure(quick: bool) -> dict:
     steps = 2000 if quick else 20_000
     case = sb.paper_case(10)
     system = sb.semidiscretise(case.problem, case.cells)
-    record: dict = {"cores": ensemble.cores()}
+    record: dict = {"cores": cores()}
     record["single"] = {str(M): singles(M, steps if M <= 50 else steps // 4, repetitions) for M in cells}
     record["bound"] = bound_of(25)
     record["whole"] = whole_runs(steps, 2 if quick else 5)
+    record["leaping"] = leaping(
+        10_000, (1e-5, 1e-6, 1e-7) if quick else (1e-5, 1e-6, 1e-7, 1e-8, 1e-9), 2 if quick else 7
+    )
     record["steps"] = {name: {} for name in SCHEMES}
     for name, scheme in SCHEMES.items():
         for k in (500, 1000) if quick else (1000, 10_000, 100_000, 1_000_000):
@@ -288,7 +284,7 @@ def measure(quick: bool) -> dict:
                 lambda many=many, engine=engine: sb.integrate_ensemble(
                     system, SCHEMES["HHT"], case.dt, 0.2, many, engine=engine
                 ),
-                ensemble.cores(),
+                cores(),
             )
             record["members"][name][str(size)] = 1e9 * least({"": work}, 2)[""] / (size * round(0.2 / case.dt))
     record["reference"] = references(0.01 if quick else 0.1)
@@ -309,6 +305,9 @@ def main() -> int:
     draw(record, options.out / "march_speed.png")
     for name, value in record["ratios"].items():
         print(f"{name:50} {value:8.3g}")
+    for name, by_step in record["leaping"].items():
+        for dt, ns in by_step.items():
+            print(f"{name} at dt = {dt}, ns per step: " + ", ".join(f"{key} {x:.3g}" for key, x in ns.items()))
     for name, value in record["startup"].items():
         print(f"second `stiffbeam compare table10`, first step of the {name}: {value:.2f} s")
     for name, times in record["threads"].items():

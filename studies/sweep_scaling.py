@@ -33,8 +33,8 @@ from distributed import Client, LocalCluster
 
 import stiffbeam as sb
 from stiffbeam.studies import find_study
-from stiffbeam.studies.runner import run_study
-from stiffbeam.studies.scheduler import scheduler
+from stiffbeam.studies.engine.runner import run_study
+from stiffbeam.studies.engine.scheduler import scheduler
 
 PICTURE = Path("stiffbeam-output/sweep_scaling.png")
 VALUES, STEPS_PER_PERIOD, TRANSIENT, REPETITIONS = 400, 6250, 6, 3
@@ -87,7 +87,7 @@ def two_workers_one_killed() -> Ways:
 
 def ready(_: int) -> float:
     """Import the package and its kernel, and wait, so that both workers do it."""
-    from stiffbeam.march.modal_march import warm_up
+    from stiffbeam.march.warm import warm_up
 
     warm_up()
     time.sleep(1.0)

@@ -17,8 +17,8 @@ import stiffbeam as sb
 
 @pytest.fixture(scope="session", autouse=True)
 def compiled() -> None:
-    """Every run of the tests on the same engine, also where nothing is compiled yet."""
-    from stiffbeam.march.modal_march import warm_up
+    """No test is the one that waits for the compiler."""
+    from stiffbeam.march.warm import warm_up
 
     warm_up()
 

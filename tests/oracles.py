@@ -1,4 +1,4 @@
-"""Independent answers: closed forms and plain loops that share no code with the package."""
+"""Independent answers: closed forms and plain loops on arrays and numbers, with NumPy, SciPy and mpmath alone."""
 
 from __future__ import annotations
 
@@ -47,41 +47,49 @@ def moving_support_series(k2: float, amplitude: float, a: float, t: np.ndarray, 
     return u
 
 
-def exact_linear(system, t: np.ndarray, frequency: float, sine, cosine, constant) -> tuple[np.ndarray, np.ndarray]:
+def exact_linear(
+    mass, damping, stiffness, q0, v0, t: np.ndarray, frequency: float, sine, cosine, constant
+) -> tuple[np.ndarray, np.ndarray]:
     """q(t), q'(t) of M q'' + C q' + K q = constant + sine sin + cosine cos, by the matrix exponential."""
-    n = len(system.mass)
+    n = len(mass)
     A = np.zeros((2 * n + 3, 2 * n + 3))
-    inverse = np.linalg.inv(system.mass)
+    inverse = np.linalg.inv(mass)
     A[:n, n : 2 * n] = np.eye(n)
-    A[n : 2 * n, :n], A[n : 2 * n, n : 2 * n] = -inverse @ system.stiffness, -inverse @ system.damping
+    A[n : 2 * n, :n], A[n : 2 * n, n : 2 * n] = -inverse @ stiffness, -inverse @ damping
     A[n : 2 * n, 2 * n :] = np.stack([inverse @ constant, inverse @ sine, inverse @ cosine], axis=1)
     A[2 * n + 1, 2 * n + 2], A[2 * n + 2, 2 * n + 1] = frequency, -frequency
-    y0 = np.concatenate([system.q0, system.v0, [1.0, 0.0, 1.0]])
+    y0 = np.concatenate([q0, v0, [1.0, 0.0, 1.0]])
     y = np.array([scipy.linalg.expm(A * s) @ y0 for s in t])
     return y[:, :n], y[:, n : 2 * n]
 
 
-def newmark_hht_loop(mass, stiffness, row, stops, load, alpha, dt, steps, q, v):
+def newmark_hht_loop(mass, stiffness, row, lower, upper, kappa, load, alpha, dt, steps, q, v):
     """HHT-alpha with a prefactored LU and implicit contact, written straight from its three equations.
 
-    ``load(t)`` is the load vector. Returns the contact position at t_0..t_steps.
+    ``load``: (steps + 1, n), the load vectors at t_0..t_steps. Stops of stiffness kappa at ``lower`` and
+    ``upper``. Returns the contact position at t_0..t_steps.
     """
     beta, gamma = (1 - alpha) ** 2 / 4, 0.5 - alpha
     lu = scipy.linalg.lu_factor(mass + (1 + alpha) * beta * dt**2 * stiffness)
     compliance = (1 + alpha) * beta * dt**2 * row @ scipy.linalg.lu_solve(lu, row)
-    force = load(0.0) + row * float(stops.force(row @ q)) - stiffness @ q
+
+    def stop_force(u, compliance=0.0):
+        """F with F = F(u + compliance F): on the upper stop kappa (upper - u - compliance F) and so below."""
+        stop = upper if u > upper else lower if u < lower else u
+        return kappa * (stop - u) / (1 + kappa * compliance)
+
+    force = load[0] + row * stop_force(row @ q) - stiffness @ q
     a = np.linalg.solve(mass, force)
     positions = [row @ q]
     for n in range(steps):
         q_ahead = q + dt * v + dt**2 * (0.5 - beta) * a
         v_ahead = v + dt * (1 - gamma) * a
-        known = (1 + alpha) * (load((n + 1) * dt) - stiffness @ q_ahead) - alpha * force
+        known = (1 + alpha) * (load[n + 1] - stiffness @ q_ahead) - alpha * force
         free = scipy.linalg.lu_solve(lu, known)
-        r = row @ q_ahead + beta * dt**2 * (row @ free)
-        F = float(stops.solve(r, compliance))
+        F = stop_force(row @ q_ahead + beta * dt**2 * (row @ free), compliance)
         a = free + (1 + alpha) * F * scipy.linalg.lu_solve(lu, row)
         q, v = q_ahead + beta * dt**2 * a, v_ahead + gamma * dt * a
-        force = load((n + 1) * dt) + row * F - stiffness @ q
+        force = load[n + 1] + row * F - stiffness @ q
         positions.append(row @ q)
     return np.array(positions)
 

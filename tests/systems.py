@@ -7,6 +7,11 @@ import numpy as np
 import stiffbeam as sb
 
 
+def linear_part(system: sb.System) -> tuple[np.ndarray, ...]:
+    """Mass, damping, stiffness, q(0), q'(0): what an oracle is given in place of the System."""
+    return system.mass, system.damping, system.stiffness, system.q0, system.v0
+
+
 def two_contacts(**kwargs) -> sb.System:
     """A chain of four masses with stops at two of them, a moving stop and a full mass matrix."""
     mass = np.diag([1.0, 1.2, 0.8, 1.0]) + 0.1 * (np.eye(4, k=1) + np.eye(4, k=-1))

@@ -107,10 +107,10 @@ class SymplecticEuler(sb.Scheme):
 
     nodes = (0.0,)
 
-    def step(self, equation, dt, z, forces):
+    def step(self, equation, dt, z, loads, reactions):
         q, v = z
-        v_new = v + dt * equation.acceleration(z, forces[0])
-        return np.stack([q + dt * v_new, v_new]), [q]
+        v_new = v + dt * equation.acceleration(z, loads[0] + reactions[0])
+        return np.stack([q + dt * v_new, v_new]), [z]
 
 
 def test_the_stability_limit_of_an_explicit_scheme_is_found_and_beyond_it_there_is_no_period():

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stiffbeam.cases import paper_case
+from stiffbeam.files.cases import paper_case
 from stiffbeam.schemes import registered
 from stiffbeam.studies import converge, impacts, precision, study
 
@@ -20,7 +20,7 @@ def point(octave, error, dt, left_out=""):
 
 def test_the_envelope_takes_the_worst_of_every_whole_octave():
     rows = [
-        point(0, 1e-2, 1.0, "impacts part"), point(0, 1e-3, 0.7),
+        point(0, 1e-2, 1.0, "impacts differ"), point(0, 1e-3, 0.7),
         point(1, 3e-3, 0.5), point(1, 4e-3, 0.4),
         point(2, 1e-3, 0.25), point(2, 5e-4, 0.2),
         point(3, 1e-5, 0.125), point(3, 1e-9, 0.1, "rounding"),
@@ -32,7 +32,7 @@ def test_the_envelope_takes_the_worst_of_every_whole_octave():
 @pytest.mark.parametrize(
     ("kind", "scheme", "t_end", "steps", "reason"),
     [
-        ("contact", "bdf2", 0.15, 1000, "impacts part"),
+        ("contact", "bdf2", 0.15, 1000, "impacts differ"),
         ("smooth", "bdf2", 0.6, 12, "error above 10 %"),
         ("smooth", "sdirk", 0.1, 10, "motion not resolved"),
         ("smooth", "sdirk", 0.6, 200_000, "rounding"),
@@ -66,10 +66,12 @@ def test_the_cheapest_method_is_found_between_its_points():
 
     rows = [row("fast", 1.0, 1e-2), row("fast", 100.0, 1e-6), row("slow", 50.0, 1e-2), row("slow", 500.0, 1e-5)]
     rows += [row("never", 1e-3, 1e-2), row("never", 1e3, 2e-4), row("at once", 0.5, 1e-9)]
-    (first, second) = precision.cheapest(rows, 1e-4, "seconds")
+    at_once, first, second = precision.cheapest(rows, 1e-4, "seconds")
+    assert at_once == (0.5, "at once at most")  # its cheapest point is below the error already
     assert first == (pytest.approx(10.0), "fast")  # half-way in both logarithms
     assert second == (pytest.approx(50.0 * 10 ** (2 / 3)), "slow")
-    assert [name for _, name in precision.cheapest(rows, 1e-2, "seconds")] == []
+    cheap = {"fast at most", "slow at most", "never at most", "at once at most"}
+    assert {name for _, name in precision.cheapest(rows, 1e-2, "seconds")} == cheap
 
 
 @pytest.mark.parametrize(("spread", "allowed"), [(0.0, 0.0), (10.0, 1.96 * 10.0 * np.sqrt(1 / 16 + 1 / 128))])

@@ -16,9 +16,10 @@ from test_store import assert_same
 from typer.testing import CliRunner
 
 import stiffbeam as sb
-from stiffbeam import cache, reference_cache
+from stiffbeam.basics import cache
 from stiffbeam.cli import app
-from stiffbeam.frozen import BOUND
+from stiffbeam.files import reference_cache
+from stiffbeam.files.frozen import BOUND
 
 TIMES = np.linspace(0.0, 0.06, 121)
 FINITE = ("cvode-adams", "dop853", "ida", pytest.param("kvaerno5", marks=pytest.mark.slow))
@@ -104,7 +105,7 @@ def test_every_parameter_has_a_file_of_its_own(folder, system, monkeypatch):
 
 def test_what_has_no_key_is_refused_before_any_work(folder, system):
     pushed = sb.BeamProblem(stiffness=300.0, loads=(sb.PointLoad(0.5, lambda t: 0 * t),))
-    with pytest.raises(sb.InputError, match="Harmonic or Constant"):
+    with pytest.raises(sb.InputError, match="Harmonic, Constant and Sampled"):
         sb.cached_reference(sb.semidiscretise(pushed, 8), 0.1, "cvode")
     with pytest.raises(sb.InputError, match="t_end"):
         sb.cached_reference(system, -1.0, "cvode")
@@ -141,9 +142,9 @@ def test_a_damaged_file_is_named_and_remade(method, damage, folder, system):
 
 
 def test_a_run_that_fails_leaves_no_file(folder, system, monkeypatch):
-    from stiffbeam.solvers import cvode
+    from stiffbeam.references.adaptive import sundials
 
-    monkeypatch.setattr(cvode, "MAX_STEPS", 20)
+    monkeypatch.setattr(sundials, "MAX_STEPS", 20)
     with pytest.raises(sb.SolverFailure):
         sb.cached_reference(system, 0.06, "cvode", TIMES)
     assert not folder.exists()
@@ -172,6 +173,7 @@ def environment(folder):
     return os.environ | {"STIFFBEAM_CACHE_DIR": str(folder)}
 
 
+@pytest.mark.slow
 def test_two_processes_at_once_leave_one_good_file(tmp_path):
     methods = ["multiprecision", "cvode-adams"]
     own = environment(tmp_path)
@@ -203,6 +205,7 @@ def test_two_processes_at_once_leave_one_good_file(tmp_path):
         assert sb.load(file, sb.semidiscretise(beam, 8)).horizon == 0.06
 
 
+@pytest.mark.slow
 def test_the_commands_keep_references_when_asked(folder, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
 

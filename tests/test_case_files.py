@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import stiffbeam as sb
-from stiffbeam.cases import find_case, load_cases
+from stiffbeam.files.cases import find_case, load_cases
 
 HEAD = """
 [[case]]
@@ -96,7 +96,6 @@ length = 2.0
 bending_stiffness = 875.0
 mass_per_length = 3.925
 bending_viscosity = 0.1
-time_unit = 0.05
 stops = { lower = -0.004, stiffness = 2e4 }
 base = { amplitude = 0.01, frequency = 60.0 }
 loads = [{ position = 1.5, constant = 5.0 }]
@@ -107,20 +106,33 @@ loads = [{ position = 1.5, constant = 5.0 }]
         bending_stiffness=875.0,
         mass_per_length=3.925,
         bending_viscosity=0.1,
-        time_unit=0.05,
         stops=sb.Stops(lower=-0.004, stiffness=2e4),
         base=sb.Harmonic(0.01, 60.0),
         loads=(sb.PointLoad(1.5, sb.Constant(5.0)),),
     )
     assert find_case(str(write(text))).problem == expected
-    assert expected.units.length == 2.0
+    assert expected.units == sb.Units("m", "s", "N")
+
+
+PHYSICAL = HEAD + "[case.problem]\nlength = 2.0\nbending_stiffness = 875.0\nmass_per_length = 3.925\n"
+
+
+def test_a_physical_file_may_name_other_units(write):
+    case = find_case(str(write(PHYSICAL + 'units = { length = "mm", time = "s", force = "N" }\n')))
+    assert case.problem.units == sb.Units("mm", "s", "N")
+
+
+def test_a_file_that_counts_times_in_another_unit_is_told_what_to_write(write):
+    assert find_case(str(write(PHYSICAL + "time_unit = 1.0\n"))).problem.length == 2.0
+    with pytest.raises(sb.InputError, match=r"time_unit must be 1, got 0\.05: .* give dt and t_end in seconds"):
+        find_case(str(write(PHYSICAL + "time_unit = 0.05\n", "old.toml")))
 
 
 def test_a_case_among_several_is_named_after_a_colon(write):
     file = write(PLAIN + PLAIN.replace("mine", "other").replace("300.0", "500.0"))
     assert list(load_cases(file)) == ["mine", "other"]
     assert find_case(f"{file}:other").problem.stiffness == 500.0
-    with pytest.raises(sb.InputError, match=re.escape(f"{file}:mine or {file}:other")):
+    with pytest.raises(sb.InputError, match=re.escape("add :mine or :other to it")):
         find_case(str(file))
     with pytest.raises(sb.InputError, match=r"got 'othre': did you mean other\?") as caught:
         find_case(f"{file}:othre")
@@ -154,7 +166,7 @@ def problem_with(line):
         (PLAIN.replace("cells", "runs = [1]\ncells"), "mine: runs", 1, "be strings like"),
         (PLAIN.replace("cells", 'runs = ["hhtt"]\ncells'), "mine: scheme", "hhtt", "be a registered scheme"),
         (PLAIN.replace("cells", 'runs = ["hht(alpha=0.2)"]\ncells'), "mine: alpha", 0.2, "lie in [-0.333333, 0]"),
-        (PLAIN.replace("cells", 'runs = ["hht@disp"]\ncells'), "mine: form", "disp", "be one of the paper's forms"),
+        (PLAIN.replace("cells", 'runs = ["hht@disp"]\ncells'), "mine: form", "disp", "be one that there is"),
         (PLAIN.replace("300.0", '"stiff"'), "mine.problem: stiffness", "stiff", "be a number"),
         (PLAIN.replace("300.0", "true"), "mine.problem: stiffness", True, "be a number"),
         (PLAIN.replace("300.0", "-1.0"), "mine.problem: stiffness", -1.0, "be > 0"),
@@ -170,7 +182,7 @@ def problem_with(line):
             problem_with("stops = { loewr = 0.1, stiffness = 1 }"),
             "mine.problem.stops: loewr", 0.1, "be a known field",
         ),
-        (problem_with("stops = [0.1]"), "mine.problem: stops", [0.1], "be a table"),
+        (problem_with("stops = [0.1]"), "mine.problem: stops[0]", 0.1, "be a table"),
         (problem_with("base = { amplitude = 1 }"), "mine.problem.base: frequency", None, "be given and be a number"),
         (problem_with("base = { amplitude = 1, frequency = 0 }"), "mine.problem.base: frequency", 0, "be > 0"),
         (problem_with("base = { constant = nan }"), "mine.problem.base: level", np.nan, "be finite"),
@@ -208,6 +220,10 @@ def problem_with(line):
             HEAD + "[case.problem]\nlength = -2.0\nmass_per_length = 1.0\nbending_stiffness = 1.0",
             "mine.problem: length", -2.0, "be > 0",
         ),
+        (
+            PHYSICAL + "units = { length = 1 }", "mine.problem.units: units.length", 1, "be the name of a unit",
+        ),
+        (problem_with('units = { length = "m" }'), "mine.problem: units", {"length": "m"}, "be a known field"),
         (PLAIN + "length = 2.0\n", "mine.problem: stiffness", 300.0, "be a known field"),
         (PLAIN + PLAIN, "name", "mine", "be given once"),
         ("", "case", None, "be one or more [[case]] tables"),
@@ -230,7 +246,7 @@ def test_a_bad_field_names_file_field_value_and_rule(write, text, field, value, 
     ("text", "remedy"),
     [
         (PLAIN.replace("cells", "cels"), "did you mean cells"),
-        (PLAIN.replace("stiffness", "stifness"), "did you mean stiffness?"),
+        (PLAIN.replace("stiffness", "stifness"), "did you mean stiffness"),
         (problem_with("base = { ampltude = 1, frequency = 1 }"), "did you mean amplitude?"),
         (PLAIN.replace("dt = 1e-3", "dt = 0.03"), "the nearest step that does is 0.0333333"),
         (PLAIN.replace("cells", 'runs = ["hhtt"]\ncells'), "did you mean hht?"),

@@ -105,6 +105,7 @@ def piped(tmp_path_factory):
     return shell("compare", "table10", "--t-end", "0.05", "--references", "exact", "--json", "-", cwd=folder), folder
 
 
+@pytest.mark.slow
 def test_compare_pipes_json_without_nan(piped):
     process, _ = piped
 
@@ -144,7 +145,7 @@ def test_compare_writes_picture_table_and_trajectories(piped):
     ]
     assert_shows_curves(out / "comparison.png")
     table = words((out / "comparison.txt").read_text(encoding="utf-8"))
-    for name in ("exact (reference)", "hht(alpha=-0.1)", "sdirk(gamma=0.4359, nystrom=true)", "bdf2"):
+    for name in ("exact, reference", "HHT(-0.1)", "SDIRK(0.4359)", "BDF2"):
         assert name in table
     assert isinstance(sb.load(out / "exact-displacement.nc"), sb.Reference)
     system = sb.semidiscretise(sb.paper_case(10).problem, 25)
@@ -166,7 +167,7 @@ def test_options_replace_schemes_step_folder_and_records(command, tmp_path):
     assert {(c["dt"], c["steps"]) for c in records["comparisons"]} == {(5e-4, 80)}
     assert Path("deep/folder/comparison.png").is_file()
     assert not Path("stiffbeam-output").exists()
-    assert "deep/folder/comparison.png" in out
+    assert "files in deep/folder" in out
 
 
 def test_records_of_two_references_are_json_too(command, tmp_path):
@@ -198,6 +199,7 @@ def overflow(tmp_path_factory):
     return shell(*arguments.split(), cwd=folder), folder / "here"
 
 
+@pytest.mark.slow
 def test_a_run_that_overflows_is_named_with_its_time_and_the_remedy(overflow):
     process, _ = overflow
     said = words(process.stdout)
@@ -226,7 +228,7 @@ def test_the_other_runs_of_one_that_overflows_are_there(overflow):
 def test_a_run_that_grows_without_bound_leaves_the_table_readable(overflow):
     table = (overflow[1] / "comparison.txt").read_text(encoding="utf-8")
     row = next(line for line in table.splitlines() if line.strip().startswith("exact"))
-    assert "exact  (reference)" in row
+    assert "exact, reference" in row
 
 
 def test_implicit_contact_survives_where_extrapolated_overflows(command):
@@ -237,6 +239,7 @@ def test_implicit_contact_survives_where_extrapolated_overflows(command):
     assert "failed" not in out
 
 
+@pytest.mark.slow
 def test_a_bad_case_name_exits_with_2_and_lists_near_ones(tmp_path):
     process = shell("compare", "tabel10", cwd=tmp_path)
     assert process.returncode == 2

@@ -11,8 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import stiffbeam as sb
-from stiffbeam.active_set import solve_node
-from stiffbeam.contact import solve_several
+from stiffbeam.model import contact_law
+from stiffbeam.model.active_set import solve_node
+from stiffbeam.model.contact import solve_several
 
 EPS = np.finfo(float).eps
 POSITIONS = st.floats(-5.0, 5.0)
@@ -113,10 +114,10 @@ def test_arrays_of_positions_and_compliances_are_solved_elementwise():
     ("make", "field", "rule"),
     [
         (lambda: sb.Stops(-0.1, 0.1, stiffness=0.0), "stops.stiffness", "be > 0"),
-        (lambda: sb.Stops(-0.1, 0.1, stiffness=math.inf), "stops.stiffness", "be finite"),
+        (lambda: sb.Stops(-0.1, 0.1, stiffness=-math.inf), "stops.stiffness", "be finite"),
         (lambda: sb.Stops(math.nan, 0.1, stiffness=1.0), "stops.lower", "be finite"),
         (lambda: sb.Stops(-0.1, math.inf, stiffness=1.0), "stops.upper", "be finite"),
-        (lambda: sb.Stops(-0.1, "0.1", stiffness=1.0), "stops.upper", "be a number"),
+        (lambda: sb.Stops(-0.1, "near", stiffness=1.0), "stops.upper", "be a number in the range of float64"),
         (lambda: sb.Stops(stiffness=1.0), "stops", "have a lower or an upper stop"),
         (lambda: sb.Stops(0.1, -0.1, stiffness=1.0), "stops.upper", "be > stops.lower = 0.1"),
         (lambda: sb.Stops(0.1, 0.1, stiffness=1.0), "stops.upper", "be > stops.lower = 0.1"),
@@ -200,8 +201,7 @@ def test_several_contacts_are_solved_as_by_trying_all_regimes(case):
     r, S, stops = case
     force = solve_several(r, S, stops)
     assert close(by_enumeration(r, S, stops), force, S, stops)
-    law = (np.array([getattr(s, name) for s in stops]) for name in ("stiffness", "g1", "g2"))
-    assert np.array_equal(solve_node(r, S, *law), force)  # the march's own call
+    assert np.array_equal(solve_node(r, S, np.array([s.law for s in stops])), force)  # the march's own call
 
 
 @given(any_stops(), POSITIONS, st.floats(-9.0, 1.0))
@@ -253,3 +253,15 @@ def test_two_contacts_at_one_point_share_the_force():
     S = np.full((2, 2), 1e-3)
     total = float(sb.Stops(-0.1, 0.1, stiffness=2e4).solve(0.5, 1e-3))
     assert np.allclose(solve_several(np.array([0.5, 0.5]), S, stops), total / 2.0, rtol=1e-12)
+
+
+@settings(deadline=None)
+@given(any_stops(), POSITIONS, st.floats(0.0, 1e3))
+def test_the_compiled_law_is_the_law(stops, u, compliance):
+    kappa, g1, g2 = stops.law[:3]
+    assert contact_law.state(u, g1, g2) == stops.state(u)
+    assert contact_law.depth(u, g1, g2) == stops.penetration(u)
+    assert contact_law.force(u, kappa, g1, g2) == stops.force(u)
+    assert contact_law.energy(u, kappa, g1, g2) == stops.energy(u)
+    force = contact_law.stage_force(u, contact_law.stage_stiffness(kappa, compliance), g1, g2)
+    assert np.isclose(force, stops.solve(u, compliance), rtol=1e-15, atol=0.0)

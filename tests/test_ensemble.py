@@ -9,7 +9,7 @@ import pytest
 from systems import two_contacts
 
 import stiffbeam as sb
-from stiffbeam.solvers.piecewise import solve_exact
+from stiffbeam.references.exact.piecewise import solve_exact
 
 
 @pytest.fixture(scope="module")
@@ -63,6 +63,7 @@ def test_a_member_has_the_bits_of_its_solo_run(kind, scheme, contact, system):
             assert_same_bits(ensemble, i, sb.integrate(members[i], scheme, 1e-4, 1.0, contact, every=10))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_an_exact_member_has_the_bits_of_its_solo_run(kind, system):
     members = members_of(kind, system)
@@ -103,6 +104,7 @@ def test_slices_and_stretches_of_any_size_give_the_same_bits(system, monkeypatch
     assert np.array_equal(whole.impulse, other.impulse)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("engine", ["numpy", "jax"])
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("contact", ["implicit", "extrapolated"])
@@ -128,7 +130,7 @@ def test_other_engines_are_equal_to_rounding(engine, kind, contact, system):
 
 def test_jax_goes_on_where_it_left_off(system, monkeypatch):
     """Sampled loads, stretches that are filled up, a list of impacts that is too short."""
-    from stiffbeam.march import kernel_jax
+    from stiffbeam.march.kernels import blocks_jax as kernel_jax
 
     stops = sb.Stops(-0.06, 0.05, stiffness=5e6)
     problem = sb.BeamProblem(
@@ -191,7 +193,7 @@ def test_damping_that_does_not_decouple_is_marched_directly():
 
 def test_perturbations_are_of_the_stated_size(system):
     """omega eta and eta' move by size V r, |r| <= 1, V the largest modal speed of start and drive."""
-    from stiffbeam.modal import modes
+    from stiffbeam.model.modes import modes
 
     basis = modes(system)
     members = sb.perturbed(system, 400, 1e-6, seed=3)
@@ -266,6 +268,7 @@ def test_bad_arguments_are_named(make, field, system):
         make(system)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("engine", ["numba", "numpy", "jax"])
 @pytest.mark.parametrize("scheme", [sb.HHT(-0.1), sb.BDF2(), sb.SDIRK(nystrom=True)], ids=str)
 def test_contacts_recorded_from_a_time_on_are_those_of_every_step_after_it(scheme, engine, system):
@@ -324,7 +327,7 @@ def test_a_time_to_record_from_that_is_none_is_refused(since, system):
 
 
 def test_the_threads_can_be_limited(monkeypatch):
-    from stiffbeam.march.ensemble import cores
+    from stiffbeam.basics.threads import cores
 
     monkeypatch.setenv("STIFFBEAM_THREADS", "3")
     assert cores() == 3

@@ -10,12 +10,13 @@ import pytest
 from typer.testing import CliRunner
 
 import stiffbeam as sb
-from stiffbeam import frozen
-from stiffbeam.cases import case_text
 from stiffbeam.cli import app
-from stiffbeam.solvers import METHODS, multiprecision, solve
+from stiffbeam.files import frozen
+from stiffbeam.files.cases import case_text
+from stiffbeam.references import REFERENCES, solve
+from stiffbeam.references.multiprecision import multiprecision
 
-ADAPTIVE = [method for method in METHODS if method not in ("exact", "multiprecision")]
+ADAPTIVE = [method.name for method in REFERENCES.values() if method.kind == "adaptive"]
 
 
 @pytest.fixture(scope="module")
@@ -38,10 +39,9 @@ def test_a_tolerance_below_float64_is_refused(method, system):
 
 @pytest.mark.parametrize("method", ["cvode", "cvode-adams", "ida"])
 def test_sundials_that_gives_up_says_where_and_what_to_do(method, system, monkeypatch, tmp_path):
-    from stiffbeam.solvers import cvode, ida
+    from stiffbeam.references.adaptive import sundials
 
-    for module in (cvode, ida):
-        monkeypatch.setattr(module, "MAX_STEPS", 20)
+    monkeypatch.setattr(sundials, "MAX_STEPS", 20)
     with pytest.raises(sb.SolverFailure, match=rf"{method} stopped at t = .*steps.*; loosen rtol"):
         solve(system, 0.1, method, None, 1e-10, None)
     with pytest.raises(sb.SolverFailure, match="loosen"):
@@ -52,7 +52,7 @@ def test_sundials_that_gives_up_says_where_and_what_to_do(method, system, monkey
 @pytest.mark.parametrize("method", ["cvode", "ida"])
 def test_sundials_that_cannot_meet_a_tolerance_says_so(method, system, monkeypatch):
     """Past the check of ours, SUNDIALS itself refuses."""
-    from stiffbeam.solvers import adaptive
+    from stiffbeam.references.adaptive import adaptive
 
     monkeypatch.setattr(adaptive, "LEAST_RTOL", 0.0)
     with pytest.raises(sb.SolverFailure, match=f"{method} stopped at t = 0: Could not satisfy demanded accuracy"):
@@ -79,11 +79,8 @@ def test_digits_that_cannot_be_reached_leave_no_file(table10, monkeypatch, tmp_p
     ],
 )
 def test_a_missing_library_is_named_with_its_package(method, module, package, system, monkeypatch):
-    for name in [
-        name for name in sys.modules if name.startswith(("stiffbeam.solvers.multi", "stiffbeam.solvers.prec"))
-    ]:
+    for name in [n for n in sys.modules if n.startswith(("stiffbeam.references.multiprecision", f"{module}."))]:
         monkeypatch.delitem(sys.modules, name)
-    monkeypatch.delitem(sys.modules, "stiffbeam.solvers.rational", raising=False)
     monkeypatch.setitem(sys.modules, module, None)
     with pytest.raises(sb.InputError, match=f"library {module} installed.*pip install {package}"):
         solve(system, 0.01, method, None, 1e-6, None)
@@ -100,6 +97,7 @@ def files(system, tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["saved", "frozen"])
 def test_a_flipped_byte_is_found_or_changes_nothing(kind, files, tmp_path):
     content = (files / f"{kind}.nc").read_bytes()
@@ -135,7 +133,7 @@ def test_a_cut_file_is_found(kind, part, files, tmp_path):
 @pytest.mark.parametrize(
     ("kind", "attribute", "value", "message"),
     [
-        ("saved", "stiffbeam_format", 2, "be a stiffbeam trajectory of format 1.*it has format 2"),
+        ("saved", "stiffbeam_format", 3, "be a stiffbeam trajectory of format 2.*it has format 3"),
         ("frozen", "stiffbeam_frozen", 2, "be of format 1.*it has 2"),
         ("saved", "horizon", 0.06, "hold what its hash says"),
         ("frozen", "t_end", 0.2, "hold what its hash says"),
@@ -150,10 +148,11 @@ def test_another_version_and_a_changed_attribute_are_found(kind, attribute, valu
 
 
 def test_a_frozen_file_whose_case_another_version_discretises_differently_is_found(files, monkeypatch):
-    from stiffbeam import semidiscretisation
+    from stiffbeam.files import case
+    from stiffbeam.model import semidiscretisation
 
     finer = lambda problem, cells, form: semidiscretisation.semidiscretise(problem, cells + 1, form)  # noqa: E731
-    monkeypatch.setattr(frozen, "semidiscretise", finer)
+    monkeypatch.setattr(case, "semidiscretise", finer)
     with pytest.raises(sb.InputError, match=r"describe the system that its case makes.*this version differs"):
         sb.load(files / "frozen.nc")
 

@@ -11,9 +11,10 @@ from dataclasses import replace
 
 import pytest
 
-from stiffbeam.cases import paper_case
-from stiffbeam.studies import find_study, journal, study
-from stiffbeam.studies.runner import run_study
+from stiffbeam.files.cases import paper_case
+from stiffbeam.studies import find_study, study
+from stiffbeam.studies.engine import journal
+from stiffbeam.studies.engine.runner import run_study
 
 SMALL = replace(paper_case(10), cells=8, t_end=0.8)
 
@@ -54,7 +55,7 @@ def test_an_interrupted_study_evaluates_only_what_is_missing(tmp_path):
 KILLED = """
 import sys, time
 from dataclasses import replace
-from stiffbeam.cases import paper_case
+from stiffbeam.files.cases import paper_case
 from stiffbeam.studies import study
 
 def progress(what, done, total):

@@ -1,10 +1,6 @@
-"""The compiled kernel against the same in plain NumPy, and which of them runs when."""
+"""The compiled kernel against the same in plain NumPy."""
 
 from __future__ import annotations
-
-import os
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -76,22 +72,6 @@ def test_a_diverging_run_is_named_by_both_kernels():
         with pytest.raises(sb.Diverged) as caught:
             sb.integrate(system, sb.BDF2(), 2.5e-4, 0.5, "extrapolated", engine=engine)
         assert 0.0 < caught.value.t < 0.5
-
-
-def test_a_short_run_waits_for_no_compiler_and_a_long_one_does_not_stay_slow(tmp_path):
-    """In a process of its own with an empty cache: NumPy first, numba once its share is used up."""
-    code = """
-import stiffbeam as sb
-from stiffbeam.march import kernel, modal_march
-case = sb.paper_case(10)
-system = sb.semidiscretise(case.problem, 4)
-run = sb.integrate(system, sb.HHT(), 1e-4, 0.05)
-assert run.provenance["engine"] == "numpy" and not kernel.run.signatures
-assert abs(run.states[0][-1, -1] - run.tip[-1]) < 1e-12 and not kernel.run.signatures
-assert modal_march.engine_for(int(modal_march.PATIENCE)) == "numba"
-"""
-    environment = os.environ | {"STIFFBEAM_CACHE_DIR": str(tmp_path)}
-    subprocess.run([sys.executable, "-c", code], check=True, env=environment)
 
 
 def test_an_unknown_engine_is_named(table10):

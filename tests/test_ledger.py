@@ -9,8 +9,8 @@ import pytest
 from systems import two_contacts
 
 import stiffbeam as sb
-from stiffbeam.ledger import Ledger, step_ledger
 from stiffbeam.schemes import registered
+from stiffbeam.trajectory.ledger import Ledger, step_ledger
 
 
 @pytest.mark.parametrize("scheme", [sb.HHT(-0.1), sb.SDIRK(), sb.BDF2()], ids=str)

@@ -1,4 +1,4 @@
-"""The README's Python and TOML are run as written."""
+"""What README and guide print is run as written, and is what they say."""
 
 from __future__ import annotations
 
@@ -9,22 +9,90 @@ from pathlib import Path
 
 import pytest
 
-README = (Path(__file__).parent.parent / "README.md").read_text(encoding="utf-8")
-BLOCKS = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
-PYTHON = [block for block in BLOCKS if "def test_" not in block]
-TESTS = [block for block in BLOCKS if "def test_" in block]
-TOML = re.findall(r"```toml\n(.*?)```", README, re.DOTALL)
+ROOT = Path(__file__).parent.parent
+PAGES = [ROOT / "README.md", *sorted((ROOT / "studies" / "guide").glob("*.md"))]
+TEXTS = {page.stem: page.read_text(encoding="utf-8") for page in PAGES}
+BLOCKS = [
+    pytest.param(block, id=f"{name}-{i}")
+    for name, text in TEXTS.items()
+    for i, block in enumerate(re.findall(r"```python\n(.*?)```", text, re.DOTALL))
+    if "def test_" not in block
+]
+README = TEXTS["README"]
 
 
-@pytest.mark.parametrize("block", PYTHON, ids=lambda block: block.splitlines()[2][:30])
-def test_every_python_block_runs(block, tmp_path):
-    done = subprocess.run([sys.executable, "-W", "error", "-c", block], cwd=tmp_path, capture_output=True, text=True)
+def run(block, folder):
+    done = subprocess.run([sys.executable, "-W", "error", "-c", block], cwd=folder, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    assert done.stdout.strip()
+    return done.stdout.strip()
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("block", BLOCKS)
+def test_every_python_block_runs(block, tmp_path):
+    assert run(block, tmp_path)
+
+
+def test_the_readme_prints_what_it_says(tmp_path):
+    (block,) = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
+    (printed,) = re.findall(r"```text\n(.*?)```", README, re.DOTALL)
+    assert run(block, tmp_path) == printed.strip()
+
+
+def test_the_readme_is_short():
+    assert len(README.split()) < 700
+
+
+@pytest.mark.slow
+def test_the_readme_found_what_the_study_finds(tmp_path, monkeypatch):
+    """Means of 200 chaotic runs: another rounding draws other members, so to four deviations of their difference."""
+    import stiffbeam as sb
+
+    monkeypatch.chdir(tmp_path)
+    answer = sb.study("ensemble", "table10").answer
+    text = README.replace("\n", " ")
+
+    def held(label: str, count: str, share: str) -> None:
+        mean, deviation = re.search(re.escape(label) + r"[^;]*? (\S+) ± (\S+) ", answer).groups()
+        part = re.search(re.escape(label) + r"[^;]*?(\S+) % (of the time|in contact)", answer)[1]
+        assert abs(float(mean) - float(count)) < 0.5 + 4.0 * float(deviation) * (2 / 200) ** 0.5, label
+        assert abs(float(part) - float(share)) < 0.1 * float(share), label
+
+    hht, exact, hht_share, exact_share = re.search(
+        r"the exact motion, (\d+) against (\d+), .*? for (\d+) % .*? instead of ([\d.]+) %", text
+    ).groups()
+    sdirk, bdf2, sdirk_share, bdf2_share = re.search(
+        r"SDIRK-OS counts (\d+) and BDF2 (\d+), with (\d+) and (\d+) %", text
+    ).groups()
+    share, trapezoidal = re.search(r"for ([\d.]+) %, but gains energy at the stops and counts (\d+)", text).groups()
+    held("exact solution", exact, exact_share)
+    held("hht(alpha=-0.1)", hht, hht_share)
+    held("sdirk(gamma=0.4359, nystrom=true)", sdirk, sdirk_share)
+    held("bdf2", bdf2, bdf2_share)
+    held("trapezoidal", trapezoidal, share)
+
+
+@pytest.mark.parametrize(
+    "page", [*PAGES, ROOT / "CONTRIBUTING.md", ROOT / "studies" / "README.md"], ids=lambda p: p.name
+)
+def test_every_link_leads_somewhere(page):
+    text = re.sub(r"```.*?```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
+    for target in re.findall(r"\]\(([^)#]+?)(?:#[^)]*)?\)", text):
+        assert target.startswith("https://") or (page.parent / target).exists(), target
+
+
+@pytest.mark.slow
+def test_the_steel_beam_is_pressed_as_hard_as_printed(tmp_path):
+    (block,) = (block.values[0] for block in BLOCKS if "largest contact force" in str(block.values[0]))
+    force = re.search(r"It prints ([\d.]+) N", TEXTS["beam"])
+    assert force
+    assert f"largest contact force {force[1]} N" in run(block, tmp_path)
+
+
+@pytest.mark.slow
 def test_the_downstream_test_passes(tmp_path):
-    (tmp_path / "test_mine.py").write_text(TESTS[0], encoding="utf-8")
+    (block,) = (b for b in re.findall(r"```python\n(.*?)```", TEXTS["references"], re.DOTALL) if "def test_" in b)
+    (tmp_path / "test_mine.py").write_text(block, encoding="utf-8")
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "test_mine.py"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout
@@ -32,13 +100,13 @@ def test_the_downstream_test_passes(tmp_path):
 
 
 def test_the_case_file_runs(tmp_path):
-    from stiffbeam.cases import load_cases
+    from stiffbeam.files.cases import load_cases
 
-    (file := tmp_path / "my-beam.toml").write_text(TOML[0], encoding="utf-8")
+    (toml,) = re.findall(r"```toml\n(.*?)```", TEXTS["beam"], re.DOTALL)
+    (file := tmp_path / "my-beam.toml").write_text(toml, encoding="utf-8")
     case = load_cases(file)["steel"]
-    assert case.problem.units is not None
+    assert str(case.problem.units) == "m, s, N"
     assert len(case.runs) == 3
     # the commented lines are part of the documentation: they have to be right as well
-    full = re.sub(r"^# (?=loads)", "", TOML[0], flags=re.MULTILINE)
-    file.write_text(full, encoding="utf-8")
+    file.write_text(re.sub(r"^# (?=loads)", "", toml, flags=re.MULTILINE), encoding="utf-8")
     assert len(load_cases(file)["steel"].problem.loads) == 2

@@ -14,20 +14,22 @@ import numpy as np
 import pytest
 
 import stiffbeam as sb
-from stiffbeam import cache
-from stiffbeam.cases import case_text, paper_cases
-from stiffbeam.frozen import BOUND, freeze
-from stiffbeam.solvers import solve
+from stiffbeam.basics import cache
+from stiffbeam.dumont2002.references import remake, wanted
+from stiffbeam.files.cases import case_text, paper_cases
+from stiffbeam.files.frozen import BOUND, freeze
+from stiffbeam.references import solve
 from stiffbeam.studies.agreement import agree
-from stiffbeam.studies.references import check, remake, wanted
-from stiffbeam.trajectory import Work
+from stiffbeam.studies.references import check
+from stiffbeam.trajectory.trajectory import Work
 
 STORE = Path(__file__).parent.parent / "reference"
 
 
 @pytest.fixture(scope="module")
-def many(table10):
-    return sb.reference(sb.semidiscretise(table10, 25), 0.8, "multiprecision")
+def many():
+    case = paper_cases()["table10"]
+    return sb.reference(sb.semidiscretise(case.problem, case.cells), 0.8, "multiprecision")
 
 
 @pytest.fixture(scope="module")
@@ -37,6 +39,7 @@ def frozen(many, tmp_path_factory):
     return file
 
 
+@pytest.mark.slow
 def test_a_frozen_reference_comes_back_within_its_bound_past_the_float64_horizon(many, frozen):
     again = sb.load(frozen)
     assert isinstance(again, sb.Reference)
@@ -81,6 +84,7 @@ def test_a_flipped_byte_or_a_cut_is_found_or_harmless(frozen, tmp_path, many):
     assert found > 0
 
 
+@pytest.mark.slow
 def test_only_a_confirmed_reference_is_frozen(many, tmp_path):
     few = sb.reference(many.system, 2.0, "multiprecision", digits=25)
     with pytest.raises(sb.InputError, match="confirmed"):
@@ -88,8 +92,9 @@ def test_only_a_confirmed_reference_is_frozen(many, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_a_small_store_is_made_checked_and_completed(tmp_path, monkeypatch):
-    from stiffbeam.studies import references
+    from stiffbeam.dumont2002 import references
 
     monkeypatch.setattr(references, "wanted", lambda: [("table14", "displacement", ["table14"])])
     short = dataclasses.replace(paper_cases()["table14"], t_end=0.1)
@@ -140,6 +145,7 @@ def test_a_stored_table_agrees_with_a_fresh_float64_run_inside_the_horizon():
     assert np.max(np.abs(frozen.at(fresh.t[inside])[0] - fresh.tip[inside])) < 1e-3 * np.max(np.abs(fresh.tip))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["viscous", "two contacts"])
 def test_frozen_references_take_damping_and_several_contacts(kind, table10, tmp_path):
     from systems import two_contacts
@@ -156,7 +162,8 @@ def test_frozen_references_take_damping_and_several_contacts(kind, table10, tmp_
         assert np.allclose(ours.impacts.times, theirs.impacts.times, rtol=0, atol=BOUND)
 
 
-def test_agreement_names_the_judge_the_skipped_and_the_refuted(monkeypatch):
+@pytest.mark.slow
+def test_agreement_names_the_baseline_the_skipped_and_the_inconsistent(monkeypatch):
     from stiffbeam.studies import agreement
 
     def slow_kvaerno(system, t_end, method, *rest):
@@ -168,15 +175,15 @@ def test_agreement_names_the_judge_the_skipped_and_the_refuted(monkeypatch):
     monkeypatch.setattr(agreement, "solve", slow_kvaerno)
     case = sb.paper_case(5)
     found = agree(case, t_end=0.02, budget=500.0, methods=("exact", "multiprecision", "cvode-adams", "kvaerno3"))
-    assert found.judge == "multiprecision"
+    assert found.baseline == "multiprecision"
     assert set(found.references) == {"exact", "multiprecision", "cvode-adams"}
     assert "budget" in found.skipped["kvaerno3"]
-    assert found.refuted == {}
+    assert found.inconsistent == {}
     i, j = (list(found.references).index(name) for name in ("exact", "multiprecision"))
     assert found.differences[i, j] < 1e-9
     json.dumps(found.to_dict(), allow_nan=False)
-    monkeypatch.setattr(agreement, "REFUTED", 1e-6)  # a claim that nobody holds
-    assert "cvode-adams" in agree(case, t_end=0.02, budget=500.0, methods=("exact", "cvode-adams")).refuted
+    monkeypatch.setattr(agreement, "INCONSISTENT", 1e-6)  # a claim that nobody holds
+    assert "cvode-adams" in agree(case, t_end=0.02, budget=500.0, methods=("exact", "cvode-adams")).inconsistent
 
 
 DOWNSTREAM = """
@@ -203,6 +210,7 @@ def test_it_refuses_what_nobody_knows(reference_solution, assert_within_referenc
 """
 
 
+@pytest.mark.slow
 def test_the_plugin_works_in_a_project_of_someone_else(tmp_path):
     (tmp_path / "test_mine.py").write_text(DOWNSTREAM, encoding="utf-8")
     done = subprocess.run(
@@ -214,6 +222,7 @@ def test_the_plugin_works_in_a_project_of_someone_else(tmp_path):
     assert "2 passed" in done.stdout
 
 
+@pytest.mark.slow
 def test_the_command_makes_checks_and_compares(tmp_path):
     def run(*arguments):
         command = [sys.executable, "-m", "stiffbeam.cli", "reference", *arguments]

@@ -10,18 +10,18 @@ import numpy as np
 import pytest
 
 import stiffbeam as sb
-from stiffbeam.closed_form import mode, roots
+from stiffbeam.dumont2002.claims import claims
+from stiffbeam.dumont2002.make import LONGEST_FIRST, TABLES
+from stiffbeam.dumont2002.misprints import MISPRINTS, measured
+from stiffbeam.dumont2002.motion import motion
+from stiffbeam.dumont2002.no_contact import GRIDS, error_curves, problem, tip_exact
+from stiffbeam.dumont2002.reading import Reading, reading
+from stiffbeam.dumont2002.table import drive_of, equation_of, make_table
+from stiffbeam.dumont2002.verdicts import FAILS, HOLDS, OPEN, PARTLY, SCHEME_ONLY, verdict
 from stiffbeam.measures.peaks import even_over_odd, find_peaks, multiple_amplitudes, share_off_multiples
 from stiffbeam.measures.spectrum import amplitude_spectrum
-from stiffbeam.problem import PointLoad
-from stiffbeam.reproduce import make as making
-from stiffbeam.reproduce.claims import FAILS, HOLDS, PARTLY, SCHEME_ONLY, claims, verdict
-from stiffbeam.reproduce.make import LONGEST_FIRST, TABLES, make_tables
-from stiffbeam.reproduce.misprints import MISPRINTS, measured
-from stiffbeam.reproduce.no_contact import GRIDS, error_curves, problem, tip_exact
-from stiffbeam.reproduce.numbers import motion
-from stiffbeam.reproduce.reading import Reading, reading
-from stiffbeam.reproduce.table import drive_of, equation_of, make_table
+from stiffbeam.model.closed_form import mode, roots
+from stiffbeam.model.problem import PointLoad
 
 STORE = Path(__file__).parent.parent / "reference"
 BDF, RK, BOTH, ONE = ("(4.13)", "(4.5)", "(4.11)"), ("(4.10)", "(4.12)", "(4.14)"), ("(4.13)", "(4.14)"), ("(4.13)",)
@@ -51,7 +51,7 @@ FORMS = {"(4.5)": "velocity-curvature", "(4.10)": "velocity-curvature"}
 
 @pytest.mark.parametrize("table", TABLES)
 def test_the_runs_of_a_table_are_the_papers(table, monkeypatch):
-    monkeypatch.setattr("stiffbeam.reproduce.table.true_solution", lambda *_: (None, np.nan))  # the runs alone
+    monkeypatch.setattr("stiffbeam.dumont2002.table.exact_solution", lambda *_: (None, np.nan))  # the runs alone
     k2, frequency, h, dt, g1, g2, kappa, size, alpha, gamma, equations = PAPER[table]
     case = sb.paper_case(table)
     short = replace(case, t_end=200 * dt)
@@ -245,18 +245,27 @@ def test_the_measures_of_a_motion_know_a_periodic_one_from_noise():
     # 400 rad per time lies above the second natural frequency 22.03 sqrt(300) = 382, 350 below.
     assert motion(t, u, v + 3.0 * np.cos(400 * t), made)["fast"] == pytest.approx(3.0 / np.sqrt(2), rel=0.02)
     assert motion(t, u, v + 3.0 * np.cos(350 * t), made)["fast"] < 0.05
+    # Mode 6 = M/4 of the beam at sqrt(300) (5.5 pi)^2 = 5171: below it is resolved, above beyond.
+    for rate, here, there in ((4000, "resolved", "beyond"), (7000, "beyond", "resolved")):
+        mixed = motion(t, u, v + 3.0 * np.cos(rate * t), made)
+        assert mixed[here] == pytest.approx(3.0 / np.sqrt(2), rel=0.02)
+        assert mixed[there] < 0.05
+        assert mixed["fast"] == pytest.approx(np.hypot(mixed["resolved"], mixed["beyond"]))
     noise = np.random.default_rng(0).normal(size=len(t))
     assert motion(t, noise, v, made)["aperiodicity"] == pytest.approx(1.0, abs=0.05)
 
 
 def test_a_verdict_tells_the_scheme_from_the_beam():
     assert [verdict(a, b) for a in (True, False) for b in (True, False)] == [HOLDS, SCHEME_ONLY, PARTLY, FAILS]
+    assert {verdict(None, True), verdict(False, None), verdict(None, None)} == {OPEN}
 
 
 def test_claims_are_in_the_papers_order_and_each_stands_once():
     found = claims()
     assert len(found) > 40
-    assert len({(claim.section, claim.text) for claim in found}) == len(found)
+    assert len({claim.name for claim in found}) == len(found)
+    assert all(claim.rule for claim in found)
+    assert all(bool(claim.tables) or bool(claim.evidence) for claim in found)  # each says what it stands on
     sections = [claim.section.split(",")[0] for claim in found]
     assert sections == sorted(sections, key=lambda s: [int(x) for x in s.split(".")])
 
@@ -268,7 +277,10 @@ def test_misprints_are_measured():
     assert "instead of 3.00" in found["(4.14), stage matrix"]
     assert "0.435867" in found["Section 4.1.2, third order"]
     assert "0.18043" in found["p. 58, L-stability"]
-    assert "3.5160 k" in found["Section 5.2"]
+    # Whole, with both frequencies and both errors: (3.5148/3.5160 - 1) and (22.3480/22.0345 - 1).
+    assert found["Section 5.2"] == "w0 = 3.5160 k, w1 = 22.0345 k; printed, they are off by -0.03 % and 1.4 %"
+    assert "of order 1.00 instead of 2" in found["(4.11), M_d"]
+    assert "it would not vibrate" in found["(4.12)"]
     assert "overflows" in found["Table 11"]
 
 
@@ -288,54 +300,3 @@ def test_every_equation_of_the_paper_has_its_number():
     numbers = {equation_of(*run) for table in TABLES for run in sb.paper_case(table).runs}
     assert numbers == {"(4.5)", "(4.10)", "(4.11)", "(4.12)", "(4.13)", "(4.14)"}
     assert sorted(LONGEST_FIRST) == list(TABLES)
-
-
-# ---------------------------------------------------------------- the store
-
-
-@pytest.fixture
-def counted(monkeypatch):
-    """``make`` replaced by one that writes a small file; the list of tables it was asked for."""
-    asked: list[int] = []
-
-    def made(job):
-        asked.append(job.number)
-        job.folder.mkdir(parents=True, exist_ok=True)
-        (job.folder / "panel-a.svg").write_text("<svg/>", encoding="utf-8")
-        return {"numbers": {"table": job.number}, "pictures": [["a", "all", "panel-a.svg"]], "files": ["panel-a.svg"]}
-
-    monkeypatch.setattr(making, "make", made)
-    return asked
-
-
-def test_finished_tables_are_taken_from_the_store(counted, tmp_path):
-    first = make_tables([2, 10], Reading(), tmp_path, jobs=1)
-    again = make_tables([2, 10, 14], Reading(), tmp_path, jobs=1)
-    assert sorted(counted) == [2, 10, 14]
-    assert {n: again[n] for n in first} == first
-    make_tables([2], Reading("extrapolated"), tmp_path, jobs=1)  # another reading is another table
-    make_tables([2], Reading(), tmp_path, jobs=1, members=3)
-    assert sorted(counted) == [2, 2, 2, 10, 14]
-
-
-def test_a_table_whose_picture_is_gone_is_made_again(counted, tmp_path):
-    make_tables([2], Reading(), tmp_path, jobs=1)
-    (tmp_path / "implicit-corrected" / "table2" / "panel-a.svg").unlink()
-    make_tables([2], Reading(), tmp_path, jobs=1)
-    assert counted == [2, 2]
-
-
-def test_a_kill_loses_the_running_table_only(counted, tmp_path, monkeypatch):
-    whole = making.make
-
-    def killed(job):
-        if job.number == 14:
-            raise KeyboardInterrupt
-        return whole(job)
-
-    monkeypatch.setattr(making, "make", killed)
-    with pytest.raises(KeyboardInterrupt):
-        make_tables([10, 14], Reading(), tmp_path, jobs=1)
-    monkeypatch.setattr(making, "make", whole)
-    make_tables([10, 14], Reading(), tmp_path, jobs=1)
-    assert counted == [10, 14]

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import stiffbeam as sb
-from stiffbeam.cases import parse_run, split_runs
+from stiffbeam.files.cases import parse_run, split_runs
 from stiffbeam.schemes import GAMMA_THIRD_ORDER, registered
 from stiffbeam.schemes.sdirk import GAMMA_MIN
 
@@ -61,7 +61,7 @@ def test_a_run_may_leave_out_what_has_a_default():
         ("sdirk(gamma=0.1)", "outside it the scheme is not L-stable"),
         ("sdirk.printed(sgma)", "erratum must be one the paper prints for this scheme, got 'sgma': did you mean sigma"),
         ("bdf2.printed", "have a printed form"),
-        ("bdf2@displacment", "form must be one of the paper's forms, got 'displacment': did you mean displacement?"),
+        ("bdf2@displacment", "form must be one that there is, got 'displacment': did you mean displacement?"),
     ],
 )
 def test_a_bad_run_is_refused_with_the_way_out(text, message):

@@ -9,8 +9,8 @@ import pytest
 from oracles import beam_mode, beam_roots, moving_support_series
 
 import stiffbeam as sb
-from stiffbeam.modal import modes
-from stiffbeam.semidiscretisation import FORMS, bending_stencil, velocity_curvature_matrices
+from stiffbeam.model.modes import modes
+from stiffbeam.model.semidiscretisation import FORMS, bending_stencil, velocity_curvature_matrices
 
 E, A = 0.01, 40.0  # amplitude and frequency of the support's start from rest
 

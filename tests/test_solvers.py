@@ -9,10 +9,13 @@ import pytest
 from systems import bouncing_chain
 
 import stiffbeam as sb
-from stiffbeam.solvers import solve
-from stiffbeam.solvers.agreement import agreement, parting, time_tolerance
-from stiffbeam.trajectory import Impacts
+from stiffbeam.references import solve
+from stiffbeam.references.horizon import agreement, impacts_match_until, time_tolerance
+from stiffbeam.references.registry import REFERENCES
+from stiffbeam.trajectory.impacts import Impacts
 
+ADAPTIVE = [method for method in REFERENCES.values() if method.kind == "adaptive"]
+AFFORDABLE = [method.name for method in ADAPTIVE if method.seconds < 10.0]
 OUTPUTS = np.linspace(0.0, 0.1, 401)
 
 
@@ -49,8 +52,9 @@ def test_dop853_at_its_tightest_shows_the_exact_solution_good_to_1e_12(exact_tab
     assert np.max(np.abs(tip - exact_table10.tip)) < 3e-12 * np.max(np.abs(tip))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
-    "method", ["cvode", "cvode-adams", "dop853", "ida", pytest.param("radau", marks=pytest.mark.slow)]
+    "method", [pytest.param(m.name, marks=pytest.mark.slow if m.seconds > 1.0 else ()) for m in ADAPTIVE if m.roots]
 )
 def test_at_tolerance_1e_8_the_solvers_agree_to_the_second_impact(method, table10_system):
     times = np.linspace(0.0, 0.054, 28)
@@ -61,7 +65,8 @@ def test_at_tolerance_1e_8_the_solvers_agree_to_the_second_impact(method, table1
     assert exact.impacts.count == other.impacts.count > 0
 
 
-@pytest.mark.parametrize("method", ["cvode", "cvode-adams", "ida", "kvaerno5", "dop853", "radau"])
+@pytest.mark.slow
+@pytest.mark.parametrize("method", AFFORDABLE)
 def test_the_solvers_agree_on_a_system_from_matrices(method):
     system, times = bouncing_chain(), np.linspace(0.0, 6.0, 121)
     exact = solve(system, 6.0, "exact", times, 0.0, None)
@@ -88,24 +93,24 @@ def test_the_horizon_of_table_10_is_what_perturbed_runs_show(table10):
     assert abs(time_tolerance(system) - 1.03e-4) < 1e-6
 
 
+@pytest.mark.slow
 def test_the_horizon_of_an_adaptive_solver_grows_with_its_tolerance(table10):
     system = sb.semidiscretise(table10, 12)
     horizons = [sb.reference(system, 0.5, "cvode-adams", rtol=rtol).horizon for rtol in (1e-4, 1e-7, 1e-10)]
     assert horizons[0] < horizons[1] < horizons[2]
 
 
-def test_parting_of_impact_sequences():
+def test_the_time_to_which_impact_sequences_match():
     def impacts(times, stops):
-        blank = np.zeros(len(times))
-        return Impacts(np.array(times, float), np.array(stops), blank, blank, "event")
+        return Impacts.at(times, stops, "event")
 
     a = impacts([1.0, 2.0, 3.0], [1, -1, 1])
-    assert parting(a, a, 1e-4, 5.0) == 5.0
-    assert parting(a, impacts([1.0, 2.00005, 3.0], [1, -1, 1]), 1e-4, 5.0) == 5.0
-    assert parting(a, impacts([1.0, 2.1, 3.0], [1, -1, 1]), 1e-4, 5.0) == 2.0
-    assert parting(a, impacts([1.0, 2.0, 3.0], [1, 1, 1]), 1e-4, 5.0) == 2.0
-    assert parting(a, impacts([1.0, 2.0], [1, -1]), 1e-4, 5.0) == 3.0
-    assert parting(impacts([1.0], [1]), impacts([1.0, 4.99999], [1, 1]), 1e-4, 5.0) == 5.0
+    assert impacts_match_until(a, a, 1e-4, 5.0) == 5.0
+    assert impacts_match_until(a, impacts([1.0, 2.00005, 3.0], [1, -1, 1]), 1e-4, 5.0) == 5.0
+    assert impacts_match_until(a, impacts([1.0, 2.1, 3.0], [1, -1, 1]), 1e-4, 5.0) == 2.0
+    assert impacts_match_until(a, impacts([1.0, 2.0, 3.0], [1, 1, 1]), 1e-4, 5.0) == 2.0
+    assert impacts_match_until(a, impacts([1.0, 2.0], [1, -1]), 1e-4, 5.0) == 3.0
+    assert impacts_match_until(impacts([1.0], [1]), impacts([1.0, 4.99999], [1, 1]), 1e-4, 5.0) == 5.0
 
 
 @pytest.mark.parametrize("scheme", [sb.BDF2(), sb.HHT(-0.1), sb.SDIRK(), sb.SDIRK(nystrom=True)], ids=str)
@@ -166,7 +171,8 @@ def test_the_exact_solution_with_viscosity_agrees_with_cvode_and_closes_its_ledg
     assert np.max(np.abs(exact.energy.loss)) < 1e-10 * np.max(np.abs(exact.energy.input))
 
 
-@pytest.mark.parametrize("method", ["cvode-adams", "ida", "dop853", "kvaerno5"])
+@pytest.mark.slow
+@pytest.mark.parametrize("method", AFFORDABLE)
 def test_the_solvers_agree_on_two_contacts_with_a_moving_stop(method):
     from systems import two_contacts
 
@@ -195,6 +201,7 @@ def test_a_solution_that_is_not_a_number_agrees_with_nothing(table10):
     assert agreement(ref, broken, 1e-4) < 0.0201
 
 
+@pytest.mark.slow
 def test_kvaerno_takes_its_compilation_out_of_the_time_and_refuses_what_jax_cannot_trace(table10):
     system = sb.semidiscretise(table10, 8)
     ref = solve(system, 0.03, "kvaerno3", np.linspace(0.0, 0.03, 31), 1e-5, None)
@@ -202,5 +209,5 @@ def test_kvaerno_takes_its_compilation_out_of_the_time_and_refuses_what_jax_cann
     exact = solve(system, 0.03, "exact", np.linspace(0.0, 0.03, 31), 0.0, None)
     assert relative(ref, exact) < 1e-3
     pushed = dataclasses.replace(table10, loads=(sb.PointLoad(0.5, lambda t: 0 * t),))
-    with pytest.raises(sb.InputError, match="Harmonic or Constant"):
+    with pytest.raises(sb.InputError, match="Harmonic, Constant and Sampled"):
         solve(sb.semidiscretise(pushed, 8), 0.1, "kvaerno5", None, 1e-6, None)

@@ -137,16 +137,14 @@ def test_what_is_no_trajectory_is_named(tmp_path):
         sb.load(text)
     other = tmp_path / "other.nc"
     xr.Dataset({"temperature": ("x", np.arange(3.0))}).to_netcdf(other, engine="h5netcdf")
-    with pytest.raises(sb.InputError, match=r"be a stiffbeam trajectory of format 1, got '.*other\.nc'"):
+    with pytest.raises(sb.InputError, match=r"be a stiffbeam trajectory of format 2, got '.*other\.nc'"):
         sb.load(other)
     for missing in (tmp_path / "none.nc", tmp_path):
         with pytest.raises(sb.InputError, match="file must exist"):
             sb.load(missing)
 
 
-def half_written(dataset, path, *args, **kwargs):
-    with open(path, "wb") as stream:
-        stream.write(b"half a file")
+def half_written(stream):
     raise OSError(28, "No space left on device")
 
 
@@ -156,7 +154,7 @@ def no_rename(*args):
 
 @pytest.mark.parametrize(
     ("target", "failure"),
-    [("xarray.Dataset.to_netcdf", half_written), ("os.replace", no_rename)],
+    [("os.fsync", half_written), ("os.replace", no_rename)],
     ids=["write", "rename"],
 )
 def test_a_failing_write_leaves_no_partial_file(run, exact, tmp_path, monkeypatch, target, failure):
@@ -164,7 +162,7 @@ def test_a_failing_write_leaves_no_partial_file(run, exact, tmp_path, monkeypatc
     before = old.read_bytes()
     monkeypatch.setattr(target, failure)
     for file in (old, tmp_path / "new.nc"):
-        with pytest.raises(OSError, match=r"No space|denied"):
+        with pytest.raises(sb.InputError, match=r"No space|denied"):
             run.save(file)
     assert [path.name for path in tmp_path.iterdir()] == ["old.nc"]
     assert old.read_bytes() == before
@@ -179,7 +177,7 @@ def test_a_failing_write_leaves_no_partial_file(run, exact, tmp_path, monkeypatc
     ids=["states", "displacement"],
 )
 def test_a_loaded_run_asked_for_states_says_what_to_do(run, exact, tmp_path, ask, field):
-    for trajectory, remedy in ((run, "integrate again"), (exact, "again")):
+    for trajectory, remedy in ((run, "with its system"), (exact, "with its system")):
         loaded = sb.load(trajectory.save(tmp_path / "stored.nc"))
         with pytest.raises(sb.InputError, match=f"a loaded file.*{remedy}") as caught:
             ask(loaded)

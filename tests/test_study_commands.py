@@ -2,7 +2,13 @@
 
 from __future__ import annotations
 
+import inspect
+import json
+
 import pytest
+
+from stiffbeam.cli.study_commands import command_of
+from stiffbeam.studies import STUDIES, find_study
 
 
 def test_a_study_that_finds_nothing_ends_with_1_and_overwrites_nothing(command, tmp_path):
@@ -31,3 +37,46 @@ def test_bad_options_of_studies_are_refused_before_anything_is_written(arguments
     assert code == 2
     assert said in err
     assert not [path for path in tmp_path.rglob("*") if path.is_file()]
+
+
+@pytest.mark.parametrize("name", STUDIES)
+def test_a_command_has_the_options_of_its_study_with_help_and_defaults(name):
+    study = find_study(name)
+    made = {parameter.name: parameter for parameter in command_of(name).params}
+    own = [p for p in inspect.signature(study.points).parameters.values() if p.name != "case"]
+    around = {"out", "json_file", "smoke"} | (set() if study.timed else {"jobs", "scheduler"})
+    assert set(made) == {"case", *around, *(p.name for p in own)}
+    for option in own:
+        assert made[option.name].opts == [f"--{option.name.replace('_', '-')}"]
+        assert made[option.name].default is None  # what is not given is left to the study and its smoke options
+        words = made[option.name].help
+        assert words, option.name
+        if option.default is not None and not isinstance(option.default, bool):
+            assert words.endswith(f"default: {option.default}")
+
+
+def test_options_reach_the_study_as_what_they_are(command, tmp_path):
+    arguments = ["--schemes", "hht(alpha=-0.1),bdf2", "--kinds", "smooth", "--halvings", "2", "--dt", "2e-3"]
+    code, out, _ = command("converge", "table10", *arguments, "--out", "here", "--jobs", "1", "--json", "-")
+    records = json.loads(out)
+    assert code == 0
+    options = {"schemes": ["hht(alpha=-0.1)", "bdf2"], "kinds": ["smooth"], "halvings": 2, "dt": 2e-3}
+    assert records["options"] == options
+    assert {(row["scheme"], row["kind"]) for row in records["rows"]} == {
+        ("hht(alpha=-0.1)", "smooth"),
+        ("bdf2", "smooth"),
+    }
+    assert (tmp_path / "here" / "converge.png").is_file()
+
+
+@pytest.mark.slow
+def test_numbers_in_a_list_are_read_or_refused(command):
+    code, out, _ = command(
+        "space", "table10", "--cells", "6,8,10", "--forms", "displacement", "--finest", "12", "--json", "-"
+    )
+    assert code == 0
+    assert {row["cells"] for row in json.loads(out)["rows"]} == {6, 8, 10}
+    code, _, err = command("space", "table10", "--cells", "6,eight")
+    assert (code, "numbers with commas between them" in err) == (2, True)
+    code, _, err = command("rigid", "table10", "--factors", "1:2")
+    assert (code, "numbers with commas between them" in err) == (2, True)

@@ -9,19 +9,19 @@ import pytest
 from oracles import beam_mode, beam_roots
 
 import stiffbeam as sb
-from stiffbeam import closed_form
-from stiffbeam.cases import paper_case
-from stiffbeam.drive import Drive
+from stiffbeam.basics.validation import InputError
+from stiffbeam.files.cases import paper_case
 from stiffbeam.measures.free_modes import free_mode_errors
 from stiffbeam.measures.regression import observed_order
-from stiffbeam.modal import modes
+from stiffbeam.measures.smooth_motion import steady_state
+from stiffbeam.model import closed_form
+from stiffbeam.model.drive import Drive
+from stiffbeam.model.modes import modes
+from stiffbeam.model.semidiscretisation import FORMS
+from stiffbeam.references.exact.rigid import rigid_limit
 from stiffbeam.schemes import registered
-from stiffbeam.semidiscretisation import FORMS
-from stiffbeam.solvers.rigid import rigid_limit
 from stiffbeam.studies import study
-from stiffbeam.studies.common import steady_state
-from stiffbeam.trajectory import Trajectory, Work
-from stiffbeam.validation import InputError
+from stiffbeam.trajectory.trajectory import Trajectory, Work
 
 # ---------------------------------------------------------------- observed orders
 
@@ -341,3 +341,9 @@ def test_the_ledger_of_every_scheme_and_form_balances(scheme, view):
     assert np.max(np.abs(ledger.kinetic - kinetic)) <= 10 * rounding
     if system.damped:
         assert ledger.viscous[-1] > 1e-3 * scale
+
+
+def test_one_step_tried_twice_has_no_order():
+    from stiffbeam.measures.regression import observed_order
+
+    assert np.isnan(observed_order([0.1, 0.1], [1e-3, 1e-3]).slope)

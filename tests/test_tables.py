@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import stiffbeam as sb
-from stiffbeam.cases import load_cases, paper_cases, paper_text, parse_run
+from stiffbeam.files.cases import load_cases, paper_cases, paper_text, parse_run
 from stiffbeam.schemes import GAMMA_THIRD_ORDER
 
 

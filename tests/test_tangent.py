@@ -1,4 +1,4 @@
-"""The tangent flow: against closed forms, against the parting of perturbed motions, and what is made of it."""
+"""The tangent flow: against closed forms, against the growth of perturbations, and what is made of it."""
 
 from __future__ import annotations
 
@@ -9,8 +9,9 @@ import pytest
 from systems import two_contacts
 
 import stiffbeam as sb
-from stiffbeam.solvers import solve, tangent
-from stiffbeam.solvers.piecewise import tracer_of
+from stiffbeam.references import solve
+from stiffbeam.references.exact import tangent
+from stiffbeam.references.exact.piecewise import tracer_of
 
 
 def table(number: int) -> sb.System:
@@ -67,7 +68,7 @@ def test_tangent_vectors_grow_as_perturbed_motions_part(which, table10):
 
 
 @pytest.mark.parametrize("number", [2, 14, 17, *(pytest.param(n, marks=pytest.mark.slow) for n in (5, 12))])
-def test_the_predicted_horizon_is_that_of_the_twins_within_a_factor_of_two(number):
+def test_the_predicted_horizon_is_that_of_the_perturbed_copies_within_a_factor_of_two(number):
     system = table(number)
     ref = sb.reference(system, 0.6)
     predicted = ref.provenance["horizon_predicted"]
@@ -104,6 +105,7 @@ def test_the_exponents_of_two_motions_of_a_chaotic_table_agree_within_their_scat
     assert np.ptp(rates) < 0.01 * np.mean(rates)
 
 
+@pytest.mark.slow
 def test_the_digits_that_multiprecision_starts_from_suffice(table10):
     system = sb.semidiscretise(table10, 25)
     many = sb.reference(system, 2.0, "multiprecision")
@@ -124,7 +126,7 @@ def _digits(system):
 
 def test_what_has_no_tangent_flow_is_refused(table10):
     pushed = dataclasses.replace(table10, loads=(sb.PointLoad(0.5, lambda t: 0 * t),))
-    with pytest.raises(sb.InputError, match="Harmonic or Constant"):
+    with pytest.raises(sb.InputError, match="Harmonic, Constant and Sampled"):
         sb.lyapunov(sb.semidiscretise(pushed, 6), 0.1)
     with pytest.raises(sb.InputError, match="t_end"):
         sb.lyapunov(sb.semidiscretise(table10, 6), -1.0)

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import stiffbeam as sb
-from stiffbeam.time_functions import evaluate
+from stiffbeam.model.time_functions import evaluate
 
 AMPLITUDES = st.one_of(st.floats(-10.0, -1e-3), st.floats(1e-3, 10.0))  # relative tolerances need normal numbers
 
@@ -73,7 +73,7 @@ def test_a_constant_keeps_its_level_and_has_no_derivatives():
         (lambda: sb.Harmonic(1.0, 0.0), "frequency"),
         (lambda: sb.Harmonic(1.0, -2.0), "frequency"),
         (lambda: sb.Harmonic(1.0, math.inf), "frequency"),
-        (lambda: sb.Harmonic(1.0, 1.0, "0"), "phase"),
+        (lambda: sb.Harmonic(1.0, 1.0, "zero"), "phase"),
         (lambda: sb.Harmonic(True, 1.0), "amplitude"),
         (lambda: sb.Constant(math.inf), "level"),
         (lambda: sb.Constant(None), "level"),

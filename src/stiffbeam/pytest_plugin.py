@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 if TYPE_CHECKING:
-    from .trajectory import Reference, Trajectory
+    from .trajectory.trajectory import Reference, Trajectory
 
 
 @pytest.fixture(scope="session")
@@ -19,24 +19,26 @@ def reference_solution() -> Callable[..., Reference]:
     named ("table10", a file) or given; its cells and t_end are the defaults then. options: those of
     ``stiffbeam.cached_reference``, as method="cvode", t_eval=times, rtol=1e-9.
     """
-    from .cases import Case, find_case
-    from .problem import BeamProblem
-    from .reference_cache import cached_reference
-    from .semidiscretisation import semidiscretise
-    from .system import System
-    from .validation import InputError
+    from dataclasses import replace
+
+    from .basics.validation import InputError
+    from .files.cases import Case, find_case
+    from .files.reference_cache import cached_reference
+    from .model.problem import BeamProblem
+    from .model.semidiscretisation import semidiscretise
+    from .model.system import System
 
     def make(
-        what: Any, cells: int | None = None, t_end: float | None = None, form: str = "displacement", **options: Any
+        what: Any, cells: int | None = None, t_end: float | None = None, form: str | None = None, **options: Any
     ) -> Reference:
         case = find_case(what) if isinstance(what, str) else what
         if isinstance(case, Case):
-            system = semidiscretise(case.problem, cells or case.cells, form)
+            system = (replace(case, cells=cells) if cells else case).system(form)
             end = t_end or case.t_end
         elif isinstance(case, (BeamProblem, System)):
             if t_end is None or (isinstance(case, BeamProblem) and cells is None):
                 raise InputError("reference_solution", case, "be given t_end, and cells for a BeamProblem")
-            system = case if isinstance(case, System) else semidiscretise(case, cells or 0, form)
+            system = case if isinstance(case, System) else semidiscretise(case, cells or 0, form or "displacement")
             end = t_end
         else:
             raise InputError("reference_solution", what, "be a BeamProblem, a System, a case or its name")
@@ -57,28 +59,49 @@ def assert_within_reference() -> Callable[..., None]:
 def within_reference(run: Trajectory, reference: Reference, tolerance: float, until: float | None = None) -> None:
     """Assert |u_run - u_ref| <= tolerance max |u_ref| at the run's times up to ``until`` (default: its end).
 
-    run: a Trajectory, or a pair of arrays (t, u). Refuses, with InputError, to compare past the horizon
-    of the reference: there no solution is known to compare with.
+    run: a Trajectory, or a pair of arrays (t, u), t increasing. Raises InputError for what would prove
+    nothing: a time past the horizon of the reference, where no solution is known to compare with, a
+    reference without a horizon, a run of another system, no time up to ``until``, numbers that are
+    complex or not finite.
     """
     import numpy as np
 
-    from .validation import InputError
+    from .basics.validation import InputError, positive
 
-    t, u = (np.asarray(x, float) for x in (run if isinstance(run, tuple) else (run.t, run.tip)))
+    tolerance = positive("tolerance", tolerance)
+    if not isinstance(run, tuple) and run.fingerprint != reference.fingerprint:
+        raise InputError("reference", reference.label, f"be of the same system as {run.label}", "solve run.system")
+    given = run if isinstance(run, tuple) else (run.t, run.tip)
+    if any(np.iscomplexobj(x) for x in given):
+        raise InputError("run", "complex numbers", "be real")
+    t, u = (np.asarray(x, float) for x in given)
     if t.shape != u.shape or t.ndim != 1 or not len(t):
         raise InputError("run", (t.shape, u.shape), "be times and displacements of one length")
+    if not np.all(np.isfinite(t)) or np.any(np.diff(t) <= 0.0):
+        raise InputError("run", "its times", "be finite and increase")
     if not np.all(np.isfinite(u)):
         raise InputError("run", f"a displacement that is not finite at t = {t[~np.isfinite(u)][0]:g}", "be finite")
     end = float(t[-1]) if until is None else until
-    if end > reference.horizon * (1 + 1e-12):
+    if not end <= reference.horizon * (1 + 1e-12):
         raise InputError(
             "until", end, f"be at most the horizon {reference.horizon:g}",
             "pass until=reference.horizon or a reference that reaches further",
         )  # fmt: skip
     inside = t <= end * (1 + 1e-12)
+    if not np.any(inside):
+        raise InputError("until", end, f"be at least the run's first time {t[0]:g}")
     expected = reference.at(t[inside])[0]
     error = np.abs(u[inside] - expected) / max(float(np.max(np.abs(expected))), 1e-300)
     worst = int(np.argmax(error))
     assert error[worst] <= tolerance, (
         f"off by {error[worst]:.3e} of the largest displacement at t = {t[worst]:.6g}, allowed {tolerance:.3e}"
     )
+
+
+def pytest_generate_tests(metafunc: Any) -> None:
+    """A test that takes ``known_problem`` runs once for every problem of the test set."""
+    if "known_problem" in metafunc.fixturenames:
+        from .testset.problem import problems
+
+        known = problems()
+        metafunc.parametrize("known_problem", list(known.values()), ids=list(known))

@@ -3,9 +3,20 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
 
-from . import cases, compare, reference, reproduce, studies  # noqa: F401  in the order of the help
+from . import (  # noqa: F401  in the order of the help
+    advise,
+    animate,
+    cases,
+    compare,
+    doctor,
+    reference,
+    reproduce,
+    score,
+    studies,
+)
 from .application import app
 
 INTERRUPTED = 130  # the exit status of a program that Ctrl-C has stopped
@@ -15,9 +26,16 @@ def main() -> None:
     """Entry point: InputError exits with 2, a failure with 1, both with one clear line."""
     if "OMP_NUM_THREADS" not in os.environ:  # before NumPy is there: on small matrices BLAS threads only wait
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    from ..trajectory import Diverged, SolverFailure, Unfinished
-    from ..validation import InputError
+    from ..basics.validation import InputError
+    from ..trajectory.trajectory import Diverged, SolverFailure, Unfinished
 
+    stopped: list[int] = []
+
+    def end(number: int, _: object) -> None:
+        stopped.append(number)
+        raise KeyboardInterrupt
+
+    signal.signal(signal.SIGTERM, end)  # as Ctrl-C: what is finished is kept
     try:
         app()
     except InputError as error:
@@ -30,10 +48,10 @@ def main() -> None:
         if isinstance(stop, SystemExit) and stop.code != INTERRUPTED:
             raise
         print(
-            "stiffbeam: interrupted; studies and sweeps keep what is finished, the same command goes on",
+            "stiffbeam: interrupted; studies, sweeps and reproductions keep what is finished, the same command goes on",
             file=sys.stderr,
         )
-        raise SystemExit(INTERRUPTED) from None
+        raise SystemExit(128 + stopped[0] if stopped else INTERRUPTED) from None
 
 
 __all__ = ["app", "main"]

@@ -7,8 +7,11 @@ from typing import Annotated
 
 import typer
 
+from .study_commands import Commands
+
 app = typer.Typer(
-    add_completion=False,
+    cls=Commands,
+    context_settings={"help_option_names": ["-h", "--help"]},
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     help="Fixed-step schemes beside adaptive and exact solutions of vibro-impact beams.",

@@ -16,7 +16,7 @@ def cases(
     as_json: Annotated[bool, typer.Option("--json", help="for programs")] = False,
 ) -> None:
     """List the paper's cases."""
-    from ..cases import case_text, paper_cases
+    from ..files.cases import case_text, paper_cases
 
     if show is not None:
         print(case_text(show).rstrip())
@@ -44,4 +44,5 @@ def cases(
         runs = "\n".join(f"{scheme}@{form}" for scheme, form in c.runs)
         table.add_row(c.name, c.title, str(c.cells), f"{c.dt:g}", f"{c.t_end:g}", runs)
     Console().print(table)
+    print("All are non-dimensional.")
     print("t_end and other inferred values carry their reason in `stiffbeam cases --show NAME`.")

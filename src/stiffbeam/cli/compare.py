@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import json
 import sys
+from io import StringIO
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from ..basics.progress import progress
+from ..basics.whole_file import write_whole
+from ..references.registry import COMPARED
 from .application import app
 from .options import Case
 from .output import check_json, default_folder, file_name, make_folder, write_json
-from .progress import progress
 
 
 @app.command()
@@ -22,8 +25,8 @@ def compare(
         str | None, typer.Option(help="comma-separated, e.g. 'bdf2,hht(alpha=-0.2)@displacement,sdirk.printed'")
     ] = None,
     references: Annotated[
-        str, typer.Option(help="comma-separated; the first that can take the case is the yardstick")
-    ] = "exact,cvode,cvode-adams",
+        str, typer.Option(help="comma-separated; the first that can take the case is the main one")
+    ] = ",".join(COMPARED),
     contact: Annotated[str, typer.Option(help="implicit, or extrapolated as in the paper")] = "implicit",
     dt: Annotated[float | None, typer.Option(help="time step instead of the case's")] = None,
     t_end: Annotated[float | None, typer.Option(help="end time instead of the case's")] = None,
@@ -32,42 +35,45 @@ def compare(
     cache: Annotated[bool, typer.Option("--cache", help="keep the references and use those that are kept")] = False,
 ) -> None:
     """Run schemes beside SUNDIALS and the exact solution: table, picture, trajectories."""
-    from ..cases import find_case, parse_run, split_runs
-    from ..reference_cache import cached_reference
-    from ..solvers import reference
+    from ..basics.validation import InputError, positive
+    from ..dumont2002.table import default_runs
+    from ..files.cases import find_case, parse_run, split_runs
+    from ..files.reference_cache import cached_reference
+    from ..references import reference
     from ..studies.comparison import compare_case
-    from ..validation import InputError, positive
 
     chosen = find_case(case)
     for name, value in (("--dt", dt), ("--t-end", t_end)):
         if value is not None:
             positive(name, value)
-    runs = None if schemes is None else [_like_case(parse_run(text), text, chosen) for text in split_runs(schemes)]
+    runs = default_runs(chosen)
+    if schemes is not None:
+        runs = [_like_case(parse_run(text, chosen.forms[0]), text, chosen) for text in split_runs(schemes)]
     names = [name.strip() for name in references.split(",") if name.strip()]
     check_json(json_file)
-    for option, given in (("--schemes", runs is None or runs), ("--references", names)):
+    for option, given in (("--schemes", schemes is None or runs), ("--references", names)):
         if not given:
             raise InputError(option, "nothing", "name at least one")
     folder = out if out is not None else default_folder(chosen.name)
     written: list[Path] = []
+    earlier: list[str] = []
 
     def keep(run) -> None:
         if not written:
-            _clear(folder)
+            earlier.extend(_clear(folder))
         written.append(run.save(folder / f"{file_name(run.label)}.nc"))
 
     with progress() as show:
         # Each trajectory is saved as soon as it is there: an interrupt loses only the one that is running.
         result = compare_case(
-            chosen, runs, names, contact, dt, t_end, show, keep, cached_reference if cache else reference
+            chosen, runs, names, contact, dt, t_end, show, keep, cached_reference if cache else reference, _truth
         )
         show("drawing", 0, 0)
         written += _draw(result, folder)
         records = json.dumps(result.to_dict() | {"files": [path.name for path in written]}, indent=2)
-        (folder / "comparison.json").write_text(records + "\n", encoding="utf-8")
-        written.append(folder / "comparison.json")
+        written.append(write_whole(folder / "comparison.json", records + "\n"))
     if not write_json(records, json_file):
-        _print_result(result, written)
+        _print_result(result, written, earlier)
     failed_runs = [label for label, _ in result.failures if not label.startswith(tuple(f"{n}@" for n in names))]
     if failed_runs or not result.references:
         raise typer.Exit(1)
@@ -83,29 +89,50 @@ def _like_case(run, text: str, case):
     return run
 
 
-def _clear(folder: Path) -> None:
-    """Remove what an earlier comparison wrote here, so that old and new never stand side by side."""
+def _truth(case, form: str, t_end: float):
+    """The frozen solution of a table of the paper, None where its physics or span is another."""
+    from ..studies.references import frozen, shipped
+
+    folder = shipped()
+    found = None if folder is None else frozen(folder, case, form, t_end)
+    return found if found is not None and found.provenance["t_end"] == t_end else None
+
+
+def _clear(folder: Path) -> list[str]:
+    """Remove what an earlier comparison wrote here, so that old and new never stand side by side; its names.
+
+    Only files that a comparison writes: its list may have been made by anyone. One that is cut or no list is
+    passed over, and written anew.
+    """
     earlier = make_folder(folder) / "comparison.json"
+    removed = []
     try:
         if earlier.is_file():
-            for name in json.loads(earlier.read_text(encoding="utf-8")).get("files", []):
-                (folder / Path(name).name).unlink(missing_ok=True)
+            try:
+                names = list(json.loads(earlier.read_text(encoding="utf-8"))["files"])
+            except (ValueError, KeyError, TypeError):
+                names = []
+            for name in names:
+                own = isinstance(name, str) and Path(name).name == name
+                if own and (name.startswith("comparison") or name.endswith(".nc")) and (folder / name).is_file():
+                    (folder / name).unlink()
+                    removed.append(name)
             earlier.unlink()
-    except (OSError, ValueError) as error:
-        from ..validation import InputError
+    except OSError as error:
+        from ..basics.validation import InputError
 
         raise InputError("--out", str(folder), "be a folder that can be written to", str(error)) from None
+    return removed
 
 
 def _draw(result, folder: Path) -> list[Path]:
     """The picture and the table as files."""
     from rich.console import Console
 
-    from ..report import WIDTH, comparison_tables
+    from ..measures.report import WIDTH
 
     written = []
-    units = result.case.problem.units
-    length = f", in units of {units.length:g} m" if units else ""
+    units = result.case.units
     forms = list(dict.fromkeys(r.provenance["form"] for r in result.references))
     for form in forms:
         from ..figures import save_figure
@@ -113,28 +140,33 @@ def _draw(result, folder: Path) -> list[Path]:
 
         runs, references = ([x for x in xs if x.provenance["form"] == form] for xs in (result.runs, result.references))
         named = ": ".join(dict.fromkeys([result.case.name, result.case.title]))
-        title = f"{named} ({form}, dt = {result.case.dt:g}, {result.case.cells} cells)"
+        dt = units.measure(f"{result.case.dt:g}", "time")
+        details = [form, f"dt = {dt}", result.case.grid, *filter(None, [units.note])]
+        title = f"{named} ({', '.join(details)})".replace("$", r"\$")  # no formula of matplotlib's
         name = "comparison.png" if form == forms[0] else f"comparison-{form}.png"
-        written.append(save_figure(four_panels(title, runs, references, length), folder / name))
-    table = folder / "comparison.txt"
-    table.parent.mkdir(parents=True, exist_ok=True)
-    with table.open("w", encoding="utf-8") as stream:
-        Console(file=stream, width=WIDTH).print(
-            comparison_tables(result.comparisons, result.references, result.failures)
-        )
-    written.append(table)
+        comparisons = [c for c in result.comparisons if c.reference == references[0].label] if references else []
+        written.append(save_figure(four_panels(title, runs, references, comparisons), folder / name))
+    text = StringIO()
+    Console(file=text, width=WIDTH, markup=False, emoji=False).print(_tables(result))
+    written.append(write_whole(folder / "comparison.txt", text.getvalue()))
     return written
 
 
-def _print_result(result, written: list[Path]) -> None:
+def _tables(result):
+    from ..measures.report import comparison_tables
+
+    return comparison_tables(result.comparisons, result.references, result.failures, result.truths)
+
+
+def _print_result(result, written: list[Path], earlier: list[str]) -> None:
     from rich.console import Console
+    from rich.text import Text
 
-    from ..report import WIDTH, comparison_tables
+    from ..measures.report import WIDTH
 
-    console = Console(width=None if sys.stdout.isatty() else WIDTH)
-    console.print(f"[bold]{result.case.name}[/]  {result.case.title}")
-    console.print(comparison_tables(result.comparisons, result.references, result.failures))
-    units = result.case.problem.units
-    if units:
-        console.print(f"Units: displacements {units.length:g} m, times {units.time:g} s, forces {units.force:.6g} N.")
-    console.print("\nWritten: " + ", ".join(str(path) for path in written), soft_wrap=True, highlight=False)
+    console = Console(width=None if sys.stdout.isatty() else WIDTH, markup=False, emoji=False)
+    console.print(Text.assemble((result.case.name, "bold"), f"  {result.case.title}"))
+    console.print(_tables(result))
+    replaced = f", in place of {len(earlier)} of an earlier comparison" if earlier else ""
+    files = f"{len(written)} files in {written[-1].parent}" if written else "nothing"
+    console.print(f"\nWritten: {files}{replaced}", soft_wrap=True, highlight=False)

@@ -6,21 +6,16 @@ from collections.abc import Callable
 from typing import Any
 
 
-def names(text: str | None) -> list[str] | None:
-    """Words with commas between them."""
-    return None if text is None else [part.strip() for part in text.split(",") if part.strip()]
-
-
 def labels(text: str | None) -> list[str] | None:
-    """Runs with commas between them; those inside parentheses belong to a run."""
-    from ..cases import split_runs
+    """Words or runs with commas between them; those inside parentheses belong to a run."""
+    from ..files.cases import split_runs
 
     return None if text is None else [part.strip() for part in split_runs(text)]
 
 
 def numbers(text: str | None, kind: Callable[[str], Any]) -> list | None:
     """Numbers with commas between them."""
-    from ..validation import InputError
+    from ..basics.validation import InputError
 
     try:
         return None if text is None else [kind(part) for part in text.split(",")]
@@ -34,7 +29,8 @@ def values_of(text: str | None) -> list[float] | None:
         return numbers(text, float)
     import numpy as np
 
-    from ..validation import InputError
+    from ..basics.budget import afford
+    from ..basics.validation import InputError
 
     start, stop, count, *spacing = [*text.split(":"), "", ""][: max(3, text.count(":") + 1)]
     try:
@@ -44,4 +40,5 @@ def values_of(text: str | None) -> list[float] | None:
     except ValueError:
         rule = "read start:stop:count, start:stop:count:log with both ends > 0, or numbers with commas between them"
         raise InputError("values", text, rule, "for example 8:14:400") from None
+    afford("values", text, "take fewer", floats=200.0 * n)  # each is a point with its rows
     return (np.geomspace if spacing else np.linspace)(low, high, n).tolist()

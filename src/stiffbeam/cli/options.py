@@ -10,4 +10,6 @@ import typer
 Case = Annotated[str, typer.Argument(help="table1 .. table17, a case file, or file.toml:name")]
 Jobs = Annotated[int | None, typer.Option(help="processes; default: one per core")]
 Json = Annotated[Path | None, typer.Option("--json", help="write the records here, - for stdout")]
-References = Annotated[Path | None, typer.Option(help="folder of frozen references; default: ./reference if there")]
+References = Annotated[
+    Path | None, typer.Option(help="folder of frozen references; default: ./reference, else those of the package")
+]

@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+from ..basics.words import cut
+
 
 def default_folder(case: str) -> Path:
     """stiffbeam-output/<case>."""
@@ -12,18 +14,21 @@ def default_folder(case: str) -> Path:
 
 
 def file_name(label: str) -> str:
-    """The label without the characters that shells and file systems dislike."""
+    """The label without the characters that shells and file systems dislike, never a folder's name for another."""
     plain = label.replace("(", "-").replace(")", "").replace(", ", "-").replace("@", "-")
-    return "".join(c if c.isalnum() or c in "-._=" else "_" for c in plain)
+    return cut("".join(c if c.isalnum() or c in "-._=" else "_" for c in plain).lstrip("."), 100) or "_"
 
 
 def make_folder(folder: Path, option: str = "--out") -> Path:
-    """``folder``, made where it is not there; InputError where that cannot be."""
+    """``folder``, made where it is not there; InputError where that cannot be, or nothing can be written there."""
+    from ..basics.validation import InputError, file_path
+
+    file_path(option, folder)
     try:
         folder.mkdir(parents=True, exist_ok=True)
+        if not os.access(folder, os.W_OK):
+            raise PermissionError("no permission to write")
     except OSError as error:
-        from ..validation import InputError
-
         raise InputError(option, str(folder), "be a folder that can be written to", str(error)) from None
     return folder
 
@@ -32,8 +37,9 @@ def check_json(file: Path | None) -> None:
     """InputError for a --json that no file can be, before anything is computed."""
     if file is None or str(file) == "-":
         return
-    from ..validation import InputError
+    from ..basics.validation import InputError, file_path
 
+    file_path("--json", file)
     if file.is_dir():
         raise InputError("--json", str(file), "be a file, or - for the terminal")
     make_folder(file.parent, "--json")
@@ -48,5 +54,7 @@ def write_json(text: str, file: Path | None) -> bool:
     if str(file) == "-":
         print(text)
         return True
-    file.write_text(text + "\n", encoding="utf-8")
+    from ..basics.whole_file import write_whole
+
+    write_whole(file, text + "\n")
     return False

@@ -9,15 +9,17 @@ from typing import Annotated
 
 import typer
 
+from ..basics.progress import progress
+from ..references.registry import METHODS
 from .application import app
-from .progress import progress
+from .output import make_folder
 
 
 @app.command("reference")
 def reference_command(
     case: Annotated[str | None, typer.Argument(help="table1 .. table17, a case file, or file.toml:name")] = None,
-    method: Annotated[str, typer.Option(help="exact, multiprecision, cvode, ...; all: hold them together")] = "exact",
-    form: Annotated[str, typer.Option(help="displacement or velocity-curvature")] = "displacement",
+    method: Annotated[str, typer.Option(help=f"{', '.join(METHODS)}; all: hold them together")] = "exact",
+    form: Annotated[str | None, typer.Option(help="displacement, velocity-curvature or hermite")] = None,
     digits: Annotated[str, typer.Option(help="of multiprecision: a number, or auto")] = "auto",
     rtol: Annotated[float, typer.Option(help="of the adaptive solvers")] = 1e-10,
     t_end: Annotated[float | None, typer.Option(help="end time instead of the case's")] = None,
@@ -26,10 +28,11 @@ def reference_command(
     check: Annotated[Path | None, typer.Option(help="verify a frozen file, or a folder with a manifest")] = None,
     remake: Annotated[Path | None, typer.Option(help="compute what is missing of the paper's references here")] = None,
     cache: Annotated[bool, typer.Option("--cache", help="keep the reference and use one that is kept")] = False,
+    doubles: Annotated[bool, typer.Option("--doubles", help="read decimals as the doubles nearest to them")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="for programs")] = False,
 ) -> None:
     """Make, compare and check reference solutions."""
-    from ..validation import InputError
+    from ..basics.validation import InputError
 
     if sum(x is not None for x in (case, check, remake)) != 1:
         raise InputError("reference", "its arguments", "be one of CASE, --check PATH and --remake DIR")
@@ -40,13 +43,14 @@ def reference_command(
             records = check_files(check, show)
             failed = any(r["problem"] for r in records)
         elif remake is not None:
-            from ..studies.references import remake as remake_files
+            from ..dumont2002.references import remake as remake_files
 
+            make_folder(remake, "--remake")
             records = [{"file": name, "written": True} for name in remake_files(remake, None, show)]
             failed = False
         else:
             assert case is not None
-            records = _references(case, method, form, digits, rtol, t_end, budget, out, cache, show)
+            records = _references(case, method, form, digits, rtol, t_end, budget, out, cache, doubles, show)
             failed = False
     if as_json:
         print(json.dumps(records, indent=2))
@@ -61,15 +65,22 @@ def reference_command(
         raise typer.Exit(1)
 
 
-def _references(name, method, form, digits, rtol, t_end, budget, out, cache, show) -> list[dict]:
+def _references(name, method, form, digits, rtol, t_end, budget, out, cache, doubles, show) -> list[dict]:
     """One reference, saved, or the agreement of all methods."""
-    from ..cases import case_text, find_case
-    from ..reference_cache import cached_reference
-    from ..semidiscretisation import semidiscretise
-    from ..solvers import reference
-    from ..validation import InputError
+    from dataclasses import replace
+
+    from ..basics.exact_float import as_doubles
+    from ..basics.validation import InputError
+    from ..files.cases import case_text, find_case
+    from ..files.reference_cache import cached_reference
+    from ..measures.windows import impact_times
+    from ..references import reference
 
     case = find_case(name)
+    if doubles:
+        if out is not None:
+            raise InputError("--doubles", "with --out", "be left out here", "a frozen case is read as decimals")
+        case = replace(case, problem=as_doubles(case.problem))
     end = case.t_end if t_end is None else t_end
     if method == "all":
         if out is not None:
@@ -79,10 +90,10 @@ def _references(name, method, form, digits, rtol, t_end, budget, out, cache, sho
         from ..studies.agreement import agree
 
         return [agree(case, form, end, budget=budget, rtol=rtol, progress=show).to_dict()]
-    if digits != "auto" and not digits.isdigit():
-        raise InputError("--digits", digits, "be a number or auto")
-    show(f"{method}@{form}", 0, 0)
-    system = semidiscretise(case.problem, case.cells, form)
+    if digits != "auto" and not (digits.isascii() and digits.isdigit() and len(digits) < 10):
+        raise InputError("--digits", digits, "be a number of digits or auto", "for example 100")
+    system = case.system(form)
+    show(f"{method}@{system.form}", 0, 0)
     if cache and out is not None and method == "multiprecision":
         raise InputError("--cache", "with --out", "be left out here", "the file written is itself one to keep")
     solve = cached_reference if cache else reference
@@ -91,15 +102,17 @@ def _references(name, method, form, digits, rtol, t_end, budget, out, cache, sho
         "reference": found.label,
         "t_end": end,
         "horizon": found.horizon,
+        "units": str(found.units),
         "against": found.provenance["horizon_against"],
-        "impacts": found.impacts.count,
+        "impacts": len(impact_times(found)),
         "seconds": round(found.work.seconds, 3),
         "digits": found.provenance.get("digits"),
+        "parameters": found.provenance.get("parameters"),
     }
     if out is not None:
-        from ..frozen import freeze
+        from ..files.frozen import freeze
 
-        frozen = method == "multiprecision" and found.horizon >= end
+        frozen = method == "multiprecision" and found.horizon >= end and case.beam is not None
         record["file"] = freeze(found, case_text(name), out)["file"] if frozen else str(found.save(out))
     return [record]
 
@@ -110,21 +123,22 @@ def _print_agreement(record: dict) -> None:
     from rich.table import Table
 
     names = list(record["differences"])
-    table = Table(box=box.SIMPLE_HEAD, title=f"Against {record['judge']}, each to its horizon", title_justify="left")
+    title = f"Against {record['baseline']}, each to its horizon; units: {record['units']}"
+    table = Table(box=box.SIMPLE_HEAD, title=title, title_justify="left")
     table.add_column("reference", no_wrap=True)
-    for heading in ("horizon", "tip difference", "impact times", "seconds", "claim"):
+    for heading in ("horizon", "tip difference", "impact times", "run time (s)", "claim"):
         table.add_column(heading, justify="right")
     for name in names:
-        impacts = record["impact_differences"][name][record["judge"]]
+        impacts = record["impact_differences"][name][record["baseline"]]
         table.add_row(
             name,
             f"{record['horizons'][name]:.4g}",
-            f"{record['differences'][name][record['judge']]:.1e}",
+            f"{record['differences'][name][record['baseline']]:.1e}",
             "sampled" if impacts is None else f"{impacts:.1e}",
             f"{record['seconds'][name]:.3g}",
-            record["refuted"].get(name, "holds"),
+            record["inconsistent"].get(name, "holds"),
         )
-    console = Console(width=None if sys.stdout.isatty() else 120)
+    console = Console(width=None if sys.stdout.isatty() else 120, markup=False, emoji=False)
     console.print(table)
     for name, reason in record["skipped"].items():
         console.print(f"skipped  {name}: {reason}", highlight=False)

@@ -11,10 +11,10 @@ from typing import Annotated
 
 import typer
 
+from ..basics.progress import progress
 from .application import app
 from .options import Jobs, Json, References
 from .output import check_json, make_folder, write_json
-from .progress import progress
 
 What = Annotated[str, typer.Argument(help="all, table N or figure N")]
 Number = Annotated[int | None, typer.Argument(help="1 .. 17", show_default=False)]
@@ -35,9 +35,9 @@ def reproduce(
     json_file: Json = None,
 ) -> None:
     """Remake Dumont (2002): tables, figures, claims and misprints on one page."""
-    from ..march.ensemble import cores
-    from ..reproduce.everything import reproduce as remake
-    from ..reproduce.reading import reading
+    from ..basics.threads import cores
+    from ..dumont2002.everything import reproduce as remake
+    from ..dumont2002.reading import reading
 
     tables = _tables(what, number)
     _check(out, jobs, json_file)
@@ -57,7 +57,7 @@ def reproduce(
 
 
 def _tables(what: str, number: int | None) -> list[int] | None:
-    from ..validation import InputError
+    from ..basics.validation import InputError
 
     if what == "all" and number is None:
         return None
@@ -68,7 +68,7 @@ def _tables(what: str, number: int | None) -> list[int] | None:
 
 
 def _check(out: Path, jobs: int | None, json_file: Path | None) -> None:
-    from ..validation import InputError
+    from ..basics.validation import InputError
 
     if jobs is not None and jobs < 1:
         raise InputError("--jobs", jobs, "be >= 1")
@@ -86,18 +86,18 @@ def _print(records: dict) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    from ..report import WIDTH, percent
-    from ..reproduce.numbers import truth_name
+    from ..dumont2002.numbers import exact_name
+    from ..measures.report import WIDTH, percent
 
-    table = Table(box=box.SIMPLE_HEAD, caption="Impacts at the table's step, as a perfect scheme would count them.")
+    table = Table(box=box.SIMPLE_HEAD, caption="One run each; impacts of the exact motion are counted by events.")
     for heading in ("table", "motion", "impacts", "contact", "horizon"):
         table.add_column(heading, justify="left" if heading in ("table", "motion") else "right")
     for name, found in records.items():
         for equation, row in found["runs"].items():
             table.add_row(name, f"{equation} {row['scheme']}", str(row["impacts"]), percent(row["fraction"]), "")
-        for form, row in found["true"].items():
+        for form, row in found["exact"].items():
             table.add_row(
-                name, truth_name(form, row), str(row["impacts"]), percent(row["fraction"]), f"{row['horizon']:.3g}"
+                name, exact_name(form, row), str(row["impacts"]), percent(row["fraction"]), f"{row['horizon']:.3g}"
             )
         for equation, why in found["failures"].items():
             table.add_row(name, f"{equation} failed: {why}", "", "", "")

@@ -1,80 +1,154 @@
-"""Pictures: the paper's four panels with the reference drawn beside the schemes."""
+"""One picture of a comparison: the reference drawn beside the schemes, in four panels."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
-from ..arrays import Array
-from ..drive import Drive
+from ..basics.arrays import Array
+from ..measures.comparison import Comparison, compare
+from ..measures.names import short
 from ..measures.spectrum import amplitude_spectrum
-from ..trajectory import Reference, Trajectory
-from . import look, short
+from ..measures.windows import drive_frequency
+from ..model.contact import Stops
+from ..model.system import System
+from ..trajectory.trajectory import Reference, Trajectory
+from .panels import new_figure, tip_symbol
+from .style import look
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
-def four_panels(title: str, runs: Sequence[Trajectory], references: Sequence[Reference], length: str = "") -> Figure:
-    """(a) tip displacement, (b) phase portrait, (c) zoom on the first contact, (d) amplitude spectrum.
+def four_panels(
+    title: str,
+    runs: Sequence[Trajectory],
+    references: Sequence[Reference],
+    comparisons: Sequence[Comparison] | None = None,
+) -> Figure:
+    """(a) tip displacement, (b) error against time, (c) zoom on the first impacts, (d) amplitude spectrum.
 
-    All of one form: another form is another system. Panels a to c show the time inside the horizon of
-    the first reference, where one solution exists to compare with; panel d shows the schemes over their
-    whole span. The other references, black and thin, are drawn in a and c only, where they follow the
-    first. ``length`` names the unit of displacement, where it has one.
+    With several contacts there is a panel c for each. All of one form: another form is another system.
+    Panels a to c show the time inside the horizon of the first reference, where one solution exists to
+    compare with; panel d shows the schemes over their whole span. The other references are thin and lie beneath
+    the schemes. Panel b: the largest |u - u_ref|/max |u_ref| so far, with a dot where the impacts part and a
+    vertical line at a solver's own horizon; ``comparisons`` of the runs and the other references with the first, made
+    if None. Axes name the units of the system.
     """
     main = references[0]
     system = main.system
     assert system is not None
+    units, symbol = system.units, tip_symbol(system.problem)
+    displacement_label = units.label(f"tip displacement {symbol}", "length")
     window = min(main.horizon, float(main.t[-1]))
-    figure = Figure(figsize=(11.0, 8.2), layout="constrained")
-    figure.suptitle(title)
-    axes = figure.subplots(2, 2)
-    displacement, portrait, zoom, spectrum = axes.ravel()
-    fine = np.linspace(0.0, window, 6000)
-
-    def draw(axis, x, y, index, run) -> None:
-        name = short(run.provenance["method"])
-        if index is None:
-            width = 0.9 if axis is portrait else 2.6  # the portrait crosses itself too often for a broad line
-            axis.plot(x, y, color="black", lw=width, alpha=0.38, label=name, zorder=1)
-        else:
-            axis.plot(x, y, lw=1.1, label=name, zorder=2 + index, **line_of(run))
-
-    curves: list[tuple[int | None, Trajectory, Array, Array, Array]] = []
-    u, v = main.at(fine) if main.solution is not None else (main.tip, main.tip_velocity)
-    curves.append((None, main, fine if main.solution is not None else main.t, u, v))
-    schemes = len(runs)
+    zooms = max(1, len(system.contacts))
+    lines = (4 + zooms) // 2
+    figure = new_figure(4.1 * lines, title)
+    axes = figure.subplots(lines, 2).ravel()
+    displacement, errors, spectrum = axes[0], axes[1], axes[2 + zooms]
+    for axis in axes[3 + zooms :]:
+        axis.remove()
     runs = [*runs, *references[1:]]
-    for i, run in enumerate(runs):
-        here = run.t <= window
-        curves.append((i, run, run.t[here], run.tip[here], run.tip_velocity[here]))
 
-    start, end = first_contact(main, system, window)
-    for index, run, t, u, v in curves:
-        draw(displacement, t, u, index, run)
-        if index is None or index < schemes:
-            draw(portrait, u, v, index, run)  # the other solvers follow the reference: left out for clarity
-        near = (t >= start) & (t <= end)
-        draw(zoom, t[near], u[near], index, run)
-    for axis in (displacement, zoom):
-        draw_stops(axis, system, horizontal=True)
-        axis.set(xlabel="time $t$", ylabel=f"tip displacement $u(1, t)${length}")
-    displacement.set_title(f"(a) displacement to the horizon t = {window:.3g}", loc="left")
-    draw_stops(portrait, system, horizontal=False)
-    portrait.set(xlabel=f"tip displacement $u(1, t)${length}", ylabel="tip velocity $u_t(1, t)$")
-    portrait.locator_params(axis="x", nbins=6)
-    portrait.set_title("(b) phase portrait to the horizon", loc="left")
-    zoom.set_xlim(start, end)
-    if system.contacts:
-        zoom.set_title("(c) first contact", loc="left")
-        zoom_on_stop(zoom, main, system, start, end)
-    else:
-        zoom.set_title("(c) first oscillations", loc="left")
-    _draw_spectra(spectrum, runs, references, Drive.of(system).frequencies)
+    for index, run, t, (u, _) in _curves(main, runs, window):
+        _draw(displacement, t, u, index, run)
+    for contact in (contact.stops for i, contact in enumerate(system.contacts) if is_tip(system, i)):
+        draw_stops(displacement, contact, horizontal=True)
+    displacement.set(xlabel=units.label("time $t$", "time"), ylabel=displacement_label, xlim=(0.0, window))
+    to = units.measure(f"{window:.3g}", "time")
+    displacement.set_title(f"(a) displacement to the horizon t = {to}", loc="left")
+    _draw_errors(errors, runs, [compare(x, main) for x in runs] if comparisons is None else comparisons, window)
+    errors.set(xlabel=units.label("time $t$", "time"), ylabel=f"largest error so far / max |{symbol}|")
+    errors.set_title("(b) error; dots: from there on impacts differ", loc="left")
+    for axis, contact in zip(
+        axes[2 : 2 + zooms], range(len(system.contacts)) if system.contacts else [None], strict=True
+    ):
+        _zoom(axis, main, runs, window, contact)
+        place = "" if contact is None or is_tip(system, contact) else f" at contact {contact + 1}"
+        axis.set(
+            xlabel=units.label("time $t$", "time"),
+            ylabel=units.label(f"displacement{place}", "length") if place else displacement_label,
+        )
+        number = f" at contact {contact + 1}" if contact is not None and zooms > 1 else ""
+        some = f"first impact{number}" if number else "first contact"
+        axis.set_title(f"(c) {'first oscillations' if contact is None else some}", loc="left")
+    _draw_spectra(spectrum, runs, references, system)
     handles, labels = displacement.get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=4, frameon=False, handlelength=3.2)
     return figure
+
+
+def _curves(main: Reference, runs: Sequence[Trajectory], window: float, contact: int | None = None):
+    """(index, run, t, (u, u')) of the reference, whose index is None, and of the runs, at the tip or a contact."""
+    if main.solution is not None:
+        fine = np.linspace(0.0, window, 6000)
+        yield None, main, fine, main.at(fine, contact)
+    else:
+        yield None, main, main.t, _seen(main, contact)
+    for i, run in enumerate(runs):
+        here = run.t <= window
+        u, v = _seen(run, contact)
+        yield i, run, run.t[here], (u[here], v[here])
+
+
+def _seen(run: Trajectory, contact: int | None) -> tuple[Array, Array]:
+    """Position and velocity at the output times, at the tip or a contact."""
+    if contact is None:
+        return run.tip, run.tip_velocity
+    return run.contacts[contact].position, run.contacts[contact].velocity
+
+
+def _draw(axis, x: Array, y: Array, index: int | None, run: Trajectory) -> None:
+    """A run's curve; the reference (index None) broad and pale below the others, other solvers thin below schemes."""
+    name = short(run.provenance["method"])
+    if index is None:
+        axis.plot(x, y, color="black", lw=2.6, alpha=0.38, label=name, zorder=1)
+    elif isinstance(run, Reference):
+        axis.plot(x, y, lw=0.7, label=name, zorder=2, **line_of(run))
+    else:
+        axis.plot(x, y, lw=1.2, label=name, zorder=3 + index, **line_of(run))
+
+
+def _draw_errors(axis, runs: Sequence[Trajectory], comparisons: Sequence[Comparison], window: float) -> None:
+    """The largest error so far of every run, on a logarithmic axis."""
+    found = {c.label: c for c in comparisons}
+    for index, run in enumerate(runs):
+        if run.label not in found:
+            continue
+        comparison = found[run.label]
+        error = np.maximum.accumulate(np.abs(comparison.error))
+        t = comparison.dt * np.arange(len(error))
+        _draw(axis, t[error > 0.0], error[error > 0.0], index, run)
+        color, parted = line_of(run)["color"], comparison.matched_until
+        if parted < comparison.window:
+            at = error[int(parted / comparison.dt)]
+            axis.plot([parted], [at], "o", ms=5.0, mfc="white", color=color, zorder=30)
+        if isinstance(run, Reference) and run.horizon < window:
+            axis.axvline(run.horizon, lw=0.6, zorder=0, **line_of(run))
+    axis.set(yscale="log", xlim=(0.0, window))
+    low, high = axis.get_ylim()
+    axis.set_ylim(max(low, 1e-12), min(10.0, high))
+
+
+def _zoom(axis, main: Reference, runs: Sequence[Trajectory], window: float, contact: int | None) -> None:
+    """The first impacts at a contact, or the first oscillations of the tip."""
+    assert main.system is not None
+    start, end = first_contact(main, main.system, window, contact or 0)
+    for index, run, t, (u, _) in _curves(main, runs, window, contact):
+        near = (t >= start) & (t <= end)
+        _draw(axis, t[near], u[near], index, run)
+    axis.set_xlim(start, end)
+    if contact is not None:
+        draw_stops(axis, main.system.contacts[contact].stops, horizontal=True)
+        zoom_on_stop(axis, main, start, end, contact)
+
+
+def is_tip(system: System, contact: int) -> bool:
+    """Whether a contact acts on the tip itself."""
+    (row, offset), (tip, own) = system.channels[contact], system.channels[system.tip_channel]
+    return np.array_equal(row, tip) and offset == own
 
 
 def line_of(run: Trajectory) -> dict[str, Any]:
@@ -83,44 +157,44 @@ def line_of(run: Trajectory) -> dict[str, Any]:
     return {"color": "black" if isinstance(run, Reference) else style["color"], "linestyle": style["linestyle"]}
 
 
-def first_contact(reference: Reference, system, window: float) -> tuple[float, float]:
-    """A span around the first group of impacts: an eighth of the lowest natural period."""
-    from ..modal import modes
+def first_contact(reference: Reference, system: System, window: float, contact: int = 0) -> tuple[float, float]:
+    """A span around the first group of impacts at a contact: an eighth of the lowest natural period."""
+    from ..model.modes import modes
 
     basis = modes(system)
     omega = basis.omega[basis.omega > 0.0] if basis is not None else np.zeros(0)
     length = min(window, 2.0 * np.pi / float(omega[0]) / 8.0) if len(omega) else window / 8.0
-    times = reference.impacts.times
+    times = reference.contacts[contact].impacts.times if reference.contacts else np.zeros(0)
     first = float(times[0]) if len(times) and times[0] < window else 0.1 * length
     return max(0.0, first - 0.1 * length), min(window, first + 0.9 * length)
 
 
-def zoom_on_stop(axis, reference: Reference, system, start: float, end: float) -> None:
-    """Scale the zoom to what happens at the stop that is hit."""
-    stops = system.contacts[0].stops
-    if not reference.impacts.count:
+def zoom_on_stop(axis, reference: Reference, start: float, end: float, contact: int = 0) -> None:
+    """Scale the zoom to what happens at the stop of a contact that is hit first."""
+    record = reference.contacts[contact]
+    if not record.impacts.count:
         return
-    side = int(reference.impacts.stops[0])
-    stop = stops.g2 if side > 0 else stops.g1
+    side = int(record.impacts.stops[0])
+    stop = record.stops.g2 if side > 0 else record.stops.g1
     t = reference.t[(reference.t >= start) & (reference.t <= end)]
-    u, _ = reference.at(np.linspace(start, end, 800) if reference.solution is not None else t)
+    u, _ = reference.at(np.linspace(start, end, 800) if reference.solution is not None else t, contact)
     outside = float(np.max(side * (u - stop)))
     drop = float(np.max(side * (stop - u[len(u) // 10 :])))
-    reach = max(2.0 * outside, min(drop, 12.0 * outside), 1e-12)
+    reach = max(2.0 * outside, min(drop, 12.0 * outside), 1e-12 * float(np.max(np.abs(u))))
     low, high = sorted((stop - side * reach, stop + side * 2.5 * outside))
     axis.set_ylim(low, high)
 
 
-def draw_stops(axis, system, horizontal: bool) -> None:
-    for contact in system.contacts[:1]:
-        for stop in (contact.stops.g1, contact.stops.g2):
-            if np.isfinite(stop):
-                line = axis.axhline if horizontal else axis.axvline
-                line(stop, color="0.45", lw=0.9, ls=":", zorder=0)
+def draw_stops(axis, stops: Stops, horizontal: bool) -> None:
+    """Dotted lines where the stops are."""
+    for stop in (stops.g1, stops.g2):
+        if np.isfinite(stop):
+            line = axis.axhline if horizontal else axis.axvline
+            line(stop, color="0.45", lw=0.9, ls=":", zorder=0)
 
 
-def _draw_spectra(axis, runs, references, frequencies) -> None:
-    drive = max(frequencies, default=0.0)
+def _draw_spectra(axis, runs, references, system: System) -> None:
+    drive, units = drive_frequency(system), system.units
     whole = np.inf
     for i, run in enumerate(runs):
         if isinstance(run, Reference):
@@ -137,14 +211,16 @@ def _draw_spectra(axis, runs, references, frequencies) -> None:
         axis.set_xlim(0.0, 15.5 * drive)
         axis.set_xticks([k * drive for k in (1, 3, 5, 7, 9, 11, 13, 15)])
         axis.set_xticklabels([f"{k}a" if k > 1 else "a" for k in (1, 3, 5, 7, 9, 11, 13, 15)])
-        axis.set_xlabel(f"angular frequency, in multiples of the drive a = {drive:g}")
+        a = units.measure(f"{drive:g}", "frequency")
+        axis.set_xlabel(f"angular frequency, in multiples of the drive a = {a}")
     else:
-        axis.set_xlabel("angular frequency")
+        axis.set_xlabel(units.label("angular frequency", "frequency"))
     visible = [line.get_ydata()[line.get_xdata() <= axis.get_xlim()[1]] for line in axis.get_lines()]
     top = max((float(np.max(y)) for y in visible), default=0.0)
     if top > 0.0:  # a beam that stays at rest has no logarithm
         axis.set_yscale("log")
         axis.set_ylim(top * 1e-4, top * 2.0)
-    axis.set_ylabel("amplitude of $u(1, t)$")
-    title = f"(d) spectrum to t = {whole:g}, one realisation each" if np.isfinite(whole) else "(d) spectrum"
+    axis.set_ylabel(units.label(f"amplitude of {tip_symbol(system.problem)}", "length"))
+    to = units.measure(f"{whole:g}", "time")
+    title = f"(d) spectrum to t = {to}, one realisation each" if np.isfinite(whole) else "(d) spectrum"
     axis.set_title(title, loc="left")

@@ -8,14 +8,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arrays import Array
-from ..contact import solve_several
-from ..equations import FirstOrder, Matrices
-from ..first_order import FirstOrderSystem
+from ..basics.arrays import Array
+from ..model.contact import laws, solve_several
+from ..model.equations import FirstOrder, Matrices
+from ..model.first_order import FirstOrderSystem
+from ..model.stage import BY_LAW, LINEAR, MEAN, solve_stage
+from ..model.system import System
+from ..model.time_functions import evaluate, offset_rate, offset_values
 from ..schemes import Scheme
-from ..system import System
-from ..time_functions import evaluate, offset_rate, offset_values
 from .pieces import STEPS_PER_PIECE, Piece
+from .rules import require_giving_way, rule_of, unsolved
 
 
 def direct_pieces(
@@ -89,12 +91,16 @@ def _direct_blocks(
     equation, system, order = view.equation, view.system, view.equation.order
     nodes, stops = scheme.nodes, [c.stops for c in system.contacts]
     S, m = len(nodes), len(stops)
+    rule, law = rule_of(system.contacts, contact), laws(system.contacts)
     offsets = [offset for _, offset in system.channels]
     t0 = np.asarray(first * dt)
     at_start = np.array([row @ history[0][0] + offset_values(o, t0) for row, o in zip(view.rows, offsets, strict=True)])
-    force = view.load(t0) + sum(
-        s.force(x) * column for s, x, column in zip(stops, at_start, view.columns, strict=False)
-    )
+    moving = view.rows @ equation.velocity(history[0]) + np.array([offset_rate(o, t0) for o in offsets])
+    force = view.load(t0)
+    if rule != MEAN:  # whose reactions are means over a step, not there at a time
+        force = force + sum(
+            s.force(x, v) * column for s, x, v, column in zip(stops, at_start, moving, view.columns, strict=False)
+        )
     z = scheme.initial(equation, history, force)
 
     # Responses to a unit force of contact c at node s: state and contact positions at the nodes.
@@ -102,13 +108,18 @@ def _direct_blocks(
     none = [np.zeros_like(history[0][0])] * S
     response_z = np.empty((S, m, *z.shape))
     response = np.zeros((S, m, S, m))  # [node, contact] of the force, [node, contact] of the position
+    rates = np.zeros((S, m, S, m))  # and of the velocity
     for s in range(S):
         for c in range(m):
-            forces = list(none)
-            forces[s] = view.columns[c]
-            response_z[s, c], at_nodes = scheme.step(equation, dt, zero, forces)
-            if contact == "implicit":
-                response[s, c] = np.array(at_nodes) @ view.rows[:m].T
+            reactions = list(none)
+            reactions[s] = view.columns[c]
+            response_z[s, c], stages = scheme.step(equation, dt, zero, none, reactions)
+            if contact != "extrapolated":
+                response[s, c] = np.array([y[0] for y in stages]) @ view.rows[:m].T
+                rates[s, c] = np.array([equation.velocity(y) for y in stages]) @ view.rows[:m].T
+    if rule == BY_LAW:
+        require_giving_way(scheme, *(np.array([x[s, :, s].T for s in range(S)]) for x in (response, rates)))
+    before = at_start[:m].copy()
 
     for start in range(first, first + steps, length):
         begun = time.perf_counter()
@@ -116,20 +127,36 @@ def _direct_blocks(
         times = (start + np.arange(count))[:, None] * dt + np.array(nodes) * dt
         loads = view.load(times)
         shifts = np.stack([offset_values(o, times) for o in offsets[:m]], axis=-1) if m else np.zeros((count, S, 0))
-        path = np.empty((count, *z.shape))
+        shift_rates = (
+            np.stack([offset_rate(o, times) for o in offsets[:m]], axis=-1) if rule == BY_LAW else np.zeros_like(shifts)
+        )
+        path, means = np.empty((count, *z.shape)), np.zeros((count, m))
         for k in range(count):
             predicted = scheme.predict(equation, dt, z) if contact == "extrapolated" else None
-            z, at_nodes = scheme.step(equation, dt, z, list(loads[k]))
+            z, stages = scheme.step(equation, dt, z, list(loads[k]), none)
             if m:
-                arguments = np.array(predicted or at_nodes) @ view.rows[:m].T + shifts[k]
+                arguments = np.array(predicted or [y[0] for y in stages]) @ view.rows[:m].T + shifts[k]
+                speeds = np.zeros((S, m))
+                if rule == BY_LAW:
+                    speeds = np.array([equation.velocity(y) for y in stages]) @ view.rows[:m].T + shift_rates[k]
                 for s in range(S):
-                    if m == 1:
+                    if rule != LINEAR:
+                        own = (arguments[s], response[s, :, s].T, rates[s, :, s].T)
+                        r, S_r, S_v = (np.ascontiguousarray(x) for x in own)
+                        f = solve_stage(r, speeds[s].copy(), S_r, S_v, before, rule, law)
+                        if np.any(np.isnan(f)) and not np.any(np.isnan(r)):
+                            raise unsolved(scheme, float(times[k, s]))
+                    elif m == 1:
                         f = stops[0].solve(arguments[s], response[s, 0, s, 0])
                     else:
                         f = solve_several(arguments[s], response[s, :, s].T, stops)
+                    means[k] = f
                     if np.any(f):
                         arguments = arguments + np.tensordot(f, response[s], 1)
+                        if rule == BY_LAW:
+                            speeds = speeds + np.tensordot(f, rates[s], 1)
                         z = z + np.tensordot(f, response_z[s], 1)
+                before = arguments[-1].copy()
             path[k] = z
         seconds = time.perf_counter() - begun
         y = path[:, :order]
@@ -140,4 +167,9 @@ def _direct_blocks(
 
         velocities = equation.velocity(np.moveaxis(y, 1, 0)) @ view.rows.T
         velocities = velocities + np.stack([offset_rate(o, ends) for o in offsets], axis=-1)
-        yield Piece(start, positions, velocities, lambda y=y: view.to_states(y), seconds), z
+        yield (
+            Piece(
+                start, positions, velocities, lambda y=y: view.to_states(y), seconds, means if rule == MEAN else None
+            ),
+            z,
+        )

@@ -4,28 +4,37 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from ..arrays import Array
-from ..first_order import FirstOrderSystem
-from ..ledger import Ledger, step_ledger
-from ..modal import modes
-from ..recorder import SampledImpacts, Seen, record
-from ..schemes import Scheme
+from ..basics.arrays import Array
+from ..basics.budget import afford
+from ..basics.validation import InputError, integer, itself, one_of, positive, step_count
+from ..model.first_order import FirstOrderSystem
+from ..model.modes import modes
+from ..model.system import System
+from ..model.time_functions import covered
+from ..schemes import RigidScheme, Scheme
 from ..schemes.contract import check_contract
-from ..system import System
-from ..trajectory import Diverged, Trajectory, Work, versions
-from ..validation import InputError, integer, positive, step_count
+from ..schemes.scheme import require_scheme
+from ..trajectory.ledger import Ledger, reaction_ledger, step_ledger
+from ..trajectory.reactions import Reactions
+from ..trajectory.recorder import SampledImpacts, Seen, record
+from ..trajectory.trajectory import Diverged, Trajectory, Work, versions
 from .direct_march import direct_pieces
-from .layout import OVERFLOW
-from .modal_march import RUNS, March, engine_for, initial_channels, warm_up
+from .kernels.layout import OVERFLOW
+from .leap import BLOCKS, can_leap, costs, start
+from .modal_march import RUNS, March, initial_channels
 from .pieces import Piece
 from .replay import modal_ledger, replay
+from .rigid_march import is_rigid, require_rigid, rigid_pieces
+from .rules import CONTACTS, rule_of, scheme_for
+from .warm import warm_up
 
-CONTACTS = ("implicit", "extrapolated")
+DIRECT, RIGID = "direct", "rigid steps"
 
 
 def integrate(
@@ -36,34 +45,41 @@ def integrate(
     contact: str = "implicit",
     every: int = 1,
     progress: Callable[[int], None] | None = None,
-    engine: str = "auto",
+    engine: str = "numba",
 ) -> Trajectory:
     """March ``scheme`` over [0, t_end] with the fixed step ``dt``.
 
-    contact "implicit": every stage solves v = r + s F(v), in closed form for one contact.
+    contact "implicit": every stage solves v = r + s F(v, v'), in closed form for one contact and the linear law.
     "extrapolated": the force at a node is F(v*), v* predicted from known values, as in the paper;
-    it can overflow. ``every`` thins the outputs only: impacts, peaks and the ledger see every step.
-    ``progress`` is called with the number of steps done. engine: "numba" or "numpy", equal to rounding
-    and each bit-identical to itself; "auto" is numba but for short runs while nothing is compiled yet
-    (``provenance["engine"]`` says which).
+    it can overflow, and takes no damped stops. "conserving": the mean force over the step that keeps the sum of
+    kinetic, elastic and stop energy (see discrete_gradient), for schemes that conserve energy without contact;
+    impulses are then those of the mean forces. ``every`` thins the outputs only: impacts, peaks and the ledger
+    see every step. ``progress`` is called with the number of steps done. engine: "numba", compiled once for each
+    version and kept on disk, or "numpy", a hundred times slower; equal to rounding, and each bit-identical to
+    itself whatever ran before. ``provenance["engine"]`` says which.
 
-    A System whose damping decouples is marched in modal coordinates by the compiled block kernel; any
-    other, and a FirstOrderSystem, step by step with factorised matrices (``provenance["march"]``).
-    Raises InputError for bad arguments and Diverged where the run overflows.
+    A System whose damping decouples is marched in modal coordinates: in compiled blocks, or where a run is
+    long and changes contact seldom in leaps from one change to the next, equal to rounding. Any other, and a
+    FirstOrderSystem, step by step with factorised matrices. ``provenance["march"]``: "modal blocks", "modal
+    leaps" or "direct"; which does not depend on ``every``.
+    Raises InputError for bad arguments, Diverged where the run overflows, and SolverFailure where the forces of
+    several contacts at once are not found.
     """
     begun = time.perf_counter()
-    if engine == "jax":
-        raise InputError("engine", engine, "be numba, numpy or auto for one run", "use integrate_ensemble")
+    if isinstance(engine, str) and engine == "jax":
+        raise InputError("engine", engine, "be numba or numpy for one run", "use integrate_ensemble")
     plan = Plan.of(system, scheme, dt, t_end, contact, every, engine)
+    plan.afford(1, every)
     compile_seconds = warm_up() if plan.engine == "numba" else 0.0
     if plan.modal is not None:
-        flight = plan.modal.start([plan.system], plan.steps, every)
+        flight = start(plan.modal, [plan.system], plan.steps, every)
         for done in flight.fly():
             if progress is not None and not flight.state.diverged[0]:
                 progress(done)
-        seen, march_seconds = flight.seen(0), flight.seconds
+        seen, march_seconds, march = flight.seen(0), flight.seconds, flight.kind
+        compile_seconds += flight.compile_seconds
     else:
-        seen, march_seconds = _direct(plan, system, every, progress)
+        (seen, march_seconds), march = _direct(plan, system, every, progress), plan.kind
     if not np.isnan(seen.diverged):
         remedy = "use contact='implicit' or a smaller dt" if contact == "extrapolated" else "use a smaller dt"
         hint = f"{remedy} (omega_max dt is {plan.omega_max * dt:.3g})"
@@ -74,18 +90,23 @@ def integrate(
         tip_velocity=seen.tip_velocity,
         contacts=seen.contacts,
         work=Work(plan.steps, time.perf_counter() - begun - compile_seconds, march_seconds),
-        provenance=plan.provenance(every),
+        provenance=plan.provenance(every) | {"march": march},
         system=plan.system,
-        pieces=lambda: plan.states(system),
-        ledger=lambda: plan.ledger(system, every),
+        pieces=partial(plan.states, system),
+        ledger=partial(plan.ledger, system, every),
         fingerprint=plan.system.fingerprint,
     )
 
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """A run whose arguments have been checked. ``modal``: the block march, None where modes do not decouple."""
+    """A run whose arguments have been checked. ``modal``: the block march, None where modes do not decouple and for
+    rigid stops; ``rigid``: whether they are.
 
+    A pickled one is made again from ``given``, the System or FirstOrderSystem, and its other arguments.
+    """
+
+    given: System | FirstOrderSystem
     system: System
     scheme: Scheme
     dt: float
@@ -96,6 +117,8 @@ class Plan:
     omega_max: float
     engine: str
     modal: March | None
+    rigid: bool = False
+    _marches: dict[int, March] = field(default_factory=dict, repr=False)
 
     @classmethod
     def of(
@@ -112,65 +135,153 @@ class Plan:
         if not isinstance(system, (System, FirstOrderSystem)):
             remedy = "make it with semidiscretise or from_matrices"
             raise InputError("system", type(system).__name__, "be a System", remedy)
-        if not isinstance(scheme, Scheme):
-            raise InputError("scheme", scheme, "be a Scheme object", "for example stiffbeam.HHT(alpha=-0.1)")
-        steps = step_count(positive("dt", dt), positive("t_end", t_end))
+        itself("system", system, System if isinstance(system, System) else FirstOrderSystem)
+        require_scheme(scheme)
+        dt, t_end = positive("dt", dt), positive("t_end", t_end)
+        steps = step_count(dt, t_end)
+        if not 1e-150 <= dt <= 1e150:
+            raise InputError("dt", dt, "have a square in float64", "count time in another unit")
         integer("every", every, 1)
-        if contact not in CONTACTS:
-            raise InputError("contact", contact, f"be one of {CONTACTS}")
-        if engine not in (*RUNS, "auto"):
-            raise InputError("engine", engine, f"be one of {('auto', *RUNS)}")
+        one_of("contact", contact, CONTACTS)
+        scheme = scheme_for(scheme, contact)
+        one_of("engine", engine, RUNS)
         if scheme.second_order_only and isinstance(system, FirstOrderSystem):
             rule = f"be of second order for {scheme}"
             raise InputError("system", "a FirstOrderSystem", rule, "pass the System itself")
+        if isinstance(system, FirstOrderSystem) and not system.is_of_its_system():
+            remedy = "change the System and call first_order() of that"
+            raise InputError(
+                "system", "a FirstOrderSystem that is not its system's", "be what first_order() made", remedy
+            )
         parent = system if isinstance(system, System) else system.system
+        covered([*(f for _, f in parent.loads), *(offset for _, offset in parent.channels)], t_end)
         basis = modes(system) if isinstance(system, System) else None
         omega_max = float(basis.omega[-1]) if basis else _omega_max(parent)
         scheme.check(omega_max, dt)
         check_contract(scheme)
+        rigid = is_rigid(parent, scheme)
+        if rigid:
+            require_rigid(parent, scheme, contact)
+        else:
+            rule_of(parent.contacts, contact)
         form = parent.form if isinstance(system, System) else f"{parent.form}, first order"
+        if rigid:
+            if isinstance(system, FirstOrderSystem):
+                raise InputError(
+                    "system", "a FirstOrderSystem", "be of second order for rigid stops", "pass the System"
+                )
+            if engine != "numba":
+                raise InputError("engine", engine, "be numba for rigid stops")
+            return cls(system, parent, scheme, dt, steps, t_end, contact, form, omega_max, engine, None, True)
         if basis is None:
-            return cls(parent, scheme, dt, steps, t_end, contact, form, omega_max, "numpy", None)
-        engine = engine_for(steps) if engine == "auto" else engine
+            return cls(system, parent, scheme, dt, steps, t_end, contact, form, omega_max, "numpy", None)
         modal = March.of(parent, basis, scheme, dt, contact, engine)
-        return cls(parent, scheme, dt, steps, t_end, contact, form, omega_max, engine, modal)
+        return cls(system, parent, scheme, dt, steps, t_end, contact, form, omega_max, engine, modal)
+
+    def afford(self, members: int, every: int | None) -> None:
+        """Refuse more outputs than there is memory for, and more steps than anyone waits for; of steps that can go
+        in leaps only those that turn out not to, see ``LeapFlight``."""
+        contacts = len(self.system.contacts)
+        kept = 0 if every is None else self.steps // every + 1
+        remedy = "give a larger `every`" if every is not None else "take fewer members"
+        floats = float(members) * (kept * (2.0 * len(self.system.channels) + contacts + 1.0) + 100.0)
+        afford("every", every, remedy, floats=floats)
+        if self.modal is None:
+            seconds = self.steps * (2e-5 + 3e-9 * self.system.size**2)
+        elif can_leap(self.modal, self.steps) and members == 1:
+            return
+        else:
+            seconds = 1e-9 * float(costs(self.modal)[2]) * self.steps * members * (1 if self.engine == "numba" else 100)
+        afford("dt", self.dt, "give a larger dt, or fewer members", seconds=seconds)
+
+    def march_for(self, member: System) -> March:
+        """The block march for the stops of a member, whose law may be another kind than the system's."""
+        assert self.modal is not None
+        rule = rule_of(member.contacts, self.contact)
+        if rule not in self._marches:
+            own = self.modal
+            made = own if rule == own.rule else March.of(
+                self.system, own.basis, self.scheme, self.dt, self.contact, self.engine, rule
+            )  # fmt: skip
+            self._marches[rule] = made
+        return self._marches[rule]
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Plan.of, (self.given, self.scheme, self.dt, self.t_end, self.contact, 1, self.engine)
 
     def provenance(self, every: int | None) -> dict[str, Any]:
         return {
             "method": str(self.scheme),
             "form": self.form,
+            "units": asdict(self.system.units),
             "contact": self.contact,
             "dt": float(self.dt),
             "t_end": float(self.t_end),
             "every": 0 if every is None else int(every),
-            "march": "direct" if self.modal is None else "modal blocks",
+            "march": self.kind if self.modal is None else BLOCKS,
             "engine": self.engine,
             **versions(),
         }
+
+    @property
+    def kind(self) -> str:
+        """The march that is not modal."""
+        return RIGID if self.rigid else DIRECT
+
+    def pieces(self, system: System | FirstOrderSystem) -> Iterator[Piece]:
+        """The run in pieces, where it is not modal."""
+        if self.rigid and isinstance(system, System):  # it may be a member with stops of its own
+            if not is_rigid(system, self.scheme):
+                raise InputError("members", "one with compliant stops", "all have rigid stops where one has")
+            require_rigid(system, self.scheme, self.contact)
+            return rigid_pieces(system, self.scheme, self.dt, self.steps)
+        return direct_pieces(system, self.scheme, self.dt, self.steps, self.contact)
 
     def seen(self, members: Sequence[System], every: int | None, since: int = 0) -> list[Seen]:
         """What members of the system have seen at the end, of their contacts after step ``since``; outputs
         where ``every`` is given."""
         if self.modal is None:
             return [_direct(self, member, every, None, since)[0] for member in members]
-        flight = self.modal.start(members, self.steps, every, since)
-        for _ in flight.fly():
-            pass
-        return [flight.seen(i) for i in range(len(members))]
+        seen: list[Seen | None] = [None] * len(members)
+        kinds = [self.march_for(member) for member in members]
+        for march in dict.fromkeys(kinds):
+            own = [i for i, kind in enumerate(kinds) if kind is march]
+            for part in [[i] for i in own] if can_leap(march, self.steps) else [own]:
+                flight = start(march, [members[i] for i in part], self.steps, every, since)
+                for _ in flight.fly():
+                    pass
+                for k, i in enumerate(part):
+                    seen[i] = replace(flight.seen(k), march=flight.kind)
+        return [one for one in seen if one is not None]
 
     def states(self, system: System | FirstOrderSystem) -> Iterator[tuple[Array, Array, Array]]:
         """Times, q and q' of a run at every step, piece by piece with shared end points."""
         parent = system if isinstance(system, System) else system.system
         if self.modal is not None:
-            return replay(self.modal, parent, self.steps)
-        return _states(parent, direct_pieces(system, self.scheme, self.dt, self.steps, self.contact), self.dt)
+            return replay(self.march_for(parent), parent, self.steps)
+        return _states(parent, self.pieces(system), self.dt)
 
     def ledger(self, system: System | FirstOrderSystem, every: int) -> Ledger:
         """The energy ledger of a run, added up at every step and kept at every ``every``-th."""
         parent = system if isinstance(system, System) else system.system
         if self.modal is not None:
-            return modal_ledger(self.modal, parent, self.steps, every)
-        return step_ledger(parent, self.states(system), np.arange(0, self.steps + 1, every) * self.dt)
+            return modal_ledger(self.march_for(parent), parent, self.steps, every)
+        outputs = np.arange(0, self.steps + 1, every) * self.dt
+        if self.rigid:
+            impacts = isinstance(self.scheme, RigidScheme) and self.scheme.restitutes
+            return reaction_ledger(parent, self._with_reactions(parent), outputs, impacts)
+        return step_ledger(parent, self.states(system), outputs)
+
+    def _with_reactions(self, system: System) -> Iterator[tuple[Array, Array, Array, Array]]:
+        means: list[Array] = []
+
+        def noted() -> Iterator[Piece]:
+            for piece in self.pieces(system):
+                means.append(piece.means if piece.means is not None else np.zeros((0, 0)))
+                yield piece
+
+        for t, q, v in _states(system, noted(), self.dt):
+            yield t, q, v, means.pop()
 
 
 def _direct(
@@ -187,9 +298,10 @@ def _direct(
     positions, velocities = np.empty((2, plan.steps // thin + 1, len(u0)))
     positions[0], velocities[0] = u0, v0
     starts = zip(parent.contacts, u0.tolist(), v0.tolist(), strict=False)
-    samplers = [SampledImpacts(c.stops, plan.dt, u, v, since) for c, u, v in starts]
+    sampler_of = Reactions if plan.rigid else SampledImpacts
+    samplers = [sampler_of(c.stops, plan.dt, u, v, since) for c, u, v in starts]
     seconds, diverged = 0.0, np.nan
-    for piece in direct_pieces(system, plan.scheme, plan.dt, plan.steps, plan.contact):
+    for piece in plan.pieces(system):
         seconds += piece.seconds
         bad = ~np.all(np.abs(piece.positions) < OVERFLOW, axis=1)
         if np.any(bad):
@@ -200,16 +312,18 @@ def _direct(
         positions[here] = piece.positions[here * thin - piece.first - 1]
         velocities[here] = piece.velocities[here * thin - piece.first - 1]
         for i, sampler in enumerate(samplers):
-            sampler.feed(piece.positions[:, i], piece.velocities[:, i])
+            means = None if piece.means is None else piece.means[:, i]
+            sampler.feed(piece.positions[:, i], piece.velocities[:, i], means)
         if progress is not None:
             progress(done)
     if every is None:
         positions, velocities = positions[:0], velocities[:0]
     tip = parent.tip_channel
     contacts = tuple(
-        record(s.stops, positions[:, i], velocities[:, i], s.tally, s.events, plan.steps)
+        s.record(positions[:, i], velocities[:, i], thin) if isinstance(s, Reactions)
+        else record(s.stops, positions[:, i], velocities[:, i], s.tally, s.events, plan.steps)
         for i, s in enumerate(samplers)
-    )
+    )  # fmt: skip
     return Seen(positions[:, tip], velocities[:, tip], contacts, diverged), seconds
 
 

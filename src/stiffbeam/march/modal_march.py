@@ -5,22 +5,26 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
-from ..arrays import LANES, Array, aligned
-from ..compiled import directory
-from ..contact import Stops
-from ..modal import Modes
-from ..recorder import Seen, record
-from ..sampling import CONTACT, EVENT, IMPACT_IMPULSE, IMPACT_PEAK, MEMBER, ROW, SIDE, TALLY, new_tally
+from ..basics.arrays import Array, aligned
+from ..model.contact import laws
+from ..model.modes import Modes
+from ..model.stage import LINEAR
+from ..model.system import System
+from ..model.time_functions import offset_rate
 from ..schemes import Scheme
-from ..system import System
-from ..time_functions import offset_rate
-from . import kernel, kernel_jax, kernel_numpy
+from ..trajectory.recorder import Seen, record
+from ..trajectory.sampling import CONTACT, END, EVENT, IMPACT_IMPULSE, IMPACT_PEAK, MEMBER, ROW, SIDE, new_tally
 from .build import build
-from .layout import Block, Forcing, Inflow, Kept, Marchers
+from .kernels import blocks as kernel
+from .kernels import blocks_jax as kernel_jax
+from .kernels import blocks_numpy as kernel_numpy
+from .kernels.layout import Forcing, Kept, Marchers
 from .propagator import Propagator
+from .rules import require_giving_way, rule_of, unsolved
 
 NODES_PER_BLOCK = 32  # longer blocks pay more for the contact than they save
 STEPS_PER_CALL = 1 << 16  # between two reports of progress
@@ -28,21 +32,6 @@ STEPS_REPLAYED = 4096  # held in memory at once where states, or sampled loads, 
 
 
 RUNS = {"numba": kernel.run, "numpy": kernel_numpy.run, "jax": kernel_jax.run}
-PATIENCE = 2e6  # member-steps that NumPy may take in a process before numba is worth its compilation
-_taken_by_numpy = 0.0
-
-
-def engine_for(steps: int) -> str:
-    """ "numba" where the kernel is compiled already, in this process or on disk, or worth it; else "numpy".
-
-    NumPy takes a few microseconds a step and numba about ten seconds the first time: short runs have
-    their answer at once, and nobody pays more than twice what knowing the future would have cost.
-    """
-    global _taken_by_numpy
-    if kernel.run.signatures or any(directory().rglob("kernel.run-*.nbi")) or _taken_by_numpy + steps > PATIENCE:
-        return "numba"
-    _taken_by_numpy += steps
-    return "numpy"
 
 
 def block_length(scheme: Scheme, contacts: int) -> int:
@@ -66,16 +55,31 @@ class March:
     contact: str
     starter: Propagator | None
     block: Propagator
+    rule: int  # how nodes find their forces, see Block
     run: Callable[..., bool] = kernel.run  # or the same in NumPy
     _forcings: dict[Propagator, Forcing] = field(default_factory=dict, repr=False)
+    leapers: list[Any] = field(default_factory=list, repr=False)  # what the leaping march has made, see leap
 
     @classmethod
-    def of(cls, system: System, basis: Modes, scheme: Scheme, dt: float, contact: str, engine: str = "numba") -> March:
-        starter = scheme.starter
-        one = None if starter is None else build(starter, system, basis, dt, 1, contact, reduced=False)
+    def of(
+        cls,
+        system: System,
+        basis: Modes,
+        scheme: Scheme,
+        dt: float,
+        contact: str,
+        engine: str = "numba",
+        rule: int | None = None,
+    ) -> March:
+        """rule: for stops of that kind, the system's own unless given."""
+        starter, rule = scheme.starter, rule_of(system.contacts, contact) if rule is None else rule
+        one = None if starter is None else build(starter, system, basis, dt, 1, contact, reduced=False, rule=rule)
         length = block_length(scheme, len(system.contacts))
-        block = build(scheme, system, basis, dt, length, contact)
-        return cls(system, basis, scheme, dt, contact, one, block, RUNS[engine])
+        block = build(scheme, system, basis, dt, length, contact, rule=rule)
+        for made in (one, block):
+            if made is not None and len(made.block.rates):
+                require_giving_way(made.scheme, *made.compliances)
+        return cls(system, basis, scheme, dt, contact, one, block, rule, RUNS[engine])
 
     def forcing(self, propagator: Propagator) -> Forcing:
         """What the loads and offsets of ``system`` itself do to one of the propagators; made once."""
@@ -84,7 +88,7 @@ class March:
         return self._forcings[propagator]
 
     def start(self, members: Sequence[System], steps: int, every: int | None, since: int = 0) -> Flight:
-        """The members at t = 0, ready for ``steps`` steps; contacts are recorded after step ``since``."""
+        """The members at t = 0, ready for ``steps`` steps in blocks; contacts are recorded after step ``since``."""
         return Flight(self, tuple(members), steps, every, since)
 
 
@@ -101,18 +105,19 @@ class Flight:
     seconds: float = 0.0
     positions: Array = field(init=False)  # (M, outputs, C)
     velocities: Array = field(init=False)
-    events: Array = field(init=False)  # (impacts, 6), see sampling; by member, in order of time
+    events: Array = field(init=False)  # (impacts, 7), see sampling; by member, in order of time
     state: Marchers = field(init=False)
+    kind: str = "modal blocks"  # or "modal leaps"; known at the end
+    compile_seconds: float = 0.0  # of kernels that only some flights need
 
     def __post_init__(self) -> None:
         system, M = self.march.system, len(self.members)
-        self.law = np.array([[(s.stiffness, s.g1, s.g2) for s in _stops(member)] for member in self.members])
-        self.law = self.law.reshape(M, len(system.contacts), 3)
-        functions = _functions(system)
-        self._alike = all(_functions(member) == functions for member in self.members)
+        self.law = np.stack([laws(member.contacts) for member in self.members])
+        own = functions(system)
+        self._alike = all(functions(member) == own for member in self.members)
         u, v = (np.array(x) for x in zip(*(initial_channels(member) for member in self.members), strict=True))
         m = len(system.contacts)
-        tally = new_tally(u[:, :m], self.law[..., 1], self.law[..., 2], self.since)
+        tally = new_tally(u[:, :m], v[:, :m], self.law, self.since)
         self.state = Marchers(np.zeros((M, 0)), u, v, tally, np.zeros(M, np.int64))
         kept = 0 if self.every is None else self.steps // self.every + 1
         self.positions, self.velocities = np.zeros((2, M, kept, u.shape[1]))
@@ -146,14 +151,19 @@ class Flight:
             block = march.block
             z = scheme.initial(march.basis.equation, history, self._force())
             self.state = self.state._replace(z=block.pack(z))
-            forcing = self.forcing(block)
-            bounded = replayed is not None or not block.harmonic
-            most = STEPS_REPLAYED if bounded else max(STEPS_REPLAYED, STEPS_PER_CALL // len(self.members))
-            most = max(1, most // block.steps) * block.steps  # the blocks of a run do not depend on the company
-            while self.done < self.steps:
-                self._stretch(block, forcing, min(most, self.steps - self.done), replayed)
-                yield self.done
+            yield from self._on(replayed)
         self._finish()
+
+    def _on(self, replayed: Callable[[Stretch], None] | None) -> Iterator[int]:
+        """With the scheme's own propagator to the end."""
+        block = self.march.block
+        forcing = self.forcing(block)
+        bounded = replayed is not None or not block.harmonic
+        most = STEPS_REPLAYED if bounded else max(STEPS_REPLAYED, STEPS_PER_CALL // len(self.members))
+        most = max(1, most // block.steps) * block.steps  # the blocks of a run do not depend on the company
+        while self.done < self.steps:
+            self._stretch(block, forcing, min(most, self.steps - self.done), replayed)
+            yield self.done
 
     def forcing(self, block: Propagator) -> Forcing:
         """What the loads and offsets of the members do to one of the propagators."""
@@ -170,10 +180,10 @@ class Flight:
         starts = aligned((rows, self.state.z.shape[1]))
         forces = aligned((rows, len(block.block.push)))
         kept = Kept(self.positions, self.velocities, starts, forces)
-        cursor = np.array([0, 0, self._rows])
+        cursor, march_rule = np.array([0, 0, self._rows]), block.block.rule
         while not self.march.run(
             block.block, self.law, forcing, inflow, self.state, kept, self.events, first, steps, dt, self.every or 1,
-            cursor,
+            cursor, *(() if march_rule == LINEAR else (1,)),
         ):  # fmt: skip
             longer = max(2 * len(self.events), cursor[2] + 2 * K * max(1, self.law.shape[1]))
             self.events = np.concatenate([self.events, np.empty((longer - len(self.events), EVENT))])
@@ -187,10 +197,12 @@ class Flight:
         """Load plus contact force on the modes at this time, (members, n)."""
         total, t = [], self.done * self.march.dt
         shared = self.march.system.load(t)
-        for member, positions in zip(self.members, self.state.position, strict=True):
+        march_contact = self.march.contact
+        for member, positions, velocities in zip(self.members, self.state.position, self.state.velocity, strict=True):
             force = shared if self._alike else member.load(t)
             for c, contact in enumerate(member.contacts):
-                force = force + contact.row * contact.stops.force(positions[c])
+                if march_contact != "conserving":  # whose reactions are means over a step, not there at a time
+                    force = force + contact.row * contact.stops.force(positions[c], velocities[c])
             total.append(self.march.basis.force(force))
         return np.array(total)
 
@@ -207,6 +219,8 @@ class Flight:
             for c, contact in enumerate(self.members[member].contacts)
         )  # fmt: skip
         diverged = int(self.state.diverged[member])
+        if diverged < 0:
+            raise unsolved(self.march.scheme, -diverged * self.march.dt)
         when = diverged * self.march.dt if diverged else np.nan
         return Seen(positions[:, tip].copy(), velocities[:, tip].copy(), contacts, when)
 
@@ -214,7 +228,7 @@ class Flight:
         """Put the impacts in order, and leave open those that are."""
         tally, events = self.state.tally, self.events
         open_rows = tally[..., ROW][(tally[..., SIDE] != 0.0) & (tally[..., ROW] >= 0.0)].astype(int)
-        events[open_rows, IMPACT_PEAK] = events[open_rows, IMPACT_IMPULSE] = np.nan
+        events[open_rows[:, None], [IMPACT_PEAK, IMPACT_IMPULSE, END]] = np.nan
         events = events[: self._rows]
         self.events = events[np.lexsort((np.arange(len(events)), events[:, CONTACT], events[:, MEMBER]))]
 
@@ -231,11 +245,7 @@ class Stretch:
     forces: Array  # (B, N)
 
 
-def _stops(system: System) -> list[Stops]:
-    return [contact.stops for contact in system.contacts]
-
-
-def _functions(system: System) -> list[object]:
+def functions(system: System) -> list[object]:
     """What the loads and offsets of a system are made of; vectors count as equal to themselves only."""
     return [*((id(vector), f) for vector, f in system.loads), *(offset for _, offset in system.channels)]
 
@@ -244,18 +254,3 @@ def initial_channels(system: System) -> tuple[Array, Array]:
     """Positions and velocities of the channels at t = 0."""
     velocities = [system.v0 @ row + offset_rate(offset, 0.0) for row, offset in system.channels]
     return system.positions(0.0, system.q0), np.array(velocities)
-
-
-def warm_up() -> float:
-    """Compile or load the kernel on no members; the seconds it took."""
-    begun = time.perf_counter()
-    z, index = np.zeros((0, LANES)), np.zeros((1, 1), np.int64)
-    row = np.zeros((1, LANES))
-    none = np.zeros((0, 1, 1))
-    kernel.run(
-        Block(row, row, row, row, index[0], index[0], none, none),
-        np.zeros((0, 1, 3)), Forcing(0.0, z, none, np.zeros((0, 1, 1, 1))), Inflow(z, none),
-        Marchers(z, z, z, np.zeros((0, 1, TALLY)), index[0]), Kept(none, none, z, z), row, 0, 0, 1.0, 1,
-        np.zeros(3, np.int64),
-    )  # fmt: skip
-    return time.perf_counter() - begun

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from ..arrays import Array
+from ..basics.arrays import Array
 
 STEPS_PER_PIECE = 4096
 
@@ -19,3 +19,4 @@ class Piece:
     velocities: Array  # (k, channels)
     states: Callable[[], tuple[Array, Array]]  # q, q' at the ends of the steps, each (k, n)
     seconds: float
+    means: Array | None = None  # (k, contacts): the reactions, where they are means over the steps

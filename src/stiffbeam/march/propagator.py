@@ -14,13 +14,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Array, aligned, padded
-from ..drive import Drive, Term
-from ..modal import Modes
+from ..basics.arrays import Array, aligned, padded
+from ..model.drive import Drive, Term
+from ..model.modes import Modes
+from ..model.system import System
+from ..model.time_functions import evaluate, offset_rate
 from ..schemes import Scheme
-from ..system import System
-from ..time_functions import evaluate, offset_rate
-from .layout import Block, Forcing, Inflow
+from .kernels.layout import Block, Forcing, Inflow
 from .probe import Probe, probe_load
 
 
@@ -35,7 +35,8 @@ class Propagator:
         F_i = F(w_i),  then  (w, z_new) += push_i F_i      for the nodes in order,
 
     where w_i = r + s F_i is solved in closed form with the compliance s (0 where the contact is
-    extrapolated and w_i is the predictor). ``block`` holds what is the same for every load and stop; the
+    extrapolated and w_i is the predictor); for other laws than the linear one see ``stage``, which takes the
+    velocities at the nodes too, entries after the others. ``block`` holds what is the same for every load; the
     rows of the harmonic and constant loads, with g(t) at the block's start, are made by ``forcing``;
     ``inflow`` is there for sampled loads and offsets only.
     """
@@ -50,6 +51,7 @@ class Propagator:
     extrapolated: bool
     keep: NDArray[np.int64]  # the components of the scheme's state that the packed one holds
     mix: Array  # (len(keep), a): what each of them holds
+    units: Probe  # what the steps make of unit states
     samples: tuple[Term, ...]  # loads that are sampled at the nodes
     sample_rows: Array  # (loads K S, R + D)
     sample_velocity: Array  # (loads K S, K, channels)
@@ -81,13 +83,21 @@ class Propagator:
         return matrix
 
     @property
+    def compliances(self) -> tuple[Array, Array]:
+        """(nodes, m, m) each: how the forces at a node move its contacts and their velocities there."""
+        (nodes, m), rates = self.block.compliance.shape, self.block.rates
+        S = np.moveaxis(self.block.compliance.reshape(-1, m, m), 1, 2)
+        of_rates = [self.block.push[np.ix_(here, rates[here])].T for here in np.arange(nodes).reshape(-1, m)]
+        return S, np.array(of_rates).reshape(S.shape)
+
+    @property
     def harmonic(self) -> bool:
         """Whether every load and offset is in the drive, so that there is no inflow."""
         return not self.samples and not self.offset_samples
 
     @property
     def entry_times(self) -> Array:
-        """From the block's start; 0 for padding of the nodes, none for that at the end."""
+        """From the block's start; 0 for padding of the nodes, none for that at the end; rates not counted."""
         nodes = np.add.outer(np.arange(self.steps), self.scheme.nodes) * self.dt
         ends = (1 + np.arange(self.steps)) * self.dt
         at_nodes = np.zeros(len(self.block.push))
@@ -123,6 +133,8 @@ class Propagator:
         for unit, function in self.offset_samples:
             here = np.flatnonzero(self.entry_channels == np.argmax(unit))
             rows[:, here] += evaluate(function, times[:, here])
+            for node in here[here < len(self.block.rates)]:
+                rows[:, self.block.rates[node]] += offset_rate(function, times[:, node])
             velocity[..., np.argmax(unit)] += offset_rate(function, np.minimum(ends, last))
         return Inflow(rows, velocity)
 
@@ -142,12 +154,12 @@ class Propagator:
         )
         shifts = np.stack([drive.offsets(s)[0] for drive, s in zip(drives, systems, strict=True)])  # (V, d, channels)
         probed = probe_load(
-            self.scheme, self.basis.equation, self.dt, K,
-            lambda t: turned(loads, frequencies, t).reshape(V * d, n), (V * d, n),
+            self.scheme, self.basis.equation, self.dt, self.units, loads,
+            lambda x, t: turned(x, frequencies, t), self.extrapolated,
         )  # fmt: skip
         rows, (R, D) = modal_rows(self.system, self.basis), self.block.reading.shape
         forced = aligned((V, d, R + D))
-        fields = entries_of(probed, rows, len(self.system.contacts), self.end_channels, self.extrapolated)
+        fields = entries_of(probed, rows, len(self.system.contacts), self.end_channels)
         forced[..., : fields.shape[1]] = fields.reshape(V, d, -1)
         mixed = np.einsum("ce,emj->cmj", self.mix, probed.states[-1])  # (kept, V d, n)
         forced[..., R : R + mixed.shape[0] * n] = np.moveaxis(mixed, 0, 1).reshape(V, d, -1)
@@ -161,32 +173,39 @@ class Propagator:
         for c, row in enumerate(rows):
             velocity[:, :, c] = np.moveaxis(np.sum(probed.states[:, 1] * row, axis=-1).reshape(K, V, d), 0, 1)
         if np.any(shifts):
-            for r, (channel, t) in enumerate(zip(self.entry_channels, self.entry_times, strict=True)):
-                if channel >= 0:
-                    forced[..., r] += turned(shifts[..., channel], frequencies, t)
-            for k, c in np.ndindex(K, len(rows)):
-                velocity[:, k, c] += turned(rates[..., c], frequencies, (k + 1) * self.dt)
+            read = np.flatnonzero(self.entry_channels >= 0)
+            rated = read[read < len(self.block.rates)]
+            for entries, nodes, moving in ((read, read, shifts), (self.block.rates[rated], rated, rates)):
+                moved = turned(moving, frequencies, self.entry_times[nodes])  # (entries, V, d, channels)
+                moved = moved[np.arange(len(nodes)), ..., self.entry_channels[nodes]]
+                forced[..., entries] += np.moveaxis(moved, 0, -1)
+            velocity += np.moveaxis(turned(rates, frequencies, (1 + np.arange(K)) * self.dt), (0, 3), (1, 2))
         constant = float(np.any(loads[:, 0]) or np.any(shifts[:, 0]))
         return Forcing(constant, frequencies, forced, velocity)
 
 
-def turned(basis: Array, frequencies: Array, t: float) -> Array:
+def turned(basis: Array, frequencies: Array, t: float | Array) -> Array:
     """T(t)^T basis with g(t_0 + t) = T(t) g(t_0): the load t after the start per unit of g there.
 
-    basis: (V, d, ...). frequencies: (V, F). Elementwise, so that a member has the bits of its solo run.
+    basis: (V, d, ...). frequencies: (V, F). t: a number, or times (k,) for (k, V, d, ...). Elementwise, so that a
+    member has the bits of its solo run.
     """
-    out = np.array(basis)
-    phase = (frequencies * t).reshape(*frequencies.shape, *[1] * (basis.ndim - 2))
+    phase = np.multiply.outer(t, frequencies)
+    phase = phase.reshape(*phase.shape, *[1] * (basis.ndim - 2))
     s, c = np.sin(phase), np.cos(phase)
-    out[:, 1::2] = c * basis[:, 1::2] - s * basis[:, 2::2]
-    out[:, 2::2] = s * basis[:, 1::2] + c * basis[:, 2::2]
+    before, sines, cosines = (slice(None),) * (np.ndim(t) + 1), slice(1, None, 2), slice(2, None, 2)
+    out = np.empty((*np.shape(t), *basis.shape))
+    out[(*before, slice(0, 1))] = basis[:, :1]
+    out[(*before, sines)] = c * basis[:, sines] - s * basis[:, cosines]
+    out[(*before, cosines)] = s * basis[:, sines] + c * basis[:, cosines]
     return out
 
 
-def entries_of(probed: Probe, rows: Array, contacts: int, end_channels: Array, extrapolated: bool) -> Array:
+def entries_of(probed: Probe, rows: Array, contacts: int, end_channels: Array) -> Array:
     """The entries (batch, ...) that a batch of inputs makes: contact arguments at every node, padded to
-    eight, then the ``end_channels`` at the ends of steps."""
-    arguments = probed.predictions if extrapolated else probed.positions
+    eight, then the ``end_channels`` at the ends of steps, then the contacts' velocities at every node, where the
+    probe has them."""
+    arguments = probed.arguments
     K, S, batch, _ = arguments.shape
     nodes, ends = np.empty((K, S, contacts, batch)), np.empty((K, len(end_channels), batch))
     for c in range(contacts):
@@ -194,7 +213,8 @@ def entries_of(probed: Probe, rows: Array, contacts: int, end_channels: Array, e
     for i, channel in enumerate(end_channels):
         ends[:, i] = np.sum(probed.states[:, 0] * rows[channel], axis=-1)
     padding = np.zeros((padded(K * S * contacts, least=0) - K * S * contacts, batch))
-    return np.concatenate([nodes.reshape(-1, batch), padding, ends.reshape(-1, batch)]).T
+    moving = np.einsum("ksbj,cj->kscb", probed.velocities, rows[:contacts])
+    return np.concatenate([x.reshape(-1, batch) for x in (nodes, padding, ends, moving)]).T
 
 
 def modal_rows(system: System, basis: Modes) -> Array:

@@ -10,15 +10,17 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ..arrays import Array, aligned
-from ..ledger import Ledger
-from ..system import System
-from ..time_functions import evaluate, offset_values
+from ..basics.arrays import Array, aligned
+from ..model.contact import laws
+from ..model.system import System
+from ..model.time_functions import evaluate, offset_rate, offset_values
+from ..trajectory.ledger import Ledger
 from .build import build
+from .kernels.single_steps import Energies, Step, account
+from .kernels.single_steps import states as states_of
+from .leap import start
 from .modal_march import March, Stretch
 from .propagator import Propagator
-from .single_steps import Energies, Step, account
-from .single_steps import states as states_of
 
 
 def step_of(stretch: Stretch, one: Propagator) -> tuple[Step, Array]:
@@ -46,9 +48,9 @@ def step_of(stretch: Stretch, one: Propagator) -> tuple[Step, Array]:
 
 def _stretches(march: March, system: System, steps: int) -> Iterator[tuple[Stretch, Propagator]]:
     """The run once more, stretch by stretch, with the propagator of its single steps."""
-    one = build(march.scheme, march.system, march.basis, march.dt, 1, march.contact, reduced=False)
+    one = build(march.scheme, march.system, march.basis, march.dt, 1, march.contact, reduced=False, rule=march.rule)
     found: list[Stretch] = []
-    for _ in march.start([system], steps, None).fly(found.append):
+    for _ in start(march, [system], steps, None).fly(found.append):
         stretch = found.pop()
         yield stretch, one if stretch.block is not march.starter else stretch.block
 
@@ -74,26 +76,26 @@ def modal_ledger(march: March, system: System, steps: int, every: int) -> Ledger
     """
     basis, contacts, dt = march.basis, system.contacts, march.dt
     moving = any(contact.offset is not None for contact in contacts)
-    kept, balance = np.zeros((steps // every + 1, 8)), np.zeros(8)
+    kept, balance = np.zeros((steps // every + 1, 9)), np.zeros(9)
     start = np.array(system.energies(0.0, system.q0, system.v0))
     kept[0, :3] = balance[:3] = start
-    q = basis.to_modal(system.q0)
+    q, v = basis.to_modal(system.q0), basis.to_modal(system.v0)
     shared = {
         "squares": basis.omega**2,
         "damping": basis.damping,
         "loads": basis.force(np.array([vector for vector, _ in system.loads]).reshape(-1, system.size)),
         "rows": basis.force(np.array([contact.row for contact in contacts]).reshape(-1, system.size)),
-        "law": np.array([(c.stops.stiffness, c.stops.g1, c.stops.g2) for c in contacts]).reshape(-1, 3),
+        "law": laws(contacts),
     }
     for stretch, one in _stretches(march, system, steps):
         t = (stretch.first + np.arange(stretch.steps + 1)) * dt
         values = np.zeros((len(t), len(system.loads)))
         for k, (_, function) in enumerate(system.loads):
             values[:, k] = evaluate(function, t)
-        offsets = np.zeros((len(t) if moving else 0, len(contacts)))
+        offsets, offset_rates = np.zeros((2, len(t) if moving else 0, len(contacts)))
         for c, contact in enumerate(contacts if moving else ()):
-            offsets[:, c] = offset_values(contact.offset, t)
+            offsets[:, c], offset_rates[:, c] = offset_values(contact.offset, t), offset_rate(contact.offset, t)
         step, z = step_of(stretch, one)
-        energies = Energies(**shared, load_values=values, offsets=offsets)
-        account(step, energies, system.size, z, q, balance, stretch.first, every, dt, kept)
+        energies = Energies(**shared, load_values=values, offsets=offsets, offset_rates=offset_rates)
+        account(step, energies, system.size, z, q, v, balance, stretch.first, every, dt, kept)
     return Ledger(np.arange(0, steps + 1, every) * dt, *kept.T.copy())

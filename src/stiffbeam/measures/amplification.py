@@ -7,14 +7,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arrays import Array
+from ..basics.arrays import Array
+from ..basics.budget import afford
+from ..basics.validation import InputError, number, numbers, one_of
 from ..march.build import build
-from ..modal import Modes
+from ..model.modes import Modes
+from ..model.system import System
 from ..schemes import Scheme
-from ..system import System
-from ..validation import InputError, number
+from ..schemes.scheme import require_scheme
 
 SOURCES = ("kernel", "closed form")
+SHORTEST, LONGEST = 1e-12, 1e12  # dt/T: beyond it the square of omega dt is rounding, or all there is
 STABLE = 1e-9  # a radius above 1 by less is rounding
 
 
@@ -40,6 +43,10 @@ class Amplification:
     period_elongation: Array
     damping_ratio: Array
 
+    def __repr__(self) -> str:
+        x = np.atleast_1d(self.dt_over_period)
+        return f"<Amplification of {self.scheme} at {x.size} dt/T, {np.min(x):g} to {np.max(x):g}>"
+
     @property
     def stable_to(self) -> float:
         """The largest of dt_over_period up to which the radius stays <= 1; inf: at all of them."""
@@ -59,14 +66,16 @@ def amplification(
     source "kernel": eigenvalues of the propagator that the march uses. "closed form": roots of the
     scheme's characteristic polynomial, refused where it states none.
     """
-    x = np.atleast_1d(np.asarray(dt_over_period, float))
-    if x.ndim != 1 or not x.size or not np.all(np.isfinite(x)) or not np.all(x > 0.0):
-        raise InputError("dt_over_period", dt_over_period, "be one or more positive numbers, in one dimension")
+    rule = f"be one or more positive numbers from {SHORTEST:g} to {LONGEST:g}, in one dimension"
+    x = np.atleast_1d(numbers("dt_over_period", dt_over_period, rule))
+    if x.ndim != 1 or not x.size or not np.all((x >= SHORTEST) & (x <= LONGEST)):
+        raise InputError("dt_over_period", dt_over_period, rule, "for example [0.01, 0.1]")
     xi = number("damping_ratio", damping_ratio)
     if not 0.0 <= xi < 1.0:
-        raise InputError("damping_ratio", damping_ratio, "lie in [0, 1)")
-    if source not in SOURCES:
-        raise InputError("source", source, f"be one of {SOURCES}")
+        raise InputError("damping_ratio", damping_ratio, "lie in [0, 1)", "for example 0.02")
+    one_of("source", source, SOURCES)
+    require_scheme(scheme)
+    afford("dt_over_period", f"{x.size} numbers", "ask for fewer at once", floats=6.0 * x.size**2)
     roots = _kernel_roots(scheme, x, xi) if source == "kernel" else _closed_roots(scheme, x, xi)
     # A real pair may leave the axis by the square root of rounding.
     complex_ones = np.abs(np.imag(roots)) > 1e-7 * np.abs(roots)

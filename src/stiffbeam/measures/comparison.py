@@ -2,96 +2,158 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from ..arrays import Array
-from ..drive import Drive
-from ..modal import undamped_modes
-from ..plain import plain
-from ..recorder import sampled_impacts
-from ..system import System
-from ..trajectory import Impacts, Reference, Trajectory
-from ..validation import InputError
-from .impacts import Matching, match
+from ..basics.arrays import Array
+from ..basics.pictures import picture
+from ..basics.plain import plain
+from ..basics.units import Units
+from ..basics.validation import InputError
+from ..model.modes import undamped_modes
+from ..model.system import System
+from ..references.exact.exact_measures import contact_record
+from ..trajectory.impacts import Impacts
+from ..trajectory.recorder import sampled_impacts
+from ..trajectory.tables import table
+from ..trajectory.trajectory import Reference, Trajectory
+from .impacts import ContactStatistics, Matching, match
 from .phase import PhaseLag, phase_lag
+from .tip_error import relative_error, rms
+from .windows import drive_frequency
+
+if TYPE_CHECKING:
+    import pandas
+    from matplotlib.figure import Figure
+
+
+UNKNOWN = ContactStatistics(-1, -1, np.nan, np.nan, np.nan)
 
 
 @dataclass(frozen=True)
-class Contacts:
-    """Contact statistics of one trajectory over a span: sampled impacts, share of steps in contact,
-    peak |sigma| and impulse, the sum of |sigma| dt."""
+class ContactComparison:
+    """One contact of the run against the same of the reference.
 
-    impacts: int
-    fraction: float
-    peak_force: float
-    impulse: float
+    place: where it is, "" for the only contact. run, reference: on [0, window], the reference's impacts sampled
+    at the run's steps and its share, peak and impulse by events where it knows its switches, else sampled too.
+    run_totals, reference_totals: the same to t_end, one realisation each and not comparable with one another.
+    """
+
+    place: str
+    run: ContactStatistics
+    reference: ContactStatistics
+    matching: Matching
+    run_totals: ContactStatistics
+    reference_totals: ContactStatistics
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Comparison:
     """A run against a reference on [0, window], window = min(t_end, horizon); totals to t_end apart.
 
-    tip_error_rms, tip_error_max: of u_run - u_ref at the run's steps, over max |u_ref|;
-    tip_error_matched: the rms over [0, matching.matched_until], before the impacts part.
-    energy_lost: the ledger's loss over E_0 + input, all energy the system has had. contacts: of the
-    first of ``contact_count`` contacts, for the run and for the reference sampled at the run's steps;
-    reference_events: its impacts by events. totals: the same to t_end, one realisation each and not
-    comparable with one another.
+    tip_error_rms, tip_error_max: of u_run - u_ref at the run's steps, over max |u_ref|; matched_until: the time to
+    which the impacts match at all contacts, at most the window; tip_error_matched: the rms up to there.
+    error: u_run - u_ref over max |u_ref| at every step of the window, (k,); not among the records of ``to_dict``.
+    energy_lost: the ledger's loss over E_0 + input, all energy the system has had. contacts: one for each of the
+    system's, in its order. switches: what an adaptive solver does at a switch, "restart" or "through", else "".
+    totals_energy_lost: energy_lost to t_end. units: what times, forces and impulses are counted in. missing: what
+    the run does not hold and why; its numbers are NaN, and its impacts -1. pair: the run and the reference.
     """
 
     label: str
     reference: str
+    units: Units
     dt: float
     steps: int
     seconds: float
     ns_per_step: float
     engine: str
+    switches: str
     window: float
     t_end: float
     tip_error_rms: float
     tip_error_max: float
     tip_error_matched: float
+    matched_until: float
     phase: PhaseLag
     energy_lost: float
-    contacts: Contacts
-    reference_contacts: Contacts
-    reference_events: int
-    matching: Matching
-    contact_count: int
-    totals: Contacts
+    contacts: tuple[ContactComparison, ...]
     totals_energy_lost: float
-    reference_totals: Contacts
-    reference_totals_events: int
+    missing: tuple[str, ...] = ()
+    error: Array = field(default_factory=lambda: np.zeros(0), compare=False)
+    pair: tuple[Trajectory, Reference] | None = field(default=None, compare=False)
+
+    def tip_error_to(self, time: float) -> float:
+        """The rms of ``error`` on [0, time], time within the window."""
+        return rms(self.error[: int(np.floor(time / self.dt * (1 + 1e-12))) + 1])
 
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers and strings; NaN becomes None, as JSON has none."""
-        return plain(asdict(self))
+        return plain(self._records())
+
+    def _records(self) -> dict[str, Any]:
+        records = asdict(replace(self, error=np.zeros(0), pair=None))
+        return {name: value for name, value in records.items() if name not in ("error", "pair")}
+
+    def figure(self) -> Figure:
+        """The run beside the reference, a matplotlib Figure. Raises InputError for a comparison without its runs."""
+        if self.pair is None:
+            raise InputError("figure", "a comparison without its runs", "be asked of what compare returned")
+        return picture("run:comparison_figure", *self.pair)
+
+    def to_dataframe(self) -> pandas.DataFrame:
+        """One line, the entries of ``to_dict`` flat: phase_lag, contact0_run_peak_force and so on. For several:
+        ``pandas.concat([a.to_dataframe(), b.to_dataframe()])``."""
+        entries = self._records()
+        contacts = {f"contact{i}": contact for i, contact in enumerate(entries.pop("contacts"))}
+        return table({name: [value] for name, value in _flat("", entries | contacts).items()})
+
+    def __repr__(self) -> str:
+        error = f"{100 * self.tip_error_rms:.3g} %"
+        return f"<Comparison {self.label} with {self.reference}: tip error {error} rms to t = {self.window:g}>"
 
     def __str__(self) -> str:
-        from ..report import comparison_text
+        from .report import comparison_text
 
         return comparison_text([self])
 
     def _repr_html_(self) -> str:
-        from ..report import comparison_html
+        from .report import comparison_html
 
         return comparison_html([self])
 
 
-def compare(run: Trajectory, reference: Reference) -> Comparison:
+def _flat(prefix: str, value: Any) -> dict[str, Any]:
+    """A nested dictionary as one, names joined by underscores; a tuple of texts as one text."""
+    if not isinstance(value, dict):
+        return {prefix: "; ".join(value) if isinstance(value, tuple) else value}
+    found: dict[str, Any] = {}
+    for name, item in value.items():
+        found |= _flat(f"{prefix}_{name}" if prefix else name, item)
+    return found
+
+
+def compare(run: Trajectory | Sequence[ArrayLike], reference: Reference) -> Comparison:
     """All measures of ``run`` against ``reference``, which must be of the same system.
 
-    ``run`` is a scheme's run with every step on output, or another reference at equidistant times.
+    ``run`` is a scheme's run with every step on output, another reference at equidistant times, one made by
+    ``Trajectory.from_arrays``, or its arrays (t, tip) or (t, tip, tip velocity) themselves: what these do not
+    tell is NaN, and ``missing`` says why.
     Raises InputError where the systems differ, the outputs are thinned or the reference has no horizon.
     """
+    if isinstance(run, (tuple, list)) and len(run) in (2, 3) and isinstance(reference, Reference):
+        run = Trajectory.from_arrays(*run, system=reference.system)
     if not isinstance(run, Trajectory) or not isinstance(reference, Reference):
         got = f"{type(run).__name__}, {type(reference).__name__}"
-        raise InputError("compare", got, "be given a run and a reference, in this order")
+        rule = "be given a run, or its arrays (t, tip) or (t, tip, tip velocity), and a reference, in this order"
+        raise InputError("compare", got, rule, "reference() makes one")
     if run.fingerprint != reference.fingerprint:
-        raise InputError("reference", reference.label, f"be of the same system as {run.label}", "solve run.system")
+        remedy = 'solve run.system; 0.1 in Python is a double, in a case file and as "0.1" it is the decimal'
+        raise InputError("reference", reference.label, f"be of the same system as {run.label}", remedy)
     system = run.system or reference.system
     if system is None:
         raise InputError("run", "two loaded files", "leave one trajectory with its system", "integrate again")
@@ -111,21 +173,20 @@ def compare(run: Trajectory, reference: Reference) -> Comparison:
     u_ref, _ = reference.at(t[t <= t_end * (1 + 1e-12)])
 
     here = slice(0, last + 1)
-    scale = float(np.max(np.abs(u_ref[here])))
-    error = (run.tip[here] - u_ref[here]) / (scale or 1.0)
+    error = relative_error(run.tip[here], u_ref[here])
 
-    if system.contacts:
-        u_contact, v_contact = reference.at(t[: len(u_ref)], contact=0)
-        ref_sampled = sampled_impacts(u_contact, v_contact, dt, system.contacts[0].stops)
-        own = run.contacts[0]
-        sampled = "dt" in run.provenance
-        run_sampled = own.impacts if sampled else sampled_impacts(own.position, own.velocity, dt, own.stops)
-        position = own.position
-    else:
-        u_contact, position = u_ref, run.tip
-        ref_sampled = run_sampled = Impacts.none("sampled")
-    matching = match(run_sampled, ref_sampled, window)
-    energy = run.energy
+    contacts = tuple(_contact(run, reference, system, i, t[: len(u_ref)], window) for i in range(len(system.contacts)))
+    matched_until = min((c.matching.matched_until for c in contacts), default=window)
+    energy = run.energy if run.ledger is not None or "energy" in vars(run) else None
+    missing = [
+        f"{c.place or 'contact'}: its position is not the tip's, and the run came without states"
+        for c, own in zip(contacts, run.contacts, strict=True)
+        if own.impacts.kind == "unknown"
+    ]
+    if energy is None:
+        missing.append("energy: the run came without states or a ledger")
+    if "tip_velocity" in run.provenance:
+        missing.append(f"tip velocity: {run.provenance['tip_velocity']}; impact times and lag are as good as that")
     omega = undamped_modes(system).omega
     omega = omega[omega > 0.0]
     lag = phase_lag(
@@ -133,45 +194,117 @@ def compare(run: Trajectory, reference: Reference) -> Comparison:
         run.tip[: len(u_ref)],
         run.tip_velocity[: len(u_ref)],
         lambda times: u_ref[np.round(times / dt).astype(int)],
-        min(window, matching.matched_until),
-        max(Drive.of(system).frequencies, default=0.0),
+        matched_until,
+        drive_frequency(system),
         float(omega[0]) if len(omega) else 0.0,
     )
     return Comparison(
         label=run.label,
         reference=reference.label,
+        units=system.units,
         dt=dt,
         steps=run.work.steps,
         seconds=run.work.seconds,
         ns_per_step=run.work.ns_per_step,
         engine=str(run.provenance.get("engine", "")),
+        switches=str(run.provenance.get("switches", "")),
         window=window,
         t_end=t_end,
-        tip_error_rms=float(np.sqrt(np.mean(error**2))),
+        tip_error_rms=rms(error),
         tip_error_max=float(np.max(np.abs(error))),
-        tip_error_matched=float(np.sqrt(np.mean(error[t[here] <= matching.matched_until] ** 2))),
+        tip_error_matched=rms(error[t[here] <= matched_until]),
+        matched_until=matched_until,
         phase=lag,
-        energy_lost=energy.lost_fraction(last),
-        contacts=_contacts(system, run_sampled, position[here], dt, window),
-        reference_contacts=_contacts(system, ref_sampled, u_contact[here], dt, window),
-        reference_events=reference.impacts.until(window).count,
-        matching=matching,
-        contact_count=len(system.contacts),
-        totals=_contacts(system, run_sampled, position[: len(u_ref)], dt, t_end),
-        totals_energy_lost=energy.lost_fraction(len(u_ref) - 1),
-        reference_totals=_contacts(system, ref_sampled, u_contact, dt, t_end),
-        reference_totals_events=reference.impacts.until(t_end).count,
+        energy_lost=float("nan") if energy is None else energy.lost_fraction(last),
+        contacts=contacts,
+        totals_energy_lost=float("nan") if energy is None else energy.lost_fraction(len(u_ref) - 1),
+        missing=tuple(missing),
+        pair=(run, reference),
+        error=error,
     )
 
 
-def _contacts(system: System, impacts: Impacts, position: Array, dt: float, end: float) -> Contacts:
-    if not system.contacts:
-        return Contacts(0, 0.0, 0.0, 0.0)
-    stops = system.contacts[0].stops
-    force = np.abs(stops.force(position[1:]))
-    return Contacts(
-        impacts=impacts.until(end).count,
-        fraction=float(np.mean(stops.state(position[1:]) != 0)),
-        peak_force=float(np.max(force, initial=0.0)),
-        impulse=float(np.sum(force) * dt),
+def _contact(
+    run: Trajectory, reference: Reference, system: System, i: int, t: Array, window: float
+) -> ContactComparison:
+    """Contact i at the steps t, of which the first are those to the window."""
+    stops, own, dt = system.contacts[i].stops, run.contacts[i], float(t[1])
+    if stops.rigid:
+        return _rigid_contact(run, reference, system, i, window)
+    u, v = reference.at(t, contact=i)
+    true = sampled_impacts(u, v, dt, stops)
+    sampled = "dt" in run.provenance
+    unknown = own.impacts.kind == "unknown"
+    found = own.impacts if sampled else sampled_impacts(own.position, own.velocity, dt, own.stops)
+
+    def statistics(
+        trajectory: Trajectory, impacts: Impacts, position: Array, velocity: Array, end: float
+    ) -> ContactStatistics:
+        if impacts.kind == "unknown":
+            return UNKNOWN
+        steps = slice(1, int(np.floor(end / dt * (1 + 1e-12))) + 1)
+        force = np.abs(stops.force(position[steps], velocity[steps]))
+        measured = ContactStatistics(
+            impacts=impacts.until(end).count,
+            event_impacts=trajectory.contacts[i].impacts.until(end).count,
+            fraction=float(np.mean(stops.state(position[steps], velocity[steps]) != 0)),
+            peak_force=float(np.max(force, initial=0.0)),
+            impulse=float(np.sum(force) * dt),
+        )
+        return _by_events(trajectory, i, measured, end)
+
+    t_end = min(float(run.t[-1]), float(reference.provenance["t_end"]))
+    return ContactComparison(
+        place=_place(system, i),
+        run=statistics(run, found, own.position, own.velocity, window),
+        reference=statistics(reference, true, u, v, window),
+        # Where no impact of the run is known, nothing parts and nothing is paired.
+        matching=Matching(0, window, np.nan, np.nan) if unknown else match(found, true, window),
+        run_totals=statistics(run, found, own.position, own.velocity, t_end),
+        reference_totals=statistics(reference, true, u, v, t_end),
     )
+
+
+def _rigid_contact(run: Trajectory, reference: Reference, system: System, i: int, window: float) -> ContactComparison:
+    """Contact i on a rigid stop, of which positions do not tell the force: impacts are those that each has itself.
+
+    Forces have no peak. Share and impulse are known of whole runs only.
+    """
+    t_end = min(float(run.t[-1]), float(reference.provenance["t_end"]))
+
+    def statistics(trajectory: Trajectory, end: float) -> ContactStatistics:
+        record = trajectory.contacts[i]
+        whole = end >= float(trajectory.provenance["t_end"]) * (1 - 1e-12)
+        count = record.impacts.until(end).count
+        share, impulse = (record.fraction, record.impulse) if whole else (np.nan, np.nan)
+        return ContactStatistics(count, count, share, np.nan, impulse)
+
+    return ContactComparison(
+        place=_place(system, i),
+        run=statistics(run, window),
+        reference=statistics(reference, window),
+        matching=match(run.contacts[i].impacts, reference.contacts[i].impacts, window),
+        run_totals=statistics(run, t_end),
+        reference_totals=statistics(reference, t_end),
+    )
+
+
+def _place(system: System, i: int) -> str:
+    """Where contact i is: along the beam, for matrices its number; "" for the only one."""
+    if len(system.contacts) == 1:
+        return ""
+    if system.problem is None:
+        return f"contact {i + 1}"
+    position = system.problem.all_stops[i].position
+    length = system.problem.length if position is None else position
+    return f"stops at x = {system.units.measure(f'{float(length):g}', 'length')}"
+
+
+def _by_events(run: Trajectory, i: int, sampled: ContactStatistics, end: float) -> ContactStatistics:
+    """``sampled`` with what the pieces of an exact solution know of [0, end], where the run has them."""
+    solution = run.solution if isinstance(run, Reference) else None
+    if run.system is None or solution is None:
+        return sampled
+    pieces = solution.first(max(1, int(np.searchsorted(solution.times, end))))
+    record = contact_record(run.system, pieces, i, np.array([0.0, end]), end)
+    return replace(sampled, fraction=record.fraction, peak_force=record.peak_force, impulse=record.impulse, events=True)

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arrays import Array
-from ..modal import modes
-from ..trajectory import Trajectory
-from ..validation import InputError
+from ..basics.arrays import Array
+from ..basics.validation import InputError
+from ..model.modes import modes
+from ..trajectory.trajectory import Trajectory
 
 START = 0.1  # the share of the run left out, in which a scheme's parasitic roots die
 FLOOR = 1e-8  # of its first amplitude: below it a mode is rounding

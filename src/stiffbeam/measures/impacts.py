@@ -1,4 +1,4 @@
-"""Impact sequences held against each other: pairing, delays, the time they part."""
+"""A contact in numbers, and impact sequences held against each other: pairing, delays, the time they part."""
 
 from __future__ import annotations
 
@@ -6,7 +6,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..trajectory import Impacts
+from ..trajectory.impacts import Impacts
+from ..trajectory.trajectory import Trajectory
+
+
+@dataclass(frozen=True)
+class ContactStatistics:
+    """One contact of one trajectory over a span: sampled impacts, share of steps in contact, peak |sigma| and
+    impulse, the sum of |sigma| dt; by ``events`` the share of time, the peak between the steps and the
+    integral of |sigma|. event_impacts: the impacts that the trajectory itself has, of a reference by events."""
+
+    impacts: int
+    event_impacts: int
+    fraction: float
+    peak_force: float
+    impulse: float
+    events: bool = False
 
 
 @dataclass(frozen=True)
@@ -50,3 +65,9 @@ def match(run: Impacts, reference: Impacts, window: float) -> Matching:
         first_error=float(delay[0]) if n and times[0] <= window else float("nan"),
         median_delay=float(np.median(inside)) if len(inside) else float("nan"),
     )
+
+
+def matched_until(run: Trajectory, reference: Trajectory, window: float) -> float:
+    """The time to which the impacts at every contact match, see Matching; ``window`` without contacts."""
+    pairs = zip(run.contacts, reference.contacts, strict=True)
+    return min((match(a.impacts, b.impacts, window).matched_until for a, b in pairs), default=window)

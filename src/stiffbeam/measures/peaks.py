@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arrays import Array
+from ..basics.arrays import Array
 
 THRESHOLD = 4.0  # times the local median: white noise exceeds it in one bin of 10^4
 REACH = 2.0  # the median is taken over +- so many drive frequencies

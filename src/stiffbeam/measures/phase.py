@@ -9,7 +9,7 @@ import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 from scipy.optimize import minimize_scalar
 
-from ..arrays import Array
+from ..basics.arrays import Array
 
 GRID = 401
 

@@ -24,11 +24,11 @@ class Order:
 
 
 def observed_order(steps: ArrayLike, errors: ArrayLike) -> Order:
-    """The Order through (steps, errors), all > 0; NaN for fewer than two points, no interval for two."""
+    """The Order through (steps, errors), all > 0; NaN for fewer than two steps, no interval for two points."""
     x, y = np.log(np.asarray(steps, float)), np.log(np.asarray(errors, float))
     n = len(x)
     nan = float("nan")
-    if n < 2:
+    if len(np.unique(x)) < 2:
         return Order(nan, nan, nan, n)
     fit: Any = scipy.stats.linregress(x, y)
     interval = float(scipy.stats.t.ppf(0.975, n - 2) * fit.stderr) if n > 2 else nan

@@ -31,17 +31,17 @@ class Bathe(Scheme):
     def initial(self, equation, history, force) -> Array:
         return np.concatenate([history[0], equation.rate(history[0], force)])
 
-    def step(self, equation, dt, z, forces):
+    def step(self, equation, dt, z, loads, reactions):
         y, rate = z[: equation.order], z[equation.order :]
         s = self.split
         half = s * dt / 2.0
         r = y + half * rate
-        y_split = r + half * equation.implicit_rate(half, r, forces[0])
+        y_split = r + half * equation.implicit_rate(half, r, loads[0] + reactions[0])
         c = (1.0 - s) / (2.0 - s) * dt
         r = (y_split - (1.0 - s) ** 2 * y) / (s * (2.0 - s))
-        rate_new = equation.implicit_rate(c, r, forces[1])
+        rate_new = equation.implicit_rate(c, r, loads[1] + reactions[1])
         y_new = r + c * rate_new
-        return np.concatenate([y_new, rate_new]), [y_split[0], y_new[0]]
+        return np.concatenate([y_new, rate_new]), [y_split, y_new]
 
     def characteristic(self, x, xi):
         z, s = oscillator(x, xi), self.split

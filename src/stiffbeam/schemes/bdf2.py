@@ -27,12 +27,12 @@ class BDF2(Scheme):
     def initial(self, equation, history, force) -> Array:
         return np.concatenate(history)
 
-    def step(self, equation, dt, z, forces):
+    def step(self, equation, dt, z, loads, reactions):
         y, y_before = z[: equation.order], z[equation.order :]
         c = 2.0 * dt / 3.0
         r = (4.0 * y - y_before) / 3.0
-        y_new = r + c * equation.implicit_rate(c, r, forces[0])
-        return np.concatenate([y_new, y]), [y_new[0]]
+        y_new = r + c * equation.implicit_rate(c, r, loads[0] + reactions[0])
+        return np.concatenate([y_new, y]), [y_new]
 
     def characteristic(self, x, xi):
         return np.array([1.5 - oscillator(x, xi), -2.0, 0.5])

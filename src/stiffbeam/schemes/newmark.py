@@ -32,20 +32,21 @@ class WeightedNewmark(Scheme):
         a = equation.acceleration(history[0], force)
         return np.stack([q, v, a, a])
 
-    def step(self, equation, dt, z, forces):
+    def step(self, equation, dt, z, loads, reactions):
         q, v, a, net = z
         beta, gamma = self.beta, self.gamma
         of_new, of_old = (1.0 - self.alpha_f) / (1.0 - self.alpha_m), self.alpha_f / (1.0 - self.alpha_m)
         inertia = self.alpha_m / (1.0 - self.alpha_m)
         q_ahead = q + dt * v + dt**2 * (0.5 - beta) * a
         v_ahead = v + dt * (1.0 - gamma) * a
-        known = of_new * equation.net_force(np.stack([q_ahead, v_ahead]), forces[0])
+        known = of_new * equation.net_force(np.stack([q_ahead, v_ahead]), loads[0] + reactions[0])
         known = known + equation.mass(of_old * net - inertia * a)
         a_new = equation.solve(of_new * gamma * dt, of_new * beta * dt**2, known)
         q_new = q_ahead + dt**2 * beta * a_new
         v_new = v_ahead + dt * gamma * a_new
         net_new = (a_new + inertia * a - of_old * net) / of_new
-        return np.stack([q_new, v_new, a_new, net_new]), [q_new]
+        z_new = np.stack([q_new, v_new, a_new, net_new])
+        return z_new, [z_new[:2]]
 
     def characteristic(self, x, xi):
         # The three equations with q, v, a times powers of dt and every new value lambda times the old one.

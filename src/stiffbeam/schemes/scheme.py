@@ -1,4 +1,4 @@
-"""What a scheme is: a linear step from (state, forces at the nodes) to (new state, positions there)."""
+"""What a scheme is: a linear step from (state, forces at the nodes) to (new state, states at the nodes)."""
 
 from __future__ import annotations
 
@@ -7,23 +7,26 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ..arrays import Array
-from ..validation import InputError
+from ..basics.arrays import Array
+from ..basics.validation import InputError, one_of
+from ..model.equations import Equation
 
 
 class Scheme(ABC):
     """A fixed-step scheme on M q'' + C q' + K q = f, or on y' = A y + f.
 
     ``nodes`` are the c_i in t_n + c_i dt at which the scheme asks for the force. ``step`` must be
-    linear in (state, forces), and the position at node i must not depend on the force at a later
-    node; ``integrate`` checks both. The state z has shape (components, ..., n) and starts with y (see
-    equations). A subclass with ``nodes`` and ``step`` can be given to ``integrate`` as it is; its name
-    is the class's in small letters unless it has one.
+    linear in (state, loads, reactions), the same for the same input, and what it says of node i must not
+    depend on a force at a later node; ``integrate`` checks this. The state z has shape (components, ...,
+    n) and starts with y (see equations). A subclass with ``nodes`` and ``step`` can be given to
+    ``integrate`` as it is; its name is the class's in small letters unless it states one: it never goes
+    by that of the scheme it changes.
     """
 
     name: ClassVar[str] = ""
     paper: ClassVar[str] = ""  # the paper's equation numbers
     erratum: ClassVar[str] = ""  # the name of the misprint, for a printed form
+    at_any_step: ClassVar[bool] = False  # whether that form runs at any step
     nodes: tuple[float, ...] = (1.0,)
     order: int = 2  # on smooth problems
     history: ClassVar[int] = 1  # number of past y that ``initial`` takes
@@ -31,22 +34,32 @@ class Scheme(ABC):
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
-        cls.name = cls.name or cls.__name__.lower()
+        if "name" not in cls.__dict__ and "erratum" not in cls.__dict__:
+            cls.name = cls.__name__.lower()
 
     @property
     def starter(self) -> Scheme | None:
         """The one-step scheme that makes the first ``history - 1`` steps."""
         return None
 
-    def initial(self, equation: Any, history: list[Array], force: Array) -> Array:
+    def initial(self, equation: Equation, history: list[Array], force: Array) -> Array:
         """The state at t_n from the past y, newest first, and the total force at t_n."""
         return history[0]
 
-    @abstractmethod
-    def step(self, equation: Any, dt: float, z: Array, forces: list[Array]) -> tuple[Array, list[Array]]:
-        """(z at t_{n+1}, positions at the nodes) from z at t_n and the forces at the nodes."""
+    @property
+    def conserving(self) -> Scheme | None:
+        """The form whose reaction is constant over the step, for schemes that conserve energy under such a force:
+        the reaction at its one node is the mean over the step. None for others."""
+        return None
 
-    def predict(self, equation: Any, dt: float, z: Array) -> list[Array]:
+    @abstractmethod
+    def step(
+        self, equation: Equation, dt: float, z: Array, loads: list[Array], reactions: list[Array]
+    ) -> tuple[Array, list[Array]]:
+        """(z at t_{n+1}, y at the nodes) from z at t_n and what acts at the nodes, one (..., n) each:
+        the loads, and apart from them the reactions of the contacts."""
+
+    def predict(self, equation: Equation, dt: float, z: Array) -> list[Array]:
         """Positions at the nodes from known values, for the extrapolated contact: q + c_i dt q'.
 
         The paper names no formula but for BDF2; this one survives its Tables 10-13, v* = q does not.
@@ -64,10 +77,27 @@ class Scheme(ABC):
         return None
 
     def printed(self, *errata: str) -> Scheme:
-        """The scheme as the paper prints it: the named errata, or all that run at any step."""
-        from . import errata as printed_forms
+        """The scheme as the paper prints it: with the named erratum, or with the one that runs at any step."""
+        forms = {form.erratum: form for form in self.printed_forms()}
+        if not forms:
+            remedy = "HHT and SDIRK have one"
+            raise InputError("scheme", str(self), "have a printed form that runs and differs", remedy)
+        names = list(errata) or [name for name, form in forms.items() if form.at_any_step]
+        for name in names:
+            one_of("erratum", name, forms, "be one the paper prints for this scheme")
+        if len(names) > 1:
+            raise InputError("errata", names, "be one at a time", "each is a scheme of its own")
+        return forms[names[0]].of(self)
 
-        return printed_forms.printed(self, errata)
+    @classmethod
+    def printed_forms(cls) -> list[type[Scheme]]:
+        """Its subclasses that state an ``erratum``; none of a scheme that is itself a printed form."""
+        return [] if cls.erratum else [form for form in cls.__subclasses__() if form.erratum]
+
+    @classmethod
+    def of(cls, scheme: Any) -> Scheme:
+        """The printed form of ``scheme``."""
+        raise NotImplementedError
 
     def check(self, omega_max: float, dt: float) -> None:
         """Raise InputError where the scheme cannot be used with this step; omega_max is the top frequency."""
@@ -86,6 +116,13 @@ class Scheme(ABC):
     __repr__ = __str__
 
 
+def require_scheme(scheme: Any) -> Scheme:
+    """``scheme`` where it is a Scheme object."""
+    if not isinstance(scheme, Scheme):
+        raise InputError("scheme", scheme, "be a Scheme object", "for example stiffbeam.HHT(alpha=-0.1)")
+    return scheme
+
+
 def oscillator(x: float, xi: float) -> complex:
     """z = dt times the eigenvalue of q'' + 2 xi w q' + w^2 q = 0 in the upper half plane, x = w dt."""
     return x * complex(-xi, (1.0 - xi * xi) ** 0.5)
@@ -94,5 +131,6 @@ def oscillator(x: float, xi: float) -> complex:
 def in_interval(field: str, value: Any, low: float, high: float, remedy: str = "") -> float:
     """``value`` as a float in [low, high]."""
     if isinstance(value, bool) or not isinstance(value, (int, float, np.floating)) or not low <= value <= high:
+        remedy = remedy or f"for example {0.5 * (low + high):g}"
         raise InputError(field, value, f"lie in [{low:.6g}, {high:.6g}]", remedy)
     return float(value)

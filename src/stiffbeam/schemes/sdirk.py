@@ -6,7 +6,7 @@ import warnings
 
 import numpy as np
 
-from ..validation import InputError
+from ..basics.validation import InputError
 from .scheme import Array, Scheme, in_interval, oscillator
 
 # The middle root of 1/6 - (3/2) g + 3 g^2 - g^3, nearest double: third order.
@@ -85,28 +85,29 @@ class SDIRK(Scheme):
         z, g = oscillator(x, xi), self.gamma
         return np.array([(1.0 - g * z) ** 3, -((3.0 * g**2 - 3.0 * g + 0.5) * z**2 - (3.0 * g - 1.0) * z + 1.0)])
 
-    def step(self, equation, dt, z, forces):
+    def step(self, equation, dt, z, loads, reactions):
+        forces = [load + reaction for load, reaction in zip(loads, reactions, strict=True)]
         return (self._step_nystrom if self.nystrom else self._step_rates)(equation, dt, z, forces)
 
     def _step_rates(self, equation, dt, y, forces):
-        rates, positions = [], []
+        rates, stages = [], []
         for a, force in zip(self.A, forces, strict=True):
             r = y + dt * sum(a_j * k for a_j, k in zip(a, rates, strict=False))
             rates.append(equation.implicit_rate(self.gamma * dt, r, force))
-            positions.append((r + self.gamma * dt * rates[-1])[0])
-        return y + dt * sum(b * k for b, k in zip(self.b, rates, strict=True)), positions
+            stages.append(r + self.gamma * dt * rates[-1])
+        return y + dt * sum(b * k for b, k in zip(self.b, rates, strict=True)), stages
 
     def _step_nystrom(self, equation, dt, z, forces):
         q, v = z
         implicit = self.gamma * dt
-        accelerations, positions = [], []
+        accelerations, stages = [], []
         for c, a, abar, force in zip(self.nodes, self.A, self.Abar, forces, strict=True):
             # Stage values without the stage's own acceleration.
             q_i = q + c * dt * v + dt**2 * sum(w * k for w, k in zip(abar, accelerations, strict=False))
             v_i = v + dt * sum(w * k for w, k in zip(a, accelerations, strict=False))
             k = equation.solve(implicit, implicit**2, equation.net_force(np.stack([q_i, v_i]), force))
             accelerations.append(k)
-            positions.append(q_i + implicit**2 * k)
+            stages.append(np.stack([q_i + implicit**2 * k, v_i + implicit * k]))
         q_new = q + dt * v + dt**2 * sum(w * k for w, k in zip(self.b @ self.A, accelerations, strict=True))
         v_new = v + dt * sum(w * k for w, k in zip(self.b, accelerations, strict=True))
-        return np.stack([q_new, v_new]), positions
+        return np.stack([q_new, v_new]), stages

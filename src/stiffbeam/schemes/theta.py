@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from .mean_reaction import MeanReaction, midpoint
 from .scheme import Array, Scheme, in_interval, oscillator
 
 
@@ -28,12 +29,16 @@ class Theta(Scheme):
     def initial(self, equation, history, force) -> Array:
         return np.concatenate([history[0], equation.rate(history[0], force)])
 
-    def step(self, equation, dt, z, forces):
+    @property
+    def conserving(self) -> Scheme | None:
+        return MeanReaction(self, midpoint) if self.theta == 0.5 else None
+
+    def step(self, equation, dt, z, loads, reactions):
         y, rate = z[: equation.order], z[equation.order :]
         r = y + (1.0 - self.theta) * dt * rate
-        rate_new = equation.implicit_rate(self.theta * dt, r, forces[0])
+        rate_new = equation.implicit_rate(self.theta * dt, r, loads[0] + reactions[0])
         y_new = r + self.theta * dt * rate_new
-        return np.concatenate([y_new, rate_new]), [y_new[0]]
+        return np.concatenate([y_new, rate_new]), [y_new]
 
     def characteristic(self, x, xi):
         z = oscillator(x, xi)

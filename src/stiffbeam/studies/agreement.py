@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -9,42 +10,45 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..arrays import Array
-from ..plain import plain
-from ..semidiscretisation import semidiscretise
-from ..solvers import METHODS, solve
-from ..solvers.agreement import agreement, time_tolerance
-from ..trajectory import Reference, SolverFailure
-from ..validation import InputError, positive
+from ..basics.arrays import Array
+from ..basics.plain import plain
+from ..basics.validation import InputError, positive
+from ..measures.windows import impact_times
+from ..references import solve
+from ..references.horizon import agreement, time_tolerance
+from ..references.registry import EXACT, METHODS, MULTIPRECISION, REFERENCES
+from ..trajectory.trajectory import Reference, SolverFailure
 
 if TYPE_CHECKING:
-    from ..cases import Case
+    from ..files.cases import Case
 
-PRECISION = ("multiprecision", "exact")  # who is held to be right, the most precise first
-REFUTED = 1e3  # times rtol before the first impact: more than that is not what the tolerance claims
+# Who is held to be right, the most precise first.
+PRECISION = [m.name for kind in (MULTIPRECISION, EXACT) for m in REFERENCES.values() if m.kind == kind]
+INCONSISTENT = 1e3  # times rtol before the first impact: more than that is not what the tolerance claims
 Progress = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True)
 class Agreement:
     """References by method; differences[i][j]: largest |du| over max |u| of methods i and j before
-    either's horizon; impact_differences likewise in time; horizons against the most precise; refuted:
-    methods whose claimed tolerance another refutes; skipped: method and reason."""
+    either's horizon; impact_differences likewise in time; horizons against the most precise; inconsistent:
+    methods that are further off than the tolerance they claim; skipped: method and reason."""
 
-    judge: str
+    baseline: str
     references: dict[str, Reference]
     differences: Array
     impact_differences: Array
     horizons: dict[str, float]
-    refuted: dict[str, str]
+    inconsistent: dict[str, str]
     skipped: dict[str, str] = field(default_factory=dict)
 
     def to_dict(self) -> dict[str, Any]:
         names = list(self.references)
         return {
-            "judge": self.judge,
+            "baseline": self.baseline,
+            "units": str(self.references[self.baseline].units),
             "horizons": self.horizons,
-            "refuted": self.refuted,
+            "inconsistent": self.inconsistent,
             "skipped": self.skipped,
             "seconds": {name: r.work.march_seconds for name, r in self.references.items()},
             "work": {name: r.work.counters for name, r in self.references.items()},
@@ -55,7 +59,7 @@ class Agreement:
 
 def agree(
     case: Case,
-    form: str = "displacement",
+    form: str | None = None,
     t_end: float | None = None,
     methods: Sequence[str] = METHODS,
     budget: float = 60.0,
@@ -69,7 +73,7 @@ def agree(
     """
     t_end = positive("t_end", case.t_end if t_end is None else t_end)
     budget = positive("budget", budget)
-    system = semidiscretise(case.problem, case.cells, form)
+    system = case.system(form)
     times = np.linspace(0.0, t_end, 401)
     references: dict[str, Reference] = {}
     skipped: dict[str, str] = {}
@@ -91,49 +95,54 @@ def agree(
             left -= time.perf_counter() - begun
     if not references:
         raise InputError("budget", budget, "let at least one method run", "give more seconds")
-    judge = next((name for name in PRECISION if name in references), next(iter(references)))
+    baseline = next((name for name in PRECISION if name in references), next(iter(references)))
     tolerance = time_tolerance(system)
-    horizons = {name: agreement(references[judge], r, tolerance) for name, r in references.items()}
+    horizons = {name: agreement(references[baseline], r, tolerance) for name, r in references.items()}
     names = list(references)
     differences = np.zeros((len(names), len(names)))
     impacts = np.zeros_like(differences)
-    scale = float(np.max(np.abs(references[judge].tip))) or 1.0
+    scale = float(np.max(np.abs(references[baseline].tip))) or 1.0
     for i, a in enumerate(names):
         for j, b in enumerate(names):
             end = min(horizons[a], horizons[b])
             inside = times <= end
             differences[i, j] = np.max(np.abs(references[a].tip - references[b].tip)[inside]) / scale
             impacts[i, j] = _impact_difference(references[a], references[b], end - tolerance)
-    return Agreement(judge, references, differences, impacts, horizons, _refuted(references, judge, rtol), skipped)
+    return Agreement(
+        baseline, references, differences, impacts, horizons, _inconsistent(references, baseline, rtol), skipped
+    )
 
 
-def _cost(method: str) -> int:
-    """Cheap ones first."""
-    order = ("exact", "cvode-adams", "multiprecision", "cvode", "dop853", "ida", "kvaerno5", "radau", "kvaerno3")
-    return order.index(method) if method in order else len(order)
+def _cost(method: str) -> float:
+    """Cheap ones first, what is not registered last."""
+    return REFERENCES[method].seconds if method in REFERENCES else math.inf
 
 
 def _impact_difference(a: Reference, b: Reference, end: float) -> float:
     """Largest difference of paired impact times to ``end``; NaN where one does not see them by events."""
-    if "sampled" in (a.impacts.kind, b.impacts.kind):
-        return float("nan")
-    n = min(a.impacts.until(end).count, b.impacts.until(end).count)
-    return float(np.max(np.abs(a.impacts.times[:n] - b.impacts.times[:n]), initial=0.0))
+    largest = 0.0
+    for x, y in zip(a.contacts, b.contacts, strict=True):
+        if "sampled" in (x.impacts.kind, y.impacts.kind):
+            return float("nan")
+        own, other = x.impacts.until(end).times, y.impacts.until(end).times
+        n = min(len(own), len(other))
+        largest = max(largest, float(np.max(np.abs(own[:n] - other[:n]), initial=0.0)))
+    return largest
 
 
-def _refuted(references: dict[str, Reference], judge: str, rtol: float) -> dict[str, str]:
+def _inconsistent(references: dict[str, Reference], baseline: str, rtol: float) -> dict[str, str]:
     """Who is further off before the first impact than its tolerance says."""
-    refuted = {}
-    best = references[judge]
-    first = float(best.impacts.times[0]) if best.impacts.count else float(best.t[-1])
+    inconsistent = {}
+    best = references[baseline]
+    first = float(min([*impact_times(best)[:1], best.t[-1]]))
     inside = best.t <= first
     scale = float(np.max(np.abs(best.tip[inside]))) or 1.0
     for name, r in references.items():
         error = float(np.max(np.abs(r.tip - best.tip)[inside])) / scale
-        claim = 1e-11 if name in PRECISION else REFUTED * rtol
+        claim = 1e-11 if name in PRECISION else INCONSISTENT * rtol
         if not error <= claim:
-            refuted[name] = f"{error:.1e} off before the first impact, claimed {claim:.0e}"
-    return refuted
+            inconsistent[name] = f"{error:.1e} off before the first impact, claimed {claim:.0e}"
+    return inconsistent
 
 
 def _by_name(matrix: Array, names: list[str]) -> dict[str, dict[str, float]]:

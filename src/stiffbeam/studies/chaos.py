@@ -1,4 +1,4 @@
-"""How fast neighbouring motions part: Lyapunov exponents of the exact flow and of the schemes, and the portrait.
+"""How fast neighbouring motions diverge: Lyapunov exponents of the exact flow and of the schemes, and the portrait.
 
 The horizon is shorter than a period of the drive, so one run from t = 0 sees one phase of it only. Pairs
 are therefore started at many times along the exact motion and followed while their distance is small. The
@@ -7,17 +7,29 @@ tangent flow along the exact motion is the witness: it needs no distance that is
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import TYPE_CHECKING, Annotated
+
 import numpy as np
 
-from ..arrays import Array
-from ..cases import Case
-from ..drive import Drive
-from ..march.ensemble import Ensemble, integrate_ensemble, reference_ensemble
-from ..modal import modes
-from ..solvers.tangent import lyapunov
-from ..validation import InputError, integer
-from .common import later, scheme_labels, scheme_of, solve_once, system_of
-from .study import Point, Row, Rows, Study
+from ..basics.arrays import Array
+from ..basics.validation import InputError, integer
+from ..figures import column, heading, look, new_figure, numeric, say_empty, shared_legend, short, tip_symbol
+from ..files.cases import Case
+from ..march.ensemble import integrate_ensemble
+from ..measures.windows import drive_frequency
+from ..model.modes import modes
+from ..model.sampled import Sampled
+from ..model.system import System
+from ..model.time_functions import Constant, Harmonic, LoadFunction, Sum
+from ..references.ensemble import reference_ensemble
+from ..references.exact.tangent import lyapunov
+from ..trajectory.ensemble import Ensemble
+from .common import Dt, Form, Schemes, scheme_labels, scheme_of, solve_once, system_of
+from .engine.study import Point, Records, Row, Rows, Study
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 LINEAR = 1e-4  # of the motion's size: a pair farther apart no longer grows in proportion
 SEGMENTS = 20  # of the span, for the scatter of the tangent flow's rate
@@ -26,12 +38,12 @@ PORTRAIT = 6000  # samples of the delayed portrait
 
 def points(
     case: Case,
-    schemes: list[str] | None = None,
-    form: str = "displacement",
-    dt: float | None = None,
-    starts: int = 48,
-    size: float = 1e-11,
-    span: float | None = None,
+    schemes: Schemes = None,
+    form: Form = "displacement",
+    dt: Dt = None,
+    starts: Annotated[int, "pairs of neighbouring motions"] = 48,
+    size: Annotated[float, "their distance, relative to the motion"] = 1e-11,
+    span: Annotated[float | None, "how long they are followed; default: half the horizon"] = None,
 ) -> list[Point]:
     """The exact flow and every scheme at ``dt`` (the case's): ``starts`` pairs a distance ``size`` apart,
     followed for ``span`` (half the case's horizon); and the exact motion's portraits."""
@@ -41,7 +53,7 @@ def points(
     span = min(exact.horizon, case.t_end) / 2.0 if span is None else span
     rest = {"form": form, "dt": dt, "starts": starts, "size": size, "span": dt * max(10, round(span / dt))}
     pairs = [{"kind": "pairs", "method": method} | rest for method in ["exact", *scheme_labels(case, schemes)]]
-    drive = max(Drive.of(exact.system or system_of(case, form)).frequencies, default=0.0)
+    drive = drive_frequency(system_of(case, form))
     tangent = {"kind": "tangent", "method": "tangent flow", "form": form}
     portrait = {"kind": "portrait", "method": "exact", "form": form, "drive": drive}
     long_enough = not drive or 0.9 * case.t_end > 2.0 * np.pi / drive  # for a portrait delayed by a period
@@ -84,6 +96,33 @@ def _pairs(case: Case, point: Point) -> list[Row]:
     keep = np.unique(np.linspace(1, steps, 100).astype(int))
     mean = np.exp(np.mean(np.log(np.maximum(distance, 1e-300)), axis=0)) / largest
     return rows + [{"t": float(many.t[k]), "distance": float(mean[k])} for k in keep]
+
+
+def later(system: System, t: float, q: Array, v: Array) -> System:
+    """The system as it is from time ``t`` on, with t as its new zero and (q, v) its initial data.
+
+    Raises InputError for a function of time that cannot be moved.
+    """
+
+    def shift(function: LoadFunction) -> LoadFunction:
+        if isinstance(function, Harmonic):
+            return replace(function, phase=(function.phase + function.frequency * t) % (2.0 * np.pi))
+        if isinstance(function, Sampled):
+            return replace(function, t=function.t - t)
+        if isinstance(function, Sum):
+            return Sum.weighted((factor, shift(f)) for factor, f in function.terms)
+        if not isinstance(function, Constant):
+            rule = "be made of Harmonic, Constant and Sampled to be started later"
+            raise InputError("time function", function, rule, "sample it: Sampled(t, values, 'cubic')")
+        return function
+
+    return replace(
+        system,
+        q0=q,
+        v0=v,
+        loads=tuple((vector, shift(function)) for vector, function in system.loads),
+        contacts=tuple(c if c.offset is None else replace(c, offset=shift(c.offset)) for c in system.contacts),
+    )
 
 
 def _distance(many: Ensemble, pairs: int, omega: float) -> Array:
@@ -133,23 +172,92 @@ def exponents(rows: Rows) -> dict[str, tuple[float, float]]:
     return found
 
 
-def answer(rows: Rows) -> str:
+def answer(rows: Rows, case: Case) -> str:
+    units = case.units
     found = exponents(rows)
     if not found:
         return "No pair could be followed long enough."
-    parts = [f"{method} {mean:.3g} ± {interval:.2g}" for method, (mean, interval) in found.items()]
+    unit = units.of("rate") and f" {units.of('rate')}"
+    parts = [f"{method} {mean:.3g} ± {interval:.2g}{unit}" for method, (mean, interval) in found.items()]
     mean, interval = (x / np.log(10.0) for x in found.get("tangent flow", (float("nan"), float("nan"))))
+    time = units.of("time") or "unit of time"
     return (
-        f"Neighbouring motions part like exp(lambda t) with lambda = {', '.join(parts)} (mean over the starts, 95 %); "
-        f"by the tangent flow the exact motion loses {mean:.2g} ± {interval:.2g} digits per unit of time."
+        f"Neighbouring motions diverge like exp(lambda t), lambda = {', '.join(parts)} (mean over the starts, 95 %); "
+        f"by the tangent flow the exact motion loses {mean:.2g} ± {interval:.2g} digits per {time}."
     )
+
+
+def draw(records: Records) -> Figure:
+    """(a) mean distance of neighbouring motions, (b) exponents, (c) u(t + T) over u(t), (d) phase portrait."""
+    rows = numeric(records.found)
+    figure = new_figure(8.6)
+    units = records.case.units
+    figure.suptitle(heading(records.case, "how fast neighbouring motions diverge"))
+    (distance, rates), (delayed, portrait) = figure.subplots(2, 2)
+    _distances(distance, rows)
+    distance.set_xlabel(units.label("time since the start of the pair", "time"))
+    _exponents(rates, rows)
+    rates.set_xlabel(units.label(r"exponent $\lambda$ in $e^{\lambda t}$", "rate"))
+    u, ahead = (tip_symbol(records.case.beam, t) for t in ("t", "t + T"))
+    place, delayed_place = (units.label(name, "length") for name in (u, ahead))
+    speed = units.label(u.replace("u(", "u_t("), "velocity")
+    path = [row for row in rows if row["kind"] == "portrait"]
+    for axis, x, y, xlabel, ylabel, title in (
+        (delayed, "u", "u_delayed", place, delayed_place, "(c) delayed by a period T of the drive"),
+        (portrait, "u", "v", place, speed, "(d) phase portrait"),
+    ):
+        axis.plot(column(path, x), column(path, y), ls="", marker=".", ms=1.2, color="black", alpha=0.45)
+        axis.set(xlabel=xlabel, ylabel=ylabel)
+        axis.locator_params(axis="x", nbins=6)
+        axis.set_title(f"{title}, exact, one realisation", loc="left")
+        if not path:
+            say_empty(axis)
+    shared_legend(figure)
+    return figure
+
+
+def _distances(axis, rows) -> None:
+    for method in dict.fromkeys(row["method"] for row in rows):
+        own = [row for row in rows if row["method"] == method and "distance" in row]
+        if own:
+            style = look(method)
+            axis.plot(column(own, "t"), column(own, "distance"), color=style["color"], ls=style["linestyle"],
+                      lw=2.0 if method == "exact" else 1.2, label=short(method))  # fmt: skip
+    if axis.lines:
+        axis.set_yscale("log")
+        axis.axhline(LINEAR, color="0.5", lw=0.8, ls=":")
+        axis.annotate("grows in proportion below", (0.02, LINEAR), xycoords=("axes fraction", "data"), ha="left",
+                      xytext=(0, 3), textcoords="offset points", fontsize=8, color="0.35")  # fmt: skip
+    else:
+        say_empty(axis)
+    axis.set(ylabel="distance over the motion's size")
+    axis.set_title("(a) geometric mean over the pairs", loc="left")
+
+
+def _exponents(axis, rows) -> None:
+    """Every start a dot, mean and 95 % interval beside it."""
+    found = exponents(rows)
+    jitter = np.random.default_rng(0)
+    for i, (method, (mean, interval)) in enumerate(found.items()):
+        values = column([row for row in rows if row["method"] == method and "exponent" in row], "exponent")
+        colour = look(method)["color"]
+        axis.plot(
+            values, i + jitter.uniform(-0.25, 0.25, len(values)), ls="", marker=".", ms=3, color=colour, alpha=0.5
+        )
+        axis.errorbar(mean, i, xerr=interval, fmt="o", color=colour, ms=5, capsize=4, lw=1.8)
+    axis.axvline(0.0, color="0.8", lw=0.8, zorder=0)
+    axis.set_yticks(range(len(found)), [short(method) for method in found])
+    axis.invert_yaxis()
+    axis.set_title("(b) exponents: every start, mean, 95 % interval", loc="left")
 
 
 STUDY = Study(
     name="chaos",
-    question="How fast do neighbouring motions part, and do the schemes part as fast as the exact flow?",
+    question="How fast do neighbouring motions diverge, and do the schemes diverge as fast as the exact flow?",
     points=points,
     evaluate=evaluate,
     answer=answer,
+    draw=draw,
+    all_cores=True,
     smoke={"schemes": ["hht(alpha=-0.1)"], "starts": 6},
 )

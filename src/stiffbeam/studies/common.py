@@ -1,44 +1,73 @@
-"""What several studies need: schemes by label, a system's smooth motion, a reference solved once."""
+"""What several studies need: schemes by label, a reference solved once."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from typing import Annotated
 
-import numpy as np
-
-from ..arrays import Array
-from ..cases import Case, parse_run
-from ..contact import Contact
-from ..drive import Drive
-from ..modal import modes
+from ..basics.budget import afford
+from ..basics.validation import InputError, integer, sequence
+from ..files.cases import Case, parse_run
+from ..measures.windows import first_impacts_end
+from ..model.system import System
+from ..references import reference
 from ..schemes import SCHEMES, Scheme, make
-from ..semidiscretisation import semidiscretise
-from ..solvers import reference
-from ..system import System
-from ..time_functions import Harmonic, LoadFunction
-from ..trajectory import Reference
-from ..validation import InputError, positive
+from ..schemes.own import own_label
+from ..trajectory.trajectory import Reference
+from .engine.study import Row, Rows
+
+# What the options of several studies are and mean; the commands read it here.
+Schemes = Annotated[list[str] | None, "with commas between them, e.g. 'bdf2,hht(alpha=-0.2)'; default: all"]
+Form = Annotated[str, "displacement or velocity-curvature"]
+Forms = Annotated[list[str] | None, "with commas between them; default: all the case can take"]
+Dt = Annotated[float | None, "time step to start from, instead of the case's"]
+End = Annotated[float | None, "end time instead of the case's"]
+Halvings = Annotated[int, "how many steps dt, dt/2, dt/4, ..."]
+ImpactCount = Annotated[int, "the window ends when so many impacts are over"]
+Treatment = Annotated[str, "implicit, or extrapolated as in the paper"]
 
 _REFERENCES: dict[tuple[str, float, str], Reference] = {}
 _KEPT = 4
 
 
-def scheme_labels(case: Case, schemes: Sequence[str] | None = None) -> list[str]:
-    """The given labels in one spelling, or the case's own schemes and every other registered one.
+def scheme_labels(case: Case, schemes: Sequence[str | Scheme] | None = None) -> list[str]:
+    """The given labels and schemes as labels in one spelling, or the case's own schemes and every other registered one.
 
     A scheme that the case runs on several forms counts once; ``theta`` with its default is the
     trapezoidal rule, which stands under that name.
     """
     if schemes is not None:
+        schemes = sequence("schemes", schemes, "be schemes or their labels", "for example ['hht(alpha=-0.1)']")
         for label in schemes:
             if not isinstance(label, (str, Scheme)):
-                raise InputError("schemes", label, "be labels of registered schemes", "for example 'hht(alpha=-0.1)'")
-        return [str(parse_run(str(label))[0]) for label in schemes]
+                raise InputError("schemes", label, "be schemes or their labels", "for example 'hht(alpha=-0.1)'")
+        return [label_of(label) for label in schemes]
     own: dict[str, Scheme] = {}
     for scheme, _ in case.runs:
         own.setdefault(scheme.name, scheme)
-    return [str(own.get(name) or make(name)) for name in SCHEMES if name != "theta"]
+    return [label_of(own.get(name) or make(name)) for name in SCHEMES if name != "theta"]
+
+
+def label_of(scheme: str | Scheme) -> str:
+    """The label that makes the scheme again: studies travel to other processes as text.
+
+    A scheme of one's own goes by ``module:Class``. Raises InputError where no label can make it again.
+    """
+    if isinstance(scheme, str):
+        return label_of(scheme_of(scheme))
+    label = str(scheme)
+    try:
+        made = scheme_of(label)
+    except InputError:
+        made = None
+    return label if type(made) is type(scheme) else own_label(scheme)
+
+
+def afford_halvings(case: Case, halvings: int, dt: float | None, t_end: float | None) -> None:
+    """Refuse more ``halvings`` of the step than a run over the span can be waited for, at 20 ns a step."""
+    integer("halvings", halvings, 1)
+    steps = (t_end or case.t_end) / (dt or case.dt) * 2.0 ** min(halvings, 1000)
+    afford("halvings", halvings, "take fewer", seconds=2e-8 * steps)
 
 
 def scheme_of(label: str) -> Scheme:
@@ -47,7 +76,21 @@ def scheme_of(label: str) -> Scheme:
 
 
 def system_of(case: Case, form: str) -> System:
-    return semidiscretise(case.problem, case.cells, form)
+    return case.system(form)
+
+
+def places(system: System) -> list[str]:
+    """What tells the contacts of a system apart in words: "" for the only one, else " at contact 1", ..."""
+    numbers = range(1, len(system.contacts) + 1)
+    return [f" at contact {i}" for i in numbers] if len(numbers) > 1 else [""] * len(numbers)
+
+
+def by_contact(rows: Rows) -> dict[str, list[Row]]:
+    """The rows of each contact under its name, see ``places``; those that belong to none are with every one."""
+    numbers = sorted({row["contact_number"] for row in rows if "contact_number" in row})
+    if len(numbers) < 2:
+        return {"": list(rows)}
+    return {f" at contact {n}": [row for row in rows if row.get("contact_number", n) == n] for n in numbers}
 
 
 def solve_once(system: System, t_end: float, method: str = "exact") -> Reference:
@@ -61,73 +104,5 @@ def solve_once(system: System, t_end: float, method: str = "exact") -> Reference
 
 
 def first_impacts(case: Case, form: str, impacts: int) -> float:
-    """The end of a window that holds ``impacts`` impacts and stays far from the horizon.
-
-    It ends half-way to the next impact, so that whether a scheme counts the last one does not hang on
-    rounding; a case without so many ends at half the horizon.
-    """
-    positive("impacts", impacts)
-    exact = solve_once(system_of(case, form), case.t_end)
-    times = exact.impacts.times
-    end = 0.5 * min(exact.horizon, case.t_end)
-    if len(times) > impacts:
-        end = min(end, 0.5 * float(times[impacts - 1] + times[impacts]))
-    return end
-
-
-def later(system: System, t: float, q: Array, v: Array) -> System:
-    """The system as it is from time ``t`` on, with t as its new zero and (q, v) its initial data."""
-
-    def shift(function: LoadFunction) -> LoadFunction:
-        if isinstance(function, Harmonic):
-            return replace(function, phase=(function.phase + function.frequency * t) % (2.0 * np.pi))
-        return function
-
-    return replace(
-        system,
-        q0=q,
-        v0=v,
-        loads=tuple((vector, shift(function)) for vector, function in system.loads),
-        contacts=tuple(c if c.offset is None else Contact(c.row, c.stops, shift(c.offset)) for c in system.contacts),
-    )
-
-
-def without_contact(system: System) -> System:
-    """The same system with its stops taken away; ``tip`` stays what it was."""
-    row = system.channels[system.tip_channel][0]
-    return replace(system, contacts=(), observe=row)
-
-
-def smooth(system: System) -> System:
-    """The system without contact on its slow motion: the steady answer to the drive plus the lowest mode.
-
-    Initial data at rest shake every mode of the grid, and no step of interest resolves the highest. The
-    lowest mode starts with the size of the steady motion, or 1 where nothing drives the system.
-    """
-    system = without_contact(system)
-    y, g = steady_state(system)
-    basis = modes(system)
-    assert basis is not None
-    q, v = g @ y, Drive.of(system).derivative() @ g @ y
-    size = float(np.max(np.abs(q))) or 1.0
-    lowest = int(np.argmax(basis.omega > 0.0))
-    shape = basis.shapes[:, lowest]
-    return replace(system, q0=q + size * shape / np.max(np.abs(shape)), v0=v)
-
-
-def steady_state(system: System) -> tuple[Array, Array]:
-    """(Y, g(0)), q = Y^T g(t): the motion in which every load only rings at its own frequency; Y is (d, n)."""
-    basis = modes(system)
-    if basis is None:
-        raise InputError("damping", "a matrix that couples the modes", "decouple for the steady motion")
-    drive = Drive.of(system)
-    unit, samples = drive.split(system.loads, system.size)
-    if samples:
-        raise InputError("loads", "a sampled load", "be harmonic or constant for the steady motion")
-    # With the load unit^T g, g' = D g and eta = y^T g in a mode: (D^T D^T + c D^T + w^2) y = its force.
-    forces, rate = basis.force(unit), drive.derivative().T
-    y = np.empty_like(forces)
-    for j, (omega, c) in enumerate(zip(basis.omega, basis.damping, strict=True)):
-        matrix = rate @ rate + c * rate + omega**2 * np.eye(drive.size)
-        y[:, j] = np.linalg.lstsq(matrix, forces[:, j])[0]  # a rigid-body mode has no steady answer to a constant
-    return basis.to_nodal(y), drive.coefficients(0.0)
+    """The end of the case's first ``impacts`` impacts, see ``first_impacts_end``."""
+    return first_impacts_end(solve_once(system_of(case, form), case.t_end), impacts)

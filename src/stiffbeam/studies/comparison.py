@@ -3,22 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
-from ..cases import Case, paper_cases
+from ..basics.validation import InputError, near, step_count
+from ..files.cases import Case
 from ..march.integrate import CONTACTS, integrate
+from ..march.warm import COMPILING, compile_beside, warm_up
 from ..measures.comparison import Comparison, compare
-from ..schemes import BDF2, HHT, SDIRK, Scheme
-from ..semidiscretisation import semidiscretise
-from ..solvers import METHODS, reference
-from ..system import System
-from ..trajectory import Diverged, Reference, SolverFailure, Trajectory
-from ..validation import InputError, near, step_count
+from ..model.system import System
+from ..references import reference
+from ..references.registry import COMPARED, METHODS
+from ..schemes import Scheme
+from ..trajectory.trajectory import Diverged, Reference, SolverFailure, Trajectory
 
-DEFAULT_REFERENCES = ("exact", "cvode", "cvode-adams")
 Progress = Callable[[str, int, int], None]  # (what is running, done, total); total 0: unknown
 
 
@@ -28,57 +28,56 @@ class CaseComparison:
 
     case: Case
     runs: list[Trajectory] = field(default_factory=list)
-    references: list[Reference] = field(default_factory=list)  # the yardstick of each form first
+    references: list[Reference] = field(default_factory=list)  # the main one of each form first
     comparisons: list[Comparison] = field(default_factory=list)
     failures: list[tuple[str, str]] = field(default_factory=list)
+    truths: dict[str, Reference] = field(default_factory=dict)  # by form, where one was given
+
+    def __repr__(self) -> str:
+        return f"<CaseComparison {self.case.name}: {len(self.comparisons)} compared, {len(self.failures)} failed>"
 
     def to_dict(self) -> dict[str, Any]:
         return {
             "case": self.case.name,
             "title": self.case.title,
+            "units": asdict(self.case.units),
             "dt": self.case.dt,
             "t_end": self.case.t_end,
-            "cells": self.case.cells,
+            "cells": self.case.cells if self.case.beam else None,
             "inferred": list(self.case.notes),
             "references": [
                 {"label": r.label, "horizon": r.horizon, "seconds": r.work.seconds, "provenance": r.provenance}
                 for r in self.references
             ],
             "comparisons": [c.to_dict() for c in self.comparisons],
+            "truths": {form: truth.impacts.count for form, truth in self.truths.items()},
             "failures": [{"run": label, "message": message} for label, message in self.failures],
         }
-
-
-def default_runs(case: Case) -> list[tuple[Scheme, str]]:
-    """The case's own runs; for a table of the paper also whichever of its three schemes is missing."""
-    runs = list(case.runs)
-    if case.name not in paper_cases() or case.runs != paper_cases()[case.name].runs:
-        return runs
-    names = {scheme.name for scheme, _ in runs}
-    for scheme in (BDF2(), SDIRK(nystrom=True), HHT()):
-        if scheme.name not in names:
-            runs.append((scheme, "displacement"))
-    return runs
 
 
 def compare_case(
     case: Case,
     runs: Sequence[tuple[Scheme, str]] | None = None,
-    references: Sequence[str] = DEFAULT_REFERENCES,
+    references: Sequence[str] = COMPARED,
     contact: str = "implicit",
     dt: float | None = None,
     t_end: float | None = None,
     progress: Progress = lambda what, done, total: None,
     keep: Callable[[Trajectory], None] = lambda trajectory: None,
     solve: Callable[..., Reference] = reference,
+    truth: Callable[[Case, str, float], Reference | None] = lambda case, form, t_end: None,
 ) -> CaseComparison:
     """Run every scheme over the case's time span and hold it against a reference of the same form.
 
-    The first of ``references`` that can take the system is the yardstick over the whole span; the
+    runs: (scheme, form); None for the case's own.
+
+    The first of ``references`` that can take the system is the main reference, over the whole span; the
     others run to its horizon only and are compared like the schemes. A run that fails is reported and
     the others go on. ``keep`` is called with every trajectory as soon as it is finished. ``solve`` makes
-    the references: ``cached_reference`` keeps them for the next time.
+    the references: ``cached_reference`` keeps them for the next time. ``truth`` is asked, with case, form and t_end,
+    for a solution that holds over the whole span.
     """
+    compile_beside()  # the references do not need the march
     case = replace(case, dt=dt or case.dt, t_end=t_end or case.t_end)
     step_count(case.dt, case.t_end)
     if contact not in CONTACTS:
@@ -87,10 +86,19 @@ def compare_case(
         if name not in METHODS:
             raise InputError("references", name, "be a reference method", near(name, METHODS))
     result = CaseComparison(case)
-    chosen = list(default_runs(case) if runs is None else runs)
+    chosen = list(case.runs if runs is None else runs)
+    refused: list[Diverged | InputError] = []
     for form in dict.fromkeys(form for _, form in chosen):
-        system = semidiscretise(case.problem, case.cells, form)
-        yardstick = _yardstick(system, case, references, result, progress, solve)
+        system = case.system(form)
+        main = _main_reference(system, case, references, result, progress, solve)
+        further = []
+        if main is not None:
+            keep(main)
+            for other in _further_references(system, case, references, main, result, progress, solve):
+                keep(other)
+                further.append(other)
+        progress(COMPILING, 0, 0)
+        warm_up()
         for scheme, _ in (pair for pair in chosen if pair[1] == form):
             label = f"{scheme}@{form}"
             try:
@@ -99,23 +107,25 @@ def compare_case(
                     progress=lambda done, label=label: progress(label, done, round(case.t_end / case.dt)),
                 )  # fmt: skip
             except (Diverged, InputError) as error:
-                if isinstance(error, InputError) and error.field != "dt":  # dt: an erratum refused on this system
-                    raise
+                refused.append(error)
                 result.failures.append((label, str(error)))
                 continue
             result.runs.append(run)
             keep(run)
-            if yardstick is not None:
+            if main is not None:
                 progress(f"measuring {label}", 0, 0)
-                _measure(result, run, yardstick)
-        if yardstick is not None:
-            keep(yardstick)
-            for further in _further_references(system, case, references, yardstick, result, progress, solve):
-                keep(further)
+                _measure(result, run, main)
+        if main is not None:
+            for other in further:
+                _measure(result, other, main)
+            if main.horizon < case.t_end and (true := truth(case, form, case.t_end)) is not None:
+                result.truths[form] = true
+    if not result.runs and refused and all(isinstance(error, InputError) and error.field != "dt" for error in refused):
+        raise refused[0]  # nothing was run: not a scheme but what was asked is at fault
     return result
 
 
-def _yardstick(
+def _main_reference(
     system: System,
     case: Case,
     references: Sequence[str],
@@ -129,12 +139,12 @@ def _yardstick(
         try:
             # The adaptive solvers answer at the times they were asked for: the runs' own steps.
             times = None if method in ("exact", "multiprecision") else np.arange(steps + 1) * case.dt
-            yardstick = solve(system, case.t_end, method, times)
+            main = solve(system, case.t_end, method, times)
         except (InputError, SolverFailure) as error:
             result.failures.append((f"{method}@{system.form}", str(error)))
             continue
-        result.references.append(yardstick)
-        return yardstick
+        result.references.append(main)
+        return main
     return None
 
 
@@ -142,17 +152,17 @@ def _further_references(
     system: System,
     case: Case,
     references: Sequence[str],
-    yardstick: Reference,
+    main: Reference,
     result: CaseComparison,
     progress: Progress,
     solve: Callable[..., Reference],
 ) -> Iterator[Reference]:
-    window = min(case.t_end, yardstick.horizon)
+    window = min(case.t_end, main.horizon)
     steps = int(np.floor(window / case.dt * (1 + 1e-12)))
     if steps < 2:
         return
     times = np.arange(steps + 1) * case.dt
-    tried = {label.partition("@")[0] for label, _ in result.failures} | {yardstick.provenance["method"]}
+    tried = {label.partition("@")[0] for label, _ in result.failures} | {main.provenance["method"]}
     for method in references:
         if method in tried:
             continue
@@ -164,13 +174,12 @@ def _further_references(
             result.failures.append((label, str(error)))
             continue
         result.references.append(further)
-        _measure(result, further, yardstick)
         yield further
 
 
-def _measure(result: CaseComparison, run: Trajectory, yardstick: Reference) -> None:
+def _measure(result: CaseComparison, run: Trajectory, main: Reference) -> None:
     """Compare, or note why it cannot be: one run that cannot be compared does not end the others."""
     try:
-        result.comparisons.append(compare(run, yardstick))
+        result.comparisons.append(compare(run, main))
     except InputError as error:
         result.failures.append((run.label, str(error)))

@@ -6,17 +6,40 @@ rounding, and (in contact) every impact inside the window still has its partner.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Annotated
+
 import numpy as np
 
-from ..cases import Case
-from ..drive import Drive
+from ..basics.validation import InputError
+from ..figures import column, heading, log_scale, look, mark_order, new_figure, numeric, say_empty, short
+from ..files.cases import Case
 from ..march.integrate import integrate
-from ..measures.impacts import match
+from ..measures.impacts import matched_until
 from ..measures.regression import Order, observed_order
-from ..modal import modes
-from ..validation import InputError, integer
-from .common import first_impacts, scheme_labels, scheme_of, smooth, solve_once, system_of
-from .study import Point, Row, Rows, Study
+from ..measures.smooth_motion import smooth_motion
+from ..measures.tip_error import tip_error
+from ..measures.windows import slowest_period
+from ..model.drive import Drive
+from ..model.modes import modes
+from .common import (
+    Dt,
+    Form,
+    Halvings,
+    ImpactCount,
+    Schemes,
+    Treatment,
+    afford_halvings,
+    first_impacts,
+    scheme_labels,
+    scheme_of,
+    solve_once,
+    system_of,
+)
+from .engine.study import Point, Records, Row, Rows, Study
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 KINDS = ("smooth", "contact")
 PER_OCTAVE = 4  # steps per halving through contact, where the error jumps about: the worst of an octave counts
@@ -28,26 +51,26 @@ ROUNDING = 10.0 * np.finfo(float).eps  # times the number of steps: what roundin
 
 def points(
     case: Case,
-    schemes: list[str] | None = None,
-    kinds: list[str] | None = None,
-    form: str = "displacement",
-    dt: float | None = None,
-    halvings: int = 10,
-    impacts: int = 4,
-    contact: str = "implicit",
+    schemes: Schemes = None,
+    kinds: Annotated[list[str] | None, "smooth, contact, or both"] = None,
+    form: Form = "displacement",
+    dt: Dt = None,
+    halvings: Halvings = 10,
+    impacts: ImpactCount = 4,
+    contact: Treatment = "implicit",
 ) -> list[Point]:
     """Steps from ``dt`` (the case's) downwards, ``halvings`` times.
 
     smooth: the case without stops on its slow motion, over one period of the drive or of the lowest
     mode, whichever is longer. contact: the case itself until its first ``impacts`` impacts are over.
     """
-    integer("halvings", halvings, 1)
+    afford_halvings(case, halvings, dt, None)
     start = case.dt if dt is None else dt
     system = system_of(case, form)
     found: list[Point] = []
     for kind in KINDS if kinds is None else kinds:
         if kind == "smooth":
-            end, per_octave = _period(case, form), 1
+            end, per_octave = slowest_period(system), 1
         elif kind == "contact":
             if not system.contacts:
                 continue
@@ -63,40 +86,29 @@ def points(
     return list({tuple(p.items()): p for p in found}.values())
 
 
-def _period(case: Case, form: str) -> float:
-    basis = modes(system_of(case, form))
-    if basis is None:
-        raise InputError("damping", "a matrix that couples the modes", "decouple for the smooth motion")
-    slowest = [float(w) for w in basis.omega[basis.omega > 0.0][:1]] + list(Drive.of(system_of(case, form)).frequencies)
-    return 2.0 * np.pi / min(slowest)
-
-
 def evaluate(case: Case, point: Point) -> list[Row]:
     system = system_of(case, point["form"])
     if point["kind"] == "smooth":
-        system = smooth(system)
+        system = smooth_motion(system)
     steps, t_end = point["steps"], point["t_end"]
     exact = solve_once(system, t_end)
     dt = t_end / steps
     run = integrate(system, scheme_of(point["scheme"]), dt, t_end, point["contact"], every=max(1, steps // SAMPLES))
-    u, _ = exact.at(run.t)
-    scale = float(np.max(np.abs(u)))
-    error = np.abs(run.tip - u) / scale
-    rms = float(np.sqrt(np.mean(error**2)))
+    error = tip_error(run.tip, exact.at(run.t)[0])
     basis = modes(system)
     fastest = max([*Drive.of(system).frequencies, float(basis.omega[basis.omega > 0.0][0]) if basis else 0.0])
     left_out = ""
-    if point["kind"] == "contact" and match(run.impacts, exact.impacts, t_end).matched_until < t_end:
-        left_out = "impacts part"
-    if rms > ASYMPTOTIC:
+    if point["kind"] == "contact" and matched_until(run, exact, t_end) < t_end:
+        left_out = "impacts differ"
+    if error.rms > ASYMPTOTIC:
         left_out = left_out or "error above 10 %"
     elif fastest * dt > RESOLVED:
         left_out = "motion not resolved"
-    elif rms < ROUNDING * steps:
+    elif error.rms < ROUNDING * steps:
         left_out = "rounding"
     elif t_end > exact.horizon:
         left_out = "past the horizon"
-    return [{"dt": dt, "error_rms": rms, "error_max": float(np.max(error)), "left_out": left_out}]
+    return [{"dt": dt, "error_rms": error.rms, "error_max": error.max, "left_out": left_out}]
 
 
 def envelope(rows: Rows) -> tuple[list[float], list[float]]:
@@ -116,7 +128,7 @@ def orders(rows: Rows) -> dict[tuple[str, str], Order]:
     return {key: observed_order(*envelope([r for r in rows if (r["kind"], r["scheme"]) == key])) for key in keys}
 
 
-def answer(rows: Rows) -> str:
+def answer(rows: Rows, _: Case) -> str:
     parts = {
         "smooth": "Observed orders without contact: ",
         "contact": "Through the first impacts (worst of each octave): ",
@@ -132,11 +144,70 @@ def answer(rows: Rows) -> str:
     return " ".join(sentences)
 
 
+TITLES = {"smooth": "without contact, slow motion", "contact": "through the first impacts"}
+OVERFLOWN = 1e3  # an error that no longer says anything
+REASONS = {"impacts differ": "o", "error above 10 %": "^", "motion not resolved": "s", "rounding": "v",
+           "past the horizon": "D", "its octave has one of these": "p"}  # fmt: skip
+
+
+def draw(records: Records) -> Figure:
+    """Filled markers enter the slope; hollow ones do not, their shape says why."""
+    rows = numeric(records.found)
+    kinds = [kind for kind in TITLES if any(row["kind"] == kind for row in rows)] or ["smooth"]
+    figure = new_figure(6.4, heading(records.case, "convergence in time, slopes with their 95 % intervals"))
+    axes = figure.subplots(1, len(kinds), squeeze=False)[0]
+    found = orders(rows)
+    for axis, kind, letter in zip(axes, kinds, "ab", strict=False):
+        own = [row for row in rows if row["kind"] == kind]
+        reasons: dict[str, None] = {}
+        for label in dict.fromkeys(row["scheme"] for row in own):
+            order = found[kind, label]
+            slope = str(order) if np.isfinite(order.slope) else "too few points"
+            reasons |= _curve(axis, [row for row in own if row["scheme"] == label], f"{short(label)}: {slope}", order)
+        for reason in sorted(reasons, key=list(REASONS).index):
+            axis.plot([], [], REASONS[reason], ms=4.5, mfc="white", mec="0.35", label=f"left out: {reason}")
+        log_scale(axis)
+        axis.set(xlabel=records.case.units.label(r"step $\Delta t$", "time"), ylabel="tip error, rms, relative")
+        axis.grid(color="0.92")
+        axis.set_title(f"({letter}) {TITLES[kind]}", loc="left")
+        if own:
+            axis.margins(x=0.06, y=0.04)
+            if axis.get_yscale() == "log":
+                axis.set_ylim(top=min(axis.get_ylim()[1], OVERFLOWN))
+            mark_order(axis, (3, 2, 1))
+            axis.legend(frameon=False, fontsize=8.5, loc="upper center", bbox_to_anchor=(0.5, -0.12), ncols=2)
+        else:
+            say_empty(axis)
+    return figure
+
+
+def _curve(axis, own: Sequence[Row], text: str, order) -> dict[str, None]:
+    """Points and slope of one scheme; returns the reasons met."""
+    own = sorted(own, key=lambda row: row["dt"])
+    style = look(own[0]["scheme"])
+    counted = set(envelope(own)[0])
+    octaves = {row["octave"] for row in own if row["dt"] in counted}
+    reasons: dict[str, None] = {}
+    axis.plot(column(own, "dt"), column(own, "error_rms"), lw=0.5, alpha=0.6, **style | {"marker": ""})
+    axis.plot([], [], lw=1.3, ms=4.5, label=text, **style)
+    for row in own:
+        reason = row["left_out"] or ("" if row["octave"] in octaves else "its octave has one of these")
+        fill = {} if not reason else {"mfc": "white", "mec": style["color"], "marker": REASONS[reason]}
+        axis.plot(row["dt"], row["error_rms"], ms=4.0, mew=0.9, **style | {"linestyle": ""} | fill)
+        if reason:
+            reasons[reason] = None
+    if np.isfinite(order.slope) and counted:
+        x = np.array([min(counted), max(counted)])
+        axis.plot(x, order.constant * x**order.slope, lw=1.5, **style | {"marker": ""})
+    return reasons
+
+
 STUDY = Study(
     name="converge",
     question="At which rate does each scheme approach the exact solution, smooth and through contact?",
     points=points,
     evaluate=evaluate,
     answer=answer,
+    draw=draw,
     smoke={"schemes": ["bdf2", "sdirk(gamma=0.4359, nystrom=true)"], "halvings": 4, "impacts": 2},
 )

@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
 
-from ..cases import Case
-from ..ledger import Ledger
+from ..basics.arrays import Array
+from ..basics.units import Units
+from ..figures import column, heading, look, new_figure, numeric, say_empty, shared_legend, short, signed_log
+from ..files.cases import Case
 from ..march.integrate import integrate
-from ..semidiscretisation import FORMS
-from ..trajectory import Trajectory
-from .common import scheme_labels, scheme_of, solve_once, system_of
-from .study import Point, Row, Rows, Study
+from ..trajectory.ledger import Ledger
+from ..trajectory.trajectory import Trajectory
+from .common import Dt, End, Forms, Schemes, Treatment, scheme_labels, scheme_of, solve_once, system_of
+from .engine.study import Point, Records, Row, Rows, Study
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 OUTPUTS = 200  # times at which the ledger is kept
 FIRST_ORDER = ", first order"  # (3.5): the same system, marched in (v, v')
@@ -18,11 +26,11 @@ FIRST_ORDER = ", first order"  # (3.5): the same system, marched in (v, v')
 
 def points(
     case: Case,
-    schemes: list[str] | None = None,
-    forms: list[str] | None = None,
-    dt: float | None = None,
-    t_end: float | None = None,
-    contact: str = "implicit",
+    schemes: Schemes = None,
+    forms: Forms = None,
+    dt: Dt = None,
+    t_end: End = None,
+    contact: Treatment = "implicit",
 ) -> list[Point]:
     """The exact flow and every scheme on every form that the case can take; first-order marches for two schemes.
 
@@ -30,7 +38,7 @@ def points(
     """
     dt, t_end = case.dt if dt is None else dt, case.t_end if t_end is None else t_end
     labels = scheme_labels(case, schemes)
-    kinds = forms or [f for f in FORMS if f == "displacement" or case.problem.viscosity == 0.0]
+    kinds = forms or list(case.forms)
     span = {"t_end": t_end, "contact": contact}
     found: list[Point] = []
     for form in kinds:
@@ -39,7 +47,7 @@ def points(
     # The direct march of the paper's (3.5) is slow, and the same scheme to rounding: a tenth of the span shows it.
     first = [label for label in labels if not scheme_of(label).second_order_only][:1] if forms is None else []
     short = {"t_end": dt * max(2, round(0.1 * t_end / dt)), "contact": contact}
-    found += [{"scheme": label, "form": "displacement" + FIRST_ORDER, "dt": dt} | short for label in first]
+    found += [{"scheme": label, "form": kinds[0] + FIRST_ORDER, "dt": dt} | short for label in first]
     return found
 
 
@@ -73,19 +81,106 @@ def last_rows(rows: Rows) -> list[Row]:
     return list({(row["scheme"], row["form"]): row for row in rows}.values())
 
 
-def answer(rows: Rows) -> str:
+def answer(rows: Rows, case: Case) -> str:
+    units = case.units
     parts, exact = [], []
     for row in last_rows(rows):
         if row["scheme"] == "exact":
-            exact.append(f"{abs(row['lost_fraction']):.0e} ({row['form']}, to t = {row['t']:.3g})")
-        elif row["form"] == "displacement":
+            end = units.measure(f"{row['t']:.3g}", "time")
+            exact.append(f"{abs(row['lost_fraction']):.0e} ({row['form']}, to t = {end})")
+        elif row["form"] == rows[0]["form"]:
             share = row["lost_in_contact"] / row["loss"] if row["loss"] else float("nan")
             parts.append(f"{row['scheme']} {100 * row['lost_fraction']:.2g} % ({100 * share:.0f} % of it in contact)")
-    end = max(row["t"] for row in rows)
+    end = units.measure(f"{max(row['t'] for row in rows):g}", "time")
     return (
-        f"Of all energy put in to t = {end:g}, one realisation each, lost: {', '.join(parts)}. "
+        f"Of all energy put in to t = {end}, one realisation each, lost: {', '.join(parts)}. "
         f"The exact flow closes to {', '.join(exact)}."
     )
+
+
+MOST = 120.0  # per cent: longer bars are cut, their numbers stand beside them
+PARTS = (("lost_in_contact", "in contact"), ("lost_free", "between impacts"))
+
+
+def _named(form: str) -> str:
+    return "first order" if form.endswith(FIRST_ORDER) else form
+
+
+def draw(records: Records) -> Figure:
+    """Energies over time, and in the end their share of all the run has had: E_0 and the work put in."""
+    rows = numeric(records.found)
+    runs: dict[tuple[str, str], list[Row]] = {}
+    for row in rows:
+        runs.setdefault((row["form"], row["scheme"]), []).append(row)
+    forms = list(dict.fromkeys(form for form, _ in runs))
+    main = forms[0] if forms else "displacement"
+    figure = new_figure(8.2)
+    units = records.case.units
+    figure.suptitle(heading(records.case, "the energy that each scheme loses, in contact and between impacts"))
+    axes = figure.subplot_mosaic([["contact", "free"], ["bars", "bars"]], height_ratios=(1.0, 1.15))
+    for (name, words), panel, letter in zip(PARTS, ("contact", "free"), "ab", strict=True):
+        axis = axes[panel]
+        for (form, scheme), own in runs.items():
+            if form == main:
+                style: dict[str, Any] = look(scheme) | {"marker": ""}
+                label = "exact, to its horizon" if scheme == "exact" else short(scheme)
+                (line,) = axis.plot(column(own, "t"), column(own, name), label=label, **style)
+                line.set_linewidth(3.0 if scheme == "exact" else 1.3)
+        axis.axhline(0.0, color="0.6", lw=0.7, zorder=0)
+        axis.grid(color="0.92")
+        axis.set(xlabel=units.label("time $t$", "time"), ylabel=units.label("energy lost so far", "energy"))
+        axis.set_title(f"({letter}) lost {words} ({_named(main)} form)", loc="left")
+        if not rows:
+            say_empty(axis)
+        shown = np.concatenate([np.asarray(line.get_ydata(), float) for line in axis.get_lines()])
+        if top := float(np.max(np.abs(shown), initial=0.0, where=np.isfinite(shown))):
+            signed_log(axis, [shown], 1e-3 * top)
+    shared_legend(figure, 7)
+    _bars(axes["bars"], runs, units)
+    return figure
+
+
+def _share(own: Sequence[Row], name: str) -> Array:
+    """Per cent of E_0 + input; NaN where that is not positive."""
+    had = column(own, "energy")[0] + column(own, "input")
+    return 100.0 * column(own, name) / np.where(had > 0.0, had, np.nan)
+
+
+def _bars(axis, runs: dict[tuple[str, str], list[Row]], units: Units) -> None:
+    """The last share of every run, in contact and free side by side on either side of zero, cut at +-MOST."""
+    place, ticks, names = 0.0, [], []
+    last_form = None
+    for (form, scheme), own in runs.items():
+        if scheme == "exact":
+            continue
+        if last_form not in (None, form):
+            axis.axvline(place - 0.25, color="0.8", lw=0.8)
+            place += 0.5
+        end = units.measure(f"{own[-1]['t']:g}", "time")
+        if form != last_form:
+            axis.text(place - 0.5, 1.02, f"{_named(form)}, to t = {end}", fontsize=9, color="0.25",
+                      transform=axis.get_xaxis_transform())  # fmt: skip
+        last_form = form
+        for k, ((name, words), colour, hatch) in enumerate(zip(PARTS, ("0.3", "0.75"), ("", "///"), strict=True)):
+            height = _share(own, name)[-1]
+            axis.bar(place + 0.4 * k - 0.2, np.clip(height, -MOST, MOST), 0.38, color=colour, hatch=hatch,
+                     edgecolor="white", label=words if not ticks else None)  # fmt: skip
+            if np.isfinite(height):
+                at, number = np.clip(height, -MOST, MOST), str(round(height)) if abs(height) < 1e4 else f"{height:.0e}"
+                axis.annotate(number, (place + 0.4 * k - 0.2, at), (0, 2 if height > -0.5 else -10),
+                              textcoords="offset points", ha="center", fontsize=8)  # fmt: skip
+        ticks.append(place)
+        names.append(short(scheme))
+        place += 1.0
+    axis.axhline(0.0, color="0.3", lw=0.8)
+    axis.set_xticks(ticks, names, rotation=30, ha="right", fontsize=8.5)
+    axis.set(ylabel="per cent of all energy had")
+    axis.set_title("(c) lost in the end, of initial energy and work put in", loc="left", pad=20)
+    axis.margins(y=0.12)
+    if ticks:
+        axis.legend(frameon=False, fontsize=9, loc="lower right", bbox_to_anchor=(1.0, 1.06), ncols=2)
+    else:
+        say_empty(axis)
 
 
 STUDY = Study(
@@ -94,5 +189,6 @@ STUDY = Study(
     points=points,
     evaluate=evaluate,
     answer=answer,
+    draw=draw,
     smoke={"schemes": ["hht(alpha=-0.1)", "bdf2"], "t_end": 0.05},
 )

@@ -2,17 +2,25 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING, Annotated
+
 import numpy as np
 
-from ..arrays import Array
-from ..cases import Case
-from ..drive import Drive
-from ..march.ensemble import integrate_ensemble, reference_ensemble
-from ..march.members import perturbed
-from ..measures.spectrum import amplitude_spectrum
-from ..validation import InputError, integer
-from .common import scheme_labels, scheme_of, system_of
-from .study import Point, Row, Rows, Study
+from ..basics.arrays import Array
+from ..basics.validation import integer
+from ..figures import column, heading, look, new_figure, numeric, say_empty, shared_legend, short, tip_symbol
+from ..files.cases import Case
+from ..march.ensemble import integrate_ensemble
+from ..measures.spectrum import amplitude_spectrum, drive_amplitude
+from ..measures.windows import drive_frequency
+from ..model.members import perturbed
+from ..references.ensemble import reference_ensemble
+from ..trajectory.trajectory import Diverged
+from .common import Dt, End, Form, Schemes, Treatment, by_contact, scheme_labels, scheme_of, system_of
+from .engine.study import Point, Records, Row, Rows, Study
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 SAMPLES = 4000  # tip samples of a member, for the spectrum
@@ -22,19 +30,17 @@ HARMONICS = 16  # the spectrum is kept up to this multiple of the drive
 
 def points(
     case: Case,
-    schemes: list[str] | None = None,
-    form: str = "displacement",
-    dt: float | None = None,
-    t_end: float | None = None,
-    members: int = 200,
-    size: float = 1e-12,
-    seed: int = 1,
-    contact: str = "implicit",
+    schemes: Schemes = None,
+    form: Form = "displacement",
+    dt: Dt = None,
+    t_end: End = None,
+    members: Annotated[int, "perturbed runs of each method"] = 200,
+    size: Annotated[float, "of the perturbation, relative to the motion"] = 1e-12,
+    seed: Annotated[int, "of the perturbations"] = 1,
+    contact: Treatment = "implicit",
 ) -> list[Point]:
     """The exact solution and every scheme at ``dt`` (the case's), each with the same ``members`` initial
     data, perturbed by ``size`` relative to the motion (see ``perturbed``)."""
-    if case.problem.stops is None:
-        raise InputError("case", case.name, "have stops")
     integer("members", members, 1)
     rest = {
         "form": form, "dt": case.dt if dt is None else dt, "t_end": case.t_end if t_end is None else t_end,
@@ -55,37 +61,31 @@ def evaluate(case: Case, point: Point) -> list[Row]:
         scheme = scheme_of(point["method"])
         many = integrate_ensemble(system, scheme, dt, t_end, members, point["contact"], every)
     if np.all(np.isfinite(many.diverged)):
-        raise InputError("dt", dt, "let one member at least reach the end", "use contact='implicit' or a smaller dt")
+        raise Diverged(point["method"], float(np.max(many.diverged)), "use contact='implicit' or a smaller dt")
     whole = ~np.isfinite(many.diverged)
-    drive = max(Drive.of(system).frequencies, default=0.0)
-    response = _at_frequency(t, many.tip, drive)
+    drive = drive_frequency(system)
+    response = drive_amplitude(t, many.tip, drive)
     losses = np.full((len(many), 2), np.nan)
     for i in np.flatnonzero(whole)[: LEDGERS if point["method"] != "exact" else 0]:  # the exact flow loses nothing
         ledger = many.ledger(i)
         losses[i] = ledger.loss[-1], ledger.energy[0] + ledger.input[-1]
-    rows: list[Row] = [
-        {
-            "kind": "member", "member": i, "count": int(many.impact_count[i]),
-            "fraction": float(many.contact_fraction[i]), "peak_force": float(many.peak_force[i]),
-            "impulse": float(many.impulse[i]), "diverged": not bool(whole[i]),
-            "drive_amplitude": float(np.abs(response[i])), "drive_phase": float(np.angle(response[i])),
-            "energy_lost": losses[i, 0], "energy_had": losses[i, 1],
-        }
-        for i in range(len(many))
-    ]  # fmt: skip
-    peaks = many.impacts.peaks[np.isfinite(many.impacts.peaks)]
-    if len(peaks):
-        rows += [{"kind": "peak", "quantile": q, "force": float(np.quantile(peaks, q))} for q in QUANTILES]
+    rows: list[Row] = []
+    for number, seen in enumerate(many.contacts, 1):
+        response, losses = (x if number == 1 else np.full_like(x, np.nan) for x in (response, losses))  # of the run
+        rows += [
+            {
+                "kind": "member", "member": i, "contact_number": number, "count": int(seen.impact_count[i]),
+                "fraction": float(seen.fraction[i]), "peak_force": float(seen.peak_force[i]),
+                "impulse": float(seen.impulse[i]), "diverged": not bool(whole[i]),
+                "drive_amplitude": float(np.abs(response[i])), "drive_phase": float(np.angle(response[i])),
+                "energy_lost": losses[i, 0], "energy_had": losses[i, 1],
+            }
+            for i in range(len(many))
+        ]  # fmt: skip
+        peaks = seen.impacts.peaks[np.isfinite(seen.impacts.peaks)]
+        peak = {"kind": "peak", "contact_number": number}
+        rows += [peak | {"quantile": q, "force": float(np.quantile(peaks, q))} for q in QUANTILES if len(peaks)]
     return rows + _spectrum(t, many.tip[whole], drive)
-
-
-def _at_frequency(t: Array, tips: Array, drive: float) -> Array:
-    """The complex amplitude of every tip at the drive frequency, over whole periods counted from the end."""
-    if not drive or t[-1] * drive < 2.0 * np.pi:
-        return np.full(len(tips), np.nan + 0j)
-    periods = np.floor(t[-1] * drive / (2.0 * np.pi) * (1.0 + 1e-12))
-    here = t > t[-1] - 2.0 * np.pi * periods / drive * (1.0 + 1e-12)
-    return 2.0 * np.mean(tips[:, here] * np.exp(-1j * drive * t[here]), axis=1)
 
 
 def _spectrum(t: Array, tips: Array, drive: float) -> list[Row]:
@@ -102,7 +102,7 @@ def _spectrum(t: Array, tips: Array, drive: float) -> list[Row]:
 
 
 def distribution(rows: Rows, method: str, quantity: str) -> Array:
-    """The values of ``quantity`` over the members that reached the end and have it."""
+    """The values of ``quantity``, of one contact, over the members that reached the end and have it."""
     own = [r for r in rows if r["kind"] == "member" and r["method"] == method and not r["diverged"]]
     values = np.array([r[quantity] for r in own], float)
     return values[np.isfinite(values)]
@@ -114,9 +114,21 @@ def difference(a: Array, b: Array) -> tuple[float, float]:
     return float(np.mean(a) - np.mean(b)), float(1.96 * spread)
 
 
-def answer(rows: Rows) -> str:
+def answer(rows: Rows, case: Case) -> str:
+    found = [_answer(own, case) + (f" (All{place}.)" if place else "") for place, own in by_contact(rows).items()]
+    return " ".join(found)
+
+
+def _answer(rows: Rows, case: Case) -> str:
+    """What is found at one contact."""
+    units = case.units
+
+    def energy(lost: Array, had: Array) -> str:
+        return units.measure(f"{np.mean(lost):.3g} ± {np.std(lost):.2g} of {np.mean(had):.3g}", "energy")
+
     exact = distribution(rows, "exact", "count")
     first = rows[0]
+    end, dt = (units.measure(f"{first[name]:g}", "time") for name in ("t_end", "dt"))
     parts = []
     for method in dict.fromkeys(r["method"] for r in rows if r["method"] != "exact"):
         count, share = distribution(rows, method, "count"), distribution(rows, method, "fraction")
@@ -126,18 +138,112 @@ def answer(rows: Rows) -> str:
         lost, had = (distribution(rows, method, f"energy_{name}") for name in ("lost", "had"))
         parts.append(
             f"{method} {np.mean(count):.4g} ± {np.std(count):.2g} ({off:+.3g} ± {interval:.2g}), "
-            f"{100 * np.mean(share):.2g} % in contact"
-            + (f", energy lost {np.mean(lost):.3g} ± {np.std(lost):.2g} of {np.mean(had):.3g}" if len(lost) else "")
+            f"{100 * np.mean(share):.2g} % in contact" + (f", energy lost {energy(lost, had)}" if len(lost) else "")
         )
     if not len(exact):
         return "No member of the exact solution reached the end, and without it there is nothing to compare with."
     share = distribution(rows, "exact", "fraction")
     return (
         f"Over {len(exact)} members perturbed by {first['size']:g} the exact solution has {np.mean(exact):.4g} ± "
-        f"{np.std(exact):.2g} impacts to t = {first['t_end']:g} (mean ± standard deviation) and is in contact "
-        f"{100 * np.mean(share):.2g} % of the time; at dt = {first['dt']:g} (difference of means, 95 %): "
+        f"{np.std(exact):.2g} impacts to t = {end} (mean ± standard deviation) and is in contact "
+        f"{100 * np.mean(share):.2g} % of the time; at dt = {dt} (difference of means, 95 %): "
         f"{'; '.join(parts)}."
     )
+
+
+def draw(records: Records) -> Figure:
+    """(a) impact counts, (b) contact share, (c) energy lost, (d) peak forces of the impacts, (e) spectra with
+    90 % bands."""
+    rows = numeric(records.found)
+    methods = list(dict.fromkeys(row["method"] for row in rows))
+    size = f"{rows[0]['members']} members each, perturbed by {rows[0]['size']:g}" if rows else "no members"
+    units = records.case.units
+    lines = [(method, place, own) for method in methods for place, own in by_contact(rows).items()]
+    title = heading(records.case, f"distributions past the horizon ({size})")
+    figure = new_figure(max(8.6, 3.9 + 0.3 * len(lines)), title)
+    axes = figure.subplot_mosaic([["counts", "shares", "losses"], ["forces", "spectra", "spectra"]])
+    counts, shares, losses, forces, spectra = axes.values()
+    for axis in (shares, losses, forces):
+        axis.sharey(counts)
+    if not rows:
+        for axis in axes.values():
+            say_empty(axis)
+        return figure
+    _boxes(counts, lines, "count", 1.0)
+    end = units.measure(f"{rows[0]['t_end']:g}", "time")
+    counts.set(xlabel=f"impacts to t = {end}")
+    counts.set_title("(a) impacts, member by member", loc="left")
+    _boxes(shares, lines, "fraction", 100.0)
+    shares.set(xlabel="share of the time in contact, %")
+    shares.set_title("(b) time in contact", loc="left")
+    _boxes(losses, lines, "energy_lost", 1.0)
+    losses.axvline(0.0, color="black", lw=0.8, ls=":")
+    losses.set(xlabel=f"{units.label('energy', 'energy')}; the exact motion loses none")
+    losses.set_title("(c) energy lost by the scheme", loc="left")
+    losses.locator_params(axis="x", nbins=5)
+    losses.ticklabel_format(axis="x", scilimits=(-3, 4))
+    for axis in (shares, losses):
+        axis.tick_params(labelleft=False)
+    _peaks(forces, lines)
+    forces.set(xlabel=units.label(r"peak force of an impact $\max|\sigma|$", "force"))
+    _spectra(spectra, rows, methods)
+    spectra.set(
+        xlabel=units.label(r"angular frequency $\omega$", "frequency"),
+        ylabel=units.label(f"mean amplitude of {tip_symbol(records.case.beam)}", "length"),
+    )
+    counts.set_yticks(range(len(lines)), [short(method) + place for method, place, _ in lines])
+    counts.set_ylim(len(lines) - 0.4, -0.6)  # the four panels share it, the first method on top
+    shared_legend(figure)
+    return figure
+
+
+def _boxes(axis, lines, quantity: str, scale: float) -> None:
+    """Every member as a dot in the line of its method and contact, the mean as a bar, the exact mean right through."""
+    jitter = np.random.default_rng(0)
+    for i, (method, _, rows) in enumerate(lines):
+        values = scale * distribution(rows, method, quantity)
+        if not len(values):
+            continue
+        style = look(method)
+        heights = i + jitter.uniform(-0.28, 0.28, len(values))
+        axis.plot(values, heights, ls="", marker=".", ms=3, color=style["color"], alpha=0.45)
+        axis.plot([np.mean(values)] * 2, [i - 0.38, i + 0.38], color=style["color"], lw=2.2)
+        if method == "exact":
+            axis.axvline(np.mean(values), color="black", lw=0.8, ls=":")
+    axis.margins(x=0.04)
+
+
+def _peaks(axis, lines) -> None:
+    """Quantiles of the peak force of all impacts."""
+    for i, (method, _, rows) in enumerate(lines):
+        own = [row for row in rows if row["kind"] == "peak" and row["method"] == method]
+        if not own:
+            continue
+        force, colour = column(own, "force"), look(method)["color"]
+        axis.plot(force[[0, -1]], [i, i], color=colour, lw=1.2)
+        axis.plot(force[[1, -2]], [i, i], color=colour, lw=5.0, solid_capstyle="butt")
+        axis.plot(force[2], i, marker="o", ms=6, mfc="white", mec=colour, ls="")
+    axis.set_xscale("log")
+    axis.set_title("(d) forces: median, 50 %, 90 %", loc="left")
+
+
+def _spectra(axis, rows, methods) -> None:
+    top = 0.0
+    for method in methods:
+        own = [row for row in rows if row["kind"] == "spectrum" and row["method"] == method]
+        if not own:
+            continue
+        style = look(method)
+        omega = column(own, "omega")
+        axis.plot(omega, column(own, "amplitude"), color=style["color"], ls=style["linestyle"],
+                  lw=2.0 if method == "exact" else 1.0, label=short(method))  # fmt: skip
+        if method == "exact":
+            axis.fill_between(omega, column(own, "low"), column(own, "high"), color="0.75", lw=0, label="exact, 90 %")
+        top = max(top, float(np.max(column(own, "amplitude"))))
+    if top:
+        axis.set_yscale("log")
+        axis.set_ylim(1e-4 * top, 2.0 * top)
+    axis.set_title("(e) spectra, mean over the members", loc="left")
 
 
 STUDY = Study(
@@ -146,5 +252,8 @@ STUDY = Study(
     points=points,
     evaluate=evaluate,
     answer=answer,
+    draw=draw,
+    needs_stops=True,
+    all_cores=True,
     smoke={"schemes": ["hht(alpha=-0.1)"], "members": 8, "t_end": 0.7},
 )

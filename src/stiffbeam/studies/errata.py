@@ -2,16 +2,47 @@
 
 from __future__ import annotations
 
-import numpy as np
+from typing import TYPE_CHECKING, Any
 
-from ..cases import Case
+from ..figures import (
+    MARKERS,
+    column,
+    dashed,
+    heading,
+    log_scale,
+    look,
+    mark_order,
+    new_figure,
+    numeric,
+    say_empty,
+    short,
+)
+from ..files.cases import Case
 from ..march.integrate import integrate
 from ..measures.regression import observed_order
-from ..schemes.errata import forms_of
-from ..validation import integer
-from .common import first_impacts, scheme_labels, scheme_of, smooth, solve_once, system_of
+from ..measures.smooth_motion import smooth_motion
+from ..measures.tip_error import tip_error
+from ..measures.windows import slowest_period
+from ..schemes import SCHEMES, make
+from ..schemes.misprints import forms_of
+from .common import (
+    Dt,
+    Form,
+    Halvings,
+    ImpactCount,
+    Schemes,
+    afford_halvings,
+    first_impacts,
+    scheme_labels,
+    scheme_of,
+    solve_once,
+    system_of,
+)
 from .converge import ROUNDING
-from .study import Point, Row, Rows, Study
+from .engine.study import Point, Records, Row, Rows, Study
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 SAMPLES = 1000
 COARSER = 16  # times dt to start from without contact, where smaller steps soon reach rounding
@@ -19,16 +50,16 @@ COARSER = 16  # times dt to start from without contact, where smaller steps soon
 
 def points(
     case: Case,
-    schemes: list[str] | None = None,
-    form: str = "displacement",
-    dt: float | None = None,
-    halvings: int = 10,
-    impacts: int = 4,
+    schemes: Schemes = None,
+    form: Form = "displacement",
+    dt: Dt = None,
+    halvings: Halvings = 10,
+    impacts: ImpactCount = 4,
 ) -> list[Point]:
-    """Every erratum of the case's schemes, and the paper's extrapolated contact, at steps from ``dt`` downwards."""
-    integer("halvings", halvings, 1)
+    """Every misprint of the case's schemes, and the paper's extrapolated contact, at steps from ``dt`` downwards."""
+    afford_halvings(case, halvings, dt, None)
     start = case.dt if dt is None else dt
-    window = first_impacts(case, form, impacts) if case.problem.stops is not None else 0.0
+    window = first_impacts(case, form, impacts) if case.has_stops else 0.0
     found: list[Point] = []
     for label in scheme_labels(case, schemes):
         readings = [(f"printed({name})", "implicit") for name in forms_of(scheme_of(label))]
@@ -38,7 +69,9 @@ def points(
             for kind in ("smooth", "contact") if window else ("smooth",):
                 if kind == "smooth" and contact == "extrapolated":
                     continue  # there is none to extrapolate
-                end, first = (window, start) if kind == "contact" else (first_period(case), COARSER * start)
+                end, first = (
+                    (window, start) if kind == "contact" else (slowest_period(system_of(case, form)), COARSER * start)
+                )
                 found += [
                     {"scheme": label, "reading": reading, "kind": kind, "form": form, "t_end": end,
                      "steps": max(4, round(end / first * 2.0**k))}
@@ -47,17 +80,10 @@ def points(
     return found
 
 
-def first_period(case: Case) -> float:
-    """A period of the base or of the first load, or a tenth of the span where nothing is harmonic."""
-    functions = [case.problem.base, *(load.time for load in case.problem.loads)]
-    frequencies = [f for f in (getattr(function, "frequency", 0.0) for function in functions) if f]
-    return 2.0 * np.pi / frequencies[0] if frequencies else 0.1 * case.t_end
-
-
 def evaluate(case: Case, point: Point) -> list[Row]:
     system = system_of(case, point["form"])
     if point["kind"] == "smooth":
-        system = smooth(system)
+        system = smooth_motion(system)
     exact = solve_once(system, point["t_end"])
     scheme = scheme_of(point["scheme"])
     right = _error(system, scheme, point, exact, "implicit")
@@ -72,8 +98,7 @@ def _error(system, scheme, point: Point, exact, contact: str) -> float:
     """The rms tip error over the span, relative to the largest displacement."""
     steps, end = point["steps"], point["t_end"]
     run = integrate(system, scheme, end / steps, end, contact, every=max(1, steps // SAMPLES))
-    u, _ = exact.at(run.t)
-    return float(np.sqrt(np.mean((run.tip - u) ** 2)) / np.max(np.abs(u)))
+    return tip_error(run.tip, exact.at(run.t)[0]).rms
 
 
 def groups(rows: Rows) -> dict[tuple[str, str, str], list[Row]]:
@@ -82,19 +107,98 @@ def groups(rows: Rows) -> dict[tuple[str, str, str], list[Row]]:
     return {key: [r for r in rows if (r["scheme"], r["reading"], r["kind"]) == key] for key in keys}
 
 
-def answer(rows: Rows) -> str:
+def answer(rows: Rows, case: Case) -> str:
+    units = case.units
     parts = []
     for (scheme, reading, kind), own in groups(rows).items():
         first, last = own[0], own[-1]
         counted = [r for r in own if r["error"] > ROUNDING * r["steps"]]
         right = observed_order([r["dt"] for r in counted], [r["error"] for r in counted])
         printed = observed_order([r["dt"] for r in counted], [r["error_printed"] for r in counted])
+        coarse, fine = (units.measure(f"{r['dt']:.2g}", "time") for r in (first, last))
         parts.append(
             f"{scheme} {reading}, {kind}: {first['error_printed'] / first['error']:.3g} times the error at "
-            f"dt = {first['dt']:.2g} and {last['error_printed'] / last['error']:.3g} times at {last['dt']:.2g}"
+            f"dt = {coarse} and {last['error_printed'] / last['error']:.3g} times at {fine}"
             + (f", order {printed.slope:.2f} for {right.slope:.2f}" if kind == "smooth" else "")
         )
     return "; ".join(parts) + "."
+
+
+EXTRAPOLATED = "extrapolated contact"
+MISPRINTS = [misprint for name in SCHEMES for misprint in forms_of(make(name))]
+
+
+def draw(records: Records) -> Figure:
+    """(a) errors without contact; (b) to (d) the factor by which each reading changes the error."""
+    rows = numeric(records.found)
+    refused = {key: len(own) for key, own in groups(records.failures + records.refusals).items()}
+    found = groups(rows)
+    smooth = {key: own for key, own in found.items() if key[2] == "smooth"}
+    printed = {key: own for key, own in found.items() if key[2] == "contact" and key[1] != EXTRAPOLATED}
+    predicted = {key: own for key, own in found.items() if key[2] == "contact" and key[1] == EXTRAPOLATED}
+    figure = new_figure(8.6, heading(records.case, "what misprints and the linearised contact cost"))
+    axes = figure.subplots(2, 2).ravel()
+    _errors(axes[0], smooth)
+    axes[0].set_title("(a) without contact: right (full) and as printed (dashed)", loc="left")
+    panels = (
+        (smooth, "(b) without contact: error as printed over right"),
+        (printed, "(c) first impacts: error as printed over right"),
+        (predicted, "(d) first impacts: error extrapolated over implicit"),
+    )
+    for axis, (own, title) in zip(axes[1:], panels, strict=True):
+        _factors(axis, own, refused)
+        axis.set_title(title, loc="left")
+    for axis in axes:
+        axis.grid(color="0.92")
+        log_scale(axis, y=axis is axes[0] or axis.get_ylim()[1] > 5.0)
+        axis.set(xlabel=records.case.units.label(r"step $\Delta t$", "time"))
+        if axis.get_legend_handles_labels()[0]:
+            axis.legend(frameon=False, fontsize=8.5, loc="upper center", bbox_to_anchor=(0.5, -0.15), ncols=2,
+                        columnspacing=1.0)  # fmt: skip
+        else:
+            say_empty(axis, "no such reading")
+    if smooth:
+        mark_order(axes[0], (3, 2, 1))
+    return figure
+
+
+def _name(scheme: str, reading: str) -> str:
+    inner = "" if reading == EXTRAPOLATED else " " + reading.removeprefix("printed(").removesuffix(")")
+    return short(scheme) + inner
+
+
+def _printed(reading: str) -> dict[str, Any]:
+    """Hollow, with dashes and marker of the misprint, the same in every panel."""
+    i = MISPRINTS.index(reading.removeprefix("printed(").removesuffix(")"))
+    return {"mfc": "white", "linestyle": dashed(1 + i), "marker": MARKERS[i % len(MARKERS)]}
+
+
+def _errors(axis, found: dict[tuple[str, str, str], list[Row]]) -> None:
+    for i, ((scheme, reading, _), own) in enumerate(found.items()):
+        style = look(scheme) | {"ms": 4.5, "lw": 1.1}
+        dt = column(own, "dt")
+        if scheme not in {key[0] for key in list(found)[:i]}:
+            axis.plot(dt, column(own, "error"), label=f"{short(scheme)}, right", **style | {"linestyle": "-"})
+        axis.plot(dt, column(own, "error_printed"), label=_name(scheme, reading), **style | _printed(reading))
+    axis.set_ylabel("tip error, rms, relative")
+
+
+def _factors(axis, found: dict[tuple[str, str, str], list[Row]], refused: dict[tuple[str, str, str], int]) -> None:
+    for (scheme, reading, kind), own in found.items():
+        style = look(scheme) | {"ms": 4.5, "lw": 1.1}
+        if reading != EXTRAPOLATED:
+            style |= _printed(reading)
+        missing = refused.get((scheme, reading, kind), 0)
+        text = _name(scheme, reading) + (f" ({missing} steps left out)" if missing else "")
+        axis.plot(column(own, "dt"), column(own, "error_printed") / column(own, "error"), label=text, **style)
+    for (scheme, reading, kind), missing in refused.items():
+        same = found and (kind, reading == EXTRAPOLATED) in {(key[2], key[1] == EXTRAPOLATED) for key in found}
+        if same and (scheme, reading, kind) not in found:
+            axis.plot(
+                [], [], "x", color=look(scheme)["color"], label=f"{_name(scheme, reading)}: all {missing} left out"
+            )
+    axis.axhline(1.0, color="0.3", lw=0.9, ls=":")
+    axis.set_ylabel("times the error")
 
 
 STUDY = Study(
@@ -103,5 +207,6 @@ STUDY = Study(
     points=points,
     evaluate=evaluate,
     answer=answer,
+    draw=draw,
     smoke={"schemes": ["hht(alpha=-0.1)"], "halvings": 3, "impacts": 2},
 )

@@ -1,60 +1,84 @@
-"""Impacts: how many each scheme counts as its step shrinks, how hard, how long, against the true ones.
+"""Impacts: how many each scheme counts as its step shrinks, how hard, how long, against the exact ones.
 
 Past the horizon one count is one realisation of a chaotic motion. Counts are therefore means over perturbed
-members, of the schemes as of the exact solution; the true motion is one realisation as well, known to the end
+members, of the schemes as of the exact solution; the exact motion is one realisation as well, known to the end
 where a multiprecision solution is given.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
-from ..cases import Case
-from ..march.ensemble import Ensemble, integrate_ensemble, reference_ensemble
+from ..basics.arrays import Array
+from ..basics.units import Units
+from ..basics.validation import integer
+from ..figures import (
+    MARKERS,
+    column,
+    dashed,
+    heading,
+    log_scale,
+    look,
+    new_figure,
+    numeric,
+    say_empty,
+    shared_legend,
+    short,
+)
+from ..files.cases import Case
+from ..march.ensemble import integrate_ensemble
 from ..march.integrate import integrate
-from ..march.members import perturbed
 from ..measures.impacts import match
+from ..model.members import perturbed
+from ..references.ensemble import reference_ensemble
 from ..schemes import HHT, SDIRK
-from ..trajectory import Diverged, Reference
-from ..validation import InputError, integer
-from .common import scheme_labels, scheme_of, solve_once, system_of
+from ..trajectory.ensemble import Ensemble
+from ..trajectory.trajectory import Diverged, Reference
+from . import common
+from .common import Dt, End, Form, Halvings, Schemes, by_contact, scheme_labels, scheme_of, solve_once, system_of
+from .engine.study import Point, Records, Row, Rows, Study
 from .references import frozen
-from .study import Point, Row, Rows, Study
 
-TRUE = "true"  # in the place of a scheme: the reference, sampled
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+REFERENCE = "reference"  # in the place of a scheme: the exact motion, sampled
 EXACT = "exact"  # the ensemble of exact solutions
 SIZE = 1e-12  # of the perturbations, relative to the motion
 
 
 def points(
     case: Case,
-    schemes: list[str] | None = None,
-    form: str = "displacement",
-    dt: float | None = None,
-    halvings: int = 7,
-    t_end: float | None = None,
-    members: int = 24,
-    sensitivity: bool = True,
-    references: str | None = None,
+    schemes: Schemes = None,
+    form: Form = "displacement",
+    dt: Dt = None,
+    halvings: Halvings = 7,
+    t_end: End = None,
+    members: Annotated[int, "perturbed runs behind each mean"] = 24,
+    sensitivity: Annotated[bool, "also over alpha, gamma and the contact treatment"] = True,
+    references: Annotated[
+        str | None, "folder of frozen references; default: ./reference, else those of the package"
+    ] = None,
 ) -> list[Point]:
     """Every scheme at ``dt`` (the case's), dt/2, ...; with ``sensitivity`` also HHT over alpha, SDIRK-OS
     over gamma and the extrapolated contact, at ``dt``. members: perturbed runs of each, eight times as many of
-    the exact solution. references: a folder of frozen multiprecision solutions, from which the true counts
-    are taken; else they are float64's.
+    the exact solution. references: a folder of frozen multiprecision solutions, from which the exact
+    counts are taken; else they are float64's.
     """
-    if case.problem.stops is None:
-        raise InputError("case", case.name, "have stops")
-    for name, value in (("halvings", halvings), ("members", members)):
-        integer(name, value, 1)
+    integer("members", members, 1)
+    common.afford_halvings(case, halvings, dt, t_end)
     dt, t_end = case.dt if dt is None else dt, case.t_end if t_end is None else t_end
     rest = {"form": form, "t_end": t_end, "references": references, "members": members}
     labels = scheme_labels(case, schemes)
     found = [{"scheme": EXACT, "contact": "implicit", "dt": 0.0, "purpose": "step"} | rest]
     found += [
         {"scheme": label, "contact": "implicit", "dt": dt / 2**k, "purpose": "step"} | rest
-        for label in [TRUE, *labels]
+        for label in [REFERENCE, *labels]
         for k in range(halvings)
     ]
     if sensitivity:
@@ -68,13 +92,17 @@ def evaluate(case: Case, point: Point) -> list[Row]:
     system = system_of(case, point["form"])
     dt, t_end = point["dt"], point["t_end"]
     if point["scheme"] == EXACT:
-        return [_statistics(reference_ensemble(system, t_end, perturbed(system, 8 * point["members"], SIZE)))]
-    truth = true_solution(case, point)
-    if point["scheme"] == TRUE:
-        # What a perfect scheme would count with this step: the sampled rule on the true tip.
-        record = truth.contacts[0]
-        found = {"fraction": record.fraction, "peak_force": record.peak_force, "impulse": record.impulse}
-        return [{"count": truth.impacts_sampled(dt, t_end).count} | found]
+        return _statistics(reference_ensemble(system, t_end, perturbed(system, 8 * point["members"], SIZE)))
+    exact = reference_solution(case, point)
+    if point["scheme"] == REFERENCE:
+        # What a perfect scheme would count with this step: the sampled rule on the exact position.
+        return [
+            {
+                "contact_number": i + 1, "count": exact.impacts_sampled(dt, t_end, i).count,
+                "fraction": record.fraction, "peak_force": record.peak_force, "impulse": record.impulse,
+            }
+            for i, record in enumerate(exact.contacts)
+        ]  # fmt: skip
     scheme, members = scheme_of(point["scheme"]), perturbed(system, point["members"], SIZE)
     many = integrate_ensemble(system, scheme, dt, t_end, members, point["contact"])
     if np.any(np.isfinite(many.diverged)):
@@ -82,36 +110,41 @@ def evaluate(case: Case, point: Point) -> list[Row]:
     horizon = min(t_end, solve_once(system, t_end).horizon)
     steps = max(2, round(horizon / dt))
     run = integrate(system, scheme, dt, steps * dt, point["contact"], every=steps)
-    matching = match(run.impacts, truth.impacts, horizon)
-    return [
-        _statistics(many)
-        | {
-            "matched": matching.matched,
-            "matched_until": matching.matched_until,
+    rows = _statistics(many)
+    for row, own, record in zip(rows, run.contacts, exact.contacts, strict=True):
+        row |= asdict(match(own.impacts, record.impacts, horizon))
+        row |= {
             "horizon": horizon,
-            "first_error": matching.first_error,
-            "median_delay": matching.median_delay,
-            "true_count": truth.impacts.until(t_end).count,
-            "true_fraction": truth.contacts[0].fraction,
-            "true_digits": truth.provenance.get("digits") or 0,
+            "reference_count": record.impacts.until(t_end).count,
+            "reference_fraction": record.fraction,
+            "reference_digits": exact.provenance.get("digits") or 0,
         }
+    return rows
+
+
+def _statistics(many: Ensemble) -> list[Row]:
+    """At each contact means over the members, the spread of the count, and the median peak of all impacts."""
+    return [
+        {
+            "contact_number": i,
+            "count": float(np.mean(seen.impact_count)),
+            "count_spread": float(np.std(seen.impact_count, ddof=1)) if len(many) > 1 else float("nan"),
+            "fraction": float(np.mean(seen.fraction)),
+            "peak_force": float(np.mean(seen.peak_force)),
+            "impulse": float(np.mean(seen.impulse)),
+            "median_peak": _median(seen.impacts.peaks),
+        }
+        for i, seen in enumerate(many.contacts, 1)
     ]
 
 
-def _statistics(many: Ensemble) -> Row:
-    """Means over the members, the spread of the count, and the median peak of all impacts."""
-    peaks = many.impacts.peaks[np.isfinite(many.impacts.peaks)]
-    return {
-        "count": float(np.mean(many.impact_count)),
-        "count_spread": float(np.std(many.impact_count, ddof=1)) if len(many) > 1 else float("nan"),
-        "fraction": float(np.mean(many.contact_fraction)),
-        "peak_force": float(np.mean(many.peak_force)),
-        "impulse": float(np.mean(many.impulse)),
-        "median_peak": float(np.median(peaks)) if len(peaks) else float("nan"),
-    }
+def _median(peaks: Array) -> float:
+    """Of the impacts that are over."""
+    peaks = peaks[np.isfinite(peaks)]
+    return float(np.median(peaks)) if len(peaks) else float("nan")
 
 
-def true_solution(case: Case, point: Point) -> Reference:
+def reference_solution(case: Case, point: Point) -> Reference:
     """The frozen multiprecision solution where there is one over the span, else float64's exact one."""
     if point["references"] is not None:
         found = frozen(Path(point["references"]), case, point["form"], point["t_end"])
@@ -138,27 +171,169 @@ def right_from(rows: Rows, scheme: str, tolerance: float = 0.05) -> float:
     return largest
 
 
-def answer(rows: Rows) -> str:
-    steps = [r for r in rows if r["purpose"] == "step" and r["scheme"] not in (TRUE, EXACT)]
+def answer(rows: Rows, case: Case) -> str:
+    found = [_answer(own, case) + (f" (All{place}.)" if place else "") for place, own in by_contact(rows).items()]
+    return " ".join(found)
+
+
+def _answer(rows: Rows, case: Case) -> str:
+    """What is found at one contact."""
+    units = case.units
+    steps = [r for r in rows if r["purpose"] == "step" and r["scheme"] not in (REFERENCE, EXACT)]
     exact = next((r for r in rows if r["scheme"] == EXACT), None)
     if not steps or exact is None:
         return (
             f"Without {'schemes' if exact else 'the exact members'} there is nothing to compare at {len(rows)} points."
         )
-    coarse, true = max(r["dt"] for r in steps), steps[0]
-    digits = true["true_digits"]
-    known = f"The true motion ({digits} digits)" if digits else "The exact motion in float64, one realisation,"
+    coarse, first = max(r["dt"] for r in steps), steps[0]
+    digits = first["reference_digits"]
+    known = (
+        f"The exact motion ({digits} digits, parameters as written)"
+        if digits
+        else "The exact motion in float64, one realisation,"
+    )
     parts = []
     for row in (r for r in steps if r["dt"] == coarse):
         largest = right_from(rows, row["scheme"])
-        right = f"right to 5 % from dt = {largest:.2g} on" if np.isfinite(largest) else "never right to 5 %"
+        right = (
+            f"right to 5 % from dt = {units.measure(format(largest, '.2g'), 'time')} on"
+            if np.isfinite(largest)
+            else "never right to 5 %"
+        )
         parts.append(f"{row['scheme']} {row['count']:.4g} and {100 * row['fraction']:.2g} %, {right}")
-    return (
-        f"{known} has {true['true_count']} impacts to t = {rows[0]['t_end']:g}, the exact ensemble "
-        f"{exact['count']:.4g} ± {exact['count_spread']:.2g} and {100 * exact['fraction']:.2g} % of the time in "
-        f"contact; means at dt = {coarse:g}: {'; '.join(parts)}. The finest step tried is "
-        f"{min(r['dt'] for r in steps):.2g}."
+    end, step, finest = (
+        units.measure(text, "time")
+        for text in (f"{rows[0]['t_end']:g}", f"{coarse:g}", f"{min(r['dt'] for r in steps):.2g}")
     )
+    return (
+        f"{known} has {first['reference_count']} impacts to t = {end}, the exact ensemble "
+        f"{exact['count']:.4g} ± {exact['count_spread']:.2g} and {100 * exact['fraction']:.2g} % of the time in "
+        f"contact; means at dt = {step}: {'; '.join(parts)}. The finest step tried is {finest}."
+    )
+
+
+OVER_STEP = (
+    ("count", "impacts counted", "how many", 1.0),
+    ("fraction", "time in contact, per cent", "how long", 100.0),
+    ("peak_force", "largest contact force", "how hard", 1.0),
+)
+PARAMETERS = {"hht": ("alpha", "HHT over -α", -1.0), "sdirk": ("gamma", "SDIRK-OS over γ", 1.0)}
+
+
+def draw(records: Records) -> Figure:
+    """For each contact, above: over the step, with the exact values in black. Below: how long the impacts are
+    the exact ones, and at the coarsest step what parameters and the treatment of the contact do."""
+    rows = numeric(records.found)
+    blocks = by_contact(rows)
+    units = records.case.units
+    span = f"to t = {units.measure(format(rows[0]['t_end'], 'g'), 'time')}, " if rows else ""
+    digits = max((row.get("reference_digits", 0) for row in rows), default=0)
+    known = f"{digits} digits" if digits else "float64, one realisation"
+    title = heading(records.case, f"{span}means over perturbed runs; the exact motion in black ({known})")
+    figure = new_figure(7.8 * len(blocks), title)
+    axes = figure.subplots(2 * len(blocks), 3)
+    for i, (place, own) in enumerate(blocks.items()):
+        treated = by_contact([row for row in records.rows if row["purpose"] == "contact"]).get(place, [])
+        _block(axes[2 * i : 2 * i + 2], own, treated, units, place)
+    shared_legend(figure, 5, [*axes[0::2].ravel(), *axes[1::2, 0]])  # the other panels have their own
+    return figure
+
+
+def _block(axes, rows: Sequence[Row], treated: Sequence[Row], units: Units, place: str) -> None:
+    """The six panels of one contact."""
+    runs = [row for row in rows if row["purpose"] == "step" and row["scheme"] not in (REFERENCE, EXACT)]
+    sampled = [row for row in rows if row["scheme"] == REFERENCE]
+    for axis, (name, words, title, factor), letter in zip(axes[0], OVER_STEP, "abc", strict=True):
+        _over_step(axis, runs, name, factor)
+        _exact_values(axis, runs, sampled, name, factor)
+        _exact_ensemble(axis, [row for row in rows if row["scheme"] == EXACT], name, factor)
+        axis.set(ylabel=units.label(words, "force") if name == "peak_force" else words)
+        axis.set_title(f"({letter}) {title}{place}", loc="left")
+        axis.set_ylim(0.0, 1.05 * axis.get_ylim()[1])
+    _over_step(axes[1, 0], runs, "matched_until", 1.0)
+    axes[1, 0].set(ylabel=units.label("exact impacts followed to $t$", "time"))
+    axes[1, 0].set_title(f"(d) how far they match{place}", loc="left")
+    if runs:
+        axes[1, 0].axhline(runs[0]["horizon"], color="black", lw=1.2, ls=":", label="horizon of float64")
+    for axis in (*axes[0], axes[1, 0]):
+        axis.set(xlabel=units.label(r"step $\Delta t$", "time"))
+    count = runs[0]["reference_count"] if runs else float("nan")
+    _over_parameters(axes[1, 1], [row for row in rows if row["purpose"] == "parameter"], count, units, place)
+    _treatments(axes[1, 2], runs, treated, count, units, place)
+    for axis in axes.ravel():
+        if not axis.get_lines() and not axis.patches:
+            say_empty(axis, "not asked for" if runs else "no point could be evaluated")
+
+
+def _over_step(axis, runs: Sequence[Row], name: str, factor: float) -> None:
+    for label in dict.fromkeys(row["scheme"] for row in runs):
+        own = sorted((row for row in runs if row["scheme"] == label), key=lambda row: row["dt"])
+        axis.plot(column(own, "dt"), factor * column(own, name), ms=4.5, lw=1.1, label=short(label), **look(label))
+    log_scale(axis, y=False)
+    axis.grid(color="0.92")
+
+
+def _exact_values(axis, runs: Sequence[Row], sampled: Sequence[Row], name: str, factor: float) -> None:
+    own = sorted(sampled, key=lambda row: row["dt"])
+    if name == "count":
+        axis.plot(
+            column(own, "dt"), column(own, name), ms=6, lw=1.1, label="exact, sampled at the steps", **look(REFERENCE)
+        )
+        value = runs[0]["reference_count"] if runs else float("nan")
+    else:
+        value = factor * column(own, name)[0] if own else float("nan")
+    if np.isfinite(value):
+        axis.axhline(value, color="black", lw=1.6, label="exact")
+
+
+def _exact_ensemble(axis, exact: Sequence[Row], name: str, factor: float) -> None:
+    """The mean over exact members as a dotted line, with the spread of the count as a band."""
+    for row in exact:
+        mean = factor * row[name]
+        if name == "count":
+            low, high = mean - row["count_spread"], mean + row["count_spread"]
+            axis.axhspan(low, high, color="0.85", lw=0, zorder=0, label="exact members, mean ± spread")
+        axis.axhline(mean, color="0.3", lw=1.2, ls=":", zorder=1)
+
+
+def _over_parameters(axis, rows: Sequence[Row], count: float, units: Units, place: str) -> None:
+    for i, (name, (parameter, text, sign)) in enumerate(PARAMETERS.items()):
+        own = [row for row in rows if scheme_of(row["scheme"]).name == name]
+        points = sorted((sign * scheme_of(row["scheme"]).parameters[parameter], row["count"]) for row in own)
+        if points:
+            k = list(PARAMETERS).index(name)
+            axis.plot(*np.array(points).T, marker=MARKERS[2 - k], ms=4.5, lw=1.1, ls=dashed(i), label=text,
+                      color=look(name)["color"])  # fmt: skip
+    if rows:
+        axis.axhline(count, color="black", lw=1.6)
+        dt = units.measure(f"{rows[0]['dt']:g}", "time")
+        axis.set(xlabel=f"parameter, at Δt = {dt}", ylabel="impacts counted", ylim=(0.0, None))
+        axis.set_title(f"(e) over the parameter{place}", loc="left")
+        axis.grid(color="0.92")
+        axis.legend(frameon=False, fontsize=8.5)
+
+
+def _treatments(axis, runs: Sequence[Row], treated: Sequence[Row], count: float, units: Units, place: str) -> None:
+    """Implicit beside extrapolated contact at the same step, a cross where it overflowed."""
+    schemes = [row["scheme"] for row in treated]
+    if not schemes:
+        return
+    dt = treated[0]["dt"]
+    implicit = {row["scheme"]: row["count"] for row in runs if row["dt"] == dt}
+    places = np.arange(len(schemes))
+    axis.bar(places - 0.2, [implicit.get(s, np.nan) for s in schemes], 0.38, color="0.3", label="implicit")
+    axis.bar(places + 0.2, column(treated, "count"), 0.38, color="0.75", hatch="///", edgecolor="white",
+             label="extrapolated")  # fmt: skip
+    failed = [i for i, row in enumerate(treated) if "failed" in row]
+    if failed:
+        bottom = np.zeros(len(failed))
+        axis.plot(places[failed] + 0.2, bottom, "x", ms=8, mew=2, color="black", clip_on=False, label="overflowed")
+    axis.axhline(count, color="black", lw=1.6)
+    axis.set_xticks(places, [short(s) for s in schemes], rotation=35, ha="right", fontsize=8.5)
+    counts = [bar.get_height() for bar in axis.patches] + [count]
+    axis.set(ylabel="impacts counted", ylim=(0.0, 1.45 * max((c for c in counts if np.isfinite(c)), default=1.0)))
+    axis.set_title(f"(f) contact, at Δt = {units.measure(format(dt, 'g'), 'time')}{place}", loc="left")
+    axis.legend(frameon=False, fontsize=8.5)
 
 
 STUDY = Study(
@@ -167,5 +342,7 @@ STUDY = Study(
     points=points,
     evaluate=evaluate,
     answer=answer,
+    draw=draw,
+    needs_stops=True,
     smoke={"schemes": ["hht(alpha=-0.1)"], "halvings": 2, "t_end": 0.2, "members": 3, "sensitivity": False},
 )

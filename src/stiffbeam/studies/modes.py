@@ -3,23 +3,37 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
-from ..cases import Case
+from ..basics.validation import InputError
+from ..figures import column, log_scale, look, new_figure, numeric, say_empty, shared_legend, short, signed_log
+from ..files.cases import Case
 from ..march.integrate import integrate
 from ..measures.amplification import amplification
 from ..measures.free_modes import free_mode_errors
-from ..modal import modes
-from ..validation import InputError
-from .common import scheme_labels, scheme_of, system_of, without_contact
-from .study import Point, Row, Rows, Study
+from ..measures.smooth_motion import without_contact
+from ..model.modes import modes
+from .common import Dt, Form, Schemes, scheme_labels, scheme_of, system_of
+from .engine.study import Point, Records, Row, Rows, Study
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 def points(
-    case: Case, schemes: list[str] | None = None, form: str = "displacement", dt: float | None = None, steps: int = 4000
+    case: Case,
+    schemes: Schemes = None,
+    form: Form = "displacement",
+    dt: Dt = None,
+    steps: Annotated[int, "length of the runs"] = 4000,
 ) -> list[Point]:
-    """One point a scheme: ``steps`` steps of ``dt`` (the case's) from initial data that ring every mode."""
+    """One point a scheme: ``steps`` steps of ``dt`` (the case's) from initial data that excite every mode.
+
+    Modes of fewer than two steps a period are left out: a step that turns them by more than half a turn cannot be
+    told from one that turns them back.
+    """
     dt = case.dt if dt is None else dt
     return [{"scheme": label, "form": form, "dt": dt, "steps": steps} for label in scheme_labels(case, schemes)]
 
@@ -36,9 +50,13 @@ def evaluate(case: Case, point: Point) -> list[Row]:
     found = free_mode_errors(integrate(system, scheme, dt, point["steps"] * dt))
     rows = []
     for j, omega in enumerate(basis.omega):
-        if omega == 0.0:
+        if omega == 0.0 or omega * dt >= np.pi:
             continue
         xi = float(0.5 * basis.damping[j] / omega)
+        if xi >= 1.0:
+            reason = "a mode with damping ratio 1 or more does not oscillate: it has no period to be late by"
+            rows.append({"mode": j + 1, "omega": float(omega), "refused": reason})
+            continue
         theory = amplification(scheme, omega * dt / (2.0 * np.pi), xi)
         rows.append(
             {
@@ -56,7 +74,7 @@ def evaluate(case: Case, point: Point) -> list[Row]:
     return rows
 
 
-def answer(rows: Rows) -> str:
+def answer(rows: Rows, _: Case) -> str:
     measured = [r for r in rows if np.isfinite(r["period_elongation"])]
     inside = [
         abs(r[name] - r[f"{name}_theory"]) <= r[f"{name}_error"] + 1e-10
@@ -66,13 +84,52 @@ def answer(rows: Rows) -> str:
     parts = []
     for scheme in dict.fromkeys(r["scheme"] for r in measured):
         own = [r for r in measured if r["scheme"] == scheme]
-        late, damped = 100 * own[0]["period_elongation"], own[0]["damping_ratio"]
-        parts.append(f"{scheme} {late:.2g} % late and damped by {damped:.1e} in mode 1")
+        late, damped, mode = 100 * own[0]["period_elongation"], own[0]["damping_ratio"], own[0]["mode"]
+        parts.append(f"{scheme} {late:.2g} % late and damped by {damped:.1e} in mode {mode}")
     return (
         f"{sum(inside)} of {len(inside)} measured elongations and damping ratios lie within the fit's error of theory; "
         + "; ".join(parts)
         + "."
     )
+
+
+QUANTITIES = (  # with the size below which the axis is linear
+    ("period_elongation", "relative period elongation", 1e-11),
+    ("damping_ratio", "damping ratio", 1e-10),
+)
+SAME = 1e-10  # an absolute difference that is rounding, not the fit
+
+
+def draw(records: Records) -> Figure:
+    """Above: lines are theory, markers the fit to a run with its error. Below: their distance in errors."""
+    rows = numeric(records.found)
+    figure = new_figure(
+        7.6, f"{records.case.name} without contact, mode by mode: markers fitted to a run, lines are theory"
+    )
+    axes = figure.subplots(2, 2, sharex=True, height_ratios=(2.4, 1.0))
+    for (upper, lower), (name, words, threshold), letter in zip(axes.T, QUANTITIES, "ab", strict=True):
+        for label in dict.fromkeys(row["scheme"] for row in rows):
+            own = sorted((row for row in rows if row["scheme"] == label), key=lambda row: row["dt_over_period"])
+            x, style = column(own, "dt_over_period"), look(label)
+            measured, theory, error = (column(own, name + end) for end in ("", "_theory", "_error"))
+            upper.plot(x, theory, lw=0.9, **style | {"marker": ""})
+            upper.errorbar(x, measured, error, ms=4.5, capsize=2.5, elinewidth=0.8, lw=1.0, label=short(label),
+                           **style | {"linestyle": ""})  # fmt: skip
+            lower.plot(x, np.abs(measured - theory) / (error + SAME), ms=3.5, **style | {"linestyle": ""})
+        log_scale(upper, y=False)
+        log_scale(lower)
+        upper.set(ylabel=words)
+        upper.set_title(f"({letter}) {words}", loc="left")
+        lower.axhline(1.0, color="0.3", lw=0.9, ls=":")
+        lower.set(xlabel=r"$\Delta t/T$ of the mode", ylabel="distance from theory\nover the fit's error")
+        lower.set_ylim(1e-4, 10.0)
+        for axis in (upper, lower):
+            axis.grid(color="0.92")
+        if not rows:
+            say_empty(upper)
+        signed_log(upper, (column(rows, name), column(rows, f"{name}_theory")), threshold)
+    shared_legend(figure, 4)
+    return figure
 
 
 STUDY = Study(
@@ -81,5 +138,6 @@ STUDY = Study(
     points=points,
     evaluate=evaluate,
     answer=answer,
+    draw=draw,
     smoke={"schemes": ["bdf2", "hht(alpha=-0.1)"], "steps": 400},
 )

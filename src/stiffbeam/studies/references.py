@@ -1,4 +1,4 @@
-"""The frozen references of the paper's tables: remake them, check them."""
+"""Frozen references in a folder with a manifest: found, checked, noted."""
 
 from __future__ import annotations
 
@@ -7,52 +7,23 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from ..cases import Case, case_text, paper_cases
-from ..frozen import freeze
-from ..solvers import reference
-from ..store import load
-from ..trajectory import Reference
-from ..validation import InputError
+from ..basics.validation import InputError
+from ..basics.whole_file import write_whole
+from ..files.cases import Case
+from ..files.store import load
+from ..trajectory.trajectory import Reference
 from .common import system_of
 
 MANIFEST = "MANIFEST.json"
+PARAMETERS = "decimals and multiples of pi exactly as written in the case, not the doubles nearest to them"
 Progress = Callable[[str, int, int], None]
+PACKAGED = Path(__file__).parents[1] / "frozen"  # where a wheel has the repository's folder
+REPOSITORY = Path(__file__).parents[3] / "reference"
 
 
-def wanted() -> list[tuple[str, str, list[str]]]:
-    """(first table, form, all tables) of every distinct system among the paper's runs; tables with the
-    same physics, grid and time span share one reference."""
-    found: dict[tuple[str, float], tuple[str, str, list[str]]] = {}
-    for case in paper_cases().values():
-        for form in ["displacement", *sorted({form for _, form in case.runs} - {"displacement"})]:
-            key = (system_of(case, form).fingerprint, case.t_end)
-            found.setdefault(key, (case.name, form, []))[2].append(case.name)
-    return list(found.values())
-
-
-def remake(
-    folder: Path, only: list[str] | None = None, progress: Progress = lambda what, done, total: None
-) -> list[str]:
-    """Compute and freeze what is missing in ``folder``; returns the files written.
-
-    A file that is whole and of this version is kept: interrupted work goes on where it stopped, and
-    deleting a file remakes it. ``only``: names of tables. All of them take about a quarter of an hour.
-    """
-    jobs = [job for job in wanted() if only is None or set(only) & set(job[2])]
-    if not jobs:
-        raise InputError("only", only, "name tables of the paper")
-    written = []
-    for done, (name, form, tables) in enumerate(jobs):
-        progress(f"{name}@{form}", done, len(jobs))
-        file = folder / f"{name}-{form}.nc"
-        if _whole(file):
-            continue
-        case = paper_cases()[name]
-        solution = reference(system_of(case, form), case.t_end, "multiprecision")
-        entry = freeze(solution, case_text(name), file) | {"tables": tables}
-        _note(folder, entry)
-        written.append(file.name)
-    return written
+def shipped() -> Path | None:
+    """The folder of frozen references: ``./reference``, else what came with the package."""
+    return next((p for p in (Path("reference"), PACKAGED, REPOSITORY) if (p / MANIFEST).is_file()), None)
 
 
 def check(target: Path, progress: Progress = lambda what, done, total: None) -> list[dict[str, Any]]:
@@ -92,7 +63,8 @@ def frozen(folder: Path, case: Case, form: str, t_end: float) -> Reference | Non
     return None
 
 
-def _whole(file: Path) -> bool:
+def is_whole(file: Path) -> bool:
+    """Whether a frozen file can be read and is of this version."""
     try:
         load(file)
     except InputError:
@@ -110,12 +82,10 @@ def _entries(folder: Path) -> list[dict[str, Any]]:
         raise InputError("manifest", str(path), "be whole", f"remake the references there ({error})") from None
 
 
-def _note(folder: Path, entry: dict[str, Any]) -> None:
+def note(folder: Path, entry: dict[str, Any]) -> None:
     """Put an entry into the manifest, in the order of the tables."""
     entries = {e["file"]: e for e in (_entries(folder) if (folder / MANIFEST).is_file() else [])}
     entries[entry["file"]] = entry
     ordered = sorted(entries.values(), key=lambda e: (int(e["tables"][0].removeprefix("table")), e["form"]))
-    text = json.dumps({"references": ordered}, indent=2)
-    partial = folder / f"{MANIFEST}.partial"
-    partial.write_text(text + "\n", encoding="utf-8")
-    partial.replace(folder / MANIFEST)
+    text = json.dumps({"parameters": PARAMETERS, "references": ordered}, indent=2)
+    write_whole(folder / MANIFEST, text + "\n")

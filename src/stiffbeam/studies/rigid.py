@@ -1,57 +1,74 @@
-"""Towards rigid stops: the compliant solution against the Signorini limit as kappa grows.
+"""Towards rigid stops: the compliant solution against restitution 1 on the node's own mass, as kappa grows.
 
-The tip turns round on its spring in half a period, which a rigid stop takes away: kappa^(-1/2) is the rate.
+A compliant stop turns the tip round in half a period of the spring, a rigid one at once: the rate is kappa^(-1/2).
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
-from ..cases import Case
+from ..basics.validation import InputError, positive
+from ..figures import COLOURS, MARKERS, column, dashed, heading, log_scale, new_figure, numeric, say_empty
+from ..files.cases import Case
 from ..measures.regression import observed_order
-from ..solvers.rigid import rigid_limit
-from ..validation import InputError, positive
-from .common import solve_once, system_of
-from .study import Point, Row, Rows, Study
+from ..measures.tip_error import tip_error
+from ..model.members import varied
+from ..references.exact.rigid import rigid_limit
+from .common import Form, ImpactCount, solve_once, system_of
+from .engine.study import Point, Records, Row, Rows, Study
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 SAMPLES = 4000
 
 
-def points(case: Case, form: str = "displacement", factors: list[float] | None = None, impacts: int = 3) -> list[Point]:
+def points(
+    case: Case,
+    form: Form = "displacement",
+    factors: Annotated[list[float] | None, "of the stops' stiffness, with commas between them"] = None,
+    impacts: ImpactCount = 3,
+) -> list[Point]:
     """The case's kappa times 4^0 .. 4^9, until the rigid solution's first ``impacts`` impacts are over."""
-    if case.problem.stops is None:
-        raise InputError("case", case.name, "have stops")
+    system = system_of(case, form)
+    if len(system.contacts) != 1:
+        found = f"{len(system.contacts)} contacts"
+        raise InputError("case", found, "have stops at one place, neither none nor several")
+    if system.damped:
+        viscosity = 0.0 if case.beam is None else case.beam.viscosity
+        name, value = ("viscosity", viscosity) if viscosity else ("damping", "a matrix that is not 0")
+        raise InputError(name, value, "be 0 for rigid stops", "their limit is known without it")
     positive("impacts", impacts)
     chosen = [4.0**k for k in range(10)] if factors is None else factors
     return [{"form": form, "factor": float(factor), "impacts": impacts} for factor in chosen]
 
 
 def evaluate(case: Case, point: Point) -> list[Row]:
-    stops = case.problem.stops
-    assert stops is not None
+    system = system_of(case, point["form"])
+    stops = system.contacts[0].stops
     kappa = stops.stiffness * point["factor"]
-    rigid = rigid_limit(system_of(case, point["form"]), case.t_end)
+    rigid = rigid_limit(system, case.t_end)
     n = point["impacts"]
     if rigid.impacts.count <= n:
         raise InputError("impacts", n, f"be fewer than the {rigid.impacts.count} of the rigid stops")
     times = rigid.impacts.times
     end = 0.5 * float(times[n - 1] + times[n])
-    compliant = replace(case, problem=replace(case.problem, stops=replace(stops, stiffness=kappa)))
+    compliant = varied(system, stops=[replace(stops, stiffness=kappa)])[0]
     # The window is short against the horizon, and the same for every kappa.
-    found = solve_once(system_of(compliant, point["form"]), min(case.t_end, 2.0 * end))
+    found = solve_once(compliant, min(case.t_end, 2.0 * end))
     t = np.linspace(0.0, end, SAMPLES)
-    difference = found.at(t)[0] - rigid.at(t)[0]
-    scale = float(np.max(np.abs(rigid.at(t)[0])))
+    error = tip_error(found.at(t)[0], rigid.at(t)[0])
     inside = found.impacts.until(end)
     pairs = min(n, inside.count)
     return [
         {
             "kappa": kappa,
             "end": end,
-            "tip_error": float(np.max(np.abs(difference))) / scale,
-            "tip_error_rms": float(np.sqrt(np.mean(difference**2))) / scale,
+            "tip_error": error.max,
+            "tip_error_rms": error.rms,
             "impacts": inside.count,
             "rigid_impacts": n,
             "impact_time_error": float(np.max(np.abs(inside.times[:pairs] - times[:pairs]), initial=0.0)),
@@ -73,18 +90,69 @@ def same_impacts(rows: Rows) -> list[Row]:
     return [r for r in rows if r["impacts"] == r["rigid_impacts"]]
 
 
-def answer(rows: Rows) -> str:
+def answer(rows: Rows, case: Case) -> str:
+    units = case.units
     near = same_impacts(rows)
     if len(near) < 2:
         return "At no stiffness tried does the compliant contact have as many impacts as rigid stops have."
     order = observed_order([1.0 / r["kappa"] for r in near], [r["tip_error"] for r in near])
     own = min(rows, key=lambda r: r["kappa"])
     which = "the case's kappa" if own["factor"] == 1.0 else "kappa"
+    first, here = (units.measure(f"{r['kappa']:.2g}", "stop stiffness") for r in (near[0], own))
     return (
         f"The tip approaches that of rigid stops like kappa^-({order}) (theory: 1/2), from kappa = "
-        f"{near[0]['kappa']:.2g} on; at {which} = {own['kappa']:.2g} the first {own['rigid_impacts']} rigid "
+        f"{first} on; at {which} = {here} the first {own['rigid_impacts']} rigid "
         f"impacts are {own['impacts']} and the tip is {100 * own['tip_error']:.2g} % of its largest displacement off."
     )
+
+
+PANELS = (
+    ("error of the tip", "relative to the largest displacement",
+     (("tip_error", "largest"), ("tip_error_rms", "rms"))),
+    ("error of the impacts", "{time}; share of the impulse",
+     (("impact_time_error", "largest error in time"), ("impulse_error", "relative error of the first impulse"))),
+    ("force and penetration", "{force}; {length}",
+     (("peak_force", "peak force"), ("penetration", "largest penetration"))),
+)  # fmt: skip
+
+
+def draw(records: Records) -> Figure:
+    """Hollow markers: as yet another number of impacts than rigid stops have. Lines: fits to the others."""
+    rows = sorted(numeric(records.found), key=lambda row: row["kappa"])
+    near = same_impacts(rows)
+    figure = new_figure(4.9)
+    impacts = f"first {rows[0]['rigid_impacts']} impacts, " if rows else ""
+    figure.suptitle(heading(records.case, f"{impacts}towards rigid stops: slopes in 1/κ; theory for the tip is 1/2"))
+    units = records.case.units
+    names_of = {
+        name: units.label(text, name)
+        for name, text in (("time", "time"), ("force", "force"), ("length", "displacement"))
+    }
+    stops = records.case.system().contacts[0].stops
+    for axis, (title, unit, names), letter in zip(figure.subplots(1, 3), PANELS, "abc", strict=True):
+        for i, (name, words) in enumerate(names):
+            style = {"color": COLOURS[i], "marker": MARKERS[i], "ms": 5, "ls": ""}
+            positive = [row for row in rows if row[name] > 0.0]  # false for NaN
+            other = [row for row in positive if row not in near]
+            own = [row for row in positive if row in near]
+            axis.plot(column(other, "kappa"), column(other, name), mfc="white", **style)
+            order = observed_order(1.0 / column(own, "kappa"), column(own, name))
+            text = f"{words}: {order}" if np.isfinite(order.slope) else words
+            axis.plot(column(own, "kappa"), column(own, name), label=text, **style)
+            if np.isfinite(order.slope):
+                kappa = column(own, "kappa")[[0, -1]]
+                axis.plot(kappa, order.constant * kappa**-order.slope, color=COLOURS[i], lw=1.0, ls=dashed(i))
+        if rows and len(near) < len(rows):
+            axis.plot([], [], "o", ms=5, mfc="white", mec="0.35", label="fewer or more impacts than rigid")
+        axis.axvline(stops.stiffness, color="0.55", lw=0.9, ls=":", label="κ of the case")
+        log_scale(axis)
+        axis.set(xlabel=units.label("stiffness of the stops κ", "stop stiffness"), ylabel=unit.format(**names_of))
+        axis.grid(color="0.92")
+        axis.set_title(f"({letter}) {title}", loc="left")
+        axis.legend(frameon=False, fontsize=8.5, loc="upper center", bbox_to_anchor=(0.5, -0.16))
+        if not rows:
+            say_empty(axis)
+    return figure
 
 
 STUDY = Study(
@@ -93,5 +161,8 @@ STUDY = Study(
     points=points,
     evaluate=evaluate,
     answer=answer,
+    draw=draw,
+    needs_stops=True,
+    marches=False,
     smoke={"factors": [16.0, 256.0, 4096.0], "impacts": 2},
 )

@@ -2,30 +2,38 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
-from ..cases import Case
-from ..closed_form import natural_frequencies, tip_response
+from ..basics.validation import InputError
+from ..figures import COLOURS, MARKERS, column, dashed, heading, log_scale, mark_order, new_figure, numeric, say_empty
+from ..files.cases import Case
 from ..measures.regression import Order, observed_order
-from ..modal import modes
-from ..semidiscretisation import FORMS
-from ..time_functions import Harmonic
-from ..validation import InputError
-from .common import first_impacts, solve_once, steady_state, system_of, without_contact
-from .study import Point, Row, Rows, Study
+from ..measures.smooth_motion import steady_state, without_contact
+from ..measures.tip_error import tip_error
+from ..measures.windows import impact_times
+from ..model.closed_form import natural_frequencies, tip_response
+from ..model.modes import modes
+from ..model.time_functions import Harmonic
+from .common import Forms, ImpactCount, first_impacts, places, solve_once, system_of
+from .engine.study import Point, Records, Row, Rows, Study
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 SAMPLES = 2000
 
 
 def points(
     case: Case,
-    cells: list[int] | None = None,
-    forms: list[str] | None = None,
-    finest: int = 160,
-    impacts: int = 1,
-    modes: int = 3,
+    cells: Annotated[list[int] | None, "grids, with commas between them"] = None,
+    forms: Forms = None,
+    finest: Annotated[int, "the grid that contact is compared with"] = 160,
+    impacts: ImpactCount = 1,
+    modes: Annotated[int, "natural frequencies that are compared"] = 3,
 ) -> list[Point]:
     """Grids of 10 to 80 cells (at least three), against closed forms and against ``finest`` in contact.
 
@@ -33,12 +41,12 @@ def points(
     past the horizon of either.
     """
     grids = cells or [10, 14, 20, 28, 40, 56, 80]
-    kinds = forms or [f for f in FORMS if f == "displacement" or case.problem.viscosity == 0.0]
+    kinds = forms or list(case.forms)
     found: list[Point] = [{"kind": "frequency", "form": f, "cells": n, "modes": modes} for f in kinds for n in grids]
     base, loads = case.problem.base, case.problem.loads
     if isinstance(base, Harmonic) and not loads:
         found += [{"kind": "response", "form": f, "cells": n} for f in kinds for n in grids]
-    if case.problem.stops is not None:
+    if case.has_stops:
         # Half as long again as the case's own grid needs: the other grids meet the stop at other times.
         spans = {f: min(case.t_end, 1.5 * first_impacts(case, f, impacts)) for f in kinds}
         found += [
@@ -79,30 +87,32 @@ def _response(case: Case, point: Point) -> list[Row]:
 
 
 def _contact(case: Case, point: Point) -> list[Row]:
-    fine = solve_once(system_of(replace(case, cells=point["finest"]), point["form"]), point["t_end"])
-    own = solve_once(system_of(replace(case, cells=point["cells"]), point["form"]), point["t_end"])
-    n = point["impacts"]
-    if fine.impacts.count <= n or own.impacts.count <= n:
-        raise InputError("impacts", n, f"be fewer than the {min(fine.impacts.count, own.impacts.count)} there are")
-    end = 0.5 * float(fine.impacts.times[n - 1] + fine.impacts.times[n])
+    n, span = point["impacts"], point["t_end"]
+    finest = system_of(replace(case, cells=point["finest"]), point["form"])
+    fine = solve_once(finest, span)
+    while len(impact_times(fine)) <= n and span < case.t_end:  # the finest grid may meet the stop later
+        span = min(case.t_end, 2.0 * span)
+        fine = solve_once(finest, span)
+    own = solve_once(system_of(replace(case, cells=point["cells"]), point["form"]), span)
+    there = min(len(impact_times(fine)), len(impact_times(own)))
+    if there < n:
+        raise InputError("impacts", n, f"be at most the {there} that both grids have by t = {span:g}")
+    times = impact_times(fine)
+    end = 0.5 * float(times[n - 1] + times[n]) if len(times) > n else span
     end = min(end, fine.horizon, own.horizon)
     t = np.linspace(0.0, end, SAMPLES)
-    u, wanted = own.at(t)[0], fine.at(t)[0]
-    scale = float(np.max(np.abs(wanted)))
-    first, fine_first = own.impacts, fine.impacts
     return [
         {
             "quantity": "tip to the end of the first impacts",
             "value": end,
-            "error": float(np.max(np.abs(u - wanted))) / scale,
+            "error": tip_error(own.at(t)[0], fine.at(t)[0]).max,
         },
         *(
-            {"quantity": f"first impact's {name}", "value": float(x[0]), "error": float(abs(x[0] / y[0] - 1.0))}
-            for name, x, y in (
-                ("time", first.times, fine_first.times),
-                ("peak force", first.peaks, fine_first.peaks),
-                ("impulse", first.impulses, fine_first.impulses),
-            )
+            {"quantity": f"first impact's {name}{place}", "value": float(x[0]), "error": float(abs(x[0] / y[0] - 1.0))}
+            for place, a, b in zip(places(finest), own.contacts, fine.contacts, strict=True)
+            for name, column in (("time", "times"), ("peak force", "peaks"), ("impulse", "impulses"))
+            for x, y in [(getattr(a.impacts, column), getattr(b.impacts, column))]
+            if len(x) and len(y)
         ),
     ]
 
@@ -117,12 +127,72 @@ def orders(rows: Rows) -> dict[tuple[str, str], Order]:
     return found
 
 
-def answer(rows: Rows) -> str:
+def answer(rows: Rows, _: Case) -> str:
     found = orders(rows)
     smooth = [f"{q} {o} ({form})" for (q, form), o in found.items() if "impact" not in q]
     contact = [f"{q} {o} ({form})" for (q, form), o in found.items() if "impact" in q]
     tail = f" In contact, against the finest grid: {', '.join(contact)}." if contact else ""
     return f"Observed orders in h: {', '.join(smooth)}.{tail}"
+
+
+NAMES = {"tip to the end of the first impacts": "tip, largest", "first impact's time": "time of the first",
+         "first impact's peak force": "its peak force", "first impact's impulse": "its impulse",
+         "tip response": "tip", "velocity-curvature": "vel.-curv."}  # fmt: skip
+
+
+def draw(records: Records) -> Figure:
+    """One panel for the frequencies, one for the driven tip, one for the contact in each form."""
+    rows = numeric(records.found)
+    panels: list[tuple[str, list[Row]]] = []
+    for kind, title in (("frequency", "natural frequencies, against the beam"), ("response", "driven tip, no contact")):
+        panels.append((title, [row for row in rows if row["kind"] == kind]))
+    contact = [row for row in rows if row["kind"] == "contact"]
+    for form in dict.fromkeys(row["form"] for row in contact):
+        title = f"first impacts, {NAMES.get(form, form)}, against {contact[0]['finest']} cells"
+        panels.append((title, [row for row in contact if row["form"] == form]))
+    panels = [panel for panel in panels if panel[1]] or [("nothing found", [])]
+    figure = new_figure(
+        4.7 * (1 + (len(panels) > 2)), heading(records.case, "convergence in space, slopes with their 95 % intervals")
+    )
+    shape = (1 + (len(panels) > 2), min(2, len(panels)))
+    axes = figure.subplots(*shape, squeeze=False).ravel()
+    for axis, (title, own), letter in zip(axes, panels, "abcd", strict=False):
+        _panel(axis, own)
+        axis.set_title(f"({letter}) {title}", loc="left")
+    for axis in axes[len(panels) :]:
+        axis.remove()
+    return figure
+
+
+def _panel(axis, own: Sequence[Row]) -> None:
+    """A curve for every quantity and form; the colour tells the quantity, dashes the form."""
+    quantities = list(dict.fromkeys(row["quantity"] for row in own))
+    forms = list(dict.fromkeys(row["form"] for row in own))
+    for (quantity, form), order in orders(own).items():
+        mine = [row for row in own if (row["quantity"], row["form"]) == (quantity, form) and row["error"] > 0.0]
+        if not mine:
+            continue
+        i, j = quantities.index(quantity), forms.index(form)
+        style = {"color": COLOURS[(i if len(quantities) > 1 else j) % len(COLOURS)], "ms": 4.5,
+                 "marker": MARKERS[(i + 3 * j) % len(MARKERS)], "lw": 1.0, "ls": dashed(j)}  # fmt: skip
+        words, at, place = quantity.partition(" at contact ")
+        name = NAMES.get(words, words) + at + place + (f", {NAMES.get(form, form)}" if len(forms) > 1 else "")
+        slope = str(order) if np.isfinite(order.slope) else "too few grids"
+        axis.plot(1.0 / column(mine, "cells"), column(mine, "error"), label=f"{name}: {slope}", **style)
+    log_scale(axis)
+    axis.set(xlabel="width of a cell, a share of the beam's length", ylabel="error, relative")
+    axis.grid(color="0.92", which="both")
+    if not axis.get_lines():
+        say_empty(axis)
+        return
+    cells = sorted({row["cells"] for row in own})
+    axis.set_xticks([1.0 / n for n in cells], [f"1/{n}" for n in cells], fontsize=8.5)
+    axis.minorticks_off()
+    low, high = axis.get_ylim()
+    axis.set_ylim(low * (low / high) ** 0.12, high)
+    mark_order(axis, (2, 1))
+    axis.legend(frameon=False, fontsize=8.5, loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=2,
+                columnspacing=1.0)  # fmt: skip
 
 
 STUDY = Study(
@@ -131,5 +201,7 @@ STUDY = Study(
     points=points,
     evaluate=evaluate,
     answer=answer,
+    draw=draw,
+    marches=False,
     smoke={"cells": [6, 8, 12], "finest": 20},
 )

@@ -11,119 +11,68 @@ start, a scheme's to what the scheme's own dissipation leaves.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
 from itertools import product
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
-from ..arrays import Array
-from ..cases import Case, parse_run
-from ..contact import Stops
-from ..drive import Drive
-from ..march.ensemble import Ensemble, integrate_ensemble, reference_ensemble
-from ..march.members import varied
-from ..schemes import Scheme, make
-from ..semidiscretisation import semidiscretise
-from ..system import System
-from ..trajectory import Diverged, SolverFailure
-from ..validation import InputError, integer, near, number, positive
-from .common import scheme_of, system_of
-from .study import Point, Row, Rows, Study
+from ..basics.arrays import Array
+from ..basics.validation import InputError, integer, near, number, positive
+from ..figures import column, dashed, heading, look, new_figure, numeric, say_empty, tip_symbol
+from ..files.cases import Case
+from ..march.ensemble import integrate_ensemble
+from ..references.ensemble import reference_ensemble
+from ..trajectory.ensemble import Ensemble
+from ..trajectory.trajectory import Diverged, SolverFailure
+from .common import Form, Treatment, by_contact, label_of, system_of
+from .engine.study import Point, Records, Row, Rows, Study
+from .parameters import EXACT, IN_STEP, Setup, drive_period, named, parameters_of, quantity_of, setup_of
 
-EXACT = "exact"
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 LONGEST = 8  # periods of the drive that a motion may take to repeat itself and still be called periodic
 SAME = 1e-3  # of the largest |u|: section points closer than this are one
 BATCHES = 16  # at least, so that processes end together
 # Seconds with 25 cells on one core: what a batch is cut to, so that a kill loses little; setting a scheme
-# up, a step, a unit of time of the exact solution.
-BATCH, SETTING_UP, STEP, EXACT_TIME = 1.0, 0.02, 3e-8, 0.01
-
-
-def _stops(system: System, change: Callable[[Stops], Stops]) -> System:
-    if system.problem is None or system.problem.stops is None:
-        raise InputError("parameter", "one of the stops", "be asked of a case with stops")
-    return varied(system, stops=[change(system.problem.stops)])[0]
-
-
-def _clearance(system: System, value: float) -> System:
-    """Every stop the system has at this distance from zero."""
-    positive("clearance", value)
-
-    def move(stops: Stops) -> Stops:
-        lower, upper = stops.lower is not None, stops.upper is not None
-        return replace(stops, lower=-value if lower else None, upper=value if upper else None)
-
-    return _stops(system, move)
-
-
-def _beam(system: System, **changes: float) -> System:
-    assert system.problem is not None
-    return semidiscretise(replace(system.problem, **changes), system.size, system.form)
-
-
-PARAMETERS: dict[str, Callable[[System, float], System]] = {
-    "frequency": lambda system, value: varied(system, frequency=[value])[0],
-    "amplitude": lambda system, value: varied(system, amplitude=[value])[0],
-    "clearance": _clearance,
-    "stop-stiffness": lambda system, value: _stops(system, lambda stops: replace(stops, stiffness=value)),
-    "stiffness": lambda system, value: _beam(system, stiffness=value),
-    "viscosity": lambda system, value: _beam(system, viscosity=value),
-}
-IN_STEP = ("amplitude", "clearance", "stop-stiffness")  # members of one ensemble
-
-
-@dataclass(frozen=True)
-class Setup:
-    """One value of the parameters, ready to run. scheme: None for the exact solution. period: T."""
-
-    system: System
-    scheme: Scheme | None
-    dt: float
-    period: float
-
-    @property
-    def kind(self) -> tuple:
-        """Equal for setups that can march together."""
-        return str(self.scheme), self.dt, self.period, self.system.stiffness.tobytes(), self.system.damping.tobytes()
-
-
-def parameters_of(method: str) -> list[str]:
-    """The names that can be varied with this method."""
-    if method == EXACT:
-        return list(PARAMETERS)
-    own = scheme_of(method).parameters
-    return [*PARAMETERS, "dt", *(name for name, value in own.items() if not isinstance(value, bool))]
+# up, a step, a period of the drive of the exact solution.
+BATCH, SETTING_UP, STEP, EXACT_PERIOD = 1.0, 0.02, 3e-8, 6e-3
 
 
 def points(
     case: Case,
-    parameter: str = "frequency",
-    values: Sequence[float] | None = None,
-    second: str | None = None,
-    second_values: Sequence[float] | None = None,
-    method: str | None = None,
-    form: str = "displacement",
-    contact: str = "implicit",
-    dt: float | None = None,
-    periods: int = 60,
-    transient: int = 100,
-    count: int = 200,
+    parameter: Annotated[
+        str, "frequency, amplitude, clearance, stop-stiffness, stiffness, viscosity, dt, alpha, ..."
+    ] = "frequency",
+    values: Annotated[
+        Sequence[float] | None,
+        "start:stop:count, start:stop:count:log, or with commas between them; in the case's units",
+    ] = None,
+    second: Annotated[str | None, "another parameter: impacts and forces on a grid"] = None,
+    second_values: Annotated[Sequence[float] | None, "as --values"] = None,
+    method: Annotated[str | None, "a scheme, or exact; default: the case's first scheme"] = None,
+    form: Form = "displacement",
+    contact: Treatment = "implicit",
+    dt: Annotated[float | None, "the nearest step that divides the period is taken"] = None,
+    periods: Annotated[int, "of the drive, that are looked at"] = 60,
+    transient: Annotated[int, "periods of the drive before them"] = 100,
+    count: Annotated[int, "drive frequencies where no values are given"] = 200,
 ) -> list[Point]:
     """Batches of values, each a line of the journal; with ``second`` a grid, without sections.
 
-    values: of ``parameter``, see ``parameters_of``; by default ``count`` drive frequencies from 0.7 to 1.3
-    of the case's. method: a scheme's label or "exact", by default the case's first scheme. transient:
-    periods of the drive before the ``periods`` that are looked at.
+    values: of ``parameter``, see ``parameters_of``, in the case's own units; by default ``count`` drive
+    frequencies from 0.7 to 1.3 of the case's. method: a scheme's label or "exact", by default the case's
+    first scheme. transient: periods of the drive before the ``periods`` that are looked at.
     """
-    method = str(case.runs[0][0]) if method is None else method if method == EXACT else str(parse_run(method)[0])
+    method = label_of(case.runs[0][0]) if method is None else method if method == EXACT else label_of(method)
     for name, periods_given, least in (("periods", periods, 1), ("transient", transient, 0)):
         integer(name, periods_given, least)
     if values is None and parameter == "frequency":
-        own = 2.0 * np.pi / _period(system_of(case, form))
+        own = 2.0 * np.pi / drive_period(system_of(case, form))
         values = np.linspace(0.7 * own, 1.3 * own, count).tolist()
     axes = {parameter: values} if second is None else {parameter: values, second: second_values}
-    if second is not None and case.problem.stops is None:
+    if second is not None and not case.has_stops:
         raise InputError("case", case.name, "have stops for a grid of two parameters")
     if second == parameter:
         raise InputError("second", second, "be another parameter")
@@ -141,7 +90,7 @@ def points(
     }  # fmt: skip
     # Bad values are refused here, at the ends of the ranges; what a scheme refuses in between is a row.
     base = system_of(case, form)
-    ends = [_setup(base, rest, value) for value in product(*([min(axis), max(axis)] for axis in grid))]
+    ends = [setup_of(base, rest, value) for value in product(*([min(axis), max(axis)] for axis in grid))]
     together = parameter in IN_STEP and (second is None or second in IN_STEP)
     seconds = max(_seconds(setup, periods + transient) + (0.0 if together else SETTING_UP) for setup in ends)
     if second is not None and parameter in IN_STEP:  # what marches together stands together
@@ -153,37 +102,9 @@ def points(
 
 
 def _seconds(setup: Setup, periods: int) -> float:
-    span = periods * setup.period
-    return EXACT_TIME * span if setup.scheme is None else STEP * span / setup.dt * max(1.0, setup.system.size / 25)
-
-
-def _setup(system: System, point: Point, value: Sequence[float]) -> Setup:
-    """One value on the case's system. Raises InputError where a value cannot be."""
-    dt = point["dt"]
-    scheme = None if point["method"] == EXACT else scheme_of(point["method"])
-    for name, x in zip((point["parameter"], point["second"]), value, strict=False):
-        if name in PARAMETERS:
-            system = PARAMETERS[name](system, x)
-        elif name == "dt":
-            dt = positive("dt", x)
-        else:
-            assert scheme is not None
-            changed = make(scheme.name, **(scheme.parameters | {name: x}))
-            scheme = changed.printed(scheme.erratum) if scheme.erratum else changed
-    period = _period(system)
-    if dt is None:
-        return Setup(system, None, 0.0, period)
-    if dt > 0.5 * period:
-        raise InputError("dt", dt, f"be at most half a period of the drive, {0.5 * period:.6g}")
-    return Setup(system, scheme, period / round(period / dt), period)
-
-
-def _period(system: System) -> float:
-    """T = 2 pi/a of the one frequency that drives the system."""
-    frequencies = Drive.of(system).frequencies
-    if len(frequencies) != 1:
-        raise InputError("case", f"{len(frequencies)} drive frequencies", "have one, for a section once a period")
-    return 2.0 * np.pi / frequencies[0]
+    if setup.scheme is None:
+        return EXACT_PERIOD * periods
+    return STEP * periods * setup.period / setup.dt * max(1.0, setup.system.size / 25)
 
 
 def evaluate(case: Case, point: Point) -> list[Row]:
@@ -193,16 +114,17 @@ def evaluate(case: Case, point: Point) -> list[Row]:
     for value in point["values"]:
         named = {name: x for name, x in zip((point["parameter"], point["second"]), value, strict=False) if name}
         try:
-            setup = _setup(system, point, value)
+            setup = setup_of(system, point, value)
             groups.setdefault(setup.kind, []).append((named | ({"dt": setup.dt} if setup.scheme else {}), setup))
         except InputError as error:
-            rows.append(named | {"failed": str(error)})
+            rows.append(named | {"refused": str(error)})
     for group in groups.values():
         try:
             many = _march(point, [setup for _, setup in group])
             rows += [row for i, (named, _) in enumerate(group) for row in _rows(point, named, many, i)]
         except (InputError, SolverFailure) as error:
-            rows += [named | {"failed": str(error)} for named, _ in group]
+            word = "refused" if isinstance(error, InputError) else "failed"
+            rows += [named | {word: str(error)} for named, _ in group]
     return rows
 
 
@@ -223,10 +145,9 @@ def _rows(point: Point, named: Row, many: Ensemble, i: int) -> list[Row]:
     if np.isfinite(many.diverged[i]):
         return [named | {"failed": str(Diverged(point["method"], many.diverged[i], "use a smaller dt"))}]
     rows: list[Row] = []
-    if many.contacts:
-        seen = many.contact
+    for place, seen in enumerate(many.contacts, 1):
         found = {"count": seen.impact_count[i], "fraction": seen.fraction[i], "peak_force": seen.peak_force[i]}
-        rows.append(named | {"kind": "contact"} | {name: value.item() for name, value in found.items()})
+        rows.append(named | {"kind": "contact", "contact_number": place} | {n: x.item() for n, x in found.items()})
     if point["second"] is None:
         section = enumerate(many.tip[i, point["transient"] + 1 :].tolist(), point["transient"] + 1)
         rows += [named | {"kind": "section", "period": n, "tip": tip} for n, tip in section]
@@ -250,10 +171,21 @@ def repeats_after(section: Array, size: float) -> int:
     return 0
 
 
-def answer(rows: Rows) -> str:
+def answer(rows: Rows, case: Case) -> str:
+    units = case.units
     first, parts = rows[0], []
     names = [name for name in (first["parameter"], first["second"]) if name is not None]
-    ranges = [f"{name} {min(r[name] for r in rows):g} to {max(r[name] for r in rows):g}" for name in names]
+    quantities = {name: quantity_of(case, name) for name in names}
+
+    def value(name: str, x: str) -> str:
+        return units.measure(x, quantities[name]) if quantities[name] else x
+
+    def at(row: Row) -> str:
+        return ", ".join(f"{name} {value(name, f'{row[name]:.5g}')}" for name in names)
+
+    ranges = [
+        f"{name} {value(name, f'{min(r[name] for r in rows):g} to {max(r[name] for r in rows):g}')}" for name in names
+    ]
     found = sections(rows)
     if found:
         size = max(float(np.max(np.abs(section))) for section in found.values())
@@ -263,19 +195,123 @@ def answer(rows: Rows) -> str:
             f"the tip repeats itself every period of the drive at {repeats.count(1)} of {len(found)} values, every "
             f"2 to {LONGEST} periods at {several}, and not at {repeats.count(0)} (to {SAME:g} of the largest)"
         )
-    contacts = [r for r in rows if r["kind"] == "contact"]
-    if contacts:
-        for name, unit, scale in (("count", "impacts a period", first["periods"]), ("peak_force", "largest force", 1)):
+    for place, contacts in by_contact([r for r in rows if r["kind"] == "contact"]).items():
+        if not contacts:
+            continue
+        for name, words, scale in (("count", "impacts a period", first["periods"]), ("peak_force", "largest force", 1)):
             low, high = (pick(contacts, key=lambda r: r[name]) for pick in (min, max))
-            least, most = (f"{r[name] / scale:.4g} at {_at(r, names)}" for r in (low, high))
-            parts.append(f"{unit} from {least} to {most}")
-        parts.append(f"in contact at most {100 * max(r['fraction'] for r in contacts):.3g} % of the time")
+            least, most = (f"{r[name] / scale:.4g}" for r in (low, high))
+            if name == "peak_force":
+                least, most = (units.measure(x, "force") for x in (least, most))
+            parts.append(f"{words}{place} from {least} at {at(low)} to {most} at {at(high)}")
+        parts.append(f"in contact{place} at most {100 * max(r['fraction'] for r in contacts):.3g} % of the time")
+    system = case.system(first["form"])
+    lossy = [c.stops.damping or c.stops.dissipation or c.stops.restitution not in (None, 1.0) for c in system.contacts]
+    if not system.damped and not any(lossy):
+        parts.append("nothing damps this system, so its transient never ends: another start gives another answer")
     method = f"{first['method']} over {' and '.join(ranges)}, {first['periods']} periods after {first['transient']}"
     return f"{method}: {'; '.join(parts)}."
 
 
-def _at(row: Row, names: list[str]) -> str:
-    return ", ".join(f"{name} {row[name]:.5g}" for name in names)
+def draw(records: Records) -> Figure:
+    """One parameter: sections, impacts, forces on one axis. Two: a map of each quantity."""
+    rows = numeric(records.found)
+    contacts = [row for row in rows if row["kind"] == "contact"]
+    if rows and isinstance(rows[0]["second"], str):
+        figure = new_figure(4.2 * len(by_contact(contacts)))
+        _maps(figure, contacts, records.case)
+    else:
+        figure = new_figure(8.2)
+        _diagram(figure, [row for row in rows if row["kind"] == "section"], contacts, records.case)
+    text = "no point could be evaluated"
+    if rows:
+        one = rows[0]
+        text = f"{one['method']}, {one['form']}, {one['periods']} periods of the drive after {one['transient']}"
+    figure.suptitle(heading(records.case, text))
+    return figure
+
+
+def _diagram(figure: Figure, points: Rows, contacts: Rows, case: Case) -> None:
+    units = case.units
+    section, count, force = figure.subplots(3, 1, sharex=True, height_ratios=[3.0, 1.0, 1.0])
+    first = next(iter([*points, *contacts]), {"parameter": "parameter", "method": EXACT})
+    name, colour = first["parameter"], look(first["method"])["color"]
+    section.set(ylabel=units.label(f"tip {tip_symbol(case.beam, 'nT')}", "length"))
+    section.set_title("(a) the tip once in every period $T$ of the drive", loc="left")
+    if points:
+        # The fainter the more points there are, so that dense bands and single curves can be told apart.
+        alpha = float(np.clip(2e4 / len(points), 0.15, 0.9))
+        section.plot(
+            column(points, name), column(points, "tip"), ls="none", marker=".", ms=3.0, mew=0.0, color=colour,
+            alpha=alpha, rasterized=True,
+        )  # fmt: skip
+    else:
+        say_empty(section)
+    line = 0.7 if len({row[name] for row in contacts}) <= 400 else 0.0  # more points than that are a band
+    for axis, quantity, label, title in (
+        (count, "count", "impacts per period", "(b) impacts"),
+        (force, "peak_force", units.label(r"peak $|\sigma|$", "force"), "(c) largest contact force"),
+    ):
+        axis.set(ylabel=label)
+        axis.set_title(title, loc="left")
+        for i, (place, own) in enumerate(by_contact(contacts).items()):
+            own = sorted(own, key=lambda row: row[name])
+            values = column(own, quantity) / (column(own, "periods") if quantity == "count" else 1.0)
+            axis.plot(column(own, name), values, lw=line, ls=dashed(i), marker=".", ms=3.0 if line else 1.5,
+                      color=colour, alpha=1.0 / (1 + i), label=place.strip())  # fmt: skip
+        if len(by_contact(contacts)) > 1:
+            axis.legend(frameon=False, fontsize=8.5)
+        if contacts:
+            axis.set_ylim(bottom=0.0)
+        else:
+            say_empty(axis, "no contact")
+    _log_where_even(force.set_xscale, column([*points, *contacts], name))
+    force.set(xlabel=named(case, name))
+    figure.align_ylabels()
+
+
+def _maps(figure: Figure, contacts: Rows, case: Case) -> None:
+    from matplotlib.colors import LogNorm
+
+    x_name, y_name = contacts[0]["parameter"], contacts[0]["second"]
+    blocks = by_contact(contacts)
+    axes = figure.subplots(len(blocks), 3, sharex=True, sharey=True, squeeze=False)
+    quantities = (
+        ("count", "impacts per period"),
+        ("fraction", "share of time in contact"),
+        ("peak_force", case.units.label(r"peak force $|\sigma|$", "force")),
+    )
+    for line, (place, own) in zip(axes, blocks.items(), strict=True):
+        x, y = column(own, x_name), column(own, y_name)
+        here = np.isfinite(x) & np.isfinite(y)
+        across, up = np.unique(x[here]), np.unique(y[here])
+        for axis, (quantity, label) in zip(line, quantities, strict=True):
+            values = column(own, quantity) / (column(own, "periods") if quantity == "count" else 1.0)
+            axis.set_title(label + place, loc="left")
+            axis.set(xlabel=named(case, x_name))
+            known = values[here & np.isfinite(values)]
+            if not len(known):
+                say_empty(axis)
+                continue
+            grid = np.full((len(up), len(across)), np.nan)
+            grid[np.searchsorted(up, y[here]), np.searchsorted(across, x[here])] = values[here]
+            wide = 0.0 < 30.0 * np.min(known) < np.max(known)
+            norm = LogNorm() if wide else None
+            drawn = axis.pcolormesh(across, up, grid, cmap="cividis", shading="nearest", norm=norm, rasterized=True)
+            figure.colorbar(drawn, ax=axis, label=label)
+            _log_where_even(axis.set_xscale, across)
+            _log_where_even(axis.set_yscale, up)
+        line[0].set(ylabel=named(case, y_name))
+
+
+def _log_where_even(set_scale, values: Array) -> None:
+    """A logarithmic axis for values that are spaced by a factor."""
+    values = np.unique(values[np.isfinite(values)])
+    if len(values) < 3 or values[0] <= 0.0:
+        return
+    ratios, steps = np.diff(np.log(values)), np.diff(values)
+    if np.ptp(ratios) < 1e-6 * np.max(ratios) and np.ptp(steps) > 1e-3 * np.max(steps):
+        set_scale("log")
 
 
 STUDY = Study(
@@ -284,5 +320,7 @@ STUDY = Study(
     points=points,
     evaluate=evaluate,
     answer=answer,
+    draw=draw,
+    named_by=("parameter", "second"),
     smoke={"count": 4, "periods": 3, "transient": 1},
 )

@@ -1,0 +1,5 @@
+"""``python -m stiffbeam``."""
+
+from .cli import main
+
+main()

@@ -1,0 +1,51 @@
+"""The array type, and arrays laid out for vector registers."""
+
+from __future__ import annotations
+
+from typing import Any
+from weakref import WeakValueDictionary
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[Any]  # float64 unless a docstring says otherwise
+LANES = 8  # doubles in the widest vector register
+_READ_ONLY: WeakValueDictionary[int, Array] = WeakValueDictionary()  # what ``read_only`` has made, by id
+
+
+def padded(size: int, least: int = LANES) -> int:
+    """``size`` rounded up to a multiple of LANES, not below ``least``."""
+    return max(least, -(-size // LANES) * LANES)
+
+
+def aligned(shape: tuple[int, ...]) -> Array:
+    """Zeros at a 64-byte boundary."""
+    count = int(np.prod(shape))
+    buffer = np.zeros(count + LANES)
+    start = (-buffer.ctypes.data // 8) % LANES
+    return buffer[start : start + count].reshape(shape)
+
+
+def read_only(values: ArrayLike) -> Array:
+    """A copy of ``values`` that cannot be written to, or ``values`` itself where it is one.
+
+    What is computed from it holds as long as it lives, and two that are one object are equal for good.
+    """
+    if is_read_only(values):
+        return values  # type: ignore[return-value]
+    copy = np.array(values, float, order="C")
+    copy.setflags(write=False)
+    _READ_ONLY[id(copy)] = copy
+    return copy
+
+
+def is_read_only(values: Any) -> bool:
+    """Whether ``read_only`` made it, so that no one holds a view that can be written to."""
+    return isinstance(values, np.ndarray) and _READ_ONLY.get(id(values)) is values and not values.flags.writeable
+
+
+def same(a: Array | None, b: Array | None) -> bool:
+    """Equal number by number, None being equal to itself only."""
+    if a is None or b is None:
+        return a is b
+    return a is b or np.array_equal(a, b)

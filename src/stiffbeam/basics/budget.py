@@ -1,0 +1,61 @@
+"""What a call may cost: its memory and time are estimated before it begins, and refused beyond these.
+
+STIFFBEAM_MEMORY, in GiB, and STIFFBEAM_SECONDS raise or lower what is allowed.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from typing import Any
+
+from .validation import InputError
+
+MEMORY = 4.0  # GiB
+SECONDS = 86400.0  # a day
+
+
+def afford(field: str, value: Any, remedy: str, *, floats: float = 0.0, seconds: float = 0.0) -> None:
+    """Raise InputError where a call would take more: ``floats`` numbers of 8 bytes at once, or ``seconds``.
+
+    field, value: of the argument that makes it so large. Estimates are rough: they are there to tell what
+    ends from what does not.
+    """
+    gib = 8.0 * floats / 2**30
+    for cost, name, most, unit in (
+        (gib, "STIFFBEAM_MEMORY", MEMORY, "GiB of memory"),
+        (seconds, "STIFFBEAM_SECONDS", SECONDS, "seconds"),
+    ):
+        allowed = _allowed(name, most)
+        if not cost <= allowed:
+            rule = f"take no more than {allowed:g} {unit} (it would take some {cost:.2g})"
+            raise InputError(field, value, rule, f"{remedy}, or set {name}")
+
+
+class Forecast:
+    """Work over [0, t_end] whose extent shows only on the way: its first part tells what the whole would take."""
+
+    def __init__(self, t_end: float) -> None:
+        self.t_end, self.begun = t_end, time.perf_counter()
+        self._many = 0.02 * _allowed("STIFFBEAM_MEMORY", MEMORY) * 2**27
+        self._early = min(60.0, 0.05 * _allowed("STIFFBEAM_SECONDS", SECONDS))
+
+    def check(self, t: float, floats: float = 0.0) -> None:
+        """At time t, with so many numbers kept: raise InputError where all of it is too much, see ``afford``."""
+        share = max(t / self.t_end, 1e-12)
+        if floats > self._many:
+            afford("t_end", self.t_end, "shorten t_end", floats=floats / share)
+        elapsed = time.perf_counter() - self.begun
+        if elapsed > self._early:
+            afford("t_end", self.t_end, "shorten t_end, or loosen rtol", seconds=elapsed / share)
+
+
+def _allowed(name: str, most: float) -> float:
+    text = os.environ.get(name, "").strip()
+    try:
+        allowed = float(text) if text else most
+    except ValueError:
+        allowed = 0.0
+    if not allowed > 0.0:
+        raise InputError(name, text, "be a number > 0", f"unset it for {most:g}")
+    return allowed

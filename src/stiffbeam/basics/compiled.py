@@ -1,0 +1,89 @@
+"""Compilation of the kernels, kept on disk so that only the first run pays for it."""
+
+from __future__ import annotations
+
+import ast
+import hashlib
+from collections.abc import Callable
+from contextlib import suppress
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numba
+
+from . import cache
+
+# Sums may be reassociated and contracted, but NaN and inf stay honest: an overflow must be seen.
+FASTMATH = {"reassoc", "contract"}
+
+
+def compiled(function: Callable[..., Any]) -> Any:
+    """``function`` compiled by numba on its first call, cached in the cache directory; it holds no GIL."""
+    return _njit(function)
+
+
+def inlined(function: Callable[..., Any]) -> Any:
+    """``function`` compiled as a part of those that call it.
+
+    A call of its own would count references to every array it is given, with locked instructions.
+    """
+    return _njit(function, inline="always")
+
+
+@lru_cache
+def directory(file: Path) -> Path:
+    """Where the compiled kernels of a source file are kept: one folder per state of it and of what it imports.
+
+    numba itself looks at the file of the function it compiles, not at those of the functions in it.
+    """
+    digest = hashlib.sha256()
+    for source in sorted(_sources(file)):
+        digest.update(source.read_bytes())
+    return cache.directory() / "numba" / digest.hexdigest()[:16]
+
+
+@lru_cache
+def _sources(file: Path) -> frozenset[Path]:
+    """A file and the files with compiled functions that it imports from, directly or through others."""
+    found = {file}
+    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom) and node.level and node.module:
+            imported = file.parents[node.level - 1].joinpath(*node.module.split(".")).with_suffix(".py")
+            if imported.is_file() and "compiled import" in imported.read_text(encoding="utf-8"):
+                found |= _sources(imported)
+    return frozenset(found)
+
+
+def _forgiving(made: Any) -> Any:
+    """A kernel whose file is damaged is compiled again, one that cannot be kept is used all the same.
+
+    numba takes only a missing file as none: an index that is cut or full of zeros ended every later run.
+    """
+    kept = made._cache
+    load, save, flush = kept.load_overload, kept.save_overload, kept.flush
+
+    def load_overload(*arguments: Any) -> Any:
+        try:
+            return load(*arguments)
+        except Exception:  # whatever unpickling makes of a damaged file
+            with suppress(OSError):
+                flush()
+            return None
+
+    def save_overload(*arguments: Any) -> None:
+        with suppress(OSError):
+            save(*arguments)
+
+    kept.load_overload, kept.save_overload = load_overload, save_overload
+    return made
+
+
+def _njit(function: Callable[..., Any], **options: Any) -> Any:
+    before = numba.config.CACHE_DIR  # type: ignore[attr-defined]
+    numba.config.CACHE_DIR = str(directory(Path(function.__code__.co_filename)))  # type: ignore[attr-defined]
+    try:
+        made = numba.njit(cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy", **options)(function)
+        return _forgiving(made)
+    finally:
+        numba.config.CACHE_DIR = before  # type: ignore[attr-defined]

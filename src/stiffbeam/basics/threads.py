@@ -1,0 +1,49 @@
+"""Work on slices of a sequence, one thread per core: compiled code releases Python's lock."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Any, TypeVar
+
+from .validation import InputError
+
+Result = TypeVar("Result")
+
+
+def cores() -> int:
+    """The threads an ensemble marches on: STIFFBEAM_THREADS, else the cores this process may use."""
+    wanted = os.environ.get("STIFFBEAM_THREADS", "").strip()
+    if wanted:
+        if not wanted.isdigit() or int(wanted) < 1:
+            raise InputError("STIFFBEAM_THREADS", wanted, "be an integer >= 1")
+        return int(wanted)
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def over_slices(
+    work: Callable[[Any], list[Result]],
+    items: Sequence[Any],
+    most: int,
+    threads: int,
+    progress: Callable[[int], None] | None,
+) -> Iterator[Result]:
+    """``work`` on slices of at most ``most`` items, a result for every item, in order.
+
+    progress: called with the number of items done. Where a slice fails, those not begun are left out.
+    """
+    size = min(most, max(1, len(items) // (4 * threads))) if threads > 1 else most
+    with ThreadPoolExecutor(threads) as pool:
+        parts: list[Future] = [pool.submit(work, items[i : i + size]) for i in range(0, len(items), size)]
+        try:
+            done = 0
+            for part in parts:
+                found = part.result()
+                done += len(found)
+                if progress is not None:
+                    progress(done)
+                yield from found
+        finally:
+            for part in parts:
+                part.cancel()

@@ -1,0 +1,81 @@
+"""The names of the units that a problem is written in. Labels only: nothing is ever converted."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+from .validation import InputError
+from .words import printable
+
+ONE = "1"  # the unit of a number without dimension, as netCDF writes it
+
+
+@dataclass(frozen=True)
+class Units:
+    """What lengths, times and forces are counted in; every other unit follows from these three.
+
+    A beam is integrated in its own units, so that u is in ``length``, t in ``time``, sigma in ``force`` and
+    an energy in force times length. Masses are force time^2/length: kg for metres, tonnes for millimetres,
+    seconds and newtons. Raises InputError for a name that is no text or empty.
+    """
+
+    length: str = "m"
+    time: str = "s"
+    force: str = "N"
+
+    def __post_init__(self) -> None:
+        for field in ("length", "time", "force"):
+            name = getattr(self, field)
+            if not isinstance(name, str) or not name.strip() or len(name) > 20 or printable(name) != name:
+                remedy = 'at most 20 printable letters, for example "m", "s" or "N"'
+                raise InputError(f"units.{field}", name, "be the name of a unit", remedy)
+
+    @cached_property
+    def _names(self) -> dict[str, str]:
+        L, T, F = self.length, self.time, self.force
+        return {
+            "length": L,
+            "time": T,
+            "force": F,
+            "velocity": f"{L}/{T}",
+            "frequency": f"rad/{T}",
+            "rate": f"1/{T}",
+            "stop stiffness": f"{F}/{L}",
+            "impulse": f"{F} {T}",
+            "energy": "J" if (F, L) == ("N", "m") else f"{F} {L}",
+            "force per length": f"{F}/{L}",
+            "mass per length": "kg/m" if (L, T, F) == ("m", "s", "N") else f"{F} {T}²/{L}²",
+            "bending stiffness": f"{F} {L}²",
+            "bending viscosity": f"{F} {L}² {T}",
+        }
+
+    def of(self, quantity: str) -> str:
+        """The unit of a quantity, "" where it has none: ``of("velocity")`` is "m/s"."""
+        return self._names[quantity] if self.known else ""
+
+    def label(self, text: str, quantity: str) -> str:
+        """``text`` with the unit of its quantity behind it, as on an axis: "time $t$ (s)"."""
+        return f"{text} ({self.of(quantity)})" if self.known else text
+
+    def measure(self, text: str, quantity: str) -> str:
+        """A number with its unit, as in a sentence: "70.2 N"."""
+        return f"{text} {self.of(quantity)}" if self.known else text
+
+    def __str__(self) -> str:
+        return self.note or f"{self.length}, {self.time}, {self.force}"
+
+    @property
+    def known(self) -> bool:
+        """Whether the quantities have units with names."""
+        return self not in (NON_DIMENSIONAL, UNKNOWN)
+
+    @property
+    def note(self) -> str:
+        """What is to be said once where numbers stand without units; "" where every number has its own."""
+        return {NON_DIMENSIONAL: "non-dimensional", UNKNOWN: "in the units of the matrices"}.get(self, "")
+
+
+SI = Units()
+NON_DIMENSIONAL = Units(ONE, ONE, ONE)
+UNKNOWN = Units("?", "?", "?")  # of matrices that somebody else made

@@ -1,0 +1,52 @@
+"""``stiffbeam advise``: which scheme and step give what is wanted."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ..basics.progress import progress
+from .application import app
+from .options import Case
+from .output import check_json, write_json
+
+
+@app.command()
+def advise(
+    case: Case,
+    want: Annotated[str, typer.Option(help="errors that may be, of tip, impacts, peak_force, impulse")] = (
+        "tip=1e-3,impacts=0.05,peak_force=0.05"
+    ),
+    schemes: Annotated[str | None, typer.Option(help="comma-separated, instead of all")] = None,
+    form: Annotated[str | None, typer.Option(help="displacement, velocity-curvature or hermite")] = None,
+    t_end: Annotated[float | None, typer.Option(help="end time instead of the case's")] = None,
+    most_steps: Annotated[int | None, typer.Option(help="of a run, where the search ends")] = None,
+    members: Annotated[int, typer.Option(help="past the horizon, perturbed runs behind each mean")] = 48,
+    json_file: Annotated[Path | None, typer.Option("--json", help="write it here, - for stdout")] = None,
+) -> None:
+    """The cheapest scheme, contact and step that give a wanted error, and what no step gives."""
+    from ..basics.plain import plain
+    from ..basics.validation import InputError
+    from ..files.cases import find_case, parse_run, split_runs
+    from ..studies.advice import advise as find
+
+    chosen = find_case(case)
+    wanted: dict[str, float] = {}
+    for item in filter(None, want.split(",")):
+        name, _, value = (part.strip() for part in item.partition("="))
+        try:
+            wanted[name] = float(value)
+        except ValueError:
+            raise InputError("--want", item, "read quantity=error", "for example tip=1e-3") from None
+    given = None if schemes is None else [parse_run(text)[0] for text in split_runs(schemes)]
+    check_json(json_file)
+    system, end = chosen.system(form), chosen.t_end if t_end is None else t_end
+    with progress() as show:
+        found = find(system, wanted, end, given, most_steps=most_steps, members=members, progress=show)
+    if not write_json(json.dumps(plain({"case": chosen.name} | found.to_dict()), indent=2), json_file):
+        print(found)
+    if found.chosen is None:
+        raise typer.Exit(1)

@@ -1,0 +1,47 @@
+"""``stiffbeam animate``: a film of the schemes beside the exact motion."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ..basics.progress import progress
+from .application import app
+from .options import Case
+from .output import default_folder
+
+
+@app.command()
+def animate(
+    case: Case,
+    schemes: Annotated[str | None, typer.Option(help="comma-separated; default: the case's first run")] = None,
+    dt: Annotated[float | None, typer.Option(help="time step instead of the case's")] = None,
+    t_end: Annotated[float | None, typer.Option(help="end time instead of the case's")] = None,
+    seconds: Annotated[float, typer.Option(help="length of the film")] = 8.0,
+    out: Annotated[Path | None, typer.Option(help=".gif or .mp4; default: a .gif in the case's folder")] = None,
+) -> None:
+    """A film: the beam between its stops, schemes beside the exact motion, impacts flashing."""
+    from ..basics.validation import InputError
+    from ..figures.animation import animate as film
+    from ..files.cases import find_case, parse_run, split_runs
+    from ..march.integrate import integrate
+    from ..references import reference
+    from ..trajectory.trajectory import Trajectory
+
+    chosen = find_case(case)
+    form = chosen.forms[0]
+    runs = [chosen.runs[0]] if schemes is None else [parse_run(text, form) for text in split_runs(schemes)]
+    if len({form for _, form in runs}) != 1:
+        raise InputError("--schemes", schemes, "be of one form: the film shows one system")
+    system, end = chosen.system(runs[0][1]), chosen.t_end if t_end is None else t_end
+    file = out if out is not None else default_folder(chosen.name) / "animation.gif"
+    with progress() as show:
+        show("exact", 0, 0)
+        made: list[Trajectory] = [reference(system, end, progress=show)]
+        for scheme, _ in runs:
+            show(str(scheme), 0, 0)
+            made.append(integrate(system, scheme, chosen.dt if dt is None else dt, end))
+        film(made, file, seconds, show=show)
+    print(f"Written: {file}")

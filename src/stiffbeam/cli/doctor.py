@@ -1,0 +1,102 @@
+"""``stiffbeam doctor``: what is installed, where things are kept, and whether every solver works here."""
+
+from __future__ import annotations
+
+import json
+import platform
+import re
+import time
+from importlib.metadata import PackageNotFoundError, requires, version
+from typing import Any
+
+import typer
+
+from .application import app
+from .options import Json
+from .output import check_json, write_json
+
+
+@app.command()
+def doctor(json_file: Json = None) -> None:
+    """Say what is installed and where caches are, and try every solver on a small problem."""
+    from rich.console import Console
+    from rich.table import Table
+
+    from ..basics.progress import progress
+
+    check_json(json_file)
+    with progress() as show:
+        found = {"installed": _installed(), "places": _places(), "solvers": _solvers(show)}
+    good = all(solver["agrees"] for solver in found["solvers"])
+    if not write_json(json.dumps(found, indent=2), json_file):
+        table = Table(box=None, show_header=False, padding=(0, 2, 0, 0))
+        for name, value in [*found["installed"].items(), *found["places"].items()]:
+            table.add_row(name, str(value))
+        for solver in found["solvers"]:
+            table.add_row(solver["name"], f"{'works' if solver['agrees'] else 'fails'}, {solver['said']}")
+        Console(highlight=False).print(table)
+    raise typer.Exit(0 if good else 1)
+
+
+def _installed() -> dict[str, str]:
+    """Versions of Python, of this package and of what it depends on."""
+    import sksundae
+
+    found = {"python": f"{platform.python_version()} on {platform.platform()}"}
+    needed = [
+        re.split(r"[^\w.-]", text, maxsplit=1)[0] for text in requires("stiffbeam") or [] if "extra ==" not in text
+    ]
+    for name in ["stiffbeam", *needed]:
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            found[name] = "missing"
+    return found | {"SUNDIALS": str(sksundae.SUNDIALS_VERSION)}
+
+
+def _places() -> dict[str, Any]:
+    """Caches, frozen references, threads, devices."""
+    import jax
+
+    from ..basics.cache import directory
+    from ..basics.threads import cores
+    from ..studies.references import shipped
+
+    cache, frozen = directory(), shipped()
+    size = sum(file.stat().st_size for file in cache.rglob("*") if file.is_file())
+    return {
+        "cache": f"{cache}, {size / 1e6:.0f} MB",
+        "frozen references": "none" if frozen is None else f"{frozen}, {len(list(frozen.glob('*.nc')))} files",
+        "threads": cores(),
+        "JAX devices": ", ".join(str(device) for device in jax.devices()),
+    }
+
+
+def _solvers(show) -> list[dict[str, Any]]:
+    """Every reference, and a scheme, on a mass that meets a stop once, held against the exact solution."""
+    import numpy as np
+
+    import stiffbeam as sb
+
+    from ..measures.tip_error import tip_error
+    from ..references.registry import METHODS
+
+    system = sb.System.from_matrices(
+        [[1.0]], [[10.0]], contacts=[sb.Contact(np.ones(1), sb.Stops(upper=0.1, stiffness=1e3))], initial_velocity=[1.0]
+    )
+    end, found = 0.5, []
+    times = np.arange(5001) * 1e-4
+    exact = sb.reference(system, end, t_eval=times)
+    for i, name in enumerate(["sdirk", *METHODS]):
+        show(name, i, 1 + len(METHODS))
+        begun, solver = time.perf_counter(), {"name": name, "agrees": False}
+        try:
+            scheme = sb.SDIRK() if name == "sdirk" else None
+            made = sb.integrate(system, scheme, 1e-4, end) if scheme else sb.reference(system, end, name, t_eval=times)
+            error = tip_error(made.tip, exact.tip).max
+            solver |= {"agrees": bool(error < 1e-3), "error": error}
+            solver["said"] = f"within {error:.1e} of the exact solution in {time.perf_counter() - begun:.2g} s"
+        except Exception as failure:  # whatever is broken here is what the command is asked to say
+            solver["said"] = f"{type(failure).__name__}: {failure}"
+        found.append(solver)
+    return found

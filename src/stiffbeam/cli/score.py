@@ -1,0 +1,85 @@
+"""``stiffbeam score``: integrators on problems with known answers."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ..basics.progress import progress
+from .application import app
+from .options import Json
+from .output import check_json, make_folder, write_json
+
+
+@app.command()
+def score(
+    integrators: Annotated[
+        str | None, typer.Argument(help="comma-separated schemes and solvers, e.g. 'hht(alpha=-0.1),cvode'")
+    ] = None,
+    problem: Annotated[str | None, typer.Option(help="comma-separated names; all by default")] = None,
+    trajectory: Annotated[
+        list[Path] | None,
+        typer.Option(help="score this file instead: columns t, u and, if known, v; again for other steps"),
+    ] = None,
+    show: Annotated[bool, typer.Option("--list", help="list the problems, or print the file of one --problem")] = False,
+    latex: Annotated[bool, typer.Option(help="one --problem as a LaTeX table")] = False,
+    out: Annotated[Path | None, typer.Option(help="folder for the page index.html, pictures and records")] = None,
+    json_file: Json = None,
+) -> None:
+    """How far integrators are off on problems whose answers are known to 30 digits.
+
+    Exit status 0: nothing is flagged; 1: an error does not fall with the step, or too slowly, or a run failed.
+    """
+    from ..basics.validation import InputError
+    from ..files.cases import split_runs
+    from ..testset.problem import folder, problems
+    from ..testset.problem import problem as find
+    from ..testset.score import score as score_all
+    from ..testset.score import score_trajectories
+    from ..testset.trajectory_file import read_trajectory
+
+    check_json(json_file)
+    if out is not None:
+        make_folder(out)  # before the work begins
+    names = None if problem is None else [name.strip() for name in problem.split(",")]
+    if (trajectory or latex) and (names is None or len(names) != 1):
+        option = "--latex" if latex else "--trajectory"
+        raise InputError("--problem", problem, f"name one problem for {option}", ", ".join(problems()))
+    if latex:
+        from ..testset.latex import latex_table
+
+        print(latex_table(find(names[0])))  # type: ignore[index]
+        return
+    if show:
+        for name in names or []:
+            print(folder().joinpath(f"{find(name).name}.toml").read_text(encoding="utf-8"), end="")
+        if names is None:
+            _list()
+        return
+    if trajectory:
+        card = score_trajectories(names[0], [read_trajectory(x) for x in trajectory], trajectory[-1].name)  # type: ignore[index]
+    else:
+        with progress() as bar:
+            card = score_all(None if integrators is None else split_runs(integrators), names, progress=bar)
+    written = [] if out is None else card.save(out)
+    if not write_json(json.dumps(card.to_dict(), indent=2, allow_nan=False), json_file):
+        from rich.console import Console
+
+        console = Console(width=None if sys.stdout.isatty() else card.width, highlight=False)
+        console.print(card.tables())
+        if written:
+            console.print(f"Written: {written[0]} and {len(written) - 1} files beside it", soft_wrap=True)
+    if card.flagged:
+        raise typer.Exit(1)
+
+
+def _list() -> None:
+    from ..testset.problem import VERSION, problems
+
+    print(f"Test set {VERSION}")
+    for each in problems().values():
+        print(f"  {each.name:<22}{each.title}")

@@ -1,0 +1,187 @@
+"""The commands of the study registry, each made from the signature of its study's ``points``."""
+
+from __future__ import annotations
+
+import inspect
+import json
+import re
+from collections.abc import Callable
+from pathlib import Path
+from types import UnionType
+from typing import Annotated, Any, get_args, get_origin, get_type_hints
+
+import typer
+from typer.core import TyperCommand, TyperGroup
+
+from ..basics.progress import progress
+from .lists import labels, numbers, values_of
+from .options import Case, Jobs, Json
+from .output import check_json, default_folder, file_name, make_folder, write_json
+
+PANEL = "Studies"
+Out = Annotated[Path | None, typer.Option(help="folder for records, picture and journal")]
+Smoke = Annotated[bool, typer.Option("--smoke", help="the small configuration: seconds instead of minutes")]
+Scheduler = Annotated[str | None, typer.Option(help="of Dask, e.g. tcp://host:8786: its workers instead of processes")]
+LISTS: dict[type, Callable[[str | None], list | None]] = {
+    str: labels,
+    int: lambda text: numbers(text, int),
+    float: values_of,
+}
+
+
+class Commands(TyperGroup):
+    """The commands there are, and one for each study; its module is imported when it is asked for."""
+
+    def list_commands(self, ctx) -> list[str]:
+        from ..studies import STUDIES
+
+        return [*super().list_commands(ctx), *(name.replace("_", "-") for name in STUDIES)]
+
+    def get_command(self, ctx, cmd_name: str):
+        from ..studies import STUDIES
+
+        known, study = super().get_command(ctx, cmd_name), cmd_name.replace("-", "_")
+        return _Study(cmd_name, STUDIES[study]) if known is None and study in STUDIES else known
+
+
+class _Study(TyperCommand):
+    """A study by its name and a line of help, until it is called."""
+
+    def __init__(self, name: str, line: str) -> None:
+        super().__init__(name, help=line, rich_help_panel=PANEL)
+
+    def make_context(self, info_name, args, parent=None, **extra):
+        assert self.name is not None
+        return command_of(self.name.replace("-", "_")).make_context(info_name, args, parent, **extra)
+
+
+def command_of(name: str):
+    """The command of the study ``name``: its options, their defaults and help are those of ``points``."""
+    from ..studies import STUDIES, find_study
+
+    study = find_study(name)
+    hints = get_type_hints(study.points, include_extras=True)
+    own = [p for p in inspect.signature(study.points).parameters.values() if p.name != "case"]
+    parse = {p.name: reader for p in own if (reader := _reader(hints[p.name])) is not None}
+
+    def run(case: str, out: Path | None, json_file: Path | None, smoke: bool, **given: Any) -> None:
+        jobs, scheduler = given.pop("jobs", None), given.pop("scheduler", None)
+        options = {key: parse[key](value) if key in parse else value for key, value in given.items()}
+        _ask(study, case, out, json_file, jobs, smoke, scheduler, options)
+
+    around = {"out": (Out, None), "json_file": (Json, None), "smoke": (Smoke, False)}
+    if not study.timed:
+        around |= {"jobs": (Jobs, None), "scheduler": (Scheduler, None)}
+    keyword = inspect.Parameter.KEYWORD_ONLY
+    parameters = [inspect.Parameter("case", keyword, default="table10", annotation=Case)]
+    parameters += [inspect.Parameter(p.name, keyword, default=None, annotation=_option(p, hints[p.name])) for p in own]
+    parameters += [inspect.Parameter(n, keyword, default=x, annotation=hint) for n, (hint, x) in around.items()]
+    run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    alone = typer.Typer(
+        add_completion=False, pretty_exceptions_enable=False, context_settings={"help_option_names": ["-h", "--help"]}
+    )
+    text = re.sub(r"(?<!\n)\n(?!\n)", " ", inspect.cleandoc(study.points.__doc__ or "").replace("``", ""))
+    alone.command(name, help=f"{STUDIES[name]}\n\n{study.question}\n\n{text}")(run)
+    return typer.main.get_command(alone)
+
+
+def _plain(hint: Any) -> tuple[Any, Any]:
+    """(type, type of the items of a list or None) of an option, without its help and without None."""
+    hint = get_args(hint)[0] if get_origin(hint) is Annotated else hint
+    if isinstance(hint, UnionType):
+        (hint,) = (arg for arg in get_args(hint) if arg is not type(None))
+    return (str, get_args(hint)[0]) if get_args(hint) else (hint, None)
+
+
+def _reader(hint: Any) -> Callable[[str | None], list | None] | None:
+    """What reads a list from the command line, None for an option that is not one."""
+    item = _plain(hint)[1]
+    return None if item is None else LISTS[item]
+
+
+def _option(parameter: inspect.Parameter, hint: Any) -> Any:
+    """An option of the same name, None where it is not given, so that only what is given is passed on."""
+    words = next((text for text in get_args(hint)[1:] if isinstance(text, str)), "")
+    if parameter.default is not None and not isinstance(parameter.default, bool):
+        words += f"; default: {parameter.default}"
+    return Annotated[_plain(hint)[0] | None, typer.Option(help=words)]
+
+
+def _ask(
+    study, case: str, out: Path | None, json_file: Path | None, jobs: int | None, smoke: bool, scheduler: str | None,
+    given: dict[str, Any],
+) -> None:  # fmt: skip
+    """Ask a study of a case; print and save what it finds."""
+    from ..files.cases import find_case
+
+    check_json(json_file)
+    chosen = find_case(case)
+    options = {key: value for key, value in given.items() if value is not None}
+    with progress() as show, _workers(scheduler) as workers:
+        records, written = run_one(study, chosen, out, jobs, options, smoke, show, workers)
+    if not write_json(json.dumps(records.to_dict(), indent=2, allow_nan=False), json_file):
+        print_records(records, written)
+    if not written:
+        raise typer.Exit(1)
+
+
+def run_one(
+    study, case, out: Path | None, jobs: int | None, given: dict[str, Any], smoke: bool, show, workers=None
+) -> tuple[Any, list[Path]]:
+    """The records, and the files they were written to: none where no point could be evaluated."""
+    from ..basics.threads import cores
+    from ..studies.engine.runner import run_study
+    from ..studies.references import shipped
+
+    options = (dict(study.smoke) if smoke else {}) | given
+    if takes(study, "references") and (frozen := shipped()) is not None:
+        options.setdefault("references", str(frozen))
+    folder = make_folder(out if out is not None else default_folder(case.name))
+    most = 1 if study.all_cores else cores()
+    records = run_study(study, case, folder / "journal", most if jobs is None else jobs, workers, show, **options)
+    if not records.found:
+        return records, []  # what an earlier run has found stays
+    show("drawing", 0, 0)
+    defaults = inspect.signature(study.points).parameters
+    named = [options.get(name, defaults[name].default) for name in study.named_by]
+    return records, records.save(folder, "-".join([study.name, *map(file_name, filter(None, named))]))
+
+
+def takes(study, option: str) -> bool:
+    return option in inspect.signature(study.points).parameters
+
+
+def _workers(address: str | None):
+    """The executor behind --scheduler, None without one."""
+    from contextlib import nullcontext
+
+    if address is None:
+        return nullcontext()
+    from ..studies.engine.scheduler import scheduler
+
+    return scheduler(address)
+
+
+def print_records(records, written: list[Path]) -> None:
+    from rich.console import Console
+    from rich.padding import Padding
+    from rich.text import Text
+
+    console = Console(highlight=False, markup=False, emoji=False)  # names and messages may hold [/]
+    note = records.case.units.note
+    question = records.study.question + (f" (All {note}.)" if note else "")
+    console.print(Text.assemble((records.study.name, "bold"), f"  {question}"))
+    for i, part in enumerate(records.answer.split("; ")):
+        console.print(Padding(part, (0, 0, 0, 2 if i else 0)))
+    for word, style, messages in (
+        ("failed", "bold red", [row["failed"] for row in records.failures]),
+        ("not asked", "bold", [row["refused"] for row in records.refusals]),
+    ):
+        alike: dict[str, list[str]] = {}  # those that differ in their numbers only are one line
+        for message in messages:
+            alike.setdefault(re.sub(r"[\d.]+(e[+-]?\d+)?", "", message), []).append(message)
+        for same in alike.values():
+            more = f" (and {len(same) - 1} points more)" if len(same) > 1 else ""
+            console.print(Text.assemble((word, style), f"  {same[0]}{more}"))
+    files = ", ".join(str(path) for path in written) or "nothing"
+    console.print(f"{records.seconds:.1f} s. Written: {files}\n", soft_wrap=True)

@@ -1,0 +1,117 @@
+"""Section 5.1: the beam without stops under a load whose exact solution is known, and its error curves."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..basics.arrays import Array
+from ..figures.panels import new_figure
+from ..files.cases import parse_run
+from ..march.integrate import integrate
+from ..model.closed_form import mode, roots
+from ..model.problem import BeamProblem, DistributedLoad
+from ..model.semidiscretisation import semidiscretise
+from ..model.time_functions import Harmonic
+from ..references import reference
+from .figures import EXACT, STYLE
+from .reading import Reading
+from .table import equation_of
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+STIFFNESS, CELLS, DT = 8000.0, 25, 1e-3  # the paper's k^2, 1/h and dt
+T_END = 6.0  # not stated; about two periods of the load, 300 of the beam's first mode
+RUNS = (
+    "bdf2@velocity-curvature", "bdf2@displacement", "hht(alpha=-0.1)@displacement",
+    "sdirk(gamma=0.4359)@velocity-curvature",
+    "sdirk(gamma=0.4359, nystrom=true)@displacement",
+)  # fmt: skip
+WINDOW = 0.1  # the largest error within this time is drawn: it crosses zero with every oscillation
+GRIDS = ("(3.5) exact in time", "(3.12) exact in time")
+
+
+@dataclass(frozen=True, eq=False)
+class ErrorCurve:
+    """error (k,): |u - X_1(1) sin 2t| at the tip over X_1(1), at the times t (k,).
+
+    name: the paper's equation, or a discretisation in space solved exactly in time. in_time (k,): the
+    part of the error that is the scheme's, against its own discretisation solved exactly.
+    """
+
+    name: str
+    label: str
+    form: str
+    t: Array
+    error: Array
+    in_time: Array
+
+
+def problem() -> BeamProblem:
+    """u_tt + k^2 u_xxxx = (k^2 l^4 - 4) X_1(x) sin 2t, u0 = 0, v0 = 2 X_1: exact u = X_1(x) sin 2t."""
+    root = float(roots(1)[0])
+    return BeamProblem(
+        stiffness=STIFFNESS,
+        loads=(DistributedLoad(lambda x: (STIFFNESS * root**4 - 4.0) * mode(root, x), Harmonic(1.0, 2.0)),),
+        initial_velocity=lambda x: 2.0 * mode(root, x),
+    )
+
+
+def tip_exact(t: Array) -> Array:
+    """X_1(1) sin 2t."""
+    return float(mode(float(roots(1)[0]), 1.0)) * np.sin(2.0 * t)
+
+
+def error_curves(reading: Reading, dt: float = DT, t_end: float = T_END, cells: int = CELLS) -> list[ErrorCurve]:
+    """The error against time of every scheme, and of both discretisations solved exactly in time."""
+    found = []
+    size = abs(float(tip_exact(np.array(np.pi / 4.0))))
+    t = np.arange(round(t_end / dt) + 1) * dt
+    systems = {form: semidiscretise(problem(), cells, form) for form in ("displacement", "velocity-curvature")}
+    exact = {form: reference(system, t_end, t_eval=t) for form, system in systems.items()}
+    for name, (form, solution) in zip(GRIDS, exact.items(), strict=True):
+        error = np.abs(solution.tip - tip_exact(t)) / size
+        found.append(ErrorCurve(name, solution.label, form, t, error, np.zeros_like(t)))
+    for text in RUNS:
+        scheme, form = parse_run(text)
+        run = integrate(systems[form], reading.scheme(scheme), dt, t_end)
+        error, in_time = (np.abs(run.tip - u) / size for u in (tip_exact(t), exact[form].tip))
+        found.append(ErrorCurve(equation_of(scheme, form), run.label, form, t, error, in_time))
+    return found
+
+
+def whole(curves: Sequence[ErrorCurve]) -> Figure:
+    """|u - exact| at the tip against time."""
+    return _draw(curves, "error")
+
+
+def in_time(curves: Sequence[ErrorCurve]) -> Figure:
+    """|u - the same discretisation solved exactly in time| against time."""
+    return _draw([curve for curve in curves if curve.name not in GRIDS], "in_time")
+
+
+def _draw(curves: Sequence[ErrorCurve], what: str) -> Figure:
+    figure = new_figure(3.9, width=5.0)
+    axis = figure.subplots()
+    for curve in curves:
+        t, size = _envelope(curve, getattr(curve, what))
+        if curve.name in GRIDS:
+            axis.plot(t, size, color=EXACT[curve.form][0], lw=3.0, alpha=0.3, label=curve.name)
+        else:
+            colour, dashes = STYLE[curve.name]
+            axis.plot(t, size, color=colour, dashes=dashes or (None, None), lw=1.2, label=curve.name)
+    axis.set(yscale="log", xlabel="time $t$", ylabel="error at the tip over $X_1(1)$", xlim=(0.0, curves[0].t[-1]))
+    figure.legend(loc="outside lower center", frameon=False, fontsize=8, ncols=4)
+    return figure
+
+
+def _envelope(curve: ErrorCurve, error):
+    """The largest error of every window."""
+    steps = max(1, round(WINDOW / float(curve.t[1] - curve.t[0])))
+    blocks = len(error) // steps
+    largest = np.max(error[: blocks * steps].reshape(blocks, steps), axis=1)
+    return curve.t[: blocks * steps : steps] + 0.5 * WINDOW, largest

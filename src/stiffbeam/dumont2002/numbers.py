@@ -1,0 +1,106 @@
+"""The numbers of one made table: impacts, contact, spectrum and errors of every run and of the exact motion."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..basics.arrays import Array
+from ..basics.plain import plain
+from ..march.integrate import integrate
+from ..measures.comparison import compare
+from ..trajectory.trajectory import Diverged, Reference, Trajectory
+from .ensembles import EXACT_MEMBERS, MEMBERS, Numbers, add_ensembles
+from .motion import motion
+from .reading import Reading
+from .table import Made, equation_of
+
+
+def numbers_of(made: Made, members: int = MEMBERS, exact_members: int = EXACT_MEMBERS) -> Numbers:
+    """{"runs": by equation, "exact": by form, "failures": by equation, ...}; plain numbers, None for NaN.
+
+    members, exact_members: of each of the two ensembles of a run and of the exact motion, see
+    ``add_ensembles``.
+    """
+    found: Numbers = {"runs": {}, "exact": {}, "failures": made.failures}
+    for scheme, form in made.case.runs:
+        equation = equation_of(scheme, form)
+        if equation not in made.runs:
+            continue
+        run, exact = made.runs[equation], made.references[form]
+        row = of_run(run, replace(exact, horizon=made.horizons[form]), made)
+        row["other contact"] = _other_contact(made, equation)
+        found["runs"][equation] = row
+    for form, exact in made.references.items():
+        found["exact"][form] = of_exact(exact, made) | {"horizon": made.horizons[form]}
+    add_ensembles(found, made, members, exact_members)
+    return plain(found)
+
+
+def of_run(run: Trajectory, exact: Reference, made: Made) -> Numbers:
+    """What a run counts over its whole span, and its errors inside the horizon of ``exact``."""
+    held = compare(run, exact)
+    return {
+        "scheme": run.provenance["method"],
+        "form": run.provenance["form"],
+        "impacts": run.impacts.count,
+        "fraction": run.contacts[0].fraction,
+        "peak_force": run.contacts[0].peak_force,
+        "energy_lost": run.energy.lost_fraction(),
+        "tip_error": held.tip_error_rms,
+        "parted": held.contacts[0].matching.matched_until,
+        "first_error": held.contacts[0].matching.first_error,
+        "lag": held.phase.lag,
+        "penetration": _penetration(run.tip[run.t <= exact.horizon], made),
+        **motion(run.t, run.tip, run.tip_velocity, made),
+    }
+
+
+def of_exact(exact: Reference, made: Made) -> Numbers:
+    """The same of the exact motion. impacts: by events; sampled: those that the table's step would see.
+
+    digits: of the frozen multiprecision solution, whose row is the truth over the whole span; None in
+    float64, whose row is one realisation past the horizon.
+    """
+    t = np.arange(round(made.case.t_end / made.case.dt) + 1) * made.case.dt
+    u, v = exact.at(t)
+    record = exact.contacts[0]
+    return {
+        "method": exact.provenance["method"],
+        "digits": exact.provenance.get("digits"),
+        "impacts": exact.impacts.count,
+        "sampled": exact.impacts_sampled(made.case.dt).count,
+        "fraction": record.fraction,
+        "peak_force": record.peak_force,
+        "penetration": _penetration(u[t <= made.horizons[exact.provenance["form"]]], made),
+        **motion(t, u, v, made),
+    }
+
+
+def exact_name(form: str, row: Numbers) -> str:
+    """What a row of ``of_exact`` is called: true over the whole span, or exact to the horizon of float64."""
+    if row["digits"]:
+        return f"true, {form}"
+    return f"exact, {form}; one realisation past {row['horizon']:.2g}"
+
+
+def _penetration(u: Array, made: Made) -> float:
+    """The farthest the tip gets into a stop."""
+    stops = made.case.problem.one_stops("case")
+    return float(max(0.0, np.max(u) - stops.g2, stops.g1 - np.min(u)))
+
+
+def _other_contact(made: Made, equation: str) -> Numbers:
+    """Impacts and share of contact with the contact read the other way; ``failed`` where that overflows."""
+    other = Reading("extrapolated" if made.reading.contact == "implicit" else "implicit", made.reading.printed)
+    for scheme, form in made.case.runs:
+        if equation_of(scheme, form) == equation:
+            try:
+                run = integrate(
+                    made.systems[form], other.scheme(scheme), made.case.dt, made.case.t_end, other.contact, every=1000
+                )
+            except Diverged as error:
+                return {"contact": other.contact, "failed": str(error)}
+            return {"contact": other.contact, "impacts": run.impacts.count, "fraction": run.contacts[0].fraction}
+    raise AssertionError(equation)

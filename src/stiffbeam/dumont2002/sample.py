@@ -1,0 +1,94 @@
+"""One number for every member of an ensemble, and what may be said of it.
+
+A statement about the mean holds, fails, or cannot be decided: True, False or None. It is decided where the
+difference is outside what the spread of the members explains in all but CHANCE of the cases (Student's t).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+
+from ..basics.arrays import Array
+
+CHANCE = 0.00135  # one-sided: three standard deviations of a normal distribution
+
+
+@dataclass(frozen=True, eq=False)
+class Sample:
+    """values: (members,)."""
+
+    values: Array
+
+    @property
+    def mean(self) -> float:
+        return float(np.mean(self.values))
+
+    @property
+    def sd(self) -> float:
+        return float(np.std(self.values, ddof=1)) if len(self.values) > 1 else 0.0
+
+    def written(self, scale: float = 1.0, unit: str = "") -> str:
+        """Mean ± standard deviation over the members, to the digits that the deviation leaves, four at most."""
+        mean, sd = scale * self.mean, scale * self.sd
+        places = 3 - _magnitude(mean)
+        if sd:
+            places = min(places, (0 if sd >= 3.0 else 1) - _magnitude(sd))
+        places = max(0, places)
+        spread = f"{sd:.{places}f}"
+        return f"{mean:.{places}f}" + (f" ± {spread}" if float(spread) else "") + unit
+
+
+def _magnitude(value: float) -> int:
+    """The power of ten of the first digit, 0 of nothing."""
+    return int(np.floor(np.log10(abs(value)))) if value else 0
+
+
+def above(a: Sample, b: Sample | float) -> bool | None:
+    """Whether the mean of ``a`` is above that of ``b``, or above a number; None where the spread decides nothing."""
+    if isinstance(b, Sample):
+        error = np.hypot(a.sd / np.sqrt(len(a.values)), b.sd / np.sqrt(len(b.values)))
+        gap, freedom = a.mean - b.mean, len(a.values) + len(b.values) - 2
+    else:
+        error, gap, freedom = a.sd / np.sqrt(len(a.values)), a.mean - b, len(a.values) - 1
+    if error == 0.0:
+        return gap > 0.0
+    if freedom < 1 or abs(gap) <= stats.t.isf(CHANCE, freedom) * error:
+        return None
+    return gap > 0.0
+
+
+def below(a: Sample, b: Sample | float) -> bool | None:
+    return no(above(a, b))
+
+
+def no(statement: bool | None) -> bool | None:
+    return None if statement is None else not statement
+
+
+def every(statements: Iterable[bool | None]) -> bool | None:
+    """True where all hold, False where one fails."""
+    found = list(statements)
+    return False if False in found else None if None in found else True
+
+
+def some(statements: Iterable[bool | None]) -> bool | None:
+    """True where one holds, False where all fail."""
+    return no(every(map(no, statements)))
+
+
+def coherent(lines: Array) -> Array:
+    """Which complex amplitudes (members, k) have a mean that is no chance of their scatter, (k,).
+
+    With |mean|^2 over the variance of the mean F-distributed with 2 and 2 (n - 1) degrees of freedom for
+    n members without a common line, F > (n - 1)(CHANCE^(-1/(n - 1)) - 1) in CHANCE of the cases.
+    """
+    n = len(lines)
+    if n < 2:
+        return np.zeros(lines.shape[1], bool)
+    mean = np.mean(lines, axis=0)
+    variance = np.sum(np.abs(lines - mean) ** 2, axis=0) / (n - 1) / n
+    return np.abs(mean) ** 2 > (n - 1) * (CHANCE ** (-1.0 / (n - 1)) - 1.0) * variance

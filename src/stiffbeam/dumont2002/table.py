@@ -1,0 +1,109 @@
+"""One table of the paper made: its runs, and the exact solution of every form they use."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from ..files.cases import Case, paper_cases
+from ..march.integrate import integrate
+from ..model.semidiscretisation import semidiscretise
+from ..model.system import System
+from ..model.time_functions import Harmonic
+from ..references import reference
+from ..schemes import BDF2, HHT, SDIRK, Scheme
+from ..studies.references import frozen
+from ..trajectory.trajectory import Diverged, Reference, Trajectory
+from .reading import Reading
+
+LONGEST_HORIZON = 1.0  # no table's float64 horizon reaches half of it
+
+
+@dataclass(frozen=True)
+class Made:
+    """runs: by the paper's equation number, in its order. references: by form. horizons: by form, the time
+    to which a float64 computation can follow the exact solution. failures: by equation number.
+    """
+
+    case: Case
+    reading: Reading
+    systems: dict[str, System]
+    runs: dict[str, Trajectory] = field(default_factory=dict)
+    references: dict[str, Reference] = field(default_factory=dict)
+    horizons: dict[str, float] = field(default_factory=dict)
+    failures: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def drive(self) -> float:
+        """The angular frequency of the base, or of the load where the base rests."""
+        return drive_of(self.case)
+
+    def known(self, form: str) -> bool:
+        """Whether the reference of ``form`` is the true motion over the whole span: a multiprecision solution."""
+        return self.references[form].provenance["method"] == "multiprecision"
+
+    @property
+    def number(self) -> int:
+        return int(self.case.name.removeprefix("table"))
+
+
+def drive_of(case: Case) -> float:
+    """The angular frequency that drives ``case``."""
+    time = case.problem.base if case.problem.base is not None else case.problem.loads[0].time
+    assert isinstance(time, Harmonic)
+    return time.frequency
+
+
+def equation_of(scheme: Scheme, form: str) -> str:
+    """The paper's number for ``scheme`` on ``form``: (4.5), (4.10), (4.11), (4.12), (4.13) or (4.14)."""
+    if isinstance(scheme, SDIRK):
+        return "(4.14)" if scheme.nystrom else "(4.10)" if form == "velocity-curvature" else "(4.12)"
+    if scheme.name == "bdf2":
+        return "(4.5)" if form == "velocity-curvature" else "(4.11)"
+    return "(4.13)"
+
+
+def make_table(case: Case, reading: Reading) -> Made:
+    """The runs of ``case`` as ``reading`` has them, beside the exact solution over the whole span.
+
+    A run that overflows is noted in ``failures`` and the others go on.
+    """
+    forms = dict.fromkeys(form for _, form in case.runs)
+    made = Made(case, reading, {form: semidiscretise(case.problem, case.cells, form) for form in forms})
+    for form, system in made.systems.items():
+        made.references[form], made.horizons[form] = exact_solution(case, form, system, reading)
+    for scheme, form in case.runs:
+        equation = equation_of(scheme, form)
+        try:
+            made.runs[equation] = integrate(
+                made.systems[form], reading.scheme(scheme), case.dt, case.t_end, reading.contact
+            )
+        except Diverged as error:
+            made.failures[equation] = str(error)
+    return made
+
+
+def exact_solution(case: Case, form: str, system: System, reading: Reading) -> tuple[Reference, float]:
+    """(reference over the case's span, horizon of float64).
+
+    The frozen multiprecision solution where the reading's folder has it; else the exact solution in
+    float64, which past its horizon is one realisation of the motion.
+    """
+    if reading.references is not None:
+        found = frozen(Path(reading.references), case, form, case.t_end)
+        if found is not None:
+            return found, reference(system, min(case.t_end, LONGEST_HORIZON)).horizon
+    exact = reference(system, case.t_end)
+    return exact, exact.horizon
+
+
+def default_runs(case: Case) -> list[tuple[Scheme, str]]:
+    """The case's own runs; for a table of the paper also whichever of its three schemes is missing."""
+    runs = list(case.runs)
+    if case.name not in paper_cases() or case.runs != paper_cases()[case.name].runs:
+        return runs
+    names = {scheme.name for scheme, _ in runs}
+    for scheme in (BDF2(), SDIRK(nystrom=True), HHT()):
+        if scheme.name not in names:
+            runs.append((scheme, "displacement"))
+    return runs

@@ -1,0 +1,288 @@
+"""Cases: the paper's 17 tables and a user's own files, one form for both."""
+
+from __future__ import annotations
+
+import ast
+import re
+import tomllib
+from functools import cache
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from ..basics.exact_float import exact_float
+from ..basics.units import Units
+from ..basics.validation import InputError, file_path, integer, near, positive, step_count
+from ..model.problem import BeamProblem, DistributedLoad, Load, PointLoad
+from ..model.sections import Section
+from ..model.semidiscretisation import ALL_FORMS
+from ..schemes import Scheme, make
+from .case import Case, SystemCase
+from .reader import Reader
+from .system_reader import SystemReader
+
+LONGEST_RUN = 200  # letters
+MOST_BYTES, MOST_LINE, MOST_DOTS = 1 << 20, 1 << 16, 50  # of a case file, a line and a key in it
+KNOWN_FORMS = (*ALL_FORMS, "matrices")
+
+
+def paper_case(table: int) -> Case:
+    """Table 1..17 of Dumont (2002)."""
+    integer("table", table, 1)
+    return find_case(f"table{table}")
+
+
+def find_case(name: str) -> Case:
+    """A case by name: ``table1`` .. ``table17``, a TOML file with one case, or ``file.toml:case``."""
+    if not isinstance(name, str):
+        raise InputError("case", name, "be the name of a case", "table1 to table17, or a TOML file")
+    known = paper_cases()
+    if name in known:
+        return known[name]
+    file_path("case", name, "table1 to table17, or a TOML file")
+    file = case_file(name)
+    wanted = name[len(file) + 1 :]
+    if file.endswith(".toml") or Path(file).is_file():
+        cases = load_cases(file)
+        if wanted:
+            if wanted not in cases:
+                raise InputError("case", wanted, f"be one of the cases in {file}", near(wanted, cases))
+            return cases[wanted]
+        if len(cases) > 1:
+            raise InputError("case", name, "name one case of the file", f"add :{' or :'.join(cases)} to it")
+        return next(iter(cases.values()))
+    raise InputError("case", name, "be a table of the paper or a TOML file", near(name, known))
+
+
+def case_file(name: str) -> str:
+    """The file in ``file.toml`` or ``file.toml:case``."""
+    head, separator, _ = name.partition(".toml:")
+    return head + ".toml" if separator else name
+
+
+@cache
+def paper_cases() -> dict[str, Case]:
+    """The paper's tables by name, in order."""
+    return _parse(_toml(paper_text()), "paper.toml")
+
+
+def paper_text() -> str:
+    """The data file of the paper's tables, for a start of one's own."""
+    return files("stiffbeam.files").joinpath("paper.toml").read_text(encoding="utf-8")
+
+
+def case_text(name: str) -> str:
+    """The case as the TOML of a file of its own; ``name`` as in ``find_case``."""
+    case = find_case(name)
+    text = paper_text() if name in paper_cases() else Path(case_file(name)).read_text(encoding="utf-8")
+    blocks = ["[[case]]" + block.rstrip() + "\n" for block in re.split(r"(?m)^\[\[case\]\]", text)[1:]]
+    return next(block for block in blocks if tomllib.loads(block)["case"][0].get("name") == case.name)
+
+
+def parse_case(text: str, source: str) -> Case:
+    """The one case in a TOML text."""
+    return next(iter(_parse(_toml(text), source).values()))
+
+
+def load_cases(file: str | Path) -> dict[str, Case]:
+    """The cases of a TOML file by name. Raises InputError naming file, field, value and rule."""
+    file = file_path("case file", file, "stiffbeam cases --show table10 prints one")
+    try:
+        data = _toml(_bounded(file))
+    except FileNotFoundError:
+        remedy = "stiffbeam cases --show table10 prints one to start from"
+        raise InputError("case file", str(file), "exist", remedy) from None
+    except InputError:
+        raise
+    except OSError as error:
+        raise InputError("case file", str(file), "be a readable file", str(error)) from None
+    except ValueError as error:  # of TOML, of UTF-8, and of a path with a zero in it
+        raise InputError("case file", str(file), "be valid TOML", str(error)) from None
+    except RecursionError:
+        raise InputError("case file", str(file), "be valid TOML", "it nests lists too deeply") from None
+    return _parse(data, str(file), file.parent)
+
+
+def _bounded(file: Path) -> str:
+    """The text of a case file. Raises InputError for one of a size that no case has: a dotted key takes memory
+    in proportion to the square of its length."""
+    with file.open("rb") as stream:
+        content = stream.read(MOST_BYTES + 1)
+    if len(content) > MOST_BYTES:
+        remedy = "put samples into a file beside it"
+        raise InputError("case file", str(file), f"have at most {MOST_BYTES} bytes", remedy)
+    for number, line in enumerate(content.split(b"\n"), 1):
+        if len(line) > MOST_LINE:
+            remedy = "break lists over lines"
+            raise InputError(f"{file}: line {number}", f"{len(line)} bytes", f"have at most {MOST_LINE}", remedy)
+        key = re.sub(rb'"[^"]*"|\'[^\']*\'', b"", line).partition(b"=")[0]
+        if key.count(b".") > MOST_DOTS:
+            raise InputError(f"{file}: line {number}", "a key of many dots", f"have at most {MOST_DOTS}", "use tables")
+    return content.decode("utf-8").replace("\r\n", "\n")
+
+
+def parse_run(text: str, default_form: str = "displacement") -> tuple[Scheme, str]:
+    """``name(parameter=value, ...)[.printed[(erratum)]][@form]`` as (scheme, form).
+
+    For example ``bdf2``, ``hht(alpha=-0.1)@displacement``, ``sdirk(gamma=0.4359, nystrom=true)``,
+    ``sdirk.printed(sigma)@velocity-curvature``, ``mymodule:Central(theta=0.5)`` for a class of one's own.
+    """
+    if not isinstance(text, str) or len(text) > LONGEST_RUN:
+        remedy = "e.g. hht(alpha=-0.1)@displacement"
+        raise InputError("scheme", text, f"be a text of at most {LONGEST_RUN} letters", remedy)
+    pattern = (
+        r"\s*(?P<name>[\w.]+:\w+|[\w-]+)\s*(\((?P<args>[^()]*)\))?"
+        r"\s*(?P<printed>\.printed(\((?P<errata>[^()]*)\))?)?"
+        r"\s*(@\s*(?P<form>[\w-]+))?\s*"
+    )
+    match = re.fullmatch(pattern, text)
+    if not match:
+        raise InputError("scheme", text, "read name(parameter=value, ...)@form", "e.g. hht(alpha=-0.1)@displacement")
+    parameters: dict[str, Any] = {}
+    for item in filter(None, (match["args"] or "").split(",")):
+        key, equals, value = (part.strip() for part in item.partition("="))
+        if not equals:
+            raise InputError("scheme", text, "name every parameter", "for example hht(alpha=-0.1)")
+        if key in parameters:
+            raise InputError("scheme", text, f"give {key} once", "leave one of them out")
+        try:
+            truth = {"true": True, "false": False}
+            parameters[key] = truth[value.lower()] if value.lower() in truth else ast.literal_eval(value)
+        except (ValueError, SyntaxError, TypeError, RecursionError, MemoryError):
+            remedy = "for example hht(alpha=-0.1)"
+            raise InputError("scheme", text, f"give {key} a number, true or false", remedy) from None
+    scheme = make(match["name"], **parameters)
+    if match["printed"]:
+        scheme = scheme.printed(*filter(None, (e.strip() for e in (match["errata"] or "").split(","))))
+    form = match["form"] or default_form
+    if form not in KNOWN_FORMS:
+        raise InputError("form", form, "be one that there is", near(form, KNOWN_FORMS))
+    return scheme, form
+
+
+def split_runs(text: str) -> list[str]:
+    """A comma-separated list of runs; commas inside parentheses belong to the run."""
+    return [part for part in re.split(r",(?![^(]*\))", text) if part.strip()]
+
+
+# ---------------------------------------------------------------- the file's form
+
+
+def _toml(text: str) -> dict[str, Any]:
+    """TOML whose decimals keep their exact values."""
+    return tomllib.loads(text, parse_float=exact_float)
+
+
+def _parse(data: dict[str, Any], source: str, folder: Path | None = None) -> dict[str, Case]:
+    """folder: where the files that a case names are; None for a text that has to hold everything itself."""
+    cases: dict[str, Case] = {}
+    entries = data.get("case")
+    if not isinstance(entries, list) or not entries:
+        raise InputError(f"{source}: case", entries, "be one or more [[case]] tables")
+    unknown = set(data) - {"case"}
+    if unknown:
+        raise InputError(f"{source}: {min(unknown)}", data[min(unknown)], "stand inside a [[case]] table")
+    for entry in entries:
+        if not isinstance(entry, dict):
+            raise InputError(f"{source}: case", entry, "be a table", "write [[case]]")
+        case = _Reader(entry, f"{source}: {entry.get('name', 'case')}", folder).case()
+        if case.name in cases:
+            raise InputError(f"{source}: name", case.name, "be given once")
+        cases[case.name] = case
+    return cases
+
+
+class _Reader(Reader):
+    """Reads a case, its problem, and what belongs to that."""
+
+    def case(self) -> Case:
+        self.only({"name", "title", "cells", "dt", "t_end", "runs", "inferred", "problem", "system", "published"})
+        name = self.line("name")
+        problem, own = self.sub("problem"), self.get("system", dict, "be a table", None)
+        if (problem is None) == (own is None):
+            remedy = "[case.problem] is a beam, [case.system] names matrices"
+            both = None if own is None else "beside a system"
+            raise self.error("problem", both, "be given and be a table" if own is None else "stand alone", remedy)
+        system = None if own is None else SystemReader(own, f"{self.where}.system", self.folder).system()
+        beam = None if problem is None else problem.problem()
+        runs = self.get("runs", list, "be a list of runs", ["bdf2", "sdirk(nystrom=true)", "hht"])
+        dt, t_end = self.number("dt"), self.number("t_end")
+        for key, value in (("dt", dt), ("t_end", t_end)):
+            self.build(positive, key, value)
+        self.build(step_count, dt, t_end)
+        form = "matrices" if beam is None else "hermite" if beam.for_elements else "displacement"
+        parsed = []
+        for run in runs:
+            if not isinstance(run, str):
+                raise self.error("runs", run, "be strings like 'hht(alpha=-0.1)@displacement'")
+            parsed.append(self.build(parse_run, run, form))
+        published = self.get("published", dict, "be a table", {})
+        for kind, values in published.items():
+            if not isinstance(values, dict) or not all(isinstance(v, (int, float)) for v in values.values()):
+                raise self.error(f"published.{kind}", values, "be a table of numbers by run", 'write "bdf2" = 10')
+        notes = self.get("inferred", list, "be a list of strings", [])
+        if not all(isinstance(note, str) for note in notes):
+            raise self.error("inferred", notes, "be a list of strings", 'write ["..."]')
+        common: dict[str, Any] = {
+            "name": name, "title": self.line("title", name), "dt": float(dt),
+            "t_end": float(t_end), "runs": tuple(parsed), "published": published, "notes": tuple(notes),
+        }  # fmt: skip
+        if system is not None:
+            if "cells" in self.table:
+                raise self.error("cells", self.table["cells"], "be left out: a system of matrices has no grid")
+            wrong = next((form for _, form in parsed if form != "matrices"), None)
+            if wrong is not None:
+                raise self.error("runs", f"@{wrong}", "be without a form: it is that of the matrices")
+            return SystemCase(matrices=system, **common)
+        assert beam is not None
+        cells = self.get("cells", int, "be an integer >= 4")
+        if cells < 4:
+            raise self.error("cells", cells, "be an integer >= 4", "for example 25")
+        return Case(problem=beam, cells=cells, **common)
+
+    def problem(self) -> BeamProblem:
+        shared = {"stops", "base", "loads", "initial_displacement", "initial_velocity"}
+        more = ("tip_mass", "mass_damping", "rotary_inertia", "tip_inertia")
+        shared |= {"supports", "modal_damping", "sections", *more}
+        physical = any(name in self.table for name in ("length", "bending_stiffness", "mass_per_length"))
+        own = (
+            ("length", "bending_stiffness", "mass_per_length", "bending_viscosity")
+            if physical
+            else ("stiffness", "viscosity")
+        )
+        self.only(shared | set(own) | ({"units", "time_unit"} if physical else set()))
+        if self.number("time_unit", 1) != 1:
+            remedy = "times are in seconds: leave it out, and give dt and t_end in seconds"
+            raise self.error("time_unit", self.table["time_unit"], "be 1", remedy)
+        numbers = {key: self.number(key) for key in (*own, *more) if key in self.table}
+        for key in own[:3] if physical else own[:1]:
+            self.number(key)
+        base = self.sub("base")
+        loads = self.tables("loads", "{ position = ..., amplitude = ..., ... }")
+        units = self.sub("units")
+        return self.build(
+            BeamProblem.from_physical if physical else BeamProblem,
+            **numbers | ({} if units is None else {"units": units.units()}),
+            stops=[stops.stops({"position", "motion"}) for stops in self.one_or_several("stops")],
+            base=None if base is None else base.time_function(set()),
+            loads=tuple(load.load() for load in loads),
+            initial_displacement=self.polynomial("initial_displacement"),
+            initial_velocity=self.polynomial("initial_velocity"),
+            supports=self.get("supports", str, "be a string", "clamped-free"),
+            modal_damping=self.get("modal_damping", (int, float, list), "be a ratio or a list of them", 0.0),
+            sections=[part.section() for part in self.one_or_several("sections")],
+        )
+
+    def section(self) -> Section:
+        self.only({"begin", "end", "stiffness", "mass"})
+        numbers = {name: self.number(name) for name in ("stiffness", "mass") if name in self.table}
+        return self.build(Section, self.number("begin"), self.number("end"), **numbers)
+
+    def units(self) -> Units:
+        self.only({"length", "time", "force"})
+        return self.build(Units, **self.table)
+
+    def load(self) -> Load:
+        if "shape" in self.table:
+            return DistributedLoad(self.polynomial("shape"), self.time_function({"shape"}))
+        return self.build(PointLoad, self.number("position"), self.time_function({"position"}))

@@ -1,0 +1,109 @@
+"""References of anyone's system, computed once and kept in the cache directory."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import platform
+import warnings
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..basics import cache
+from ..basics.validation import InputError, numbers, one_of, positive
+from ..model.system import System, require_system
+from ..model.time_functions import in_closed_form, times_of
+from ..references import reference
+from ..references.registry import REFERENCES
+from ..trajectory.trajectory import Reference
+from . import frozen, store
+
+
+def cached_reference(
+    system: System,
+    t_end: float,
+    method: str = "multiprecision",
+    t_eval: ArrayLike | None = None,
+    rtol: float = 1e-10,
+    atol: float | None = None,
+    digits: int | str = "auto",
+    breakpoints: ArrayLike = (),
+    max_step: float | None = None,
+    switches: str | None = None,
+) -> Reference:
+    """``reference`` with the same arguments, from the cache where it is there and whole.
+
+    The key is the system's fingerprint, every argument and the versions of the libraries, so a changed
+    parameter never finds an old file. A damaged file is named in a warning and remade. Writing is
+    atomic: two processes that compute the same reference leave one good file. A multiprecision
+    reference confirmed to t_end answers at any time; of the others comes back all but the states:
+    outputs, impacts, energy, horizon, work and provenance of the run that was made. "exact" is solved
+    anew, which takes no longer than reading a file. Raises InputError for a bare callable.
+    """
+    one_of("method", method, REFERENCES, "be a reference method")
+    if method == "exact":
+        return reference(system, t_end, method, t_eval, breakpoints=breakpoints, max_step=max_step, switches=switches)
+    times = None if t_eval is None else numbers("t_eval", t_eval)
+    steps = [times_of("breakpoints", breakpoints).tolist(), max_step, switches]
+    file = _file(system, t_end, method, times, rtol, atol, digits, steps)
+    if file.is_file():
+        try:
+            found = store.load(file, system, times)
+            assert isinstance(found, Reference)
+            return found
+        except InputError as error:
+            warnings.warn(f"remaking a cached reference: {error}", stacklevel=2)
+    found = reference(system, t_end, method, times, rtol, atol, digits, breakpoints, max_step, switches)
+    try:
+        if method == "multiprecision" and found.horizon >= t_end:
+            frozen.freeze(found, "", file)
+        else:
+            found.save(file)
+    except InputError as error:
+        if error.field != "file":
+            raise
+        warnings.warn(f"a reference is not kept: {error}", stacklevel=2)  # the cache's disk may be full
+    return found
+
+
+def _file(
+    system: System,
+    t_end: float,
+    method: str,
+    t_eval: np.ndarray | None,
+    rtol: float,
+    atol: float | None,
+    digits: int | str,
+    steps: list,
+) -> Path:
+    require_system(system)
+    one_of("method", method, REFERENCES, "be a reference method")
+    positive("t_end", t_end)
+    positive("rtol", rtol)
+    for name, value in (("atol", atol), ("max_step", steps[1])):
+        if value is not None:
+            positive(name, value)
+    functions = [f for _, f in system.loads] + [c.offset for c in system.contacts if c.offset is not None]
+    for function in functions:  # a bare callable has no content to make a key of
+        if not in_closed_form(function):
+            rule = "be made of Harmonic, Constant and Sampled for a cached reference"
+            raise InputError("time function", function, rule, "sample it: Sampled(t, values, 'cubic')")
+    anytime = method == "multiprecision" and digits == "auto"  # frozen, it answers at any time
+    key = {
+        "fingerprint": system.fingerprint,
+        "t_end": float(t_end),
+        "method": method,
+        "settings": [digits] if method == "multiprecision" else [float(rtol), atol, *steps],
+        "t_eval": None if t_eval is None or anytime else t_eval.tolist(),
+        "versions": [
+            platform.python_version(),
+            cache.source_hash(),
+            *map(version, ("stiffbeam", "numpy", "scipy", "numba")),
+            REFERENCES[method].versions(),
+        ],
+    }
+    name = hashlib.sha256(json.dumps(key).encode()).hexdigest()[:32]
+    return cache.directory() / "references" / f"{name}.nc"

@@ -1,0 +1,333 @@
+"""The compiled march: members of an ensemble one after another, each in blocks of K steps.
+
+A run is an ensemble of one and ``run`` is the only entry, so a member has the bits of its solo run.
+Loop shapes matter here: eight rows at a time, dotted or added, and no loop that is shorter than it
+need be. That is what the padding to eight is for.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ...basics.compiled import compiled, inlined
+from ...model.contact_law import G1, G2, KAPPA, stage_force, stage_stiffness
+from ...model.stage import MEAN
+from ...trajectory.sampling import (
+    CONTACT,
+    END,
+    MEMBER,
+    ROW,
+    SIDE,
+    STOP,
+    TIME,
+    scan,
+    scan_by_law,
+    scan_means,
+    switch_time,
+)
+from .layout import OVERFLOW
+from .nodes import resolve_by_law, resolve_several
+
+
+@inlined
+def read(reading, z, w):
+    """w = reading z."""
+    R, D = reading.shape
+    for r in range(0, R, 8):
+        s0 = s1 = s2 = s3 = s4 = s5 = s6 = s7 = 0.0
+        for d in range(D):
+            x = z[d]
+            s0 += x * reading[r, d]
+            s1 += x * reading[r + 1, d]
+            s2 += x * reading[r + 2, d]
+            s3 += x * reading[r + 3, d]
+            s4 += x * reading[r + 4, d]
+            s5 += x * reading[r + 5, d]
+            s6 += x * reading[r + 6, d]
+            s7 += x * reading[r + 7, d]
+        w[r] = s0
+        w[r + 1] = s1
+        w[r + 2] = s2
+        w[r + 3] = s3
+        w[r + 4] = s4
+        w[r + 5] = s5
+        w[r + 6] = s6
+        w[r + 7] = s7
+
+
+@inlined
+def advance(transition, n, z, z_new):
+    """z_new = transition z, the first D numbers of it."""
+    a, D = transition.shape
+    for d in range(D):
+        z_new[d] = transition[0, d] * z[d]
+    for e in range(1, a):
+        shift = np.uint64(e * n)  # unsigned: no vector code for indices that might be counted from the end
+        for d in range(np.uint64(D)):
+            z_new[d] += transition[e, d] * z[shift + d]
+
+
+@inlined
+def force_by_drive(constant, frequencies, rows, v, t, g, out):
+    """g (d,) at time t, and out += g rows[v]."""
+    g[0] = constant
+    if constant != 0.0:
+        for j in range(out.size):
+            out[j] += constant * rows[v, 0, j]
+    for f in range(frequencies.shape[1]):
+        phase = frequencies[v, f] * t
+        s, c = math.sin(phase), math.cos(phase)
+        g[1 + 2 * f], g[2 + 2 * f] = s, c
+        for j in range(out.size):
+            out[j] += s * rows[v, 1 + 2 * f, j] + c * rows[v, 2 + 2 * f, j]
+
+
+@inlined
+def add_eight(force, first, rows, out):
+    """out += force[first : first + 8] @ rows[first : first + 8] beyond the eight entries of these forces."""
+    f0, f1, f2, f3 = force[first], force[first + 1], force[first + 2], force[first + 3]
+    f4, f5, f6, f7 = force[first + 4], force[first + 5], force[first + 6], force[first + 7]
+    for j in range(np.uint64(first + 8), np.uint64(out.size)):
+        out[j] += (
+            f0 * rows[first, j]
+            + f1 * rows[first + 1, j]
+            + f2 * rows[first + 2, j]
+            + f3 * rows[first + 3, j]
+            + f4 * rows[first + 4, j]
+            + f5 * rows[first + 5, j]
+            + f6 * rows[first + 6, j]
+            + f7 * rows[first + 7, j]
+        )
+
+
+@inlined
+def stop_eight(i, push, g1, g2, stiff, w, forces):
+    """The forces of eight nodes, each pushing the later ones; their entries as far as these push."""
+    a, b, c, d, e, f, g, h = i, i + 1, i + 2, i + 3, i + 4, i + 5, i + 6, i + 7
+    r0 = w[a]
+    f0 = stage_force(r0, stiff[a], g1, g2)
+    r1 = w[b] + f0 * push[a, b]
+    f1 = stage_force(r1, stiff[b], g1, g2)
+    r2 = w[c] + f0 * push[a, c] + f1 * push[b, c]
+    f2 = stage_force(r2, stiff[c], g1, g2)
+    r3 = w[d] + f0 * push[a, d] + f1 * push[b, d] + f2 * push[c, d]
+    f3 = stage_force(r3, stiff[d], g1, g2)
+    r4 = w[e] + f0 * push[a, e] + f1 * push[b, e] + f2 * push[c, e] + f3 * push[d, e]
+    f4 = stage_force(r4, stiff[e], g1, g2)
+    r5 = w[f] + f0 * push[a, f] + f1 * push[b, f] + f2 * push[c, f] + f3 * push[d, f] + f4 * push[e, f]
+    f5 = stage_force(r5, stiff[f], g1, g2)
+    r6 = (
+        w[g] + f0 * push[a, g] + f1 * push[b, g] + f2 * push[c, g] + f3 * push[d, g] + f4 * push[e, g] + f5 * push[f, g]
+    )
+    f6 = stage_force(r6, stiff[g], g1, g2)
+    r7 = (
+        w[h] + f0 * push[a, h] + f1 * push[b, h] + f2 * push[c, h] + f3 * push[d, h] + f4 * push[e, h] + f5 * push[f, h]
+    ) + f6 * push[g, h]
+    f7 = stage_force(r7, stiff[h], g1, g2)
+    forces[a], forces[b], forces[c], forces[d] = f0, f1, f2, f3
+    forces[e], forces[f], forces[g], forces[h] = f4, f5, f6, f7
+    w[a], w[b], w[c], w[d] = r0 + f0 * push[a, a], r1 + f1 * push[b, b], r2 + f2 * push[c, c], r3 + f3 * push[d, d]
+    w[e], w[f], w[g], w[h] = r4 + f4 * push[e, e], r5 + f5 * push[f, f], r6 + f6 * push[g, g], r7 + f7 * push[h, h]
+
+
+@inlined
+def stage_stiffnesses(compliance, kappa, stiff):
+    """That of every node of one contact, 0 for padding."""
+    for i in range(stiff.size):
+        stiff[i] = 0.0
+    for i in range(compliance.shape[0]):
+        stiff[i] = stage_stiffness(kappa, compliance[i, 0])
+
+
+@inlined
+def resolve(push, g1, g2, stiff, out, forces):
+    """The stops of one contact, node by node: eight push each other, then all that follows. Whether any is met."""
+    touched = False
+    for first in range(0, forces.size, 8):
+        beyond = 0
+        for i in range(first, first + 8):
+            beyond += (out[i] > g2) | (out[i] < g1)
+            forces[i] = 0.0
+        if beyond:
+            stop_eight(first, push, g1, g2, stiff, out, forces)
+            add_eight(forces, first, push, out)
+            touched = True
+    return touched
+
+
+@inlined
+def speed(velocity, velocity_push, forced, inflow, v, b, k, c, z, g, forces):
+    """The velocity of channel c at the end of step k of a block."""
+    total = 0.0
+    for d in range(velocity.shape[2]):
+        total += z[d] * velocity[k, c, d]
+    for i in range(forces.size):
+        total += forces[i] * velocity_push[k, c, i]
+    for e in range(g.size):
+        total += g[e] * forced[v, k, c, e]
+    if inflow.shape[0]:
+        total += inflow[b, k, c]
+    return total
+
+
+@compiled
+def run(block, law, forcing, inflow, marchers, kept, events, first, steps, dt, every, cursor, by_law=None):
+    """``steps`` steps of every member from step ``first``; whether all are done.
+
+    law: (M, m, 6), the laws of every contact, see contact_law. events: the list of impacts, see sampling.
+    cursor: (member, block, free row of events), advanced in place; where the list may not hold another
+    block's impacts, False is returned and the call can be made again with a longer one. by_law: None for a
+    block of rule LINEAR, 1 for the others, so that each is compiled without what it does not need.
+    """
+    # Fields are taken out once: every use of one would be counted, and no loop with it vectorised.
+    reading, transition, push, compliance = block[:4]
+    end_first, end_stride, velocity, velocity_push, rates, rule = block[4:]
+    constant, frequencies, forced, forced_velocity = forcing
+    inflow_rows, inflow_velocity = inflow
+    states, position, last_velocity, tally, diverged = marchers
+    positions, velocities, starts, all_forces = kept
+    (R, D), a, N, m = reading.shape, transition.shape[0], push.shape[0], law.shape[1]
+    K, C = velocity.shape[0], velocity.shape[1]
+    n = (states.shape[1] - D) // max(1, a - 1)
+    z, out, forces, g = np.empty(states.shape[1]), np.empty(R + D), np.zeros(N), np.empty(forced.shape[1])
+    z_new = out[R:]
+    z_last, g_last, forces_last = np.empty(D), np.empty(g.size), np.empty(N)
+    u, v_all, stiff, before = np.empty(K), np.empty(K), np.empty(N), np.empty(m)
+    blocks = (steps + K - 1) // K
+    rows = cursor[2]
+    for i in range(cursor[0], states.shape[0]):
+        if diverged[i] != 0:
+            cursor[1] = 0
+            continue
+        v = min(i, forced.shape[0] - 1)
+        g1 = g2 = 0.0
+        if m == 1:
+            stage_stiffnesses(compliance, law[i, 0, KAPPA], stiff)
+            g1, g2 = law[i, 0, G1], law[i, 0, G2]
+        for e in range(z.size):
+            z[e] = states[i, e]
+        resumed = cursor[1]
+        count = 0
+        full = False
+        for b in range(resumed, blocks):
+            if rows + m * K > events.shape[0]:
+                full = True
+                cursor[1] = b
+                break
+            at = first + b * K
+            count = min(K, steps - b * K)
+            read(reading, z, out)
+            advance(transition, n, z, z_new)
+            force_by_drive(constant, frequencies, forced, v, at * dt, g, out)
+            if inflow_rows.shape[0]:
+                for j in range(out.size):
+                    out[j] += inflow_rows[b, j]
+            touched = True
+            if by_law is None:
+                if m == 1:
+                    touched = resolve(push, g1, g2, stiff, out, forces)
+                elif m > 1:
+                    touched = resolve_several(push, compliance, law[i], out, forces)
+            else:
+                for c in range(m):
+                    before[c] = position[i, c]
+                solved = resolve_by_law(push, compliance, rates, rule, law[i], before, out, forces)
+                touched = solved != 0
+                if solved < 0:
+                    diverged[i] = -(at + (-1 - solved) * K // compliance.shape[0] + 1)
+                    break
+            if starts.shape[0]:
+                for e in range(z.size):
+                    starts[b, e] = z[e]
+                for e in range(N):
+                    all_forces[b, e] = forces[e]
+            finite = True
+            for c in range(C):
+                entry, stride = np.uint64(end_first[c]), np.uint64(end_stride[c])
+                u_end = out[entry + np.uint64(count - 1) * stride]
+                if not abs(u_end) < OVERFLOW:
+                    for k in range(count - 1, -1, -1):
+                        if not abs(out[end_first[c] + k * end_stride[c]]) < OVERFLOW:
+                            diverged[i] = at + k + 1
+                    finite = False
+                    break
+                if positions.shape[1]:
+                    for o in range(at // every + 1, (at + count) // every + 1):
+                        k = o * every - at - 1
+                        positions[i, o, c] = out[end_first[c] + k * end_stride[c]]
+                        velocities[i, o, c] = speed(
+                            velocity, velocity_push, forced_velocity, inflow_velocity, v, b, k, c, z, g, forces
+                        )
+                # What is not at a node may be beyond a stop although no node is.
+                if c < m and (touched or tally[i, c, SIDE] != 0.0 or end_first[c] >= N):
+                    for k in range(np.uint64(count)):
+                        u[k] = out[entry + k * stride]
+                    opened = int(tally[i, c, ROW])
+                    if by_law is None:
+                        new = scan(u, count, law, dt, tally, i, c, events, rows, at)
+                    elif rule == MEAN:
+                        for k in range(count):
+                            v_all[k] = forces[k * m + c]
+                        new = scan_means(u, v_all, count, law, dt, tally, i, c, events, rows, at)
+                    else:
+                        for k in range(count):
+                            v_all[k] = speed(
+                                velocity, velocity_push, forced_velocity, inflow_velocity, v, b, k, c, z, g, forces
+                            )
+                        new = scan_by_law(u, v_all, count, law, dt, tally, i, c, events, rows, at)
+                    # The end of the impact that was open before, then times and ends of the new ones.
+                    for change in range(2 * rows - 1, 2 * new):
+                        row, column = change // 2, END if change % 2 else TIME
+                        if row < rows:
+                            row = opened
+                        k = int(events[row, column]) if row >= 0 else -1
+                        if k < 0:
+                            continue
+                        u0 = u[k - 1] if k > 0 else position[i, c]
+                        if k > 0:
+                            v0 = speed(
+                                velocity, velocity_push, forced_velocity, inflow_velocity, v, b, k - 1, c, z, g, forces
+                            )
+                        elif b > resumed:
+                            v0 = speed(
+                                velocity, velocity_push, forced_velocity, inflow_velocity, v, b - 1, K - 1, c,
+                                z_last, g_last, forces_last,
+                            )  # fmt: skip
+                        else:
+                            v0 = last_velocity[i, c]
+                        v1 = speed(velocity, velocity_push, forced_velocity, inflow_velocity, v, b, k, c, z, g, forces)
+                        events[row, column] = (
+                            at + k + switch_time(u0, v0, u[k], v1, events[row, STOP], law, i, c, dt)
+                        ) * dt
+                        events[row, MEMBER] = i
+                        events[row, CONTACT] = c
+                    rows = new
+                position[i, c] = u_end
+            if not finite:
+                break
+            for e in range(D):
+                z_last[e] = z[e]
+                z[e] = z_new[e]
+            for e in range((a - 1) * n):
+                z[a * n + e] = z[e]
+            for e in range(N):
+                forces_last[e] = forces[e]
+            for e in range(g.size):
+                g_last[e] = g[e]
+        if count > 0:
+            last = (cursor[1] if full else blocks) - 1
+            for c in range(C):
+                last_velocity[i, c] = speed(
+                    velocity, velocity_push, forced_velocity, inflow_velocity, v, last, count - 1, c,
+                    z_last, g_last, forces_last,
+                )  # fmt: skip
+        for e in range(z.size):
+            states[i, e] = z[e]
+        if full:
+            cursor[0], cursor[2] = i, rows
+            return False
+        cursor[1] = 0
+    cursor[0], cursor[2] = 0, rows
+    return True

@@ -1,0 +1,217 @@
+"""The leaping march: its cost goes with the changes of regime, not with the steps.
+
+A regime (which contacts are closed) is a linear motion, so that its state any number of steps on is known at
+once, see regimes; a bound that holds at every step between shows that no contact opens or closes there, see
+kernels.sums. The step in which one does is an ordinary step of the scheme. Impacts, peaks, impulses and outputs
+are those of the block march to rounding: nothing is skipped, the sums over leapt steps are in closed form.
+
+It is for implicit contact under the linear law, harmonic and constant loads, and damping that the closed
+contacts do not couple; anything else is marched in blocks, as is what changes regime too often to pay.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Generator, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from threading import Lock
+
+import numpy as np
+
+from ..basics.arrays import Array, aligned
+from ..basics.budget import afford
+from ..model.stage import LINEAR
+from ..model.system import System
+from ..trajectory.sampling import EVENT, ROW, SIDE
+from .build import build
+from .kernels import blocks, leaps
+from .kernels.layout import Marchers
+from .kernels.sums import Regimes
+from .modal_march import STEPS_REPLAYED, Flight, March, Stretch, functions
+from .propagator import Propagator
+from .regimes import EXTENDED, NoRegime, Sum, regime, tables
+
+LEAPS, BLOCKS = "modal leaps", "modal blocks"
+MOST_CONTACTS = 8
+DENSE = 8  # outputs closer than so many steps are made in blocks, from states that the leaps pass through
+STATES_AT_ONCE = 1 << 15
+
+
+def start(march: March, members: Sequence[System], steps: int, every: int | None, since: int = 0) -> Flight:
+    """The members at t = 0, ready for ``steps`` steps; one alone goes in leaps where that can pay."""
+    kind = LeapFlight if len(members) == 1 and can_leap(march, steps) else Flight
+    return kind(march, tuple(members), steps, every, since)
+
+
+def can_leap(march: March, steps: int) -> bool:
+    """Whether a run may be leapt over, as far as its arguments say; the march itself finds whether it pays."""
+    contacts = march.system.contacts
+    return bool(
+        EXTENDED
+        and march.contact == "implicit"
+        and march.rule == LINEAR
+        and march.run is blocks.run
+        and march.block.harmonic
+        and len(contacts) <= MOST_CONTACTS
+        and steps * costs(march)[2] > setup(march)
+    )
+
+
+def setup(march: March) -> float:
+    """ns that making the regimes takes, a few times over: below, blocks are done before leaps begin."""
+    return 6e6 + 60.0 * march.system.size**3
+
+
+def costs(march: March) -> Array:
+    """ns of a leap tried, of an ordinary step with the change of regime, and of a step of the block march."""
+    (R, D), K = march.block.block.reading.shape, march.block.steps
+    return np.array([60.0 + 3.0 * D, 300.0 + 0.36 * D * D, 2.0 + 0.12 * R * D / K])
+
+
+@dataclass(eq=False)
+class Leaper:
+    """The regimes of a march on one system, made as they are met; members on other threads may share them."""
+
+    march: March
+    system: System
+    one: Propagator = field(init=False)  # a single step
+    _made: list[Sum] = field(init=False, default_factory=list)
+    _of: Array = field(init=False)  # (2^m,), see kernels.leaps.fly
+    _tables: dict[tuple[int, int, int], Regimes] = field(init=False, default_factory=dict)
+    _lock: Lock = field(init=False, default_factory=Lock)
+
+    def __post_init__(self) -> None:
+        march = self.march
+        one = build(march.scheme, march.system, march.basis, march.dt, 1, march.contact)
+        self.one = one if self.system is march.system else replace(one, system=self.system)
+        self._of = np.full(1 << len(self.system.contacts), -1)
+        for mask in range(min(2, len(self._of))):  # more than these are not met by all
+            self.make(mask)
+
+    def make(self, mask: int) -> None:
+        """The regime whose closed contacts are the bits of ``mask``, or the fact that there is none."""
+        with self._lock:
+            if self._of[mask] != -1:
+                return
+            try:
+                self._made.append(regime(self.one, [c for c in range(len(self.system.contacts)) if mask >> c & 1]))
+                self._of[mask] = len(self._made) - 1
+            except NoRegime:
+                self._of[mask] = -2
+
+    def tables(self, steps: int, every: int) -> tuple[Regimes, Array] | None:
+        """All that have been made, and where each is; None where even free flight cannot be leapt over."""
+        with self._lock:
+            if not self._made:
+                return None
+            given = steps.bit_length(), every, len(self._made)
+            if given not in self._tables:
+                nodes, D = len(self.march.scheme.nodes), self.one.block.reading.shape[1]
+                self._tables = {given: tables(self._made, steps, every, nodes, D)}
+            return self._tables[given], self._of.copy()
+
+
+_making = Lock()
+
+
+def _leaper(march: March, member: System) -> Leaper:
+    """The regimes of a member: shared where its loads and stiffnesses are the march's own."""
+    alike = functions(member) == functions(march.system) and all(
+        a.stops.stiffness == b.stops.stiffness for a, b in zip(member.contacts, march.system.contacts, strict=True)
+    )
+    if not alike:
+        return Leaper(march, member)
+    with _making:
+        if not march.leapers:
+            march.leapers.append(Leaper(march, march.system))
+    return march.leapers[0]
+
+
+@dataclass(eq=False)
+class LeapFlight(Flight):
+    """One member on its way in leaps, or in blocks where they turn out not to pay."""
+
+    kind: str = LEAPS
+
+    def _on(self, replayed: Callable[[Stretch], None] | None) -> Iterator[int]:
+        """From the scheme's own start, see Flight."""
+        start = Marchers(*(x.copy() for x in self.state))
+        events, rows, done = self.events.copy(), self._rows, self.done
+        dense = self.every is not None and self.every < DENSE
+        spacing = max(STEPS_REPLAYED, self.steps // STATES_AT_ONCE) if dense or replayed is not None else 0
+        states = yield from self._leap(spacing)
+        if states is None:  # the same from the start, in blocks
+            self.kind = BLOCKS
+            seconds = 1e-9 * float(costs(self.march)[2]) * self.steps
+            afford("dt", self.march.dt, "give a larger dt: contact changes too often to leap", seconds=seconds)
+            self.state, self.events, self._rows, self.done = start, events, rows, done
+            yield from super()._on(replayed)
+        elif spacing:
+            yield from self._between(start, done, states, spacing, replayed)
+
+    def _leap(self, spacing: int) -> Generator[int, None, Array | None]:
+        """Leap to the end; the states at every ``spacing``-th step where that is not 0, None where it does not pay."""
+        march, system, begun = self.march, self.members[0], time.perf_counter()
+        leaper = _leaper(march, system)
+        one, m, every = leaper.one, len(system.contacts), spacing or self.every or self.steps
+        found = leaper.tables(self.steps, every)
+        if found is None:
+            return None
+        states = aligned((self.steps // spacing + 1 if spacing else 0, one.block.reading.shape[1]))
+        none = np.zeros((1, 0, self.positions.shape[2]))
+        outputs = (none, none) if spacing else (self.positions, self.velocities)
+        forcing = march.forcing(one) if leaper.system is march.system else one.forcing([system])
+        side, guess = np.zeros(m), np.full(1 << m, 3)
+        cursor, cost = np.array([self.done, self._rows, 0, 0, 0]), costs(march)
+
+        def fly(steps: int, found: tuple[Regimes, Array]) -> int:
+            return leaps.fly(
+                one.block, self.law, forcing, *found, self.state, (*outputs, states), self.events, cursor, side,
+                guess, steps, march.dt, every, self.since, self.done + max(1 << 16, self.steps // 50), cost,
+            )  # fmt: skip
+
+        if not leaps.fly.signatures:
+            begun_compiling = time.perf_counter()
+            fly(0, found)
+            self.compile_seconds += time.perf_counter() - begun_compiling
+        while True:
+            ended = fly(self.steps, found)
+            self.done, self._rows = int(cursor[leaps.STEP]), int(cursor[leaps.FREE_ROW])
+            if ended == leaps.FULL:
+                self.events = np.concatenate([self.events, np.empty((len(self.events) + m, EVENT))])
+            elif ended == leaps.UNKNOWN:
+                leaper.make(int(np.sum((side != 0.0) << np.arange(m))))
+                found = leaper.tables(self.steps, every)
+                assert found is not None
+            elif ended == leaps.PAUSED:
+                if not spacing:  # where there is more to come, that is what takes the time
+                    yield self.done
+            else:
+                break
+        self.seconds += time.perf_counter() - begun - self.compile_seconds
+        if not spacing and ended != leaps.ABANDONED:
+            yield self.done
+        return None if ended == leaps.ABANDONED else states
+
+    def _between(
+        self, start: Marchers, done: int, states: Array, spacing: int, replayed: Callable[[Stretch], None] | None
+    ) -> Iterator[int]:
+        """The steps between the states, in blocks that start afresh from each of them."""
+        march, block = self.march, self.march.block
+        beside = Flight(march, self.members, self.steps, self.every)
+        beside.state, beside.done = start, done
+        beside.positions, beside.velocities = self.positions, self.velocities
+        forcing, a, n = beside.forcing(block), len(block.keep), march.system.size
+        last = self.state.diverged[0] or self.steps
+        while beside.done < last:
+            if beside.done % spacing == 0 and beside.done > done:
+                D = states.shape[1]
+                start.z[0, :D] = states[beside.done // spacing]
+                start.z[0, a * n : a * n + (a - 1) * n] = start.z[0, : (a - 1) * n]
+            beside._rows = 0
+            beside.state.tally[..., SIDE] = 0.0
+            beside.state.tally[..., ROW] = -1.0
+            most = min(last, (beside.done // spacing + 1) * spacing) - beside.done
+            beside._stretch(block, forcing, min(most, STEPS_REPLAYED), replayed)
+            yield beside.done
+        self.seconds += beside.seconds

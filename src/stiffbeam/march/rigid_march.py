@@ -1,0 +1,260 @@
+"""The march against rigid stops: any scheme as a linear step and a complementarity problem at each node."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..basics.arrays import Array
+from ..basics.validation import InputError
+from ..model.active_set import solve_node
+from ..model.equations import Matrices, Modal
+from ..model.modes import modes
+from ..model.system import System
+from ..model.time_functions import evaluate, offset_rate, offset_values
+from ..schemes import RigidScheme, Scheme
+from ..schemes.rigid_scheme import AHEAD, POSITION, RESTITUTED, VELOCITY
+from .kernels.rigid_steps import AT_A_STOP, WHERE_CLOSED, WHERE_PREDICTED, Linear, steps
+from .pieces import STEPS_PER_PIECE, Piece
+
+FREE_STEPS = 200  # after which a free mass has all that one unit force will give it
+
+
+def is_rigid(system: System, scheme: Scheme) -> bool:
+    """Whether the run is one against rigid stops. Raises InputError for what such a run cannot have."""
+    rigid = [contact.stops.rigid for contact in system.contacts]
+    if isinstance(scheme, RigidScheme) and not all(rigid):
+        stops = system.contacts[rigid.index(False)].stops
+        remedy = "use a scheme for compliant stops, as stiffbeam.Trapezoidal(), or stiffness=inf"
+        raise InputError("stops.stiffness", stops.stiffness, f"be inf for {scheme}", remedy)
+    if any(rigid) and not all(rigid):
+        raise InputError("contacts", "rigid and compliant ones", "be all of one kind", "take very stiff ones for inf")
+    return isinstance(scheme, RigidScheme) or any(rigid)
+
+
+def require_rigid(system: System, scheme: Scheme, contact: str) -> None:
+    """Raise InputError where the scheme, the restitution of the stops, or the start do not fit."""
+    if contact != "implicit":
+        raise InputError("contact", contact, "be 'implicit' for rigid stops", "a reaction is no function of positions")
+    restitutes = isinstance(scheme, RigidScheme) and scheme.restitutes
+    for each in system.contacts:
+        e = each.stops.restitution
+        if restitutes and e is None:
+            remedy = "pass Stops(..., stiffness=inf, restitution=e), e in [0, 1]"
+            raise InputError("stops.restitution", e, f"be given for {scheme}, which has an impact law", remedy)
+        if not restitutes and e is not None:
+            rule = f"be left out for {scheme}, which has no impact law"
+            raise InputError("stops.restitution", e, rule, "use stiffbeam.MoreauJean(), or leave it out")
+        u = float(each.row @ system.q0 + offset_values(each.offset, 0.0))
+        if abs(each.stops.penetration(u)) > 1e-14 * max(abs(u), 1e-300):
+            raise InputError("initial displacement", u, "lie between rigid stops", "move the stop or the start")
+    if isinstance(scheme, RigidScheme) and scheme.modal_only and modes(system) is None:
+        rule = f"decouple in the modes for {scheme}"
+        raise InputError("damping", "a damping that couples modes", rule, "use stiffbeam.MoreauJean()")
+
+
+@dataclass(frozen=True, eq=False)
+class _View:
+    """The system in modal coordinates where these decouple, else in its own."""
+
+    equation: Modal | Matrices
+    y0: Array
+    rows: Array  # (channels, n)
+    loads: Array  # (L, n)
+    shapes: Array | None
+
+    @classmethod
+    def of(cls, system: System) -> _View:
+        basis = modes(system)
+        rows, loads = np.array([row for row, _ in system.channels]), np.array([p for p, _ in system.loads])
+        loads = loads.reshape(-1, system.size)
+        if basis is None:
+            equation = Matrices(system.mass, system.damping, system.stiffness)
+            return cls(equation, np.stack([system.q0, system.v0]), rows, loads, None)
+        y0 = np.stack([basis.to_modal(system.q0), basis.to_modal(system.v0)])
+        return cls(basis.equation, y0, basis.force(rows), basis.force(loads), basis.shapes)
+
+    def nodal(self, eta: Array) -> Array:
+        return eta if self.shapes is None else eta @ self.shapes.T
+
+
+def rigid_pieces(system: System, scheme: Scheme, dt: float, count: int) -> Iterator[Piece]:
+    """The run in pieces; ``means`` are its reactions over each step, by the momentum that they bring."""
+    view, done, history = _View.of(system), 0, []
+    y = view.y0
+    if scheme.starter is not None:
+        history = [y]
+        for piece, z in _march(view, system, scheme.starter, dt, y, [y], 0, min(count, scheme.history - 1)):
+            history.insert(0, z[:2])
+            done += len(piece.positions)
+            yield piece
+    if done < count:
+        for piece, _ in _march(view, system, scheme, dt, y, history or [y], done, count - done):
+            yield piece
+
+
+def _march(
+    view: _View, system: System, scheme: Scheme, dt: float, y: Array, history: list[Array], first: int, count: int
+) -> Iterator[tuple[Piece, Array]]:
+    m, S, channels = len(system.contacts), len(scheme.nodes), len(view.rows)
+    own = isinstance(scheme, RigidScheme)
+    kinds = scheme.conditions if own else (POSITION,) * S
+    linear, pulses, shifts_by_load = _probed(view, scheme, dt, system, kinds)
+    weights = _weights(scheme, dt)
+    force = np.array([evaluate(f, np.asarray(first * dt)) for _, f in system.loads]) @ view.loads
+    if own:
+        z = scheme.start(view.equation, dt, y, force)
+    else:
+        force = force + _first_reactions(view, system, force) if first == 0 else force
+        z = scheme.initial(view.equation, history, force)
+    shape, z = z.shape, np.ascontiguousarray(z.reshape(-1))
+    offsets = [offset for _, offset in system.channels]
+    for start in range(first, first + count, STEPS_PER_PIECE):
+        begun = time.perf_counter()
+        length = min(STEPS_PER_PIECE, first + count - start)
+        at = (start + np.arange(length)) * dt
+        nodes = at[:, None] + np.array(scheme.nodes) * dt
+        values = np.array([evaluate(f, nodes) for _, f in system.loads]).reshape(len(system.loads), length, S)
+        values = np.moveaxis(values, 0, 1).reshape(length, -1)
+        shifts = (values @ shifts_by_load).reshape(length, S, m) + _offset_shifts(system, kinds, at, nodes, dt)
+        predicted = np.array([offset_values(o, at + AHEAD * dt) for o in offsets[:m]]).reshape(m, length).T
+        path, reactions = np.empty((length, len(z))), np.empty((length, S, m))
+        steps(linear, values @ pulses, shifts, np.ascontiguousarray(predicted), z, path, reactions)
+        seconds = time.perf_counter() - begun
+        states = path.reshape(length, *shape)
+        ends = (start + 1 + np.arange(length)) * dt
+        positions, velocities = (states[:, i] @ view.rows.T for i in (0, 1))
+        positions = positions + np.array([offset_values(o, ends) for o in offsets]).reshape(channels, length).T
+        velocities = velocities + np.array([offset_rate(o, ends) for o in offsets]).reshape(channels, length).T
+        means = np.einsum("s,ksc->kc", weights, reactions)
+        both = states[:, :2].copy()
+
+        def nodal(x: Array = both) -> tuple[Array, Array]:
+            return view.nodal(x[:, 0]), view.nodal(x[:, 1])
+
+        yield Piece(start, positions, velocities, nodal, seconds, means), states[-1]
+
+
+def _probed(
+    view: _View, scheme: Scheme, dt: float, system: System, kinds: tuple[str, ...]
+) -> tuple[Linear, Array, Array]:
+    """The step as arrays, (loads S, D) what a unit load at a node adds to the state, and (loads S, S m) to the
+    arguments. Raises InputError where a reaction does not move its own argument."""
+    equation, n, S, m = view.equation, view.y0.shape[-1], len(scheme.nodes), len(system.contacts)
+    rows, stops = view.rows[:m], [contact.stops for contact in system.contacts]
+    blank = scheme.initial(equation, [np.zeros((2, n))] * scheme.history, np.zeros(n))
+    a = len(blank)
+    e = np.array([0.0 if s.restitution is None else s.restitution for s in stops])
+
+    def taken(z: Array, loads: Array, reactions: Array) -> tuple[Array, Array, Array]:
+        """What a batch makes: states (batch, a, n), what nodes read (S, batch, m, n), predicted (batch, n)."""
+        new, at_nodes = scheme.step(equation, dt, z, list(loads), list(reactions))
+        x = np.stack(at_nodes)  # (S, 2, batch, n)
+        old = np.array([kind != POSITION for kind in kinds])[:, None, None, None]
+        read = x[:, 0, :, None] + np.where(old, e[:, None] * x[:, 1, :, None], 0.0)
+        return np.moveaxis(new, 0, 1), read, scheme.predict(equation, dt, z)[-1]
+
+    modal = isinstance(equation, Modal)
+    batch = a if modal else a * n
+    z = np.zeros((a, batch, n))
+    if modal:
+        z[np.arange(a), np.arange(a)] = 1.0
+    else:
+        z[np.repeat(np.arange(a), n), np.arange(batch), np.tile(np.arange(n), a)] = 1.0
+    nothing = np.zeros((S, batch, n))
+    new, read, ahead = taken(z, nothing, nothing)
+    if modal:
+        blocks, matrix = np.ascontiguousarray(np.moveaxis(new, 0, 1)), np.zeros((0, 0))
+        reading = np.einsum("sbcj,cj->scbj", read, rows).reshape(S, m, a * n)
+        predicting = np.einsum("bj,cj->cbj", ahead, rows).reshape(m, a * n)
+    else:
+        blocks, matrix = np.zeros((0, 0, n)), np.ascontiguousarray(new.reshape(batch, -1).T)
+        reading, predicting = np.einsum("sbcj,cj->scb", read, rows), np.einsum("bj,cj->cb", ahead, rows)
+    every = np.concatenate([view.loads, rows])
+    acting = np.zeros((2, S, len(every) * S, n))  # loads, reactions
+    for i, vector in enumerate(every):
+        for s in range(S):
+            acting[int(i >= len(view.loads)), s, i * S + s] = vector
+    new, read, _ = taken(np.zeros((a, len(every) * S, n)), *acting)
+    flat, by_row = new.reshape(len(new), -1), np.einsum("sbcj,cj->bsc", read, rows)
+    at = len(view.loads) * S
+    compliance = by_row[at:].reshape(m, S, S, m).transpose(1, 2, 0, 3)  # [node, later node, reaction, argument]
+    if m:
+        _require_giving_way(scheme, compliance)
+    scale = np.array([1.0 + e if kind == RESTITUTED else np.ones(m) for kind in kinds])
+    ends = np.array([[s.g1, s.g2] for s in stops]).reshape(m, 2)
+    still = np.array([[0.0 if np.isfinite(g) else g for g in own] for own in ends]).reshape(m, 2)
+    bounds = np.array(
+        [scale[s][:, None] * ends if kind in (POSITION, RESTITUTED) else still for s, kind in enumerate(kinds)]
+    )
+    code = [
+        AT_A_STOP if k in (POSITION, RESTITUTED) else WHERE_PREDICTED if k == VELOCITY else WHERE_CLOSED for k in kinds
+    ]
+    responses = flat[at:].reshape(m, S, a * n).transpose(1, 0, 2)
+    blocks, matrix, reading, predicting, responses, compliance = (
+        np.ascontiguousarray(x) for x in (blocks, matrix, reading, predicting, responses, compliance)
+    )
+    linear = Linear(
+        blocks, matrix, reading, predicting, responses, compliance, np.array(code), bounds.reshape(S, m, 2), ends
+    )
+    return linear, flat[:at], by_row[:at].reshape(at, S * m)
+
+
+def _require_giving_way(scheme: Scheme, compliance: Array) -> None:
+    for s in range(len(compliance)):
+        least, most = np.linalg.eigvalsh(compliance[s, s])[[0, -1]]
+        if not least > 1e-12 * most or not most > 0.0:
+            rule = "move the argument of every node by the reaction there, each contact on its own, for rigid stops"
+            remedy = "use stiffbeam.MoreauJean(), and contacts that do not follow from each other"
+            raise InputError("scheme", str(scheme), rule, remedy)
+
+
+def _weights(scheme: Scheme, dt: float) -> Array:
+    """(S,), the momentum over dt that a free mass takes in the end from a unit reaction at each node of a step."""
+    S = len(scheme.nodes)
+    free = Modal(np.zeros(1), np.zeros(1))
+    acting = np.zeros((S, S, 1))
+    acting[np.arange(S), np.arange(S)] = 1.0
+    z = np.zeros((len(scheme.initial(free, [np.zeros((2, 1))] * scheme.history, np.zeros(1))), S, 1))
+    for _ in range(FREE_STEPS):
+        z, _ = scheme.step(free, dt, z, list(np.zeros((S, S, 1))), list(acting))
+        acting = np.zeros_like(acting)
+    return z[1, :, 0] / dt
+
+
+def _offset_shifts(system: System, kinds: tuple[str, ...], at: Array, nodes: Array, dt: float) -> Array:
+    """What moving stops add to the arguments, (K, S, m)."""
+    shifts = np.zeros((len(at), len(kinds), len(system.contacts)))
+    for c, contact in enumerate(system.contacts):
+        o, e = contact.offset, contact.stops.restitution or 0.0
+        for s, kind in enumerate(kinds if o is not None else ()):
+            if kind == POSITION:
+                shifts[:, s, c] = offset_values(o, nodes[:, s])
+            elif kind == RESTITUTED:
+                shifts[:, s, c] = offset_values(o, nodes[:, s]) + e * offset_values(o, np.maximum(at - dt, 0.0))
+            else:
+                shifts[:, s, c] = offset_rate(o, nodes[:, s]) + e * offset_rate(o, at)
+    return shifts
+
+
+def _first_reactions(view: _View, system: System, force: Array) -> Array:
+    """The reactions at t = 0 of contacts at rest on their stops, on the unknowns."""
+    rows = view.rows[: len(system.contacts)]
+    law = np.full((len(rows), 3), np.inf)
+    r = np.empty(len(rows))
+    acceleration = view.equation.acceleration(view.y0, force)
+    for c, contact in enumerate(system.contacts):
+        u = float(rows[c] @ view.y0[0] + offset_values(contact.offset, 0.0))
+        rate = float(rows[c] @ view.y0[1] + offset_rate(contact.offset, 0.0))
+        rest = abs(rate) == 0.0
+        law[c, 1] = 0.0 if rest and u <= contact.stops.g1 else -np.inf
+        law[c, 2] = 0.0 if rest and u >= contact.stops.g2 else np.inf
+        pull = 0.0 if contact.offset is None else float(contact.offset.acceleration(0.0))  # type: ignore[union-attr]
+        r[c] = rows[c] @ acceleration + pull
+    if not len(rows):
+        return np.zeros_like(force)
+    compliance = view.equation.solve(0.0, 0.0, rows) @ rows.T
+    return solve_node(r, np.ascontiguousarray(compliance), law) @ rows

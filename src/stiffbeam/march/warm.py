@@ -1,0 +1,64 @@
+"""Compiling the march: once for each version of the sources, in this process or beside it, then from disk."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+
+from ..basics import cache
+from ..basics.arrays import LANES
+from ..basics.compiled import directory
+from ..model.contact_law import LAW
+from ..trajectory.sampling import TALLY
+from .kernels import blocks as kernel
+from .kernels.layout import Block, Forcing, Inflow, Kept, Marchers
+
+COMPILING = "compiling the march, once for this version"  # said while it is waited for
+_beside: subprocess.Popen | None = None
+
+
+def compiled() -> bool:
+    """Whether the kernel is compiled, in this process or on disk: then ``warm_up`` takes a fraction of a second."""
+    return bool(kernel.run.signatures) or any(directory(Path(kernel.__file__)).rglob("blocks.run-*.nbi"))
+
+
+def warm_up() -> float:
+    """Compile the kernel or load it, or wait for who is compiling it; the seconds it took."""
+    begun = time.perf_counter()
+    if _beside is not None:
+        _beside.wait()  # one that has failed left nothing on disk, and it is compiled here
+    z, index = np.zeros((0, LANES)), np.zeros((1, 1), np.int64)
+    row = np.zeros((1, LANES))
+    none = np.zeros((0, 1, 1))
+    kernel.run(
+        Block(row, row, row, row, index[0], index[0], none, none, index[0], 0),
+        np.zeros((0, 1, LAW)), Forcing(0.0, z, none, np.zeros((0, 1, 1, 1))), Inflow(z, none),
+        Marchers(z, z, z, np.zeros((0, 1, TALLY)), index[0]), Kept(none, none, z, z), row, 0, 0, 1.0, 1,
+        np.zeros(3, np.int64),
+    )  # fmt: skip
+    return time.perf_counter() - begun
+
+
+def compile_beside() -> None:
+    """Begin to compile in a process beside this one, unless that has been done; ``warm_up`` waits for it.
+
+    Not a thread: numba compiles one function at a time and holds the GIL most of that time, so that the
+    exact solver and SUNDIALS, which have functions of their own to compile, would wait.
+    """
+    global _beside
+    if _beside is not None or compiled():
+        return
+    code = "from stiffbeam.march.warm import warm_up; warm_up()"
+    paths = os.pathsep.join(path for path in sys.path if path)
+    environment = os.environ | {"PYTHONPATH": paths, "STIFFBEAM_CACHE_DIR": str(cache.directory())}
+    silent = subprocess.DEVNULL
+    with suppress(OSError):  # where there is no process to be had, the first run compiles
+        _beside = subprocess.Popen(
+            [sys.executable, "-c", code], env=environment, stdin=silent, stdout=silent, stderr=silent
+        )

@@ -1,0 +1,270 @@
+"""Tables on the terminal and in notebooks, where rich would show what it is told to write: force_jupyter=False."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from rich import box
+from rich.console import Console, Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from ..trajectory.trajectory import Reference
+from .impacts import ContactStatistics, Matching
+from .names import short
+
+if TYPE_CHECKING:
+    from .comparison import Comparison, ContactComparison
+
+DASH = "–"
+WIDTH = 80  # columns of a table that goes to a file; a terminal keeps its own
+
+
+def number(value: float, digits: int = 3) -> str:
+    """A short decimal, a dash for NaN."""
+    return DASH if not np.isfinite(value) else f"{value:.{digits}g}"
+
+
+def percent(value: float) -> str:
+    """Per cent to two digits, in powers of ten where that would be a long number."""
+    if not np.isfinite(value):
+        return DASH
+    return f"{100 * value:.0e} %" if not 1e-5 < abs(value) < 1e3 and value else f"{100 * value:.2g} %"
+
+
+def _names(comparisons: Sequence[Comparison]) -> list[str]:
+    """Short names, whole labels where two runs would share one; of an adaptive solver also what it does at a switch."""
+    methods = [c.label.partition("@")[0] for c in comparisons]
+    names = [short(method) for method in methods]
+    names = [method if names.count(name) > 1 else name for method, name in zip(methods, names, strict=True)]
+    return [
+        f"{name}, {c.switches}" if c.switches in ("restart", "through") else name
+        for name, c in zip(names, comparisons, strict=True)
+    ]
+
+
+def _count(impacts: int) -> str:
+    """The number of impacts, a dash where it is not known."""
+    return DASH if impacts < 0 else str(impacts)
+
+
+def _whole_number(value: float) -> str:
+    return f"{value:.0f}" if np.isfinite(value) else DASH
+
+
+def _lag(comparison: Comparison) -> str:
+    """The phase lag, or in brackets the median impact delay of a single contact where it is undefined."""
+    if not comparison.phase.undefined:
+        return number(comparison.phase.lag, 2)
+    return _delay(comparison.contacts[0].matching) if len(comparison.contacts) == 1 else DASH
+
+
+def _delay(matching: Matching) -> str:
+    """The median impact delay in brackets."""
+    return f"({number(matching.median_delay, 2)})" if np.isfinite(matching.median_delay) else DASH
+
+
+def _matched(until: float, window: float) -> str:
+    return number(until) if until < window else "horizon"
+
+
+def common_window(comparisons: Sequence[Comparison]) -> float:
+    """The time to which the impacts of all the runs match: there their errors can be held against one another.
+
+    A run that misses the first impact leaves the time before that; the horizon where a run has no such time.
+    """
+    return min((c.matched_until for c in comparisons if c.matched_until > c.dt), default=comparisons[0].window)
+
+
+def comparison_tables(
+    comparisons: Sequence[Comparison],
+    references: Sequence[Reference] = (),
+    failures: Sequence[tuple[str, str]] = (),
+    truths: Mapping[str, Reference] | None = None,
+) -> RenderableType:
+    """One table per form inside the horizon, the whole runs in a table of their own, the failures.
+
+    truths: by form, a solution that holds over the whole span where there is one.
+    """
+    by_reference = [
+        [c for c in comparisons if c.reference == r] for r in dict.fromkeys(c.reference for c in comparisons)
+    ]
+    parts: list[RenderableType] = [_inside(own) for own in by_reference]
+    if comparisons:
+        parts.append(Text(_explanation(comparisons, references), style="dim"))
+    for own in by_reference:
+        parts.append(_whole(own, (truths or {}).get(own[0].reference.partition("@")[2])))
+    for label, message in failures:
+        parts.append(Text.assemble(("failed  ", "bold red"), (label, "bold"), f"  {message}"))
+    return Group(*parts)
+
+
+def _table(title: str, headings: Sequence[str]) -> Table:
+    table = Table(
+        box=box.SIMPLE_HEAD,
+        title=title,
+        title_justify="left",
+        title_style="bold",
+        padding=(0, 1, 0, 0),
+        show_edge=False,
+    )
+    table.add_column("run", overflow="fold", min_width=12)
+    for heading in headings:
+        table.add_column(heading, justify="right", no_wrap=True)
+    return table
+
+
+def _inside(comparisons: Sequence[Comparison]) -> Table:
+    """The measures on [0, horizon] of one form's runs; their errors as long as all of them are on one motion."""
+    first = comparisons[0]
+    units = first.units
+    method, _, form = first.reference.partition("@")
+    common = common_window(comparisons)
+    to = "" if common == first.window else f"to {units.measure(number(common), 'time')}"
+    table = _table(
+        f"To the horizon t = {units.measure(number(first.window), 'time')}, {form} form",
+        (
+            units.label("impacts\nmatch to", "time"),
+            f"tip error\n{to or 'rms'}",
+            f"lag\n({units.of('time') or 'time'})",
+            "energy\nlost",
+            "impacts",
+            "in\ncontact",
+        ),
+    )
+    table.add_row(f"{short(method)}, reference", *4 * [DASH], *_impacts(first, "reference", True), style="bold")
+    for contact in _several(first):
+        table.add_row(f"  {contact.place}", *4 * [DASH], *_counts(contact.reference, True), style="bold")
+    for name, c in zip(_names(comparisons), comparisons, strict=True):
+        table.add_row(
+            name,
+            _matched(c.matched_until, c.window),
+            percent(c.tip_error_to(common)),
+            _lag(c),
+            percent(c.energy_lost),
+            *_impacts(c, "run"),
+        )
+        for contact in _several(c):
+            until, delay = _matched(contact.matching.matched_until, c.window), _delay(contact.matching)
+            table.add_row(f"  {contact.place}", until, "", delay, "", *_counts(contact.run))
+    return table
+
+
+def _several(comparison: Comparison) -> tuple[ContactComparison, ...]:
+    """The contacts that get a line of their own: all of them, where they are more than one."""
+    return comparison.contacts if len(comparison.contacts) > 1 else ()
+
+
+def _impacts(comparison: Comparison, whose: str, events: bool = False, forces: bool = False) -> tuple[str, ...]:
+    """The columns of the contact in a run's own line: of the only contact, zeros without, empty with several."""
+    if _several(comparison):
+        return ("", "", "", "") if forces else ("", "")
+    none = ContactStatistics(0, 0, 0.0, 0.0, 0.0)
+    statistics = getattr(comparison.contacts[0], whose) if comparison.contacts else none
+    return _counts(statistics, events, forces)
+
+
+def _counts(statistics: ContactStatistics, events: bool = False, forces: bool = False) -> tuple[str, ...]:
+    """Impacts, with ``events`` those of the trajectory itself in brackets; share; peak force and impulse."""
+    count = f"{statistics.impacts} [{statistics.event_impacts}]" if events else _count(statistics.impacts)
+    found = (count, percent(statistics.fraction))
+    return (*found, number(statistics.peak_force, 4), number(statistics.impulse, 4)) if forces else found
+
+
+def _whole(comparisons: Sequence[Comparison], truth: Reference | None) -> Table:
+    """Cost and totals of the whole runs of one form; the adaptive solvers ended at the horizon."""
+    first = comparisons[0]
+    method, _, form = first.reference.partition("@")
+    units, end = first.units, max(c.t_end for c in comparisons)
+    beyond = ": one realisation each, not comparable" if first.window < end * (1 - 1e-9) else ""
+    parted = min(c.matched_until for c in comparisons)
+    if not beyond and parted < first.window:
+        beyond = f"; impacts differ from t = {units.measure(number(parted), 'time')} on"
+    table = _table(
+        f"To t = {units.measure(f'{end:g}', 'time')}, {form} form{beyond}",
+        (
+            "ns per\nstep",
+            "impacts",
+            "in\ncontact",
+            units.label("peak force\n", "force").strip(),
+            units.label("impulse\n", "impulse").strip(),
+            "energy\nlost",
+        ),
+    )
+    if truth is not None:
+        table.add_row(f"true, {truth.provenance['digits']} digits", DASH, *_of_truth(truth, first), DASH, style="bold")
+    table.add_row(short(method), DASH, *_impacts(first, "reference_totals", True, forces=True), DASH, style="bold")
+    for contact in _several(first):
+        counts = _counts(contact.reference_totals, True, forces=True)
+        table.add_row(f"  {contact.place}", DASH, *counts, DASH, style="bold")
+    for name, c in zip(_names(comparisons), comparisons, strict=True):
+        if c.steps:
+            totals = _impacts(c, "run_totals", forces=True)
+            table.add_row(name, _whole_number(c.ns_per_step), *totals, percent(c.totals_energy_lost))
+            for contact in _several(c):
+                table.add_row(f"  {contact.place}", "", *_counts(contact.run_totals, forces=True), "")
+    return table
+
+
+def _of_truth(truth: Reference, comparison: Comparison) -> tuple[str, ...]:
+    """The columns of the only contact of a solution that is right over the whole span."""
+    if len(truth.contacts) != 1:
+        return ("", "", "", "")
+    record = truth.contacts[0]
+    sampled = truth.impacts_sampled(comparison.dt).count
+    statistics = ContactStatistics(sampled, truth.impacts.count, record.fraction, record.peak_force, record.impulse)
+    return _counts(statistics, True, True)
+
+
+def _explanation(comparisons: Sequence[Comparison], references: Sequence[Reference]) -> str:
+    lines = [
+        f"{r.label}: horizon {r.units.measure(number(r.horizon), 'time')} "
+        f"(against {r.provenance.get('horizon_against', '')}), {number(r.work.seconds)} s of computing"
+        for r in references
+    ]
+    lines += [
+        "Tip error: rms over max |u|, as long as the impacts of all runs match. Lag > 0: late; in brackets the "
+        "median impact delay where the phase lag is undefined. Energy lost: of all energy the system has had. "
+        "Impacts: sampled at the run's steps, [by events].",
+    ]
+    if any(contact.reference_totals.events for c in comparisons for contact in c.contacts):
+        lines.append("Contact, peak force and impulse of the reference: by events, between the steps too.")
+    if any(c.switches in ("restart", "through") for c in comparisons):
+        lines.append("Restart: the solver starts anew at every switch; through: its error control finds the kink.")
+    steps = [c for c in comparisons if c.steps and np.isfinite(c.seconds)]
+    if steps:
+        ms = [1e3 * c.seconds - 1e-6 * c.ns_per_step * c.steps for c in steps]
+        lines.append(
+            f"A run is {max(c.steps for c in steps)} steps and {max(0.0, float(np.median(ms))):.2g} ms of set-up."
+        )
+    if note := comparisons[0].units.note:
+        lines.append(f"Times, forces and impulses are {note}.")
+    in_numpy = [c.label.partition("@")[0] for c in comparisons if c.engine == "numpy"]
+    if in_numpy:
+        lines += [
+            f"ns/step in NumPy: {', '.join(dict.fromkeys(in_numpy))}.",
+            "Modes that do not decouple march without the compiler.",
+        ]
+    if any(map(_several, comparisons)):
+        lines.append(
+            "Several contacts: a run's impacts part where they do at the first contact to fail; each has a line."
+        )
+    lines += [f"{c.label.partition('@')[0]}, {reason}." for c in comparisons for reason in c.missing]
+    return "\n".join(lines) + "\n"
+
+
+def comparison_text(comparisons: Sequence[Comparison]) -> str:
+    """The tables as plain text."""
+    stream = io.StringIO()
+    Console(file=stream, width=WIDTH, color_system=None, force_jupyter=False).print(comparison_tables(comparisons))
+    return stream.getvalue()
+
+
+def comparison_html(comparisons: Sequence[Comparison]) -> str:
+    """The tables for a notebook."""
+    console = Console(record=True, width=WIDTH, file=io.StringIO(), force_jupyter=False)
+    console.print(comparison_tables(comparisons))
+    return console.export_html(inline_styles=True, code_format="<pre>{code}</pre>")

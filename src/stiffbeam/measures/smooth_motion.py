@@ -1,0 +1,58 @@
+"""A system's smooth motion: without contact, every load's steady answer and the lowest mode."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..basics.arrays import Array
+from ..basics.validation import InputError
+from ..model.drive import Drive
+from ..model.modes import modes
+from ..model.system import System
+
+
+def without_contact(system: System) -> System:
+    """The same system with its stops taken away; ``tip`` stays what it was."""
+    row = system.channels[system.tip_channel][0]
+    return replace(system, contacts=(), observe=row)
+
+
+def smooth_motion(system: System) -> System:
+    """The system without contact on its slow motion: the steady answer to the drive plus the lowest mode.
+
+    Initial data at rest excite every mode of the grid, and no step of interest resolves the highest. The
+    lowest mode starts with the size of the steady motion, or 1 where nothing drives the system. Raises
+    InputError as ``steady_state`` does.
+    """
+    system = without_contact(system)
+    y, g = steady_state(system)
+    basis = modes(system)
+    assert basis is not None
+    q, v = g @ y, Drive.of(system).derivative() @ g @ y
+    size = float(np.max(np.abs(q))) or 1.0
+    lowest = int(np.argmax(basis.omega > 0.0))
+    shape = basis.shapes[:, lowest]
+    return replace(system, q0=q + size * shape / np.max(np.abs(shape)), v0=v)
+
+
+def steady_state(system: System) -> tuple[Array, Array]:
+    """(Y, g(0)), q = Y^T g(t): the motion in which every load excites its own frequency only; Y is (d, n).
+
+    Raises InputError where the damping couples the modes, and for a sampled load.
+    """
+    basis = modes(system)
+    if basis is None:
+        raise InputError("damping", "a matrix that couples the modes", "decouple for the steady motion")
+    drive = Drive.of(system)
+    unit, samples = drive.split(system.loads, system.size)
+    if samples:
+        raise InputError("loads", "a sampled load", "be harmonic or constant for the steady motion")
+    # With the load unit^T g, g' = D g and eta = y^T g in a mode: (D^T D^T + c D^T + w^2) y = its force.
+    forces, rate = basis.force(unit), drive.derivative().T
+    y = np.empty_like(forces)
+    for j, (omega, c) in enumerate(zip(basis.omega, basis.damping, strict=True)):
+        matrix = rate @ rate + c * rate + omega**2 * np.eye(drive.size)
+        y[:, j] = np.linalg.lstsq(matrix, forces[:, j])[0]  # a rigid-body mode has no steady answer to a constant
+    return basis.to_nodal(y), drive.coefficients(0.0)

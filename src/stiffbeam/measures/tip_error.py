@@ -1,0 +1,53 @@
+"""The error of a motion against a reference, relative to the reference's largest displacement."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..basics.arrays import Array
+from ..basics.validation import InputError, positive
+from ..trajectory.trajectory import Reference, Trajectory
+
+
+@dataclass(frozen=True)
+class TipError:
+    """(u - u_ref)/max |u_ref| over the times both are given at; both 0 where a reference at rest is met exactly."""
+
+    rms: float
+    max: float
+
+
+def relative_error(u: Array, u_ref: Array) -> Array:
+    """(u - u_ref)/max |u_ref|, (k,); u - u_ref itself for a reference at rest."""
+    return (u - u_ref) / (float(np.max(np.abs(u_ref))) or 1.0)
+
+
+def rms(error: Array) -> float:
+    """The root of the mean square of error (k,)."""
+    return float(np.sqrt(np.mean(error**2)))
+
+
+def tip_error(u: Array, u_ref: Array) -> TipError:
+    """rms and largest |error| of u (k,) against u_ref (k,) at the same times, k >= 1."""
+    error = relative_error(u, u_ref)
+    return TipError(rms(error), float(np.max(np.abs(error))))
+
+
+def stays_within(run: Trajectory, reference: Reference, error: float) -> float:
+    """The time to which |u_run - u_ref| <= error max |u_ref|, the largest over the whole window, at every output.
+
+    The last output before the first that is further off, at most the window's end, the smaller of t_end and the
+    horizon: past it the reference itself is not known. Raises InputError where the systems differ, where the
+    reference has no horizon, and where it does not know the run's times.
+    """
+    positive("error", error)
+    if run.fingerprint != reference.fingerprint:
+        raise InputError("reference", reference.label, f"be of the same system as {run.label}", "solve run.system")
+    if not np.isfinite(reference.horizon):
+        raise InputError("reference.horizon", reference.horizon, "be known", "make it with stiffbeam.reference")
+    end = min(float(run.t[-1]), float(reference.provenance["t_end"]), reference.horizon)
+    t = run.t[run.t <= end * (1 + 1e-12)]
+    off = np.abs(relative_error(run.tip[: len(t)], reference.at(t)[0])) > error
+    return end if not np.any(off) else float(t[max(0, int(np.argmax(off)) - 1)])

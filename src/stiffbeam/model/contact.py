@@ -1,0 +1,338 @@
+"""Stops: the data of a law of contact, its force and energy; contacts: where stops act."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..basics.arrays import Array, is_read_only, read_only
+from ..basics.validation import InputError, itself, non_negative, number, numbers, positive
+from .contact_law import LAW
+from .time_functions import LoadFunction, TimeFunction, load_function
+
+
+@dataclass(frozen=True, repr=False)
+class Stops:
+    """F = -(kappa d^p (1 + lambda d') + c d')_+ into the upper stop, d = u - g2 > 0, mirrored at the lower.
+
+    ``lower`` is g1 and ``upper`` is g2 > g1 (displacements); ``None`` leaves that side free.
+    ``stiffness`` is kappa > 0, force per displacement^p; ``exponent`` is p >= 1; ``damping`` is c >= 0, force
+    per velocity; ``dissipation`` is lambda >= 0, per velocity. F < 0 on the upper stop, F > 0 on the lower.
+
+        exponent 1                      linear compliance (2.4); with damping > 0 unilateral Kelvin-Voigt
+        exponent 3/2                    Hertz; any exponent: Kuttler and Shillor's power law
+        dissipation > 0                 Hunt and Crossley, see ``from_restitution``
+
+    A stop pushes only: where damping would make F a pull it lets go, before d = 0. With c > 0 the force jumps
+    by c d' at entry. U = kappa d^(p+1)/(p+1) is the energy it holds at d; what it takes beyond is dissipated.
+    ``stiffness=inf`` is a rigid stop: a reaction of any size where the gap is closed, none elsewhere. ``restitution``
+    is then Newton's e in [0, 1], u'+ = -e u'-; None where no impact has to be told, see ``System.massless_contacts``.
+    For a beam, d is that of v = u(x, t) - m(t): ``position`` is x, None the tip, and ``motion`` is m, by which both
+    stops move (> 0 the way u does; a time function), None for stops at rest. A contact of matrices has both in its
+    row and offset. A number given as a text ("0.001", "1/3"), Fraction or Decimal is carried exactly into
+    multiprecision. Source: Dumont (2002), eq. (2.4); Hunt and Crossley, J. Appl. Mech. 42 (1975) 440-445.
+    """
+
+    lower: float | None = None
+    upper: float | None = None
+    stiffness: float = field(kw_only=True)
+    exponent: float = field(default=1.0, kw_only=True)
+    damping: float = field(default=0.0, kw_only=True)
+    dissipation: float = field(default=0.0, kw_only=True)
+    restitution: float | None = field(default=None, kw_only=True)
+    position: float | None = field(default=None, kw_only=True)
+    motion: LoadFunction | None = field(default=None, kw_only=True)
+
+    def __post_init__(self) -> None:
+        itself("stops", self, Stops)
+        if not self.rigid:
+            object.__setattr__(self, "stiffness", positive("stops.stiffness", self.stiffness, exact=True))
+        for side in ("lower", "upper"):
+            if getattr(self, side) is not None:
+                object.__setattr__(self, side, number(f"stops.{side}", getattr(self, side), exact=True))
+        for name in ("exponent", "damping", "dissipation"):
+            object.__setattr__(self, name, non_negative(f"stops.{name}", getattr(self, name), exact=True))
+        if self.exponent < 1.0:
+            remedy = "1 is linear, 3/2 is Hertz"
+            raise InputError("stops.exponent", self.exponent, "be >= 1, where the force has a slope", remedy)
+        for name, plain in LINEAR.items():
+            if self.rigid and getattr(self, name) != plain:
+                raise InputError(f"stops.{name}", getattr(self, name), "be left out for rigid stops", "use restitution")
+        if self.restitution is not None:
+            if not self.rigid:
+                remedy = "for compliant ones use damping, or stiffbeam.Stops.from_restitution"
+                raise InputError("stops.restitution", self.restitution, "be left out unless stiffness=inf", remedy)
+            if not 0.0 <= number("stops.restitution", self.restitution) <= 1.0:
+                raise InputError("stops.restitution", self.restitution, "lie in [0, 1]")
+            object.__setattr__(self, "restitution", float(self.restitution))
+        if self.lower is None and self.upper is None:
+            raise InputError("stops", "no side", "have a lower or an upper stop", "for no contact leave stops out")
+        if not self.g1 < self.g2:
+            rule = f"be > stops.lower = {self.lower}"
+            raise InputError("stops.upper", self.upper, rule, "leave a gap between them")
+        if self.position is not None:
+            object.__setattr__(self, "position", non_negative("stops.position", self.position, exact=True))
+        if self.motion is not None:
+            load_function("stops.motion", self.motion)
+
+    @classmethod
+    def from_restitution(
+        cls,
+        restitution: float,
+        *,
+        speed: float,
+        stiffness: float,
+        lower: float | None = None,
+        upper: float | None = None,
+        exponent: float = 1.0,
+    ) -> Stops:
+        """Hunt-Crossley stops that throw a free mass arriving at ``speed`` back at ``restitution`` times it.
+
+            lambda speed (1 + e) = ln[(1 + lambda speed)/(1 - e lambda speed)]
+
+        whatever the mass, kappa and p are: see ``restitution.dissipation_for``. restitution: in (0, 1].
+        Raises InputError.
+        """
+        from .restitution import dissipation_for
+
+        dissipation = dissipation_for(restitution, positive("speed", speed))
+        return cls(lower, upper, stiffness=stiffness, exponent=exponent, dissipation=dissipation)
+
+    def __repr__(self) -> str:
+        """The fields; those of other laws only where they are not the linear one's, so that its text is its own."""
+        shown = [x for x in fields(self) if x.name in SIDES or getattr(self, x.name) != x.default]
+        return f"Stops({', '.join(f'{x.name}={getattr(self, x.name)!r}' for x in shown)})"
+
+    @property
+    def g1(self) -> float:
+        """The lower stop, -inf where that side is free."""
+        return -math.inf if self.lower is None else float(self.lower)
+
+    @property
+    def g2(self) -> float:
+        """The upper stop, +inf where that side is free."""
+        return math.inf if self.upper is None else float(self.upper)
+
+    @property
+    def rigid(self) -> bool:
+        """Whether stiffness is inf."""
+        return isinstance(self.stiffness, (int, float)) and self.stiffness == math.inf
+
+    def require_compliant(self, for_what: str) -> None:
+        """Raise InputError for a rigid stop, whose reaction is no function of position and velocity."""
+        if self.rigid:
+            remedy = "use integrate, reference(method='exact') or system.massless_contacts(), or take stiff stops"
+            raise InputError("stops.stiffness", self.stiffness, f"be finite for {for_what}", remedy)
+
+    @property
+    def law(self) -> Array:
+        """(kappa, g1, g2, p, c, lambda), the row of numbers that compiled code takes, see contact_law.
+
+        Raises InputError for a rigid stop.
+        """
+        self.require_compliant("a law of force")
+        return np.array([self.stiffness, self.g1, self.g2, self.exponent, self.damping, self.dissipation], float)
+
+    @property
+    def linear(self) -> bool:
+        """Whether F = -kappa d: p = 1, no damping, no dissipation, kappa finite."""
+        return self.exponent == 1.0 and not self.dissipative and not self.rigid
+
+    @property
+    def dissipative(self) -> bool:
+        """Whether F depends on the velocity."""
+        return self.damping > 0.0 or self.dissipation > 0.0
+
+    @property
+    def jumps(self) -> bool:
+        """Whether F jumps where the gap closes at speed."""
+        return self.damping > 0.0
+
+    def penetration(self, v: ArrayLike) -> Array:
+        """v - clip(v, g1, g2): > 0 into the upper stop, < 0 into the lower, 0 between them."""
+        v = np.asarray(v, float)
+        return v - np.clip(v, self.g1, self.g2)
+
+    def spring(self, side: int) -> tuple[float, float]:
+        """(kappa, kappa g): on ``side``, +1 or -1, F(v) = kappa g - kappa v; g = 0 for a side without a stop.
+
+        Raises InputError where the law is not that.
+        """
+        self.require_linear("a closed form between its switches")
+        gap = self.g2 if side > 0 else self.g1
+        return float(self.stiffness), self.stiffness * (gap if math.isfinite(gap) else 0.0)
+
+    def require_linear(self, for_what: str) -> None:
+        """Raise InputError unless the law is the linear one."""
+        self.require_compliant(for_what)
+        if not self.linear:
+            name = next(x for x in ("exponent", "damping", "dissipation") if getattr(self, x) != LINEAR[x])
+            rule = f"be {LINEAR[name]:g}, a linear law, for {for_what}"
+            raise InputError(f"stops.{name}", getattr(self, name), rule, "use method='cvode'")
+
+    @property
+    def data(self) -> dict[str, float]:
+        """What makes the law again: ``Stops(**data)``; what is left at its default is left out."""
+        law = (x for x in fields(self) if x.name not in ("position", "motion"))
+        return {x.name: float(getattr(self, x.name)) for x in law if getattr(self, x.name) != x.default}
+
+    @staticmethod
+    def of(data: Any) -> Stops:
+        """From ``data``, or from the list (lower, upper, stiffness) that files of linear stops held once."""
+        return Stops(**data) if isinstance(data, dict) else Stops(data[0], data[1], stiffness=data[2])
+
+    def pressure(self, depth: ArrayLike, rate: ArrayLike | None = None) -> Array:
+        """|F| at a penetration depth >= 0 that grows at ``rate``: needed where the law is dissipative.
+
+        Raises InputError without it.
+        """
+        return self.pressure_in(np, np.asarray(depth, float), rate)
+
+    def pressure_in(self, xp: Any, depth: Any, rate: Any = None) -> Any:
+        """``pressure`` by the functions of ``xp``, NumPy or one that has its names."""
+        self.require_compliant("a law of force")
+        size = self.stiffness * (depth if self.exponent == 1.0 else depth**self.exponent)
+        if not self.dissipative:
+            return size
+        if rate is None:
+            remedy = "pass the velocity of the contact point"
+            raise InputError("velocity", None, "be given for stops whose force depends on it", remedy)
+        cut = xp.maximum(0.0, size * (1.0 + self.dissipation * rate) + self.damping * rate)
+        return xp.where(depth > 0.0, cut, 0.0)
+
+    def force(self, v: ArrayLike, velocity: ArrayLike | None = None) -> Array:
+        """F on the beam at position v; ``velocity`` as in ``pressure``, but of v itself."""
+        return self.force_in(np, np.asarray(v, float), velocity)
+
+    def force_in(self, xp: Any, v: Any, velocity: Any = None) -> Any:
+        """``force`` by the functions of ``xp``."""
+        inside = v - xp.clip(v, self.g1, self.g2)
+        if self.linear:
+            return -self.stiffness * inside
+        rate = None if velocity is None else xp.sign(inside) * velocity
+        return -xp.sign(inside) * self.pressure_in(xp, xp.abs(inside), rate)
+
+    def secant(self, depth: float) -> float:
+        """|F|/depth at rest at that depth, the spring that gives as much there."""
+        self.require_compliant("a law of force")
+        return float(self.stiffness * depth ** (self.exponent - 1.0))
+
+    def tangent(self, v: ArrayLike, velocity: ArrayLike = 0.0) -> tuple[Array, Array]:
+        """(-dF/dv, -dF/dvelocity); where F is not smooth those of the side without force."""
+        self.require_compliant("a law of force")
+        inside, closed = self.penetration(v), self.state(v, velocity) != 0
+        depth, rate = np.abs(inside), np.sign(inside) * np.asarray(velocity, float)
+        stiff = self.stiffness * (1.0 if self.exponent == 1.0 else self.exponent * depth ** (self.exponent - 1.0))
+        to_rate = self.stiffness * self.dissipation * depth**self.exponent + self.damping
+        return np.where(closed, stiff * (1.0 + self.dissipation * rate), 0.0), np.where(closed, to_rate, 0.0)
+
+    def energy(self, v: ArrayLike) -> Array:
+        """U(v) = kappa |d|^(p+1)/(p+1): -U' is the force at rest. A rigid stop holds none."""
+        if self.rigid:
+            return np.zeros(np.shape(v))
+        if self.exponent == 1.0:
+            return 0.5 * self.stiffness * self.penetration(v) ** 2
+        return self.stiffness * np.abs(self.penetration(v)) ** (self.exponent + 1.0) / (self.exponent + 1.0)
+
+    def dissipated(self, v: ArrayLike, velocity: ArrayLike) -> Array:
+        """F + U', the force beyond that of the energy: it takes -(F + U') v' >= 0."""
+        inside = self.penetration(v)
+        elastic = np.sign(inside) * self.stiffness * np.abs(inside) ** self.exponent
+        return self.force(v, velocity) + elastic
+
+    def state(self, v: ArrayLike, velocity: ArrayLike | None = None) -> NDArray[np.int64]:
+        """chi = +1 where the upper stop presses, -1 where the lower does, else 0.
+
+        Without damping that is v > g2 and v < g1 (strict). A damped stop lets go before; it needs ``velocity``.
+        """
+        v = np.asarray(v, float)
+        chi = (v > self.g2).astype(np.int64) - (v < self.g1).astype(np.int64)
+        return chi * (self.force(v, velocity) != 0.0) if self.dissipative else chi
+
+    def solve(self, r: ArrayLike, s: ArrayLike) -> Array:
+        """The force F with v = r + s F = r + s F(v), for a compliance s >= 0; one solution, closed form.
+
+        F = kappa/(1 + kappa s) (clip(r, g1, g2) - r). With s = 0 it is the extrapolated contact F(r). For the
+        linear law; ``stage.solve_stage`` takes any.
+        """
+        self.require_linear("the closed form of the stage equation")
+        return -self.stiffness / (1.0 + self.stiffness * np.asarray(s, float)) * self.penetration(r)
+
+
+SIDES = ("lower", "upper")
+LINEAR = {"exponent": 1.0, "damping": 0.0, "dissipation": 0.0}
+
+
+@dataclass(frozen=True, eq=False)
+class Contact:
+    """Stops that act on the position row @ q + offset(t), with the force row^T F(row @ q + offset(t)).
+
+    ``row`` has shape (n,). ``offset`` (a time function or None) moves the contact point against the
+    stops, as a moving support does in absolute coordinates.
+    """
+
+    row: Array
+    stops: Stops
+    offset: LoadFunction | None = None
+
+    def __repr__(self) -> str:
+        moved = "" if self.offset is None else f", offset {self.offset!r}"
+        return f"<Contact on {np.count_nonzero(self.row)} of {len(self.row)} unknowns: {self.stops!r}{moved}>"
+
+    def __post_init__(self) -> None:
+        itself("contact", self, Contact)
+        given = self.row
+        row = (
+            given
+            if is_read_only(given)
+            else read_only(numbers("contact.row", given, "be finite and not all zero").ravel())
+        )
+        if row.ndim != 1 or not np.all(np.isfinite(row)) or not np.any(row):
+            raise InputError("contact.row", given, "be finite and not all zero", "for example [0, 0, 1]")
+        object.__setattr__(self, "row", row)
+        if not isinstance(self.stops, Stops):
+            raise InputError("contact.stops", self.stops, "be Stops", "for example Stops(upper=0.1, stiffness=1e4)")
+        itself("contact.stops", self.stops, Stops)
+        for name, remedy in (("position", "put it into the row"), ("motion", "its negative is an offset")):
+            if getattr(self.stops, name) is not None:
+                rule = "be None in a contact, which has row and offset"
+                raise InputError(f"contact.stops.{name}", getattr(self.stops, name), rule, remedy)
+        if self.offset is not None:
+            load_function("contact.offset", self.offset)
+            if self.stops.dissipative and not isinstance(self.offset, TimeFunction):
+                rule = "have rate(t) and acceleration(t) where the stop's force depends on the velocity"
+                raise InputError("contact.offset", self.offset, rule, "give it those methods beside value(t)")
+
+    def __setstate__(self, state: dict) -> None:
+        self.__dict__.update(state)
+        object.__setattr__(self, "row", read_only(self.row))  # a pickled array can be written to again
+
+
+def solve_several(r: Array, compliance: Array, stops: Sequence[Stops]) -> Array:
+    """The forces F with v = r + S F, F_c = F_c(v_c), for m contacts at once.
+
+    r: (m,) positions without contact force; S = ``compliance``: (m, m), symmetric positive
+    semidefinite. The forces minimise a strictly convex function, so there is one solution; it is found
+    by a finite active-set method (see active_set.solve_node).
+    """
+    from .active_set import solve_node
+
+    for stop in stops:
+        stop.require_linear("the active set")
+    law = np.array([stop.law for stop in stops]).reshape(-1, LAW)
+    return solve_node(np.ascontiguousarray(r), np.ascontiguousarray(compliance), law)
+
+
+def laws(contacts: Sequence[Contact]) -> Array:
+    """The laws of all contacts, (m, 6), see contact_law."""
+    return np.array([contact.stops.law for contact in contacts]).reshape(-1, LAW)
+
+
+def linear(contacts: Sequence[Contact]) -> bool:
+    """Whether every stop has the linear law."""
+    return all(contact.stops.linear for contact in contacts)

@@ -1,0 +1,102 @@
+"""The mean force of a stop over a step, from the energies at its two ends: it neither gains nor loses any.
+
+    F = -(U(u+) - U(u0))/(u+ - u0),   u+ = r + s F
+
+u0 at the start of the step, r where it would end without the force. F does the work F (u+ - u0) = U(u0) - U(u+)
+whatever the step is, so that a scheme which conserves the energy of the linear system under a force that is
+constant over the step conserves the sum of both. U is convex, so its secant slope grows with u+ and there is
+one F. Source: Gonzalez, J. Nonlinear Sci. 6 (1996) 449-467; Simo and Tarnow, ZAMP 43 (1992) 757-792.
+"""
+
+from __future__ import annotations
+
+import math
+
+from ..basics.compiled import compiled, inlined
+from .contact_law import NEWTON, depth, law_energy, power
+
+
+@inlined
+def _mean_power(d0, d1, p):
+    """(d1^(p+1) - d0^(p+1))/((p + 1)(d1 - d0)) of two depths > 0, without cancellation."""
+    if p == 1.0:
+        return 0.5 * (d0 + d1)
+    share = (d1 - d0) / d0
+    if abs(share) < 1e-12:
+        return d0**p * (1.0 + 0.5 * p * share)
+    return d0**p * math.expm1((p + 1.0) * math.log1p(share)) / ((p + 1.0) * share)
+
+
+@compiled
+def secant(u, u0, kappa, g1, g2, p):
+    """(U(u) - U(u0))/(u - u0), U'(u0) where they are equal."""
+    a, b = depth(u0, g1, g2), depth(u, g1, g2)
+    if a > 0.0 and b > 0.0:
+        return kappa * _mean_power(a, b, p)
+    if a < 0.0 and b < 0.0:
+        return -kappa * _mean_power(-a, -b, p)
+    if u == u0:
+        return kappa * power(a, p)
+    return (law_energy(u, kappa, g1, g2, p) - law_energy(u0, kappa, g1, g2, p)) / (u - u0)
+
+
+@compiled
+def _linear(rho, d0, s, kappa):
+    """P = -F on one stop for p = 1, from the depths rho = r - g2 and d0 = u0 - g2 < 0 outside; P >= 0."""
+    if d0 > 0.0:
+        P = kappa * (rho + d0) / (2.0 + kappa * s)  # inside at both ends
+        if rho - s * P >= 0.0:
+            return P
+        out, held = d0 - rho, 0.5 * kappa * d0 * d0  # s P^2 + (d0 - rho) P = U(u0)
+        root = math.sqrt(out * out + 4.0 * s * held)
+        return 2.0 * held / (out + root) if out > 0.0 else (root - out) / (2.0 * s)
+    if rho <= 0.0:
+        return 0.0
+    # (kappa s^2/2 + s) P^2 - (kappa s rho + rho - d0) P + kappa rho^2/2 = 0, the smaller root
+    way = rho - d0
+    return kappa * rho * rho / (kappa * s * rho + way + math.sqrt(way * way - 2.0 * kappa * s * rho * d0))
+
+
+@compiled
+def mean_force(r, u0, s, kappa, g1, g2, p):
+    """(F, dF/dr): in closed form for p = 1 on one stop, else by Newton's method inside its bracket."""
+    slope = secant(r, u0, kappa, g1, g2, p)
+    if slope == 0.0:
+        return 0.0, 0.0
+    F, found = 0.0, False
+    if p == 1.0:
+        if slope > 0.0 and u0 >= g1:
+            F = -_linear(r - g2, u0 - g2, s, kappa)
+            found = r + s * F >= g1
+        elif slope < 0.0 and u0 <= g2:
+            F = _linear(g1 - r, g1 - u0, s, kappa)
+            found = r + s * F <= g2
+    if not found:
+        # P = |F| in [0, |slope|]; the node moves back by s P.
+        sign = math.copysign(1.0, slope)
+        left, right, P = 0.0, abs(slope), 0.0
+        for _ in range(NEWTON):
+            u = r - sign * s * P
+            value = sign * secant(u, u0, kappa, g1, g2, p)
+            if value > P:
+                left = P
+            else:
+                right = P
+            new = P + (value - P) / (1.0 + s * _secant_slope(u, u0, sign * value, kappa, g1, g2, p))
+            if not left <= new <= right:
+                new = 0.5 * (left + right)
+            change, P = abs(new - P), new
+            if change <= 2e-16 * P or left >= right:
+                break
+        F = -sign * P
+    stiff = _secant_slope(r + s * F, u0, -F, kappa, g1, g2, p)
+    return F, -stiff / (1.0 + s * stiff)
+
+
+@inlined
+def _secant_slope(u, u0, slope, kappa, g1, g2, p):
+    """d secant/du, to what Newton's method needs."""
+    if abs(u - u0) <= 1e-7 * (abs(u) + abs(u0)):
+        d = abs(depth(0.5 * (u + u0), g1, g2))
+        return 0.5 * kappa * p * d ** (p - 1.0) if d > 0.0 else 0.0
+    return max(0.0, (kappa * power(depth(u, g1, g2), p) - slope) / (u - u0))

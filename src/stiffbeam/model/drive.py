@@ -1,0 +1,152 @@
+"""Time functions as numbers: harmonics g(t) = (1, sin w1 t, cos w1 t, sin w2 t, ...), polynomials between samples."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..basics.arrays import Array
+from ..basics.exact_float import exact_value
+from ..basics.validation import InputError
+from .sampled import Sampled, moved
+from .system import System
+from .time_functions import Constant, Harmonic, LoadFunction, parts, parts_of
+
+Term = tuple[Array, LoadFunction]
+
+
+@dataclass(frozen=True)
+class Drive:
+    """The d = 1 + 2 F functions of time that the harmonic and constant loads of a system are made of, and its
+    R ``records``, the Sampled functions among its loads and offsets, each once.
+
+    Two frequencies that are one in float64 only count as two: multiprecision tells them apart.
+    """
+
+    frequencies: tuple[float, ...]
+    records: tuple[Sampled, ...] = ()
+
+    @classmethod
+    def of(cls, system: System) -> Drive:
+        functions = [f for _, f in system.loads] + [offset for _, offset in system.channels]
+        leaves = [leaf for function in functions for leaf in parts_of(function)]
+        frequencies = {exact_value(f.frequency): f.frequency for f in leaves if isinstance(f, Harmonic)}
+        records = dict.fromkeys(f for f in leaves if isinstance(f, Sampled))
+        return cls(tuple(sorted(frequencies.values())), tuple(records))
+
+    @property
+    def size(self) -> int:
+        """d."""
+        return 1 + 2 * len(self.frequencies)
+
+    @property
+    def rates(self) -> Array:
+        """The angular frequency of each of the d functions, 0 for the constant."""
+        return np.concatenate([[0.0], np.repeat(self.frequencies, 2)])
+
+    def coefficients(self, t: ArrayLike) -> Array:
+        """g(t), shape t.shape + (d,)."""
+        phase = np.multiply.outer(np.asarray(t, float), np.asarray(self.frequencies, float))
+        g = np.ones((*np.shape(t), self.size))
+        g[..., 1::2], g[..., 2::2] = np.sin(phase), np.cos(phase)
+        return g
+
+    def transition(self, tau: float) -> Array:
+        """T with g(t + tau) = T g(t), (d, d)."""
+        T = np.eye(self.size)
+        for i, frequency in enumerate(self.frequencies):
+            s, c = np.sin(frequency * tau), np.cos(frequency * tau)
+            k = 1 + 2 * i
+            T[k : k + 2, k : k + 2] = [[c, s], [-s, c]]
+        return T
+
+    def derivative(self) -> Array:
+        """D with g'(t) = D g(t), (d, d)."""
+        D = np.zeros((self.size, self.size))
+        for i, frequency in enumerate(self.frequencies):
+            k = 1 + 2 * i
+            D[k, k + 1], D[k + 1, k] = frequency, -frequency
+        return D
+
+    def split(self, terms: Iterable[Term], width: int) -> tuple[Array, list[Term]]:
+        """sum_k p_k f_k(t) = g(t) @ basis + sum over the rest; basis is (d, width).
+
+        A Sum is taken term by term. The rest are the terms that are neither Harmonic nor Constant.
+        """
+        basis, rest = np.zeros((self.size, width)), []
+        for vector, function in ((factor * p, f) for p, whole in terms for factor, f in parts(whole)):
+            if isinstance(function, Harmonic):
+                k = 1 + 2 * self.frequencies.index(function.frequency)
+                basis[k] += function.sine * vector
+                basis[k + 1] += function.cosine * vector
+            elif isinstance(function, Constant):
+                basis[0] += function.level * vector
+            else:
+                rest.append((vector, function))
+        return basis, rest
+
+    def offsets(self, system: System) -> tuple[Array, list[Term]]:
+        """The channel offsets o_c(t) as ``split``: basis (d, channels)."""
+        units = np.eye(len(system.channels))
+        terms = [(units[c], o) for c, (_, o) in enumerate(system.channels) if o is not None]
+        return self.split(terms, len(system.channels))
+
+    def recorded(self, rest: Iterable[Term], width: int) -> Array:
+        """The rest of ``split`` as amplitudes of the records, (R, width). Raises InputError for a term that is none."""
+        amplitudes = np.zeros((len(self.records), width))
+        for vector, function in rest:
+            if not isinstance(function, Sampled):
+                rule, remedy = "be made of Harmonic, Constant and Sampled for a closed form", "use method='cvode'"
+                raise InputError("time function", function, rule, remedy)
+            amplitudes[self.records.index(function)] += vector
+        return amplitudes
+
+    @cached_property
+    def edges(self) -> Array:
+        """The times of all samples, in order: between two of them every record is a polynomial."""
+        return np.unique(np.concatenate([np.zeros(0), *(record.t for record in self.records)]))
+
+    def next_edge(self, t: float, t_end: float) -> float:
+        """The first edge after t, or ``t_end`` where that comes before."""
+        k = int(np.searchsorted(self.edges, t, side="right"))
+        return min(float(self.edges[k]), t_end) if k < len(self.edges) else t_end
+
+    @cached_property
+    def order(self) -> int:
+        """P, the number of coefficients of a record between two edges."""
+        return 1 + max((record.degree for record in self.records), default=-1)
+
+    @cached_property
+    def _table(self) -> Array:
+        """(edges, R, P): ``polynomials`` at the edges."""
+        inside = [np.clip(self.edges, r.t[0], r.t[-1]) for r in self.records]  # where a record has ended none is asked
+        return np.stack([r.taylor(t)[:, : self.order] for r, t in zip(self.records, inside, strict=True)], axis=1)
+
+    def polynomials(self, t: ArrayLike) -> Array:
+        """(..., R, P): coefficient k of s^k in every record at t + s, up to the next edge; t within the samples."""
+        if not self.records:
+            return np.zeros((*np.shape(t), 0, 0))
+        k = np.clip(np.searchsorted(self.edges, t, side="right") - 1, 0, len(self.edges) - 2)
+        return moved(self._table[k], np.asarray(t - self.edges[k])[..., None])
+
+    def offset(self, system: System, channel: int) -> Callable[[Array], tuple[Array, Array]]:
+        """t -> (o(t), o'(t)) of a channel whose offset is in closed form."""
+        basis, rest = self.offsets(system)
+        column, recorded = basis[:, channel], self.recorded(rest, basis.shape[1])[:, channel]
+        still, known = not np.any(column), not np.any(recorded)
+
+        def values(t: Array) -> tuple[Array, Array]:
+            o, rate = np.zeros(np.shape(t)), np.zeros(np.shape(t))
+            if not still:
+                g = self.coefficients(t)
+                o, rate = g @ column, g @ self.derivative().T @ column
+            if not known:
+                c = np.einsum("r,...rk->...k", recorded, self.polynomials(t))
+                o, rate = o + c[..., 0], rate + (c[..., 1] if self.order > 1 else 0.0)
+            return o, rate
+
+        return values

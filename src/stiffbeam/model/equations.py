@@ -1,0 +1,272 @@
+"""The linear part of a system as a scheme sees it: "apply K" and "solve M + a C + b K".
+
+A scheme's state is an array z of shape (components, ..., n); its first ``order`` rows are the
+first-order variable y: y = (q, q') for a second-order equation, y = (y,) for a first-order one.
+Arrays may carry batch axes in the middle, so that many unit states are stepped at once. Each equation offers
+
+    rate(y, f) = A y + B f,   implicit_rate(c, r, f) = k with k = A (r + c k) + B f,   velocity(y), of the positions
+
+to schemes that read it as y' = A y + B f, and one of second order its matrices to those that do not.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import scipy.linalg
+
+from ..basics.arrays import Array
+from ..basics.validation import InputError
+
+
+class Equation:
+    """What a scheme may ask of the equation it steps; ``order`` 1 or 2.
+
+    Schemes that do not read it as y' = A y + B f ask a second-order equation for its matrices.
+    """
+
+    order: int
+
+    def velocity(self, y: Array) -> Array:
+        """The rate of the positions y[0]."""
+        raise NotImplementedError
+
+    def rate(self, y: Array, force: Array) -> Array:
+        """y' = A y + B f."""
+        raise NotImplementedError
+
+    def implicit_rate(self, c: float, r: Array, force: Array) -> Array:
+        """k with k = A (r + c k) + B f."""
+        raise NotImplementedError
+
+    def flow(self, t: float, y: Array, force0: Array, force1: Array) -> Array:
+        """y after the time t under a force that goes linearly from force0 to force1, exactly."""
+        raise NotImplementedError
+
+    def recursion(self, t: float) -> tuple[Array, Array]:
+        """b and phi of q(t) - A q(0) + b q(-t) = phi t^2 f, exact mode by mode under a constant load f."""
+        raise NotImplementedError
+
+    def backward(self, t: float, y: Array, force: Array) -> Array:
+        """The exact q(-t) under a constant load, mode by mode."""
+        raise NotImplementedError
+
+    def mass(self, x: Array) -> Array:
+        """M x."""
+        raise NotImplementedError
+
+    def damping(self, x: Array) -> Array:
+        """C x."""
+        raise NotImplementedError
+
+    def stiffness(self, x: Array) -> Array:
+        """K x."""
+        raise NotImplementedError
+
+    def solve(self, a: float, b: float, x: Array) -> Array:
+        """(M + a C + b K)^-1 x."""
+        raise NotImplementedError
+
+    def net_force(self, y: Array, force: Array) -> Array:
+        """f - C q' - K q."""
+        return force - self.damping(y[1]) - self.stiffness(y[0])
+
+    def acceleration(self, y: Array, force: Array) -> Array:
+        """q'' = M^-1 (f - C q' - K q)."""
+        return self.solve(0.0, 0.0, self.net_force(y, force))
+
+
+class SecondOrder(Equation):
+    """M q'' + C q' + K q = f. Subclasses give mass, damping, stiffness and solve."""
+
+    order = 2
+
+    def velocity(self, y: Array) -> Array:
+        return y[1]
+
+    def rate(self, y: Array, force: Array) -> Array:
+        """(q', q'')."""
+        return np.stack([y[1], self.acceleration(y, force)])
+
+    def implicit_rate(self, c: float, r: Array, force: Array) -> Array:
+        """k = (q', q'') at y = r + c k: one solve with M + c C + c^2 K.
+
+        Solved for q'' first: (q - r_q)/c would lose eps |q|/c in the velocity.
+        """
+        ahead = np.stack([r[0] + c * r[1], r[1]])
+        acceleration = self.solve(c, c * c, self.net_force(ahead, force))
+        return np.stack([r[1] + c * acceleration, acceleration])
+
+
+class Matrices(SecondOrder):
+    """Full matrices (n, n); factorisations are kept, so a fixed step pays for one."""
+
+    def __init__(self, mass: Array, damping: Array, stiffness: Array) -> None:
+        self._mass, self._damping, self._stiffness = mass, damping, stiffness
+        self._factors: dict[tuple, Any] = {}
+
+    def mass(self, x: Array) -> Array:
+        return x @ self._mass
+
+    def damping(self, x: Array) -> Array:
+        return x @ self._damping
+
+    def stiffness(self, x: Array) -> Array:
+        return x @ self._stiffness
+
+    def solve(self, a: float, b: float, x: Array) -> Array:
+        if (a, b) not in self._factors:
+            matrix = self._mass + a * self._damping + b * self._stiffness
+            self._factors[a, b] = scipy.linalg.cho_factor(matrix)
+        flat = x.reshape(-1, x.shape[-1]).T
+        # An overflow goes on as infinity, which the march sees.
+        return scipy.linalg.cho_solve(self._factors[a, b], flat, check_finite=False).T.reshape(x.shape)
+
+    def flow(self, t: float, y: Array, force0: Array, force1: Array) -> Array:
+        if ("flow", t) not in self._factors:
+            n = len(self._mass)
+            inverse = np.linalg.inv(self._mass)
+            # Velocities in units of the fastest motion, so that the two halves are of one size.
+            fastest = np.sqrt(np.max(np.abs(inverse @ self._stiffness), initial=0.0)) or 1.0 / t
+            top = np.hstack([np.zeros((n, n)), fastest * np.eye(n)])
+            A = np.vstack([top, -np.hstack([inverse @ self._stiffness / fastest, inverse @ self._damping])])
+            B = np.vstack([np.zeros((n, n)), inverse / fastest])
+            self._factors["flow", t] = (fastest, *responses(A, B, t))
+        fastest, E, P, Q = self._factors["flow", t]
+        state = np.concatenate([y[0], y[1] / fastest], axis=-1)
+        new = state @ E.T + force0 @ P.T + (force1 - force0) @ Q.T
+        n = len(self._mass)
+        return np.stack([new[..., :n], new[..., n:] * fastest])
+
+
+class Modal(SecondOrder):
+    """Mass-normalised modes: M = I, C = diag(damping), K = diag(omega^2)."""
+
+    def __init__(self, omega: Array, damping: Array) -> None:
+        self._damping, self._stiffness = damping, omega**2
+        self._flows: dict[float, tuple[Array, ...]] = {}
+        self._recursions: dict[float, tuple[Array, Array]] = {}
+
+    def mass(self, x: Array) -> Array:
+        return x
+
+    def damping(self, x: Array) -> Array:
+        return self._damping * x
+
+    def stiffness(self, x: Array) -> Array:
+        return self._stiffness * x
+
+    def solve(self, a: float, b: float, x: Array) -> Array:
+        return x / (1.0 + a * self._damping + b * self._stiffness)
+
+    def flow(self, t: float, y: Array, force0: Array, force1: Array) -> Array:
+        if t not in self._flows:
+            self._flows[t] = oscillation(np.sqrt(self._stiffness), self._damping, t)
+        C, S, rate, V, X = self._flows[t]
+        q, v = y
+        slope = (force1 - force0) / t
+        position = C * q + S * v + V * force0 + X * slope
+        return np.stack([position, rate * v - self._stiffness * S * q + S * force0 + V * slope])
+
+    def recursion(self, t: float) -> tuple[Array, Array]:
+        """Raises InputError for a mode that is more than critically damped."""
+        if t not in self._recursions:
+            self._recursions[t] = np.exp(-self._damping * t), self._two_sided(t)
+        return self._recursions[t]
+
+    def backward(self, t: float, y: Array, force: Array) -> Array:
+        C, S, _, V, _ = oscillation(np.sqrt(self._stiffness), -self._damping, t)
+        return C * y[0] - S * y[1] + V * force
+
+    def _two_sided(self, t: float) -> Array:
+        omega, c = np.sqrt(self._stiffness), self._damping
+        if np.any((c > 2.0 * omega) & ((omega * t >= 0.5) | (c * t >= 0.5))):
+            remedy = "use a smaller dt, or stiffbeam.MoreauJean()"
+            raise InputError("damping", float(np.max(c)), "be less than critical in every mode", remedy)
+        ahead, back = (oscillation(omega, sign * c, t)[3] for sign in (1.0, -1.0))
+        return (ahead + np.exp(-c * t) * back) / (t * t)
+
+
+class FirstOrder(Equation):
+    """y' = A y + f with a full matrix A (n, n); the rows of z are one y each."""
+
+    order = 1
+
+    def __init__(self, matrix: Array) -> None:
+        self._matrix = matrix
+        self._flows: dict[float, tuple[Array, Array, Array]] = {}
+        self._factors: dict[float, object] = {}
+
+    def velocity(self, y: Array) -> Array:
+        return y[0] @ self._matrix.T
+
+    def rate(self, y: Array, force: Array) -> Array:
+        return y @ self._matrix.T + force
+
+    def flow(self, t: float, y: Array, force0: Array, force1: Array) -> Array:
+        """As that of SecondOrder."""
+        if t not in self._flows:
+            self._flows[t] = responses(self._matrix, np.eye(len(self._matrix)), t)
+        E, P, Q = self._flows[t]
+        return y @ E.T + force0 @ P.T + (force1 - force0) @ Q.T
+
+    def implicit_rate(self, c: float, r: Array, force: Array) -> Array:
+        if c not in self._factors:
+            self._factors[c] = scipy.linalg.lu_factor(np.eye(len(self._matrix)) - c * self._matrix)
+        right = self.rate(r, force)
+        flat = right.reshape(-1, right.shape[-1]).T
+        return scipy.linalg.lu_solve(self._factors[c], flat, check_finite=False).T.reshape(right.shape)
+
+
+def responses(A: Array, B: Array, t: float) -> tuple[Array, Array, Array]:
+    """(e^{At}, t phi_1(At) B, t phi_2(At) B): what a state, a force and its change over t do to y' = A y + B f."""
+    m, k = B.shape
+    whole = np.zeros((m + 2 * k, m + 2 * k))
+    whole[:m, :m], whole[:m, m : m + k], whole[m : m + k, m + k :] = A * t, B * t, np.eye(k)
+    found = scipy.linalg.expm(whole)
+    return found[:m, :m], found[:m, m : m + k], found[:m, m + k :]
+
+
+def oscillation(omega: Array, damping: Array, t: float) -> tuple[Array, ...]:
+    """C, S, S', V, X at t of x'' + c x' + omega^2 x = f: x = C from x(0) = 1, x = S from x'(0) = 1, and from rest
+    x = V for f = 1, x = X for f = time.
+
+    C = 1 - omega^2 V, S = V' = X'', S' = 1 - c S - omega^2 V. By cosine and sine, or where there is little of both
+    in t by the power series.
+    """
+    c, sigma = damping, 0.5 * damping
+    few = (omega * t < 0.5) & (c * t < 0.5)
+    S, V, X = (np.zeros_like(omega) for _ in range(3))
+    term, before = np.full_like(omega, 0.5 * t * t), np.zeros_like(omega)  # of V: t^k/k! times its derivatives
+    with np.errstate(over="ignore", invalid="ignore"):
+        for k in range(2, 26):
+            S, V, X = S + term * k / t, V + term, X + term * t / (k + 1)
+            term, before = -(c * t * term + (omega * t) ** 2 * before / k) / (k + 1), term
+    root = sigma**2 - omega**2
+    wide = np.sqrt(np.abs(root)) * t
+    decay = np.exp(-sigma * t)
+    safe = np.where(wide > 0.0, wide, 1.0)
+    slow = np.exp(-(omega**2) * t / np.where(sigma > 0.0, sigma + np.sqrt(np.maximum(root, 0.0)), 1.0))
+    fast = np.exp(-(sigma + np.sqrt(np.maximum(root, 0.0))) * t)
+    with np.errstate(over="ignore", invalid="ignore"):
+        sinc = np.where(root < 0.0, np.sin(wide) / safe, np.where(wide < 1.0, np.sinh(wide) / safe, 0.0))
+        sinc = np.where(wide > 0.0, sinc, 1.0)
+        over = (root >= 0.0) & (wide >= 1.0)
+        S_wide = np.where(over, t * (slow - fast) / (2.0 * safe), decay * t * sinc)
+        even = np.where(
+            over, 0.5 * (slow + fast), decay * np.where(root < 0.0, np.cos(wide), np.cosh(np.minimum(wide, 1.0)))
+        )
+        less = np.where(
+            (c == 0.0), 2.0 * np.sin(0.5 * wide) ** 2, 1.0 - even - sigma * S_wide
+        )  # 1 - C, C = even + sigma S
+        squares = np.where(omega > 0.0, omega**2, 1.0)
+        V_wide = less / squares
+        X_wide = (t - S_wide - c * V_wide) / squares
+    S, V, X = (np.where(few, a, b) for a, b in ((S, S_wide), (V, V_wide), (X, X_wide)))
+    C = np.where(few, 1.0 - omega**2 * V, even + sigma * S)
+    rate = np.where(few, 1.0 - c * S - omega**2 * V, even - sigma * S)
+    for j in np.flatnonzero((omega * t < 0.5) & ~few):  # slow and much damped: 1 - C would cancel
+        E, P, Q = responses(np.array([[0.0, 1.0], [-(omega[j] ** 2), -c[j]]]), np.array([[0.0], [1.0]]), t)
+        C[j], S[j], rate[j], V[j], X[j] = E[0, 0], E[0, 1], E[1, 1], P[0, 0], Q[0, 0] * t
+    return C, S, rate, V, X

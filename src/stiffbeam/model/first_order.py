@@ -1,0 +1,167 @@
+"""The semi-discrete system as the adaptive solvers and the first-order schemes see it: y' = A y + ..."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..basics.arrays import Array, read_only, same
+from .contact import Contact
+from .time_functions import LoadFunction, evaluate, offset_rate, offset_values
+
+if TYPE_CHECKING:
+    from .system import System
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class FirstOrderContact:
+    """The contact of a first-order system: the force column * F(row @ y + offset(t))."""
+
+    row: Array
+    column: Array
+    contact: Contact
+
+    def __post_init__(self) -> None:
+        _freeze(self, "row", "column")
+
+    def __setstate__(self, state: dict) -> None:
+        self.__dict__.update(state)
+        self.__post_init__()
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class FirstOrderSystem:
+    """y' = A y + sum_k b_k f_k(t) + sum_c column_c F_c(row_c y + o_c(t)),  m unknowns.
+
+    matrix: A, (m, m). loads: pairs (b_k, f_k). observe: the row of ``tip`` in y. y0: (m,).
+    to_q, to_v: (n, m), q = to_q y and q' = to_v y of the ``system`` it was made from.
+    """
+
+    matrix: Array
+    loads: tuple[tuple[Array, LoadFunction], ...]
+    contacts: tuple[FirstOrderContact, ...]
+    observe: Array | None
+    y0: Array
+    to_q: Array
+    to_v: Array
+    system: System
+
+    def __post_init__(self) -> None:
+        _freeze(self, "matrix", "observe", "y0", "to_q", "to_v")
+        object.__setattr__(self, "loads", tuple((read_only(vector), f) for vector, f in self.loads))
+
+    def __setstate__(self, state: dict) -> None:
+        self.__dict__.update(state)
+        self.__post_init__()  # a pickled array can be written to again
+
+    def __repr__(self) -> str:
+        return f"<FirstOrderSystem of {self.system!r}>"
+
+    def is_of_its_system(self) -> bool:
+        """Whether it is, number by number, the first-order form of ``system``: a changed one is not."""
+        own = self.system.first_order()
+        arrays = [(getattr(self, x), getattr(own, x)) for x in ("matrix", "observe", "y0", "to_q", "to_v")]
+        if len(self.loads) != len(own.loads) or len(self.contacts) != len(own.contacts):
+            return False
+        arrays += [(a, b) for (a, _), (b, _) in zip(self.loads, own.loads, strict=True)]
+        arrays += [(getattr(a, x), getattr(b, x)) for a, b in zip(self.contacts, own.contacts, strict=True)
+                   for x in ("row", "column")]  # fmt: skip
+        functions = [(f, g) for (_, f), (_, g) in zip(self.loads, own.loads, strict=True)]
+        functions += [(a.contact, b.contact) for a, b in zip(self.contacts, own.contacts, strict=True)]
+        return all(same(a, b) for a, b in arrays) and all(f is g or f == g for f, g in functions)
+
+    def rhs(self, t: float, y: Array) -> Array:
+        """f(t, y) of shape (m,)."""
+        rate = self.matrix @ y
+        for vector, function in self.loads:
+            rate = rate + vector * evaluate(function, t)
+        for c in self.contacts:
+            rate = rate + c.column * c.contact.stops.force(*self.contact_motion(c, t, y))
+        return rate
+
+    def velocity_row(self, contact: FirstOrderContact) -> Array:
+        """(m,): the velocity of a contact point is velocity_row @ y + o'(t)."""
+        return self.to_v.T @ contact.contact.row
+
+    def contact_motion(self, contact: FirstOrderContact, t: float, y: Array) -> tuple[float, float]:
+        """Position and velocity of a contact point against its stops."""
+        offset = contact.contact.offset
+        position = contact.row @ y + offset_values(offset, t)
+        return float(position), float(self.velocity_row(contact) @ y + offset_rate(offset, t))
+
+    def jacobian(self, t: float, y: Array) -> Array:
+        """df/dy of shape (m, m); the one-sided value on the kink of a contact."""
+        jacobian = self.matrix.copy()
+        for c in self.contacts:
+            slope, to_rate = c.contact.stops.tangent(*self.contact_motion(c, t, y))
+            jacobian -= slope * np.outer(c.column, c.row)
+            if to_rate:
+                jacobian -= to_rate * np.outer(c.column, self.velocity_row(c))
+        return jacobian
+
+    @cached_property
+    def bandwidths(self) -> tuple[int, int]:
+        """(lower, upper) bandwidth of the Jacobian."""
+        pattern = self.matrix != 0.0
+        for c in self.contacts:
+            pattern = pattern | (np.outer(c.column, c.row) != 0.0)
+            if c.contact.stops.dissipative:
+                pattern = pattern | (np.outer(c.column, self.velocity_row(c)) != 0.0)
+        i, j = np.nonzero(pattern)
+        return int(max(0, np.max(i - j))), int(max(0, np.max(j - i)))
+
+
+def _freeze(owner: object, *names: str) -> None:
+    """Read-only copies of these arrays."""
+    for name in names:
+        values = getattr(owner, name)
+        object.__setattr__(owner, name, None if values is None else read_only(values))
+
+
+def interleaved(system: System, inverse: Callable[[Array], Array] | None = None) -> FirstOrderSystem:
+    """y = (q_1, q_1', ..., q_n, q_n'), the order of (3.5); ``inverse`` stands for M^-1."""
+    n = system.size
+    q, v = slice(0, 2 * n, 2), slice(1, 2 * n, 2)
+    divide = inverse or _inverse_mass(system.mass)
+
+    def column(vector: Array) -> Array:
+        out = np.zeros(2 * n)
+        out[v] = divide(vector)
+        return out
+
+    def row(vector: Array) -> Array:
+        out = np.zeros(2 * n)
+        out[q] = vector
+        return out
+
+    matrix = np.zeros((2 * n, 2 * n))
+    matrix[q, v] = np.eye(n)
+    matrix[v, q] = -divide(system.stiffness)
+    matrix[v, v] = -divide(system.damping)
+    matrix += 0.0  # no signed zeros in the Jacobian
+    y0 = np.zeros(2 * n)
+    y0[q], y0[v] = system.q0, system.v0
+    to_q, to_v = np.zeros((n, 2 * n)), np.zeros((n, 2 * n))
+    to_q[:, q], to_v[:, v] = np.eye(n), np.eye(n)
+    return FirstOrderSystem(
+        matrix=matrix,
+        loads=tuple((column(p), f) for p, f in system.loads),
+        contacts=tuple(FirstOrderContact(row=row(c.row), column=column(c.row), contact=c) for c in system.contacts),
+        observe=None if system.observe is None else row(system.observe),
+        y0=y0,
+        to_q=to_q,
+        to_v=to_v,
+        system=system,
+    )
+
+
+def _inverse_mass(mass: Array) -> Callable[[Array], Array]:
+    diagonal = np.diag(mass)
+    if not np.any(mass - np.diag(diagonal)):
+        return lambda x: (x.T / diagonal).T
+    inverse = np.linalg.inv(mass)
+    return lambda x: inverse @ x

@@ -1,0 +1,80 @@
+"""What is asked of the matrices and vectors of a system before it is one."""
+
+from __future__ import annotations
+
+from typing import Any
+from weakref import WeakValueDictionary
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..basics.arrays import Array, is_read_only, read_only
+from ..basics.budget import afford
+from ..basics.validation import InputError, numbers
+
+_DEFINITE: WeakValueDictionary[tuple[str, int], Array] = WeakValueDictionary()  # read-only matrices once looked at
+
+
+def symmetric_matrix(name: str, matrix: Any, n: int | None = None) -> Array:
+    if isinstance(matrix, np.ndarray) and _DEFINITE.get((name, id(matrix))) is matrix and n in (None, len(matrix)):
+        return matrix
+    remedy = "give a list of rows, a NumPy array or a SciPy sparse matrix"
+    if isinstance(matrix, np.ndarray) and is_read_only(matrix):
+        dense = matrix
+    else:
+        dense = read_only(numbers(name, _dense(name, matrix), "be a matrix of finite numbers", remedy))
+    if dense.ndim != 2 or dense.shape[0] != dense.shape[1] or (n is not None and len(dense) != n) or not dense.size:
+        rule = "be a square matrix" if n is None else f"have shape ({n}, {n})"
+        raise InputError(name, f"shape {dense.shape}", rule, "one row and one column per unknown")
+    if not np.all(np.isfinite(dense)):
+        raise InputError(name, "an entry that is not finite", "be finite", "look at what it was computed from")
+    if np.array_equal(dense, dense.T):
+        return dense
+    if np.max(np.abs(dense - dense.T), initial=0.0) > 1e-12 * np.max(np.abs(dense), initial=0.0):
+        raise InputError(name, "an unsymmetric matrix", "be symmetric to 1e-12", "gyroscopic terms have no place")
+    return read_only(0.5 * (dense + dense.T))
+
+
+def _dense(name: str, matrix: Any) -> Any:
+    """A SciPy sparse matrix in full."""
+    if not hasattr(matrix, "toarray") or isinstance(matrix, type):
+        return matrix
+    afford(name, f"shape {matrix.shape}", "condense the model", floats=float(np.prod(matrix.shape, dtype=float)))
+    return matrix.toarray()
+
+
+def definite_matrix(name: str, matrix: Array) -> Array:
+    """The matrix once it is known to be positive semidefinite, the mass positive definite; looked at once."""
+    if _DEFINITE.get((name, id(matrix))) is matrix:
+        return matrix
+    diagonal = np.diag(matrix)
+    if np.count_nonzero(matrix) == np.count_nonzero(diagonal):
+        spectrum = np.sort(diagonal)
+    else:
+        spectrum = np.linalg.eigvalsh(matrix)
+    if name == "mass" and not _factorises(matrix, spectrum):
+        remedy = "condense unknowns without mass out of the model first"
+        raise InputError(name, f"least eigenvalue {spectrum[0]:.3g}", "be positive definite", remedy)
+    if spectrum[0] < -1e-10 * max(abs(spectrum[-1]), 1e-300):
+        remedy = "look at its signs"
+        raise InputError(name, f"least eigenvalue {spectrum[0]:.3g}", "be positive semidefinite", remedy)
+    _DEFINITE[name, id(matrix)] = matrix
+    return matrix
+
+
+def _factorises(matrix: Array, spectrum: Array) -> bool:
+    if spectrum[-1] <= 0.0:
+        return False
+    try:
+        np.linalg.cholesky(matrix)
+    except np.linalg.LinAlgError:
+        return False
+    return True
+
+
+def finite_vector(name: str, vector: ArrayLike, n: int) -> Array:
+    given = vector if isinstance(vector, np.ndarray) and is_read_only(vector) else numbers(name, vector)
+    array = read_only(given if given.ndim == 1 else given.ravel())
+    if array.shape != (n,):
+        raise InputError(name, array, f"be {n} finite numbers", "one per unknown")
+    return array

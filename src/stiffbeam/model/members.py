@@ -1,0 +1,250 @@
+"""The members of an ensemble: systems with one linear part and small or planned differences."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..basics.arrays import same
+from ..basics.budget import afford
+from ..basics.validation import InputError, integer, itself, non_negative, number, numbers, positive, sequence
+from .contact import Stops
+from .modes import undamped_modes
+from .sampled import Sampled
+from .semidiscretisation import semidiscretise
+from .system import System, require_system
+from .time_functions import Constant, Harmonic, LoadFunction, Sum, parts, parts_of
+
+DIFFERENT = ("loads", "contacts", "q0", "v0", "origin")  # what members may differ in
+
+
+@dataclass(frozen=True, eq=False)
+class Members(Sequence[System]):
+    """Systems that share mass, damping, stiffness and contact rows with ``system``.
+
+    ``parameter`` says what differs and ``values`` holds its value for each member. ``fields``: for each of
+    loads, contacts, q0, v0 and origin that differs, one value per member; ``members[i]`` is made on demand.
+    Raises InputError for any other field, and for contacts elsewhere than the system's.
+    """
+
+    system: System
+    parameter: str
+    values: Any
+    fields: Mapping[str, Sequence[Any]]
+
+    def __post_init__(self) -> None:
+        require_system(self.system)
+        if not isinstance(self.parameter, str) or not isinstance(self.fields, Mapping):
+            rule = "be a name, and its fields a dictionary"
+            remedy = "make them with perturbed or varied"
+            raise InputError("members.parameter", (self.parameter, self.fields), rule, remedy)
+        sequence("members.values", self.values, "be one value per member")
+        for name, values in self.fields.items():
+            if name not in DIFFERENT:
+                raise InputError("members", name, f"differ in {', '.join(DIFFERENT)} only", "integrate them one by one")
+            if len(sequence(f"members.fields[{name!r}]", values, "be one value per member")) != len(self.values):
+                raise InputError("members", len(values), f"have one of {name} per value, {len(self.values)}")
+        for contacts in self.fields.get("contacts", ()):
+            own = self.system.contacts
+            if len(contacts) != len(own) or not all(same(a.row, b.row) for a, b in zip(contacts, own, strict=True)):
+                raise InputError("members", "contacts on other rows", "share contact rows with the system")
+
+    def __repr__(self) -> str:
+        return f"<Members: {len(self)} of {self.system!r}, {self.parameter}>"
+
+    def __len__(self) -> int:
+        return len(self.values)
+
+    def __getitem__(self, i: Any) -> Any:
+        """The system of member i, or those of a slice as Members."""
+        if isinstance(i, slice):
+            fields = {name: values[i] for name, values in self.fields.items()}
+            return Members(self.system, self.parameter, self.values[i], fields)
+        if not -len(self) <= i < len(self):
+            raise IndexError(i)
+        return replace(self.system, **{name: values[i] for name, values in self.fields.items()})
+
+    def __iter__(self) -> Iterator[System]:
+        return (self[i] for i in range(len(self)))
+
+
+def as_members(system: System, members: Members | Sequence[System]) -> Members:
+    """``members`` checked against ``system``: at least one, and one linear part."""
+    require_system(system)
+    if not isinstance(members, Members):
+        rule, remedy = "be Members or a list of systems", "make them with perturbed or varied"
+        given = sequence("members", members, rule, remedy)
+        for member in given:
+            require_system(member, "members")
+            shared = [(getattr(system, x), getattr(member, x)) for x in ("mass", "damping", "stiffness")]
+            shared += [(a, b) for (a, _), (b, _) in zip(system.channels, member.channels, strict=False)]
+            alike = len(system.channels) == len(member.channels) and len(system.contacts) == len(member.contacts)
+            if not alike or not all(np.array_equal(a, b) for a, b in shared):
+                raise InputError("members", member.form, "share matrices and contact rows with the system")
+            if _callables(member.loads, member.contacts) != _callables(system.loads, system.contacts):
+                rule = "share every callable load and offset with the system"
+                raise InputError("members", member.form, rule, "integrate such systems one by one")
+        fields = {name: [getattr(member, name) for member in given] for name in DIFFERENT}
+        members = Members(system, "systems", np.arange(len(given)), fields)
+    elif members.system.fingerprint != system.fingerprint:
+        raise InputError("members", members.parameter, "be made from the system that is integrated")
+    if not len(members):
+        raise InputError("members", 0, "be at least one")
+    return members
+
+
+def _terms(loads: Any, contacts: Any) -> list[tuple[int, LoadFunction, bytes]]:
+    """The functions of loads and offsets that are neither Harmonic nor Constant, with place and vector."""
+    terms = [*((f, vector.tobytes()) for vector, f in loads), *((contact.offset, b"") for contact in contacts)]
+    pieces = [(i, part, vector) for i, (f, vector) in enumerate(terms) for part in parts_of(f)]
+    return [(i, f, vector) for i, f, vector in pieces if not isinstance(f, (Harmonic, Constant))]
+
+
+def _callables(loads: Any, contacts: Any) -> list[tuple]:
+    return [(i, id(f), vector) for i, f, vector in _terms(loads, contacts) if not isinstance(f, Sampled)]
+
+
+def have_own_records(members: Members) -> bool:
+    """Whether a member's functions of time differ from the system's in more than harmonics and constants: then each
+    member is marched with loads of its own."""
+    own = members.system
+    shared = _terms(own.loads, own.contacts)
+    loads = members.fields.get("loads", [own.loads])
+    contacts = members.fields.get("contacts", [own.contacts])
+    return any(_terms(x, own.contacts) != shared for x in loads) or any(
+        _terms(own.loads, x) != shared for x in contacts
+    )
+
+
+def perturbed(system: System, members: int, size: float = 1e-12, seed: int = 1, scale: float | None = None) -> Members:
+    """``members`` copies of ``system`` whose initial data differ by ``size`` of the motion's own scale.
+
+        omega_j eta_j and eta_j' of every mode j each change by size V r, r uniform in [-1, 1],
+
+    in undamped modal coordinates with unit mass, eta = shapes^T M q, and omega_1 in place of a smaller
+    omega_j. V is the motion's scale, a modal velocity: the largest over the modes of hypot(omega_j
+    eta_j, eta_j') at the start, and of the speed that a load can give a mode within a radian, sum_k
+    |shapes_j . p_k| amplitude_k / max(omega_j, frequency_k). So a system that starts at rest at zero is
+    perturbed in proportion to what drives it. ``scale`` sets V; it has to where time functions are
+    callables and the start is at rest at zero. Reproducible from ``seed``; members k are the first k of
+    any larger ensemble.
+    """
+    require_system(system)
+    integer("members", members, 1)
+    integer("seed", seed, 0)
+    non_negative("size", size)
+    afford("members", members, "take fewer", floats=6.0 * members * (system.size + 20))  # a vector is an object
+    basis = undamped_modes(system)
+    omega = basis.omega
+    if scale is None:
+        speeds = np.hypot(omega * basis.to_modal(system.q0), basis.to_modal(system.v0))
+        driven = np.zeros(len(omega))
+        for vector, function in system.loads:
+            amplitude, frequency = _amplitude(function)
+            if amplitude:
+                driven += np.abs(basis.force(vector)) * amplitude / np.maximum(omega, max(frequency, 1e-300))
+        scale = float(max(np.max(speeds), np.max(driven)))
+        if not 0.0 < scale < np.inf:
+            raise InputError("scale", scale, "be known for a system at rest", "pass scale=, a modal velocity")
+    positive("scale", scale)
+    noise = np.array([np.random.default_rng([seed, i]).uniform(-1.0, 1.0, (2, len(omega))) for i in range(members)])
+    eta = noise[:, 0] / np.maximum(omega, omega[omega > 0.0][0] if np.any(omega) else 1.0)
+    q0 = [system.q0 + size * scale * basis.to_nodal(x) for x in eta]
+    v0 = [system.v0 + size * scale * basis.to_nodal(x) for x in noise[:, 1]]
+    return Members(system, "initial data", np.arange(members), {"q0": q0, "v0": v0})
+
+
+def varied(
+    system: System,
+    *,
+    frequency: ArrayLike | None = None,
+    amplitude: ArrayLike | None = None,
+    stops: Sequence[Stops | Sequence[Stops]] | None = None,
+) -> Members:
+    """One member per value of one parameter.
+
+    frequency, amplitude: of the drive, which is the base motion of a beam that has one, else every
+    Harmonic among the loads; they must be one and the same then. stops: the Stops of each member, with
+    several contacts a sequence of one per contact. Raises InputError.
+    """
+    require_system(system)
+    given = {"frequency": frequency, "amplitude": amplitude, "stops": stops}
+    chosen = [name for name, value in given.items() if value is not None]
+    if len(chosen) != 1:
+        raise InputError("varied", chosen, f"be given exactly one of {sorted(given)}")
+    if stops is not None:
+        return _with_stops(system, stops)
+    name = chosen[0]
+    values = np.atleast_1d(numbers(name, given[name])).ravel()
+    if not len(values):
+        raise InputError(name, given[name], "name at least one member")
+    for value in values:
+        (positive if name == "frequency" else number)(name, float(value))
+    drive = _drive(system, name)
+    size, cost = len(values), 2e-4 + 1e-7 * system.size**2  # every member is made here
+    afford(name, f"{size} values", "take fewer", floats=20.0 * size * (system.size + 20), seconds=size * cost)
+    if system.problem is not None and not (system.origin and system.origin.starts(system)):
+        remedy = "give the beam its initial data in the problem, or build the systems one by one"
+        raise InputError(name, "a beam with other initial data", "be varied with those of its problem", remedy)
+    made = [_driven(system, replace(drive, **{name: float(value)}), drive) for value in values]
+    return Members(system, name, values, {field: [getattr(member, field) for member in made] for field in DIFFERENT})
+
+
+def _with_stops(system: System, stops: Sequence[Stops | Sequence[Stops]]) -> Members:
+    contacts = []
+    for entry in sequence("stops", stops, "be the Stops of each member"):
+        each: list[Any] = list(entry) if isinstance(entry, (tuple, list)) else [entry]
+        if len(each) != len(system.contacts):
+            raise InputError("stops", entry, f"be {len(system.contacts)} Stops, one per contact")
+        for stop in each:
+            itself("stops", stop, Stops)
+        pairs = zip(system.contacts, each, strict=True)
+        contacts.append(tuple(replace(contact, stops=stop) for contact, stop in pairs))
+    if not contacts:
+        raise InputError("stops", stops, "name at least one member")
+    return Members(system, "stops", list(stops), {"contacts": contacts})
+
+
+def _drive(system: System, name: str) -> Harmonic:
+    """The one Harmonic that drives the system."""
+    base = system.problem.base if system.problem is not None else None
+    if base is not None:
+        functions: list[LoadFunction] = [base]
+    elif system.problem is not None:
+        functions = [load.time for load in system.problem.loads]
+    else:
+        functions = [function for _, function in system.loads]
+    harmonic = {function for function in functions if isinstance(function, Harmonic)}
+    if len(harmonic) != 1:
+        raise InputError(name, len(harmonic), "vary exactly one Harmonic drive", "build the systems one by one")
+    return harmonic.pop()
+
+
+def _driven(system: System, new: Harmonic, old: Harmonic) -> System:
+    """``system`` with one drive for another, its matrices kept."""
+    problem = system.problem
+    if problem is None:
+        loads = tuple((vector, new if function == old else function) for vector, function in system.loads)
+        return replace(system, loads=loads)
+    if problem.base is not None:
+        problem = replace(problem, base=new)
+    else:
+        loads = tuple(replace(load, time=new) if load.time == old else load for load in problem.loads)
+        problem = replace(problem, loads=loads)
+    return semidiscretise(problem, system.cells or system.size, system.form)
+
+
+def _amplitude(function: LoadFunction) -> tuple[float, float]:
+    """Largest value and least angular frequency; (0, 0) where they are not known."""
+    if isinstance(function, Sum):
+        known = [(abs(factor), *_amplitude(f)) for factor, f in parts(function)]
+        return sum(factor * amplitude for factor, amplitude, _ in known), min(frequency for *_, frequency in known)
+    if isinstance(function, Sampled):
+        return float(np.max(np.abs(function.value(function.t)))), 0.0
+    if isinstance(function, Harmonic):
+        return abs(function.amplitude), function.frequency
+    return (abs(function.level), 0.0) if isinstance(function, Constant) else (0.0, 0.0)

@@ -1,0 +1,97 @@
+"""System -> modes: coordinates in which the linear part decouples."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from weakref import WeakKeyDictionary
+
+import numpy as np
+import scipy.linalg
+
+from ..basics.arrays import Array
+from ..basics.validation import InputError
+from .equations import Modal
+from .graded import graded_eigenpairs
+from .system import System
+
+
+@dataclass(frozen=True, eq=False)
+class Modes:
+    """q = shapes @ eta,  eta_j'' + damping_j eta_j' + omega_j^2 eta_j = shapes_j . f.
+
+    omega: (n,) ascending angular frequencies. shapes: (n, n), shapes^T M shapes = I. damping: (n,).
+    """
+
+    omega: Array
+    shapes: Array
+    damping: Array
+    mass: Array
+
+    @property
+    def equation(self) -> Modal:
+        return Modal(self.omega, self.damping)
+
+    def to_modal(self, q: Array) -> Array:
+        """eta = shapes^T M q; q of shape (..., n)."""
+        return q @ (self.mass @ self.shapes)
+
+    def to_nodal(self, eta: Array) -> Array:
+        """q = shapes eta; eta of shape (..., n)."""
+        return eta @ self.shapes.T
+
+    def force(self, vector: Array) -> Array:
+        """shapes^T f, of a load vector or a contact row (..., n)."""
+        return vector @ self.shapes
+
+
+def undamped_modes(system: System) -> Modes:
+    """The modes of ``system`` without its damping, which always decouple."""
+    found = modes(replace(system, damping=np.zeros_like(system.damping)))
+    assert found is not None
+    return found
+
+
+def modes(system: System, springs: tuple[tuple[Array, float], ...] = ()) -> Modes | None:
+    """The modes of ``system`` with extra springs (row, stiffness), or None if damping couples them.
+
+    With the mass M = R^T R and the factor K = G^T G, omega are the singular values of G R^-1, a spring
+    (row, kappa) being one more row sqrt(kappa) row of G: the error is eps w_max in each omega. Without
+    a factor they are the roots of eigenvalues, eps omega in each (``graded_eigenpairs``). Those of a system, which
+    cannot change, are found once.
+    """
+    if springs:
+        return _modes(system, springs)
+    if system not in _FOUND:
+        _FOUND[system] = _modes(system)
+    return _FOUND[system]
+
+
+_FOUND: WeakKeyDictionary[System, Modes | None] = WeakKeyDictionary()
+
+
+def _modes(system: System, springs: tuple[tuple[Array, float], ...] = ()) -> Modes | None:
+    upper = scipy.linalg.cholesky(system.mass)  # R
+    if system.stiffness_factor is not None:
+        factor = np.vstack([system.stiffness_factor, *(np.sqrt(kappa) * row for row, kappa in springs)])
+        scaled = scipy.linalg.solve_triangular(upper, factor.T, trans=1).T
+        _, omega, vectors = scipy.linalg.svd(scaled, full_matrices=False)
+        omega, shapes = omega[::-1], scipy.linalg.solve_triangular(upper, vectors[::-1].T)
+        rigid = len(omega) - np.count_nonzero(np.any(factor, axis=1))  # as many motions strain nothing
+        omega = np.where(np.arange(len(omega)) < rigid, 0.0, omega)
+    else:
+        stiffness = system.stiffness + sum(kappa * np.outer(row, row) for row, kappa in springs)
+        scaled = scipy.linalg.solve_triangular(upper, stiffness, trans=1)
+        scaled = scipy.linalg.solve_triangular(upper, scaled.T, trans=1)
+        squares, vectors = scipy.linalg.eigh(0.5 * (scaled + scaled.T))
+        if squares[0] < -1e-9 * squares[-1]:
+            raise InputError("stiffness", f"least eigenvalue {squares[0]:.3g}", "be positive semidefinite")
+        shapes = scipy.linalg.solve_triangular(upper, vectors)
+        squares, shapes = graded_eigenpairs(system.mass, system.stiffness, springs, squares, shapes)
+        omega = np.sqrt(np.maximum(squares, 0.0))
+    # One sign per shape, so that equal systems give equal modes.
+    shapes = shapes * np.where(shapes[np.argmax(np.abs(shapes), axis=0), np.arange(shapes.shape[1])] < 0, -1.0, 1.0)
+    damping = shapes.T @ system.damping @ shapes
+    diagonal = np.diag(damping).copy()
+    if np.max(np.abs(damping - np.diag(diagonal))) > 1e-9 * max(np.max(np.abs(diagonal)), 1e-300):
+        return None
+    return Modes(omega=np.ascontiguousarray(omega), shapes=shapes, damping=diagonal, mass=system.mass)

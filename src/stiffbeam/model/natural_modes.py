@@ -1,0 +1,127 @@
+"""What a system does by itself: its natural modes with damping, and where it rests under constant loads."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+
+from ..basics.arrays import Array
+from ..basics.validation import InputError, number
+from . import modes as decoupled
+from .contact import laws
+from .stage import BY_LAW, solve_stage
+from .system import System, require_system
+from .time_functions import Constant, LoadFunction, evaluate, offset_values
+
+
+@dataclass(frozen=True, eq=False)
+class NaturalModes:
+    """The free motions of a system away from its stops, slowest first.
+
+    omega: (k,) angular frequencies. shapes: (n, k), a column a mode, shape^H M shape = 1, its largest entry
+    positive. damping_ratio: (k,). Where the damping does not couple the modes (``coupled`` False), k = n and
+
+        q = shape eta,   eta'' + 2 ratio omega eta' + omega^2 eta = 0,
+
+    omega the undamped frequency; the ratio is NaN for a rigid motion, omega = 0. Where it does, a mode is
+    q = Re(shape e^(lambda t)) with (lambda^2 M + lambda C + K) shape = 0, its shape complex,
+
+        omega = |lambda|,   ratio = -Re lambda / |lambda|,
+
+    one for every pair of conjugate lambda, and one of ratio 1 for every real lambda: a motion that only decays. So
+    k > n then, if there are any. Both say the same of a single underdamped degree of freedom.
+    """
+
+    omega: Array
+    shapes: Array
+    damping_ratio: Array
+    coupled: bool
+
+    def __repr__(self) -> str:
+        lines = [f"{'':4}{'omega':>14}{'damping ratio':>16}"]
+        lines += [
+            f"{j + 1:4d}{w:14.6g}{z:16.4g}" for j, (w, z) in enumerate(zip(self.omega, self.damping_ratio, strict=True))
+        ]
+        return "\n".join(lines if len(lines) <= 21 else [*lines[:20], f"    ... {len(self.omega)} modes"])
+
+
+def modes(system: System) -> NaturalModes:
+    """The natural modes of ``system`` without contact, whatever its damping. Raises InputError for no System."""
+    require_system(system)
+    found = decoupled.modes(system)
+    if found is not None:
+        with np.errstate(invalid="ignore", divide="ignore"):
+            ratio = np.where(found.omega > 0.0, 0.5 * found.damping / found.omega, np.nan)
+        return NaturalModes(found.omega, found.shapes, ratio, coupled=False)
+    return _complex_modes(system)
+
+
+def _complex_modes(system: System) -> NaturalModes:
+    """From the eigenvalues of the first-order form in undamped modal coordinates, scaled by their frequencies."""
+    basis = decoupled.undamped_modes(system)
+    n, scale = system.size, np.where(basis.omega > 0.0, basis.omega, 1.0)
+    # z = (scale eta, eta'): entries of one size, so that the slow eigenvalues are as good as the fast ones.
+    A = np.zeros((2 * n, 2 * n))
+    A[:n, n:] = np.diag(scale)
+    A[n:, :n] = -np.diag(basis.omega**2 / scale)
+    A[n:, n:] = -basis.shapes.T @ system.damping @ basis.shapes
+    values, vectors = (np.asarray(part, complex) for part in np.linalg.eig(A))
+    kept = np.imag(values) >= 0.0
+    values, vectors = values[kept], vectors[:, kept]
+    order = np.argsort(np.abs(values), kind="stable")
+    values, shapes = values[order], basis.shapes @ (vectors[:n, order] / scale[:, None])
+    norms = np.sqrt(np.real(np.sum(np.conj(shapes) * (system.mass @ shapes), axis=0)))
+    largest = shapes[np.argmax(np.abs(shapes), axis=0), np.arange(shapes.shape[1])]
+    shapes = shapes / np.where(norms > 0.0, norms, 1.0) * np.conj(largest) / np.where(largest == 0, 1, np.abs(largest))
+    omega = np.abs(values)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        ratio = np.where(omega > 0.0, -np.real(values) / omega, np.nan)
+    return NaturalModes(omega, shapes, ratio, coupled=True)
+
+
+def static_equilibrium(system: System, t: float | None = None) -> Array:
+    """q (n,) with K q = sum_k p_k f_k + sum_c row_c^T F_c(row_c q + o_c): at rest, contact included.
+
+    t: None asks for loads and offsets that are all Constant; else they are frozen at their values at time t. The
+    equilibrium is unique where K is positive definite. As initial data: ``replace(system, q0=q, v0=0 * q)``, or
+    ``initial_displacement=q`` of ``System.from_matrices``. Of a beam q is in v = u - phi (1 - (x/L)^2).
+    Raises InputError for loads that are not constant without ``t``, and for a system that can move without
+    strain, whose rest stops alone would decide.
+    """
+    require_system(system)
+    functions = [f for _, f in system.loads] + [contact.offset for contact in system.contacts]
+    if t is None:
+        for function in functions:
+            _constant(function)
+    at = 0.0 if t is None else number("t", t)
+    load = sum((p * evaluate(f, at) for p, f in system.loads), np.zeros(system.size))
+    try:
+        factor = scipy.linalg.cho_factor(system.stiffness)
+    except np.linalg.LinAlgError:
+        factor = None
+    rigid = factor is None or np.min(np.diag(factor[0])) ** 2 < 1e-14 * np.max(np.diag(system.stiffness))
+    if factor is None or rigid:
+        remedy = "support it, or march it to rest with damping"
+        raise InputError("stiffness", "a rigid motion", "hold the system without its stops", remedy)
+    free = scipy.linalg.cho_solve(factor, load)
+    if not system.contacts:
+        return free
+    rows = np.array([contact.row for contact in system.contacts])
+    gives = scipy.linalg.cho_solve(factor, rows.T)  # K^-1 row^T
+    offsets = np.array([float(offset_values(contact.offset, at)) for contact in system.contacts])
+    compliance = rows @ gives
+    compliance, none = 0.5 * (compliance + compliance.T), np.zeros(len(rows))
+    at_rest = np.zeros_like(compliance)
+    forces = solve_stage(rows @ free + offsets, none, compliance, at_rest, none, BY_LAW, laws(system.contacts))
+    if np.any(np.isnan(forces)):
+        rule = "have forces that balance, and the search found none"
+        raise InputError("contacts", len(rows), rule, "march the system to rest with damping")
+    return free + gives @ forces
+
+
+def _constant(function: LoadFunction | None) -> None:
+    if function is not None and not isinstance(function, Constant):
+        rule = "be Constant for an equilibrium"
+        raise InputError("time function", function, rule, "pass t=0.0 to take every load as it is at that time")

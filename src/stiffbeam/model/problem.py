@@ -1,0 +1,278 @@
+"""The physics: a beam between stops, Dumont (2002), eqs. (2.1)-(2.5), validated on construction."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..basics.arrays import Array
+from ..basics.units import NON_DIMENSIONAL, SI, Units
+from ..basics.validation import InputError, itself, non_negative, numbers, one_of, positive, sequence
+from .contact import Stops
+from .sections import Section, checked, ratios_of
+from .time_functions import LoadFunction, TimeFunction, derivative, in_closed_form, load_function
+
+Profile = Callable[[Any], Any]
+SUPPORTS = ("clamped-free", "clamped-clamped", "clamped-pinned", "pinned-pinned", "free-free")
+
+
+def profile_values(name: str, profile: Profile, x: Array) -> Array:
+    """A function of x at the points x, one finite number each. Raises InputError where it is no such function."""
+    try:
+        found = profile(x)
+    except Exception as error:  # whatever the functions of others raise
+        raise InputError(name, repr(error), "take an array of x", "write it with NumPy functions") from None
+    rule, remedy = "return one finite value per x", "write it with NumPy functions"
+    values = numbers(name, found, rule, remedy)
+    if values.shape != x.shape:
+        raise InputError(name, found, rule, remedy)
+    return values
+
+
+@dataclass(frozen=True)
+class PointLoad:
+    """f(x, t) = time(t) delta(x - position): a Dirac load of resultant time(t), 0 < position <= beam length."""
+
+    position: float
+    time: LoadFunction
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "position", positive("load.position", self.position, exact=True))
+        load_function("load.time", self.time)
+
+
+@dataclass(frozen=True)
+class DistributedLoad:
+    """f(x, t) = shape(x) time(t), force per unit length; ``shape`` takes an array of x."""
+
+    shape: Profile
+    time: LoadFunction
+
+    def __post_init__(self) -> None:
+        if not callable(self.shape):
+            raise InputError("load.shape", self.shape, "be a function of x", "for example PolynomialProfile((1.0,))")
+        load_function("load.time", self.time)
+
+
+Load = PointLoad | DistributedLoad
+
+
+@dataclass(frozen=True, kw_only=True)
+class BeamProblem:
+    """m u_tt = sigma_x + f on 0 < x < L, sigma = -EI u_xxx - eta u_xxxt, between stops.
+
+        u(0,t) = phi(t),  u_x(0,t) = 0                                (2.3) clamped to a moving device
+        sigma(L,t) = -kappa [(u(L,t) - g2)_+ - (g1 - u(L,t))_+]        (2.4) normal compliance
+        EI u_xx(L,t) + eta u_xxt(L,t) = 0                              (2.5) no moment at the tip
+
+    That is the paper's beam. ``supports`` names other ends, at x = 0 and x = L, for form="hermite": clamped holds
+    u and u_x, pinned u, free neither. tip_mass: a point mass at x = L. mass_damping: a, the force -a m u_t per
+    length on the velocity u_t itself, and -a tip_mass u_t at the tip. For form="hermite" too: rotary_inertia, J per
+    length, (m u_tt - (J u_xtt)_x in (2.1); for a section rho I), tip_inertia, of the tip mass about itself, sections,
+    where EI, eta, m and J are others, and modal_damping, ratios added to the modes of v, see ``sections``.
+    stiffness: EI > 0, the paper's k^2. viscosity: eta >= 0 (Kelvin-Voigt), the paper's d. length: L.
+    mass_per_length: m. stops: g1, g2, kappa, and where along the beam, at the tip if they do not say; several in
+    a list, each a point force -kappa [(u - g2)_+ - (g1 - u)_+] delta(x - position); None for no contact.
+    base: phi, None for a clamp at rest.
+    loads: f. initial_displacement, initial_velocity: u0(x), v0(x) taking an array of x in [0, L] to one of
+    values, functions or a PolynomialProfile; None is at rest, u0 = phi(0) and v0 = 0.
+    A number given as a text ("0.001", "1/3", "2*pi*50"), Fraction or Decimal is carried exactly into
+    multiprecision; a float is the double it is.
+    The beam is taken as it is given: every result is in the units of these numbers, and ``units`` names
+    them. By default they are the paper's, L = m = 1 and no dimension; ``from_physical`` has the physical
+    names. Raises InputError (a ValueError) naming field, value and rule. Source: Dumont (2002), Section 2.
+    """
+
+    stiffness: float
+    viscosity: float = 0.0
+    length: float = 1.0
+    mass_per_length: float = 1.0
+    stops: Stops | Sequence[Stops] | None = None
+    base: TimeFunction | None = None
+    loads: tuple[Load, ...] = ()
+    initial_displacement: Profile | None = None
+    initial_velocity: Profile | None = None
+    units: Units = NON_DIMENSIONAL
+    supports: str = "clamped-free"
+    tip_mass: float = 0.0
+    mass_damping: float = 0.0
+    rotary_inertia: float = 0.0
+    tip_inertia: float = 0.0
+    modal_damping: float | Sequence[float] = 0.0
+    sections: Sequence[Section] = ()
+
+    def __post_init__(self) -> None:
+        itself("problem", self, BeamProblem)
+        for name, rule in (
+            ("stiffness", positive), ("viscosity", non_negative), ("length", positive), ("mass_per_length", positive),
+            ("tip_mass", non_negative), ("mass_damping", non_negative), ("rotary_inertia", non_negative),
+            ("tip_inertia", non_negative),
+        ):  # fmt: skip
+            object.__setattr__(self, name, rule(name, getattr(self, name), exact=True))
+        object.__setattr__(self, "modal_damping", ratios_of(self.modal_damping))
+        object.__setattr__(self, "sections", checked(self.sections, self.length))
+        if not 1e-60 <= self.length <= 1e60:
+            raise InputError("length", self.length, "have a fifth power in float64", "use another unit of length")
+        if not isinstance(self.units, Units):
+            raise InputError("units", self.units, "be Units", 'for example Units(length="mm", time="s", force="N")')
+        self._check_supports()
+        self._check_stops()
+        if self.base is not None and not isinstance(self.base, TimeFunction):
+            raise InputError("base", self.base, "have value, rate and acceleration", "use Harmonic or Sampled")
+        if self.base is not None:
+            load_function("base", self.base)
+            if in_closed_form(self.base):
+                derivative(self.base, 2)  # it acts by its acceleration, which a polygon does not have
+        rule = "hold PointLoad and DistributedLoad only"
+        single = isinstance(self.loads, (PointLoad, DistributedLoad))
+        loads = (self.loads,) if single else tuple(sequence("loads", self.loads, rule, "for none write ()"))
+        object.__setattr__(self, "loads", loads)
+        for load in self.loads:
+            if not isinstance(load, (PointLoad, DistributedLoad)):
+                raise InputError("loads", load, rule, "for example PointLoad(0.5, Constant(1.0))")
+            itself("loads", load, PointLoad if isinstance(load, PointLoad) else DistributedLoad)
+            if isinstance(load, PointLoad) and load.position > self.length:
+                rule = f"lie on the beam, 0 < position <= {self.length:g}"
+                raise InputError("load.position", load.position, rule, "its end is the length")
+        self._check_profiles()
+        self._check_clamp()
+
+    @property
+    def all_stops(self) -> tuple[Stops, ...]:
+        """The stops in the order given, () for none."""
+        return (self.stops,) if isinstance(self.stops, Stops) else tuple(self.stops or ())
+
+    def one_stops(self, field: str) -> Stops:
+        """The stops of a problem that has them at one place. Raises InputError for none and for several."""
+        if not isinstance(self.stops, Stops):
+            raise InputError(field, f"{len(self.all_stops)} stops", "have stops at one place, neither none nor several")
+        return self.stops
+
+    @property
+    def for_elements(self) -> tuple[str, ...]:
+        """What it has that only form="hermite" can take."""
+        names = ("rotary_inertia", "tip_inertia", "modal_damping", "sections")
+        held = () if self.supports == "clamped-free" else ("supports",)
+        return (*held, *(name for name in names if np.any(getattr(self, name))))
+
+    @property
+    def ends(self) -> tuple[str, str]:
+        """How the beam is held at x = 0 and at x = L: clamped, pinned or free."""
+        left, _, right = self.supports.partition("-")
+        return left, right
+
+    def _check_supports(self) -> None:
+        one_of("supports", self.supports, SUPPORTS, "be known")
+        if self.base is not None and self.supports != "clamped-free":
+            remedy = "in the frame of supports that all move alike it is DistributedLoad(-m phi'')"
+            raise InputError("base", self.base, f"be None for a {self.supports} beam", remedy)
+        for name in ("tip_mass", "tip_inertia"):
+            if getattr(self, name) and self.ends[1] != "free":
+                raise InputError(name, getattr(self, name), f"be 0 for a {self.supports} beam", "its end does not move")
+
+    def _check_stops(self) -> None:
+        """One Stops stays itself, several are a tuple."""
+        given = self.stops
+        if isinstance(given, (list, tuple)):
+            object.__setattr__(self, "stops", given[0] if len(given) == 1 else tuple(given) or None)
+        each: Any = self.stops if isinstance(self.stops, tuple) else () if self.stops is None else (self.stops,)
+        remedy = "for no contact leave them out"
+        for stops in each:
+            if not isinstance(stops, Stops):
+                raise InputError("stops", given, "be a Stops or a list of them", remedy)
+            itself("stops", stops, Stops)
+            left, right = self.ends
+            position = self.length if stops.position is None else stops.position
+            if position == 0.0 and left == "free":
+                continue
+            if right != "free" and position == self.length:
+                rule = f"be inside a {self.supports} beam"
+                raise InputError("stops.position", stops.position, rule, f"for example {0.5 * self.length:g}")
+            if not 0.0 < position <= self.length:
+                rule = f"lie on the beam, 0 < position <= {self.length:g}"
+                raise InputError("stops.position", stops.position, rule, "leave it out for the tip")
+
+    def _check_profiles(self) -> None:
+        x = np.linspace(0.0, self.length, 7)
+        profiles = [("initial_displacement", self.initial_displacement), ("initial_velocity", self.initial_velocity)]
+        profiles += [("load.shape", load.shape) for load in self.loads if isinstance(load, DistributedLoad)]
+        for name, profile in profiles:
+            if profile is None:
+                continue
+            if not callable(profile):
+                raise InputError(name, profile, "be a function of x", "for a constant write PolynomialProfile((c,))")
+            profile_values(name, profile, x)
+
+    def _check_clamp(self) -> None:
+        """u0 has to meet the supports: at a clamp u0 = phi(0) and u0' = 0 (2.3), at a pin u0 = 0."""
+        if self.initial_displacement is None:
+            return
+        phi0 = 0.0 if self.base is None else float(self.base.value(0.0))
+        step = 1e-5  # of the length
+        x = self.length * np.array([0.0, step, 0.25, 0.5, 0.75, 1.0 - step, 1.0])
+        u = np.asarray(self.initial_displacement(x), float)
+        scale = max(1e-300, abs(phi0), float(np.max(np.abs(u))))
+        for end, at, beside in zip(self.ends, (0, -1), (1, -2), strict=True):
+            if end != "free" and abs(u[at] - phi0) > 1e-9 * scale:
+                rule = f"equal the base motion phi(0) = {phi0} at x = {x[at]:g}"
+                raise InputError("initial_displacement", float(u[at]), rule)
+            # A smooth profile with u0' = 0 moves by O(step^2) only.
+            most = 0.02 * step * float(np.max(np.abs(u - u[at]))) + 1e-14 * scale
+            if end == "clamped" and abs(u[beside] - u[at]) > most:
+                slope = float((u[beside] - u[at]) / (x[beside] - x[at]))
+                raise InputError("initial_displacement", slope, f"have zero slope at the clamp x = {x[at]:g}")
+
+    @classmethod
+    def from_physical(
+        cls,
+        *,
+        length: float,
+        bending_stiffness: float,
+        mass_per_length: float,
+        bending_viscosity: float = 0.0,
+        stops: Stops | Sequence[Stops] | None = None,
+        base: TimeFunction | None = None,
+        loads: tuple[Load, ...] = (),
+        initial_displacement: Profile | None = None,
+        initial_velocity: Profile | None = None,
+        units: Units = SI,
+        supports: str = "clamped-free",
+        tip_mass: float = 0.0,
+        mass_damping: float = 0.0,
+        rotary_inertia: float = 0.0,
+        tip_inertia: float = 0.0,
+        modal_damping: float | Sequence[float] = 0.0,
+        sections: Sequence[Section] = (),
+    ) -> BeamProblem:
+        """rho A U_TT = -EI U_XXXX - eta U_XXXXT + f on 0 < X < L: the beam in metres, seconds and newtons.
+
+        length: L (m). bending_stiffness: EI (N m^2). mass_per_length: rho A (kg/m). bending_viscosity:
+        eta (N m^2 s). stops: positions (m) and stiffness (N/m). base: phi (m) of time (s). loads: a
+        PointLoad at X (m) with N(t) newtons, a DistributedLoad with shape(X) N(t) newtons per metre.
+        initial_displacement, initial_velocity: m and m/s as functions of X (m). tip_mass: kg. mass_damping: 1/s.
+        rotary_inertia: kg m, rho I. tip_inertia: kg m^2. sections: x in m, the rest factors.
+        units: the names of other units that belong together: Units("mm", "s", "N") counts EI in N mm^2,
+        rho A in tonnes per mm and stop stiffnesses in N/mm. Results are in the same units.
+        """
+        return cls(
+            stiffness=positive("bending_stiffness", bending_stiffness, exact=True),
+            viscosity=non_negative("bending_viscosity", bending_viscosity, exact=True),
+            length=length,
+            mass_per_length=mass_per_length,
+            stops=stops,
+            base=base,
+            loads=loads,
+            initial_displacement=initial_displacement,
+            initial_velocity=initial_velocity,
+            units=units,
+            supports=supports,
+            tip_mass=tip_mass,
+            mass_damping=mass_damping,
+            rotary_inertia=rotary_inertia,
+            tip_inertia=tip_inertia,
+            modal_damping=modal_damping,
+            sections=sections,
+        )

@@ -1,0 +1,138 @@
+"""Thousands of unknowns in the modes that matter: a small System from sparse matrices, with its truncation error.
+
+    q = T z,   T = [phi_1 .. phi_k, K^-1 p for every load, contact and observed row p],   T^T M T = I
+
+Galerkin's projection on the lowest k modes and on what the forces do statically. So the deflection under a constant
+force of any load or contact is exact whatever k is (static correction), and the dynamic error is that of the modes
+left out, at frequency w of the order (w/w_{k+1})^4. No dense n x n matrix is made: one sparse factor of K, and one of
+K - w^2 M for each ``error_at``. Source: Craig, Structural Dynamics (1981), Section 19 (residual attachment modes).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+import scipy.linalg
+import scipy.sparse
+import scipy.sparse.linalg
+from numpy.typing import ArrayLike
+
+from ..basics.arrays import Array
+from ..basics.validation import InputError, integer, non_negative
+from .contact import Contact
+from .system import System
+from .time_functions import LoadFunction
+
+INDEPENDENT = 1e-10  # of its size: a static deflection that has less left beside the modes adds nothing
+HELD = 1e-13  # of the largest pivot: a smaller one is a motion that nothing holds
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Reduced:
+    """system: of r unknowns z, diagonal without damping. basis: T, (n, r). omega: the k natural frequencies that were
+    kept. left_out: the next one. start_lost: share of the initial data's norm |q0|_M, |v0|_M that T does not hold."""
+
+    system: System
+    basis: Array
+    omega: Array
+    left_out: float
+    start_lost: float
+    mass: Any = field(repr=False)
+    stiffness: Any = field(repr=False)
+    rows: Array = field(repr=False)
+
+    def __repr__(self) -> str:
+        kept = (
+            f"{len(self.omega)} modes to {self.omega[-1]:.4g} and {self.basis.shape[1] - len(self.omega)} deflections"
+        )
+        return f"<Reduced: {len(self.basis)} unknowns in {kept}, first left out {self.left_out:.4g}>"
+
+    def expand(self, z: ArrayLike) -> Array:
+        """q = T z; z (..., r) gives (..., n)."""
+        return np.asarray(z, float) @ self.basis.T
+
+    def error_at(self, frequency: float) -> float:
+        """The truncation error at an angular frequency, undamped: the largest over the loads, contacts and the
+        observed row of |R - R_r|/|R|, R = (K - w^2 M)^-1 p in the norm of M, R_r that of the reduced system."""
+        w2 = non_negative("frequency", frequency) ** 2
+        exact = scipy.sparse.linalg.splu((self.stiffness - w2 * self.mass).tocsc()).solve(self.rows)
+        found = self.basis @ np.linalg.solve(self.system.stiffness - w2 * self.system.mass, self.basis.T @ self.rows)
+        norm = lambda x: np.sqrt(np.sum(x * (self.mass @ x), axis=0))  # noqa: E731
+        return float(np.max(norm(found - exact) / norm(exact)))
+
+
+def reduced(
+    mass: Any,
+    stiffness: Any,
+    damping: Any = None,
+    loads: Sequence[tuple[ArrayLike, LoadFunction]] = (),
+    contacts: Sequence[Contact] = (),
+    observe: ArrayLike | None = None,
+    initial_displacement: ArrayLike | None = None,
+    initial_velocity: ArrayLike | None = None,
+    modes: int = 40,
+) -> Reduced:
+    """The arguments of ``System.from_matrices``, (n, n) dense or SciPy sparse, and the number of ``modes`` to keep.
+
+    Raises InputError for a stiffness that does not hold the system, for as many modes as unknowns, and as
+    ``System`` does.
+    """
+    M, K = (scipy.sparse.csc_array(x, dtype=float) for x in (mass, stiffness))
+    n = int(M.shape[0])  # type: ignore[index]
+    if integer("modes", modes, 1) >= n - 1:
+        raise InputError("modes", modes, f"be fewer than the {n} unknowns less one", "use System.from_matrices")
+    try:
+        factor = scipy.sparse.linalg.splu(K)
+        pivots = np.abs(factor.U.diagonal())
+    except RuntimeError:  # exactly singular
+        factor, pivots = None, np.zeros(1)
+    if factor is None or np.min(pivots) < HELD * np.max(pivots):
+        raise InputError("stiffness", "a motion without strain", "hold the system", "support it")
+    inverse = scipy.sparse.linalg.LinearOperator((n, n), matvec=factor.solve)  # type: ignore[call-arg]
+    start = np.random.default_rng(0).normal(size=n)  # the same modes in every process
+    squares, shapes = scipy.sparse.linalg.eigsh(K, modes + 1, M, sigma=0.0, OPinv=inverse, v0=start)
+    order = np.argsort(squares)
+    squares, shapes = squares[order], shapes[:, order]
+    forces = [np.asarray(p, float) for p, _ in loads] + [contact.row for contact in contacts]
+    forces += [] if observe is None else [np.asarray(observe, float)]
+    for p in forces:
+        if p.shape != (n,):
+            raise InputError("loads, contacts and observe", p.shape, f"have shape ({n},)")
+    rows = np.array(forces).reshape(len(forces), n).T
+    T = shapes[:, :modes]
+    for static in factor.solve(rows).T:
+        left = static - T @ (T.T @ (M @ static))
+        left = left - T @ (T.T @ (M @ left))  # twice, for orthogonality to rounding
+        size = np.sqrt(left @ (M @ left))
+        if size > INDEPENDENT * np.sqrt(static @ (M @ static)):
+            T = np.column_stack([T, left / size])
+    small = T.T @ (K @ T)
+    omega2, turn = scipy.linalg.eigh(0.5 * (small + small.T), T.T @ (M @ T))
+    T = T @ turn
+    states = [np.zeros(n) if x is None else np.asarray(x, float) for x in (initial_displacement, initial_velocity)]
+    z = [T.T @ (M @ x) for x in states]
+    lost = [_share(M, x - T @ y, x) for x, y in zip(states, z, strict=True)]
+    system = System.from_matrices(
+        np.eye(len(omega2)),
+        np.diag(omega2),
+        None if damping is None else _symmetric(T.T @ (scipy.sparse.csc_array(damping, dtype=float) @ T)),
+        loads=[(T.T @ np.asarray(p, float), f) for p, f in loads],
+        contacts=[replace(contact, row=T.T @ contact.row) for contact in contacts],
+        observe=None if observe is None else T.T @ np.asarray(observe, float),
+        initial_displacement=z[0],
+        initial_velocity=z[1],
+    )
+    kept = np.sqrt(squares)
+    return Reduced(system, T, kept[:modes], float(kept[modes]), max(lost), M, K, rows)
+
+
+def _symmetric(x: Array) -> Array:
+    return 0.5 * (x + x.T)
+
+
+def _share(M: Any, part: Array, whole: Array) -> float:
+    size = float(whole @ (M @ whole))
+    return float(np.sqrt((part @ (M @ part)) / size)) if size else 0.0

@@ -1,0 +1,209 @@
+"""A function of time known by samples: a polygon or a cubic spline, a polynomial between any two of them."""
+
+from __future__ import annotations
+
+import hashlib
+from bisect import bisect_right
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..basics.arrays import Array, is_read_only, read_only
+from ..basics.validation import InputError, itself, numbers, one_of
+
+KINDS = {"linear": 1, "cubic": 3}  # and the degree between two samples
+BEYOND = 1e-9  # of its span, how far outside its samples a record is still asked for: t_end is rounded
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Sampled:
+    """f(t) through the points (t_i, values_i), for t_0 <= t <= t_last; or its ``derivative``-th derivative.
+
+        "linear"    f(t_i + s) = values_i + s (values_{i+1} - values_i)/(t_{i+1} - t_i)
+        "cubic"     the cubic with the values and the slopes m_i, m_{i+1} of the spline (not-a-knot, C^2)
+
+    t: increasing times, two at least. values: one per time; both are copied and cannot be written to.
+    Outside its samples the record says nothing, and being asked there raises InputError: where a pulse is over,
+    samples of 0 say so. A jump is two samples close to each other. The slopes of a polygon jump, so that its
+    acceleration is no function: rate and acceleration that would hold impulses raise InputError too. Two
+    records are equal that have equal numbers, in any process. The numbers are the doubles they are: so are
+    the slopes m_i, from which the cubic follows exactly.
+    Raises InputError for other times, other values or another kind.
+    """
+
+    t: Array
+    values: Array
+    kind: str = "linear"
+    derivative: int = 0
+
+    def __post_init__(self) -> None:
+        itself("time function", self, Sampled)
+        one_of("kind", self.kind, KINDS, "be 'linear' or 'cubic'")
+        for name in ("t", "values"):
+            given, rule = getattr(self, name), "be two or more finite numbers in a row"
+            array = given if is_read_only(given) else numbers(f"sampled.{name}", given, rule)
+            if array.ndim != 1 or len(array) < 2:
+                raise InputError(f"sampled.{name}", given, rule, "give a list")
+            object.__setattr__(self, name, read_only(array))
+        if len(self.t) != len(self.values):
+            raise InputError("sampled.values", len(self.values), f"be one per time, {len(self.t)}")
+        steps = np.diff(self.t)
+        if not np.all(steps > 0.0):
+            at = int(np.argmin(steps > 0.0))
+            remedy = "for a jump give two samples at times close to each other"
+            raise InputError("sampled.t", float(self.t[at + 1]), f"increase: it follows {self.t[at]:g}", remedy)
+        order = self.derivative
+        if isinstance(order, bool) or not isinstance(order, int) or not 0 <= order <= KINDS[self.kind]:
+            raise InputError("derivative", order, f"be an integer from 0 to {KINDS[self.kind]} for kind={self.kind!r}")
+        with np.errstate(over="ignore", invalid="ignore"):
+            if not np.all(np.isfinite(self.pieces)):
+                remedy = "check the times: two lie so close that slopes overflow"
+                raise InputError("sampled.values", "slopes that overflow", "be representable in float64", remedy)
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        for name in ("t", "values"):
+            object.__setattr__(self, name, read_only(getattr(self, name)))  # a pickled array can be written to again
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: getattr(self, name) for name in ("t", "values", "kind", "derivative")}
+
+    def __eq__(self, other: object) -> bool:
+        return self is other or (isinstance(other, Sampled) and self.digest == other.digest)
+
+    def __hash__(self) -> int:
+        return hash(self.digest)
+
+    def __repr__(self) -> str:
+        times = "" if not self.derivative else f", derivative={self.derivative}"
+        return (
+            f"<Sampled {self.kind}{times}: {len(self.t)} samples on [{self.t[0]:g}, {self.t[-1]:g}],"
+            f" {np.min(self.values):g} to {np.max(self.values):g}, {self.digest[:8]}>"
+        )
+
+    @cached_property
+    def digest(self) -> str:
+        """A hash of all its numbers."""
+        content = self.t.tobytes() + self.values.tobytes() + f"{self.kind} {self.derivative}".encode()
+        return hashlib.sha256(content).hexdigest()
+
+    @property
+    def breakpoints(self) -> Array:
+        """The times of the samples: between them it is a polynomial."""
+        return self.t
+
+    @property
+    def degree(self) -> int:
+        """Of the polynomials between samples."""
+        return KINDS[self.kind] - self.derivative
+
+    @cached_property
+    def slopes(self) -> Array:
+        """m_i of the cubic kind, as doubles."""
+        from scipy.interpolate import CubicSpline
+
+        return np.asarray(CubicSpline(self.t, self.values)(self.t, 1))
+
+    @cached_property
+    def pieces(self) -> Array:
+        """(samples - 1, 4): coefficient k of (t - t_i)^k between samples i and i + 1, of the ``derivative``-th."""
+        h, pieces = np.diff(self.t), np.zeros((len(self.t) - 1, 4))
+        rise = np.diff(self.values) / h
+        pieces[:, 0], pieces[:, 1] = self.values[:-1], rise
+        if self.kind == "cubic":
+            m = self.slopes
+            pieces[:, 1] = m[:-1]
+            pieces[:, 2] = (3.0 * rise - 2.0 * m[:-1] - m[1:]) / h
+            pieces[:, 3] = (m[:-1] + m[1:] - 2.0 * rise) / h**2
+        for _ in range(self.derivative):
+            pieces = pieces[:, 1:] * np.arange(1, pieces.shape[1])
+        return np.pad(pieces, ((0, 0), (0, 4 - pieces.shape[1])))
+
+    def piece_at(self, t: ArrayLike) -> NDArray[np.int64]:
+        """The sample that a time follows; the later one at a sample. Raises InputError outside the samples."""
+        t = np.asarray(t, float)
+        self.covers(float(np.min(t, initial=self.t[0])), float(np.max(t, initial=self.t[-1])))
+        if not np.all(np.isfinite(t)):
+            raise InputError("t", "a time that is not finite", "be a time")
+        return np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, len(self.t) - 2)
+
+    def covers(self, start: float, end: float) -> None:
+        """Raise InputError unless it is known from start to end."""
+        slack = BEYOND * float(self.t[-1] - self.t[0])
+        for t in (start, end):
+            if not self.t[0] - slack <= t <= self.t[-1] + slack:
+                remedy = "give it samples that say what acts there, 0 for nothing"
+                where = f"[{self.t[0]:.12g}, {self.t[-1]:.12g}]"
+                raise InputError(
+                    "a sampled time function", f"t = {t:.12g}", f"be asked within its samples, {where}", remedy
+                )
+
+    def taylor(self, t: ArrayLike) -> Array:
+        """(..., 4): coefficient k of s^k in f(t + s), which holds up to the next sample."""
+        t = np.asarray(t, float)
+        i = self.piece_at(t)
+        return moved(self.pieces[i], t - self.t[i])
+
+    def value(self, t: ArrayLike) -> Array:
+        return self._derivative(t, 0)
+
+    def rate(self, t: ArrayLike) -> Array:
+        return self._derivative(t, 1)
+
+    def acceleration(self, t: ArrayLike) -> Array:
+        return self._derivative(t, 2)
+
+    def _derivative(self, t: ArrayLike, order: int) -> Array:
+        if order > self.degree:
+            jump = "slopes jump" if order > 1 else "values jump"
+            rule = f"have a derivative of order {order}: its {jump} at the samples"
+            raise InputError("a sampled time function", f"kind={self.kind!r}", rule, "take kind='cubic'")
+        t = np.asarray(t, float)
+        if t.ndim == 0 and self.t[0] <= t <= self.t[-1]:  # one time, as an adaptive solver asks
+            i = min(bisect_right(self._times, t) - 1, len(self._times) - 2)
+            return np.asarray(_horner(self._rows[order][i], float(t) - self._times[i]))
+        i = self.piece_at(t)
+        c = self._columns[order][i]
+        return _horner([c[..., k] for k in range(c.shape[-1])], t - self.t[i])
+
+    @cached_property
+    def _columns(self) -> list[Array]:
+        """Of every derivative the coefficients (samples - 1, ...)."""
+        found = [self.pieces[:, : self.degree + 1]]
+        for _ in range(self.degree):
+            found.append(found[-1][:, 1:] * np.arange(1, found[-1].shape[1]))
+        return found
+
+    @cached_property
+    def _rows(self) -> list[list[list[float]]]:
+        return [c.tolist() for c in self._columns]
+
+    @cached_property
+    def _times(self) -> list[float]:
+        return self.t.tolist()
+
+    def derived(self, times: int) -> Sampled:
+        """f' or f''. Raises InputError where that would hold impulses."""
+        if times > self.degree:
+            self._derivative(self.t[0], times)
+        return Sampled(self.t, self.values, self.kind, self.derivative + times)
+
+
+def _horner(c: Any, s: Any) -> Any:
+    """sum_k c_k s^k."""
+    value = c[-1]
+    for k in range(len(c) - 2, -1, -1):
+        value = value * s + c[k]
+    return value
+
+
+def moved(c: Array, s: ArrayLike) -> Array:
+    """The coefficients (..., P) of p(s + .) from those of p: Horner's scheme, as often as there are any to move."""
+    c, last = np.array(c), np.shape(c)[-1] - 1
+    for first in range(last):
+        for k in range(last - 1, first - 1, -1):
+            c[..., k] += s * c[..., k + 1]
+    return c

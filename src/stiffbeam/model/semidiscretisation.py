@@ -1,0 +1,287 @@
+"""BeamProblem -> System: the paper's space discretisations, Dumont (2002), Section 3.
+
+All are written in v = u - phi(t) (1 - (x/L)^2), which vanishes with its slope at the clamp and leaves the
+tip alone, u(L, t) = v(L, t). Grid: h = L/M, x_i = i h, unknowns at x_1..x_M. The paper has L = m = 1,
+k^2 for EI and d for eta. Point loads and stops between nodes act through linear interpolation (frame.hat).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import scipy.linalg
+
+from ..basics.arrays import Array
+from ..basics.budget import afford
+from ..basics.validation import InputError, itself, near
+from .contact import Contact
+from .first_order import FirstOrderContact, FirstOrderSystem, interleaved
+from .frame import contacts, hat, observed
+from .hermite import hermite
+from .origin import Origin
+from .problem import BeamProblem, DistributedLoad, PointLoad
+from .system import System
+from .time_functions import LoadFunction, derivative
+
+FORMS = ("displacement", "velocity-curvature")  # the paper's
+ALL_FORMS = (*FORMS, "hermite")
+
+
+def semidiscretise(problem: BeamProblem, cells: int, form: str = "displacement") -> System:
+    """The method of lines with ``cells`` = M >= 4 cells, of second order in h = L/M, by elements of fourth.
+
+    form "displacement": (3.5) and (3.6), one System; a scheme for first-order systems reads it as
+    (3.5), one for second-order systems as (3.6). form "velocity-curvature": (3.12), eta = 0 only. form "hermite":
+    cubic finite elements, the one form for supports other than clamped-free.
+    Raises InputError.
+    """
+    itself("problem", problem, BeamProblem)
+    if isinstance(cells, bool) or not isinstance(cells, (int, np.integer)) or cells < 4:
+        raise InputError("cells", cells, "be an integer >= 4", "the stencils at both ends must not overlap")
+    if not isinstance(form, str):
+        raise InputError("form", form, "be one that there is", near(form, ALL_FORMS))
+    # A dozen dense matrices, and eigenvalues of some of them.
+    unknowns = float(min(cells, 2**53)) * (2.0 if form == "hermite" else 1.0)
+    afford("cells", cells, "take fewer cells", floats=12.0 * unknowns**2, seconds=3e-9 * unknowns**3)
+    if form == "hermite":
+        return hermite(problem, int(cells))
+    if form not in FORMS:
+        raise InputError("form", form, "be one that there is", near(form, ALL_FORMS))
+    if problem.supports != "clamped-free":
+        rule = f"be clamped-free in the {form} form"
+        raise InputError("supports", problem.supports, rule, "its stencils are the cantilever's: use form='hermite'")
+    for name in problem.for_elements:
+        remedy = "the paper's stencils have no place for it: use form='hermite'"
+        raise InputError(name, getattr(problem, name), f"be left out in the {form} form", remedy)
+    return _displacement(problem, int(cells)) if form == "displacement" else _velocity_curvature(problem, int(cells))
+
+
+def _displacement(problem: BeamProblem, M: int) -> System:
+    """(3.6) times h D, D = diag(1, ..., 1, 1/2): M = m h D, K = -EI h D H, C = -eta h D H.
+
+    -v^T D H v = 1/2 kappa_0^2 + sum_i kappa_i^2 with the curvatures kappa_0 = 2 v_1/h^2 and
+    kappa_i = (v_{i-1} - 2 v_i + v_{i+1})/h^2, which gives the factor G of the stiffness.
+    """
+    L, m = problem.length, problem.mass_per_length
+    weights = np.full(M, L / M)
+    weights[-1] = 0.5 * L / M
+    bending = bending_stencil(M) * (M / L) ** 3
+    factor = np.vstack([np.zeros(M), (np.eye(M, k=1) - 2.0 * np.eye(M) + np.eye(M, k=-1))[:-1]])
+    factor[0, 0] = np.sqrt(2.0)  # sqrt(1/2) kappa_0
+    factor *= np.sqrt((M / L) ** 3)
+    clamp = np.zeros(M)  # (2.5) in v: EI v_xx + eta v_xxt = 2 (EI phi + eta phi')/L^2
+    clamp[-2:] = (-2.0 * M / L**3, 2.0 * M / L**3)
+    mass = m * weights
+    mass[-1] += problem.tip_mass
+    damping = problem.viscosity * bending
+    if problem.mass_damping > 0:  # a sum with zero would change the sign of zeros, and so the fingerprint
+        damping = damping + problem.mass_damping * np.diag(mass)
+    return _made(
+        mass=np.diag(mass),
+        damping=damping,
+        stiffness=problem.stiffness * bending,
+        loads=_loads(problem, np.diag(weights), clamp),
+        **_initial(problem, M),
+        stiffness_factor=np.sqrt(problem.stiffness) * factor,
+        form="displacement",
+        problem=problem,
+        paper_form=_paper_displacement,
+    )
+
+
+def _made(
+    *, problem: BeamProblem, form: str, stiffness_factor: Array,
+    paper_form: Callable[[System, BeamProblem], FirstOrderSystem], **arrays: Any,
+) -> System:  # fmt: skip
+    """The system, and what it was made from beside it."""
+    M = len(arrays["mass"])
+    stops = contacts(problem, lambda share: hat(share, M))
+    made = System(**arrays, contacts=stops, observe=observed(stops, _tip(M)))
+    own = {name: getattr(made, name) for name in ("mass", "damping", "stiffness", "loads", "contacts", "q0", "v0")}
+    origin = Origin(
+        problem=problem, form=form, cells=M, stiffness_factor=stiffness_factor, paper_form=paper_form,
+        tip=_tip(M), **own,
+    )  # fmt: skip
+    return replace(made, origin=origin)
+
+
+def bending_stencil(M: int) -> Array:
+    """-h^4 D H, whole numbers: 7, -4, 1 at the clamp, 1, -4, 6, -4, 1 inside, 5, -2 and 1 at the tip."""
+    curvature = (np.eye(M, k=1) - 2.0 * np.eye(M) + np.eye(M, k=-1))[:-1]
+    stencil = curvature.T @ curvature
+    stencil[0, 0] += 2.0
+    return stencil
+
+
+def _paper_displacement(system: System, problem: BeamProblem) -> FirstOrderSystem:
+    """(3.5) itself. Its entries are small whole multiples of EI/(m h^4), rounded alike.
+
+    Dividing the stiffness by the mass entry by entry would perturb the lowest frequency by
+    eps (w_max/w_1)^2, more than a tight tolerance allows.
+    """
+    M = system.size
+    H = bending_stencil(M)
+    cell = problem.mass_per_length * problem.length / M
+    H[-1] *= cell / (0.5 * cell + problem.tip_mass)
+    m, fourth = problem.mass_per_length, (M / problem.length) ** 4
+    first_order = interleaved(system)
+    q, v = slice(0, 2 * M, 2), slice(1, 2 * M, 2)
+    matrix = first_order.matrix.copy()
+    matrix[v, q] = 0.0 - problem.stiffness / m * fourth * H
+    matrix[v, v] = 0.0 - problem.viscosity / m * fourth * H - problem.mass_damping * np.eye(M)
+    return replace(first_order, matrix=matrix)
+
+
+def _velocity_curvature(problem: BeamProblem, M: int) -> System:
+    """(3.12) with w = L x, s = x':  m P x'' + EI L^T Q L x = P f + sigma e_M.
+
+    With w' = L s and m s' = -EI R w + f + (3/h) sigma e_M the weights P and Q satisfy P R = L^T Q, so
+    the energy is m/2 s^T P s + EI/2 w^T Q w and the form is a symmetric second-order system.
+    """
+    if problem.viscosity > 0:
+        raise InputError(
+            "viscosity",
+            problem.viscosity,
+            "be 0 in the velocity-curvature form",
+            "(3.12) eliminates the displacement, and eta u_xxxxt has no place in it: use form='displacement'",
+        )
+    for name in ("tip_mass", "mass_damping"):
+        if getattr(problem, name) > 0:
+            rule = "be 0 in the velocity-curvature form"
+            raise InputError(name, getattr(problem, name), rule, "(3.12) has no place for it: use form='displacement'")
+    P, Q, L, _ = velocity_curvature_matrices(M, problem.length)
+    h = problem.length / M
+    moment = np.zeros(M)
+    moment[-2:] = (-2.0 / h**2, 7.0 / h**2)  # w_M = 2 phi/L^2 in the last two rows of -EI R w, (3.10)
+    moment /= problem.length**2
+    factor = np.sqrt(problem.stiffness) * scipy.linalg.cholesky(Q) @ L
+    return _made(
+        mass=problem.mass_per_length * P,
+        damping=np.zeros((M, M)),
+        stiffness=factor.T @ factor,
+        loads=_loads(problem, P, P @ moment),
+        **_initial(problem, M),
+        stiffness_factor=factor,
+        form="velocity-curvature",
+        problem=problem,
+        paper_form=_paper_state,
+    )
+
+
+def velocity_curvature_matrices(M: int, length: float = 1.0) -> tuple[Array, Array, Array, Array]:
+    """P, Q, L, R of (3.12), each (M, M): w_0..w_{M-1} = L s-integrated, P R = L^T Q."""
+    h = length / M
+    interior = np.eye(M - 1) * 4.0 / 3.0 - (np.eye(M - 1, k=1) + np.eye(M - 1, k=-1)) / 6.0
+    P = h * np.asarray(scipy.linalg.block_diag(interior, 1.0 / 3.0))
+    Q = h * np.asarray(scipy.linalg.block_diag(1.0 / 3.0, interior))
+    L = np.zeros((M, M))  # acts on s_1..s_M, s_0 = 0
+    L[0, :2] = (4.0, -0.5)  # (3.9)
+    for i in range(1, M):
+        L[i, i] = 1.0  # s_{i+1}
+        L[i, i - 1] = -2.0  # s_i
+        if i >= 2:
+            L[i, i - 2] = 1.0  # s_{i-1}
+    L /= h**2
+    R = np.zeros((M, M))  # acts on w_0..w_{M-1}; w_M = 2 phi/L^2 is a load
+    for i in range(1, M):
+        R[i - 1, i - 1] = 1.0  # w_{i-1}
+        R[i - 1, i] = -2.0  # w_i
+        if i < M - 1:
+            R[i - 1, i + 1] = 1.0  # w_{i+1}
+    R[M - 1, M - 1] = 4.0
+    R[M - 1, M - 2] = -0.5  # (3.10)
+    return P, Q, L, R / h**2
+
+
+def _paper_state(system: System, problem: BeamProblem) -> FirstOrderSystem:
+    """(3.12) itself: y = (w_0, s_1, w_1, s_2, ..., w_{M-1}, s_M, v_M), banded."""
+    M, m = system.size, problem.mass_per_length
+    _, _, L, R = velocity_curvature_matrices(M, problem.length)
+    w, s = slice(0, 2 * M, 2), slice(1, 2 * M, 2)
+    size = 2 * M + 1
+    matrix = np.zeros((size, size))
+    matrix[w, s], matrix[s, w] = L, -(problem.stiffness / m) * R
+    matrix[-1, 2 * M - 1] = 1.0  # v_M' = s_M (Remark 4)
+    matrix += 0.0
+    mass = scipy.linalg.cho_factor(system.mass)
+
+    def column(vector: Array) -> Array:
+        out = np.zeros(size)
+        out[s] = scipy.linalg.cho_solve(mass, vector)
+        return out
+
+    h = problem.length / M
+    tip, push = np.zeros(size), np.zeros(size)
+    tip[-1], push[2 * M - 1] = 1.0, 3.0 / (m * h)
+    y0 = np.zeros(size)
+    y0[w], y0[s], y0[-1] = L @ system.q0, system.v0, system.q0[-1]
+    to_q, to_v = np.zeros((M, size)), np.zeros((M, size))
+    to_q[:, w], to_v[:, s] = np.linalg.inv(L), np.eye(M)
+
+    def row(vector: Array) -> Array:
+        return tip if np.array_equal(vector, _tip(M)) else vector @ to_q
+
+    def contact(c: Contact) -> FirstOrderContact:
+        return FirstOrderContact(row=row(c.row), column=push if row(c.row) is tip else column(c.row), contact=c)
+
+    return FirstOrderSystem(
+        matrix=matrix,
+        loads=tuple((column(p), f) for p, f in system.loads),
+        contacts=tuple(contact(c) for c in system.contacts),
+        observe=None if system.observe is None else row(system.observe),
+        y0=y0,
+        to_q=to_q,
+        to_v=to_v,
+        system=system,
+    )
+
+
+def _tip(M: int) -> Array:
+    row = np.zeros(M)
+    row[-1] = 1.0
+    return row
+
+
+def _initial(problem: BeamProblem, M: int) -> dict[str, Array]:
+    """v(x,0) = u0 - phi(0) (1 - (x/L)^2) and v_t(x,0) = v0 - phi'(0) (1 - (x/L)^2) at the nodes."""
+    x, lift = _nodes(problem, M)
+    phi = 0.0 if problem.base is None else float(problem.base.value(0.0))
+    rate = 0.0 if problem.base is None else float(problem.base.rate(0.0))
+    u0 = phi if problem.initial_displacement is None else problem.initial_displacement(x)
+    v0 = 0.0 if problem.initial_velocity is None else problem.initial_velocity(x)
+    return {"q0": np.asarray(u0 - phi * lift, float) + 0.0, "v0": np.asarray(v0 - rate * lift, float) + 0.0 * x}
+
+
+def _nodes(problem: BeamProblem, M: int) -> tuple[Array, Array]:
+    """x_1..x_M and 1 - (x/L)^2 there."""
+    share = np.arange(1, M + 1) / M
+    return problem.length * share, 1.0 - share**2
+
+
+def _loads(problem: BeamProblem, weights: Array, clamp: Array) -> tuple[tuple[Array, LoadFunction], ...]:
+    """Base motion -m weights (1 - (x/L)^2) (phi'' + a phi') and clamp (EI phi + eta phi'), then the loads weights f.
+
+    A Dirac load is spread on the two nodes beside it as the generalised force (1 - theta, theta), see frame.hat.
+    """
+    M = len(weights)
+    x, lift = _nodes(problem, M)
+    loads: list[tuple[Array, LoadFunction]] = []
+    phi = problem.base
+    if phi is not None:
+        loads.append((-problem.mass_per_length * (weights @ lift), derivative(phi, 2)))
+        loads.append((problem.stiffness * clamp, phi))
+        if problem.viscosity > 0:
+            loads.append((problem.viscosity * clamp, derivative(phi, 1)))
+        if problem.mass_damping > 0:
+            drag = -problem.mass_damping * problem.mass_per_length * (weights @ lift)
+            loads.append((drag, derivative(phi, 1)))
+    for load in problem.loads:
+        if isinstance(load, PointLoad):
+            loads.append((hat(load.position / problem.length, M), load.time))
+        elif isinstance(load, DistributedLoad):
+            shape = np.broadcast_to(np.asarray(load.shape(x), float), x.shape)
+            loads.append((weights @ shape, load.time))
+    return tuple(loads)

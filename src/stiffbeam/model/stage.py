@@ -1,0 +1,99 @@
+"""The contacts of one node under any law: u = r + S F, u' = w + S' F, every F_c after its own law."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..basics.compiled import compiled, inlined
+from .contact_law import DAMPING, DISSIPATION, EXPONENT, G1, G2, KAPPA, stage_law
+from .discrete_gradient import mean_force
+
+# How a node finds its force: the linear law in closed form, any law, or its mean over the step by the discrete
+# gradient.
+LINEAR, BY_LAW, MEAN = range(3)
+ITERATIONS = 200
+ROUNDINGS = 16.0
+
+
+@inlined
+def one(r, w, s, s_rate, u0, rule, law, c):
+    """(F, dF/dr, dF/dw) of contact c by itself; u0 is where its step began."""
+    kappa, g1, g2, p = law[c, KAPPA], law[c, G1], law[c, G2], law[c, EXPONENT]
+    if rule == MEAN:
+        F, slope = mean_force(r, u0, s, kappa, g1, g2, p)
+        return F, slope, 0.0
+    return stage_law(r, w, s, s_rate, kappa, g1, g2, p, law[c, DAMPING], law[c, DISSIPATION])
+
+
+@compiled
+def solve_stage(r, w, S, S_rate, u0, rule, law):
+    """The forces (m,); NaN where the search fails. r, w, u0 (m,); S, S_rate (m, m); law (m, 6).
+
+    Contact c by itself, the others' forces given, has one force f_c. H(F) = F - f(F) vanishes at the solution:
+    a semismooth Newton method with a line search on |H|; where that does not lower |H|, every contact takes its
+    own f_c in turn (Gauss-Seidel), which for forces that have an energy cannot fail.
+    """
+    m = law.shape[0]
+    F, f = np.zeros(m), np.zeros(m)
+    if m == 1:
+        F[0] = one(r[0], w[0], S[0, 0], S_rate[0, 0], u0[0], rule, law, 0)[0]
+        return F
+    tolerance, trial, trial_f = np.zeros(m), np.zeros(m), np.zeros(m)
+    J, J_trial = np.eye(m), np.eye(m)
+    merit = _alone(r, w, S, S_rate, u0, rule, law, F, f, tolerance, J)
+    for _ in range(ITERATIONS):
+        if not np.isfinite(merit):
+            break
+        done = True
+        for c in range(m):
+            done = done and abs(F[c] - f[c]) <= tolerance[c]
+        if done:
+            return f
+        lowered, new = False, merit
+        if abs(np.linalg.det(J)) > 1e-300:
+            step = np.linalg.solve(J, F - f)
+            share = 1.0
+            for _ in range(6):
+                for c in range(m):
+                    trial[c] = F[c] - share * step[c]
+                new = _alone(r, w, S, S_rate, u0, rule, law, trial, trial_f, tolerance, J_trial)
+                if new < (1.0 - 1e-4 * share) * merit:
+                    lowered = True
+                    break
+                share *= 0.5
+        if not lowered:
+            for c in range(m):
+                trial[c] = F[c]
+            for c in range(m):
+                here, rate = r[c], w[c]
+                for e in range(m):
+                    if e != c:
+                        here += S[c, e] * trial[e]
+                        rate += S_rate[c, e] * trial[e]
+                trial[c] = one(here, rate, S[c, c], S_rate[c, c], u0[c], rule, law, c)[0]
+            new = _alone(r, w, S, S_rate, u0, rule, law, trial, trial_f, tolerance, J_trial)
+        F[:], f[:], J[:], merit = trial, trial_f, J_trial, new
+    F[:] = np.nan
+    return F
+
+
+@compiled
+def _alone(r, w, S, S_rate, u0, rule, law, F, f, tolerance, J):
+    """f(F), what rounding makes of it, dH/dF, and |H|^2."""
+    m = law.shape[0]
+    total = 0.0
+    for c in range(m):
+        here, rate, size, size_rate = r[c], w[c], abs(r[c]), abs(w[c])
+        for e in range(m):
+            if e != c:
+                here += S[c, e] * F[e]
+                rate += S_rate[c, e] * F[e]
+                size += abs(S[c, e] * F[e])
+                size_rate += abs(S_rate[c, e] * F[e])
+        found, slope, slope_rate = one(here, rate, S[c, c], S_rate[c, c], u0[c], rule, law, c)
+        f[c] = found
+        tolerance[c] = ROUNDINGS * 2.3e-16 * (abs(found) + abs(slope) * size + abs(slope_rate) * size_rate)
+        for e in range(m):
+            J[c, e] = 1.0 if e == c else -slope * S[c, e] - slope_rate * S_rate[c, e]
+        total += (F[c] - found) ** 2
+    return total

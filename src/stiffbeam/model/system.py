@@ -1,0 +1,318 @@
+"""The semi-discrete system that every scheme and every solver integrates."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+from uuid import uuid4
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..basics.arrays import Array, read_only
+from ..basics.exact_float import exact_parts
+from ..basics.units import UNKNOWN, Units
+from ..basics.validation import InputError, itself, sequence
+from .contact import Contact
+from .field import beam_field, beam_field_rate, beam_stress
+from .first_order import FirstOrderSystem, interleaved
+from .matrices import definite_matrix, finite_vector, symmetric_matrix
+from .origin import Origin
+from .sampled import Sampled
+from .time_functions import Constant, Derivative, Harmonic, LoadFunction, Sum, evaluate, load_function, offset_values
+
+if TYPE_CHECKING:
+    from .problem import BeamProblem
+
+
+_PROCESS, _CALLABLES = uuid4().hex, {}
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class System:
+    """M q'' + C q' + K q = sum_k p_k f_k(t) + sum_c row_c^T F_c(row_c q + o_c(t)),  n unknowns.
+
+    mass, damping, stiffness: (n, n), symmetric; M positive definite, C and K positive semidefinite.
+    loads: pairs (p_k of shape (n,), f_k). contacts: where the stops act. observe: the row of ``tip``,
+    None for the position of the first contact. q0, v0: (n,) initial data. All are checked and copied, the
+    copies cannot be written to. Another system is made with ``dataclasses.replace``; what followed from
+    the replaced field, as a beam's factor of its stiffness, is then no longer offered (see Origin).
+    Make one with ``semidiscretise`` or ``System.from_matrices``. Raises InputError naming what is wrong:
+    shape, symmetry, definiteness, a subclass.
+    """
+
+    mass: Array
+    damping: Array
+    stiffness: Array
+    loads: tuple[tuple[Array, LoadFunction], ...] = ()
+    contacts: tuple[Contact, ...] = ()
+    observe: Array | None = None
+    q0: Array
+    v0: Array
+    origin: Origin | None = field(default=None, repr=False)
+
+    def __post_init__(self) -> None:
+        itself("system", self, System)
+        mass = definite_matrix("mass", symmetric_matrix("mass", self.mass))
+        n = len(mass)
+        damping, stiffness = (
+            definite_matrix(x, symmetric_matrix(x, getattr(self, x), n)) for x in ("damping", "stiffness")
+        )
+        rule, remedy = "hold Contact(row, stops) only", "for none write ()"
+        single = isinstance(self.contacts, Contact)
+        contacts = (self.contacts,) if single else tuple(sequence("contacts", self.contacts, rule, remedy))
+        for contact in contacts:
+            if not isinstance(contact, Contact):
+                raise InputError("contacts", contact, rule, remedy)
+            itself("contacts", contact, Contact)
+            if contact.row.shape != (n,):
+                raise InputError("contact.row", contact.row, f"hold {n} numbers", "one per unknown")
+        loads = []
+        rule = "hold pairs (vector, time function)"
+        for load in sequence("loads", self.loads, rule, remedy):
+            if not isinstance(load, (tuple, list)) or len(load) != 2:
+                raise InputError("loads", load, rule, "for example ([0, 0, 1], Constant(1.0))")
+            loads.append((finite_vector("loads", load[0], n), load_function("loads", load[1])))
+        if self.observe is None and not contacts:
+            raise InputError("observe", None, "name the row of .tip where there is no contact", "pass observe=row")
+        if self.origin is not None:
+            itself("origin", self.origin, Origin)
+        checked = {
+            "mass": mass, "damping": damping, "stiffness": stiffness, "loads": tuple(loads), "contacts": contacts,
+            "observe": None if self.observe is None else finite_vector("observe", self.observe, n),
+            "q0": finite_vector("initial_displacement", self.q0, n),
+            "v0": finite_vector("initial_velocity", self.v0, n),
+        }  # fmt: skip
+        for name, value in checked.items():
+            object.__setattr__(self, name, value)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """The fields; and the fingerprint, by which a copy in another process is known to be equal."""
+        return {x.name: getattr(self, x.name) for x in fields(self)} | {"fingerprint": self.fingerprint}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """A pickled array can be written to again."""
+        self.__dict__.update(state)
+        for name in ("mass", "damping", "stiffness", "q0", "v0"):
+            object.__setattr__(self, name, read_only(getattr(self, name)))
+        object.__setattr__(self, "observe", None if self.observe is None else read_only(self.observe))
+        object.__setattr__(self, "loads", tuple((read_only(vector), f) for vector, f in self.loads))
+
+    @classmethod
+    def from_matrices(
+        cls,
+        mass: Any,
+        stiffness: Any,
+        damping: Any = None,
+        loads: Sequence[tuple[ArrayLike, LoadFunction]] = (),
+        contacts: Sequence[Contact] = (),
+        observe: ArrayLike | None = None,
+        initial_displacement: ArrayLike | None = None,
+        initial_velocity: ArrayLike | None = None,
+    ) -> System:
+        """Anyone's finite-element model: dense or SciPy sparse matrices, any contact row; at rest at zero
+        without initial data. Raises InputError as the class does."""
+        mass = symmetric_matrix("mass", mass)
+        nothing = np.zeros(len(mass))
+        given: Any = {
+            "loads": loads, "contacts": contacts, "observe": observe,
+            "q0": nothing if initial_displacement is None else initial_displacement,
+            "v0": nothing if initial_velocity is None else initial_velocity,
+        }  # fmt: skip
+        return cls(
+            mass=mass,
+            damping=np.zeros_like(mass) if damping is None else damping,
+            stiffness=stiffness,
+            **given,
+        )
+
+    def __repr__(self) -> str:
+        return f"<System, {self.form}: {self.size} unknowns, {len(self.loads)} loads, {len(self.contacts)} contacts>"
+
+    def massless_contacts(self, redistribute: str = "neighbour") -> System:
+        """Rigid stops on contact nodes without mass: an ordinary system with stops of the nodes' own stiffness.
+
+        redistribute: "neighbour" or "renard", where their mass goes. For conditions and sources see
+        ``model.massless``; raises InputError where they do not hold.
+        """
+        from .massless import massless_contacts
+
+        return massless_contacts(self, redistribute)
+
+    @property
+    def size(self) -> int:
+        """n, the number of unknowns."""
+        return len(self.mass)
+
+    @property
+    def units(self) -> Units:
+        """The units of t, q, the forces and the energies: the problem's, unknown for matrices."""
+        return (self.origin.units_of(self) if self.origin else None) or UNKNOWN
+
+    @property
+    def damped(self) -> bool:
+        return bool(np.any(self.damping))
+
+    @cached_property
+    def stiffness_factor(self) -> Array | None:
+        """G with G^T G = K where one is known, from which frequencies lose eps w_max/w_1 rather than its square."""
+        return None if self.origin is None else self.origin.factor_of(self)
+
+    @cached_property
+    def problem(self) -> BeamProblem | None:
+        """The beam of which this is the semi-discretisation, its initial data being q0 and v0; else None."""
+        return None if self.origin is None else self.origin.problem_of(self)
+
+    @cached_property
+    def form(self) -> str:
+        """The space discretisation that made the matrices, "matrices" for anyone's own."""
+        return (self.origin and self.origin.form_of(self)) or "matrices"
+
+    @property
+    def cells(self) -> int | None:
+        """The cells of the beam's grid, None for anyone's own matrices."""
+        return self.origin.cells if self.origin and self.origin.form_of(self) else None
+
+    @cached_property
+    def channels(self) -> tuple[tuple[Array, LoadFunction | None], ...]:
+        """The observed positions (row, offset): one per contact, then the tip where it is another row."""
+        rows = tuple((contact.row, contact.offset) for contact in self.contacts)
+        return rows if self.observe is None else (*rows, (self.observe, None))
+
+    @property
+    def tip_channel(self) -> int:
+        """The index in ``channels`` of the tip."""
+        return 0 if self.observe is None else len(self.contacts)
+
+    def load(self, t: ArrayLike) -> Array:
+        """sum_k p_k f_k(t); shape t.shape + (n,)."""
+        t = np.asarray(t, float)
+        total = np.zeros((*t.shape, self.size))
+        for vector, function in self.loads:
+            total += evaluate(function, t)[..., None] * vector
+        return total
+
+    def positions(self, t: ArrayLike, q: Array) -> Array:
+        """row q + o(t) of every channel; q of shape t.shape + (n,) gives t.shape + (channels,)."""
+        return np.stack([q @ row + offset_values(offset, t) for row, offset in self.channels], axis=-1)
+
+    def contact_energy(self, t: ArrayLike, q: Array) -> Array:
+        """sum_c U_c(row_c q + o_c(t))."""
+        total = np.zeros(np.shape(t))
+        for contact in self.contacts:
+            total = total + contact.stops.energy(q @ contact.row + offset_values(contact.offset, t))
+        return total
+
+    def energies(self, t: ArrayLike, q: Array, v: Array) -> tuple[Array, Array, Array]:
+        """(1/2 q'^T M q', 1/2 q^T K q, sum_c U_c), each t.shape; q, v of shape t.shape + (n,)."""
+        kinetic = 0.5 * np.sum(v * (v @ self.mass), axis=-1)
+        strain = q @ self.stiffness_factor.T if self.stiffness_factor is not None else None
+        elastic = np.sum(strain**2, axis=-1) if strain is not None else np.sum(q * (q @ self.stiffness), axis=-1)
+        return kinetic, 0.5 * elastic, self.contact_energy(t, q)
+
+    def energy(self, t: ArrayLike, q: Array, v: Array) -> Array:
+        """E, the sum of ``energies``."""
+        return sum(self.energies(t, q, v), np.zeros(np.shape(t)))
+
+    def first_order(self) -> FirstOrderSystem:
+        """y' = A y + ...: the paper's (v_1, v_1', ..., v_M, v_M') (3.5) or (w, s, v_M) (3.12)."""
+        return (self.origin and self.origin.first_order_of(self)) or interleaved(self)
+
+    def descriptor(self) -> tuple[Array, FirstOrderSystem]:
+        """(E, right) with E y' = right(t, y), y = (q_1, q_1', ..., q_n, q_n'), no mass inverted.
+
+        E is (2n, 2n): the identity on the positions, M on the velocities.
+        """
+        n = self.size
+        q, v = slice(0, 2 * n, 2), slice(1, 2 * n, 2)
+        E = np.zeros((2 * n, 2 * n))
+        E[q, q], E[v, v] = np.eye(n), self.mass
+        return E, interleaved(self, inverse=lambda x: x)
+
+    def rhs(self, t: float, y: Array) -> Array:
+        """The method-of-lines right-hand side in first-order form."""
+        return self._first_order.rhs(t, y)
+
+    def jacobian(self, t: float, y: Array) -> Array:
+        """d rhs/dy, (m, m)."""
+        return self._first_order.jacobian(t, y)
+
+    @cached_property
+    def _first_order(self) -> FirstOrderSystem:
+        return self.first_order()
+
+    def displacement(self, t: ArrayLike, q: Array, x: ArrayLike) -> Array:
+        """u(x, t) of a beam between its nodes, see field; t (m,), q (m, n), x (...) -> (m, ...).
+
+        Raises InputError for a system that is not a beam, and for x outside it.
+        """
+        return beam_field(self._beam("displacement(x)"), self.form, np.asarray(t, float), q, x)
+
+    def velocity(self, t: ArrayLike, v: Array, x: ArrayLike) -> Array:
+        """u_t(x, t) as ``displacement``, from v = q'."""
+        return beam_field_rate(self._beam("velocity(x)"), self.form, np.asarray(t, float), v, x)
+
+    def moment(self, t: ArrayLike, q: Array, v: Array, x: ArrayLike) -> Array:
+        """EI u_xx + eta u_xxt: the bending moment, > 0 where the beam curves towards positive u; order 2 in h."""
+        return beam_stress(self._beam("moment(x)"), self.form, np.asarray(t, float), q, v, x, 2)
+
+    def shear(self, t: ArrayLike, q: Array, v: Array, x: ArrayLike) -> Array:
+        """sigma = -EI u_xxx - eta u_xxxt, the paper's shear stress; constant in a cell, order 1 in h."""
+        return -beam_stress(self._beam("shear(x)"), self.form, np.asarray(t, float), q, v, x, 3)
+
+    def _beam(self, wanted: str) -> BeamProblem:
+        if self.problem is None:
+            raise InputError(wanted, self.form, "be asked of a beam", "for from_matrices use run.states")
+        return self.problem
+
+    @property
+    def exact_parameters(self) -> tuple[str, ...]:
+        """The numbers that multiprecision takes at their exact value, not at that of the double, as ``name = text``."""
+        if self.problem is not None and self.form != "hermite":
+            return tuple(exact_parts(self.problem))
+        return (*exact_parts(self.loads, "loads"), *exact_parts(self.contacts, "contacts"))
+
+    @cached_property
+    def fingerprint(self) -> str:
+        """A hash of everything that determines the solution; equal for equal systems in any process.
+
+        Numbers count by their exact values: a stop at the decimal 0.001 and one at the double next to it make
+        two systems, whose motions part at the horizon of float64.
+        A bare callable cannot be hashed by content: it counts as equal to itself only, in this process.
+        """
+        digest = hashlib.sha256(self.form.encode())
+        for array in (self.mass, self.damping, self.stiffness, self.q0, self.v0, self.observe):
+            digest.update(b"none" if array is None else np.ascontiguousarray(array).tobytes())
+        for vector, function in self.loads:
+            digest.update(vector.tobytes() + _describe(function).encode())
+        for contact in self.contacts:
+            digest.update(contact.row.tobytes() + repr(contact.stops).encode() + _describe(contact.offset).encode())
+        digest.update("; ".join(self.exact_parameters).encode())
+        if self.units.known:
+            digest.update(repr(self.units).encode())
+        return digest.hexdigest()
+
+
+def require_system(system: Any, field: str = "system") -> System:
+    """``system`` where it is a System itself."""
+    if not isinstance(system, System):
+        remedy = "make it with semidiscretise or from_matrices"
+        raise InputError(field, f"a {type(system).__name__}", "be a System", remedy)
+    itself(field, system, System)
+    return system
+
+
+def _describe(function: LoadFunction | None) -> str:
+    if function is None or isinstance(function, (Harmonic, Constant)):
+        return repr(function)
+    if isinstance(function, Sampled):
+        return f"sampled {function.digest}"
+    if isinstance(function, Sum):
+        return " + ".join(f"{factor!r} ({_describe(f)})" for factor, f in function.terms)
+    if isinstance(function, Derivative):
+        return f"derivative {function.order} of ({_describe(function.function)})"
+    _CALLABLES[id(function)] = function  # kept, so that no other one is ever given its number
+    return f"callable {_PROCESS} {id(function)}"

@@ -1,0 +1,282 @@
+"""Functions of time: the base motion phi(t), the load factors f_k(t), the stop offsets o_c(t)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Any, ClassVar, Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..basics.arrays import Array
+from ..basics.validation import InputError, itself, number, numbers, positive
+from .sampled import Sampled
+
+
+@runtime_checkable
+class TimeFunction(Protocol):
+    """f(t) with two derivatives, vectorised: an array of times gives an array of that shape.
+
+    Besides, an attribute ``breakpoints`` may state the times where f is not smooth (see ``breakpoints_of``).
+    """
+
+    def value(self, t: ArrayLike, /) -> Array: ...  # f(t)
+    def rate(self, t: ArrayLike, /) -> Array: ...  # f'(t)
+    def acceleration(self, t: ArrayLike, /) -> Array: ...  # f''(t)
+
+
+@dataclass(frozen=True)
+class Harmonic:
+    """f(t) = amplitude sin(frequency t + phase); ``frequency`` is angular (rad per time) and > 0.
+
+    A number given as a text ("0.2", "pi/2", "2*pi*50"), Fraction or Decimal is carried exactly into multiprecision.
+    """
+
+    amplitude: float
+    frequency: float
+    phase: float = 0.0
+    breakpoints: ClassVar[tuple[float, ...]] = ()
+
+    def __post_init__(self) -> None:
+        itself("time function", self, Harmonic)
+        object.__setattr__(self, "amplitude", number("amplitude", self.amplitude, exact=True))
+        object.__setattr__(self, "frequency", positive("frequency", self.frequency, exact=True))
+        if not self.frequency <= 1e150 or abs(self.amplitude) * max(1.0, self.frequency) ** 2 > 1e300:
+            given, rule = (self.amplitude, self.frequency), "have an acceleration, amplitude frequency^2, in float64"
+            raise InputError("amplitude and frequency", given, rule, "use other units")
+        object.__setattr__(self, "phase", number("phase", self.phase, exact=True))
+
+    def value(self, t: ArrayLike) -> Array:
+        return self.amplitude * np.sin(self.frequency * np.asarray(t, float) + self.phase)
+
+    def rate(self, t: ArrayLike) -> Array:
+        return self.frequency * self.amplitude * np.cos(self.frequency * np.asarray(t, float) + self.phase)
+
+    def acceleration(self, t: ArrayLike) -> Array:
+        return -(self.frequency**2) * self.value(t)
+
+    @property
+    def sine(self) -> float:
+        """The coefficient of sin(frequency t)."""
+        return self.amplitude * math.cos(self.phase)
+
+    @property
+    def cosine(self) -> float:
+        """The coefficient of cos(frequency t)."""
+        return self.amplitude * math.sin(self.phase)
+
+
+@dataclass(frozen=True)
+class Constant:
+    """f(t) = level."""
+
+    level: float
+    breakpoints: ClassVar[tuple[float, ...]] = ()
+
+    def __post_init__(self) -> None:
+        itself("time function", self, Constant)
+        object.__setattr__(self, "level", number("level", self.level, exact=True))
+
+    def value(self, t: ArrayLike) -> Array:
+        return np.full(np.shape(t), float(self.level))
+
+    def rate(self, t: ArrayLike) -> Array:
+        return np.zeros(np.shape(t))
+
+    def acceleration(self, t: ArrayLike) -> Array:
+        return np.zeros(np.shape(t))
+
+
+@dataclass(frozen=True, init=False, repr=False)
+class Sum:
+    """f(t) = sum_k factor_k f_k(t) of ``terms`` = ((factor_k, f_k), ...); ``Sum(f_1, f_2, ...)`` has factors 1.
+
+    Takes functions with value, rate and acceleration. Raises InputError for anything else, a bare callable
+    included: it has no rate.
+    """
+
+    terms: tuple[tuple[float, LoadFunction], ...]
+
+    def __init__(self, *functions: TimeFunction) -> None:
+        itself("time function", self, Sum)
+        if not functions:
+            raise InputError("Sum", "nothing", "have at least one function of time")
+        for function in functions:
+            if not isinstance(function, TimeFunction):
+                remedy = "for example Harmonic or Sampled"
+                raise InputError("Sum", function, "add functions with value, rate and acceleration", remedy)
+            load_function("Sum", function)
+        object.__setattr__(self, "terms", tuple((1.0, function) for function in functions))
+
+    @classmethod
+    def weighted(cls, terms: Iterable[tuple[float, LoadFunction]]) -> Sum:
+        """A sum of multiples of functions that have been checked; a bare callable has its rate by differences."""
+        made = object.__new__(cls)
+        object.__setattr__(made, "terms", tuple((float(factor), f) for factor, f in terms))
+        return made
+
+    def __repr__(self) -> str:
+        return f"Sum({', '.join(repr(f) if factor == 1.0 else f'{factor:g} * {f!r}' for factor, f in self.terms)})"
+
+    @property
+    def breakpoints(self) -> Array | None:
+        """Where a term is not smooth; None where a term does not say."""
+        stated = [breakpoints_of(f) for _, f in self.terms]
+        known = [times for times in stated if times is not None]
+        return np.unique(np.concatenate(known)) if len(known) == len(stated) else None
+
+    def value(self, t: ArrayLike) -> Array:
+        return sum((factor * evaluate(f, t) for factor, f in self.terms), np.zeros(np.shape(t)))
+
+    def rate(self, t: ArrayLike) -> Array:
+        return sum((factor * offset_rate(f, t) for factor, f in self.terms), np.zeros(np.shape(t)))
+
+    def acceleration(self, t: ArrayLike) -> Array:
+        """f''(t). Raises InputError where a term is a bare callable, which has none."""
+        total = np.zeros(np.shape(t))
+        for factor, f in self.terms:
+            if not isinstance(f, TimeFunction):
+                rule = "have rate(t) and acceleration(t) here"
+                raise InputError("a time function", f, rule, "give it those methods beside value(t)")
+            total = total + factor * np.asarray(f.acceleration(t), float)
+        return total
+
+
+@dataclass(frozen=True)
+class Derivative:
+    """t -> f'(t) or f''(t) of a function that is known by its values only: a load that moves with a base."""
+
+    function: TimeFunction
+    order: int
+
+    def __call__(self, t: ArrayLike) -> Array:
+        return self.function.rate(t) if self.order == 1 else self.function.acceleration(t)
+
+    @property
+    def breakpoints(self) -> Any:
+        return getattr(self.function, "breakpoints", None)
+
+
+LoadFunction = TimeFunction | Callable[[Any], Any]
+KNOWN = (Harmonic, Constant, Sampled)  # what closed forms are made of
+
+
+def parts(function: LoadFunction | None) -> tuple[tuple[float, LoadFunction], ...]:
+    """The (factor, f) that a Sum, or a Sum of Sums, adds up; any other function itself, none for None."""
+    if isinstance(function, Sum):
+        return tuple((factor * inner, f) for factor, term in function.terms for inner, f in parts(term))
+    return () if function is None else ((1.0, function),)
+
+
+def parts_of(function: LoadFunction | None) -> tuple[LoadFunction, ...]:
+    """The functions of ``parts`` without their factors."""
+    return tuple(f for _, f in parts(function))
+
+
+def in_closed_form(function: LoadFunction | None) -> bool:
+    """Whether it is made of Harmonic, Constant and Sampled: known by numbers, which can be hashed and saved."""
+    return all(isinstance(part, KNOWN) for part in parts_of(function))
+
+
+def derivative(function: TimeFunction, order: int) -> LoadFunction:
+    """f, f' or f''; in closed form where f is. Raises InputError for a polygon, whose acceleration is impulses."""
+    if order == 0:
+        return function
+    if isinstance(function, Harmonic):
+        if order == 2:
+            return Harmonic(-function.amplitude * function.frequency**2, function.frequency, function.phase)
+        return Harmonic(function.amplitude * function.frequency, function.frequency, function.phase + np.pi / 2)
+    if isinstance(function, Constant):
+        return Constant(0.0)
+    if isinstance(function, Sampled):
+        return function.derived(order)
+    if isinstance(function, Sum) and in_closed_form(function):
+        return Sum.weighted((factor, derivative(f, order)) for factor, f in function.terms)  # type: ignore[arg-type]
+    return Derivative(function, order)
+
+
+def covered(functions: Iterable[LoadFunction | None], t_end: float) -> None:
+    """Raise InputError unless every Sampled among the functions has samples from 0 to ``t_end``."""
+    for function in functions:
+        for part in parts_of(function):
+            if isinstance(part, Sampled):
+                part.covers(0.0, t_end)
+
+
+def load_function(field: str, function: Any, remedy: str = "for example Constant(0.1)") -> Any:
+    """``function`` if it is one of time: a Harmonic or Constant itself, a TimeFunction, or a callable.
+
+    A subclass of Harmonic, Constant, Sampled or Sum is refused: these are computed with as numbers, and what it
+    overrides would be ignored.
+    """
+    for known in (*KNOWN, Sum):
+        if isinstance(function, known):
+            itself(field, function, known)
+    if not isinstance(function, TimeFunction) and not callable(function):
+        raise InputError(field, function, "be a Harmonic, a Constant or a function of time", remedy)
+    if isinstance(function, type):
+        raise InputError(field, function.__name__, "be a function of time, not a class", remedy)
+    return function
+
+
+def evaluate(function: LoadFunction, t: ArrayLike) -> Array:
+    """f(t) of a TimeFunction or of a bare callable, as a float array of the shape of ``t``."""
+    t = np.asarray(t, float)
+    remedy = "write it with NumPy functions, for example numpy.where for an if"
+    try:
+        given = function.value(t) if isinstance(function, TimeFunction) else function(t)
+    except InputError:
+        raise
+    except Exception as error:  # whatever the functions of others raise
+        raise InputError("a time function", repr(error), "take an array of times", remedy) from None
+    try:
+        values = np.asarray(given)
+        if values.dtype.kind not in "biufO":
+            raise TypeError
+        values = values.astype(float)
+    except (TypeError, ValueError, OverflowError):
+        raise InputError("a time function", given, "return real numbers", remedy) from None
+    if values.shape != t.shape and values.shape != ():
+        raise InputError(
+            "a time function",
+            values.shape,
+            f"return one value per time, shape {t.shape}",
+            "write it with NumPy functions, so that it takes an array of times",
+        )
+    if not np.all(np.isfinite(values)):
+        first = t[~np.isfinite(np.broadcast_to(values, t.shape))].flat[0]
+        raise InputError("a time function", f"a value that is not finite at t = {first:g}", "be finite")
+    return np.broadcast_to(values, t.shape)
+
+
+def breakpoints_of(function: LoadFunction) -> Array | None:
+    """The times where a function of time is not smooth, as its attribute ``breakpoints`` states them; None
+    where it states nothing. A bare callable can carry the attribute too: ``f.breakpoints = (0.5, 0.502)``.
+    """
+    stated = getattr(function, "breakpoints", None)
+    return None if stated is None else times_of("breakpoints", stated)
+
+
+def times_of(field: str, values: Any) -> Array:
+    """Times in increasing order. Raises InputError for what are none."""
+    return np.unique(numbers(field, values, "be finite times", "give a list of them"))
+
+
+def offset_values(offset: LoadFunction | None, t: ArrayLike) -> Array:
+    """o(t), zero for None."""
+    return np.zeros(np.shape(t)) if offset is None else evaluate(offset, t)
+
+
+def offset_rate(offset: LoadFunction | None, t: ArrayLike) -> Array:
+    """o'(t), of a bare callable by differences that stay inside [0, t], but for the first few steps."""
+    if offset is None:
+        return np.zeros(np.shape(t))
+    if isinstance(offset, TimeFunction):
+        return offset.rate(t)
+    t = np.asarray(t, float)
+    step = 1e-6 * float(np.max(np.abs(t))) or 1e-8
+    step = np.where(t < 2.0 * step, step, -step)  # forwards there, else backwards
+    here, next_, last = (offset_values(offset, t + k * step) for k in range(3))
+    return (4.0 * next_ - 3.0 * here - last) / (2.0 * step)

@@ -1,0 +1,129 @@
+"""Reference solutions: one call and one Trajectory type for every solver."""
+
+from __future__ import annotations
+
+import math
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+from ..basics.progress import Show, silent
+from ..basics.progress import progress as shown
+from ..basics.validation import InputError, numbers, one_of, positive
+from .registry import ADAPTIVE, METHODS, MULTIPRECISION, REFERENCES
+from .request import KEEP, RESTART, Request, Steps
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    from ..model.system import System
+    from ..trajectory.trajectory import Reference
+
+__all__ = ["METHODS", "REFERENCES", "reference", "solve"]
+
+
+def reference(
+    system: System,
+    t_end: float,
+    method: str = "exact",
+    t_eval: ArrayLike | None = None,
+    rtol: float = 1e-10,
+    atol: float | None = None,
+    digits: int | str = "auto",
+    breakpoints: ArrayLike = (),
+    max_step: float | None = None,
+    switches: str | None = None,
+    progress: bool | Show = False,
+) -> Reference:
+    """A reference solution on [0, t_end], with the horizon to which it can be trusted.
+
+    method: "exact" (piecewise linear, closed form between switches; rigid stops from impact to impact);
+    "multiprecision" (the first in as many ``digits`` as error growth requires, confirmed with more: trusted to
+    t_end); "cvode" (BDF),
+    "cvode-adams" and "ida" (BDF on the residual, no mass inverted) of SUNDIALS; "kvaerno3" and "kvaerno5"
+    (ESDIRK, diffrax); "dop853", "radau" and "lsoda" (SciPy). t_eval: output times, (k,) increasing in [0, t_end], by
+    default 2001 equidistant ones. The exact solutions answer ``at`` any time, the others at t_eval only.
+    Contact runs are chaotic: past ``horizon`` no float64 solution is *the* one.
+
+    For the adaptive solvers: rtol; atol, default rtol/100 of the scale of every unknown. breakpoints: times
+    where a load or an offset is not smooth; the solver starts anew there, as at those that a function of
+    time states itself (its attribute ``breakpoints``). A function that is neither Harmonic nor Constant is
+    also sampled at 2^18 times or more (up to 2^22, 200 in the shortest natural period), to find where
+    it or its slope jumps and how fast it varies: a feature shorter than t_end/2^18 can be missed.
+    max_step: the longest step, by default what the functions of time allow. switches: "restart" (a new
+    start with a smooth right-hand side at every entry into a stop and every exit; default of
+    cvode-adams, dop853 and lsoda) or "through" (error control finds the kink; default of the others).
+    progress: True shows a bar in a terminal or a notebook, by solutions done: the reference itself and those
+    its horizon is measured with; or a function that is called as show(what, done, total), total 0 where it is
+    not known. Without it, work of minutes is announced by a warning, with an estimate from a pilot run.
+
+    Times and tolerances are in the units of the system. Raises InputError for an argument that is wrong or
+    that the method cannot take, and where its library is missing; SolverFailure where the method gives up.
+    """
+    from ..model.system import require_system
+    from ..model.time_functions import times_of
+    from .estimate import warn_of_minutes
+    from .horizon import with_horizon
+
+    if not isinstance(progress, bool) and not callable(progress):
+        raise InputError("progress", progress, "be True, False or a function", "leave it out")
+    if progress is True:
+        with shown() as show:
+            return reference(
+                system, t_end, method, t_eval, rtol, atol, digits, breakpoints, max_step, switches, progress=show
+            )
+    show = progress or silent
+
+    times = None if t_eval is None else numbers("t_eval", t_eval, "be increasing times", "give a list of them")
+    steps = Steps(tuple(times_of("breakpoints", breakpoints).tolist()), max_step, switches)
+    require_system(system)
+    one_of("method", method, REFERENCES, "be a reference method")
+    t_end = positive("t_end", t_end)
+    if not progress:
+        warn_of_minutes(system, t_end, method, rtol, atol, steps, solve)
+    show(f"{method}: solving", 0, 0)
+    found = solve(system, t_end, method, times, rtol, atol, digits, steps)
+    if REFERENCES[method].kind == MULTIPRECISION or not math.isnan(found.horizon):
+        return found  # confirmed by more digits, or by its own copies
+    return with_horizon(found, system, t_end, steps, solve, show)
+
+
+def solve(
+    system: System,
+    t_end: float,
+    method: str,
+    t_eval: NDArray | None,
+    rtol: float,
+    atol: float | None,
+    digits: int | str = "auto",
+    steps: Steps = Steps(),  # noqa: B008
+) -> Reference:
+    """``reference`` without the horizon, but for multiprecision, which brings its own; t_eval: (k,) or None.
+
+    Raises InputError for what the method cannot take or a library that is missing, SolverFailure where it
+    gives up.
+    """
+    from ..model.system import require_system
+
+    require_system(system)
+    one_of("method", method, REFERENCES, "be a reference method")
+    t_end = positive("t_end", t_end)
+    own = REFERENCES[method]
+    if own.kind == ADAPTIVE and not 1e-150 <= t_end <= 1e150:
+        raise InputError("t_end", t_end, "have a square in float64", "count time in another unit")
+    given = "breakpoints" if len(steps.breakpoints) else "max_step" if steps.max_step is not None else "switches"
+    if own.kind != ADAPTIVE and (given != "switches" or steps.switches is not None):
+        raise InputError(given, getattr(steps, given), f"be left out for {method}", "it has no steps to bound")
+    if method != "exact":
+        for contact in system.contacts:
+            contact.stops.require_compliant(f"method={method!r}")
+    if not own.roots and isinstance(steps.switches, str) and steps.switches == RESTART:
+        raise InputError("switches", RESTART, f"be {KEEP!r} for {method}", "use method='cvode-adams'")
+    try:
+        solver = import_module(f".{own.module}", __name__)
+        return solver.solve(Request(system, t_end, method, t_eval, rtol, atol, digits, steps))
+    except ModuleNotFoundError as error:
+        missing = (error.name or "").partition(".")[0]
+        if missing not in own.libraries:
+            raise
+        rule, remedy = f"have its library {missing} installed", f"pip install {own.libraries[missing]}"
+        raise InputError("method", method, rule, remedy) from None

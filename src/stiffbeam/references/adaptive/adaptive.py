@@ -1,0 +1,188 @@
+"""What the adaptive solvers share: tolerances, pieces and scales before them, the Reference after them."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import asdict
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ...basics.arrays import Array
+from ...basics.budget import afford
+from ...basics.validation import InputError, one_of, positive
+from ...model.first_order import FirstOrderSystem
+from ...model.system import System
+from ...trajectory.ledger import Ledger, in_contact
+from ...trajectory.trajectory import Reference, Work, output_index, versions
+from ..registry import REFERENCES
+from ..request import KEEP, RESTART, Request, output_times
+from .contact_records import contact_record
+from .pieces import Pieces, smooth_pieces
+from .restarts import Contacts, Outcome, Phase, follow
+from .rhs import RightHandSide
+from .scales import Scales, scales_of
+
+LEAST_RTOL = 100.0 * float(np.finfo(float).eps)  # below it steps shrink without end instead of failing
+LEAST_SHARE = 1e-6  # of the default atol: below it an unknown that passes through zero stops the solver
+UNCONTROLLED = 1e200  # the absolute tolerance of the integrals, which follow the motion
+
+
+class Solve(NamedTuple):
+    """states (k, size) at the output times; the contacts' spans, None where the solver has no roots;
+    counters; the state at t_end; seconds of solving, and of compiling, apart."""
+
+    states: Array
+    contacts: Contacts | None
+    counters: dict[str, int]
+    end: Array
+    seconds: float
+    compile_seconds: float = 0.0
+
+
+class Task(NamedTuple):
+    """What an adaptive solver is given: outputs t (k,), relative tolerance and those of every unknown (size,)."""
+
+    rhs: RightHandSide
+    pieces: Pieces
+    t: Array
+    rtol: float
+    atol: Array
+    switches: str
+    scales: Scales
+    events: bool
+
+
+Solver = Callable[[Phase], Outcome]
+
+
+def in_phases(method: str, solver: Callable[[RightHandSide, float, Array], Solver]) -> Callable[[Task], Solve]:
+    """The whole solve of a solver that makes one phase."""
+
+    def solve(task: Task) -> Solve:
+        begun = time.perf_counter()
+        run = solver(task.rhs, task.rtol, task.atol)
+        path = follow(method, task.rhs, task.pieces.pieces, task.t, task.switches, task.scales, run, task.events)
+        return Solve(path.states, path.contacts, path.counters, path.end, time.perf_counter() - begun)
+
+    return solve
+
+
+def reference_from(
+    request: Request, solve: Callable[[Task], Solve], switches: str, first_order: FirstOrderSystem | None = None
+) -> Reference:
+    """Run ``solve`` on the first-order system (its own unless given) and wrap its output.
+
+    switches: the method's default. atol defaults to rtol/100 of every unknown's scale (``scales_of``). A
+    solver without roots has no events: its impacts are the sampled ones at the output times, with the
+    peak force and the share of time in contact there. Input, dissipation and impulses are integrated with
+    the motion and take no part in error control.
+    """
+    system, t_end, method, t_eval, rtol, atol, _, steps = request
+    positive("t_end", t_end)
+    rtol = positive("rtol", rtol)
+    if rtol < LEAST_RTOL:
+        raise InputError("rtol", rtol, f"be at least {LEAST_RTOL:.2g} in float64", "use method='multiprecision'")
+    jumps = next((c.stops.damping for c in system.contacts if c.stops.jumps), 0.0)
+    # No error control is meant for a force that jumps.
+    switches = (RESTART if jumps else switches) if steps.switches is None else steps.switches
+    one_of("switches", switches, (RESTART, KEEP), f"be {RESTART!r} or {KEEP!r}")
+    if jumps and switches == KEEP:
+        rule = f"be {RESTART!r} for stops with damping = {jumps:g}, whose force jumps"
+        raise InputError("switches", switches, rule, "use method='cvode'")
+    t = output_times(t_eval, t_end)
+    begun = time.perf_counter()
+    pieces = smooth_pieces(system, t_end, steps)  # which asks the functions of time what they are
+    rhs = RightHandSide(first_order or system.first_order())
+    scales = scales_of(rhs.first_order, t_end)
+    if steps.max_step is not None:
+        afford("max_step", steps.max_step, "give a larger one", seconds=2e-5 * t_end / steps.max_step)
+    tolerances = rtol / 100.0 * scales.unknowns
+    if atol is not None:
+        least = LEAST_SHARE * float(np.min(tolerances))
+        if positive("atol", atol) < least:
+            remedy = "leave it out for rtol/100 of every unknown's scale"
+            raise InputError("atol", atol, f"be at least {least:.2g}, a millionth of its default", remedy)
+        tolerances = np.full(rhs.states, float(atol))
+    # The integrals are no part of the error, but they are counted in its root mean square.
+    share = np.sqrt(rhs.states / rhs.size)
+    tolerances = np.concatenate([share * tolerances, np.full(rhs.size - rhs.states, UNCONTROLLED)])
+    result = solve(Task(rhs, pieces, t, share * rtol, tolerances, switches, scales, steps.events))
+    y = result.states[:, : rhs.states]
+    positions, velocities = rhs.channels(t, y)
+    tip = system.tip_channel
+    states = (y @ rhs.first_order.to_q.T, y @ rhs.first_order.to_v.T)
+
+    def ledger() -> Ledger:
+        given, taken = result.states[:, rhs.states : rhs.states + 2].T
+        of_stops = _taken_by_stops(rhs, result, switches == RESTART, t, positions)
+        return _ledger(system, t, states[0], states[1], given, taken, of_stops)
+
+    bounds = [piece.max_step for piece in pieces.pieces if np.isfinite(piece.max_step)]
+    provenance: dict[str, Any] = {
+        "method": method,
+        "form": system.form,
+        "units": asdict(system.units),
+        "t_end": float(t_end),
+        "rtol": rtol,
+        "atol": "rtol/100 of every unknown's scale" if atol is None else atol,
+        "switches": switches if system.contacts else "none",
+        "pieces": len(pieces.pieces),
+        **({"shortest_step_bound": min(bounds)} if bounds else {}),
+        **({"loads_scanned_every": pieces.spacing} if pieces.spacing else {}),
+        **({"compile_seconds": result.compile_seconds} if result.compile_seconds else {}),
+        **versions(),
+        **REFERENCES[method].versions(),
+    }
+    return Reference(
+        t=t,
+        tip=positions[:, tip],
+        tip_velocity=velocities[:, tip],
+        contacts=tuple(
+            contact_record(rhs, i, t, positions[:, i], velocities[:, i], result.contacts, result.end, t_end)
+            for i in range(len(system.contacts))
+        ),
+        work=Work(
+            steps=0,
+            seconds=time.perf_counter() - begun - result.compile_seconds,
+            march_seconds=result.seconds,
+            counters=result.counters,
+        ),
+        provenance=provenance,
+        system=system,
+        fingerprint=system.fingerprint,
+        evaluate=lambda times, channel: tuple(  # type: ignore[return-value]
+            x[output_index(t, times, method), channel] for x in (positions, velocities)
+        ),
+        state_at=lambda times: tuple(s[output_index(t, times, method)] for s in states),  # type: ignore[return-value]
+        ledger=ledger,
+    )
+
+
+def _taken_by_stops(rhs: RightHandSide, result: Solve, restarted: bool, t: Array, positions: Array) -> Array:
+    """What the stops have dissipated at the output times: of what one held where it let go, less what is left."""
+    if not rhs.damped:
+        return np.zeros(len(t))
+    taken = result.states[:, -1].copy()
+    if restarted and result.contacts is not None:
+        for k, (i, side) in enumerate(rhs.sides):
+            stops = rhs.first_order.contacts[i].contact.stops
+            if stops.dissipative:
+                entries, exits = ([when for when, _ in x[k]] for x in (result.contacts.entries, result.contacts.exits))
+                free = np.searchsorted(entries, t, "left") == np.searchsorted(exits, t, "left")
+                taken -= np.where(
+                    free & (side * stops.penetration(positions[:, i]) > 0.0), stops.energy(positions[:, i]), 0.0
+                )
+    return taken
+
+
+def _ledger(system: System, t: Array, q: Array, v: Array, given: Array, taken: Array, of_stops: Array) -> Ledger:
+    """The ledger with input and dissipation as the solver integrated them: the loss is the solver's own."""
+    energies = system.energies(t, q, v)
+    start = float(system.energy(np.zeros(1), system.q0[None], system.v0[None])[0])
+    loss = start - sum(energies) + given - taken - of_stops
+    touching = in_contact(system, t, q, v)
+    closed = np.concatenate([[False], touching[1:] | touching[:-1]])
+    contact = np.cumsum(np.where(closed, np.diff(loss, prepend=0.0), 0.0))
+    return Ledger(t, *energies, given, taken, loss, contact=contact, free=loss - contact, stop_dissipation=of_stops)

@@ -1,0 +1,100 @@
+"""From the switches that an adaptive solver saw to what happened at a contact."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...basics.arrays import Array
+from ...model.contact import Stops
+from ...trajectory.impacts import COLUMNS, ContactRecord, Impacts
+from ...trajectory.sampling import first_crossing
+from .restarts import Contacts
+from .rhs import RightHandSide
+
+
+def contact_record(
+    rhs: RightHandSide,
+    i: int,
+    t: Array,
+    position: Array,
+    velocity: Array,
+    contacts: Contacts | None,
+    end: Array,
+    t_end: float,
+) -> ContactRecord:
+    """Contact ``i``: by its switches where the solver has roots, else sampled at the output times t.
+
+    Impulses are integrals that the solver carries, peaks the gap where its rate is zero: both as
+    accurate as the motion. A peak is NaN where the solver saw no such zero between entry and exit, the impulse
+    where it carries one with a sign and saw no switches.
+    """
+    stops = rhs.first_order.contacts[i].contact.stops
+    force = stops.force(position, velocity)
+    if contacts is None:
+        total = np.nan if rhs.signed else float(end[rhs.states + 2 + i])
+        found = _crossings(t, position, velocity, stops)
+        times, hit = np.array([s for s, _ in found]), [side for _, side in found]
+        return ContactRecord(
+            stops, position, velocity, force,
+            Impacts.at(times, hit, "sampled"),
+            fraction=float(np.mean(stops.state(position, velocity) != 0)),
+            peak_force=float(np.max(np.abs(force))),
+            impulse=total,
+        )  # fmt: skip
+    spans: list[tuple[float, float, int, float, float]] = []  # of impacts: time, end, side, peak, impulse
+    closed_time, largest, total = 0.0, 0.0, 0.0
+    buffer = np.empty(rhs.roots)
+
+    def pressing(when: float, z: Array, k: int) -> float:
+        if not stops.linear:
+            return rhs.pressing(when, z, k)
+        rhs.gaps(when, z, buffer)
+        return float(stops.pressure(max(0.0, float(buffer[k]))))
+
+    for k, (contact, side) in enumerate(rhs.sides):
+        if contact != i:
+            continue
+        peaks = [(when, pressing(when, z, k)) for when, z in contacts.peaks[k]]
+        exits = contacts.exits[k]
+        for n, (entry, z) in enumerate(contacts.entries[k]):
+            left, z_left = exits[n] if n < len(exits) else (t_end, end)
+            own = max((value for when, value in peaks if entry <= when <= left), default=float("nan"))
+            at_ends = pressing(entry, z, k), pressing(left, z_left, k)
+            if stops.jumps:  # the force of a stop with c > 0 may be largest where it begins
+                own = float(np.nanmax([own, *at_ends]))
+            ended = n < len(exits)
+            closed_time += left - entry
+            largest = np.nanmax([largest, own, *at_ends])
+            impulse = side * float(z_left[rhs.states + 2 + i] - z[rhs.states + 2 + i])
+            total += impulse
+            if entry > 0.0:
+                nan = np.nan
+                spans.append((entry, left, side, own, impulse) if ended else (entry, nan, side, nan, nan))
+    spans.sort(key=lambda span: span[0])
+    columns = np.array(spans).reshape(-1, len(COLUMNS)).T
+    return ContactRecord(
+        stops=stops,
+        position=position,
+        velocity=velocity,
+        force=force,
+        impacts=Impacts.at(columns[0], columns[2], "event", ends=columns[1], peaks=columns[3], impulses=columns[4]),
+        fraction=closed_time / t_end,
+        peak_force=float(largest),
+        impulse=total,
+    )
+
+
+def _crossings(t: Array, u: Array, v: Array, stops: Stops) -> list[tuple[float, int]]:
+    """The sampled impacts at output times that need not be equidistant."""
+    chi = stops.state(u, v)
+    found = []
+    for k in np.flatnonzero((chi[1:] != 0) & (chi[1:] != chi[:-1])) + 1:
+        side, length = int(chi[k]), t[k] - t[k - 1]
+        stop = stops.g2 if side > 0 else stops.g1
+        gap = side * (stop - u[k - 1 : k + 1])
+        if gap[0] < 0.0:  # a damped stop that had let go beyond it presses again
+            found.append((float(t[k - 1]), side))
+            continue
+        s = first_crossing(gap[0], -side * v[k - 1] * length, gap[1], -side * v[k] * length)
+        found.append((float(t[k - 1] + s * length), side))
+    return found

@@ -1,0 +1,108 @@
+"""The compiled loops of the right-hand side: the law of contact, side by side with the linear part."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...basics.compiled import compiled
+from ...model.contact_law import (
+    DAMPING,
+    DISSIPATION,
+    EXPONENT,
+    G1,
+    G2,
+    KAPPA,
+    elastic_force,
+    law_state,
+    side_dissipation,
+    side_force,
+)
+
+
+@compiled
+def right_hand_side(
+    t, z, out, n,
+    indptr, indices, data, damping_indptr, damping_indices, damping_data, basis, power, columns,
+    frequencies, rows, velocity_rows, offsets, offset_rates, law, regime, shifts, shift_rates,
+):  # fmt: skip
+    g = np.empty(1 + 2 * frequencies.size)
+    g[0] = 1.0
+    for k in range(frequencies.size):
+        g[1 + 2 * k] = np.sin(frequencies[k] * t)
+        g[2 + 2 * k] = np.cos(frequencies[k] * t)
+    given = 0.0
+    for i in range(n):
+        total = 0.0
+        for k in range(indptr[i], indptr[i + 1]):
+            total += data[k] * z[indices[k]]
+        weight = 0.0
+        for k in range(g.size):
+            total += basis[k, i] * g[k]
+            weight += power[k, i] * g[k]
+        given += weight * z[i]
+        out[i] = total
+    taken = 0.0
+    for i in range(damping_indptr.size - 1):
+        total = 0.0
+        for k in range(damping_indptr[i], damping_indptr[i + 1]):
+            total += damping_data[k] * z[damping_indices[k]]
+        taken += total * z[i]
+    lost = 0.0
+    for c in range(law.shape[0]):
+        u = shifts[c]
+        rate = shift_rates[c]
+        for k in range(g.size):
+            u += offsets[k, c] * g[k]
+            rate += offset_rates[k, c] * g[k]
+        for i in range(n):
+            u += rows[c, i] * z[i]
+        kappa, g1, g2 = law[c, KAPPA], law[c, G1], law[c, G2]
+        p, damping, dissipation = law[c, EXPONENT], law[c, DAMPING], law[c, DISSIPATION]
+        damps = damping > 0.0 or dissipation > 0.0
+        v = 0.0
+        if damps:
+            v = rate
+            for i in range(n):
+                v += velocity_rows[c, i] * z[i]
+        chi = regime[c]
+        if chi == 2:
+            chi = int(law_state(u, v, kappa, g1, g2, p, damping, dissipation))
+        push = 0.0
+        if chi != 0:
+            force = side_force(u, v, chi, kappa, g1, g2, p, damping, dissipation)
+            for i in range(n):
+                out[i] += columns[c, i] * force
+            given -= force * rate
+            push = -force
+            if damps:
+                lost += side_dissipation(u, v, chi, kappa, g1, g2, p, damping, dissipation)
+        elif regime[c] == 2 and damps:
+            lost += elastic_force(u, kappa, g1, g2, p) * v
+        out[n + 2 + c] = push
+    out[n] = given
+    out[n + 1] = taken
+    if out.size > n + 2 + law.shape[0]:
+        out[n + 2 + law.shape[0]] = lost
+
+
+@compiled
+def gaps(t, z, out, n, frequencies, rows, velocity_rows, offsets, offset_rates, law, shifts, shift_rates):
+    half = out.size // 2
+    k = 0
+    for c in range(law.shape[0]):
+        g1, g2 = law[c, G1], law[c, G2]
+        u = shifts[c] + offsets[0, c]
+        rate = shift_rates[c]
+        for f in range(frequencies.size):
+            sine, cosine = np.sin(frequencies[f] * t), np.cos(frequencies[f] * t)
+            u += offsets[1 + 2 * f, c] * sine + offsets[2 + 2 * f, c] * cosine
+            rate += offset_rates[1 + 2 * f, c] * sine + offset_rates[2 + 2 * f, c] * cosine
+        for i in range(n):
+            u += rows[c, i] * z[i]
+            rate += velocity_rows[c, i] * z[i]
+        if np.isfinite(g2):
+            out[k], out[half + k] = u - g2, rate
+            k += 1
+        if np.isfinite(g1):
+            out[k], out[half + k] = g1 - u, -rate
+            k += 1

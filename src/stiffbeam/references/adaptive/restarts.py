@@ -1,0 +1,278 @@
+"""From piece to piece and from switch to switch: what drives an adaptive solver through its time span.
+
+The solver starts anew wherever its right-hand side is not smooth: at the cuts of the functions of time,
+and, where it restarts at switches, at every entry into a stop and every exit from one. In a phase between
+two of them every contact keeps its side, so that the force is linear beyond the stop as well, and the
+switch is a root of a smooth function.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ...basics.arrays import Array
+from ...basics.budget import Forecast
+from ...trajectory.trajectory import SolverFailure
+from ..request import RESTART
+from .pieces import Piece
+from .rhs import THROUGH, RightHandSide
+from .scales import Scales
+
+STUCK = 1000  # phases without progress in time, after which a solver gives up
+MOST_EVALUATIONS = 50_000_000  # of the right-hand side: some ten minutes
+
+
+class Root(NamedTuple):
+    """Root ``which`` of a phase at ``time`` with state z; sign +1 rising, -1 falling."""
+
+    which: int
+    sign: int
+    time: float
+    z: Array
+
+
+class Phase(NamedTuple):
+    """[start, end] from z, outputs at ``times`` in it, with steps up to max_step (inf: as long as they like)."""
+
+    start: float
+    end: float
+    z: Array
+    times: Array
+    max_step: float
+    watch: Watch
+    forecast: Forecast
+
+
+class Outcome(NamedTuple):
+    """Where a phase ended, with the states at its output times up to there. ended_by: the roots that ended
+    it; missed: they are rates, so the phase has to be made again, with a step that ends there."""
+
+    t: float
+    z: Array
+    states: list[Array]
+    ended_by: list[Root]
+    missed: bool
+    counters: dict[str, int]
+
+
+class Watch:
+    """The roots of a phase: first every gap, then every gap's rate, and what each of them means. Of damped stops
+    see ``RightHandSide.gaps``: the gap is what is > 0 where they press, and the rates of the forces follow.
+
+    In a phase with fixed sides a gap ends it, from below where the side is free, from above where it is
+    closed. It is watched at a level a few roundings past where it starts, so that the root a phase starts
+    on is not found again; a rate at one a few roundings above zero, where it does not stay at rest. A rate
+    that changes sign where the gap is past its level shows that both crossings lie inside one step: the
+    phase is ``missed`` and made again up to there. Without fixed sides nothing ends a phase. The rates of
+    closed sides give the peaks.
+    """
+
+    def __init__(
+        self, rhs: RightHandSide, t: float, z: Array, closed: list[bool], fixed: bool, rounding: Array
+    ) -> None:
+        self.rhs, self.closed, self.fixed = rhs, closed, fixed
+        self.count = len(closed)
+        self.levels = rounding.copy()
+        self.size = len(rounding)
+        self._buffer = np.empty(self.size)
+        if fixed:
+            self.levels[: self.count] = 0.0
+            gaps = self.values(t, z)[: self.count]
+            margin = rounding[: self.count]
+            self.levels[: self.count] = np.where(closed, np.minimum(gaps - margin, 0.0), np.maximum(gaps + margin, 0.0))
+        self.peaks: list[Root] = []
+        self.switches: list[Root] = []
+
+    @property
+    def directions(self) -> list[int]:
+        """Of every root: +1 rising, -1 falling, 0 both."""
+        more = self.size // max(1, self.count) - 1  # rows of rates
+        if not self.fixed:
+            return [0] * self.count + [-1] * (more * self.count)
+        return [-1 if c else 1 for c in self.closed] + more * [0 if c else -1 for c in self.closed]
+
+    def __call__(self, t: float, z: Array, out: Array) -> None:
+        """Write the root functions into ``out``."""
+        self.rhs.gaps(t, z, out)
+        out -= self.levels
+
+    def values(self, t: float, z: Array) -> Array:
+        """The root functions, in an array that the next call overwrites."""
+        if self.count:
+            self(t, z, self._buffer)
+        return self._buffer
+
+    def ends(self, roots: Sequence[Root]) -> bool:
+        """Whether these simultaneous roots end the phase; peaks and switches that do not are noted."""
+        for root in roots:
+            k = root.which % self.count
+            if root.which < self.count:
+                if self.fixed:
+                    return True
+                self.switches.append(root)
+            else:
+                gap = self.values(root.time, root.z)[k]
+                if self.fixed and (gap > 0.0) != self.closed[k]:
+                    return True
+                if root.sign < 0 and gap > 0.0 and root.which >= self.size - self.count:  # of the last row of rates
+                    self.peaks.append(root)
+        return False
+
+    def missed(self, roots: Sequence[Root]) -> bool:
+        """Whether the phase is ended by a rate only."""
+        return bool(roots) and all(r.which >= self.count for r in roots)
+
+    def rate(self, t: float, z: Array, which: int, short: float) -> float:
+        """The rate of root ``which``, a gap; of a damped stop by a difference over ``short`` along the motion."""
+        if not self.rhs.first_order.contacts[self.rhs.sides[which][0]].contact.stops.dissipative:
+            return float(self.values(t, z)[self.count + which])
+        slope = self.rhs.value(t, z)
+        ahead, behind = (float(self.values(t + s, z + s * slope)[which]) for s in (short, -short))
+        return (ahead - behind) / (2.0 * short)
+
+
+class Contacts:
+    """The closed spans of every side, as the roots tell them."""
+
+    def __init__(self, count: int) -> None:
+        self.entries: list[list[tuple[float, Array]]] = [[] for _ in range(count)]
+        self.exits: list[list[tuple[float, Array]]] = [[] for _ in range(count)]
+        self.peaks: list[list[tuple[float, Array]]] = [[] for _ in range(count)]
+
+    def open(self, side: int) -> bool:
+        """Whether the side has been entered and not left."""
+        return len(self.entries[side]) > len(self.exits[side])
+
+    def switch(self, side: int, t: float, z: Array) -> None:
+        """Note that the side is entered, or left where it is open, at t with state z."""
+        (self.exits if self.open(side) else self.entries)[side].append((t, z))
+
+    def note(self, watch: Watch) -> None:
+        """Take over what a phase has seen on its way; a side that is closed is not entered again."""
+        for root in watch.switches:
+            if (root.sign > 0) != self.open(root.which):
+                self.switch(root.which, root.time, root.z)
+        for peak in watch.peaks:
+            self.peaks[peak.which % watch.count].append((peak.time, peak.z))
+
+
+class Path(NamedTuple):
+    """States (k, size) at the outputs, the contacts' spans, None without events, the counters and the state
+    at the end."""
+
+    states: Array
+    contacts: Contacts | None
+    counters: dict[str, int]
+    end: Array
+
+
+def follow(
+    method: str,
+    rhs: RightHandSide,
+    pieces: Sequence[Piece],
+    t: Array,
+    switches: str,
+    scales: Scales,
+    run: Callable[[Phase], Outcome],
+    events: bool = True,
+) -> Path:
+    """Integrate from 0 to the end of the last piece, with output at the times t."""
+    events = events or switches == RESTART
+    sides = rhs.sides if events else []
+    fixed = switches == RESTART and bool(sides)
+    rhs.lengths = np.array(scales.lengths)
+    extents = [_extent(rhs, scales, i) for i, _ in sides] + [float(scales.speeds[i]) for i, _ in sides]
+    if rhs.damped:  # the rates of the forces, each in units of its own
+        extents += [0.0] * len(sides)
+    rounding = 16.0 * np.finfo(float).eps * np.array(extents)
+    z = rhs.z0.copy()
+    rhs.window = (pieces[0].first, pieces[0].last)
+    closed = _closed_at_start(rhs, z) if events else []
+    contacts = Contacts(len(sides))
+    for k in np.flatnonzero(closed):
+        contacts.switch(int(k), 0.0, z)
+    if fixed and rhs.damped:
+        for k in np.flatnonzero(~np.array(closed)):
+            z = rhs.let_go(z, 0.0, int(k), False)
+    states: list[Array] = [z] if len(t) and t[0] <= 0.0 else []
+    forecast = Forecast(pieces[-1].end)
+    counters: dict[str, int] = {}
+    still = 0
+    for piece in pieces:
+        now = piece.start
+        rhs.window = (piece.first, piece.last)
+        while now < piece.end:
+            if fixed:
+                rhs.regime[:] = 0
+                for k in np.flatnonzero(closed):
+                    rhs.regime[sides[k][0]] = sides[k][1]
+            else:
+                rhs.regime[:] = THROUGH
+            end, landing = piece.end, None
+            tries = 0
+            while True:
+                tries += 1
+                watch = Watch(rhs, now, z, closed, fixed, rounding)
+                last = np.searchsorted(t, end, "right")
+                outcome = run(Phase(now, end, z, t[len(states) : last], piece.max_step, watch, forecast))
+                for name, count in outcome.counters.items():
+                    counters[name] = counters.get(name, 0) + count
+                refuse_endless(method, outcome.t, counters.get("rhs", 0), forecast)
+                if not outcome.missed or outcome.t <= now or tries == STUCK:
+                    break
+                landing, end = outcome.ended_by[0].which % watch.count, outcome.t
+            counters["starts"] = counters.get("starts", 0) + 1
+            still = still + 1 if outcome.t <= now else 0
+            if still > STUCK:
+                raise SolverFailure(method, now, "switches without end", "use switches='through'")
+            now, z = outcome.t, outcome.z
+            states += outcome.states
+            contacts.note(watch)
+            gaps = watch.values(now, z)[: watch.count]
+            switched = [r.which for r in outcome.ended_by if r.which < watch.count]
+            if fixed and landing is not None and not switched and (gaps[landing] > 0.0) != closed[landing]:
+                switched = [landing]  # on the stop at the end of the step, to rounding
+            elif not fixed:  # a root that two phases share is lost or found twice
+                switched = [
+                    k for k in range(watch.count) if abs(gaps[k]) > rounding[k] and (gaps[k] > 0.0) != contacts.open(k)
+                ]
+            for k in switched:
+                closed[k] = not closed[k]
+                if fixed and rhs.damped:
+                    z = rhs.let_go(z, now, k, closed[k])
+                contacts.switch(k, now, z)
+    counters["restarts"] = counters.pop("starts") - 1
+    return Path(np.array(states), contacts if events else None, counters, z)
+
+
+def refuse_endless(method: str, t: float, evaluations: int, forecast: Forecast) -> None:
+    """Raise SolverFailure where a solver has done more work by time t than anybody waits for, and InputError where
+    what it has done tells that it will."""
+    forecast.check(t)
+    if evaluations > MOST_EVALUATIONS:
+        reason = f"{evaluations} evaluations of the right-hand side, more than {MOST_EVALUATIONS}"
+        raise SolverFailure(method, t, reason, "loosen rtol, shorten t_end or use method='exact'")
+
+
+def _extent(rhs: RightHandSide, scales: Scales, contact: int) -> float:
+    """The size of the numbers from which a gap is computed."""
+    stops = rhs.first_order.contacts[contact].contact.stops
+    finite = [abs(g) for g in (stops.g1, stops.g2) if np.isfinite(g)]
+    return float(scales.lengths[contact]) + max(finite)
+
+
+def _closed_at_start(rhs: RightHandSide, z: Array) -> list[bool]:
+    """Inside the stop, or exactly on it and moving or pushed in."""
+    values = np.empty(rhs.roots)
+    rhs.gaps(0.0, z, values)
+    gaps, rates = values[: len(rhs.sides)], values[len(rhs.sides) : 2 * len(rhs.sides)]
+    z_rate = rhs.value(0.0, z)
+    closed = []
+    for (i, side), gap, rate in zip(rhs.sides, gaps, rates, strict=True):
+        contact = rhs.first_order.contacts[i].contact
+        push = side * float((rhs.first_order.to_v.T @ contact.row) @ z_rate[: rhs.states])
+        closed.append(bool(gap > 0.0 or (gap == 0.0 and (rate > 0.0 or (rate == 0.0 and push > 0.0)))))
+    return closed

@@ -1,0 +1,153 @@
+"""SciPy's DOP853 and Radau, outside witnesses of the other solver families."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from ...basics.arrays import Array
+from ...basics.validation import InputError, positive
+from ...model.system import System
+from ...trajectory.trajectory import Reference, SolverFailure
+from ..request import KEEP, RESTART, Request
+from .adaptive import Solver, in_phases, reference_from
+from .restarts import Outcome, Phase, Root, refuse_endless
+from .rhs import RightHandSide
+
+STABLE = 6.8  # |z| of the farthest z with Re z <= 0 and |R(z)| <= 1 of DOP853's stability function R
+MOST_STEPS = 500_000  # that stability may ask for: a minute in Python
+POLISH = 4  # of Newton's method for the time of a root, each with a step of the full order
+
+
+def solve(request: Request) -> Reference:
+    """method "dop853" (explicit Runge-Kutta, order 8) or "radau" (Radau IIA, order 5).
+
+    Outputs between steps are dense output, of order 7 and 3, so Radau is stepped from output to output.
+    A root is found by dense output; where it ends a phase, a step of the full order leads to it. DOP853
+    starts anew at every switch, Radau goes through. Radau's error estimate is of order 3 only: its steps are
+    as short as rtol^(1/4) asks, 50 000 of them at rtol 1e-10 for 90 periods, half a minute. DOP853's are no
+    longer than stability allows, however smooth the motion; raises InputError where that makes too many.
+    """
+    if request.method == "dop853":
+        refuse_stiff(request.system, request.t_end)
+    import scipy.integrate
+
+    method = request.method
+    library = scipy.integrate.DOP853 if method == "dop853" else scipy.integrate.Radau
+    switches = RESTART if method == "dop853" else KEEP
+    return reference_from(request, in_phases(method, stepping(method, library)), switches)
+
+
+def stepping(method: str, library: Any) -> Callable[[RightHandSide, float, Array], Solver]:
+    """What makes a phase with an OdeSolver of SciPy's, an implicit one with the analytic Jacobian."""
+
+    def solver(rhs: RightHandSide, rtol: float, atol: Array) -> Solver:
+        def start(t: float, z: Array, end: float, max_step: float, first: float | None = None) -> Any:
+            options: dict = {} if method == "dop853" else {"jac": rhs.jacobian}
+            if first is not None:
+                options["first_step"] = first
+            return library(rhs.value, t, z, end, rtol=rtol, atol=atol, max_step=max_step, **options)
+
+        def run(phase: Phase) -> Outcome:
+            longest = phase.max_step
+            if method == "radau" and len(phase.times) > 1:
+                longest = min(longest, float(np.max(np.diff(phase.times))))
+            stepper = start(phase.start, phase.z, phase.end, longest)
+            counters = {"rhs": 0, "jacobians": 0}
+            states: list[Array] = []
+            watch, before = phase.watch, phase.watch.values(phase.start, phase.z).copy()
+            directions = np.array(watch.directions)
+            ended_by: list[Root] = []
+            while stepper.status == "running" and not ended_by:
+                left, message = stepper.y, stepper.step()
+                refuse_endless(method, float(stepper.t), int(stepper.nfev), phase.forecast)
+                if stepper.status == "failed":
+                    raise SolverFailure(
+                        method, float(stepper.t), str(message), "loosen rtol and atol or use method='exact'"
+                    )
+                after = watch.values(stepper.t, stepper.y).copy()
+                changed = np.flatnonzero(((before <= 0.0) != (after <= 0.0)) & (directions * (after - before) >= 0.0))
+                before, stop = after, stepper.t
+                for root in _located(stepper, watch, changed) if len(changed) else ():
+                    if watch.ends([root]):
+                        t, z = (root.time, root.z)
+                        if not watch.missed([root]):
+                            t, z = _polished(start, stepper, left, watch, root, counters)
+                        ended_by, stop = [root._replace(time=t, z=z)], t
+                        break
+                due = phase.times[len(states) :]
+                due = due[due <= stop]
+                if len(due):
+                    dense = stepper.dense_output()
+                    states += list(dense(due).T)
+            _count(counters, stepper)
+            t, z = (ended_by[0].time, ended_by[0].z) if ended_by else (phase.end, stepper.y)
+            return Outcome(t, z, states, ended_by, watch.missed(ended_by), counters)
+
+        return run
+
+    return solver
+
+
+def refuse_stiff(system: System, t_end: float) -> None:
+    """Raise InputError where the fastest rate |lambda| of the free system makes an explicit method take more than
+    MOST_STEPS steps, each no longer than STABLE/|lambda|."""
+    rate = float(np.max(np.abs(np.linalg.eigvals(system.first_order().matrix)), initial=0.0))
+    steps = rate * positive("t_end", t_end) / STABLE
+    if steps > MOST_STEPS:
+        raise InputError(
+            "method", "dop853", f"not need more than {MOST_STEPS} steps to be stable (it would take {steps:.2g}: the "
+            f"fastest rate of the system is {rate:.3g}, t_end {t_end:.3g})", "use method='cvode' or 'radau'",
+        )  # fmt: skip
+
+
+def _located(stepper: Any, watch: Any, changed: Array) -> list[Root]:
+    """The roots in the last step by its dense output, in order of time."""
+    from scipy.optimize import brentq
+
+    dense = stepper.dense_output()
+    found = []
+    for k in changed:
+
+        def value(t: float, k: int = int(k)) -> float:
+            return float(watch.values(t, dense(t))[k])
+
+        low, high = value(stepper.t_old), value(stepper.t)
+        if low == 0.0 or low * high > 0.0:  # on it at the start of the step, or only by rounding of dense output
+            t = stepper.t_old if abs(low) <= abs(high) else stepper.t
+        else:
+            xtol: Any = 1e-15 * abs(stepper.t)
+            t: Any = brentq(value, stepper.t_old, stepper.t, xtol=xtol, rtol=np.float64(1e-14))
+        found.append(Root(int(k), 1 if high > low else -1, float(t), dense(t)))
+    return sorted(found, key=lambda root: root.time)
+
+
+def _polished(
+    start: Any, stepper: Any, left: Array, watch: Any, root: Root, counters: dict[str, int]
+) -> tuple[float, Array]:
+    """The time and state of a gap's root by steps of the solver from ``left``, where the step it lies in starts."""
+    t, z = root.time, root.z
+    for _ in range(POLISH):
+        if not t > stepper.t_old:
+            return stepper.t_old, left
+        short = start(stepper.t_old, left, t, np.inf, t - stepper.t_old)
+        while short.status == "running":
+            short.step()
+        _count(counters, short)
+        if short.status == "failed":
+            break
+        z = short.y
+        gap = float(watch.values(t, z)[root.which])
+        rate = watch.rate(t, z, root.which, 1e-4 * (stepper.t - stepper.t_old))
+        new = t - gap / rate if rate else t
+        if not stepper.t_old < new <= stepper.t or abs(new - t) <= 4.0 * np.finfo(float).eps * t:
+            break
+        t = new
+    return t, z
+
+
+def _count(counters: dict[str, int], stepper: Any) -> None:
+    counters["rhs"] += int(stepper.nfev)
+    counters["jacobians"] += int(stepper.njev)

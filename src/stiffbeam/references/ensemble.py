@@ -1,0 +1,66 @@
+"""reference_ensemble: the exact solution of many members of one system, side by side on all cores."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from functools import partial
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..basics.arrays import Array
+from ..basics.threads import cores, over_slices
+from ..basics.validation import numbers, positive
+from ..model.members import Members, as_members
+from ..model.system import System
+from ..trajectory.ensemble import MEMBERS_PER_SLICE, Ensemble, Progress, gathered, record_from
+from ..trajectory.ledger import Ledger
+from ..trajectory.recorder import Seen
+from ..trajectory.trajectory import Reference, Work
+from .exact.piecewise import solve_exact
+from .horizon import exact_horizon
+
+
+def reference_ensemble(
+    system: System,
+    t_end: float,
+    members: Members | Sequence[System],
+    t_eval: ArrayLike | None = None,
+    progress: Progress | None = None,
+    since: float = 0.0,
+) -> Ensemble:
+    """The exact solution of every member, on all cores; each has the bits of its solo run.
+
+    t_eval: (k,) times at which tip and tip velocity are kept, None for none. progress: called with the
+    number of members done. since: the time after which contacts are recorded. ``provenance["horizon"]`` is
+    that of the first member: past it statistics over the members are all that means anything. Raises
+    InputError as ``reference(method="exact")`` does, and SolverFailure where that horizon is zero.
+    """
+    begun = time.perf_counter()
+    members = as_members(system, members)
+    times = np.zeros(0) if t_eval is None else numbers("t_eval", t_eval)
+    t_end = positive("t_end", t_end)
+    at = np.array([0.0, float(t_end)]) if t_eval is None else times
+    record_from(since, t_end)
+    known: dict = {}  # modes, shared between members; the first one finds them
+    first = solve_exact(members[0], t_end, at, known=known, since=since)
+    watched = solve_exact(members[0], t_end, known=known)
+    horizon, _ = exact_horizon(watched, members[0], t_end)
+
+    def see(run: Reference) -> Seen:
+        return Seen(run.tip[: len(times)], run.tip_velocity[: len(times)], run.contacts)
+
+    def solve(part: Members) -> list[Seen]:
+        return [see(solve_exact(member, t_end, at, known=known, since=since)) for member in part]
+
+    rest = None if progress is None else lambda done: progress(1 + done)
+    seen = [see(first), *over_slices(solve, members[1:], MEMBERS_PER_SLICE, cores(), rest)]
+    seconds = time.perf_counter() - begun
+    notes = {"members": len(members), "parameter": members.parameter, "horizon": horizon}
+    ledger = partial(_ledger, members, t_end, at)
+    return gathered(members, seen, times, Work(0, seconds, seconds), first.provenance | notes, ledger)
+
+
+def _ledger(members: Members, t_end: float, at: Array, i: int) -> Ledger:
+    return solve_exact(members[i], t_end, at).energy

@@ -1,0 +1,115 @@
+"""The energy ledger of a piecewise solution: where it opens there is no solution, but a failure with its time.
+
+    E - E_0 = input - dissipation,   E = 1/2 q'^T M q' + 1/2 q^T K q + sum_c U_c
+
+Inside a piece the closed form keeps the balance of its own regime, in which U_c = kappa gap^2/2 wherever
+chi says that contact c is closed. So the ledger of the whole can open in three places only: at the start;
+at a switch, by the energies on its two sides and by the energy of a jump between them; and inside a piece
+whose gap is not on the side that chi says, by what is wrong with U_c there. All of it is added up.
+
+A motion far smaller than the amplitudes it is the difference of has lost its digits with the balance intact:
+there the observed positions do not start where they should.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...basics.arrays import Array
+from ...model.system import System
+from ...trajectory.trajectory import SolverFailure
+from .exact_measures import Solution
+from .touching import EPS, REMEDY
+
+ROUNDINGS = 64.0  # that a switch may cost, each as large as the stiffest mode makes it
+SEEN, LOST = 1e-6, 1e-3  # of the largest energy so far: less is not held against it, more is never rounding
+NOTHING = 1e-20  # of the largest energy of all: what rounding makes of none
+START = 1e-3  # of the largest displacement: what a start may be off
+
+
+@contextmanager
+def within_float64(solver: str, t_end: float) -> Iterator[None]:
+    """Turn overflows, NaN and matrices without eigenvectors into SolverFailure: nothing that is not finite gets out."""
+    try:
+        with np.errstate(over="raise", divide="raise", invalid="raise"):
+            yield
+    except (ArithmeticError, np.linalg.LinAlgError) as error:
+        raise SolverFailure(solver, t_end, f"the motion overflows float64 ({error})", REMEDY) from None
+
+
+def audit(system: System, solution: Solution, t_end: float, solver: str = "exact") -> None:
+    """Raise SolverFailure with the first time by which the ledger of [0, t_end] has opened.
+
+    It is open where the sum of its openings exceeds what rounding explains, for every switch ROUNDINGS eps
+    (w |q|_M sqrt(2 E) + 2 E) with the fastest frequency w, though not less than SEEN nor more than LOST of
+    the energy. Pieces are looked at in the middle. Rigid stops turn velocities: there energies are compared,
+    not velocities.
+    """
+    times, sides = solution.times, solution.sides
+    count, ends = len(times), np.append(times[1:], t_end)
+    pieces, when = np.arange(count), np.concatenate([times, ends])
+    q, v = (np.concatenate(x) for x in zip(*(solution.states_in(t, pieces) for t in (times, ends)), strict=True))
+    finite = np.all(np.isfinite(q) & np.isfinite(v), axis=1)
+    if not np.all(finite):
+        raise SolverFailure(solver, float(np.min(when[~finite])), "the motion is not finite", REMEDY)
+    _start(system, solution, t_end, solver)
+    kinetic, elastic, _ = system.energies(when, q, v)
+    stops, inside = _stops(system, solution, q, ends, sides)
+    energy = kinetic + elastic + stops
+    after, before = slice(0, count), slice(count, 2 * count - 1)
+    opening = np.zeros(count + 1)  # at the start, and at the end of every piece
+    if times[0] == 0.0:
+        opening[0] = abs(energy[0] - system.energy(times[:1], system.q0[None], system.v0[None])[0])
+    opening[1:-1] = np.abs(energy[after][1:] - energy[before])
+    if solver != "rigid":
+        jump, turn, _ = system.energies(times[1:], q[after][1:] - q[before], v[after][1:] - v[before])
+        opening[1:-1] += jump + turn
+        opening[1:] += inside
+    length = np.sqrt(np.sum(q * (q @ system.mass), axis=1))
+    rounding = 2.0 * np.pi / solution.shortest_period * length * np.sqrt(2.0 * energy) + 2.0 * energy
+    allowed = np.cumsum(np.append(rounding[after], 0.0) + np.append(0.0, rounding[count:]))
+    largest = np.maximum.accumulate(np.maximum(energy[after], energy[count:]))
+    largest = np.append(largest, largest[-1])
+    allowed = np.clip(ROUNDINGS * EPS * np.sqrt(system.size) * allowed, SEEN * largest, LOST * largest)
+    total = np.cumsum(opening)
+    open_at = np.flatnonzero(total > allowed + NOTHING * largest[-1])
+    if len(open_at):
+        k = int(open_at[0])
+        share = total[k] / max(largest[k], 1e-300)
+        reason = f"the energy balance is open, by {share:.2g} of the energy"
+        raise SolverFailure(solver, float(np.append(0.0, ends)[k]), reason, REMEDY)
+
+
+def _start(system: System, solution: Solution, t_end: float, solver: str) -> None:
+    """Raise SolverFailure where an observed position starts off by more than START of its largest value."""
+    if solution.times[0] != 0.0:
+        return
+    t = np.linspace(0.0, t_end, 33)
+    for channel, (row, _) in enumerate(system.channels):
+        shift = solution.offset(system, channel)(t)[0]
+        u = solution.observed(t, row)[0] + shift
+        given = float(row @ system.q0 + shift[0])
+        if abs(u[0] - given) > START * max(abs(given), float(np.max(np.abs(u)))):
+            reason = "the motion is smaller than the rounding of the amplitudes it is the difference of"
+            raise SolverFailure(solver, 0.0, reason, "use method='multiprecision'")
+
+
+def _stops(system: System, solution: Solution, q: Array, ends: Array, sides: NDArray[np.int64]) -> tuple[Array, Array]:
+    """sum_c U_c of the regimes at the starts and then the ends of all pieces, and how much it is wrong in
+    the middle of each."""
+    times, count = solution.times, len(ends)
+    when, middle = np.concatenate([times, ends]), 0.5 * (times + ends)
+    total, wrong = np.zeros(2 * count), np.zeros(count)
+    for i, contact in enumerate(system.contacts):
+        shift, stops, chi = solution.offset(system, i), contact.stops, sides[:, i]
+        stop = np.where(chi > 0, stops.g2, np.where(chi < 0, stops.g1, 0.0))
+        closed = np.where(chi != 0, 0.5 * stops.spring(1)[0], 0.0)
+        u = q @ contact.row + shift(when)[0]
+        total += np.tile(closed, 2) * (u - np.tile(stop, 2)) ** 2
+        u = solution.observed(middle, contact.row)[0] + shift(middle)[0]
+        wrong += np.abs(closed * (u - stop) ** 2 - stops.energy(u))
+    return total, wrong

@@ -1,0 +1,245 @@
+"""What the exact solution tells of its contacts and its energy, to rounding."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...basics.arrays import Array
+from ...basics.budget import afford
+from ...model.contact import Stops
+from ...model.system import System
+from ...trajectory.impacts import ContactRecord, Impacts
+from ...trajectory.ledger import Ledger
+
+NODES, WEIGHTS = np.polynomial.legendre.leggauss(10)
+PEAK_STEPS = 8  # of the Illinois method, from a bracket of two samples: to 1e-12 on Table 10
+RIVAL = 0.96  # of the largest sample: nodes lie within 0.48 radians of the fastest motion, cos 0.24 = 0.972
+
+
+class Solution(Protocol):
+    """What every exact solution offers: pieces between switches, each linear, of n unknowns and m contacts."""
+
+    @property
+    def times(self) -> Array:
+        """The starts of the pieces, (pieces,)."""
+        ...
+
+    @property
+    def sides(self) -> NDArray[np.int64]:
+        """chi of every contact in every piece, (pieces, m)."""
+        ...
+
+    @property
+    def evaluations(self) -> int:
+        """Of gaps, in the search for switches."""
+        ...
+
+    @property
+    def shortest_period(self) -> float:
+        """Of the modes of all regimes and of the drive."""
+        ...
+
+    @property
+    def fastest_decay(self) -> float:
+        """The largest rate at which a part of a piece dies out, 0 for none."""
+        ...
+
+    @classmethod
+    def joined(cls, parts: Any, /) -> Any:
+        """One solution from consecutive ones of the same tracer."""
+        ...
+
+    def first(self, count: int, /) -> Any:
+        """The first ``count`` pieces."""
+        ...
+
+    def state_at_start(self, piece: int, /) -> tuple[Array, Array]:
+        """q, q' (1, n) where a piece begins, from that piece."""
+        ...
+
+    def flow(self, piece: int, tau: float, dq: Array, dv: Array, /) -> tuple[Array, Array]:
+        """The homogeneous flow of a piece's regime over tau: (n, k) -> (n, k)."""
+        ...
+
+    def states(self, t: Array, /) -> tuple[Array, Array]:
+        """q, q' (k, n) at any times t (k,)."""
+        ...
+
+    def states_in(self, t: Array, piece: NDArray[np.int64], /) -> tuple[Array, Array]:
+        """q, q' (k, n) as the given pieces (k,) have them at times t, which may be their ends."""
+        ...
+
+    def observed(self, t: Array, row: Array, /) -> tuple[Array, Array]:
+        """row @ q and its rate at any times t (k,), (k,) each; row: (n,)."""
+        ...
+
+    def offset(self, system: System, channel: int, /) -> Callable[[Array], tuple[Array, Array]]:
+        """o(t) and o'(t) of a channel, (k,) each."""
+        ...
+
+    def work(self, system: System, edges: Array, /) -> tuple[Array, Array]:
+        """Work of loads and moving stops, and viscous loss, between consecutive edges, among them every switch."""
+        ...
+
+
+def contact_record(
+    system: System, solution: Solution, i: int, t: Array, t_end: float, since: float = 0.0
+) -> ContactRecord:
+    """Contact history in [since, t_end] by events: impacts are the switches from free to a stop."""
+    contact = system.contacts[i]
+    offset = solution.offset(system, i)
+
+    def path(times: Array) -> tuple[Array, Array]:
+        u, v = solution.observed(times, contact.row)
+        shift, shift_rate = offset(times)
+        return u + shift, v + shift_rate
+
+    starts, ends, sides = _closed(solution, i, t_end)
+    late = ends > since
+    starts, ends, sides = starts[late], ends[late], sides[late]
+    counted = starts > since  # contact that is there at the start is no impact
+    starts = np.maximum(starts, since)
+    peaks, impulses = _episodes(solution, starts, ends, path, contact.stops)
+    ended = ends < t_end
+    position, velocity = path(t)
+    return ContactRecord(
+        stops=contact.stops,
+        position=position,
+        velocity=velocity,
+        force=contact.stops.force(position),
+        impacts=Impacts(
+            times=starts[counted],
+            ends=np.where(ended, ends, np.nan)[counted],
+            stops=sides[counted],
+            peaks=np.where(ended, peaks, np.nan)[counted],
+            impulses=np.where(ended, impulses, np.nan)[counted],
+            kind="event",
+        ),
+        fraction=float(np.sum(ends - starts) / (t_end - since)),
+        peak_force=float(np.max(peaks, initial=0.0)),
+        impulse=float(np.sum(impulses)),
+    )
+
+
+def _closed(solution: Solution, i: int, t_end: float) -> tuple[Array, Array, NDArray[np.int64]]:
+    """Start, end and side of every span in which the contact stays on one stop.
+
+    Pieces of no length, where it touches and turns straight back, do not count; pieces in which only
+    other contacts switch belong together.
+    """
+    ends = np.append(solution.times[1:], t_end)
+    real = ends > solution.times
+    starts, ends, side = solution.times[real], ends[real], solution.sides[real, i]
+    new = np.concatenate([[True], side[1:] != side[:-1]])
+    first = np.flatnonzero(new)
+    last = np.append(first[1:], len(side)) - 1
+    closed = side[first] != 0
+    return starts[first][closed], ends[last][closed], side[first][closed]
+
+
+def _episodes(
+    solution: Solution, starts: Array, ends: Array, path: Callable[[Array], tuple[Array, Array]], stops: Stops
+) -> tuple[Array, Array]:
+    """Peak |sigma| and impulse, the integral of |sigma|, of contact pieces [starts, ends].
+
+    |sigma| is smooth between two switches, of any contact: Gauss-Legendre panels no longer than the shortest
+    period, and graded towards the switch where a part dies out faster, integrate it to rounding; the peak is
+    where u' changes sign beside one of the largest samples, found by the Illinois method.
+    """
+    if not len(starts):
+        return np.zeros(0), np.zeros(0)
+    owner, cuts, until = _between(solution.times, starts, ends)
+    index, left, width = panels(solution.shortest_period, cuts, until, solution.fastest_decay)
+    index = owner[index]
+    t = left[:, None] + width[:, None] * (NODES + 1.0) / 2.0
+    sigma = np.abs(stops.force(path(t.ravel())[0])).reshape(t.shape)
+    impulses = np.bincount(index, sigma @ WEIGHTS * width / 2.0, len(starts))
+    # Every piece's samples in order, its ends included, and the largest of those around them.
+    samples = np.concatenate([t.ravel(), starts, ends])
+    values = np.concatenate([sigma.ravel(), np.abs(stops.force(path(np.concatenate([starts, ends]))[0]))])
+    owner = np.concatenate([np.repeat(index, len(NODES)), np.arange(len(starts)), np.arange(len(starts))])
+    order = np.lexsort((samples, owner))
+    samples, values, owner = samples[order], values[order], owner[order]
+    first = np.diff(owner, prepend=-1) != 0
+    last = np.roll(first, -1)
+    largest = np.maximum.reduceat(values, np.flatnonzero(first))
+    ahead, behind = np.roll(values, -1), np.roll(values, 1)
+    top = (first | (values >= behind)) & (last | (values >= ahead)) & (values >= RIVAL * largest[owner])
+    best = np.flatnonzero(top)
+    low, high = samples[best - ~first[best]], samples[best + ~last[best]]
+    side = np.sign(path(samples[best])[0] - np.clip(path(samples[best])[0], stops.g1, stops.g2))
+    # The force is flat at its peak: a time to half the digits gives it to all of them.
+    rise, fall, before = side * path(low)[1], side * path(high)[1], np.full(len(low), -1)
+    for _ in range(PEAK_STEPS):
+        inside = (rise > 0.0) & (fall < 0.0)
+        share = np.where(inside, rise / np.where(inside, rise - fall, 1.0), 0.0)
+        middle = low + share * (high - low)
+        rate = side * path(middle)[1]
+        rising = rate > 0.0
+        # Illinois: an end that stays a second time counts half.
+        stays = np.where(rising == before, 0.5, 1.0)
+        rise, fall, before = np.where(rising, rate, stays * rise), np.where(rising, stays * fall, rate), rising * 1
+        low, high = np.where(rising, middle, low), np.where(rising, high, middle)
+    peaks = np.zeros(len(starts))
+    for x in (samples[best], low, high):
+        np.maximum.at(peaks, owner[best], np.abs(stops.force(path(x)[0])))
+    return peaks, impulses
+
+
+def _between(times: Array, starts: Array, ends: Array) -> tuple[NDArray[np.int64], Array, Array]:
+    """The spans [starts, ends], apart and in order, cut at the ``times`` inside: owner, start and end of each part."""
+    first = np.searchsorted(times, starts, "right")
+    inside = np.maximum(np.searchsorted(times, ends, "left") - first, 0)
+    owner = np.repeat(np.arange(len(starts)), inside + 1)
+    place = np.arange(len(owner)) - np.repeat(np.cumsum(inside + 1) - inside - 1, inside + 1)
+    cut = np.append(times, np.inf)
+    after = np.repeat(first, inside + 1) + place  # the cut at which a part ends, the one before begins it
+    begins = np.where(place == 0, starts[owner], cut[np.maximum(after - 1, 0)])
+    return owner, begins, np.minimum(cut[after], ends[owner])
+
+
+def panels(longest: float, starts: Array, ends: Array, decay: float = 0.0) -> tuple[NDArray[np.int64], Array, Array]:
+    """Panels no longer than half of ``longest``, since products have twice the frequency, of the intervals
+    [starts, ends]: owner, left end and width of each.
+
+    The first of an interval is cut at 1/decay from its start, and at twice, four times that and so on: on
+    each part exp(-decay s) is smooth or nothing.
+    """
+    count = np.maximum(1, np.ceil(2.0 * (ends - starts) / longest))
+    total = float(np.sum(count))
+    afford("t_end", float(np.max(ends, initial=0.0)), "shorten t_end", floats=8.0 * total, seconds=1e-5 * total)
+    count = count.astype(int)
+    index = np.repeat(np.arange(len(starts)), count)
+    inside = np.arange(len(index)) - np.repeat(np.cumsum(count) - count, count)
+    width = ((ends - starts) / count)[index]
+    left = starts[index] + inside * width
+    longest_first = float(np.max((ends - starts) / count, initial=0.0))
+    if decay * longest_first <= 1.0:
+        return index, left, width
+    cuts = 2.0 ** np.arange(np.ceil(np.log2(decay * longest_first))) / decay
+    owners, cut = (x.ravel() for x in np.broadcast_arrays(np.arange(len(starts))[:, None], cuts))
+    inner = cut < ((ends - starts) / count)[owners]
+    index, left = np.append(index, owners[inner]), np.append(left, (starts[owners] + cut)[inner])
+    order = np.lexsort((left, index))
+    index, left = index[order], left[order]
+    last = np.append(index[1:] != index[:-1], True)
+    return index, left, np.where(last, ends[index], np.append(left[1:], 0.0)) - left
+
+
+def exact_ledger(system: System, solution: Solution, times: Array) -> Ledger:
+    """The exact flow's ledger at increasing times.
+
+    input = int (sum_k f_k p_k^T q' - sum_c F_c o_c') dt and viscous = int q'^T C q' dt are exact to
+    rounding, so the loss left over is the error of the solution itself.
+    """
+    edges = np.unique(np.concatenate([solution.times[solution.times < times[-1]], times, [0.0]]))
+    where = np.searchsorted(edges, times)
+    given, taken = (np.concatenate([[0.0], np.cumsum(x)])[where] for x in solution.work(system, edges))
+    energies = system.energies(times, *solution.states(times))
+    start = np.zeros(1)
+    loss = system.energy(start, *solution.states(start))[0] - sum(energies) + given - taken
+    return Ledger(times, *energies, given, taken, loss, contact=np.zeros(len(times)), free=loss)

@@ -1,0 +1,145 @@
+"""The compiled switch search for sums of complex exponentials and answers to polynomials, see switching.py."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ...basics.compiled import compiled
+from ...trajectory.trajectory import SolverFailure
+from .polynomial_answer import answers, forced_derivatives, forced_sizes
+from .touching import (
+    CLOSES,
+    EPS,
+    FAINT,
+    ORDER,
+    PER_RADIAN,
+    REMEDY,
+    ROUNDINGS,
+    SHORTEST,
+    STALLED,
+    UNCLEAR,
+    as_gap,
+    gap_step,
+    taylor_step,
+)
+
+
+@compiled
+def derivatives(sigma, omega, real, imaginary, tau, d, b):
+    """The derivatives of Re sum_k (real + i imaginary)_k exp((sigma_k + i omega_k) tau) at tau into d, and the
+    sizes of its terms into b, (ORDER + 1,)."""
+    d[:] = 0.0
+    b[:] = 0.0
+    for k in range(sigma.size):
+        decay = math.exp(sigma[k] * tau)
+        c = math.cos(omega[k] * tau)
+        s = math.sin(omega[k] * tau)
+        x = decay * (real[k] * c - imaginary[k] * s)
+        y = decay * (real[k] * s + imaginary[k] * c)
+        reach = math.hypot(x, y)
+        size = math.hypot(sigma[k], omega[k])
+        for i in range(ORDER + 1):
+            d[i] += x
+            b[i] += reach
+            x, y = sigma[k] * x - omega[k] * y, sigma[k] * y + omega[k] * x
+            reach *= size
+
+
+@compiled
+def search(sigma, omega, real, imaginary, chi, g1, g2, resting, t_start, t_end, eigenvalues, seen, shift):
+    """The first switch of m contacts whose positions are
+
+        u_c(tau) = Re [sum_k a_ck exp((sigma_k + i omega_k) tau) + sum_kj seen_ckj psi_j(lambda_k, tau)]
+                   + sum_j shift_cj tau^j
+
+    a = real + i imaginary: (m, K); sigma <= 0. eigenvalues: lambda (k,); seen: (m, k, P), shift: (m, P), the
+    forces and offsets that are polynomials (polynomial_answer.py); P = 0 where there are none, else t_end is
+    as far as they go. chi, g1, g2: (m,). resting: (m,), not 0 for a contact
+    that has switched at t_start, so that its gap is exactly zero. Returns (tau, contact, side,
+    evaluations); contact -1: none before t_end. Every gap that is open or closed is kept positive, see
+    ``gap_step``. Raises SolverFailure as ``follow`` does.
+    """
+    m, K = real.shape
+    series, sizes = np.empty(ORDER + 1), np.empty(ORDER + 1)
+    nu = EPS * (ROUNDINGS + 2.0 * math.sqrt(K))
+    fastest = 0.0
+    for k in range(K):
+        fastest = max(fastest, math.hypot(sigma[k], omega[k]))
+    P = shift.shape[1]
+    psi = np.empty((seen.shape[1], P), np.complex128)
+    pushed = np.zeros((m, ORDER + 1))
+    if P > 0:
+        for contact in range(m):
+            forced_sizes(eigenvalues, seen[contact], shift[contact], t_end - t_start, pushed[contact])
+    tau = 0.0
+    evaluations = faint = 0
+    while True:
+        evaluations += 1
+        step = math.inf
+        if P > 0:
+            for k in range(eigenvalues.size):
+                answers(eigenvalues[k], tau, psi[k])
+        for contact in range(m):
+            u = 0.0
+            speed = 0.0
+            b0 = pushed[contact, 0]
+            b2 = 1e-300 + pushed[contact, 2]
+            b3 = 1e-300 + pushed[contact, 3]
+            for j in range(P):
+                for k in range(eigenvalues.size):
+                    x = seen[contact, k, j] * psi[k, j]
+                    u += x.real
+                    speed += (eigenvalues[k] * x).real
+            for j in range(P - 1, 0, -1):
+                speed = speed + j * shift[contact, j] * tau ** (j - 1)
+                u = u + shift[contact, j] * tau**j
+            if P > 0:
+                u += shift[contact, 0]
+            for k in range(K):
+                decay = math.exp(sigma[k] * tau)
+                c = math.cos(omega[k] * tau)
+                s = math.sin(omega[k] * tau)
+                x = decay * (real[contact, k] * c - imaginary[contact, k] * s)
+                y = decay * (real[contact, k] * s + imaginary[contact, k] * c)
+                size = sigma[k] * sigma[k] + omega[k] * omega[k]
+                u += x
+                speed += sigma[k] * x - omega[k] * y
+                reach = decay * math.hypot(real[contact, k], imaginary[contact, k])
+                b0 += reach
+                b2 += reach * size
+                b3 += reach * size * math.sqrt(size)
+            if not b0 + b2 + b3 < math.inf:
+                raise SolverFailure("exact", t_start + tau, "the motion overflows float64", REMEDY)
+            b2 *= 1.0 + 1e-12  # rounding in the sums
+            b3 *= 1.0 + 1e-12
+            nearest = 1 if abs(u - g2[contact]) <= abs(u - g1[contact]) else -1
+            for side in (1, -1):
+                stop = g2[contact] if side > 0 else g1[contact]
+                if math.isinf(stop) or (chi[contact] != 0 and chi[contact] != side):
+                    continue
+                sign = -side if chi[contact] == 0 else side
+                zero = tau == 0.0 and resting[contact] != 0 and side == nearest
+                gap = 0.0 if zero else sign * (u - stop)
+                safe, verdict = gap_step(gap, sign * speed, b2, b3, nu * (abs(stop) + b0), t_start + tau)
+                if verdict == UNCLEAR:
+                    derivatives(sigma, omega, real[contact], imaginary[contact], tau, series, sizes)
+                    if P > 0:
+                        forced_derivatives(eigenvalues, seen[contact], shift[contact], tau, series)
+                        sizes += pushed[contact]
+                    as_gap(series, sizes, sign, stop, zero)
+                    safe, verdict = taylor_step(series, sizes, nu, zero)
+                    if verdict == UNCLEAR and abs(series[1]) > 2.0 * nu * sizes[1]:
+                        faint += 1
+                if verdict == CLOSES and not zero:
+                    return tau + safe, contact, side, evaluations
+                step = min(step, safe)
+        step = max(step, EPS * (t_start + tau), SHORTEST * t_end)
+        if t_start + tau + step >= t_end:
+            return t_end - t_start, -1, 0, evaluations
+        tau += step
+        if faint > FAINT:
+            raise SolverFailure("exact", t_start + tau, "a contact moves by less than its rounding", REMEDY)
+        if evaluations > STALLED + PER_RADIAN * fastest * tau:
+            raise SolverFailure("exact", t_start + tau, "the search for the next switch stands still", REMEDY)

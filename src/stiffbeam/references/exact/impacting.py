@@ -1,0 +1,299 @@
+"""Rigid stops with Newton's law of restitution, from event to event: impacts, chatter brought to its end, sticking.
+
+    u'+ = -e u'-  where a gap closes,   M (q'+ - q'-) = row^T P;  several at once: 0 <= P _|_ U+ + e U- >= 0
+    M q'' + C q' + K q = f + row^T R,   u = g while a contact is held; it lets go where R = 0
+
+Between events the motion is a Taylor series (taylor.py); an event is the first zero of a gap or of a reaction in it.
+After an impact the gap's series starts with an exact zero and the exact speed, so that flights of any length are
+found to rounding, relative to themselves. Where e < 1 impacts may accumulate: speeds v_k = e^k v_0 under the
+acceleration a into the stop end after 2 v/(a (1 - e)) to first order. Once that is short against every motion, CHATTER
+radians, the rest of the series is summed with a and a' as they are, the speed taken at once, and the contact held.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ...basics.arrays import Array
+from ...basics.validation import InputError
+from ...model.active_set import solve_node
+from ...model.system import System
+from ...trajectory.trajectory import SolverFailure
+from .taylor import Model, first_zero, rate, value
+
+RADIANS = 1.0  # of the fastest motion, in one stretch
+CHATTER = 1e-6
+MOST_IMPACTS = 200_000
+MOST_AT_ONCE = 10_000
+LEFT = 1e-12  # of the distance between a stop and a start, relative: the start is on the stop
+
+
+@dataclass(eq=False)
+class Event:
+    """An impact on ``side`` of a contact; ``end`` > ``time`` where the contact is then held."""
+
+    contact: int
+    side: int
+    time: float
+    impulse: float
+    end: float = math.nan
+
+
+@dataclass(eq=False)
+class Solution:
+    """Stretches from times (k,) on, with states and the contacts held in each; what impacts took."""
+
+    model: Model
+    times: list[float] = field(default_factory=list)
+    states: list[tuple[Array, Array]] = field(default_factory=list)
+    held: list[tuple[int, ...]] = field(default_factory=list)
+    events: list[Event] = field(default_factory=list)
+    taken: list[tuple[float, float, float]] = field(default_factory=list)  # time, energy taken, put in by stops moving
+    stuck: list[tuple[float, int]] = field(default_factory=list)  # where a contact's impacts ended, and which
+
+    def at(self, t: Array) -> tuple[Array, Array, Array]:
+        """q, q' (k, n) and reactions (k, m), of held contacts only, at times in any order."""
+        t = np.asarray(t, float)
+        q, v = np.empty((2, len(t), self.model.system.size))
+        R = np.zeros((len(t), len(self.model.rows)))
+        piece = np.maximum(np.searchsorted(self.times, t, side="right") - 1, 0)
+        for k in np.unique(piece):
+            here = np.flatnonzero(piece == k)
+            start, moving = self.states[k]
+            c, reactions = self.model.stretch(self.times[k], start, moving, self.held[k])
+            powers = (t[here] - self.times[k])[:, None] ** np.arange(len(c))
+            q[here] = powers @ c
+            v[here] = powers[:, :-1] @ (np.arange(1, len(c))[:, None] * c[1:])
+            if len(self.held[k]):
+                R[here[:, None], list(self.held[k])] = powers[:, : len(reactions)] @ reactions
+        return q, v, R
+
+
+class Tracer:
+    """Follows one system. radians: see RADIANS; another value gives other roundings."""
+
+    def __init__(self, system: System, radians: float = RADIANS) -> None:
+        self.system, self.model, self.radians = system, Model.of(system), radians
+        self.m = len(system.contacts)
+        self.e = np.array([contact.stops.restitution for contact in system.contacts], float)
+        self.compliance = np.ascontiguousarray(self.model.rows @ self.model.back)
+        least, most = np.linalg.eigvalsh(self.compliance)[[0, -1]]
+        if not least > 1e-12 * most:
+            rule = "be independent of each other for rigid stops"
+            raise InputError("contacts", f"{self.m} that follow from each other", rule, "leave one out")
+
+    def solve(self, t_end: float) -> Solution:
+        """Raises InputError for more than MOST_IMPACTS impacts, SolverFailure where the motion cannot go on."""
+        model, system = self.model, self.system
+        self.t, self.q, self.v = 0.0, system.q0.copy(), system.v0.copy()
+        self.found = Solution(model)
+        self.held: dict[int, int] = {}
+        self.fresh: dict[int, tuple[int, int, float]] = {}  # contact at its stop: side, zeros of its gap, its speed
+        self._start()
+        still = 0
+        while self.t < t_end:
+            held = tuple(sorted(self.held))
+            c, R = model.stretch(self.t, self.q, self.v, held)
+            self._record(held)
+            longest = min(t_end - self.t, self.radians / model.fastest if model.fastest else math.inf)
+            event = self._next(c, R, held, longest)
+            s = longest if event is None else event[0]
+            if not s > 0.0 and event is None:
+                raise SolverFailure("exact", self.t, "time does not go on in float64", "use integrate")
+            now = self.t + s
+            self.q, self.v = value(c, s), rate(c, s)
+            still = 0 if now > self.t else still + 1
+            if still > MOST_AT_ONCE:
+                raise SolverFailure("exact", now, f"{MOST_AT_ONCE} events at one time", "use integrate")
+            self.t = t_end if event is None and longest == t_end - self.t else now
+            self.fresh = {}
+            if event is not None:
+                _, contact, side, lets_go = event
+                (self._let_go if lets_go else self._impact)(contact, side)
+        for event in self.found.events:
+            if math.isnan(event.end) and event.contact in self.held and event is self._last(event.contact):
+                continue  # still held
+            event.end = event.time if math.isnan(event.end) else event.end
+        return self.found
+
+    def _record(self, held: tuple[int, ...]) -> None:
+        self.found.times.append(self.t)
+        self.found.states.append((self.q, self.v))
+        self.found.held.append(held)
+
+    def _kinetic(self) -> float:
+        return float(self.system.energies(np.zeros(1), self.q[None], self.v[None])[0][0])
+
+    def _last(self, contact: int) -> Event | None:
+        return next((event for event in reversed(self.found.events) if event.contact == contact), None)
+
+    def _gap(self, contact: int, side: int, c: Array) -> Array:
+        """The series of the distance to the stop on that side."""
+        stops = self.system.contacts[contact].stops
+        u = c @ self.model.rows[contact] + self.model.shift(contact, self.t)
+        gap = -side * u
+        gap[0] += side * (stops.g2 if side > 0 else stops.g1)
+        return gap
+
+    def _next(self, c: Array, R: Array, held: tuple[int, ...], longest: float):
+        """(after, contact, side, whether a held one lets go) of the first event, None for none in ``longest``."""
+        first = None
+        for i, contact in enumerate(held):
+            s = first_zero(-self.held[contact] * R[:, i], longest, 0)
+            if s is not None and (first is None or s < first[0]):
+                first = (s, contact, self.held[contact], True)
+        for contact in range(self.m):
+            stops = self.system.contacts[contact].stops
+            for side, g in ((1, stops.g2), (-1, stops.g1)):
+                if contact in self.held or not math.isfinite(g):
+                    continue
+                gap, zeros = self._gap(contact, side, c), 0
+                if contact in self.fresh and self.fresh[contact][0] == side:
+                    _, zeros, speed = self.fresh[contact]
+                    gap[:zeros] = 0.0
+                    if zeros == 1:
+                        gap[1] = speed
+                s = first_zero(gap, longest, zeros)
+                if s is not None and (first is None or s < first[0]):
+                    first = (s, contact, side, False)
+        return first
+
+    def _start(self) -> None:
+        """Contacts on their stops at t = 0."""
+        closed = {}
+        for contact, each in enumerate(self.system.contacts):
+            u = float(self.model.rows[contact] @ self.q + self.model.shift(contact, 0.0)[0])
+            for side, g in ((1, each.stops.g2), (-1, each.stops.g1)):
+                if math.isfinite(g) and side * (u - g) >= -LEFT * abs(g):
+                    if side * (u - g) > LEFT * abs(g):
+                        raise InputError(
+                            "initial displacement", u, "lie between rigid stops", "move the stop or the start"
+                        )
+                    closed[contact] = side
+        going = [c for c, side in closed.items() if side * self._velocity(c) > 0.0]
+        if going:
+            self._bounce({c: closed[c] for c in going})
+        for contact, side in closed.items():
+            if contact not in going:
+                speed = -side * self._velocity(contact)
+                if speed > 0.0:
+                    self.fresh[contact] = (side, 1, speed)
+        self._settle({c: s for c, s in closed.items() if self._velocity(c) == 0.0 and c not in self.fresh})
+
+    def _velocity(self, contact: int) -> float:
+        return float(self.model.rows[contact] @ self.v + self.model.shift(contact, self.t)[1])
+
+    def _impact(self, contact: int, side: int) -> None:
+        if len(self.found.events) >= MOST_IMPACTS:
+            rule = f"hold at most {MOST_IMPACTS} impacts"
+            raise InputError("t_end", self.t, rule, f"end before t = {self.t:.6g}, or take e < 1")
+        others = dict(self.held)
+        self._bounce({**others, contact: side})
+        self._settle({c: s for c, s in {**others, contact: side}.items() if c not in self.fresh})
+        if contact in self.fresh and self._complete(contact, side):
+            self._settle({})
+
+    def _bounce(self, closed: dict[int, int]) -> None:
+        """Newton's law at the contacts ``closed``: those that leave are fresh, the others are held no more and
+        wait to be settled."""
+        before = np.array([self._velocity(c) for c in range(self.m)])
+        before[[c for c in closed if c in self.held]] = 0.0
+        law = np.full((self.m, 3), np.inf)
+        for c in range(self.m):
+            law[c, 1] = 0.0 if closed.get(c) == -1 else -np.inf
+            law[c, 2] = 0.0 if closed.get(c) == 1 else np.inf
+        P = solve_node((1.0 + self.e) * before, self.compliance, law)
+        energy = self._kinetic()
+        self.v = self.v + self.model.back @ P
+        after = before + self.compliance @ P
+        moved = -float(sum(P[c] * self.model.shift(c, self.t)[1] for c in closed))
+        self.found.taken.append((self.t, energy - self._kinetic() + moved, moved))
+        for c, side in closed.items():
+            if P[c] and c not in self.held:
+                self.found.events.append(Event(c, side, self.t, abs(float(P[c]))))
+                after[c] = -self.e[c] * before[c]  # exactly
+            elif P[c]:
+                after[c] = 0.0
+            if self.held.pop(c, None) is not None and -side * after[c] > 0.0:
+                self._end(c)
+            if -side * after[c] > 0.0:
+                self.fresh[c] = (side, 1, float(-side * after[c]))
+
+    def _complete(self, contact: int, side: int) -> bool:
+        """Where the impacts to come are over within CHATTER radians: take the speed and hold. Whether that is so."""
+        e, speed = float(self.e[contact]), self.fresh[contact][2]
+        held = tuple(sorted(self.held))
+        c, _ = self.model.stretch(self.t, self.q, self.v, held)
+        gap = self._gap(contact, side, c)
+        a, j = -2.0 * gap[2], -6.0 * gap[3]
+        short = CHATTER * min(1.0 / self.model.fastest if self.model.fastest else math.inf, max(self.t, 1e-300))
+        if e >= 1.0 or a <= 0.0 or not 2.0 * speed < short * a * (1.0 - e):
+            return False
+        after, v = 0.0, speed
+        while v > 1e-18 * speed:
+            s = 2.0 * v / (0.5 * a + math.sqrt(max(0.25 * a * a + 2.0 / 3.0 * v * j, 0.0)))
+            v = e * (a * s + 0.5 * j * s * s - v)
+            a += j * s
+            after += s
+        # What holding the contact would do in that time, where nothing else happens in it.
+        before = self.v, self._kinetic()
+        self.held[contact] = side
+        together = tuple(sorted(self.held))
+        at = list(together)
+        P = -np.linalg.solve(self.compliance[np.ix_(at, at)], [self._velocity(x) for x in at])
+        self.v = self.v + self.model.back[:, at] @ P
+        c, R = self.model.stretch(self.t, self.q, self.v, together)
+        fresh = self.fresh.pop(contact)
+        event = self._next(c, R, together, after)
+        if event is not None and not event[3] and self.t + after > self.t:  # another impact comes first
+            self.v, self.fresh[contact] = before[0], fresh
+            del self.held[contact]
+            return False
+        moved = -float(sum(p * self.model.shift(x, self.t)[1] for p, x in zip(P, at, strict=True)))
+        self.found.taken.append((self.t, before[1] - self._kinetic() + moved, moved))
+        self.found.stuck.append((self.t + after, contact))
+        self.found.events[-1].impulse -= side * float(P[at.index(contact)])  # the series brings less than is held
+        self._record(together)
+        self.t, self.q, self.v = self.t + after, value(c, after), rate(c, after)
+        return True
+
+    def _settle(self, closed: dict[int, int], leaving: int | None = None) -> None:
+        """Contacts at rest on their stops, the held ones with them: held where they press, else they leave."""
+        everyone = {**self.held, **closed}
+        if not everyone:
+            return
+        c, _ = self.model.stretch(self.t, self.q, self.v, ())
+        law, r = np.full((self.m, 3), np.inf), np.empty(self.m)
+        for contact in range(self.m):
+            r[contact] = 2.0 * float(self.model.rows[contact] @ c[2] + self.model.shift(contact, self.t)[2])
+            law[contact, 1] = 0.0 if everyone.get(contact) == -1 and contact != leaving else -np.inf
+            law[contact, 2] = 0.0 if everyone.get(contact) == 1 and contact != leaving else np.inf
+        R = solve_node(r, self.compliance, law)
+        for contact, side in everyone.items():
+            if R[contact]:
+                self.held[contact] = side
+            else:
+                self.held.pop(contact, None)
+                self.fresh[contact] = (side, 3 if contact == leaving else 2, 0.0)
+                self._end(contact)
+        at = sorted(self.held)
+        if at:  # on the stop but for rounding
+            off = np.array([self._beyond(c, self.held[c]) for c in at])
+            self.q = self.q - self.model.back[:, at] @ np.linalg.solve(self.compliance[np.ix_(at, at)], off)
+
+    def _beyond(self, contact: int, side: int) -> float:
+        """u - g."""
+        stops = self.system.contacts[contact].stops
+        u = float(self.model.rows[contact] @ self.q + self.model.shift(contact, self.t)[0])
+        return u - (stops.g2 if side > 0 else stops.g1)
+
+    def _let_go(self, contact: int, side: int) -> None:
+        self._settle({}, contact)
+
+    def _end(self, contact: int) -> None:
+        last = self._last(contact)
+        if last is not None and math.isnan(last.end):
+            last.end = self.t

@@ -1,0 +1,160 @@
+"""The exact solution: between switches the system is linear, so only the switching times are sought.
+
+With linear compliance every contact is free or on one of its stops, and each combination is a linear
+system with a solution in closed form. The time to the next switch is approached by steps that provably
+contain none (switching.py).
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import asdict
+from functools import partial
+from typing import Any
+
+from ...basics.arrays import Array
+from ...basics.budget import afford
+from ...basics.validation import positive
+from ...model.drive import Drive
+from ...model.modes import Modes, undamped_modes
+from ...model.system import System
+from ...model.time_functions import covered
+from ...trajectory.trajectory import Reference, Work, versions
+from ..request import Request, output_times
+from .audit import audit, within_float64
+from .exact_measures import Solution, contact_record, exact_ledger
+from .exponential_tracer import ExponentialTracer
+from .undamped_tracer import Perturbation, Tracer
+
+
+def solve(request: Request) -> Reference:
+    """``solve_exact`` as a registered reference: of a request it takes system, t_end and t_eval. Rigid stops go
+    from impact to impact, see rigid_reference."""
+    if any(contact.stops.rigid for contact in request.system.contacts):
+        from .rigid_reference import solve_rigid
+
+        return solve_rigid(request.system, request.t_end, request.t_eval)
+    return solve_exact(request.system, request.t_end, request.t_eval)
+
+
+def solve_exact(
+    system: System,
+    t_end: float,
+    t_eval: Array | None = None,
+    perturbation: Perturbation | None = None,
+    known: dict[float, Modes] | None = None,
+    since: float = 0.0,
+) -> Reference:
+    """The exact piecewise-linear solution in float64, with crossings that cannot be missed.
+
+    Takes any damping, any number of contacts, time functions made of Harmonic, Constant and Sampled; raises
+    InputError with the reason for other time functions, for a drive at resonance with several contacts and no
+    damping, and where regimes are too close to critical damping or to a rigid-body motion for their
+    eigenvectors. Without damping, with at most one contact and no samples all of it is compiled; else regimes
+    are made as they are met. ``known`` keeps the modes of systems that share their matrices and contact row, see
+    ``Tracer``. Contacts are recorded from ``since`` on. Raises SolverFailure where the search cannot go on,
+    or the energy balance of what it found is open.
+
+    With u the gap's position, u' its rate and B >= |u''| on the rest of the piece, no switch lies
+    before the smaller positive root s of (g2 - u) - u' s - B s^2/2 = 0 and (u - g1) + u' s - B s^2/2 = 0;
+    B = sum_j |row_j| (amplitude of eta_j'') + that of the drive. Stepping by s approaches a transversal
+    crossing quadratically and from before. After an event the gap is exactly 0 and s = 2 |u'|/B; where
+    u' vanishes too the first derivative that does not decides (touching.py).
+    """
+    begun = time.perf_counter()
+    positive("t_end", t_end)
+    refuse(system, t_end)
+    with within_float64("exact", t_end):
+        tracer = tracer_of(system, perturbation, known, t_end)
+        afford_search(system, t_end)
+        solution = tracer.solve(t_end)
+        if perturbation is None:
+            audit(system, solution, t_end)
+    frequencies = "SVD of the curvature factor" if system.stiffness_factor is not None else "eigh"
+    notes = {"frequencies": frequencies}
+    with within_float64("exact", t_end):
+        return reference_of(system, solution, t_end, t_eval, begun + tracer.compile_seconds, "exact", notes, since)
+
+
+def general(system: System) -> bool:
+    """Whether it takes sums of complex exponentials: damping, several contacts, or sampled functions of time."""
+    return system.damped or len(system.contacts) > 1 or bool(Drive.of(system).records)
+
+
+def tracer_of(
+    system: System,
+    perturbation: Perturbation | None = None,
+    known: dict[float, Modes] | None = None,
+    span: float = math.inf,
+) -> Tracer | ExponentialTracer:
+    """What follows solutions of the system in float64; known, span: see ``Tracer``."""
+    return ExponentialTracer(system, perturbation) if general(system) else Tracer(system, perturbation, known, span)
+
+
+def reference_of(
+    system: System,
+    solution: Solution,
+    t_end: float,
+    t_eval: Array | None,
+    begun: float,
+    method: str,
+    notes: dict[str, Any],
+    since: float = 0.0,
+) -> Reference:
+    """A piecewise solution as a Reference; ``begun`` is the clock when the work on it began."""
+    t = output_times(t_eval, t_end)
+    evaluate = partial(_observed, system, solution)
+    tip, velocity = evaluate(t, system.tip_channel)
+    contacts = tuple(contact_record(system, solution, i, t, t_end, since) for i in range(len(system.contacts)))
+    seconds = time.perf_counter() - begun
+    return Reference(
+        t=t,
+        tip=tip,
+        tip_velocity=velocity,
+        contacts=contacts,
+        work=Work(
+            seconds=seconds,
+            march_seconds=seconds,
+            counters={"evaluations": solution.evaluations, "switches": len(solution.times) - 1},
+        ),
+        provenance={
+            "method": method,
+            "form": system.form,
+            "units": asdict(system.units),
+            "t_end": float(t_end),
+            **notes,
+            **versions(),
+        },
+        system=system,
+        fingerprint=system.fingerprint,
+        evaluate=evaluate,
+        state_at=solution.states,
+        ledger=partial(exact_ledger, system, solution, t),
+        solution=solution,
+    )
+
+
+def _observed(system: System, solution: Solution, times: Array, channel: int) -> tuple[Array, Array]:
+    """Position and velocity of a channel at any times."""
+    u, v = solution.observed(times, system.channels[channel][0])
+    shift, shift_rate = solution.offset(system, channel)(times)
+    return u + shift, v + shift_rate
+
+
+def afford_search(system: System, t_end: float) -> None:
+    """Refuse a span in which the search for switches never arrives: some ten evaluations a fastest period."""
+    if system.contacts:
+        fastest = max(float(undamped_modes(system).omega[-1]), *Drive.of(system).frequencies, 0.0)
+        afford("t_end", t_end, "shorten t_end", seconds=t_end * fastest * system.size * 1e-8)
+
+
+def refuse(system: System, t_end: float) -> None:
+    """Raise InputError for laws that are not linear between their switches, for time functions without a closed
+    form, and for samples that end before t_end."""
+    for contact in system.contacts:
+        contact.stops.require_linear("the exact solution")
+    drive = Drive.of(system)
+    drive.recorded(drive.split(system.loads, system.size)[1], system.size)
+    drive.recorded(drive.offsets(system)[1], len(system.channels))
+    covered([*(f for _, f in system.loads), *(offset for _, offset in system.channels)], t_end)

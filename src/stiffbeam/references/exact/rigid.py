@@ -1,0 +1,110 @@
+"""Restitution 1 on a node with mass: where compliant stops on a given mesh go for kappa -> infinity.
+
+At a finite mesh the tip has mass, and a spring that grows without bound turns its velocity round:
+
+    q'+ = q'- - 2 (row q'-)/(row M^-1 row^T) M^-1 row^T     where the gap closes, nothing elsewhere.
+
+No energy is lost, as in the compliant contact. It is the limit on this mesh, not that of the body: impacts grow in
+number with the cells, and a body whose contact nodes have no mass (``System.massless_contacts``) does not chatter so.
+Between impacts the free modes hold the solution in
+closed form, so this shares nothing with the compliant solution but those and the search for a crossing.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+
+import numpy as np
+
+from ...basics.arrays import Array
+from ...basics.validation import InputError, numbers, positive
+from ...model.drive import Drive
+from ...model.system import System, require_system
+from ...trajectory.impacts import Impacts
+from ...trajectory.trajectory import Reference, SolverFailure
+from .audit import audit, within_float64
+from .piecewise import reference_of, refuse
+from .switching import follow
+from .undamped import Solution
+from .undamped_tracer import Tracer
+
+MOST_IMPACTS = 200_000
+
+
+def rigid_limit(system: System, t_end: float, t_eval: Array | None = None) -> Reference:
+    """The solution on [0, t_end] with the stops of ``system``'s one contact made rigid, restitution 1, node with mass.
+
+    Takes what the exact solution without damping takes. The Reference has impacts with impulses
+    |M (q'+ - q'-)| along the row, no forces (they are impulses) and no horizon; its ledger leaves the
+    stops' energy out. Raises InputError for other systems, or for more than 200 000 impacts; SolverFailure
+    where a load presses the contact on its stop at rest, which no impact describes, and where the energy
+    balance is open.
+    """
+    begun = time.perf_counter()
+    require_system(system)
+    t_end = positive("t_end", t_end)
+    t_eval = None if t_eval is None else numbers("t_eval", t_eval)
+    refuse(system, t_end)
+    if len(system.contacts) != 1 or system.damped:
+        raise InputError("system", "a damped one, or not one contact", "be undamped with one contact for rigid stops")
+    if Drive.of(system).records:
+        raise InputError("time function", Drive.of(system).records[0], "be Harmonic or Constant for rigid stops")
+    if system.contacts[0].offset is not None:
+        raise InputError("contact.offset", system.contacts[0].offset, "be None for rigid stops")
+    with within_float64("rigid", t_end):
+        return _solve(system, t_end, t_eval, begun)
+
+
+def _solve(system: System, t_end: float, t_eval: Array | None, begun: float) -> Reference:
+    tracer = Tracer(system)
+    row = system.contacts[0].row
+    kick = np.linalg.solve(system.mass, row)
+    mass = 1.0 / float(row @ kick)  # what the stop feels
+    q, v = system.q0, system.v0
+    if system.contacts[0].stops.state(row @ q):
+        raise InputError("initial displacement", float(row @ q), "lie between rigid stops")
+    drive, law, basis = tracer.drive, tracer.regimes[0], tracer.bases[0]
+    pieces: list[tuple[float, Array, Array]] = []  # start, h, h'
+    sides: list[int] = []
+    impulses: list[float] = []
+    t, evaluations = 0.0, 0
+    when, side, unused = np.empty(1), np.empty(1, np.int64), np.empty((1, system.size))
+    while True:
+        g = drive.coefficients(t)
+        h = basis.to_modal(q) - law.particular @ g
+        rate = basis.to_modal(v) - law.particular @ (drive.derivative() @ g)
+        pieces.append((t, h.copy(), rate.copy()))
+        at_switch = len(pieces) > 1
+        count, used = follow(h, rate, 0, t, t_end, at_switch, *tracer.search, when, side, unused, unused.copy())
+        evaluations += used
+        if not count:
+            break
+        if len(pieces) > MOST_IMPACTS:
+            raise InputError("t_end", t_end, f"hold at most {MOST_IMPACTS} impacts", f"end before t = {t:.6g}")
+        q, v = (x[0] for x in _solution(tracer, pieces[-1:], 0).states(when))
+        t, approach = float(when[0]), float(row @ v)
+        if not int(side[0]) * approach > 0.0:
+            raise SolverFailure("rigid", t, "the contact is pressed on its stop without speed", "use compliant stops")
+        v = v - 2.0 * mass * approach * kick
+        sides.append(int(side[0]))
+        impulses.append(2.0 * mass * abs(approach))
+    solution = _solution(tracer, pieces, evaluations)
+    audit(system, solution, t_end, "rigid")
+    found = reference_of(system, solution, t_end, t_eval, begun + tracer.compile_seconds, "rigid", {})
+    times = solution.times[1:]
+    impacts = Impacts.at(times, sides, "event", ends=times, impulses=impulses)
+    record = replace(
+        found.contacts[0],
+        force=np.full(len(found.t), np.nan),
+        impacts=impacts,
+        peak_force=float("inf") if len(times) else 0.0,
+        impulse=float(np.sum(impulses)),
+    )
+    return replace(found, contacts=(record,))
+
+
+def _solution(tracer: Tracer, pieces: list[tuple[float, Array, Array]], evaluations: int) -> Solution:
+    times, h, rate = (np.array(x) for x in zip(*pieces, strict=True))
+    free = np.zeros(len(times), np.int64)
+    return Solution(tracer.drive, tracer.bases, tracer.regimes, times, free, h, rate, evaluations)

@@ -1,0 +1,204 @@
+"""The solution with rigid stops as a Reference: its contacts, its energy, and how long it can be trusted."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import asdict, replace
+from functools import partial
+
+import numpy as np
+
+from ...basics.arrays import Array
+from ...basics.validation import InputError, positive
+from ...model.system import System
+from ...model.time_functions import evaluate, offset_rate, offset_values
+from ...trajectory.impacts import ContactRecord, Impacts
+from ...trajectory.ledger import Ledger
+from ...trajectory.trajectory import Reference, SolverFailure, Work, versions
+from ..request import output_times
+from .audit import within_float64
+from .impacting import RADIANS, Solution, Tracer
+
+COPIES = ((0.7, 4.0), (0.55, -4.0), (0.85, 16.0))  # radians a stretch, and roundings by which the start is faster
+APART = 5e-4  # of the largest displacement, and of a radian of the slowest motion: half the tolerance of a horizon
+LOST = 1e-9  # of the energy: what the balance may be open by
+GAUSS = np.polynomial.legendre.leggauss(10)
+
+
+def solve_rigid(system: System, t_end: float, t_eval: Array | None = None) -> Reference:
+    """The solution on [0, t_end] with rigid stops and Newton's law of restitution.
+
+    Takes any damping, several contacts, moving stops, loads made of Harmonic and Constant. Its horizon is the time to
+    which it agrees with COPIES of itself, made of other stretches from a start whose velocities are off by a few
+    roundings of the largest: in positions to APART of the largest, in impact times likewise. Raises InputError for
+    compliant stops beside rigid ones, for stops without restitution, dependent contacts, other functions of time,
+    more than 200 000 impacts (e = 1 with a lasting load has infinitely many); SolverFailure where it cannot go on,
+    or its energy balance is open.
+    """
+    begun = time.perf_counter()
+    positive("t_end", t_end)
+    for contact in system.contacts:
+        if not contact.stops.rigid:
+            raise InputError("contacts", "rigid and compliant ones", "be all of one kind", "take stiff ones for inf")
+        if contact.stops.restitution is None:
+            remedy = "pass restitution=e, or for a contact node without mass use system.massless_contacts()"
+            raise InputError("stops.restitution", None, "be given for the exact solution with rigid stops", remedy)
+    t = output_times(t_eval, t_end)
+    with within_float64("exact", t_end):
+        solution = Tracer(system).solve(t_end)
+        found = _reference(system, solution, t, t_end, begun)
+        opened = np.max(np.abs(found.energy.loss))
+        scale = np.max(np.abs(found.energy.energy)) + np.max(np.abs(found.energy.input))
+        if opened > LOST * scale:
+            reason = f"the energy balance is open, by {opened / scale:.2g} of the energy"
+            raise SolverFailure("exact", t_end, reason, "use integrate")
+        horizon = _horizon(system, found, t, t_end)
+    provenance = found.provenance | {
+        "horizon_against": f"{len(COPIES)} copies with other stretches and starts, to half the tolerance"
+    }
+    return replace(found, horizon=horizon, provenance=provenance)
+
+
+def _reference(system: System, solution: Solution, t: Array, t_end: float, begun: float) -> Reference:
+    seconds = time.perf_counter() - begun
+    q, v, R = solution.at(t)
+
+    def observed(times: Array, channel: int) -> tuple[Array, Array]:
+        q, v, _ = solution.at(np.asarray(times, float))
+        return _seen(system, times, q, v, channel)
+
+    tip, velocity = _seen(system, t, q, v, system.tip_channel)
+    held = _held(solution, t_end)
+    contacts = tuple(
+        ContactRecord(
+            contact.stops,
+            *_seen(system, t, q, v, c),
+            R[:, c],
+            *_contact(solution, c, held[c], t_end),
+        )
+        for c, contact in enumerate(system.contacts)
+    )
+    return Reference(
+        t=t,
+        tip=tip,
+        tip_velocity=velocity,
+        contacts=contacts,
+        work=Work(seconds=seconds, march_seconds=seconds, counters={"stretches": len(solution.times)}),
+        provenance={
+            "method": "exact", "form": system.form, "units": asdict(system.units), "t_end": float(t_end), **versions(),
+        },
+        system=system,
+        fingerprint=system.fingerprint,
+        evaluate=observed,
+        state_at=lambda times: solution.at(np.asarray(times, float))[:2],
+        ledger=partial(_ledger, system, solution, t),
+        solution=solution,
+    )  # fmt: skip
+
+
+def _seen(system: System, t: Array, q: Array, v: Array, channel: int) -> tuple[Array, Array]:
+    row, offset = system.channels[channel]
+    return q @ row + offset_values(offset, t), v @ row + offset_rate(offset, t)
+
+
+def _held(solution: Solution, t_end: float) -> list[list[tuple[float, float, float]]]:
+    """For every contact the stretches (from, to, impulse of the reaction) in which it is held."""
+    found: list[list[tuple[float, float, float]]] = [[] for _ in solution.model.rows]
+    ends = [*solution.times[1:], t_end]
+    for k, held in enumerate(solution.held):
+        if held:
+            _, R = solution.model.stretch(solution.times[k], *solution.states[k], held)
+            length = ends[k] - solution.times[k]
+            impulses = (length ** np.arange(1, len(R) + 1) / np.arange(1, len(R) + 1)) @ R
+            for c, impulse in zip(held, impulses, strict=True):
+                found[c].append((solution.times[k], ends[k], abs(float(impulse))))
+    return found
+
+
+def _contact(solution: Solution, c: int, held: list, t_end: float) -> tuple[Impacts, float, float, float]:
+    """Impacts, share of time, peak and impulse of a contact: of an impulse the peak is inf. What a contact that is
+    held after an impact presses counts with that impact."""
+    events = [event for event in solution.events if event.contact == c]
+    starts = np.array([a for a, _, _ in held])
+    pressed = np.concatenate([[0.0], np.cumsum([impulse for *_, impulse in held])])
+
+    def between(a: float, b: float) -> float:
+        first, last = np.searchsorted(starts, [a, b]) if len(starts) else (0, 0)
+        return float(pressed[last] - pressed[first])
+
+    times, ends = np.array([e.time for e in events]), np.array([e.end for e in events])
+    impulses = [e.impulse + (between(e.time, e.end) if e.end > e.time else 0.0) for e in events]
+    impacts = Impacts.at(
+        times,
+        [e.side for e in events],
+        "event",
+        ends=ends,
+        peaks=np.where(np.isnan(ends), np.nan, np.inf),
+        impulses=np.where(np.isnan(ends), np.nan, impulses),
+    )
+    total = float(sum(e.impulse for e in events) + pressed[-1])
+    share = sum(b - a for a, b, _ in held) / t_end
+    return impacts, share, math.inf if events else 0.0, total
+
+
+def _ledger(system: System, solution: Solution, t: Array) -> Ledger:
+    """Input and viscous by quadrature in every stretch, stop_dissipation from the impulses."""
+    edges = np.unique(np.concatenate([t, [x for x in solution.times if t[0] < x < t[-1]]]))
+    points, weights = GAUSS
+    input_, viscous = np.zeros(len(edges)), np.zeros(len(edges))
+    if len(edges) > 1:
+        length = np.diff(edges)
+        panels = np.maximum(1, np.ceil(length * solution.model.fastest / RADIANS)).astype(int)
+        cuts = np.concatenate([a + np.arange(n) / n * d for a, d, n in zip(edges, length, panels, strict=False)])
+        half = 0.5 * np.repeat(length / panels, panels)
+        nodes = (cuts + half)[:, None] + half[:, None] * points
+        q, v, R = solution.at(nodes.ravel())
+        power = np.zeros(nodes.size)
+        for p, f in system.loads:
+            power += evaluate(f, nodes.ravel()) * (v @ p)
+        for c, contact in enumerate(system.contacts):
+            power -= R[:, c] * offset_rate(contact.offset, nodes.ravel())
+        drag = np.sum(v * (v @ system.damping), axis=1)
+        owner = np.repeat(np.arange(len(length)), panels)
+        for total, density in ((input_, power), (viscous, drag)):
+            of_panels = half * (density.reshape(nodes.shape) @ weights)
+            total[1:] = np.cumsum(np.bincount(owner, of_panels, len(length)))
+    at = np.searchsorted(edges, t)
+    when, *impulsive = np.array(solution.taken).reshape(-1, 3).T
+    so_far = np.searchsorted(when, t, side="right")
+    taken, moved = (np.concatenate([[0.0], np.cumsum(x)])[so_far] for x in impulsive)
+    q, v, _ = solution.at(t)
+    energies = system.energies(t, q, v)
+    energy = sum(energies)
+    given, lost = input_[at] + moved, viscous[at]
+    start = float(system.energy(np.zeros(1), system.q0[None], system.v0[None])[0])
+    loss = start - energy + given - lost - taken
+    return Ledger(t, *energies, given, lost, loss, loss, np.zeros_like(loss), taken)
+
+
+def _horizon(system: System, found: Reference, t: Array, t_end: float) -> float:
+    """See ``solve_rigid``."""
+    horizon, eps = t_end, float(np.finfo(float).eps)
+    scale = max(float(np.max(np.abs(found.tip))), 1e-300)
+    slowest = np.sqrt(np.abs(np.linalg.eigvals(np.linalg.solve(system.mass, system.stiffness))))
+    slowest = slowest[slowest > 1e-6 * np.max(slowest, initial=0.0)]
+    tolerance = APART * 2.0 * np.pi / float(np.min(slowest)) if len(slowest) else APART * t_end
+    fastest = float(np.max(np.abs(found.states[1])))
+    for radians, roundings in COPIES:
+        off = roundings * eps * fastest * (-1.0) ** np.arange(system.size)
+        moved = replace(system, v0=system.v0 + off)
+        copy = Tracer(moved, radians).solve(t_end)
+        q, _, _ = copy.at(t)
+        row, offset = system.channels[system.tip_channel]
+        apart = np.abs(q @ row + offset_values(offset, t) - found.tip) > APART * scale
+        if np.any(apart):
+            horizon = min(horizon, float(t[max(0, int(np.argmax(apart)) - 1)]))
+        for c, record in enumerate(found.contacts):
+            mine = record.impacts.times
+            theirs = np.array([e.time for e in copy.events if e.contact == c])
+            n = min(len(mine), len(theirs))
+            bad = np.flatnonzero(np.abs(mine[:n] - theirs[:n]) > tolerance)
+            if len(bad):
+                horizon = min(horizon, float(min(mine[bad[0]], theirs[bad[0]])))
+    return horizon

@@ -1,0 +1,143 @@
+"""The tangent flow of the exact solution: how fast neighbouring motions part, and so what rounding costs.
+
+    z(t) = Phi(t) z(0),  Phi(t) = flow of the last piece ... flow of the first,  |Phi(t) z| ~ exp(lambda t)
+
+The contact law is continuous, so a switch leaves tangent vectors alone (its saltation matrix is the
+identity) and Phi is the product of the homogeneous flows of the pieces.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...basics.arrays import Array
+from ...basics.validation import integer, positive
+from ...model.modes import undamped_modes
+from ...model.system import System, require_system
+from ...trajectory.trajectory import SolverFailure
+from .audit import audit, within_float64
+from .exact_measures import Solution
+from .piecewise import afford_search, refuse, tracer_of
+
+RANDOM = 3  # tangent vectors beside the direction of the motion itself
+SAMPLES = 200  # times beside the switches
+LEAST = 1e-150  # size of a vector: its square is a number yet
+
+
+@dataclass(frozen=True, eq=False)
+class Growth:
+    """log_growth: ln(|Phi(t) z|/|z|), (k, vectors), at times t (k,), in the energy norm without contact,
+    |z|^2 = dq'^T M dq' + dq^T K dq. The first RANDOM vectors are random, the last, where it is not at
+    rest, is the direction of the motion at t = 0."""
+
+    t: Array
+    log_growth: Array
+
+    def __repr__(self) -> str:
+        return f"<Growth to t = {self.t[-1]:g}: exponent {self.exponent:.4g}, {self.digits:.1f} digits lost>"
+
+    @property
+    def largest(self) -> Array:
+        """The largest growth of the vectors so far, ln, (k,)."""
+        return np.maximum.accumulate(np.max(self.log_growth, axis=1))
+
+    @property
+    def exponent(self) -> float:
+        """The finite-time Lyapunov exponent, mean over the vectors of ln(|Phi z|/|z|)/t at the last time."""
+        return float(np.mean(self.log_growth[-1]) / self.t[-1])
+
+    @property
+    def digits(self) -> float:
+        """Decimal digits that the motion loses on the way to the last time."""
+        return float(self.largest[-1] / np.log(10.0))
+
+
+def lyapunov(system: System, t_end: float, seed: int = 0) -> Growth:
+    """The growth of tangent vectors along the exact float64 motion on [0, t_end].
+
+    Past the horizon that motion is another one of the same system, along which the growth is as good an
+    estimate as along the true one. Takes what the exact solution takes and raises InputError as it does.
+    """
+    require_system(system)
+    t_end = positive("t_end", t_end)
+    integer("seed", seed, 0)
+    refuse(system, t_end)
+    with within_float64("lyapunov", t_end):
+        afford_search(system, t_end)
+        solution = tracer_of(system).solve(t_end)
+        audit(system, solution, t_end)
+        return growth(system, solution, t_end, seed)
+
+
+def growth(system: System, solution: Solution, t_end: float, seed: int = 0, enough: float = np.inf) -> Growth:
+    """``lyapunov`` along a solution that is there already, ended where a growth, ln, is ``enough``."""
+    dq, dv = _vectors(system, seed)
+    edges = np.union1d(solution.times[solution.times < t_end], np.linspace(0.0, t_end, SAMPLES + 1))
+    piece = np.maximum(np.searchsorted(solution.times, edges[:-1], side="right") - 1, 0)
+    logs = np.zeros((len(edges), dq.shape[1]))
+    for i, (k, tau) in enumerate(zip(piece.tolist(), np.diff(edges).tolist(), strict=True)):
+        try:
+            dq, dv, logs[i + 1] = _carried(system, solution, k, tau, dq, dv, logs[i], float(edges[i]))
+        except SolverFailure:
+            if not np.isfinite(enough):
+                raise
+            return Growth(edges[: i + 1], logs[: i + 1])  # nothing is left that could grow to ``enough``
+        if np.max(logs[i + 1]) > enough:
+            return Growth(edges[: i + 2], logs[: i + 2])
+    return Growth(edges, logs)
+
+
+def _carried(
+    system: System, solution: Solution, piece: int, tau: float, dq: Array, dv: Array, log: Array, t: float
+) -> tuple[Array, Array, Array]:
+    """Unit vectors and the ln of their growth after tau more; in ever shorter parts where damping leaves
+    nothing of them that float64 can hold."""
+    for parts in (1, 10, 100, 1000):
+        q, v, total = dq, dv, log
+        for _ in range(parts):
+            q, v = solution.flow(piece, tau / parts, q, v)
+            size = _norm(system, q, v)
+            if not np.all((size > LEAST) & np.isfinite(size)):
+                break
+            q, v, total = q / size, v / size, total + np.log(size)
+        else:
+            return q, v, total
+    raise SolverFailure("lyapunov", t, "tangent vectors vanish below float64 within a sample", "shorten t_end")
+
+
+def predicted_horizon(system: System, solution: Solution, t_end: float, tolerance: float) -> float:
+    """The first time at which rounding, eps (1 + w_max t) |Phi(t)| of the motion, reaches ``tolerance`` of it.
+
+    An error eps w_max of the frequencies turns a mode by eps w_max t: that much more than a rounding of
+    the initial data is there to be magnified, all of it counted as if it had been there from the start.
+    """
+    eps, fastest = float(np.finfo(float).eps), 2.0 * np.pi / solution.shortest_period
+    grown = growth(system, solution, t_end, enough=float(np.log(tolerance / eps)))
+    over = np.flatnonzero(np.log(eps * (1.0 + fastest * grown.t)) + grown.largest > np.log(tolerance))
+    return float(grown.t[over[0]]) if len(over) else t_end
+
+
+def _vectors(system: System, seed: int) -> tuple[Array, Array]:
+    """Unit tangent vectors (n, vectors): random with the energy spread over all modes, and (q', q'')."""
+    basis = undamped_modes(system)
+    noise = np.random.default_rng(seed).standard_normal((2, system.size, RANDOM))
+    slowest = np.min(
+        basis.omega, where=basis.omega > 0.0, initial=np.max(basis.omega) or 1.0
+    )  # also for a rigid motion
+    scale = np.where(basis.omega > 0.0, np.maximum(basis.omega, 1e-8 * basis.omega[-1]), slowest)[:, None]
+    force = system.load(0.0) - system.stiffness @ system.q0 - system.damping @ system.v0
+    for contact, u in zip(system.contacts, system.positions(0.0, system.q0), strict=False):
+        force = force + contact.row * contact.stops.force(u)
+    dq = np.column_stack([basis.shapes @ (noise[0] / scale), system.v0])
+    dv = np.column_stack([basis.shapes @ noise[1], np.linalg.solve(system.mass, force)])
+    size = _norm(system, dq, dv)
+    moving = size > 0.0
+    return dq[:, moving] / size[moving], dv[:, moving] / size[moving]
+
+
+def _norm(system: System, dq: Array, dv: Array) -> Array:
+    """sqrt(dq'^T M dq' + dq^T K dq) of every column."""
+    elastic = np.sum(dq * (system.stiffness @ dq), axis=0)  # of a rigid motion rounding, of either sign
+    return np.sqrt(np.sum(dv * (system.mass @ dv), axis=0) + np.maximum(elastic, 0.0))

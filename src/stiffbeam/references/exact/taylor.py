@@ -1,0 +1,145 @@
+"""A stretch of motion with some contacts held, as a Taylor series that ends below rounding."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import factorial
+
+import numpy as np
+
+from ...basics.arrays import Array
+from ...basics.compiled import compiled
+from ...basics.validation import InputError
+from ...model.system import System
+from ...model.time_functions import Constant, Harmonic, LoadFunction, parts
+
+ORDER = 18  # 1/(ORDER + 1)! = 8e-18: what is left out of a stretch of a radian of the fastest motion
+FACTORIALS = np.array([float(factorial(k)) for k in range(ORDER + 1)])
+
+
+@compiled
+def coefficients(stiff, damp, forces, rows, back, shifts, q, v, held):
+    """c (ORDER + 1, n), the motion sum_k c_k s^k from q, v, and the reactions (ORDER - 1, h) along ``rows``.
+
+    q'' = forces - damp q' - stiff q + M^-1 rows^T R with rows q = -shifts: forces (ORDER - 1, n) and shifts
+    (ORDER + 1, h) are series, back (n, h) is M^-1 rows^T, held (h, h) the inverse of rows back.
+    """
+    n, h = q.size, rows.shape[0]
+    c, R, y = np.zeros((ORDER + 1, n)), np.zeros((ORDER - 1, h)), np.zeros(h)
+    c[0], c[1] = q, v
+    for k in range(ORDER - 1):
+        down = 1.0 / ((k + 2) * (k + 1))
+        for i in range(n):
+            total = forces[k, i]
+            for j in range(n):
+                total -= stiff[i, j] * c[k, j] + (k + 1) * damp[i, j] * c[k + 1, j]
+            c[k + 2, i] = down * total
+        for a in range(h):
+            y[a] = shifts[k + 2, a]
+            for i in range(n):
+                y[a] += rows[a, i] * c[k + 2, i]
+        for a in range(h):
+            total = 0.0
+            for b in range(h):
+                total -= held[a, b] * y[b]
+            R[k, a] = total / down
+            for i in range(n):
+                c[k + 2, i] += total * back[i, a]
+    return c, R
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """What every stretch of a system needs. ``fastest``: the largest rate of its motions and drives."""
+
+    system: System
+    rows: Array  # (m, n)
+    back: Array  # (n, m), M^-1 rows^T
+    stiff: Array
+    damp: Array
+    loads: Array  # (L, n), M^-1 p
+    fastest: float
+
+    @classmethod
+    def of(cls, system: System) -> Model:
+        """Raises InputError for functions of time other than Harmonic and Constant."""
+        rows = np.array([contact.row for contact in system.contacts])
+        functions = [*(f for _, f in system.loads), *(contact.offset for contact in system.contacts)]
+        drives = [0.0]
+        for function in functions:
+            for _, part in parts(function):
+                if not isinstance(part, (Harmonic, Constant)):
+                    rule = "be made of Harmonic and Constant for the exact solution with rigid stops"
+                    raise InputError("time function", part, rule, "use integrate")
+                drives.append(float(part.frequency) if isinstance(part, Harmonic) else 0.0)
+        solved = np.linalg.solve(system.mass, np.hstack([system.stiffness, system.damping, rows.T]))
+        n = system.size
+        stiff, damp, back = solved[:, :n], solved[:, n : 2 * n], solved[:, 2 * n :]
+        rates = np.sqrt(np.max(np.abs(np.linalg.eigvals(stiff)))), np.max(np.abs(np.linalg.eigvals(damp)))
+        loads = np.array([np.linalg.solve(system.mass, p) for p, _ in system.loads]).reshape(-1, n)
+        rows, back, stiff, damp, loads = (np.ascontiguousarray(x) for x in (rows, back, stiff, damp, loads))
+        return cls(system, rows, back, stiff, damp, loads, max(*map(float, rates), *drives))
+
+    def stretch(self, t: float, q: Array, v: Array, held: tuple[int, ...]) -> tuple[Array, Array]:
+        """Series of the motion from t with the contacts ``held`` where they are, and of their reactions."""
+        forces = np.zeros((ORDER - 1, len(q)))
+        for (_, f), p in zip(self.system.loads, self.loads, strict=True):
+            forces += np.outer(series(f, t)[: ORDER - 1], p)
+        at = list(held)
+        rows, back = np.ascontiguousarray(self.rows[at]), np.ascontiguousarray(self.back[:, at])
+        shifts = np.array([self.shift(c, t) for c in held]).reshape(-1, ORDER + 1).T
+        inverse = np.linalg.inv(rows @ back) if at else np.zeros((0, 0))
+        return coefficients(self.stiff, self.damp, forces, rows, back, np.ascontiguousarray(shifts), q, v, inverse)
+
+    def shift(self, contact: int, t: float) -> Array:
+        """The series of a contact's offset."""
+        offset = self.system.contacts[contact].offset
+        return np.zeros(ORDER + 1) if offset is None else series(offset, t)
+
+
+def series(function: LoadFunction, t: float) -> Array:
+    """(ORDER + 1,), f(t + s) in powers of s."""
+    found, k = np.zeros(ORDER + 1), np.arange(ORDER + 1)
+    for factor, part in parts(function):
+        if isinstance(part, Harmonic):
+            turned = np.sin(part.frequency * t + part.phase + 0.5 * np.pi * (k % 4))
+            found += factor * part.amplitude * float(part.frequency) ** k * turned / FACTORIALS
+        elif isinstance(part, Constant):
+            found[0] += factor * part.level
+    return found
+
+
+def value(series: Array, s: float) -> Array:
+    """sum_k c_k s^k."""
+    return np.tensordot(s ** np.arange(len(series)), series, 1)
+
+
+def rate(series: Array, s: float) -> Array:
+    """Its derivative by s."""
+    k = np.arange(1, len(series))
+    return np.tensordot(k * s ** (k - 1.0), series[1:], 1)
+
+
+def first_zero(gap: Array, length: float, zeros: int) -> float | None:
+    """Where a series that is positive at once, after a zero of multiplicity ``zeros`` at 0, next turns negative.
+
+    None if not in (0, length]; 0.0 where it is negative from the start.
+    """
+    c = gap[zeros:]
+    if c[0] <= 0.0:
+        return None if len(c) > 1 and c[0] == 0.0 and c[1] > 0.0 else 0.0
+    scaled = c * length ** np.arange(len(c))
+    if scaled[0] > -np.sum(np.minimum(scaled[1:], 0.0)):
+        return None
+    last = np.flatnonzero(np.abs(scaled) > 1e-18 * np.max(np.abs(scaled)))[-1]
+    roots = np.roots(scaled[last::-1])
+    real = np.sort(roots.real[(np.abs(roots.imag) < 1e-9) & (roots.real > 0.0) & (roots.real <= 1.0 + 1e-12)])
+    for root in real:
+        s = float(min(root, 1.0)) * length
+        for _ in range(3):
+            slope = float(rate(c, s))
+            if slope < 0.0:
+                s = min(max(s - float(value(c, s)) / slope, 0.0), length)
+        if float(rate(c, s)) <= 0.0:
+            return s
+    return None

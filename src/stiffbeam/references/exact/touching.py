@@ -1,0 +1,113 @@
+"""Steps along a gap that provably miss no crossing, and which way a gap goes where it is zero.
+
+A gap counts as zero where rounding could have made it: |gap| <= N, N the rounding in the terms it is the
+sum of. Inside that band both regimes have the same forces to rounding, and the first derivative that
+rises above its own rounding says to which side the gap leaves it:
+
+    gap(tau + s) = P(s) + R,   P(s) = sum_{k<8} d_k s^k/k!,   |R| <= b_8 s^8/8!,   N(s) = nu sum_k b_k s^k/k!
+
+with b_k >= |d_k|, and >= |gap^(8)| on the rest of the piece for k = 8. The gap leaves the band at the first
+s with |P| > 2 (N + R), to the side of P's sign. Where R overtakes N before, it stays in the band so far.
+"""
+
+from __future__ import annotations
+
+import math
+
+from ...basics.compiled import compiled
+
+EPS = 2.220446049250313e-16
+ORDER = 8
+ROUNDINGS = 16.0  # of one term, that a sum and the state it starts from may have gathered
+
+OPEN, CLOSES, UNCLEAR = 1, -1, 0
+
+STALLED = 100_000  # evaluations without a switch, beside ...
+PER_RADIAN = 2_000  # ... so many for each radian of the fastest motion
+FAINT = 10_000  # evaluations of a gap that moves, but never out of its own rounding
+SHORTEST = 1e-30  # step, of t_end: so that time goes on at t = 0 too
+REMEDY = "check the stops and stiffnesses for sizes that float64 cannot hold together"
+
+
+@compiled
+def safe_step(gap, rate, b2):
+    """The positive root of gap + rate s - b2 s^2/2 = 0, gap >= 0: the gap cannot close before."""
+    root = math.sqrt(rate * rate + 2.0 * b2 * gap)
+    return (rate + root) / b2 if rate > 0.0 else (2.0 * gap / (root - rate) if root > rate else 0.0)
+
+
+@compiled
+def gap_step(gap, rate, b2, b3, band, t):
+    """(s, verdict) for a gap with its rate: OPEN, it stays positive for s; CLOSES at s; or UNCLEAR.
+
+    b2 >= |gap''|, b3 >= |gap'''| on the rest of the piece. band: below it a gap may be zero. It crosses
+    for certain where even gap'' = b2 could not turn it before it is through the band.
+    """
+    if b2 <= 1e-290 and rate >= 0.0 and gap > band:
+        return math.inf, OPEN  # nothing moves
+    turn = 2.0 * b2 * (max(gap, 0.0) + band)
+    certain = rate * rate > turn
+    if certain and rate < 0.0:
+        safe = safe_step(max(gap, 0.0), rate, b2)
+        return safe, CLOSES if safe <= 4.0 * EPS * (t + safe) or gap <= band else OPEN
+    if gap > band or (certain and gap >= -band):
+        safe = safe_step(max(gap, 0.0), rate, b2)
+        if safe > 1e-5 * b2 / b3:
+            return safe, OPEN
+        if certain and safe > 4.0 * EPS * (t + safe):
+            return safe, OPEN
+    return 0.0, UNCLEAR
+
+
+@compiled
+def taylor_step(d, b, nu, switched):
+    """(s, verdict) from the derivatives d (ORDER + 1,) of a gap and their sizes b.
+
+    OPEN or UNCLEAR: no crossing before s. CLOSES at s = 0: the gap leaves its zero downwards; or where
+    it has just ``switched``, so that it may not again, the s by which it has.
+    """
+    if not b[ORDER] < math.inf:
+        return 0.0, UNCLEAR  # frequencies whose eighth power overflows
+    if b[ORDER] > 0.0 and b[ORDER - 1] > 0.0:
+        s = 1e-10 * b[ORDER - 1] / b[ORDER]
+    elif b[2] > 0.0:
+        s = 1e-10 * (b[1] / b[2] if b[1] > 0.0 else math.sqrt(b[0] / b[2]) if b[0] > 0.0 else 1e-10)
+    elif b[1] > 0.0:
+        s = 1e-10 * (b[0] / b[1] if b[0] > 0.0 else 1e-10)
+    else:
+        if d[0] < -2.0 * nu * b[0]:
+            return 0.0, CLOSES
+        return math.inf, OPEN if d[0] > 2.0 * nu * b[0] else UNCLEAR
+    last = 0.0
+    verdict = UNCLEAR
+    for _ in range(200):
+        value = low = noise = 0.0
+        term = earlier = 1.0
+        for k in range(ORDER):
+            value += d[k] * term
+            low += d[k] * (earlier if d[k] > 0.0 else term)  # not above P on [last, s]
+            noise += nu * b[k] * term
+            term *= s / (k + 1)
+            earlier *= last / (k + 1)
+        rest = b[ORDER] * term
+        if verdict == UNCLEAR:
+            if abs(value) > 2.0 * (noise + rest):
+                if value < 0.0:
+                    return (s if switched else 0.0), CLOSES
+                verdict = OPEN
+            elif rest > noise:
+                return last, UNCLEAR
+        elif low <= noise + rest:
+            return last, OPEN
+        last = s
+        s *= 1.25
+    return last, verdict
+
+
+@compiled
+def as_gap(d, b, sign, stop, zero):
+    """From a position's derivatives to those of the gap sign (u - stop); ``zero``: it is exactly zero."""
+    d[0] = 0.0 if zero else d[0] - stop
+    b[0] += abs(stop)
+    for k in range(ORDER + 1):
+        d[k] *= sign

@@ -1,0 +1,186 @@
+"""Horizons: how long two solutions agree, and so how long a reference can be trusted."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ..basics.progress import Show, silent
+from ..basics.validation import InputError
+from ..model.contact import Contact
+from ..model.modes import undamped_modes
+from ..model.system import System
+from ..trajectory.impacts import Impacts
+from ..trajectory.trajectory import Reference, SolverFailure, Trajectory
+from .request import Steps
+
+DISPLACEMENT_TOLERANCE = 1e-3  # of max |u|
+COPIES = 4  # of the exact solution, each perturbed in its own way
+SOON = 40  # powers of two below t_end
+MARGIN = 4.0  # times the rounding, for the perturbed copies
+
+
+def time_tolerance(system: System) -> float:
+    """How far impact times may differ inside the horizon: a thousandth of the longest natural period.
+
+    That is 1.0e-4 time units for the paper's k^2 = 300. A system that swings on its stops only has the
+    period of the softest of them.
+    """
+    omega = undamped_modes(system).omega
+    if not np.any(omega):
+        omega = np.array([_on_its_stop(system, contact) for contact in system.contacts])
+    first = omega[omega > 0.0]
+    return 1e-3 * 2.0 * np.pi / float(np.min(first)) if len(first) else np.inf
+
+
+def _on_its_stop(system: System, contact: Contact) -> float:
+    """sqrt(kappa row M^-1 row): the frequency of a free contact point on its spring.
+
+    Of another law kappa is the secant where the stop holds the energy of the start.
+    """
+    stops, energy = contact.stops, float(system.energy(np.zeros(1), system.q0[None], system.v0[None])[0])
+    depth = ((stops.exponent + 1.0) * energy / stops.stiffness) ** (1.0 / (stops.exponent + 1.0))
+    return float(np.sqrt(stops.secant(depth) * contact.row @ np.linalg.solve(system.mass, contact.row)))
+
+
+def agreement(
+    a: Trajectory,
+    b: Trajectory,
+    tolerance: float,
+    displacement_tolerance: float = DISPLACEMENT_TOLERANCE,
+    scale: float | None = None,
+) -> float:
+    """The time to which a and b agree: |du| <= 1e-3 max|u| at output times, impact times to ``tolerance``.
+
+    Impacts are paired in order, see ``impacts_match_until``. Both must have the same output times. ``scale``
+    stands for max|u|, which is that of a's outputs if None.
+    """
+    scale = float(np.max(np.abs(a.tip))) if scale is None else scale
+    end = float(min(a.t[-1], b.t[-1]))
+    different = np.flatnonzero(~(np.abs(a.tip - b.tip) <= displacement_tolerance * scale))  # NaN is different
+    horizon = min(end, float(a.t[max(0, different[0] - 1)])) if len(different) else end
+    for c, d in zip(a.contacts, b.contacts, strict=True):
+        horizon = min(horizon, impacts_match_until(c.impacts, d.impacts, tolerance, end))
+    return horizon
+
+
+def impacts_match_until(a: Impacts, b: Impacts, tolerance: float, end: float) -> float:
+    """The time of the first impact that does not match, else ``end``.
+
+    The i-th impacts of a and b match where they are on the same stop with times that differ by ``tolerance``
+    at most. Impacts within the tolerance of the start do not count: a motion that starts on a stop may enter
+    it or be in it already. Nor do those within the tolerance of ``end``, whose partner may come just after.
+    """
+    a, b = (_after(tolerance, x) for x in (a, b))
+    n = min(a.count, b.count)
+    bad = (a.stops[:n] != b.stops[:n]) | (np.abs(a.times[:n] - b.times[:n]) > tolerance)
+    if np.any(bad):
+        k = int(np.argmax(bad))
+        return float(min(a.times[k], b.times[k]))
+    unpaired = np.concatenate([a.times[n:], b.times[n:]])
+    unpaired = unpaired[unpaired < end - tolerance]
+    return float(np.min(unpaired)) if len(unpaired) else end
+
+
+def _after(t: float, impacts: Impacts) -> Impacts:
+    return impacts.take(impacts.times > t)
+
+
+def exact_horizon(
+    reference: Reference, system: System, t_end: float, show: Show = silent
+) -> tuple[float, dict[str, Any]]:
+    """How long the exact float64 solution can be trusted, and what that rests on.
+
+    COPIES of the solution are perturbed by MARGIN times what its own construction loses to rounding, in
+    frequencies, forces and at every switch. The horizon is the time to which all of them agree with the
+    solution to half the tolerance. Rounding and perturbations grow at the same rate, but start in different
+    directions. For its error to be twice that of every copy, rounding has to start 2 MARGIN times closer to
+    the direction of growth than each of them: a chance of the order of (2 MARGIN)^-COPIES, 2e-4. The margin
+    shortens a chaotic horizon by ln(2 MARGIN)/ln(1e-3/eps), a fourteenth. Phases w t are known to eps w t, which
+    no copy shows: the horizon ends where MARGIN times that reaches the tolerance. ``horizon_predicted``:
+    the horizon that the tangent flow predicts.
+    """
+    from .exact.piecewise import Perturbation, solve_exact
+    from .exact.tangent import predicted_horizon
+
+    eps = MARGIN * float(np.finfo(float).eps)
+    tolerance, solution = time_tolerance(system), reference.solution
+    fastest = 2.0 * np.pi / solution.shortest_period
+    horizon = min(t_end, DISPLACEMENT_TOLERANCE / (eps * fastest))
+    for seed in range(COPIES):
+        show(f"exact: copy {seed + 1} of {COPIES} for its horizon", 1 + seed, 1 + COPIES)
+        copy = solve_exact(system, t_end, reference.t, Perturbation(eps, eps, seed))
+        horizon = min(horizon, agreement(reference, copy, 0.5 * tolerance, 0.5 * DISPLACEMENT_TOLERANCE))
+    if horizon == 0.0:
+        horizon = _soon(reference, system, t_end, eps)
+    return horizon, {
+        "horizon_predicted": predicted_horizon(system, solution, t_end, DISPLACEMENT_TOLERANCE),
+        "against": f"{COPIES} copies perturbed by {MARGIN:g} times its rounding, to half the tolerance",
+    }
+
+
+def _soon(reference: Reference, system: System, t_end: float, eps: float) -> float:
+    """The horizon by outputs at t_end 2^-k, where it ends before the first of the reference's own.
+
+    Its tolerance stays that of the reference's outputs: where all of these are zeros of the motion, as good as
+    none of their digits is right, however large the motion is between them. Raises SolverFailure where it ends
+    before all of these too: there rounding is as large as the outputs.
+    """
+    from .exact.piecewise import Perturbation, solve_exact
+
+    times = np.append(0.0, t_end * 2.0 ** np.arange(-SOON, 1.0))
+    solution, copy = solve_exact(system, t_end, times), solve_exact(system, t_end, times, Perturbation(eps, eps, 0))
+    scale = float(np.max(np.abs(reference.tip)))
+    horizon = agreement(solution, copy, 0.5 * time_tolerance(system), 0.5 * DISPLACEMENT_TOLERANCE, scale)
+    if horizon <= times[1]:
+        reason = "rounding is as large as the outputs from the start"
+        raise SolverFailure("exact", 0.0, reason, "use method='multiprecision'")
+    return horizon
+
+
+def with_horizon(
+    reference: Reference,
+    system: System,
+    t_end: float,
+    steps: Steps,
+    solve: Callable[..., Reference],
+    show: Show = silent,
+) -> Reference:
+    """``reference`` with its horizon, and in the provenance what it was measured against.
+
+    The exact solution is compared with perturbed copies of itself, see ``exact_horizon``. Any other solution
+    is compared with the exact one, or where that does not exist with itself at ten times its rtol, with steps
+    of less than half the length and the functions of time sampled at other points. A load that one of the two
+    missed makes them differ; a load that both missed is not found. The provenance says with what the
+    reference was compared. solve: what solves anew, with the arguments of ``references.solve``. Raises
+    SolverFailure for an exact solution of which nothing can be trusted.
+    """
+    from .exact.piecewise import solve_exact
+
+    tolerance = time_tolerance(system)
+    notes: dict[str, Any] = {}
+    if reference.provenance["method"] == "exact":
+        horizon, notes = exact_horizon(reference, system, t_end, show)
+        against = notes.pop("against")
+    else:
+        show(f"{reference.provenance['method']}: a second solution for its horizon", 1, 2)
+        try:
+            other = solve_exact(system, t_end, reference.t)
+            against = "exact"
+        except (InputError, SolverFailure):
+            loose = 10.0 * float(reference.provenance["rtol"])
+            shorter = steps._replace(other=True)
+            other = solve(system, t_end, reference.provenance["method"], reference.t, loose, None, steps=shorter)
+            spacing = reference.provenance.get("loads_scanned_every", 0.0)
+            against = f"itself at rtol {loose:g} with shorter steps"
+            against += f"; loads sampled every {spacing:.2g}" if spacing else ""
+        horizon = agreement(reference, other, tolerance)
+    notes |= {
+        "horizon": horizon,
+        "horizon_against": against,
+        "horizon_tolerance": f"|du| <= {DISPLACEMENT_TOLERANCE:g} max|u|, impact times to {tolerance:.3g}",
+    }
+    return replace(reference, horizon=horizon, provenance=reference.provenance | notes)

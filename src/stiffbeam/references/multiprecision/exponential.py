@@ -1,0 +1,307 @@
+"""The exact solution with damping or several contacts in many digits: the sums of exponential.py.
+
+    q(t_i + tau) = Re sum_k W_k (c_k exp(rate_k tau) + sum_j f_kj psi_j(rate_k, tau))
+
+over the eigenvalues of the regime, one of each conjugate pair, and i Omega of the drive, which no record
+forces. The contact state is a symmetric pencil, [[C, M], [M, 0]] (q', q'') = [[-K, 0], [0, M]] (q, q') + (f, 0),
+so that its eigenvectors x = (phi, lambda phi), x^T [[C, M], [M, 0]] x = 1, give the coefficients without an inverse:
+c = lambda phi^T M q + phi^T (C q + M q').
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from itertools import zip_longest
+from typing import Any, NamedTuple
+
+import numpy as np
+from flint import acb, acb_mat, arb, arb_mat, ctx
+
+from ...basics.budget import Forecast
+from ...model.drive import Drive
+from ...model.system import System
+from ...trajectory.trajectory import SolverFailure
+from ..exact.exponential import ExponentialSolution, Regime
+from ..exact.exponential_tracer import Gaps, regime_of
+from ..exact.touching import REMEDY
+from .modes import Sampler, channels, dot, eigenvectors, locate, precision_at, refine, sampler
+from .rational import Exact, exact_problem, number
+from .recorded import answers, moved, taylor
+from .unrounded import UnroundedSolution
+
+
+@dataclass(eq=False)
+class PreciseRegime:
+    """rates: (K,), the k eigenvalues and then i Omega, the constant first. W: (n, K). rows, row_rates:
+    (channels, K), the observed positions, the contacts first, and their rates. from_q, from_v: (k, n). push:
+    (k, R), what the records force. moved: (channels, R), their part of the offsets. rounded: the same in float64."""
+
+    rates: list[Any]
+    W: Any
+    rows: list[list[Any]]
+    row_rates: list[list[Any]]
+    from_q: Any
+    from_v: Any
+    push: list[list[Any]]
+    moved: list[list[Any]]
+    rounded: Regime
+
+
+class Piece(NamedTuple):
+    """A regime, the time it begins, the coefficients c (K,) there, the records' polynomials (R, P) and the bits
+    carried."""
+
+    regime: PreciseRegime
+    t: Any
+    c: list[Any]
+    records: list[list[Any]]
+    bits: int
+
+    def parts(self, tau: Any) -> list[Any]:
+        """The coefficients (K,) at tau after the start."""
+        parts = [x * (rate * tau).exp() for x, rate in zip(self.c, self.regime.rates, strict=True)]
+        if self.records:
+            for k, force in enumerate(self.forces(arb(0))):
+                parts[k] += dot(force, answers(self.regime.rates[k], tau, len(force)))
+        return parts
+
+    def forces(self, tau: Any) -> list[list[Any]]:
+        """f (k, P) of the records about tau."""
+        columns = [list(x) for x in zip_longest(*(moved(r, tau) for r in self.records), fillvalue=arb(0))]  # (P, R)
+        return [[dot(push, column) for column in columns] for push in self.regime.push]
+
+
+def precise_exponential(
+    system: System, t_end: float, full: int, guard: int
+) -> tuple[ExponentialSolution, Sampler, UnroundedSolution]:
+    """The solution on [0, t_end] carried with ``full`` bits at the start and ``guard`` at the end, rounded to
+    float64, what samples its channels before it is rounded, and itself unrounded; ctx.prec has room to spare."""
+    room = ctx.prec
+    drive = Drive.of(system)
+    problem = exact_problem(system, drive)
+    regimes: dict[tuple[int, ...], PreciseRegime] = {}
+    t, q, v = arb(0), problem.q0, problem.v0
+    spin = _spin(drive, t)
+    chi = []
+    for contact, exact in zip(system.contacts, problem.contacts, strict=True):
+        u = dot(exact.row, q) + dot(_phasors(exact.offset), spin).real
+        u += dot(exact.recorded, [taylor(record, t)[0] for record in drive.records])
+        chi.append(int(contact.stops.state(float(u))))
+    times, sides, coefficients, resting, evaluations, carried = [], [], [], -1, 0, None
+    gaps = Gaps(system, drive)
+    pieces: list[Piece] = []
+    forecast = Forecast(t_end)
+    while True:
+        key = tuple(chi)
+        if key not in regimes:
+            before, ctx.prec = ctx.prec, room
+            regimes[key] = _regime(system, problem, drive, key)
+            ctx.prec = before
+        regime = regimes[key]
+        c = _coefficients(regime, q, v, spin) if carried is None else carried
+        times.append(float(t))
+        sides.append(list(chi))
+        coefficients.append(np.array([complex(x) for x in c[: len(c) - len(spin)]]))
+        ctx.prec = precision_at(full, guard, float(t), t_end)
+        piece = Piece(regime, t, c, [taylor(record, t) for record in drive.records], ctx.prec)
+        pieces.append(piece)
+        edge, carried = drive.next_edge(times[-1], t_end), None
+        start, contact, side, used = gaps.next_switch(
+            regime.rounded, coefficients[-1], np.array(chi, np.int64), np.arange(len(chi)) == resting, times[-1], edge
+        )
+        evaluations += used
+        if contact >= 0 and times[-1] + start < edge:
+            forecast.check(times[-1], len(times) * (full / 32.0 + 20.0) * system.size)
+            stop = problem.contacts[contact].stop(side)
+            fastest = float(np.max(np.abs(regime.rounded.eigenvalues)))
+            shortest = 2.0 * np.pi / max(float(np.max(regime.rounded.eigenvalues.imag)), *drive.frequencies, 1e-300)
+            tau, shift, parts = locate(partial(_gap, piece, contact, stop), start, fastest, shortest, times[-1])
+            when = (t + tau + shift).mid()
+            if not drive.records or t <= when < edge:
+                t, chi[contact], resting = when, side if chi[contact] == 0 else 0, contact
+                q, v = _state(piece, parts, tau, shift)
+                spin = _spin(drive, t)
+                continue
+            if when < t:
+                raise SolverFailure(
+                    "multiprecision", times[-1], "a switch at a sample that float64 cannot place", REMEDY
+                )
+        if edge >= t_end:
+            break
+        carried, resting = piece.parts(edge - t), -1
+        t, spin = arb(edge), _spin(drive, arb(edge))
+        carried = [x.mid() for x in carried[: len(carried) - len(spin)]] + spin
+    solution = (
+        drive,
+        {key: regime.rounded for key, regime in regimes.items()},
+        np.array(times),
+        np.array(sides, np.int64).reshape(len(times), len(chi)),
+        coefficients,
+        evaluations,
+    )
+    unrounded = UnroundedSolution(*solution, pieces, problem)
+    return ExponentialSolution(*solution), sampler(times, pieces, _sample), unrounded
+
+
+def _sample(piece: Piece, t: float) -> tuple[list[Any], list[Any]]:
+    """Positions and velocities of the channels at t inside a piece."""
+    regime, tau = piece.regime, arb(t) - piece.t
+    parts = piece.parts(tau)
+    u, v = ([dot(row, parts).real for row in rows] for rows in (regime.rows, regime.row_rates))
+    moves = [_offset(piece, i, tau) for i in range(len(u))]
+    return [x + o for x, (o, _) in zip(u, moves, strict=True)], [x + o for x, (_, o) in zip(v, moves, strict=True)]
+
+
+def _offset(piece: Piece, channel: int, tau: Any) -> tuple[Any, Any]:
+    """The records' part of a channel's offset, and its rate."""
+    if not piece.records:
+        return arb(0), arb(0)
+    here = [moved(record, tau) for record in piece.records]
+    amplitudes = piece.regime.moved[channel]
+    return tuple(dot(amplitudes, [c[k] if k < len(c) else arb(0) for c in here]) for k in (0, 1))  # type: ignore[return-value]
+
+
+def _regime(system: System, problem: Exact, drive: Drive, chi: tuple[int, ...]) -> PreciseRegime:
+    stiffness, basis, records = problem.closed(chi)
+    start = regime_of(system, drive, chi)  # refuses what float64 refuses
+    pencil = DampedPencil(acb_mat(problem.mass), acb_mat(problem.damping), acb_mat(stiffness))
+    shapes, values = refine(pencil, *pencil.normalised(*_both_of_each_pair(start)))  # phi, (n, 2n)
+    kept, weights = [], []
+    for j, value in enumerate(values):
+        real = abs(value.imag).mid() <= abs(value).mid() * arb(2) ** (-ctx.prec // 3)
+        if real or value.imag > 0:
+            kept.append(j)
+            weights.append(1 if real else 2)
+        values[j] = acb(value.real, 0) if real else (value if system.damped else acb(0, value.imag))
+    forces = (acb_mat([_phasors(list(line)) for line in zip(*basis, strict=True)]).transpose() * shapes).tolist()
+    drive_rates = [acb(0, number(f)) for f in (0.0, *drive.frequencies)]
+    gains = [
+        [_response(f, rate - value, value) for f, value in zip(line, values, strict=True)]
+        for line, rate in zip(forces, drive_rates, strict=True)
+    ]
+    X = (shapes * acb_mat(gains).transpose()).mid().tolist()  # (n, 1 + F)
+    phi = [[line[j] for j in kept] for line in shapes.tolist()]
+    W = acb_mat([[w * x for w, x in zip(weights, line, strict=True)] + r for line, r in zip(phi, X, strict=True)]).mid()
+    turned = acb_mat(phi).transpose()
+    eigenvalues = [values[j] for j in kept]
+    through_mass = (turned * problem.mass).tolist()
+    from_q = [
+        [value * x + y for x, y in zip(line, other, strict=True)]
+        for value, line, other in zip(eigenvalues, through_mass, (turned * problem.damping).tolist(), strict=True)
+    ]
+    rates = eigenvalues + drive_rates
+    rows, moves = [], []
+    for seen, offset_of_seen, recorded in channels(system, problem, drive):
+        moves.append(recorded)
+        row = (acb_mat([seen]) * W).tolist()[0]
+        offset = [acb(0)] * len(eigenvalues) + _phasors(offset_of_seen)
+        rows.append([(a + b).mid() for a, b in zip(row, offset, strict=True)])
+    k = len(eigenvalues)
+    push = (turned * acb_mat(arb_mat(records)).transpose()).mid().tolist() if records else [[] for _ in range(k)]
+    rounded = Regime(
+        _complex([eigenvalues])[0], _complex(W.tolist())[:, :k], _complex(from_q), _complex(through_mass),
+        _complex(X), _complex(push).reshape(k, len(records)),
+    )  # fmt: skip
+    row_rates = [[(x * rate).mid() for x, rate in zip(row, rates, strict=True)] for row in rows]
+    made = acb_mat(from_q).mid(), acb_mat(through_mass).mid(), push, moves, rounded
+    return PreciseRegime(rates, W, rows, row_rates, *made)
+
+
+def _response(force: Any, gain: Any, scale: Any) -> Any:
+    """force/gain; 0 for a mode at the frequency of a drive that leaves it alone, the others being refused."""
+    resonant = abs(gain).mid() <= abs(scale).mid() * arb(2) ** (-ctx.prec // 3)
+    return acb(0) if resonant else (force / gain).mid()
+
+
+@dataclass(frozen=True, eq=False)
+class DampedPencil:
+    """A = [[C, M], [M, 0]], B = [[-K, 0], [0, M]] on x = (phi, lambda phi), of which phi (n, 2n) is held."""
+
+    mass: Any
+    damping: Any
+    stiffness: Any
+
+    def products(self, phi: Any, values: list[Any]) -> tuple[Any, Any]:
+        """X^T A X and X^T B X of the vectors x = (phi, lambda phi), lambda from ``values``."""
+        turned = phi.transpose()
+        M, C, K = ((turned * (matrix * phi)).tolist() for matrix in (self.mass, self.damping, self.stiffness))
+        n = range(len(values))
+        A = [[C[i][j] + (values[i] + values[j]) * M[i][j] for j in n] for i in n]
+        return acb_mat(A), acb_mat([[values[i] * values[j] * M[i][j] - K[i][j] for j in n] for i in n])
+
+    def normalised(self, phi: Any, values: list[Any]) -> tuple[Any, list[Any]]:
+        """phi with x^T A x = 1."""
+        norms = self.products(phi, values)[0].tolist()
+        return acb_mat([[(x / norms[j][j].sqrt()).mid() for j, x in enumerate(line)] for line in phi.tolist()]), values
+
+    def from_scratch(self) -> tuple[Any, list[Any]]:
+        """phi (n, 2n) and the eigenvalues, by the QR algorithm."""
+        n = self.mass.nrows()
+        M, C, K = (matrix.tolist() for matrix in (self.mass, self.damping, self.stiffness))
+        nothing = [acb(0)] * n
+        A = acb_mat([[*C[i], *M[i]] for i in range(n)] + [[*M[i], *nothing] for i in range(n)])
+        B = acb_mat([[-x for x in K[i]] + nothing for i in range(n)] + [[*nothing, *M[i]] for i in range(n)])
+        columns, values = eigenvectors(A, B)
+        return self.normalised(acb_mat([column[:n] for column in columns]).transpose(), values)
+
+
+def _both_of_each_pair(regime: Regime) -> tuple[Any, list[Any]]:
+    """All 2n float64 vectors phi and eigenvalues."""
+    pairs = regime.eigenvalues.imag > 0.0
+    values = np.concatenate([regime.eigenvalues, regime.eigenvalues[pairs].conj()])
+    phi = np.concatenate([regime.W, regime.W[:, pairs].conj()], axis=1)
+    return acb_mat([[acb(x.real, x.imag) for x in line] for line in phi.tolist()]), [
+        acb(x.real, x.imag) for x in values.tolist()
+    ]
+
+
+def _gap(piece: Piece, contact: int, stop: Any, tau: Any) -> tuple[Any, Any, list[Any]]:
+    """u - stop and u' of a contact at tau, and the coefficients they are made of."""
+    regime, parts = piece.regime, piece.parts(tau)
+    u, speed = (dot(rows[contact], parts).real for rows in (regime.rows, regime.row_rates))
+    offset, rate = _offset(piece, contact, tau)
+    return (u + offset - stop).mid(), (speed + rate).mid(), parts
+
+
+def _coefficients(regime: PreciseRegime, q: list[Any], v: list[Any], spin: list[Any]) -> list[Any]:
+    """c (K,) from the contact state, the drive's phasors at its end."""
+    k = len(regime.rates) - len(spin)
+    driven, driven_rate = _columns(regime.W, [acb(0)] * k + spin, regime.rates)
+    q, v = ([[(a - b).mid()] for a, b in zip(*pair, strict=True)] for pair in ((q, driven), (v, driven_rate)))
+    modal = regime.from_q * acb_mat(q) + regime.from_v * acb_mat(v)
+    return [line[0].mid() for line in modal.tolist()] + spin
+
+
+def _state(piece: Piece, parts: list[Any], tau: Any, shift: Any) -> tuple[list[Any], list[Any]]:
+    """q, q' at ``shift`` after tau, where the coefficients are ``parts``, a Taylor step of second order."""
+    ahead, regime = [], piece.regime
+    for part, rate in zip(parts, regime.rates, strict=True):
+        x = rate * shift
+        ahead.append(part * (1 + x + x * x / 2))
+    if piece.records:  # c' = rate c + f, c'' = rate c' + f'
+        for k, force in enumerate(piece.forces(tau)):
+            f, f_rate = force[0], force[1] if len(force) > 1 else 0
+            ahead[k] += shift * f + shift * shift / 2 * (regime.rates[k] * f + f_rate)
+    return _columns(regime.W, ahead, regime.rates)
+
+
+def _columns(W: Any, parts: list[Any], rates: list[Any]) -> tuple[list[Any], list[Any]]:
+    """Re(W parts) and Re(W (rates parts))."""
+    both = (W * acb_mat([[part, part * rate] for part, rate in zip(parts, rates, strict=True)]).mid()).tolist()
+    return [line[0].real for line in both], [line[1].real for line in both]
+
+
+def _spin(drive: Drive, t: Any) -> list[Any]:
+    """(1, exp(i Omega t), ...)."""
+    return [acb(1), *(acb(0, number(f) * t).exp().mid() for f in drive.frequencies)]
+
+
+def _phasors(coefficients: list[Any]) -> list[Any]:
+    """Drive coefficients (d,) as complex amplitudes of (1, exp(i Omega t), ...): cosine - i sine."""
+    pairs = zip(coefficients[1::2], coefficients[2::2], strict=True)
+    return [acb(coefficients[0]), *(acb(cosine, -sine) for sine, cosine in pairs)]
+
+
+def _complex(matrix: list[list[Any]]) -> Any:
+    return np.array([[complex(x) for x in line] for line in matrix])

@@ -1,0 +1,284 @@
+"""The semi-discrete problem without rounding: rational geometry, the given numbers at their exact values.
+
+A beam's matrices are whole multiples of EI h^-3 or thirds and sixths of m h; the float64 entries of the
+System carry roundings that past the horizon lead to another trajectory.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from flint import arb, arb_mat, fmpq
+
+from ...basics.exact_float import exact_value
+from ...model.contact import Stops
+from ...model.drive import Drive
+from ...model.problem import BeamProblem, PointLoad, Profile
+from ...model.profiles import PolynomialProfile
+from ...model.sampled import Sampled
+from ...model.semidiscretisation import bending_stencil, semidiscretise
+from ...model.system import System
+from ...model.time_functions import Constant, Harmonic, parts
+from .recorded import taylor
+
+
+@dataclass(frozen=True, eq=False)
+class ExactContact:
+    """Row (n,), offset in the drive coefficients (d,) and in the records (R,), kappa, g1, g2 (None where free)."""
+
+    row: list[Any]
+    offset: list[Any]
+    recorded: list[Any]
+    kappa: Any
+    g1: Any
+    g2: Any
+
+    def stop(self, side: int) -> Any:
+        """The position of the stop on ``side``; 0 for a side without one, which is never entered."""
+        gap = self.g2 if side > 0 else self.g1
+        return arb(0) if gap is None else gap
+
+
+@dataclass(frozen=True, eq=False)
+class Exact:
+    """M, C, K (n, n) and the loads' basis (d, n) as arb_mat, what the records load (R, n); contacts; q0, v0 (n,)."""
+
+    mass: Any
+    damping: Any
+    stiffness: Any
+    basis: Any
+    records: list[list[Any]]
+    contacts: list[ExactContact]
+    q0: list[Any]
+    v0: list[Any]
+
+    def closed(self, sides: Sequence[int]) -> tuple[Any, list[list[Any]], list[list[Any]]]:
+        """K, the loads' basis and what the records load, with every contact on the given side, 0 free.
+
+        sigma = kappa (g - row q - offset): row q goes to the stiffness, the rest to the loads.
+        """
+        stiffness, basis, records = self.stiffness, self.basis.tolist(), self.records
+        for contact, side in zip(self.contacts, sides, strict=True):
+            if side:
+                push = [contact.kappa * r for r in contact.row]
+                stiffness = stiffness + arb_mat([[a * b for a in push] for b in contact.row])
+                basis = [
+                    [b - o * p for b, p in zip(line, push, strict=True)]
+                    for line, o in zip(basis, contact.offset, strict=True)
+                ]
+                basis[0] = [b + contact.stop(side) * p for b, p in zip(basis[0], push, strict=True)]
+                records = [
+                    [b - o * p for b, p in zip(line, push, strict=True)]
+                    for line, o in zip(records, contact.recorded, strict=True)
+                ]
+        return stiffness, basis, records
+
+
+def number(x: float) -> Any:
+    """The exact value of a given number: fmpq, or at the current precision arb for a multiple of pi."""
+    ratio, pi = exact_value(x)
+    rational = fmpq(ratio.numerator, ratio.denominator)
+    return rational * arb.pi() if pi else rational
+
+
+def exact_problem(system: System, drive: Drive) -> Exact:
+    """The problem at the current precision: call it again after raising ctx.prec."""
+    loads = _Loads(drive, system.size)
+    problem = system.problem
+    # Of elements it takes the matrices as they are: see System.exact_parameters.
+    made = (
+        None
+        if problem is None or system.form == "hermite"
+        else semidiscretise(problem, system.cells or system.size, system.form)
+    )
+    q0, v0 = ([number(x) for x in values] for values in (system.q0, system.v0))
+    places = [([number(x) for x in contact.row], *offset_of(contact.offset, drive)) for contact in system.contacts]
+    # A system that its problem makes, but perhaps for initial data of its own, as a perturbed member has.
+    own = system.fingerprint
+    if made and problem and replace(made, q0=system.q0, v0=system.v0).fingerprint == own:
+        mass, damping, stiffness, *start = _beam(system, problem, loads)
+        places = [_place(problem, stops, system.size, drive) for stops in problem.all_stops]
+        if made.fingerprint == own:
+            q0, v0 = start
+    else:
+        mass, damping, stiffness = (
+            [[number(x) for x in line] for line in matrix] for matrix in (system.mass, system.damping, system.stiffness)
+        )
+        for vector, function in system.loads:
+            loads.add([number(x) for x in vector], function)
+    contacts = []
+    for contact, (weights, offset, recorded) in zip(system.contacts, places, strict=True):
+        g1, g2 = (None if x is None else arb(number(x)) for x in (contact.stops.lower, contact.stops.upper))
+        row, kappa = [arb(x) for x in weights], arb(number(contact.stops.stiffness))
+        contacts.append(ExactContact(row, offset, recorded, kappa, g1, g2))
+    return Exact(
+        mass=arb_mat([[arb(x) for x in line] for line in mass]),
+        damping=arb_mat([[arb(x) for x in line] for line in damping]),
+        stiffness=arb_mat([[arb(x) for x in line] for line in stiffness]),
+        basis=arb_mat(loads.basis),
+        records=loads.records,
+        contacts=contacts,
+        q0=[arb(x) for x in q0],
+        v0=[arb(x) for x in v0],
+    )
+
+
+def offset_of(function: Any, drive: Drive) -> tuple[list[Any], list[Any]]:
+    """An offset, None for none, in the drive coefficients (d,) and in the records (R,)."""
+    offset = _Loads(drive, 1)
+    offset.add([fmpq(1)], function)
+    return [line[0] for line in offset.basis], [line[0] for line in offset.records]
+
+
+def _place(problem: BeamProblem, stops: Stops, M: int, drive: Drive) -> tuple[list[Any], list[Any], list[Any]]:
+    """Row of stops on a beam by linear interpolation; phi (1 - (x/L)^2) - m(t) as ``offset_of``, see model.frame."""
+    position = problem.length if stops.position is None else stops.position
+    share = number(position) / number(problem.length)
+    offset = _Loads(drive, 1)
+    if problem.base is not None:
+        offset.add([fmpq(1)], problem.base, 1 - share * share)
+    if stops.motion is not None:
+        offset.add([fmpq(-1)], stops.motion)
+    return _hat(share, M), [line[0] for line in offset.basis], [line[0] for line in offset.records]
+
+
+def _hat(share: Any, M: int) -> list[Any]:
+    """The weights of the nodes beside x = share L, node 0 left out."""
+    place = share * M
+    cell = min(int(arb(place).floor().unique_fmpz() or 0), M - 1)
+    theta = place - cell
+    hats = [fmpq(0)] * (M + 1)
+    hats[cell], hats[cell + 1] = 1 - theta, theta
+    return hats[1:]
+
+
+class _Loads:
+    """A sum of vectors times time functions, gathered as a basis (d, n) of the drive coefficients and (R, n) of
+    the records."""
+
+    def __init__(self, drive: Drive, n: int) -> None:
+        self.drive, self.frequencies = drive, [exact_value(x) for x in drive.frequencies]
+        self.basis = [[arb(0)] * n for _ in range(drive.size)]
+        self.records = [[arb(0)] * n for _ in drive.records]
+
+    def add(self, vector: list[Any], function: Any, factor: Any = 1, order: int = 0) -> None:
+        """Add vector * factor * f(t), or its first or second derivative; f is in closed form."""
+        for scale, part in parts(function):
+            lines, coefficients, weight = self.basis, [], factor * number(scale)
+            if isinstance(part, Constant):
+                coefficients = [] if order else [(0, arb(number(part.level)))]
+            elif isinstance(part, Sampled):
+                lines, coefficients = self.records, [(self.drive.records.index(part.derived(order)), 1)]
+            else:
+                assert isinstance(part, Harmonic)
+                k = 1 + 2 * self.frequencies.index(exact_value(part.frequency))
+                s, c = arb(number(part.phase)).sin_cos()
+                size = arb(number(part.amplitude))
+                for _ in range(order):  # a sin(w t + phase) -> a w cos(w t + phase)
+                    s, c, size = c, -s, size * number(part.frequency)
+                coefficients = [(k, size * c), (k + 1, size * s)]
+            for k, value in coefficients:
+                lines[k] = [b + p * weight * value for b, p in zip(lines[k], vector, strict=True)]
+
+
+def _beam(system: System, problem: BeamProblem, loads: _Loads) -> tuple[Any, Any, Any, Any, Any]:
+    """Mass, damping, stiffness and initial data of both forms; the loads go to ``loads``."""
+    M = system.size
+    bending, viscosity = number(problem.stiffness), number(problem.viscosity)
+    length, m = number(problem.length), number(problem.mass_per_length)
+    if system.form == "displacement":
+        weights = [[fmpq(0)] * M for _ in range(M)]
+        for i in range(M):
+            weights[i][i] = length / (M if i < M - 1 else 2 * M)
+        stencil = [[int(x) * (M / length) ** 3 for x in line] for line in bending_stencil(M)]
+        damping, stiffness = (_scaled(k, stencil) for k in (viscosity, bending))
+        clamp = [fmpq(0)] * (M - 2) + [-2 * M / length**3, 2 * M / length**3]
+    else:
+        weights = _scaled(length, _weights(M, last=True))
+        Q = _scaled(length, _weights(M, last=False))
+        L = _scaled(1 / length**2, _curvature(M))
+        QL = [[sum((Q[i][k] * L[k][j] for k in range(M)), fmpq(0)) for j in range(M)] for i in range(M)]
+        strain = [[sum((L[k][i] * QL[k][j] for k in range(M)), fmpq(0)) for j in range(M)] for i in range(M)]
+        stiffness = _scaled(bending, strain)
+        damping = [[fmpq(0)] * M for _ in range(M)]  # the form exists for viscosity 0 only
+        moment = [fmpq(0)] * (M - 2) + [fmpq(-2 * M**2) / length**4, fmpq(7 * M**2) / length**4]
+        clamp = [sum((a * b for a, b in zip(line, moment, strict=True)), fmpq(0)) for line in weights]
+    mass, drag = _scaled(m, weights), number(problem.mass_damping)
+    mass[-1][-1] += number(problem.tip_mass)
+    damping = [[c + drag * b for c, b in zip(*lines, strict=True)] for lines in zip(damping, mass, strict=True)]
+    lift = [1 - fmpq(i, M) ** 2 for i in range(1, M + 1)]
+
+    def weighted(values: list[Any]) -> list[Any]:
+        return [sum((a * b for a, b in zip(line, values, strict=True)), fmpq(0)) for line in weights]
+
+    phi = problem.base
+    phi0 = rate0 = arb(0)
+    for factor, part in parts(phi):
+        value = rate = arb(0)
+        if isinstance(part, Harmonic):
+            s, c = arb(number(part.phase)).sin_cos()
+            value = arb(number(part.amplitude)) * s
+            rate = arb(number(part.amplitude) * number(part.frequency)) * c
+        elif isinstance(part, Sampled):
+            value, rate, *_ = [*taylor(part, arb(0)), arb(0)]
+        elif isinstance(part, Constant):
+            value = arb(number(part.level))
+        phi0, rate0 = phi0 + number(factor) * value, rate0 + number(factor) * rate
+    if phi is not None:
+        loads.add(weighted(lift), phi, -m, order=2)  # -m weights lift phi''
+        loads.add([bending * p for p in clamp], phi)
+        if problem.viscosity > 0:
+            loads.add([viscosity * p for p in clamp], phi, order=1)
+        if problem.mass_damping > 0:
+            loads.add(weighted(lift), phi, -drag * m, order=1)
+    x = [length * fmpq(i, M) for i in range(1, M + 1)]
+    for load in problem.loads:
+        if isinstance(load, PointLoad):
+            loads.add(_hat(number(load.position) / length, M), load.time)
+        else:
+            loads.add(weighted(_values(load.shape, x)), load.time)
+    u0 = [phi0] * M if problem.initial_displacement is None else _values(problem.initial_displacement, x)
+    w0 = [fmpq(0)] * M if problem.initial_velocity is None else _values(problem.initial_velocity, x)
+    q0 = [arb(a) - phi0 * b for a, b in zip(u0, lift, strict=True)]
+    v0 = [arb(a) - rate0 * b for a, b in zip(w0, lift, strict=True)]
+    return mass, damping, stiffness, q0, v0
+
+
+def _values(profile: Profile, x: list[Any]) -> list[Any]:
+    """A polynomial exactly; of any other function of x, the doubles that it gives."""
+    if isinstance(profile, PolynomialProfile):
+        return [sum((number(c) * y**k for k, c in enumerate(profile.coefficients)), fmpq(0)) for y in x]
+    grid = np.array([float(arb(y)) for y in x])
+    return [number(y) for y in np.broadcast_to(profile(grid), grid.shape)]
+
+
+def _scaled(factor: Any, matrix: list[list[Any]]) -> list[list[Any]]:
+    return [[factor * x for x in line] for line in matrix]
+
+
+def _weights(M: int, last: bool) -> list[list[Any]]:
+    """P (last) and Q of (3.12): h times tridiag(-1/6, 4/3, -1/6) and 1/3 at the last or the first place."""
+    matrix = [[fmpq(0)] * M for _ in range(M)]
+    first = 0 if last else 1
+    for i in range(first, first + M - 1):
+        matrix[i][i] = fmpq(4, 3 * M)
+        if i + 1 < first + M - 1:
+            matrix[i][i + 1] = matrix[i + 1][i] = fmpq(-1, 6 * M)
+    end = M - 1 if last else 0
+    matrix[end][end] = fmpq(1, 3 * M)
+    return matrix
+
+
+def _curvature(M: int) -> list[list[Any]]:
+    """L of (3.12), w = L x."""
+    matrix = [[fmpq(0)] * M for _ in range(M)]
+    matrix[0][0], matrix[0][1] = fmpq(4 * M**2), fmpq(-(M**2), 2)
+    for i in range(1, M):
+        matrix[i][i] = fmpq(M**2)
+        matrix[i][i - 1] = fmpq(-2 * M**2)
+        if i >= 2:
+            matrix[i][i - 2] = fmpq(M**2)
+    return matrix

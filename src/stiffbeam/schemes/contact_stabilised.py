@@ -1,0 +1,36 @@
+"""The contact-stabilised Newmark method of Deuflhard, Krause and Ertel."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .rigid_scheme import POSITION, RigidScheme
+
+
+class ContactStabilisedNewmark(RigidScheme):
+    """q_p = q + dt v + M^-1 B^T nu,  0 <= nu _|_ gap(q_p) >= 0: the predictor, put back between the stops,
+
+        q+ = q_p + dt^2/2 a,  v+ = v + dt a,  M a = (f + f+)/2 - C (v + v+)/2 - K (q + q+)/2 + B^T R,
+
+    0 <= R _|_ gap(q+) >= 0. Without nu the force of a lasting contact would swing from zero to twice its value. With
+    E = 1/2 v^T M v + 1/2 q^T K q, without damping,
+
+        E+ - E = (f + f+)/2 . (q+ - q) + R (gap+ - gap) - nu B a,
+
+    and where R > 0, gap+ = 0: it loses R gap. It has no restitution: what comes back is what the body's own
+    elasticity gives back. Order 1. State: (q, v, f).
+    Source: Deuflhard, Krause and Ertel, Int. J. Numer. Methods Eng. 73 (2008) 1274-1290.
+    """
+
+    name = "contact-stabilised"
+    nodes = (1.0, 1.0)
+    conditions = (POSITION, POSITION)
+
+    def step(self, equation, dt, z, loads, reactions):
+        q, v, f = z
+        put_back = q + dt * v + 0.5 * dt**2 * equation.solve(0.0, 0.0, reactions[0])
+        force = 0.5 * (f + loads[1]) + reactions[1]
+        known = equation.net_force(np.stack([0.5 * (q + put_back), v]), force)
+        a = equation.solve(0.5 * dt, 0.25 * dt**2, known)
+        q_new, v_new = put_back + 0.5 * dt**2 * a, v + dt * a
+        return np.stack([q_new, v_new, loads[1]]), [np.stack([put_back, q]), np.stack([q_new, q])]

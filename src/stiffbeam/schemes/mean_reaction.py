@@ -1,0 +1,61 @@
+"""Schemes whose reaction is constant over the step, for contact="conserving"."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from .scheme import Array, Scheme
+
+Advance = Callable[[Any, float, Array, Array, Array, Array], Array]
+
+
+class MeanReaction(Scheme):
+    """y^{n+1} = advance(y^n; f^n, f^{n+1}, lambda), lambda the mean reaction over the step.
+
+    A constant force does the work lambda . (q^{n+1} - q^n) on the linear system, and ``advance`` conserves
+    the energy beside it; so where lambda is the discrete gradient of the stops' energy (see
+    discrete_gradient), kinetic + elastic + stop energy is conserved without loads and damping, whatever
+    the step. State: (y, f), the load carried. It goes by the name of the scheme it is a form of.
+    """
+
+    nodes = (1.0,)
+
+    def __init__(self, scheme: Scheme, advance: Advance) -> None:
+        self.scheme, self.advance = scheme, advance
+        self.order = scheme.order
+
+    @property
+    def conserving(self) -> Scheme:
+        return self
+
+    def initial(self, equation, history, force) -> Array:
+        return np.concatenate([history[0], force[None]])
+
+    def step(self, equation, dt, z, loads, reactions):
+        y = self.advance(equation, dt, z[:-1], z[-1], loads[0], reactions[0])
+        return np.concatenate([y, loads[0][None]]), [y]
+
+    def characteristic(self, x, xi):
+        return self.scheme.characteristic(x, xi)
+
+    @property
+    def parameters(self):
+        return self.scheme.parameters
+
+    def __str__(self) -> str:
+        return str(self.scheme)
+
+    __repr__ = __str__
+
+
+def midpoint(equation: Any, dt: float, y: Array, f0: Array, f1: Array, reaction: Array) -> Array:
+    """y + dt k, k = A (y + dt/2 k) + B [(f0 + f1)/2 + reaction]: the trapezoidal rule under that force."""
+    return y + dt * equation.implicit_rate(0.5 * dt, y, 0.5 * (f0 + f1) + reaction)
+
+
+def exact(equation: Any, dt: float, y: Array, f0: Array, f1: Array, reaction: Array) -> Array:
+    """The exact solution under a force that goes linearly from f0 + reaction to f1 + reaction."""
+    return equation.flow(dt, y, f0 + reaction, f1 + reaction)

@@ -1,0 +1,119 @@
+"""The paper's misprints that run, as schemes of their own; the textbook definitions stay clean.
+
+A study can so show what each of them costs. Misprints that do not run (a missing term, a wrong index)
+are listed in the paper's reproduction, not here.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..basics.validation import InputError
+from .hht import HHT
+from .scheme import Array, Scheme
+from .sdirk import SDIRK
+
+
+class UnweightedHHT(HHT):
+    """(4.13) as printed: M a^{n+1} = -(1 + alpha) K q^{n+1} + alpha K q^n + f^{n+1}; order 1 under load.
+
+    The stiffness is weighted, load and contact (the paper's F + G) are not; the damping, absent from
+    the print, is weighted with the stiffness. State: (q, v, a).
+    """
+
+    order = 1
+    erratum = "unweighted"
+    at_any_step = True
+
+    @classmethod
+    def of(cls, scheme: HHT) -> UnweightedHHT:
+        return cls(scheme.alpha)
+
+    def initial(self, equation, history, force) -> Array:
+        return np.stack([*history[0], equation.acceleration(history[0], force)])
+
+    def step(self, equation, dt, z, loads, reactions):
+        q, v, a = z
+        alpha, beta, gamma = self.alpha, self.beta, self.gamma
+        ahead = np.stack([q + dt * v + dt**2 * (0.5 - beta) * a, v + dt * (1.0 - gamma) * a])
+        none = np.zeros_like(q)
+        inner = (1.0 + alpha) * equation.net_force(ahead, none) - alpha * equation.net_force(z[:2], none)
+        a_new = equation.solve(
+            (1.0 + alpha) * gamma * dt, (1.0 + alpha) * beta * dt**2, inner + (loads[0] + reactions[0])
+        )
+        q_new = ahead[0] + dt**2 * beta * a_new
+        z_new = np.stack([q_new, ahead[1] + dt * gamma * a_new, a_new])
+        return z_new, [z_new[:2]]
+
+
+class PrintedSigma(SDIRK):
+    """(4.9) with the printed sign of sigma: order 2 instead of 3 at gamma = 0.4359."""
+
+    erratum = "sigma"
+    at_any_step = True
+
+    @classmethod
+    def of(cls, scheme: SDIRK) -> PrintedSigma:
+        return cls(scheme.gamma, scheme.nystrom)
+
+    def __init__(self, gamma: float, nystrom: bool = False) -> None:
+        super().__init__(gamma, nystrom)
+        self.order = 2
+
+    @property
+    def sigma(self) -> float:
+        return -super().sigma
+
+
+GROWTH = 1e-6  # per step: ten per cent in a run of 1e5 steps
+
+
+class PrintedStageMatrix(SDIRK):
+    """(4.14) with the printed stage matrix: off-diagonal sigma, gamma^2 b1, gamma^2 b2 for those of A A.
+
+    Order 2. Its spectral radius exceeds 1 at every step, by (omega dt)^4/310 for small ones at
+    gamma = 0.4359: refused where a mode of the system would grow by more than GROWTH per step.
+    """
+
+    erratum = "stage-matrix"
+
+    @classmethod
+    def of(cls, scheme: SDIRK) -> PrintedStageMatrix:
+        return cls(scheme.gamma)
+
+    def __init__(self, gamma: float) -> None:
+        super().__init__(gamma, nystrom=True)
+        self.order = 2
+
+    @property
+    def Abar(self) -> np.ndarray:
+        g, s, (b1, b2, _) = self.gamma, self.sigma, self.b
+        return np.array([[g**2, 0.0, 0.0], [s, g**2, 0.0], [b1 * g**2, b2 * g**2, g**2]])
+
+    def characteristic(self, x, xi):
+        return None  # (4.14)'s R(z) belongs to A A
+
+    def check(self, omega_max: float, dt: float) -> None:
+        from ..model.equations import Modal
+
+        # Sampled at 60 points per octave below omega_max dt; the unstable range is an interval.
+        x = omega_max * dt * 2.0 ** -np.arange(0.0, 12.0, 1.0 / 60.0)
+        one = np.ones(x.size)
+        none = [np.zeros((2, x.size))] * 3
+        # dt = 1 and omega = x: the amplification matrix of (q, q').
+        identity = np.stack([np.outer([1.0, 0.0], one), np.outer([0.0, 1.0], one)])
+        z, _ = self.step(Modal(x, 0.0 * x), 1.0, identity, none, none)
+        radius = np.max(np.abs(np.linalg.eigvals(np.moveaxis(z, -1, 0))), axis=-1)
+        if np.any(radius > 1.0 + GROWTH):
+            worst = float(np.min(x[radius > 1.0 + GROWTH]))
+            raise InputError(
+                "dt",
+                dt,
+                f"keep the printed (4.14) from growing by more than {GROWTH:g} a step, omega dt < {worst:.2g}",
+                f"use dt < {worst / omega_max:.3g} or the corrected scheme",
+            )
+
+
+def forms_of(scheme: Scheme) -> list[str]:
+    """The names of the errata that ``scheme`` has."""
+    return [form.erratum for form in scheme.printed_forms()]

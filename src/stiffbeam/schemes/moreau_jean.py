@@ -1,0 +1,44 @@
+"""Moreau and Jean's time stepping: the theta-method with impulses that obey Newton's law."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .rigid_scheme import VELOCITY, RigidScheme
+from .scheme import in_interval
+
+
+class MoreauJean(RigidScheme):
+    """M (v+ - v) = dt [f_m - C v_m - K q_m] + B^T P,  q+ = q + dt v_m,  x_m = (1 - theta) x + theta x+,
+
+        0 <= P  _|_  U+ + e U >= 0 where the gap of q + dt v/2 is closed, else P = 0;  U = B v, gap = B q + g0.
+
+    With E = 1/2 v^T M v + 1/2 q^T K q, without damping,
+
+        E+ - E = f_m . (q+ - q) + (1/2 - theta) (|v+ - v|_M^2 + |q+ - q|_K^2) + (1 - theta (1 + e)) U P,
+
+    the last term where U+ = -e U. So theta = 1/2 takes nothing but what Newton's law takes, (1 - e)/2 |U| P, and
+    e = 1 keeps E; but within a lasting contact steps with U > 0 and P > 0 gain. The gap is held to O(dt): what has
+    gone in by a velocity that changed its direction stays until the body leaves. theta in [1/2, 1], order 1.
+    Source: Jean, Comput. Methods Appl. Mech. Eng. 177 (1999) 235-257; Acary, ZAMM 96 (2016) 585-603.
+    """
+
+    name = "moreau-jean"
+    conditions = (VELOCITY,)
+
+    def __init__(self, theta: float = 0.5) -> None:
+        self.theta = in_interval("theta", theta, 0.5, 1.0)
+
+    @property
+    def parameters(self):
+        return {"theta": self.theta}
+
+    def step(self, equation, dt, z, loads, reactions):
+        q, v, f = z
+        theta = self.theta
+        force = (1.0 - theta) * f + theta * loads[0] + reactions[0]
+        ahead = np.stack([q + theta * dt * v, v])
+        change = equation.solve(theta * dt, (theta * dt) ** 2, dt * equation.net_force(ahead, force))
+        v_new = v + change
+        q_new = q + dt * v + theta * dt * change
+        return np.stack([q_new, v_new, loads[0]]), [np.stack([v_new, v])]

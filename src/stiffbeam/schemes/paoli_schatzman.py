@@ -1,0 +1,46 @@
+"""Paoli and Schatzman's scheme in positions, with the stiffness weighted as by Dumont and Paoli."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .rigid_scheme import RESTITUTED, RigidScheme
+from .scheme import in_interval
+
+
+class PaoliSchatzman(RigidScheme):
+    """M (q+ - 2 q + q-) + dt/2 C (q+ - q-) + dt^2 K (beta q+ + (1 - 2 beta) q + beta q-) = dt^2 f + dt B^T P,
+
+        0 <= P  _|_  B (q+ + e q-)/(1 + e) + g0 >= 0.
+
+    With E between two steps, 1/2 |v|_M^2 + 1/2 |(q + q-)/2|_K^2 + (beta - 1/4) dt^2/2 |v|_K^2, v = (q - q-)/dt,
+    without damping and where P > 0 puts the bracket to zero,
+
+        E+ - E = f . (q+ - q-)/2 - (1 + e) P gap-/(2 dt),    gap- = B q- + g0.
+
+    So it loses for e = 0, whose positions keep every gap open; for e > 0 a position that went beyond the stop gains.
+    Stable at any step for beta >= 1/4; order 1. State: (q, v, f), v the backward difference.
+    Source: Paoli and Schatzman, SIAM J. Numer. Anal. 40 (2002) 702-733; Dumont and Paoli, ESAIM M2AN 40 (2006) 705-734.
+    """
+
+    name = "paoli-schatzman"
+    conditions = (RESTITUTED,)
+
+    def __init__(self, beta: float = 0.25) -> None:
+        self.beta = in_interval("beta", beta, 0.25, 0.5)
+
+    @property
+    def parameters(self):
+        return {"beta": self.beta}
+
+    def start(self, equation, dt, y, force):
+        """With q- such that (q+ - q-)/(2 dt) is the velocity given."""
+        bent = equation.solve(0.0, self.beta * dt**2, equation.net_force(y, force))
+        return np.stack([y[0], y[1] - 0.5 * dt * bent, force])
+
+    def step(self, equation, dt, z, loads, reactions):
+        q, v, f = z
+        net = equation.net_force(np.stack([q, v]), f + reactions[0])
+        v_new = v + dt * equation.solve(0.5 * dt, self.beta * dt**2, net)
+        q_new = q + dt * v_new
+        return np.stack([q_new, v_new, loads[0]]), [np.stack([q_new, q - dt * v])]

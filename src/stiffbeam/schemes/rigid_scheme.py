@@ -1,0 +1,46 @@
+"""What a scheme for rigid stops states beside its step: what each reaction is complementary to."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+
+from .scheme import Array, Scheme
+
+# The reaction of a node keeps x between the stops and presses only where x is at one; x is
+POSITION = "position"  # x, new
+RESTITUTED = "restituted position"  # (x_new + e x_old)/(1 + e)
+VELOCITY = "velocity"  # x_new + e x_old, kept from going into a stop that ``predict`` finds closed
+WHERE_CLOSED = "velocity where closed"  # the same, where the node before this one is at the stop
+AHEAD = 0.5  # of a step, where ``predict`` looks
+
+
+class RigidScheme(Scheme):
+    """A scheme for stops with stiffness=inf: a linear step, and a reaction at each node after its condition.
+
+    ``step`` returns at node i the pair (x_new, x_old) that ``conditions[i]`` speaks of, in the place of (q, q').
+    Reactions are forces: what acts over one step at a constant force is its impulse over dt, whatever the scheme
+    calls an impulse. ``start`` makes the first state. State: (q, v, f), f the load carried, unless it says else.
+    """
+
+    second_order_only: ClassVar[bool] = True
+    modal_only: ClassVar[bool] = False  # whether it is defined mode by mode only
+    order = 1
+    conditions: ClassVar[tuple[str, ...]]
+
+    @property
+    def restitutes(self) -> bool:
+        """Whether it has Newton's law of restitution."""
+        return any(condition != POSITION for condition in self.conditions)
+
+    def predict(self, equation, dt, z) -> list[Array]:
+        """q + dt v/2, by whose gap a stop is found closed before the step."""
+        return [z[0] + AHEAD * dt * z[1] for _ in self.nodes]
+
+    def initial(self, equation, history, force) -> Array:
+        return np.concatenate([history[0], force[None]])
+
+    def start(self, equation, dt: float, y: Array, force: Array) -> Array:
+        """The state at t = 0 from y = (q, q') and the load there."""
+        return self.initial(equation, [y], force)

@@ -1,0 +1,305 @@
+"""advise: the scheme, the contact and the step that a wanted error needs, found by probing.
+
+    error(tip)         rms of (u - u_exact)/max |u_exact| over the run's steps
+    error(impacts)     |N - N_exact|/max(N_exact, 1), N the impacts to t_end, those of the exact motion by events
+    error(peak_force)  |F - F_exact|/F_exact, F the largest contact force to t_end
+    error(impulse)     likewise, of the integral of |sigma|
+
+of several contacts the largest. Every scheme runs with 2^k n steps, k = 0, 1, ...; a step counts where it and its
+half both meet what is wanted, since errors through contact do not shrink evenly. The cheapest in linear solves
+(steps times stages) is named: whatever solves the system, that is what a step costs.
+
+Past the horizon one motion has no meaning, so there the means over perturbed members are compared, and a mean is
+right where it and the 95 % interval of the difference lie within what is wanted; the tip has no such mean. The members
+differ by a thousandth of the motion: they part as soon as a scheme parts from the exact motion. Members closer together
+would all follow that scheme's own single motion first, and their mean would be luck.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..basics.progress import Show, silent
+from ..basics.progress import progress as shown
+from ..basics.validation import InputError, integer, near, positive
+from ..march.integrate import integrate
+from ..march.rules import CONTACTS
+from ..measures.tip_error import stays_within
+from ..model.drive import Drive
+from ..model.modes import modes, undamped_modes
+from ..model.system import System
+from ..references import reference
+from ..schemes import RIGID, SCHEMES, Scheme, make
+from ..trajectory.tables import table
+from ..trajectory.trajectory import Diverged, Trajectory
+from .advice_judges import SIZE, Judge, Motion, Statistics
+
+if TYPE_CHECKING:
+    import pandas
+
+QUANTITIES = ("tip", "impacts", "peak_force", "impulse")
+WANT = {"tip": 1e-3, "impacts": 0.05, "peak_force": 0.05}
+PER_PERIOD = 8  # steps of the coarsest run in the shorter of the lowest natural period and the drive's
+MOST_STEPS, MOST_DIRECT, MOST_MEMBER = 2**20, 2**14, 2**11  # of a run; marched with matrices, a thousand times slower
+PAST = "past the horizon t = {:.4g} no step gives one motion: neighbours 1e-16 apart have parted there"
+
+
+@dataclass(frozen=True)
+class Probe:
+    """One run that was tried: its errors by quantity, infinite where it broke off. work: linear solves."""
+
+    scheme: Scheme
+    contact: str
+    dt: float
+    steps: int
+    work: int
+    seconds: float
+    errors: dict[str, float]
+
+    @property
+    def label(self) -> str:
+        return f"{self.scheme}" + (f", {self.contact} contact" if self.contact != "implicit" else "")
+
+    def meets(self, want: Mapping[str, float]) -> bool:
+        return all(self.errors[name] <= tolerance for name, tolerance in want.items())
+
+
+@dataclass(frozen=True)
+class Advice:
+    """What ``advise`` found. chosen: the advised run, None where there is none. cannot: what cannot be had, and
+    why; the advised run meets the rest. trusted_until: the time to which its tip stays within the wanted error
+    (without one, 1e-3), at most the horizon. members: of the ensembles, 0 where one motion was compared. scatter: the
+    standard deviation of one exact member, over the mean, by quantity: what a single run may be off by chance."""
+
+    want: dict[str, float]
+    t_end: float
+    horizon: float
+    members: int
+    chosen: Probe | None
+    cannot: dict[str, str]
+    trusted_until: float
+    tried: tuple[Probe, ...] = field(repr=False)
+    system: System = field(repr=False)
+    scatter: dict[str, float] = field(default_factory=dict)
+
+    def run(self, every: int = 1) -> Trajectory:
+        """The advised run. Raises InputError where nothing could be advised."""
+        if self.chosen is None:
+            raise InputError("advice", "none", "name a run", "; ".join(self.cannot.values()))
+        return integrate(self.system, self.chosen.scheme, self.chosen.dt, self.t_end, self.chosen.contact, every)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain numbers and texts."""
+        chosen = self.chosen and {
+            "scheme": str(self.chosen.scheme), "contact": self.chosen.contact, "dt": self.chosen.dt,
+            "steps": self.chosen.steps, "work": self.chosen.work, "seconds": self.chosen.seconds,
+            "errors": dict(self.chosen.errors),
+        }  # fmt: skip
+        return {
+            "want": self.want, "t_end": self.t_end, "horizon": self.horizon, "members": self.members,
+            "advised": chosen, "cannot": self.cannot, "trusted_until": self.trusted_until, "scatter": self.scatter,
+            "units": str(self.system.units),
+        }  # fmt: skip
+
+    def to_dataframe(self) -> pandas.DataFrame:
+        """One line for each run that was tried."""
+        columns = {
+            name: [getattr(p, name) for p in self.tried] for name in ("contact", "dt", "steps", "work", "seconds")
+        }
+        errors = {f"error_{name}": [p.errors.get(name, np.nan) for p in self.tried] for name in QUANTITIES}
+        return table({"scheme": [str(p.scheme) for p in self.tried]} | columns | errors)
+
+    def __str__(self) -> str:
+        units = self.system.units
+        end = units.measure(f"{self.t_end:g}", "time")
+        lines = []
+        if self.chosen is not None:
+            p = self.chosen
+            met = ", ".join(f"{name} {p.errors[name]:.2g} of {self.want[name]:g}" for name in self.want_met)
+            over = f", means over {self.members} members whose starts differ by {SIZE:g}" if self.members else ""
+            dt = units.measure(f"{p.dt:.6g}", "time")
+            cost = f"{p.steps} steps to t = {end}, {p.work} linear solves, {p.seconds:.2g} s here"
+            lines.append(f"{p.label}, dt = {dt}: {cost}{over}")
+            lines.append(f"errors: {met}")
+            if self.scatter:
+                single = ", ".join(f"{name} {self.scatter[name]:.2g}" for name in self.want_met)
+                lines.append(f"a single motion scatters about its mean by (relative) {single}: run an ensemble")
+            until = units.measure(f"{self.trusted_until:.4g}", "time")
+            lines.append(f"its tip stays within {self.want.get('tip', WANT['tip']):g} of the exact one to t = {until}")
+        lines += [f"cannot be had: {name} to {self.want[name]:g}: {why}" for name, why in self.cannot.items()]
+        return "\n".join(lines)
+
+    @property
+    def want_met(self) -> list[str]:
+        return [name for name in self.want if name not in self.cannot]
+
+    def __repr__(self) -> str:
+        found = "nothing" if self.chosen is None else f"{self.chosen.label}, dt = {self.chosen.dt:.6g}"
+        return f"<Advice to t = {self.t_end:g}: {found}; cannot be had: {', '.join(self.cannot) or 'none'}>"
+
+
+def advise(
+    system: System,
+    want: Mapping[str, float] | None = None,
+    t_end: float | None = None,
+    schemes: Sequence[Scheme] | None = None,
+    contacts: Sequence[str] = ("implicit", "conserving"),
+    most_steps: int | None = None,
+    members: int = 48,
+    progress: bool | Show = False,
+) -> Advice:
+    """The cheapest run of ``schemes`` that gives what is wanted to t_end, and what no run gives.
+
+    want: the errors that may be, by quantity: tip, impacts, peak_force, impulse; default 1e-3, 0.05 and 0.05 of the
+    first three. schemes: by default every registered one. contacts: the treatments tried; "conserving" with the
+    schemes that have it. most_steps: where the search ends, by default 2^20 steps, of a march with matrices 2^14 and
+    for means 2^11. members: past the horizon, perturbed runs behind each mean. progress: as in ``reference``.
+    Takes what the exact reference takes. On 20 random systems it had not seen (``tests/test_advice.py``) every
+    advised run met its tolerances by an independent solver. Raises InputError.
+    """
+    if progress is True:
+        with shown() as show:
+            return advise(system, want, t_end, schemes, contacts, most_steps, members, progress=show)
+    show = progress or silent
+    if not isinstance(system, System):
+        raise InputError("system", type(system).__name__, "be a System", "make it with semidiscretise or from_matrices")
+    if t_end is None:
+        raise InputError("t_end", None, "be given: what is right depends on how long it is followed")
+    wanted = _wanted(system, want)
+    for name in contacts:
+        if name not in CONTACTS:
+            raise InputError("contacts", name, f"be among {CONTACTS}")
+    contacts = contacts if system.contacts else contacts[:1]
+    integer("members", members, 2)
+    show("advise: the exact motion", 0, 0)
+    exact = reference(system, positive("t_end", t_end))
+    past = exact.horizon < t_end
+    judge: Judge = Statistics(system, t_end, members) if past else Motion(exact)
+    cannot = {"tip": PAST.format(exact.horizon)} if past and "tip" in wanted else {}
+    left = {name: x for name, x in wanted.items() if name not in cannot}
+    direct = MOST_MEMBER if past else MOST_DIRECT
+    most = most_steps or (direct if modes(system) is None else MOST_STEPS)
+    candidates, most = _candidates(schemes, contacts), integer("most_steps", most, 1)
+    tried, chosen = _search(system, t_end, candidates, judge, left, most, show) if left else ([], None)
+    if left and not tried:
+        remedy = "pass schemes that take its stops" if system.contacts else "pass other schemes"
+        raise InputError("schemes", ", ".join(dict.fromkeys(str(s) for s, _ in candidates)), "take the system", remedy)
+    while chosen is None and left:
+        worst = _unreached(tried, left, most)
+        cannot |= worst
+        left = {name: x for name, x in left.items() if name not in worst}
+        chosen = _cheapest(tried, left) if left else None
+    until = 0.0
+    if chosen is not None:
+        run = integrate(system, chosen.scheme, chosen.dt, t_end, chosen.contact)
+        until = stays_within(run, exact, wanted.get("tip", WANT["tip"]))
+    return Advice(
+        wanted,
+        float(t_end),
+        exact.horizon,
+        members if past else 0,
+        chosen,
+        cannot,
+        until,
+        tuple(tried),
+        system,
+        judge.scatter,
+    )
+
+
+def _wanted(system: System, want: Mapping[str, float] | None) -> dict[str, float]:
+    wanted = dict(WANT if want is None else want)
+    if want is None and not system.contacts:
+        wanted = {"tip": WANT["tip"]}
+    if not wanted:
+        raise InputError("want", want, "name at least one quantity", f"known: {', '.join(QUANTITIES)}")
+    for name, tolerance in wanted.items():
+        if name not in QUANTITIES:
+            raise InputError("want", name, "name a quantity", near(name, QUANTITIES))
+        wanted[name] = positive(f"want.{name}", tolerance)
+        if name != "tip" and not system.contacts:
+            raise InputError("want", name, "be asked of a system with contacts")
+    return wanted
+
+
+def _candidates(schemes: Sequence[Scheme] | None, contacts: Sequence[str]) -> list[tuple[Scheme, str]]:
+    chosen = [make(name) for name in (*SCHEMES, *RIGID) if name != "theta"] if schemes is None else list(schemes)
+    if not chosen or not contacts:
+        raise InputError("schemes", chosen or contacts, "be at least one, with one way to treat contact")
+    for scheme in chosen:
+        if not isinstance(scheme, Scheme):
+            raise InputError("schemes", scheme, "be Scheme objects", "for example stiffbeam.HHT(alpha=-0.1)")
+    return [(s, contact) for s in chosen for contact in contacts if contact != "conserving" or s.conserving is not None]
+
+
+def _search(
+    system: System, t_end: float, candidates: list[tuple[Scheme, str]], judge: Judge, want: dict[str, float],
+    most: int, show: Show,
+) -> tuple[list[Probe], Probe | None]:  # fmt: skip
+    """Every candidate from coarse to fine until two steps in a row meet the want, or one costs more than the best."""
+    tried: list[Probe] = []
+    best: Probe | None = None
+    coarsest = max(4, int(np.ceil(PER_PERIOD * t_end / _period(system, t_end))))
+    for done, (scheme, contact) in enumerate(candidates):
+        show(f"advise: {scheme}", done, len(candidates))
+        before: Probe | None = None
+        steps = min(coarsest, most)
+        while steps <= most:
+            probe = _probe(system, t_end, scheme, contact, steps, judge)
+            if probe is None:
+                break  # what this scheme or these stops do not take
+            tried.append(probe)
+            if probe.meets(want) and before is not None and before.meets(want):
+                best = before if best is None or before.work < best.work else best
+                break
+            if best is not None and probe.work > best.work:
+                break
+            before, steps = probe, 2 * steps
+    return tried, best
+
+
+def _period(system: System, t_end: float) -> float:
+    """The shorter of the lowest natural period and the drives'; t_end where nothing swings."""
+    omega = undamped_modes(system).omega
+    rates = [*omega[omega > 0.0][:1].tolist(), *Drive.of(system).frequencies]
+    return min([2.0 * np.pi / rate for rate in rates if rate > 0.0], default=t_end)
+
+
+def _probe(system: System, t_end: float, scheme: Scheme, contact: str, steps: int, judge: Judge) -> Probe | None:
+    dt, work = t_end / steps, steps * len(scheme.nodes)
+    try:
+        errors, seconds = judge.errors(system, scheme, contact, dt, t_end)
+    except Diverged:
+        errors, seconds = dict.fromkeys(map(str, QUANTITIES), np.inf), 0.0
+    except InputError as error:
+        if error.field != "dt":  # else a step at which it is refused
+            return None
+        errors, seconds = dict.fromkeys(map(str, QUANTITIES), np.inf), 0.0
+    return Probe(scheme, contact, dt, steps, work, seconds, errors)
+
+
+def _cheapest(tried: list[Probe], want: dict[str, float]) -> Probe | None:
+    """The cheapest run that meets the want, and whose half does."""
+    good = {(p.label, p.steps): p for p in tried if p.meets(want)}
+    return min((p for (label, n), p in good.items() if (label, 2 * n) in good), key=lambda p: p.work, default=None)
+
+
+def _unreached(tried: list[Probe], want: dict[str, float], most: int) -> dict[str, str]:
+    """Of the wanted quantities those that no two steps in a row meet; where each is met by some run, the one whose
+    runs cost most."""
+    alone = {name: _cheapest(tried, {name: x}) for name, x in want.items()}
+    found = {}
+    for name in [name for name, probe in alone.items() if probe is None]:
+        best = min(tried, key=lambda p, name=name: p.errors[name])
+        runs = f"{'no two steps in a row' if best.meets({name: want[name]}) else 'none'} of {len(tried)} runs of up to "
+        found[name] = f"{runs}{most} steps; the best has {best.errors[name]:.2g}, {best.label} at dt = {best.dt:.3g}"
+    if found:
+        return found
+    name = max(alone, key=lambda n: alone[n].work)  # type: ignore[union-attr]
+    probe = alone[name]
+    assert probe is not None
+    return {name: f"not together with the rest; alone with {probe.label} at dt = {probe.dt:.3g}"}

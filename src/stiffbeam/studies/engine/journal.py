@@ -1,0 +1,128 @@
+"""The journal: what a study has finished, so that an interrupted one goes on where it stopped."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import socket
+from importlib.metadata import version
+from pathlib import Path
+from typing import IO, Any
+
+try:
+    import fcntl
+except ImportError:  # where there is no such lock
+    fcntl = None
+
+from ...basics.cache import source_hash
+from ...basics.validation import InputError
+from ...files.cases import Case
+from ...schemes.own import own_source
+from .study import Point, Row
+
+
+class Journal:
+    """One line per finished point with its checksum, appended and flushed; a line cut short by a kill and one that
+    is not what was written are ignored. As a context it is held: no other process works on it.
+
+    The file's name holds a hash of study, physics, grid, step, span and the package's source: a journal
+    of anything else is never read, and never overwritten.
+    """
+
+    def __init__(self, folder: Path | None, study: str, case: Case) -> None:
+        self.file = None if folder is None else folder / f"{study}-{_digest(study, case)}.jsonl"
+        self.finished: dict[str, list[Row]] = {}
+        self._lock: IO[str] | None = None
+        if self.file is None:
+            return
+        try:
+            self.file.parent.mkdir(parents=True, exist_ok=True)
+            self.file.touch()
+        except OSError as error:
+            rule = "lie in a folder that can be written to"
+            raise InputError("journal", str(self.file), rule, str(error.strerror)) from None
+        if self.file.is_file():
+            text = self.file.read_bytes()
+            whole = text[: text.rfind(b"\n") + 1]
+            for line in whole.splitlines():
+                try:
+                    entry = json.loads(line)
+                    if entry.pop("sum") != _sum(entry):
+                        continue
+                    point, rows, source = entry["point"], entry["rows"], entry.get("source", "")
+                except (ValueError, KeyError, TypeError):
+                    continue  # a damaged line: its point is evaluated again
+                if source != _source(point):
+                    continue  # a scheme of one's own that has changed since
+                if not all("failed" in row for row in rows):  # what failed may work now
+                    self.finished[_key(point)] = rows
+            if len(whole) < len(text):
+                os.truncate(self.file, len(whole))  # never rewritten: a kill here must not lose the rest
+
+    def rows(self, point: Point) -> list[Row] | None:
+        """The rows of a finished point, None where it is still to be evaluated."""
+        return self.finished.get(_key(point))
+
+    def keep(self, point: Point, rows: list[Row]) -> list[Row]:
+        """Note a finished point; the rows come back as a later run will read them."""
+        source = {"source": _source(point)} if _source(point) else {}
+        line = json.dumps({"point": point, **source, "rows": rows}, default=_number)
+        if self.file is not None:
+            entry = json.loads(line)
+            try:
+                with self.file.open("a", encoding="utf-8") as stream:
+                    stream.write(json.dumps(entry | {"sum": _sum(entry)}) + "\n")
+            except OSError as error:
+                remedy = f"{error.strerror}; what is finished is kept, the same command goes on from there"
+                raise InputError("journal", str(self.file), "be a file that can be written to", remedy) from None
+        self.finished[_key(point)] = json.loads(line)["rows"]
+        return self.finished[_key(point)]
+
+    def __enter__(self) -> Journal:
+        """Raises InputError where another process holds the journal."""
+        if self.file is not None and fcntl is not None:
+            self._lock = self.file.with_suffix(".lock").open("a+")
+            try:
+                fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError:
+                self._lock.seek(0)
+                who = self._lock.read().strip() or "another process"
+                self._lock.close()
+                remedy = "wait for it, or give this one another folder"
+                raise InputError("journal", str(self.file), f"be free, and {who} works on it", remedy) from None
+            self._lock.truncate(0)
+            self._lock.write(f"process {os.getpid()} of {socket.gethostname()}\n")
+            self._lock.flush()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._lock is not None:
+            self._lock.close()  # which frees it, as the end of the process would
+            self._lock = None
+
+
+def _sum(entry: dict[str, Any]) -> str:
+    """A checksum of an entry, whatever the order of its names."""
+    return hashlib.sha256(json.dumps(entry, sort_keys=True).encode()).hexdigest()[:16]
+
+
+def _key(point: Point) -> str:
+    return json.dumps(point, sort_keys=True, default=_number)
+
+
+def _source(point: Point) -> str:
+    """Of the schemes of one's own in a point, what their modules hold."""
+    return "".join(own_source(value) for value in point.values())
+
+
+def _number(value: Any) -> Any:
+    """A NumPy scalar as a plain number."""
+    return value.item()
+
+
+def _digest(study: str, case: Case) -> str:
+    runs = [f"{scheme}@{form}" for scheme, form in case.runs]
+    physics = f"{case.system().fingerprint} {case.grid} {case.dt!r} {case.t_end!r}"
+    content = f"{study} {physics} {runs} {version('stiffbeam')}"
+    return hashlib.sha256(f"{content} {source_hash()}".encode()).hexdigest()[:12]

@@ -1,0 +1,220 @@
+"""Running a study: its points one by one or side by side, finished ones kept."""
+
+from __future__ import annotations
+
+import inspect
+import multiprocessing
+import os
+import pickle
+import sys
+import threading
+import time
+from collections.abc import Callable, Generator, Iterator
+from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, as_completed
+from contextlib import contextmanager, nullcontext
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...basics.threads import cores
+from ...basics.validation import InputError, integer, near, positive
+from ...files.case import Case, case_of
+from ...files.cases import find_case
+from ...march.warm import COMPILING, compiled, warm_up
+from ...model.system import System
+from ...trajectory.trajectory import Diverged, SolverFailure, Unfinished
+from .journal import Journal
+from .study import Point, Records, Row, Study
+
+Progress = Callable[[str, int, int], None]
+DEATHS = 3  # of processes without a point in between, until it is given up
+GO_ON = "what is finished is kept, the same command goes on from there"
+_ALONE = threading.Lock()  # a process evaluates one point at a time, whatever executor it belongs to
+
+
+def run_study(
+    study: Study,
+    case: Case | System | str,
+    folder: str | Path | None = None,
+    jobs: int = 1,
+    executor: Executor | None = None,
+    progress: Progress = lambda what, done, total: None,
+    **options: Any,
+) -> Records:
+    """Evaluate every point of ``study`` on ``case``; with a System ``dt`` and ``t_end`` have to be given.
+
+    folder: where the journal of finished points is kept; a second run with the same folder computes the
+    missing ones only. jobs: processes to use, unless an ``executor`` is given; a timed study runs point
+    by point whatever they say. options: the study's own, see its ``points``. A point that fails is a row
+    with ``failed``, one that cannot be asked a row with ``refused``, each with the reason.
+    Raises InputError, also for a case that cannot travel to processes, and Unfinished where those keep dying.
+    """
+    known = [name for name in inspect.signature(study.points).parameters if name != "case"]
+    if isinstance(case, System):
+        dt, t_end = (options.get(x) if x in known else options.pop(x, None) for x in ("dt", "t_end"))
+        case = case_of(case, dt, t_end)
+    case = find_case(case) if isinstance(case, str) else case
+    if not isinstance(case, Case):
+        raise InputError("case", type(case).__name__, "be a case, its name, a case file, or a System")
+    if study.needs_stops and not case.has_stops:
+        raise InputError("case", case.name, "have stops", f"{study.name} asks about contact")
+    integer("jobs", jobs, 1)
+    for name in options:
+        if name not in known:
+            raise InputError(f"option of {study.name}", name, "be one the study knows", near(name, known))
+    options = {name: value.tolist() if hasattr(value, "tolist") else value for name, value in options.items()}
+    for name in ("dt", "t_end"):
+        if options.get(name) is not None:
+            positive(name, options[name])
+    cores()  # what is wrong with STIFFBEAM_THREADS is wrong at every point
+    begun = time.perf_counter()
+    progress(f"{study.name}: planning", 0, 0)
+    given = {"form": case.forms[0]} if "form" in known else {}
+    points = study.points(case, **given | {name: value for name, value in options.items() if value is not None})
+    journal = Journal(None if folder is None else Path(folder), study.name, case)
+    missing = [point for point in points if journal.rows(point) is None]
+    finished = len(points) - len(missing)
+    with journal if missing else nullcontext():
+        if missing and study.marches and executor is None:
+            if not compiled():
+                progress(f"{study.name}: {COMPILING}", 0, 0)
+            warm_up()  # here, and not in each of the processes
+        progress(study.name, finished, len(points))
+        for point, rows in _evaluate_all(study, case, missing, jobs, executor):
+            journal.keep(point, rows)
+            finished += 1
+            progress(study.name, finished, len(points))
+    rows = [row for point in points for row in journal.rows(point) or []]
+    return Records(study, case, options, rows, time.perf_counter() - begun)
+
+
+def _evaluate_all(
+    study: Study, case: Case, points: list[Point], jobs: int, executor: Executor | None
+) -> Iterator[tuple[Point, list[Row]]]:
+    """Here, on the executor, or on processes of our own; points as they are finished."""
+    if study.timed or len(points) < 2 or (executor is None and jobs == 1):
+        for point in points:
+            yield point, evaluate_point(study.evaluate, case, point)
+    else:
+        _require_portable(study, case)
+        if executor is None:
+            yield from _on_processes(study, case, points, jobs)
+            return
+        lost = yield from _gather(executor, study, case, points)
+        if lost:
+            raise Unfinished(f"the executor lost {len(lost)} points of {study.name}: {GO_ON}")
+
+
+def _require_portable(study: Study, case: Case) -> None:
+    """Refuse what no other process can take, before any is started: one that fails to arrive is waited for."""
+    remedy = "use jobs=1, or functions at the top of a module of their own in place of a lambda"
+    rule = "travel to other processes"
+    try:
+        sent = pickle.dumps((study.evaluate, case))
+    except Exception as error:  # whatever the objects of others raise when they are pickled
+        raise InputError("case", f"{case.name}: {error}", rule, remedy) from None
+    main = sys.modules["__main__"]
+    if b"__main__" in sent and not os.path.isfile(getattr(main, "__file__", None) or ""):
+        raise InputError("case", f"{case.name} with a function of a session without a file", rule, remedy)
+
+
+def _on_processes(study: Study, case: Case, points: list[Point], jobs: int) -> Iterator[tuple[Point, list[Row]]]:
+    """On processes that share the cores; where one is killed, new ones take what is missing.
+
+    Never threads: SUNDIALS solvers do not share one. Spawned, since a forked jax or numba may hang.
+    """
+    context = multiprocessing.get_context("spawn")
+    deaths = 0
+    while points:
+        workers = min(jobs, len(points))
+        threads = max(1, cores() // workers)
+        pool = ProcessPoolExecutor(workers, context, begin_worker, (threads,))
+        try:
+            lost = yield from _gather(pool, study, case, points, threads)
+        except BaseException:
+            end_workers(pool)
+            raise
+        pool.shutdown(cancel_futures=True)
+        deaths = deaths + 1 if len(lost) == len(points) else 0
+        if deaths == DEATHS:
+            raise Unfinished(f"a process of {study.name} died {deaths} times in a row: is there enough memory? {GO_ON}")
+        points = lost
+
+
+def _gather(
+    pool: Executor, study: Study, case: Case, points: list[Point], threads: int = 0
+) -> Generator[tuple[Point, list[Row]], None, list[Point]]:
+    """Points as they are finished; returns those that were lost with their process.
+
+    threads: of the BLAS in processes that this call starts, 0 where it starts none.
+    """
+    lost = []
+    futures: dict[Future, Point] = {}
+    try:
+        # The first one starts the processes, with the environment of that moment.
+        with _blas_threads(threads) if threads else nullcontext():
+            futures[pool.submit(evaluate_point, study.evaluate, case, points[0])] = points[0]
+        for point in points[1:]:
+            futures[pool.submit(evaluate_point, study.evaluate, case, point)] = point
+    except BrokenExecutor:
+        lost = points[len(futures) :]
+    for future in as_completed(futures):
+        if isinstance(future.exception(), BrokenExecutor):
+            lost.append(futures[future])
+        else:
+            yield futures[future], future.result()
+    return lost
+
+
+@contextmanager
+def _blas_threads(count: int) -> Iterator[None]:
+    """Processes that are started meanwhile use so many threads in the BLAS, which reads it as it is loaded.
+
+    The matrices are so small that its threads mostly wait for each other. Held while processes start and
+    no longer: the environment belongs to everything that runs in this process.
+    """
+    names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
+    before = {name: os.environ.pop(name) for name in names if name in os.environ}
+    os.environ.update(dict.fromkeys(names, str(count)))
+    try:
+        yield
+    finally:
+        for name in names:
+            del os.environ[name]
+        os.environ.update(before)
+
+
+def end_workers(pool: ProcessPoolExecutor) -> None:
+    """Stop them as they are: what they had not finished is computed again, and nobody waits for it now."""
+    for process in list((pool._processes or {}).values()):
+        process.terminate()
+    pool.shutdown(cancel_futures=True)
+
+
+def begin_worker(threads: int) -> None:
+    """A worker marches ensembles on so many threads, and ends when the process that started it is gone."""
+    os.environ["STIFFBEAM_THREADS"] = str(threads)
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+
+    def watch() -> None:
+        parent.join()
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
+def evaluate_point(evaluate: Callable[[Case, Point], list[Row]], case: Case, point: Point) -> list[Row]:
+    """The rows at one point, each with the point's own entries but lists; a failure as a row."""
+    with _ALONE:
+        try:
+            found = evaluate(case, point)
+        except InputError as error:  # what cannot be asked here: an answer, and the same the next time
+            found = [{"refused": str(error)}]
+        except (Diverged, SolverFailure) as error:
+            found = [{"failed": str(error)}]
+        except (ArithmeticError, np.linalg.LinAlgError) as error:
+            found = [{"failed": f"{type(error).__name__}: {error}"}]
+    own = {name: value for name, value in point.items() if not isinstance(value, list)}
+    return [own | row for row in found]

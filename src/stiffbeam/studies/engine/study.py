@@ -1,0 +1,123 @@
+"""What a study is: a question, the points where it is asked, and what is found at one of them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ...basics.plain import plain
+from ...basics.whole_file import write_whole
+
+if TYPE_CHECKING:
+    import pandas
+    from matplotlib.figure import Figure
+
+    from ...files.cases import Case
+
+Point = dict[str, Any]  # plain numbers, strings and lists: it is a key in the journal
+Row = dict[str, Any]  # likewise; what a line of a DataFrame can take
+Rows = Sequence[Row]
+
+
+@dataclass(frozen=True)
+class Study:
+    """points(case, **options) -> where to look; evaluate(case, point) -> rows; answer(rows, case) -> a sentence;
+    draw(records) -> a picture.
+
+    ``evaluate`` is a pure function at the top of its module, so that another process can call it; the
+    point's entries, lists left out, stand in each of its rows. What one point finds must not depend on the
+    others; what needs them all (a slope, a ranking) belongs to ``answer`` and the picture.
+    smoke: options for a run of seconds. timed: the rows hold seconds, so points must not run side by side.
+    marches: some points run a scheme, so the march is compiled before any of them. needs_stops: it asks about
+    contact. all_cores: a point keeps every core busy by itself. named_by: options whose values stand in the
+    names of the command's files.
+    """
+
+    name: str
+    question: str
+    points: Callable[..., list[Point]]
+    evaluate: Callable[[Case, Point], list[Row]]
+    answer: Callable[[Rows, Case], str]
+    draw: Callable[[Records], Figure]
+    smoke: Mapping[str, Any] = field(default_factory=dict)
+    timed: bool = False
+    marches: bool = True
+    needs_stops: bool = False
+    all_cores: bool = False
+    named_by: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Records:
+    """What a study found. rows: flat dictionaries; one with ``failed`` says why its point has nothing else,
+    one with ``refused`` why it cannot be asked there."""
+
+    study: Study
+    case: Case
+    options: dict[str, Any]
+    rows: list[Row]
+    seconds: float
+
+    def __repr__(self) -> str:
+        return f"<Records {self.study.name} of {self.case.name}: {len(self.rows)} rows, {len(self.failures)} failed>"
+
+    def __str__(self) -> str:
+        return f"{self.study.question}\n{self.answer}"
+
+    @property
+    def answer(self) -> str:
+        """The answer in a sentence or two, with numbers."""
+        if not self.found:
+            reasons = {row.get("failed") or row["refused"] for row in self.rows}
+            return "No point could be evaluated: " + "; ".join(sorted(reasons))
+        return self.study.answer(self.found, self.case)
+
+    @property
+    def found(self) -> list[Row]:
+        """The rows of points that were evaluated."""
+        return [row for row in self.rows if "failed" not in row and "refused" not in row]
+
+    @property
+    def failures(self) -> list[Row]:
+        """The rows of points that broke off: a run that overflowed, a solver that gave up."""
+        return [row for row in self.rows if "failed" in row]
+
+    @property
+    def refusals(self) -> list[Row]:
+        """The rows of points that cannot be asked, as a misprint that grows at that step."""
+        return [row for row in self.rows if "refused" in row]
+
+    def figure(self) -> Figure:
+        """The study's picture, a matplotlib Figure."""
+        return self.study.draw(self)
+
+    def to_dataframe(self) -> pandas.DataFrame:
+        import pandas
+
+        frame = pandas.DataFrame(self.rows)
+        frame.attrs["units"] = asdict(self.case.units)
+        return frame
+
+    def to_dict(self) -> dict[str, Any]:
+        return {
+            "study": self.study.name,
+            "question": self.study.question,
+            "case": self.case.name,
+            "units": asdict(self.case.units),
+            "options": plain(self.options),
+            "answer": self.answer,
+            "seconds": round(self.seconds, 3),
+            "rows": plain(self.rows),
+        }
+
+    def save(self, folder: str | Path, stem: str = "") -> list[Path]:
+        """Write <stem>.json, <stem>.csv and <stem>.png into ``folder``; stem: the study's name if none is given."""
+        from ...figures import save_figure
+
+        folder, stem = Path(folder), stem or self.study.name
+        text = write_whole(folder / f"{stem}.json", json.dumps(self.to_dict(), indent=2, allow_nan=False) + "\n")
+        table = write_whole(folder / f"{stem}.csv", self.to_dataframe().to_csv(index=False))
+        return [text, table, save_figure(self.figure(), folder / f"{stem}.png")]

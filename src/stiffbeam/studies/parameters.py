@@ -1,0 +1,150 @@
+"""What a sweep can vary: parameters of the beam, its stops and its drive, the step, and a scheme's own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..basics.validation import InputError, positive
+from ..files.cases import Case
+from ..model.contact import Stops
+from ..model.drive import Drive
+from ..model.members import varied
+from ..model.problem import PointLoad
+from ..model.semidiscretisation import semidiscretise
+from ..model.system import System
+from ..model.time_functions import Harmonic
+from ..schemes import Scheme
+from .common import scheme_of
+from .engine.study import Point
+
+EXACT = "exact"
+
+
+def _stops(system: System, change: Callable[[Stops], Stops]) -> System:
+    if not system.contacts:
+        raise InputError("parameter", "one of the stops", "be asked of a case with stops")
+    return varied(system, stops=[[change(contact.stops) for contact in system.contacts]])[0]
+
+
+def _clearance(system: System, value: float) -> System:
+    """Every stop the system has at this distance from zero."""
+    positive("clearance", value)
+
+    def move(stops: Stops) -> Stops:
+        lower, upper = stops.lower is not None, stops.upper is not None
+        return replace(stops, lower=-value if lower else None, upper=value if upper else None)
+
+    return _stops(system, move)
+
+
+def _beam(system: System, **changes: float) -> System:
+    if system.problem is None:
+        raise InputError(
+            "parameter", " and ".join(changes), "be asked of a beam", "a system has frequency, amplitude, ..."
+        )
+    return semidiscretise(replace(system.problem, **changes), system.cells or system.size, system.form)
+
+
+PARAMETERS: dict[str, Callable[[System, float], System]] = {
+    "frequency": lambda system, value: varied(system, frequency=[value])[0],
+    "amplitude": lambda system, value: varied(system, amplitude=[value])[0],
+    "clearance": _clearance,
+    "stop-stiffness": lambda system, value: _stops(system, lambda stops: replace(stops, stiffness=value)),
+    "stiffness": lambda system, value: _beam(system, stiffness=value),
+    "viscosity": lambda system, value: _beam(system, viscosity=value),
+}
+IN_STEP = ("amplitude", "clearance", "stop-stiffness")  # members of one ensemble
+
+
+@dataclass(frozen=True)
+class Setup:
+    """One value of the parameters, ready to run. scheme: None for the exact solution. period: T."""
+
+    system: System
+    scheme: Scheme | None
+    dt: float
+    period: float
+
+    @property
+    def kind(self) -> tuple:
+        """Equal for setups that can march together."""
+        return str(self.scheme), self.dt, self.period, self.system.stiffness.tobytes(), self.system.damping.tobytes()
+
+
+QUANTITIES = {
+    "frequency": "frequency", "clearance": "length", "stop-stiffness": "stop stiffness",
+    "stiffness": "bending stiffness", "viscosity": "bending viscosity", "dt": "time",
+}  # fmt: skip
+
+
+def quantity_of(case: Case, parameter: str) -> str:
+    """What a parameter counts, in the case's units; "" for one of a scheme, which has no dimension.
+
+    The amplitude is the base's, else that of the loads.
+    """
+    if parameter != "amplitude":
+        return QUANTITIES.get(parameter, "")
+    if case.beam is None:
+        return ""
+    if case.problem.base is not None:
+        return "length"
+    point = {isinstance(load, PointLoad) for load in case.problem.loads if isinstance(load.time, Harmonic)}
+    return "force" if point == {True} else "force per length" if point == {False} else ""
+
+
+def parameters_of(method: str) -> list[str]:
+    """The names that can be varied with this method."""
+    if method == EXACT:
+        return list(PARAMETERS)
+    own = scheme_of(method).parameters
+    return [*PARAMETERS, "dt", *(name for name, value in own.items() if not isinstance(value, bool))]
+
+
+def setup_of(system: System, point: Point, value: Sequence[float]) -> Setup:
+    """One value on the case's system. Raises InputError where a value cannot be."""
+    dt = point["dt"]
+    scheme = None if point["method"] == EXACT else scheme_of(point["method"])
+    for name, x in zip((point["parameter"], point["second"]), value, strict=False):
+        if name in PARAMETERS:
+            system = PARAMETERS[name](system, x)
+        elif name == "dt":
+            dt = positive("dt", x)
+        else:
+            assert scheme is not None
+            changed = type(scheme)(**(scheme.parameters | {name: x}))
+            scheme = changed.printed(scheme.erratum) if scheme.erratum else changed
+    period = drive_period(system)
+    if dt is None:
+        return Setup(system, None, 0.0, period)
+    if dt > 0.5 * period:
+        raise InputError("dt", dt, f"be at most half a period of the drive, {0.5 * period:.6g}")
+    return Setup(system, scheme, period / round(period / dt), period)
+
+
+def drive_period(system: System) -> float:
+    """T = 2 pi/a of the one frequency that drives the system."""
+    drive = Drive.of(system)
+    if drive.records:
+        raise InputError("case", "a sampled load or motion", "be driven by a Harmonic, for a section once a period")
+    frequencies = drive.frequencies
+    if len(frequencies) != 1:
+        raise InputError("case", f"{len(frequencies)} drive frequencies", "have one, for a section once a period")
+    return 2.0 * np.pi / frequencies[0]
+
+
+NAMES = {
+    "frequency": "drive frequency $a$", "amplitude": "drive amplitude $E$", "clearance": "clearance $g$",
+    "stop-stiffness": r"stop stiffness $\kappa$", "stiffness": "bending stiffness $k^2$", "viscosity": "viscosity $d$",
+    "dt": r"time step $\Delta t$", "alpha": r"$\alpha$", "gamma": r"$\gamma$", "rho": r"$\rho_\infty$",
+}  # fmt: skip
+PHYSICAL = {"stiffness": "bending stiffness $EI$", "viscosity": r"bending viscosity $\eta$"}
+
+
+def named(case: Case, name: str) -> str:
+    """A parameter on an axis, with its unit where it has one."""
+    quantity = quantity_of(case, name)
+    names = NAMES | (PHYSICAL if case.units.known else {})
+    return case.units.label(names.get(name, name), quantity) if quantity else names.get(name, name)

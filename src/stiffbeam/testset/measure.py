@@ -1,0 +1,193 @@
+"""What a motion gets wrong of the answers of a problem. Nothing is solved here: the answers are read."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..basics.arrays import Array
+from ..basics.validation import InputError
+from ..model.contact import Stops
+from ..trajectory.impacts import Impacts
+from ..trajectory.recorder import sampled_impacts
+from .problem import Problem, matrix
+
+PAIRED = 8  # impacts that are held against the known ones
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """What an integrator returned, at times t (k,): the tip u and its velocity v, None where it was not told.
+
+    states: (q, q') at t_end, (n,) each. position, velocity: of the first contact against its stops, at t. impacts:
+    where the integrator knows their times by itself; else they are those of position and velocity.
+    """
+
+    t: Array
+    u: Array
+    v: Array | None = None
+    states: tuple[Array, Array] | None = None
+    position: Array | None = None
+    velocity: Array | None = None
+    impacts: Impacts | None = None
+    peak_force: float | None = None
+
+
+@dataclass(frozen=True)
+class Errors:
+    """tip_rms, tip_max: of u - u_known at the sample times over max |u_known|. impacts: how many. impact_time: the
+    largest error of the first ``PAIRED`` impact times, NaN where one is missing. peak_force: relative. energy: at
+    t_end, over the energy the system has had; > 0 gained. What the motion does not tell is NaN, or -1 impacts.
+    """
+
+    tip_rms: float
+    tip_max: float
+    impacts: int = -1
+    impact_time: float = float("nan")
+    peak_force: float = float("nan")
+    energy: float = float("nan")
+
+
+def motion_of(problem: Problem, t: Any, u: Any, v: Any = None, t_end: float | None = None) -> Motion:
+    """Arrays of anyone's as a Motion: t (k,) increasing to t_end, u and v the tip (k,), or all unknowns (k, n).
+
+    t_end: the problem's by default.
+    Raises InputError for other shapes, numbers that are not finite, and times that do not cover the samples.
+    """
+    data, n = problem.data, len(problem.data["initial_displacement"])
+    t, u = np.asarray(t, float), np.asarray(u, float)
+    v = None if v is None else np.asarray(v, float)
+    if t.ndim != 1 or len(t) < 4 or u.shape not in ((len(t),), (len(t), n)) or (v is not None and v.shape != u.shape):
+        shapes = (t.shape, u.shape, None if v is None else v.shape)
+        raise InputError("the run", shapes, f"be times (k,) and positions, and velocities, (k,) or (k, {n})")
+    if not all(np.all(np.isfinite(x)) for x in (t, u, v) if x is not None):
+        raise InputError("the run", "a number that is not finite", "be finite")
+    t_end = problem.t_end if t_end is None else t_end
+    slack = 1e-9 * t_end
+    if np.any(np.diff(t) <= 0.0) or t[0] > problem.times[0] + slack or t[-1] < t_end - slack:
+        raise InputError("the run's times", (t[0], t[-1]), f"increase and reach t_end = {t_end:g}")
+    contacts = data.get("contacts", ())
+    first = np.array(contacts[0]["row"], float)
+    row = np.array(data["observe"], float) if "observe" in data else first
+    last, states, position, velocity = int(np.argmin(np.abs(t - t_end))), None, None, None
+    if n == 1 and u.ndim == 1:
+        u, v = u[:, None], None if v is None else v[:, None]
+    if u.ndim == 2:
+        states = None if v is None else (u[last], v[last])
+        position, velocity = u @ first, None if v is None else v @ first
+        u, v = u @ row, None if v is None else v @ row
+    elif np.array_equal(row, first):
+        position, velocity = u, v
+    if "offset" in contacts[0]:  # the contact point moves against its stops
+        position = velocity = None
+    return Motion(t, u, v, states, position, velocity)
+
+
+def errors_of(problem: Problem, motion: Motion) -> Errors:
+    """The errors of a motion against the answers of ``problem``."""
+    known = problem.answers["tip"].value
+    off = np.abs(_at(problem.times, motion) - known) / np.max(np.abs(known))
+    count, late, peak = -1, float("nan"), float("nan")
+    found = impacts_of(problem, motion)
+    if found is not None:
+        count, late = found.count, _late(problem, found.times)
+        peak = _peak(problem, motion)
+    rms = float(np.sqrt(np.mean(off**2)))
+    return Errors(rms, float(np.max(off)), count, late, peak, _energy_error(problem, motion))
+
+
+def _at(times: Array, motion: Motion) -> Array:
+    """u at the sample times: the run's own values where it has these times, else cubic interpolation."""
+    from scipy.interpolate import CubicHermiteSpline, CubicSpline
+
+    nearest = np.clip(np.searchsorted(motion.t, times), 1, len(motion.t) - 1)
+    nearest -= np.abs(motion.t[nearest - 1] - times) < np.abs(motion.t[nearest] - times)
+    if np.all(np.abs(motion.t[nearest] - times) <= 1e-9 * times[-1]):
+        return motion.u[nearest]
+    spline = CubicSpline(motion.t, motion.u) if motion.v is None else CubicHermiteSpline(motion.t, motion.u, motion.v)
+    return spline(np.minimum(times, motion.t[-1]))
+
+
+def impacts_of(problem: Problem, motion: Motion, t_end: float | None = None) -> Impacts | None:
+    """The impacts of the first contact to t_end: the motion's own, or by the rule for steps; None where it does not
+    tell."""
+    if motion.impacts is not None:
+        return motion.impacts
+    u, v, t = motion.position, motion.velocity, motion.t
+    if u is None:
+        return None
+    if v is None:
+        from scipy.interpolate import CubicSpline
+
+        v = np.asarray(CubicSpline(t, u)(t, 1))
+    inside = t <= (problem.t_end if t_end is None else t_end) * (1 + 1e-9)
+    t, u, v = t[inside], u[inside], v[inside]
+    contact = problem.data["contacts"][0]
+    if problem.rigid:
+        return _rebounds(contact, t, u, v)
+    dt = np.diff(t)
+    if np.max(np.abs(dt - dt[0])) > 1e-6 * dt[0]:
+        return None  # the rule is for equidistant steps
+    found = sampled_impacts(u, v, float(np.mean(dt)), stops_of(contact))
+    return Impacts.at(found.times + t[0], found.stops, "sampled", peaks=found.peaks)
+
+
+def _rebounds(contact: Mapping[str, Any], t: Array, u: Array, v: Array) -> Impacts:
+    """Where a body that comes towards a rigid stop no longer does, within a step of it: an impact by steps.
+
+    The time is that at which the body would have been at the stop with the speed before. A millionth of the largest
+    speed is no approach: a body at rest on its stop may tremble by rounding.
+    """
+    sign = 1.0 if "upper" in contact else -1.0
+    gap, speed = sign * (contact["upper"] if sign > 0.0 else contact["lower"]) - sign * u, sign * v
+    step = np.diff(t)
+    near = gap[:-1] <= 1.5 * step * np.maximum(speed[:-1], 0.0) + 1e-12
+    least = 1e-6 * np.max(np.abs(v))
+    hit = np.flatnonzero(near & (speed[:-1] > least) & (speed[1:] <= least))
+    when = t[hit] + np.clip(gap[hit] / speed[hit], 0.0, step[hit])
+    return Impacts.at(when, np.full(len(hit), int(sign)), "sampled")
+
+
+def stops_of(contact: Mapping[str, Any]) -> Stops:
+    """The compliant stops of a [[system.contacts]]."""
+    return Stops(**{key: value for key, value in contact.items() if key not in ("row", "offset")})
+
+
+def _late(problem: Problem, times: Array) -> float:
+    """The largest error of the first impact times; NaN where none is known, or one is missing."""
+    known = problem.answers["impacts"].value[:PAIRED] if "impacts" in problem.answers else np.zeros(0)
+    if not 0 < len(known) <= len(times):
+        return float("nan")
+    return float(np.max(np.abs(times[: len(known)] - known)))
+
+
+def _peak(problem: Problem, motion: Motion) -> float:
+    if "peak_force" not in problem.answers:
+        return float("nan")
+    known = problem.answers["peak_force"].value
+    if motion.peak_force is not None:
+        return motion.peak_force / known - 1.0
+    if motion.position is None:
+        return float("nan")
+    stops = stops_of(problem.data["contacts"][0])
+    if stops.dissipative and motion.velocity is None:
+        return float("nan")
+    return float(np.max(np.abs(stops.force(motion.position, motion.velocity)))) / known - 1.0
+
+
+def _energy_error(problem: Problem, motion: Motion) -> float:
+    if motion.states is None or "energy" not in problem.answers:
+        return float("nan")
+    data = problem.data
+    q, v = motion.states
+    energy = 0.5 * float(v @ matrix(data["mass"]) @ v + q @ matrix(data["stiffness"]) @ q)
+    for contact in () if problem.rigid else data.get("contacts", ()):
+        if "offset" in contact:
+            return float("nan")
+        stops, row = stops_of(contact), np.array(contact["row"], float)
+        if stops.state(row @ q, row @ v):  # what a damped stop holds when it has let go is dissipated
+            energy += float(stops.energy(row @ q))
+    return (energy - problem.answers["energy"].value) / problem.answers["energy_scale"].value

@@ -1,0 +1,72 @@
+"""Pictures: what a problem's motion looks like, and how integrators' errors fall with their cost."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..figures.panels import log_scale, mark_order, new_figure, say_empty
+from ..figures.style import look, short
+from .problem import Problem
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from .verdicts import Entry
+
+
+def motion(axis: Axes, problem: Problem) -> None:
+    """The known tip positions with the stops of the first contact, and the known impacts."""
+    from scipy.interpolate import CubicHermiteSpline
+
+    contact = problem.data["contacts"][0]
+    t, u, v = problem.times, problem.answers["tip"].value, problem.answers["tip_velocity"].value
+    if "impacts" not in problem.answers or not problem.rigid:
+        fine = np.linspace(t[0], t[-1], 1500)
+        axis.plot(fine, CubicHermiteSpline(t, u, v)(fine), color="black", lw=1.0)
+    axis.plot(t, u, "o", color="black", ms=2.5, label="known")
+    if problem.data.get("observe", contact["row"]) == contact["row"] and "offset" not in contact:
+        sides = [side for side in ("lower", "upper") if side in contact]
+        for side in sides:
+            axis.axhline(contact[side], color="#D55E00", lw=1.0, label="stop" if side == sides[0] else None)
+    if "impacts" in problem.answers:
+        when = problem.answers["impacts"].value
+        axis.plot(when, np.full(len(when), 0.02), "|", color="#D55E00", ms=9, transform=axis.get_xaxis_transform(),
+                  label="impacts")  # fmt: skip
+    axis.set(xlabel="t", ylabel="u(t)")
+
+
+def problem_picture(problem: Problem) -> Figure:
+    """The motion of a problem."""
+    figure = new_figure(2.6, width=8.0)
+    axis = figure.subplots()
+    motion(axis, problem)
+    figure.legend(*axis.get_legend_handles_labels(), loc="outside upper right", fontsize=8, frameon=False, ncols=3)
+    return figure
+
+
+def score_picture(entries: Sequence[Entry]) -> Figure:
+    """The motion of the entries' problem, the error of the tip against the cost, and that of the impact times."""
+    problem = entries[0].problem
+    figure = new_figure(3.6, problem.title)
+    left, middle, right = figure.subplots(1, 3)
+    motion(left, problem)
+    for e in (e for e in entries if e.runs):
+        cost = np.array([r.cost for r in e.runs], float)
+        style = look(e.integrator) | {"ms": 4, "lw": 1.2}
+        for axis, of in ((middle, "tip_rms"), (right, "impact_time")):
+            errors = np.array([abs(getattr(r.errors, of)) for r in e.runs])
+            axis.plot(cost, np.maximum(errors, 1e-16), **style, label=short(e.integrator))
+    for axis, label in ((middle, "rms error of u over max |u|"), (right, "largest error of impact times")):
+        axis.set(xlabel="stages, or right-hand sides", ylabel=label)
+        if any(np.any(np.isfinite(np.asarray(line.get_ydata(), float))) for line in axis.lines):
+            log_scale(axis)
+        else:
+            say_empty(axis, "no impact times are told")
+    mark_order(middle, [2.0])
+    handles, labels = middle.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=6, frameon=False, fontsize=8)
+    return figure

@@ -1,0 +1,186 @@
+"""A problem of the test set: a system as plain numbers, its known answers, and where it comes from."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from functools import cache, cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..basics.arrays import Array
+from ..basics.validation import InputError, near
+from ..model.contact import Contact, Stops
+from ..model.sampled import Sampled
+from ..model.system import System
+from ..model.time_functions import Constant, Harmonic, LoadFunction
+
+VERSION = "1.0"  # of the test set: the first number changes when an answer does, the second when problems are added
+LAW = ("lower", "upper", "stiffness", "exponent", "damping", "dissipation", "restitution")
+
+
+@dataclass(frozen=True)
+class Answer:
+    """A known number, or several: ``digits`` as decimals in text, and ``how`` they were obtained."""
+
+    digits: str | tuple[str, ...]
+    how: str
+
+    @property
+    def value(self) -> Any:
+        """The nearest double, or doubles as an array."""
+        return float(self.digits) if isinstance(self.digits, str) else np.array([float(x) for x in self.digits])
+
+
+@dataclass(frozen=True)
+class Statistics:
+    """What is known past the horizon, where no single motion is: mean and standard deviation of each quantity over
+    ``members`` exact motions to ``t_end`` whose initial data differ by ``size``. steps: those a score is made with.
+    """
+
+    t_end: float
+    members: int
+    size: float
+    seed: int
+    steps: tuple[int, ...]
+    how: str
+    values: Mapping[str, tuple[float, float]]
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """One problem. Its numbers are the doubles that a TOML reader gives, and the answers are those of these doubles.
+
+    answers: by name. Those a score measures: ``tip`` and ``tip_velocity`` at the ``samples`` times k t_end/samples,
+    k = 1, 2, ...; ``impacts`` and ``releases``, the times of entry into the stops of the first contact and of exit;
+    ``peak_force``; ``energy`` at t_end, against ``energy_scale``. steps: of a fixed-step run, each a multiple of
+    ``samples``. order_limit: the order beyond which no fixed-step scheme can go that does not look for the switches,
+    because of the law: 2 for a kink of the force, 1 for a jump of force or velocity. data: the [system] of the file.
+    """
+
+    number: int
+    name: str
+    title: str
+    source: str
+    catches: str
+    t_end: float
+    samples: int
+    steps: tuple[int, ...]
+    order_limit: float
+    answers: Mapping[str, Answer]
+    data: Mapping[str, Any]
+    statistics: Statistics | None = None
+
+    def __repr__(self) -> str:
+        return f"<Problem {self.name}: {self.title}>"
+
+    @property
+    def times(self) -> Array:
+        """Where tip and tip_velocity are known, (samples,)."""
+        return np.arange(1, self.samples + 1) * self.t_end / self.samples
+
+    @property
+    def rigid(self) -> bool:
+        """Whether a stop is rigid, with a restitution."""
+        return any(contact["stiffness"] == math.inf for contact in self.data.get("contacts", ()))
+
+    @cached_property
+    def system(self) -> System:
+        """What is integrated. Raises InputError where this version has no such stops."""
+        where, data = f"{self.name}: system", self.data
+        load = {"vector", "constant", "amplitude", "frequency", "phase", "times", "values", "kind"}
+        contact = {"row", "offset", *LAW}
+        for table in data.get("loads", ()):
+            _only(f"{where}.loads", table, load)
+        for table in data.get("contacts", ()):
+            _only(f"{where}.contacts", table, contact)
+        return System.from_matrices(
+            matrix(data["mass"]),
+            matrix(data["stiffness"]),
+            damping=None if "damping" not in data else matrix(data["damping"]),
+            loads=[(np.array(table["vector"], float), time_function(table)) for table in data.get("loads", ())],
+            contacts=[_contact(table) for table in data.get("contacts", ())],
+            observe=data.get("observe"),
+            initial_displacement=data.get("initial_displacement"),
+            initial_velocity=data.get("initial_velocity"),
+        )
+
+
+def matrix(given: ArrayLike | Mapping[str, Any]) -> Array:
+    """A symmetric matrix from its rows, or from { bands = [[a_11, a_22, ...], [a_12, a_23, ...], ...] }."""
+    if not isinstance(given, Mapping):
+        return np.array(given, float)
+    bands = [np.array(band, float) for band in given["bands"]]
+    full = np.diag(bands[0])
+    for k, band in enumerate(bands[1:], start=1):
+        full = full + np.diag(band, k) + np.diag(band, -k)
+    return full
+
+
+def time_function(table: Mapping[str, Any]) -> LoadFunction:
+    """amplitude sin(frequency t + phase), a constant, or values at times with straight lines between them."""
+    if "constant" in table:
+        return Constant(table["constant"])
+    if "times" in table:
+        return Sampled(table["times"], table["values"], kind=table.get("kind", "linear"))
+    return Harmonic(table["amplitude"], table["frequency"], table.get("phase", 0.0))
+
+
+def _contact(table: Mapping[str, Any]) -> Contact:
+    law = {key: table[key] for key in LAW if key in table}
+    if law["stiffness"] == math.inf and "restitution" not in {field.name for field in fields(Stops)}:
+        remedy = "its integrator can be scored by a trajectory file"
+        raise InputError("stops.stiffness", math.inf, "be finite: rigid stops are not among the laws", remedy)
+    offset = time_function(table["offset"]) if "offset" in table else None
+    return Contact(np.array(table["row"], float), Stops(**law), offset)
+
+
+def _only(where: str, table: Mapping[str, Any], known: set[str]) -> None:
+    for key in table:
+        if key not in known:
+            raise InputError(f"{where}.{key}", table[key], "be a known field", near(key, sorted(known)))
+
+
+def folder() -> Path:
+    """Where the problems are: in an installed package as it came, in the reference/ of a source tree."""
+    packaged = Path(__file__).parents[1] / "frozen" / "problems"
+    return packaged if packaged.is_dir() else Path(__file__).parents[3] / "reference" / "problems"
+
+
+def read(text: str) -> Problem:
+    """A problem from the text of its file."""
+    table = tomllib.loads(text)
+    answers = {
+        name: Answer(tuple(x["value"]) if isinstance(x["value"], list) else x["value"], x["how"])
+        for name, x in table["answers"].items()
+    }
+    known, statistics = table.get("statistics"), None
+    if known is not None:
+        values = {name: (x["mean"], x["deviation"]) for name, x in known.pop("values").items()}
+        statistics = Statistics(**known | {"steps": tuple(known["steps"])}, values=values)
+    plain = ("number", "name", "title", "source", "catches", "t_end", "samples", "order_limit")
+    given = {key: table[key] for key in plain}
+    return Problem(**given, steps=tuple(table["steps"]), answers=answers, data=table["system"], statistics=statistics)
+
+
+@cache
+def _all() -> dict[str, Problem]:
+    made = [read(file.read_text(encoding="utf-8")) for file in folder().glob("*.toml")]
+    return {problem.name: problem for problem in sorted(made, key=lambda x: x.number)}
+
+
+def problems() -> dict[str, Problem]:
+    """The test set: vibro-impact problems with known answers, by name."""
+    return dict(_all())
+
+
+def problem(name: str) -> Problem:
+    """One problem of the test set by its name. Raises InputError."""
+    if name not in _all():
+        raise InputError("problem", name, "be one of the test set", near(name, _all()))
+    return _all()[name]

@@ -1,0 +1,136 @@
+"""The score: integrators on the problems with known answers, and what their errors say."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+
+from ..basics.progress import Show, silent
+from ..basics.progress import progress as shown
+from ..basics.validation import InputError
+from ..trajectory.trajectory import Diverged, SolverFailure
+from .integrators import DEFAULT, Integrator, Made, integrator
+from .measure import errors_of, impacts_of, motion_of, stops_of
+from .problem import Problem, problem
+from .problem import problems as all_problems
+from .scorecard import Scorecard
+from .verdicts import FAILED, NOT_TAKEN, Entry, Run, verdict
+
+SMOOTH = "free-oscillator"
+
+
+def score(
+    integrators: Any = None,
+    problems: str | Problem | Iterable[str | Problem] | None = None,
+    order: float | None = None,
+    statistics: bool = True,
+    progress: bool | Show = False,
+) -> Scorecard:
+    """How far integrators are off on problems whose answers are known: errors against cost, orders, impacts, forces.
+
+    integrators: one or a list of: a Scheme; the label of a scheme or of a reference solver ("hht(alpha=-0.1)",
+    "cvode"); a function solve(system, dt, t_end) -> (t, u) or (t, u, v), u and v the tip (k,) or all unknowns (k, n)
+    at times t (k,). None: our schemes and solvers. problems: names, all by default. order: that of the functions
+    on smooth motion; where ``free-oscillator`` is among the problems, what is seen there if it is more.
+    statistics: also past the horizon. progress: True shows a bar, or a function show(what, done, total).
+
+    A fixed-step integrator makes one run at each of the problem's ``steps``, an adaptive one at relative tolerances
+    of 1e-4, 1e-6 and 1e-8. What an integrator refuses is "not taken", what it breaks off, or a function raises, is
+    "failed", with the reason; a step at which it overflows is left out; the others go on. Raises InputError for what is
+    neither integrator nor problem.
+    """
+    if progress is True:
+        with shown() as show:
+            return score(integrators, problems, order, statistics, show)
+    show = progress or silent
+    chosen = _problems(problems)
+    given = DEFAULT if integrators is None else integrators
+    several = isinstance(given, (list, tuple))
+    runners = [integrator(x, order) for x in (given if several else [given])]
+    entries = []
+    for i, runner in enumerate(runners):
+        smooth = runner.order
+        for k, each in enumerate(chosen):
+            show(f"{runner.name}: {each.name}", i * len(chosen) + k, len(runners) * len(chosen))
+            entry = _entry(runner, each, smooth, statistics)
+            if each.name == SMOOTH and entry.order.points >= 3:
+                # What is seen here is expected with contact too, whatever less a scheme states.
+                smooth = float(np.nanmax([smooth, entry.order.slope]))
+                entry = verdict(entry, smooth)
+            entries.append(entry)
+    return Scorecard(tuple(entries))
+
+
+def score_trajectories(name: str | Problem, runs: Sequence[tuple[Any, ...]], label: str = "trajectory") -> Scorecard:
+    """The score of runs of one problem, made by any program: each (t, u) or (t, u, v), t (k,), u and v the tip (k,)
+    or all unknowns (k, n). Several runs with different steps have an order; one has its errors only.
+
+    Raises InputError for arrays that do not fit the problem.
+    """
+    chosen = name if isinstance(name, Problem) else problem(name)
+    motions = sorted((motion_of(chosen, *run) for run in runs), key=lambda motion: len(motion.t))
+    made = [Made(len(m.t) - 1, len(m.t) - 1, float("nan"), m) for m in motions]
+    known = tuple(_run(chosen, one) for one in made)
+    return Scorecard((verdict(Entry(label, chosen, known, "", "", float("nan"), False), float("nan")),))
+
+
+def _problems(given: Any) -> list[Problem]:
+    if given is None:
+        return list(all_problems().values())
+    chosen = [given] if isinstance(given, (str, Problem)) else list(given)
+    found = [x if isinstance(x, Problem) else problem(x) for x in chosen]
+    return sorted(found, key=lambda x: x.number)  # the smooth one first
+
+
+def _entry(runner: Integrator, each: Problem, smooth: float, statistics: bool) -> Entry:
+    runs: list[Run] = []
+    outcome = reason = ""
+    past: tuple[dict[str, float], ...] = ()
+    try:
+        for level in runner.levels(each):
+            try:
+                runs.append(_run(each, runner.solve(each, level, each.t_end)))
+            except Diverged as error:  # in so few steps
+                reason = f"in {level:g} steps {error}"
+        if not runs:
+            outcome = FAILED
+        if statistics and each.statistics is not None and not runner.adaptive:
+            past = _past(runner, each)
+    except InputError as error:
+        outcome, reason = NOT_TAKEN, str(error)
+    except SolverFailure as error:
+        outcome, reason = FAILED, str(error)
+    except Exception as error:  # of a function of anyone's: one problem that it breaks on is a result
+        outcome, reason = FAILED, f"{type(error).__name__}: {error}"
+    entry = Entry(runner.name, each, tuple(runs), outcome, reason, runner.order, runner.adaptive, past)
+    return verdict(entry, smooth)
+
+
+def _run(each: Problem, made: Made) -> Run:
+    return Run(made.level, made.cost, made.seconds, errors_of(each, made.motion))
+
+
+def _past(runner: Integrator, each: Problem) -> tuple[dict[str, float], ...]:
+    """At each of the steps: how many standard deviations of the exact ensemble one run's quantities are off."""
+    known, found = each.statistics, []
+    assert known is not None
+    stops = stops_of(each.data["contacts"][0])
+    for steps in known.steps:
+        try:
+            motion = runner.solve(each, steps, known.t_end).motion
+        except Diverged:
+            continue
+        impacts = impacts_of(each, motion, known.t_end)
+        if impacts is None or motion.position is None:
+            return ()
+        peaks = impacts.peaks[np.isfinite(impacts.peaks)]
+        seen = {
+            "impacts": float(impacts.count),
+            "contact_fraction": float(np.mean(stops.state(motion.position, motion.velocity) != 0)),
+            "median_peak": float(np.median(peaks)) if len(peaks) else float("nan"),
+        }
+        off = {name: (seen[name] - mean) / deviation for name, (mean, deviation) in known.values.items()}
+        found.append({"steps": float(steps), **off})
+    return tuple(found)

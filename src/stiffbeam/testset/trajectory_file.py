@@ -1,0 +1,41 @@
+"""A trajectory that another program has written."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from ..basics.arrays import Array
+from ..basics.validation import InputError
+
+
+def read_trajectory(file: Path) -> tuple[Array, ...]:
+    """(t, u), or (t, u, v) where there is a third column; commas, semicolons, tabs or blanks between them.
+
+    A first line of names is passed over, as are empty lines and those that begin with #. Raises InputError naming
+    file, line and rule for a file that cannot be read, and for lines that are not two or three numbers each.
+    """
+    try:
+        lines = file.read_text(encoding="utf-8-sig").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError("--trajectory", str(file), "be a readable file", str(error)) from None
+    rows: list[list[float]] = []
+    for number, line in enumerate(lines, start=1):
+        cells = line.replace(",", " ").replace(";", " ").split()
+        if not cells or line.startswith("#"):
+            continue
+        try:
+            row = [float(cell) for cell in cells]
+        except ValueError:
+            if not rows:
+                continue  # names
+            raise InputError("--trajectory", f"{file}, line {number}: {line!r}", "hold numbers") from None
+        if len(row) not in (2, 3) or (rows and len(row) != len(rows[0])):
+            rule = "hold t, u and perhaps v, the same in every line"
+            raise InputError("--trajectory", f"{file}, line {number}: {len(row)} numbers", rule)
+        rows.append(row)
+    if len(rows) < 4:
+        raise InputError("--trajectory", f"{file}: {len(rows)} lines of numbers", "hold at least 4 of them")
+    table = np.array(rows)
+    return tuple(table.T)

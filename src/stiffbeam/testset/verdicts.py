@@ -1,0 +1,130 @@
+"""One integrator on one problem: its runs, its observed order, and the verdict."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from ..basics.arrays import Array
+from ..basics.plain import plain
+from ..measures.regression import Order, observed_order
+from .measure import Errors
+from .problem import Problem
+
+NOT_TAKEN, FAILED = "not taken", "failed"
+CONVERGES, NOT_FALLING, LOW_ORDER, ONE_RUN = "converges", "error does not fall", "order too low", "one run"
+FLOOR = 1e-9  # of max |u|: below it rounding hides how an error falls
+FALL = 0.5  # of an error: what is left of it at a quarter of the step where a method is of order 1/2
+SLACK = 0.5  # of an observed order: where an impact lies within its step scatters the errors
+TIMES_TOLERANCE = 1e4  # an adaptive solver through contact stays within so many times its relative tolerance
+NONE = Order(float("nan"), float("nan"), float("nan"), 0)
+
+
+@dataclass(frozen=True)
+class Run:
+    """level: steps, or the relative tolerance; cost: stages, right-hand sides, or steps of a function."""
+
+    level: float
+    cost: float
+    seconds: float
+    errors: Errors
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One integrator on one problem. outcome: a verdict, "not taken" or "failed" with a ``reason``.
+
+    order: observed, through the errors above rounding. expected: the lesser of its order on smooth motion and the
+    ``order_limit`` of the problem; NaN where no order can be told. past: past the horizon, what each of the steps is
+    off in standard deviations of the exact ensemble.
+    """
+
+    integrator: str
+    problem: Problem = field(repr=False)
+    runs: tuple[Run, ...]
+    outcome: str
+    reason: str
+    stated: float
+    adaptive: bool
+    past: tuple[dict[str, float], ...] = ()
+    order: Order = NONE
+    expected: float = float("nan")
+
+    @property
+    def flagged(self) -> bool:
+        """Whether the answers say that something is wrong."""
+        return self.outcome in (NOT_FALLING, LOW_ORDER, FAILED)
+
+    @property
+    def best(self) -> Errors | None:
+        """The errors of the finest run."""
+        return self.runs[-1].errors if self.runs else None
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain numbers and texts; NaN becomes None."""
+        return plain({
+            "integrator": self.integrator, "problem": self.problem.name, "outcome": self.outcome, "reason": self.reason,
+            "order": self.order.slope, "order_interval": self.order.interval, "expected_order": self.expected,
+            "runs": [{"rtol" if self.adaptive else "steps": r.level, "cost": r.cost, "seconds": r.seconds,
+                      **asdict(r.errors)} for r in self.runs],
+            "past_horizon": list(self.past),
+        })  # fmt: skip
+
+
+def verdict(entry: Entry, smooth: float) -> Entry:
+    """``entry`` with its observed order and, unless it was not taken or failed, its outcome.
+
+    smooth: the order of the integrator on smooth motion. A fixed-step error must fall (``_falls``), and the order
+    through all steps, its 95 % interval included, come within ``SLACK`` of what is expected; the error of an adaptive
+    solver must stay within ``TIMES_TOLERANCE`` times its tolerance.
+    """
+    levels = np.array([run.level for run in entry.runs])
+    errors = np.array([run.errors.tip_rms for run in entry.runs])
+    if entry.outcome in (NOT_TAKEN, FAILED) or not len(errors):
+        return entry
+    if len(errors) == 1 and not entry.adaptive:
+        return replace(entry, outcome=ONE_RUN)
+    if entry.adaptive:
+        limit = TIMES_TOLERANCE * levels[-1]
+        good = errors[-1] <= max(limit, FLOOR)
+        return replace(entry, outcome=CONVERGES if good else NOT_FALLING)
+    seen = errors > FLOOR
+    order = observed_order(1.0 / levels[seen], errors[seen])
+    expected = min(smooth, entry.problem.order_limit) if entry.problem.order_limit > 0.0 else float("nan")
+    entry = replace(entry, order=order, expected=expected)
+    if not _falls(levels, errors):
+        return replace(entry, outcome=NOT_FALLING)
+    low = np.count_nonzero(seen) >= 4 and order.slope + order.interval < expected - SLACK
+    return replace(entry, outcome=LOW_ORDER if low else CONVERGES)
+
+
+def _falls(levels: Array, errors: Array) -> bool:
+    """Whether the median of the finest errors is below ``FALL`` times that of steps four times as long, or the order
+    through the finer half of the runs may be 1/2 or more, its 95 % interval included.
+
+    Medians over a third of the runs each. One error may be small by chance, and those of impacts scatter as these lie
+    within their steps; an error that has come to stay does neither.
+    """
+    count = max(1, len(errors) // 3)
+    before = np.flatnonzero(levels <= 0.26 * levels[-count:].max())
+    if not len(before):
+        return True
+    fine, coarse = np.median(errors[-count:]), np.median(errors[before[-count:]])
+    last = max(4, len(errors) // 2)
+    order = observed_order(1.0 / levels[-last:], np.maximum(errors[-last:], FLOOR))
+    return bool(fine <= max(FLOOR, FALL * coarse)) or order.slope + order.interval >= 0.5
+
+
+def shown_error(x: float) -> str:
+    """Two digits, empty where it is not known."""
+    return "" if not np.isfinite(x) else "0" if x == 0.0 else f"{x:.1e}"
+
+
+def summary(entries: Sequence[Entry]) -> str:
+    """How many entries have which outcome."""
+    outcomes = [CONVERGES, ONE_RUN, LOW_ORDER, NOT_FALLING, FAILED, NOT_TAKEN]
+    counts = {outcome: sum(entry.outcome == outcome for entry in entries) for outcome in outcomes}
+    return ", ".join(f"{count} {outcome}" for outcome, count in counts.items() if count)

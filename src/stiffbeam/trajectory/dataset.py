@@ -1,0 +1,127 @@
+"""Trajectories as xarray datasets, and these as netCDF files that xarray and ncdump read."""
+
+from __future__ import annotations
+
+import json
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..basics.units import NON_DIMENSIONAL, ONE, Units
+from ..basics.validation import InputError, file_path
+from .impacts import COLUMNS, Impacts
+from .tables import impact_columns, write_csv, write_mat
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from .trajectory import Trajectory
+
+FORMAT = 2
+SUFFIXES = (".nc", ".nc4", ".h5")
+HASHED = ("stiffbeam_format", "kind", "fingerprint", "provenance", "work", "stops", "impact_kind", "horizon")
+LEDGER = {
+    "kinetic": "kinetic energy",
+    "elastic": "bending energy",
+    "stops": "energy in the stops",
+    "input": "work of loads and moving stops since t = 0",
+    "viscous": "viscous loss since t = 0",
+    "loss": "numerical loss since t = 0",
+    "contact": "numerical loss in steps with contact",
+    "free": "numerical loss in steps without contact",
+    "stop_dissipation": "energy that damped stops took since t = 0",
+}
+
+
+def named_in(units: Units, text: str, quantity: str = "") -> dict[str, str]:
+    """The attributes of a variable: "1" for what has no dimension; what matrices are counted in is not known."""
+    if not quantity or units == NON_DIMENSIONAL:
+        return {"long_name": text, "units": ONE}
+    return {"long_name": text} | ({"units": units.of(quantity)} if units.known else {})
+
+
+def to_xarray(run: Trajectory) -> xr.Dataset:
+    """Dimensions time, contact, impact; every variable with its unit; provenance in the attributes."""
+    import xarray as xr
+
+    from ..basics import netcdf
+
+    named = partial(named_in, run.units)
+    time = ("time", run.t, named("time", "time"))
+    data: dict[str, Any] = {
+        "tip": ("time", run.tip, named("tip displacement", "length")),
+        "tip_velocity": ("time", run.tip_velocity, named("tip velocity", "velocity")),
+    }
+    if run.contacts:
+        names = {
+            "position": named("position of the contact point against its stops", "length"),
+            "velocity": named("velocity of the contact point", "velocity"),
+            "force": named("contact force sigma on the beam, negative on the upper stop", "force"),
+        }
+        for name, attributes in names.items():
+            values = np.stack([getattr(c, name) for c in run.contacts])
+            data[f"contact_{name}"] = (("contact", "time"), values, attributes)
+        totals = {
+            "fraction": named("share of time in contact"),
+            "peak_force": named("largest |sigma|", "force"),
+            "impulse": named("integral of |sigma|", "impulse"),
+        }
+        for name, attributes in totals.items():
+            data[f"contact_{name}"] = ("contact", [getattr(c, name) for c in run.contacts], attributes)
+        impacts = [c.impacts for c in run.contacts]
+        data["impact_contact"] = ("impact", np.repeat(np.arange(len(impacts)), [i.count for i in impacts]))
+        every = Impacts.concatenate(impacts)
+        for name, (text, quantity) in COLUMNS.items():
+            data[f"impact_{name}"] = ("impact", getattr(every, name), named(text, quantity))
+    ledger = run.energy if run.ledger is not None or "energy" in run.__dict__ else None
+    if ledger is not None:
+        for name, text in LEDGER.items():
+            data[f"ledger_{name}"] = ("time", getattr(ledger, name), named(text, "energy"))
+    horizon = getattr(run, "horizon", None)  # of a reference
+    attributes = {
+        "title": f"stiffbeam trajectory: {run.label}",
+        "source": f"stiffbeam {run.provenance.get('stiffbeam', '')}".strip(),
+        "stiffbeam_format": FORMAT,
+        "kind": "run" if horizon is None else "reference",
+        "fingerprint": run.fingerprint,
+        "provenance": json.dumps(run.provenance),
+        "work": json.dumps(
+            {
+                "steps": run.work.steps,
+                "seconds": run.work.seconds,
+                "march_seconds": run.work.march_seconds,
+                "counters": run.work.counters,
+            }
+        ),
+        "stops": json.dumps([c.stops.data for c in run.contacts]),
+        "impact_kind": ",".join(c.impacts.kind for c in run.contacts) or run.impacts.kind,
+    }
+    if horizon is not None:
+        attributes["horizon"] = horizon
+    dataset = xr.Dataset(data, coords={"time": time}, attrs=attributes)
+    dataset.attrs["hash"] = netcdf.content_hash(dataset, HASHED)
+    return dataset
+
+
+def save(run: Trajectory, file: str | Path) -> Path:
+    """Write ``run`` in the format that the suffix names; the file appears whole or not at all.
+
+    .nc, .nc4, .h5: netCDF-4 with everything, which alone ``stiffbeam.load`` reads. .csv: a line per output time,
+    ``run.to_dataframe()``; impacts have a table of their own, ``run.impacts.to_dataframe()``. .mat: the same
+    columns and the impacts of all contacts for MATLAB. Raises InputError for any other suffix.
+    """
+    suffix = file_path("file", file, 'for example "run.nc"').suffix.lower()
+    if suffix == ".csv":
+        return write_csv(run.to_dataframe(), Path(file))
+    if suffix == ".mat":
+        frame = run.to_dataframe()
+        columns = {str(name): frame[name].to_numpy() for name in frame.columns}
+        return write_mat(columns, impact_columns(run.contacts), run.provenance, Path(file))
+    if suffix not in SUFFIXES:
+        known = (*SUFFIXES, ".csv", ".mat")
+        raise InputError("file", str(file), f"end in {' or '.join(known)}", f"name it {Path(file).stem}.nc")
+    from ..basics import netcdf
+
+    return netcdf.write(to_xarray(run), file)

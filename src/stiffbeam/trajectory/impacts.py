@@ -1,0 +1,119 @@
+"""What happened at a contact: its impacts, position and force."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..basics.arrays import Array
+from ..basics.validation import bound
+from ..model.contact import Stops
+from .tables import table
+
+if TYPE_CHECKING:
+    import pandas
+
+# The columns of the table: what each holds, and its quantity, see units.
+COLUMNS = {
+    "times": ("time of impact", "time"),
+    "ends": ("time at which the contact ends", "time"),
+    "stops": ("+1 upper stop, -1 lower stop", ""),
+    "peaks": ("largest |sigma| of the impact", "force"),
+    "impulses": ("integral of |sigma| over the impact", "impulse"),
+}
+SINGULAR = {"times": "time", "ends": "end", "stops": "stop", "peaks": "peak", "impulses": "impulse"}  # of one impact
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Impacts:
+    """Entries into a stop, in order of time; one array (count,) for each column.
+
+    kind "event": t* > 0 where chi goes from 0 to +-1. kind "sampled": steps n >= 1 with chi_n != 0 and
+    chi_n != chi_{n-1}; the time is the first crossing of the stop by the cubic Hermite interpolant of
+    (u, u'), the end likewise in the first step that leaves; of a scheme against rigid stops rows of steps with a
+    reaction. Contact at t = 0, a start exactly on a stop that
+    does not leave it included, and touching without penetration do not count, in either kind.
+    times: of entry. ends: of exit. stops: +1 upper, -1 lower. peaks: max |sigma|. impulses: integral of
+    |sigma|. Ends, peaks and impulses are NaN for an impact still open at the end, and where the solver does
+    not measure them.
+    """
+
+    times: Array
+    ends: Array
+    stops: NDArray[np.int64]
+    peaks: Array
+    impulses: Array
+    kind: str
+
+    @property
+    def count(self) -> int:
+        return len(self.times)
+
+    @property
+    def durations(self) -> Array:
+        """From entry to exit, (count,)."""
+        return self.ends - self.times
+
+    def take(self, rows: Any) -> Impacts:
+        """The impacts of these rows: a slice, numbers, or a mask (count,)."""
+        return replace(self, **{name: getattr(self, name)[rows] for name in COLUMNS})
+
+    def until(self, t: float) -> Impacts:
+        """The impacts at times <= t."""
+        return self.take(self.times <= bound("t", t))
+
+    @staticmethod
+    def concatenate(tables: Sequence[Impacts]) -> Impacts:
+        """One table of the rows of several of one kind, which keep their order."""
+        columns: Any = {name: np.concatenate([getattr(table, name) for table in tables]) for name in COLUMNS}
+        return Impacts(**columns, kind=tables[0].kind)
+
+    @staticmethod
+    def at(times: ArrayLike, stops: ArrayLike, kind: str, **columns: ArrayLike) -> Impacts:
+        """Impacts of which some columns are known; the others are NaN."""
+        times = np.asarray(times, float)
+        others: Any = {name: np.asarray(columns.get(name, np.full(len(times), np.nan)), float)
+                       for name in ("ends", "peaks", "impulses")}  # fmt: skip
+        return Impacts(times=times, stops=np.asarray(stops, np.int64), **others, kind=kind)
+
+    def __repr__(self) -> str:
+        span = f", t = {self.times[0]:g} to {self.times[-1]:g}" if self.count else ""
+        return f"<Impacts: {self.count} {self.kind}{span}>"
+
+    def to_dataframe(self) -> pandas.DataFrame:
+        """One line per impact: time, end, stop, peak, impulse."""
+        return table({SINGULAR[name]: getattr(self, name) for name in COLUMNS})
+
+    @staticmethod
+    def none(kind: str) -> Impacts:
+        return Impacts.at([], [], kind)
+
+
+@dataclass(frozen=True, eq=False)
+class ContactRecord:
+    """What happened at one contact.
+
+    position, velocity: against its stops, row q + offset, of a beam u(x, t) - m(t), at the output times. force:
+    sigma on the beam, < 0 on the upper stop. impacts, share of time in contact, peak |sigma| and impulse: over
+    every step. Of rigid stops force is the reaction, the mean over the step before in a scheme's run; in the exact one
+    that of a held contact, its impulses apart.
+    """
+
+    stops: Stops
+    position: Array
+    velocity: Array
+    force: Array
+    impacts: Impacts
+    fraction: float
+    peak_force: float
+    impulse: float
+
+    def __repr__(self) -> str:
+        return (
+            f"<ContactRecord {self.stops}: {self.impacts.count} impacts, in contact {100 * self.fraction:.3g} % of "
+            f"the time, peak force {self.peak_force:.4g}, impulse {self.impulse:.4g}>"
+        )

@@ -1,0 +1,125 @@
+"""A run that anyone made: arrays in, everything that follows from them out, and a reason for what does not."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import asdict
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..basics.arrays import Array, same
+from ..basics.validation import InputError, numbers
+from ..model.contact import Stops
+from ..model.system import System, require_system
+from .impacts import ContactRecord, Impacts
+from .ledger import Ledger, step_ledger
+from .recorder import SampledImpacts, record
+
+NO_STATES = "the run came as arrays without states=(q, q')"
+
+
+def own_run(
+    t: ArrayLike, tip: ArrayLike | None, tip_velocity: ArrayLike | None, system: System | None,
+    states: tuple[ArrayLike, ArrayLike] | None, name: str,
+) -> dict[str, Any]:  # fmt: skip
+    """The fields of a Trajectory but for its work, see ``Trajectory.from_arrays``."""
+    times = _row("t", t, None)
+    dt = float(times[1] - times[0])
+    if times[0] != 0.0 or not dt > 0.0 or np.max(np.abs(np.diff(times) - dt)) > 1e-6 * dt:
+        raise InputError("t", times, "be equidistant from 0 on", "interpolate to such times first")
+    if not isinstance(name, str) or not name:
+        raise InputError("name", name, "be a text", 'for example "mine"')
+    if system is not None:
+        require_system(system)
+    q = v = None
+    if states is not None:
+        if system is None:
+            raise InputError("states", "without a system", "come with their system", "pass system=")
+        q, v = (_states(x, (len(times), system.size)) for x in states)
+        row, offset = system.channels[system.tip_channel]
+        position = system.positions(times, q)[:, system.tip_channel]
+        if tip is None:
+            tip, tip_velocity = position, None if offset is not None else v @ row
+    if tip is None:
+        raise InputError("tip", None, "be given", "pass the positions of the tip, or states=(q, q')")
+    u = _row("tip", tip, len(times))
+    notes = {"tip_velocity": "of a spline through the tip"} if tip_velocity is None else {}
+    w = _spline_rate(times, u) if tip_velocity is None else _row("tip_velocity", tip_velocity, len(times))
+    return {
+        "t": times,
+        "tip": u,
+        "tip_velocity": w,
+        "contacts": () if system is None else tuple(_contacts(system, times, dt, u, w, q, v)),
+        "provenance": {
+            "method": name,
+            "source": "arrays",
+            "form": "arrays" if system is None else system.form,
+            "dt": dt,
+            "t_end": float(times[-1]),
+            "every": 1,
+            **({} if system is None else {"units": asdict(system.units)}),
+            **notes,
+        },
+        "system": system,
+        "pieces": None if q is None or v is None else partial(_pieces, times, q, v),
+        "ledger": None if system is None or q is None or v is None else partial(_ledger, system, times, q, v),
+        "fingerprint": "" if system is None else system.fingerprint,
+    }
+
+
+def _contacts(
+    system: System, t: Array, dt: float, u: Array, w: Array, q: Array | None, v: Array | None
+) -> Iterator[ContactRecord]:
+    """What is known of every contact: by the states, or by the tip where it is the contact point; else NaN."""
+    positions = None if q is None else system.positions(t, q)
+    tip_row, tip_offset = system.channels[system.tip_channel]
+    for i, contact in enumerate(system.contacts):
+        is_tip = i == system.tip_channel or (contact.offset is tip_offset and same(contact.row, tip_row))
+        if is_tip:
+            yield _record(contact.stops, u, w, dt)
+        elif positions is not None and v is not None:
+            rate = v @ contact.row if contact.offset is None else _spline_rate(t, positions[:, i])
+            yield _record(contact.stops, positions[:, i], rate, dt)
+        else:
+            nothing = np.full(len(t), np.nan)
+            unknown = float("nan")
+            yield ContactRecord(contact.stops, nothing, nothing, nothing, Impacts.none("unknown"), *3 * (unknown,))
+
+
+def _record(stops: Stops, u: Array, w: Array, dt: float) -> ContactRecord:
+    sampler = SampledImpacts(stops, dt, float(u[0]), float(w[0]))
+    sampler.feed(u[1:], w[1:])
+    return record(stops, u, w, sampler.tally, sampler.events, len(u) - 1)
+
+
+def _pieces(t: Array, q: Array, v: Array) -> Iterator[tuple[Array, Array, Array]]:
+    yield t, q, v
+
+
+def _ledger(system: System, t: Array, q: Array, v: Array) -> Ledger:
+    return step_ledger(system, _pieces(t, q, v), t)
+
+
+def _spline_rate(t: Array, u: Array) -> Array:
+    """u' of the cubic spline through the samples, of third order in their spacing where u is smooth."""
+    from scipy.interpolate import CubicSpline
+
+    return np.asarray(CubicSpline(t, u)(t, 1))
+
+
+def _row(name: str, values: Any, length: int | None) -> Array:
+    array = numbers(name, values, remedy="end the run before it overflows")
+    if array.ndim != 1 or len(array) < 3 or (length is not None and len(array) != length):
+        rule = "be three or more numbers in a row" if length is None else f"be one number per time, {length}"
+        raise InputError(name, f"shape {array.shape}", rule, "give a list")
+    return array
+
+
+def _states(values: Any, shape: tuple[int, int]) -> Array:
+    array = numbers("states", values)
+    if array.shape != shape:
+        raise InputError("states", array.shape, f"be two arrays of finite numbers, {shape}, (times, unknowns)")
+    return array

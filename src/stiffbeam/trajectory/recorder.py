@@ -1,0 +1,102 @@
+"""What a fixed-step run has seen of its contacts, as records."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..basics.arrays import Array
+from ..model.contact import Stops
+from .impacts import ContactRecord, Impacts
+from .sampling import (
+    END,
+    EVENT,
+    IMPACT_IMPULSE,
+    IMPACT_PEAK,
+    IMPULSE,
+    PEAK,
+    ROW,
+    SIDE,
+    SINCE,
+    STOP,
+    TIME,
+    TOUCHING,
+    new_tally,
+    observe,
+)
+
+
+def impacts_of(events: Array) -> Impacts:
+    """Rows of a list of events as sampled impacts."""
+    columns = (events[:, column].copy() for column in (TIME, END, STOP, IMPACT_PEAK, IMPACT_IMPULSE))
+    times, ends, stops, peaks, impulses = columns
+    return Impacts(times=times, ends=ends, stops=stops.astype(np.int64), peaks=peaks, impulses=impulses, kind="sampled")
+
+
+def record(stops: Stops, position: Array, velocity: Array, tally: Array, events: Array, steps: int) -> ContactRecord:
+    """With position and velocity at the output times; ``steps`` of the whole run."""
+    return ContactRecord(
+        stops=stops,
+        position=position,
+        velocity=velocity,
+        force=stops.force(position, velocity),
+        impacts=impacts_of(events),
+        fraction=float(tally[TOUCHING]) / max(1, steps - int(tally[SINCE])),
+        peak_force=float(tally[PEAK]),
+        impulse=float(tally[IMPULSE]),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """What one run has seen: tip and tip velocity at the output times, its contacts, when it overflowed, how it
+    was marched."""
+
+    tip: Array
+    tip_velocity: Array
+    contacts: tuple[ContactRecord, ...]
+    diverged: float = float("nan")
+    march: str = ""
+
+
+class SampledImpacts:
+    """The sampled impacts of one contact after step ``since``, fed with consecutive stretches of positions."""
+
+    def __init__(self, stops: Stops, dt: float, u0: float, v0: float, since: int = 0) -> None:
+        self.stops, self.dt, self.steps = stops, dt, 0
+        self._last = np.array([[u0]]), np.array([[v0]])
+        self._tally = new_tally(*self._last, stops.law, since)
+        self._events, self._rows = np.empty((64, EVENT)), 0
+
+    def feed(self, u: Array, v: Array, means: Array | None = None) -> None:
+        """Positions u and velocities v at the ends of the next steps, (k,), and the reactions where they are means."""
+        reactions = np.zeros((0, 0, 0)) if means is None else np.array(means, float).reshape(1, -1, 1)
+        if self._rows + len(u) > len(self._events):
+            self._events = np.concatenate([self._events, np.empty((len(self._events) + len(u), EVENT))])
+        u, v = (np.array(x, float).reshape(1, -1, 1) for x in (u, v))
+        law = self.stops.law[None, None]
+        never = np.zeros(1, np.int64)
+        self._rows = observe(
+            u, v, reactions, law, self.dt, self.steps, *self._last, self._tally, never, self._events, self._rows
+        )
+        self.steps += u.shape[1]
+
+    @property
+    def tally(self) -> Array:
+        return self._tally[0, 0]
+
+    @property
+    def events(self) -> Array:
+        """The list of impacts so far, the open one without peak and impulse."""
+        events = self._events[: self._rows].copy()
+        if self.tally[SIDE] and self.tally[ROW] >= 0:
+            events[int(self.tally[ROW]), [IMPACT_PEAK, IMPACT_IMPULSE, END]] = np.nan
+        return events
+
+
+def sampled_impacts(u: Array, v: Array, dt: float, stops: Stops) -> Impacts:
+    """The sampled impacts in positions u_0..u_n with velocities v_0..v_n."""
+    sampler = SampledImpacts(stops, dt, float(u[0]), float(v[0]))
+    sampler.feed(u[1:], v[1:])
+    return impacts_of(sampler.events)

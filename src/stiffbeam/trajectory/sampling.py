@@ -1,0 +1,292 @@
+"""Sampled impacts, step by step: chi_k != 0 and chi_k != chi_{k-1}, chi the contact state of u_k."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ..basics.arrays import Array
+from ..basics.compiled import compiled, inlined
+from ..model.contact_law import (
+    DAMPING,
+    DISSIPATION,
+    EXPONENT,
+    G1,
+    G2,
+    KAPPA,
+    is_linear,
+    law_force,
+    law_state,
+    pressure,
+    state,
+)
+
+# A tally (..., 8) is what one contact has seen so far.
+SIDE, TOUCHING, PEAK, IMPULSE, ROW, SINCE = range(6)
+TALLY = 8
+# The steps up to SINCE are passed over; SIDE is followed from the start.
+# An impact is one row of a list of events; ROW is the row of the one that is open, or -1.
+MEMBER, CONTACT, TIME, STOP, IMPACT_PEAK, IMPACT_IMPULSE, END = range(7)
+EVENT = 7
+
+
+def new_tally(u0: Array, v0: Array, law: Array, since: int = 0) -> Array:
+    """Tallies of the steps after ``since``, from positions u0 (...,) and velocities v0 under laws (..., 6).
+
+    Contact that is there before is no impact, and a start exactly on a stop that does not leave it is
+    contact: it begins at t = 0, as the events of the exact solution have it.
+    """
+    g1, g2 = law[..., G1], law[..., G2]
+    tally = np.zeros((*np.shape(u0), TALLY))
+    tally[..., ROW] = -1.0
+    tally[..., SINCE] = since
+    upper, lower = (u0 > g2) | ((u0 == g2) & (v0 >= 0.0)), (u0 < g1) | ((u0 == g1) & (v0 <= 0.0))
+    tally[..., SIDE] = upper * 1.0 - lower * 1.0
+    damped = (law[..., DAMPING] > 0.0) | (law[..., DISSIPATION] > 0.0)
+    if np.any(damped):  # a damped stop may have let go before the gap opens
+        pressed = np.vectorize(law_state, otypes=[float])(u0, v0, *np.moveaxis(law, -1, 0))
+        on = (u0 == g2) | (u0 == g1)
+        tally[..., SIDE] = np.where(damped & ~on, pressed, tally[..., SIDE])
+    return tally
+
+
+@inlined
+def scan(u, count, law, dt, tally, i, c, events, rows, first):
+    """Take the steps u (count,) into the tally of contact c of member i; impacts that begin are appended.
+
+    law: (M, m, 6), linear, see contact_law. tally: (M, m, 8). first: the number of steps before u. Row ``rows`` of
+    ``events`` is the first free one. Of a new impact TIME, and of one that ends END, hold the step before the
+    crossing, 0 for the last one known; END is -1 of an impact that is still open. Returns the first free row.
+    """
+    kappa, g1, g2 = law[i, c, KAPPA], law[i, c, G1], law[i, c, G2]
+    side = tally[i, c, SIDE]
+    row = int(tally[i, c, ROW])
+    passed = int(tally[i, c, SINCE]) - first  # so many of these steps are passed over
+    own_peak = events[row, IMPACT_PEAK] if row >= 0 else 0.0
+    own_impulse = events[row, IMPACT_IMPULSE] if row >= 0 else 0.0
+    touching = 0
+    peak, impulse = tally[i, c, PEAK], tally[i, c, IMPULSE]
+    k = 0
+    while k < count:  # from one change of side to the next
+        new = state(u[k], g1, g2)
+        if new != side:
+            if row >= 0:
+                events[row, IMPACT_PEAK], events[row, IMPACT_IMPULSE] = own_peak, own_impulse
+                events[row, END] = k
+            row = -1
+            if new != 0.0 and k >= passed:
+                row = rows
+                rows += 1
+                events[row, TIME], events[row, STOP], events[row, END] = k, new, -1.0
+                own_peak = own_impulse = 0.0
+            side = new
+        depths = deepest = 0.0
+        while k < count and state(u[k], g1, g2) == side:
+            if side != 0.0 and k >= passed:
+                depth = u[k] - g2 if side > 0.0 else g1 - u[k]
+                depths += depth
+                deepest = max(deepest, depth)
+                touching += 1
+            k += 1
+        own_peak = max(own_peak, kappa * deepest)
+        own_impulse += kappa * depths * dt
+        peak = max(peak, kappa * deepest)
+        impulse += kappa * depths * dt
+    if row >= 0:
+        events[row, IMPACT_PEAK], events[row, IMPACT_IMPULSE] = own_peak, own_impulse
+    tally[i, c, SIDE] = side
+    tally[i, c, ROW] = row
+    tally[i, c, TOUCHING] += touching
+    tally[i, c, PEAK] = peak
+    tally[i, c, IMPULSE] = impulse
+    return rows
+
+
+@compiled
+def scan_by_law(u, v, count, law, dt, tally, i, c, events, rows, first):
+    """``scan`` for any law, with the velocities v (count,) too: contact is where the stop presses."""
+    kappa, g1, g2 = law[i, c, KAPPA], law[i, c, G1], law[i, c, G2]
+    p, damping, dissipation = law[i, c, EXPONENT], law[i, c, DAMPING], law[i, c, DISSIPATION]
+    side = tally[i, c, SIDE]
+    row = int(tally[i, c, ROW])
+    passed = int(tally[i, c, SINCE]) - first
+    for k in range(count):
+        new = law_state(u[k], v[k], kappa, g1, g2, p, damping, dissipation)
+        if new != side:
+            if row >= 0:
+                events[row, END] = k
+            row = -1
+            if new != 0.0 and k >= passed:
+                row = rows
+                rows += 1
+                events[row, TIME], events[row, STOP], events[row, END] = k, new, -1.0
+                events[row, IMPACT_PEAK] = events[row, IMPACT_IMPULSE] = 0.0
+            side = new
+        if side != 0.0 and k >= passed:
+            size = abs(law_force(u[k], v[k], kappa, g1, g2, p, damping, dissipation))
+            tally[i, c, TOUCHING] += 1.0
+            tally[i, c, PEAK] = max(tally[i, c, PEAK], size)
+            tally[i, c, IMPULSE] += size * dt
+            if row >= 0:
+                events[row, IMPACT_PEAK] = max(events[row, IMPACT_PEAK], size)
+                events[row, IMPACT_IMPULSE] += size * dt
+    tally[i, c, SIDE] = side
+    tally[i, c, ROW] = row
+    return rows
+
+
+@compiled
+def scan_means(u, means, count, law, dt, tally, i, c, events, rows, first):
+    """``scan`` where the reactions are ``means`` (count,) over the steps: impulses are theirs, peaks those at u.
+
+    The last reaction of a contact is that of the step in which it ends.
+    """
+    kappa, g1, g2, p = law[i, c, KAPPA], law[i, c, G1], law[i, c, G2], law[i, c, EXPONENT]
+    side = tally[i, c, SIDE]
+    row = int(tally[i, c, ROW])
+    passed = int(tally[i, c, SINCE]) - first
+    for k in range(count):
+        new = state(u[k], g1, g2)
+        impulse = abs(means[k]) * dt if k >= passed else 0.0
+        tally[i, c, IMPULSE] += impulse
+        if new != side:
+            if row >= 0:
+                events[row, END] = k
+                events[row, IMPACT_IMPULSE] += impulse if new == 0.0 else 0.0
+            row = -1
+            if new != 0.0 and k >= passed:
+                row = rows
+                rows += 1
+                events[row, TIME], events[row, STOP], events[row, END] = k, new, -1.0
+                events[row, IMPACT_PEAK] = events[row, IMPACT_IMPULSE] = 0.0
+            side = new
+        if side != 0.0 and k >= passed:
+            size = abs(law_force(u[k], 0.0, kappa, g1, g2, p, 0.0, 0.0))
+            tally[i, c, TOUCHING] += 1.0
+            tally[i, c, PEAK] = max(tally[i, c, PEAK], size)
+            if row >= 0:
+                events[row, IMPACT_PEAK] = max(events[row, IMPACT_PEAK], size)
+                events[row, IMPACT_IMPULSE] += impulse
+    tally[i, c, SIDE] = side
+    tally[i, c, ROW] = row
+    return rows
+
+
+@compiled
+def observe(u, v, means, law, dt, first, position, velocity, tally, diverged, events, rows):
+    """Take positions u and velocities v (M, steps, C) after step ``first`` of members that have not diverged.
+
+    means: the reactions (M, steps, m) where they are means over the steps, else of no length.
+    position, velocity: (M, C) at step ``first``, brought up to date as the tallies (M, m, 8) are. The
+    impacts that begin are written to ``events`` from row ``rows`` on, which must have room. Returns the
+    first free row.
+    """
+    M, steps, C = u.shape
+    path = np.empty(steps)
+    for i in range(M):
+        if diverged[i]:
+            continue
+        for c in range(law.shape[1]):
+            for k in range(steps):
+                path[k] = u[i, k, c]
+            opened = int(tally[i, c, ROW])
+            if means.size:
+                new = scan_means(path, means[i, :, c].copy(), steps, law, dt, tally, i, c, events, rows, first)
+            elif is_linear(law[i, c, EXPONENT], law[i, c, DAMPING], law[i, c, DISSIPATION]):
+                new = scan(path, steps, law, dt, tally, i, c, events, rows, first)
+            else:
+                new = scan_by_law(path, v[i, :, c].copy(), steps, law, dt, tally, i, c, events, rows, first)
+            # The end of the impact that was open before, then times and ends of the new ones.
+            for change in range(2 * rows - 1, 2 * new):
+                row, column = change // 2, END if change % 2 else TIME
+                if row < rows:
+                    row = opened
+                k = int(events[row, column]) if row >= 0 else -1
+                if k < 0:
+                    continue
+                u0 = path[k - 1] if k > 0 else position[i, c]
+                v0 = v[i, k - 1, c] if k > 0 else velocity[i, c]
+                inside = switch_time(u0, v0, path[k], v[i, k, c], events[row, STOP], law, i, c, dt)
+                events[row, column] = (first + k + inside) * dt
+                events[row, MEMBER] = i
+                events[row, CONTACT] = c
+            rows = new
+        for c in range(C):
+            position[i, c] = u[i, steps - 1, c]
+            velocity[i, c] = v[i, steps - 1, c]
+    return rows
+
+
+@inlined
+def switch_time(u0, v0, u1, v1, side, law, i, c, dt):
+    """When in its step, 0 to 1, contact with the stop on ``side`` begins or ends: the crossing of the stop.
+
+    A damped stop that is penetrated lets go, and presses again, where its force changes sign.
+    """
+    stop = law[i, c, G2] if side > 0.0 else law[i, c, G1]
+    damping, dissipation = law[i, c, DAMPING], law[i, c, DISSIPATION]
+    share = 0.0
+    if (damping > 0.0 or dissipation > 0.0) and side * (u0 - stop) > 0.0:
+        kappa, p = law[i, c, KAPPA], law[i, c, EXPONENT]
+        before = pressure(side * (u0 - stop), side * v0, kappa, p, damping, dissipation)
+        after = pressure(side * (u1 - stop), side * v1, kappa, p, damping, dissipation)
+        if before * after < 0.0:
+            share = before / (before - after)
+        elif side * (u1 - stop) <= 0.0:
+            share = crossing(u0, v0, u1, v1, stop, dt)
+    else:
+        share = crossing(u0, v0, u1, v1, stop, dt)
+    return share
+
+
+@inlined
+def crossing(u0, v0, u1, v1, stop, dt):
+    """When in its step, 0 to 1, the cubic Hermite interpolant of (u, u') first reaches a stop beyond u0."""
+    sign = 1.0 if u1 > u0 else -1.0
+    return first_crossing(sign * (stop - u0), -sign * v0 * dt, sign * (stop - u1), -sign * v1 * dt)
+
+
+@inlined
+def first_crossing(gap0, rate0, gap1, rate1):
+    """The least s in (0, 1] at which the cubic Hermite interpolant of a gap reaches zero.
+
+    gap0 > 0 >= gap1 at s = 0 and 1; rate0, rate1: d gap/ds there. Newton's method, kept inside the first
+    sign change between the extrema of the cubic.
+    """
+    # p(s) = c0 + c1 s + c2 s^2 + c3 s^3
+    c0, c1 = gap0, rate0
+    c2 = 3.0 * (gap1 - gap0) - 2.0 * rate0 - rate1
+    c3 = 2.0 * (gap0 - gap1) + rate0 + rate1
+    low = 0.0
+    high = 1.0
+    # p'(s) = c1 + 2 c2 s + 3 c3 s^2
+    discriminant = c2 * c2 - 3.0 * c1 * c3
+    if discriminant > 0.0:
+        q = -(c2 + math.copysign(math.sqrt(discriminant), c2))
+        one = q / (3.0 * c3) if c3 != 0.0 else 1.0
+        two = c1 / q if q != 0.0 else 1.0
+        for point in (min(one, two), max(one, two)):
+            if low < point < high:
+                if c0 + point * (c1 + point * (c2 + point * c3)) <= 0.0:
+                    high = point
+                else:
+                    low = point
+    s = min(max(gap0 / (gap0 - gap1), low), high)
+    for _ in range(100):
+        gap = c0 + s * (c1 + s * (c2 + s * c3))
+        rate = c1 + s * (2.0 * c2 + s * 3.0 * c3)
+        if gap > 0.0:
+            low = s
+        else:
+            high = s
+        new = s - gap / rate if rate < 0.0 else math.inf
+        enough = 1e-9  # Newton's next error is of the size of its square
+        if not low <= new <= high:
+            new = 0.5 * (low + high)
+            enough = 1e-16
+        done = abs(new - s) < enough
+        s = new
+        if done:
+            break
+    return s

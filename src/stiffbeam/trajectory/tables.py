@@ -1,0 +1,63 @@
+"""Runs as flat tables: one line per time, impact, member; and as files that spreadsheets and MATLAB read."""
+
+from __future__ import annotations
+
+import json
+from io import BytesIO
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..basics.arrays import Array
+from ..basics.whole_file import write_whole
+
+if TYPE_CHECKING:
+    import pandas
+
+    from .impacts import ContactRecord
+
+
+def columns_of(t: Array, tip: Array, tip_velocity: Array, contacts: tuple[ContactRecord, ...]) -> dict[str, Array]:
+    """t, tip, tip_velocity, and position, velocity and force of every contact, contact0_force and so on."""
+    found = {"t": t, "tip": tip, "tip_velocity": tip_velocity}
+    for i, contact in enumerate(contacts):
+        found |= {f"contact{i}_{name}": getattr(contact, name) for name in ("position", "velocity", "force")}
+    return found
+
+
+def table(columns: dict[str, Any], attributes: dict[str, Any] | None = None) -> pandas.DataFrame:
+    """A DataFrame of the columns; what belongs to all of it stands in ``attrs``."""
+    import pandas
+
+    frame = pandas.DataFrame(columns)
+    frame.attrs.update(attributes or {})
+    return frame
+
+
+def impact_columns(contacts: tuple[ContactRecord, ...]) -> dict[str, list]:
+    """contact, time, end, stop, peak and impulse of every impact, contact by contact."""
+    found: dict[str, list] = {name: [] for name in ("contact", "time", "end", "stop", "peak", "impulse")}
+    for i, contact in enumerate(contacts):
+        x = contact.impacts
+        found["contact"] += [i] * x.count
+        columns = {"time": x.times, "end": x.ends, "stop": x.stops, "peak": x.peaks, "impulse": x.impulses}
+        for name, values in columns.items():
+            found[name] += values.tolist()
+    return found
+
+
+def write_csv(frame: pandas.DataFrame, file: Path) -> Path:
+    """One line per time with a line of names first; numbers to all their digits."""
+    return write_whole(file, frame.to_csv(index=False))
+
+
+def write_mat(columns: dict[str, Any], impacts: dict[str, list], notes: dict[str, Any], file: Path) -> Path:
+    """A MATLAB 5 file: the columns by name, a struct ``impacts``, and ``provenance`` as JSON."""
+    import numpy as np
+    from scipy.io import savemat
+
+    content: dict[str, Any] = {name: np.asarray(values)[:, None] for name, values in columns.items()}
+    content["impacts"] = {name: np.asarray(values, float)[:, None] for name, values in impacts.items()}
+    content["provenance"] = json.dumps(notes)
+    made = BytesIO()
+    savemat(made, content, appendmat=False)
+    return write_whole(file, made.getvalue())

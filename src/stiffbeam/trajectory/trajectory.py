@@ -1,0 +1,329 @@
+"""Trajectory: what every scheme and every solver returns, and all that the measures see."""
+
+from __future__ import annotations
+
+import pickle
+import platform
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import cache, cached_property
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..basics.arrays import Array
+from ..basics.budget import afford
+from ..basics.pictures import picture
+from ..basics.units import UNKNOWN, Units
+from ..basics.validation import InputError, integer, numbers, positive
+from ..basics.words import sentence
+from .dataset import save, to_xarray
+from .impacts import ContactRecord, Impacts
+from .own import NO_STATES, own_run
+from .recorder import sampled_impacts
+from .tables import columns_of, table
+
+if TYPE_CHECKING:
+    import pandas
+    import xarray
+    from matplotlib.figure import Figure
+
+    from ..model.system import System
+    from .ledger import Ledger
+
+# Pieces of a run at every step: times (k + 1,), q (k + 1, n), q' (k + 1, n); pieces share end points.
+Pieces = Callable[[], Iterator[tuple[Array, Array, Array]]]
+
+
+@cache
+def versions() -> dict[str, str]:
+    """What a run was made with, for its provenance."""
+    return {"stiffbeam": version("stiffbeam"), "numpy": np.__version__, "python": platform.python_version()}
+
+
+class Diverged(RuntimeError):
+    """A run overflowed: ``scheme`` at time ``t``; ``remedy`` says what to try."""
+
+    def __init__(self, scheme: str, t: float, remedy: str) -> None:
+        self.scheme, self.t, self.remedy = scheme, t, remedy
+        super().__init__(sentence((scheme, f"{t:.6g}", remedy), (" overflowed at t = ", ": ")))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self.scheme, self.t, self.remedy)
+
+
+class SolverFailure(RuntimeError):
+    """A reference solver gave up: ``solver`` at time ``t``; the message says why and what to try."""
+
+    def __init__(self, solver: str, t: float, reason: str, remedy: str) -> None:
+        self.solver, self.t, self.reason, self.remedy = solver, t, reason, remedy
+        super().__init__(sentence((solver, f"{t:.6g}", reason, remedy), (" stopped at t = ", ": ", "; ")))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self.solver, self.t, self.reason, self.remedy)
+
+
+class Unfinished(RuntimeError):
+    """Work on several processes or machines stopped half-way; the message says why and how to go on."""
+
+
+@dataclass(frozen=True)
+class Work:
+    """What a run cost. steps: of a fixed-step scheme, 0 for a reference, whose counters tell.
+
+    seconds: all of it but compilation; march_seconds: the stepping alone.
+    """
+
+    steps: int = 0
+    seconds: float = 0.0
+    march_seconds: float = 0.0
+    counters: dict[str, int] = field(default_factory=dict)
+
+    @property
+    def ns_per_step(self) -> float:
+        return 1e9 * self.march_seconds / self.steps if self.steps else float("nan")
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Trajectory:
+    """A run at its output times t (k,): tip and tip_velocity (k,), contacts, work, provenance.
+
+    ``energy`` and ``states`` are made on first use, those of a scheme by going through the run once more,
+    equal to rounding, since a run is a function of its arguments; a loaded file has what was saved.
+    """
+
+    t: Array
+    tip: Array
+    tip_velocity: Array
+    contacts: tuple[ContactRecord, ...]
+    work: Work
+    provenance: dict[str, Any]
+    system: System | None = field(default=None, repr=False)
+    pieces: Pieces | None = field(default=None, repr=False)
+    ledger: Callable[[], Ledger] | None = field(default=None, repr=False)  # at the output times
+    fingerprint: str = ""
+
+    @classmethod
+    def from_arrays(
+        cls,
+        t: ArrayLike,
+        tip: ArrayLike | None = None,
+        tip_velocity: ArrayLike | None = None,
+        system: System | None = None,
+        states: tuple[ArrayLike, ArrayLike] | None = None,
+        name: str = "own",
+    ) -> Trajectory:
+        """A run of anyone's own: positions of the tip, and its velocity, at equidistant times t (k,) from 0 on.
+
+        tip_velocity: by default that of a cubic spline through the tip, which rounds off every kink of it;
+        the provenance then says so. system: what was integrated; with it the run can be compared, and the
+        contact at the tip has its sampled impacts and force. states: (q, q'), each (k, n), which give the energy
+        ledger, every contact and the displacement, and where it is left out the tip. What the arrays do not hold
+        is NaN, or refused where it is asked for. name: how tables and pictures call it.
+        Raises InputError for times that are not equidistant, other shapes, and numbers that are not finite.
+        """
+        made, unknown = own_run(t, tip, tip_velocity, system, states, name), float("nan")
+        return cls(work=Work(len(made["t"]) - 1, unknown, unknown), **made)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What can travel to another process: what a solver offers by functions of its own cannot.
+
+        Energy and states at the output times are then made before they leave, and travel themselves.
+        """
+        state = dict(self.__dict__)
+        for name, made in (("ledger", "energy"), ("pieces", "states"), ("state_at", "states")):
+            if state.get(name) is not None and not _travels(state[name]):
+                state |= {name: None, made: getattr(self, made)}
+        for name in ("evaluate", "solution"):
+            if state.get(name) is not None and not _travels(state[name]):
+                state[name] = None
+        return state
+
+    def __repr__(self) -> str:
+        return (
+            f"<{type(self).__name__} {self.label}: {len(self.t)} times to "
+            f"{self.units.measure(f'{self.t[-1]:g}', 'time')}, {sum(c.impacts.count for c in self.contacts)} impacts>"
+        )
+
+    @property
+    def label(self) -> str:
+        """Method and form, e.g. ``hht(alpha=-0.1)@displacement``."""
+        return f"{self.provenance['method']}@{self.provenance['form']}"
+
+    @property
+    def units(self) -> Units:
+        """What its times, displacements, forces and energies are counted in."""
+        named = self.provenance.get("units")
+        return UNKNOWN if named is None else Units(**named)
+
+    @property
+    def contact_force(self) -> Array:
+        """sigma on the beam at the first contact (2.4), zero without contact; ``contacts[i].force`` has every one."""
+        return self.contacts[0].force if self.contacts else np.zeros_like(self.t)
+
+    @property
+    def impacts(self) -> Impacts:
+        """The impacts at the first contact, by this name's definition; ``contacts[i].impacts`` has every one."""
+        return self.contacts[0].impacts if self.contacts else Impacts.none("none")
+
+    @cached_property
+    def states(self) -> tuple[Array, Array]:
+        """(q, q') at the output times, each (k, n); q is v = u - phi (1 - (x/L)^2) for a beam."""
+        if self.pieces is None:
+            found = NO_STATES if self.provenance.get("source") == "arrays" else "a loaded file"
+            raise InputError("states", found, "come from a run", "read it with its system: sb.load(file, system)")
+        wanted = np.round(self.t / self._step).astype(int)
+        q, v, first = [], [], 0
+        for times, q_piece, v_piece in self.pieces():
+            here = wanted[(wanted >= first) & (wanted < first + len(times))] - first
+            if first:
+                here = here[here > 0]
+            q.append(q_piece[here])
+            v.append(v_piece[here])
+            first += len(times) - 1
+        return np.concatenate(q), np.concatenate(v)
+
+    @property
+    def _step(self) -> float:
+        return float(self.provenance["dt"])
+
+    @cached_property
+    def energy(self) -> Ledger:
+        """The energy ledger at the output times, of a scheme added up over every step before them."""
+        if self.ledger is None:
+            found = NO_STATES if self.provenance.get("source") == "arrays" else "a loaded file"
+            raise InputError("energy", found, "have been saved with the run", "run it again, with its states")
+        return self.ledger()
+
+    def displacement(self, x: ArrayLike) -> Array:
+        """u(x, t) at the output times; x (...) in [0, L] gives (k, ...)."""
+        return self._beam("displacement(x)").displacement(self.t, self.states[0], x)
+
+    def velocity(self, x: ArrayLike) -> Array:
+        """u_t(x, t) at the output times, as ``displacement``."""
+        return self._beam("velocity(x)").velocity(self.t, self.states[1], x)
+
+    def moment(self, x: ArrayLike) -> Array:
+        """EI u_xx + eta u_xxt at the output times, the bending moment, as ``displacement``."""
+        return self._beam("moment(x)").moment(self.t, *self.states, x)
+
+    def shear(self, x: ArrayLike) -> Array:
+        """sigma(x, t) = -EI u_xxx - eta u_xxxt at the output times, the shear, as ``displacement``."""
+        return self._beam("shear(x)").shear(self.t, *self.states, x)
+
+    def _beam(self, wanted: str) -> System:
+        if self.system is None:
+            raise InputError(
+                wanted, "a loaded file", "be asked of a run", "read it with its system: sb.load(file, system)"
+            )
+        return self.system
+
+    def plot(self) -> Figure:
+        """Displacement, contact forces, phase portrait and energy, a matplotlib Figure."""
+        return picture("run:run_figure", self)
+
+    def animate(self, file: str | Path, beside: Sequence[Trajectory] = (), **options: Any) -> Path:
+        """Write a film, .gif or .mp4, of this run and of those ``beside`` it between their stops, impacts flashing;
+        options: see ``figures.animation.animate``."""
+        return picture("animation:animate", [self, *beside], file, **options)
+
+    def save(self, file: str | Path) -> Path:
+        """Write it in the format that the suffix names: .nc (all of it, for ``stiffbeam.load``, xarray and ncdump),
+        .csv or .mat. Raises InputError for any other."""
+        return save(self, file)
+
+    def to_dataframe(self) -> pandas.DataFrame:
+        """One line per output time: t, tip, tip_velocity, every contact's position, velocity and force; the ledger
+        as energy_kinetic and so on where it has been made or saved (ask ``energy`` first). Provenance in ``attrs``."""
+        columns = columns_of(self.t, self.tip, self.tip_velocity, self.contacts)
+        if "energy" in vars(self):
+            columns |= {f"energy_{name}": getattr(self.energy, name) for name in vars(self.energy) if name != "t"}
+        return table(columns, {"provenance": self.provenance})
+
+    def to_xarray(self) -> xarray.Dataset:
+        """Tip, contacts, impacts and energy as an xarray.Dataset with units, provenance as attributes."""
+        return to_xarray(self)
+
+
+def _travels(value: Any) -> bool:
+    """Whether it can be sent to another process."""
+    try:
+        pickle.dumps(value)
+    except Exception:  # whatever the objects of others raise when they are pickled
+        return False
+    return True
+
+
+def output_index(t: Array, times: Array, method: str) -> NDArray[np.int64]:
+    """Where ``times`` stand among the output times t. Raises InputError for any other time."""
+    index = np.clip(np.searchsorted(t, times - 1e-12 * t[-1]), 0, len(t) - 1)
+    if np.any(np.abs(t[index] - times) > 1e-11 * t[-1]):
+        raise InputError("t", "new times", f"be among t_eval for {method}", "for a comparison pass t_eval=run.t")
+    return index
+
+
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class Reference(Trajectory):
+    """A Trajectory that says how far it can be trusted, and where it knows, any time in between.
+
+    horizon: the time to which an independent or more precise solution agrees with it, |du| <= 1e-3
+    max|u| and impact times to a thousandth of the longest natural period; NaN where nothing has been
+    compared. provenance["horizon_against"] says with what.
+    """
+
+    horizon: float = float("nan")
+    evaluate: Callable[[Array, int], tuple[Array, Array]] | None = field(default=None, repr=False)  # (t, channel)
+    state_at: Callable[[Array], tuple[Array, Array]] | None = field(default=None, repr=False)
+    solution: Any = field(default=None, repr=False)  # the solver's own representation, where it has one
+
+    def at(self, t: ArrayLike, contact: int | None = None) -> tuple[Array, Array]:
+        """(tip, tip velocity) at any times in [0, t_end], or position and velocity of a contact."""
+        t = np.atleast_1d(numbers("t", t))
+        end = float(self.provenance["t_end"])
+        if t.ndim != 1 or not t.size:
+            raise InputError("t", t, "be one time or some in a row", "ravel it")
+        if np.any((t < 0.0) | (t > end * (1 + 1e-12))):
+            raise InputError("t", (t.min(), t.max()), f"lie in [0, {end:g}]", "solve for a longer t_end")
+        if contact is not None:
+            self._contact(contact)
+        if self.evaluate is None:  # a copy from another process has its outputs
+            index = output_index(self.t, t, self.provenance["method"])
+            if contact is None:
+                return self.tip[index], self.tip_velocity[index]
+            return self.contacts[contact].position[index], self.contacts[contact].velocity[index]
+        tip = self.system.tip_channel if self.system else len(self.contacts)
+        channel = tip if contact is None else contact
+        return self.evaluate(np.minimum(t, end), channel)
+
+    def impacts_sampled(self, dt: float, t_end: float | None = None, contact: int = 0) -> Impacts:
+        """The impacts a perfect scheme with step ``dt`` would count at a contact: the sampled rule on
+        the exact u(n dt)."""
+        positive("dt", dt)
+        end = float(self.provenance["t_end"]) if t_end is None else positive("t_end", t_end)
+        size = 3.0 if self.system is None else 2.0 * self.system.size
+        afford("dt", dt, "give a larger dt", floats=size * end / dt)
+        steps = int(np.floor(end / dt * (1 + 1e-12)))
+        if not self.contacts:
+            return Impacts.none("sampled")
+        self._contact(contact)
+        return sampled_impacts(*self.at(np.arange(steps + 1) * dt, contact=contact), dt, self.contacts[contact].stops)
+
+    def _contact(self, contact: int) -> None:
+        """Refuse the number of a contact that is not there."""
+        if integer("contact", contact, 0) >= len(self.contacts):
+            remedy = f"0 to {len(self.contacts) - 1}" if self.contacts else "leave it out for the tip"
+            raise InputError("contact", contact, "be the number of a contact", remedy)
+
+    @cached_property
+    def states(self) -> tuple[Array, Array]:
+        if self.state_at is None:
+            raise InputError(
+                "states",
+                "a loaded file",
+                "come from a run",
+                "an exact one has them with its system: sb.load(file, system)",
+            )
+        return self.state_at(self.t)

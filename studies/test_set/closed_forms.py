@@ -1,0 +1,111 @@
+"""One mass that meets a damped or a power-law stop, in closed form or by quadrature, in mpmath."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import mpmath as mp
+from truth import Span, Truth, free, from_spans
+
+
+def kelvin_voigt(m: Any, kappa: Any, c: Any, u0: Any, v0: Any, t_end: float, samples: int) -> Truth:
+    """A free mass from u0 < 0 at v0 against a spring and damper that push only, at u >= 0.
+
+    m x'' + c x' + kappa x = 0 from x = 0, x' = v0; the force kappa x + c x' is zero again at
+    t = [pi - atan2(2 zeta r, 1 - 2 zeta^2)]/(w r), r = sqrt(1 - zeta^2), while x is still positive.
+    """
+    m, kappa, c, u0, v0 = map(mp.mpf, (m, kappa, c, u0, v0))
+    w = mp.sqrt(kappa / m)
+    zeta = c / (2 * w * m)
+    root = mp.sqrt(1 - zeta**2)
+    wd = w * root
+    duration = (mp.pi - mp.atan2(2 * zeta * root, 1 - 2 * zeta**2)) / wd
+    entry = -u0 / v0
+
+    def pressed(s: Any) -> tuple[Any, Any]:
+        decay, sine, cosine = mp.exp(-zeta * w * s), mp.sin(wd * s), mp.cos(wd * s)
+        return v0 * decay * sine / wd, v0 * decay * (cosine - zeta / root * sine)
+
+    x, v = pressed(duration)
+    assert abs(kappa * x + c * v) < mp.mpf(10) ** -45 * kappa
+    spans = [Span(mp.mpf(0), free(u0, v0)), Span(entry, pressed), Span(entry + duration, free(x, v))]
+    u, rate = from_spans(spans, t_end, samples)
+    # Force/v0 = e^{-zeta w s} [c cos + (kappa/wd - c zeta/r) sin] is a sine again, largest a quarter period and a
+    # decay's phase before it is zero.
+    sine = kappa / wd - c * zeta / root
+    top = (mp.atan2(sine, c) - mp.atan2(zeta, root)) / wd
+    peak = max(c * v0, sum(a * b for a, b in zip((kappa, c), pressed(top), strict=True)) if top > 0 else 0)
+    energy = (m * v * v / 2, m * v0 * v0 / 2, "m v^2/2 of the free mass after release")
+    how = "closed form of the damped oscillator, from the entry to the time at which its force is zero"
+    return Truth(how, u, rate, [entry], [entry + duration], peak, energy, {
+        "restitution": (-v / v0, "exp(-zeta w t) at the release"),
+        "contact_time": (duration, "[pi - atan2(2 zeta r, 1 - 2 zeta^2)]/(w r), r = sqrt(1 - zeta^2)"),
+        "naive_restitution": (mp.exp(-zeta * mp.pi / root), "of a damper that may pull, released at x = 0"),
+    })  # fmt: skip
+
+
+def hunt_crossley(m: Any, kappa: Any, p: Any, dissipation: Any, u0: Any, v0: Any, t_end: float, samples: int) -> Truth:
+    """m d'' = -kappa d^p (1 + lambda d') from u0 < 0 at v0; lambda = 0 is Hertz' power law.
+
+    With G(v) = v/lambda - ln(1 + lambda v)/lambda^2 (v^2/2 for lambda = 0) the depth at speed v is
+    d^(p+1) = (p + 1) m/kappa [G(v0) - G(v)], and time passes as dt = -dv m/(kappa d^p (1 + lambda v)).
+    """
+    m, kappa, p, lam, u0, v0 = map(mp.mpf, (m, kappa, p, dissipation, u0, v0))
+    q, e = p + 1, mp.mpf(1)
+    if lam:
+        x = lam * v0
+        e = (1 + mp.lambertw(-(1 + x) * mp.exp(-(1 + x))).real) / x
+
+    def G(v: Any) -> Any:
+        return v / lam - mp.log(1 + lam * v) / lam**2 if lam else v * v / 2
+
+    def depth(v: Any) -> Any:
+        return max(q * m / kappa * (G(v0) - G(v)), mp.mpf(0)) ** (1 / q)
+
+    def elapsed(v: Any, end: Any) -> Any:
+        """Between the end of the contact with speed ``end``, v0 or -e v0, and speed v.
+
+        d ~ |end - v|^(1/q) there: v = end -+ w^q makes the integrand smooth.
+        """
+        toward, loss = mp.sign(end), kappa * (1 + lam * end) / m
+
+        def slope(w: Any) -> Any:
+            if w < mp.eps ** (1 / (2 * q)):  # the next term is w^q smaller, and G(v0) - G(v) keeps half the digits
+                return q / (q * m / kappa * abs(end) / (1 + lam * end)) ** (p / q) / loss
+            s = end - toward * w**q
+            return q * w**p * m / (kappa * depth(s) ** p * (1 + lam * s))
+
+        return mp.quad(slope, mp.linspace(0, abs(end - v) ** (1 / q), 5))
+
+    entry, half, rest = -u0 / v0, elapsed(0, v0), elapsed(0, -e * v0)
+    duration = half + rest
+
+    def pressed(s: Any) -> tuple[Any, Any]:
+        def time_at(v: Any) -> Any:
+            return elapsed(v, v0) if s <= half else duration - elapsed(v, -e * v0)
+
+        low, high = (mp.mpf(0), v0) if s <= half else (-e * v0, mp.mpf(0))
+        with mp.workdps(15):
+            for _ in range(12):
+                middle = (low + high) / 2
+                low, high = (middle, high) if time_at(middle) > s else (low, middle)
+        v = mp.mpf((low + high) / 2)
+        for _ in range(4):  # Newton's method: dv/dt is known, and 12 halvings are a start
+            v = v - (s - time_at(v)) * kappa / m * depth(v) ** p * (1 + lam * v)
+        return depth(v), v
+
+    spans = [Span(mp.mpf(0), free(u0, v0)), Span(entry, pressed), Span(entry + duration, free(mp.mpf(0), -e * v0))]
+    u, rate = from_spans(spans, t_end, samples)
+    top = mp.mpf(0)  # the speed at which the force is largest: p v (1 + lambda v) + d lambda v' = 0
+    if lam:
+        top = mp.findroot(lambda v: p * v - lam * kappa / m * depth(v) ** q, (v0 / 1000, v0), solver="anderson")
+    energy = (m * (e * v0) ** 2 / 2, m * v0**2 / 2, "m v^2/2 of the free mass after the impact")
+    how = "depth from the first integral of the motion, time by quadrature over the velocity (mpmath)"
+    return Truth(how, u, rate, [entry], [entry + duration], kappa * depth(top) ** p * (1 + lam * top), energy, {
+        "restitution": (e, "(1 - y)/(lambda v), y = -W0(-(1 + lambda v) exp(-1 - lambda v)), whatever m, kappa and p"
+                        if lam else "1: the law has a potential"),
+        "contact_time": (duration, "quadrature" if lam else "2 sqrt(pi) Gamma(1 + 1/q)/Gamma(1/2 + 1/q) d_max/v, q = "
+        "p + 1"),
+        "largest_depth": (depth(mp.mpf(0)), "[q m/kappa (G(v) - G(0))]^(1/q), G = v/lambda - ln(1 + lambda v)/lambda^2"
+                          if lam else "[q m v^2/(2 kappa)]^(1/q), q = p + 1"),
+    })  # fmt: skip

@@ -1,0 +1,148 @@
+"""Wild case files and wild commands: what users write as text."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import os
+import re
+import sys
+import tempfile
+import unittest.mock
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from fuzz_surfaces import beam, marched
+from wild_values import NUMBERS, TEXTS
+
+import stiffbeam as sb
+from stiffbeam.files.cases import case_text, find_case
+from stiffbeam.studies import STUDIES
+
+# ---------------------------------------------------------------- case files
+
+
+def one_case(text: str) -> Any:
+    """Read, and marched for a few steps where it can be read."""
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "case.toml"
+        file.write_bytes(text.encode("utf-8", "surrogatepass"))
+        case = find_case(str(file))
+        if case.cells > 100:
+            return case
+        return [case, *marched(sb.semidiscretise(case.problem, case.cells, case.runs[0][1]) if case.runs else beam())]
+
+
+STEEL = """[[case]]
+name = "steel"
+title = "a steel strip"
+cells = 6
+dt = 1e-4
+t_end = 0.01
+runs = ["hht(alpha=-0.1)", "bdf2@velocity-curvature"]
+inferred = ["cells: as many as suffice"]
+[case.published.impacts]
+bdf2 = 10
+[case.problem]
+length = 0.4
+bending_stiffness = 4.2
+mass_per_length = 0.16
+supports = "clamped-free"
+units = { length = "mm", time = "s", force = "N" }
+initial_velocity = [0.0, 0.0, 1.0]
+stops = { lower = -2e-3, upper = 2e-3, stiffness = 1e5, exponent = 1.5, damping = 1.0 }
+base = { sum = [{ amplitude = 1e-3, frequency = 150.0 }, { sampled = { t = [0, 1, 2, 3], values = [0, 0, 0, 0] }, \
+kind = "cubic" }] }
+loads = [{ position = 0.1, amplitude = 3.0, frequency = 60.0, phase = "pi/2" }, { shape = [0, 1], constant = 2.0 }]
+"""
+LITERALS = [
+    "0", "-1", "true", "nan", "inf", "-inf", "1e400", "1e-400", "1e999999999", "9" * 400, "[]", "{}", "[1, 2]", '""',
+    '"abc"', '"1/0"', '"pi*pi"', '"[/]"', '"\\u001b[31m"', '".."', '"../x"', "2002-01-01", "[[[[]]]]", "1_000",
+    '"hht(alpha=' + "-" * 1000 + '1)"', '["hht(alpha=' + "-" * 1000 + '1)"]', "0x10", "1e30", "1e-300", '"' + "x" * 999
+    + '"', "[" * 300 + "]" * 300, '{ amplitude = 1, frequency = 2 }', '{ sampled = "/etc/passwd" }', "[true]",
+]  # fmt: skip
+
+
+def case_file(rng: np.random.Generator) -> Any:
+    """A field with another value, a line less, a byte changed."""
+    text = str(rng.choice([STEEL, case_text("table10"), case_text("table3")]))
+    kind = rng.integers(5)
+    if kind == 0:
+        lines = text.splitlines()
+        del lines[rng.integers(len(lines))]
+        return one_case("\n".join(lines))
+    if kind == 1:
+        at = int(rng.integers(len(text)))
+        return one_case(text[:at] + str(rng.choice(["", "\x00", '"', "[", "=", "\n", "9", "\x1b"])) + text[at + 1 :])
+    values = list(re.finditer(r'(?<== )("[^"]*"|[-\d.e]+|\[[^\]]*\]|\{[^{}]*\})', text))
+    for match in sorted(rng.choice(len(values), 1 + (kind == 2), replace=False), reverse=True):
+        place = values[match]
+        text = text[: place.start()] + LITERALS[rng.integers(len(LITERALS))] + text[place.end() :]
+    return one_case(text)
+
+
+# ---------------------------------------------------------------- commands
+
+OPTIONS = {
+    "cases": {"--show": "table10"},
+    "compare": {"--schemes": "hht", "--references": "exact", "--contact": "implicit", "--dt": "1e-3", "--t-end": "0.02",
+                "--json": "-", "--out": "out"},
+    "reference": {"--method": "exact", "--form": "displacement", "--digits": "30", "--rtol": "1e-6", "--t-end": "0.02",
+                  "--out": "r.nc", "--check": "r.nc"},
+    "reproduce": {"--contact": "implicit", "--jobs": "0", "--json": "-"},
+    **{name.replace("_", "-"): {"--schemes": "hht", "--t-end": "0.02", "--dt": "1e-3", "--halvings": "2", "--jobs": "1",
+                                "--values": "9:10:2", "--members": "2", "--form": "displacement", "--json": "-"}
+       for name in STUDIES},
+}  # fmt: skip
+
+
+def command(rng: np.random.Generator) -> Any:
+    """The command as it is typed, in a folder of its own; its message and status are judged as an error's."""
+    name = str(rng.choice([*OPTIONS, "compare", "reference"]))
+    case = "table 99" if name == "reproduce" else str(rng.choice(["table10", "table3", "steel.toml", "table"]))
+    words = [
+        name,
+        *([] if name == "cases" else case.split()),
+        *(["--smoke"] if name.replace("-", "_") in STUDIES else []),
+    ]
+    for option in rng.choice(list(OPTIONS[name]), min(2, len(OPTIONS[name])), replace=False):
+        value = OPTIONS[name][option] if rng.random() < 0.3 else str(_of(rng, NUMBERS if rng.random() < 0.6 else TEXTS))
+        words += [option, value]
+    if rng.random() < 0.15:
+        words[int(rng.integers(len(words)))] = str(_of(rng, TEXTS))
+    return typed(words)
+
+
+def _of(rng: np.random.Generator, values: list[Any]) -> str:
+    try:
+        return str(values[rng.integers(len(values))])
+    except ValueError:  # of 5000 digits
+        return "9" * 5000
+
+
+def typed(words: list[str]) -> Any:
+    """Raises what the command ended with: an InputError for status 2 and a SolverFailure for 1, by its last line."""
+    from stiffbeam.cli import main
+
+    words = [word.replace("\x00", "") for word in words]
+    out, err, here = io.StringIO(), io.StringIO(), os.getcwd()
+    with tempfile.TemporaryDirectory() as folder:
+        (Path(folder) / "steel.toml").write_text(STEEL, encoding="utf-8")
+        os.chdir(folder)
+        try:
+            with (
+                unittest.mock.patch.object(sys, "argv", ["stiffbeam", *words]),
+                contextlib.redirect_stdout(out), contextlib.redirect_stderr(err),
+            ):  # fmt: skip
+                main()
+        except SystemExit as stop:
+            status = stop.code
+        else:
+            status = 0
+        finally:
+            os.chdir(here)
+    said = [line for line in err.getvalue().split("\n") if line.startswith("stiffbeam: ")]
+    if status == 2 and said:
+        raise sb.InputError("--", "", said[-1].removeprefix("stiffbeam: "))
+    return status

@@ -1,0 +1,272 @@
+"""Adaptive references: short loads, restarts at the switches, integrals, other units."""
+
+from __future__ import annotations
+
+import dataclasses
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from pulses import pulse, random_system, witness
+from systems import bouncing_chain, two_contacts
+
+import stiffbeam as sb
+from stiffbeam.pytest_plugin import within_reference
+from stiffbeam.references import REFERENCES, solve
+from stiffbeam.references.adaptive import pieces
+from stiffbeam.references.adaptive.pieces import smooth_pieces
+from stiffbeam.references.request import Steps
+
+STIFFNESS = 1e4 * np.array([[2.0, -1.0], [-1.0, 1.0]])
+PHASED = [m.name for m in REFERENCES.values() if m.kind == "adaptive" and m.roots and m.seconds < 1.0]
+
+
+def struck(width: float, start: float = 0.5, load=None) -> sb.System:
+    """Two masses at rest, the outer one struck by half a sine of 500 and stopped at 1e-3."""
+    return sb.System.from_matrices(
+        np.diag([1.0, 0.5]),
+        STIFFNESS,
+        1e-4 * STIFFNESS,
+        loads=[([0.0, 1.0], load or pulse("sine", 500.0, start, width))],
+        contacts=[sb.Contact([0.0, 1.0], sb.Stops(upper=1e-3, stiffness=1e6))],
+    )
+
+
+def parts(load, t_end: float = 1.0, **options) -> list[pieces.Piece]:
+    return smooth_pieces(struck(0.002, load=load), t_end, Steps(**options)).pieces
+
+
+@pytest.mark.parametrize("method", [*PHASED, pytest.param("radau", marks=pytest.mark.slow)])
+@pytest.mark.parametrize(("width", "impacts", "peak"), [(2e-3, 10, 0.008955748138), (2e-4, 0, 0.001120889584)])
+def test_a_short_load_on_a_system_at_rest_is_seen(method, width, impacts, peak):
+    """Steps double at rest: without a bound they leap over a load of 2 ms in 1 s, and every tolerance agrees."""
+    ref = sb.reference(struck(width), 1.0, method, rtol=1e-8)
+    assert ref.impacts.count == impacts
+    assert abs(np.max(np.abs(ref.tip)) - peak) < 1e-5 * peak
+    assert ref.horizon == 1.0
+    assert "loads sampled every 3.8e-06" in ref.provenance["horizon_against"]
+    with pytest.raises(AssertionError, match="off by"):
+        within_reference((ref.t, 0.0 * ref.t), ref, tolerance=1e-3)
+
+
+def test_a_load_that_only_the_second_look_sees_shortens_the_horizon(monkeypatch):
+    """2 us in 1 s lie between the points of the first look, 1/2^18 apart, and on one of the second's, at 1/3."""
+    system = struck(2e-6, start=1.0 / 3.0 - 1e-6)
+    assert len(smooth_pieces(system, 1.0, Steps()).pieces) == 1
+    ref = sb.reference(system, 1.0, "cvode-adams")
+    assert np.max(np.abs(ref.tip)) == 0.0
+    assert ref.horizon < 0.335
+    stated = sb.reference(system, 1.0, "cvode-adams", breakpoints=(1.0 / 3.0 - 1e-6, 1.0 / 3.0 + 1e-6))
+    assert np.max(np.abs(stated.tip)) > 0.0
+    assert stated.horizon == 1.0
+
+
+def test_a_function_states_its_breakpoints_itself():
+    load = pulse("sine", 500.0, 1.0 / 3.0 - 1e-6, 2e-6)
+    load.breakpoints = (1.0 / 3.0 - 1e-6, 1.0 / 3.0 + 1e-6)
+    assert [p.end for p in parts(load)[:2]] == pytest.approx(list(load.breakpoints), abs=1e-15)
+    load.breakpoints = (np.nan,)
+    with pytest.raises(sb.InputError, match="breakpoints"):
+        parts(load)
+
+
+@pytest.mark.parametrize(
+    ("load", "cuts"),
+    [
+        (pulse("sine", 500.0, 0.5, 2e-3), [0.5, 0.502]),
+        (pulse("sine", 500.0, 0.3, 2e-5), [0.3, 0.30002]),
+        (pulse("box", 1.0, 0.3, 0.1), [0.3, 0.4]),
+        (lambda t: np.maximum(0.0, t - 0.3), [0.3]),
+        (lambda t: np.sign(np.sin(20.0 * np.pi * t)), [0.05 * k for k in range(1, 20)]),
+        (lambda t: 1e3 * np.sin(6.0 * t) + pulse("sine", 1.0, 0.5, 2e-3)(t), [0.5, 0.502]),
+        (lambda t: np.interp(t, [0.0, 0.2, 0.21, 1.0], [0.0, 1.0, -2.0, 0.5]), [0.2, 0.21]),
+    ],
+)
+@pytest.mark.parametrize("other", [False, True])
+def test_kinks_and_jumps_are_found_to_rounding(load, cuts, other):
+    found = parts(load, other=other)
+    assert [p.end for p in found[:-1]] == pytest.approx(cuts, abs=1e-11)
+    for before, after in pairwise(found):
+        assert before.end == after.start
+        assert before.last <= before.end < after.first  # each side sees its own values
+
+
+@pytest.mark.parametrize("width", [1e-2, 1e-3, 1e-5])
+def test_no_step_leaps_over_a_smooth_pulse(width):
+    """Where a Gaussian is more than 1e-6 of its height the steps are at most four widths long."""
+    found = parts(lambda t: np.exp(-(((t - 0.37) / width) ** 2)))
+    assert len(found) < 20  # and no restarts but for a change of pace
+    for p in found:
+        if p.start < 0.37 + 3.7 * width and p.end > 0.37 - 3.7 * width:
+            assert min(p.max_step, p.end - p.start) <= 4.0 * width
+
+
+def test_a_smooth_fast_load_bounds_the_step_and_a_rough_one_everywhere():
+    (sine,) = parts(lambda t: np.sin(500.0 * t))
+    assert 0.02 < sine.max_step * 500.0 / (2.0 * np.pi) < 0.5
+    (harmonic,) = parts(sb.Harmonic(1.0, 500.0))
+    assert harmonic.max_step * 500.0 / (2.0 * np.pi) == pytest.approx(0.25)
+    (noise,) = parts(lambda t: np.modf(1e4 * np.sin(1e7 * t))[0])
+    assert noise.max_step < 1e-4
+    (still,) = parts(lambda t: 0.0 * t)
+    assert still.max_step == np.inf
+
+
+def test_max_step_is_held_and_what_makes_no_sense_is_refused():
+    system = struck(2e-3)
+    few, many = (solve(system, 0.1, "cvode-adams", None, 1e-4, None, steps=Steps(max_step=h)) for h in (None, 1e-4))
+    assert many.work.counters["rhs"] >= 1000 > few.work.counters["rhs"]
+    for options, name in (
+        ({"max_step": -1.0}, "max_step"),
+        ({"breakpoints": [np.inf]}, "breakpoints"),
+        ({"switches": "restarts"}, "switches"),
+    ):
+        with pytest.raises(sb.InputError, match=name):
+            sb.reference(system, 0.1, "cvode-adams", **options)
+    with pytest.raises(sb.InputError, match="max_step"):
+        sb.reference(bouncing_chain(), 0.1, "exact", max_step=0.1)
+    with pytest.raises(sb.InputError, match="switches"):
+        sb.reference(bouncing_chain(), 0.1, "kvaerno5", switches="restart")
+
+
+@pytest.mark.parametrize("switches", ["restart", "through"])
+@pytest.mark.parametrize("method", PHASED)
+@pytest.mark.parametrize("make", [bouncing_chain, two_contacts])
+def test_peaks_impulses_and_contact_time_are_those_of_the_exact_solution(make, method, switches):
+    system, t = make(), np.linspace(0.0, 4.0, 33)
+    exact = solve(system, 4.0, "exact", t, 0.0, None)
+    other = solve(system, 4.0, method, t, 1e-9, None, steps=Steps(switches=switches))
+    assert other.provenance["switches"] == switches
+    assert (other.work.counters["restarts"] > 0) == (switches == "restart")
+    for a, b in zip(exact.contacts, other.contacts, strict=True):
+        assert a.impacts.count == b.impacts.count > 3
+        assert np.array_equal(np.isnan(a.impacts.peaks), np.isnan(b.impacts.peaks))
+        assert np.array_equal(a.impacts.stops, b.impacts.stops)
+        # rtol 1e-9 is amplified by a thousand in four time units.
+        assert np.nanmax(np.abs(a.impacts.peaks - b.impacts.peaks)) < 2e-5 * a.peak_force
+        assert np.nanmax(np.abs(a.impacts.impulses - b.impacts.impulses)) < 2e-5 * a.impulse
+        assert np.allclose([a.fraction, a.peak_force, a.impulse], [b.fraction, b.peak_force, b.impulse], rtol=2e-5)
+
+
+@pytest.mark.parametrize("method", ["cvode-adams", "dop853"])
+def test_a_restart_makes_the_same_tolerance_more_accurate(method):
+    """Without one the kink of the force costs a method of high order its order; four tolerances together."""
+    system, t = bouncing_chain(), np.linspace(0.0, 6.0, 121)
+    exact = solve(system, 6.0, "exact", t, 0.0, None)
+    errors, work = {}, {}
+    for switches in ("restart", "through"):
+        runs = [
+            solve(system, 6.0, method, t, rtol, None, steps=Steps(switches=switches))
+            for rtol in 10.0 ** -np.arange(6, 10)
+        ]
+        errors[switches] = np.mean([np.log(np.sqrt(np.mean((run.tip - exact.tip) ** 2))) for run in runs])
+        work[switches] = sum(run.work.counters["rhs"] for run in runs)
+    assert errors["restart"] < errors["through"] - np.log(3.0)
+    assert work["restart"] < 1.2 * work["through"]
+
+
+@pytest.mark.parametrize(("method", "rtol"), [("dop853", 1e-5), ("cvode-adams", 1e-5), ("cvode", 1e-6), ("ida", 1e-6)])
+def test_both_crossings_inside_one_step_are_seen_by_a_restarting_solver(method, rtol):
+    """A mass on a slow sine grazes a soft stop: DOP853 takes steps of about one, the contact lasts 0.15."""
+    stop = 1.0 - 3e-3
+    system = sb.System.from_matrices(
+        [[1.0]], [[1.0]], contacts=[sb.Contact([1.0], sb.Stops(upper=stop, stiffness=1.0))], initial_velocity=[1.0]
+    )
+    exact = solve(system, 15.0, "exact", None, 0.0, None)
+    ref = solve(system, 15.0, method, None, rtol, None, steps=Steps(switches="restart"))
+    assert ref.impacts.count == exact.impacts.count == 3
+    assert np.allclose(ref.impacts.times, exact.impacts.times, atol=5e-2)
+    assert np.allclose(ref.impacts.peaks, exact.impacts.peaks, rtol=0.5)
+
+
+def test_a_mass_at_rest_on_its_stop_stays_there():
+    """Its gap and its rate are roots all the time."""
+    for method in PHASED:
+        for switches in ("restart", "through"):
+            system = sb.System.from_matrices(
+                [[1.0]],
+                [[100.0]],
+                loads=[([1.0], sb.Constant(-10.0))],
+                contacts=[sb.Contact([1.0], sb.Stops(lower=0.0, stiffness=9900.0))],
+                initial_displacement=[-1e-3],
+            )
+            ref = solve(system, 1.0, method, None, 1e-8, None, steps=Steps(switches=switches))
+            assert ref.impacts.count == 0
+            assert np.max(np.abs(ref.tip + 1e-3)) < 1e-12
+            assert ref.contacts[0].fraction == 1.0
+            assert ref.contacts[0].impulse == pytest.approx(9.9, rel=1e-9)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", [*PHASED, "kvaerno5"])
+def test_the_energy_lost_is_the_solvers_own_and_not_the_outputs(method, table10):
+    """Input and dissipation are integrated with the motion: five outputs give the same ledger as thousands."""
+    system = sb.semidiscretise(dataclasses.replace(table10, viscosity=0.5), 6)
+    t = np.linspace(0.0, 0.2, 6)
+    exact = solve(system, 0.2, "exact", t, 0.0, None)
+    other = solve(system, 0.2, method, t, 1e-8, None)
+    had = exact.energy.energy[0] + exact.energy.input[-1]
+    assert exact.energy.viscous[-1] > 0.1 * had
+    for name in ("input", "viscous", "energy"):
+        assert np.max(np.abs(getattr(other.energy, name) - getattr(exact.energy, name))) < 2e-6 * had
+    assert abs(other.energy.lost_fraction()) < 2e-6
+    assert np.allclose(other.energy.contact + other.energy.free, other.energy.loss, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("method", ["cvode-adams", "dop853", "ida"])
+def test_other_units_give_the_same_solution(method):
+    """Lengths in units of 2^-20, times in 2^12, masses in 2^7: powers of two, so that nothing else changes.
+
+    An absolute tolerance without units would be larger than the whole motion.
+    """
+    L, T, M = 2.0**20, 2.0**-12, 2.0**-7
+    plain, t = bouncing_chain(damping=np.diag([0.1, 0.2, 0.1])), np.linspace(0.0, 4.0, 201)
+    (row_load, wave), (constant_load, level) = plain.loads
+    contact = plain.contacts[0]
+    force = M / (L * T**2)
+    scaled = sb.System.from_matrices(
+        M * plain.mass,
+        M / T**2 * plain.stiffness,
+        M / T * plain.damping,
+        loads=[
+            (row_load, sb.Harmonic(force * wave.amplitude, wave.frequency / T, wave.phase)),
+            (constant_load, sb.Constant(force * level.level)),
+        ],
+        contacts=[
+            sb.Contact(
+                contact.row,
+                sb.Stops(contact.stops.g1 / L, contact.stops.g2 / L, stiffness=M / T**2 * contact.stops.stiffness),
+                sb.Harmonic(contact.offset.amplitude / L, contact.offset.frequency / T),
+            )
+        ],
+        initial_velocity=plain.v0 / (L * T),
+    )
+    a, b = sb.reference(plain, 4.0, method, t, 1e-7), sb.reference(scaled, 4.0 * T, method, t * T, 1e-7)
+    exact = solve(plain, 4.0, "exact", t, 0.0, None)
+    scale = np.max(np.abs(exact.tip))
+    # With atol = rtol/100 without units the scaled motion, 4e-7 long, would be off by 1e-3 and more.
+    assert np.max(np.abs(a.tip - exact.tip)) < 2e-5 * scale
+    assert np.max(np.abs(L * b.tip - exact.tip)) < 2e-5 * scale
+    assert b.horizon == pytest.approx(a.horizon * T)
+    assert b.work.counters["rhs"] == pytest.approx(a.work.counters["rhs"], rel=0.05)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(40))
+def test_nothing_certified_is_wrong_on_random_systems_with_pulses(seed):
+    """Held against a Runge-Kutta method of its own with 2^18 fixed steps, which begins and ends pulses on a step."""
+    system, description = random_system(seed)
+    method = ["cvode-adams", "dop853", "cvode", "ida", "radau"][seed % 5]
+    t_end, count = 1.0, 512
+    ref = sb.reference(system, t_end, method, np.linspace(0.0, t_end, count + 1), rtol=1e-7)
+    tip, entries = witness(description, t_end, 2**18, count)
+    scale = np.max(np.abs(tip))
+    inside = ref.t <= ref.horizon
+    assert scale > 0.0
+    assert ref.horizon > 0.2
+    # 1e-3 is what the horizon promises; the witness has 1e-4 of its own, from the kinks of the force.
+    assert np.max(np.abs(ref.tip - tip)[inside]) < 1.1e-3 * scale
+    tolerance = 2.0 * float(ref.provenance["horizon_tolerance"].rpartition(" ")[2])
+    mine, other = (x[(x > tolerance) & (x < ref.horizon - tolerance)] for x in (ref.impacts.times, entries))
+    assert len(mine) == len(other)
+    assert np.all(np.abs(mine - other) < tolerance)

@@ -1,0 +1,171 @@
+"""advise: the run it names meets what was wanted, by an independent solver; what it refuses cannot be had."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from judge_scheme import system_of
+from random_systems import _damped, _long, _moving, _plain, _several
+from systems import bouncing_chain
+from vibro_march import solve
+
+import stiffbeam as sb
+from stiffbeam.basics.validation import InputError
+from stiffbeam.studies.advice import QUANTITIES, WANT
+
+
+def errors_by_another_solver(case, run) -> dict[str, float]:
+    """The quantities as advise defines them, against matrix exponentials between switches."""
+    truth = solve(case)
+    u = truth.tip(run.t)
+    found = {"tip": float(np.sqrt(np.mean((run.tip - u) ** 2)) / np.max(np.abs(u))), "impacts": 0.0, "peak_force": 0.0}
+    for i, contact in enumerate(case.contacts):
+        episodes = truth.episodes(i)
+        count = sum(e.begin > 0.0 for e in episodes)
+        found["impacts"] = max(found["impacts"], abs(run.contacts[i].impacts.count - count) / max(count, 1))
+        peak = contact.kappa * max((e.depth for e in episodes), default=0.0)
+        own = run.contacts[i].peak_force
+        found["peak_force"] = max(found["peak_force"], abs(own / peak - 1.0) if peak else float(own != 0.0))
+    return found
+
+
+def judged(family, number) -> tuple[bool, str]:
+    """Whether the advice on one random system holds, and what it was."""
+    case = family(np.random.default_rng([14, number]))
+    system = system_of(case)
+    advice = sb.advise(system, t_end=case.t_end, members=12 if sb.modes(system).coupled else 48)
+    if advice.members:  # past the horizon: means over other members than those it has seen
+        good = set(advice.cannot) >= {"tip"}
+        if advice.chosen is not None:
+            members = sb.perturbed(system, 96, 1e-3, seed=99)
+            exact = sb.reference_ensemble(system, case.t_end, members)
+            own = advice.chosen
+            many = sb.integrate_ensemble(system, own.scheme, own.dt, case.t_end, members, own.contact)
+            pairs = list(zip(many.contacts, exact.contacts, strict=True))
+            for name, column in (("impacts", "impact_count"), ("peak_force", "peak_force")):
+                if name in advice.cannot:
+                    continue
+                for a, b in pairs:
+                    x, y = np.asarray(getattr(a, column), float), np.asarray(getattr(b, column), float)
+                    slack = 1.96 * np.sqrt(np.var(x, ddof=1) / len(x) + np.var(y, ddof=1) / len(y))
+                    good &= bool(abs(np.mean(x) - np.mean(y)) <= WANT[name] * np.mean(y) + slack)
+        return good, repr(advice)
+    if advice.chosen is None:
+        return len(advice.cannot) > 0, repr(advice)
+    errors = errors_by_another_solver(case, advice.run())
+    good = all(errors[name] <= 1.001 * WANT[name] for name in WANT if name not in advice.cannot)
+    # What no run has reached is not reached by another solver's count of the finest one either.
+    finest = max((p for p in advice.tried), key=lambda p: p.steps)
+    run = sb.integrate(system, finest.scheme, finest.dt, case.t_end, finest.contact)
+    misses = errors_by_another_solver(case, run)
+    good &= all(misses[name] > 0.5 * WANT[name] for name in advice.cannot)
+    return good, f"{advice!r} {errors}"
+
+
+@pytest.mark.slow
+def test_twenty_systems_it_has_not_seen():
+    """At least 18 of 20 meet their tolerances by an independent solver."""
+    families = (_plain, _damped, _several, _moving, _long)
+    found = [judged(families[k % len(families)], k) for k in range(20)]
+    for good, words in found:
+        print(good, words)
+    assert sum(good for good, _ in found) >= 18
+
+
+def test_the_advised_run_meets_the_want_and_its_double_step_does_not():
+    """Errors and numbers of the advice are those of the run; cheaper means fewer solves."""
+    system = bouncing_chain()
+    advice = sb.advise(system, {"tip": 1e-2, "impacts": 0.2}, 6.0, [sb.HHT(alpha=-0.1), sb.BDF2()])
+    run, exact = advice.run(), sb.reference(system, 6.0)
+    assert advice.chosen is not None
+    assert not advice.cannot
+    error = np.sqrt(np.mean((run.tip - exact.at(run.t)[0]) ** 2)) / np.max(np.abs(exact.at(run.t)[0]))
+    assert error == pytest.approx(advice.chosen.errors["tip"], rel=1e-9)
+    assert error <= 1e-2
+    good = [p for p in advice.tried if p.meets(advice.want) and p.work < advice.chosen.work]
+    halves = {(p.label, p.steps) for p in advice.tried if p.meets(advice.want)}
+    assert not [p for p in good if (p.label, 2 * p.steps) in halves]
+    assert set(QUANTITIES) <= {name.removeprefix("error_") for name in advice.to_dataframe()}
+    assert json.loads(json.dumps(advice.to_dict()))["advised"]["scheme"] == str(advice.chosen.scheme)
+
+
+def test_what_cannot_be_had_is_said_with_the_best_there_is():
+    advice = sb.advise(bouncing_chain(), {"tip": 1e-15, "peak_force": 0.1}, 4.0, [sb.HHT(alpha=-0.1)], most_steps=4096)
+    assert set(advice.cannot) == {"tip"}
+    assert advice.chosen is not None
+    assert advice.chosen.errors["peak_force"] <= 0.1
+    assert "none of" in advice.cannot["tip"]
+    nothing = sb.advise(bouncing_chain(), {"tip": 1e-15}, 4.0, [sb.HHT(alpha=-0.1)], most_steps=512)
+    assert nothing.chosen is None
+    with pytest.raises(InputError, match="advice"):
+        nothing.run()
+
+
+def test_past_the_horizon_the_tip_cannot_be_had_and_means_can(table10):
+    system = sb.semidiscretise(table10, 8)
+    advice = sb.advise(system, {"tip": 1e-2, "impacts": 0.3}, 1.0, [sb.HHT(alpha=-0.1)], members=12, most_steps=2**16)
+    assert "past the horizon" in advice.cannot["tip"]
+    assert advice.members == 12
+    assert advice.horizon < 1.0
+    assert advice.trusted_until <= advice.horizon
+
+
+def test_bad_wants_are_refused(three_masses):
+    system = bouncing_chain()
+    for arguments, words in (
+        (({"speed": 1.0}, 1.0), "want"),
+        (({}, 1.0), "at least one"),
+        (({"tip": 0.0}, 1.0), "want.tip"),
+        ((None, None), "t_end"),
+        ((None, 1.0, ["bdf2"]), "Scheme objects"),
+        ((None, 1.0, None, ["elastic"]), "contacts"),
+    ):
+        with pytest.raises(InputError, match=words):
+            sb.advise(system, *arguments)
+    with pytest.raises(InputError, match="with contacts"):
+        sb.advise(three_masses, {"impacts": 0.1}, 1.0)
+
+
+def test_the_time_a_run_stays_within_an_error():
+    """By its definition, from the arrays alone."""
+    system = bouncing_chain()
+    run, exact = sb.integrate(system, sb.BDF2(), 1e-3, 8.0), sb.reference(system, 8.0)
+    u = exact.at(run.t)[0]
+    off = np.abs(run.tip - u) / np.max(np.abs(u))
+    for error in (1e-3, 1e-2, 0.1):
+        until = sb.stays_within(run, exact, error)
+        assert np.all(off[run.t <= until] <= error)
+        assert until == 8.0 or off[np.searchsorted(run.t, until + 5e-4)] > error
+    assert sb.stays_within(run, exact, 10.0) == 8.0
+    with pytest.raises(InputError, match="same system"):
+        sb.stays_within(sb.integrate(bouncing_chain(offset=None), sb.BDF2(), 1e-3, 8.0), exact, 0.1)
+
+
+def test_the_command(command):
+    arguments = ("--t-end", "0.05", "--want", "tip=0.05", "--schemes", "hht,bdf2", "--most-steps", "4096")
+    code, out, err = command("advise", "table10", *arguments, "--json", "-")
+    assert code == 0, err
+    assert json.loads(out)["advised"]["errors"]["tip"] <= 0.05
+    code, out, _ = command("advise", "table10", *arguments)
+    assert code == 0
+    assert "linear solves" in out
+    code, _, err = command("advise", "table10", "--want", "tip")
+    assert code == 2
+    assert "quantity=error" in err
+
+
+def test_rigid_stops_with_a_restitution_are_advised():
+    system = sb.System.from_matrices(
+        [[1.0]], [[10.0]], loads=[([1.0], sb.Harmonic(8.0, 5.0))],
+        contacts=[sb.Contact([1.0], sb.Stops(upper=0.1, stiffness=float("inf"), restitution=0.7))],
+    )  # fmt: skip
+    advice = sb.advise(system, {"impacts": 0.05, "tip": 2e-2}, 3.0)
+    assert advice.chosen is not None
+    run, exact = advice.run(), sb.reference(system, 3.0)
+    assert (
+        abs(run.contacts[0].impacts.count - exact.contacts[0].impacts.count) <= 0.05 * exact.contacts[0].impacts.count
+    )
+    with pytest.raises(sb.InputError, match="take the system"):
+        sb.advise(system, {"tip": 1e-2}, 3.0, [sb.BDF2()])

@@ -1,0 +1,70 @@
+"""Films: frames, flashes at impacts, and what is refused."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from matplotlib.animation import FFMpegWriter
+from PIL import Image
+from systems import two_contacts
+
+import stiffbeam as sb
+from stiffbeam.basics.validation import InputError
+from stiffbeam.figures.animation import _Film
+
+
+def test_a_film_has_its_frames_and_they_move(tmp_path, table10):
+    system = sb.semidiscretise(table10, 8)
+    run, exact = sb.integrate(system, sb.HHT(alpha=-0.1), 1e-4, 0.1), sb.reference(system, 0.1)
+    file = exact.animate(tmp_path / "beam.gif", [run], seconds=1.0, frames_per_second=4)
+    with Image.open(file) as film:
+        assert film.n_frames == 4
+        frames = [np.asarray((film.seek(k), film.convert("L"))[1], float) for k in range(4)]
+    changed = [np.mean(np.abs(a - b) > 20.0) for a, b in pairwise(frames)]
+    assert all(0.0 < share < 0.2 for share in changed)  # curves move, axes stand still
+    assert [path.name for path in tmp_path.iterdir()] == ["beam.gif"]
+
+
+def test_a_flash_is_where_the_impact_is():
+    """In every frame whose time meets the contact, at the side that was hit; and none before the first."""
+    system = two_contacts()
+    run = sb.integrate(system, sb.BDF2(), 1e-3, 6.0)
+    t = np.linspace(0.0, 6.0, 61)
+    film = _Film(run, system, t, run.contacts[0].peak_force)
+    for i, contact in enumerate(run.contacts):
+        assert contact.impacts.count > 0
+        for when, side in zip(contact.impacts.times, contact.impacts.stops, strict=True):
+            frame = int(np.searchsorted(t, when))
+            if frame < len(t):
+                assert film.flashes[frame, i, int(side > 0)] > 0.0
+        first = int(np.searchsorted(t, contact.impacts.times[0]))
+        assert not np.any(film.flashes[:first, i])
+    np.testing.assert_allclose(film.shape[:, 2], run.tip[::100])
+
+
+def test_matrices_are_shown_by_their_contacts(tmp_path):
+    run = sb.integrate(two_contacts(), sb.BDF2(), 1e-2, 2.0)
+    assert run.animate(tmp_path / "chain.gif", seconds=0.5, frames_per_second=4).is_file()
+
+
+def test_what_cannot_be_filmed_is_refused(tmp_path, monkeypatch, three_masses):
+    run = sb.integrate(two_contacts(), sb.BDF2(), 1e-2, 2.0)
+    with pytest.raises(InputError, match=r"\.gif or \.mp4"):
+        run.animate(tmp_path / "chain.avi")
+    monkeypatch.setattr(FFMpegWriter, "isAvailable", classmethod(lambda _: False))
+    with pytest.raises(InputError, match=r"install ffmpeg, or name it chain\.gif"):
+        run.animate(tmp_path / "chain.mp4")
+    with pytest.raises(InputError, match="one system"):
+        run.animate(tmp_path / "chain.gif", [sb.integrate(three_masses, sb.BDF2(), 1e-2, 2.0)])
+    with pytest.raises(InputError, match="read them with it"):
+        sb.load(run.save(tmp_path / "run.nc")).animate(tmp_path / "chain.gif")
+
+
+def test_the_command(command, tmp_path):
+    code, out, err = command("animate", "table10", "--t-end", "0.01", "--seconds", "0.2", "--schemes", "hht,bdf2")
+    assert code == 0, err
+    assert (tmp_path / "stiffbeam-output" / "table10" / "animation.gif").is_file()
+    assert "animation.gif" in out
+    assert command("animate", "table10", "--schemes", "hht,bdf2@velocity-curvature")[0] == 2

@@ -1,0 +1,308 @@
+"""Beams on any supports by cubic elements: closed forms of frequencies and deflections, limits in contact."""
+
+from __future__ import annotations
+
+import pickle
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+import stiffbeam as sb
+from stiffbeam.model.problem import SUPPORTS
+
+EI, L, M_LENGTH = 3.0, 2.0, 0.7  # no quantity is 1
+UNIT = np.sqrt(EI / (M_LENGTH * L**4))  # omega = (beta L)^2 UNIT
+
+# The characteristic equations, divided by cosh where they grow, and where to look for the n-th root.
+CHARACTERISTIC = {
+    "clamped-free": (lambda b: np.cos(b) + 1.0 / np.cosh(b), -0.5),
+    "clamped-clamped": (lambda b: np.cos(b) - 1.0 / np.cosh(b), 0.5),
+    "free-free": (lambda b: np.cos(b) - 1.0 / np.cosh(b), 0.5),
+    "clamped-pinned": (lambda b: np.sin(b) - np.cos(b) * np.tanh(b), 0.25),
+    "pinned-pinned": (np.sin, 0.0),
+}
+
+
+def roots(function, shift: float, count: int) -> np.ndarray:
+    """beta_n L, one in each [(n + shift) pi - 0.7, (n + shift) pi + 0.7]."""
+    centres = (np.arange(1, count + 1) + shift) * np.pi
+    return np.array([brentq(function, c - 0.7, c + 0.7, xtol=1e-15) for c in centres])
+
+
+def beam(supports: str = "clamped-free", **fields) -> sb.BeamProblem:
+    return sb.BeamProblem(stiffness=EI, length=L, mass_per_length=M_LENGTH, supports=supports, **fields)
+
+
+def frequencies(system: sb.System, count: int) -> np.ndarray:
+    omega = sb.modes(system).omega
+    return omega[omega > 0.0][:count]
+
+
+@pytest.mark.parametrize("supports", SUPPORTS)
+def test_frequencies_are_the_characteristic_equations_at_order_four(supports):
+    exact = roots(*CHARACTERISTIC[supports], 4) ** 2 * UNIT
+    cells = np.array([12, 16, 24, 32])
+    errors = np.array(
+        [frequencies(sb.semidiscretise(beam(supports), int(M), "hermite"), 4) / exact - 1.0 for M in cells]
+    )
+    assert np.all(errors > 0.0)  # Rayleigh and Ritz: from above
+    for j in range(4):
+        order = -np.polyfit(np.log(cells), np.log(errors[:, j]), 1)[0]
+        assert abs(order - 4.0) < 0.1, (supports, j)
+        # The leading term of consistent elements, (beta h)^4/1440.
+        assert errors[-1, j] == pytest.approx((np.sqrt(exact[j] / UNIT) / 32) ** 4 / 1440.0, rel=0.05)
+
+
+def test_a_free_beam_has_two_rigid_motions_of_frequency_zero():
+    found = sb.modes(sb.semidiscretise(beam("free-free", mass_damping=0.1), 10, "hermite"))
+    assert np.array_equal(found.omega[:2], [0.0, 0.0])
+    assert found.omega[2] > 1.0
+    assert np.all(np.isnan(found.damping_ratio[:2]))
+    assert not found.coupled
+    x = np.repeat(np.linspace(0.0, L, 11), 2)[::2]
+    for shape in found.shapes.T[:2]:
+        line = np.polyfit(x, shape[::2], 1)
+        assert np.max(np.abs(shape[::2] - np.polyval(line, x))) < 1e-10 * np.max(np.abs(shape))
+
+
+@pytest.mark.parametrize("form", ["hermite", "displacement"])
+def test_a_tip_mass_solves_its_transcendental_equation(form):
+    """1 + cos b cosh b + mu b (cos b sinh b - sin b cosh b) = 0, mu = tip mass/(m L)."""
+    mass = 0.3
+    mu = mass / (M_LENGTH * L)
+
+    def equation(b):
+        return 1.0 / np.cosh(b) + np.cos(b) + mu * b * (np.cos(b) * np.tanh(b) - np.sin(b))
+
+    exact = np.array([brentq(equation, 0.5, 1.9), brentq(equation, 3.9, 4.7)]) ** 2 * UNIT
+    cells = np.array([8, 16, 32]) if form == "hermite" else np.array([40, 80, 160])
+    errors = [np.abs(frequencies(sb.semidiscretise(beam(tip_mass=mass), int(M), form), 2) / exact - 1.0) for M in cells]
+    for j in range(2):
+        order = -np.polyfit(np.log(cells), np.log([e[j] for e in errors]), 1)[0]
+        assert abs(order - (4.0 if form == "hermite" else 2.0)) < 0.1
+
+
+@pytest.mark.parametrize(
+    ("supports", "place", "deflection"),
+    [  # of a unit load spread evenly over the beam, at x = place L, over L^4/EI
+        ("clamped-free", 1.0, 1 / 8),
+        ("clamped-clamped", 0.5, 1 / 384),
+        ("clamped-pinned", 0.5, 1 / 192),
+        ("pinned-pinned", 0.5, 5 / 384),
+    ],
+)
+def test_the_sag_under_an_even_load(supports, place, deflection):
+    """Nodal values are exact, so are those of the cubic element at mid-span on an even number of them."""
+    weight = sb.DistributedLoad(sb.PolynomialProfile((1.0,)), sb.Constant(2.5))
+    problem = beam(supports, loads=(weight,))
+    system = sb.semidiscretise(problem, 6, "hermite")
+    q = sb.static_equilibrium(system)
+    exact = 2.5 * deflection * L**4 / EI
+    assert system.displacement([0.0], q[None], place * L)[0] == pytest.approx(exact, rel=1e-10)
+    # w L^2/12 at the clamp of a clamped-clamped beam; a cubic element's curvature is off by h^2/12 of the load.
+    if supports == "clamped-clamped":
+        fine = sb.semidiscretise(problem, 64, "hermite")
+        at_clamp = fine.moment([0.0], sb.static_equilibrium(fine)[None], 0.0 * q[None, :1], 0.0)[0]
+        assert at_clamp == pytest.approx(2.5 * L**2 / 12.0, rel=0.01)
+    run = sb.reference(replace(system, q0=q), 1.0)  # at rest it stays
+    assert np.max(np.abs(run.tip - run.tip[0])) < 1e-10 * exact
+
+
+def test_a_beam_at_rest_on_a_stop_shares_the_load_with_it():
+    """A cantilever under P at its tip, on a spring stop at a with the gap g: by superposition of closed forms."""
+    P, a, g, kappa = 2.0, 0.6 * L, 0.01, 40.0
+
+    def sag(at, load_at):  # of a cantilever under a unit load
+        low, high = min(at, load_at), max(at, load_at)
+        return low**2 * (3.0 * high - low) / (6.0 * EI)
+
+    force = (P * sag(a, L) - g) / (1.0 / kappa + sag(a, a))
+    tip = P * sag(L, L) - force * sag(L, a)
+    problem = beam(
+        stops=[sb.Stops(upper=g, stiffness=kappa, position=a), sb.Stops(lower=-1.0, stiffness=1.0)],
+        loads=(sb.PointLoad(L, sb.Constant(P)),),
+    )
+    system = sb.semidiscretise(problem, 5, "hermite")  # 0.6 is a node: exact
+    q = sb.static_equilibrium(system)
+    assert q @ system.channels[system.tip_channel][0] == pytest.approx(tip, rel=1e-10)
+    assert kappa * (q @ system.contacts[0].row - g) == pytest.approx(force, rel=1e-10)
+    coarse, fine = (sb.semidiscretise(problem, M) for M in (20, 40))  # the paper's form, second order
+    errors = [abs(sb.static_equilibrium(s) @ s.channels[s.tip_channel][0] - tip) for s in (coarse, fine)]
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(2.0, abs=0.1)
+    shear = fine.shear([0.0], sb.static_equilibrium(fine)[None], fine.v0[None], [0.3 * L, 0.9 * L])[0]
+    assert shear == pytest.approx([P - force, P], rel=0.02)
+
+
+def test_an_equilibrium_takes_constant_loads_only_unless_told_the_time():
+    problem = beam(loads=(sb.PointLoad(L, sb.Harmonic(2.0, 3.0, phase="pi/2")),))
+    system = sb.semidiscretise(problem, 6, "hermite")
+    with pytest.raises(sb.InputError, match="be Constant for an equilibrium"):
+        sb.static_equilibrium(system)
+    tip = sb.static_equilibrium(system, t=0.0) @ system.observe
+    assert tip == pytest.approx(2.0 * L**3 / (3.0 * EI), rel=1e-10)
+    with pytest.raises(sb.InputError, match="hold the system without its stops"):
+        sb.static_equilibrium(sb.semidiscretise(beam("free-free"), 6, "hermite"))
+
+
+def test_damping_ratios_of_both_kinds_of_damping():
+    """xi = eta omega/(2 EI) + a/(2 omega)."""
+    problem = beam(viscosity=0.02, mass_damping=0.3)
+    for form in ("hermite", "displacement"):
+        found = sb.modes(sb.semidiscretise(problem, 12, form))
+        assert not found.coupled
+        assert np.allclose(found.damping_ratio, 0.5 * 0.02 / EI * found.omega + 0.5 * 0.3 / found.omega, rtol=1e-9)
+
+
+def test_damping_that_couples_the_modes_has_complex_ones():
+    """A dashpot at the tip: every mode solves (lambda^2 M + lambda C + K) shape = 0; weak: c phi_tip^2/(2 omega)."""
+    system = sb.semidiscretise(beam(), 6, "hermite")
+    row = system.observe
+    plain = sb.modes(system)
+    for c in (1e-4, 0.5):
+        damped = replace(system, damping=c * np.outer(row, row))
+        found = sb.modes(damped)
+        assert found.coupled
+        for omega, ratio, shape in zip(found.omega, found.damping_ratio, found.shapes.T, strict=True):
+            value = -ratio * omega + 1j * omega * np.sqrt(max(0.0, 1.0 - ratio**2))
+            residual = value**2 * (system.mass @ shape) + value * (damped.damping @ shape) + system.stiffness @ shape
+            assert np.linalg.norm(residual) < 1e-9 * np.linalg.norm(system.stiffness @ shape)
+            assert np.real(np.conj(shape) @ system.mass @ shape) == pytest.approx(1.0)
+    weak = sb.modes(replace(system, damping=1e-4 * np.outer(row, row)))
+    assert np.allclose(weak.damping_ratio, 0.5e-4 * (row @ plain.shapes) ** 2 / plain.omega, rtol=1e-3)
+    over = sb.modes(sb.System.from_matrices(np.eye(2), np.diag([1.0, 9.0]), [[4.0, 0.1], [0.1, 0.2]], observe=[1, 0]))
+    assert len(over.omega) == 3  # two that only decay, one that oscillates
+    assert np.count_nonzero(over.damping_ratio == 1.0) == 2
+    assert "damping ratio" in repr(over)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("supports", ["clamped-clamped", "pinned-pinned"])
+def test_beams_held_at_both_ends_meet_a_stop_as_their_modes_say(supports):
+    """Exact against DOP853, which knows neither modes nor elements, and against a finer grid."""
+    problem = beam(
+        supports,
+        stops=sb.Stops(upper=0.01, stiffness=500.0, position=0.37 * L),
+        loads=(sb.PointLoad(0.6 * L, sb.Harmonic(4.0, 5.0)),),
+    )
+    grids = [sb.semidiscretise(problem, M, "hermite") for M in (6, 12, 24)]
+    coarse = grids[0]
+    exact = sb.reference(coarse, 2.0)
+    other = sb.reference(coarse, 2.0, "dop853", t_eval=exact.t)
+    assert exact.impacts.count == other.impacts.count > 2
+    assert np.max(np.abs(exact.tip - other.tip)) < 1e-5 * np.max(np.abs(exact.tip))
+    first = [sb.reference(s, 0.3).impacts.times[0] for s in grids]
+    # Load and stop lie inside elements, where u_xxx jumps; measured are orders 4.6 and 4.2.
+    assert abs(first[2] - first[1]) < abs(first[1] - first[0]) / 8.0
+
+
+def test_a_free_beam_thrown_at_a_stop_turns_back():
+    """It keeps its energy, and its momentum is what the stop gives it; exact against DOP853."""
+    speed = sb.PolynomialProfile((1.0,))
+    problem = beam(
+        "free-free",
+        initial_velocity=speed,
+        stops=sb.Stops(upper=0.1, stiffness=50.0, position=0),  # at its left end: it tumbles
+    )
+    system = sb.semidiscretise(problem, 6, "hermite")
+    exact = sb.reference(system, 1.5)
+    assert exact.horizon == 1.5
+    other = sb.reference(system, 1.5, "dop853", t_eval=exact.t)
+    assert [c.impacts.count for c in exact.contacts] == [c.impacts.count for c in other.contacts]
+    assert all(c.impacts.times[0] == pytest.approx(0.1, rel=1e-9) for c in exact.contacts)  # at speed 1, a rigid flight
+    assert np.max(np.abs(exact.tip - other.tip)) < 1e-5 * np.max(np.abs(exact.tip))
+    translation = np.zeros(system.size)
+    translation[::2] = 1.0
+    momentum = exact.states[1] @ system.mass @ translation
+    assert momentum[0] == pytest.approx(M_LENGTH * L)
+    impulse = sum(contact.impulse for contact in exact.contacts)
+    assert momentum[-1] - momentum[0] == pytest.approx(-impulse, rel=1e-6)
+    assert np.ptp(exact.energy.energy) < 1e-10 * exact.energy.energy[0]
+
+
+def test_both_forms_have_one_limit_in_contact():
+    """First impacts on two stops of the moving cantilever with tip mass and both dampings: order 2."""
+    problem = sb.BeamProblem(
+        stiffness=300.0, viscosity=0.01, mass_damping=0.5, tip_mass=0.1, base=sb.Harmonic(0.2, 10.0, "pi/2"),
+        stops=[sb.Stops(0.1, stiffness=5e4, position=0.5), sb.Stops(upper=0.3, stiffness=1e5)],
+    )  # fmt: skip
+
+    def first(cells: int, form: str) -> np.ndarray:
+        made = sb.reference(sb.semidiscretise(problem, cells, form), 0.25)
+        return np.array([contact.impacts.times[0] for contact in made.contacts])
+
+    limit = first(16, "hermite")
+    assert np.all(np.abs(first(8, "hermite") - limit) < 2e-6 * limit)
+    cells = np.array([15, 31, 63])  # odd: the first stop is half-way between two nodes
+    errors = np.array([np.abs(first(int(M), "displacement") - limit) for M in cells])
+    for j in range(2):
+        assert abs(-np.polyfit(np.log(cells), np.log(errors[:, j]), 1)[0] - 2.0) < 0.15
+    assert np.all(errors[-1] < 1e-4 * limit)
+
+
+def test_the_field_of_a_beam_is_its_initial_data_anywhere():
+    """u0 and v0 cubics: elements and splines hold them exactly; moment and shear are their derivatives."""
+    u0, v0 = sb.PolynomialProfile((0.0, 0.0, 3.0, -1.0)), sb.PolynomialProfile((0.0, 0.0, 1.0, 0.5))
+    problem = beam(viscosity=0.2, initial_displacement=u0, initial_velocity=v0)
+    x = np.array([0.0, 0.3, 1.234, L])
+    system = sb.semidiscretise(problem, 7, "hermite")
+    run = sb.integrate(system, sb.BDF2(), 1e-3, 0.01)
+    assert np.allclose(run.displacement(x)[0], u0(x), atol=1e-12)
+    assert np.allclose(run.velocity(x)[0], v0(x), atol=1e-12)
+    assert np.allclose(run.moment(x)[0], EI * (6.0 - 6.0 * x) + 0.2 * (2.0 + 3.0 * x), atol=1e-9)
+    assert np.allclose(run.shear(x)[0], EI * 6.0 - 0.2 * 3.0, atol=1e-8)
+    assert pickle.loads(pickle.dumps(run)).system.problem == problem
+    with pytest.raises(sb.InputError, match="x must lie in"):
+        run.moment(-0.1)
+    with pytest.raises(sb.InputError, match=r"shear\(x\) must be asked of a beam"):
+        sb.System.from_matrices([[1.0]], [[1.0]], observe=[1.0]).shear([0.0], np.ones((1, 1)), np.ones((1, 1)), 0.5)
+
+
+def test_moving_the_clamp_is_moving_the_frame():
+    """A clamp that moves by phi against the same beam at rest, pushed by -m phi'' - a m phi': u - phi of both agree."""
+    phi = sb.Harmonic(0.1, 4.0, "pi/2")
+    moved = beam(base=phi, mass_damping=0.4, viscosity=0.01)
+    push = -M_LENGTH * 0.1 * 4.0 * np.array([-4.0, 0.4])  # of phi'' ~ cos, of a phi' ~ -sin
+    loads = (
+        sb.DistributedLoad(sb.PolynomialProfile((1.0,)), sb.Harmonic(push[0], 4.0, "pi/2")),
+        sb.DistributedLoad(sb.PolynomialProfile((1.0,)), sb.Harmonic(-push[1], 4.0)),
+    )
+    still = beam(mass_damping=0.4, viscosity=0.01, loads=loads)
+    t = np.linspace(0.0, 3.0, 301)
+    a, b = (sb.reference(sb.semidiscretise(p, 12, "hermite"), 3.0, t_eval=t) for p in (moved, still))
+    # The frames differ by phi x^2, which elements hold exactly.
+    assert np.max(np.abs(a.tip - phi.value(t) - b.tip)) < 1e-9 * np.max(np.abs(b.tip))
+
+
+def test_multiprecision_takes_the_paper_form_with_tip_mass_and_damping_and_the_elements_matrices():
+    problem = sb.BeamProblem(
+        stiffness="300.1",
+        mass_damping="0.3",
+        tip_mass="0.1",
+        base=sb.Harmonic("0.2", 10.0),
+        stops=sb.Stops(-0.1, 0.1, stiffness=1e4),
+    )
+    for form in ("displacement", "hermite"):
+        system = sb.semidiscretise(problem, 4, form)
+        exact = sb.reference(system, 0.3)
+        precise = sb.reference(system, 0.3, "multiprecision", t_eval=exact.t)
+        assert np.max(np.abs(exact.tip - precise.tip)) < 1e-9 * np.max(np.abs(exact.tip))
+        assert ("stiffness = 300.1" in system.exact_parameters) == (form == "displacement")
+
+
+def test_the_picture_of_the_modes_has_a_panel_for_each(tmp_path):
+    stops = sb.Stops(upper=1.0, stiffness=1.0, position=0.7)
+    system = sb.semidiscretise(beam("clamped-pinned", mass_damping=0.3, stops=stops), 6, "hermite")
+    figure = sb.mode_shapes(system, 3)
+    figure.savefig(tmp_path / "modes.png")
+    titles = [axis.get_title(loc="left") for axis in figure.axes]
+    assert [title[:7] for title in titles] == ["mode 1:", "mode 2:", "mode 3:"]
+    assert f"{sb.modes(system).omega[0]:.5g}" in titles[0]
+    (line,) = (line for line in figure.axes[1].lines if len(line.get_xdata()) == 200)
+    y = line.get_ydata()
+    assert abs(y[0]) < 1e-12
+    assert abs(y[-1]) < 1e-12
+    assert np.count_nonzero(np.diff(np.sign(y[1:-1]))) == 1  # the second mode has one node inside
+    coupled = sb.System.from_matrices(np.eye(2), np.diag([1.0, 9.0]), [[0.4, 0.1], [0.1, 0.2]], observe=[1, 0])
+    assert len(sb.mode_shapes(coupled).axes) == 2

@@ -1,0 +1,106 @@
+"""The campaign in small: a fixed part in seconds, a larger one marked slow; CONTRIBUTING.md has the whole of it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from campaign import VIOLATIONS, campaign
+from judge import Truth, judge, judge_reference, judged
+from judge_scheme import system_of
+from random_systems import FAMILIES, case
+
+import stiffbeam as sb
+
+SEED = 1
+
+
+@pytest.mark.filterwarnings("ignore")  # an extreme system may warn; what it certifies is what counts
+@pytest.mark.parametrize("index", range(len(FAMILIES)), ids=list(FAMILIES))
+def test_nothing_certified_is_wrong(index):
+    """The exact solution and an ensemble of one system of every family."""
+    verdicts = judged(SEED, index, ("exact", "ensemble") if index != 4 else ("cvode-adams",))
+    assert not [v for v in verdicts if v.outcome in VIOLATIONS]
+    assert verdicts
+
+
+@pytest.mark.slow
+def test_nothing_certified_is_wrong_by_any_method():
+    """120 systems with every method in turn, each under a time limit of its own."""
+    families, _, violations = campaign(list(range(120)), SEED, jobs=2, limit=90.0, quiet=True)
+    assert not violations
+    assert sum(n for (_, outcome), n in families.items() if outcome == "right") > 200
+    assert {family for family, _ in families} == set(FAMILIES)
+
+
+def test_a_system_is_named_by_its_seed_and_number():
+    one, again, other = case(3, 17), case(3, 17), case(4, 17)
+    assert np.array_equal(one.stiffness, again.stiffness)
+    assert one.t_end == again.t_end != other.t_end
+
+
+def solved():
+    """A case with impacts, what is known of it and an exact reference of it."""
+    made = case(SEED, 12)
+    truth = Truth(made)
+    return made, truth, sb.reference(system_of(made), made.t_end, t_eval=truth.t)
+
+
+@pytest.mark.slow
+def test_the_judge_sees_what_is_wrong():
+    """Each certificate, spoilt by little, is found out."""
+    made, truth, good = solved()
+    assert judge_reference(good, truth, "exact").outcome == "right"
+    assert good.impacts.count > 2
+
+    def spoilt(**changes):
+        impacts = replace(good.impacts, **changes)
+        contact = replace(good.contacts[0], impacts=impacts)
+        return judge_reference(replace(good, contacts=(contact,)), truth, "exact")
+
+    x = good.impacts
+    late = x.times + np.where(np.arange(x.count) == 1, 1.5 * truth.time_tolerance, 0.0)
+    assert "impact" in spoilt(times=late).reason
+    assert "stop" in spoilt(stops=-x.stops).reason
+    assert "peak" in spoilt(peaks=x.peaks * (1 + 1e-5)).reason
+    assert "impulse" in spoilt(impulses=x.impulses * (1 + 1e-5)).reason
+    fewer = {name: getattr(x, name)[1:] for name in ("times", "stops", "peaks", "impulses")}
+    assert "missing" in spoilt(**fewer).reason
+    bent = replace(good, tip=good.tip + 2e-3 * truth.scale * (truth.t > 0.5 * made.t_end))
+    assert judge_reference(bent, truth, "exact").outcome == "wrong"
+    assert judge_reference(replace(good, horizon=float("nan")), truth, "exact").outcome == "not finite"
+
+
+@pytest.mark.slow
+def test_a_system_that_takes_too_long_is_counted_and_not_waited_for():
+    _, _, violations = campaign([0], SEED, jobs=1, limit=1e-4, only=("exact",), quiet=True)
+    assert [v[2] for v in violations] == ["hang"]
+
+
+def test_a_refusal_is_no_violation():
+    made = case(SEED, 4)  # a pulse, which the exact solution does not take
+    assert judge(made, "exact")[0].outcome == "refused"
+
+
+def test_an_ensemble_says_how_long_its_first_member_can_be_trusted():
+    """System 187 moves by less than the rounding of its amplitudes: a horizon of zero is a refusal."""
+    verdicts = judge(case(SEED, 187), "ensemble", seed=1)
+    assert [v.outcome for v in verdicts] == ["refused"]
+    assert "rounding is as large as the outputs" in verdicts[0].reason
+    system = sb.semidiscretise(sb.paper_case(10).problem, 10)
+    ensemble = sb.reference_ensemble(system, 1.0, sb.perturbed(system, 2))
+    assert 0.1 < ensemble.provenance["horizon"] < 1.0
+    assert ensemble.provenance["horizon"] == sb.reference(ensemble.members[0], 1.0).horizon
+
+
+@pytest.mark.parametrize(
+    ("index", "method"),
+    [(605, "cvode"), (631, "schemes"), (1231, "exact"), (1642, "exact"), (1642, "multiprecision"), (1792, "schemes")],
+)
+@pytest.mark.filterwarnings("ignore")
+def test_what_the_campaign_found_stays_mended(index, method):
+    """A narrow gap crossed by CVODE, a step of 1e-13, a motion below rounding, a fast decay at a stop, an overflow."""
+    verdicts = judge(case(SEED, index), method, seed=1000 * SEED + index)
+    assert verdicts
+    assert not [v for v in verdicts if v.outcome in VIOLATIONS]

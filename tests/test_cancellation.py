@@ -1,0 +1,190 @@
+"""Nothing certified is wrong where terms cancel: near resonance, over tiny times, with extreme numbers.
+
+The witness is mpmath (extremes.py): matrix exponentials with 120 digits, and closed forms.
+"""
+
+from __future__ import annotations
+
+import extremes
+import numpy as np
+import pytest
+
+import stiffbeam as sb
+from stiffbeam.references.exact.oscillation import from_rest
+from stiffbeam.references.horizon import DISPLACEMENT_TOLERANCE
+from stiffbeam.references.multiprecision.multiprecision import AGREEMENT, carry
+
+mpmath = pytest.importorskip("mpmath")
+
+
+def driven(frequency: float, stiffness: float = 1.0, phase: float = 0.7) -> sb.System:
+    return sb.System.from_matrices(
+        [[1.0]], [[stiffness]], loads=[([1.0], sb.Harmonic(1.0, frequency, phase))], observe=[1.0]
+    )
+
+
+@pytest.mark.parametrize("method", ["exact", "multiprecision"])
+@pytest.mark.parametrize(
+    ("frequency", "t_end"), [(1.01, 1e-5), (1.01, 1e-12), (1.01, 50.0), (1.0 + 1e-9, 50.0), (1.0, 1e-5), (1.0, 50.0)]
+)
+def test_a_drive_near_resonance_and_at_it_over_tiny_and_long_times(frequency, t_end, method):
+    system, times = driven(frequency), np.linspace(0.0, t_end, 6)
+    found, exact = sb.reference(system, t_end, method, times), extremes.truth(system, times)
+    scale = max(abs(x) for x in exact)
+    error = max(abs(float(u) - x) for u, x in zip(found.tip, exact, strict=True)) / scale
+    assert found.horizon == t_end
+    # the phase (w + Omega) t/2 = 50 is known to 50 eps
+    assert error < 1e-13
+
+
+@pytest.mark.parametrize("t_end", [1e-9, 1e-5, 1.0, 1e5, 1e12])
+def test_an_overdamped_mass_that_creeps_is_solved_or_not_certified(t_end):
+    """x'' + 1e7 x' + 1e-5 x = 1: the modes' amplitudes of 1e5 cancel to 1e-7 t."""
+    system = sb.System.from_matrices([[1.0]], [[1e-5]], [[1e7]], loads=[([1.0], sb.Constant(1.0))], observe=[1.0])
+    times = np.linspace(0.0, t_end, 5)
+    exact = np.array([float(x) for x in extremes.truth(system, times)])
+    many = sb.reference(system, t_end, "multiprecision", times)
+    assert many.horizon == t_end
+    assert np.max(np.abs(many.tip - exact)) <= AGREEMENT * np.max(exact)
+    with pytest.raises(sb.SolverFailure):  # float64 has no digit left of it
+        sb.reference(system, t_end, t_eval=times)
+
+
+def test_the_answer_from_rest_is_the_closed_form_over_many_decades():
+    """Relative to its envelope: min(t^2/2, t/w, 2/|w^2 - O^2|), for the sine times min(1, O t/3)."""
+    rng = np.random.default_rng(1)
+    with mpmath.workdps(80):
+        for _ in range(500):
+            omega, frequency = extremes.decades(rng, -6, 6), 0.0
+            apart = rng.choice([10.0 ** rng.uniform(-8, 8), 1.0 + extremes.decades(rng, -17, -0.5), 1.0])
+            frequency = float(omega * apart)
+            tau = float(extremes.decades(rng, -9, 1.5) / max(omega, frequency))
+            found = from_rest(omega, frequency, tau)
+            w, W, t = mpmath.mpf(frequency), mpmath.mpf(omega), mpmath.mpf(tau)
+            gain = W * W - w * w
+            if gain == 0:
+                exact = t * mpmath.sin(w * t) / (2 * w), (mpmath.sin(w * t) / w - t * mpmath.cos(w * t)) / (2 * w)
+            else:
+                exact = (
+                    (mpmath.cos(w * t) - mpmath.cos(W * t)) / gain,
+                    (mpmath.sin(w * t) - w * mpmath.sin(W * t) / W) / gain,
+                )
+            envelope = min(t * t / 2, t / W, 2 / abs(gain) if gain else t * t)
+            assert abs(found[0] - exact[0]) < 2e-14 * envelope
+            assert abs(found[1] - exact[1]) < 2e-14 * envelope * min(1, w * t / 3)
+
+
+def test_a_rigid_body_mode_and_a_drive_over_a_tiny_time():
+    """u = (O t - sin O t)/O^2 of a free mass, t = 1e-6: a leading term of O t^3/6 = 1e-18."""
+    system = driven(2.0, stiffness=0.0, phase=0.0)
+    times = np.linspace(0.0, 1e-6, 4)
+    exact = np.array([float(x) for x in extremes.truth(system, times)])
+    for method in ("exact", "multiprecision"):
+        found = sb.reference(system, 1e-6, method, times)
+        assert found.horizon == 1e-6
+        assert np.max(np.abs(found.tip - exact)) < 1e-14 * exact[-1]
+
+
+def test_contact_while_the_drive_resonates():
+    """Stops met at a drive of the mode's own frequency, against small steps with many digits."""
+    system = sb.System.from_matrices(
+        [[1.0]], [[4.0]], loads=[([1.0], sb.Harmonic(1.0, 2.0, 0.3))],
+        contacts=[sb.Contact([1.0], sb.Stops(-0.3, 0.2, stiffness=300.0))],
+    )  # fmt: skip
+    times = np.linspace(0.0, 12.0, 25)
+    exact = extremes.bouncing(system, times, step=0.02)
+    for method, tolerance in (("exact", 1e-11), ("multiprecision", AGREEMENT)):
+        found = sb.reference(system, 12.0, method, times)
+        assert found.horizon == 12.0
+        assert found.impacts.count > 5
+        assert np.max(np.abs(found.tip - np.array([float(x) for x in exact]))) < tolerance * 0.4
+
+
+def test_where_float64_sums_cancel_all_of_a_multiprecision_reference_has_many_digits():
+    """x'' + 1e7 x' + 1e-5 x = 1 over 1e-5: outputs, times between them, work and loss, and what a contact feels."""
+    load, stops = ([1.0], sb.Constant(1.0)), sb.Stops(None, -1.0, stiffness=1e-5)
+    contact = sb.Contact([1.0], stops)
+    system = sb.System.from_matrices([[1.0]], [[1e-5]], [[1e7]], loads=[load], contacts=[contact])
+    many = sb.reference(system, 1e-5, "multiprecision", np.linspace(0.0, 1e-5, 5))
+    times = np.linspace(0.0, 1e-5, 14)
+    closed = [load, ([-1.0], sb.Constant(1e-5))]  # it never leaves its stop
+    free = sb.System.from_matrices([[1.0]], [[2e-5]], [[1e7]], loads=closed, observe=[1.0])
+    exact = np.array([float(x) for x in extremes.truth(free, times)])
+    assert np.max(np.abs(many.at(times)[0] - exact)) < 1e-13 * exact[-1]
+    assert np.isclose(many.contacts[0].peak_force, 1e-5 * (1.0 + exact[-1]), rtol=1e-15)
+    assert np.isclose(many.contacts[0].impulse, 1e-10, rtol=1e-12)
+    assert np.allclose(many.energy.input, many.tip, rtol=1e-13, atol=1e-30)  # int 1 u' dt = u
+    assert np.max(np.abs(many.energy.loss)) < 1e-15 * many.energy.energy[0]
+    # u' = f (1 - exp(-1e7 t))/1e7 but for 1e-12, f = 1 - 1e-5: int 1e7 u'^2 dt = f^2 (t - 1.5e-7)/1e7
+    assert np.isclose(many.energy.viscous[-1], (1.0 - 1e-5) ** 2 * (1e-5 - 1.5e-7) / 1e7, rtol=1e-9)
+    assert many.provenance["between"] < 1e-14
+    plain = sb.reference(driven(3.0), 5.0, "multiprecision")
+    assert plain.provenance["between"] < 1e-14
+
+
+def test_work_in_many_digits_is_that_of_float64_where_nothing_cancels():
+    """Two damped masses with two contacts, one of whose stops move, constant and harmonic loads."""
+    contacts = [
+        sb.Contact([1.0, 0.0], sb.Stops(-0.1, 0.08, stiffness=400.0), sb.Harmonic(0.05, 3.0, 0.4)),
+        sb.Contact([0.0, 1.0], sb.Stops(None, 0.1, stiffness=900.0)),
+    ]
+    system = sb.System.from_matrices(
+        np.diag([1.0, 2.0]), [[60.0, -20.0], [-20.0, 40.0]], [[0.3, -0.1], [-0.1, 0.2]], contacts=contacts,
+        loads=[([1.0, 0.5], sb.Harmonic(20.0, 5.0, 0.2)), ([0.0, 1.0], sb.Constant(2.0))],
+    )  # fmt: skip
+    rounded, _, unrounded = carry(system, 2.0, 40, 100)
+    edges = np.unique(np.concatenate([rounded.times, np.linspace(0.0, 2.0, 9)]))
+    assert len(rounded.times) > 10
+    for found, other in zip(unrounded.work(system, edges), rounded.work(system, edges), strict=True):
+        assert np.max(np.abs(found - other)) < 1e-13 * np.max(np.abs(other))
+    for found, other in zip(unrounded.states(edges), rounded.states(edges), strict=True):
+        assert np.max(np.abs(found - other)) < 1e-12 * np.max(np.abs(other))
+
+
+@pytest.mark.parametrize("seed", range(24))
+def test_random_linear_systems_with_extreme_numbers(seed):
+    kind, error = extremes.check_linear(seed, lambda s, t, at: sb.reference(s, t, "exact", at), DISPLACEMENT_TOLERANCE)
+    assert error <= 1.0, kind
+    if seed % 3 == 0:
+        kind, error = extremes.check_linear(seed, lambda s, t, at: sb.reference(s, t, "multiprecision", at), AGREEMENT)
+        assert error <= 1.0, kind
+
+
+def test_two_slow_modes_below_the_rounding_of_a_stiff_bond():
+    """Two heavy masses, a light one and a bond 1e9 times as stiff as what else holds them."""
+    kind, error = extremes.check_linear(999, lambda s, t, at: sb.reference(s, t, "exact", at), DISPLACEMENT_TOLERANCE)
+    assert kind == "whole"
+    assert error * DISPLACEMENT_TOLERANCE < 1e-12
+
+
+def test_outputs_at_the_zeros_of_a_motion_are_not_certified():
+    """x'' + w^2 x = 0 from x = 0, asked at multiples of 250 periods: every output is rounding."""
+    omega = 3.7
+    system = sb.System.from_matrices([[1.0]], [[omega**2]], initial_velocity=[5.0], observe=[1.0])
+    times = np.linspace(0.0, 1000 * 2 * np.pi / omega, 5)
+    with pytest.raises(sb.SolverFailure, match="as large as the outputs"):
+        sb.reference(system, times[-1], t_eval=times)
+    assert sb.reference(system, times[-1], t_eval=np.linspace(0.0, times[-1], 2000)).horizon == times[-1]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["exact", "multiprecision"])
+def test_2600_random_linear_systems(method):
+    promised = DISPLACEMENT_TOLERANCE if method == "exact" else AGREEMENT
+    for seed in range(2600):
+        kind, error = extremes.check_linear(seed, lambda s, t, at: sb.reference(s, t, method, at), promised)
+        assert error <= 1.0, (seed, kind)
+
+
+@pytest.mark.parametrize("seed", [2])
+def test_random_systems_with_contacts_and_extreme_numbers(seed):
+    kind, error = extremes.check_impacting(seed)
+    assert error <= 1.0, kind
+
+
+@pytest.mark.slow
+def test_more_random_systems_with_contacts():
+    """Some ten seconds a system, nearly all of them in mpmath."""
+    for seed in range(3, 15):
+        kind, error = extremes.check_impacting(seed)
+        assert error <= 1.0, (seed, kind)

@@ -1,0 +1,338 @@
+"""Power, Hertz, Kelvin-Voigt and Hunt-Crossley stops: against known answers, an independent solver and theory."""
+
+from __future__ import annotations
+
+import math
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from law_systems import LAWS, Witness, random_system, stops_of
+from scipy.integrate import solve_ivp
+from scipy.special import gamma
+
+import stiffbeam as sb
+from stiffbeam.basics.validation import InputError
+from stiffbeam.files.cases import find_case
+from stiffbeam.model import contact_law
+from stiffbeam.model.restitution import dissipation_for, restitution_of
+
+KV = {0.01: (3.1217484115644179, 0.96926475046449247), 0.1: (2.9560753247495496, 0.74407939772177969)}
+HC = {0.01: 0.99337745439876736, 1.0: 0.59362426004004009}
+TIGHT = {"rtol": 1e-13, "method": "dop853"}
+
+
+def ball(stops: sb.Stops, speed: float = 1.0, mass: float = 1.0) -> sb.System:
+    """A free mass that moves towards a stop at 0 from 0.1 before it."""
+    side = 1.0 if stops.upper is not None else -1.0
+    contacts = [sb.Contact([1.0], stops)]
+    start = {"initial_displacement": [-0.1 * side], "initial_velocity": [speed * side]}
+    return sb.System.from_matrices([[mass]], [[0.0]], contacts=contacts, **start)
+
+
+@pytest.mark.parametrize("zeta", KV)
+@pytest.mark.parametrize("side", ["upper", "lower"])
+def test_kelvin_voigt_lets_go_where_the_force_ends(zeta, side):
+    duration, e = KV[zeta]
+    wd = math.sqrt(1.0 - zeta**2)  # the numbers themselves, from the closed form of m x'' + 2 zeta x' + x = 0
+    assert math.isclose(duration, (math.pi - math.atan2(2 * zeta * wd, 1 - 2 * zeta**2)) / wd, rel_tol=1e-14)
+    stops = sb.Stops(**{side: 0.0}, stiffness=1.0, damping=2.0 * zeta)
+    run = sb.reference(ball(stops), 5.0, t_eval=[0.0, 1.0, 5.0], **TIGHT)
+    record = run.contacts[0]
+    assert abs(abs(run.tip_velocity[-1]) - e) < 1e-12
+    assert abs(record.fraction * 5.0 - duration) < 1e-12
+    assert abs(record.impacts.impulses[0] - (1.0 + e)) < 1e-12
+    # The force is largest inside where 2 zeta < 1: x(t) + 2 zeta x'(t) of the closed form.
+    t = np.linspace(0.0, duration, 200_001)
+    x = np.exp(-zeta * t) * np.sin(wd * t) / wd
+    v = np.exp(-zeta * t) * (np.cos(wd * t) - zeta / wd * np.sin(wd * t))
+    assert abs(record.impacts.peaks[0] - np.max(x + 2.0 * zeta * v)) < 1e-9  # the grid's spacing squared
+    assert abs(run.energy.stop_dissipation[-1] - 0.5 * (1.0 - e**2)) < 1e-12
+    assert abs(run.energy.loss[-1]) < 1e-12
+
+
+@pytest.mark.parametrize("p", [1.0, 1.5, 2.0, 3.0])
+def test_power_law_depth_time_and_force(p):
+    run = sb.reference(ball(sb.Stops(upper=0.0, stiffness=1.0, exponent=p)), 6.0, t_eval=[0.0, 6.0], **TIGHT)
+    depth = ((p + 1.0) / 2.0) ** (1.0 / (p + 1.0))
+    q = 1.0 / (p + 1.0)
+    time = 2.0 * math.sqrt(math.pi) * gamma(1.0 + q) / gamma(0.5 + q) * depth
+    assert abs(run.contacts[0].fraction * 6.0 - time) < 1e-11
+    assert abs(run.impacts.peaks[0] - depth**p) < 1e-11
+    assert abs(run.tip_velocity[-1] + 1.0) < 1e-12
+    if p == 1.5:
+        assert abs(time - 3.2180654597190431) < 1e-14
+        assert abs(depth**p - 1.1432626298183159) < 1e-14
+
+
+@pytest.mark.parametrize("lam", HC)
+@pytest.mark.parametrize("p", [1.0, 1.5])
+def test_hunt_crossley_restitution(lam, p):
+    assert abs(restitution_of(lam, 1.0) - HC[lam]) < 2e-16
+    stops = sb.Stops(lower=0.0, stiffness=7.0, exponent=p, dissipation=lam)
+    run = sb.reference(ball(stops, mass=3.0), 8.0, t_eval=[0.0, 8.0], **TIGHT)
+    assert abs(run.tip_velocity[-1] - HC[lam]) < 1e-11
+    assert abs(run.energy.stop_dissipation[-1] - 1.5 * (1.0 - HC[lam] ** 2)) < 1e-11
+
+
+@pytest.mark.parametrize("e", [1.0, 0.999999, 0.9, 0.5, 0.1, 0.01])
+@pytest.mark.parametrize("speed", [1e-3, 1.0, 40.0])
+def test_restitution_is_delivered(e, speed):
+    lam = dissipation_for(e, speed)
+    assert abs(restitution_of(lam, speed) - e) < 4e-16
+    stops = sb.Stops.from_restitution(e, speed=speed, upper=0.0, stiffness=1.0, exponent=1.5)
+    assert stops.dissipation == lam
+    # The flight through the stop, integrated: d'' = -d^p (1 + lambda d') from d = 0, in units of the speed.
+    leaves = lambda t, y: y[0] + (t == 0.0)  # noqa: E731
+    leaves.terminal, leaves.direction = True, -1.0
+    for p in (1.0, 1.5):
+        right = lambda t, y, p=p: (y[1], -np.sign(y[0]) * abs(y[0]) ** p * (1.0 + lam * speed * y[1]))  # noqa: E731
+        flight = solve_ivp(right, (0.0, 1e4), (0.0, 1.0), "Radau", events=leaves, rtol=1e-9, atol=1e-12)
+        assert math.isclose(-flight.y_events[0][0][1], e, rel_tol=1e-6)
+
+
+@pytest.mark.parametrize("e", [1e-149, 1e-12, 1.3e-4, 1.0 / 701.0, 1.0 / 49.0])
+def test_small_restitutions_are_delivered_too(e):
+    assert np.isclose(restitution_of(dissipation_for(e, 1.0), 1.0), e, rtol=1e-12)
+    assert all(np.isfinite(dissipation_for(x, 1.0)) for x in np.geomspace(1e-149, 1.0, 2000))
+
+
+@pytest.mark.parametrize("e", [0.0, -0.1, 1.1, math.nan, 1e-200])
+def test_impossible_restitutions_are_refused(e):
+    with pytest.raises(InputError):
+        sb.Stops.from_restitution(e, speed=1.0, upper=0.0, stiffness=1.0)
+
+
+def _agrees(seed: int) -> None:
+    system = random_system(seed)
+    times = np.linspace(0.0, 3.0, 61)
+    want, _ = Witness(system).solve(times)
+    scale = np.max(np.abs(want))
+    method = ("dop853", "cvode-adams", "radau")[seed % 3]
+    run = sb.reference(system, 3.0, method=method, t_eval=times, rtol=1e-11, switches="restart")
+    assert np.max(np.abs(run.contacts[0].position - offset_of(system, times) - want)) < 2e-7 * scale
+    assert np.max(np.abs(run.energy.loss)) < 1e-6 * np.max(run.energy.energy)
+    assert np.all(np.diff(run.energy.stop_dissipation) > -1e-7 * np.max(run.energy.energy))
+    # A scheme converges to it: the error falls with the step.
+    scheme = (sb.Trapezoidal(), sb.HHT(-0.1), sb.BDF2(), sb.SDIRK())[seed % 4]
+    errors = []
+    for dt in (1e-3, 1.25e-4):
+        tip = sb.integrate(system, scheme, dt, 3.0, every=round(0.05 / dt)).contacts[0].position
+        errors.append(np.max(np.abs(tip - offset_of(system, times) - want)) / scale)
+    # An entry with a jump of the force leaves order 1, and where in its step it falls is chance: no single slope.
+    assert errors[1] < max(0.6 * errors[0], 2e-4)
+    assert errors[1] < 5e-3
+
+
+def offset_of(system: sb.System, times: np.ndarray) -> np.ndarray:
+    offset = system.contacts[0].offset
+    return np.zeros(len(times)) if offset is None else offset.value(times)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(12))
+def test_random_systems_against_another_solver(seed):
+    _agrees(seed)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(12, 412))
+def test_more_random_systems_against_another_solver(seed):
+    _agrees(seed)
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("scheme", [sb.Trapezoidal(), sb.HHT(-0.1), sb.BDF2(), sb.SDIRK()], ids=str)
+def test_marches_and_engines_agree(law, scheme):
+    rng = np.random.default_rng(3)
+    beam = sb.BeamProblem(stiffness=300.0, stops=stops_of(rng, law), base=sb.Harmonic(0.2, 10.0))
+    system = sb.semidiscretise(beam, 6)
+    run = sb.integrate(system, scheme, 1e-3, 0.5)
+    assert run.impacts.count > 0
+    others = [sb.integrate(system, scheme, 1e-3, 0.5, engine="numpy")]
+    if not scheme.second_order_only:
+        others.append(sb.integrate(system.first_order(), scheme, 1e-3, 0.5))
+    for other in others:
+        assert np.max(np.abs(other.tip - run.tip)) < 1e-9
+        for name in ("times", "peaks", "impulses"):
+            a, b = getattr(run.impacts, name), getattr(other.impacts, name)
+            assert np.allclose(a, b, rtol=1e-6, equal_nan=True)
+        for name in ("kinetic", "stops", "stop_dissipation", "loss", "contact"):
+            a, b = getattr(run.energy, name), getattr(other.energy, name)
+            assert np.max(np.abs(a - b)) < 1e-7 * np.max(run.energy.energy)
+
+
+def test_several_contacts_on_the_direct_march():
+    system = random_system(1)
+    assert len(system.contacts) == 2
+    a = sb.integrate(system, sb.SDIRK(), 1e-3, 2.0)
+    b = sb.integrate(system.first_order(), sb.SDIRK(), 1e-3, 2.0)
+    assert np.max(np.abs(a.tip - b.tip)) < 1e-10 * np.max(np.abs(a.tip)) + 1e-12
+
+
+def test_members_of_an_ensemble_have_the_bits_of_their_solo_runs():
+    rng = np.random.default_rng(8)
+    system = random_system(0)
+    stops = [
+        sb.Stops(-0.05, 0.1, stiffness=200.0),
+        *(stops_of(rng, law) for law in LAWS),
+        sb.Stops(-0.1, 0.05, stiffness=50.0),
+    ]
+    members = sb.varied(system, stops=stops)
+    every = sb.integrate_ensemble(system, sb.HHT(-0.1), 1e-3, 2.0, members, every=1)
+    for i, member in enumerate(members):
+        assert np.array_equal(every.tip[i], sb.integrate(member, sb.HHT(-0.1), 1e-3, 2.0).tip)
+        assert (
+            every.ledger(i).stop_dissipation[-1]
+            == sb.integrate(member, sb.HHT(-0.1), 1e-3, 2.0, every=2000).energy.stop_dissipation[-1]
+        )
+
+
+def test_order_of_convergence_on_smooth_contact():
+    # p = 3: the force has two continuous derivatives, so every scheme keeps its order through the contact.
+    system = ball(sb.Stops(upper=0.0, stiffness=1.0, exponent=3.0, dissipation=0.3))
+    exact = sb.reference(system, 2.0, t_eval=[0.0, 2.0], **TIGHT).tip[-1]  # in contact at t = 2
+    for scheme in (sb.Trapezoidal(), sb.BDF2(), sb.HHT(-0.1), sb.SDIRK(), sb.GeneralisedAlpha(0.8)):
+        steps = np.array([1 / 64, 1 / 128, 1 / 256, 1 / 512])
+        errors = [abs(sb.integrate(system, scheme, dt, 2.0).tip[-1] - exact) for dt in steps]
+        slope = np.polyfit(np.log(steps), np.log(errors), 1)[0]
+        assert abs(slope - scheme.order) < 0.15, (scheme, slope)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("law", LAWS)
+def test_the_ledger_adds_up(law):
+    rng = np.random.default_rng(4)
+    beam = sb.BeamProblem(stiffness=300.0, viscosity=0.01, stops=stops_of(rng, law), base=sb.Harmonic(0.2, 10.0))
+    system = sb.semidiscretise(beam, 6)
+    losses = []
+    for dt in (2e-4, 2.5e-5):
+        ledger = sb.integrate(system, sb.Trapezoidal(), dt, 0.4, every=round(4e-3 / dt)).energy
+        balance = (
+            ledger.energy[0] + ledger.input - ledger.viscous - ledger.stop_dissipation - ledger.loss - ledger.energy
+        )
+        assert np.max(np.abs(balance)) < 1e-10 * np.max(ledger.energy)
+        losses.append(abs(ledger.loss[-1]) / np.max(ledger.energy))
+    truth = sb.reference(system, 0.4, method="cvode-adams", rtol=1e-11).energy
+    assert abs(ledger.stop_dissipation[-1] - truth.stop_dissipation[-1]) < 0.02 * (truth.stop_dissipation[-1] + 1e-6)
+    assert abs(truth.loss[-1]) < 1e-6 * np.max(truth.energy)
+    assert losses[1] < 0.5 * losses[0] or losses[1] < 1e-6
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_compiled_scalars_say_what_the_stops_say(law):
+    rng = np.random.default_rng(11)
+    stops = stops_of(rng, law)
+    for u, v in rng.normal(size=(200, 2)):
+        row = stops.law.tolist()
+        kappa, g1, g2, p = row[:4]
+        assert math.isclose(contact_law.law_force(u, v, *row), float(stops.force(u, v)), rel_tol=1e-12)
+        assert math.isclose(contact_law.law_energy(u, kappa, g1, g2, p), float(stops.energy(u)), rel_tol=1e-13)
+        assert contact_law.law_state(u, v, *row) == stops.state(u, v)
+        beyond = contact_law.law_force(u, v, *row) - contact_law.elastic_force(u, kappa, g1, g2, p)
+        assert math.isclose(beyond, float(stops.dissipated(u, v)), rel_tol=1e-12, abs_tol=1e-12 * kappa)
+        assert beyond * v <= 1e-12 * kappa  # never gives energy
+        slope, to_rate = stops.tangent(u, v)
+        if stops.state(u, v):
+            h = 1e-6
+            assert math.isclose(slope, float(stops.force(u - h, v) - stops.force(u + h, v)) / (2 * h), rel_tol=1e-4)
+            assert math.isclose(
+                to_rate, float(stops.force(u, v - h) - stops.force(u, v + h)) / (2 * h), rel_tol=1e-4, abs_tol=1e-6
+            )
+
+
+class TestRefusals:
+    kelvin_voigt = sb.Stops(upper=0.0, stiffness=1.0, damping=0.1)
+    hertz = sb.Stops(upper=0.0, stiffness=1.0, exponent=1.5)
+
+    @pytest.mark.parametrize("stops", [kelvin_voigt, hertz])
+    def test_solvers_that_need_linear_pieces(self, stops):
+        system = ball(stops)
+        for method in ("exact", "multiprecision"):
+            with pytest.raises(InputError, match=r"linear law.*method='cvode'"):
+                sb.reference(system, 1.0, method=method)
+        for call in (sb.rigid_limit, sb.lyapunov):
+            with pytest.raises(InputError, match="linear law"):
+                call(system, 1.0)
+        with pytest.raises(InputError, match="linear law"):
+            sb.reference_ensemble(system, 1.0, sb.perturbed(system, 2))
+        with pytest.raises(InputError):
+            stops.solve(1.0, 0.1)
+
+    def test_extrapolated_contact_and_damping(self):
+        with pytest.raises(InputError, match=r"stops\.damping.*contact='implicit'"):
+            sb.integrate(ball(self.kelvin_voigt), sb.HHT(-0.1), 1e-2, 1.0, contact="extrapolated")
+        hertz = sb.integrate(ball(self.hertz), sb.HHT(-0.1), 1e-3, 4.0, contact="extrapolated")
+        assert abs(hertz.tip_velocity[-1] + 1.0) < 1e-5  # a power law it can do
+
+    def test_jax(self):
+        pytest.importorskip("jax")
+        system = ball(self.hertz)
+        with pytest.raises(InputError, match="engine='numba'"):
+            sb.integrate_ensemble(system, sb.HHT(-0.1), 1e-2, 1.0, [system], engine="jax")
+
+    def test_through_a_jump(self):
+        for method in ("cvode", "kvaerno5"):
+            with pytest.raises(InputError, match="jumps"):
+                sb.reference(ball(self.kelvin_voigt), 1.0, method=method, switches="through")
+
+    def test_a_force_asked_for_without_the_velocity(self):
+        with pytest.raises(InputError, match="velocity"):
+            self.kelvin_voigt.force(0.1)
+
+    def test_numbers_that_make_no_law(self):
+        for numbers in ({"exponent": 0.5}, {"damping": -1.0}, {"dissipation": math.nan}, {"exponent": math.inf}):
+            with pytest.raises(InputError):
+                sb.Stops(upper=0.0, stiffness=1.0, **numbers)
+
+    def test_an_offset_without_its_rate(self):
+        with pytest.raises(InputError, match="rate"):
+            sb.Contact([1.0], self.kelvin_voigt, offset=np.sin)
+
+
+def test_files_fingerprints_and_text_know_the_law(tmp_path):
+    linear, damped = (sb.Stops(-0.1, 0.1, stiffness=5e6, **x) for x in ({}, {"damping": 3.0, "exponent": 1.5}))
+    assert repr(linear) == "Stops(lower=-0.1, upper=0.1, stiffness=5000000.0)"
+    assert eval(repr(damped), {"Stops": sb.Stops}) == damped
+    systems = [ball(sb.Stops(upper=0.0, stiffness=1.0, **x)) for x in ({}, {"damping": 0.1}, {"dissipation": 0.1})]
+    assert len({s.fingerprint for s in systems}) == 3
+    run = sb.integrate(systems[2], sb.HHT(-0.1), 1e-2, 2.0)
+    back = sb.load(run.save(tmp_path / "run.nc"), systems[2])
+    assert back.contacts[0].stops == systems[2].contacts[0].stops
+    assert np.array_equal(back.energy.stop_dissipation, run.energy.stop_dissipation)
+    exact = sb.Stops(upper=Fraction(1, 3), stiffness="0.1", damping="0.1", exponent="1.5")
+    assert (exact.damping, exact.exponent) == (0.1, 1.5)
+
+
+def test_case_files_give_the_law(tmp_path):
+    text = """
+[[case]]
+name = "damped"
+cells = 8
+dt = 0.001
+t_end = 0.1
+[case.problem]
+stiffness = 300.0
+stops = { upper = 0.1, stiffness = 1e4, exponent = 1.5, damping = 0.5, dissipation = 0.2 }
+"""
+    file = tmp_path / "damped.toml"
+    file.write_text(text)
+    stops = find_case(str(file)).problem.stops
+    assert stops == sb.Stops(upper=0.1, stiffness=1e4, exponent=1.5, damping=0.5, dissipation=0.2)
+    file.write_text(text.replace("damping", "dampening"))
+    with pytest.raises(InputError, match="damping"):
+        find_case(str(file))
+
+
+def test_compare_takes_damped_stops():
+    beam = sb.BeamProblem(
+        stiffness=300.0,
+        stops=sb.Stops(-0.1, 0.1, stiffness=1e4, dissipation=0.1, damping=0.5),
+        base=sb.Harmonic(0.2, 10.0),
+    )
+    system = sb.semidiscretise(beam, 6)
+    run = sb.integrate(system, sb.Trapezoidal(), 1e-4, 0.4)
+    found = sb.compare(run, sb.reference(system, 0.4, method="cvode-adams", t_eval=run.t))
+    assert found.contacts[0].run.impacts == run.impacts.until(found.window).count
+    assert abs(found.contacts[0].run.peak_force / found.contacts[0].reference.peak_force - 1.0) < 0.01
+    assert found.tip_error_rms < 1e-3

@@ -1,0 +1,185 @@
+"""What follows from a field of a system never outlives it: replaced, changed in place, pickled, built directly."""
+
+from __future__ import annotations
+
+import pickle
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import stiffbeam as sb
+from stiffbeam.model.modes import modes
+
+FORMS = ["displacement", "velocity-curvature"]
+
+
+@pytest.fixture(scope="module")
+def systems(request):
+    beam = sb.BeamProblem(stiffness=300.0, stops=sb.Stops(-0.1, 0.1, stiffness=5e6), base=sb.Harmonic(0.2, 10.0))
+    return {form: sb.semidiscretise(beam, 8, form) for form in FORMS}
+
+
+def bare(system: sb.System) -> sb.System:
+    """The same equations as anyone's matrices: the witness, which never had a beam."""
+    return sb.System.from_matrices(
+        np.array(system.mass), np.array(system.stiffness), np.array(system.damping), system.loads, system.contacts,
+        system.observe, system.q0, system.v0,
+    )  # fmt: skip
+
+
+CHANGES = {
+    "stiffness": lambda s: 4.0 * s.stiffness,
+    "mass": lambda s: 2.0 * s.mass,
+    "damping": lambda s: 1e-5 * s.stiffness,
+}
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("field", CHANGES)
+def test_every_solver_sees_a_replaced_matrix(systems, form, field):
+    """Exact, DOP853 and a scheme, each beside the same equations that never had a factor or a beam."""
+    system = systems[form]
+    changed = replace(system, **{field: CHANGES[field](system)})
+    fresh = bare(changed)
+    assert np.allclose(modes(changed).omega, modes(fresh).omega, rtol=1e-6)
+    t = np.linspace(0.0, 0.02, 21)
+    for method in ("exact", "dop853"):
+        own, wanted = (sb.reference(s, 0.02, method, t).tip for s in (changed, fresh))
+        assert np.max(np.abs(own - wanted)) < 1e-6 * np.max(np.abs(wanted))
+        assert np.max(np.abs(wanted - sb.reference(system, 0.02, method, t).tip)) > 1e-3 * np.max(np.abs(wanted))
+    for view in (lambda s: s, sb.System.first_order):
+        own, wanted = (sb.integrate(view(s), sb.BDF2(), 1e-4, 0.02).tip for s in (changed, fresh))
+        assert np.max(np.abs(own - wanted)) < 1e-6 * np.max(np.abs(wanted))
+    assert changed.problem is None
+    assert changed.form == "matrices"
+    with pytest.raises(sb.InputError, match="beam"):
+        changed.displacement([0.0], changed.q0[None], 1.0)
+
+
+def test_the_beam_follows_its_stops_and_leaves_with_its_loads(systems):
+    system = systems["displacement"]
+    assert system.problem is system.origin.problem
+    stops = sb.Stops(upper=0.2, stiffness=1e5)
+    assert replace(system, contacts=[sb.Contact(system.contacts[0].row, stops)]).problem.stops == stops
+    assert replace(system, contacts=(), observe=system.contacts[0].row).problem.stops is None
+    assert replace(system, contacts=[sb.Contact(np.eye(8)[3], stops)]).problem is None
+    assert replace(system, contacts=[replace(system.contacts[0], offset=sb.Constant(0.1))]).problem is None
+    assert replace(system, loads=()).problem is None
+    assert replace(system, loads=()).stiffness_factor is system.stiffness_factor
+    later = [(vector, replace(f, phase=f.phase + 0.3)) for vector, f in system.loads]
+    with pytest.raises(sb.InputError, match="beam"):  # its base is elsewhere by now
+        sb.integrate(replace(system, loads=later), sb.BDF2(), 1e-3, 0.01).displacement(0.5)
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_the_papers_first_order_form_takes_a_contact_anywhere(systems, form):
+    """Another contact row and another row of the tip: both views of one system agree to the error of the step."""
+    system = systems[form]
+    row = np.eye(8)[4] + 0.5 * np.eye(8)[6]
+    system = replace(system, contacts=[sb.Contact(row, sb.Stops(-0.05, 0.05, stiffness=1e3))], observe=np.eye(8)[2])
+    own, first = (sb.integrate(s, sb.SDIRK(), 1e-4, 0.2) for s in (system, system.first_order()))
+    assert own.impacts.count > 0
+    assert np.max(np.abs(own.tip - first.tip)) < 1e-8 * np.max(np.abs(own.tip))
+
+
+def test_a_drive_is_varied_with_the_problems_initial_data_or_not_at_all(systems):
+    system = systems["displacement"]
+    varied = sb.varied(system, frequency=[11.0])[0]
+    assert varied.problem.base.frequency == 11.0
+    assert varied.fingerprint == sb.semidiscretise(varied.problem, 8).fingerprint
+    with pytest.raises(sb.InputError, match="initial data"):
+        sb.varied(replace(system, q0=system.q0 + 1e-3), frequency=[11.0])
+
+
+def test_members_differ_in_what_a_march_can_tell_apart(systems):
+    system = systems["displacement"]
+    with pytest.raises(sb.InputError, match="differ in"):
+        sb.Members(system, "stiffness", [1.0], {"stiffness": [4.0 * system.stiffness]})
+    elsewhere = (sb.Contact(np.eye(8)[3], system.contacts[0].stops),)
+    with pytest.raises(sb.InputError, match="contact rows"):
+        sb.Members(system, "contacts", [1.0], {"contacts": [elsewhere]})
+
+
+def test_arrays_cannot_be_changed_in_place(systems):
+    mass, row, load = np.eye(2), np.ones(2), np.ones(2)
+    system = sb.System.from_matrices(
+        mass, np.diag([1.0, 4.0]), loads=[(load, sb.Constant(1.0))],
+        contacts=[sb.Contact(row, sb.Stops(upper=1.0, stiffness=1.0))],
+    )  # fmt: skip
+    before = system.fingerprint
+    mass[0, 0], row[:], load[:] = 9.0, 9.0, 9.0
+    assert replace(system).fingerprint == before
+    for copy in (system, replace(system), pickle.loads(pickle.dumps(system)), systems["displacement"]):
+        arrays = [copy.mass, copy.damping, copy.stiffness, copy.q0, copy.v0, copy.loads[0][0], copy.contacts[0].row]
+        arrays += [copy.first_order().matrix] + ([copy.stiffness_factor] if copy.origin else [])
+        for array in arrays:
+            with pytest.raises(ValueError, match="read-only"):
+                array[...] = 0.0
+
+
+def test_a_view_made_before_cannot_change_a_system():
+    """An array that says it is read-only may still be written to through an older view."""
+    mass = np.eye(2)
+    view = mass[:]
+    mass.setflags(write=False)
+    system = sb.System.from_matrices(mass, np.eye(2), observe=[1.0, 0.0])
+    view[0, 0] = 5.0
+    assert system.mass[0, 0] == 1.0
+
+
+@pytest.mark.parametrize(
+    ("change", "rule"),
+    [
+        ({"mass": np.diag([1.0, 0.0])}, "positive definite"),
+        ({"stiffness": np.diag([1.0, -1.0])}, "positive semidefinite"),
+        ({"damping": np.array([[0.0, 1.0], [0.0, 0.0]])}, "symmetric"),
+        ({"stiffness": np.eye(3)}, "shape"),
+        ({"q0": np.zeros(3)}, "2 finite"),
+        ({"v0": np.array([np.nan, 0.0])}, "be finite"),
+        ({"q0": np.array([1j, 0.0])}, "be finite numbers"),
+        ({"observe": None}, "name the row"),
+        ({"loads": [(np.ones(3), sb.Constant(1.0))]}, "2 finite"),
+        ({"contacts": [sb.Contact(np.ones(3), sb.Stops(upper=1.0, stiffness=1.0))]}, "hold 2 numbers"),
+    ],
+)
+def test_a_system_is_checked_whichever_way_it_is_made(change, rule):
+    fields = {
+        "mass": np.eye(2), "damping": np.zeros((2, 2)), "stiffness": np.eye(2), "observe": np.ones(2),
+        "q0": np.zeros(2), "v0": np.zeros(2),
+    }  # fmt: skip
+    with pytest.raises(sb.InputError, match=rule):
+        sb.System(**(fields | change))
+    with pytest.raises(sb.InputError, match=rule):
+        replace(sb.System(**fields), **change)
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_a_changed_first_order_system_is_refused(systems, form):
+    first = systems[form].first_order()
+    sb.integrate(first, sb.BDF2(), 1e-4, 1e-3)
+    others = [
+        {"matrix": 2.0 * first.matrix},
+        {"y0": first.y0 + 1.0},
+        {"loads": ()},
+        {"contacts": ()},
+        {"system": replace(systems[form], q0=systems[form].q0 + 1.0)},
+    ]
+    for change in others:
+        with pytest.raises(sb.InputError, match=r"first_order\(\)"):
+            sb.integrate(replace(first, **change), sb.BDF2(), 1e-4, 1e-3)
+
+
+def test_a_pickled_system_is_the_same_system(systems):
+    for system in (
+        *systems.values(),
+        replace(systems["displacement"], stiffness=2.0 * systems["displacement"].stiffness),
+    ):
+        copy = pickle.loads(pickle.dumps(system))
+        assert copy.fingerprint == system.fingerprint
+        assert (copy.form, copy.problem) == (system.form, system.problem)
+        assert np.array_equal(
+            sb.integrate(copy, sb.HHT(), 1e-4, 0.01).tip, sb.integrate(system, sb.HHT(), 1e-4, 0.01).tip
+        )
+    pushed = replace(systems["displacement"], loads=[(np.ones(8), np.sin)])  # a callable has no content to hash
+    assert pickle.loads(pickle.dumps(pushed)).fingerprint == pushed.fingerprint

@@ -1,0 +1,340 @@
+"""Full disks, damaged files, other people's folders, kills: what was finished stays, and a clear line says the rest."""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from fuzz_texts import STEEL
+from typer.testing import CliRunner
+
+import stiffbeam as sb
+from stiffbeam.basics import cache, compiled
+from stiffbeam.basics.whole_file import write_whole
+from stiffbeam.cli import app
+from stiffbeam.cli.output import file_name
+from stiffbeam.files.cases import paper_case
+from stiffbeam.studies import find_study
+from stiffbeam.studies.engine.journal import Journal
+from stiffbeam.studies.engine.runner import run_study
+
+SMALL = replace(paper_case(10), cells=8, t_end=0.8)
+AMPLIFICATION = {"schemes": ["bdf2", "hht(alpha=-0.1)", "trapezoidal", "bathe"], "per_decade": 10}
+
+FULL = """
+import resource, sys
+import numpy as np
+import stiffbeam as sb
+run = sb.Trajectory.from_arrays(np.linspace(0.0, 1.0, 20001), np.random.default_rng(1).normal(size=20001))
+figure = sb.mode_shapes(sb.semidiscretise(sb.BeamProblem(stiffness=1.0), 4))
+from stiffbeam.figures import save_figure
+resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))
+for suffix in ("nc", "csv", "mat", "png"):
+    try:
+        save = save_figure if suffix == "png" else type(run).save
+        save(figure if suffix == "png" else run, f"{sys.argv[1]}/file.{suffix}")
+    except sb.InputError as error:
+        print(error)
+"""
+
+
+@pytest.mark.slow
+def test_a_disk_without_room_is_one_clear_line_and_what_was_there_stays(tmp_path):
+    """A limit of 4 kB a file stands for the full disk; HDF5 itself ends in a segmentation fault there."""
+    names = [f"file.{suffix}" for suffix in ("nc", "csv", "mat", "png")]
+    for name in names:
+        (tmp_path / name).write_text("before")
+    done = subprocess.run([sys.executable, "-c", FULL, str(tmp_path)], capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    lines = done.stdout.splitlines()
+    assert len(lines) == len(names)
+    assert all("with room" in line and "what was there is as it was" in line for line in lines)
+    assert sorted(x.name for x in tmp_path.iterdir()) == sorted(names)
+    assert {x.read_text() for x in tmp_path.iterdir()} == {"before"}
+
+
+def test_a_file_has_the_mode_of_the_umask_and_takes_away_what_a_killed_run_left(tmp_path):
+    dead = subprocess.Popen([sys.executable, "-c", ""])
+    dead.wait()
+    write_whole(tmp_path / "a.txt", "one")
+    host = next(iter(_partials(tmp_path, "a.txt"))).name.split(".")[3].split("-")[0]
+    left = tmp_path / f".a.txt.{host}-{dead.pid}-0123abcd.partial"
+    at_work = tmp_path / f".a.txt.{host}-{os.getpid()}-0123abcd.partial"
+    other = tmp_path / f".b.txt.{host}-{dead.pid}-0123abcd.partial"
+    for file in (left, at_work, other):
+        file.write_text("half")
+    before = os.umask(0o027)
+    try:
+        write_whole(tmp_path / "a.txt", "two")
+    finally:
+        os.umask(before)
+    assert (tmp_path / "a.txt").read_text() == "two"
+    assert (tmp_path / "a.txt").stat().st_mode & 0o777 == 0o640
+    assert not left.exists()
+    assert at_work.exists()
+    assert other.exists()
+
+
+def _partials(folder: Path, name: str):
+    """What it writes to before the file is there."""
+    seen = []
+    real = os.replace
+    try:
+        os.replace = lambda a, b: seen.append(Path(a)) or real(a, b)
+        write_whole(folder / name, "x")
+    finally:
+        os.replace = real
+    return seen
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("words", [
+    ["compare", "table10", "--t-end", "0.01", "--references", "exact"], ["energy", "table10", "--smoke"],
+    ["amplification", "table10", "--smoke"], ["reproduce", "table", "10"], ["reference", "--remake"],
+    ["reference", "table10", "--t-end", "0.01", "--method", "exact", "--out"],
+], ids=" ".join)  # fmt: skip
+def test_a_folder_that_cannot_be_written_to_is_refused(words, tmp_path):
+    (tmp_path / "file").write_text("no folder")
+    place = str(tmp_path / "file" / "out")
+    last = words[-1] in ("--remake", "--out")
+    done = CliRunner().invoke(app, [*words, *([] if last else ["--out"]), place], standalone_mode=False)
+    assert isinstance(done.exception, sb.InputError), done.exception
+
+
+@pytest.mark.parametrize("damage", [b"", b"\x00" * 400, b"cut"])
+def test_a_damaged_index_of_kernels_is_compiled_again(damage, tmp_path, monkeypatch):
+    monkeypatch.setattr(cache, "directory", lambda: tmp_path)
+    module = tmp_path / "twice.py"
+    module.write_text("def twice(x):\n    return 2 * x\n")
+
+    def made():
+        compiled.directory.cache_clear()
+        namespace: dict = {}
+        exec(compile(module.read_text(), str(module), "exec"), namespace)
+        return compiled.compiled(namespace["twice"])
+
+    assert made()(3) == 6
+    (index,) = (tmp_path / "numba").rglob("*.nbi")
+    whole = index.read_bytes()
+    for content in (damage if damage != b"cut" else whole[: len(whole) // 2],):
+        index.write_bytes(content)
+        again = made()
+        assert again(3) == 6
+    assert made()(3) == 6
+    compiled.directory.cache_clear()
+
+
+def test_kernels_run_where_they_cannot_be_kept(tmp_path, monkeypatch):
+    kernel = compiled.compiled(lambda x: x + 1)
+
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    kept = kernel._cache
+    monkeypatch.setattr(type(kept), "_save_overload", full)
+    assert kernel(2) == 3
+
+
+@pytest.mark.parametrize("what", ["folder", "kernels", "file"])
+def test_a_cache_in_which_others_can_write_is_not_used(what, tmp_path, monkeypatch):
+    """A planted index is code: numba unpickles it."""
+    kernels = tmp_path / "numba" / "0123"
+    kernels.mkdir(parents=True)
+    planted = kernels / "planted.nbi"
+    planted.write_bytes(b"")
+    for path in (tmp_path, tmp_path / "numba", kernels):
+        path.chmod(0o755)
+    planted.chmod(0o644)
+    monkeypatch.setenv("STIFFBEAM_CACHE_DIR", str(tmp_path))
+    assert cache.directory.__wrapped__() == tmp_path
+    {"folder": tmp_path, "kernels": tmp_path / "numba", "file": planted}[what].chmod(0o777)
+    with pytest.warns(UserWarning, match="others can write to .* from which compiled code is run"):
+        private = cache.directory.__wrapped__()
+    assert private != tmp_path
+    assert private.stat().st_mode & 0o777 == 0o700
+    private.rmdir()
+
+
+def test_no_flipped_bit_of_a_journal_is_taken_for_a_result(tmp_path):
+    study = find_study("amplification")
+    whole = run_study(study, SMALL, tmp_path, **AMPLIFICATION)
+    (file,) = tmp_path.glob("*.jsonl")
+    content, rng = file.read_bytes(), random.Random(1)
+    for _ in range(60):
+        flipped = bytearray(content)
+        flipped[rng.randrange(len(content))] ^= 1 << rng.randrange(8)
+        file.write_bytes(flipped)
+        found = Journal(tmp_path, "amplification", SMALL).finished
+        rows = [json.dumps(row) for kept in found.values() for row in kept]
+        assert set(rows) <= {json.dumps(json.loads(json.dumps(row))) for row in whole.rows}
+        assert len(found) >= len(AMPLIFICATION["schemes"]) - 2
+
+
+def test_two_runs_do_not_work_on_one_journal(tmp_path):
+    first, second = (Journal(tmp_path, "amplification", SMALL) for _ in range(2))
+    with first:
+        with pytest.raises(
+            sb.InputError, match=rf"be free, and process {os.getpid()} of .* works on it.*another folder"
+        ):
+            run_study(find_study("amplification"), SMALL, tmp_path, **AMPLIFICATION)
+        with pytest.raises(sb.InputError, match="works on it"), second:
+            pass
+    with second:
+        pass
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("content", ["", "{", "[]", '{"files": 3}', '{"files": ["../stranger", "stranger", 3, ".."]}'])
+def test_a_list_of_earlier_files_neither_blocks_a_folder_nor_deletes_a_strangers_file(content, tmp_path):
+    out = tmp_path / "out"
+    out.mkdir()
+    strangers = [tmp_path / "stranger", out / "stranger"]
+    for file in strangers:
+        file.write_text("mine")
+    (out / "comparison.json").write_text(content)
+    words = ["compare", "table10", "--t-end", "0.004", "--schemes", "hht", "--references", "exact", "--out", str(out)]
+    done = CliRunner().invoke(app, words, standalone_mode=False)
+    assert done.exception is None, done.exception
+    assert all(file.exists() for file in strangers)
+    assert json.loads((out / "comparison.json").read_text())["files"]
+
+
+def test_what_is_wrong_at_every_point_is_said_at_once(monkeypatch):
+    monkeypatch.setenv("STIFFBEAM_THREADS", "abc")
+    with pytest.raises(sb.InputError, match="STIFFBEAM_THREADS must be an integer >= 1, got 'abc'"):
+        sb.study("amplification", SMALL, **AMPLIFICATION)
+
+
+@pytest.mark.slow
+def test_names_and_titles_stay_in_their_folder_and_their_line(tmp_path, monkeypatch):
+    for label in ("..", "../x", ".", "", "a/../../b", "x" * 500, ".hidden"):
+        name = file_name(label)
+        assert name not in ("", ".", "..")
+        assert "/" not in name
+        assert len(name) <= 100
+    monkeypatch.chdir(tmp_path)
+    text = STEEL.replace('name = "steel"', 'name = ".."').replace("a steel strip", "[/] [red]$x_ $ :smile:")
+    (tmp_path / "odd.toml").write_text(text.replace('kind = "cubic" }] }', 'kind = "cubic" }] }'))
+    done = CliRunner().invoke(app, ["compare", "odd.toml", "--references", "cvode"], standalone_mode=False)
+    assert done.exception is None, done.exception
+    assert "[/] [red]$x_ $ :smile:" in done.stdout
+    assert {x.name for x in tmp_path.iterdir()} == {"odd.toml", "stiffbeam-output"}
+    (tmp_path / "steered.toml").write_text(STEEL.replace("a steel strip", "\\u001b[2J"))
+    with pytest.raises(sb.InputError, match="title must be 1 to 200 printable letters"):
+        sb.load_cases(tmp_path / "steered.toml")
+
+
+# ---------------------------------------------------------------- kills
+
+SWEEP = ["amplification", "table10", "--schemes", ",".join(["bdf2", "bathe", "trapezoidal", "sdirk(gamma=0.4359)"])]
+
+
+def _command(folder: Path) -> subprocess.Popen:
+    words = [sys.executable, "-m", "stiffbeam.cli", *SWEEP, "--jobs", "1", "--out", str(folder)]
+    return subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, start_new_session=True)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_signal_says_how_to_go_on(number, status, tmp_path):
+    words = ["sweep", "table10", "--parameter", "frequency", "--values", "8:14:4000", "--jobs", "2"]
+    child = subprocess.Popen(
+        [sys.executable, "-m", "stiffbeam.cli", *words, "--out", str(tmp_path)],
+        stderr=subprocess.PIPE, text=True, start_new_session=True,
+    )  # fmt: skip
+    _wait_for_a_point(child, tmp_path)
+    child.send_signal(number)
+    _, said = child.communicate(timeout=60)
+    assert child.returncode == status, said
+    assert "keep what is finished, the same command goes on" in said
+    assert "Traceback" not in said
+    _nobody_left(child.pid)
+
+
+@pytest.mark.slow
+def test_workers_end_with_a_killed_parent(tmp_path):
+    words = ["reproduce", "all", "--jobs", "2", "--out", str(tmp_path)]
+    child = subprocess.Popen(
+        [sys.executable, "-m", "stiffbeam.cli", *words], stderr=subprocess.DEVNULL, start_new_session=True
+    )
+    end = time.monotonic() + 60
+    while len(_session(child.pid)) < 4 and time.monotonic() < end:  # itself, the resource tracker, two workers
+        time.sleep(0.2)
+    time.sleep(2.0)
+    child.kill()
+    child.wait()
+    _nobody_left(child.pid)
+
+
+def _wait_for_a_point(child: subprocess.Popen, folder: Path) -> None:
+    end = time.monotonic() + 120
+    while time.monotonic() < end and child.poll() is None:
+        if any(file.stat().st_size for file in folder.rglob("*.jsonl")):
+            return
+        time.sleep(0.05)
+    raise AssertionError(child.communicate())
+
+
+def _session(leader: int) -> list[int]:
+    found = []
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            state, _, _, session = stat.read_text().rpartition(")")[2].split()[:4]
+        except OSError:
+            continue
+        if int(session) == leader and state != "Z":
+            found.append(int(stat.parent.name))
+    return found
+
+
+def _nobody_left(leader: int) -> None:
+    end = time.monotonic() + 20
+    while _session(leader) and time.monotonic() < end:
+        time.sleep(0.1)
+    left = _session(leader)
+    for process in left:
+        os.kill(process, signal.SIGKILL)
+    assert not left
+
+
+@pytest.mark.slow
+def test_a_hundred_kills_lose_no_finished_point(tmp_path):
+    """SIGKILL, SIGTERM and SIGINT at any time of a command that goes on in one folder. What is journalled only grows,
+    and ends as without any kill; then the folder is emptied and it all begins again."""
+    begun = time.monotonic()
+    first = _command(tmp_path / "whole")
+    first.communicate(timeout=120)
+    assert first.returncode == 0
+    longest = time.monotonic() - begun
+    whole = json.loads((tmp_path / "whole" / "amplification.json").read_text())["rows"]
+    rng, kills, finished, most, folder = random.Random(2), 0, 0, 0, tmp_path / "killed"
+
+    def journalled() -> int:
+        return sum(len(x.read_bytes().splitlines()) for x in folder.rglob("*.jsonl"))
+
+    while kills < 100 or not finished:
+        before = journalled()
+        child = _command(folder)
+        try:
+            child.wait(rng.uniform(0.3, 1.2) * longest)
+        except subprocess.TimeoutExpired:
+            child.send_signal(rng.choice([signal.SIGKILL, signal.SIGTERM, signal.SIGINT]))
+            kills += 1
+        child.communicate(timeout=60)
+        assert journalled() >= before
+        most = max(most, journalled())
+        if child.returncode == 0:
+            finished += 1
+            assert json.loads((folder / "amplification.json").read_text())["rows"] == whole
+            assert not list(folder.rglob("*.partial"))
+            for file in [*folder.rglob("*.jsonl"), *folder.glob("amplification.*")]:
+                file.unlink()
+    assert most > 1  # there was something to lose

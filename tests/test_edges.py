@@ -1,0 +1,238 @@
+"""The exact solution where a gap is zero, and what it does not let out: open ledgers, NaN, endless searches."""
+
+from __future__ import annotations
+
+import dataclasses
+import warnings
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from edge_systems import KINDS, edge_system, witness
+
+import stiffbeam as sb
+from stiffbeam.references import solve
+from stiffbeam.references.ensemble import reference_ensemble
+from stiffbeam.references.exact.audit import audit
+from stiffbeam.references.exact.piecewise import tracer_of
+from stiffbeam.references.exact.rigid import rigid_limit
+
+
+def one_mass(load: float, kappa: float = 1e4, **kwargs) -> sb.System:
+    """q'' + 100 q = load over a stop at 0."""
+    contacts = [sb.Contact([1.0], sb.Stops(0.0, None, stiffness=kappa))]
+    return sb.System.from_matrices([[1.0]], [[100.0]], loads=[([1.0], sb.Constant(load))], contacts=contacts, **kwargs)
+
+
+def test_at_rest_on_a_stop_with_a_load_into_it_the_contact_is_there_from_the_start():
+    """q = -5/(100 + kappa) (1 - cos(sqrt(100 + kappa) t)): one contact, no impact."""
+    system, w = one_mass(-5.0), np.sqrt(10100.0)
+    ref = sb.reference(system, 2.0)
+    assert ref.horizon == 2.0
+    assert ref.impacts.count == 0
+    assert ref.contacts[0].fraction == 1.0
+    assert np.max(np.abs(ref.tip + 5.0 / w**2 * (1.0 - np.cos(w * ref.t)))) < 1e-15
+    assert np.isclose(ref.contacts[0].peak_force, 1e4 * 10.0 / w**2, rtol=1e-12)
+    growth = sb.lyapunov(system, 2.0)
+    assert np.all(np.isfinite(growth.log_growth))
+    many = reference_ensemble(system, 2.0, [system, system])
+    assert np.allclose(many.peak_force, 1e4 * 10.0 / w**2, rtol=1e-12)
+
+
+def test_a_mass_that_starts_on_its_stop_and_moves_off_comes_back_when_it_should():
+    """q = -0.1 + 0.1 cos 10 t + 0.1 sin 10 t = 0 at 10 t = pi/2; the stop then sees speed -1 each time."""
+    system = one_mass(-10.0, initial_velocity=[1.0])
+    many = reference_ensemble(system, 2.0, [system])
+    assert many.impacts.count == 10
+    assert abs(many.impacts.times[0] - np.pi / 20.0) < 1e-14
+    w = np.sqrt(10100.0)
+    peak = 1e4 * (10.0 / w**2 + np.hypot(10.0 / w**2, 1.0 / w))
+    assert np.isclose(many.peak_force[0], peak, rtol=1e-12)
+    ref = sb.reference(system, 2.0)
+    assert ref.horizon == 2.0
+    assert np.allclose(ref.impacts.times, many.impacts.times, rtol=0, atol=1e-14)
+    rigid = rigid_limit(system, 1.0)  # which repeats the first flight
+    assert np.allclose(rigid.impacts.times, np.pi / 20.0 * np.arange(1, rigid.impacts.count + 1), rtol=0, atol=1e-13)
+
+
+@pytest.mark.parametrize("chi", ["free", "loaded"])
+def test_a_mass_at_rest_in_equilibrium_on_its_stop_stays_as_it_is(chi):
+    level = 0.0 if chi == "free" else -0.05
+    contacts = [sb.Contact([1.0], sb.Stops(level, None, stiffness=1e4))]
+    loads = [] if chi == "free" else [([1.0], sb.Constant(-5.0))]
+    system = sb.System.from_matrices([[1.0]], [[100.0]], None, loads, contacts, initial_displacement=[level])
+    ref = sb.reference(system, 50.0)
+    assert ref.work.counters["switches"] <= 1
+    assert ref.impacts.count == 0
+    assert np.max(np.abs(ref.tip - level)) < 1e-15
+
+
+def test_a_gap_that_never_leaves_its_zero_stays_one_piece():
+    """Two equal masses move alike: the stop between them, met and not pressed, sees nothing of that."""
+    contacts = [
+        sb.Contact([1.0, -1.0], sb.Stops(0.0, None, stiffness=1e4)),
+        sb.Contact([1.0, 0.0], sb.Stops(-0.2, None, stiffness=500.0)),
+    ]
+    alike = {"initial_velocity": [1.0, 1.0], "observe": [1.0, 0.0]}
+    system = sb.System.from_matrices(np.eye(2), 9.0 * np.eye(2), None, [], contacts[:1], **alike)
+    ref = sb.reference(system, 30.0)
+    assert ref.work.counters["switches"] == 0
+    assert np.max(np.abs(ref.tip - np.sin(3.0 * ref.t) / 3.0)) < 1e-13
+    # pressed apart by a stop that only one of them has
+    system = sb.System.from_matrices(np.eye(2), 9.0 * np.eye(2), None, [], contacts, **alike)
+    times = np.linspace(0.0, 4.0, 81)
+    q = solve(system, 4.0, "exact", times, 0.0, None).states[0]
+    assert np.max(np.abs(q - witness(system, times))) < 1e-9
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", range(len(KINDS)), ids=KINDS)
+def test_random_edge_systems_are_solved_as_a_solver_without_regimes_solves_them(kind):
+    """Ten of each kind. The witness takes 1e-13 a step; what it and float64 lose grows by less than 1e5 here."""
+    times = np.linspace(0.0, 0.6, 25)
+    for seed in range(kind, 100, len(KINDS)):
+        system = edge_system(seed)
+        ref = solve(system, 0.6, "exact", times, 0.0, None)
+        expected = witness(system, times)
+        assert np.max(np.abs(ref.states[0] - expected)) < 1e-8 * np.max(np.abs(expected)) + 1e-13, seed
+        assert np.max(np.abs(ref.energy.loss)) < 1e-11 * np.max(ref.energy.energy) + 1e-25, seed
+
+
+# ---------------------------------------------------------------- what must not get out
+
+
+@pytest.mark.parametrize("damped", [False, True])
+def test_an_open_ledger_is_a_failure_with_its_time(damped, table10):
+    """A switch dropped, one that jumps, one in the wrong place: the audit names the first time it shows."""
+    system = sb.semidiscretise(dataclasses.replace(table10, viscosity=0.02 if damped else 0.0), 8)
+    solution = tracer_of(system).solve(0.2)
+    audit(system, solution, 0.2)
+    k = 5
+    late = dataclasses.replace(solution, times=solution.times + np.where(np.arange(len(solution.times)) == k, 1e-4, 0))
+    with pytest.raises(sb.SolverFailure, match="energy balance is open") as failure:
+        audit(system, late, 0.2)
+    assert solution.times[k - 1] <= failure.value.t <= solution.times[k + 1]
+    with pytest.raises(sb.SolverFailure, match="energy balance is open") as failure:
+        audit(system, solution.first(k), 0.2)  # goes on in its last regime
+    assert failure.value.t == 0.2
+    if damped:
+        jumped = dataclasses.replace(solution, c=[c * (1.0 + 1e-2 * (i == k)) for i, c in enumerate(solution.c)])
+    else:
+        jumped = dataclasses.replace(solution, h=solution.h * (1.0 + 1e-2 * (np.arange(len(solution.h)) == k))[:, None])
+    with pytest.raises(sb.SolverFailure, match="energy balance is open") as failure:
+        audit(system, jumped, 0.2)
+    assert failure.value.t == solution.times[k]
+
+
+def test_rigid_stops_say_that_nothing_presses_on_them():
+    with pytest.raises(sb.SolverFailure, match="pressed on its stop"):
+        rigid_limit(one_mass(-5.0), 1.0)
+
+
+@pytest.mark.parametrize("damping", [None, [[0.1]]])
+@pytest.mark.parametrize("kappa", [1e30, 1e100, 1e200, 1e300])
+def test_stops_too_stiff_for_float64_are_a_failure_and_no_number(kappa, damping):
+    contacts = [sb.Contact([1.0], sb.Stops(None, 0.02, stiffness=kappa))]
+    loads = [([1.0], sb.Harmonic(5.0, 3.0))]
+    system = sb.System.from_matrices([[1.0]], [[100.0]], damping, loads, contacts)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for ask in (sb.reference, sb.lyapunov, lambda s, t: reference_ensemble(s, t, [s])):
+            with pytest.raises(sb.SolverFailure):
+                ask(system, 1.0)
+
+
+def test_a_damped_motion_over_many_lives_has_a_finite_exponent():
+    """x'' + 2 x' + 4 x = 0 shrinks like exp(-t): by exp(-500) between two samples."""
+    system = sb.System.from_matrices([[1.0]], [[4.0]], [[2.0]], observe=[1.0], initial_velocity=[1.0])
+    growth = sb.lyapunov(system, 1e5)
+    assert np.all(np.isfinite(growth.log_growth))
+    assert abs(growth.exponent + 1.0) < 1e-5
+    with pytest.raises(sb.SolverFailure, match="vanish"):
+        sb.lyapunov(system, 1e12)
+
+
+@pytest.mark.parametrize("t_eval", [[np.nan, 0.5], [0.1, np.nan], [0.1, np.inf]])
+@pytest.mark.parametrize("method", ["exact", "multiprecision", "cvode", "dop853"])
+def test_output_times_that_are_no_times_are_refused(method, t_eval):
+    system = one_mass(-10.0, initial_velocity=[1.0])
+    with pytest.raises(sb.InputError, match="t_eval"):
+        sb.reference(system, 1.0, method, t_eval=t_eval)
+    with pytest.raises(sb.InputError, match="t_eval"):
+        reference_ensemble(system, 1.0, [system], t_eval=t_eval)
+    with pytest.raises(sb.InputError, match="t_eval"):
+        rigid_limit(system, 1.0, np.array(t_eval))
+
+
+def test_a_span_too_short_for_output_times_is_refused():
+    system = one_mass(-10.0, initial_velocity=[1.0])
+    with pytest.raises(sb.SolverFailure, match="rounding is as large as the outputs"):
+        sb.reference(system, 1e-300)
+    with pytest.raises(sb.InputError, match="t_end"):
+        sb.reference(system, 1e-322)
+
+
+# ---------------------------------------------------------------- by events
+
+
+def test_impulses_with_several_contacts_are_cut_at_the_switches_of_all():
+    """A soft contact that stays closed while a stiff one beside it comes and goes: its force has kinks there."""
+    unit = np.eye(2)
+    contacts = [
+        sb.Contact(unit[0], sb.Stops(-1.0, -0.6, stiffness=30.0)),
+        sb.Contact(unit[0], sb.Stops(None, -0.55, stiffness=3e5)),
+    ]
+    system = sb.System.from_matrices(
+        np.eye(2), [[50.0, -20.0], [-20.0, 50.0]], loads=[(unit[1], sb.Harmonic(30.0, 5.0))], contacts=contacts,
+        initial_displacement=[-0.58, 0.0],
+    )  # fmt: skip
+    ref = solve(system, 0.4, "exact", None, 0.0, None)
+    times = np.unique(np.concatenate([ref.solution.times, [0.4]]))
+    nodes, weights = np.polynomial.legendre.leggauss(40)
+    exact = 0.0
+    for a, b in pairwise(times):  # a hundredth of the piece each, to rounding
+        left = np.linspace(a, b, 101)
+        half = 0.5 * np.diff(left)
+        t = (0.5 * (left[1:] + left[:-1])[:, None] + half[:, None] * nodes).ravel()
+        exact += np.sum(np.abs(contacts[0].stops.force(ref.at(t, contact=0)[0])) * np.outer(half, weights).ravel())
+    assert ref.contacts[1].impacts.count > 2
+    assert np.isclose(ref.contacts[0].impulse, exact, rtol=1e-13)
+
+
+def test_the_exact_row_of_a_comparison_is_by_events_and_says_so():
+    case = sb.paper_case(15)
+    system = sb.semidiscretise(case.problem, case.cells)
+    ref = sb.reference(system, 0.05)
+    run = sb.integrate(system, sb.HHT(alpha=-0.1), dt=1e-4, t_end=0.05)
+    comparison = sb.compare(run, ref)
+    totals = comparison.contacts[0].reference_totals
+    assert totals.events
+    assert np.isclose(totals.peak_force, ref.contacts[0].peak_force, rtol=1e-12)
+    assert np.isclose(totals.impulse, ref.contacts[0].impulse, rtol=1e-12)
+    sampled = np.max(np.abs(ref.contacts[0].stops.force(ref.at(run.t)[0])))
+    assert totals.peak_force > sampled
+    assert "by events, between the steps too" in " ".join(str(comparison).split())
+    assert not comparison.contacts[0].run_totals.events
+
+
+def test_the_largest_of_many_nearly_equal_peaks_is_found():
+    """Two modes beat while the mass never leaves its stop: the best sample need not stand beside the best peak."""
+    contacts = [sb.Contact([0.0, 1.0], sb.Stops(None, 0.0, stiffness=k)) for k in (227.53731723797804, 346.34962543162)]
+    system = sb.System.from_matrices(
+        np.diag([1.88879202, 1.71843308]), [[11.99455883, -4.75162367], [-4.75162367, 4.75162367]],
+        loads=[([0.0, 1.0], sb.Constant(1.9069528109114349))], contacts=contacts,
+    )  # fmt: skip
+    found = sb.reference(system, 14.0)
+    force = np.abs(contacts[0].stops.force(found.at(np.linspace(0.0, 14.0, 400_001), 0)[0]))
+    assert found.impacts.count == 0
+    assert np.max(force) * (1.0 - 1e-12) <= found.contacts[0].peak_force <= np.max(force) * (1.0 + 1e-8)
+
+
+def test_a_motion_below_the_rounding_of_its_amplitudes_is_no_solution():
+    """x'' + 1e7 x' + 1e-5 x = 1 to t = 1e-5, alone and as a member: amplitudes of 1e5, a motion of 1e-12."""
+    system = sb.System.from_matrices([[1.0]], [[1e-5]], [[1e7]], loads=[([1.0], sb.Constant(1.0))], observe=[1.0])
+    with pytest.raises(sb.SolverFailure):
+        sb.reference(system, 1e-5)
+    with pytest.raises(sb.SolverFailure):
+        sb.reference_ensemble(system, 1e-5, sb.perturbed(system, 2, 1e-12))
+    assert sb.reference(system, 1e-5, "cvode").horizon > 0.0

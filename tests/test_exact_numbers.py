@@ -1,0 +1,319 @@
+"""Numbers as written: the same doubles for float64, another problem for multiprecision, and never one for the other."""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+import pickle
+from decimal import Decimal
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import stiffbeam as sb
+from stiffbeam.basics import cache
+from stiffbeam.basics.exact_float import ExactFloat, as_doubles, exact_float, exact_value
+from stiffbeam.files.cases import case_text, find_case, paper_cases
+from stiffbeam.files.frozen import freeze
+from stiffbeam.model.drive import Drive
+
+TABLE12 = (Fraction(300), Fraction("0.001"), Fraction(60_000_000), Fraction("0.2"), Fraction(60))
+
+
+def system_of(case, doubles=False):
+    return sb.semidiscretise(as_doubles(case.problem) if doubles else case.problem, case.cells)
+
+
+@pytest.mark.parametrize(
+    ("given", "ratio", "pi", "text"),
+    [
+        ("0.001", Fraction(1, 1000), False, "0.001"),
+        ("1.0e-3", Fraction(1, 1000), False, "0.001"),
+        (Decimal("0.0010"), Fraction(1, 1000), False, "0.001"),
+        (Fraction(1, 3), Fraction(1, 3), False, "1/3"),
+        ("2/6", Fraction(1, 3), False, "1/3"),
+        (2**53 + 1, Fraction(2**53 + 1), False, str(2**53 + 1)),
+        ("pi/2", Fraction(1, 2), True, "pi/2"),
+        ("-0.75 * pi", Fraction(-3, 4), True, "-3*pi/4"),
+        ("2*pi*50", Fraction(100), True, "100*pi"),
+        ("0.1234567890123456789", Fraction("0.1234567890123456789"), False, "1234567890123456789/10000000000000000000"),
+    ],
+)
+def test_a_number_is_the_nearest_double_and_knows_its_exact_value(given, ratio, pi, text):
+    x = exact_float(given)
+    assert (exact_value(x), repr(x)) == ((ratio, pi), repr(text))
+    assert float(x) == (float(ratio) if not pi else pytest.approx(float(ratio) * np.pi, rel=3e-16))
+    for again in (exact_float(text), pickle.loads(pickle.dumps(x)), copy.deepcopy(x)):
+        assert (exact_value(again), repr(again), float(again)) == (exact_value(x), repr(x), float(x))
+
+
+@pytest.mark.parametrize("given", ["300.0", "0.5", "-1e3", "3/4", Fraction(7, 8), Decimal("0.25"), 10])
+def test_what_a_double_holds_is_a_plain_float(given):
+    assert type(exact_float(given)) is float
+    assert float(given if not isinstance(given, str) else Fraction(given)) == exact_float(given)
+
+
+def test_halves_of_pi_are_the_doubles_that_numpy_has():
+    for k in (1, 2, 4, 8):
+        assert float(exact_float(f"pi/{k}")) == np.pi / k
+
+
+@pytest.mark.parametrize(
+    "text", ["", "fast", "1/0", "1/pi", "pi*pi", "1+1", "2**3", "1e999/3", "pi pi", "1 0", "--1", "1e-999/3"]
+)
+def test_other_texts_are_refused(text):
+    for make in (
+        lambda: sb.Stops(upper=text, stiffness=1.0),
+        lambda: sb.Harmonic(1.0, 2.0, text),
+        lambda: sb.Constant(text),
+        lambda: sb.BeamProblem(stiffness=text),
+        lambda: sb.PointLoad(text, sb.Constant(1.0)),
+    ):
+        with pytest.raises(sb.InputError, match="be a number"):
+            make()
+
+
+def test_a_text_as_large_as_no_number_costs_no_memory():
+    for text in ("1e999999999", "inf", "nan"):
+        with pytest.raises(sb.InputError, match="be finite"):
+            sb.Constant(text)
+    with pytest.raises(sb.InputError, match="be > 0"):
+        sb.BeamProblem(stiffness="1e-999999999")
+    with pytest.raises(sb.InputError, match="range of float64"):
+        sb.Constant(Fraction(10) ** 400)
+
+
+def test_options_of_a_run_are_no_parameters():
+    with pytest.raises(sb.InputError, match="t_end must be a number"):
+        sb.reference(system_of(sb.paper_case(10)), "0.1", "multiprecision")
+
+
+def test_case_files_keep_decimals_and_python_keeps_doubles():
+    problem = sb.paper_case(15).problem
+    assert repr(problem.stiffness) == "'282.84'"
+    assert repr(problem.stops) == "Stops(lower='-0.001', upper='0.001', stiffness=30000000.0)"
+    [load] = problem.loads
+    assert repr((load.position, load.time)) == "('0.23', Harmonic(amplitude='67.024', frequency=6.0, phase='pi/2'))"
+    for value in (0.1, np.float64(0.1)):
+        assert type(sb.Constant(value).level) is float
+    assert {type(x) for case in paper_cases().values() for x in (case.dt, case.t_end)} == {float}
+    assert not any(isinstance(x, ExactFloat) for x in dataclasses.astuple(as_doubles(sb.paper_case(12).problem.stops)))
+
+
+def test_a_case_file_takes_products_in_quotes(tmp_path):
+    (tmp_path / "mine.toml").write_text(
+        """
+[[case]]
+name = "mine"
+cells = 5
+dt = 1e-3
+t_end = 0.1
+[case.problem]
+stiffness = "1/3"
+loads = [{ position = "2/3", amplitude = 0.1, frequency = "2*pi*0.1", phase = "-pi/4" }]
+initial_velocity = [0.0, 0.0, "1/7", 0.2]
+""",
+        encoding="utf-8",
+    )
+    problem = find_case(str(tmp_path / "mine.toml")).problem
+    [load] = problem.loads
+    assert load.time == sb.Harmonic(0.1, 2 * np.pi * 0.1, -np.pi / 4)
+    assert repr(load) == "PointLoad(position='2/3', time=Harmonic(amplitude='0.1', frequency='pi/5', phase='-pi/4'))"
+    flint, rational = pytest.importorskip("flint"), pytest.importorskip("stiffbeam.references.multiprecision.rational")
+    system = sb.semidiscretise(problem, 5)
+    assert Drive.of(system).frequencies == (load.time.frequency,)
+    with flint.ctx.workprec(400):
+        exact = rational.exact_problem(system, Drive.of(system))
+
+        def same(a, b):
+            return abs(a - b) < flint.arb(2) ** -380
+
+        for i, v in enumerate(exact.v0, start=1):
+            x = flint.fmpq(i, 5)
+            assert same(v, x**2 / 7 + x**3 / 5)
+        # 2/3 lies a third of the way from node 3 to node 4; a sin(wt - pi/4) = a (sin - cos)/sqrt(2)
+        sine, cosine = exact.basis.tolist()[1:]
+        size = flint.arb(flint.fmpq(1, 10)) / flint.arb(2).sqrt()
+        for i, weight in enumerate((0, 0, flint.fmpq(2, 3), flint.fmpq(1, 3), 0)):
+            assert same(sine[i], size * weight)
+            assert same(cosine[i], -size * weight)
+        assert same(exact.stiffness[2, 2], flint.fmpq(6 * 125, 3))
+
+
+def test_a_position_on_a_node_loads_that_node_alone():
+    """0.28 * 25 is 7.000000000000001 in float64, and 0.29 * 100 is 28.999999999999996."""
+    flint, rational = pytest.importorskip("flint"), pytest.importorskip("stiffbeam.references.multiprecision.rational")
+    for position, cells, node in (("0.28", 25, 7), ("0.29", 100, 29), ("1", 8, 8)):
+        problem = sb.BeamProblem(stiffness=1.0, loads=(sb.PointLoad(position, sb.Constant(1.0)),))
+        system = sb.semidiscretise(problem, cells)
+        with flint.ctx.workprec(200):
+            basis = rational.exact_problem(system, Drive.of(system)).basis.tolist()[0]
+        assert [i for i, x in enumerate(basis, start=1) if x != 0] == [node]
+        assert basis[node - 1] == 1
+
+
+def test_two_frequencies_that_float64_cannot_tell_apart_stay_two():
+    flint, rational = pytest.importorskip("flint"), pytest.importorskip("stiffbeam.references.multiprecision.rational")
+    loads = [([1.0], sb.Harmonic(1.0, "10.1")), ([1.0], sb.Harmonic(3.0, 10.1))]
+    system = sb.System.from_matrices([[1.0]], [[1.0]], loads=loads, observe=[1.0])
+    drive = Drive.of(system)
+    assert [float(w) for w in drive.frequencies] == [10.1, 10.1]
+    with flint.ctx.workprec(200):
+        basis = [float(line[0]) for line in rational.exact_problem(system, drive).basis.tolist()]
+    sizes = {exact_value(w)[0]: basis[1 + 2 * k] for k, w in enumerate(drive.frequencies)}
+    assert sizes == {Fraction("10.1"): 1.0, Fraction(10.1): 3.0}
+    # M q'' + K q = sin + 3 sin of what are two frequencies: q = sum F/(1 - w^2) (sin w t - w sin t)
+    many = sb.reference(system, 2.0, "multiprecision")
+    expected = 4.0 / (1.0 - 10.1**2) * (np.sin(10.1 * many.t) - 10.1 * np.sin(many.t))
+    assert np.max(np.abs(many.tip - expected)) < 1e-13
+    assert np.max(np.abs(sb.reference(system, 2.0, t_eval=many.t).tip - expected)) < 1e-13
+
+
+@pytest.mark.parametrize(
+    "method", ["exact", "cvode-adams", "dop853", pytest.param("kvaerno3", marks=pytest.mark.slow), "hht", "sdirk"]
+)
+def test_float64_sees_the_same_doubles_bit_for_bit(method):
+    def solved(doubles):
+        system = system_of(dataclasses.replace(sb.paper_case(12), cells=8), doubles)
+        if method in ("hht", "sdirk"):
+            scheme = sb.SDIRK() if method == "sdirk" else sb.HHT(-0.1)
+            return sb.integrate(system, scheme, 1e-4, 0.05)
+        return sb.reference(system, 0.02, method, rtol=1e-5)
+
+    if method == "kvaerno3":
+        pytest.importorskip("diffrax")
+    decimals, doubles = solved(False), solved(True)
+    assert np.array_equal(decimals.tip, doubles.tip)
+    assert np.array_equal(decimals.impacts.times, doubles.impacts.times)
+    assert decimals.contacts[0].peak_force == doubles.contacts[0].peak_force > 0.0
+
+
+def test_a_run_of_the_case_is_compared_with_its_multiprecision_reference_and_not_with_that_of_the_doubles():
+    case = dataclasses.replace(sb.paper_case(12), cells=8)
+    decimals, doubles = system_of(case), system_of(case, doubles=True)
+    assert decimals.fingerprint != doubles.fingerprint
+    assert decimals.problem == doubles.problem  # the same doubles
+    run = sb.integrate(decimals, sb.HHT(-0.1), 1e-5, 0.02)
+    assert sb.compare(run, sb.reference(decimals, 0.02, "multiprecision")).window == 0.02
+    with pytest.raises(sb.InputError, match="case file"):
+        sb.compare(run, sb.reference(doubles, 0.02, "multiprecision"))
+
+
+def test_equal_numbers_make_equal_systems_however_they_are_written():
+    def fingerprint(gap, phase):
+        problem = sb.BeamProblem(
+            stiffness=300.0, stops=sb.Stops(None, gap, stiffness=1e4), base=sb.Harmonic(1.0, 2.0, phase)
+        )
+        return sb.semidiscretise(problem, 6).fingerprint
+
+    written = {fingerprint(gap, "pi/2") for gap in ("0.1", "1e-1", "1/10", Fraction(1, 10), Decimal("0.100"))}
+    assert len(written) == 1
+    others = {fingerprint(0.1, "pi/2"), fingerprint("0.1", np.pi / 2), fingerprint(0.1, np.pi / 2)}
+    assert len(others | written) == 4
+    # In matrices of one's own as well: stops, loads and offsets.
+    for exact, double in (("0.1", 0.1), ("1/3", 1 / 3)):
+        made = []
+        for x in (exact, double):
+            for stop, load, offset in ((x, double, double), (double, x, double), (double, double, x)):
+                contact = sb.Contact([1.0], sb.Stops(None, stop, stiffness=9.0), sb.Constant(offset))
+                made.append(sb.System.from_matrices([[1.0]], [[1.0]], None, [([1.0], sb.Constant(load))], [contact]))
+        assert len({system.fingerprint for system in made}) == 4
+
+
+def _fingerprint(file):
+    with xr.open_dataset(file) as data:
+        return data.attrs["fingerprint"]
+
+
+@pytest.mark.slow
+def test_the_caches_hold_both_and_never_serve_one_for_the_other(tmp_path, monkeypatch):
+    from stiffbeam.studies import common
+
+    pytest.importorskip("flint")
+    monkeypatch.setattr(cache, "directory", lambda: tmp_path)
+    case = dataclasses.replace(sb.paper_case(12), cells=8)
+    systems = [system_of(case), system_of(case, doubles=True)]
+    for turn in (1, 2):
+        a, b = (sb.cached_reference(system, 1.5, "multiprecision") for system in systems)
+        assert len(list((tmp_path / "references").iterdir())) == 2
+        apart = np.abs(a.tip - b.tip) / np.max(np.abs(a.tip))
+        horizon = sb.reference(systems[0], 1.5, t_eval=a.t).horizon
+        assert np.max(apart[a.t <= 0.5 * horizon]) < 1e-9
+        assert np.max(apart) > 0.1, turn
+        assert "upper = 0.001" in a.provenance["parameters"]
+        assert b.provenance["parameters"] == "doubles; exact: none"
+    assert common.solve_once(systems[0], 0.01) is common.solve_once(systems[0], 0.01)
+    assert common.solve_once(systems[0], 0.01) is not common.solve_once(systems[1], 0.01)
+    opened = []
+    for file in (tmp_path / "references").iterdir():  # each opens with its own system, whichever the folder lists first
+        own = sb.load(file, next(s for s in systems if s.fingerprint == _fingerprint(file)))
+        other = next(s for s in systems if s.fingerprint != own.fingerprint)
+        opened.append(own.fingerprint)
+        with pytest.raises(sb.InputError, match="system"):
+            sb.load(file, other)
+    assert set(opened) == {s.fingerprint for s in systems}
+
+
+def test_a_case_that_does_not_make_the_system_is_not_frozen_with_it(tmp_path):
+    case = sb.paper_case(10)
+    doubles = sb.reference(system_of(case, doubles=True), 0.1, "multiprecision")
+    with pytest.raises(sb.InputError, match="decimals"):
+        freeze(doubles, case_text("table10"), tmp_path / "table10.nc")
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.slow
+def test_the_command_solves_either_and_says_which(command):
+    found = {}
+    for options in ((), ("--doubles",)):
+        code, out, error = command("reference", "table12", "--method", "multiprecision", "--t-end", "0.002", *options)
+        assert (code, error) == (0, "")
+        found[options] = out
+    assert "stops.upper = 0.001" in found[()]
+    assert "exact: none" in found["--doubles",]
+    code, _, error = command("reference", "table12", "--doubles", "--out", "x.nc")
+    assert code == 2
+    assert "--doubles" in error
+    assert not Path("x.nc").exists()
+
+
+@pytest.mark.slow
+def test_stops_and_drive_scaled_alike_have_the_same_switches():
+    """The beam is linear but for its stops: the doubles 0.1 and 0.2 are both 1 + e times the decimals,
+    the motion of Table 10 is 1 + e times theirs, and both counts are one."""
+    assert Fraction(0.1) / Fraction("0.1") == Fraction(0.2) / Fraction("0.2")
+    case = sb.paper_case(10)
+    a, b = (sb.reference(system_of(case, doubles), 1.0, "multiprecision") for doubles in (False, True))
+    assert a.impacts.count == b.impacts.count > 150
+    assert np.max(np.abs(a.impacts.times - b.impacts.times)) < 1e-15
+    assert sb.reference(system_of(case), 1.0).horizon < 0.6
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("table", [10, 12])
+def test_another_program_counts_the_same_past_the_horizon_in_either_reading(table):
+    """Finite differences of the paper's beam marched by matrix exponentials, see independent_beam.py."""
+    pytest.importorskip("flint")
+    from independent_beam import impacts
+
+    case = sb.paper_case(table)
+    end, digits = {10: (0.6, 60), 12: (0.2, 130)}[table]
+    counts = {}
+    for doubles in (False, True):
+        system = system_of(case, doubles)
+        problem = system.problem
+        beam = [problem.stiffness, problem.stops.upper, problem.stops.stiffness, problem.base.amplitude]
+        numbers = [exact_value(x)[0] for x in (*beam, problem.base.frequency)]
+        if table == 12:
+            assert numbers == [Fraction(float(x)) for x in TABLE12] if doubles else list(TABLE12)
+        times, sides = (np.array(x) for x in zip(*impacts(*numbers, case.cells, end, digits), strict=True))
+        many = sb.reference(system, end, "multiprecision")
+        assert np.array_equal(many.impacts.stops, sides)
+        assert np.max(np.abs(many.impacts.times - times)) < 1e-14
+        assert sb.reference(system, end).horizon < 0.8 * end
+        counts[doubles] = len(times)
+    if table == 12:
+        assert counts == {False: 655, True: 664}

@@ -1,0 +1,74 @@
+"""The how-to scripts run as they stand; what they print is held against closed forms."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+STUDIES = Path(__file__).parent.parent / "studies"
+CLAMPED_FREE = np.array([1.8751040687119611, 4.694091132974175, 7.854757438237613])  # cos x cosh x = -1
+
+
+def printed(script: str, folder: Path, *arguments: str) -> str:
+    command = [sys.executable, "-W", "error", str(STUDIES / f"{script}.py"), "--out", str(folder), *arguments]
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, env=os.environ | {"MPLBACKEND": "agg"})
+    assert done.returncode == 0, done.stderr
+    assert (folder / f"{script}.png").stat().st_size > 20_000
+    return done.stdout
+
+
+def numbers(line: str, text: str) -> list[float]:
+    (found,) = re.findall(rf"^{line}(.*)$", text, re.MULTILINE)
+    return [float(x) for x in re.findall(r"(?<![\w.])\d+\.?\d*(?:e[+-]?\d+)?", found)]
+
+
+@pytest.mark.slow
+def test_the_steel_strip(tmp_path):
+    """Frequencies of the drawing's numbers to h^2 = 1/400 of them; the same force in both systems of units."""
+    text = printed("steel_strip", tmp_path)
+    hertz = CLAMPED_FREE**2 / (2 * np.pi) * np.sqrt(210e9 * 1e-3**2 / 12 / 7850) / 0.4**2
+    # (3.6) has order 2: mode j is off by some (beta_j h)^2/4, h = 1/20
+    np.testing.assert_allclose(numbers("frequencies", text), hertz, rtol=CLAMPED_FREE[-1] ** 2 / 1600)
+    here, there = numbers("largest contact force", text)
+    assert here == pytest.approx(there, rel=1e-3)
+    assert "linear solves" in text
+
+
+@pytest.mark.slow
+def test_the_hermite_model(tmp_path):
+    """Frequencies to (beta_j h)^4/720, the damping ratios of Rayleigh's formula; the files are a case for commands."""
+    text = printed("hermite_model", tmp_path)
+    omega = CLAMPED_FREE**2 * np.sqrt(180.0 / 1.2)
+    np.testing.assert_allclose(numbers("frequencies", text), omega, rtol=(CLAMPED_FREE[-1] / 20) ** 4 / 720)
+    np.testing.assert_allclose(numbers("damping ratios", text), 0.5 * (0.8 / omega + 2e-5 * omega), atol=5e-6)
+    assert min(numbers("impacts", text)[:2]) > 0
+    errors = re.findall(r"tip error ([\d.]+) %", text)
+    assert len(errors) == 3
+    assert max(map(float, errors)) < 1.0
+
+
+@pytest.mark.slow
+def test_the_hammer(tmp_path):
+    """Two squared half sines and what is left of the noise; DOP853 agrees to its tolerance, grown by the impacts."""
+    text = printed("hammer", tmp_path)
+    assert numbers("impulse of the record", text)[0] == pytest.approx(0.5 * (60.0 * 0.004 + 12.0 * 0.003), rel=5e-3)
+    (off,) = re.findall(r"differs by ([\d.e-]+)", text)
+    assert float(off) < 1e-6
+    again = printed("hammer", tmp_path, "--record", str(tmp_path / "hammer.csv"))  # its own record, as a user's
+    assert again == text
+
+
+@pytest.mark.slow
+def test_the_base_motion(tmp_path):
+    """Smoothing takes the noise of 2 micrometres and no more: a knot every 16 samples keeps a 16th of it."""
+    text = printed("base_motion", tmp_path)
+    assert numbers("smoothing takes away", text)[0] == pytest.approx(2.0 * np.sqrt(1 - 1 / 16), rel=0.1)
+    hertz = CLAMPED_FREE[0] ** 2 / (2 * np.pi) * np.sqrt(1.1 / 0.16) / 0.4**2
+    assert numbers("first natural frequency", text)[0] == pytest.approx(hertz, rel=0.01)
+    assert len(re.findall(r"within 1 % to t = [\d.]+ s", text)) == 2

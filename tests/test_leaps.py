@@ -1,0 +1,228 @@
+"""The leaping march: equal to the block march on anything it takes, exact where it may not guess."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import extended_march
+import numpy as np
+import pytest
+from leaping import SCHEMES, both, campaign
+
+import stiffbeam as sb
+from stiffbeam.march import leap
+from stiffbeam.march.integrate import Plan
+from stiffbeam.march.kernels import sums as kernel
+
+
+@pytest.fixture
+def always(monkeypatch):
+    """Leaps pay whatever they cost."""
+    monkeypatch.setattr(leap, "setup", lambda march: 0.0)
+    monkeypatch.setattr(leap, "costs", lambda march: np.array([0.0, 0.0, 1.0]))
+
+
+def test_the_bound_holds_at_every_step():
+    """Against sums of powers evaluated step by step: slow and fast, undamped, damped and alternating."""
+    rng, worst = np.random.default_rng(0), 0.0
+    for _ in range(300):
+        N, L = int(rng.integers(1, 6)), 2 ** int(rng.integers(1, 8))
+        size = np.exp(-(10.0 ** rng.uniform(-6.0, 1.0, N)) * rng.integers(0, 2, N))
+        powers = size * np.exp(1j * np.pi * 10.0 ** rng.uniform(-4.0, 0.0, N))
+        order = np.argsort(np.abs(powers - 1.0))
+        powers, c = powers[order], rng.normal(size=N) + 1j * rng.normal(size=N)
+        y = 10.0 ** rng.uniform(-6.0, 0.0, N) * np.exp(2j * np.pi * rng.random(N))
+        slow = int(rng.integers(0, N + 1))
+        w = [np.sum((c * y * powers**n).real) for n in range(L + 1)]
+        read = [c[:slow] * y[:slow] * powers[:slow] ** n * (powers[:slow] - 1.0) ** k for n, k in np.ndindex(L + 1, 2)]
+        w0, d0, w1, d1 = (float(np.sum(read[i].real)) for i in (0, 1, 2 * L, 2 * L + 1))
+        c1, c2, c3 = kernel.cubic(w0, d0, w1, d1, float(L))
+        large = np.abs(c)[None, None]
+        bent = large * np.abs(powers - 1.0) ** 4 / 384.0
+        error = kernel.error_of(large, bent, 0, 0, slow, N, np.abs(y), float(L))
+        n = np.arange(L + 1)
+        low, high = kernel.extent(w0, c1, c2, c3, float(L))
+        p = w0 + n * (c1 + n * (c2 + n * c3))
+        rounding = 1e-13 * np.sum(np.abs(c * y))
+        assert low - rounding <= np.min(p) <= np.max(p) <= high + rounding
+        found = np.max(np.abs(w - p))
+        assert found <= error + rounding
+        worst = max(worst, found / (error + rounding))
+    assert worst > 0.3  # it is a bound, and not a generous one
+
+
+def test_random_systems_in_leaps_and_in_blocks(always):
+    campaign(range(15))
+
+
+@pytest.mark.slow
+def test_many_random_systems_in_leaps_and_in_blocks(always):
+    campaign(range(15, 400))
+
+
+@pytest.fixture(scope="module")
+def beam() -> sb.System:
+    case = sb.paper_case(10)
+    return sb.semidiscretise(case.problem, case.cells)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scheme", SCHEMES, ids=str)
+def test_every_scheme_leaps_and_is_no_less_accurate(always, beam, scheme):
+    """Table 10 through its first impacts against the scheme's own steps in extended precision."""
+    dt, steps, every = 2e-5, 3600, 12
+    blocks, leaps = both(beam, scheme, dt, steps, every)
+    assert leaps.kind == leap.LEAPS
+    exact = extended_march.march(beam, scheme, dt, steps)[::every]
+    own, other = (np.max(np.abs(flight.positions[0] - exact)) for flight in (blocks, leaps))
+    assert blocks.seen(0).contacts[0].impacts.count >= 2
+    assert other <= 10.0 * own + 1e-15
+    x, y = (flight.seen(0).contacts[0] for flight in (blocks, leaps))
+    assert x.fraction == y.fraction > 0.0
+    np.testing.assert_allclose(y.impacts.times, x.impacts.times, rtol=1e-11)
+    np.testing.assert_allclose(y.impacts.ends, x.impacts.ends, rtol=1e-11)
+    assert np.all(x.impacts.ends[:-1] > x.impacts.times[:-1])
+    np.testing.assert_allclose(y.impacts.peaks, x.impacts.peaks, rtol=1e-9)
+    np.testing.assert_allclose(y.impacts.impulses, x.impacts.impulses, rtol=1e-9)
+
+
+def test_a_closed_stop_is_no_spring_to_every_scheme(beam):
+    """The printed HHT weighs the stiffness and not the contact: it goes on by ordinary steps, then in blocks."""
+    plan = Plan.of(beam, sb.HHT(-0.1).printed("unweighted"), 2e-5, 0.08, "implicit", 1, "numba")
+    assert plan.modal is not None
+    leaper = leap.Leaper(plan.modal, beam)
+    leaper.make(1)
+    found = leaper.tables(4000, 4000)
+    assert found is not None
+    assert found[1].tolist() == [0, -2]
+
+
+@pytest.mark.parametrize("scheme", [sb.HHT(-0.1).printed("unweighted"), sb.SDIRK().printed("sigma")], ids=str)
+def test_the_printed_schemes_leap_as_they_march(always, beam, scheme):
+    blocks, leaps = both(beam, scheme, 2e-5, 3600, 50)
+    np.testing.assert_allclose(leaps.positions, blocks.positions, atol=1e-10)
+
+
+def test_a_run_says_that_it_leapt_and_outputs_do_not_change_it(beam):
+    runs = [sb.integrate(beam, sb.HHT(-0.1), 1e-7, 0.08, every=every) for every in (1, 2000, 800_000)]
+    assert [run.provenance["march"] for run in runs] == [leap.LEAPS] * 3
+    for run in runs[1:]:
+        assert np.array_equal(run.impacts.times, runs[0].impacts.times)
+        assert np.array_equal(run.impacts.peaks, runs[0].impacts.peaks)
+    assert np.max(np.abs(runs[1].tip - runs[0].tip[::2000])) < 1e-12
+    assert np.max(np.abs(runs[1].tip_velocity - runs[0].tip_velocity[::2000])) < 1e-8
+    q, _ = runs[1].states
+    assert np.max(np.abs(beam.displacement(runs[1].t, q, 1.0) - runs[1].tip)) < 1e-12
+    assert abs(runs[2].tip[-1] - runs[0].tip[-1]) < 1e-12
+
+
+def test_states_and_ledger_follow_the_leaps_past_the_horizon(always, beam):
+    """Where rounding has grown to the size of the motion a block march of its own would be another run."""
+    run = sb.integrate(beam, sb.Trapezoidal(), 1e-5, 1.0, every=50)
+    assert run.provenance["march"] == leap.LEAPS
+    assert run.impacts.count > 100
+    q, _ = run.states
+    assert np.max(np.abs(beam.displacement(run.t, q, 1.0) - run.tip)) < 1e-9
+    ledger = run.energy
+    assert ledger.free[-1] == pytest.approx(0.0, abs=1e-6 * ledger.input[-1])
+
+
+def test_members_of_an_ensemble_leap_as_they_do_alone(beam):
+    for members in (sb.perturbed(beam, 3), sb.varied(beam, frequency=[9.0, 10.0, 11.0])):
+        many = sb.integrate_ensemble(beam, sb.BDF2(), 1e-7, 0.06, members, every=1000)
+        assert many.provenance["march"] == leap.LEAPS
+        for i, member in enumerate(members):
+            solo = sb.integrate(member, sb.BDF2(), 1e-7, 0.06, every=1000)
+            assert np.array_equal(solo.tip, many.tip[i])
+            assert np.array_equal(solo.impacts.times, many.contact.impacts_of(i).times)
+
+
+def test_only_the_members_with_linear_stops_leap():
+    """An ensemble says how all of them were marched, and each has the bits of its solo run."""
+    system, curved = oscillator(viscous=0.1), oscillator(viscous=0.1, exponent=1.5)
+    members = [system, replace(system, contacts=curved.contacts)]
+    many = sb.integrate_ensemble(system, sb.HHT(-0.1), 4e-6, 20.0, members, every=5000)
+    assert many.provenance["march"] == f"{leap.BLOCKS} and {leap.LEAPS}"
+    for i, (member, march) in enumerate(zip(members, (leap.LEAPS, leap.BLOCKS), strict=True)):
+        solo = sb.integrate(member, sb.HHT(-0.1), 4e-6, 20.0, every=5000)
+        assert solo.provenance["march"] == march
+        assert np.array_equal(solo.tip, many.tip[i])
+        assert np.array_equal(solo.impacts.ends, many.contact.impacts_of(i).ends, equal_nan=True)
+        assert solo.impacts.count > 0
+
+
+def test_contacts_are_recorded_since_a_time_as_in_blocks(always, beam):
+    blocks, leaps = both(beam, sb.HHT(-0.1), 1e-5, 10_000, None, 7013)
+    x, y = (flight.seen(0).contacts[0] for flight in (blocks, leaps))
+    assert 0 < x.impacts.count == y.impacts.count
+    assert x.fraction == y.fraction
+    np.testing.assert_allclose(y.impulse, x.impulse, rtol=1e-8)
+    np.testing.assert_allclose(y.peak_force, x.peak_force, rtol=1e-8)
+
+
+def oscillator(stiffness: float = 1.0, viscous: float = 0.0, load=None, **law: Any) -> sb.System:
+    """A mass on a spring between stops."""
+    contact = sb.Contact(np.array([1.0]), sb.Stops(upper=1.0, stiffness=100.0, **law))
+    return sb.System.from_matrices(
+        [[1.0]], [[stiffness]], [[viscous]], loads=[(np.array([1.0]), load or sb.Harmonic(0.5, 0.3))],
+        contacts=[contact], initial_velocity=[1.5],
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "system",
+    [
+        oscillator(viscous=2.0),  # two eigenvalues that are one
+        oscillator(load=sb.Harmonic(0.1, 1.0)),  # in resonance
+        oscillator(stiffness=0.0, load=sb.Constant(0.4)),  # a constant force on a free mass
+    ],
+    ids=["critically damped", "resonance", "free mass"],
+)
+def test_what_cannot_be_leapt_over_goes_in_blocks(always, system):
+    blocks, leaps = both(system, sb.HHT(-0.1), 0.01, 5000, 10)
+    assert np.max(np.abs(leaps.positions - blocks.positions)) <= 1e-8
+
+
+def test_what_may_leap_and_what_pays(beam):
+    fine = Plan.of(beam, sb.HHT(-0.1), 1e-7, 0.1, "implicit", 1, "numba").modal
+    assert fine is not None
+    assert leap.can_leap(fine, 1_000_000)
+    assert not leap.can_leap(fine, 1000)
+    for contact, engine in (("extrapolated", "numba"), ("implicit", "numpy")):
+        other = Plan.of(beam, sb.HHT(-0.1), 1e-7, 0.1, contact, 1, engine).modal
+        assert other is not None
+        assert not leap.can_leap(other, 1_000_000)
+    for contact, stops in (("conserving", {}), ("implicit", {"exponent": 1.5}), ("implicit", {"damping": 0.1})):
+        scheme = sb.Trapezoidal() if contact == "conserving" else sb.HHT(-0.1)
+        other = Plan.of(oscillator(**stops), scheme, 1e-7, 10.0, contact, 1, "numba").modal
+        assert other is not None
+        assert not leap.can_leap(other, 100_000_000)
+    coarse = sb.integrate(beam, sb.HHT(-0.1), 1e-4, 100.0, every=1_000_000)
+    assert coarse.provenance["march"] == leap.BLOCKS
+
+
+def test_memory_does_not_grow_with_leapt_steps():
+    """1e9 steps: what is held is the regimes and the impacts."""
+    import tracemalloc
+
+    system = oscillator(viscous=0.1)
+    sb.integrate(system, sb.HHT(-0.1), 1e-7, 10.0, every=10**8)
+    peaks = []
+    for t_end in (10.0, 100.0):
+        tracemalloc.start()
+        run = sb.integrate(system, sb.HHT(-0.1), 1e-7, t_end, every=10**8)
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+        assert run.provenance["march"] == leap.LEAPS
+    assert peaks[1] < 1.5 * peaks[0]
+
+
+@pytest.mark.parametrize("driven", [True, False])
+def test_a_beam_without_contacts_leaps_over_its_whole_run(driven):
+    base = sb.Harmonic(0.2, 10.0) if driven else None
+    beam = sb.BeamProblem(stiffness=300.0, base=base, initial_velocity=sb.PolynomialProfile((0.0, 0.0, 1.0)))
+    blocks, leaps = both(sb.semidiscretise(beam, 25), sb.HHT(alpha=-0.1), 1e-6, 1_000_000, 1000)
+    assert leaps.kind == leap.LEAPS
+    # rounding of 1e6 steps, at most as if it all went one way
+    assert np.max(np.abs(blocks.positions - leaps.positions)) < 1e-10 * np.max(np.abs(leaps.positions))

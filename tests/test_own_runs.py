@@ -1,0 +1,114 @@
+"""Runs from arrays: what they allow is what the package's own run of the same numbers gives."""
+
+from __future__ import annotations
+
+import json
+import pickle
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import stiffbeam as sb
+
+
+@pytest.fixture(scope="module")
+def measured(table10):
+    system = sb.semidiscretise(table10, 10)
+    return system, sb.integrate(system, sb.HHT(-0.1), 1e-4, 0.2), sb.reference(system, 0.2)
+
+
+def test_arrays_with_states_give_every_measure_of_the_run_itself(measured):
+    system, run, ref = measured
+    own = sb.Trajectory.from_arrays(run.t, run.tip, run.tip_velocity, system, states=run.states, name="mine")
+    a, b = sb.compare(run, ref).to_dict(), sb.compare(own, ref).to_dict()
+    assert b["label"] == "mine@displacement"
+    assert b["missing"] == []
+    different = {"label", "steps", "seconds", "ns_per_step", "engine", "missing"}
+    for name in a.keys() - different:
+        for x, y in zip(numbers(a[name]), numbers(b[name]), strict=True):
+            assert x == y or abs(x - y) <= 1e-9 * abs(x), name  # the ledger is added up in another order
+    assert np.array_equal(own.displacement(1.0), run.displacement(1.0))
+    without_tip = sb.Trajectory.from_arrays(run.t, system=system, states=run.states)
+    assert np.max(np.abs(without_tip.tip - run.tip)) < 1e-12 * np.max(np.abs(run.tip))
+
+
+def numbers(value):
+    if isinstance(value, (dict, list)):
+        return [x for item in (value.values() if isinstance(value, dict) else value) for x in numbers(item)]
+    return [value] if isinstance(value, (int, float)) and not isinstance(value, bool) else []
+
+
+def test_the_tip_alone_gives_what_it_allows_and_says_what_it_does_not(measured):
+    _, run, ref = measured
+    whole, bare = sb.compare(run, ref), sb.compare((run.t, run.tip), ref)
+    assert bare.tip_error_rms == whole.tip_error_rms
+    (found,), own = bare.contacts, whole.contacts[0]
+    assert (found.run, found.run_totals, found.reference) == (own.run, own.run_totals, own.reference)
+    assert found.matching.matched == own.matching.matched
+    # Crossing times by the spline's slope: of the order dt^2 u''/u'.
+    assert abs(found.matching.first_error - own.matching.first_error) < 1e-5
+    assert np.isnan(bare.energy_lost)
+    assert [m.partition(":")[0] for m in bare.missing] == ["energy", "tip velocity"]
+    assert "came without states" in str(bare)
+    assert json.loads(json.dumps(bare.to_dict(), allow_nan=False))["energy_lost"] is None
+    with_velocity = sb.compare((run.t, run.tip, run.tip_velocity), ref)
+    assert with_velocity.contacts[0].matching == own.matching
+    assert with_velocity.phase.undefined == whole.phase.undefined
+
+
+def test_a_contact_that_the_tip_does_not_show_is_unknown_and_not_free():
+    from systems import two_contacts
+
+    system = two_contacts()
+    elsewhere = replace(system, observe=np.eye(system.size)[0] + 0.5 * np.eye(system.size)[-1])
+    ref = sb.reference(elsewhere, 2.0)
+    t = np.linspace(0.0, 2.0, 2001)
+    found = sb.compare((t, ref.at(t)[0]), ref)
+    assert found.tip_error_rms < 1e-12
+    for contact in found.contacts:
+        assert contact.run.impacts == -1
+        assert np.isnan(contact.run.fraction)
+        assert np.isnan(contact.matching.first_error)
+    assert any(m.startswith("contact") for m in found.missing)
+    assert "–" in str(found)
+
+
+def test_a_run_of_ones_own_travels_and_is_saved(measured, tmp_path):
+    system, run, ref = measured
+    own = pickle.loads(pickle.dumps(sb.Trajectory.from_arrays(run.t, run.tip, run.tip_velocity, system)))
+    assert own.impacts.count == run.impacts.count
+    again = sb.load(own.save(tmp_path / "own.nc"))
+    assert np.array_equal(again.tip, run.tip)
+    assert sb.compare(again, ref).tip_error_rms == sb.compare(run, ref).tip_error_rms
+    for quantity in ("energy", "states"):
+        with pytest.raises(sb.InputError, match="without states"):
+            getattr(own, quantity)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "field"),
+    [
+        (([0.0, 0.1, 0.3], [0.0, 1.0, 2.0]), "t"),
+        (([0.1, 0.2, 0.3], [0.0, 1.0, 2.0]), "t"),
+        (([0.0, 0.1, 0.2], [0.0, 1.0]), "tip"),
+        (([0.0, 0.1, 0.2], [0.0, np.nan, 1.0]), "tip"),
+        (([0.0, 0.1, 0.2], [0.0, 0.0, 1.0], [0.0]), "tip_velocity"),
+        (([0.0, 0.1, 0.2],), "tip"),
+        (([0.0, 0.1, 0.2], "abc"), "tip"),
+        (([0.0, 0.1, 0.2], [0.0, 0.0, 1.0], None, "system"), "system"),
+        (([0.0, 0.1, 0.2], [0.0, 0.0, 1.0], None, None, (1, 2)), "states"),
+    ],
+)
+def test_what_is_no_run_is_refused(arguments, field):
+    with pytest.raises(sb.InputError) as caught:
+        sb.Trajectory.from_arrays(*arguments)
+    assert caught.value.field == field
+
+
+def test_a_run_without_its_system_is_of_no_one_and_cannot_be_compared(measured):
+    _, run, ref = measured
+    own = sb.Trajectory.from_arrays(run.t, run.tip)
+    assert own.contacts == ()
+    with pytest.raises(sb.InputError, match="same system"):
+        sb.compare(own, ref)

@@ -1,0 +1,186 @@
+"""A system of matrices wherever a case is taken: case files that name them, and every study."""
+
+from __future__ import annotations
+
+import json
+import re
+
+import numpy as np
+import pytest
+import scipy.io
+import scipy.sparse
+from systems import bouncing_chain
+
+import stiffbeam as sb
+from stiffbeam.basics.validation import InputError
+from stiffbeam.files.cases import find_case, parse_case
+from stiffbeam.studies import STUDIES, find_study
+
+TEXT = """
+[[case]]
+name = "chain"
+dt = 1e-3
+t_end = 8.0
+runs = ["hht(alpha=-0.1)", "bdf2"]
+[case.system]
+mass = "M.mtx"
+stiffness = "K.npz"
+damping = "C.npy"
+loads = [
+  { row = [0.0, 0.0, 1.0], amplitude = 6.0, frequency = 2.2, phase = 0.3 },
+  { row = { 0 = 1.0 }, sampled = "push.csv", kind = "cubic" },
+]
+observe = "row.npy"
+initial_velocity = { 0 = 0.2, 2 = 1 }
+[[case.system.contacts]]
+row = { 1 = 0.2, 2 = 1.0 }
+lower = -0.35
+upper = 0.25
+stiffness = 900.0
+offset = { amplitude = 0.05, frequency = 1.1 }
+[[case.system.contacts]]
+row = [1.0, 0.0, 0.0]
+upper = 0.2
+stiffness = 500.0
+"""
+MASS = np.array([[1.0, 0.2, 0.0], [0.2, 1.5, 0.1], [0.0, 0.1, 0.7]])
+STIFFNESS = np.array([[60.0, -30.0, 0.0], [-30.0, 60.0, -30.0], [0.0, -30.0, 30.0]])
+TIMES = np.linspace(0.0, 8.0, 41)
+
+
+@pytest.fixture
+def file(tmp_path):
+    """The case with its matrices in a folder of their own: paths are relative to the file."""
+    folder = tmp_path / "model"
+    folder.mkdir()
+    scipy.io.mmwrite(folder / "M.mtx", scipy.sparse.coo_array(MASS), symmetry="symmetric", precision=17)
+    scipy.sparse.save_npz(folder / "K.npz", scipy.sparse.csr_array(STIFFNESS))
+    np.save(folder / "C.npy", 1e-3 * STIFFNESS)
+    np.save(folder / "row.npy", np.array([0.0, 0.0, 1.0]))
+    lines = [f"{t!r},{v!r}" for t, v in zip(TIMES.tolist(), np.cos(TIMES).tolist(), strict=True)]
+    (folder / "push.csv").write_text("t,force\n" + "\n".join(lines))
+    (folder / "chain.toml").write_text(TEXT)
+    return folder / "chain.toml"
+
+
+def own_system() -> sb.System:
+    return sb.System.from_matrices(
+        MASS,
+        STIFFNESS,
+        1e-3 * STIFFNESS,
+        loads=[([0, 0, 1], sb.Harmonic(6.0, 2.2, 0.3)), ([1, 0, 0], sb.Sampled(TIMES, np.cos(TIMES), "cubic"))],
+        contacts=[
+            sb.Contact([0.0, 0.2, 1.0], sb.Stops(-0.35, 0.25, stiffness=900.0), sb.Harmonic(0.05, 1.1)),
+            sb.Contact([1.0, 0.0, 0.0], sb.Stops(None, 0.2, stiffness=500.0)),
+        ],
+        observe=[0.0, 0.0, 1.0],
+        initial_velocity=[0.2, 0.0, 1.0],
+    )
+
+
+def test_a_file_makes_the_system_that_python_makes(file):
+    """Every number of it: the motions to the last bit, and the exact decimals of the file beside them."""
+    case, wanted = find_case(str(file)), own_system()
+    found = case.system()
+    assert (case.has_stops, case.grid, case.forms) == (True, "3 unknowns", ("matrices",))
+    for name in ("mass", "damping", "stiffness", "q0", "v0", "observe"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(wanted, name))
+    runs = [sb.integrate(x, sb.HHT(alpha=-0.1), 1e-3, 8.0) for x in (found, wanted)]
+    np.testing.assert_array_equal(runs[0].tip, runs[1].tip)
+    assert runs[0].contacts[1].impacts.count > 0
+    assert any(text.startswith("contacts") for text in found.exact_parameters)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ('"M.mtx"', '"missing.mtx"', "mass|be a file beside the case"),
+        ('"M.mtx"', '"M.csv"', ".mtx, .npz, .npy"),
+        ('"M.mtx"', '"two.npz"', "hold one array"),
+        ('"M.mtx"', '"pickled.npy"', "be readable"),
+        ('"M.mtx"', "[[1.0, 0.0], [0.0]]", "every row as long"),
+        ("{ 0 = 1.0 }", "{ 3 = 1.0 }", "of an unknown from 0 to 2"),
+        ("[1.0, 0.0, 0.0]", "[1.0, 0.0]", "hold 3 numbers"),
+        ("dt = 1e-3", "dt = 1e-3\ncells = 8", "has no grid"),
+        ('"bdf2"]', '"bdf2@hermite"]', "be without a form"),
+        ("upper = 0.2\n", "upper = 0.2\nmotion = { constant = 0.1 }\n", "known field"),
+        ("[case.system]", "[case.problem]\nstiffness = 1.0\n[case.system]", "stand alone"),
+    ],
+)
+def test_what_is_wrong_is_said(file, old, new, words):
+    np.savez(file.parent / "two.npz", a=MASS, b=MASS)
+    np.save(file.parent / "pickled.npy", np.array([{}], dtype=object))
+    file.write_text(TEXT.replace(old, new, 1))
+    with pytest.raises(InputError, match=words):
+        find_case(str(file))
+
+
+def test_a_text_without_a_folder_has_to_hold_its_matrices():
+    with pytest.raises(InputError, match="need no other file"):
+        parse_case(TEXT, "text")
+
+
+@pytest.mark.parametrize("name", STUDIES)
+def test_every_study_but_that_of_the_grid_takes_a_system(name):
+    """Its smoke configuration, over a span with impacts; no point fails, and the picture is drawn."""
+    system, one = bouncing_chain(), find_study(name)
+    options = {k: v for k, v in one.smoke.items() if k not in ("t_end", "cells", "finest")}
+    if name in ("sweep", "rigid"):  # one drive, stops at rest
+        still = sb.Contact(system.contacts[0].row, system.contacts[0].stops)
+        system = sb.System.from_matrices(
+            MASS, STIFFNESS, loads=[([0, 0, 1], sb.Harmonic(6.0, 2.2))], contacts=[still], initial_velocity=[0, 0, 1.0]
+        )
+    if name == "space":
+        with pytest.raises(InputError, match="be a beam with a grid"):
+            sb.study(name, system, dt=1e-2, t_end=8.0, **options)
+        return
+    records = sb.study(name, system, dt=1e-2, t_end=8.0, **options)
+    assert records.found
+    assert not records.failures
+    assert any(c.isdigit() for c in records.answer)
+    assert records.figure().axes
+    assert records.case.name == "system"
+    assert {row["form"].partition(",")[0] for row in records.found if "form" in row} <= {"matrices"}
+
+
+def test_a_study_of_a_system_asks_for_step_and_span():
+    with pytest.raises(InputError, match="dt"):
+        sb.study("energy", bouncing_chain(), t_end=1.0)
+    with pytest.raises(InputError, match="t_end"):
+        sb.study("chaos", bouncing_chain(), dt=1e-2)
+
+
+def test_a_beam_that_is_given_as_its_system_keeps_its_grid():
+    beam = sb.BeamProblem(stiffness=300.0, base=sb.Harmonic(0.2, 10.0))
+    system = sb.semidiscretise(beam, 8)
+    records = sb.study("space", system, dt=1e-3, t_end=0.1, cells=[8, 10, 12], forms=["displacement"])
+    assert records.case.problem == beam
+
+
+def test_a_beam_of_elements_is_studied_in_its_form():
+    """A case whose supports only elements know: its runs and studies take the form without being asked."""
+    case = parse_case(
+        '[[case]]\nname = "strip"\ncells = 6\ndt = 1e-3\nt_end = 0.2\nruns = ["bdf2"]\n[case.problem]\n'
+        'stiffness = 3.0\nsupports = "clamped-pinned"\nloads = [{ position = 0.5, amplitude = 9.0, frequency = 6.0 }]',
+        "text",
+    )
+    assert case.runs[0][1] == "hermite"
+    records = sb.study("energy", case, schemes=["bdf2"])
+    assert {row["form"] for row in records.found} == {"hermite", "hermite, first order"}
+    assert not records.failures
+
+
+@pytest.mark.slow
+def test_the_commands_take_the_file(file, command):
+    """compare, with sampled loads and damping; reference with every digit; the study of the grid says why not."""
+    code, out, err = command("compare", str(file), "--t-end", "1", "--references", "exact", "--json", "-")
+    assert code == 0, err
+    found = json.loads(out)
+    assert (found["case"], found["cells"]) == ("chain", None)
+    assert {f"{x}@matrices" for x in ("hht(alpha=-0.1)", "bdf2", "exact")} <= set(re.findall(r'[^\s"]+@matrices', out))
+    code, out, err = command("reference", str(file), "--t-end", "0.3", "--method", "multiprecision", "--out", "r.nc")
+    assert code == 0, err
+    assert "contacts[1].stops.upper = 0.2" in out
+    code, out, err = command("space", str(file))
+    assert code == 2
+    assert "be a beam with a grid" in err

@@ -1,0 +1,115 @@
+"""Large sparse models in few modes: statics exact, frequencies, contact against the full model, the error reported."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+import scipy.sparse
+
+import stiffbeam as sb
+
+
+def strip(elements: int):
+    """M, K of a clamped-free beam of cubic elements, EI = m = L = 1, sparse; and the row of its tip."""
+    h = 1.0 / elements
+    k = np.array([[12, 6 * h, -12, 6 * h], [6 * h, 4 * h * h, -6 * h, 2 * h * h],
+                  [-12, -6 * h, 12, -6 * h], [6 * h, 2 * h * h, -6 * h, 4 * h * h]]) / h**3  # fmt: skip
+    m = h / 420 * np.array([[156, 22 * h, 54, -13 * h], [22 * h, 4 * h * h, 13 * h, -3 * h * h],
+                            [54, 13 * h, 156, -22 * h], [-13 * h, -3 * h * h, -22 * h, 4 * h * h]])  # fmt: skip
+    n = 2 * (elements + 1)
+    places = [2 * e + np.arange(4) for e in range(elements)]
+    i, j = (
+        np.concatenate([g.ravel() for g in x])
+        for x in zip(*(np.meshgrid(p, p, indexing="ij") for p in places), strict=True)
+    )
+    found = [
+        scipy.sparse.coo_array((np.tile(x.ravel(), elements), (i, j)), shape=(n, n)).tocsc()[2:, 2:] for x in (m, k)
+    ]
+    tip = np.zeros(n - 2)
+    tip[-2] = 1.0
+    return *found, tip
+
+
+def forced(tip, n):
+    """A load at mid-span, a stop at the tip."""
+    load = np.zeros(n)
+    load[n // 2 - 1 - (n // 2 - 1) % 2] = 1.0
+    return {
+        "loads": [(load, sb.Harmonic(3.0, 2.5))],
+        "contacts": [sb.Contact(tip, sb.Stops(-0.1, 0.05, stiffness=300.0))],
+    }
+
+
+def test_statics_are_exact_with_one_mode():
+    """The tip under a constant force at it is F L^3/(3 EI), whatever is left out."""
+    M, K, tip = strip(40)
+    model = sb.reduced(M, K, loads=[(tip, sb.Constant(0.7))], observe=tip, modes=1)
+    q = sb.static_equilibrium(model.system)
+    assert model.system.observe @ q == pytest.approx(0.7 / 3.0, rel=1e-10)
+    assert model.expand(q)[-2] == pytest.approx(0.7 / 3.0, rel=1e-10)
+    assert model.error_at(0.0) < 1e-9
+
+
+def test_frequencies_are_the_models_and_rayleigh_damping_decouples():
+    M, K, tip = strip(60)
+    model = sb.reduced(
+        M, K, 0.1 * M + 1e-4 * K, contacts=[sb.Contact(tip, sb.Stops(upper=1.0, stiffness=1.0))], modes=6
+    )
+    roots = np.array([1.8751040687119611, 4.694091132974175, 7.854757438237613])
+    np.testing.assert_allclose(model.omega[:3], roots**2, rtol=(roots[-1] / 60) ** 4 / 720)
+    found = sb.modes(model.system)
+    assert not found.coupled
+    np.testing.assert_allclose(found.damping_ratio[:3], 0.5 * (0.1 / roots**2 + 1e-4 * roots**2), rtol=1e-6)
+    assert model.left_out > model.omega[-1]
+
+
+def test_contact_converges_to_the_full_model_and_the_error_is_told():
+    """Each doubling of the modes is nearer to all 32 unknowns; error_at falls like (w/w_left_out)^4 or faster."""
+    M, K, tip = strip(16)
+    data = forced(tip, 32)
+    full = sb.reference(sb.System.from_matrices(M, K, **data), 3.0)
+    assert full.impacts.count > 2
+    assert full.horizon == 3.0
+    off, told, gap = [], [], []
+    for modes in (2, 4, 8, 16):
+        model = sb.reduced(M, K, **data, modes=modes)
+        run = sb.reference(model.system, 3.0)
+        off.append(np.max(np.abs(run.tip - full.tip)) / np.max(np.abs(full.tip)))
+        told.append(model.error_at(10.0))
+        gap.append(model.left_out)
+    assert all(b < 0.5 * a for a, b in pairwise(off))
+    assert off[-1] < 1e-3
+    slope = np.polyfit(np.log(gap), np.log(told), 1)[0]
+    assert slope < -3.5
+
+
+def test_thousands_of_unknowns_are_small():
+    """6000 unknowns: nothing dense of n x n is made, and the run is that of 400 unknowns to what elements err by."""
+    runs = []
+    for elements in (200, 3000):
+        M, K, tip = strip(elements)
+        model = sb.reduced(M, K, **forced(tip, M.shape[0]), modes=12)
+        assert model.system.size <= 14
+        runs.append(sb.integrate(model.system, sb.HHT(alpha=-0.1), 1e-3, 1.0).tip)
+    np.testing.assert_allclose(runs[1], runs[0], atol=1e-4 * np.max(np.abs(runs[0])))
+
+
+def test_initial_data_that_the_basis_lacks_are_told():
+    M, K, tip = strip(20)
+    q0 = sb.modes(sb.System.from_matrices(M, K, observe=tip)).shapes
+    held = sb.reduced(M, K, observe=tip, initial_displacement=q0[:, 0], modes=5)
+    lost = sb.reduced(M, K, observe=tip, initial_displacement=q0[:, 0] + 0.1 * q0[:, 15], modes=5)
+    assert held.start_lost < 1e-6
+    assert lost.start_lost == pytest.approx(0.1, rel=0.1)
+
+
+def test_what_cannot_be_reduced_is_refused():
+    M, K, tip = strip(10)
+    with pytest.raises(sb.InputError, match="modes"):
+        sb.reduced(M, K, observe=tip, modes=20)
+    with pytest.raises(sb.InputError, match="hold the system"):
+        sb.reduced(np.eye(4), np.diag([1.0, 1.0, 1.0, 0.0]), observe=np.eye(4)[0], modes=1)
+    with pytest.raises(sb.InputError, match="have shape"):
+        sb.reduced(M, K, observe=np.ones(3), modes=2)

@@ -1,0 +1,302 @@
+"""Rigid stops from impact to impact: known answers, chatter, sticking, and solvers that share no code."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import stiffbeam as sb
+from stiffbeam import InputError
+from stiffbeam.references.exact.impacting import Tracer
+from stiffbeam.references.exact.rigid_reference import _held
+from stiffbeam.references.horizon import agreement
+
+INF = float("inf")
+
+
+def system(M, K, row, e, loads=(), q=None, v=None, C=None, offset=None, **gaps):
+    stops = sb.Stops(**gaps, stiffness=INF, restitution=e)
+    contact = sb.Contact(row, stops, offset)
+    return sb.System.from_matrices(M, K, C, loads, [contact], initial_displacement=q, initial_velocity=v)
+
+
+def test_the_end_of_a_balls_bounces():
+    ball = system([[1.0]], [[0.0]], [1.0], 0.5, [([1.0], sb.Constant(-9.81))], q=[1.0], lower=0.0)
+    found = sb.reference(ball, 2.0)
+    assert found.impacts.times[0] == pytest.approx(0.45152364098573090, abs=1e-15)
+    assert found.solution.stuck[0][0] == pytest.approx(1.3545709229571927, abs=1e-14)
+    assert found.contact_force[-1] == pytest.approx(9.81, rel=1e-14)
+    assert found.at(2.0)[0] == pytest.approx(0.0, abs=1e-15)
+    assert found.horizon == 2.0
+    assert found.energy.stop_dissipation[-1] == pytest.approx(9.81, rel=1e-12)  # all of m g h
+    assert abs(found.energy.loss[-1]) < 1e-13
+    # Momentum: what came in by gravity went out by the stop.
+    assert found.contacts[0].impulse == pytest.approx(9.81 * 2.0, rel=1e-12)
+
+
+@pytest.mark.parametrize("e", [0.3, 0.5, 0.9])
+def test_the_end_of_a_preloaded_oscillators_bounces(e):
+    """x'' + x = c from the stop with speed c: flights 2 atan(e^k), then it sticks for ever."""
+    c = 0.7
+    found = sb.reference(system([[1.0]], [[1.0]], [1.0], e, [([1.0], sb.Constant(c))], v=[-c], upper=0.0), 60.0)
+    wanted = float(np.sum(2.0 * np.arctan(e ** np.arange(2000.0))))
+    assert found.solution.stuck[0][0] == pytest.approx(wanted, abs=1e-12)
+    assert e != 0.5 or wanted == pytest.approx(3.486573240944680007, abs=1e-14)
+    flights = np.diff(np.concatenate([[0.0], found.impacts.times]))
+    assert flights[:10] == pytest.approx(2.0 * np.arctan(e ** np.arange(10.0)), abs=1e-13)
+    assert found.contact_force[-1] == pytest.approx(-c, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("w", "e", "V", "t0"),
+    [(2.8, 0.8, 0.3361772699756701192, 1.0926345564090809343), (2.0, 0.8, 20.0 / 3.0, np.pi / 4.0)],
+)
+def test_the_impact_oscillator_repeats_itself(w, e, V, t0):
+    """One impact a period, x <= 0; the closed form's speed V after the impact at phase t0."""
+    T = 2.0 * np.pi / w
+    drive = sb.Harmonic(1.0, w, w * t0 + 0.5 * np.pi)  # cos(w (t + t0)), t from an impact at speed V on
+    one = system([[1.0]], [[1.0]], [1.0], e, [([1.0], drive)], v=[-e * V], upper=0.0)
+    events = Tracer(one).solve(3.2 * T).events
+    assert [x.time for x in events] == pytest.approx([T, 2.0 * T, 3.0 * T], abs=1e-12)
+    assert [x.impulse / (1.0 + e) for x in events] == pytest.approx([V] * 3, abs=1e-12)
+
+
+CHAIN = np.array([[2.0, -1.0], [-1.0, 1.0]])
+
+
+def test_a_nonsmooth_mode_of_two_masses():
+    """One elastic impact a period T = 10, by the sum over modes."""
+    squares, phi = np.linalg.eigh(CHAIN)
+    w, T = np.sqrt(squares), 10.0
+    seen = phi[1]
+    P = -1.0 / np.sum(seen**2 * np.cos(w * T / 2.0) / (2.0 * w * np.sin(w * T / 2.0)))
+
+    def motion(t):
+        return -P * (phi * seen * np.cos(w * (t - T / 2.0)) / (2.0 * w * np.sin(w * T / 2.0))).sum(axis=1)
+
+    def velocity(t):
+        return P * (phi * seen * np.sin(w * (t - T / 2.0)) / (2.0 * np.sin(w * T / 2.0))).sum(axis=1)
+
+    q, v = motion(0.0), velocity(0.0)
+    assert abs(q[0]) == pytest.approx(0.61400005152125853508, abs=1e-14)
+    sign = 1.0 if q[1] > 0.0 else -1.0
+    v = v if sign * v[1] < 0.0 else -v
+    assert abs(v[1]) == pytest.approx(0.043879687856862290, abs=1e-14)
+    stop = {"upper": 1.0} if sign > 0.0 else {"lower": -1.0}
+    found = sb.reference(system(np.eye(2), CHAIN, [0.0, 1.0], 1.0, q=q, v=v, **stop), 30.5)
+    assert found.impacts.times == pytest.approx([10.0, 20.0, 30.0], abs=1e-12)
+    assert found.energy.energy == pytest.approx(0.26395872525005743441, abs=1e-12)
+
+
+def test_a_period_with_a_sticking_phase():
+    """Both masses at the stop with u_2' = 0, free for T_f, then u_2 held while u_1 swings about it."""
+    free, stick, speed = 5.9546631408379963171, 2.0516840715372104998, 5.8624393719567412909
+    for sign in (-1.0, 1.0):
+        found = Tracer(system(np.eye(2), CHAIN, [0.0, 1.0], 0.5, q=[1.0, 1.0], v=[sign * speed, 0.0], upper=1.0)).solve(
+            12.0
+        )
+        changes = [t for t, a, b in zip(found.times[1:], found.held, found.held[1:], strict=False) if a != b]
+        if not found.held[0]:
+            break
+    assert changes[0] == pytest.approx(
+        free, abs=1e-4
+    )  # where the gap touches like a cube, rounding counts to the third
+    assert changes[1] == pytest.approx(free + stick, abs=1e-12)
+    _, v, _ = found.at(np.array([changes[1]]))
+    assert v[0] == pytest.approx([sign * speed, 0.0], abs=1e-11)
+
+
+@pytest.mark.parametrize("cells", [8, 25])
+def test_nonsmooth_modes_of_a_beam(cells):
+    """T = 0.95 T_1, one elastic impact a period on the stop at 0.1."""
+    beam = sb.semidiscretise(
+        sb.BeamProblem(stiffness=300.0, stops=sb.Stops(upper=0.1, stiffness=INF, restitution=1.0)), cells
+    )
+    modes = sb.modes(beam)
+    w = modes.omega
+    phi = modes.shapes / np.sqrt(np.sum(modes.shapes * (beam.mass @ modes.shapes), axis=0))
+    seen, T = beam.contacts[0].row @ phi, 0.95 * 2.0 * np.pi / w[0]
+    P = -0.1 / np.sum(seen**2 * np.cos(w * T / 2.0) / (2.0 * w * np.sin(w * T / 2.0)))
+    q = -P * phi @ (seen * np.cos(w * T / 2.0) / (2.0 * w * np.sin(w * T / 2.0)))
+    v = -P * phi @ (seen * np.sin(w * T / 2.0) / (2.0 * np.sin(w * T / 2.0)))
+    start = sb.System.from_matrices(
+        beam.mass, beam.stiffness, contacts=beam.contacts, initial_displacement=q, initial_velocity=v
+    )
+    events = Tracer(start).solve(2.5 * T).events
+    assert [e.time for e in events] == pytest.approx([T, 2.0 * T], rel=1e-12)
+
+
+def test_it_agrees_with_the_compliant_machinery_at_e_1():
+    """``rigid_limit`` follows closed forms between impacts and shares nothing with the series."""
+    beam = sb.semidiscretise(
+        sb.BeamProblem(
+            stiffness=300.0, base=sb.Harmonic(0.2, 10.0), stops=sb.Stops(lower=-0.1, upper=0.1, stiffness=5e6)
+        ),
+        6,
+    )
+    rigid = [sb.Contact(c.row, sb.Stops(lower=-0.1, upper=0.1, stiffness=INF, restitution=1.0)) for c in beam.contacts]
+    other = sb.System.from_matrices(
+        beam.mass,
+        beam.stiffness,
+        loads=beam.loads,
+        contacts=rigid,
+        initial_displacement=beam.q0,
+        initial_velocity=beam.v0,
+    )
+    a, b = sb.rigid_limit(beam, 0.3), sb.reference(other, 0.3)
+    soon = a.impacts.until(0.12)
+    assert soon.count >= 2
+    assert b.impacts.until(0.12).times == pytest.approx(soon.times, abs=1e-9)
+    assert b.impacts.until(0.12).impulses == pytest.approx(soon.impulses, rel=1e-6)
+    assert 0.2 < b.horizon <= agreement(a, b, 1e-4)  # chaos parts them there: 0.2481 and 0.2484
+
+
+def test_two_damped_contacts_and_a_moving_stop_against_dop853():
+    """Events of solve_ivp, Newton's law applied by hand, over the first impacts."""
+    M, K, C = np.diag([1.0, 0.6]), np.array([[30.0, -12.0], [-12.0, 20.0]]), np.array([[0.3, 0.0], [0.0, 0.1]])
+    e, motion = np.array([0.6, 0.8]), sb.Harmonic(0.05, 7.0)
+    load, drive = np.array([5.0, 1.0]), sb.Harmonic(1.0, 4.0, 0.5)
+    contacts = [
+        sb.Contact([1.0, 0.0], sb.Stops(upper=0.12, stiffness=INF, restitution=0.6), motion),
+        sb.Contact([0.0, 1.0], sb.Stops(lower=-0.1, stiffness=INF, restitution=0.8)),
+    ]
+    whole = sb.System.from_matrices(M, K, C, [(load, drive)], contacts)
+    found = sb.reference(whole, 4.0)
+
+    def gaps(t, y):
+        return [0.12 - y[0] - float(motion.value(t)), y[1] + 0.1]
+
+    def event(c):
+        def gap(t, y):
+            return gaps(t, y)[c]
+
+        gap.terminal, gap.direction = True, -1
+        return gap
+
+    def right(t, y):
+        return np.concatenate([y[2:], np.linalg.solve(M, load * float(drive.value(t)) - K @ y[:2] - C @ y[2:])])
+
+    t, y, times = 0.0, np.zeros(4), [[], []]
+    while t < 4.0 and sum(map(len, times)) < 12:
+        run = solve_ivp(
+            right, (t, 4.0), y, "DOP853", events=[event(0), event(1)], rtol=1e-12, atol=1e-13, max_step=0.01
+        )
+        t, y = run.t[-1], run.y[:, -1].copy()
+        if run.status != 1:
+            break
+        c = 0 if len(run.t_events[0]) else 1
+        times[c].append(t)
+        shift = float(motion.rate(t)) if c == 0 else 0.0
+        y[2 + c] = -shift - e[c] * (y[2 + c] + shift)
+    count = 0
+    for c in (0, 1):
+        wanted = np.array(times[c])
+        count += len(wanted)
+        assert found.contacts[c].impacts.times[: len(wanted)] == pytest.approx(wanted, abs=1e-8)
+    assert count >= 6
+    assert np.max(np.abs(found.energy.loss)) < 1e-10 * np.max(np.abs(found.energy.energy))
+
+
+def chattering(rng):
+    """A random system that is pressed on its stops: 1 to 4 unknowns, 1 or 2 contacts, e from 0 to 0.95."""
+    n = int(rng.integers(1, 5))
+    A = rng.normal(size=(n, n))
+    M, K = np.diag(rng.uniform(0.3, 2.0, n)), A @ A.T * rng.uniform(0.0, 20.0) + 0.1 * np.eye(n)
+    C = K * rng.choice([0.0, 0.02]) + np.diag(rng.uniform(0.0, 0.3, n)) * rng.choice([0.0, 1.0])
+    contacts = []
+    for place in rng.permutation(n)[: rng.integers(1, 3)]:
+        moving = sb.Harmonic(0.02, rng.uniform(1.0, 4.0)) if rng.random() < 0.3 else None
+        stops = sb.Stops(
+            lower=-0.2 - rng.random(), upper=0.1 * rng.random() + 0.01, stiffness=INF, restitution=0.95 * rng.random()
+        )
+        contacts.append(sb.Contact(np.eye(n)[place], stops, moving))
+    loads = [
+        (rng.normal(size=n) * 3.0, sb.Constant(1.0)),
+        (rng.normal(size=n) * 3.0, sb.Harmonic(1.0, rng.uniform(0.5, 6.0))),
+    ]
+    return sb.System.from_matrices(M, K, C, loads, contacts, initial_velocity=rng.normal(size=n))
+
+
+def follow(count, seed):
+    held = impacts = 0
+    for k in range(count):
+        one = chattering(np.random.default_rng([seed, k]))
+        found = Tracer(one).solve(8.0)
+        t = np.linspace(0.0, 8.0, 801)
+        q, _, R = found.at(t)
+        for c, contact in enumerate(one.contacts):
+            u = q @ contact.row + (0.0 if contact.offset is None else contact.offset.value(t))
+            assert np.max(np.abs(contact.stops.penetration(u))) < 1e-12 * (1.0 + np.max(np.abs(q))), (seed, k)
+            inside = np.abs(u - contact.stops.g1) < np.abs(u - contact.stops.g2)
+            assert np.all(np.where(inside, R[:, c], -R[:, c]) >= -1e-9 * (1.0 + np.max(np.abs(R)))), (seed, k)
+        assert all(taken >= -1e-9 for _, taken, _ in found.taken), (seed, k)
+        held += any(found.held)
+        impacts += len(found.events)
+    return held, impacts
+
+
+def test_random_chattering_systems():
+    held, impacts = follow(15, 1)
+    assert held >= 8
+    assert impacts > 200
+
+
+@pytest.mark.slow
+def test_a_thousand_random_chattering_systems():
+    held, _ = follow(1000, 2)
+    assert held > 500
+
+
+def test_inelastic_impacts_stick_at_once():
+    ball = system([[1.0]], [[0.0]], [1.0], 0.0, [([1.0], sb.Constant(-1.0))], q=[0.5], lower=0.0)
+    found = sb.reference(ball, 2.0)
+    assert found.impacts.count == 1
+    assert found.impacts.times[0] == pytest.approx(1.0, abs=1e-15)
+    assert found.contacts[0].fraction == pytest.approx(0.5, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("call", "named"),
+    [
+        (lambda: sb.reference(system([[1.0]], [[1.0]], [1.0], None, upper=0.1), 1.0), "massless_contacts"),
+        (lambda: sb.reference(system([[1.0]], [[1.0]], [1.0], 0.5, q=[0.2], upper=0.1), 1.0), "between"),
+        (lambda: sb.reference(system([[1.0]], [[1.0]], [1.0], 0.5, [([1.0], np.sin)], upper=0.1), 1.0), "Harmonic"),
+        (lambda: sb.reference(system([[1.0]], [[1.0]], [1.0], 0.5, upper=0.1), 1.0, method="dop853"), "finite"),
+    ],
+)
+def test_what_is_refused(call, named):
+    with pytest.raises(InputError, match=named):
+        call()
+
+
+def first_hundredth(whole):
+    """(count, impulse) of the impacts within 0.01 after the first."""
+    if whole.contacts[0].stops.restitution is None:
+        found = sb.reference(whole.massless_contacts(), 0.07).impacts
+        soon = found.until(found.times[0] + 0.01)
+        return soon.count, float(np.nansum(soon.impulses))
+    found = Tracer(whole).solve(0.063)
+    end = found.events[0].time + 0.01
+    soon = [event for event in found.events if event.time <= end]
+    held = sum(impulse for start, _, impulse in _held(found, 0.063)[0] if start <= end)
+    return len(soon), sum(event.impulse for event in soon) + held
+
+
+@pytest.mark.slow
+def test_impulses_converge_with_the_mesh_and_counts_do_not(table10):
+    """Within 0.01 after the first impact: massless, e = 0, e = 1."""
+    counts, impulses = [], []
+    for cells in (20, 80):
+        made = []
+        for e in (None, 0.0, 1.0):
+            stops = sb.Stops(lower=-0.1, upper=0.1, stiffness=INF, restitution=e)
+            whole = sb.semidiscretise(replace(table10, stops=stops), cells)
+            made.append(first_hundredth(whole))
+        counts.append([count for count, _ in made])
+        impulses.append([impulse for _, impulse in made])
+    assert np.all(np.array(counts[1]) >= 2 * np.array(counts[0]))
+    assert np.ptp(impulses[1]) < 0.04 * np.mean(impulses[1])  # 0.027
+    assert np.ptp(impulses[0]) > 0.08 * np.mean(impulses[0])  # 0.10

@@ -1,0 +1,350 @@
+"""Loads, base motions and stop motions as measured: values, who takes them, and what is refused."""
+
+from __future__ import annotations
+
+import math
+import pickle
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.interpolate import CubicSpline
+from scipy.linalg import eigh
+
+import stiffbeam as sb
+from stiffbeam.references import solve
+from stiffbeam.references.exact.polynomial_answer import answers
+
+TIMES = np.array([0.0, 0.1, 0.25, 0.3, 0.7, 1.0])
+VALUES = np.array([0.0, 1.0, -0.5, 0.2, 0.3, -1.0])
+
+
+def test_a_polygon_goes_through_its_samples_and_the_spline_is_scipys():
+    rng = np.random.default_rng(1)
+    t = rng.uniform(0.0, 1.0, 200)
+    polygon, spline, scipys = sb.Sampled(TIMES, VALUES), sb.Sampled(TIMES, VALUES, "cubic"), CubicSpline(TIMES, VALUES)
+    assert np.max(np.abs(polygon.value(t) - np.interp(t, TIMES, VALUES))) < 1e-15
+    for order, mine in enumerate((spline.value, spline.rate, spline.acceleration)):
+        # A derivative of order k divides rounding by the least spacing, 0.05, k times.
+        assert np.max(np.abs(mine(t) - scipys(t, order))) < 100 * 2.2e-16 * 20.0**order
+        assert np.max(np.abs(spline.derived(order).value(t) - scipys(t, order))) < 100 * 2.2e-16 * 20.0**order
+    assert np.array_equal(polygon.value(TIMES), VALUES)
+    assert np.shape(spline.value(0.5)) == ()
+    assert np.array_equal(spline.breakpoints, TIMES)
+
+
+def test_a_sum_adds_values_rates_and_accelerations():
+    f, g, t = sb.Harmonic(2.0, 3.0, 0.1), sb.Sampled(TIMES, VALUES, "cubic"), np.linspace(0.0, 1.0, 11)
+    total = sb.Sum(f, sb.Sum(g, sb.Constant(1.0)))
+    assert np.array_equal(total.value(t), f.value(t) + (g.value(t) + 1.0))
+    assert np.array_equal(total.rate(t), f.rate(t) + g.rate(t))
+    assert np.array_equal(total.acceleration(t), f.acceleration(t) + g.acceleration(t))
+    assert np.array_equal(total.breakpoints, TIMES)
+
+
+def test_records_are_equal_by_their_numbers_in_any_process():
+    a = sb.Sampled(TIMES, VALUES, "cubic")
+    b = pickle.loads(pickle.dumps(a))
+    assert a == b
+    assert hash(a) == hash(b)
+    assert not b.values.flags.writeable
+    assert a != sb.Sampled(TIMES, VALUES)
+    assert a != sb.Sampled(TIMES, VALUES + 1e-16, "cubic")
+    systems = [hammered(f) for f in (a, b, sb.Sum(a), sb.Sampled(TIMES, 2 * VALUES, "cubic"))]
+    assert systems[0].fingerprint == systems[1].fingerprint
+    assert len({s.fingerprint for s in systems}) == 3
+    assert len(repr(a)) < 120
+
+
+@pytest.mark.parametrize(
+    ("make", "field"),
+    [
+        (lambda: sb.Sampled([0.0, 1.0, 1.0], [0.0, 1.0, 2.0]), "sampled.t"),
+        (lambda: sb.Sampled([0.0, math.nan], [0.0, 1.0]), "sampled.t"),
+        (lambda: sb.Sampled([0.0], [0.0]), "sampled.t"),
+        (lambda: sb.Sampled([0.0, 1.0], [0.0, 1.0, 2.0]), "sampled.values"),
+        (lambda: sb.Sampled([0.0, 1.0], ["a", "b"]), "sampled.values"),
+        (lambda: sb.Sampled([0.0, 1e-320], [0.0, 1.0]), "sampled.values"),
+        (lambda: sb.Sampled(TIMES, VALUES, "cubics"), "kind"),
+        (lambda: sb.Sampled(TIMES, VALUES, derivative=2), "derivative"),
+        (lambda: sb.Sum(), "Sum"),
+        (lambda: sb.Sum(np.sin), "Sum"),
+    ],
+)
+def test_what_is_no_record_is_refused(make, field):
+    with pytest.raises(sb.InputError) as caught:
+        make()
+    assert caught.value.field == field
+
+
+def test_outside_its_samples_a_record_is_refused_and_not_extended():
+    f = sb.Sampled(TIMES, VALUES)
+    for t in (-0.01, 1.01, [0.5, 1.01]):
+        with pytest.raises(sb.InputError, match="within its samples"):
+            f.value(t)
+    system = hammered(f)
+    for solver in (
+        lambda: sb.integrate(system, sb.HHT(), 0.01, 1.5),
+        lambda: sb.reference(system, 1.5),
+        lambda: sb.reference(system, 1.5, "cvode"),
+        lambda: sb.reference(system, 1.5, "multiprecision"),
+        lambda: sb.integrate_ensemble(system, sb.HHT(), 0.01, 1.5, members=sb.perturbed(system, 2)),
+    ):
+        with pytest.raises(sb.InputError, match="within its samples"):
+            solver()
+
+
+def test_a_polygon_has_no_acceleration_and_is_no_base_motion():
+    polygon = sb.Sampled(TIMES, VALUES)
+    with pytest.raises(sb.InputError, match="cubic"):
+        polygon.acceleration(0.5)
+    for base in (polygon, sb.Sum(sb.Harmonic(0.1, 3.0), polygon)):
+        with pytest.raises(sb.InputError, match="cubic"):
+            sb.BeamProblem(stiffness=300.0, base=base)
+    with pytest.raises(sb.InputError, match="Harmonic or Constant"):
+        sb.rigid_limit(hammered(polygon), 0.5)
+
+
+def test_a_mode_answers_a_power_of_time_as_quadrature_says():
+    """psi_j(lambda, tau) = int_0^tau exp(lambda (tau - s)) s^j ds, for slow, fast and decaying modes."""
+    import mpmath as mp
+
+    with mp.workdps(40):
+        for value in (0j, -1e-9 + 1e-9j, 0.3j, -1.9 + 0.1j, 2.1j, -40.0 + 300.0j, -1e6 + 0j):
+            for tau in (1e-8, 0.013, 1.0):
+                psi = np.empty(4, complex)
+                answers(complex(value), tau, psi)
+                z, t = mp.mpc(value), mp.mpf(tau)
+                for j in range(4):
+                    series = mp.hyp1f1(1, j + 2, z * t) * t ** (j + 1) / (j + 1)  # = j! t^(j+1) phi_{j+1}(z t)
+                    assert abs(complex(series) - psi[j]) <= 1e-14 * tau ** (j + 1) / (1.0 + abs(value) * tau / 2), (
+                        value,
+                        tau,
+                        j,
+                    )
+
+
+def hammered(load, damping=0.0, contacts=1, offset=None):
+    """A chain of three masses between stops, with one load on two of them."""
+    mass = np.diag([1.0, 2.0, 1.5])
+    stiffness = np.array([[40.0, -20.0, 0.0], [-20.0, 50.0, -30.0], [0.0, -30.0, 30.0]])
+    stops = [sb.Stops(-0.2, 0.2 + 0.1 * i, stiffness=3000.0) for i in range(contacts)]
+    return sb.System.from_matrices(
+        mass, stiffness, damping * stiffness + 0.1 * bool(damping) * np.diag([1.0, 0.0, 0.0]),
+        loads=[([1.0, 0.0, 1.0], load)],
+        contacts=[sb.Contact(np.eye(3)[2 - i], stop, offset) for i, stop in enumerate(stops)],
+    )  # fmt: skip
+
+
+def random_system(seed: int, most: int = 25) -> tuple[sb.System, float]:
+    """One to three masses, damped or not, one or two contacts, loads and stops that move by random samples."""
+    rng = np.random.default_rng([4409, seed])
+    n = int(rng.integers(1, 4))
+    mass, springs = rng.uniform(0.5, 2.0, n), 10.0 ** rng.uniform(0.5, 3.0, n)
+    stiffness = np.diag(springs + np.append(springs[1:], 0.0))
+    stiffness -= np.diag(springs[1:], 1) + np.diag(springs[1:], -1)
+    slowest = math.sqrt(float(eigh(stiffness, np.diag(mass), eigvals_only=True)[0]))
+    t_end = float(rng.uniform(0.5, 2.0)) * 2.0 * math.pi / slowest
+    dashpot = np.zeros((n, n))
+    dashpot[-1, -1] = 1.0
+    damping = (rng.choice([0.0, 0.0, 0.02]) * stiffness + rng.choice([0.0, 0.2]) * dashpot) / slowest
+
+    def record(size: float):
+        count = int(rng.choice([2, 3, 7, 20, most]))
+        inside = (
+            np.sort(rng.uniform(0.0, t_end, count - 2)) if rng.random() < 0.5 else np.linspace(0, t_end, count)[1:-1]
+        )
+        values = size * rng.normal(size=count) * (rng.random(count) < rng.choice([0.2, 1.0]))
+        f = sb.Sampled(np.concatenate([[0.0], inside, [t_end]]), values, str(rng.choice(["linear", "cubic"])))
+        return (
+            f
+            if rng.random() < 0.6
+            else sb.Sum(f, sb.Harmonic(0.5 * size, slowest * rng.uniform(0.3, 3.0)), sb.Constant(size / 5))
+        )
+
+    row = np.eye(n)[-1] if rng.random() < 0.7 else rng.normal(size=n)
+    contacts = []
+    for _ in range(int(rng.integers(1, 3))):
+        stops = sb.Stops(
+            -0.2 * rng.uniform(0.3, 1.0), 0.2 * rng.uniform(0.3, 1.0), stiffness=slowest**2 * 10.0 ** rng.uniform(1, 4)
+        )
+        contacts.append(sb.Contact(row, stops, record(0.05) if rng.random() < 0.4 else None))
+        row = rng.normal(size=n)
+    load = (rng.normal(size=n), record(slowest**2))
+    v0 = 0.3 * slowest * rng.normal(size=n) * (rng.random() < 0.5)
+    made = sb.System.from_matrices(np.diag(mass), stiffness, damping, [load], contacts, initial_velocity=v0)
+    return made, t_end
+
+
+def held_against_dop853(seed: int, most: int = 25) -> tuple[float, float, int]:
+    """(|du| inside the horizon, largest loss of energy, impacts), each of the exact solution, of max |u| and max E."""
+    system, t_end = random_system(seed, most)
+    t = np.linspace(0.0, t_end, 301)
+    exact = sb.reference(system, t_end, t_eval=t)
+    other = solve(system, t_end, "dop853", t, 1e-12, None)
+    # Chaos magnifies what DOP853 errs by: twice the tolerance tells how long it is known.
+    looser = solve(system, t_end, "dop853", t, 1e-10, None)
+    scale = float(np.max(np.abs(exact.tip)))
+    known = np.maximum.accumulate(np.abs(other.tip - looser.tip)) <= 1e-5 * scale
+    inside = known & (t <= exact.horizon)
+    off = float(np.max(np.abs(exact.tip - other.tip)[inside]))
+    energy = float(np.max(exact.energy.energy)) + 1e-300
+    return off / (scale or 1.0), float(np.max(np.abs(exact.energy.loss))) / energy, exact.impacts.count
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(12))
+def test_the_exact_solution_of_sampled_loads_is_dop853s_with_restarts(seed):
+    off, loss, _ = held_against_dop853(seed)
+    assert off < 1e-4  # ten times what the two tolerances of DOP853 may differ by
+    assert loss < 1e-9
+
+
+@pytest.mark.slow
+def test_60_random_systems_with_sampled_loads_are_right():
+    found = np.array([held_against_dop853(seed, 100) for seed in range(60)])
+    assert np.max(found[:, 0]) < 1e-4
+    assert np.max(found[:, 1]) < 1e-9
+    assert np.sum(found[:, 2]) > 300
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["linear", "cubic"])
+@pytest.mark.parametrize(("damping", "contacts"), [(0.0, 1), (0.01, 2)])
+def test_multiprecision_takes_records_and_the_exact_solution_is_its_own_to_rounding(kind, damping, contacts):
+    rng = np.random.default_rng(5)
+    t = np.linspace(0.0, 6.0, 31)
+    load, move = sb.Sampled(t, 5.0 * rng.normal(size=31), kind), sb.Sampled(t, 0.05 * rng.normal(size=31), kind)
+    system = hammered(sb.Sum(load, sb.Harmonic(2.0, 3.0)), damping, contacts, move)
+    exact, precise = sb.reference(system, 6.0), sb.reference(system, 6.0, "multiprecision")
+    assert precise.horizon == 6.0
+    assert exact.impacts.count == precise.impacts.count > 5
+    scale = np.max(np.abs(precise.tip))
+    inside = precise.t <= exact.horizon
+    assert np.max(np.abs(exact.tip - precise.tip)[inside]) < 1e-6 * scale
+    assert precise.provenance["between"] < 1e-12
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["cvode", "cvode-adams", "ida", "kvaerno5", "dop853", "radau"])
+def test_every_solver_takes_a_record_as_load_and_as_stop_motion(method):
+    t = np.linspace(0.0, 2.0, 9)
+    load = sb.Sampled(t, [0, 9, 0, -7, 5, 0, 0, 3, 0], "linear")
+    move = sb.Sum(sb.Sampled(t, [0, 0.02, -0.02, 0, 0.03, 0, 0, 0, 0.01], "cubic"), sb.Harmonic(0.01, 5.0))
+    system, times = hammered(load, 0.01, 2, move), np.linspace(0.0, 2.0, 101)
+    exact, other = solve(system, 2.0, "exact", times, 0.0, None), solve(system, 2.0, method, times, 1e-10, None)
+    assert exact.impacts.count > 1
+    scale = np.max(np.abs(exact.tip))
+    assert np.max(np.abs(exact.tip - other.tip)) < 1e-6 * scale
+    assert np.max(np.abs(exact.energy.input - other.energy.input)) < 1e-5 * np.max(np.abs(exact.energy.input))
+    assert np.max(np.abs(other.contacts[1].velocity - exact.contacts[1].velocity)) < 1e-4
+
+
+@pytest.mark.parametrize("scheme", [sb.BDF2(), sb.HHT(-0.1), sb.SDIRK(), sb.Trapezoidal()], ids=str)
+def test_every_scheme_takes_a_record_and_keeps_its_order(scheme):
+    """No contact, a cubic record whose samples lie on steps: halving the step divides the error by 2^order."""
+    t = np.linspace(0.0, 2.0, 17)
+    load = sb.Sum(sb.Sampled(t, np.sin(3.0 * t) * t, "cubic"), sb.Harmonic(1.0, 2.0))
+    system = replace(hammered(load), contacts=(), observe=np.array([0.0, 0.0, 1.0]))
+    exact = sb.reference(system, 2.0)
+    errors = []
+    for dt in (1 / 256, 1 / 512, 1 / 1024):
+        run = sb.integrate(system, scheme, dt, 2.0)
+        errors.append(np.max(np.abs(run.tip - exact.at(run.t)[0])))
+    slope = np.log2(errors[0] / errors[2]) / 2.0
+    assert abs(slope - scheme.order) < 0.1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("form", ["displacement", "velocity-curvature"])
+def test_a_measured_base_motion_moves_the_beam_as_its_harmonic_does(form):
+    """A spline through a sine at spacing h is off by (w h)^4/384, its acceleration by (w h)^2/12 of its own."""
+    w, t = 10.0, np.linspace(0.0, 0.25, 1001)
+    stops = sb.Stops(-0.1, 0.1, stiffness=5e4)
+    bases = sb.Harmonic(0.2, w), sb.Sampled(t, 0.2 * np.sin(w * t), "cubic")
+    systems = [sb.semidiscretise(sb.BeamProblem(stiffness=300.0, stops=stops, base=b), 8, form) for b in bases]
+    a, b = (sb.reference(s, 0.25) for s in systems)
+    assert a.impacts.count == b.impacts.count > 3
+    assert np.max(np.abs(a.tip - b.tip)) < 1e-5 * np.max(np.abs(a.tip))
+    precise = sb.reference(systems[1], 0.05, "multiprecision", t_eval=np.linspace(0.0, 0.05, 51))
+    assert np.max(np.abs(precise.tip - b.at(precise.t)[0])) < 1e-10
+
+
+def test_a_measured_run_travels_is_cached_frozen_and_repeated(tmp_path, monkeypatch):
+    monkeypatch.setenv("STIFFBEAM_CACHE_DIR", str(tmp_path))
+    system = hammered(sb.Sampled(np.linspace(0, 2, 9), [0, 9, 0, -7, 5, 0, 0, 3, 0]), 0.01)
+    one = sb.cached_reference(system, 2.0)
+    copy = pickle.loads(pickle.dumps(system))
+    two = sb.cached_reference(copy, 2.0)  # from the frozen file, re-marched from sample to sample
+    assert one.impacts.count == two.impacts.count > 0
+    assert np.max(np.abs(one.tip - two.tip)) < 1e-9 * np.max(np.abs(one.tip))
+    ensemble = sb.integrate_ensemble(copy, sb.HHT(), 1e-3, 2.0, members=sb.perturbed(system, 3))
+    run = sb.integrate(system, sb.HHT(), 1e-3, 2.0)
+    assert np.all(np.abs(ensemble.contacts[0].impact_count - run.impacts.count) <= 1)
+
+
+def test_many_samples_cost_little_and_many_pieces_are_no_accumulation():
+    """A thousand samples in each shortest period: pieces that follow each other closely are not switches."""
+    t = np.linspace(0.0, 0.5, 10001)
+    system = hammered(sb.Sampled(t, 30.0 * np.sin(40.0 * t)), 0.0)
+    exact = solve(system, 0.5, "exact", None, 0.0, None)
+    harmonic = solve(hammered(sb.Harmonic(30.0, 40.0)), 0.5, "exact", None, 0.0, None)
+    # A polygon with spacing h is off by (w h)^2/8 of the amplitude.
+    assert np.max(np.abs(exact.tip - harmonic.tip)) < 1e-6 * np.max(np.abs(harmonic.tip))
+
+
+CASE = """
+[[case]]
+name = "measured"
+cells = 8
+dt = 1e-3
+t_end = 0.1
+[case.problem]
+stiffness = 300
+stops = {{ lower = -0.1, upper = 0.1, stiffness = 5e4 }}
+base = {{ sum = [{{ {base}, kind = "cubic" }}, {{ amplitude = 0.01, frequency = 50.0 }}] }}
+loads = [{{ position = 0.5, {load} }}]
+"""
+
+
+def test_a_case_file_names_records_beside_it_or_holds_them(tmp_path):
+    (tmp_path / "table.csv").write_text("# shaking table\n0,0\n0.05,0.1\n0.1,0\n0.15,0.2\n", encoding="utf-8")
+    (tmp_path / "hammer.csv").write_text("time;force;gain\n0;0;1\n0.01;30;1\n0.2;0;1\n", encoding="utf-8")
+    named = CASE.format(base='sampled = "table.csv"', load='sampled = "hammer.csv", column = "force"')
+    held = CASE.format(
+        base="sampled = { t = [0, 0.05, 0.1, 0.15], values = [0, 0.1, 0, 0.2] }",
+        load="sampled = { t = [0, 0.01, 0.2], values = [0, 30, 0] }",
+    )
+    systems = []
+    for name, text in (("named", named), ("held", held)):
+        (tmp_path / f"{name}.toml").write_text(text, encoding="utf-8")
+        case = sb.load_cases(tmp_path / f"{name}.toml")["measured"]
+        systems.append(sb.semidiscretise(case.problem, case.cells))
+    assert systems[0].fingerprint == systems[1].fingerprint
+    assert np.array_equal(systems[0].problem.loads[0].time.values, [0.0, 30.0, 0.0])
+    other = (tmp_path / "hammer.csv").read_text(encoding="utf-8").replace("30", "31")
+    (tmp_path / "hammer.csv").write_text(other, encoding="utf-8")
+    case = sb.load_cases(tmp_path / "named.toml")["measured"]
+    assert sb.semidiscretise(case.problem, case.cells).fingerprint != systems[0].fingerprint  # the numbers count
+
+
+@pytest.mark.parametrize(
+    ("content", "load", "says"),
+    [
+        ("0,0\n1,a\n", 'sampled = "h.csv"', "line 2: 'a'"),
+        ("0,0\n1,1,1\n", 'sampled = "h.csv"', "line 2: 3 columns"),
+        ("t,a,b\n0,0,0\n1,1,1\n", 'sampled = "h.csv"', "column = 'a' or 'b'"),
+        ("t,a,b\n0,0,0\n1,1,1\n", 'sampled = "h.csv", column = "c"', "first line"),
+        ("0,0\n0,1\n", 'sampled = "h.csv"', "increase"),
+        ("", 'sampled = "h.csv"', "two or more lines"),
+        ("0,0\n1,1\n", 'sampled = "no.csv"', "readable file"),
+        ("0,0\n1,1\n", 'sampled = "h.csv", kind = "cubicle"', "linear"),
+        ("0,0\n1,1\n", "sampled = { t = [0, 1] }", "values"),
+    ],
+)
+def test_a_record_that_cannot_be_read_is_refused_with_file_and_line(tmp_path, content, load, says):
+    (tmp_path / "h.csv").write_text(content, encoding="utf-8")
+    base = "sampled = { t = [0, 1, 2], values = [0, 0, 0] }"
+    (tmp_path / "case.toml").write_text(CASE.format(base=base, load=load), encoding="utf-8")
+    with pytest.raises(sb.InputError, match=says):
+        sb.load_cases(tmp_path / "case.toml")

@@ -1,0 +1,181 @@
+"""Input that nobody means: a result, or a refusal on one line with rule, value and remedy; nothing else, and soon."""
+
+from __future__ import annotations
+
+import contextlib
+
+import numpy as np
+import pytest
+import scipy.sparse
+from fuzz import GOOD, LONGEST, campaign, table
+from fuzz_surfaces import CONSTRUCTORS, beam, exact, mass, numbers_in, run
+from fuzz_texts import one_case, typed
+from typer.testing import CliRunner
+from wild_values import Unfriendly
+
+import stiffbeam as sb
+from stiffbeam.basics import budget
+from stiffbeam.basics.words import printable, shown
+from stiffbeam.cli import app
+from stiffbeam.files.cases import parse_run
+
+HUGE = 10**400
+STOPS = sb.Stops(-0.1, 0.1, stiffness=1e4)
+CLAMPED = {"length": 0.4, "bending_stiffness": 4.2, "mass_per_length": 0.16}
+
+REFUSED = {
+    "an integer beyond float": lambda: sb.Harmonic(HUGE, 1.0),
+    "an integer of 5000 digits": lambda: sb.Constant(10**5000),
+    "a stop at an integer beyond float": lambda: sb.Stops(upper=HUGE, stiffness=1.0),
+    "a scheme's parameter beyond float": lambda: sb.HHT(HUGE),
+    "a label of a thousand signs": lambda: parse_run("hht(alpha=" + "-" * 1000 + "1)"),
+    "a label of 180 signs in a list": lambda: parse_run("hht(alpha=" + "[" * 180 + ")"),
+    "contacts that are a number": lambda: sb.System.from_matrices([[1.0]], [[1.0]], contacts=1.0),
+    "loads that are a number": lambda: sb.System.from_matrices([[1.0]], [[1.0]], loads=3.0, observe=[1.0]),
+    "a beam's loads that are a function": lambda: sb.BeamProblem(stiffness=1.0, loads=np.sin),
+    "members that are a system": lambda: sb.integrate_ensemble(mass(), sb.HHT(), 1e-3, 0.1, mass()),
+    "a profile without argument": lambda: sb.BeamProblem(stiffness=1.0, initial_velocity=lambda: 0.0),
+    "a profile of text": lambda: sb.BeamProblem(stiffness=1.0, initial_velocity=lambda x: "fast"),
+    "a profile that fails": lambda: sb.BeamProblem(stiffness=1.0, initial_velocity=lambda x: 1 / 0),
+    "stops that are a number": lambda: sb.BeamProblem.from_physical(**CLAMPED, stops=0.0),
+    "a length of zero": lambda: sb.BeamProblem.from_physical(**CLAMPED | {"length": 0.0}),
+    "a frequency whose square overflows": lambda: sb.varied(beam(), frequency=[1e300]),
+    "a step longer than all there is": lambda: sb.integrate(beam(), sb.HHT(), 1e300, 1e300),
+    "more steps than there are floats": lambda: sb.integrate(beam(), sb.HHT(), 1e-300, 1.0),
+    "outputs at 1e15 steps": lambda: sb.integrate(beam(), sb.HHT(), 1e-15, 1.0),
+    "a million cells": lambda: sb.semidiscretise(sb.BeamProblem(stiffness=1.0), 1_000_000),
+    "ten thousand cells": lambda: sb.semidiscretise(sb.BeamProblem(stiffness=1.0), 10_000),
+    "a sparse matrix of 1e6 unknowns": lambda: sb.System.from_matrices(scipy.sparse.eye_array(10**6), np.eye(3)),
+    "a span of 1e30": lambda: sb.reference(mass(), 1e30),
+    "a span of 1e30, exponents": lambda: sb.lyapunov(mass(), 1e30),
+    "atol of 1e-300": lambda: sb.reference(mass(), 0.5, "cvode", atol=1e-300),
+    "atol of 1e-300, kvaerno": lambda: sb.reference(mass(), 0.5, "kvaerno5", atol=1e-300),
+    "a complex matrix": lambda: sb.System.from_matrices(np.eye(2) + 0j, np.eye(2), observe=[1.0, 0.0]),
+    "a complex row": lambda: sb.Contact([1j], STOPS),
+    "complex initial data": lambda: sb.System.from_matrices([[1.0]], [[1.0]], observe=[1.0], initial_velocity=[1j]),
+    "complex output times": lambda: sb.reference(mass(), 0.5, "cvode", t_eval=[0.0, 0.5 + 0j]),
+    "a complex load": lambda: mass(load=lambda t: 1j * t) and sb.reference(mass(load=lambda t: 1j * t), 0.5, "cvode"),
+    "a seed below zero": lambda: sb.perturbed(beam(), 3, seed=-1),
+    "1e18 members": lambda: sb.perturbed(beam(), 10**18),
+    "a contact that is not there": lambda: exact().at([0.01], contact=5),
+    "a contact from behind": lambda: exact().impacts_sampled(1e-3, contact=-1),
+    "impacts sampled 1e15 times": lambda: exact().impacts_sampled(1e-17),
+    "places that are text": lambda: run().displacement("tip"),
+    "a name without a name": lambda: sb.study(["amplification"]),
+    "a method that is an array": lambda: sb.reference(mass(), 0.5, np.zeros(2)),
+    "an object without text": lambda: sb.Harmonic(Unfriendly(), 1.0),
+    "a million dt at once": lambda: sb.amplification(sb.HHT(), np.linspace(0.1, 1.0, 10**6)),
+    "a table of half a number": lambda: sb.paper_case(2.5),
+    "a file that is a number": lambda: sb.load(3.0),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("what", REFUSED)
+def test_what_broke_once_is_refused(what):
+    with pytest.raises(sb.InputError) as refused:
+        REFUSED[what]()
+    message = str(refused.value)
+    assert refused.value.remedy
+    assert len(message) <= LONGEST
+    assert message.isprintable()
+
+
+def test_a_message_shows_the_value_and_not_only_its_shape_and_cuts_what_is_long():
+    with pytest.raises(sb.InputError, match=r"got array\(\[0\., 1\., 0\.\]\)"):
+        sb.System.from_matrices(np.eye(2), np.eye(2), observe=[0.0, 1.0, 0.0])
+    for value in ("x" * 20_000, list(range(10**5)), "\x1b[31m\n", {"a": "b" * 999}, "\ud800", HUGE, Unfriendly()):
+        message = str(sb.InputError("field " + "f" * 500, value, "be " + "good " * 90, "try " + "again " * 90))
+        assert len(message) <= LONGEST
+        assert message.isprintable()
+        assert shown(value).isprintable()
+    assert printable("a\x1bb\nc") == "a\\x1bb c"
+    failure = sb.SolverFailure("cvode", 0.1, "because\n" * 200, "shorten t_end")
+    assert len(str(failure)) <= LONGEST
+    assert str(failure).endswith("shorten t_end")
+
+
+def test_what_work_may_cost_is_set_from_outside(monkeypatch):
+    many = {"members": 2000}
+    sb.perturbed(beam(), **many)
+    monkeypatch.setenv("STIFFBEAM_MEMORY", "1e-4")
+    with pytest.raises(sb.InputError, match=r"no more than 0.0001 GiB of memory \(it would take some 0.00.*MEMORY"):
+        sb.perturbed(beam(), **many)
+    monkeypatch.setenv("STIFFBEAM_MEMORY", "lots")
+    with pytest.raises(sb.InputError, match="STIFFBEAM_MEMORY must be a number > 0, got 'lots': unset it"):
+        sb.perturbed(beam(), **many)
+    monkeypatch.delenv("STIFFBEAM_MEMORY")
+    monkeypatch.setenv("STIFFBEAM_SECONDS", "0.001")
+    with pytest.raises(sb.InputError, match="give a larger dt"):
+        sb.integrate_ensemble(beam(), sb.HHT(), 1e-6, 0.5, [beam(), beam()])
+
+
+def test_work_that_shows_on_its_way_is_refused_by_what_its_first_part_took(monkeypatch):
+    """A million switches, of which no estimate knows beforehand."""
+    monkeypatch.setenv("STIFFBEAM_SECONDS", "0.05")
+    for method, t_end in (("exact", 1e7), ("cvode-adams", 1e4), ("multiprecision", 1e4)):
+        with pytest.raises(sb.InputError, match=r"t_end must take no more than 0\.05 seconds"):
+            sb.reference(mass(), t_end, method, **({"digits": 40} if method == "multiprecision" else {}))
+    monkeypatch.undo()
+    forecast = budget.Forecast(1.0)
+    forecast.check(0.5, 2e7)
+    with pytest.raises(sb.InputError, match="GiB of memory"):
+        forecast.check(0.01, 2e7)
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["precision", "table10", "--halvings", "30"], ["converge", "table10", "--halvings", "60"],
+        ["impacts", "table10", "--halvings", "40"], ["ensemble", "table10", "--members", "1000000000000"],
+        ["compare", "table10", "--dt", "1e-300"], ["compare", "table10", "--t-end", "1e300"],
+        ["sweep", "table10", "--parameter", "frequency", "--values", "8:14:100000000000"],
+        ["reference", "table10", "--digits", "9" * 5000], ["reference", "table10", "--t-end", "nan"],
+    ],
+    ids=" ".join,
+)  # fmt: skip
+def test_a_command_that_asks_too_much_ends_at_once(words, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    done = CliRunner().invoke(app, words, standalone_mode=False)
+    if done.exception is None:  # a study whose points were all refused
+        assert "not asked" in done.output
+    else:
+        assert isinstance(done.exception, sb.InputError), done.exception
+        assert len(str(done.exception)) <= LONGEST
+
+
+def test_a_case_file_is_bounded():
+    with pytest.raises(sb.InputError, match="a key of many dots"):
+        one_case("a." * 30_000 + "b = 1")
+    with pytest.raises(sb.InputError, match="have at most 65536"):
+        one_case("a." * 100_000 + "b = 1")
+    with pytest.raises(sb.InputError, match="have at most 1048576 bytes"):
+        one_case("# comment\n" * 200_000)
+    with pytest.raises(sb.InputError, match="nests"):
+        one_case("a = " + "[" * 5000 + "]" * 5000)
+
+
+def test_a_command_says_what_is_wrong_on_one_line():
+    with pytest.raises(sb.InputError, match="parameter"):
+        typed(["compare", "table10", "--schemes", "hht(beta=1)"])
+
+
+def _clean(found):
+    bad = [x for x in found if not x["outcome"].startswith(GOOD)]
+    assert not bad, table(found) + "\n" + "\n".join(f"--only {x['index']} {x['where']}: {x['said']}" for x in bad)
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore")
+def test_a_sample_of_wild_constructors_ends_in_a_result_or_a_refusal():
+    rng = np.random.default_rng(8)
+    for i in range(150):
+        surface = CONSTRUCTORS[i % len(CONSTRUCTORS)]
+        with contextlib.suppress(sb.InputError, sb.Diverged, sb.SolverFailure):
+            for name, values in numbers_in(surface.try_one(rng)):
+                assert np.all(np.isfinite(values)), (surface.name, name)
+
+
+@pytest.mark.slow
+def test_a_thousand_wild_inputs_end_in_a_result_or_a_refusal():
+    """Every tenth of the ten thousand of ``python tests/fuzz.py --seed 1 --inputs 10000``."""
+    _clean(campaign(1, range(0, 10_000, 10), jobs=1, limit=60.0, memory=16.0))

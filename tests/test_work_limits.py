@@ -1,0 +1,74 @@
+"""A solver that cannot finish in reasonable time says so: before it starts where that is known, else on its way."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import scipy.integrate
+from random_systems import case
+
+import stiffbeam as sb
+from stiffbeam.references.adaptive import kvaerno, restarts
+from stiffbeam.references.adaptive.scipy import MOST_STEPS, STABLE
+
+
+def dashpot(rate):
+    """x'' + rate x' + x = 0, one mode that decays at ``rate``."""
+    return sb.System.from_matrices([[1.0]], [[1.0]], [[rate]], observe=[1.0], initial_displacement=[1.0])
+
+
+def test_the_stability_limit_of_dop853():
+    """R(z) = 1 + z b^T (I - z A)^-1 1 from the coefficients: nothing farther than STABLE is stable, -6.3 is."""
+    method = scipy.integrate.DOP853
+    A, b = method.A[: len(method.B), : len(method.B)], method.B
+
+    def R(z):
+        return 1.0 + z * (b @ np.linalg.solve(np.eye(len(b)) - z * A, np.ones(len(b))))
+
+    angles = np.linspace(0.5 * np.pi, np.pi, 181)
+    assert all(abs(R(r * np.exp(1j * a))) > 1.0 for a in angles for r in np.linspace(STABLE, 40.0, 60))
+    assert abs(R(-6.3)) < 1.0
+
+
+def test_an_explicit_method_on_a_stiff_system_is_refused_before_it_starts():
+    rate, t_end = 1e6, 4.0
+    with pytest.raises(sb.InputError, match=r"500000 steps to be stable.*5\.9e\+05.*use method='cvode'"):
+        sb.reference(dashpot(rate), t_end, "dop853")
+    assert rate * t_end / STABLE > MOST_STEPS
+    assert sb.reference(dashpot(rate), t_end, "cvode", [0.0, t_end]).work.counters["rhs"] < 2000
+    hard = 1.0 / np.sqrt(np.array([1e-16, 1.0]))
+    with pytest.raises(sb.InputError, match="dop853"):
+        sb.reference(sb.System.from_matrices(np.diag(hard**-2), np.eye(2), observe=[0.0, 1.0]), 1.0, "dop853")
+
+
+def test_a_system_of_the_campaign_that_took_a_minute():
+    made = case(1, 166)
+    loads = [(p, sb.Constant(w[1]) if w[0] == "constant" else sb.Harmonic(*w[1:])) for p, w in made.loads]
+    system = sb.System.from_matrices(made.mass, made.stiffness, made.damping, loads=loads, observe=made.observe)
+    with pytest.raises(sb.InputError, match="to be stable"):
+        sb.reference(system, made.t_end, "dop853")
+
+
+def test_the_estimate_is_what_stability_costs():
+    """At a tenth of a per mille of the limit the steps taken are those that were estimated, up to a third more."""
+    rate, t_end = 1e4, 2.0
+    found = sb.reference(dashpot(rate), t_end, "dop853", [0.0, t_end])
+    steps = found.work.counters["rhs"] / 12.0
+    assert 1.0 < steps / (rate * t_end / STABLE) < 1.4
+
+
+@pytest.mark.parametrize("method", ["cvode", "cvode-adams", "ida", "dop853", "radau"])
+def test_work_without_end_is_given_up(method, monkeypatch):
+    monkeypatch.setattr(restarts, "MOST_EVALUATIONS", 300)
+    system = sb.System.from_matrices([[1.0]], [[1.0]], observe=[1.0], initial_displacement=[1.0])
+    with pytest.raises(sb.SolverFailure, match="more than 300; loosen rtol") as failure:
+        sb.reference(system, 500.0, method)
+    assert 0.0 < failure.value.t < 500.0
+
+
+@pytest.mark.slow
+def test_kvaerno_gives_up_too(monkeypatch):
+    monkeypatch.setattr(kvaerno, "MOST_STEPS", 600)
+    system = sb.System.from_matrices([[1.0]], [[1.0]], observe=[1.0], initial_displacement=[1.0])
+    with pytest.raises(sb.SolverFailure, match="steps"):
+        sb.reference(system, 500.0, "kvaerno5", np.linspace(0.0, 500.0, 3))
