@@ -33,11 +33,13 @@ class Commands(TyperGroup):
     """The commands there are, and one for each study; its module is imported when it is asked for."""
 
     def list_commands(self, ctx) -> list[str]:
+        """The commands written by hand, then one for each study."""
         from ..studies import STUDIES
 
         return [*super().list_commands(ctx), *(name.replace("_", "-") for name in STUDIES)]
 
     def get_command(self, ctx, cmd_name: str):
+        """A command by name; that of a study is made when it is asked for."""
         from ..studies import STUDIES
 
         known, study = super().get_command(ctx, cmd_name), cmd_name.replace("-", "_")
@@ -148,6 +150,7 @@ def run_one(
 
 
 def takes(study, option: str) -> bool:
+    """Whether ``points`` of the study has this option."""
     return option in inspect.signature(study.points).parameters
 
 
@@ -163,6 +166,7 @@ def _workers(address: str | None):
 
 
 def print_records(records, written: list[Path]) -> None:
+    """Print table, answer, failures and the files that were written."""
     from rich.console import Console
     from rich.padding import Padding
     from rich.text import Text

@@ -31,6 +31,7 @@ class Evidence:
     seeds: tuple[int, ...] = SEEDS
 
     def of(self, *seeds: int) -> Evidence:
+        """The same evidence, of these sets of members only."""
         return replace(self, seeds=seeds)
 
     def runs(self, table: int) -> list[str]:
@@ -42,6 +43,7 @@ class Evidence:
         return list(self.tables[table]["runs"])
 
     def forms(self, table: int) -> list[str]:
+        """The forms in which the exact motion was computed."""
         return list(self.tables[table]["exact"])
 
     def row(self, table: int, motion: str) -> Numbers:
@@ -62,6 +64,7 @@ class Evidence:
         return np.array(found, float)
 
     def sample(self, table: int, motion: str, what: str) -> Sample:
+        """A measure of the members as a sample; NotMeasured where none went through."""
         return Sample(self.values(table, motion, what))
 
     def apart(self, table: int, a: str, b: str) -> Sample:

@@ -50,6 +50,7 @@ class Job:
 
     @property
     def point(self) -> dict[str, Any]:
+        """The point that the journal knows this job by."""
         return self.reading.to_dict() | {"members": self.members, "exact_members": self.exact_members}
 
 

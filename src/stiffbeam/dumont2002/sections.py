@@ -133,6 +133,7 @@ def how_read(reading: Reading) -> h.Html:
 
 
 def no_contact(pictures: Sequence[Path], curves: Mapping[str, Mapping[str, float]]) -> h.Html:
+    """The section of errors without contact: pictures and a table."""
     rows = [
         [name, h.typeset(f"{row['error']:.1e}"), h.typeset(f"{row['in_time']:.1e}") if row["in_time"] else "–"]
         for name, row in curves.items()
@@ -209,6 +210,7 @@ def _same(equation: str, scheme, form: str) -> bool:
 
 
 def cpu(rows: Sequence[Mapping[str, Any]]) -> h.Html:
+    """The section of costs: the paper's seconds beside times a step here."""
     parts = [
         h.paragraph(
             "The paper's seconds (Pentium III, 800 MHz, Matlab) and time a step here, as ratios within a table. "
@@ -233,6 +235,7 @@ def cpu(rows: Sequence[Mapping[str, Any]]) -> h.Html:
 
 
 def spectra(numbers: Mapping[int, Numbers]) -> h.Html:
+    """The section of spectra: lines of every table and motion."""
     evidence = Evidence(dict(numbers), [], Reading())
     rows = []
     for table, found in numbers.items():
@@ -272,6 +275,7 @@ def spectra(numbers: Mapping[int, Numbers]) -> h.Html:
 
 
 def misprints(rows: Sequence[Mapping[str, str]]) -> h.Html:
+    """The table of misprints and of their measured effect."""
     cells = [[row["where"], row["printed"], row["right"], h.typeset(row["effect"])] for row in rows]
     return h.table(
         ["where", "printed", "right", "effect, measured"], cells, "Misprints and their effect", text=(0, 1, 2, 3)

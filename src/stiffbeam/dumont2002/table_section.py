@@ -42,6 +42,7 @@ def written(value: float) -> str:
 
 
 def percent(value: float) -> str:
+    """A fraction in per cent, with two digits below 10 %."""
     return f"{100 * value:.2g} %" if value < 0.0995 else f"{100 * value:.0f} %"
 
 
@@ -52,6 +53,7 @@ def spread(row: Numbers, what: str, scale: float = 1.0) -> str:
 
 
 def title(number: int) -> str:
+    """The heading of a table and of its figure."""
     return f"Table {number}, Fig. {number}: {paper_cases()[f'table{number}'].title}"
 
 
@@ -179,6 +181,7 @@ _LOOK = {
 
 
 def numbers_table(number: int, numbers: Numbers) -> h.Html:
+    """The measures of every run and of the exact motion, one row each."""
     named = [(f"{name} {row['scheme']}", row) for name, row in numbers["runs"].items()]
     named += [(exact_name(form, row), row) for form, row in numbers["exact"].items()]
     rows = []

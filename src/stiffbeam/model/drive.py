@@ -32,6 +32,7 @@ class Drive:
 
     @classmethod
     def of(cls, system: System) -> Drive:
+        """The drive of all loads and all stop motions of ``system``."""
         functions = [f for _, f in system.loads] + [offset for _, offset in system.channels]
         leaves = [leaf for function in functions for leaf in parts_of(function)]
         frequencies = {exact_value(f.frequency): f.frequency for f in leaves if isinstance(f, Harmonic)}

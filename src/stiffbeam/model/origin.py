@@ -58,6 +58,7 @@ class Origin:
         self.freeze()  # a pickled array can be written to again
 
     def has_matrices_of(self, system: System) -> bool:
+        """Whether mass, damping and stiffness are still those that the origin made."""
         return all(same(getattr(self, name), getattr(system, name)) for name in ("mass", "damping", "stiffness"))
 
     def first_order_of(self, system: System) -> FirstOrderSystem | None:

@@ -148,12 +148,15 @@ class Sampled:
         return moved(self.pieces[i], t - self.t[i])
 
     def value(self, t: ArrayLike) -> Array:
+        """The interpolant at t; InputError outside the samples."""
         return self._derivative(t, 0)
 
     def rate(self, t: ArrayLike) -> Array:
+        """Its first derivative; InputError where the interpolant jumps."""
         return self._derivative(t, 1)
 
     def acceleration(self, t: ArrayLike) -> Array:
+        """Its second derivative; InputError where it does not exist."""
         return self._derivative(t, 2)
 
     def _derivative(self, t: ArrayLike, order: int) -> Array:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from inspect import signature
+from typing import Any
 
 from ..basics.validation import InputError, near
 from . import misprints  # noqa: F401  (which makes the printed forms known)
@@ -43,7 +44,7 @@ _VARIANTS: dict[str, list[dict]] = {
 }
 
 
-def make(name: str, **parameters) -> Scheme:
+def make(name: str, **parameters: Any) -> Scheme:
     """The registered scheme ``name``, or the one that ``module:Class`` names, with its parameters."""
     known = SCHEMES | RIGID
     if name not in known and ":" not in name:

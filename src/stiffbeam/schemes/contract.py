@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..basics.arrays import Array
 from ..basics.validation import InputError
 from ..model.equations import Modal
 from .scheme import Scheme
@@ -30,7 +31,7 @@ def check_contract(scheme: Scheme) -> None:
     history = [rng.normal(size=(2, 2)) for _ in range(scheme.history)]
     shape = scheme.initial(equation, history, rng.normal(size=2)).shape
 
-    def step(z, forces):
+    def step(z: Array, forces: Array) -> tuple[Array, Array, Array]:
         z_new, stages = scheme.step(equation, dt, z, list(forces[0]), list(forces[1]))
         if len(stages) != nodes or any(np.shape(y) != (2, 2) for y in stages) or np.shape(z_new) != shape:
             got = f"{len(stages)} states at nodes, of shapes {[np.shape(y) for y in stages]}, and {np.shape(z_new)}"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from .mean_reaction import MeanReaction, exact
-from .scheme import Array, Scheme, oscillator
+from .scheme import Array, Equation, Scheme, Step, oscillator
 
 
 class ExponentialFlow(Scheme):
@@ -23,11 +23,14 @@ class ExponentialFlow(Scheme):
 
     @property
     def conserving(self) -> Scheme:
+        """The exact flow under loads linear in time and a constant reaction."""
         return MeanReaction(self, exact)
 
-    def step(self, equation, dt, z, loads, reactions):
+    def step(self, equation: Equation, dt: float, z: Array, loads: list[Array], reactions: list[Array]) -> Step:
+        """No stage is solved; the force at t_n acts too, as that of node 0."""
         y = equation.flow(dt, z, *(load + reaction for load, reaction in zip(loads, reactions, strict=True)))
         return y, [z, y]
 
-    def characteristic(self, x, xi) -> Array:
+    def characteristic(self, x: float, xi: float) -> Array:
+        """Degree 1: the root is e^z."""
         return np.array([1.0, -np.exp(oscillator(x, xi))])

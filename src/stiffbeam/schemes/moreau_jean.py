@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from .rigid_scheme import VELOCITY, RigidScheme
-from .scheme import in_interval
+from .scheme import Array, Equation, Step, in_interval
 
 
 class MoreauJean(RigidScheme):
@@ -30,10 +30,12 @@ class MoreauJean(RigidScheme):
         self.theta = in_interval("theta", theta, 0.5, 1.0)
 
     @property
-    def parameters(self):
+    def parameters(self) -> dict[str, float]:
+        """``theta``, the weight of the new values."""
         return {"theta": self.theta}
 
-    def step(self, equation, dt, z, loads, reactions):
+    def step(self, equation: Equation, dt: float, z: Array, loads: list[Array], reactions: list[Array]) -> Step:
+        """reactions[0] is P/dt, the impulse of the step as a mean force."""
         q, v, f = z
         theta = self.theta
         force = (1.0 - theta) * f + theta * loads[0] + reactions[0]

@@ -6,6 +6,7 @@ import numpy as np
 
 from .generalised_alpha import GeneralisedAlpha
 from .rigid_scheme import POSITION, WHERE_CLOSED, RigidScheme
+from .scheme import Array, Equation, Step
 
 
 class NonsmoothGeneralisedAlpha(RigidScheme):
@@ -35,14 +36,17 @@ class NonsmoothGeneralisedAlpha(RigidScheme):
         self.beta, self.gamma = smooth.beta, smooth.gamma
 
     @property
-    def parameters(self):
+    def parameters(self) -> dict[str, float]:
+        """The spectral radius ``rho`` at infinite frequency."""
         return {"rho": self.rho}
 
-    def initial(self, equation, history, force):
+    def initial(self, equation: Equation, history: list[Array], force: Array) -> Array:
+        """(q, v, a, a) with a from the equation of motion under the load alone."""
         a = equation.acceleration(history[0], force)
         return np.stack([*history[0], a, a])
 
-    def step(self, equation, dt, z, loads, reactions):
+    def step(self, equation: Equation, dt: float, z: Array, loads: list[Array], reactions: list[Array]) -> Step:
+        """reactions[0] is nu/dt^2 and reactions[1] is P/dt."""
         q, v, a, s = z
         share = (1.0 - self.alpha_f) / (1.0 - self.alpha_m)
         known = (self.alpha_f * s - self.alpha_m * a) / (1.0 - self.alpha_m)

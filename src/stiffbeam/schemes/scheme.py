@@ -11,6 +11,8 @@ from ..basics.arrays import Array
 from ..basics.validation import InputError, one_of
 from ..model.equations import Equation
 
+Step = tuple[Array, list[Array]]  # z at t_{n+1}, and y at the nodes
+
 
 class Scheme(ABC):
     """A fixed-step scheme on M q'' + C q' + K q = f, or on y' = A y + f.
@@ -53,9 +55,7 @@ class Scheme(ABC):
         return None
 
     @abstractmethod
-    def step(
-        self, equation: Equation, dt: float, z: Array, loads: list[Array], reactions: list[Array]
-    ) -> tuple[Array, list[Array]]:
+    def step(self, equation: Equation, dt: float, z: Array, loads: list[Array], reactions: list[Array]) -> Step:
         """(z at t_{n+1}, y at the nodes) from z at t_n and what acts at the nodes, one (..., n) each:
         the loads, and apart from them the reactions of the contacts."""
 

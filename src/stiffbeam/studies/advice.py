@@ -62,9 +62,11 @@ class Probe:
 
     @property
     def label(self) -> str:
+        """The scheme, and the contact treatment where it is not the implicit one."""
         return f"{self.scheme}" + (f", {self.contact} contact" if self.contact != "implicit" else "")
 
     def meets(self, want: Mapping[str, float]) -> bool:
+        """Whether every error is at most the one wanted."""
         return all(self.errors[name] <= tolerance for name, tolerance in want.items())
 
 
@@ -135,6 +137,7 @@ class Advice:
 
     @property
     def want_met(self) -> list[str]:
+        """The names of the wishes that can be met."""
         return [name for name in self.want if name not in self.cannot]
 
     def __repr__(self) -> str:

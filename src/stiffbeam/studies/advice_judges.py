@@ -26,6 +26,7 @@ class Judge:
         self.scatter: dict[str, float] = {}
 
     def errors(self, system: System, scheme: Scheme, contact: str, dt: float, t_end: float) -> tuple[dict, float]:
+        """(relative errors by name, seconds of one run); Diverged where a run overflows."""
         raise NotImplementedError
 
 
@@ -37,6 +38,7 @@ class Motion(Judge):
         self.exact = exact
 
     def errors(self, system: System, scheme: Scheme, contact: str, dt: float, t_end: float) -> tuple[dict, float]:
+        """Of tip (rms), impact count, peak force and impulse, the worst over the contacts."""
         run = integrate(system, scheme, dt, t_end, contact)
         found = {"tip": tip_error(run.tip, self.exact.at(run.t)[0]).rms}
         pairs = list(zip(run.contacts, self.exact.contacts, strict=True))
@@ -67,6 +69,7 @@ class Statistics(Judge):
         }
 
     def errors(self, system: System, scheme: Scheme, contact: str, dt: float, t_end: float) -> tuple[dict, float]:
+        """Of the means over all members, with the interval that their spread leaves, the worst over the contacts."""
         many = integrate_ensemble(system, scheme, dt, t_end, self.members, contact)
         if np.any(np.isfinite(many.diverged)):
             raise Diverged(str(scheme), float(np.nanmin(many.diverged)), "use a smaller dt")

@@ -61,6 +61,7 @@ def points(
 
 
 def evaluate(case: Case, point: Point) -> list[Row]:
+    """Rows of pairs of neighbouring motions, of the tangent flow, or of the portrait, as the point says."""
     return {"pairs": _pairs, "tangent": _tangent, "portrait": _portrait}[point["kind"]](case, point)
 
 
@@ -173,6 +174,7 @@ def exponents(rows: Rows) -> dict[str, tuple[float, float]]:
 
 
 def answer(rows: Rows, case: Case) -> str:
+    """The exponents with their intervals, method by method."""
     units = case.units
     found = exponents(rows)
     if not found:

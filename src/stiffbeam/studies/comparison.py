@@ -37,6 +37,7 @@ class CaseComparison:
         return f"<CaseComparison {self.case.name}: {len(self.comparisons)} compared, {len(self.failures)} failed>"
 
     def to_dict(self) -> dict[str, Any]:
+        """Case, comparisons and failures as plain numbers and texts, for JSON."""
         return {
             "case": self.case.name,
             "title": self.case.title,

@@ -80,6 +80,7 @@ def points(
 
 
 def evaluate(case: Case, point: Point) -> list[Row]:
+    """Rows of matched contacts, or of an ensemble, as the point says."""
     return {"pairs": _pairs, "ensemble": _ensemble}[point["task"]](case, point)
 
 
@@ -140,6 +141,7 @@ def half_time(durations: Array) -> float:
 
 
 def answer(rows: Rows, case: Case) -> str:
+    """A sentence for every stop of every contact."""
     return (
         " ".join(
             f"The {name} stop{place}: {sentence}"

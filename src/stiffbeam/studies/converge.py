@@ -87,6 +87,7 @@ def points(
 
 
 def evaluate(case: Case, point: Point) -> list[Row]:
+    """One row: the tip error at one step, and why it does not count in the slope, or ""."""
     system = system_of(case, point["form"])
     if point["kind"] == "smooth":
         system = smooth_motion(system)
@@ -129,6 +130,7 @@ def orders(rows: Rows) -> dict[tuple[str, str], Order]:
 
 
 def answer(rows: Rows, _: Case) -> str:
+    """The observed orders, without contact and through the first impacts."""
     parts = {
         "smooth": "Observed orders without contact: ",
         "contact": "Through the first impacts (worst of each octave): ",

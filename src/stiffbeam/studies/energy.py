@@ -52,6 +52,7 @@ def points(
 
 
 def evaluate(case: Case, point: Point) -> list[Row]:
+    """The ledger of one run at OUTPUTS times; that of the exact flow ends at its horizon."""
     form = point["form"]
     system = system_of(case, form.removesuffix(FIRST_ORDER))
     if point["scheme"] == "exact":
@@ -82,6 +83,7 @@ def last_rows(rows: Rows) -> list[Row]:
 
 
 def answer(rows: Rows, case: Case) -> str:
+    """What every run has lost at its end, relative to the energy put in, and how much of it in contact."""
     units = case.units
     parts, exact = [], []
     for row in last_rows(rows):

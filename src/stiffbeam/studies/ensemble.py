@@ -50,6 +50,7 @@ def points(
 
 
 def evaluate(case: Case, point: Point) -> list[Row]:
+    """Rows of members, quantiles of peak forces and the spectrum, of one method."""
     system = system_of(case, point["form"])
     dt, t_end = point["dt"], point["t_end"]
     members = perturbed(system, point["members"], point["size"], point["seed"])
@@ -115,6 +116,7 @@ def difference(a: Array, b: Array) -> tuple[float, float]:
 
 
 def answer(rows: Rows, case: Case) -> str:
+    """Mean counts of impacts against the exact ensemble, with their intervals, contact by contact."""
     found = [_answer(own, case) + (f" (All{place}.)" if place else "") for place, own in by_contact(rows).items()]
     return " ".join(found)
 

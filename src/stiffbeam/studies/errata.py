@@ -81,6 +81,7 @@ def points(
 
 
 def evaluate(case: Case, point: Point) -> list[Row]:
+    """One row: the errors of the corrected and of the printed scheme at one step."""
     system = system_of(case, point["form"])
     if point["kind"] == "smooth":
         system = smooth_motion(system)
@@ -108,6 +109,7 @@ def groups(rows: Rows) -> dict[tuple[str, str, str], list[Row]]:
 
 
 def answer(rows: Rows, case: Case) -> str:
+    """The ratio of both errors at the largest and the smallest step, and both orders without contact."""
     units = case.units
     parts = []
     for (scheme, reading, kind), own in groups(rows).items():

@@ -89,6 +89,7 @@ def points(
 
 
 def evaluate(case: Case, point: Point) -> list[Row]:
+    """One row for each contact: counts, forces and impulses of one scheme, of the exact ensemble or of a reference."""
     system = system_of(case, point["form"])
     dt, t_end = point["dt"], point["t_end"]
     if point["scheme"] == EXACT:
@@ -172,6 +173,7 @@ def right_from(rows: Rows, scheme: str, tolerance: float = 0.05) -> float:
 
 
 def answer(rows: Rows, case: Case) -> str:
+    """What each scheme counts at its largest step and from which step on it is right, contact by contact."""
     found = [_answer(own, case) + (f" (All{place}.)" if place else "") for place, own in by_contact(rows).items()]
     return " ".join(found)
 

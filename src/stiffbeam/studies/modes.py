@@ -39,6 +39,7 @@ def points(
 
 
 def evaluate(case: Case, point: Point) -> list[Row]:
+    """One row for each mode with omega dt < pi: elongation and damping, measured and in theory."""
     system = replace(without_contact(system_of(case, point["form"])), loads=())
     basis = modes(system)
     if basis is None:
@@ -75,6 +76,7 @@ def evaluate(case: Case, point: Point) -> list[Row]:
 
 
 def answer(rows: Rows, _: Case) -> str:
+    """How many of the measured values agree with theory, and lag and damping of the first mode of each scheme."""
     measured = [r for r in rows if np.isfinite(r["period_elongation"])]
     inside = [
         abs(r[name] - r[f"{name}_theory"]) <= r[f"{name}_error"] + 1e-10

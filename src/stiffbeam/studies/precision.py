@@ -94,6 +94,7 @@ def points(
 
 
 def evaluate(case: Case, point: Point) -> list[Row]:
+    """One row: work, seconds and tip error of one method at one step or tolerance."""
     system = system_of(case, point["form"])
     exact = solve_once(system, case.t_end)
     measured = (_scheme if point["dt"] else _solver)(system, exact, point, point["t_end"])
@@ -170,6 +171,7 @@ def cheapest(rows: Rows, error: float, cost: str) -> list[tuple[float, str]]:
 
 
 def answer(rows: Rows, case: Case) -> str:
+    """What each method needs for a given error, and how long the impacts match."""
     units = case.units
     exact = next((r for r in rows if r["method"] == "exact"), None)
     others = [r for r in rows if r["method"] != "exact"]

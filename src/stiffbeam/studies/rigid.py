@@ -47,6 +47,7 @@ def points(
 
 
 def evaluate(case: Case, point: Point) -> list[Row]:
+    """One row: how far the compliant motion at one stiffness is from the rigid one."""
     system = system_of(case, point["form"])
     stops = system.contacts[0].stops
     kappa = stops.stiffness * point["factor"]
@@ -91,6 +92,7 @@ def same_impacts(rows: Rows) -> list[Row]:
 
 
 def answer(rows: Rows, case: Case) -> str:
+    """The observed order in 1/kappa, and the error at the smallest stiffness."""
     units = case.units
     near = same_impacts(rows)
     if len(near) < 2:

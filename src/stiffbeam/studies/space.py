@@ -59,6 +59,7 @@ def points(
 
 
 def evaluate(case: Case, point: Point) -> list[Row]:
+    """One row for each quantity and grid: frequencies, the linear response, or the first impacts."""
     return {"frequency": _frequencies, "response": _response, "contact": _contact}[point["kind"]](case, point)
 
 
@@ -128,6 +129,7 @@ def orders(rows: Rows) -> dict[tuple[str, str], Order]:
 
 
 def answer(rows: Rows, _: Case) -> str:
+    """The observed orders in h, form by form."""
     found = orders(rows)
     smooth = [f"{q} {o} ({form})" for (q, form), o in found.items() if "impact" not in q]
     contact = [f"{q} {o} ({form})" for (q, form), o in found.items() if "impact" in q]

@@ -108,6 +108,7 @@ def _seconds(setup: Setup, periods: int) -> float:
 
 
 def evaluate(case: Case, point: Point) -> list[Row]:
+    """Rows of every value and method of this point; a value that is refused gives a row with the reason."""
     rows: list[Row] = []
     groups: dict[tuple, list[tuple[Row, Setup]]] = {}
     system = system_of(case, point["form"])
@@ -172,6 +173,7 @@ def repeats_after(section: Array, size: float) -> int:
 
 
 def answer(rows: Rows, case: Case) -> str:
+    """The range of impact counts and peak forces over the values, and where the motion is periodic."""
     units = case.units
     first, parts = rows[0], []
     names = [name for name in (first["parameter"], first["second"]) if name is not None]

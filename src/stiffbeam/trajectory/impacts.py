@@ -51,6 +51,7 @@ class Impacts:
 
     @property
     def count(self) -> int:
+        """The number of impacts, an open one included."""
         return len(self.times)
 
     @property
@@ -90,6 +91,7 @@ class Impacts:
 
     @staticmethod
     def none(kind: str) -> Impacts:
+        """An empty table, of ``kind`` "event" or "sampled"."""
         return Impacts.at([], [], kind)
 
 

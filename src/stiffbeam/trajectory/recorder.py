@@ -84,6 +84,7 @@ class SampledImpacts:
 
     @property
     def tally(self) -> Array:
+        """What has been counted so far at this contact, a row laid out as in sampling."""
         return self._tally[0, 0]
 
     @property

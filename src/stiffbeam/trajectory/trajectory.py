@@ -84,6 +84,7 @@ class Work:
 
     @property
     def ns_per_step(self) -> float:
+        """Nanoseconds per step of the march, without the setup; NaN without steps."""
         return 1e9 * self.march_seconds / self.steps if self.steps else float("nan")
 
 
@@ -319,6 +320,7 @@ class Reference(Trajectory):
 
     @cached_property
     def states(self) -> tuple[Array, Array]:
+        """(q, v) at the times ``t``, one row a time; InputError where the solution was loaded without its system."""
         if self.state_at is None:
             raise InputError(
                 "states",

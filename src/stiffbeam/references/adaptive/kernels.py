@@ -25,6 +25,7 @@ def right_hand_side(
     indptr, indices, data, damping_indptr, damping_indices, damping_data, basis, power, columns,
     frequencies, rows, velocity_rows, offsets, offset_rates, law, regime, shifts, shift_rates,
 ):  # fmt: skip
+    """out = (q', q'') at z = (q, q') and t: loads, damping, stiffness and the contact forces of the held regime."""
     g = np.empty(1 + 2 * frequencies.size)
     g[0] = 1.0
     for k in range(frequencies.size):
@@ -87,6 +88,7 @@ def right_hand_side(
 
 @compiled
 def gaps(t, z, out, n, frequencies, rows, velocity_rows, offsets, offset_rates, law, shifts, shift_rates):
+    """out = (u - g2, g1 - u) of every stop, then their rates; switches are the roots of the first half."""
     half = out.size // 2
     k = 0
     for c in range(law.shape[0]):
