@@ -85,7 +85,7 @@ def _marched(made: Made, scheme: Scheme, form: str, members: int, seed: int, end
 
 
 @lru_cache(maxsize=64)
-def elsewhere(table: int, run: str, reading: Reading, members: int, seed: int) -> dict[str, list]:
+def elsewhere(table: int, run: str, reading: Reading, members: int, seed: int) -> dict[str, list[Any]]:
     """The measures of a ``scheme@form`` that the table itself does not run; empty where all members overflow."""
     case = paper_case(table)
     scheme, form = parse_run(run)
@@ -97,11 +97,11 @@ def elsewhere(table: int, run: str, reading: Reading, members: int, seed: int) -
     return _measured(made, ensemble, alive, t) if len(alive) else {}
 
 
-def _measured(made: Made, ensemble: Ensemble, alive: Array, t: Array) -> dict[str, list]:
+def _measured(made: Made, ensemble: Ensemble, alive: Array, t: Array) -> dict[str, list[Any]]:
     """One value a member. impacts: to the table's T. depth: of the deepest visit, over the clearance."""
     stops = made.case.problem.one_stops("case")
     clearance = min(abs(stop) for stop in (stops.lower, stops.upper) if stop is not None)
-    found: dict[str, list] = {
+    found: dict[str, list[Any]] = {
         "impacts": [int(np.sum(ensemble.contact.impacts_of(i).times <= made.case.t_end)) for i in alive],
         "fraction": ensemble.contact_fraction[alive].tolist(),
         "depth": (ensemble.peak_force[alive] / stops.stiffness / clearance).tolist(),

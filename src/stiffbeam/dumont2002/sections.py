@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +10,7 @@ import numpy as np
 
 from ..files.cases import paper_cases
 from ..measures.peaks import EXCITED
+from ..schemes import Scheme
 from . import html as h
 from .costs import CPU_TABLES
 from .ensembles import PERIODS, PERTURBATION, Numbers
@@ -70,7 +71,7 @@ def punch_line(numbers: Mapping[int, Numbers], close_up: Path, shares: Path) -> 
     )
 
 
-def _extreme(numbers: Mapping[int, Numbers], which) -> str:
+def _extreme(numbers: Mapping[int, Numbers], which: Callable[[list[float]], float]) -> str:
     means = [
         float(np.mean([x for members in row["ensemble"].values() for x in members["fraction"]]))
         for found in numbers.values()
@@ -203,7 +204,7 @@ def impacts(numbers: Mapping[int, Numbers]) -> h.Html:
     )  # fmt: skip
 
 
-def _same(equation: str, scheme, form: str) -> bool:
+def _same(equation: str, scheme: Scheme, form: str) -> bool:
     from .table import equation_of
 
     return equation_of(scheme, form) == equation

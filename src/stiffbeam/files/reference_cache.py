@@ -8,6 +8,7 @@ import platform
 import warnings
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -77,7 +78,7 @@ def _file(
     rtol: float,
     atol: float | None,
     digits: int | str,
-    steps: list,
+    steps: list[Any],
 ) -> Path:
     require_system(system)
     one_of("method", method, REFERENCES, "be a reference method")

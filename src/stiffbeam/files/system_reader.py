@@ -66,7 +66,7 @@ class SystemReader(Reader):
             raise self.error(field, name, "need no other file here", "write its numbers into the case")
         return self.build(read_matrix, self.folder / name)
 
-    def numbers(self, field: str, given: list) -> Any:
+    def numbers(self, field: str, given: list[Any]) -> Any:
         """The list ``given`` as a float array; InputError where rows differ in length."""
         try:
             return np.asarray(given, float)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
@@ -59,5 +60,5 @@ def phase_lag(
     unshifted = float(np.sqrt(J(0.0) / scale))
     if best in (0, GRID - 1):
         return PhaseLag(nan, nan, unshifted, f"no best shift within {tau_m:.3g}")
-    result = minimize_scalar(J, bracket=(shifts[best - 1], shifts[best], shifts[best + 1]), method="brent")
+    result: Any = minimize_scalar(J, bracket=(shifts[best - 1], shifts[best], shifts[best + 1]), method="brent")
     return PhaseLag(float(result.x), float(np.sqrt(max(0.0, result.fun) / scale)), unshifted)

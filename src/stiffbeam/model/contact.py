@@ -308,7 +308,7 @@ class Contact:
                 rule = "have rate(t) and acceleration(t) where the stop's force depends on the velocity"
                 raise InputError("contact.offset", self.offset, rule, "give it those methods beside value(t)")
 
-    def __setstate__(self, state: dict) -> None:
+    def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
         object.__setattr__(self, "row", read_only(self.row))  # a pickled array can be written to again
 

@@ -105,7 +105,7 @@ class Matrices(SecondOrder):
 
     def __init__(self, mass: Array, damping: Array, stiffness: Array) -> None:
         self._mass, self._damping, self._stiffness = mass, damping, stiffness
-        self._factors: dict[tuple, Any] = {}
+        self._factors: dict[tuple[Any, ...], Any] = {}
 
     def mass(self, x: Array) -> Array:
         """M x for every row of x, shape (..., n)."""

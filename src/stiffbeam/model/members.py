@@ -104,7 +104,7 @@ def _terms(loads: Any, contacts: Any) -> list[tuple[int, LoadFunction, bytes]]:
     return [(i, f, vector) for i, f, vector in pieces if not isinstance(f, (Harmonic, Constant))]
 
 
-def _callables(loads: Any, contacts: Any) -> list[tuple]:
+def _callables(loads: Any, contacts: Any) -> list[tuple[Any, ...]]:
     return [(i, id(f), vector) for i, f, vector in _terms(loads, contacts) if not isinstance(f, Sampled)]
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from ..basics.arrays import Array
@@ -25,7 +27,9 @@ class Judge:
     def __init__(self) -> None:
         self.scatter: dict[str, float] = {}
 
-    def errors(self, system: System, scheme: Scheme, contact: str, dt: float, t_end: float) -> tuple[dict, float]:
+    def errors(
+        self, system: System, scheme: Scheme, contact: str, dt: float, t_end: float
+    ) -> tuple[dict[str, Any], float]:
         """(relative errors by name, seconds of one run); Diverged where a run overflows."""
         raise NotImplementedError
 
@@ -37,7 +41,9 @@ class Motion(Judge):
         super().__init__()
         self.exact = exact
 
-    def errors(self, system: System, scheme: Scheme, contact: str, dt: float, t_end: float) -> tuple[dict, float]:
+    def errors(
+        self, system: System, scheme: Scheme, contact: str, dt: float, t_end: float
+    ) -> tuple[dict[str, Any], float]:
         """Of tip (rms), impact count, peak force and impulse, the worst over the contacts."""
         run = integrate(system, scheme, dt, t_end, contact)
         found = {"tip": tip_error(run.tip, self.exact.at(run.t)[0]).rms}
@@ -68,7 +74,9 @@ class Statistics(Judge):
             for name, own in COLUMNS
         }
 
-    def errors(self, system: System, scheme: Scheme, contact: str, dt: float, t_end: float) -> tuple[dict, float]:
+    def errors(
+        self, system: System, scheme: Scheme, contact: str, dt: float, t_end: float
+    ) -> tuple[dict[str, Any], float]:
         """Of the means over all members, with the interval that their spread leaves, the worst over the contacts."""
         many = integrate_ensemble(system, scheme, dt, t_end, self.members, contact)
         if np.any(np.isfinite(many.diverged)):

@@ -28,6 +28,7 @@ from .common import Schemes, scheme_labels, scheme_of
 from .engine.study import Point, Records, Row, Rows, Study
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 TENTH = 0.1  # of a period: where the literature compares
@@ -158,7 +159,7 @@ def _of(rows: Sequence[Row], label: str, name: str) -> list[float]:
     return [row[name] for row in rows if row["scheme"] == label and row["dt_over_period"] < HALF]
 
 
-def _curves(axes, label: str, own: Sequence[Row]) -> None:
+def _curves(axes: Sequence[Axes], label: str, own: Sequence[Row]) -> None:
     style = look(label)
     for axis, name in zip(axes, ("spectral_radius", "period_elongation", "damping_ratio"), strict=True):
         x, measured, theory = (column(own, key) for key in ("dt_over_period", name, f"{name}_theory"))
@@ -185,7 +186,7 @@ def _family(rows: Sequence[Row], name: str) -> list[Row]:
     return [own[value] | {"parameter": value} for value in sorted(own)]
 
 
-def _parameter(axis, name: str, own: Sequence[Row], letter: str) -> None:
+def _parameter(axis: Axes, name: str, own: Sequence[Row], letter: str) -> None:
     parameter, title = FAMILIES[name]
     x = column(own, "parameter")
     breaks = np.flatnonzero(np.diff(x) > GAP) + 1 if name == "sdirk" else []

@@ -29,6 +29,7 @@ from .common import Dt, Form, Schemes, scheme_labels, scheme_of, solve_once, sys
 from .engine.study import Point, Records, Row, Rows, Study
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 LINEAR = 1e-4  # of the motion's size: a pair farther apart no longer grows in proportion
@@ -218,7 +219,7 @@ def draw(records: Records) -> Figure:
     return figure
 
 
-def _distances(axis, rows) -> None:
+def _distances(axis: Axes, rows: list[Row]) -> None:
     for method in dict.fromkeys(row["method"] for row in rows):
         own = [row for row in rows if row["method"] == method and "distance" in row]
         if own:
@@ -236,7 +237,7 @@ def _distances(axis, rows) -> None:
     axis.set_title("(a) geometric mean over the pairs", loc="left")
 
 
-def _exponents(axis, rows) -> None:
+def _exponents(axis: Axes, rows: list[Row]) -> None:
     """Every start a dot, mean and 95 % interval beside it."""
     found = exponents(rows)
     jitter = np.random.default_rng(0)

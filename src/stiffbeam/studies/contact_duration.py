@@ -45,6 +45,7 @@ from .common import (
 from .engine.study import Point, Records, Row, Rows, Study
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 SIDES = {1: "upper", -1: "lower"}
@@ -196,7 +197,7 @@ def draw(records: Records) -> Figure:
     return figure
 
 
-def _errors(axis, rows: Sequence[Row]) -> None:
+def _errors(axis: Axes, rows: Sequence[Row]) -> None:
     """The largest error at any stop; hollow where some of the exact contacts have no match."""
     for label in dict.fromkeys(row["method"] for row in rows):
         own: dict[float, list[Row]] = {}
@@ -217,7 +218,7 @@ def _errors(axis, rows: Sequence[Row]) -> None:
         say_empty(axis, "no contact matches")
 
 
-def _distributions(axis, rows: Sequence[Row]) -> None:
+def _distributions(axis: Axes, rows: Sequence[Row]) -> None:
     for label in dict.fromkeys(row["method"] for row in rows):
         own = [row for row in rows if row["method"] == label]
         style = look(label) | {"marker": "", "lw": 2.2 if label == "exact" else 1.2}

@@ -39,6 +39,7 @@ from .common import (
 from .engine.study import Point, Records, Row, Rows, Study
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 KINDS = ("smooth", "contact")
@@ -183,7 +184,7 @@ def draw(records: Records) -> Figure:
     return figure
 
 
-def _curve(axis, own: Sequence[Row], text: str, order) -> dict[str, None]:
+def _curve(axis: Axes, own: Sequence[Row], text: str, order: Order) -> dict[str, None]:
     """Points and slope of one scheme; returns the reasons met."""
     own = sorted(own, key=lambda row: row["dt"])
     style = look(own[0]["scheme"])

@@ -18,6 +18,7 @@ from .common import Dt, End, Forms, Schemes, Treatment, scheme_labels, scheme_of
 from .engine.study import Point, Records, Row, Rows, Study
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 OUTPUTS = 200  # times at which the ledger is kept
@@ -148,7 +149,7 @@ def _share(own: Sequence[Row], name: str) -> Array:
     return 100.0 * column(own, name) / np.where(had > 0.0, had, np.nan)
 
 
-def _bars(axis, runs: dict[tuple[str, str], list[Row]], units: Units) -> None:
+def _bars(axis: Axes, runs: dict[tuple[str, str], list[Row]], units: Units) -> None:
     """The last share of every run, in contact and free side by side on either side of zero, cut at +-MOST."""
     place, ticks, names = 0.0, [], []
     last_form = None

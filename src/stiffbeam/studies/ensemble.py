@@ -20,6 +20,7 @@ from .common import Dt, End, Form, Schemes, Treatment, by_contact, scheme_labels
 from .engine.study import Point, Records, Row, Rows, Study
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
@@ -199,7 +200,7 @@ def draw(records: Records) -> Figure:
     return figure
 
 
-def _boxes(axis, lines, quantity: str, scale: float) -> None:
+def _boxes(axis: Axes, lines: list[tuple[str, str, list[Row]]], quantity: str, scale: float) -> None:
     """Every member as a dot in the line of its method and contact, the mean as a bar, the exact mean right through."""
     jitter = np.random.default_rng(0)
     for i, (method, _, rows) in enumerate(lines):
@@ -215,7 +216,7 @@ def _boxes(axis, lines, quantity: str, scale: float) -> None:
     axis.margins(x=0.04)
 
 
-def _peaks(axis, lines) -> None:
+def _peaks(axis: Axes, lines: list[tuple[str, str, list[Row]]]) -> None:
     """Quantiles of the peak force of all impacts."""
     for i, (method, _, rows) in enumerate(lines):
         own = [row for row in rows if row["kind"] == "peak" and row["method"] == method]
@@ -229,7 +230,7 @@ def _peaks(axis, lines) -> None:
     axis.set_title("(d) forces: median, 50 %, 90 %", loc="left")
 
 
-def _spectra(axis, rows, methods) -> None:
+def _spectra(axis: Axes, rows: list[Row], methods: list[str]) -> None:
     top = 0.0
     for method in methods:
         own = [row for row in rows if row["kind"] == "spectrum" and row["method"] == method]

@@ -45,6 +45,7 @@ from .engine.study import Point, Records, Row, Rows, Study
 from .references import frozen
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 REFERENCE = "reference"  # in the place of a scheme: the exact motion, sampled
@@ -241,7 +242,7 @@ def draw(records: Records) -> Figure:
     return figure
 
 
-def _block(axes, rows: Sequence[Row], treated: Sequence[Row], units: Units, place: str) -> None:
+def _block(axes: Array, rows: Sequence[Row], treated: Sequence[Row], units: Units, place: str) -> None:
     """The six panels of one contact."""
     runs = [row for row in rows if row["purpose"] == "step" and row["scheme"] not in (REFERENCE, EXACT)]
     sampled = [row for row in rows if row["scheme"] == REFERENCE]
@@ -267,7 +268,7 @@ def _block(axes, rows: Sequence[Row], treated: Sequence[Row], units: Units, plac
             say_empty(axis, "not asked for" if runs else "no point could be evaluated")
 
 
-def _over_step(axis, runs: Sequence[Row], name: str, factor: float) -> None:
+def _over_step(axis: Axes, runs: Sequence[Row], name: str, factor: float) -> None:
     for label in dict.fromkeys(row["scheme"] for row in runs):
         own = sorted((row for row in runs if row["scheme"] == label), key=lambda row: row["dt"])
         axis.plot(column(own, "dt"), factor * column(own, name), ms=4.5, lw=1.1, label=short(label), **look(label))
@@ -275,7 +276,7 @@ def _over_step(axis, runs: Sequence[Row], name: str, factor: float) -> None:
     axis.grid(color="0.92")
 
 
-def _exact_values(axis, runs: Sequence[Row], sampled: Sequence[Row], name: str, factor: float) -> None:
+def _exact_values(axis: Axes, runs: Sequence[Row], sampled: Sequence[Row], name: str, factor: float) -> None:
     own = sorted(sampled, key=lambda row: row["dt"])
     if name == "count":
         axis.plot(
@@ -288,7 +289,7 @@ def _exact_values(axis, runs: Sequence[Row], sampled: Sequence[Row], name: str, 
         axis.axhline(value, color="black", lw=1.6, label="exact")
 
 
-def _exact_ensemble(axis, exact: Sequence[Row], name: str, factor: float) -> None:
+def _exact_ensemble(axis: Axes, exact: Sequence[Row], name: str, factor: float) -> None:
     """The mean over exact members as a dotted line, with the spread of the count as a band."""
     for row in exact:
         mean = factor * row[name]
@@ -298,7 +299,7 @@ def _exact_ensemble(axis, exact: Sequence[Row], name: str, factor: float) -> Non
         axis.axhline(mean, color="0.3", lw=1.2, ls=":", zorder=1)
 
 
-def _over_parameters(axis, rows: Sequence[Row], count: float, units: Units, place: str) -> None:
+def _over_parameters(axis: Axes, rows: Sequence[Row], count: float, units: Units, place: str) -> None:
     for i, (name, (parameter, text, sign)) in enumerate(PARAMETERS.items()):
         own = [row for row in rows if scheme_of(row["scheme"]).name == name]
         points = sorted((sign * scheme_of(row["scheme"]).parameters[parameter], row["count"]) for row in own)
@@ -315,7 +316,9 @@ def _over_parameters(axis, rows: Sequence[Row], count: float, units: Units, plac
         axis.legend(frameon=False, fontsize=8.5)
 
 
-def _treatments(axis, runs: Sequence[Row], treated: Sequence[Row], count: float, units: Units, place: str) -> None:
+def _treatments(
+    axis: Axes, runs: Sequence[Row], treated: Sequence[Row], count: float, units: Units, place: str
+) -> None:
     """Implicit beside extrapolated contact at the same step, a cross where it overflowed."""
     schemes = [row["scheme"] for row in treated]
     if not schemes:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
+from ..basics.arrays import Array
 from ..basics.validation import InputError, positive
 from ..figures import COLOURS, MARKERS, column, dashed, heading, log_scale, new_figure, numeric, say_empty
 from ..files.cases import Case
@@ -80,7 +81,7 @@ def evaluate(case: Case, point: Point) -> list[Row]:
     ]
 
 
-def _impulse_error(found, wanted) -> float:
+def _impulse_error(found: Array, wanted: Array) -> float:
     """Of the first impact whose impulse is known, relative."""
     known = np.isfinite(found)
     return float(abs(found[known][0] / wanted[known][0] - 1.0)) if np.any(known) else float("nan")

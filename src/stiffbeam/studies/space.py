@@ -22,6 +22,7 @@ from .common import Forms, ImpactCount, first_impacts, places, solve_once, syste
 from .engine.study import Point, Records, Row, Rows, Study
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 SAMPLES = 2000
@@ -166,7 +167,7 @@ def draw(records: Records) -> Figure:
     return figure
 
 
-def _panel(axis, own: Sequence[Row]) -> None:
+def _panel(axis: Axes, own: Sequence[Row]) -> None:
     """A curve for every quantity and form; the colour tells the quantity, dashes the form."""
     quantities = list(dict.fromkeys(row["quantity"] for row in own))
     forms = list(dict.fromkeys(row["form"] for row in own))

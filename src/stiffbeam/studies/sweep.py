@@ -11,9 +11,9 @@ start, a scheme's to what the scheme's own dissipation leaves.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import product
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 
@@ -110,7 +110,7 @@ def _seconds(setup: Setup, periods: int) -> float:
 def evaluate(case: Case, point: Point) -> list[Row]:
     """Rows of every value and method of this point; a value that is refused gives a row with the reason."""
     rows: list[Row] = []
-    groups: dict[tuple, list[tuple[Row, Setup]]] = {}
+    groups: dict[tuple[Any, ...], list[tuple[Row, Setup]]] = {}
     system = system_of(case, point["form"])
     for value in point["values"]:
         named = {name: x for name, x in zip((point["parameter"], point["second"]), value, strict=False) if name}
@@ -306,7 +306,7 @@ def _maps(figure: Figure, contacts: Rows, case: Case) -> None:
         line[0].set(ylabel=named(case, y_name))
 
 
-def _log_where_even(set_scale, values: Array) -> None:
+def _log_where_even(set_scale: Callable[[str], None], values: Array) -> None:
     """A logarithmic axis for values that are spaced by a factor."""
     values = np.unique(values[np.isfinite(values)])
     if len(values) < 3 or values[0] <= 0.0:

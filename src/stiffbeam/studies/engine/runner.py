@@ -150,7 +150,7 @@ def _gather(
     threads: of the BLAS in processes that this call starts, 0 where it starts none.
     """
     lost = []
-    futures: dict[Future, Point] = {}
+    futures: dict[Future[Any], Point] = {}
     try:
         # The first one starts the processes, with the environment of that moment.
         with _blas_threads(threads) if threads else nullcontext():
@@ -168,7 +168,7 @@ def _gather(
 
 
 @contextmanager
-def _blas_threads(count: int) -> Iterator[None]:
+def _blas_threads(count: int) -> Generator[None, None, None]:
     """Processes that are started meanwhile use so many threads in the BLAS, which reads it as it is loaded.
 
     The matrices are so small that its threads mostly wait for each other. Held while processes start and
