@@ -24,15 +24,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-EXACT: dict[str, tuple[str, tuple[float, ...]]] = {
-    "displacement": ("black", ()),
-    "velocity-curvature": ("black", (4, 1.5)),
-}
-ONE: dict[str, Any] = {
-    "color": "0.55",
-    "dashes": (1, 1.5),
-    "alpha": 0.8,
-}  # what float64 makes of it past the horizon: dots
+Look = tuple[str, tuple[float, ...]]  # colour and dashes
+EXACT: dict[str, Look] = {"displacement": ("black", ()), "velocity-curvature": ("black", (4, 1.5))}
+ONE: dict[str, Any] = {"color": "0.55", "dashes": (1, 1.5), "alpha": 0.8}  # what float64 makes of it past the horizon
 # A scheme looks as it does everywhere; on another discretisation it has the same hue, darker or lighter.
 SCHEME_OF = {
     "(4.13)": ("hht", 0), "(4.11)": ("bdf2", 0), "(4.5)": ("bdf2", 1), "(4.14)": ("sdirk", 0), "(4.10)": ("sdirk", 1),
@@ -41,7 +35,7 @@ SCHEME_OF = {
 SHADES = ((1.0, 0.0), (0.55, 0.0), (0.6, 0.4))  # share of the colour, share of white
 
 
-def look_of(equation: str) -> tuple[str, tuple[Any, ...]]:
+def look_of(equation: str) -> Look:
     """Colour and dashes of one of the paper's equations, those of its scheme."""
     name, variant = SCHEME_OF[equation]
     colour, dashes, _ = look_of_name(name)

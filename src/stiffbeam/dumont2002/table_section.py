@@ -108,7 +108,7 @@ def parameters(case: Case) -> list[tuple[object, object]]:
 
 def legend(numbers: Numbers) -> h.Html:
     """A line of its look for every curve, as a list."""
-    entries: list[tuple[str, tuple[Any, ...], float, float, str]] = []
+    entries: list[tuple[str, tuple[float, ...], float, float, str]] = []
     for form, row in numbers["exact"].items():
         known = f"true motion, {form} form" if row["digits"] else f"exact motion to the horizon, {form} form"
         entries.append((*EXACT[form], 4, 0.5, known))
