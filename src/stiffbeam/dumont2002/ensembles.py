@@ -1,4 +1,4 @@
-"""The ensembles of one table: what can be measured past the horizon, drawn twice with seeds that share no member.
+"""The ensembles of one table: what can be measured past the horizon, made twice, from seeds that share no member.
 
 Initial data that differ by PERTURBATION of the motion's own scale cannot be told apart by any measurement, so
 a number that differs between members is known to their spread only, and a statement about the motion is one
@@ -117,7 +117,7 @@ def _measured(made: Made, ensemble: Ensemble, alive: Array, t: Array) -> dict[st
 def lines(t: Array, u: Array, drive: float) -> list[list[float]]:
     """[Re c_k, Im c_k] with u ~ sum Re(c_k exp(i k drive t)), k = 1 .. LINES, over whole periods to the end.
 
-    The phase is that of the clock, so that the mean over members keeps what the drive fixes and loses the rest.
+    The phase is relative to t = 0, so that in the mean over members only what the drive determines is left.
     """
     n = whole_periods(t, drive)
     order = np.arange(1, LINES + 1)

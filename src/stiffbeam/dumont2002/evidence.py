@@ -1,4 +1,4 @@
-"""What a claim may be judged by: the tables' numbers, their ensembles, the costs, and how the paper was read."""
+"""The evidence for claims: the tables' numbers, their ensembles, the costs, and how the paper was read."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ FORM_OF = {"displacement": "(3.5)", "velocity-curvature": "(3.12)"}
 
 
 class NotMeasured(Exception):
-    """A claim has nothing to stand on, with the reason."""
+    """There are no numbers to test a claim with; the message says why."""
 
 
 @dataclass(frozen=True)
 class Evidence:
-    """seeds: the sets of members that are looked at, all of them or one at a time.
+    """seeds: the sets of members in use, all of them or one.
 
     A motion is named by the paper's equation number, or by its form for the exact motion.
     """

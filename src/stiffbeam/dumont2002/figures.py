@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 Look = tuple[str, tuple[float, ...]]  # colour and dashes
 EXACT: dict[str, Look] = {"displacement": ("black", ()), "velocity-curvature": ("black", (4, 1.5))}
 ONE: dict[str, Any] = {"color": "0.55", "dashes": (1, 1.5), "alpha": 0.8}  # what float64 makes of it past the horizon
-# A scheme looks as it does everywhere; on another discretisation it has the same hue, darker or lighter.
+# A scheme has the colour it has everywhere; on another discretisation it has the same hue, darker or lighter.
 SCHEME_OF = {
     "(4.13)": ("hht", 0), "(4.11)": ("bdf2", 0), "(4.5)": ("bdf2", 1), "(4.14)": ("sdirk", 0), "(4.10)": ("sdirk", 1),
     "(4.12)": ("sdirk", 2),

@@ -1,4 +1,4 @@
-"""A few lines of HTML: elements that escape what they hold, tables aligned on their decimals."""
+"""A few lines of HTML: elements that escape their content, tables aligned on their decimals."""
 
 from __future__ import annotations
 

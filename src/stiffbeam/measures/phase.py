@@ -19,7 +19,7 @@ GRID = 401
 class PhaseLag:
     """tau minimising J(tau) = sum_j (u_run(t_j + tau) - u_ref(t_j))^2; > 0: the run is late.
 
-    residual: sqrt(J(tau)/sum u_ref^2), what a shift cannot explain. unshifted: the same with J(0).
+    residual: sqrt(J(tau)/sum u_ref^2), what is left after the shift. unshifted: the same with J(0).
     lag and residual are NaN where the lag is undefined, and ``undefined`` says why.
     """
 

@@ -15,8 +15,8 @@ def solve_node(r: Array, compliance: Array, law: Array) -> Array:
 
     They minimise 1/2 F^T S F + r^T F + sum_c (F_c^2/(2 kappa_c) - g_c F_c), g_c the stop that F_c comes
     from. Lawson and Hanson's active set: close the contact that penetrates most, solve for the closed
-    ones, and go only as far as no force changes sign, opening those that reach zero. It ends because
-    the minimum over the closed contacts falls at every turn.
+    ones, and go only as far as no force changes sign, opening those that reach zero. It ends, because every iteration
+    lowers the minimum over the closed contacts.
     """
     m = r.size
     kappa, g1, g2 = law[:, KAPPA], law[:, G1], law[:, G2]

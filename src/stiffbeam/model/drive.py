@@ -24,7 +24,7 @@ class Drive:
     """The d = 1 + 2 F functions of time that the harmonic and constant loads of a system are made of, and its
     R ``records``, the Sampled functions among its loads and offsets, each once.
 
-    Two frequencies that are one in float64 only count as two: multiprecision tells them apart.
+    Two frequencies that are equal in float64 but not exactly count as two: multiprecision distinguishes them.
     """
 
     frequencies: tuple[float, ...]

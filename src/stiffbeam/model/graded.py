@@ -100,7 +100,7 @@ def _halves(x: Array) -> tuple[Array, Array]:
 def jacobi(S: Array, least: Array) -> tuple[Array, Array]:
     """Eigenvalues (n,) and orthonormal vectors (n, n) of a symmetric graded matrix, in the order of its diagonal.
 
-    Entries below eps sqrt(S_ii S_jj) are zero; ``least`` (n,) are diagonals below which none has a digit.
+    Entries below eps sqrt(S_ii S_jj) are zero; ``least`` (n,) are diagonals below which no digit is known.
     Rotations of disjoint pairs are made at once: n - 1 rounds of n/2 are a sweep.
     """
     n = len(S)
@@ -130,7 +130,7 @@ def jacobi(S: Array, least: Array) -> tuple[Array, Array]:
 
 
 def _rounds(n: int) -> list[tuple[Array, Array]]:
-    """Every pair i < j once, in rounds of disjoint pairs: one player sits, the others go round the table."""
+    """Every pair i < j once, in rounds of disjoint pairs, as in a round-robin tournament."""
     players, rounds = list(range(n + n % 2)), []
     for _ in range(len(players) - 1):
         half = len(players) // 2

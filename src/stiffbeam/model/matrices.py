@@ -1,4 +1,4 @@
-"""What is asked of the matrices and vectors of a system before it is one."""
+"""Checks of the matrices and vectors that a system is made of."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The members of an ensemble: systems with one linear part and small or planned differences."""
+"""The members of an ensemble: systems with one linear part that differ in loads, stops or initial data."""
 
 from __future__ import annotations
 

@@ -18,8 +18,8 @@ class ContactStabilisedNewmark(RigidScheme):
 
         E+ - E = (f + f+)/2 . (q+ - q) + R (gap+ - gap) - nu B a,
 
-    and where R > 0, gap+ = 0: it loses R gap. It has no restitution: what comes back is what the body's own
-    elasticity gives back. Order 1. State: (q, v, f).
+    and where R > 0, gap+ = 0: it loses R gap. It has no restitution: a body rebounds by its own elasticity.
+    Order 1. State: (q, v, f).
     Source: Deuflhard, Krause and Ertel, Int. J. Numer. Methods Eng. 73 (2008) 1274-1290.
     """
 

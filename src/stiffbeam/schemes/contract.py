@@ -1,4 +1,4 @@
-"""What a step must keep: linear in state, loads and reactions, causal in the nodes, a pure function."""
+"""The contract of a step: linear in state, loads and reactions, causal in the nodes, a pure function."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ TOLERANCE = 1e-10  # of rounding; a broken contract shows at order one
 
 
 def check_contract(scheme: Scheme) -> None:
-    """Raise InputError where ``step`` breaks what both marches build on.
+    """Raise InputError where ``step`` breaks the contract that both marches rely on.
 
     Tried on two damped modes with random states, loads and reactions: step(x + 2 y) = step(x) + 2 step(y),
     and so for ``predict``; no state at a node changes with a load or a reaction at a later one; nothing in

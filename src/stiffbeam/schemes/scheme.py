@@ -21,8 +21,7 @@ class Scheme(ABC):
     linear in (state, loads, reactions), the same for the same input, and what it says of node i must not
     depend on a force at a later node; ``integrate`` checks this. The state z has shape (components, ...,
     n) and starts with y (see equations). A subclass with ``nodes`` and ``step`` can be given to
-    ``integrate`` as it is; its name is the class's in small letters unless it states one: it never goes
-    by that of the scheme it changes.
+    ``integrate`` as it is; its name is the class's in small letters unless it states one: it never inherits a name.
     """
 
     name: ClassVar[str] = ""

@@ -1,4 +1,4 @@
-"""How far a run is off: one motion against the exact one, or means of an ensemble against those of exact motions."""
+"""The errors of a run: one motion against the exact one, or means of an ensemble against those of exact motions."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ COLUMNS = (("impacts", "impact_count"), ("peak_force", "peak_force"), ("impulse"
 
 
 class Judge:
-    """Says how far a run with this scheme, contact and number of steps is off, and what it cost."""
+    """The errors of a run with this scheme, contact treatment and step, and what it cost."""
 
     def __init__(self) -> None:
         self.scatter: dict[str, float] = {}

@@ -1,8 +1,8 @@
 """How fast neighbouring motions diverge: Lyapunov exponents of the exact flow and of the schemes, and the portrait.
 
 The horizon is shorter than a period of the drive, so one run from t = 0 sees one phase of it only. Pairs
-are therefore started at many times along the exact motion and followed while their distance is small. The
-tangent flow along the exact motion is the witness: it needs no distance that is small enough.
+are therefore started at many times along the exact motion and followed while their distance is small. The tangent flow
+along the exact motion is an independent check: it needs no small distance.
 """
 
 from __future__ import annotations

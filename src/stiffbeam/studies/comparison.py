@@ -122,7 +122,7 @@ def compare_case(
             if main.horizon < case.t_end and (true := truth(case, form, case.t_end)) is not None:
                 result.truths[form] = true
     if not result.runs and refused and all(isinstance(error, InputError) and error.field != "dt" for error in refused):
-        raise refused[0]  # nothing was run: not a scheme but what was asked is at fault
+        raise refused[0]  # nothing was run: the fault is in the input, not in a scheme
     return result
 
 

@@ -3,7 +3,7 @@
     duration = t_exit - t_entry
 
 Of the exact motion both are events, of a scheme crossings of the stop by the cubic Hermite interpolant of its
-steps. Through the first impacts the i-th contact of a run is held against the i-th exact one, as long as they
+steps. Through the first impacts the i-th contact of a run is compared with the i-th exact one, as long as they
 match. Past it only distributions over perturbed members can be compared. Most contacts are short bounces, most of
 the time in contact is spent in a few long ones; so two numbers are given, the median over the contacts and the
 duration beyond which half of the time in contact is spent. Contacts that are open at the end are left out, and

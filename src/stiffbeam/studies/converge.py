@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 KINDS = ("smooth", "contact")
-PER_OCTAVE = 4  # steps per halving through contact, where the error jumps about: the worst of an octave counts
+PER_OCTAVE = 4  # steps per halving through contact, where the error varies irregularly: the worst of an octave counts
 SAMPLES = 1000  # outputs on which the error is measured
 RESOLVED = 0.5  # largest (omega dt)
 ASYMPTOTIC = 0.1  # largest relative error

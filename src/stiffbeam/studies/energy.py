@@ -35,7 +35,7 @@ def points(
 ) -> list[Point]:
     """The exact flow and every scheme on every form that the case can take; first-order marches for two schemes.
 
-    The exact flow is followed to its horizon, where a float64 solution still is one.
+    The exact flow is followed to its horizon, to which the float64 solution holds.
     """
     dt, t_end = case.dt if dt is None else dt, case.t_end if t_end is None else t_end
     labels = scheme_labels(case, schemes)

@@ -1,4 +1,4 @@
-"""Phase lag and dissipation mode by mode, measured on runs without contact and held against theory."""
+"""Phase lag and dissipation mode by mode, measured on runs without contact and compared with theory."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ def points(
 ) -> list[Point]:
     """One point a scheme: ``steps`` steps of ``dt`` (the case's) from initial data that excite every mode.
 
-    Modes of fewer than two steps a period are left out: a step that turns them by more than half a turn cannot be
-    told from one that turns them back.
+    Modes of fewer than two steps a period are left out: a rotation by more than half a turn per step looks like one
+    backwards.
     """
     dt = case.dt if dt is None else dt
     return [{"scheme": label, "form": form, "dt": dt, "steps": steps} for label in scheme_labels(case, schemes)]

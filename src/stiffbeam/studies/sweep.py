@@ -5,8 +5,8 @@
 The step is the one nearest to the given dt that divides T. So the section consists of steps of the
 scheme: an interpolation between steps would smear its periodic motions. The contact is recorded over the
 same periods. Values that leave step and linear part alone (amplitude, clearance, stop stiffness) march as
-one ensemble. Without damping the exact motion does not forget its start: its section belongs to that
-start, a scheme's to what the scheme's own dissipation leaves.
+one ensemble. Without damping the exact motion depends on its initial data for ever; a scheme's section also depends on
+its numerical dissipation.
 """
 
 from __future__ import annotations

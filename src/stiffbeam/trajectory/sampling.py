@@ -34,8 +34,8 @@ EVENT = 7
 def new_tally(u0: Array, v0: Array, law: Array, since: int = 0) -> Array:
     """Tallies of the steps after ``since``, from positions u0 (...,) and velocities v0 under laws (..., 6).
 
-    Contact that is there before is no impact, and a start exactly on a stop that does not leave it is
-    contact: it begins at t = 0, as the events of the exact solution have it.
+    Contact before the first step is no impact, and a start exactly on a stop that does not leave it is contact: it
+    begins at t = 0, as the events of the exact solution have it.
     """
     g1, g2 = law[..., G1], law[..., G2]
     tally = np.zeros((*np.shape(u0), TALLY))
@@ -235,7 +235,7 @@ def switch_time(
 ) -> float:
     """When in its step, 0 to 1, contact with the stop on ``side`` begins or ends: the crossing of the stop.
 
-    A damped stop that is penetrated lets go, and presses again, where its force changes sign.
+    At a damped stop that is penetrated contact ends, and begins again, where the force changes sign.
     """
     stop = law[i, c, G2] if side > 0.0 else law[i, c, G1]
     damping, dissipation = law[i, c, DAMPING], law[i, c, DISSIPATION]

@@ -107,7 +107,7 @@ def _evaluate_all(
 
 
 def _require_portable(study: Study, case: Case) -> None:
-    """Refuse what no other process can take, before any is started: one that fails to arrive is waited for."""
+    """Refuse what cannot be sent to another process before any is started: a pool waits for it for ever."""
     remedy = "use jobs=1, or functions at the top of a module of their own in place of a lambda"
     rule = "travel to other processes"
     try:
