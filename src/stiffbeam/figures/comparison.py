@@ -34,7 +34,7 @@ def four_panels(
     With several contacts there is a panel c for each. All of one form: another form is another system.
     Panels a to c show the time inside the horizon of the first reference, where one solution exists to
     compare with; panel d shows the schemes over their whole span. The other references are thin and lie beneath
-    the schemes. Panel b: the largest |u - u_ref|/max |u_ref| so far, with a dot where the impacts part and a
+    the schemes. Panel b: the largest |u - u_ref|/max |u_ref| so far, with a dot where the impacts cease to match and a
     vertical line at a solver's own horizon; ``comparisons`` of the runs and the other references with the first, made
     if None. Axes name the units of the system.
     """

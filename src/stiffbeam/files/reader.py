@@ -18,7 +18,7 @@ _KINDS = {str: "a text", bool: "a truth value", int: "an integer", float: "a num
 
 @dataclass
 class Reader:
-    """Reads one table field by field; every complaint names file, field, value and rule."""
+    """Reads one table field by field; every InputError names file, field, value and rule."""
 
     table: dict[str, Any]
     where: str
@@ -91,7 +91,7 @@ class Reader:
             raise self.error(field, coefficients, rule, "for example [0, 0, 1]") from None
 
     def build(self, make_it: Any, *args: Any, **kwargs: Any) -> Any:
-        """``make_it`` with its complaints placed in this file."""
+        """``make_it`` with this file named in its InputError."""
         try:
             return make_it(*args, **kwargs)
         except InputError as error:

@@ -12,8 +12,8 @@ class ExponentialFlow(Scheme):
     """y^{n+1} = e^{A dt} y^n + dt phi_1(A dt) B f^n + dt phi_2(A dt) B (f^{n+1} - f^n).
 
     phi_1(z) = (e^z - 1)/z, phi_2(z) = (e^z - 1 - z)/z^2. Free motion is exact at any step; loads and reactions
-    are interpolated linearly, order 2. Between contacts there is neither period elongation nor dissipation; the
-    contact is what is left to see. Take contact="conserving": with "implicit" the stops do work on the motion,
+    are interpolated linearly, order 2. Between contacts there is neither period elongation nor dissipation; all errors
+    come from the contact. Take contact="conserving": with "implicit" the stops do work on the motion,
     the largest forces of Table 10 at dt = 1e-4 are twice as large. State: y.
     Source: Hochbruck and Ostermann, Acta Numerica 19 (2010) 209-286.
     """

@@ -99,7 +99,7 @@ class PrintedStageMatrix(SDIRK):
 
     def characteristic(self, x: float, xi: float) -> None:
         """None: the R(z) of (4.14) belongs to A A."""
-        return None  # (4.14)'s R(z) belongs to A A
+        return None
 
     def check(self, omega_max: float, dt: float) -> None:
         """Raise InputError where a mode up to omega_max would grow by more than GROWTH per step."""

@@ -17,7 +17,8 @@ class NonsmoothGeneralisedAlpha(RigidScheme):
         0 <= nu _|_ gap(q+) >= 0;  where q+ is at the stop 0 <= P _|_ U+ + e U >= 0, else P = 0.
 
     alpha_m, alpha_f, beta, gamma of generalised-alpha with spectral radius ``rho`` at infinity. Gap and velocity both
-    hold at every step; nu does not act on P, which makes two problems of one. With rho = 1 and no damping,
+    hold at every step; nu does not enter the condition of P, so that the two problems are solved one after the other.
+    With rho = 1 and no damping,
     E = 1/2 v^T M v + 1/2 q^T K q, x_m = (x + x+)/2,
 
         E+ - E = f_m . (q+ - q) + P U_m + (dt P/2 - nu) B a_m;

@@ -18,7 +18,8 @@ class PaoliSchatzman(RigidScheme):
 
         E+ - E = f . (q+ - q-)/2 - (1 + e) P gap-/(2 dt),    gap- = B q- + g0.
 
-    So it loses for e = 0, whose positions keep every gap open; for e > 0 a position that went beyond the stop gains.
+    So it loses for e = 0, whose positions keep every gap open; for e > 0 it gains where a position went beyond the
+    stop.
     Stable at any step for beta >= 1/4; order 1. State: (q, v, f), v the backward difference.
     Source: Paoli and Schatzman, SIAM J. Numer. Anal. 40 (2002) 702-733; Dumont and Paoli, ESAIM M2AN 40 (2006) 705-734.
     """
