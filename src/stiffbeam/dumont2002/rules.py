@@ -208,7 +208,7 @@ def elongation_explains(table: int, a: str, b: str) -> Check:
             f"Period elongation of modes 1 and 2 at dt = {case.dt:g}: {written}. To t = {t:.3g} that makes "
             f"{100 * explained:.1g} % of difference between {a} and {b} at most; measured "
             f"{apart.written(100.0, ' %')}, and {e.apart(table, a, 'displacement').written(100.0, ' %')} from {a} to "
-            "the exact motion. What parts them is the damping of the fast modes at every contact, and chaos.",
+            "the exact motion. The rest comes from the damping of the fast modes at every contact, and from chaos.",
             plain_verdict(below(apart, 2.0 * explained)),
         )
 

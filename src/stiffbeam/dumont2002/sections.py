@@ -118,11 +118,11 @@ def how_read(reading: Reading) -> h.Html:
             ("Contact", contact),
             ("Schemes", schemes),
             ("The exact motion", exact),
-            ("Horizon", "motions between stops are chaotic: solutions that differ in the sixteenth digit part after "
-            "a few dozen "
-             "impacts. The horizon is the time to which float64 can follow the exact motion. Errors are measured "
-             "up to it; past it (grey in the figures) a run is one realisation, and only statistics mean something."),
-            ("Ensembles", f"two of every scheme and of the exact motion, drawn with seeds that share no member, over "
+            ("Horizon", "motions between stops are chaotic: solutions that differ in the sixteenth digit diverge "
+             "after a few dozen impacts. The horizon is the time to which float64 can follow the exact motion. Errors "
+             "are measured up to it; past it (grey in the figures) a run is one realisation, and only statistics mean "
+             "something."),
+            ("Ensembles", f"two of every scheme and of the exact motion, from seeds that share no member, over "
              f"{PERIODS} drive periods or more. Their members differ at the start by {written(PERTURBATION)} of the "
              "motion; ± is one standard deviation of a member. A statement counts as decided outside three standard "
              "errors (Student's t), and its verdict stands if neither ensemble alone says otherwise."),

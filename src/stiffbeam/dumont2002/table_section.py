@@ -197,11 +197,13 @@ def numbers_table(number: int, numbers: Numbers) -> h.Html:
         counted = [short(row["impacts"]), f"{100 * row['fraction']:.1f}", f"{row['peak_force']:.0f}"]
         rows.append([name, *counted, *errors, f"{row['fast']:.3g}", horizon])
     headings = [
-        "motion", "impacts", "contact, %", "peak |σ|", "energy lost, %", "tip error, %", "impacts part at",
+        "motion", "impacts", "contact, %", "peak |σ|", "energy lost, %", "tip error, %", "impacts match until",
         "fast velocity", "horizon",
     ]  # fmt: skip
     return h.table(
-        headings, rows, f"Table {number}: one run each over the whole span; tip error (rms) and parting to the horizon"
+        headings,
+        rows,
+        f"Table {number}: one run each over the whole span; tip error (rms) and matching impacts to the horizon",
     )
 
 

@@ -249,9 +249,7 @@ def _explanation(comparisons: Sequence[Comparison], references: Sequence[Referen
             "Modes that do not decouple march without the compiler.",
         ]
     if any(map(_several, comparisons)):
-        lines.append(
-            "Several contacts: a run's impacts part where they do at the first contact to fail; each has a line."
-        )
+        lines.append("Several contacts: impacts match as long as they do at every contact; each contact has a line.")
     lines += [f"{c.label.partition('@')[0]}, {reason}." for c in comparisons for reason in c.missing]
     return "\n".join(lines) + "\n"
 
