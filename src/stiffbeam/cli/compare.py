@@ -146,7 +146,8 @@ def _draw(result: CaseComparison, folder: Path) -> list[Path]:
         from ..figures import save_figure
         from ..figures.comparison import four_panels
 
-        runs, references = ([x for x in xs if x.provenance["form"] == form] for xs in (result.runs, result.references))
+        runs = [run for run in result.runs if run.provenance["form"] == form]
+        references = [one for one in result.references if one.provenance["form"] == form]
         named = ": ".join(dict.fromkeys([result.case.name, result.case.title]))
         dt = units.measure(f"{result.case.dt:g}", "time")
         details = [form, f"dt = {dt}", result.case.grid, *filter(None, [units.note])]

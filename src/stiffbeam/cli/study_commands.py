@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from concurrent.futures import Executor
     from contextlib import AbstractContextManager
 
-    from click import Command, Context
-
     from ..files.case import Case as CaseFile
     from ..studies.engine.study import Records, Study
 
@@ -39,15 +37,18 @@ LISTS: dict[type, Callable[[str | None], list[Any] | None]] = {
 
 
 class Commands(TyperGroup):
-    """The commands there are, and one for each study; its module is imported when it is asked for."""
+    """The commands there are, and one for each study; its module is imported when it is asked for.
 
-    def list_commands(self, ctx: Context) -> list[str]:
+    Contexts and commands are click's, or those of the copy that a newer typer brings.
+    """
+
+    def list_commands(self, ctx: Any) -> list[str]:
         """The commands written by hand, then one for each study."""
         from ..studies import STUDIES
 
         return [*super().list_commands(ctx), *(name.replace("_", "-") for name in STUDIES)]
 
-    def get_command(self, ctx: Context, cmd_name: str) -> Command | None:
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
         """A command by name; that of a study is made when it is asked for."""
         from ..studies import STUDIES
 
@@ -61,14 +62,12 @@ class _Study(TyperCommand):
     def __init__(self, name: str, line: str) -> None:
         super().__init__(name, help=line, rich_help_panel=PANEL)
 
-    def make_context(
-        self, info_name: str | None, args: list[str], parent: Context | None = None, **extra: Any
-    ) -> Context:
+    def make_context(self, info_name: str | None, args: list[str], parent: Any = None, **extra: Any) -> Any:
         assert self.name is not None
         return command_of(self.name.replace("-", "_")).make_context(info_name, args, parent, **extra)
 
 
-def command_of(name: str) -> Command:
+def command_of(name: str) -> Any:
     """The command of the study ``name``: its options, their defaults and help are those of ``points``."""
     from ..studies import STUDIES, find_study
 

@@ -8,13 +8,13 @@ from functools import lru_cache
 
 import numpy as np
 
-from ..basics.arrays import Array
 from ..files.cases import paper_cases
 from ..march.ensemble import integrate_ensemble
 from ..model.members import perturbed
 from ..model.semidiscretisation import semidiscretise
 from ..model.system import System
 from ..references.exact.tangent import lyapunov
+from ..trajectory.ensemble import Ensemble
 from .claims_bdf import LONGER, LONGER_RULE, PERIODIC_RULE, WIDE, WIDE_RULE
 from .ensembles import PERTURBATION
 from .evidence import Evidence
@@ -112,7 +112,7 @@ def growth(table: int, reading: Reading, members: int, seed: int) -> tuple[float
     scheme, form = case.runs[0]
     system, every_ = semidiscretise(case.problem, case.cells, form), 5
 
-    def tips(copies: Sequence[System]) -> Array:
+    def tips(copies: Sequence[System]) -> Ensemble:
         return integrate_ensemble(
             system, reading.scheme(scheme), case.dt, case.t_end, copies, reading.contact, every=every_
         )

@@ -218,7 +218,8 @@ def _draw_spectra(axis: Axes, runs: Sequence[Trajectory], references: Sequence[R
         axis.set_xlabel(f"angular frequency, in multiples of the drive a = {a}")
     else:
         axis.set_xlabel(units.label("angular frequency", "frequency"))
-    visible = [line.get_ydata()[line.get_xdata() <= axis.get_xlim()[1]] for line in axis.get_lines()]
+    curves = [(np.asarray(line.get_xdata()), np.asarray(line.get_ydata())) for line in axis.get_lines()]
+    visible = [y[x <= axis.get_xlim()[1]] for x, y in curves]
     top = max((float(np.max(y)) for y in visible), default=0.0)
     if top > 0.0:  # a beam that stays at rest has no logarithm
         axis.set_yscale("log")

@@ -24,12 +24,15 @@ class TimeFunction(Protocol):
 
     def value(self, t: ArrayLike, /) -> Array:
         """f(t)."""
+        ...
 
     def rate(self, t: ArrayLike, /) -> Array:
         """f'(t)."""
+        ...
 
     def acceleration(self, t: ArrayLike, /) -> Array:
         """f''(t)."""
+        ...
 
 
 @dataclass(frozen=True)

@@ -170,9 +170,9 @@ def _curves(axes: Sequence[Axes], label: str, own: Sequence[Row]) -> None:
             measured, line = (np.where(y > NO_DAMPING, y, np.nan) for y in (measured, line))  # a logarithm of none
         if not np.any(np.isfinite(line)):
             continue
-        axis.plot(x, line, lw=1.0, **style | {"marker": ""})
+        axis.plot(x, line, lw=1.0, **dict(style, marker=""))
         some = slice(len(x) // 48, None, max(1, len(x) // 24))
-        axis.plot(x[some], measured[some], ms=3.6, **style | {"linestyle": ""})
+        axis.plot(x[some], measured[some], ms=3.6, **dict(style, linestyle=""))
     axes[0].plot([], [], lw=1.0, ms=4, label=short(label), **style)
 
 

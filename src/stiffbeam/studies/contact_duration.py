@@ -209,7 +209,7 @@ def _errors(axis: Axes, rows: Sequence[Row]) -> None:
         whole = np.array([all(row["pairs"] == row["exact"] for row in own[dt]) for dt in some], bool)
         style = look(label)
         axis.plot(steps, np.where(whole, errors, np.nan), ms=4.5, lw=1.1, label=short(label), **style)
-        axis.plot(steps[~whole], errors[~whole], ms=4.0, mfc="white", **style | {"linestyle": ""})
+        axis.plot(steps[~whole], errors[~whole], ms=4.0, mfc="white", **dict(style, linestyle=""))
     axis.grid(color="0.92")
     if axis.get_lines() and np.isfinite(axis.dataLim.minposy):
         log_scale(axis)
@@ -221,7 +221,7 @@ def _errors(axis: Axes, rows: Sequence[Row]) -> None:
 def _distributions(axis: Axes, rows: Sequence[Row]) -> None:
     for label in dict.fromkeys(row["method"] for row in rows):
         own = [row for row in rows if row["method"] == label]
-        style = look(label) | {"marker": "", "lw": 2.2 if label == "exact" else 1.2}
+        style = dict(look(label), marker="", lw=2.2 if label == "exact" else 1.2)
         axis.plot(column(own, "duration"), column(own, "level"), label=short(label), **style)
     steps = [row["dt"] for row in rows if row["method"] != "exact"]
     if steps and np.isfinite(steps[0]):

@@ -7,7 +7,7 @@ rounding, and (in contact) every impact inside the window still has its partner.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 
@@ -191,17 +191,17 @@ def _curve(axis: Axes, own: Sequence[Row], text: str, order: Order) -> dict[str,
     counted = set(envelope(own)[0])
     octaves = {row["octave"] for row in own if row["dt"] in counted}
     reasons: dict[str, None] = {}
-    axis.plot(column(own, "dt"), column(own, "error_rms"), lw=0.5, alpha=0.6, **style | {"marker": ""})
+    axis.plot(column(own, "dt"), column(own, "error_rms"), lw=0.5, alpha=0.6, **dict(style, marker=""))
     axis.plot([], [], lw=1.3, ms=4.5, label=text, **style)
     for row in own:
         reason = row["left_out"] or ("" if row["octave"] in octaves else "its octave has one of these")
-        fill = {} if not reason else {"mfc": "white", "mec": style["color"], "marker": REASONS[reason]}
-        axis.plot(row["dt"], row["error_rms"], ms=4.0, mew=0.9, **style | {"linestyle": ""} | fill)
+        fill: dict[str, Any] = {} if not reason else {"mfc": "white", "mec": style["color"], "marker": REASONS[reason]}
+        axis.plot(row["dt"], row["error_rms"], ms=4.0, mew=0.9, **dict(style, linestyle="", **fill))
         if reason:
             reasons[reason] = None
     if np.isfinite(order.slope) and counted:
         x = np.array([min(counted), max(counted)])
-        axis.plot(x, order.constant * x**order.slope, lw=1.5, **style | {"marker": ""})
+        axis.plot(x, order.constant * x**order.slope, lw=1.5, **dict(style, marker=""))
     return reasons
 
 

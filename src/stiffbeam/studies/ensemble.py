@@ -212,7 +212,7 @@ def _boxes(axis: Axes, lines: list[tuple[str, str, list[Row]]], quantity: str, s
         axis.plot(values, heights, ls="", marker=".", ms=3, color=style["color"], alpha=0.45)
         axis.plot([np.mean(values)] * 2, [i - 0.38, i + 0.38], color=style["color"], lw=2.2)
         if method == "exact":
-            axis.axvline(np.mean(values), color="black", lw=0.8, ls=":")
+            axis.axvline(float(np.mean(values)), color="black", lw=0.8, ls=":")
     axis.margins(x=0.04)
 
 

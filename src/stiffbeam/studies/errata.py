@@ -180,10 +180,10 @@ def _printed(reading: str) -> dict[str, Any]:
 
 def _errors(axis: Axes, found: dict[tuple[str, str, str], list[Row]]) -> None:
     for i, ((scheme, reading, _), own) in enumerate(found.items()):
-        style = look(scheme) | {"ms": 4.5, "lw": 1.1}
+        style = dict(look(scheme), ms=4.5, lw=1.1)
         dt = column(own, "dt")
         if scheme not in {key[0] for key in list(found)[:i]}:
-            axis.plot(dt, column(own, "error"), label=f"{short(scheme)}, right", **style | {"linestyle": "-"})
+            axis.plot(dt, column(own, "error"), label=f"{short(scheme)}, right", **dict(style, linestyle="-"))
         axis.plot(dt, column(own, "error_printed"), label=_name(scheme, reading), **style | _printed(reading))
     axis.set_ylabel("tip error, rms, relative")
 
@@ -192,7 +192,7 @@ def _factors(
     axis: Axes, found: dict[tuple[str, str, str], list[Row]], refused: dict[tuple[str, str, str], int]
 ) -> None:
     for (scheme, reading, kind), own in found.items():
-        style = look(scheme) | {"ms": 4.5, "lw": 1.1}
+        style = dict(look(scheme), ms=4.5, lw=1.1)
         if reading != EXTRAPOLATED:
             style |= _printed(reading)
         missing = refused.get((scheme, reading, kind), 0)

@@ -326,7 +326,8 @@ def _treatments(
     dt = treated[0]["dt"]
     implicit = {row["scheme"]: row["count"] for row in runs if row["dt"] == dt}
     places = np.arange(len(schemes))
-    axis.bar(places - 0.2, [implicit.get(s, np.nan) for s in schemes], 0.38, color="0.3", label="implicit")
+    heights = [implicit.get(s, np.nan) for s in schemes]
+    axis.bar(places - 0.2, heights, 0.38, color="0.3", label="implicit")
     axis.bar(places + 0.2, column(treated, "count"), 0.38, color="0.75", hatch="///", edgecolor="white",
              label="extrapolated")  # fmt: skip
     failed = [i for i, row in enumerate(treated) if "failed" in row]
@@ -335,7 +336,7 @@ def _treatments(
         axis.plot(places[failed] + 0.2, bottom, "x", ms=8, mew=2, color="black", clip_on=False, label="overflowed")
     axis.axhline(count, color="black", lw=1.6)
     axis.set_xticks(places, [short(s) for s in schemes], rotation=35, ha="right", fontsize=8.5)
-    counts = [bar.get_height() for bar in axis.patches] + [count]
+    counts = [*heights, *column(treated, "count"), count]
     axis.set(ylabel="impacts counted", ylim=(0.0, 1.45 * max((c for c in counts if np.isfinite(c)), default=1.0)))
     axis.set_title(f"(f) contact, at Δt = {units.measure(format(dt, 'g'), 'time')}{place}", loc="left")
     axis.legend(frameon=False, fontsize=8.5)

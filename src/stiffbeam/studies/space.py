@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 
@@ -176,7 +176,7 @@ def _panel(axis: Axes, own: Sequence[Row]) -> None:
         if not mine:
             continue
         i, j = quantities.index(quantity), forms.index(form)
-        style = {"color": COLOURS[(i if len(quantities) > 1 else j) % len(COLOURS)], "ms": 4.5,
+        style: dict[str, Any] = {"color": COLOURS[(i if len(quantities) > 1 else j) % len(COLOURS)], "ms": 4.5,
                  "marker": MARKERS[(i + 3 * j) % len(MARKERS)], "lw": 1.0, "ls": dashed(j)}  # fmt: skip
         words, at, place = quantity.partition(" at contact ")
         name = NAMES.get(words, words) + at + place + (f", {NAMES.get(form, form)}" if len(forms) > 1 else "")

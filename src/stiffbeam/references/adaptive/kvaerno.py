@@ -71,7 +71,7 @@ def solve(request: Request) -> Reference:
 
             path, count, seconds, compiling, y = [rhs.z0[None]], 0, 0.0, 0.0, rhs.z0
             step = 1e-3 * float(rtol) ** 0.2 * (t[1] - t[0])
-            programs: dict[str, Any] = {}
+            programs: dict[int, Any] = {}
             for first in range(0, len(t) - 1, POINTS_PER_CALL):
                 times = jnp.asarray(t[first : first + POINTS_PER_CALL + 1])
                 arguments = (jnp.asarray(y), jnp.asarray(step), times)
