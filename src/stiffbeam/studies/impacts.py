@@ -156,7 +156,7 @@ def reference_solution(case: Case, point: Point) -> Reference:
 
 
 def right_from(rows: Rows, scheme: str, tolerance: float = 0.05) -> float:
-    """The largest step from which on the count is the exact one to ``tolerance`` and their 95 % interval; NaN."""
+    """The largest step from which on the count is exact to ``tolerance`` and the 95 % interval; NaN where none is."""
     exact = next((r for r in rows if r["scheme"] == EXACT), None)
     if exact is None:
         return float("nan")
