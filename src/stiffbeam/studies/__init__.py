@@ -16,6 +16,7 @@ STUDIES = {
     "converge": "Observed orders in time, smooth and through contact.",
     "space": "Convergence of both discretisations to the beam, and of the contact.",
     "rigid": "Towards rigid stops: kappa to infinity.",
+    "restitution": "Restitution wanted and delivered, by the formulas in use.",
     "rigid_bar": "A bar bounces on a rigid wall: every scheme against the exact solution.",
     "errata": "What each misprint of the paper costs.",
     "impacts": "Impact counts against the step, with the exact count.",
