@@ -117,7 +117,8 @@ def test_tangent_vectors_turn_at_an_entry(seed):
     growth = sb.lyapunov(system, 3.0, seed=3)
     dq, dv = tangent._vectors(system, 3)
     base = tracer_of(system).solve(3.0)
-    assert np.any(base.sides[:, 0]) and LET_GO in np.abs(base.sides)
+    assert np.any(base.sides[:, 0])
+    assert LET_GO in np.abs(base.sides)
     q, v = (x[-1] for x in base.states(growth.t))
     for j in range(dq.shape[1]):
         moved = replace(system, q0=system.q0 + step * dq[:, j], v0=system.v0 + step * dv[:, j])

@@ -6,17 +6,17 @@
 
 A free mass m meets the stop at speed v. The formulas are approximations but for the last; what each delivers is known
 in closed form, and measured here on a ball that DOP853 takes through the stop. Sources: Hunt and Crossley (1975);
-Herbert and McWhannell (1977); Lee and Wang (1983); Lankarani and Nikravesh (1990); Gonthier et al. (2004); Flores et al.
-(2011); Hu and Guo (2015), all as compared in Rodrigues da Silva et al., Mech. Mach. Theory 167 (2022) 104501; of the
-Kelvin-Voigt law the formula by which a ball leaves where d = 0, Anagnostopoulos (1988), and the release where F = 0 of
-Schwager and Poeschel, Granular Matter 9 (2007) 465-469.
+Herbert and McWhannell (1977); Lee and Wang (1983); Lankarani and Nikravesh (1990); Gonthier et al. (2004); Flores et
+al. (2011); Hu and Guo (2015), all as compared in Rodrigues da Silva et al., Mech. Mach. Theory 167 (2022) 104501; of
+the Kelvin-Voigt law the formula by which a ball leaves where d = 0, Anagnostopoulos (1988), and the release where F = 0
+of Schwager and Poeschel, Granular Matter 9 (2007) 465-469.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 
@@ -86,11 +86,13 @@ def kelvin_voigt_restitution(zeta: float) -> float:
     return math.exp(-zeta * (math.pi - math.atan2(2.0 * zeta * w, 1.0 - 2.0 * zeta * zeta)) / w)
 
 
-def measured(law: dict[str, float], delivered: float) -> float:
+def measured(law: dict[str, Any], delivered: float) -> float:
     """The speed of a mass 1 behind a stop of stiffness 1, met at speed 1: by DOP853, from stop to stop."""
     stops = Stops(upper=0.0, stiffness=1.0, **law)
-    start = {"initial_displacement": [-0.1], "initial_velocity": [1.0]}
-    ball = System.from_matrices([[1.0]], [[0.0]], contacts=[Contact(np.ones(1), stops)], **start)
+    ball = System.from_matrices(
+        [[1.0]], [[0.0]], contacts=[Contact(np.ones(1), stops)],
+        initial_displacement=[-0.1], initial_velocity=[1.0],
+    )  # fmt: skip
     end = 10.0 * (1.0 + 1.0 / delivered)  # d is 2 at most, and left at the speed delivered or faster
     return float(-solve(ball, end, "dop853", np.array([0.0, end]), 1e-12, None).tip_velocity[-1])
 

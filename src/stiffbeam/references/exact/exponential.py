@@ -43,7 +43,7 @@ class Regime:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ExponentialSolution:
-    """The pieces: at times[i] the contacts are on the sides[i] (m,), see damped_stops, homogeneous coefficients c[i]."""
+    """The pieces: at times[i] the contacts are on the sides[i] (m,), see damped_stops; homogeneous parts c[i]."""
 
     drive: Drive
     regimes: dict[tuple[int, ...], Regime]

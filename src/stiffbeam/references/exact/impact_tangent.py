@@ -1,9 +1,9 @@
 """The tangent flow along a motion with rigid stops: what impacts do to neighbours, and what holding them does.
 
-    dt = -(row dq-)/U-                                             by which a neighbour is later, U the velocity to the stop
+    dt = -(row dq-)/U-                         by which a neighbour is later, U = row q' + o'
     dq+ = dq- + (q'- - q'+) dt
-    dq'+ = G (dq'- + q''- dt) - G_U o'' dt - q''+ dt,              q'+ = G q'- + ... Newton's law, G = I - G_U row
-    row dq = row dq' = 0                                           while a contact is held
+    dq'+ = dq'- + q''- dt - J (row (dq'- + q''- dt) + o'' dt) - q''+ dt,   q'+ = q'- - J U-, Newton's law
+    row dq = row dq' = 0                       while a contact is held
 
 A contact that is held after impacts, e = 0 or at the end of its chatter, leaves of a neighbour's vector what is
 M-orthogonal to M^-1 row^T: impulses along the row do not touch it. Source: Mueller, Chaos, Solitons & Fractals 5 (1995)

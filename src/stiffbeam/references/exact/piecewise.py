@@ -18,8 +18,8 @@ from ...basics.budget import afford
 from ...basics.validation import InputError, positive
 from ...model.drive import Drive
 from ...model.modes import Modes, undamped_modes
-from ...model.system import System
 from ...model.sampled import Sampled
+from ...model.system import System
 from ...model.time_functions import covered, parts_of
 from ...trajectory.trajectory import Reference, Work, versions
 from ..request import Request, output_times
