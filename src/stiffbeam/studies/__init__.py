@@ -15,6 +15,7 @@ STUDIES = {
     "energy": "The energy ledger of every scheme and of the exact flow, in every form.",
     "converge": "Observed orders in time, smooth and through contact.",
     "space": "Convergence of both discretisations to the beam, and of the contact.",
+    "first_impact": "How hard the first impact is, from 10 to 640 cells, against the theory of a point contact.",
     "rigid": "Towards rigid stops: kappa to infinity.",
     "restitution": "Restitution wanted and delivered, by the formulas in use.",
     "rigid_bar": "A bar bounces on a rigid wall: every scheme against the exact solution.",

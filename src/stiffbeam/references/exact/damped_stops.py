@@ -17,7 +17,6 @@ section 2.5.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,9 +24,6 @@ from numpy.typing import ArrayLike, NDArray
 from ...basics.arrays import Array
 from ...model.contact import Stops
 from ...model.system import System
-
-if TYPE_CHECKING:
-    from .exact_measures import Solution
 
 LET_GO = 2  # times the side: beyond a damped stop that does not press
 GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
@@ -81,37 +77,6 @@ def entry(system: System, before: NDArray[np.int64], after: NDArray[np.int64], d
             kick = np.linalg.solve(system.mass, contact.row)
             dv = dv - float(contact.stops.damping) * np.outer(kick, contact.row @ dq)
     return dv
-
-
-def work_of_damping(system: System, solution: Solution, edges: Array) -> tuple[Array, Array]:
-    """Between consecutive edges, which include every switch: what moving stops put in by -c d', and what stops take.
-
-        input = -int F_c o' dt, F_c = -c u' where pressed      taken = int c u'^2 dt where pressed, U where let go
-
-    By Gauss-Legendre quadrature, to rounding.
-    """
-    from .exact_measures import NODES, WEIGHTS, panels
-
-    given, taken = np.zeros(len(edges) - 1), np.zeros(len(edges) - 1)
-    damped = [(i, c) for i, c in enumerate(system.contacts) if c.stops.damping > 0.0]
-    if not damped:
-        return given, taken
-    sides = solution.sides[np.maximum(np.searchsorted(solution.times, edges[:-1], "right") - 1, 0)]
-    owner, left, width = panels(solution.shortest_period, edges[:-1], edges[1:], solution.fastest_decay)
-    for part in np.array_split(np.arange(len(left)), max(1, len(left) // 20_000)):
-        t = (left[part][:, None] + width[part][:, None] * (NODES + 1.0) / 2.0).ravel()
-        for i, contact in damped:
-            side = sides[owner[part], i].repeat(len(NODES))
-            u, v = solution.observed(t, contact.row)
-            o, rate = solution.offset(system, i)(t)
-            u, v = u + o, v + rate
-            drag = np.where(np.abs(side) == 1, float(contact.stops.damping) * v, 0.0)
-            spring = np.where(
-                np.abs(side) == LET_GO, -float(contact.stops.stiffness) * contact.stops.penetration(u), 0.0
-            )
-            for total, power in ((given, drag * rate), (taken, (drag + spring) * v)):
-                np.add.at(total, owner[part], power.reshape(-1, len(NODES)) @ WEIGHTS * width[part] / 2.0)
-    return given, taken
 
 
 def pressure(stops: Stops, side: NDArray[np.int64], u: Array, velocity: Array) -> Array:

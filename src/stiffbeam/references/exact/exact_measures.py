@@ -14,7 +14,7 @@ from ...model.contact import Stops
 from ...model.system import System
 from ...trajectory.impacts import ContactRecord, Impacts
 from ...trajectory.ledger import Ledger
-from .damped_stops import peak_between, pressed, pressure, work_of_damping
+from .damped_stops import LET_GO, peak_between, pressed, pressure
 
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(10)
 PEAK_STEPS = 8  # of the Illinois method, from a bracket of two samples: to 1e-12 on Table 10
@@ -245,6 +245,35 @@ def panels(longest: float, starts: Array, ends: Array, decay: float = 0.0) -> tu
     index, left = index[order], left[order]
     last = np.append(index[1:] != index[:-1], True)
     return index, left, np.where(last, ends[index], np.append(left[1:], 0.0)) - left
+
+
+def work_of_damping(system: System, solution: Solution, edges: Array) -> tuple[Array, Array]:
+    """Between consecutive edges, which include every switch: what moving stops put in by -c d', and what stops take.
+
+        input = -int F_c o' dt, F_c = -c u' where pressed      taken = int c u'^2 dt where pressed, U where let go
+
+    By Gauss-Legendre quadrature, to rounding.
+    """
+    given, taken = np.zeros(len(edges) - 1), np.zeros(len(edges) - 1)
+    damped = [(i, c) for i, c in enumerate(system.contacts) if c.stops.damping > 0.0]
+    if not damped:
+        return given, taken
+    sides = solution.sides[np.maximum(np.searchsorted(solution.times, edges[:-1], "right") - 1, 0)]
+    owner, left, width = panels(solution.shortest_period, edges[:-1], edges[1:], solution.fastest_decay)
+    for part in np.array_split(np.arange(len(left)), max(1, len(left) // 20_000)):
+        t = (left[part][:, None] + width[part][:, None] * (NODES + 1.0) / 2.0).ravel()
+        for i, contact in damped:
+            side = sides[owner[part], i].repeat(len(NODES))
+            u, v = solution.observed(t, contact.row)
+            o, rate = solution.offset(system, i)(t)
+            u, v = u + o, v + rate
+            drag = np.where(np.abs(side) == 1, float(contact.stops.damping) * v, 0.0)
+            spring = np.where(
+                np.abs(side) == LET_GO, -float(contact.stops.stiffness) * contact.stops.penetration(u), 0.0
+            )
+            for total, power in ((given, drag * rate), (taken, (drag + spring) * v)):
+                np.add.at(total, owner[part], power.reshape(-1, len(NODES)) @ WEIGHTS * width[part] / 2.0)
+    return given, taken
 
 
 def exact_ledger(system: System, solution: Solution, times: Array) -> Ledger:
