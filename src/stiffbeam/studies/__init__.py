@@ -17,6 +17,7 @@ STUDIES = {
     "space": "Convergence of both discretisations to the beam, and of the contact.",
     "first_impact": "How hard the first impact is, from 10 to 640 cells, against the theory of a point contact.",
     "rigid": "Towards rigid stops: kappa to infinity.",
+    "rigid_beam": "The beam from soft stops to rigid ones: impulse, time in contact, energy, scheme by scheme.",
     "restitution": "Restitution wanted and delivered, by the formulas in use.",
     "rigid_bar": "A bar bounces on a rigid wall: every scheme against the exact solution.",
     "errata": "What each misprint of the paper costs.",

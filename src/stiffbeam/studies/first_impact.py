@@ -232,7 +232,7 @@ def answer(rows: Rows, case: Case) -> str:
 
 def draw(records: Records) -> Figure:
     """Filled: from rest, the case's own start; hollow: with its base. Lines: the beam itself."""
-    rows, units = numeric(records.found), records.case.units
+    rows = numeric(records.found)
     figure = new_figure(4.8, heading(records.case, "the first impact, from 10 to 640 cells"))
     axes = figure.subplots(1, 3)
     forms = list(dict.fromkeys(row["form"] for row in rows))
@@ -265,7 +265,7 @@ def draw(records: Records) -> Figure:
             say_empty(axis)
     if rows:
         axes[1].axvline(records.case.problem.length / wave_length(records.case.problem), color="0.5", lw=0.9, ls=":",
-                        label=units.label("cells as wide as the wave l", ""))  # fmt: skip
+                        label="cells as wide as the wave l")  # fmt: skip
     shared_legend(figure, 4)
     return figure
 
