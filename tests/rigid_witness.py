@@ -125,7 +125,8 @@ class Witness:
             for c, side in sides:
                 if c in self.held:
                     continue
-                floor = 1e-14 if abs(self.gap(c, side, t, y)) < 1e-12 else 0.0  # on the stop: it has to leave first
+                here = self.gap(c, side, t, y)
+                floor = max(0.0, -here) + 1e-14 if abs(here) < 1e-11 else 0.0  # on the stop: it has to leave first
                 event = lambda t, y, c=c, side=side, floor=floor: self.gap(c, side, t, y) + floor  # noqa: E731
                 events.append(event)
                 what.append((c, side, False))
