@@ -12,7 +12,7 @@ import typer
 
 from ..basics.progress import progress
 from ..basics.whole_file import write_whole
-from ..references.registry import COMPARED
+from ..references.registry import COMPARED, COMPARED_RIGID, METHODS
 from .application import app
 from .options import Case
 from .output import check_json, default_folder, file_name, make_folder, write_json
@@ -25,8 +25,12 @@ def compare(
         str | None, typer.Option(help="comma-separated, e.g. 'bdf2,hht(alpha=-0.2)@displacement,sdirk.printed'")
     ] = None,
     references: Annotated[
-        str, typer.Option(help="comma-separated; the first that can take the case is the main one")
-    ] = ",".join(COMPARED),
+        str | None,
+        typer.Option(
+            help="comma-separated, the first that can take the case is the main one; default: "
+            f"{','.join(COMPARED)}, with rigid stops {','.join(COMPARED_RIGID)}"
+        ),
+    ] = None,
     contact: Annotated[str, typer.Option(help="implicit, or extrapolated as in the paper")] = "implicit",
     dt: Annotated[float | None, typer.Option(help="time step instead of the case's")] = None,
     t_end: Annotated[float | None, typer.Option(help="end time instead of the case's")] = None,
@@ -49,9 +53,9 @@ def compare(
     runs = default_runs(chosen)
     if schemes is not None:
         runs = [_like_case(parse_run(text, chosen.forms[0]), text, chosen) for text in split_runs(schemes)]
-    names = [name.strip() for name in references.split(",") if name.strip()]
+    names = None if references is None else [name.strip() for name in references.split(",") if name.strip()]
     check_json(json_file)
-    for option, given in (("--schemes", schemes is None or runs), ("--references", names)):
+    for option, given in (("--schemes", schemes is None or runs), ("--references", names is None or names)):
         if not given:
             raise InputError(option, "nothing", "name at least one")
     folder = out if out is not None else default_folder(chosen.name)
@@ -74,7 +78,7 @@ def compare(
         written.append(write_whole(folder / "comparison.json", records + "\n"))
     if not write_json(records, json_file):
         _print_result(result, written, earlier)
-    failed_runs = [label for label, _ in result.failures if not label.startswith(tuple(f"{n}@" for n in names))]
+    failed_runs = [label for label, _ in result.failures if label.partition("@")[0] not in METHODS]
     if failed_runs or not result.references:
         raise typer.Exit(1)
 
@@ -155,7 +159,7 @@ def _draw(result, folder: Path) -> list[Path]:
 def _tables(result):
     from ..measures.report import comparison_tables
 
-    return comparison_tables(result.comparisons, result.references, result.failures, result.truths)
+    return comparison_tables(result.comparisons, result.references, result.failures, result.truths, result.refused)
 
 
 def _print_result(result, written: list[Path], earlier: list[str]) -> None:
