@@ -2,7 +2,7 @@
 
     integrate, ensemble    what is called: one run, many members
     direct_march           any scheme on any system, with factorised matrices
-    modal_march            systems whose modes decouple, in blocks of K steps
+    block_march            systems whose modes decouple, in blocks of K steps
     probe, build           a scheme's own step, taken with unit inputs, arranged for such blocks
     propagator, layout     what comes out: a map and its arrays
     kernel                 the loops over them, compiled; kernel_numpy and kernel_jax do the same

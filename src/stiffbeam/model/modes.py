@@ -33,7 +33,7 @@ class Modes:
 
     def to_modal(self, q: Array) -> Array:
         """eta = shapes^T M q; q of shape (..., n)."""
-        return q @ (self.mass @ self.shapes)
+        return (q @ self.mass) @ self.shapes
 
     def to_nodal(self, eta: Array) -> Array:
         """q = shapes eta; eta of shape (..., n)."""
