@@ -190,7 +190,7 @@ def test_what_may_leap_and_what_pays(beam):
     assert leap.can_leap(fine, 1_000_000)
     assert not leap.can_leap(fine, 1000)
     for contact, engine in (("extrapolated", "numba"), ("implicit", "numpy")):
-        other = Plan.of(beam, sb.HHT(-0.1), 1e-7, 0.1, contact, 1, engine).modal
+        other = Plan.of(beam, sb.HHT(-0.1), 1e-7, 0.1, contact, 1, engine).blocks
         assert other is not None
         assert not leap.can_leap(other, 1_000_000)
     for contact, stops in (("conserving", {}), ("implicit", {"exponent": 1.5}), ("implicit", {"damping": 0.1})):

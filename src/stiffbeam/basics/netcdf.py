@@ -55,8 +55,8 @@ def content_hash(variables: Mapping[str, Array], known: Mapping[str, Any], attri
 
 
 def write(data: Arrays, file: str | Path, compression: int = 0) -> Path:
-    """Write a netCDF-4 file, compressed where ``compression`` is 1 to 9: into memory, since HDF5 does not survive a full
-    disk, then in one step. Raises InputError for a place that cannot be written to.
+    """Write a netCDF-4 file, compressed where ``compression`` is 1 to 9: into memory, since HDF5 does not survive a
+    full disk, then in one step. Raises InputError for a place that cannot be written to.
 
     The layout is that of the netCDF-4 format on HDF5: a dimension is a dimension scale, and names itself in every
     variable that has it.

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..model.equations import Matrices
 from ..schemes import Scheme
 from .coordinates import Coordinates, InModes
 from .probe import independent
@@ -37,7 +38,8 @@ def pays(coordinates: Coordinates, scheme: Scheme, steps: int) -> bool:
     work = float(D) ** 2 / length + float(D) * S * max(1, len(coordinates.columns))
     blocks = CALLS + MATRIX * (levels * float(D) ** 3 + 6.0 * S * D * float(N) ** 2)
     blocks += steps * work * (CACHED if float(D) ** 2 < CACHE else STREAMED)
-    direct = steps * S * (CALL + 4.0 * CACHED * float(N) ** 2)
+    entries = coordinates.equation.entries if isinstance(coordinates.equation, Matrices) else 3.0 * float(N) ** 2
+    direct = steps * S * (CALL + 1.5 * CACHED * entries)
     return levels * float(D) ** 2 <= MOST and blocks < direct
 
 

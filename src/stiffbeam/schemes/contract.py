@@ -73,6 +73,6 @@ def check_contract(scheme: Scheme) -> None:
 
 
 def is_known(scheme: Scheme) -> bool:
-    """Whether the scheme, and the one that it is a form of, are of this package: then type and label say what it does."""
+    """Whether the scheme, and the one that it is a form of, are of this package: type and label say what it does."""
     inner = getattr(scheme, "scheme", None)
     return type(scheme).__module__.rpartition(".")[0] == __package__ and (inner is None or is_known(inner))
