@@ -17,6 +17,7 @@ from stiffbeam.march.coordinates import InModes, Together
 from stiffbeam.march.kernels import blocks as kernel
 from stiffbeam.march.kernels.layout import Kept
 from stiffbeam.march.rules import CONTACTS
+from stiffbeam.model import equations
 from stiffbeam.model.modes import modes
 from stiffbeam.schemes import registered
 
@@ -81,6 +82,20 @@ def test_dense_blocks_equal_the_direct_march(scheme, contact, table10_system, mo
         assert np.max(np.abs(dense.energy.loss - other.energy.loss)) < 1e-6 * np.max(other.energy.input)
 
 
+@pytest.mark.parametrize("scheme", [sb.HHT(-0.1), sb.SDIRK()], ids=str)
+def test_large_matrices_by_entries_and_bands_are_the_same_matrices(scheme, monkeypatch):
+    """130 unknowns: products and solves with bands against full ones, eps (w_max/w_1)^2 apart at worst."""
+    system = with_dashpots(sb.semidiscretise(sb.BeamProblem(stiffness=300.0, base=sb.Harmonic(0.2, 10.0)), 130))
+    sparse = direct(system, scheme, 1e-4, 5e-3, monkeypatch=monkeypatch)
+    monkeypatch.setattr(equations, "LARGE", 1000)
+    full = direct(system, scheme, 1e-4, 5e-3, monkeypatch=monkeypatch)
+    given = system.mass, system.damping, system.stiffness
+    assert equations.Matrices(*given).entries == 3 * 130**2
+    monkeypatch.setattr(equations, "LARGE", 128)
+    assert equations.Matrices(*given).entries < 7 * 130
+    assert np.max(np.abs(sparse.tip - full.tip)) < 1e-8 * np.max(np.abs(full.tip))
+
+
 def test_a_short_run_is_not_worth_its_blocks(table10_system):
     """Ten steps of 25 unknowns are done before the powers of one are made, a million are not."""
     coordinates = Together.of(with_dashpots(table10_system))
@@ -132,7 +147,9 @@ def test_blocks_of_any_length_are_the_same_scheme(scheme, table10, monkeypatch):
 def test_a_block_equals_its_definition_in_numpy(table10):
     """w = reading z + g entries, z' = transition z + g state, then the stops node by node."""
     system = sb.semidiscretise(table10, 25)
-    march_ = block_march.March.of(InModes(system, modes(system)), sb.HHT(-0.1), 1e-4, "implicit")
+    basis = modes(system)
+    assert basis is not None
+    march_ = block_march.March.of(InModes(system, basis), sb.HHT(-0.1), 1e-4, "implicit")
     block, forcing = march_.block.block, march_.block.forcing([system])
     rng = np.random.default_rng(1)
     z = march_.block.pack(rng.normal(size=(4, 1, 25)) * np.array([0.1, 1.0, 10.0, 10.0])[:, None, None])[0]
@@ -168,6 +185,7 @@ def test_components_that_only_add_to_others_are_left_out(table10):
     """HHT carries q + .. a, v + .. a and the net force; its a is gone. What is left goes on as before."""
     system = sb.semidiscretise(table10, 12)
     basis = modes(system)
+    assert basis is not None
     kept = {
         "hht(alpha=-0.1)": 3, "hht(alpha=-0.3)": 3, "hht(alpha=0.0)": 2, "bdf2": 4, "theta(theta=0.5)": 2,
         "sdirk(gamma=0.4359)": 2, "hht(alpha=-0.1).printed(unweighted)": 3,

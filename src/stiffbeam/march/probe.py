@@ -30,6 +30,7 @@ class Readers:
     nodes: tuple[float, ...]
     contacts: int
     channels: int
+    rated: bool
     at_nodes: slice
     at_ends: slice
     end_rates: slice
@@ -45,10 +46,11 @@ class Readers:
     def of(cls, nodes: tuple[float, ...], contacts: int, channels: int, rated: bool) -> Readers:
         S, m, C = len(nodes), contacts, channels
         edges = np.cumsum([0, S * m, C, C, S * m if rated else 0]).tolist()
+        parts = [slice(*x) for x in pairwise(edges)]
         which, ends = np.repeat(np.arange(S), m), np.arange(C)
         of_nodes, size = np.tile(np.arange(m), S), edges[-1]
         return cls(
-            nodes, m, C, *(slice(*x) for x in pairwise(edges)), size,
+            nodes, m, C, rated, *parts, size,
             channel=np.concatenate([of_nodes, ends, ends, of_nodes])[:size],
             when=np.concatenate([np.repeat(nodes, m), np.ones(2 * C), np.repeat(nodes, m)])[:size],
             is_rate=np.arange(size) >= edges[2],
@@ -57,13 +59,8 @@ class Readers:
 
 
 @dataclass(frozen=True, eq=False)
-class StepMap:
-    """One step of a scheme, part by part of its coordinates and in the components that it has to carry,
-
-        z' = transition z + push f,      w = sum over parts of reading z + at_once f,
-
-    f the forces of P kinds at each of the S nodes, f[p S + s], the contacts' first; w the g readings.
-    """
+class OneStep:
+    """A scheme's own step in coordinates, the components of its state that are carried, and what is read of it."""
 
     scheme: Scheme
     coordinates: Coordinates
@@ -72,19 +69,53 @@ class StepMap:
     readers: Readers
     keep: NDArray[np.int64]  # the components of the scheme's state that are carried
     mix: Array  # (len(keep), a): what each of them holds
+
+    def take(self, z: Array, loads: Array, reactions: Array) -> tuple[Array, Array, bool]:
+        """The new states (n, k, batch), the fields that are read (fields, batch, N), and whether the last node is
+        the end, whatever the scheme calls it."""
+        equation = self.coordinates.equation
+        new, at_nodes = self.scheme.step(equation, self.dt, z, list(loads), list(reactions))
+        new = np.asarray(new)
+        arguments = self.scheme.predict(equation, self.dt, z) if self.extrapolated else [y[0] for y in at_nodes]
+        fields = [*arguments, new[0], equation.velocity(new[: equation.order])]
+        if self.readers.rated:
+            fields += [equation.velocity(y) for y in at_nodes]
+        carried = self.coordinates.by_part(np.einsum("ca,abj->cbj", self.mix, new))
+        return carried, np.array(fields), np.array_equal(at_nodes[-1][0], new[0])
+
+    def from_rest(self, loads: Array) -> tuple[Array, Array]:
+        """Under ``loads`` (S, batch, N): states (n, k, batch) and readings (g, batch)."""
+        new, fields, _ = self.take(np.zeros((self.mix.shape[1], *loads.shape[1:])), loads, np.zeros_like(loads))
+        return new, self.read(fields)
+
+    def read(self, fields: Array) -> Array:
+        """(g, batch) of fields (fields, batch, N)."""
+        # Row by row and not as a matrix product, whose rounding depends on the size of the batch.
+        read = np.stack([np.sum(fields * row, axis=-1) for row in self.coordinates.rows])
+        return read[self.readers.channel, self.readers.field]
+
+    def shares(self, fields: Array) -> Array:
+        """What unit states (fields, batch, N) of every part do to the readings, (n, g, k)."""
+        if self.coordinates.parts == 1:
+            return self.read(fields)[None]
+        rows = self.coordinates.rows[self.readers.channel]
+        return np.ascontiguousarray((fields[self.readers.field] * rows[:, None]).transpose(2, 0, 1))
+
+
+@dataclass(frozen=True, eq=False)
+class StepMap(OneStep):
+    """What one step does, part by part of its coordinates,
+
+        z' = transition z + push f,      w = sum over parts of reading z + at_once f,
+
+    f the forces of P kinds at each of the S nodes, f[p S + s], the contacts' first; w the g readings.
+    """
+
     transition: Array  # (n, k, k)
     push: Array  # (n, k, P S)
     reading: Array  # (n, g, k)
     at_once: Array  # (g, P S)
-    ends_at_last_node: bool  # whether the last node holds the new position, whatever the scheme calls it
-
-    def stepped(self, loads: Array) -> tuple[Array, Array]:
-        """From rest under ``loads`` (S, batch, N): states (n, k, batch) and readings (g, batch)."""
-        _, batch, N = loads.shape
-        equation, order = self.coordinates.equation, self.coordinates.equation.order
-        rest = np.zeros((self.mix.shape[1], batch, N))
-        new, fields, _ = _step(self, order, equation, rest, loads, np.zeros_like(loads))
-        return self.coordinates.by_part(np.einsum("ca,abj->cbj", self.mix, new)), _read(self, fields).T
+    ends_at_last_node: bool
 
 
 def components(scheme: Scheme, equation: Equation, n: int) -> int:
@@ -108,6 +139,8 @@ def probe(
     forces = coordinates.columns if samples is None else np.concatenate([coordinates.columns, samples])
     S, P, a = len(scheme.nodes), len(forces), components(scheme, equation, N)
     keep, mix = independent(scheme, equation.order, dt, extrapolated) if reduced else (np.arange(a), np.eye(a))
+    readers = Readers.of(tuple(scheme.nodes), m, C, rated)
+    step = OneStep(scheme, coordinates, dt, extrapolated, readers, keep, mix)
     units = coordinates.units(len(keep))
     states = units.shape[1]
     z, acting = np.zeros((a, states + P * S, N)), np.zeros((2, S, states + P * S, N))
@@ -115,48 +148,15 @@ def probe(
     for s in range(S):
         acting[1, s, states + s : states + m * S : S] = forces[:m]
         acting[0, s, states + m * S + s :: S] = forces[m:]
-    bare = StepMap(
-        scheme, coordinates, dt, extrapolated, Readers.of(tuple(scheme.nodes), m, C, rated), keep, mix,
-        *np.zeros((4, 0)), ends_at_last_node=False,
-    )  # fmt: skip
-    new, fields, at_last = _step(bare, equation.order, equation, z, *acting)
-    mixed = coordinates.by_part(np.tensordot(mix, new, 1))
+    new, fields, at_last = step.take(z, *acting)
     return StepMap(
-        scheme, coordinates, dt, extrapolated, bare.readers, keep, mix,
-        transition=np.ascontiguousarray(mixed[..., :states]),
-        push=np.ascontiguousarray(mixed[..., states:]),
-        reading=_shares(bare, fields[:, :states]),
-        at_once=_read(bare, fields[:, states:]).T,
+        **vars(step),
+        transition=np.ascontiguousarray(new[..., :states]),
+        push=np.ascontiguousarray(new[..., states:]),
+        reading=step.shares(fields[:, :states]),
+        at_once=step.read(fields[:, states:]),
         ends_at_last_node=at_last and not extrapolated,
-    )  # fmt: skip
-
-
-def _step(
-    one: StepMap, order: int, equation: Equation, z: Array, loads: Array, reactions: Array
-) -> tuple[Array, Array, bool]:
-    """The scheme's own step: the new state, the fields that are read (fields, batch, N), and whether the last node
-    is the end."""
-    new, at_nodes = one.scheme.step(equation, one.dt, z, list(loads), list(reactions))
-    arguments = one.scheme.predict(equation, one.dt, z) if one.extrapolated else [y[0] for y in at_nodes]
-    fields = [*arguments, new[0], equation.velocity(new[:order])]
-    if one.readers.node_rates.stop > one.readers.node_rates.start:
-        fields += [equation.velocity(y) for y in at_nodes]
-    return np.asarray(new), np.array(fields), np.array_equal(at_nodes[-1][0], new[0])
-
-
-def _read(one: StepMap, fields: Array) -> Array:
-    """(batch, g) of fields (fields, batch, N)."""
-    # Row by row and not as a matrix product, whose rounding depends on the size of the batch.
-    read = np.stack([np.sum(fields * row, axis=-1) for row in one.coordinates.rows], axis=-1)
-    return np.moveaxis(read, 0, 1)[:, one.readers.field, one.readers.channel]
-
-
-def _shares(one: StepMap, fields: Array) -> Array:
-    """What unit states (fields, batch, N) of every part do to the readings, (n, g, k)."""
-    which, channel = one.readers.field, one.readers.channel
-    if one.coordinates.parts == 1:
-        return np.ascontiguousarray(_read(one, fields).T)[None]
-    return np.ascontiguousarray((fields[which] * one.coordinates.rows[channel][:, None]).transpose(2, 0, 1))
+    )
 
 
 def independent(scheme: Scheme, order: int, dt: float, extrapolated: bool = False) -> tuple[NDArray[np.int64], Array]:

@@ -147,21 +147,18 @@ class Propagator:
         make is A^k times what h make, and what k make from h on. A member has the bits of its solo run: nothing
         here depends on how many there are.
         """
-        if self.coordinates.parts == 1 and len(systems) > 1:
+        drives, V = [Drive.of(system) for system in systems], len(systems)
+        if V > 1 and (self.coordinates.parts == 1 or len({drive.size for drive in drives}) > 1):
             return _side_by_side([self.forcing([system]) for system in systems])
         one, readers, coordinates, K = self.one, self.one.readers, self.coordinates, self.steps
-        drives = [Drive.of(system) for system in systems]
-        most = max(len(drive.frequencies) for drive in drives)
-        # Members may have fewer frequencies than others: the places left over carry nothing.
-        drives = [Drive(x.frequencies + (1.0,) * (most - len(x.frequencies))) for x in drives]
-        V, F, N, (R, D) = len(systems), most + 1, coordinates.rows.shape[1], self.block.reading.shape
         frequencies = np.array([(0.0, *drive.frequencies) for drive in drives])  # (V, F), the constant first
+        F, N, (R, D) = frequencies.shape[1], coordinates.rows.shape[1], self.block.reading.shape
         pairs = list(zip(drives, systems, strict=True))
         loads = _amplitudes(np.stack([drive.split(coordinates.loads(x), N)[0] for drive, x in pairs]))  # (V, F, N)
         shifts = _amplitudes(np.stack([drive.offsets(x)[0] for drive, x in pairs]))  # (V, F, C)
         turn = np.exp(1j * frequencies * self.dt * np.array(self.scheme.nodes)[:, None, None])  # (S, V, F)
         acting = loads * turn[..., None]
-        state, read = one.stepped(np.stack([acting.real, acting.imag], axis=-2).reshape(len(turn), -1, N))
+        state, read = one.from_rest(np.stack([np.real(acting), np.imag(acting)], axis=-2).reshape(len(turn), -1, N))
         n, k, _ = state.shape
         phase = np.exp(1j * self.dt * np.multiply.outer(np.arange(K + 1), frequencies)).swapaxes(0, 1)  # (V, K + 1, F)
         path = np.empty((V, n, k, K, F), complex)  # what 1, 2, .. K steps make
@@ -200,8 +197,8 @@ def _by_sines(amplitudes: Array) -> Array:
     """``_amplitudes`` undone: what goes with 1, sin w t, cos w t, .. (V, d, ...)."""
     V, F = amplitudes.shape[:2]
     basis = aligned((V, 2 * F - 1, *amplitudes.shape[2:]))
-    basis[:, 0] = amplitudes[:, 0].real
-    basis[:, 1::2], basis[:, 2::2] = -amplitudes[:, 1:].imag, amplitudes[:, 1:].real
+    basis[:, 0] = np.real(amplitudes[:, 0])
+    basis[:, 1::2], basis[:, 2::2] = -np.imag(amplitudes[:, 1:]), np.real(amplitudes[:, 1:])
     return basis
 
 

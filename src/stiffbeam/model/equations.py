@@ -150,7 +150,7 @@ LARGE, FEW = 128, 0.125  # unknowns, and the share of a matrix, from which on it
 
 def _product(matrix: Array) -> tuple[Callable[[Array], Array], int]:
     """x -> x @ matrix of a symmetric matrix, and how many numbers it takes."""
-    n, entries = len(matrix), np.count_nonzero(matrix)
+    n, entries = len(matrix), int(np.count_nonzero(matrix))
     if n < LARGE or entries > FEW * n * n:
         return lambda x: x @ matrix, n * n
     rows = scipy.sparse.csr_array(matrix)
