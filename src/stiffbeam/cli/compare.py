@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 from io import StringIO
 from pathlib import Path
 from typing import Annotated
@@ -14,8 +13,8 @@ from ..basics.progress import progress
 from ..basics.whole_file import write_whole
 from ..references.registry import COMPARED, COMPARED_RIGID, METHODS
 from .application import app
-from .options import Case
-from .output import check_json, default_folder, file_name, make_folder, write_json
+from .options import Case, Json
+from .output import check_json, console, default_folder, file_name, json_text, make_folder, say, write_json
 
 
 @app.command()
@@ -34,8 +33,10 @@ def compare(
     contact: Annotated[str, typer.Option(help="implicit, or extrapolated as in the paper")] = "implicit",
     dt: Annotated[float | None, typer.Option(help="time step instead of the case's")] = None,
     t_end: Annotated[float | None, typer.Option(help="end time instead of the case's")] = None,
-    out: Annotated[Path | None, typer.Option(help="folder for picture, trajectories and table")] = None,
-    json_file: Annotated[Path | None, typer.Option("--json", help="write the records here, - for stdout")] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="folder for picture, trajectories and table; default: stiffbeam-output/CASE")
+    ] = None,
+    json_file: Json = None,
     cache: Annotated[bool, typer.Option("--cache", help="keep the references and use those that are kept")] = False,
 ) -> None:
     """Run schemes beside SUNDIALS and the exact solution: table, picture, trajectories."""
@@ -74,9 +75,9 @@ def compare(
         )
         show("drawing", 0, 0)
         written += _draw(result, folder)
-        records = json.dumps(result.to_dict() | {"files": [path.name for path in written]}, indent=2)
-        written.append(write_whole(folder / "comparison.json", records + "\n"))
-    if not write_json(records, json_file):
+        records = result.to_dict() | {"files": [path.name for path in written]}
+        written.append(write_whole(folder / "comparison.json", json_text("compare", records) + "\n"))
+    if not write_json("compare", records, json_file):
         _print_result(result, written, earlier)
     failed_runs = [label for label, _ in result.failures if label.partition("@")[0] not in METHODS]
     if failed_runs or not result.references:
@@ -163,14 +164,13 @@ def _tables(result):
 
 
 def _print_result(result, written: list[Path], earlier: list[str]) -> None:
-    from rich.console import Console
     from rich.text import Text
 
     from ..measures.report import WIDTH
 
-    console = Console(width=None if sys.stdout.isatty() else WIDTH, markup=False, emoji=False)
-    console.print(Text.assemble((result.case.name, "bold"), f"  {result.case.title}"))
-    console.print(_tables(result))
+    terminal = console(WIDTH)
+    terminal.print(Text.assemble((result.case.name, "bold"), f"  {result.case.title}"))
+    terminal.print(_tables(result))
     replaced = f", in place of {len(earlier)} of an earlier comparison" if earlier else ""
     files = f"{len(written)} files in {written[-1].parent}" if written else "nothing"
-    console.print(f"\nWritten: {files}{replaced}", soft_wrap=True, highlight=False)
+    say(f"\nWritten: {files}{replaced}")
