@@ -6,13 +6,16 @@ import platform
 import re
 import time
 from importlib.metadata import PackageNotFoundError, requires, version
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
 from .application import app
 from .options import Json
 from .output import check_json, console, write_json
+
+if TYPE_CHECKING:
+    from ..basics.progress import Show
 
 
 @app.command()
@@ -28,9 +31,9 @@ def doctor(json_file: Json = None) -> None:
     good = all(solver["agrees"] for solver in found["solvers"])
     if not write_json("doctor", found, json_file):
         table = Table(box=None, show_header=False, padding=(0, 2, 0, 0))
-        for name, value in [*found["installed"].items(), *found["places"].items()]:
+        for name, value in [*installed.items(), *places.items()]:
             table.add_row(name, str(value))
-        for solver in found["solvers"]:
+        for solver in solvers:
             table.add_row(solver["name"], f"{'works' if solver['agrees'] else 'fails'}, {solver['said']}")
         console().print(table)
     raise typer.Exit(0 if good else 1)
@@ -70,7 +73,7 @@ def _places() -> dict[str, Any]:
     }
 
 
-def _solvers(show) -> list[dict[str, Any]]:
+def _solvers(show: Show) -> list[dict[str, Any]]:
     """Every reference, and a scheme, on a mass that meets a stop once, held against the exact solution."""
     import numpy as np
 
