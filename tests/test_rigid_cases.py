@@ -1,4 +1,4 @@
-"""A case with rigid stops: its own schemes in every study, its references, and what an impact has in place of a peak."""
+"""A case with rigid stops: its schemes in every study, its references, and what an impact has in place of a peak."""
 
 from __future__ import annotations
 

@@ -31,9 +31,9 @@ def doctor(json_file: Json = None) -> None:
     good = all(solver["agrees"] for solver in found["solvers"])
     if not write_json("doctor", found, json_file):
         table = Table(box=None, show_header=False, padding=(0, 2, 0, 0))
-        for name, value in [*installed.items(), *places.items()]:
+        for name, value in [*found["installed"].items(), *found["places"].items()]:
             table.add_row(name, str(value))
-        for solver in solvers:
+        for solver in found["solvers"]:
             table.add_row(solver["name"], f"{'works' if solver['agrees'] else 'fails'}, {solver['said']}")
         console().print(table)
     raise typer.Exit(0 if good else 1)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, get_args, get_origin, get_type
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from ..basics.progress import progress
+from ..basics.progress import Show, progress
 from .examples import epilog
 from .lists import labels, numbers, values_of
 from .options import Case, Jobs, Json, shared

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..basics.arrays import Array
 from ..basics.compiled import compiled, inlined
 from .contact_law import G1, G2, KAPPA
 
 
 @inlined
-def solve_definite(A, b, n):
+def solve_definite(A: Array, b: Array, n: int) -> None:
     """x with A x = b in place of b, A = L D L^T the first n rows; its lower part becomes L and D."""
     for i in range(n):
         for j in range(i):

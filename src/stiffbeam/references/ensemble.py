@@ -13,7 +13,6 @@ from ..basics.arrays import Array
 from ..basics.threads import cores, over_slices
 from ..basics.validation import numbers, positive
 from ..model.members import Members, as_members
-from ..model.modes import Modes
 from ..model.system import System
 from ..trajectory.ensemble import MEMBERS_PER_SLICE, Ensemble, Progress, gathered, record_from
 from ..trajectory.ledger import Ledger

@@ -6,7 +6,6 @@ import math
 import time
 from dataclasses import asdict, replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 
