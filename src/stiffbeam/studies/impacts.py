@@ -156,10 +156,7 @@ def reference_solution(case: Case, point: Point) -> Reference:
 
 
 def right_from(rows: Rows, scheme: str, tolerance: float = 0.05) -> float:
-    """The largest step from which on the mean count is the exact one to ``tolerance``; NaN: none.
-
-    To ``tolerance`` of it and the 95 % interval of the difference of the two means.
-    """
+    """The largest step from which on the count is exact to ``tolerance`` and the 95 % interval; NaN where none is."""
     exact = next((r for r in rows if r["scheme"] == EXACT), None)
     if exact is None:
         return float("nan")
@@ -262,7 +259,7 @@ def _block(axes: Array, rows: Sequence[Row], treated: Sequence[Row], units: Unit
         axis.set(xlabel=units.label(r"step $\Delta t$", "time"))
     count = runs[0]["reference_count"] if runs else float("nan")
     _over_parameters(axes[1, 1], [row for row in rows if row["purpose"] == "parameter"], count, units, place)
-    _treatments(axes[1, 2], runs, treated, count, units, place)
+    _contact(axes[1, 2], runs, treated, count, units, place)
     for axis in axes.ravel():
         if not axis.get_lines() and not axis.patches:
             say_empty(axis, "not asked for" if runs else "no point could be evaluated")
@@ -316,9 +313,7 @@ def _over_parameters(axis: Axes, rows: Sequence[Row], count: float, units: Units
         axis.legend(frameon=False, fontsize=8.5)
 
 
-def _treatments(
-    axis: Axes, runs: Sequence[Row], treated: Sequence[Row], count: float, units: Units, place: str
-) -> None:
+def _contact(axis: Axes, runs: Sequence[Row], treated: Sequence[Row], count: float, units: Units, place: str) -> None:
     """Implicit beside extrapolated contact at the same step, a cross where it overflowed."""
     schemes = [row["scheme"] for row in treated]
     if not schemes:
