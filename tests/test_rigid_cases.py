@@ -1,4 +1,4 @@
-"""A case with rigid stops: its own schemes in every study, its references, and what an impact has in place of a peak."""
+"""A case with rigid stops: its own schemes in every study, its references, and no peak of an impact."""
 
 from __future__ import annotations
 
