@@ -55,7 +55,7 @@ CELLS = (10, 20, 40, 80, 160, 320, 640)
 HERMITE = 320  # the finest of them by default: two unknowns a node
 WINDOW = 5.0  # tau, of the contact that is looked at
 MODES, ROOTS = 200_000, 12  # of the beam itself: its speed to 1e-3; roots that are not (n - 1/2) pi to rounding
-LOOK = 400  # times in a quarter of the first period, between which the tip crosses a stop once
+LOOK = 1600  # times in two first periods, between which the tip crosses a stop once
 
 
 def points(
@@ -151,15 +151,15 @@ def largest_penetration() -> float:
 
 
 def look_span(problem: BeamProblem) -> float:
-    """Half of the first natural period."""
-    return float(np.pi / natural_frequencies(problem, 1)[0])
+    """Two first natural periods."""
+    return float(4.0 * np.pi / natural_frequencies(problem, 1)[0])
 
 
 def first_crossing(tip, t: Array, u: Array, g1: float, g2: float) -> float:
     """When the tip first leaves [g1, g2]. Raises InputError where it does not on the grid t (k,) of u (k,)."""
     out = np.flatnonzero((u > g2) | (u < g1))
     if not len(out):
-        rule = "be reached within half of the beam's first period"
+        rule = "be reached within two of the beam's first periods"
         raise InputError("stops", (g1, g2), rule, "a case whose first impact is later is not this study's")
     k = int(out[0])
     stop = g2 if u[k] > g2 else g1

@@ -35,7 +35,7 @@ from ..references import solve
 from ..references.exact.rigid_reference import solve_rigid
 from .common import Dt, label_of, scheme_of
 from .engine.study import Point, Records, Row, Rows, Study
-from .first_impact import LOOK, first_crossing
+from .first_impact import LOOK, first_crossing, look_span
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -84,7 +84,7 @@ def points(
 
 def first_touch(case: Case, cells: int) -> float:
     """When the tip first reaches a stop, whatever that is made of."""
-    span = float(np.pi / natural_frequencies(case.problem, 1)[0])
+    span = look_span(case.problem)
     free = solve(
         without_contact(semidiscretise(case.problem, cells)), span, EXACT, np.linspace(0.0, span, LOOK + 1), 0.0, None
     )
