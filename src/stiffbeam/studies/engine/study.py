@@ -87,7 +87,8 @@ class Records:
         """The answer in a sentence or two, with numbers; ``.table`` is the same line by line."""
         if not self.found:
             reasons = {row.get("failed") or row["refused"] for row in self.rows}
-            return Answer("No point could be evaluated: " + "; ".join(sorted(reasons)))
+            nothing = "No point could be evaluated"
+            return Answer(f"{nothing}: " + "; ".join(sorted(reasons)), rest=nothing)
         answer = self.study.answer(self.found, self.case)
         return answer if isinstance(answer, Answer) else Answer(answer, rest=answer)
 
