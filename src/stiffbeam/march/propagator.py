@@ -55,14 +55,17 @@ class Propagator:
 
     @property
     def scheme(self) -> Scheme:
+        """The scheme of its steps."""
         return self.one.scheme
 
     @property
     def coordinates(self) -> Coordinates:
+        """The coordinates that it steps in."""
         return self.one.coordinates
 
     @property
     def dt(self) -> float:
+        """One step, not the block."""
         return self.one.dt
 
     @property

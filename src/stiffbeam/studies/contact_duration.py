@@ -142,6 +142,7 @@ def half_time(durations: Array) -> float:
 
 
 def answer(rows: Rows, case: Case) -> str:
+    """A sentence and a table line for every stop of every contact."""
     found = {
         (name, place): answer
         for place, own in by_contact(rows).items()

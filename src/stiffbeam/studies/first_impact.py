@@ -16,6 +16,7 @@ and of either sign. A beam that starts with the speed of its base has no such ju
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated
 
@@ -94,6 +95,7 @@ def _plain(case: Case) -> None:
 
 
 def evaluate(case: Case, point: Point) -> list[Row]:
+    """One row: peak force, impulse and speed of the first impact on one grid, beside those of the beam."""
     problem, form, cells = started(case.problem, point["start"]), point["form"], point["cells"]
     stops = problem.all_stops[0]
     system = semidiscretise(problem, cells, form=form)
@@ -155,7 +157,7 @@ def look_span(problem: BeamProblem) -> float:
     return float(4.0 * np.pi / natural_frequencies(problem, 1)[0])
 
 
-def first_crossing(tip, t: Array, u: Array, g1: float, g2: float) -> float:
+def first_crossing(tip: Callable[[float], float], t: Array, u: Array, g1: float, g2: float) -> float:
     """When the tip first leaves [g1, g2]. Raises InputError where it does not on the grid t (k,) of u (k,)."""
     out = np.flatnonzero((u > g2) | (u < g1))
     if not len(out):
@@ -211,6 +213,7 @@ def orders(rows: Rows) -> dict[str, Order]:
 
 
 def answer(rows: Rows, case: Case) -> str:
+    """The order of the peak force in h, and the error of the speed on every grid."""
     found = numeric(rows)
     parts = [f"h^{order} ({form})" for form, order in orders(rows).items() if np.isfinite(order.slope)]
     smooth = [row for row in found if row["start"] == SMOOTH]

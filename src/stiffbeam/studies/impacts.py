@@ -171,6 +171,7 @@ def right_from(rows: Rows, scheme: str, tolerance: float = 0.05) -> float:
 
 
 def answer(rows: Rows, case: Case) -> str:
+    """What each scheme counts at its largest step and from which step on it is right, contact by contact."""
     return common.joined({place: _answer(own, case) for place, own in by_contact(rows).items()})
 
 
