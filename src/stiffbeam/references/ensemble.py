@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from functools import partial
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -71,7 +70,7 @@ def horizon_of(system: System, t_end: float) -> float:
     return exact_horizon(solve_exact(system, t_end), system, t_end)[0]
 
 
-def _solve(system: System, t_end: float, at: Array, known: dict[str, Any], since: float) -> Reference:
+def _solve(system: System, t_end: float, at: Array, known: dict[float, Modes], since: float) -> Reference:
     if any(contact.stops.rigid for contact in system.contacts):
         return solve_rigid(system, t_end, at, since, trusted=False)
     return solve_exact(system, t_end, at, known=known, since=since)
