@@ -47,11 +47,11 @@ class Readers:
         """The readings of a step with these nodes, in the order of the fields; cached."""
         S, m, C = len(nodes), contacts, channels
         edges = np.cumsum([0, S * m, C, C, S * m if rated else 0]).tolist()
-        parts = [slice(*x) for x in pairwise(edges)]
+        at_nodes, at_ends, end_rates, node_rates = (slice(*x) for x in pairwise(edges))
         which, ends = np.repeat(np.arange(S), m), np.arange(C)
         of_nodes, size = np.tile(np.arange(m), S), edges[-1]
         return cls(
-            nodes, m, C, rated, *parts, size,
+            nodes, m, C, rated, at_nodes, at_ends, end_rates, node_rates, size,
             channel=np.concatenate([of_nodes, ends, ends, of_nodes])[:size],
             when=np.concatenate([np.repeat(nodes, m), np.ones(2 * C), np.repeat(nodes, m)])[:size],
             is_rate=np.arange(size) >= edges[2],

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from scipy.optimize import brentq
@@ -149,7 +149,8 @@ def penetration(t: float, order: float = 2.0) -> float:
 
 def largest_penetration() -> float:
     """0.858, where d' = E(3/2, 1; -t^(3/2)) = 0 first."""
-    return penetration(float(brentq(lambda t: penetration(t, 1.0), 1.0, 2.5, xtol=1e-14)))
+    at: Any = brentq(lambda t: penetration(t, 1.0), 1.0, 2.5, xtol=1e-14)
+    return penetration(float(at))
 
 
 def look_span(problem: BeamProblem) -> float:
@@ -165,7 +166,8 @@ def first_crossing(tip: Callable[[float], float], t: Array, u: Array, g1: float,
         raise InputError("stops", (g1, g2), rule, "a case whose first impact is later is not this study's")
     k = int(out[0])
     stop = g2 if u[k] > g2 else g1
-    return float(brentq(lambda s: tip(s) - stop, t[k - 1], t[k], xtol=1e-16))
+    at: Any = brentq(lambda s: tip(s) - stop, t[k - 1], t[k], xtol=1e-16)
+    return float(at)
 
 
 def beam_tip(problem: BeamProblem, start: str, t: float, count: int = MODES) -> tuple[float, float]:
