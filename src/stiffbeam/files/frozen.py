@@ -29,7 +29,7 @@ from ..trajectory.trajectory import Reference
 from .cases import parse_case
 
 FORMAT = 1
-BOUND = 1e-9  # of max |u| and of the times: what re-marching may lose
+BOUND = 1e-9  # of max |u| and of the times: the accuracy that re-marching may lose
 
 
 def freeze(reference: Reference, case: str, file: str | Path) -> dict[str, Any]:
