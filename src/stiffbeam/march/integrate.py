@@ -62,11 +62,10 @@ def integrate(
 
     A System whose damping decouples is marched in modal coordinates: in compiled blocks, or where a run is
     long and changes contact seldom in leaps from one change to the next, equal to rounding. Any other, and a
-    FirstOrderSystem, in compiled blocks of all unknowns together, or where a run is too short or too large for
-    these (see march.choice) step by step with factorised matrices. ``provenance["march"]``: "modal blocks", "modal
-    leaps", "dense blocks" or "direct"; which does not depend on ``every``.
-    Raises InputError for bad arguments, Diverged where the run overflows, and SolverFailure where the forces of
-    several contacts at once are not found.
+    FirstOrderSystem, in compiled blocks of all unknowns together, or where a run is too short or too large for these
+    (see march.choice) step by step with factorised matrices. ``provenance["march"]``: "modal blocks", "modal leaps",
+    "dense blocks" or "direct"; which does not depend on ``every``. Raises InputError for bad arguments, Diverged
+    where the run overflows, and SolverFailure where the forces of several contacts at once are not found.
     """
     begun = time.perf_counter()
     if isinstance(engine, str) and engine == "jax":
