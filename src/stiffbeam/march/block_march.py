@@ -82,12 +82,12 @@ class March:
 
     @property
     def system(self) -> System:
-        """The system that is marched."""
+        """Whose matrices are marched."""
         return self.coordinates.system
 
     @property
     def kind(self) -> str:
-        """The march's name in the provenance: by modes, or with dense blocks."""
+        """What ``provenance["march"]`` says of it."""
         return BLOCKS if isinstance(self.coordinates, InModes) else DENSE
 
     def forcing(self, propagator: Propagator) -> Forcing:

@@ -44,7 +44,7 @@ class Readers:
     @classmethod
     @lru_cache(maxsize=256)
     def of(cls, nodes: tuple[float, ...], contacts: int, channels: int, rated: bool) -> Readers:
-        """The readings of a step with these nodes, in the order of the fields; cached."""
+        """Those of a scheme with these nodes."""
         S, m, C = len(nodes), contacts, channels
         edges = np.cumsum([0, S * m, C, C, S * m if rated else 0]).tolist()
         at_nodes, at_ends, end_rates, node_rates = (slice(*x) for x in pairwise(edges))

@@ -55,17 +55,17 @@ class Propagator:
 
     @property
     def scheme(self) -> Scheme:
-        """The scheme of its steps."""
+        """Whose steps these are."""
         return self.one.scheme
 
     @property
     def coordinates(self) -> Coordinates:
-        """The coordinates that it steps in."""
+        """In which they are taken."""
         return self.one.coordinates
 
     @property
     def dt(self) -> float:
-        """One step, not the block."""
+        """The step."""
         return self.one.dt
 
     @property
