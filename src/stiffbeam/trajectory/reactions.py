@@ -1,4 +1,4 @@
-"""What a run against a rigid stop has seen of it: the reactions, step by step."""
+"""The reactions of a rigid stop in a run, step by step."""
 
 from __future__ import annotations
 
