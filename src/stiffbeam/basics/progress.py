@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
@@ -27,7 +27,7 @@ def silent(what: str, done: int, total: int) -> None:
 
 
 @contextmanager
-def progress() -> Iterator[Show]:
+def progress() -> Generator[Show, None, None]:
     """A progress display on stderr, or in a notebook; silent where there is neither.
 
     Yields show(what, done, total), total 0 where it is not known. Bar and time left are those of the phase:

@@ -6,13 +6,16 @@ import platform
 import re
 import time
 from importlib.metadata import PackageNotFoundError, requires, version
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
 from .application import app
 from .options import Json
 from .output import check_json, console, write_json
+
+if TYPE_CHECKING:
+    from ..basics.progress import Show
 
 
 @app.command()
@@ -70,7 +73,7 @@ def _places() -> dict[str, Any]:
     }
 
 
-def _solvers(show) -> list[dict[str, Any]]:
+def _solvers(show: Show) -> list[dict[str, Any]]:
     """Every reference, and a scheme, on a mass that meets a stop once, held against the exact solution."""
     import numpy as np
 

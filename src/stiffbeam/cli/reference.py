@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from ..basics.progress import progress
+from ..basics.progress import Show, progress
 from ..references.registry import METHODS
 from .application import app
 from .options import Json
@@ -58,7 +58,10 @@ def reference_command(
         raise typer.Exit(1)
 
 
-def _references(name, method, form, digits, rtol, t_end, budget, out, cache, doubles, show) -> list[dict]:
+def _references(
+    name: str, method: str, form: str | None, digits: str, rtol: float, t_end: float | None, budget: float,
+    out: Path | None, cache: bool, doubles: bool, show: Show,
+) -> list[dict[str, Any]]:  # fmt: skip
     """One reference, saved, or the agreement of all methods."""
     from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""The bake-off of schemes on a rigid wall: the bouncing bar, whose solution is known in rational numbers."""
+"""All schemes on a rigid wall: the bouncing bar, whose solution is known in rational numbers."""
 
 from __future__ import annotations
 

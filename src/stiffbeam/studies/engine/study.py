@@ -87,7 +87,8 @@ class Records:
         """The answer in a sentence or two, with numbers; ``.table`` is the same line by line."""
         if not self.found:
             reasons = {row.get("failed") or row["refused"] for row in self.rows}
-            return Answer("No point could be evaluated: " + "; ".join(sorted(reasons)))
+            nothing = "No point could be evaluated"
+            return Answer(f"{nothing}: " + "; ".join(sorted(reasons)), rest=nothing)
         answer = self.study.answer(self.found, self.case)
         return answer if isinstance(answer, Answer) else Answer(answer, rest=answer)
 
@@ -111,6 +112,7 @@ class Records:
         return self.study.draw(self)
 
     def to_dataframe(self) -> pandas.DataFrame:
+        """The rows as a pandas table, units in its attrs; needs pandas."""
         import pandas
 
         frame = pandas.DataFrame(self.rows)
@@ -118,6 +120,7 @@ class Records:
         return frame
 
     def to_dict(self) -> dict[str, Any]:
+        """Study, options, rows and failures as plain numbers and texts, for JSON."""
         return {
             "study": self.study.name,
             "question": self.study.question,
