@@ -144,7 +144,12 @@ def sampler(times: list[float], pieces: list[Any], sample: Callable[[Any, float]
 
 
 def locate(
-    gap_at: Callable[[Any], tuple[Any, Any, Any]], start: float, fastest: float, shortest: float, t: float
+    gap_at: Callable[[Any], tuple[Any, Any, Any]],
+    start: float,
+    fastest: float,
+    shortest: float,
+    t: float,
+    lost: int = 0,
 ) -> tuple[Any, Any, Any]:
     """(tau, shift, parts): the gap closes at tau + shift, ``parts`` are those of the evaluation at tau.
 
@@ -158,7 +163,7 @@ def locate(
     try:
         while accurate < full // 2:
             accurate = 2 * accurate - 8  # the ratio of gap'' to gap' costs a few bits at each turn
-            ctx.prec = min(full, accurate + 70)
+            ctx.prec = min(full, accurate + 70 + lost)
             gap, speed, _ = gap_at(tau)
             tau = (tau - gap / speed).mid()
     finally:
