@@ -10,6 +10,7 @@ y instead, and X leaves out what it answers: a resonant answer grows, a response
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -47,7 +48,7 @@ class Regime:
     push: Complex
     chains: tuple[Chain, ...] = ()
 
-    @property
+    @cached_property
     def single(self) -> NDArray[np.bool_]:
         """(k,), whether a coefficient is no part of a chain."""
         alone = np.ones(len(self.eigenvalues), bool)
@@ -83,8 +84,10 @@ class Regime:
         return self.ahead(c.T, still, none, np.full(c.shape[1], tau)).T
 
 
-def regime_of(system: System, drive: Drive, chi: tuple[int, ...], perturbation: Perturbation | None = None) -> Regime:
-    """The regime with every contact on the given side, 0 free."""
+def regime_of(
+    system: System, drive: Drive, chi: tuple[int, ...], span: float, perturbation: Perturbation | None = None
+) -> Regime:
+    """The regime with every contact on the given side, 0 free; span: the longest time that is asked for."""
     closed = [(i, c, side) for i, (c, side) in enumerate(zip(system.contacts, chi, strict=True)) if side]
     springs = tuple((c.row, c.stops.spring(side)[0]) for _, c, side in closed)
     basis = modes(replace(system, damping=np.zeros_like(system.damping)), springs)
@@ -119,7 +122,7 @@ def regime_of(system: System, drive: Drive, chi: tuple[int, ...], perturbation: 
         shapes = shapes * (1.0 + size * rng.uniform(-1.0, 1.0, shapes.shape))
         order = rng.permutation(order)  # the eigenvalue algorithm rounds otherwise
     ordered = omega[order], shapes[:, order], to_modal[order], modal_force[:, order], push[:, order]
-    return _assembled(drive, *ordered, damping[np.ix_(order, order)])
+    return _assembled(drive, *ordered, damping[np.ix_(order, order)], span)
 
 
 def _modal_damping(system: System, omega: Array, shapes: Array) -> Array:
@@ -134,13 +137,13 @@ def _modal_damping(system: System, omega: Array, shapes: Array) -> Array:
 
 
 def _assembled(
-    drive: Drive, omega: Array, shapes: Array, to_modal: Array, force: Complex, push: Array, damping: Array
+    drive: Drive, omega: Array, shapes: Array, to_modal: Array, force: Complex, push: Array, damping: Array, span: float
 ) -> Regime:
     """From the modes: force (1 + F, n) of the drives, push (R, n) of the records, both modal."""
     n, rates = len(omega), 1j * np.array([0.0, *drive.frequencies])
-    s, found = groups(omega, damping)
+    s, found = groups(omega, damping, span)
     begins = np.cumsum([0, *(len(group.T) for group in found)])
-    chains = [_chain(g, np.arange(a, a + len(g.T)), force, rates) for g, a in zip(found, begins, strict=False)]
+    chains = [_chain(g, np.arange(a, a + len(g.T)), force, rates, span) for g, a in zip(found, begins, strict=False)]
     resonant = np.unique(np.concatenate([np.zeros(0, np.int64), *(chain.drives for chain in chains)]))
     response = np.empty((2 * n, len(rates)), complex)
     for k, rate in enumerate(rates):
@@ -165,8 +168,9 @@ def _assembled(
     )
 
 
-def _chain(group: Group, modes: NDArray[np.int64], force: Complex, rates: Complex) -> Chain:
-    """A group with the drives in resonance with it; a mode that moves freely answers every one of them."""
+def _chain(group: Group, modes: NDArray[np.int64], force: Complex, rates: Complex, span: float) -> Chain:
+    """A group with the drives in resonance with it, or the same as it over the span; what nothing holds or damps
+    answers every drive."""
     n, values = force.shape[1], np.linalg.eigvals(group.T)
     pull = group.L[:, n:] @ force.T  # (k, 1 + F)
     if group.paired:
@@ -174,8 +178,8 @@ def _chain(group: Group, modes: NDArray[np.int64], force: Complex, rates: Comple
     pulled = np.max(np.abs(pull), axis=0) > UNFELT * np.max(np.abs(force), axis=1, initial=0.0)
     apart = np.min(np.abs(values[:, None] - rates), axis=0)
     near = apart <= CLOSE * (np.min(np.abs(values)) + np.abs(rates))
-    if np.any(values == 0.0):
-        near[:] = True
+    if not group.paired:
+        near |= (apart <= 1.0 / span) | (np.min(np.abs(values)) <= 1.0 / span)
     drives = np.flatnonzero(near & pulled)
     return Chain(modes, group.T, drives, rates[drives], pull[:, drives])
 

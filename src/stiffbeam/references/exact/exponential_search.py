@@ -50,7 +50,8 @@ def derivatives(sigma, omega, real, imaginary, tau, d, b):
 
 @compiled
 def search(
-    sigma, omega, real, imaginary, chi, g1, g2, resting, t_start, t_end, eigenvalues, seen, shift, nodes, counts, chained
+    sigma, omega, real, imaginary, chi, g1, g2, resting, t_start, t_end, eigenvalues, seen, shift,
+    nodes, counts, chained,
 ):  # fmt: skip
     """The first switch of m contacts whose positions are
 

@@ -60,7 +60,7 @@ class ExponentialTracer:
         while True:
             key = tuple(chi)
             if key not in self.regimes:
-                self.regimes[key] = regime_of(system, drive, key, self.perturbation)
+                self.regimes[key] = regime_of(system, drive, key, t_end, self.perturbation)
             regime = self.regimes[key]
             spin = spin_of(drive, np.array([t]))[0]
             if carried is None:

@@ -2,9 +2,9 @@
 
     z' = A z,  z = (s eta, eta'),  A = [[0, S], [-Omega^2/S, -D]],   z = sum over groups of V y,  y' = T y,  y = L z
 
-in the undamped modes eta, D their damping and s = omega, or for a rigid motion the size of what damps it. A group is
-one eigenvalue, or those that are close to each other with vectors that are almost one: a mode that is damped
-critically, or nearly. Such a group keeps a basis of the space that its vectors span, and T is a matrix.
+in the undamped modes eta, D their damping and s = omega, or 1/span for a motion that has none. A group is one
+eigenvalue, or those that are close to each other, or the same over the span, with vectors that are almost one: a mode
+that is damped critically, or nearly. Such a group keeps a basis of the space that its vectors span, and T is a matrix.
 """
 
 from __future__ import annotations
@@ -35,16 +35,14 @@ class Group:
     paired: bool
 
 
-def groups(omega: Array, damping: Array) -> tuple[Array, list[Group]]:
-    """s (n,) and the groups, of undamped frequencies (n,) and ``damping`` (n, n).
+def groups(omega: Array, damping: Array, span: float) -> tuple[Array, list[Group]]:
+    """s (n,) and the groups, of undamped frequencies (n,) and ``damping`` (n, n); span: the time of interest.
 
     Raises InputError where no such bases are well-conditioned.
     """
     n = len(omega)
     damped = np.any(damping != 0.0, axis=0) | np.any(damping != 0.0, axis=1)
-    slowest = float(np.min(omega, where=omega > 0.0, initial=np.inf))
-    size = np.where(damped, np.max(np.abs(damping), axis=1), slowest if np.isfinite(slowest) else 1.0)
-    s = np.where(omega > 0.0, omega, size)
+    s = np.where(omega > 0.0, omega, 1.0 / span)
     found: list[Group] = []
     for j in np.flatnonzero(~damped):
         V = np.zeros((2 * n, 2), complex)
@@ -60,20 +58,20 @@ def groups(omega: Array, damping: Array) -> tuple[Array, list[Group]]:
         A = np.block(
             [[np.zeros((len(here),) * 2), np.diag(s[here])], [-np.diag(w**2 / s[here]), -damping[np.ix_(here, here)]]]
         )
-        for group in _of(A):
+        for group in _of(A, span):
             V, L = np.zeros((2 * n, len(group.T)), complex), np.zeros((len(group.T), 2 * n), complex)
             V[place], L[:, place] = group.V, group.L
             found.append(Group(group.T, V, L, group.paired))
     return s, found
 
 
-def _of(A: Array) -> list[Group]:
+def _of(A: Array, span: float) -> list[Group]:
     """The groups of a real matrix of which no conjugate is kept twice."""
     values, left, right = (x.astype(complex) for x in scipy.linalg.eig(A, left=True))  # type: ignore[misc]
     cosine = np.abs(np.sum(left.conj() * right, axis=0))
     cosine /= np.linalg.norm(left, axis=0) * np.linalg.norm(right, axis=0)
     sensitive = cosine * SENSITIVE < 1.0
-    sets = [[int(j)] for j in np.flatnonzero(~sensitive)] + _together(values, np.flatnonzero(sensitive))
+    sets = [[int(j)] for j in np.flatnonzero(~sensitive)] + _together(values, np.flatnonzero(sensitive), span)
     spaces = [right[:, own] if len(own) == 1 else _space(A, values, own) for own in sets]
     basis = np.hstack(spaces)
     condition = float(np.linalg.cond(basis))
@@ -95,12 +93,12 @@ def _of(A: Array) -> list[Group]:
     return found
 
 
-def _together(values: Complex, sensitive: NDArray[np.int64]) -> list[list[int]]:
+def _together(values: Complex, sensitive: NDArray[np.int64], span: float) -> list[list[int]]:
     """The sensitive eigenvalues in sets of neighbours, conjugates in sets that are conjugate."""
     sets: list[list[int]] = []
     for j in sensitive.tolist():
-        size = np.abs(values[j])
-        near = [own for own in sets if np.min(np.abs(values[own] - values[j])) <= TOGETHER * size]
+        size = max(TOGETHER * abs(values[j]), 1.0 / span)
+        near = [own for own in sets if np.min(np.abs(values[own] - values[j])) <= size]
         sets = [own for own in sets if own not in near] + [[j, *(i for own in near for i in own)]]
     return sets
 

@@ -99,7 +99,7 @@ def precise_exponential(
         key = tuple(chi)
         if key not in regimes:
             before, ctx.prec = ctx.prec, room
-            regimes[key] = _regime(system, problem, drive, key)
+            regimes[key] = _regime(system, problem, drive, key, t_end)
             ctx.prec = before
         regime = regimes[key]
         ctx.prec = precision_at(full, guard, float(t), t_end) + regime.lost
@@ -165,13 +165,14 @@ def _offset(piece: Piece, channel: int, tau: Any) -> tuple[Any, Any]:
     return tuple(dot(amplitudes, [c[k] if k < len(c) else arb(0) for c in here]) for k in (0, 1))  # type: ignore[return-value]
 
 
-def _regime(system: System, problem: Exact, drive: Drive, chi: tuple[int, ...]) -> PreciseRegime:
+def _regime(system: System, problem: Exact, drive: Drive, chi: tuple[int, ...], t_end: float) -> PreciseRegime:
     stiffness, basis, records = problem.closed(chi)
-    start = regime_of(system, drive, chi)  # refuses what float64 refuses
+    start = regime_of(system, drive, chi, t_end)  # refuses what float64 refuses
     lost = 0
     if start.chains:
-        stiffness, lost = _parted(problem.mass, stiffness, start), 3 * ctx.prec
+        bits, lost = ctx.prec, 3 * ctx.prec
         ctx.prec += lost
+        stiffness = _parted(problem.mass, stiffness, max(float(np.max(np.abs(start.eigenvalues))), 1.0 / t_end), bits)
     pencil = DampedPencil(acb_mat(problem.mass), acb_mat(problem.damping), acb_mat(stiffness))
     if lost:
         shapes, values = pencil.from_scratch()
@@ -224,13 +225,11 @@ def _in_float64(values: list, rates: list, W: Any, from_q: Any, from_v: Any, X: 
     )  # fmt: skip
 
 
-def _parted(mass: Any, stiffness: Any, start: Regime) -> Any:
-    """K + 2^-p w^2 (M + D), w the fastest rate, D a part of the diagonal of M that differs from unknown to unknown."""
-    size = arb(float(np.max(np.abs(start.eigenvalues))) ** 2) * arb(2) ** -ctx.prec
-    lines = [
-        [x + size * m for x, m in zip(*pair, strict=True)]
-        for pair in zip(stiffness.tolist(), mass.tolist(), strict=True)
-    ]
+def _parted(mass: Any, stiffness: Any, fastest: float, bits: int) -> Any:
+    """K + 2^-bits w^2 (M + D), w = fastest, D differing parts of the diagonal of M."""
+    size = arb(fastest) ** 2 * arb(2) ** -bits
+    pairs = zip(stiffness.tolist(), mass.tolist(), strict=True)
+    lines = [[x + size * m for x, m in zip(*pair, strict=True)] for pair in pairs]
     for i, line in enumerate(lines):
         line[i] += size * mass[i, i] * arb((0.6180339887498949 * (i + 1)) % 1.0)
     return arb_mat(lines)
