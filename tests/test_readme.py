@@ -10,12 +10,13 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parent.parent
-PAGES = [ROOT / "README.md", *sorted((ROOT / "studies" / "guide").glob("*.md"))]
+STUDIES = ROOT / "studies"
+PAGES = [ROOT / "README.md", *sorted([*STUDIES.glob("guide/*.md"), *STUDIES.glob("theory/*.md")])]
 TEXTS = {page.stem: page.read_text(encoding="utf-8") for page in PAGES}
 BLOCKS = [
-    pytest.param(block, id=f"{name}-{i}")
+    pytest.param(block, shown, id=f"{name}-{i}")
     for name, text in TEXTS.items()
-    for i, block in enumerate(re.findall(r"```python\n(.*?)```", text, re.DOTALL))
+    for i, (block, shown) in enumerate(re.findall(r"```python\n(.*?)```(?:\n\n```text\n(.*?)```)?", text, re.DOTALL))
     if "def test_" not in block
 ]
 README = TEXTS["README"]
@@ -28,9 +29,11 @@ def run(block, folder):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("block", BLOCKS)
-def test_every_python_block_runs(block, tmp_path):
-    assert run(block, tmp_path)
+@pytest.mark.parametrize(("block", "shown"), BLOCKS)
+def test_every_python_block_runs_and_prints_what_is_shown(block, shown, tmp_path):
+    printed = run(block, tmp_path)
+    assert printed
+    assert shown.strip() in ("", printed)
 
 
 def test_the_readme_prints_what_it_says(tmp_path):
@@ -92,8 +95,9 @@ def test_the_steel_beam_is_pressed_as_hard_as_printed(tmp_path):
 @pytest.mark.slow
 def test_the_downstream_test_passes(tmp_path):
     (block,) = (b for b in re.findall(r"```python\n(.*?)```", TEXTS["references"], re.DOTALL) if "def test_" in b)
+    (tmp_path / "pytest.ini").touch()  # nothing above the folder is asked
     (tmp_path / "test_mine.py").write_text(block, encoding="utf-8")
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "test_mine.py"]
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-c", "pytest.ini", "test_mine.py"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout
     assert "1 passed" in done.stdout

@@ -26,7 +26,7 @@ from .exponential_regime import Complex, Regime, phasors, spin_of
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ExponentialSolution:
-    """The pieces: at times[i] the contacts are on the sides[i] (m,), homogeneous coefficients c[i]."""
+    """The pieces: at times[i] the contacts are on the sides[i] (m,), see damped_stops; homogeneous parts c[i]."""
 
     drive: Drive
     regimes: dict[tuple[int, ...], Regime]
@@ -72,6 +72,7 @@ class ExponentialSolution:
 
     @property
     def fastest_decay(self) -> float:
+        """The largest decay rate of any mode in any regime, 1/time."""
         return max(float(-np.min(r.eigenvalues.real, initial=0.0)) for r in self.regimes.values())
 
     def offset(self, system: System, channel: int) -> Callable[[Array], tuple[Array, Array]]:
@@ -152,7 +153,7 @@ class ExponentialSolution:
             q = np.concatenate([moving, regime.response * spin], axis=1)
             for i, contact in enumerate(system.contacts):
                 side = self.sides[piece[j], i]
-                if side and contact.offset is not None:
+                if abs(side) == 1 and contact.offset is not None:
                     # F = kappa (g - row q - o), a sum of exponentials with the constant among them
                     o = offsets[:, i] * spin
                     depth = contact.row @ q

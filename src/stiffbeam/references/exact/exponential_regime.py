@@ -100,22 +100,25 @@ def regime_of(
     force, rest = drive.split(system.loads, system.size)
     offsets, moving = drive.offsets(system)
     records, moved = drive.recorded(rest, system.size), drive.recorded(moving, offsets.shape[1])
+    C = system.damping.copy()
     for i, contact, side in closed:
-        # sigma = kappa (gap - row q - offset): the first term is a load, the second in the matrix.
+        # sigma = kappa (gap - row q - offset) - c (row q' + offset'): the second terms are in the matrices.
         kappa, constant = contact.stops.spring(side)
-        force = force - kappa * np.outer(offsets[:, i], contact.row)
+        c = float(contact.stops.damping)
+        C += c * np.outer(contact.row, contact.row)
+        force = force - np.outer(kappa * offsets[:, i] + c * drive.derivative().T @ offsets[:, i], contact.row)
         records = records - kappa * np.outer(moved[:, i], contact.row)
         force[0] += constant * contact.row
     modal_force = phasors(force) @ shapes  # (1 + F, n)
     push = records @ shapes  # (R, n)
-    damping = _modal_damping(system, omega, shapes)
+    damping = _modal_damping(C, omega, shapes)
     to_modal = shapes.T @ system.mass
     order = np.arange(system.size)
     if rng is not None and perturbation is not None:
         size = perturbation.state
         modal_force += size * rounded_sum(phasors(force), shapes) * rng.uniform(-1.0, 1.0, modal_force.shape)
         push += size * rounded_sum(records, shapes) * rng.uniform(-1.0, 1.0, push.shape)
-        terms = rounded_sum(shapes.T, rounded_sum(system.damping, shapes))
+        terms = rounded_sum(shapes.T, rounded_sum(C, shapes))
         damping += np.where(damping == 0.0, 0.0, size * terms * rng.uniform(-1.0, 1.0, damping.shape))
         # Shapes that are not quite inverse to the way into them err alike at every switch.
         to_modal += size * rounded_sum(shapes.T, system.mass) * rng.uniform(-1.0, 1.0, to_modal.shape)
@@ -125,13 +128,13 @@ def regime_of(
     return _assembled(drive, *ordered, damping[np.ix_(order, order)], span)
 
 
-def _modal_damping(system: System, omega: Array, shapes: Array) -> Array:
+def _modal_damping(C: Array, omega: Array, shapes: Array) -> Array:
     """shapes^T C shapes; an entry of a rigid-body motion below its rounding is zero."""
     rigid = omega == 0.0
-    if not np.any(rigid) or not system.damped:
-        return shapes.T @ system.damping @ shapes
-    damping = congruence(system.damping, shapes)
-    terms = np.abs(shapes.T) @ np.abs(system.damping) @ np.abs(shapes)
+    if not np.any(rigid) or not np.any(C):
+        return shapes.T @ C @ shapes
+    damping = congruence(C, shapes)
+    terms = np.abs(shapes.T) @ np.abs(C) @ np.abs(shapes)
     lost = np.abs(damping) <= 2.0 * EPS * max(len(omega), 8) * terms
     return np.where(lost & (rigid[:, None] | rigid), 0.0, damping)
 

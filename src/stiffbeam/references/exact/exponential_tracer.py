@@ -13,6 +13,7 @@ from ...model.drive import Drive
 from ...model.modes import undamped_modes
 from ...model.system import System
 from .chains import seen_by
+from .damped_stops import LET_GO, next_side, pressed, side_of, watched
 from .exponential import ExponentialSolution
 from .exponential_regime import Complex, Regime, phasors, regime_of, spin_of
 from .exponential_search import search
@@ -41,9 +42,11 @@ class ExponentialTracer:
     def solve(self, t_end: float) -> ExponentialSolution:
         """The solution on [0, t_end] from the initial data."""
         q, v = _start(self.system, self.perturbation)
-        u = self.system.positions(0.0, q)
-        sides = tuple(int(c.stops.state(x)) for c, x in zip(self.system.contacts, u, strict=False))
-        return self.trace(0.0, sides, q, v, -1, t_end)
+        sides = []
+        for i, contact in enumerate(self.system.contacts):
+            o, rate = self.drive.offset(self.system, i)(np.zeros(1))
+            sides.append(side_of(contact.stops, float(contact.row @ q + o[0]), float(contact.row @ v + rate[0])))
+        return self.trace(0.0, tuple(sides), q, v, -1, t_end)
 
     def trace(
         self, t: float, sides: tuple[int, ...], q: Array, v: Array, resting: int, t_end: float
@@ -60,7 +63,9 @@ class ExponentialTracer:
         while True:
             key = tuple(chi)
             if key not in self.regimes:
-                self.regimes[key] = regime_of(system, drive, key, t_end, self.perturbation)
+                closed = tuple(pressed(key).tolist())
+                made = self.regimes.get(closed) or regime_of(system, drive, closed, t_end, self.perturbation)
+                self.regimes[key] = made
             regime = self.regimes[key]
             spin = spin_of(drive, np.array([t]))[0]
             if carried is None:
@@ -87,7 +92,7 @@ class ExponentialTracer:
                 continue
             moving, carried = regime.ahead(c[None], spin[None], force[None], np.array([tau]))[0], None
             q, v = regime.state(moving, spin * np.exp(1j * drive_rates * tau))
-            chi[contact] = side if chi[contact] == 0 else 0
+            chi[contact] = side
             if t + tau > t:
                 switched[:] = False
             switched[contact] = True
@@ -124,25 +129,42 @@ class Gaps:
         self.offsets = phasors(shifts)[:, :m].T  # (m, 1 + F)
         self.recorded = drive.recorded(rest, shifts.shape[1])[:, :m].T  # (m, R)
         self.g1, self.g2 = (np.array([getattr(c.stops, side) for c in system.contacts]) for side in ("g1", "g2"))
+        self.lags = np.array([float(c.stops.damping) / float(c.stops.stiffness) for c in system.contacts])
 
     def next_switch(
         self, regime: Regime, c: Complex, chi: NDArray[np.int64], switched: NDArray[np.bool_], t: float, t_end: float
     ) -> tuple[float, int, int, int]:
-        """(tau, contact, side, evaluations) of the first switch after t, contact -1 where there is none.
+        """(tau, contact, its new side, evaluations) of the first switch after t, contact -1 where there is none.
 
-        c: the coefficients at t. switched: (m,), the contacts that have switched at t. Up to t_end every record is
-        one polynomial.
+        c: the coefficients at t. chi: the sides now. switched: (m,), the contacts that have switched at t. Up to t_end
+        every record is one polynomial.
         """
         spin, records = spin_of(self.drive, np.array([t]))[0], self.drive.polynomials(t)
         alone = regime.single
         W = (self.rows @ regime.W) * alone
         rates: Complex = np.concatenate([regime.eigenvalues, self.rates])
         a: Complex = np.concatenate([W * c, (self.rows @ regime.response + self.offsets) * spin], axis=1)
-        parts = (np.ascontiguousarray(x) for x in (np.minimum(rates.real, 0.0), rates.imag, a.real, a.imag))
         force = regime.push @ records
-        pushed = regime.eigenvalues, W[:, :, None] * force, self.recorded @ records
-        chains = seen_by(regime.chains, self.rows @ regime.W, c, spin, force, ORDER)
-        return search(*parts, chi, self.g1, self.g2, switched.astype(np.int64), t, t_end, *pushed, *chains)
+        seen, shift = W[:, :, None] * force, self.recorded @ records
+        nodes, counts, chained = seen_by(regime.chains, self.rows @ regime.W, c, spin, force, ORDER + 1)
+        at, lags, sides, g1, g2, resting = np.arange(len(chi)), np.zeros(len(chi)), chi, self.g1, self.g2, switched
+        if np.any(self.lags):  # what is watched of a damped stop is d or the sign of its force
+            at, lags, sides, own = (np.array(x) for x in zip(*watched(chi.tolist(), self.lags), strict=True))
+            now = chained[:, :, :2, :1].sum((1, 3)).real  # what chains add to u and u'
+            d = a.real.sum(1)[at] + now[at, 0] - np.where(chi[at] > 0, g2[at], g1[at])
+            y = d + lags * ((a * rates).real.sum(1)[at] + now[at, 1])
+            resting = switched[at] & np.where(np.abs(chi[at]) == LET_GO, own, (lags == 0.0) | (np.abs(y) < np.abs(d)))
+            a, seen, shift = a[at] * (1.0 + np.outer(lags, rates)), seen[at], shift[at]
+            seen = seen * (1.0 + np.outer(lags, regime.eigenvalues))[:, :, None]
+            chained = chained[at] + lags[:, None, None, None] * np.roll(chained[at], -1, axis=2)
+            g1, g2 = np.where(own & (chi[at] > 0), -np.inf, g1[at]), np.where(own & (chi[at] < 0), np.inf, g2[at])
+        parts = (np.ascontiguousarray(x) for x in (np.minimum(rates.real, 0.0), rates.imag, a.real, a.imag))
+        gaps = np.ascontiguousarray(sides), g1, g2, resting.astype(np.int64), t, t_end
+        tau, which, met, used = search(*parts, *gaps, regime.eigenvalues, seen, shift, nodes, counts, chained)
+        if which < 0:
+            return tau, -1, 0, used
+        contact = int(at[which])
+        return tau, contact, next_side(int(chi[contact]), met, bool(lags[which])), used
 
 
 def _start(system: System, perturbation: Perturbation | None) -> tuple[Array, Array]:

@@ -23,10 +23,12 @@ from ...basics.budget import Forecast
 from ...model.drive import Drive
 from ...model.system import System
 from ...trajectory.trajectory import SolverFailure
-from ..exact.exponential import ExponentialSolution, Regime
-from ..exact.exponential_tracer import Gaps, regime_of
+from ..exact.damped_stops import pressed, side_of, switched_by_force
+from ..exact.exponential import ExponentialSolution
+from ..exact.exponential_regime import Regime, regime_of
+from ..exact.exponential_tracer import Gaps
 from ..exact.touching import REMEDY
-from .modes import Sampler, channels, dot, eigenvectors, locate, precision_at, refine, sampler
+from .modes import DampedPencil, Sampler, channels, dot, locate, precision_at, refine, sampler
 from .rational import Exact, exact_problem, number
 from .recorded import answers, moved, taylor
 from .unrounded import UnroundedSolution
@@ -90,7 +92,8 @@ def precise_exponential(
     for contact, exact in zip(system.contacts, problem.contacts, strict=True):
         u = dot(exact.row, q) + dot(_phasors(exact.offset), spin).real
         u += dot(exact.recorded, [taylor(record, t)[0] for record in drive.records])
-        chi.append(int(contact.stops.state(float(u))))
+        speed = dot(exact.row, v) + dot(_phasors(exact.rate), spin).real
+        chi.append(side_of(contact.stops, float(u), float(speed)))
     times, sides, coefficients, resting, evaluations, carried = [], [], [], -1, 0, None
     gaps = Gaps(system, drive)
     pieces: list[Piece] = []
@@ -99,7 +102,8 @@ def precise_exponential(
         key = tuple(chi)
         if key not in regimes:
             before, ctx.prec = ctx.prec, room
-            regimes[key] = _regime(system, problem, drive, key, t_end)
+            closed = tuple(pressed(key).tolist())
+            regimes[key] = regimes.get(closed) or _regime(system, problem, drive, closed, t_end)
             ctx.prec = before
         regime = regimes[key]
         ctx.prec = precision_at(full, guard, float(t), t_end) + regime.lost
@@ -117,14 +121,16 @@ def precise_exponential(
         evaluations += used
         if contact >= 0 and times[-1] + start < edge:
             forecast.check(times[-1], len(times) * (full / 32.0 + 20.0) * system.size)
-            stop = problem.contacts[contact].stop(side)
+            stop, lag = problem.contacts[contact].stop(side or chi[contact]), arb(0)
+            if switched_by_force(chi[contact], side):
+                lag = problem.contacts[contact].lag
             fastest = float(np.max(np.abs(regime.rounded.eigenvalues)))
             shortest = 2.0 * np.pi / max(float(np.max(regime.rounded.eigenvalues.imag)), *drive.frequencies, 1e-300)
-            gap_at = partial(_gap, piece, contact, stop)
+            gap_at = partial(_gap, piece, contact, stop, lag)
             tau, shift, parts = locate(gap_at, start, fastest, shortest, times[-1], regime.lost)
             when = (t + tau + shift).mid()
             if not drive.records or t <= when < edge:
-                t, chi[contact], resting = when, side if chi[contact] == 0 else 0, contact
+                t, chi[contact], resting = when, side, contact
                 q, v = _state(piece, parts, tau, shift)
                 continue
             if when < t:
@@ -166,14 +172,15 @@ def _offset(piece: Piece, channel: int, tau: Any) -> tuple[Any, Any]:
 
 
 def _regime(system: System, problem: Exact, drive: Drive, chi: tuple[int, ...], t_end: float) -> PreciseRegime:
-    stiffness, basis, records = problem.closed(chi)
+    C, stiffness, basis, records = problem.closed(chi)
+    damped = any(x != 0 for line in C.tolist() for x in line)
     start = regime_of(system, drive, chi, t_end)  # refuses what float64 refuses
     lost = 0
     if start.chains:
         bits, lost = ctx.prec, 3 * ctx.prec
         ctx.prec += lost
         stiffness = _parted(problem.mass, stiffness, max(float(np.max(np.abs(start.eigenvalues))), 1.0 / t_end), bits)
-    pencil = DampedPencil(acb_mat(problem.mass), acb_mat(problem.damping), acb_mat(stiffness))
+    pencil = DampedPencil(acb_mat(problem.mass), acb_mat(C), acb_mat(stiffness))
     if lost:
         shapes, values = pencil.from_scratch()
     else:
@@ -184,7 +191,7 @@ def _regime(system: System, problem: Exact, drive: Drive, chi: tuple[int, ...], 
         if real or value.imag > 0:
             kept.append(j)
             weights.append(1 if real else 2)
-        values[j] = acb(value.real, 0) if real else (value if system.damped else acb(0, value.imag))
+        values[j] = acb(value.real, 0) if real else (value if damped else acb(0, value.imag))
     forces = (acb_mat([_phasors(list(line)) for line in zip(*basis, strict=True)]).transpose() * shapes).tolist()
     drive_rates = [acb(0, number(f)) for f in (0.0, *drive.frequencies)]
     gains = [
@@ -199,7 +206,7 @@ def _regime(system: System, problem: Exact, drive: Drive, chi: tuple[int, ...], 
     through_mass = (turned * problem.mass).tolist()
     from_q = [
         [value * x + y for x, y in zip(line, other, strict=True)]
-        for value, line, other in zip(eigenvalues, through_mass, (turned * problem.damping).tolist(), strict=True)
+        for value, line, other in zip(eigenvalues, through_mass, (turned * C).tolist(), strict=True)
     ]
     rates = eigenvalues + drive_rates
     rows, moves = [], []
@@ -251,38 +258,6 @@ def _response(force: Any, gain: Any, scale: Any) -> Any:
     return acb(0) if resonant else (force / gain).mid()
 
 
-@dataclass(frozen=True, eq=False)
-class DampedPencil:
-    """A = [[C, M], [M, 0]], B = [[-K, 0], [0, M]] on x = (phi, lambda phi), of which phi (n, 2n) is held."""
-
-    mass: Any
-    damping: Any
-    stiffness: Any
-
-    def products(self, phi: Any, values: list[Any]) -> tuple[Any, Any]:
-        """X^T A X and X^T B X of the vectors x = (phi, lambda phi), lambda from ``values``."""
-        turned = phi.transpose()
-        M, C, K = ((turned * (matrix * phi)).tolist() for matrix in (self.mass, self.damping, self.stiffness))
-        n = range(len(values))
-        A = [[C[i][j] + (values[i] + values[j]) * M[i][j] for j in n] for i in n]
-        return acb_mat(A), acb_mat([[values[i] * values[j] * M[i][j] - K[i][j] for j in n] for i in n])
-
-    def normalised(self, phi: Any, values: list[Any]) -> tuple[Any, list[Any]]:
-        """phi with x^T A x = 1."""
-        norms = self.products(phi, values)[0].tolist()
-        return acb_mat([[(x / norms[j][j].sqrt()).mid() for j, x in enumerate(line)] for line in phi.tolist()]), values
-
-    def from_scratch(self) -> tuple[Any, list[Any]]:
-        """phi (n, 2n) and the eigenvalues, by the QR algorithm."""
-        n = self.mass.nrows()
-        M, C, K = (matrix.tolist() for matrix in (self.mass, self.damping, self.stiffness))
-        nothing = [acb(0)] * n
-        A = acb_mat([[*C[i], *M[i]] for i in range(n)] + [[*M[i], *nothing] for i in range(n)])
-        B = acb_mat([[-x for x in K[i]] + nothing for i in range(n)] + [[*nothing, *M[i]] for i in range(n)])
-        columns, values = eigenvectors(A, B)
-        return self.normalised(acb_mat([column[:n] for column in columns]).transpose(), values)
-
-
 def _both_of_each_pair(regime: Regime) -> tuple[Any, list[Any]]:
     """All 2n float64 vectors phi and eigenvalues."""
     pairs = regime.eigenvalues.imag > 0.0
@@ -293,12 +268,18 @@ def _both_of_each_pair(regime: Regime) -> tuple[Any, list[Any]]:
     ]
 
 
-def _gap(piece: Piece, contact: int, stop: Any, tau: Any) -> tuple[Any, Any, list[Any]]:
-    """u - stop and u' of a contact at tau, and the coefficients they are made of."""
+def _gap(piece: Piece, contact: int, stop: Any, lag: Any, tau: Any) -> tuple[Any, Any, list[Any]]:
+    """u - stop + lag u' of a contact at tau, its rate, and the coefficients they are made of."""
     regime, parts = piece.regime, piece.parts(tau)
     u, speed = (dot(rows[contact], parts).real for rows in (regime.rows, regime.row_rates))
     offset, rate = _offset(piece, contact, tau)
-    return (u + offset - stop).mid(), (speed + rate).mid(), parts
+    curve = arb(0)
+    if lag != 0:
+        ahead = [rate * part for rate, part in zip(regime.rates, parts, strict=True)]
+        for k, force in enumerate(piece.forces(tau) if piece.records else []):
+            ahead[k] += force[0]
+        curve = dot(regime.row_rates[contact], ahead).real
+    return (u + offset - stop + lag * (speed + rate)).mid(), (speed + rate + lag * curve).mid(), parts
 
 
 def _coefficients(regime: PreciseRegime, q: list[Any], v: list[Any], spin: list[Any]) -> list[Any]:
