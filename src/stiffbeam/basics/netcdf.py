@@ -29,10 +29,12 @@ class Arrays:
 
     @classmethod
     def of(cls, data: xr.Dataset) -> Arrays:
+        """The variables of a dataset as they are."""
         each = {str(name): (tuple(map(str, x.dims)), x.values, dict(x.attrs)) for name, x in data.variables.items()}
         return cls(each, dict(data.attrs))
 
     def to_xarray(self) -> xr.Dataset:
+        """The same as a dataset."""
         import xarray as xr
 
         coordinates = {name: x for name, x in self.variables.items() if x[0] == (name,)}
@@ -45,6 +47,7 @@ class Arrays:
 
 
 def content_hash(variables: Mapping[str, Array], known: Mapping[str, Any], attributes: Iterable[str]) -> str:
+    """sha256 of the variables and of the named ones among the ``known`` attributes."""
     digest = hashlib.sha256()
     for name in sorted(variables):
         digest.update(name.encode())

@@ -82,10 +82,12 @@ class March:
 
     @property
     def system(self) -> System:
+        """Whose matrices are marched."""
         return self.coordinates.system
 
     @property
     def kind(self) -> str:
+        """What ``provenance["march"]`` says of it."""
         return BLOCKS if isinstance(self.coordinates, InModes) else DENSE
 
     def forcing(self, propagator: Propagator) -> Forcing:

@@ -78,12 +78,15 @@ class InModes(Coordinates):
         self._set(equation=self.basis.equation, parts=len(self.basis.omega), rows=rows, columns=rows[:m])
 
     def start(self, member: System) -> Array:
+        """y (order, N) at t = 0."""
         return self.basis.to_modal(np.stack([member.q0, member.v0]))
 
     def loads(self, member: System) -> list[tuple[Array, LoadFunction]]:
+        """Their vectors (N,) in these coordinates."""
         return [(self.basis.force(vector), f) for vector, f in member.loads]
 
     def states(self, y: Array) -> tuple[Array, Array]:
+        """q and q' (..., n)."""
         return self.basis.to_nodal(y[0]), self.basis.to_nodal(y[1])
 
 
@@ -95,6 +98,7 @@ class Together(Coordinates):
 
     @classmethod
     def of(cls, given: System | FirstOrderSystem) -> Together:
+        """With the system that a first-order one was made from."""
         return cls(given if isinstance(given, System) else given.system, given)
 
     def __post_init__(self) -> None:
@@ -110,12 +114,15 @@ class Together(Coordinates):
         self._set(equation=equation, parts=1, rows=rows, columns=columns)
 
     def start(self, member: System) -> Array:
+        """y (order, N) at t = 0."""
         return np.stack([member.q0, member.v0]) if isinstance(self.given, System) else self.given.y0[None]
 
     def loads(self, member: System) -> list[tuple[Array, LoadFunction]]:
+        """Their vectors (N,) in these coordinates."""
         return list(member.loads if isinstance(self.given, System) else self.given.loads)
 
     def states(self, y: Array) -> tuple[Array, Array]:
+        """q and q' (..., n)."""
         if isinstance(self.given, System):
             return y[0], y[1]
         return y[0] @ self.given.to_q.T, y[0] @ self.given.to_v.T

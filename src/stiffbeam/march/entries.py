@@ -26,6 +26,7 @@ class Entries:
     @classmethod
     @lru_cache(maxsize=256)
     def of(cls, readers: Readers, steps: int, ends_at_last_node: bool) -> Entries:
+        """Of so many steps."""
         S, m, C = len(readers.nodes), readers.contacts, readers.channels
         at_ends = C - m if ends_at_last_node else C
         count = steps * S * m

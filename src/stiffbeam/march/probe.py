@@ -44,6 +44,7 @@ class Readers:
     @classmethod
     @lru_cache(maxsize=256)
     def of(cls, nodes: tuple[float, ...], contacts: int, channels: int, rated: bool) -> Readers:
+        """Those of a scheme with these nodes."""
         S, m, C = len(nodes), contacts, channels
         edges = np.cumsum([0, S * m, C, C, S * m if rated else 0]).tolist()
         parts = [slice(*x) for x in pairwise(edges)]

@@ -55,14 +55,17 @@ class Propagator:
 
     @property
     def scheme(self) -> Scheme:
+        """Whose steps these are."""
         return self.one.scheme
 
     @property
     def coordinates(self) -> Coordinates:
+        """In which they are taken."""
         return self.one.coordinates
 
     @property
     def dt(self) -> float:
+        """The step."""
         return self.one.dt
 
     @property

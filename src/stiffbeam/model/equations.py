@@ -111,15 +111,18 @@ class Matrices(SecondOrder):
         self._mass, self._damping, self._stiffness = mass, damping, stiffness
         products = [_product(x) for x in (mass, damping, stiffness)]
         self._products, self.entries = [x for x, _ in products], sum(count for _, count in products)
-        self._factors: dict[tuple, Any] = {}
+        self._factors: dict[tuple[Any, ...], Any] = {}
 
     def mass(self, x: Array) -> Array:
+        """M x for every row of x, shape (..., n)."""
         return self._products[0](x)
 
     def damping(self, x: Array) -> Array:
+        """C x for every row of x."""
         return self._products[1](x)
 
     def stiffness(self, x: Array) -> Array:
+        """K x for every row of x."""
         return self._products[2](x)
 
     def solve(self, a: float, b: float, x: Array) -> Array:

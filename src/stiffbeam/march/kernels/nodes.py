@@ -14,7 +14,7 @@ from ...model.stage import MEAN, solve_stage
 
 
 @compiled
-def resolve_several(push, compliance, law, out, forces):
+def resolve_several(push: Array, compliance: Array, law: Array, out: Array, forces: Array) -> bool:
     """The stops of m contacts, the m entries of a node together. Whether any is met.
 
     Where one is met alone, and the force on it leaves the others open, that is all; else see ``solve_node``.
