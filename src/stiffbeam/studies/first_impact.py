@@ -94,6 +94,7 @@ def _plain(case: Case) -> None:
 
 
 def evaluate(case: Case, point: Point) -> list[Row]:
+    """What is found at one point."""
     problem, form, cells = started(case.problem, point["start"]), point["form"], point["cells"]
     stops = problem.all_stops[0]
     system = semidiscretise(problem, cells, form=form)
@@ -211,6 +212,7 @@ def orders(rows: Rows) -> dict[str, Order]:
 
 
 def answer(rows: Rows, case: Case) -> str:
+    """The answer in a sentence or two."""
     found = numeric(rows)
     parts = [f"h^{order} ({form})" for form, order in orders(rows).items() if np.isfinite(order.slope)]
     smooth = [row for row in found if row["start"] == SMOOTH]
