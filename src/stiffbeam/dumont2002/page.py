@@ -71,7 +71,7 @@ def write_page(
         h.element("style", h.Html(_style() + filters())),
     )
     document = h.element("html", h.element("head", head), h.element("body", body), lang="en")
-    text = f"<!doctype html>\n{document}\n"
+    text = f"<!DOCTYPE html>\n{document}\n"
     return write_whole(file, text)
 
 

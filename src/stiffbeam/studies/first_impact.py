@@ -95,7 +95,7 @@ def _plain(case: Case) -> None:
 
 
 def evaluate(case: Case, point: Point) -> list[Row]:
-    """One row: peak force, impulse and speed of the first impact on one grid, beside those of the beam."""
+    """What is found at one point."""
     problem, form, cells = started(case.problem, point["start"]), point["form"], point["cells"]
     stops = problem.all_stops[0]
     system = semidiscretise(problem, cells, form=form)
@@ -215,7 +215,7 @@ def orders(rows: Rows) -> dict[str, Order]:
 
 
 def answer(rows: Rows, case: Case) -> str:
-    """The order of the peak force in h, and the error of the speed on every grid."""
+    """The answer in a sentence or two."""
     found = numeric(rows)
     parts = [f"h^{order} ({form})" for form, order in orders(rows).items() if np.isfinite(order.slope)]
     smooth = [row for row in found if row["start"] == SMOOTH]

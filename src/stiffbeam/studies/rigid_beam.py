@@ -93,7 +93,7 @@ def first_touch(case: Case, cells: int) -> float:
 
 
 def evaluate(case: Case, point: Point) -> list[Row]:
-    """One row: impulse, time in contact, impacts and energy lost of one method at one stiffness."""
+    """What is found at one point."""
     kappa = np.inf if point["kappa"] is None else point["kappa"]
     stops = replace(case.problem.all_stops[0], stiffness=kappa, restitution=point["restitution"])
     system = semidiscretise(replace(case.problem, stops=stops), point["cells"])
@@ -132,7 +132,7 @@ def _stiff(row: Row) -> float:
 
 
 def answer(rows: Rows, case: Case) -> str:
-    """On every grid the exact impulses over the stiffness, and what each method has at rigid stops."""
+    """The answer in a sentence or two."""
     found = numeric(rows)
     sentences = []
     for cells in sorted({row["cells"] for row in found}):
