@@ -110,7 +110,7 @@ def answer(rows: Rows, case: Case) -> str:
     )
 
 
-def _error(row: dict) -> float:
+def _error(row: dict[str, Any]) -> float:
     return abs(row["delivered"] - row["wanted"])
 
 

@@ -159,7 +159,7 @@ def _assembled(
     V, L = np.hstack([g.V for g in found]) * weights, np.vstack([g.L for g in found])
     eigenvalues = np.concatenate([np.linalg.eigvals(g.T) for g in found])
     return Regime(
-        np.minimum(eigenvalues.real, 0.0) + 1j * eigenvalues.imag,
+        np.minimum(np.real(eigenvalues), 0.0) + 1j * np.imag(eigenvalues),
         shapes @ (V[:n] / s[:, None]),
         shapes @ V[n:],
         (L[:, :n] * s) @ to_modal,

@@ -84,12 +84,14 @@ def _of(A: Array, span: float) -> list[Group]:
     for own, V in zip(sets, spaces, strict=True):
         L = inverse[begin : begin + len(own)]
         begin += len(own)
-        side = values[own].imag
+        side = np.imag(values[own])
         if np.all(side < 0.0):
             continue
         paired = bool(np.all(side > 0.0))
         T = np.diag(values[own]) if len(own) == 1 else L @ A @ V
-        found.append(Group(T, V, L, paired) if paired else Group(T.real + 0j, V.real + 0j, L.real + 0j, False))
+        found.append(
+            Group(T, V, L, paired) if paired else Group(np.real(T) + 0j, np.real(V) + 0j, np.real(L) + 0j, False)
+        )
     return found
 
 
@@ -112,7 +114,8 @@ def _space(A: Array, values: Complex, own: list[int]) -> Complex:
     def chosen(value: complex) -> bool:
         return bool(np.min(np.abs(inside - value)) < np.min(np.abs(others - value), initial=np.inf))
 
-    _, Q, count = scipy.linalg.schur(A.astype(complex), output="complex", sort=chosen)
+    made: Any = scipy.linalg.schur(A.astype(complex), output="complex", sort=chosen)
+    _, Q, count = made
     if count != len(own):
         raise InputError(
             "damping", f"{len(own)} eigenvalues that meet", "keep them apart from the others",

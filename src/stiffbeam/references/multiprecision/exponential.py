@@ -223,7 +223,7 @@ def _regime(system: System, problem: Exact, drive: Drive, chi: tuple[int, ...], 
     return PreciseRegime(rates, W, rows, row_rates, *made)
 
 
-def _in_float64(values: list, rates: list, W: Any, from_q: Any, from_v: Any, X: Any, push: Any) -> Regime:
+def _in_float64(values: list[Any], rates: list[Any], W: Any, from_q: Any, from_v: Any, X: Any, push: Any) -> Regime:
     k, response = len(values), _complex(X)
     eigenvalues, shapes = _complex([values])[0], _complex(W.tolist())[:, :k]
     return Regime(
