@@ -147,7 +147,11 @@ def _assembled(
     s, found = groups(omega, damping, span)
     begins = np.cumsum([0, *(len(group.T) for group in found)])
     chains = [_chain(g, np.arange(a, a + len(g.T)), force, rates, span) for g, a in zip(found, begins, strict=False)]
-    resonant = np.unique(np.concatenate([np.zeros(0, np.int64), *(chain.drives for chain in chains)]))
+    eigenvalues = np.concatenate([np.linalg.eigvals(g.T) for g in found])
+    # With or without a force on them: of modes close to a drive the response is not asked for.
+    apart = np.abs(eigenvalues[:, None] - rates)
+    close = np.any(apart <= CLOSE * (np.abs(eigenvalues)[:, None] + np.abs(rates)), axis=0)
+    resonant = np.unique(np.concatenate([np.flatnonzero(close), *(chain.drives for chain in chains)]))
     response = np.empty((2 * n, len(rates)), complex)
     for k, rate in enumerate(rates):
         response[:, k] = (
@@ -157,7 +161,6 @@ def _assembled(
         )
     weights = np.concatenate([np.full(len(g.T), 2.0 if g.paired else 1.0) for g in found])
     V, L = np.hstack([g.V for g in found]) * weights, np.vstack([g.L for g in found])
-    eigenvalues = np.concatenate([np.linalg.eigvals(g.T) for g in found])
     return Regime(
         np.minimum(np.real(eigenvalues), 0.0) + 1j * np.imag(eigenvalues),
         shapes @ (V[:n] / s[:, None]),
