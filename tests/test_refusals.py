@@ -116,3 +116,7 @@ def test_resonance_of_several_contacts_without_damping_is_refused_with_its_regim
     assert sb.reference(system, 5.0, "cvode-adams").horizon > 0.0
     damped = sb.System.from_matrices(np.eye(2), stiffness, 1e-6 * np.eye(2), loads=[load], contacts=contacts)
     assert sb.reference(damped, 5.0, method).horizon == 5.0
+
+
+def test_numbers_of_numpy_are_shown_as_numbers():
+    assert str(sb.InputError("x", (np.float64(1.5), np.int64(2)), "be one")) == "x must be one, got (1.5, 2)"
