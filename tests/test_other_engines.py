@@ -13,7 +13,6 @@ import stiffbeam as sb
 from stiffbeam.testset.problem import folder
 from stiffbeam.testset.verdicts import CONVERGES, FAILED, NOT_TAKEN
 
-STUDIES = Path(__file__).parent.parent / "studies"
 ADAPTERS = {"mujoco": "mujoco_engine.py", "exudyn": "exudyn_engine.py", "siconos": "siconos_engine.py",
             "getfem": "getfem_engine.py", "pybullet": "pybullet_engine.py"}  # fmt: skip
 
@@ -21,9 +20,8 @@ ADAPTERS = {"mujoco": "mujoco_engine.py", "exudyn": "exudyn_engine.py", "siconos
 @pytest.fixture
 def engines(monkeypatch):
     """(problem_file, recorded), as the adapters and the study import them."""
-    for place in (STUDIES / "engines", STUDIES):
-        monkeypatch.syspath_prepend(str(place))
-    return importlib.import_module("problem_file"), importlib.import_module("engines.recorded")
+    monkeypatch.syspath_prepend(str(Path(__file__).parent.parent / "studies" / "engines"))
+    return importlib.import_module("problem_file"), importlib.import_module("recorded")
 
 
 @pytest.mark.parametrize("name", sorted(sb.problems()))

@@ -73,4 +73,4 @@ def _residual(problem: Problem, dt: float) -> float:
 if __name__ == "__main__":
     gf.util_trace_level(0)
     version = debian_version("python3-getfem")
-    main("GetFEM Newmark", version, "beta 1/4, gamma 1/2, Newton to 1e-12 of the displacement", solve, limit=4e3)
+    main("GetFEM Newmark", version, "beta 1/4, gamma 1/2, Newton to 1e-12 of the displacement", solve, limit=1.5e3)

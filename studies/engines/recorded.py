@@ -31,7 +31,7 @@ class Recorded(Integrator):
     def levels(self, problem: Problem) -> Sequence[float]:
         made = [float(f.stem.removeprefix(f"{problem.name}-")) for f in self.out.glob(f"{problem.name}-*.npz")]
         found = sorted(x for x in made if (self.out / f"{problem.name}-{x:g}.npz").exists())
-        return found[::-1] if self.adaptive else found or [0.0]
+        return (found[::-1] if self.adaptive else found) or [0.0]
 
 
 def recorded(out: Path) -> Recorded:
