@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from contextlib import contextmanager
 
 Show = Callable[[str, int, int], None]
@@ -13,7 +13,7 @@ def silent(what: str, done: int, total: int) -> None:
 
 
 @contextmanager
-def progress() -> Iterator[Show]:
+def progress() -> Generator[Show, None, None]:
     """A progress display on stderr, or in a notebook; silent where there is neither.
 
     Yields show(what, done, total), total 0 where it is not known.
@@ -26,8 +26,8 @@ def progress() -> Iterator[Show]:
         SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), TextColumn("left"),
         TimeRemainingColumn(),
     )  # fmt: skip
-    shown = {"console": console, "transient": True, "disable": not (console.is_terminal or console.is_jupyter)}
-    with Progress(*columns, speed_estimate_period=600.0, **shown) as display:
+    hidden = not (console.is_terminal or console.is_jupyter)
+    with Progress(*columns, speed_estimate_period=600.0, console=console, transient=True, disable=hidden) as display:
         task = display.add_task("starting", total=None)
 
         def show(what: str, done: int, total: int) -> None:

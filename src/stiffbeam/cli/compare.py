@@ -6,7 +6,7 @@ import json
 import sys
 from io import StringIO
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -16,6 +16,14 @@ from ..references.registry import COMPARED
 from .application import app
 from .options import Case
 from .output import check_json, default_folder, file_name, make_folder, write_json
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
+
+    from ..files.case import Case as CaseFile
+    from ..schemes import Scheme
+    from ..studies.comparison import CaseComparison
+    from ..trajectory.trajectory import Reference, Trajectory
 
 
 @app.command()
@@ -58,7 +66,7 @@ def compare(
     written: list[Path] = []
     earlier: list[str] = []
 
-    def keep(run) -> None:
+    def keep(run: Trajectory) -> None:
         if not written:
             earlier.extend(_clear(folder))
         written.append(run.save(folder / f"{file_name(run.label)}.nc"))
@@ -79,7 +87,7 @@ def compare(
         raise typer.Exit(1)
 
 
-def _like_case(run, text: str, case):
+def _like_case(run: tuple[Scheme, str], text: str, case: CaseFile) -> tuple[Scheme, str]:
     """A bare ``hht`` or ``sdirk`` takes the parameters it has in the case."""
     scheme, form = run
     if "(" not in text and ".printed" not in text:
@@ -89,7 +97,7 @@ def _like_case(run, text: str, case):
     return run
 
 
-def _truth(case, form: str, t_end: float):
+def _truth(case: CaseFile, form: str, t_end: float) -> Reference | None:
     """The frozen solution of a table of the paper, None where its physics or span is another."""
     from ..studies.references import frozen, shipped
 
@@ -125,7 +133,7 @@ def _clear(folder: Path) -> list[str]:
     return removed
 
 
-def _draw(result, folder: Path) -> list[Path]:
+def _draw(result: CaseComparison, folder: Path) -> list[Path]:
     """The picture and the table as files."""
     from rich.console import Console
 
@@ -138,7 +146,8 @@ def _draw(result, folder: Path) -> list[Path]:
         from ..figures import save_figure
         from ..figures.comparison import four_panels
 
-        runs, references = ([x for x in xs if x.provenance["form"] == form] for xs in (result.runs, result.references))
+        runs = [run for run in result.runs if run.provenance["form"] == form]
+        references = [one for one in result.references if one.provenance["form"] == form]
         named = ": ".join(dict.fromkeys([result.case.name, result.case.title]))
         dt = units.measure(f"{result.case.dt:g}", "time")
         details = [form, f"dt = {dt}", result.case.grid, *filter(None, [units.note])]
@@ -152,13 +161,13 @@ def _draw(result, folder: Path) -> list[Path]:
     return written
 
 
-def _tables(result):
+def _tables(result: CaseComparison) -> RenderableType:
     from ..measures.report import comparison_tables
 
     return comparison_tables(result.comparisons, result.references, result.failures, result.truths)
 
 
-def _print_result(result, written: list[Path], earlier: list[str]) -> None:
+def _print_result(result: CaseComparison, written: list[Path], earlier: list[str]) -> None:
     from rich.console import Console
     from rich.text import Text
 

@@ -7,13 +7,16 @@ import platform
 import re
 import time
 from importlib.metadata import PackageNotFoundError, requires, version
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
 from .application import app
 from .options import Json
 from .output import check_json, write_json
+
+if TYPE_CHECKING:
+    from ..basics.progress import Show
 
 
 @app.command()
@@ -26,13 +29,14 @@ def doctor(json_file: Json = None) -> None:
 
     check_json(json_file)
     with progress() as show:
-        found = {"installed": _installed(), "places": _places(), "solvers": _solvers(show)}
-    good = all(solver["agrees"] for solver in found["solvers"])
+        installed, places, solvers = _installed(), _places(), _solvers(show)
+    found = {"installed": installed, "places": places, "solvers": solvers}
+    good = all(solver["agrees"] for solver in solvers)
     if not write_json(json.dumps(found, indent=2), json_file):
         table = Table(box=None, show_header=False, padding=(0, 2, 0, 0))
-        for name, value in [*found["installed"].items(), *found["places"].items()]:
+        for name, value in [*installed.items(), *places.items()]:
             table.add_row(name, str(value))
-        for solver in found["solvers"]:
+        for solver in solvers:
             table.add_row(solver["name"], f"{'works' if solver['agrees'] else 'fails'}, {solver['said']}")
         Console(highlight=False).print(table)
     raise typer.Exit(0 if good else 1)
@@ -72,7 +76,7 @@ def _places() -> dict[str, Any]:
     }
 
 
-def _solvers(show) -> list[dict[str, Any]]:
+def _solvers(show: Show) -> list[dict[str, Any]]:
     """Every reference, and a scheme, on a mass that meets a stop once, held against the exact solution."""
     import numpy as np
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import json
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from ..basics.progress import progress
+from ..basics.progress import Show, progress
 from ..references.registry import METHODS
 from .application import app
 from .output import make_folder
@@ -65,7 +65,10 @@ def reference_command(
         raise typer.Exit(1)
 
 
-def _references(name, method, form, digits, rtol, t_end, budget, out, cache, doubles, show) -> list[dict]:
+def _references(
+    name: str, method: str, form: str | None, digits: str, rtol: float, t_end: float | None, budget: float,
+    out: Path | None, cache: bool, doubles: bool, show: Show,
+) -> list[dict[str, Any]]:  # fmt: skip
     """One reference, saved, or the agreement of all methods."""
     from dataclasses import replace
 
@@ -117,7 +120,7 @@ def _references(name, method, form, digits, rtol, t_end, budget, out, cache, dou
     return [record]
 
 
-def _print_agreement(record: dict) -> None:
+def _print_agreement(record: dict[str, Any]) -> None:
     from rich import box
     from rich.console import Console
     from rich.table import Table

@@ -7,7 +7,7 @@ import shlex
 import shutil
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -81,7 +81,7 @@ def _command() -> str:
     return shlex.join(["stiffbeam", *sys.argv[1:]])
 
 
-def _print(records: dict) -> None:
+def _print(records: dict[str, Any]) -> None:
     from rich import box
     from rich.console import Console
     from rich.table import Table

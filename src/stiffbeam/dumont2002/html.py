@@ -1,4 +1,4 @@
-"""A few lines of HTML: elements that escape what they hold, tables aligned on their decimals."""
+"""A few lines of HTML: elements that escape their content, tables aligned on their decimals."""
 
 from __future__ import annotations
 
@@ -110,10 +110,12 @@ def definition_list(entries: Sequence[tuple[object, object]], class_: str) -> Ht
 
 
 def paragraph(*content: object, class_: str | None = None) -> Html:
+    """A <p> with an optional class."""
     return element("p", *content, class_=class_)
 
 
 def code(text: str) -> Html:
+    """A <code> element."""
     return element("code", text)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import multiprocessing
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from dataclasses import dataclass
 from pathlib import Path
@@ -53,6 +53,7 @@ class Job:
 
     @property
     def point(self) -> dict[str, Any]:
+        """The point that the journal knows this job by."""
         return self.reading.to_dict() | {"members": self.members, "exact_members": self.exact_members}
 
 
@@ -86,7 +87,7 @@ def make_tables(
     return {number: found[number] for number in sorted(found)}
 
 
-def _run(waiting: dict[int, Job], jobs: int, done: int, progress: Progress):
+def _run(waiting: dict[int, Job], jobs: int, done: int, progress: Progress) -> Iterator[tuple[int, dict[str, Any]]]:
     """(table, row) of every job as it is finished."""
     total = done + len(waiting)
     if jobs == 1 or len(waiting) == 1:
@@ -99,7 +100,7 @@ def _run(waiting: dict[int, Job], jobs: int, done: int, progress: Progress):
     # Spawned: a forked process with threads in it may hang.
     context, threads = multiprocessing.get_context("spawn"), max(1, cores() // jobs)
     with ProcessPoolExecutor(jobs, context, begin_worker, (threads,)) as pool:
-        running: dict[Future, int] = {}
+        running: dict[Future[Any], int] = {}
         try:
             while queue or running:
                 while queue and len(running) < jobs:

@@ -76,6 +76,7 @@ def write_page(
 
 
 def style() -> str:
+    """The style sheet that is put into the page."""
     return files("stiffbeam.dumont2002").joinpath("style.css").read_text(encoding="utf-8")
 
 

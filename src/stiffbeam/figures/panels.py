@@ -14,6 +14,7 @@ from ..basics.whole_file import write_whole
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
     from matplotlib.figure import Figure
 
     from ..files.cases import Case
@@ -50,7 +51,7 @@ def log_scale(axis: Axes, x: bool = True, y: bool = True) -> None:
         _few_ticks(axis.yaxis, axis.dataLim.y1 / axis.dataLim.minposy)
 
 
-def _few_ticks(axis, span: float) -> None:
+def _few_ticks(axis: Axis, span: float) -> None:
     """Over less than a decade, ticks at 1, 2 and 5 only: all nine would be written over each other."""
     from matplotlib.ticker import LogFormatterSciNotation, LogLocator, NullFormatter
 

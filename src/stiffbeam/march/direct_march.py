@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -49,7 +50,7 @@ class _View:
     equation: Matrices | FirstOrder
     system: System
     y0: Array
-    loads: tuple
+    loads: tuple[Any, ...]
     rows: Array  # (channels, n), contacts first
     columns: Array  # (contacts, n): what a unit contact force adds to the right-hand side
     to_states: Callable[[Array], tuple[Array, Array]]  # z (k, order, n) -> q, q'

@@ -210,6 +210,7 @@ class Plan:
         return Plan.of, (self.given, self.scheme, self.dt, self.t_end, self.contact, 1, self.engine)
 
     def provenance(self, every: int | None) -> dict[str, Any]:
+        """What the trajectory says of how it was made."""
         return {
             "method": str(self.scheme),
             "form": self.form,

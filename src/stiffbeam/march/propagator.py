@@ -218,4 +218,5 @@ def entries_of(probed: Probe, rows: Array, contacts: int, end_channels: Array) -
 
 
 def modal_rows(system: System, basis: Modes) -> Array:
+    """The rows of the channels in modal coordinates, shape (channels, n)."""
     return np.array([basis.force(row) for row, _ in system.channels])  # (channels, n)

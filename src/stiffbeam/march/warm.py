@@ -20,7 +20,7 @@ from .kernels import blocks as kernel
 from .kernels.layout import Block, Forcing, Inflow, Kept, Marchers
 
 COMPILING = "compiling the march, once for this version"  # said while it is waited for
-_beside: subprocess.Popen | None = None
+_beside: subprocess.Popen[bytes] | None = None
 
 
 def compiled() -> bool:

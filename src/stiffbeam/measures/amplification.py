@@ -1,4 +1,4 @@
-"""Amplification: what one step makes of a free oscillation, as a function of dt over its period."""
+"""Amplification: the effect of one step on a free oscillation, as a function of dt over its period."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Amplification:
         damping_ratio      -ln |lambda|/sqrt(ln^2 |lambda| + (W dt)^2): xi itself for the exact flow
 
     The last two are NaN where the principal roots are real. Beyond dt/T = 1/2 the sampled oscillation is
-    aliased, and they compare what a reader of the samples would take for the frequency.
+    aliased, and they are those of the alias frequency.
     Source: Hughes, The Finite Element Method (1987), Section 9.3.
     """
 

@@ -1,4 +1,4 @@
-"""Tables on the terminal and in notebooks, where rich would show what it is told to write: force_jupyter=False."""
+"""Tables on the terminal and in notebooks, with force_jupyter=False: there rich would display them at once."""
 
 from __future__ import annotations
 
@@ -72,9 +72,9 @@ def _matched(until: float, window: float) -> str:
 
 
 def common_window(comparisons: Sequence[Comparison]) -> float:
-    """The time to which the impacts of all the runs match: there their errors can be held against one another.
+    """The time to which the impacts of all the runs match: up to it their errors can be compared.
 
-    A run that misses the first impact leaves the time before that; the horizon where a run has no such time.
+    If a run misses the first impact, it is the time before that impact; the horizon if a run has no such time.
     """
     return min((c.matched_until for c in comparisons if c.matched_until > c.dt), default=comparisons[0].window)
 
@@ -118,7 +118,7 @@ def _table(title: str, headings: Sequence[str]) -> Table:
 
 
 def _inside(comparisons: Sequence[Comparison]) -> Table:
-    """The measures on [0, horizon] of one form's runs; their errors as long as all of them are on one motion."""
+    """The measures on [0, horizon] of one form's runs; errors while the impacts of all of them match."""
     first = comparisons[0]
     units = first.units
     method, _, form = first.reference.partition("@")
@@ -249,9 +249,7 @@ def _explanation(comparisons: Sequence[Comparison], references: Sequence[Referen
             "Modes that do not decouple march without the compiler.",
         ]
     if any(map(_several, comparisons)):
-        lines.append(
-            "Several contacts: a run's impacts part where they do at the first contact to fail; each has a line."
-        )
+        lines.append("Several contacts: impacts match as long as they do at every contact; each contact has a line.")
     lines += [f"{c.label.partition('@')[0]}, {reason}." for c in comparisons for reason in c.missing]
     return "\n".join(lines) + "\n"
 

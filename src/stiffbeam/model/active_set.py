@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..basics.arrays import Array
 from ..basics.compiled import compiled
 from .contact_law import G1, G2, KAPPA
 
 
 @compiled
-def solve_node(r, compliance, law):
+def solve_node(r: Array, compliance: Array, law: Array) -> Array:
     """The forces F (m,) with v = r + S F and F_c = F_c(v_c), S symmetric positive semidefinite, laws (m, 3).
 
     They minimise 1/2 F^T S F + r^T F + sum_c (F_c^2/(2 kappa_c) - g_c F_c), g_c the stop that F_c comes
     from. Lawson and Hanson's active set: close the contact that penetrates most, solve for the closed
-    ones, and go only as far as no force changes sign, opening those that reach zero. It ends because
-    the minimum over the closed contacts falls at every turn.
+    ones, and go only as far as no force changes sign, opening those that reach zero. It ends, because every iteration
+    lowers the minimum over the closed contacts.
     """
     m = r.size
     kappa, g1, g2 = law[:, KAPPA], law[:, G1], law[:, G2]

@@ -24,7 +24,7 @@ class Drive:
     """The d = 1 + 2 F functions of time that the harmonic and constant loads of a system are made of, and its
     R ``records``, the Sampled functions among its loads and offsets, each once.
 
-    Two frequencies that are one in float64 only count as two: multiprecision tells them apart.
+    Two frequencies that are equal in float64 but not exactly count as two: multiprecision distinguishes them.
     """
 
     frequencies: tuple[float, ...]
@@ -32,6 +32,7 @@ class Drive:
 
     @classmethod
     def of(cls, system: System) -> Drive:
+        """The drive of all loads and all stop motions of ``system``."""
         functions = [f for _, f in system.loads] + [offset for _, offset in system.channels]
         leaves = [leaf for function in functions for leaf in parts_of(function)]
         frequencies = {exact_value(f.frequency): f.frequency for f in leaves if isinstance(f, Harmonic)}

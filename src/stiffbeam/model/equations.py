@@ -83,6 +83,7 @@ class SecondOrder(Equation):
     order = 2
 
     def velocity(self, y: Array) -> Array:
+        """q'."""
         return y[1]
 
     def rate(self, y: Array, force: Array) -> Array:
@@ -104,18 +105,22 @@ class Matrices(SecondOrder):
 
     def __init__(self, mass: Array, damping: Array, stiffness: Array) -> None:
         self._mass, self._damping, self._stiffness = mass, damping, stiffness
-        self._factors: dict[tuple, Any] = {}
+        self._factors: dict[tuple[Any, ...], Any] = {}
 
     def mass(self, x: Array) -> Array:
+        """M x for every row of x, shape (..., n)."""
         return x @ self._mass
 
     def damping(self, x: Array) -> Array:
+        """C x for every row of x."""
         return x @ self._damping
 
     def stiffness(self, x: Array) -> Array:
+        """K x for every row of x."""
         return x @ self._stiffness
 
     def solve(self, a: float, b: float, x: Array) -> Array:
+        """By Cholesky factors, kept for every pair (a, b); x has shape (..., n)."""
         if (a, b) not in self._factors:
             matrix = self._mass + a * self._damping + b * self._stiffness
             self._factors[a, b] = scipy.linalg.cho_factor(matrix)
@@ -124,6 +129,7 @@ class Matrices(SecondOrder):
         return scipy.linalg.cho_solve(self._factors[a, b], flat, check_finite=False).T.reshape(x.shape)
 
     def flow(self, t: float, y: Array, force0: Array, force1: Array) -> Array:
+        """By the exponential of the block matrix of (q, v), kept for every t."""
         if ("flow", t) not in self._factors:
             n = len(self._mass)
             inverse = np.linalg.inv(self._mass)
@@ -149,18 +155,23 @@ class Modal(SecondOrder):
         self._recursions: dict[float, tuple[Array, Array]] = {}
 
     def mass(self, x: Array) -> Array:
+        """x: the modes are mass-normalised."""
         return x
 
     def damping(self, x: Array) -> Array:
+        """x times the damping of each mode."""
         return self._damping * x
 
     def stiffness(self, x: Array) -> Array:
+        """x times omega^2 of each mode."""
         return self._stiffness * x
 
     def solve(self, a: float, b: float, x: Array) -> Array:
+        """One division a mode."""
         return x / (1.0 + a * self._damping + b * self._stiffness)
 
     def flow(self, t: float, y: Array, force0: Array, force1: Array) -> Array:
+        """By ``oscillation`` of each mode, kept for every t."""
         if t not in self._flows:
             self._flows[t] = oscillation(np.sqrt(self._stiffness), self._damping, t)
         C, S, rate, V, X = self._flows[t]
@@ -176,6 +187,7 @@ class Modal(SecondOrder):
         return self._recursions[t]
 
     def backward(self, t: float, y: Array, force: Array) -> Array:
+        """C q - S v + V f of the motion with negative damping."""
         C, S, _, V, _ = oscillation(np.sqrt(self._stiffness), -self._damping, t)
         return C * y[0] - S * y[1] + V * force
 
@@ -199,9 +211,11 @@ class FirstOrder(Equation):
         self._factors: dict[float, object] = {}
 
     def velocity(self, y: Array) -> Array:
+        """A y, the rate of all unknowns without force."""
         return y[0] @ self._matrix.T
 
     def rate(self, y: Array, force: Array) -> Array:
+        """A y + f for every row of y."""
         return y @ self._matrix.T + force
 
     def flow(self, t: float, y: Array, force0: Array, force1: Array) -> Array:
@@ -212,6 +226,7 @@ class FirstOrder(Equation):
         return y @ E.T + force0 @ P.T + (force1 - force0) @ Q.T
 
     def implicit_rate(self, c: float, r: Array, force: Array) -> Array:
+        """k = (I - c A)^-1 (A r + f), by LU factors kept for every c."""
         if c not in self._factors:
             self._factors[c] = scipy.linalg.lu_factor(np.eye(len(self._matrix)) - c * self._matrix)
         right = self.rate(r, force)

@@ -29,6 +29,7 @@ class Modes:
 
     @property
     def equation(self) -> Modal:
+        """The decoupled equations as a scheme sees them."""
         return Modal(self.omega, self.damping)
 
     def to_modal(self, q: Array) -> Array:

@@ -13,6 +13,7 @@ from ..basics.arrays import Array
 from ..basics.threads import cores, over_slices
 from ..basics.validation import numbers, positive
 from ..model.members import Members, as_members
+from ..model.modes import Modes
 from ..model.system import System
 from ..trajectory.ensemble import MEMBERS_PER_SLICE, Ensemble, Progress, gathered, record_from
 from ..trajectory.ledger import Ledger
@@ -43,7 +44,7 @@ def reference_ensemble(
     t_end = positive("t_end", t_end)
     at = np.array([0.0, float(t_end)]) if t_eval is None else times
     record_from(since, t_end)
-    known: dict = {}  # modes, shared between members; the first one finds them
+    known: dict[float, Modes] = {}  # modes, shared between members; the first one finds them
     first = solve_exact(members[0], t_end, at, known=known, since=since)
     watched = solve_exact(members[0], t_end, known=known)
     horizon, _ = exact_horizon(watched, members[0], t_end)

@@ -1,9 +1,10 @@
-"""What a step must keep: linear in state, loads and reactions, causal in the nodes, a pure function."""
+"""The contract of a step: linear in state, loads and reactions, causal in the nodes, a pure function."""
 
 from __future__ import annotations
 
 import numpy as np
 
+from ..basics.arrays import Array
 from ..basics.validation import InputError
 from ..model.equations import Modal
 from .scheme import Scheme
@@ -13,7 +14,7 @@ TOLERANCE = 1e-10  # of rounding; a broken contract shows at order one
 
 
 def check_contract(scheme: Scheme) -> None:
-    """Raise InputError where ``step`` breaks what both marches build on.
+    """Raise InputError where ``step`` breaks the contract that both marches rely on.
 
     Tried on two damped modes with random states, loads and reactions: step(x + 2 y) = step(x) + 2 step(y),
     and so for ``predict``; no state at a node changes with a load or a reaction at a later one; nothing in
@@ -30,7 +31,7 @@ def check_contract(scheme: Scheme) -> None:
     history = [rng.normal(size=(2, 2)) for _ in range(scheme.history)]
     shape = scheme.initial(equation, history, rng.normal(size=2)).shape
 
-    def step(z, forces):
+    def step(z: Array, forces: Array) -> tuple[Array, Array, Array]:
         z_new, stages = scheme.step(equation, dt, z, list(forces[0]), list(forces[1]))
         if len(stages) != nodes or any(np.shape(y) != (2, 2) for y in stages) or np.shape(z_new) != shape:
             got = f"{len(stages)} states at nodes, of shapes {[np.shape(y) for y in stages]}, and {np.shape(z_new)}"

@@ -33,5 +33,6 @@ class HHT(WeightedNewmark):
         self.gamma = 0.5 - self.alpha
 
     @property
-    def parameters(self):
+    def parameters(self) -> dict[str, float]:
+        """``alpha`` in the paper's sign, in [-1/3, 0]."""
         return {"alpha": self.alpha}

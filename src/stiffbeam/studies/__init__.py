@@ -8,7 +8,7 @@ from typing import Any
 from ..basics.validation import one_of
 from .engine.study import Records, Study
 
-# In the order in which they answer: one step, one run, many runs, many steps.
+# In this order: one step, one run, many runs, many steps.
 STUDIES = {
     "amplification": "One step on a free oscillation: radius, period elongation, damping.",
     "modes": "Phase lag and damping mode by mode on runs without contact, against theory.",

@@ -6,13 +6,13 @@
     error(impulse)     likewise, of the integral of |sigma|
 
 of several contacts the largest. Every scheme runs with 2^k n steps, k = 0, 1, ...; a step counts where it and its
-half both meet what is wanted, since errors through contact do not shrink evenly. The cheapest in linear solves
+half both meet what is wanted, since errors through contact do not decrease steadily. The cheapest in linear solves
 (steps times stages) is named: whatever solves the system, that is what a step costs.
 
 Past the horizon one motion has no meaning, so there the means over perturbed members are compared, and a mean is
 right where it and the 95 % interval of the difference lie within what is wanted; the tip has no such mean. The members
-differ by a thousandth of the motion: they part as soon as a scheme parts from the exact motion. Members closer together
-would all follow that scheme's own single motion first, and their mean would be luck.
+differ by a thousandth of the motion: they diverge as soon as a scheme diverges from the exact motion. Members closer
+together would all follow one motion of that scheme first, and their mean would say nothing about the distribution.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ QUANTITIES = ("tip", "impacts", "peak_force", "impulse")
 WANT = {"tip": 1e-3, "impacts": 0.05, "peak_force": 0.05}
 PER_PERIOD = 8  # steps of the coarsest run in the shorter of the lowest natural period and the drive's
 MOST_STEPS, MOST_DIRECT, MOST_MEMBER = 2**20, 2**14, 2**11  # of a run; marched with matrices, a thousand times slower
-PAST = "past the horizon t = {:.4g} no step gives one motion: neighbours 1e-16 apart have parted there"
+PAST = "past the horizon t = {:.4g} no step gives one motion: motions 1e-16 apart have diverged there"
 
 
 @dataclass(frozen=True)
@@ -62,18 +62,20 @@ class Probe:
 
     @property
     def label(self) -> str:
+        """The scheme, and the contact treatment where it is not the implicit one."""
         return f"{self.scheme}" + (f", {self.contact} contact" if self.contact != "implicit" else "")
 
     def meets(self, want: Mapping[str, float]) -> bool:
+        """Whether every error is at most the one wanted."""
         return all(self.errors[name] <= tolerance for name, tolerance in want.items())
 
 
 @dataclass(frozen=True)
 class Advice:
-    """What ``advise`` found. chosen: the advised run, None where there is none. cannot: what cannot be had, and
-    why; the advised run meets the rest. trusted_until: the time to which its tip stays within the wanted error
+    """What ``advise`` found. chosen: the advised run, None where there is none. cannot: what no run gives, and why; the
+    advised run gives the rest. trusted_until: the time to which its tip stays within the wanted error
     (without one, 1e-3), at most the horizon. members: of the ensembles, 0 where one motion was compared. scatter: the
-    standard deviation of one exact member, over the mean, by quantity: what a single run may be off by chance."""
+    standard deviation of one exact member, over the mean, by quantity: the deviation of a single run by chance."""
 
     want: dict[str, float]
     t_end: float
@@ -135,6 +137,7 @@ class Advice:
 
     @property
     def want_met(self) -> list[str]:
+        """The quantities whose wanted errors can be met."""
         return [name for name in self.want if name not in self.cannot]
 
     def __repr__(self) -> str:

@@ -76,6 +76,7 @@ def scheme_of(label: str) -> Scheme:
 
 
 def system_of(case: Case, form: str) -> System:
+    """The system of ``case`` in ``form``, made once per process."""
     return case.system(form)
 
 

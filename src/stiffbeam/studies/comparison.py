@@ -37,6 +37,7 @@ class CaseComparison:
         return f"<CaseComparison {self.case.name}: {len(self.comparisons)} compared, {len(self.failures)} failed>"
 
     def to_dict(self) -> dict[str, Any]:
+        """Case, comparisons and failures as plain numbers and texts, for JSON."""
         return {
             "case": self.case.name,
             "title": self.case.title,
@@ -121,7 +122,7 @@ def compare_case(
             if main.horizon < case.t_end and (true := truth(case, form, case.t_end)) is not None:
                 result.truths[form] = true
     if not result.runs and refused and all(isinstance(error, InputError) and error.field != "dt" for error in refused):
-        raise refused[0]  # nothing was run: not a scheme but what was asked is at fault
+        raise refused[0]  # nothing was run: the fault is in the input, not in a scheme
     return result
 
 

@@ -3,7 +3,7 @@
     duration = t_exit - t_entry
 
 Of the exact motion both are events, of a scheme crossings of the stop by the cubic Hermite interpolant of its
-steps. Through the first impacts the i-th contact of a run is held against the i-th exact one, as long as they
+steps. Through the first impacts the i-th contact of a run is compared with the i-th exact one, as long as they
 match. Past it only distributions over perturbed members can be compared. Most contacts are short bounces, most of
 the time in contact is spent in a few long ones; so two numbers are given, the median over the contacts and the
 duration beyond which half of the time in contact is spent. Contacts that are open at the end are left out, and
@@ -45,6 +45,7 @@ from .common import (
 from .engine.study import Point, Records, Row, Rows, Study
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 SIDES = {1: "upper", -1: "lower"}
@@ -80,6 +81,7 @@ def points(
 
 
 def evaluate(case: Case, point: Point) -> list[Row]:
+    """Rows of matched contacts, or of an ensemble, as the point says."""
     return {"pairs": _pairs, "ensemble": _ensemble}[point["task"]](case, point)
 
 
@@ -140,6 +142,7 @@ def half_time(durations: Array) -> float:
 
 
 def answer(rows: Rows, case: Case) -> str:
+    """A sentence for every stop of every contact."""
     return (
         " ".join(
             f"The {name} stop{place}: {sentence}"
@@ -194,7 +197,7 @@ def draw(records: Records) -> Figure:
     return figure
 
 
-def _errors(axis, rows: Sequence[Row]) -> None:
+def _errors(axis: Axes, rows: Sequence[Row]) -> None:
     """The largest error at any stop; hollow where some of the exact contacts have no match."""
     for label in dict.fromkeys(row["method"] for row in rows):
         own: dict[float, list[Row]] = {}
@@ -206,7 +209,7 @@ def _errors(axis, rows: Sequence[Row]) -> None:
         whole = np.array([all(row["pairs"] == row["exact"] for row in own[dt]) for dt in some], bool)
         style = look(label)
         axis.plot(steps, np.where(whole, errors, np.nan), ms=4.5, lw=1.1, label=short(label), **style)
-        axis.plot(steps[~whole], errors[~whole], ms=4.0, mfc="white", **style | {"linestyle": ""})
+        axis.plot(steps[~whole], errors[~whole], ms=4.0, mfc="white", **dict(style, linestyle=""))
     axis.grid(color="0.92")
     if axis.get_lines() and np.isfinite(axis.dataLim.minposy):
         log_scale(axis)
@@ -215,10 +218,10 @@ def _errors(axis, rows: Sequence[Row]) -> None:
         say_empty(axis, "no contact matches")
 
 
-def _distributions(axis, rows: Sequence[Row]) -> None:
+def _distributions(axis: Axes, rows: Sequence[Row]) -> None:
     for label in dict.fromkeys(row["method"] for row in rows):
         own = [row for row in rows if row["method"] == label]
-        style = look(label) | {"marker": "", "lw": 2.2 if label == "exact" else 1.2}
+        style = dict(look(label), marker="", lw=2.2 if label == "exact" else 1.2)
         axis.plot(column(own, "duration"), column(own, "level"), label=short(label), **style)
     steps = [row["dt"] for row in rows if row["method"] != "exact"]
     if steps and np.isfinite(steps[0]):

@@ -18,6 +18,7 @@ from .common import Dt, End, Forms, Schemes, Treatment, scheme_labels, scheme_of
 from .engine.study import Point, Records, Row, Rows, Study
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 OUTPUTS = 200  # times at which the ledger is kept
@@ -34,7 +35,7 @@ def points(
 ) -> list[Point]:
     """The exact flow and every scheme on every form that the case can take; first-order marches for two schemes.
 
-    The exact flow is followed to its horizon, where a float64 solution still is one.
+    The exact flow is followed to its horizon, to which the float64 solution holds.
     """
     dt, t_end = case.dt if dt is None else dt, case.t_end if t_end is None else t_end
     labels = scheme_labels(case, schemes)
@@ -52,6 +53,7 @@ def points(
 
 
 def evaluate(case: Case, point: Point) -> list[Row]:
+    """The ledger of one run at OUTPUTS times; that of the exact flow ends at its horizon."""
     form = point["form"]
     system = system_of(case, form.removesuffix(FIRST_ORDER))
     if point["scheme"] == "exact":
@@ -82,6 +84,7 @@ def last_rows(rows: Rows) -> list[Row]:
 
 
 def answer(rows: Rows, case: Case) -> str:
+    """What every run has lost at its end, relative to the energy put in, and how much of it in contact."""
     units = case.units
     parts, exact = [], []
     for row in last_rows(rows):
@@ -146,7 +149,7 @@ def _share(own: Sequence[Row], name: str) -> Array:
     return 100.0 * column(own, name) / np.where(had > 0.0, had, np.nan)
 
 
-def _bars(axis, runs: dict[tuple[str, str], list[Row]], units: Units) -> None:
+def _bars(axis: Axes, runs: dict[tuple[str, str], list[Row]], units: Units) -> None:
     """The last share of every run, in contact and free side by side on either side of zero, cut at +-MOST."""
     place, ticks, names = 0.0, [], []
     last_form = None

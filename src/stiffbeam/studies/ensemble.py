@@ -20,6 +20,7 @@ from .common import Dt, End, Form, Schemes, Treatment, by_contact, scheme_labels
 from .engine.study import Point, Records, Row, Rows, Study
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
@@ -50,6 +51,7 @@ def points(
 
 
 def evaluate(case: Case, point: Point) -> list[Row]:
+    """Rows of members, quantiles of peak forces and the spectrum, of one method."""
     system = system_of(case, point["form"])
     dt, t_end = point["dt"], point["t_end"]
     members = perturbed(system, point["members"], point["size"], point["seed"])
@@ -115,6 +117,7 @@ def difference(a: Array, b: Array) -> tuple[float, float]:
 
 
 def answer(rows: Rows, case: Case) -> str:
+    """Mean counts of impacts against the exact ensemble, with their intervals, contact by contact."""
     found = [_answer(own, case) + (f" (All{place}.)" if place else "") for place, own in by_contact(rows).items()]
     return " ".join(found)
 
@@ -197,7 +200,7 @@ def draw(records: Records) -> Figure:
     return figure
 
 
-def _boxes(axis, lines, quantity: str, scale: float) -> None:
+def _boxes(axis: Axes, lines: list[tuple[str, str, list[Row]]], quantity: str, scale: float) -> None:
     """Every member as a dot in the line of its method and contact, the mean as a bar, the exact mean right through."""
     jitter = np.random.default_rng(0)
     for i, (method, _, rows) in enumerate(lines):
@@ -209,11 +212,11 @@ def _boxes(axis, lines, quantity: str, scale: float) -> None:
         axis.plot(values, heights, ls="", marker=".", ms=3, color=style["color"], alpha=0.45)
         axis.plot([np.mean(values)] * 2, [i - 0.38, i + 0.38], color=style["color"], lw=2.2)
         if method == "exact":
-            axis.axvline(np.mean(values), color="black", lw=0.8, ls=":")
+            axis.axvline(float(np.mean(values)), color="black", lw=0.8, ls=":")
     axis.margins(x=0.04)
 
 
-def _peaks(axis, lines) -> None:
+def _peaks(axis: Axes, lines: list[tuple[str, str, list[Row]]]) -> None:
     """Quantiles of the peak force of all impacts."""
     for i, (method, _, rows) in enumerate(lines):
         own = [row for row in rows if row["kind"] == "peak" and row["method"] == method]
@@ -227,7 +230,7 @@ def _peaks(axis, lines) -> None:
     axis.set_title("(d) forces: median, 50 %, 90 %", loc="left")
 
 
-def _spectra(axis, rows, methods) -> None:
+def _spectra(axis: Axes, rows: list[Row], methods: list[str]) -> None:
     top = 0.0
     for method in methods:
         own = [row for row in rows if row["kind"] == "spectrum" and row["method"] == method]

@@ -1,4 +1,4 @@
-"""Phase lag and dissipation mode by mode, measured on runs without contact and held against theory."""
+"""Phase lag and dissipation mode by mode, measured on runs without contact and compared with theory."""
 
 from __future__ import annotations
 
@@ -31,14 +31,15 @@ def points(
 ) -> list[Point]:
     """One point a scheme: ``steps`` steps of ``dt`` (the case's) from initial data that excite every mode.
 
-    Modes of fewer than two steps a period are left out: a step that turns them by more than half a turn cannot be
-    told from one that turns them back.
+    Modes of fewer than two steps a period are left out: a rotation by more than half a turn per step looks like one
+    backwards.
     """
     dt = case.dt if dt is None else dt
     return [{"scheme": label, "form": form, "dt": dt, "steps": steps} for label in scheme_labels(case, schemes)]
 
 
 def evaluate(case: Case, point: Point) -> list[Row]:
+    """One row for each mode with omega dt < pi: elongation and damping, measured and in theory."""
     system = replace(without_contact(system_of(case, point["form"])), loads=())
     basis = modes(system)
     if basis is None:
@@ -75,6 +76,7 @@ def evaluate(case: Case, point: Point) -> list[Row]:
 
 
 def answer(rows: Rows, _: Case) -> str:
+    """How many of the measured values agree with theory, and lag and damping of the first mode of each scheme."""
     measured = [r for r in rows if np.isfinite(r["period_elongation"])]
     inside = [
         abs(r[name] - r[f"{name}_theory"]) <= r[f"{name}_error"] + 1e-10

@@ -38,6 +38,7 @@ from .common import (
 from .engine.study import Point, Records, Row, Rows, Study
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 SLOW, TOO_SLOW = 1.0, 10.0  # seconds in the registry: only the two loosest tolerances, not at all, unless asked for
@@ -94,6 +95,7 @@ def points(
 
 
 def evaluate(case: Case, point: Point) -> list[Row]:
+    """One row: work, seconds and tip error of one method at one step or tolerance."""
     system = system_of(case, point["form"])
     exact = solve_once(system, case.t_end)
     measured = (_scheme if point["dt"] else _solver)(system, exact, point, point["t_end"])
@@ -170,6 +172,7 @@ def cheapest(rows: Rows, error: float, cost: str) -> list[tuple[float, str]]:
 
 
 def answer(rows: Rows, case: Case) -> str:
+    """What each method needs for a given error, and how long the impacts match."""
     units = case.units
     exact = next((r for r in rows if r["method"] == "exact"), None)
     others = [r for r in rows if r["method"] != "exact"]
@@ -252,7 +255,7 @@ def draw(records: Records) -> Figure:
     return figure
 
 
-def _curves(axis, rows: Sequence[Row], cost: str, result: str) -> None:
+def _curves(axis: Axes, rows: Sequence[Row], cost: str, result: str) -> None:
     for label in dict.fromkeys(row["method"] for row in rows):
         own = [row for row in rows if row["method"] == label]
         own.sort(key=lambda row: (row["dt"], row["rtol"]))
@@ -261,7 +264,7 @@ def _curves(axis, rows: Sequence[Row], cost: str, result: str) -> None:
         axis.plot(column(own, cost), y, ms=4.5, lw=1.1, label=short(label), **look(label))
 
 
-def _whiskers(axis, rows: Sequence[Row]) -> None:
+def _whiskers(axis: Axes, rows: Sequence[Row]) -> None:
     for row in rows:
         seconds, error = row["seconds"], row["error"]
         ends = [max(seconds - row["python"], 0.02 * seconds), seconds + row["setup"]]
@@ -272,7 +275,7 @@ def _whiskers(axis, rows: Sequence[Row]) -> None:
     )  # fmt: skip
 
 
-def _failed(axis, rows: Sequence[Row]) -> None:
+def _failed(axis: Axes, rows: Sequence[Row]) -> None:
     """Crosses along the top edge, one a method, above its name and how many of its points failed."""
     counts = Counter(row["method"] for row in rows if "failed" in row or "refused" in row)
     tried = Counter(row["method"] for row in rows)

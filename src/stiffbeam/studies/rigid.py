@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
+from ..basics.arrays import Array
 from ..basics.validation import InputError, positive
 from ..figures import COLOURS, MARKERS, column, dashed, heading, log_scale, new_figure, numeric, say_empty
 from ..files.cases import Case
@@ -47,6 +48,7 @@ def points(
 
 
 def evaluate(case: Case, point: Point) -> list[Row]:
+    """One row: how far the compliant motion at one stiffness is from the rigid one."""
     system = system_of(case, point["form"])
     stops = system.contacts[0].stops
     kappa = stops.stiffness * point["factor"]
@@ -79,7 +81,7 @@ def evaluate(case: Case, point: Point) -> list[Row]:
     ]
 
 
-def _impulse_error(found, wanted) -> float:
+def _impulse_error(found: Array, wanted: Array) -> float:
     """Of the first impact whose impulse is known, relative."""
     known = np.isfinite(found)
     return float(abs(found[known][0] / wanted[known][0] - 1.0)) if np.any(known) else float("nan")
@@ -91,6 +93,7 @@ def same_impacts(rows: Rows) -> list[Row]:
 
 
 def answer(rows: Rows, case: Case) -> str:
+    """The observed order in 1/kappa, and the error at the smallest stiffness."""
     units = case.units
     near = same_impacts(rows)
     if len(near) < 2:

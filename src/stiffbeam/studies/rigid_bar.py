@@ -1,4 +1,4 @@
-"""The bake-off of schemes on a rigid wall: the bouncing bar, whose solution is known in rational numbers."""
+"""All schemes on a rigid wall: the bouncing bar, whose solution is known in rational numbers."""
 
 from __future__ import annotations
 
@@ -137,6 +137,7 @@ def _order(rows: list[dict[str, Any]], name: str) -> Any:
 
 
 def answer(rows: Rows, case: Case) -> str:
+    """Errors of energy, pressure, penetration and foot on the finest grid, for every scheme and wall."""
     parts = []
     for name, own in _entries(rows).items():
         fine = _finest(own)

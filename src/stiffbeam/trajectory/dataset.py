@@ -106,7 +106,7 @@ def to_xarray(run: Trajectory) -> xr.Dataset:
 
 
 def save(run: Trajectory, file: str | Path) -> Path:
-    """Write ``run`` in the format that the suffix names; the file appears whole or not at all.
+    """Write ``run`` in the format that the suffix names; an interrupted write leaves no file.
 
     .nc, .nc4, .h5: netCDF-4 with everything, which alone ``stiffbeam.load`` reads. .csv: a line per output time,
     ``run.to_dataframe()``; impacts have a table of their own, ``run.impacts.to_dataframe()``. .mat: the same

@@ -62,6 +62,7 @@ def ensemble_dataset(many: Ensemble) -> xr.Dataset:
 
 
 def save_ensemble(many: Ensemble, file: str | Path) -> Path:
+    """Write ``many`` to a .nc or .csv file and return its path; InputError for another suffix."""
     suffix = Path(file).suffix.lower()
     if suffix not in SUFFIXES:
         raise InputError("file", str(file), f"end in {' or '.join(SUFFIXES)}", f"name it {Path(file).stem}.nc")

@@ -1,4 +1,4 @@
-"""What a run against a rigid stop has seen of it: the reactions, step by step."""
+"""The reactions of a rigid stop in a run, step by step."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from .impacts import ContactRecord, Impacts
 class Reactions:
     """One contact, fed with the mean reactions R of consecutive steps; the impacts are those after step ``since``.
 
-    An impact is a row of steps with R of one sign: it begins with the first of them and ends with the last. A
-    reaction in the first step, of a contact that is there already, is none.
+    An impact is a row of steps with R of one sign: it begins with the first of them and ends with the last. A reaction
+    in the first step belongs to a contact that is closed at the start: it is no impact.
     """
 
     def __init__(self, stops: Stops, dt: float, u0: float, v0: float, since: int = 0) -> None:

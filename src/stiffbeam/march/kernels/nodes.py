@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from ...basics.arrays import Array, IntArray
 from ...basics.compiled import compiled
 from ...model.active_set import solve_node
 from ...model.contact_law import G1, G2, state
@@ -13,7 +14,7 @@ from ...model.stage import MEAN, solve_stage
 
 
 @compiled
-def resolve_several(push, compliance, law, out, forces):
+def resolve_several(push: Array, compliance: Array, law: Array, out: Array, forces: Array) -> bool:
     """The stops of m contacts, the m entries of a node together. Whether any is met."""
     m = law.shape[0]
     met = False
@@ -33,7 +34,9 @@ def resolve_several(push, compliance, law, out, forces):
 
 
 @compiled
-def resolve_by_law(push, compliance, rates, rule, law, before, out, forces):
+def resolve_by_law(
+    push: Array, compliance: Array, rates: IntArray, rule: int, law: Array, before: Array, out: Array, forces: Array
+) -> int:
     """The stops under any law, node by node; ``before`` (m,): the positions one node ago, advanced in place.
 
     0 where none is met, 1 where one is, -1 - i where the forces of node i were not found.

@@ -89,6 +89,7 @@ class ExponentialSolution:
 
     @property
     def fastest_decay(self) -> float:
+        """The largest decay rate of any mode in any regime, 1/time."""
         return max(float(-np.min(r.eigenvalues.real, initial=0.0)) for r in self.regimes.values())
 
     def offset(self, system: System, channel: int) -> Callable[[Array], tuple[Array, Array]]:

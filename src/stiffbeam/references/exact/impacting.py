@@ -138,7 +138,7 @@ class Tracer:
         gap[0] += side * (stops.g2 if side > 0 else stops.g1)
         return gap
 
-    def _next(self, c: Array, R: Array, held: tuple[int, ...], longest: float):
+    def _next(self, c: Array, R: Array, held: tuple[int, ...], longest: float) -> tuple[float, int, int, bool] | None:
         """(after, contact, side, whether a held one lets go) of the first event, None for none in ``longest``."""
         first = None
         for i, contact in enumerate(held):

@@ -6,6 +6,7 @@ import math
 import time
 from dataclasses import asdict, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -116,7 +117,7 @@ def _held(solution: Solution, t_end: float) -> list[list[tuple[float, float, flo
     return found
 
 
-def _contact(solution: Solution, c: int, held: list, t_end: float) -> tuple[Impacts, float, float, float]:
+def _contact(solution: Solution, c: int, held: list[Any], t_end: float) -> tuple[Impacts, float, float, float]:
     """Impacts, share of time, peak and impulse of a contact: of an impulse the peak is inf. What a contact that is
     held after an impact presses counts with that impact."""
     events = [event for event in solution.events if event.contact == c]

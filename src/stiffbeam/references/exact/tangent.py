@@ -1,4 +1,4 @@
-"""The tangent flow of the exact solution: how fast neighbouring motions part, and so what rounding costs.
+"""The tangent flow of the exact solution: how fast neighbouring motions diverge, and so what rounding costs.
 
     z(t) = Phi(t) z(0),  Phi(t) = flow of the last piece ... flow of the first,  |Phi(t) z| ~ exp(lambda t)
 

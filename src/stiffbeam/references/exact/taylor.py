@@ -18,7 +18,9 @@ FACTORIALS = np.array([float(factorial(k)) for k in range(ORDER + 1)])
 
 
 @compiled
-def coefficients(stiff, damp, forces, rows, back, shifts, q, v, held):
+def coefficients(
+    stiff: Array, damp: Array, forces: Array, rows: Array, back: Array, shifts: Array, q: Array, v: Array, held: Array
+) -> tuple[Array, Array]:
     """c (ORDER + 1, n), the motion sum_k c_k s^k from q, v, and the reactions (ORDER - 1, h) along ``rows``.
 
     q'' = forces - damp q' - stiff q + M^-1 rows^T R with rows q = -shifts: forces (ORDER - 1, n) and shifts

@@ -115,6 +115,7 @@ class Solution:
 
     @property
     def fastest_decay(self) -> float:
+        """Zero: nothing is damped."""
         return 0.0
 
     def work(self, system: System, edges: Array) -> tuple[Array, Array]:

@@ -6,7 +6,7 @@ import math
 import time
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -144,7 +144,9 @@ def refuse_accumulation(start: float, end: float, fastest: float) -> None:
         raise SolverFailure("exact", end, f"{EVENTS_PER_CALL} switches within the shortest period", REMEDY)
 
 
-def search_arguments(regimes: dict[int, Regime], to_contact: Array, drive: Drive, stops: Stops | None) -> tuple:
+def search_arguments(
+    regimes: dict[int, Regime], to_contact: Array, drive: Drive, stops: Stops | None
+) -> tuple[Any, ...]:
     """The arrays over regimes that ``switching.follow`` takes, from omegas to g2."""
     free, contact = regimes[0], regimes.get(1, regimes[0])
     lower = regimes.get(-1, regimes[0])
@@ -172,7 +174,7 @@ def _regimes(
     bases, forces = {}, {}
     for regime in (0, 1, -1) if system.contacts else (0,):
         total = basis.copy()
-        springs: tuple = ()
+        springs: tuple[Any, ...] = ()
         if regime:
             kappa, constant = system.contacts[0].stops.spring(regime)
             springs = ((row, kappa),)

@@ -194,7 +194,9 @@ def _coefficients(frequencies: list[Any], t: Any) -> tuple[list[Any], list[Any]]
     return g, g_rate
 
 
-def _homogeneous(regime: PreciseRegime, eta: list, rate: list, g: list, g_rate: list) -> tuple[list, list]:
+def _homogeneous(
+    regime: PreciseRegime, eta: list[Any], rate: list[Any], g: list[Any], g_rate: list[Any]
+) -> tuple[list[Any], list[Any]]:
     """h = eta - P g and its rate, midpoints."""
     h, h_rate = [], []
     for j, p in enumerate(regime.particular):
@@ -203,7 +205,7 @@ def _homogeneous(regime: PreciseRegime, eta: list, rate: list, g: list, g_rate: 
     return h, h_rate
 
 
-def _oscillators(regime: PreciseRegime, frequencies: list[Any], piece: Piece, tau: Any) -> tuple[list, list]:
+def _oscillators(regime: PreciseRegime, frequencies: list[Any], piece: Piece, tau: Any) -> tuple[list[Any], list[Any]]:
     """What is not P g and its rate at tau: h cos + h'/w sin + level (1 - cos)/w^2, or its limit; the close pairs."""
     q, v = [], []
     for w, w2, x, y, level in zip(regime.omega, regime.squares, piece.h, piece.h_rate, regime.level, strict=True):
@@ -238,7 +240,7 @@ def _from_rest(w: Any, frequency: Any, tau: Any) -> tuple[Any, Any]:
 
 def _gap(
     regime: PreciseRegime, frequencies: list[Any], piece: Piece, stop: Any, tau: Any
-) -> tuple[Any, Any, tuple[list, list]]:
+) -> tuple[Any, Any, tuple[list[Any], list[Any]]]:
     """u - stop and u' at tau after the start of a piece, and what is not P g and its rate there."""
     q, v = _oscillators(regime, frequencies, piece, tau)
     g, g_rate = _coefficients(frequencies, piece.t + tau)
@@ -246,7 +248,9 @@ def _gap(
     return u.mid(), (dot(regime.row, v) + dot(regime.drive_row, g_rate)).mid(), (q, v)
 
 
-def _taylor(regime: PreciseRegime, q: list, v: list, shift: Any, g: list, g_rate: list) -> tuple[list, list]:
+def _taylor(
+    regime: PreciseRegime, q: list[Any], v: list[Any], shift: Any, g: list[Any], g_rate: list[Any]
+) -> tuple[list[Any], list[Any]]:
     """eta and eta' at the switch, a Taylor step of ``shift`` to it from q, v of ``_oscillators``; g, g_rate: there."""
     half = shift * shift / 2
     close_force, close_rate = [arb(0)] * len(q), [arb(0)] * len(q)
@@ -263,7 +267,7 @@ def _taylor(regime: PreciseRegime, q: list, v: list, shift: Any, g: list, g_rate
     return eta, rate
 
 
-def _change(cross: Any, eta: list, rate: list, to_contact: bool) -> tuple[list, list]:
+def _change(cross: Any, eta: list[Any], rate: list[Any], to_contact: bool) -> tuple[list[Any], list[Any]]:
     """Between the modes of the free and of the contact state."""
     columns = arb_mat([[a, b] for a, b in zip(eta, rate, strict=True)]).mid()
     both = ((cross.transpose() if to_contact else cross) * columns).tolist()

@@ -8,7 +8,7 @@ are evaluated with the digits that the pieces were carried with, and only their 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Generator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import pairwise
@@ -86,7 +86,7 @@ class UnroundedSolution(ExponentialSolution):
 
 
 @contextmanager
-def _digits(bits: int) -> Iterator[None]:
+def _digits(bits: int) -> Generator[None, None, None]:
     before, ctx.prec = ctx.prec, bits
     try:
         yield

@@ -95,6 +95,7 @@ class Records:
         return self.study.draw(self)
 
     def to_dataframe(self) -> pandas.DataFrame:
+        """The rows as a pandas table, units in its attrs; needs pandas."""
         import pandas
 
         frame = pandas.DataFrame(self.rows)
@@ -102,6 +103,7 @@ class Records:
         return frame
 
     def to_dict(self) -> dict[str, Any]:
+        """Study, options, rows and failures as plain numbers and texts, for JSON."""
         return {
             "study": self.study.name,
             "question": self.study.question,
