@@ -80,10 +80,10 @@ def test_the_compiled_ledger_takes_dashpots_moving_stops_and_sampled_loads(schem
 
 
 def test_the_ledger_does_not_depend_on_where_stretches_end(table10, monkeypatch):
-    from stiffbeam.march import modal_march
+    from stiffbeam.march import block_march
 
     run = sb.integrate(sb.semidiscretise(table10, 12), sb.BDF2(), 1e-4, 0.3, every=7)
-    monkeypatch.setattr(modal_march, "STEPS_REPLAYED", 96)
+    monkeypatch.setattr(block_march, "STEPS_REPLAYED", 96)
     assert_the_same_ledger(run)
 
 

@@ -122,7 +122,7 @@ def test_the_page_says_what_was_taken_for_granted(made):
 
 @pytest.mark.slow
 def test_the_numbers_of_a_table_hold_together(made):
-    found = json.loads((made / "17.json").read_text(encoding="utf-8"))["table17"]
+    found = json.loads((made / "17.json").read_text(encoding="utf-8"))["tables"]["table17"]
     run_, true = found["runs"]["(4.13)"], found["exact"]["displacement"]
     manifest = json.loads((STORE / "MANIFEST.json").read_text(encoding="utf-8"))["references"]
     entry = next(e for e in manifest if "table17" in e["tables"])
@@ -154,7 +154,7 @@ def test_without_multiprecision_nothing_is_called_true(tmp_path, monkeypatch):
     ]
     assert "nine digits" not in page
     assert 'scope="col" class="n">true<' not in page
-    exact = json.loads((tmp_path / "17.json").read_text(encoding="utf-8"))["table17"]["exact"]["displacement"]
+    exact = json.loads((tmp_path / "17.json").read_text(encoding="utf-8"))["tables"]["table17"]["exact"]["displacement"]
     assert exact["digits"] is None
     assert f"one realisation past {exact['horizon']:.2g}" in page
 
@@ -165,7 +165,10 @@ def test_the_figure_is_a_picture_of_its_own(made):
     assert min(pixels.shape[:2]) > 1000
     assert np.mean(np.ptp(pixels, axis=-1) > 0.3) > 0.001  # coloured: the scheme
     stored = sb.load(made / "implicit-corrected" / "table17" / "run-4.13.nc")
-    assert stored.impacts.count == json.loads((made / "17.json").read_text())["table17"]["runs"]["(4.13)"]["impacts"]
+    assert (
+        stored.impacts.count
+        == json.loads((made / "17.json").read_text())["tables"]["table17"]["runs"]["(4.13)"]["impacts"]
+    )
 
 
 @pytest.mark.slow

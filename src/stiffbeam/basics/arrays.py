@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 from weakref import WeakValueDictionary
 
@@ -23,9 +24,9 @@ def padded(size: int, least: int = LANES) -> int:
 
 def aligned(shape: tuple[int, ...]) -> Array:
     """Zeros at a 64-byte boundary."""
-    count = int(np.prod(shape))
+    count = math.prod(shape)
     buffer = np.zeros(count + LANES)
-    start = (-buffer.ctypes.data // 8) % LANES
+    start = (-buffer.__array_interface__["data"][0] // 8) % LANES
     return buffer[start : start + count].reshape(shape)
 
 

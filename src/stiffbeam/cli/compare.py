@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -12,10 +11,10 @@ import typer
 
 from ..basics.progress import progress
 from ..basics.whole_file import write_whole
-from ..references.registry import COMPARED
+from ..references.registry import COMPARED, COMPARED_RIGID, METHODS
 from .application import app
-from .options import Case
-from .output import check_json, default_folder, file_name, make_folder, write_json
+from .options import Case, Json
+from .output import check_json, console, default_folder, file_name, json_text, make_folder, say, write_json
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -33,13 +32,19 @@ def compare(
         str | None, typer.Option(help="comma-separated, e.g. 'bdf2,hht(alpha=-0.2)@displacement,sdirk.printed'")
     ] = None,
     references: Annotated[
-        str, typer.Option(help="comma-separated; the first that can take the case is the main one")
-    ] = ",".join(COMPARED),
+        str | None,
+        typer.Option(
+            help="comma-separated, the first that can take the case is the main one; default: "
+            f"{','.join(COMPARED)}, with rigid stops {','.join(COMPARED_RIGID)}"
+        ),
+    ] = None,
     contact: Annotated[str, typer.Option(help="implicit, or extrapolated as in the paper")] = "implicit",
     dt: Annotated[float | None, typer.Option(help="time step instead of the case's")] = None,
     t_end: Annotated[float | None, typer.Option(help="end time instead of the case's")] = None,
-    out: Annotated[Path | None, typer.Option(help="folder for picture, trajectories and table")] = None,
-    json_file: Annotated[Path | None, typer.Option("--json", help="write the records here, - for stdout")] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="folder for picture, trajectories and table; default: stiffbeam-output/CASE")
+    ] = None,
+    json_file: Json = None,
     cache: Annotated[bool, typer.Option("--cache", help="keep the references and use those that are kept")] = False,
 ) -> None:
     """Run schemes beside SUNDIALS and the exact solution: table, picture, trajectories."""
@@ -57,9 +62,9 @@ def compare(
     runs = default_runs(chosen)
     if schemes is not None:
         runs = [_like_case(parse_run(text, chosen.forms[0]), text, chosen) for text in split_runs(schemes)]
-    names = [name.strip() for name in references.split(",") if name.strip()]
+    names = None if references is None else [name.strip() for name in references.split(",") if name.strip()]
     check_json(json_file)
-    for option, given in (("--schemes", schemes is None or runs), ("--references", names)):
+    for option, given in (("--schemes", schemes is None or runs), ("--references", names is None or names)):
         if not given:
             raise InputError(option, "nothing", "name at least one")
     folder = out if out is not None else default_folder(chosen.name)
@@ -78,11 +83,11 @@ def compare(
         )
         show("drawing", 0, 0)
         written += _draw(result, folder)
-        records = json.dumps(result.to_dict() | {"files": [path.name for path in written]}, indent=2)
-        written.append(write_whole(folder / "comparison.json", records + "\n"))
-    if not write_json(records, json_file):
+        records = result.to_dict() | {"files": [path.name for path in written]}
+        written.append(write_whole(folder / "comparison.json", json_text("compare", records) + "\n"))
+    if not write_json("compare", records, json_file):
         _print_result(result, written, earlier)
-    failed_runs = [label for label, _ in result.failures if not label.startswith(tuple(f"{n}@" for n in names))]
+    failed_runs = [label for label, _ in result.failures if label.partition("@")[0] not in METHODS]
     if failed_runs or not result.references:
         raise typer.Exit(1)
 
@@ -164,18 +169,17 @@ def _draw(result: CaseComparison, folder: Path) -> list[Path]:
 def _tables(result: CaseComparison) -> RenderableType:
     from ..measures.report import comparison_tables
 
-    return comparison_tables(result.comparisons, result.references, result.failures, result.truths)
+    return comparison_tables(result.comparisons, result.references, result.failures, result.truths, result.refused)
 
 
-def _print_result(result: CaseComparison, written: list[Path], earlier: list[str]) -> None:
-    from rich.console import Console
+def _print_result(result, written: list[Path], earlier: list[str]) -> None:
     from rich.text import Text
 
     from ..measures.report import WIDTH
 
-    console = Console(width=None if sys.stdout.isatty() else WIDTH, markup=False, emoji=False)
-    console.print(Text.assemble((result.case.name, "bold"), f"  {result.case.title}"))
-    console.print(_tables(result))
+    terminal = console(WIDTH)
+    terminal.print(Text.assemble((result.case.name, "bold"), f"  {result.case.title}"))
+    terminal.print(_tables(result))
     replaced = f", in place of {len(earlier)} of an earlier comparison" if earlier else ""
     files = f"{len(written)} files in {written[-1].parent}" if written else "nothing"
-    console.print(f"\nWritten: {files}{replaced}", soft_wrap=True, highlight=False)
+    say(f"\nWritten: {files}{replaced}")

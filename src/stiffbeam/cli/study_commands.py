@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import inspect
-import json
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -14,9 +13,10 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from ..basics.progress import Show, progress
+from .examples import epilog
 from .lists import labels, numbers, values_of
-from .options import Case, Jobs, Json
-from .output import check_json, default_folder, file_name, make_folder, write_json
+from .options import Case, Jobs, Json, shared
+from .output import check_json, console, default_folder, file_name, make_folder, say, write_json
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -26,7 +26,9 @@ if TYPE_CHECKING:
     from ..studies.engine.study import Records, Study
 
 PANEL = "Studies"
-Out = Annotated[Path | None, typer.Option(help="folder for records, picture and journal")]
+Out = Annotated[
+    Path | None, typer.Option(help="folder for records, picture and journal; default: stiffbeam-output/CASE")
+]
 Smoke = Annotated[bool, typer.Option("--smoke", help="the small configuration: seconds instead of minutes")]
 Scheduler = Annotated[str | None, typer.Option(help="of Dask, e.g. tcp://host:8786: its workers instead of processes")]
 LISTS: dict[type, Callable[[str | None], list[Any] | None]] = {
@@ -53,7 +55,9 @@ class Commands(TyperGroup):
         from ..studies import STUDIES
 
         known, study = super().get_command(ctx, cmd_name), cmd_name.replace("-", "_")
-        return _Study(cmd_name, STUDIES[study]) if known is None and study in STUDIES else known
+        if known is None and study in STUDIES:
+            return _Study(cmd_name, STUDIES[study])
+        return known if known is None else _dressed(known, cmd_name)
 
 
 class _Study(TyperCommand):
@@ -64,7 +68,16 @@ class _Study(TyperCommand):
 
     def make_context(self, info_name: str | None, args: list[str], parent: Any = None, **extra: Any) -> Any:
         assert self.name is not None
-        return command_of(self.name.replace("-", "_")).make_context(info_name, args, parent, **extra)
+        command = _dressed(command_of(self.name.replace("-", "_")), self.name)
+        return command.make_context(info_name, args, parent, **extra)
+
+
+def _dressed(command, name: str):
+    """The command with what all have: --quiet, --verbose, examples and exit status in its help."""
+    if command.epilog is None:
+        command.params = [*command.params, *shared()]
+        command.epilog = epilog(name)
+    return command
 
 
 def command_of(name: str) -> Any:
@@ -131,7 +144,7 @@ def _ask(
     options = {key: value for key, value in given.items() if value is not None}
     with progress() as show, _workers(scheduler) as workers:
         records, written = run_one(study, chosen, out, jobs, options, smoke, show, workers)
-    if not write_json(json.dumps(records.to_dict(), indent=2, allow_nan=False), json_file):
+    if not write_json(study.name, records.to_dict(), json_file):
         print_records(records, written)
     if not written:
         raise typer.Exit(1)
@@ -176,18 +189,33 @@ def _workers(address: str | None) -> AbstractContextManager[Executor | None]:
     return scheduler(address)
 
 
-def print_records(records: Records, written: list[Path]) -> None:
-    """Print table, answer, failures and the files that were written."""
-    from rich.console import Console
+def _table(lines: list[dict[str, str]]):
+    """The lines of an answer under their headings, – where one has nothing to say."""
+    from rich import box
+    from rich.table import Table
+
+    headings = list(dict.fromkeys(key for line in lines for key in line))
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    for i, name in enumerate(headings):
+        table.add_column(name, justify="right" if i else "left", overflow="fold")
+    for line in lines:
+        table.add_row(*(line.get(name, "–") for name in headings))
+    return table
+
+
+def print_records(records, written: list[Path]) -> None:
     from rich.padding import Padding
     from rich.text import Text
 
-    console = Console(highlight=False, markup=False, emoji=False)  # names and messages may hold [/]
+    terminal = console()
     note = records.case.units.note
     question = records.study.question + (f" (All {note}.)" if note else "")
-    console.print(Text.assemble((records.study.name, "bold"), f"  {question}"))
-    for i, part in enumerate(records.answer.split("; ")):
-        console.print(Padding(part, (0, 0, 0, 2 if i else 0)))
+    terminal.print(Text.assemble((records.study.name, "bold"), f"  {question}"))
+    answer = records.answer
+    if answer.table:
+        terminal.print(_table(answer.table))
+    for i, part in enumerate(filter(None, answer.rest.split("; "))):
+        terminal.print(Padding(part, (0, 0, 0, 2 if i else 0)))
     for word, style, messages in (
         ("failed", "bold red", [row["failed"] for row in records.failures]),
         ("not asked", "bold", [row["refused"] for row in records.refusals]),
@@ -197,6 +225,6 @@ def print_records(records: Records, written: list[Path]) -> None:
             alike.setdefault(re.sub(r"[\d.]+(e[+-]?\d+)?", "", message), []).append(message)
         for same in alike.values():
             more = f" (and {len(same) - 1} points more)" if len(same) > 1 else ""
-            console.print(Text.assemble((word, style), f"  {same[0]}{more}"))
+            terminal.print(Text.assemble((word, style), f"  {same[0]}{more}"))
     files = ", ".join(str(path) for path in written) or "nothing"
-    console.print(f"{records.seconds:.1f} s. Written: {files}\n", soft_wrap=True)
+    say(f"{records.seconds:.1f} s. Written: {files}\n")

@@ -61,7 +61,7 @@ def freeze(reference: Reference, case: str, file: str | Path) -> dict[str, Any]:
     dataset.attrs["bound"] = BOUND
     dataset.attrs["deviation"] = deviation
     dataset.attrs["hash"] = _hash(dataset)
-    path = netcdf.write(dataset, file, compression=9)
+    path = netcdf.write(netcdf.Arrays.of(dataset), file, compression=9)
     return {
         "file": path.name,
         "form": reference.provenance["form"],
@@ -246,4 +246,4 @@ def _positions(system: System, solution: Solution, t: Array) -> Array:
 
 def _hash(data: xr.Dataset) -> str:
     """Of everything in the file but the hash itself, and what depends on the machine."""
-    return netcdf.content_hash(data, data.attrs.keys() - {"hash", "deviation"})
+    return netcdf.Arrays.of(data).hash(data.attrs.keys() - {"hash", "deviation"})

@@ -10,7 +10,8 @@ from numpy.typing import ArrayLike
 from ..basics.arrays import Array
 from ..basics.budget import afford
 from ..basics.validation import InputError, number, numbers, one_of
-from ..march.build import build
+from ..march.coordinates import InModes
+from ..march.probe import probe
 from ..model.modes import Modes
 from ..model.system import System
 from ..schemes import Scheme
@@ -97,7 +98,7 @@ def _kernel_roots(scheme: Scheme, x: Array, xi: float) -> Array:
         mass=one, damping=np.diag(2.0 * xi * omega), stiffness=np.diag(omega**2), observe=one[0], q0=nothing, v0=nothing
     )
     basis = Modes(omega=omega, shapes=one, damping=2.0 * xi * omega, mass=one)
-    return np.linalg.eigvals(build(scheme, system, basis, 1.0, 1, "implicit").amplification)
+    return np.linalg.eigvals(probe(scheme, InModes(system, basis), 1.0).transition)
 
 
 def _closed_roots(scheme: Scheme, x: Array, xi: float) -> Array:

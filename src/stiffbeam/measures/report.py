@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -84,10 +84,12 @@ def comparison_tables(
     references: Sequence[Reference] = (),
     failures: Sequence[tuple[str, str]] = (),
     truths: Mapping[str, Reference] | None = None,
+    refused: Container[str] = (),
 ) -> RenderableType:
     """One table per form inside the horizon, the whole runs in a table of their own, the failures.
 
-    truths: by form, a solution that holds over the whole span where there is one.
+    truths: by form, a solution that holds over the whole span where there is one. refused: the labels of those
+    failures that cannot be asked of the case.
     """
     by_reference = [
         [c for c in comparisons if c.reference == r] for r in dict.fromkeys(c.reference for c in comparisons)
@@ -98,7 +100,8 @@ def comparison_tables(
     for own in by_reference:
         parts.append(_whole(own, (truths or {}).get(own[0].reference.partition("@")[2])))
     for label, message in failures:
-        parts.append(Text.assemble(("failed  ", "bold red"), (label, "bold"), f"  {message}"))
+        word = ("refused  ", "bold") if label in refused else ("failed  ", "bold red")
+        parts.append(Text.assemble(word, (label, "bold"), f"  {message}"))
     return Group(*parts)
 
 

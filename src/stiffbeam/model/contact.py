@@ -161,17 +161,16 @@ class Stops:
     def spring(self, side: int) -> tuple[float, float]:
         """(kappa, kappa g): on ``side``, +1 or -1, F(v) = kappa g - kappa v; g = 0 for a side without a stop.
 
-        Raises InputError where the law is not that.
+        Raises InputError where the law is not that, or that and -c v'.
         """
-        self.require_linear("a closed form between its switches")
+        self.require_linear("a closed form between its switches", damped=True)
         gap = self.g2 if side > 0 else self.g1
         return float(self.stiffness), self.stiffness * (gap if math.isfinite(gap) else 0.0)
 
-    def require_linear(self, for_what: str) -> None:
-        """Raise InputError unless the law is the linear one."""
+    def require_linear(self, for_what: str, damped: bool = False) -> None:
+        """Raise InputError unless the law is the linear one; ``damped``: or unilateral Kelvin-Voigt."""
         self.require_compliant(for_what)
-        if not self.linear:
-            name = next(x for x in ("exponent", "damping", "dissipation") if getattr(self, x) != LINEAR[x])
+        for name in (x for x in LINEAR if getattr(self, x) != LINEAR[x] and not (damped and x == "damping")):
             rule = f"be {LINEAR[name]:g}, a linear law, for {for_what}"
             raise InputError(f"stops.{name}", getattr(self, name), rule, "use method='cvode'")
 

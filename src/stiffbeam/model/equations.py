@@ -11,10 +11,13 @@ to schemes that read it as y' = A y + B f, and one of second order its matrices 
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
 import scipy.linalg
+import scipy.sparse
 
 from ..basics.arrays import Array
 from ..basics.validation import InputError
@@ -101,32 +104,34 @@ class SecondOrder(Equation):
 
 
 class Matrices(SecondOrder):
-    """Full matrices (n, n); factorisations are kept, so a fixed step pays for one."""
+    """Matrices (n, n), by their entries and bands where these are few; factorisations are kept, so a fixed step pays
+    for one. ``entries``: how many numbers a product with all three takes."""
 
     def __init__(self, mass: Array, damping: Array, stiffness: Array) -> None:
         self._mass, self._damping, self._stiffness = mass, damping, stiffness
+        products = [_product(x) for x in (mass, damping, stiffness)]
+        self._products, self.entries = [x for x, _ in products], sum(count for _, count in products)
         self._factors: dict[tuple[Any, ...], Any] = {}
 
     def mass(self, x: Array) -> Array:
         """M x for every row of x, shape (..., n)."""
-        return x @ self._mass
+        return self._products[0](x)
 
     def damping(self, x: Array) -> Array:
         """C x for every row of x."""
-        return x @ self._damping
+        return self._products[1](x)
 
     def stiffness(self, x: Array) -> Array:
         """K x for every row of x."""
-        return x @ self._stiffness
+        return self._products[2](x)
 
     def solve(self, a: float, b: float, x: Array) -> Array:
         """By Cholesky factors, kept for every pair (a, b); x has shape (..., n)."""
         if (a, b) not in self._factors:
-            matrix = self._mass + a * self._damping + b * self._stiffness
-            self._factors[a, b] = scipy.linalg.cho_factor(matrix)
+            self._factors[a, b] = _inverse(self._mass + a * self._damping + b * self._stiffness)
         flat = x.reshape(-1, x.shape[-1]).T
         # An overflow goes on as infinity, which the march sees.
-        return scipy.linalg.cho_solve(self._factors[a, b], flat, check_finite=False).T.reshape(x.shape)
+        return self._factors[a, b](flat, check_finite=False).T.reshape(x.shape)
 
     def flow(self, t: float, y: Array, force0: Array, force1: Array) -> Array:
         """By the exponential of the block matrix of (q, v), kept for every t."""
@@ -144,6 +149,30 @@ class Matrices(SecondOrder):
         new = state @ E.T + force0 @ P.T + (force1 - force0) @ Q.T
         n = len(self._mass)
         return np.stack([new[..., :n], new[..., n:] * fastest])
+
+
+LARGE, FEW = 128, 0.125  # unknowns, and the share of a matrix, from which on its zeros are left out
+
+
+def _product(matrix: Array) -> tuple[Callable[[Array], Array], int]:
+    """x -> x @ matrix of a symmetric matrix, and how many numbers it takes."""
+    n, entries = len(matrix), int(np.count_nonzero(matrix))
+    if n < LARGE or entries > FEW * n * n:
+        return lambda x: x @ matrix, n * n
+    rows = scipy.sparse.csr_array(matrix)
+    return lambda x: (rows @ x.reshape(-1, n).T).T.reshape(x.shape), entries
+
+
+def _inverse(matrix: Array) -> Callable[..., Array]:
+    """x -> matrix^-1 x of a positive definite matrix."""
+    n, (i, j) = len(matrix), np.nonzero(matrix)
+    width = int(np.max(j - i))
+    if n < LARGE or width > FEW * n:
+        return partial(scipy.linalg.cho_solve, scipy.linalg.cho_factor(matrix))
+    bands = np.zeros((width + 1, n))
+    for k in range(width + 1):
+        bands[width - k, k:] = np.diagonal(matrix, k)
+    return partial(scipy.linalg.cho_solve_banded, (scipy.linalg.cholesky_banded(bands), False))
 
 
 class Modal(SecondOrder):

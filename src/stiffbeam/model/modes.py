@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -34,7 +36,7 @@ class Modes:
 
     def to_modal(self, q: Array) -> Array:
         """eta = shapes^T M q; q of shape (..., n)."""
-        return q @ (self.mass @ self.shapes)
+        return (q @ self.mass) @ self.shapes
 
     def to_nodal(self, eta: Array) -> Array:
         """q = shapes eta; eta of shape (..., n)."""
@@ -71,28 +73,38 @@ _FOUND: WeakKeyDictionary[System, Modes | None] = WeakKeyDictionary()
 
 
 def _modes(system: System, springs: tuple[tuple[Array, float], ...] = ()) -> Modes | None:
-    upper = scipy.linalg.cholesky(system.mass)  # R
+    into, back = _root(system.mass)
     if system.stiffness_factor is not None:
         factor = np.vstack([system.stiffness_factor, *(np.sqrt(kappa) * row for row, kappa in springs)])
-        scaled = scipy.linalg.solve_triangular(upper, factor.T, trans=1).T
-        _, omega, vectors = scipy.linalg.svd(scaled, full_matrices=False)
-        omega, shapes = omega[::-1], scipy.linalg.solve_triangular(upper, vectors[::-1].T)
+        _, omega, vectors = scipy.linalg.svd(into(factor.T).T, full_matrices=False)
+        omega, shapes = omega[::-1], back(vectors[::-1].T)
         rigid = len(omega) - np.count_nonzero(np.any(factor, axis=1))  # as many motions strain nothing
         omega = np.where(np.arange(len(omega)) < rigid, 0.0, omega)
     else:
         stiffness = system.stiffness + sum(kappa * np.outer(row, row) for row, kappa in springs)
-        scaled = scipy.linalg.solve_triangular(upper, stiffness, trans=1)
-        scaled = scipy.linalg.solve_triangular(upper, scaled.T, trans=1)
+        scaled = into(into(stiffness).T)
         squares, vectors = scipy.linalg.eigh(0.5 * (scaled + scaled.T))
         if squares[0] < -1e-9 * squares[-1]:
             raise InputError("stiffness", f"least eigenvalue {squares[0]:.3g}", "be positive semidefinite")
-        shapes = scipy.linalg.solve_triangular(upper, vectors)
+        shapes = back(vectors)
         squares, shapes = graded_eigenpairs(system.mass, system.stiffness, springs, squares, shapes)
         omega = np.sqrt(np.maximum(squares, 0.0))
     # One sign per shape, so that equal systems give equal modes.
     shapes = shapes * np.where(shapes[np.argmax(np.abs(shapes), axis=0), np.arange(shapes.shape[1])] < 0, -1.0, 1.0)
-    damping = shapes.T @ system.damping @ shapes
-    diagonal = np.diag(damping).copy()
-    if np.max(np.abs(damping - np.diag(diagonal))) > 1e-9 * max(np.max(np.abs(diagonal)), 1e-300):
-        return None
+    diagonal = np.zeros(len(omega))
+    if system.damped:
+        damping = shapes.T @ system.damping @ shapes
+        diagonal = np.diag(damping).copy()
+        if np.max(np.abs(damping - np.diag(diagonal))) > 1e-9 * max(np.max(np.abs(diagonal)), 1e-300):
+            return None
     return Modes(omega=np.ascontiguousarray(omega), shapes=shapes, damping=diagonal, mass=system.mass)
+
+
+def _root(mass: Array) -> tuple[Callable[[Array], Array], Callable[[Array], Array]]:
+    """x -> R^-T x and x -> R^-1 x of M = R^T R."""
+    diagonal = np.diag(mass)
+    if np.count_nonzero(mass) == len(mass):
+        root = np.sqrt(diagonal)[:, None]
+        return lambda x: x / root, lambda x: x / root
+    upper = scipy.linalg.cholesky(mass)
+    return partial(scipy.linalg.solve_triangular, upper, trans=1), partial(scipy.linalg.solve_triangular, upper)

@@ -13,13 +13,13 @@ from ..basics.arrays import Array
 from ..basics.threads import cores, over_slices
 from ..basics.validation import numbers, positive
 from ..model.members import Members, as_members
-from ..model.modes import Modes
 from ..model.system import System
 from ..trajectory.ensemble import MEMBERS_PER_SLICE, Ensemble, Progress, gathered, record_from
 from ..trajectory.ledger import Ledger
 from ..trajectory.recorder import Seen
 from ..trajectory.trajectory import Reference, Work
 from .exact.piecewise import solve_exact
+from .exact.rigid_reference import solve_rigid
 from .horizon import exact_horizon
 
 
@@ -31,7 +31,7 @@ def reference_ensemble(
     progress: Progress | None = None,
     since: float = 0.0,
 ) -> Ensemble:
-    """The exact solution of every member, on all cores; each has the bits of its solo run.
+    """The exact solution of every member, on all cores; each has the bits of its solo run. Stops may be rigid.
 
     t_eval: (k,) times at which tip and tip velocity are kept, None for none. progress: called with the
     number of members done. since: the time after which contacts are recorded. ``provenance["horizon"]`` is
@@ -44,16 +44,15 @@ def reference_ensemble(
     t_end = positive("t_end", t_end)
     at = np.array([0.0, float(t_end)]) if t_eval is None else times
     record_from(since, t_end)
-    known: dict[float, Modes] = {}  # modes, shared between members; the first one finds them
-    first = solve_exact(members[0], t_end, at, known=known, since=since)
-    watched = solve_exact(members[0], t_end, known=known)
-    horizon, _ = exact_horizon(watched, members[0], t_end)
+    known: dict = {}  # modes, shared between members; the first one finds them
+    first = _solve(members[0], t_end, at, known, since)
+    horizon = horizon_of(members[0], t_end)
 
     def see(run: Reference) -> Seen:
         return Seen(run.tip[: len(times)], run.tip_velocity[: len(times)], run.contacts)
 
     def solve(part: Members) -> list[Seen]:
-        return [see(solve_exact(member, t_end, at, known=known, since=since)) for member in part]
+        return [see(_solve(member, t_end, at, known, since)) for member in part]
 
     rest = None if progress is None else lambda done: progress(1 + done)
     seen = [see(first), *over_slices(solve, members[1:], MEMBERS_PER_SLICE, cores(), rest)]
@@ -63,5 +62,18 @@ def reference_ensemble(
     return gathered(members, seen, times, Work(0, seconds, seconds), first.provenance | notes, ledger)
 
 
+def horizon_of(system: System, t_end: float) -> float:
+    """How long the exact solution of ``system`` can be trusted."""
+    if any(contact.stops.rigid for contact in system.contacts):
+        return solve_rigid(system, t_end).horizon
+    return exact_horizon(solve_exact(system, t_end), system, t_end)[0]
+
+
+def _solve(system: System, t_end: float, at: Array, known: dict, since: float) -> Reference:
+    if any(contact.stops.rigid for contact in system.contacts):
+        return solve_rigid(system, t_end, at, since, trusted=False)
+    return solve_exact(system, t_end, at, known=known, since=since)
+
+
 def _ledger(members: Members, t_end: float, at: Array, i: int) -> Ledger:
-    return solve_exact(members[i], t_end, at).energy
+    return _solve(members[i], t_end, at, {}, 0.0).energy

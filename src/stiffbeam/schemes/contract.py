@@ -21,7 +21,7 @@ def check_contract(scheme: Scheme) -> None:
     one mode changes with the other; and the same input gives the same bits again. Checked once per run, of the
     schemes of this package once for each set of parameters.
     """
-    own, name = _own(scheme), (type(scheme), str(scheme))  # a scheme and its conserving form have one label
+    own, name = is_known(scheme), (type(scheme), str(scheme))  # a scheme and its conserving form have one label
     if own and name in _KEPT:
         return
     if scheme.starter is not None:
@@ -73,7 +73,7 @@ def check_contract(scheme: Scheme) -> None:
         _KEPT.add(name)
 
 
-def _own(scheme: Scheme) -> bool:
-    """Whether the scheme, and the one that it is a form of, are of this package."""
+def is_known(scheme: Scheme) -> bool:
+    """Whether the scheme, and the one that it is a form of, are of this package: type and label say what it does."""
     inner = getattr(scheme, "scheme", None)
-    return type(scheme).__module__.rpartition(".")[0] == __package__ and (inner is None or _own(inner))
+    return type(scheme).__module__.rpartition(".")[0] == __package__ and (inner is None or is_known(inner))

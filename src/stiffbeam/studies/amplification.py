@@ -25,7 +25,7 @@ from ..measures.amplification import amplification
 from ..schemes import HHT, SCHEMES, SDIRK, GeneralisedAlpha, registered
 from ..schemes.sdirk import GAMMA_MIN
 from .common import Schemes, scheme_labels, scheme_of
-from .engine.study import Point, Records, Row, Rows, Study
+from .engine.study import Answer, Point, Records, Row, Rows, Study
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -89,12 +89,19 @@ def answer(rows: Rows, _: Case) -> str:
         default=float("nan"),
     )
     stable = f"unstable somewhere: {', '.join(unstable)}" if unstable else "all are stable at every step"
-    return (
-        "Period elongation and damping ratio at dt/T = 0.1: "
-        + "; ".join(parts)
-        + f". Of these and their families {stable}; "
+    tail = (
+        f"Of these and their families {stable}; "
         f"the kernel's spectral radius and the closed form differ by at most {gap:.1e}."
     )
+    table = [
+        {
+            "dt/T = 0.1": r["scheme"],
+            "period elongation": f"{100 * r['period_elongation']:.3g} %",
+            "damping ratio": f"{r['damping_ratio']:.2g}",
+        }
+        for r in sorted(base, key=lambda r: abs(r["period_elongation"]))
+    ]
+    return Answer(f"Period elongation and damping ratio at dt/T = 0.1: {'; '.join(parts)}. {tail}", table, tail)
 
 
 def _known(value: float | None) -> bool:

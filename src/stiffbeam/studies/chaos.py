@@ -26,7 +26,7 @@ from ..references.ensemble import reference_ensemble
 from ..references.exact.tangent import lyapunov
 from ..trajectory.ensemble import Ensemble
 from .common import Dt, Form, Schemes, scheme_labels, scheme_of, solve_once, system_of
-from .engine.study import Point, Records, Row, Rows, Study
+from .engine.study import Answer, Point, Records, Row, Rows, Study
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -184,9 +184,16 @@ def answer(rows: Rows, case: Case) -> str:
     parts = [f"{method} {mean:.3g} ± {interval:.2g}{unit}" for method, (mean, interval) in found.items()]
     mean, interval = (x / np.log(10.0) for x in found.get("tangent flow", (float("nan"), float("nan"))))
     time = units.of("time") or "unit of time"
-    return (
+    tail = f"y the tangent flow the exact motion loses {mean:.2g} ± {interval:.2g} digits per {time}."
+    table = [
+        {"neighbours diverge like exp(lambda t)": method, "lambda": f"{mean:.3g} ± {interval:.2g}{unit}"}
+        for method, (mean, interval) in found.items()
+    ]
+    return Answer(
         f"Neighbouring motions diverge like exp(lambda t), lambda = {', '.join(parts)} (mean over the starts, 95 %); "
-        f"by the tangent flow the exact motion loses {mean:.2g} ± {interval:.2g} digits per {time}."
+        f"b{tail}",
+        table,
+        f"Means over the starts, ± holds with 95 %. B{tail}",
     )
 
 
@@ -195,7 +202,9 @@ def draw(records: Records) -> Figure:
     rows = numeric(records.found)
     figure = new_figure(8.6)
     units = records.case.units
-    figure.suptitle(heading(records.case, "how fast neighbouring motions diverge"))
+    exact = exponents(records.found).get("exact")
+    rate = "" if exact is None else f": the exact ones like exp({exact[0]:.2g} t)"
+    figure.suptitle(heading(records.case, f"how fast neighbouring motions diverge{rate}"))
     (distance, rates), (delayed, portrait) = figure.subplots(2, 2)
     _distances(distance, rows)
     distance.set_xlabel(units.label("time since the start of the pair", "time"))

@@ -42,7 +42,7 @@ from .common import (
     solve_once,
     system_of,
 )
-from .engine.study import Point, Records, Row, Rows, Study
+from .engine.study import Answer, Point, Records, Row, Rows, Study
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -142,26 +142,30 @@ def half_time(durations: Array) -> float:
 
 
 def answer(rows: Rows, case: Case) -> str:
-    """A sentence for every stop of every contact."""
-    return (
-        " ".join(
-            f"The {name} stop{place}: {sentence}"
-            for place, own in by_contact(rows).items()
-            for name in SIDES.values()
-            if (sentence := _answer([row for row in own if row["stop"] == name], case))
-        )
-        or f"No contact came to an end at {len(rows)} points."
+    found = {
+        (name, place): answer
+        for place, own in by_contact(rows).items()
+        for name in SIDES.values()
+        if (answer := _answer([row for row in own if row["stop"] == name], case))
+    }
+    return Answer(
+        " ".join(f"The {name} stop{place}: {answer}" for (name, place), answer in found.items())
+        or f"No contact came to an end at {len(rows)} points.",
+        [{"stop": f"{name}{place}"} | line for (name, place), answer in found.items() for line in answer.table],
+        " ".join(f"The {name} stop{place}: {answer.rest}" for (name, place), answer in found.items() if answer.rest),
     )
 
 
 def _answer(rows: Rows, case: Case) -> str:
     """What is found at one stop; nothing where no contact came to an end."""
     units = case.units
-    parts = []
+    parts, table = [], []
     for row in (row for row in rows if row["kind"] == "summary"):
         median, half = (units.measure(f"{row[name]:.2g}", "time") for name in ("median", "half_time"))
         parts.append(f"{row['method']} {row['contacts']:.4g} contacts a run of median {median}, half of the time "
                      f"in contacts of {half} and longer")  # fmt: skip
+        table.append({"method": row["method"], "contacts a run": f"{row['contacts']:.4g}", "median": median,
+                      "half of the time from": half})  # fmt: skip
     paired = sorted((row for row in rows if row["kind"] == "pairs" and row["pairs"]), key=lambda row: -row["dt"])
     finest = {row["method"]: row for row in paired}  # the last of a method
     pairs = [f"{method} {100 * row['error']:.2g} % in {row['pairs']}" for method, row in finest.items()]
@@ -169,7 +173,7 @@ def _answer(rows: Rows, case: Case) -> str:
     if pairs:
         dt = units.measure(format(paired[-1]["dt"], ".2g"), "time")
         sentences.append(f"Of the first contacts, at dt = {dt}, durations are off by at most {', '.join(pairs)}.")
-    return " ".join(sentences)
+    return Answer(" ".join(sentences), table, " ".join(sentences[len(sentences) - bool(pairs) :]))
 
 
 def draw(records: Records) -> Figure:

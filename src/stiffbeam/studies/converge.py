@@ -36,7 +36,7 @@ from .common import (
     solve_once,
     system_of,
 )
-from .engine.study import Point, Records, Row, Rows, Study
+from .engine.study import Answer, Point, Records, Row, Rows, Study
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -144,7 +144,19 @@ def answer(rows: Rows, _: Case) -> str:
         missing = [f"too few points count for {', '.join(few)}"] if few else []
         if own or few:
             sentences.append(head + "; ".join([", ".join(own)] * bool(own) + missing) + ".")
-    return " ".join(sentences)
+    columns = {"smooth": "order without contact", "contact": "order through the first impacts"}
+    kinds = [kind for kind in columns if any(k == kind for k, _ in found)]
+    table = [
+        {"scheme": scheme} | {columns[kind]: _shown(found.get((kind, scheme))) for kind in kinds}
+        for scheme in dict.fromkeys(scheme for _, scheme in found)
+    ]
+    return Answer(" ".join(sentences), table, "Through impacts: the worst of each octave of steps; ± holds with 95 %.")
+
+
+def _shown(order: Order | None) -> str:
+    if order is None:
+        return "–"
+    return str(order) if np.isfinite(order.slope) else "too few points"
 
 
 TITLES = {"smooth": "without contact, slow motion", "contact": "through the first impacts"}

@@ -16,8 +16,19 @@ from ..measures.windows import drive_frequency
 from ..model.members import perturbed
 from ..references.ensemble import reference_ensemble
 from ..trajectory.trajectory import Diverged
-from .common import Dt, End, Form, Schemes, Treatment, by_contact, scheme_labels, scheme_of, system_of
-from .engine.study import Point, Records, Row, Rows, Study
+from .common import (
+    Dt,
+    End,
+    Form,
+    Schemes,
+    Treatment,
+    by_contact,
+    joined,
+    scheme_labels,
+    scheme_of,
+    system_of,
+)
+from .engine.study import Answer, Point, Records, Row, Rows, Study
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -117,9 +128,7 @@ def difference(a: Array, b: Array) -> tuple[float, float]:
 
 
 def answer(rows: Rows, case: Case) -> str:
-    """Mean counts of impacts against the exact ensemble, with their intervals, contact by contact."""
-    found = [_answer(own, case) + (f" (All{place}.)" if place else "") for place, own in by_contact(rows).items()]
-    return " ".join(found)
+    return joined({place: _answer(own, case) for place, own in by_contact(rows).items()})
 
 
 def _answer(rows: Rows, case: Case) -> str:
@@ -132,26 +141,32 @@ def _answer(rows: Rows, case: Case) -> str:
     exact = distribution(rows, "exact", "count")
     first = rows[0]
     end, dt = (units.measure(f"{first[name]:g}", "time") for name in ("t_end", "dt"))
-    parts = []
+    parts, table = [], []
     for method in dict.fromkeys(r["method"] for r in rows if r["method"] != "exact"):
         count, share = distribution(rows, method, "count"), distribution(rows, method, "fraction")
         if not len(count) or not len(exact):
             continue
         off, interval = difference(count, exact)
         lost, had = (distribution(rows, method, f"energy_{name}") for name in ("lost", "had"))
+        mean, by = f"{np.mean(count):.4g} ± {np.std(count):.2g}", f"{off:+.3g} ± {interval:.2g}"
+        within = f"{100 * np.mean(share):.2g} %"
         parts.append(
-            f"{method} {np.mean(count):.4g} ± {np.std(count):.2g} ({off:+.3g} ± {interval:.2g}), "
-            f"{100 * np.mean(share):.2g} % in contact" + (f", energy lost {energy(lost, had)}" if len(lost) else "")
+            f"{method} {mean} ({by}), {within} in contact" + (f", energy lost {energy(lost, had)}" if len(lost) else "")
         )
+        table.append({"method": method, "impacts": mean, "off by": by, "in contact": within})
+        if len(lost):
+            table[-1]["energy lost"] = energy(lost, had)
     if not len(exact):
         return "No member of the exact solution reached the end, and without it there is nothing to compare with."
     share = distribution(rows, "exact", "fraction")
-    return (
+    true = {"method": "exact solution", "impacts": f"{np.mean(exact):.4g} ± {np.std(exact):.2g}", "off by": "–",
+            "in contact": f"{100 * np.mean(share):.2g} %"}  # fmt: skip
+    head = (
         f"Over {len(exact)} members perturbed by {first['size']:g} the exact solution has {np.mean(exact):.4g} ± "
         f"{np.std(exact):.2g} impacts to t = {end} (mean ± standard deviation) and is in contact "
-        f"{100 * np.mean(share):.2g} % of the time; at dt = {dt} (difference of means, 95 %): "
-        f"{'; '.join(parts)}."
+        f"{100 * np.mean(share):.2g} % of the time; at dt = {dt} (difference of means, 95 %)"
     )
+    return Answer(f"{head}: {'; '.join(parts)}.", [true, *table], f"{head}.")
 
 
 def draw(records: Records) -> Figure:
@@ -196,7 +211,7 @@ def draw(records: Records) -> Figure:
     )
     counts.set_yticks(range(len(lines)), [short(method) + place for method, place, _ in lines])
     counts.set_ylim(len(lines) - 0.4, -0.6)  # the four panels share it, the first method on top
-    shared_legend(figure)
+    shared_legend(figure, 5)
     return figure
 
 

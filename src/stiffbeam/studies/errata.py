@@ -41,7 +41,7 @@ from .common import (
     system_of,
 )
 from .converge import ROUNDING
-from .engine.study import Point, Records, Row, Rows, Study
+from .engine.study import Answer, Point, Records, Row, Rows, Study
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -114,7 +114,7 @@ def groups(rows: Rows) -> dict[tuple[str, str, str], list[Row]]:
 def answer(rows: Rows, case: Case) -> str:
     """The ratio of both errors at the largest and the smallest step, and both orders without contact."""
     units = case.units
-    parts = []
+    parts, table = [], []
     for (scheme, reading, kind), own in groups(rows).items():
         first, last = own[0], own[-1]
         counted = [r for r in own if r["error"] > ROUNDING * r["steps"]]
@@ -126,7 +126,13 @@ def answer(rows: Rows, case: Case) -> str:
             f"dt = {coarse} and {last['error_printed'] / last['error']:.3g} times at {fine}"
             + (f", order {printed.slope:.2f} for {right.slope:.2f}" if kind == "smooth" else "")
         )
-    return "; ".join(parts) + "."
+        table.append({
+            "error, times the right scheme's": f"{scheme} {reading}, {kind}",
+            f"at dt = {coarse}": f"{first['error_printed'] / first['error']:.3g}",
+            "at the finest": f"{last['error_printed'] / last['error']:.3g} ({fine})",
+            "order": f"{printed.slope:.2f} for {right.slope:.2f}" if kind == "smooth" else "–",
+        })  # fmt: skip
+    return Answer("; ".join(parts) + ".", table)
 
 
 EXTRAPOLATED = "extrapolated contact"

@@ -41,7 +41,7 @@ from ..trajectory.ensemble import Ensemble
 from ..trajectory.trajectory import Diverged, Reference
 from . import common
 from .common import Dt, End, Form, Halvings, Schemes, by_contact, scheme_labels, scheme_of, solve_once, system_of
-from .engine.study import Point, Records, Row, Rows, Study
+from .engine.study import Answer, Point, Records, Row, Rows, Study
 from .references import frozen
 
 if TYPE_CHECKING:
@@ -171,9 +171,7 @@ def right_from(rows: Rows, scheme: str, tolerance: float = 0.05) -> float:
 
 
 def answer(rows: Rows, case: Case) -> str:
-    """What each scheme counts at its largest step and from which step on it is right, contact by contact."""
-    found = [_answer(own, case) + (f" (All{place}.)" if place else "") for place, own in by_contact(rows).items()]
-    return " ".join(found)
+    return common.joined({place: _answer(own, case) for place, own in by_contact(rows).items()})
 
 
 def _answer(rows: Rows, case: Case) -> str:
@@ -192,24 +190,26 @@ def _answer(rows: Rows, case: Case) -> str:
         if digits
         else "The exact motion in float64, one realisation,"
     )
-    parts = []
+    parts, table = [], []
     for row in (r for r in steps if r["dt"] == coarse):
         largest = right_from(rows, row["scheme"])
-        right = (
-            f"right to 5 % from dt = {units.measure(format(largest, '.2g'), 'time')} on"
-            if np.isfinite(largest)
-            else "never right to 5 %"
-        )
-        parts.append(f"{row['scheme']} {row['count']:.4g} and {100 * row['fraction']:.2g} %, {right}")
+        known_from = np.isfinite(largest)
+        right = f"from dt = {units.measure(format(largest, '.2g'), 'time')} on" if known_from else "never"
+        count, share = f"{row['count']:.4g}", f"{100 * row['fraction']:.2g} %"
+        phrase = f"right to 5 % {right}" if known_from else "never right to 5 %"
+        parts.append(f"{row['scheme']} {count} and {share}, {phrase}")
+        table.append({"scheme": row["scheme"], "impacts": count, "in contact": share, "right to 5 %": right})
     end, step, finest = (
         units.measure(text, "time")
         for text in (f"{rows[0]['t_end']:g}", f"{coarse:g}", f"{min(r['dt'] for r in steps):.2g}")
     )
-    return (
+    head = (
         f"{known} has {first['reference_count']} impacts to t = {end}, the exact ensemble "
         f"{exact['count']:.4g} ± {exact['count_spread']:.2g} and {100 * exact['fraction']:.2g} % of the time in "
-        f"contact; means at dt = {step}: {'; '.join(parts)}. The finest step tried is {finest}."
+        f"contact; means at dt = {step}"
     )
+    tail = f"The finest step tried is {finest}."
+    return Answer(f"{head}: {'; '.join(parts)}. {tail}", table, f"{head}. {tail}")
 
 
 OVER_STEP = (

@@ -16,7 +16,7 @@ from ..measures.free_modes import free_mode_errors
 from ..measures.smooth_motion import without_contact
 from ..model.modes import modes
 from .common import Dt, Form, Schemes, scheme_labels, scheme_of, system_of
-from .engine.study import Point, Records, Row, Rows, Study
+from .engine.study import Answer, Point, Records, Row, Rows, Study
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -83,16 +83,16 @@ def answer(rows: Rows, _: Case) -> str:
         for r in measured
         for name in ("period_elongation", "damping_ratio")
     ]
-    parts = []
+    parts, table = [], []
     for scheme in dict.fromkeys(r["scheme"] for r in measured):
         own = [r for r in measured if r["scheme"] == scheme]
         late, damped, mode = 100 * own[0]["period_elongation"], own[0]["damping_ratio"], own[0]["mode"]
         parts.append(f"{scheme} {late:.2g} % late and damped by {damped:.1e} in mode {mode}")
-    return (
-        f"{sum(inside)} of {len(inside)} measured elongations and damping ratios lie within the fit's error of theory; "
-        + "; ".join(parts)
-        + "."
+        table.append({f"mode {mode}": scheme, "late": f"{late:.2g} %", "damping ratio": f"{damped:.1e}"})
+    head = (
+        f"{sum(inside)} of {len(inside)} measured elongations and damping ratios lie within the fit's error of theory"
     )
+    return Answer(f"{head}; {'; '.join(parts)}.", table, f"{head}.")
 
 
 QUANTITIES = (  # with the size below which the axis is linear

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Callable, Sequence
 from itertools import pairwise
 from typing import TYPE_CHECKING, Annotated
@@ -35,7 +35,7 @@ from .common import (
     solve_once,
     system_of,
 )
-from .engine.study import Point, Records, Row, Rows, Study
+from .engine.study import Answer, Point, Records, Row, Rows, Study
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -180,8 +180,12 @@ def answer(rows: Rows, case: Case) -> str:
     def time(value: float, form: str) -> str:
         return units.measure(format(value, form), "time")
 
-    sentences = []
+    sentences, table = [], defaultdict[str, dict[str, str]](dict)
     for error in (1e-3, 1e-5):
+        for cost, method in cheapest(others, error, "work"):
+            table[method][f"solves for {error:g}"] = f"{cost:.3g}"
+        for cost, method in cheapest(others, error, "seconds"):
+            table[method][f"ms for {error:g}"] = f"{1e3 * cost:.2g}"
         work = [f"{method} {cost:.3g}" for cost, method in cheapest(others, error, "work")]
         seconds = [f"{method} {1e3 * cost:.2g} ms" for cost, method in cheapest(others, error, "seconds")]
         if work:
@@ -198,11 +202,19 @@ def answer(rows: Rows, case: Case) -> str:
             best[row["method"]] = row
     if best:
         order = sorted(best.values(), key=lambda r: -r["tracked"])
+        for r in order:
+            table[r["method"]]["impacts followed to"] = time(r["tracked"], ".3g")
         parts = [f"{r['method']} to t = {time(r['tracked'], '.3g')} with dt = {time(r['dt'], '.2g')}" for r in order]
         sentences.append(f"Impacts are followed, of {time(rows[0]['horizon'], '.3g')}, by {', '.join(parts)}.")
     if exact is not None:
         sentences.append(f"The exact solution takes {1e3 * exact['seconds']:.2g} ms.")
-    return " ".join(sentences) or "No method reached an error of 0.001 or followed an impact."
+    lines = [{"method": method} | cells for method, cells in table.items()]
+    rest = " ".join(text for text in sentences if text.startswith(("Python", "The exact")))
+    return Answer(
+        " ".join(sentences) or "No method reached an error of 0.001 or followed an impact.",
+        lines,
+        f"Tip errors 0.001 and 1e-05, without set-up; solves: linear solves or evaluations. {rest}",
+    )
 
 
 COSTS = (("work", "linear solves or evaluations", "error against work"),

@@ -19,7 +19,7 @@ from ..model.closed_form import natural_frequencies, tip_response
 from ..model.modes import modes
 from ..model.time_functions import Harmonic
 from .common import Forms, ImpactCount, first_impacts, places, solve_once, system_of
-from .engine.study import Point, Records, Row, Rows, Study
+from .engine.study import Answer, Point, Records, Row, Rows, Study
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -135,7 +135,13 @@ def answer(rows: Rows, _: Case) -> str:
     smooth = [f"{q} {o} ({form})" for (q, form), o in found.items() if "impact" not in q]
     contact = [f"{q} {o} ({form})" for (q, form), o in found.items() if "impact" in q]
     tail = f" In contact, against the finest grid: {', '.join(contact)}." if contact else ""
-    return f"Observed orders in h: {', '.join(smooth)}.{tail}"
+    forms = list(dict.fromkeys(form for _, form in found))
+    table = [
+        {"order in h of": q} | {form: str(found[q, form]) if (q, form) in found else "–" for form in forms}
+        for q in dict.fromkeys(q for q, _ in found)
+    ]
+    rest = "In contact against the finest grid; ± holds with 95 %."
+    return Answer(f"Observed orders in h: {', '.join(smooth)}.{tail}", table, rest)
 
 
 NAMES = {"tip to the end of the first impacts": "tip, largest", "first impact's time": "time of the first",

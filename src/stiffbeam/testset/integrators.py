@@ -15,7 +15,7 @@ from ..files.cases import parse_run
 from ..march.integrate import integrate
 from ..references import solve
 from ..references.registry import ADAPTIVE, REFERENCES
-from ..schemes import SCHEMES, Scheme
+from ..schemes import RIGID, SCHEMES, Scheme
 from ..schemes.own import own_function
 from ..trajectory.trajectory import Diverged, Trajectory
 from .measure import Motion, motion_of
@@ -26,7 +26,7 @@ PREFERRED = (
     "bdf2", "sdirk", "hht", "generalised-alpha", "trapezoidal", "bathe", "exponential-flow", "moreau-jean", "exact",
     "cvode-adams", "dop853",
 )  # fmt: skip
-DEFAULT = tuple(name for name in PREFERRED if name in SCHEMES or name in REFERENCES)
+DEFAULT = tuple(name for name in PREFERRED if name in SCHEMES | RIGID or name in REFERENCES)
 
 
 @dataclass(frozen=True)

@@ -70,4 +70,4 @@ def save_ensemble(many: Ensemble, file: str | Path) -> Path:
         return write_csv(many.to_dataframe(), Path(file))
     from ..basics import netcdf
 
-    return netcdf.write(ensemble_dataset(many), file)
+    return netcdf.write(netcdf.Arrays.of(ensemble_dataset(many)), file, compression=4)

@@ -101,8 +101,8 @@ class ContactRecord:
 
     position, velocity: against its stops, row q + offset, of a beam u(x, t) - m(t), at the output times. force:
     sigma on the beam, < 0 on the upper stop. impacts, share of time in contact, peak |sigma| and impulse: over
-    every step. For rigid stops force is the reaction: in a scheme's run the mean over the step before, in the exact run
-    that of a closed contact, without its impulses.
+    every step. Of rigid stops force is the reaction, the mean over the step before in a scheme's run; in the exact one
+    that of a held contact, its impulses apart. They have impulses and no peak, NaN.
     """
 
     stops: Stops

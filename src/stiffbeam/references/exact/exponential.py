@@ -43,7 +43,7 @@ class Regime:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ExponentialSolution:
-    """The pieces: at times[i] the contacts are on the sides[i] (m,), homogeneous coefficients c[i]."""
+    """The pieces: at times[i] the contacts are on the sides[i] (m,), see damped_stops; homogeneous parts c[i]."""
 
     drive: Drive
     regimes: dict[tuple[int, ...], Regime]
@@ -173,7 +173,7 @@ class ExponentialSolution:
             q = np.concatenate([moving, regime.response * spin], axis=1)
             for i, contact in enumerate(system.contacts):
                 side = self.sides[piece[j], i]
-                if side and contact.offset is not None:
+                if abs(side) == 1 and contact.offset is not None:
                     # F = kappa (g - row q - o), a sum of exponentials with the constant among them
                     o = offsets[:, i] * spin
                     depth = contact.row @ q

@@ -91,7 +91,7 @@ def search(sigma, omega, real, imaginary, chi, g1, g2, resting, t_start, t_end, 
                 for k in range(eigenvalues.size):
                     x = seen[contact, k, j] * psi[k, j]
                     u += x.real
-                    speed += (eigenvalues[k] * x).real
+                    speed += (eigenvalues[k] * x).real + seen[contact, k, j].real * tau**j
             for j in range(P - 1, 0, -1):
                 speed = speed + j * shift[contact, j] * tau ** (j - 1)
                 u = u + shift[contact, j] * tau**j

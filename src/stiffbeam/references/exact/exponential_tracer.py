@@ -14,6 +14,7 @@ from ...basics.validation import InputError
 from ...model.drive import Drive
 from ...model.modes import modes, undamped_modes
 from ...model.system import System
+from .damped_stops import LET_GO, next_side, pressed, side_of, watched
 from .exponential import Complex, ExponentialSolution, Regime, phasors, spin_of
 from .exponential_search import search
 from .polynomial_answer import forced
@@ -49,9 +50,11 @@ class ExponentialTracer:
     def solve(self, t_end: float) -> ExponentialSolution:
         """The solution on [0, t_end] from the initial data."""
         q, v = _start(self.system, self.perturbation)
-        u = self.system.positions(0.0, q)
-        sides = tuple(int(c.stops.state(x)) for c, x in zip(self.system.contacts, u, strict=False))
-        return self.trace(0.0, sides, q, v, -1, t_end)
+        sides = []
+        for i, contact in enumerate(self.system.contacts):
+            o, rate = self.drive.offset(self.system, i)(np.zeros(1))
+            sides.append(side_of(contact.stops, float(contact.row @ q + o[0]), float(contact.row @ v + rate[0])))
+        return self.trace(0.0, tuple(sides), q, v, -1, t_end)
 
     def trace(
         self, t: float, sides: tuple[int, ...], q: Array, v: Array, resting: int, t_end: float
@@ -68,7 +71,8 @@ class ExponentialTracer:
         while True:
             key = tuple(chi)
             if key not in self.regimes:
-                self.regimes[key] = regime_of(system, drive, key, self.perturbation)
+                closed = tuple(pressed(key).tolist())
+                self.regimes[key] = self.regimes.get(closed) or regime_of(system, drive, closed, self.perturbation)
             regime = self.regimes[key]
             response = regime.response * spin_of(drive, np.array([t]))[0]
             if carried is None:
@@ -98,7 +102,7 @@ class ExponentialTracer:
             ahead = response * np.exp(1j * drive_rates * tau)
             q = (regime.W @ moving).real + ahead.real.sum(1)
             v = (regime.W @ (regime.eigenvalues * moving)).real + (1j * drive_rates * ahead).real.sum(1)
-            chi[contact] = side if chi[contact] == 0 else 0
+            chi[contact] = side
             if t + tau > t:
                 switched[:] = False
             switched[contact] = True
@@ -145,22 +149,37 @@ class Gaps:
         self.offsets = phasors(shifts)[:, :m].T  # (m, 1 + F)
         self.recorded = drive.recorded(rest, shifts.shape[1])[:, :m].T  # (m, R)
         self.g1, self.g2 = (np.array([getattr(c.stops, side) for c in system.contacts]) for side in ("g1", "g2"))
+        self.lags = np.array([float(c.stops.damping) / float(c.stops.stiffness) for c in system.contacts])
 
     def next_switch(
         self, regime: Regime, c: Complex, chi: NDArray[np.int64], switched: NDArray[np.bool_], t: float, t_end: float
     ) -> tuple[float, int, int, int]:
-        """(tau, contact, side, evaluations) of the first switch after t, contact -1 where there is none.
+        """(tau, contact, its new side, evaluations) of the first switch after t, contact -1 where there is none.
 
-        c: the coefficients at t. switched: (m,), the contacts that have switched at t. Up to t_end every record is
-        one polynomial.
+        c: the coefficients at t. chi: the sides now. switched: (m,), the contacts that have switched at t. Up to t_end
+        every record is one polynomial.
         """
         spin, records = spin_of(self.drive, np.array([t]))[0], self.drive.polynomials(t)
         W = self.rows @ regime.W
         rates: Complex = np.concatenate([regime.eigenvalues, self.rates])
         a: Complex = np.concatenate([W * c, (self.rows @ regime.response + self.offsets) * spin], axis=1)
+        seen, shift = W[:, :, None] * (regime.push @ records), self.recorded @ records
+        at, lags, sides, g1, g2, resting = np.arange(len(chi)), np.zeros(len(chi)), chi, self.g1, self.g2, switched
+        if np.any(self.lags):  # what is watched of a damped stop is d or the sign of its force
+            at, lags, sides, own = (np.array(x) for x in zip(*watched(chi.tolist(), self.lags), strict=True))
+            d = a.real.sum(1)[at] - np.where(chi[at] > 0, g2[at], g1[at])
+            y = d + lags * (a * rates).real.sum(1)[at]
+            resting = switched[at] & np.where(np.abs(chi[at]) == LET_GO, own, (lags == 0.0) | (np.abs(y) < np.abs(d)))
+            a, seen, shift = a[at] * (1.0 + np.outer(lags, rates)), seen[at], shift[at]
+            seen = seen * (1.0 + np.outer(lags, regime.eigenvalues))[:, :, None]
+            g1, g2 = np.where(own & (chi[at] > 0), -np.inf, g1[at]), np.where(own & (chi[at] < 0), np.inf, g2[at])
         parts = (np.ascontiguousarray(x) for x in (np.minimum(rates.real, 0.0), rates.imag, a.real, a.imag))
-        pushed = regime.eigenvalues, W[:, :, None] * (regime.push @ records), self.recorded @ records
-        return search(*parts, chi, self.g1, self.g2, switched.astype(np.int64), t, t_end, *pushed)
+        gaps = np.ascontiguousarray(sides), g1, g2, resting.astype(np.int64), t, t_end
+        tau, which, met, used = search(*parts, *gaps, regime.eigenvalues, seen, shift)
+        if which < 0:
+            return tau, -1, 0, used
+        contact = int(at[which])
+        return tau, contact, next_side(int(chi[contact]), met, bool(lags[which])), used
 
 
 def _start(system: System, perturbation: Perturbation | None) -> tuple[Array, Array]:
@@ -182,6 +201,7 @@ def regime_of(system: System, drive: Drive, chi: tuple[int, ...], perturbation: 
     """The regime with every contact on the given side, 0 free. Raises InputError where its eigenvectors
     do not span the motion: a rigid-body motion, critical damping, a resonant drive."""
     closed = [(i, c, side) for i, (c, side) in enumerate(zip(system.contacts, chi, strict=True)) if side]
+    C = system.damping.copy()
     springs = tuple((c.row, c.stops.spring(side)[0]) for _, c, side in closed)
     basis = modes(replace(system, damping=np.zeros_like(system.damping)), springs)
     assert basis is not None
@@ -202,36 +222,37 @@ def regime_of(system: System, drive: Drive, chi: tuple[int, ...], perturbation: 
     offsets, moving = drive.offsets(system)
     records, moved = drive.recorded(rest, system.size), drive.recorded(moving, offsets.shape[1])
     for i, contact, side in closed:
-        # sigma = kappa (gap - row q - offset): the first term is a load, the second in the matrix.
+        # sigma = kappa (gap - row q - offset) - c (row q' + offset'): the second terms are in the matrices.
         kappa, constant = contact.stops.spring(side)
-        force = force - kappa * np.outer(offsets[:, i], contact.row)
+        c = float(contact.stops.damping)
+        C += c * np.outer(contact.row, contact.row)
+        force = force - np.outer(kappa * offsets[:, i] + c * drive.derivative().T @ offsets[:, i], contact.row)
         records = records - kappa * np.outer(moved[:, i], contact.row)
         force[0] += constant * contact.row
     modal_force = phasors(force) @ shapes  # (1 + F, n)
     push = records @ shapes  # (R, n)
-    damping = shapes.T @ system.damping @ shapes
+    damped = bool(np.any(C))
+    damping = shapes.T @ C @ shapes
     to_modal = shapes.T @ system.mass
     order = np.arange(2 * system.size)
     if rng is not None and perturbation is not None:
         size = perturbation.state
         modal_force += size * rounded_sum(phasors(force), shapes) * rng.uniform(-1.0, 1.0, modal_force.shape)
         push += size * rounded_sum(records, shapes) * rng.uniform(-1.0, 1.0, push.shape)
-        damping += (
-            size * rounded_sum(shapes.T, rounded_sum(system.damping, shapes)) * rng.uniform(-1.0, 1.0, damping.shape)
-        )
+        damping += size * rounded_sum(shapes.T, rounded_sum(C, shapes)) * rng.uniform(-1.0, 1.0, damping.shape)
         # Shapes that are not quite inverse to the way into them err alike at every switch.
         to_modal += size * rounded_sum(shapes.T, system.mass) * rng.uniform(-1.0, 1.0, to_modal.shape)
         shapes = shapes * (1.0 + size * rng.uniform(-1.0, 1.0, shapes.shape))
         order = rng.permutation(order)  # the eigenvalue algorithm rounds otherwise
     response = np.empty((system.size, len(modal_force)), complex)
     gains = np.tile(omega**2, (len(modal_force), 1)) - np.array([0.0, *drive.frequencies])[:, None] ** 2
-    if not system.damped:
+    if not damped:
         refuse_resonance(gains, modal_force, omega, np.array([0.0, *drive.frequencies]), chi)
     for k, frequency in enumerate([0.0, *drive.frequencies]):
         matrix = np.diag(gains[k]) + 1j * frequency * damping
         # Row by row to size one, so that the stiff modes do not drown the soft ones.
         response[:, k] = shapes @ np.linalg.solve(matrix / omega[:, None] ** 2, modal_force[k] / omega**2)
-    if not system.damped:
+    if not damped:
         return Regime(
             1j * omega, shapes.astype(complex), to_modal.astype(complex), -1j / omega[:, None] * to_modal, response,
             -1j / omega[:, None] * push.T,

@@ -15,11 +15,12 @@ from typing import Any
 
 from ...basics.arrays import Array
 from ...basics.budget import afford
-from ...basics.validation import positive
+from ...basics.validation import InputError, positive
 from ...model.drive import Drive
 from ...model.modes import Modes, undamped_modes
+from ...model.sampled import Sampled
 from ...model.system import System
-from ...model.time_functions import covered
+from ...model.time_functions import covered, parts_of
 from ...trajectory.trajectory import Reference, Work, versions
 from ..request import Request, output_times
 from .audit import audit, within_float64
@@ -48,7 +49,8 @@ def solve_exact(
 ) -> Reference:
     """The exact piecewise-linear solution in float64, with crossings that cannot be missed.
 
-    Takes any damping, any number of contacts, time functions made of Harmonic, Constant and Sampled; raises
+    Takes any damping, any number of contacts, linear stops, damped ones too (damped_stops.py), and time functions
+    made of Harmonic, Constant and Sampled; raises
     InputError with the reason for other time functions, for a drive at resonance with several contacts and no
     damping, and where regimes are too close to critical damping or to a rigid-body motion for their
     eigenvectors. Without damping, with at most one contact and no samples all of it is compiled; else regimes
@@ -79,7 +81,8 @@ def solve_exact(
 
 def general(system: System) -> bool:
     """Whether it takes sums of complex exponentials: damping, several contacts, or sampled functions of time."""
-    return system.damped or len(system.contacts) > 1 or bool(Drive.of(system).records)
+    damped = system.damped or any(contact.stops.damping > 0.0 for contact in system.contacts)
+    return damped or len(system.contacts) > 1 or bool(Drive.of(system).records)
 
 
 def tracer_of(
@@ -151,9 +154,12 @@ def afford_search(system: System, t_end: float) -> None:
 
 def refuse(system: System, t_end: float) -> None:
     """Raise InputError for laws that are not linear between their switches, for time functions without a closed
-    form, and for samples that end before t_end."""
+    form, for damped stops that move by samples, and for samples that end before t_end."""
     for contact in system.contacts:
-        contact.stops.require_linear("the exact solution")
+        contact.stops.require_linear("the exact solution", damped=True)
+        if contact.stops.damping > 0.0 and any(isinstance(part, Sampled) for part in parts_of(contact.offset)):
+            rule, remedy = "be made of Harmonic and Constant where the stop is damped", "use method='cvode'"
+            raise InputError("contact.offset", contact.offset, rule, remedy)
     drive = Drive.of(system)
     drive.recorded(drive.split(system.loads, system.size)[1], system.size)
     drive.recorded(drive.offsets(system)[1], len(system.channels))

@@ -67,7 +67,7 @@ def forced(eigenvalues: Array, tau: Array, force: Array, out: Array) -> None:
 def forced_derivatives(eigenvalues: Array, seen: Array, shift: Array, tau: float, d: Array) -> None:
     """Add to d (ORDER + 1,) the derivatives at tau of Re sum_kj seen_kj psi_j(lambda_k, .) + sum_j shift_j tau^j.
 
-    ``seen`` are the forces as a row sees them, for which Re sum_k seen_kj = 0: a force makes no speed.
+    ``seen`` are the forces as a row sees them. A position's row has Re sum_k seen_kj = 0: a force makes no speed.
     """
     P = seen.shape[1]
     psi = np.empty(P, np.complex128)
@@ -78,9 +78,8 @@ def forced_derivatives(eigenvalues: Array, seen: Array, shift: Array, tau: float
             d[0] += (seen[k, j] * x).real
             power, factor = tau**j, 1.0 * j  # (tau^j)^(i), and what the next derivative multiplies it by
             for i in range(1, d.size):
-                x = eigenvalues[k] * x
+                x = eigenvalues[k] * x + power
                 d[i] += (seen[k, j] * x).real
-                x += power
                 power = factor * tau ** (j - i) if factor > 0.0 else 0.0
                 factor = factor * (j - i) if factor > 0.0 else 0.0
     for j in range(shift.size):
@@ -110,9 +109,8 @@ def forced_sizes(eigenvalues: Array, seen: Array, shift: Array, rest: float, b: 
             b[0] += amplitude * x
             power, factor = rest**j, 1.0 * j
             for i in range(1, b.size):
-                x = size * x
+                x = size * x + power
                 b[i] += amplitude * x
-                x += power
                 power = factor * rest ** (j - i) if factor > 0.0 else 0.0
                 factor = factor * (j - i) if factor > 0.0 else 0.0
     for j in range(shift.size):

@@ -98,7 +98,7 @@ def _solve(system: System, t_end: float, t_eval: Array | None, begun: float) -> 
         found.contacts[0],
         force=np.full(len(found.t), np.nan),
         impacts=impacts,
-        peak_force=float("inf") if len(times) else 0.0,
+        peak_force=float("nan") if len(times) else 0.0,
         impulse=float(np.sum(impulses)),
     )
     return replace(found, contacts=(record,))

@@ -22,6 +22,7 @@ from ...basics.budget import Forecast
 from ...model.drive import Drive
 from ...model.system import System
 from ...trajectory.trajectory import SolverFailure
+from ..exact.damped_stops import pressed, side_of, switched_by_force
 from ..exact.exponential import ExponentialSolution, Regime
 from ..exact.exponential_tracer import Gaps, regime_of
 from ..exact.touching import REMEDY
@@ -87,7 +88,8 @@ def precise_exponential(
     for contact, exact in zip(system.contacts, problem.contacts, strict=True):
         u = dot(exact.row, q) + dot(_phasors(exact.offset), spin).real
         u += dot(exact.recorded, [taylor(record, t)[0] for record in drive.records])
-        chi.append(int(contact.stops.state(float(u))))
+        speed = dot(exact.row, v) + dot(_phasors(exact.rate), spin).real
+        chi.append(side_of(contact.stops, float(u), float(speed)))
     times, sides, coefficients, resting, evaluations, carried = [], [], [], -1, 0, None
     gaps = Gaps(system, drive)
     pieces: list[Piece] = []
@@ -96,7 +98,8 @@ def precise_exponential(
         key = tuple(chi)
         if key not in regimes:
             before, ctx.prec = ctx.prec, room
-            regimes[key] = _regime(system, problem, drive, key)
+            closed = tuple(pressed(key).tolist())
+            regimes[key] = regimes.get(closed) or _regime(system, problem, drive, closed)
             ctx.prec = before
         regime = regimes[key]
         c = _coefficients(regime, q, v, spin) if carried is None else carried
@@ -113,13 +116,15 @@ def precise_exponential(
         evaluations += used
         if contact >= 0 and times[-1] + start < edge:
             forecast.check(times[-1], len(times) * (full / 32.0 + 20.0) * system.size)
-            stop = problem.contacts[contact].stop(side)
+            stop, lag = problem.contacts[contact].stop(side or chi[contact]), arb(0)
+            if switched_by_force(chi[contact], side):
+                lag = problem.contacts[contact].lag
             fastest = float(np.max(np.abs(regime.rounded.eigenvalues)))
             shortest = 2.0 * np.pi / max(float(np.max(regime.rounded.eigenvalues.imag)), *drive.frequencies, 1e-300)
-            tau, shift, parts = locate(partial(_gap, piece, contact, stop), start, fastest, shortest, times[-1])
+            tau, shift, parts = locate(partial(_gap, piece, contact, stop, lag), start, fastest, shortest, times[-1])
             when = (t + tau + shift).mid()
             if not drive.records or t <= when < edge:
-                t, chi[contact], resting = when, side if chi[contact] == 0 else 0, contact
+                t, chi[contact], resting = when, side, contact
                 q, v = _state(piece, parts, tau, shift)
                 spin = _spin(drive, t)
                 continue
@@ -163,9 +168,10 @@ def _offset(piece: Piece, channel: int, tau: Any) -> tuple[Any, Any]:
 
 
 def _regime(system: System, problem: Exact, drive: Drive, chi: tuple[int, ...]) -> PreciseRegime:
-    stiffness, basis, records = problem.closed(chi)
+    C, stiffness, basis, records = problem.closed(chi)
+    damped = any(x != 0 for line in C.tolist() for x in line)
     start = regime_of(system, drive, chi)  # refuses what float64 refuses
-    pencil = DampedPencil(acb_mat(problem.mass), acb_mat(problem.damping), acb_mat(stiffness))
+    pencil = DampedPencil(acb_mat(problem.mass), acb_mat(C), acb_mat(stiffness))
     shapes, values = refine(pencil, *pencil.normalised(*_both_of_each_pair(start)))  # phi, (n, 2n)
     kept, weights = [], []
     for j, value in enumerate(values):
@@ -173,7 +179,7 @@ def _regime(system: System, problem: Exact, drive: Drive, chi: tuple[int, ...]) 
         if real or value.imag > 0:
             kept.append(j)
             weights.append(1 if real else 2)
-        values[j] = acb(value.real, 0) if real else (value if system.damped else acb(0, value.imag))
+        values[j] = acb(value.real, 0) if real else (value if damped else acb(0, value.imag))
     forces = (acb_mat([_phasors(list(line)) for line in zip(*basis, strict=True)]).transpose() * shapes).tolist()
     drive_rates = [acb(0, number(f)) for f in (0.0, *drive.frequencies)]
     gains = [
@@ -188,7 +194,7 @@ def _regime(system: System, problem: Exact, drive: Drive, chi: tuple[int, ...]) 
     through_mass = (turned * problem.mass).tolist()
     from_q = [
         [value * x + y for x, y in zip(line, other, strict=True)]
-        for value, line, other in zip(eigenvalues, through_mass, (turned * problem.damping).tolist(), strict=True)
+        for value, line, other in zip(eigenvalues, through_mass, (turned * C).tolist(), strict=True)
     ]
     rates = eigenvalues + drive_rates
     rows, moves = [], []
@@ -256,12 +262,18 @@ def _both_of_each_pair(regime: Regime) -> tuple[Any, list[Any]]:
     ]
 
 
-def _gap(piece: Piece, contact: int, stop: Any, tau: Any) -> tuple[Any, Any, list[Any]]:
-    """u - stop and u' of a contact at tau, and the coefficients they are made of."""
+def _gap(piece: Piece, contact: int, stop: Any, lag: Any, tau: Any) -> tuple[Any, Any, list[Any]]:
+    """u - stop + lag u' of a contact at tau, its rate, and the coefficients they are made of."""
     regime, parts = piece.regime, piece.parts(tau)
     u, speed = (dot(rows[contact], parts).real for rows in (regime.rows, regime.row_rates))
     offset, rate = _offset(piece, contact, tau)
-    return (u + offset - stop).mid(), (speed + rate).mid(), parts
+    curve = arb(0)
+    if lag != 0:
+        ahead = [rate * part for rate, part in zip(regime.rates, parts, strict=True)]
+        for k, force in enumerate(piece.forces(tau) if piece.records else []):
+            ahead[k] += force[0]
+        curve = dot(regime.row_rates[contact], ahead).real
+    return (u + offset - stop + lag * (speed + rate)).mid(), (speed + rate + lag * curve).mid(), parts
 
 
 def _coefficients(regime: PreciseRegime, q: list[Any], v: list[Any], spin: list[Any]) -> list[Any]:

@@ -142,7 +142,7 @@ def _regime(
 ) -> PreciseRegime:
     """The regime of ``side``; on the lower stop the modes are those of the ``other``, on the upper."""
     n = len(base.omega)
-    stiffness, basis, _ = problem.closed([side] * len(problem.contacts))
+    _, stiffness, basis, _ = problem.closed([side] * len(problem.contacts))
     if other is None:
         start = arb_mat([[arb(float(x)) for x in line] for line in base.shapes])
         shapes, squares = refine(UndampedPencil(problem.mass, stiffness), start, [])

@@ -75,7 +75,7 @@ class UnroundedSolution(ExponentialSolution):
         force = [_phasors(list(column), spin) for column in zip(*self.given.basis.tolist(), strict=True)]
         total = _integral(force, driven, v, rates, h)
         for contact, side in zip(self.given.contacts, self.sides[k].tolist(), strict=True):
-            if side and any(x != 0 for x in contact.offset[1:]):
+            if abs(side) == 1 and any(x != 0 for x in contact.offset[1:]):
                 o = _phasors(contact.offset, spin)
                 seen = (acb_mat([[acb(x) for x in contact.row]]) * acb_mat(q)).tolist()[0]
                 push = [-contact.kappa * (x + (o[i - own] if i >= own else 0)) for i, x in enumerate(seen)]
