@@ -1,9 +1,10 @@
-"""MuJoCo, EXUDYN, Siconos, GetFEM and PyBullet on the test set, beside this package's own.
+"""MuJoCo, EXUDYN, Siconos, GetFEM and PyBullet on the test set.
 
-    python studies/engines/run_all.py [--python NAME=PATH ...] [--runs DIR]      writes README.md of this folder
+    python studies/engines/run_all.py [--python NAME=PATH ...] [--runs DIR] [--beside NAMES]
 
-Each engine runs by its adapter, in the interpreter that has it: this one, or PATH. One that is not installed is said
-to be so. DIR keeps the runs, and gives those that it holds already. Some ten minutes.
+writes README.md of this folder. Each engine runs by its adapter, in the interpreter that has it: this one, or PATH.
+One that is not installed is said to be so. DIR keeps the runs, and gives those that it holds already. NAMES: schemes
+and solvers of this package to show beside them, such as trapezoidal,exact. Some ten minutes.
 """
 
 from __future__ import annotations
@@ -25,16 +26,16 @@ ADAPTERS = {
     "getfem": ["getfem_engine.py"],
     "pybullet": ["pybullet_engine.py"],
 }
-OURS = ("trapezoidal", "moreau-jean", "exact")
 
 
 PAGE = """# Engines of others on the test set
 
 `python studies/engines/run_all.py --python NAME=PATH ...` runs each engine by its adapter in this folder, in the
-interpreter that has it, over [the problems](../../reference/problems/README.md) and scores what it has written, beside
-this package's trapezoidal rule, Moreau-Jean and exact solution. MuJoCo, EXUDYN and PyBullet come by pip (`pip install
-"stiffbeam[engines]"`), Siconos and GetFEM with Debian (python3-siconos, python3-getfem). An adapter needs NumPy, its
-engine and `problem_file.py`, which reads the TOML files: the way to add another one.
+interpreter that has it, over [the problems](../../reference/problems/README.md), and scores what it has written.
+`--beside trapezoidal,exact` adds columns of this package, whose own scores `stiffbeam score` prints. MuJoCo, EXUDYN and
+PyBullet come by pip (`pip install "stiffbeam[engines]"`), Siconos and GetFEM with Debian (python3-siconos,
+python3-getfem). An adapter needs NumPy, its engine and `problem_file.py`, which reads the TOML files: the way to add
+another one.
 
 ```text
 {card}
@@ -46,19 +47,19 @@ How each is set up; the first lines of its adapter say more:
 {absent}
 Long runs are left out where an engine is called from Python at every step; such a cell is the finest of fewer steps.
 
-What they get right: EXUDYN, Siconos and GetFEM take the trapezoidal rule on everything compliant that they can
-express, and are the same to all digits shown as this package's: five programs, one scheme. EXUDYN's DOPRI5 meets its
-tolerance on all seventeen. MuJoCo has a spring with a dead band, which is a compliant stop without any approximation,
-and with RK4 it is more exact at the same step than the implicit rule wherever it is stable; aster-beam, bouncing-bar
-and table14 have coarse steps at which it is not, which it warns of. Siconos' Moreau-Jean has the restitution of every
-rigid problem right, rests where the chatter ends, and is of second order through the sticking phase. PyBullet, made
-for speed, is of first order and right about rests and restitutions.
+What they get right: EXUDYN and Siconos take the trapezoidal rule on everything compliant that they can express, and
+print the same errors as each other, as GetFEM at the same steps, and as this package's own; only kelvin-voigt, where
+the force jumps within a step, is taken differently. EXUDYN's DOPRI5 meets its tolerance on all seventeen. MuJoCo has a
+spring with a dead band, which is a compliant stop without any approximation, and with RK4 it is more exact at the same
+step than the implicit rule wherever it is stable; where it is not, it warns. Siconos' Moreau-Jean converges on every
+rigid problem, and at second order through the sticking phase. PyBullet, made for speed, is of first order.
 
 What to know: MuJoCo has no restitution; a limit tuned as a damped spring gives it back with a contact that lasts
 eight steps, so a rebound is late by as many (nonsmooth-mode needs more steps than are taken here). PyBullet by default
-pushes out of a plane with a speed of contactERP times depth over step, which is left to the ball; it is set to 0.
-EXUDYN's limit stops switch with the state of the step before; the law is a force function instead. GetFEM's and
-EXUDYN's contacts have no restitution, and Siconos' relations no power law.
+pushes out of a plane with a speed of contactERP times depth over step, which is left to the ball; it is set to 0. On
+two-mass-chain and hammer-pulse its forces from the begin of a step cost it the order at these steps. EXUDYN's limit
+stops switch with the state of the step before; the law is a force function instead. GetFEM's and EXUDYN's contacts
+have no restitution, and Siconos' relations no power law.
 
 Not to be had: cardillo and Siconos are not on the package index, and Chrono's bindings come with conda only (the
 pychrono of the index is something else).
@@ -96,6 +97,7 @@ def main() -> None:
     asked = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     asked.add_argument("--python", action="append", default=[], metavar="NAME=PATH", help="interpreter of an engine")
     asked.add_argument("--runs", type=Path, help="folder that keeps the runs")
+    asked.add_argument("--beside", default="", metavar="NAMES", help="schemes and solvers of this package")
     given = asked.parse_args()
     pythons = dict(each.split("=", 1) for each in given.python)
     with tempfile.TemporaryDirectory() as own:
@@ -107,7 +109,7 @@ def main() -> None:
             missing += [f"{name} ({why})"] if why else []
         engines = [recorded(out) for out in folders]
         show = lambda what, done, total: print(f"{done}/{total} {what}", flush=True)  # noqa: E731
-        card = sb.score([*engines, *OURS], statistics=False, progress=show)
+        card = sb.score([*engines, *filter(None, given.beside.split(","))], statistics=False, progress=show)
         said = "\n".join(described(out) for out in folders)
     absent = f"\nNot installed there, and not run: {', '.join(missing)}.\n" if missing else ""
     text = PAGE.format(card=card, engines=said, absent=absent)
