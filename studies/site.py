@@ -40,6 +40,7 @@ CHAPTERS = {
     ],
     "Reference": ["api/stiffbeam.html", "CONTRIBUTING.md", "CHANGELOG.md"],
 }  # fmt: skip
+CURRENT = ' aria-current="page"'
 SWEEP = {"parameter": "frequency", "values": [8.0 + 0.2 * k for k in range(31)]}
 STYLE = """
 .site { display: grid; grid-template-columns: 15rem minmax(0, 1fr); gap: 2rem;
@@ -74,7 +75,7 @@ def markdown(text: str) -> str:
     extras = {"tables": None, "fenced-code-blocks": None, "header-ids": None, "code-friendly": None}
     page = str(markdown2.markdown(text, extras=extras))
     page = re.sub(r"<pre>(?!<span|<code)", "<pre><code>", page)
-    return re.sub(r"<pre([ >])", r'<pre tabindex="0"\1', page)
+    return re.sub(r"<pre([ >])", r'<pre tabindex="0"\1', page).replace(" />", ">")
 
 
 def script(path: Path) -> str:
@@ -134,6 +135,12 @@ def title_of(body: str) -> str:
     return re.sub(r"<[^>]+>", "", found[1]).strip() if found else "stiffbeam"
 
 
+def shortened(title: str) -> str:
+    """A title for the list of pages: that of a script ends at its first comma."""
+    short = title.removeprefix("How to: ").split(",")[0].rstrip(".") if title.startswith("How to: ") else title
+    return short[:1].upper() + short[1:] if short != "stiffbeam" else short
+
+
 def relinked(body: str, source: str, out: Path, pages: dict[str, str]) -> str:
     """Links to files of the repository lead to their pages; what is no page is copied beside them."""
     here = Path(target_of(source)).parent
@@ -166,14 +173,14 @@ def page(body: str, source: str, titles: dict[str, str]) -> str:
     ways = []
     for chapter, sources in CHAPTERS.items():
         items = "".join(
-            f'<li><a href="{os.path.relpath(target_of(s), here)}"{" aria-current=page" if s == source else ""}>'
+            f'<li><a href="{os.path.relpath(target_of(s), here)}"{CURRENT if s == source else ""}>'
             f"{titles[s]}</a></li>"
             for s in sources
         )  # fmt: skip
         ways.append(f"<h2>{chapter}</h2><ul>{items}</ul>")
     sheet = os.path.relpath("style.css", here)
     return (
-        f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>{title_of(body)} – stiffbeam</title>'
+        f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>{title_of(body)} – stiffbeam</title>'
         f'<meta name="viewport" content="width=device-width, initial-scale=1"><link rel="stylesheet" href="{sheet}">'
         f'</head><body><div class="site"><nav aria-label="All pages">{"".join(ways)}</nav>'
         f"<main>{body}</main></div></body></html>\n"
@@ -232,7 +239,7 @@ def build(out: Path, studies: Iterable[str], smoke: bool) -> None:
             bodies[source] = notebook(path)
         else:
             bodies[source] = markdown(path.read_text(encoding="utf-8"))
-    titles = {source: title_of(body).removeprefix("How to: ") for source, body in bodies.items()}
+    titles = {source: shortened(title_of(body)) for source, body in bodies.items()}
     titles |= {"README.md": "stiffbeam", "api/stiffbeam.html": "All Python names"}
     (out / "style.css").write_text(style() + STYLE, encoding="utf-8")
     for source, body in bodies.items():

@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 
 import stiffbeam as sb
 
-SLOW = 1e-7  # of bounces that are left out: over within 2 SLOW/(a (1 - e))
+SLOW = 1e-6  # of bounces that are left out: over within 2 SLOW/(a (1 - e))
 
 
 def random_system(seed: int) -> sb.System:
@@ -98,15 +98,12 @@ class Witness:
             for x in pulled:
                 del others[x]
         y = y.copy()
+        towards = self.inverse @ self.s.contacts[c].row
+        y[: self.n] += towards * side * self.gap(c, side, t, y) / (self.s.contacts[c].row @ towards)  # on the stop
         y[self.n :] += self.inverse @ rows.T @ P
         self.held = others
         if abs(self.speed(c, t, y)) < SLOW:
-            y[self.n :] -= (
-                self.inverse
-                @ self.s.contacts[c].row
-                * self.speed(c, t, y)
-                / (self.s.contacts[c].row @ self.inverse @ self.s.contacts[c].row)
-            )
+            y[self.n :] -= towards * self.speed(c, t, y) / (self.s.contacts[c].row @ towards)
             self.held[c] = side
             self.settle(t, y)
         return y

@@ -65,7 +65,7 @@ def check(text: str) -> Page:
     """What holds for every page."""
     page = Page(text)
     assert not page.open
-    assert text.startswith('<!doctype html>\n<html lang="en">')
+    assert text.startswith('<!DOCTYPE html>\n<html lang="en">')
     assert len(set(page.ids)) == len(page.ids)
     assert page.links
     inside = [link for link in page.links if not link.startswith("data:text/csv;")]

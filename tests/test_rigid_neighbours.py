@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import rigid_witness
 from scipy.integrate import solve_ivp
 
 import stiffbeam as sb
@@ -131,3 +132,25 @@ def test_what_moves_a_stop_has_a_velocity():
             run = sb.reference(system, 3.0)
             assert run.contacts[0].fraction > 0.0  # pushed along once the impacts are over
             assert abs(run.energy.loss[-1]) < 1e-12
+
+
+def _agrees(seed):
+    """Bounces slower than SLOW are left out by the witness: 2 SLOW/(a (1 - e)) of time, and as much of position."""
+    system, times = rigid_witness.random_system(seed), np.linspace(0.0, 3.0, 61)
+    run = sb.reference(system, 3.0, t_eval=times)
+    want = rigid_witness.Witness(system).solve(times)
+    offset = system.contacts[0].offset
+    found = run.contacts[0].position - (0.0 if offset is None else offset.value(times))
+    assert np.max(np.abs(found - want)) < 1e-4 * np.max(np.abs(want))
+    assert np.max(np.abs(run.energy.loss)) < 1e-9 * np.max(run.energy.energy)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_random_systems_against_another_solver(seed):
+    _agrees(seed)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(6, 406))
+def test_more_random_systems_against_another_solver(seed):
+    _agrees(seed)

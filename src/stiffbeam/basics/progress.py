@@ -44,8 +44,8 @@ def progress() -> Generator[Show, None, None]:
         SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), TextColumn("left"),
         TimeRemainingColumn(),
     )  # fmt: skip
-    shown = {"console": console, "transient": True, "disable": not (console.is_terminal or console.is_jupyter)}
-    with Progress(*columns, speed_estimate_period=600.0, **shown) as display:
+    hidden = not (console.is_terminal or console.is_jupyter)
+    with Progress(*columns, speed_estimate_period=600.0, console=console, transient=True, disable=hidden) as display:
         task, phases = display.add_task("starting", total=None), _Phases()
 
         def show(what: str, done: int, total: int) -> None:

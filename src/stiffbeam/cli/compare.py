@@ -172,7 +172,7 @@ def _tables(result: CaseComparison) -> RenderableType:
     return comparison_tables(result.comparisons, result.references, result.failures, result.truths, result.refused)
 
 
-def _print_result(result, written: list[Path], earlier: list[str]) -> None:
+def _print_result(result: CaseComparison, written: list[Path], earlier: list[str]) -> None:
     from rich.text import Text
 
     from ..measures.report import WIDTH

@@ -27,13 +27,14 @@ def doctor(json_file: Json = None) -> None:
 
     check_json(json_file)
     with progress() as show:
-        found = {"installed": _installed(), "places": _places(), "solvers": _solvers(show)}
-    good = all(solver["agrees"] for solver in found["solvers"])
+        installed, places, solvers = _installed(), _places(), _solvers(show)
+    found = {"installed": installed, "places": places, "solvers": solvers}
+    good = all(solver["agrees"] for solver in solvers)
     if not write_json("doctor", found, json_file):
         table = Table(box=None, show_header=False, padding=(0, 2, 0, 0))
-        for name, value in [*found["installed"].items(), *found["places"].items()]:
+        for name, value in [*installed.items(), *places.items()]:
             table.add_row(name, str(value))
-        for solver in found["solvers"]:
+        for solver in solvers:
             table.add_row(solver["name"], f"{'works' if solver['agrees'] else 'fails'}, {solver['said']}")
         console().print(table)
     raise typer.Exit(0 if good else 1)

@@ -113,7 +113,7 @@ def _references(
     return [record]
 
 
-def _print(records: list[dict], together: bool) -> None:
+def _print(records: list[dict[str, Any]], together: bool) -> None:
     if together:
         _print_agreement(records[0])
         return
@@ -123,7 +123,7 @@ def _print(records: list[dict], together: bool) -> None:
         say("nothing to do: every reference is there and whole")
 
 
-def _print_agreement(record: dict) -> None:
+def _print_agreement(record: dict[str, Any]) -> None:
     from rich import box
     from rich.table import Table
 

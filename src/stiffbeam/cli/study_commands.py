@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from concurrent.futures import Executor
     from contextlib import AbstractContextManager
 
+    from rich.table import Table
+
     from ..files.case import Case as CaseFile
     from ..studies.engine.study import Records, Study
 
@@ -72,7 +74,7 @@ class _Study(TyperCommand):
         return command.make_context(info_name, args, parent, **extra)
 
 
-def _dressed(command, name: str):
+def _dressed(command: Any, name: str) -> Any:
     """The command with what all have: --quiet, --verbose, examples and exit status in its help."""
     if command.epilog is None:
         command.params = [*command.params, *shared()]
@@ -189,7 +191,7 @@ def _workers(address: str | None) -> AbstractContextManager[Executor | None]:
     return scheduler(address)
 
 
-def _table(lines: list[dict[str, str]]):
+def _table(lines: list[dict[str, str]]) -> Table:
     """The lines of an answer under their headings, – where one has nothing to say."""
     from rich import box
     from rich.table import Table
@@ -203,7 +205,8 @@ def _table(lines: list[dict[str, str]]):
     return table
 
 
-def print_records(records, written: list[Path]) -> None:
+def print_records(records: Records, written: list[Path]) -> None:
+    """Print answer, table, failures and the files that were written."""
     from rich.padding import Padding
     from rich.text import Text
 

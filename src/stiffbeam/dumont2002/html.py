@@ -76,7 +76,7 @@ def boxed(inner: Html, caption: str, rows: Sequence[Sequence[object]]) -> Html:
         "a", "CSV", href=f"data:text/csv;charset=utf-8;base64,{data}", download=f"{anchor(caption)}.csv", class_="csv",
         aria_label=f"{caption}, as a CSV file",
     )  # fmt: skip
-    return joined(element("div", inner, class_="scroll", tabindex=0, role="region", aria_label=caption), link)
+    return joined(element("section", inner, class_="scroll", tabindex=0, aria_label=caption), link)
 
 
 def aligned(number: str, places: int) -> Html:

@@ -72,7 +72,7 @@ def section(finished: Finished) -> h.Html:
         h.figure(pictures, caption(number, finished.numbers), above=legend(finished.numbers)),
         *failed,
         *_film(finished),
-        numbers_table(number, finished.numbers),
+        _numbers_table(number, finished.numbers),
         id=h.anchor(f"table {number}"),
     )
 
@@ -193,7 +193,7 @@ _LOOK = {
 }
 
 
-def numbers_table(number: int, numbers: Numbers) -> h.Html:
+def _numbers_table(number: int, numbers: Numbers) -> h.Html:
     """The measures of every run and of the exact motion, one row each."""
     named = [(f"{name} {row['scheme']}", row) for name, row in numbers["runs"].items()]
     named += [(exact_name(form, row), row) for form, row in numbers["exact"].items()]

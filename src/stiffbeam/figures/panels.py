@@ -14,6 +14,7 @@ from ..basics.whole_file import write_whole
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
     from matplotlib.figure import Figure
 
     from ..files.cases import Case
@@ -44,17 +45,17 @@ def log_scale(axis: Axes, x: bool = True, y: bool = True) -> None:
     """Logarithmic axes wherever what is drawn so far holds anything positive."""
     if x and np.isfinite(axis.dataLim.minposx):
         axis.set_xscale("log")
-        _few_ticks(axis.xaxis, axis.dataLim.x1 / axis.dataLim.minposx)
+        _few_ticks(axis.xaxis, axis.dataLim.x1 / axis.dataLim.minposx, 10.0)
     if y and np.isfinite(axis.dataLim.minposy):
         axis.set_yscale("log")
-        _few_ticks(axis.yaxis, axis.dataLim.y1 / axis.dataLim.minposy)
+        _few_ticks(axis.yaxis, axis.dataLim.y1 / axis.dataLim.minposy, 50.0)
 
 
-def _few_ticks(axis, span: float) -> None:
-    """Over less than two decades, ticks at 1, 2 and 5 only: all nine would be written over each other."""
+def _few_ticks(axis: Axis, span: float, most: float) -> None:
+    """Over less than ``most``, ticks at 1, 2 and 5 only: all nine would be written over each other."""
     from matplotlib.ticker import LogFormatterSciNotation, LogLocator, NullFormatter
 
-    if 1.0 < span < 100.0:
+    if 1.0 < span < most:
         axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
         axis.set_major_formatter(LogFormatterSciNotation(labelOnlyBase=False, minor_thresholds=(np.inf, np.inf)))
         axis.set_minor_formatter(NullFormatter())

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,17 +45,25 @@ class Readers:
     def of(cls, nodes: tuple[float, ...], contacts: int, channels: int, rated: bool) -> Readers:
         """Those of a scheme with these nodes."""
         S, m, C = len(nodes), contacts, channels
-        edges = np.cumsum([0, S * m, C, C, S * m if rated else 0]).tolist()
-        parts = [slice(*x) for x in pairwise(edges)]
-        which, ends = np.repeat(np.arange(S), m), np.arange(C)
-        of_nodes, size = np.tile(np.arange(m), S), edges[-1]
+        at_ends = S * m
+        end_rates, node_rates = at_ends + C, at_ends + 2 * C
+        size = node_rates + (S * m if rated else 0)
+        which, ends, of_nodes = np.repeat(np.arange(S), m), np.arange(C), np.tile(np.arange(m), S)
         return cls(
-            nodes, m, C, rated, *parts, size,
+            nodes,
+            contacts,
+            channels,
+            rated,
+            at_nodes=slice(0, at_ends),
+            at_ends=slice(at_ends, end_rates),
+            end_rates=slice(end_rates, node_rates),
+            node_rates=slice(node_rates, size),
+            size=size,
             channel=np.concatenate([of_nodes, ends, ends, of_nodes])[:size],
             when=np.concatenate([np.repeat(nodes, m), np.ones(2 * C), np.repeat(nodes, m)])[:size],
-            is_rate=np.arange(size) >= edges[2],
+            is_rate=np.arange(size) >= end_rates,
             field=np.concatenate([which, 0 * ends + S, 0 * ends + S + 1, S + 2 + which])[:size],
-        )  # fmt: skip
+        )
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,6 +13,7 @@ from ..basics.arrays import Array
 from ..basics.threads import cores, over_slices
 from ..basics.validation import numbers, positive
 from ..model.members import Members, as_members
+from ..model.modes import Modes
 from ..model.system import System
 from ..trajectory.ensemble import MEMBERS_PER_SLICE, Ensemble, Progress, gathered, record_from
 from ..trajectory.ledger import Ledger
@@ -44,7 +45,7 @@ def reference_ensemble(
     t_end = positive("t_end", t_end)
     at = np.array([0.0, float(t_end)]) if t_eval is None else times
     record_from(since, t_end)
-    known: dict = {}  # modes, shared between members; the first one finds them
+    known: dict[float, Modes] = {}  # modes, shared between members; the first one finds them
     first = _solve(members[0], t_end, at, known, since)
     horizon = horizon_of(members[0], t_end)
 
@@ -69,7 +70,7 @@ def horizon_of(system: System, t_end: float) -> float:
     return exact_horizon(solve_exact(system, t_end), system, t_end)[0]
 
 
-def _solve(system: System, t_end: float, at: Array, known: dict, since: float) -> Reference:
+def _solve(system: System, t_end: float, at: Array, known: dict[float, Modes], since: float) -> Reference:
     if any(contact.stops.rigid for contact in system.contacts):
         return solve_rigid(system, t_end, at, since, trusted=False)
     return solve_exact(system, t_end, at, known=known, since=since)

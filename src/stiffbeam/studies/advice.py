@@ -36,7 +36,7 @@ from ..references import reference
 from ..schemes import RIGID, SCHEMES, Scheme, make
 from ..trajectory.tables import table
 from ..trajectory.trajectory import Diverged, Trajectory
-from .advice_judges import SIZE, Judge, Motion, Statistics
+from .advice_criteria import SIZE, Criterion, Motion, Statistics
 
 if TYPE_CHECKING:
     import pandas
@@ -181,13 +181,13 @@ def advise(
     show("advise: the exact motion", 0, 0)
     exact = reference(system, positive("t_end", t_end))
     past = exact.horizon < t_end
-    judge: Judge = Statistics(system, t_end, members) if past else Motion(exact)
+    criterion: Criterion = Statistics(system, t_end, members) if past else Motion(exact)
     cannot = {"tip": PAST.format(exact.horizon)} if past and "tip" in wanted else {}
     left = {name: x for name, x in wanted.items() if name not in cannot}
     direct = MOST_MEMBER if past else MOST_DIRECT
     most = most_steps or (direct if modes(system) is None else MOST_STEPS)
     candidates, most = _candidates(schemes, contacts), integer("most_steps", most, 1)
-    tried, chosen = _search(system, t_end, candidates, judge, left, most, show) if left else ([], None)
+    tried, chosen = _search(system, t_end, candidates, criterion, left, most, show) if left else ([], None)
     if left and not tried:
         remedy = "pass schemes that take its stops" if system.contacts else "pass other schemes"
         raise InputError("schemes", ", ".join(dict.fromkeys(str(s) for s, _ in candidates)), "take the system", remedy)
@@ -210,7 +210,7 @@ def advise(
         until,
         tuple(tried),
         system,
-        judge.scatter,
+        criterion.scatter,
     )
 
 
@@ -240,7 +240,7 @@ def _candidates(schemes: Sequence[Scheme] | None, contacts: Sequence[str]) -> li
 
 
 def _search(
-    system: System, t_end: float, candidates: list[tuple[Scheme, str]], judge: Judge, want: dict[str, float],
+    system: System, t_end: float, candidates: list[tuple[Scheme, str]], criterion: Criterion, want: dict[str, float],
     most: int, show: Show,
 ) -> tuple[list[Probe], Probe | None]:  # fmt: skip
     """Every candidate from coarse to fine until two steps in a row meet the want, or one costs more than the best."""
@@ -252,7 +252,7 @@ def _search(
         before: Probe | None = None
         steps = min(coarsest, most)
         while steps <= most:
-            probe = _probe(system, t_end, scheme, contact, steps, judge)
+            probe = _probe(system, t_end, scheme, contact, steps, criterion)
             if probe is None:
                 break  # what this scheme or these stops do not take
             tried.append(probe)
@@ -272,10 +272,12 @@ def _period(system: System, t_end: float) -> float:
     return min([2.0 * np.pi / rate for rate in rates if rate > 0.0], default=t_end)
 
 
-def _probe(system: System, t_end: float, scheme: Scheme, contact: str, steps: int, judge: Judge) -> Probe | None:
+def _probe(
+    system: System, t_end: float, scheme: Scheme, contact: str, steps: int, criterion: Criterion
+) -> Probe | None:
     dt, work = t_end / steps, steps * len(scheme.nodes)
     try:
-        errors, seconds = judge.errors(system, scheme, contact, dt, t_end)
+        errors, seconds = criterion.errors(system, scheme, contact, dt, t_end)
     except Diverged:
         errors, seconds = dict.fromkeys(map(str, QUANTITIES), np.inf), 0.0
     except InputError as error:

@@ -142,22 +142,23 @@ def half_time(durations: Array) -> float:
 
 
 def answer(rows: Rows, case: Case) -> str:
+    """A sentence and a table line for every stop of every contact."""
     found = {
-        (name, place): answer
+        (name, place): said
         for place, own in by_contact(rows).items()
         for name in SIDES.values()
-        if (answer := _answer([row for row in own if row["stop"] == name], case))
+        if (said := _answer([row for row in own if row["stop"] == name], case))
     }
     return Answer(
-        " ".join(f"The {name} stop{place}: {answer}" for (name, place), answer in found.items())
+        " ".join(f"The {name} stop{place}: {said}" for (name, place), said in found.items())
         or f"No contact came to an end at {len(rows)} points.",
-        [{"stop": f"{name}{place}"} | line for (name, place), answer in found.items() for line in answer.table],
-        " ".join(f"The {name} stop{place}: {answer.rest}" for (name, place), answer in found.items() if answer.rest),
+        [{"stop": f"{name}{place}"} | line for (name, place), said in found.items() for line in said.table],
+        " ".join(f"The {name} stop{place}: {said.rest}" for (name, place), said in found.items() if said.rest),
     )
 
 
-def _answer(rows: Rows, case: Case) -> str:
-    """What is found at one stop; nothing where no contact came to an end."""
+def _answer(rows: Rows, case: Case) -> Answer:
+    """What is found at one stop; empty where no contact came to an end."""
     units = case.units
     parts, table = [], []
     for row in (row for row in rows if row["kind"] == "summary"):

@@ -128,6 +128,7 @@ def difference(a: Array, b: Array) -> tuple[float, float]:
 
 
 def answer(rows: Rows, case: Case) -> str:
+    """Mean counts of impacts against the exact ensemble, with their intervals, contact by contact."""
     return joined({place: _answer(own, case) for place, own in by_contact(rows).items()})
 
 

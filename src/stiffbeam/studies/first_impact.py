@@ -16,8 +16,9 @@ and of either sign. A beam that starts with the speed of its base has no such ju
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from scipy.optimize import brentq
@@ -94,6 +95,7 @@ def _plain(case: Case) -> None:
 
 
 def evaluate(case: Case, point: Point) -> list[Row]:
+    """What is found at one point."""
     problem, form, cells = started(case.problem, point["start"]), point["form"], point["cells"]
     stops = problem.all_stops[0]
     system = semidiscretise(problem, cells, form=form)
@@ -147,7 +149,8 @@ def penetration(t: float, order: float = 2.0) -> float:
 
 def largest_penetration() -> float:
     """0.858, where d' = E(3/2, 1; -t^(3/2)) = 0 first."""
-    return penetration(float(brentq(lambda t: penetration(t, 1.0), 1.0, 2.5, xtol=1e-14)))
+    at: Any = brentq(lambda t: penetration(t, 1.0), 1.0, 2.5, xtol=1e-14)
+    return penetration(float(at))
 
 
 def look_span(problem: BeamProblem) -> float:
@@ -155,7 +158,7 @@ def look_span(problem: BeamProblem) -> float:
     return float(4.0 * np.pi / natural_frequencies(problem, 1)[0])
 
 
-def first_crossing(tip, t: Array, u: Array, g1: float, g2: float) -> float:
+def first_crossing(tip: Callable[[float], float], t: Array, u: Array, g1: float, g2: float) -> float:
     """When the tip first leaves [g1, g2]. Raises InputError where it does not on the grid t (k,) of u (k,)."""
     out = np.flatnonzero((u > g2) | (u < g1))
     if not len(out):
@@ -163,7 +166,8 @@ def first_crossing(tip, t: Array, u: Array, g1: float, g2: float) -> float:
         raise InputError("stops", (g1, g2), rule, "a case whose first impact is later is not this study's")
     k = int(out[0])
     stop = g2 if u[k] > g2 else g1
-    return float(brentq(lambda s: tip(s) - stop, t[k - 1], t[k], xtol=1e-16))
+    at: Any = brentq(lambda s: tip(s) - stop, t[k - 1], t[k], xtol=1e-16)
+    return float(at)
 
 
 def beam_tip(problem: BeamProblem, start: str, t: float, count: int = MODES) -> tuple[float, float]:
@@ -211,6 +215,7 @@ def orders(rows: Rows) -> dict[str, Order]:
 
 
 def answer(rows: Rows, case: Case) -> str:
+    """The answer in a sentence or two."""
     found = numeric(rows)
     parts = [f"h^{order} ({form})" for form, order in orders(rows).items() if np.isfinite(order.slope)]
     smooth = [row for row in found if row["start"] == SMOOTH]

@@ -171,6 +171,7 @@ def right_from(rows: Rows, scheme: str, tolerance: float = 0.05) -> float:
 
 
 def answer(rows: Rows, case: Case) -> str:
+    """What each scheme counts at its largest step and from which step on it is right, contact by contact."""
     return common.joined({place: _answer(own, case) for place, own in by_contact(rows).items()})
 
 
@@ -231,7 +232,7 @@ def draw(records: Records) -> Figure:
     known = f"{digits} digits" if digits else "float64, one realisation"
     title = heading(records.case, f"{span}means over perturbed runs; the exact motion in black ({known})")
     figure = new_figure(7.8 * len(blocks), title)
-    axes = figure.subplots(2 * len(blocks), 3)
+    axes = figure.subplots(2 * len(blocks), 3, width_ratios=(1.5, 1.0, 1.0), height_ratios=(1.4, 1.0) * len(blocks))
     for i, (place, own) in enumerate(blocks.items()):
         treated = by_contact([row for row in records.rows if row["purpose"] == "contact"]).get(place, [])
         _block(axes[2 * i : 2 * i + 2], own, treated, units, place)

@@ -65,6 +65,7 @@ def points(
 
 
 def evaluate(case: Case, point: Point) -> list[Row]:
+    """What is found at one point."""
     e = point["wanted"]
     if point["formula"] == KELVIN_VOIGT:
         parameter = zeta_of(e)
@@ -98,6 +99,7 @@ def measured(law: dict[str, Any], delivered: float) -> float:
 
 
 def answer(rows: Rows, case: Case) -> str:
+    """The answer in a sentence or two."""
     numbers = numeric(rows)
     off = {name: max(own, key=_error) for name in _names(rows) if (own := [r for r in numbers if r["formula"] == name])}
     parts = [f"{name} {row['delivered'] - row['wanted']:+.2g} at e = {row['wanted']:g}" for name, row in off.items()]
@@ -108,7 +110,7 @@ def answer(rows: Rows, case: Case) -> str:
     )
 
 
-def _error(row: dict) -> float:
+def _error(row: dict[str, Any]) -> float:
     return abs(row["delivered"] - row["wanted"])
 
 

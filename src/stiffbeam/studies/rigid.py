@@ -6,7 +6,7 @@ A compliant stop turns the tip round in half a period of the spring, a rigid one
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 
@@ -139,7 +139,7 @@ def draw(records: Records) -> Figure:
     for letter, (title, unit, names) in zip("abcde", PANELS, strict=True):
         axis = axes[letter]
         for i, (name, words) in enumerate(names):
-            style = {"color": COLOURS[i], "marker": MARKERS[i], "ms": 5, "ls": ""}
+            style: dict[str, Any] = {"color": COLOURS[i], "marker": MARKERS[i], "ms": 5, "ls": ""}
             positive = [row for row in rows if row[name] > 0.0]  # false for NaN
             other = [row for row in positive if row not in near]
             own = [row for row in positive if row in near]

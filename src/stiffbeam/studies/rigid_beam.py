@@ -93,6 +93,7 @@ def first_touch(case: Case, cells: int) -> float:
 
 
 def evaluate(case: Case, point: Point) -> list[Row]:
+    """What is found at one point."""
     kappa = np.inf if point["kappa"] is None else point["kappa"]
     stops = replace(case.problem.all_stops[0], stiffness=kappa, restitution=point["restitution"])
     system = semidiscretise(replace(case.problem, stops=stops), point["cells"])
@@ -131,6 +132,7 @@ def _stiff(row: Row) -> float:
 
 
 def answer(rows: Rows, case: Case) -> str:
+    """The answer in a sentence or two."""
     found = numeric(rows)
     sentences = []
     for cells in sorted({row["cells"] for row in found}):

@@ -3,6 +3,7 @@
 piecewise                                what is called: refusals, the tracer, the Reference
 undamped, undamped_tracer                at most one contact and no damping: modes, three regimes, all compiled
 exponential, exponential_tracer          damping or several contacts: sums of complex exponentials
+exponential_regime, spectrum, chains     one regime of them; its eigenvalues in groups; where eigenvalues meet
 switching, exponential_search            the search for the next switch in each of the two
 touching, oscillation                    what both rest on: safe steps along a gap, one driven mode
 exact_measures, audit                    contact records, peaks and energy; where the energy does not balance

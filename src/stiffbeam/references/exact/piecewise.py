@@ -49,11 +49,10 @@ def solve_exact(
 ) -> Reference:
     """The exact piecewise-linear solution in float64, with crossings that cannot be missed.
 
-    Takes any damping, any number of contacts, linear stops, damped ones too (damped_stops.py), and time functions
-    made of Harmonic, Constant and Sampled; raises
-    InputError with the reason for other time functions, for a drive at resonance with several contacts and no
-    damping, and where regimes are too close to critical damping or to a rigid-body motion for their
-    eigenvectors. Without damping, with at most one contact and no samples all of it is compiled; else regimes
+    Takes any damping, critical too, free bodies, drives in resonance with any regime, any number of contacts, linear
+    stops, damped ones too (damped_stops.py), and time functions made of Harmonic, Constant and Sampled; raises
+    InputError with the reason for other time functions. Without damping, with at most one contact and no samples all
+    of it is compiled; else regimes
     are made as they are met. ``known`` keeps the modes of systems that share their matrices and contact row, see
     ``Tracer``. Contacts are recorded from ``since`` on. Raises SolverFailure where the search cannot go on,
     or the energy balance of what it found is open.

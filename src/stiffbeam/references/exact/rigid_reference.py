@@ -6,6 +6,7 @@ import math
 import time
 from dataclasses import asdict, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -128,7 +129,9 @@ def _held(solution: Solution, t_end: float, since: float = 0.0) -> list[list[tup
     return found
 
 
-def _contact(solution: Solution, c: int, held: list, t_end: float, since: float) -> tuple[Impacts, float, float, float]:
+def _contact(
+    solution: Solution, c: int, held: list[Any], t_end: float, since: float
+) -> tuple[Impacts, float, float, float]:
     """Impacts, share of time, peak and impulse of a contact: a rigid stop has no largest force, NaN. What a contact
     that is held after an impact presses counts with that impact."""
     events = [event for event in solution.events if event.contact == c and event.time >= since]

@@ -79,6 +79,8 @@ def taylor_step(d: Array, b: Array, nu: float, switched: bool) -> tuple[float, i
         if d[0] < -2.0 * nu * b[0]:
             return 0.0, CLOSES
         return math.inf, OPEN if d[0] > 2.0 * nu * b[0] else UNCLEAR
+    if d[0] > 2.0 * nu * b[0] and b[2] > 0.0:
+        s = min(s, safe_step(d[0], d[1], b[2]))  # a motion may be through the gap long before it turns
     last = 0.0
     verdict = UNCLEAR
     for _ in range(200):

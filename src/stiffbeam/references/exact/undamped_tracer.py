@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from ...basics.arrays import Array
 from ...basics.budget import Forecast
-from ...basics.validation import InputError
 from ...model.contact import Stops
 from ...model.drive import Drive
 from ...model.modes import Modes, modes
@@ -23,7 +22,6 @@ from .switching import follow
 from .touching import REMEDY
 from .undamped import Regime, Solution
 
-RESONANCE = 1e-8  # |Omega^2 - omega^2|/omega^2 below which a drive is resonant, where that is refused
 CLOSE = 0.125  # |Omega - omega|/(Omega + omega) below which the particular solution is not used
 EVENTS_PER_CALL = 4096
 WIDE = 100  # modes up to which extended precision, which no library is fast in, is used for perturbed copies
@@ -218,29 +216,6 @@ def close_pairs(omegas: Sequence[Array], frequencies: Array, span: float) -> NDA
         total = omega[:, None] + frequencies
         close |= (np.abs(omega[:, None] - frequencies) < CLOSE * total) | (total * span < 0.9)
     return np.argwhere(close)
-
-
-def refuse_resonance(gain: Array, force: Array, omega: Array, rates: Array, chi: tuple[int, ...]) -> None:
-    """Raise where a drive forces a mode at its own frequency, with the contacts on the sides ``chi``; where it
-    leaves that mode alone, say so.
-
-    gain = omega^2 - Omega^2 and force: one row per drive coefficient of the angular frequencies
-    ``rates``, the constant first.
-    Changes both in place, so that force/gain is 0 for a resonant mode that is not forced.
-    """
-    resonant = np.abs(gain) < RESONANCE * omega**2
-    resonant[0] = False
-    forced = np.abs(force) > 1e-14 * np.max(np.abs(force), initial=1e-300)
-    if np.any(resonant & forced):
-        row, mode = np.argwhere(resonant & forced)[0]
-        raise InputError(
-            "frequency of a load or of the base",
-            float(rates[row]),
-            f"differ from the natural frequency of mode {mode + 1} with contacts {chi}, {omega[mode]:.9g}, by "
-            f"{RESONANCE:g} relative for the exact solution of several contacts without damping",
-            "move it, add a little damping, or use method='cvode-adams'",
-        )
-    gain[resonant], force[resonant] = 1.0, 0.0
 
 
 def rounded_sum(a: Array, b: Array) -> Array:

@@ -32,6 +32,7 @@ class Answer(str):
     rest: str
 
     def __new__(cls, sentence: str, table: Sequence[Mapping[str, str]] = (), rest: str = "") -> Answer:
+        """The sentence with its table, whose lines are copied."""
         answer = super().__new__(cls, sentence)
         answer.table, answer.rest = [dict(line) for line in table], rest
         return answer

@@ -21,7 +21,7 @@ SIZE = 1e-3  # of the perturbations, relative to the motion
 COLUMNS = (("impacts", "impact_count"), ("peak_force", "peak_force"), ("impulse", "impulse"))  # of an ensemble
 
 
-class Judge:
+class Criterion:
     """The errors of a run with this scheme, contact treatment and step, and what it cost."""
 
     def __init__(self) -> None:
@@ -34,7 +34,7 @@ class Judge:
         raise NotImplementedError
 
 
-class Motion(Judge):
+class Motion(Criterion):
     """One motion against the exact one."""
 
     def __init__(self, exact: Reference) -> None:
@@ -62,7 +62,7 @@ def _relative(found: float, wanted: float) -> float:
     return abs(found / wanted - 1.0)
 
 
-class Statistics(Judge):
+class Statistics(Criterion):
     """Means over perturbed members against those of the exact ensemble, with the interval of the difference."""
 
     def __init__(self, system: System, t_end: float, members: int) -> None:
