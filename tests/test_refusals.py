@@ -98,3 +98,7 @@ def test_a_comparison_is_text_in_a_notebook_too(table10, monkeypatch, capsys):
     assert str(found) == plain
     assert "HHT" in found._repr_html_()
     assert not capsys.readouterr().out
+
+
+def test_numbers_of_numpy_are_shown_as_numbers():
+    assert str(sb.InputError("x", (np.float64(1.5), np.int64(2)), "be one")) == "x must be one, got (1.5, 2)"

@@ -16,7 +16,8 @@ from .output import check_json, console, make_folder, say, write_json
 @app.command()
 def score(
     integrators: Annotated[
-        str | None, typer.Argument(help="comma-separated schemes and solvers, e.g. 'hht(alpha=-0.1),cvode'")
+        str | None,
+        typer.Argument(help="comma-separated: schemes, solvers, module:function; e.g. 'hht(alpha=-0.1),cvode'"),
     ] = None,
     problem: Annotated[str | None, typer.Option(help="comma-separated names; all by default")] = None,
     trajectory: Annotated[

@@ -37,7 +37,7 @@ def joined(*content: object) -> Html:
 
 def image(file: Path, alt: str) -> Html:
     """A picture inside the page, as a data URI."""
-    kind = {".svg": "image/svg+xml", ".png": "image/png"}[file.suffix]
+    kind = {".svg": "image/svg+xml", ".png": "image/png", ".gif": "image/gif"}[file.suffix]
     data = base64.b64encode(file.read_bytes()).decode()
     return element("img", src=f"data:{kind};base64,{data}", alt=alt)
 

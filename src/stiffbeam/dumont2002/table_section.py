@@ -71,9 +71,22 @@ def section(finished: Finished) -> h.Html:
         h.definition_list(parameters(case), "parameters"),
         h.figure(pictures, caption(number, finished.numbers), above=legend(finished.numbers)),
         *failed,
+        *_film(finished),
         _numbers_table(number, finished.numbers),
         id=h.anchor(f"table {number}"),
     )
+
+
+def _film(finished: Finished) -> list[h.Html]:
+    """The film, which begins to play when it is opened."""
+    if finished.film is None:
+        return []
+    shown = (
+        f"Table {finished.number}, film: the beam between its stops, the schemes beside the exact motion, which turns "
+        "grey past the horizon; a flash is an impact, as large as the root of its peak force."
+    )
+    moving = h.image(finished.film, shown)
+    return [h.element("details", h.element("summary", "Film"), h.figure([moving], shown, "one"), class_="film")]
 
 
 def parameters(case: Case) -> list[tuple[object, object]]:

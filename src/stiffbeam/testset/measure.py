@@ -16,6 +16,7 @@ from ..trajectory.recorder import sampled_impacts
 from .problem import Problem, matrix
 
 PAIRED = 8  # impacts that are held against the known ones
+ALIKE = 0.05  # of a motion: what may be left of it where it is another one but for a factor
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +41,8 @@ class Motion:
 class Errors:
     """tip_rms, tip_max: of u - u_known at the sample times over max |u_known|. impacts: how many. impact_time: the
     largest error of the first ``PAIRED`` impact times, NaN where one is missing. peak_force: relative. energy: at
-    t_end, over the energy the system has had; > 0 gained. What the motion does not give is NaN, or -1 impacts.
+    t_end, over the energy the system has had; > 0 gained. factor: that of u over u_known, where u is the known motion
+    but for it, NaN where it is 1 or there is none. What the motion does not give is NaN, or -1 impacts.
     """
 
     tip_rms: float
@@ -49,6 +51,7 @@ class Errors:
     impact_time: float = float("nan")
     peak_force: float = float("nan")
     energy: float = float("nan")
+    factor: float = float("nan")
 
 
 def motion_of(problem: Problem, t: Any, u: Any, v: Any = None, t_end: float | None = None) -> Motion:
@@ -89,14 +92,23 @@ def motion_of(problem: Problem, t: Any, u: Any, v: Any = None, t_end: float | No
 def errors_of(problem: Problem, motion: Motion) -> Errors:
     """The errors of a motion against the answers of ``problem``."""
     known = problem.answers["tip"].value
-    off = np.abs(_at(problem.times, motion) - known) / np.max(np.abs(known))
+    seen = _at(problem.times, motion)
+    off = np.abs(seen - known) / np.max(np.abs(known))
     count, late, peak = -1, float("nan"), float("nan")
     found = impacts_of(problem, motion)
     if found is not None:
         count, late = found.count, _late(problem, found.times)
         peak = _peak(problem, motion)
     rms = float(np.sqrt(np.mean(off**2)))
-    return Errors(rms, float(np.max(off)), count, late, peak, _energy_error(problem, motion))
+    return Errors(rms, float(np.max(off)), count, late, peak, _energy_error(problem, motion),
+                  _factor(seen, known))  # fmt: skip
+
+
+def _factor(seen: Array, known: Array) -> float:
+    """The a of least squares in seen = a known, where that leaves less than ``ALIKE`` of seen and a is not about 1."""
+    a = float(seen @ known / (known @ known))
+    alike = np.linalg.norm(seen - a * known) < ALIKE * np.linalg.norm(seen)
+    return a if alike and abs(a - 1.0) > 2.0 * ALIKE else float("nan")
 
 
 def _at(times: Array, motion: Motion) -> Array:
