@@ -330,10 +330,7 @@ def test_the_whole_reproduction(tmp_path):
 
 @pytest.mark.slow
 def test_a_reading_in_which_runs_overflow_has_its_page(tmp_path, monkeypatch):
-    """Extrapolated contact without frozen references, over two drive periods: HHT(0) overflows in a claim, and the
-    page says what could not be measured."""
-    from stiffbeam.dumont2002 import costs, ensembles
-    from stiffbeam.dumont2002 import make as making
+    """Extrapolated contact without frozen references, over two periods: HHT(0) overflows, and the page says so."""
     from stiffbeam.dumont2002.everything import reproduce
     from stiffbeam.dumont2002.reading import Reading
     from stiffbeam.dumont2002.table import drive_of
@@ -342,9 +339,9 @@ def test_a_reading_in_which_runs_overflow_has_its_page(tmp_path, monkeypatch):
         return replace(case, t_end=min(case.t_end, round(4.0 * np.pi / drive_of(case) / case.dt + 1) * case.dt))
 
     shortened = {name: shorter(case) for name, case in paper_cases().items()}
-    monkeypatch.setattr(making, "paper_cases", lambda: shortened)
-    monkeypatch.setattr(ensembles, "PERIODS", 2)
-    monkeypatch.setattr(costs, "REPEATS", 1)
+    monkeypatch.setattr("stiffbeam.dumont2002.make.paper_cases", lambda: shortened)
+    monkeypatch.setattr("stiffbeam.dumont2002.ensembles.PERIODS", 2)
+    monkeypatch.setattr("stiffbeam.dumont2002.costs.REPEATS", 1)
     page, tables = reproduce(None, Reading("extrapolated"), tmp_path, jobs=1, members=2, exact_members=2)
     text = page.read_text(encoding="utf-8")
     check(text)
