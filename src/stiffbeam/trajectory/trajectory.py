@@ -5,7 +5,7 @@ from __future__ import annotations
 import pickle
 import platform
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from functools import cache, cached_property
 from importlib.metadata import version
 from pathlib import Path
@@ -193,11 +193,17 @@ class Trajectory:
 
     @cached_property
     def energy(self) -> Ledger:
-        """The energy ledger at the output times, of a scheme added up over every step before them."""
+        """The energy ledger at the output times, of a scheme added up over every step before them. Raises Diverged
+        where an energy is beyond float64 though the motion is not."""
         if self.ledger is None:
             found = NO_STATES if self.provenance.get("source") == "arrays" else "a loaded file"
             raise InputError("energy", found, "have been saved with the run", "run it again, with its states")
-        return self.ledger()
+        found = self.ledger()
+        beyond = ~np.all(np.isfinite([getattr(found, entry.name) for entry in fields(found)]), axis=0)
+        if np.any(beyond):
+            remedy = "an energy is beyond float64; count in other units"
+            raise Diverged(str(self.provenance["method"]), float(found.t[np.argmax(beyond)]), remedy)
+        return found
 
     def displacement(self, x: ArrayLike) -> Array:
         """u(x, t) at the output times; x (...) in [0, L] gives (k, ...)."""
