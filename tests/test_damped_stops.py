@@ -47,8 +47,10 @@ def test_random_systems_against_another_solver(seed):
     _agrees(seed)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", range(8, 408))
+@pytest.mark.parametrize(
+    "seed",
+    [pytest.param(seed, marks=pytest.mark.slow if seed < 28 else pytest.mark.campaign) for seed in range(8, 408)],
+)
 def test_more_random_systems_against_another_solver(seed):
     _agrees(seed)
 

@@ -150,7 +150,9 @@ def test_random_systems_against_another_solver(seed):
     _agrees(seed)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", range(6, 406))
+@pytest.mark.parametrize(
+    "seed",
+    [pytest.param(seed, marks=pytest.mark.slow if seed < 28 else pytest.mark.campaign) for seed in range(6, 406)],
+)
 def test_more_random_systems_against_another_solver(seed):
     _agrees(seed)
