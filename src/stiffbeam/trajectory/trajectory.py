@@ -326,7 +326,7 @@ class Reference(Trajectory):
 
     @cached_property
     def states(self) -> tuple[Array, Array]:
-        """(q, v) at the times ``t``, one row a time; InputError where the solution was loaded without its system."""
+        """(q, v) at the times t, one row a time; InputError where the solution was loaded without its system."""
         if self.state_at is None:
             raise InputError(
                 "states",
