@@ -306,7 +306,7 @@ def test_the_whole_reproduction(tmp_path):
     assert list(tables) == list(range(1, 18))
     text = file.read_text(encoding="utf-8")
     page = check(text)
-    assert len(page.images) == 17 * 4 + 1 + 2 + 2  # panels, the delayed one, Section 5.1, contact
+    assert len(page.images) == 17 * 4 + 1 + 2 + 2 + 1  # panels, the delayed one, Section 5.1, contact, the film
     assert {f"table-{n}" for n in range(1, 18)} <= set(page.ids)
     assert not any(finished.numbers["failures"] for finished in tables.values())
     row = r'<td>([^<]*)</td><td>[^<]*<div class="rule">[^<]*</div></td><td><span class="verdict \w+">([^<]*)</span>'
