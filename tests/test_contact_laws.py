@@ -163,7 +163,7 @@ def test_marches_and_engines_agree(law, scheme):
 
 
 def test_several_contacts_on_the_direct_march(monkeypatch):
-    monkeypatch.setattr("stiffbeam.march.integrate.pays", lambda coordinates, *_: coordinates.parts > 1)
+    monkeypatch.setattr("stiffbeam.march.plan.pays", lambda coordinates, *_: coordinates.parts > 1)
     system = random_system(1)
     assert len(system.contacts) == 2
     a = sb.integrate(system, sb.SDIRK(), 1e-3, 2.0)
