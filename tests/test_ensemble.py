@@ -51,6 +51,7 @@ KINDS = ("perturbed", "frequency", "amplitude", "stops")
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("scheme", [sb.HHT(-0.1), sb.BDF2(), sb.SDIRK(nystrom=True)], ids=str)
 @pytest.mark.parametrize("contact", ["implicit", "extrapolated"])
+@pytest.mark.fast(8)
 def test_a_member_has_the_bits_of_its_solo_run(kind, scheme, contact, system):
     """Through the chaos: nothing but equal bits keeps two runs together to t = 1."""
     members = members_of(kind, system)
@@ -128,6 +129,7 @@ def test_other_engines_are_equal_to_rounding(engine, kind, contact, system):
         assert np.allclose(ours.impacts.times, other.impacts.times, rtol=0, atol=tolerance)
 
 
+@pytest.mark.slow
 def test_jax_goes_on_where_it_left_off(system, monkeypatch):
     """Sampled loads, stretches that are filled up, a list of impacts that is too short."""
     from stiffbeam.march.kernels import blocks_jax as kernel_jax

@@ -52,6 +52,7 @@ def test_the_bound_holds_at_every_step():
     assert worst > 0.3  # it is a bound, and not a generous one
 
 
+@pytest.mark.slow
 def test_random_systems_in_leaps_and_in_blocks(always):
     campaign(range(15))
 

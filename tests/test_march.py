@@ -49,6 +49,7 @@ def assert_equal_runs(modal, other, tolerance, march="modal blocks"):
 
 @pytest.mark.parametrize("scheme", SCHEMES, ids=str)
 @pytest.mark.parametrize("contact", ["implicit", "extrapolated"])
+@pytest.mark.fast(12)
 def test_modal_blocks_equal_the_direct_march(scheme, contact, table10_system, monkeypatch):
     """Equal within eps (w_max/w_1)^2 = 1e-10 a step at worst; extrapolated contact amplifies it."""
     modal = sb.integrate(table10_system, scheme, 1e-4, T_SHORT, contact)
@@ -68,6 +69,7 @@ DENSE = [(s, c) for s in SCHEMES for c in CONTACTS if c != "conserving" or s.con
 
 
 @pytest.mark.parametrize(("scheme", "contact"), DENSE, ids=str)
+@pytest.mark.fast(6)
 def test_dense_blocks_equal_the_direct_march(scheme, contact, table10_system, monkeypatch):
     """Of a damping that does not decouple, and of the first-order form; tolerances as for the modal blocks."""
     system = with_dashpots(table10_system)
@@ -104,6 +106,7 @@ def test_a_short_run_is_not_worth_its_blocks(table10_system):
 
 @pytest.mark.parametrize("scheme", [sb.BDF2(), sb.HHT(-0.1), sb.SDIRK(), sb.SDIRK(1.0, nystrom=True)], ids=str)
 @pytest.mark.parametrize("contact", ["implicit", "extrapolated"])
+@pytest.mark.fast(2)
 def test_the_marches_agree_with_viscosity(scheme, contact, table10, monkeypatch):
     problem = sb.BeamProblem(stiffness=300.0, viscosity=0.05, stops=table10.stops, base=table10.base)
     system = sb.semidiscretise(problem, 16)
@@ -114,6 +117,7 @@ def test_the_marches_agree_with_viscosity(scheme, contact, table10, monkeypatch)
 
 @pytest.mark.parametrize("scheme", [sb.BDF2(), sb.HHT(-0.1), sb.SDIRK()], ids=str)
 @pytest.mark.parametrize("contact", ["implicit", "extrapolated"])
+@pytest.mark.fast(1)
 def test_the_marches_agree_with_two_contacts_and_a_moving_stop(scheme, contact, monkeypatch):
     system = two_contacts()
     modal = sb.integrate(system, scheme, 2e-3, 3.0, contact)

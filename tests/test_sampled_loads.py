@@ -288,6 +288,7 @@ def test_a_measured_run_travels_is_cached_frozen_and_repeated(tmp_path, monkeypa
     assert np.all(np.abs(ensemble.contacts[0].impact_count - run.impacts.count) <= 1)
 
 
+@pytest.mark.slow
 def test_many_samples_cost_little_and_many_pieces_are_no_accumulation():
     """A thousand samples in each shortest period: pieces that follow each other closely are not switches."""
     t = np.linspace(0.0, 0.5, 10001)
