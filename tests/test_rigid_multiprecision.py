@@ -14,6 +14,8 @@ from flint import ctx
 
 import stiffbeam as sb
 from stiffbeam import InputError, SolverFailure
+from stiffbeam.files.frozen import freeze
+from stiffbeam.files.reference_cache import cached_reference
 from stiffbeam.references.multiprecision import rigid
 
 INF = float("inf")
@@ -220,3 +222,15 @@ def test_it_shares_no_code_with_the_solution_in_float64():
                 own = node.module if node.level == 1 else None
                 waiting += [own] if own and own not in seen else []
     assert {"impacting", "first_zero", "linear_flow", "rational"} <= seen
+
+
+def test_it_is_kept_by_its_outputs(tmp_path, monkeypatch):
+    """Float64 cannot march between rigid stops from stored states: the cache and files hold what was asked for."""
+    monkeypatch.setenv("STIFFBEAM_CACHE_DIR", str(tmp_path))
+    ball, times = one(0.0, 0.5, sb.Constant(-2.0), q=1.0, lower=0.0), np.linspace(0.0, 2.0, 5)
+    first, again = (cached_reference(ball, 2.0, t_eval=times) for _ in range(2))
+    assert not again.work.seconds > first.work.seconds
+    assert np.array_equal(first.tip, again.tip)
+    assert np.array_equal(first.impacts.times, again.impacts.times)
+    with pytest.raises(InputError, match="compliant"):
+        freeze(first, "", tmp_path / "ball.nc")
