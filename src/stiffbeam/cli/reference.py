@@ -34,7 +34,8 @@ def reference_command(
     from ..basics.validation import InputError
 
     if sum(x is not None for x in (case, check, remake)) != 1:
-        raise InputError("reference", "its arguments", "be one of CASE, --check PATH and --remake DIR")
+        remedy = "give exactly one of them"
+        raise InputError("reference", "its arguments", "be one of CASE, --check PATH and --remake DIR", remedy)
     check_json(json_file)
     with progress() as show:
         if check is not None:
@@ -80,9 +81,8 @@ def _references(
     end = case.t_end if t_end is None else t_end
     if method == "all":
         if out is not None:
-            raise InputError(
-                "--out", str(out), "be left out with --method all", "name the one method whose file you want"
-            )
+            remedy = "name the one method whose file you want"
+            raise InputError("--out", str(out), "be left out with --method all", remedy)
         from ..studies.agreement import agree
 
         return [agree(case, form, end, budget=budget, rtol=rtol, progress=show).to_dict()]

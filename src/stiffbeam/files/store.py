@@ -51,7 +51,8 @@ def load(file: str | Path, system: System | None = None, t_eval: ArrayLike | Non
     except InputError:
         raise
     except (OSError, ValueError, KeyError, TypeError, RuntimeError, AttributeError, IndexError) as error:
-        raise InputError("file", str(path), "be a whole netCDF-4 file", str(error)) from None
+        remedy = f"it is damaged, make it again: {error}"
+        raise InputError("file", str(path), "be a whole netCDF-4 file", remedy) from None
 
 
 def _read_all(path: Path) -> None:

@@ -152,9 +152,8 @@ class Plan:
             raise InputError("system", "a FirstOrderSystem", rule, "pass the System itself")
         if isinstance(system, FirstOrderSystem) and not system.is_of_its_system():
             remedy = "change the System and call first_order() of that"
-            raise InputError(
-                "system", "a FirstOrderSystem that is not its system's", "be what first_order() made", remedy
-            )
+            rule, remedy = "be what first_order() made", remedy
+            raise InputError("system", "a FirstOrderSystem that is not its system's", rule, remedy)
         parent = system if isinstance(system, System) else system.system
         covered([*(f for _, f in parent.loads), *(offset for _, offset in parent.channels)], t_end)
         basis = modes(system) if isinstance(system, System) else None
@@ -169,11 +168,10 @@ class Plan:
         form = parent.form if isinstance(system, System) else f"{parent.form}, first order"
         if rigid:
             if isinstance(system, FirstOrderSystem):
-                raise InputError(
-                    "system", "a FirstOrderSystem", "be of second order for rigid stops", "pass the System"
-                )
+                remedy = "pass the System"
+                raise InputError("system", "a FirstOrderSystem", "be of second order for rigid stops", remedy)
             if engine != "numba":
-                raise InputError("engine", engine, "be numba for rigid stops")
+                raise InputError("engine", engine, "be numba for rigid stops", "leave engine out")
             return cls(system, parent, scheme, dt, steps, t_end, contact, form, omega_max, engine, None, True)
         coordinates = Together.of(system) if basis is None else InModes(parent, basis)
         if not pays(coordinates, scheme, steps):
@@ -238,7 +236,7 @@ class Plan:
         """The run in pieces, where it is not in blocks."""
         if self.rigid and isinstance(system, System):  # it may be a member with stops of its own
             if not is_rigid(system, self.scheme):
-                raise InputError("members", "one with compliant stops", "all have rigid stops where one has")
+                raise InputError("members", "compliant stops", "have rigid ones where one has", "integrate them apart")
             require_rigid(system, self.scheme, self.contact)
             return rigid_pieces(system, self.scheme, self.dt, self.steps)
         return direct_pieces(system, self.scheme, self.dt, self.steps, self.contact)

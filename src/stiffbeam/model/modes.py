@@ -54,6 +54,15 @@ def undamped_modes(system: System) -> Modes:
     return found
 
 
+def uncoupled_modes(system: System) -> Modes:
+    """The modes of ``system``. Raises InputError where its damping couples them."""
+    found = modes(system)
+    if found is None:
+        remedy = "make damping a sum of multiples of mass and stiffness, or leave it out"
+        raise InputError("damping", "a matrix that couples the modes", "leave the modes apart here", remedy)
+    return found
+
+
 def modes(system: System, springs: tuple[tuple[Array, float], ...] = ()) -> Modes | None:
     """The modes of ``system`` with extra springs (row, stiffness), or None if damping couples them.
 
@@ -85,7 +94,8 @@ def _modes(system: System, springs: tuple[tuple[Array, float], ...] = ()) -> Mod
         scaled = into(into(stiffness).T)
         squares, vectors = scipy.linalg.eigh(0.5 * (scaled + scaled.T))
         if squares[0] < -1e-9 * squares[-1]:
-            raise InputError("stiffness", f"least eigenvalue {squares[0]:.3g}", "be positive semidefinite")
+            remedy = "look at the signs and the supports it was made with"
+            raise InputError("stiffness", f"least eigenvalue {squares[0]:.3g}", "be positive semidefinite", remedy)
         shapes = back(vectors)
         squares, shapes = graded_eigenpairs(system.mass, system.stiffness, springs, squares, shapes)
         omega = np.sqrt(np.maximum(squares, 0.0))

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..basics.validation import InputError, near, step_count
+from ..basics.validation import InputError, near, one_of, step_count
 from ..files.cases import Case
 from ..march.integrate import CONTACTS, integrate
 from ..march.warm import COMPILING, compile_beside, warm_up
@@ -90,8 +90,7 @@ def compare_case(
     compile_beside()  # the references do not need the march
     case = replace(case, dt=dt or case.dt, t_end=t_end or case.t_end)
     step_count(case.dt, case.t_end)
-    if contact not in CONTACTS:
-        raise InputError("contact", contact, f"be one of {CONTACTS}")
+    one_of("contact", contact, CONTACTS)
     if references is None:
         rigid = any(contact.stops.rigid for contact in case.system(case.forms[0]).contacts)
         references = COMPARED_RIGID if rigid else COMPARED

@@ -56,7 +56,7 @@ def solve(request: Request) -> Reference:
     positive("t_end", t_end)
     refuse(system, t_end)
     if digits != "auto" and (isinstance(digits, bool) or not isinstance(digits, int) or not 20 <= digits <= MAX_DIGITS):
-        raise InputError("digits", digits, f"be 'auto' or an integer from 20 to {MAX_DIGITS}")
+        raise InputError("digits", digits, f"be 'auto' or an integer from 20 to {MAX_DIGITS}", "auto decides by itself")
     begun = time.perf_counter()
     wanted, guard = (_estimate(system, t_end) if digits == "auto" else int(digits)), GUARD_BITS
     previous: Reference | None = None

@@ -56,7 +56,8 @@ def run_study(
         case = case_of(case, dt, t_end)
     case = find_case(case) if isinstance(case, str) else case
     if not isinstance(case, Case):
-        raise InputError("case", type(case).__name__, "be a case, its name, a case file, or a System")
+        remedy = "for example 'table10'"
+        raise InputError("case", type(case).__name__, "be a case, its name, a case file, or a System", remedy)
     if study.needs_stops and not case.has_stops:
         raise InputError("case", case.name, "have stops", f"{study.name} asks about contact")
     integer("jobs", jobs, 1)
