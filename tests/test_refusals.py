@@ -101,4 +101,6 @@ def test_a_comparison_is_text_in_a_notebook_too(table10, monkeypatch, capsys):
 
 
 def test_numbers_of_numpy_are_shown_as_numbers():
-    assert str(sb.InputError("x", (np.float64(1.5), np.int64(2)), "be one", "add")) == "x must be one, got (1.5, 2): add"
+    assert (
+        str(sb.InputError("x", (np.float64(1.5), np.int64(2)), "be one", "add")) == "x must be one, got (1.5, 2): add"
+    )

@@ -95,6 +95,7 @@ def _references(
     solve = cached_reference if cache else reference
     found = solve(system, end, method, rtol=rtol, digits="auto" if digits == "auto" else int(digits))
     record = {
+        "measured": ["seconds"],
         "reference": found.label,
         "t_end": end,
         "horizon": found.horizon,

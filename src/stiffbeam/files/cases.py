@@ -218,7 +218,7 @@ class _Reader(Reader):
         parsed = []
         for run in runs:
             if not isinstance(run, str):
-                raise self.error("runs", run, "be labels of schemes", "write them in quotes, as 'hht@displacement'")
+                raise self.error("runs", run, "be strings like 'hht(alpha=-0.1)@displacement'", "write it in quotes")
             parsed.append(self.build(parse_run, run, form))
         published = self.get("published", dict, "be a table", {})
         for kind, values in published.items():

@@ -102,9 +102,9 @@ class Advice:
             "errors": dict(self.chosen.errors),
         }  # fmt: skip
         return {
-            "want": self.want, "t_end": self.t_end, "horizon": self.horizon, "members": self.members,
-            "advised": chosen, "cannot": self.cannot, "trusted_until": self.trusted_until, "scatter": self.scatter,
-            "units": str(self.system.units),
+            "measured": ["advised.seconds"], "want": self.want, "t_end": self.t_end, "horizon": self.horizon,
+            "members": self.members, "advised": chosen, "cannot": self.cannot, "trusted_until": self.trusted_until,
+            "scatter": self.scatter, "units": str(self.system.units),
         }  # fmt: skip
 
     def to_dataframe(self) -> pandas.DataFrame:

@@ -45,7 +45,7 @@ def run_study(
     """Evaluate every point of ``study`` on ``case``; with a System ``dt`` and ``t_end`` have to be given.
 
     folder: where the journal of finished points is kept; a second run with the same folder computes the
-    missing ones only. jobs: processes to use, unless an ``executor`` is given; a timed study runs point
+    missing ones only. jobs: processes to use, unless an ``executor`` is given; a study that measures runs point
     by point whatever they say. options: the study's own, see its ``points``. A point that fails is a row
     with ``failed``, one that cannot be asked a row with ``refused``, each with the reason.
     Raises InputError, also for a case that cannot travel to processes, and Unfinished where those keep dying.
@@ -94,7 +94,7 @@ def _evaluate_all(
     study: Study, case: Case, points: list[Point], jobs: int, executor: Executor | None
 ) -> Iterator[tuple[Point, list[Row]]]:
     """Here, on the executor, or on processes of our own; points as they are finished."""
-    if study.timed or len(points) < 2 or (executor is None and jobs == 1):
+    if study.measured or len(points) < 2 or (executor is None and jobs == 1):
         for point in points:
             yield point, evaluate_point(study.evaluate, case, point)
     else:
