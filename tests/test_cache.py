@@ -82,6 +82,7 @@ def test_exact_is_not_kept(folder, system):
     assert not folder.exists()
 
 
+@pytest.mark.slow
 def test_every_parameter_has_a_file_of_its_own(folder, system, monkeypatch):
     def count(*args, **options):
         sb.cached_reference(*args, **options)
@@ -116,6 +117,7 @@ def test_what_has_no_key_is_refused_before_any_work(folder, system):
 
 @pytest.mark.parametrize("method", ["multiprecision", "cvode-adams"])
 @pytest.mark.parametrize("damage", ["cut", "flipped bytes", "another problem's file", "empty"])
+@pytest.mark.fast(3)
 def test_a_damaged_file_is_named_and_remade(method, damage, folder, system):
     fresh = sb.cached_reference(system, 0.06, method, TIMES, rtol=1e-6)
     [file] = folder.iterdir()

@@ -142,7 +142,7 @@ class Sampled:
             if not self.t[0] - slack <= t <= self.t[-1] + slack:
                 remedy = "give it samples that say what acts there, 0 for nothing"
                 where = f"[{self.t[0]:.12g}, {self.t[-1]:.12g}]"
-                rule, remedy = f"be asked within its samples, {where}", remedy
+                rule = f"be asked within its samples, {where}"
                 raise InputError("a sampled time function", f"t = {t:.12g}", rule, remedy)
 
     def taylor(self, t: ArrayLike) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -48,6 +49,14 @@ def record(stops: Stops, position: Array, velocity: Array, tally: Array, events:
     )
 
 
+def overflow(contacts: Sequence[ContactRecord], t_end: float) -> float:
+    """When a force overflowed though no position did: at the first impact whose impulse is beyond float64, or at the
+    latest at t_end; NaN where none did."""
+    if all(np.isfinite(contact.impulse) for contact in contacts):
+        return float("nan")
+    return min((float(t) for c in contacts for t in c.impacts.times[np.isinf(c.impacts.impulses)]), default=t_end)
+
+
 @dataclass(frozen=True, eq=False)
 class Seen:
     """The record of one run: tip and tip velocity at the output times, its contacts, when it overflowed, how it was
@@ -61,7 +70,7 @@ class Seen:
 
 
 class SampledImpacts:
-    """The sampled impacts of one contact after step ``since``, fed with consecutive stretches of positions."""
+    """The sampled impacts of one contact after step ``since``, fed with consecutive pieces of positions."""
 
     def __init__(self, stops: Stops, dt: float, u0: float, v0: float, since: int = 0) -> None:
         self.stops, self.dt, self.steps = stops, dt, 0
