@@ -37,11 +37,13 @@ def impacts_of(events: Array) -> Impacts:
 
 def record(stops: Stops, position: Array, velocity: Array, tally: Array, events: Array, steps: int) -> ContactRecord:
     """With position and velocity at the output times; ``steps`` of the whole run."""
+    with np.errstate(over="ignore", invalid="ignore"):  # of which ``overflow`` tells
+        force = stops.force(position, velocity)
     return ContactRecord(
         stops=stops,
         position=position,
         velocity=velocity,
-        force=stops.force(position, velocity),
+        force=force,
         impacts=impacts_of(events),
         fraction=float(tally[TOUCHING]) / max(1, steps - int(tally[SINCE])),
         peak_force=float(tally[PEAK]),
