@@ -48,7 +48,7 @@ class CaseComparison:
     def to_dict(self) -> dict[str, Any]:
         """Case, comparisons and failures as plain numbers and texts, for JSON."""
         return {
-            "measured": ["references.seconds"],
+            "measured": ["references.seconds", "comparisons.seconds", "comparisons.ns_per_step"],
             "case": self.case.name,
             "title": self.case.title,
             "units": asdict(self.case.units),

@@ -11,7 +11,7 @@ import threading
 import time
 from collections.abc import Callable, Generator, Iterator
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, as_completed
-from contextlib import contextmanager, nullcontext
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +26,7 @@ from ...model.system import System
 from ...trajectory.trajectory import Diverged, SolverFailure, Unfinished
 from .journal import Journal
 from .study import Point, Records, Row, Study
+from .workers import begin_worker, end_workers, starting
 
 Progress = Callable[[str, int, int], None]
 DEATHS = 3  # of processes without a point in between, until it is given up
@@ -153,11 +154,9 @@ def _gather(
     lost = []
     futures: dict[Future[Any], Point] = {}
     try:
-        # The first one starts the processes, with the environment of that moment.
-        with _blas_threads(threads) if threads else nullcontext():
-            futures[pool.submit(evaluate_point, study.evaluate, case, points[0])] = points[0]
-        for point in points[1:]:
-            futures[pool.submit(evaluate_point, study.evaluate, case, point)] = point
+        with starting(threads) if threads else nullcontext():
+            for point in points:
+                futures[pool.submit(evaluate_point, study.evaluate, case, point)] = point
     except BrokenExecutor:
         lost = points[len(futures) :]
     for future in as_completed(futures):
@@ -166,44 +165,6 @@ def _gather(
         else:
             yield futures[future], future.result()
     return lost
-
-
-@contextmanager
-def _blas_threads(count: int) -> Generator[None, None, None]:
-    """Processes that are started meanwhile use so many threads in the BLAS, which reads it as it is loaded.
-
-    The matrices are so small that its threads mostly wait for each other. Held while processes start and
-    no longer: the environment belongs to everything that runs in this process.
-    """
-    names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
-    before = {name: os.environ.pop(name) for name in names if name in os.environ}
-    os.environ.update(dict.fromkeys(names, str(count)))
-    try:
-        yield
-    finally:
-        for name in names:
-            del os.environ[name]
-        os.environ.update(before)
-
-
-def end_workers(pool: ProcessPoolExecutor) -> None:
-    """Stop them as they are: what they had not finished is computed again, and nobody waits for it now."""
-    for process in list((pool._processes or {}).values()):
-        process.terminate()
-    pool.shutdown(cancel_futures=True)
-
-
-def begin_worker(threads: int) -> None:
-    """A worker marches ensembles on so many threads, and ends when the process that started it is gone."""
-    os.environ["STIFFBEAM_THREADS"] = str(threads)
-    parent = multiprocessing.parent_process()
-    assert parent is not None
-
-    def watch() -> None:
-        parent.join()
-        os._exit(1)
-
-    threading.Thread(target=watch, daemon=True).start()
 
 
 def evaluate_point(evaluate: Callable[[Case, Point], list[Row]], case: Case, point: Point) -> list[Row]:
