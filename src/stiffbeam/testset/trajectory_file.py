@@ -24,7 +24,7 @@ def read_trajectory(file: Path) -> tuple[Array, ...]:
     try:
         lines = file.read_text(encoding="utf-8-sig").splitlines()
     except (OSError, UnicodeDecodeError) as error:
-        raise InputError("--trajectory", str(file), "be a readable file", str(error)) from None
+        raise InputError("--trajectory", str(file), "be a readable file", f"give another: {error}") from None
     rows: list[list[float]] = []
     names: list[str] = []
     for number, line in enumerate(lines, start=1):
@@ -37,17 +37,21 @@ def read_trajectory(file: Path) -> tuple[Array, ...]:
             if not rows and not names:
                 names = _columns(cells, f"{file}, line {number}")
                 continue
-            raise InputError("--trajectory", f"{file}, line {number}: {line!r}", "hold numbers") from None
+            remedy = "for example 0.1, 0.02, 1.5"
+            raise InputError("--trajectory", f"{file}, line {number}: {line!r}", "hold numbers", remedy) from None
         if len(row) not in (2, 3) or (rows and len(row) != len(rows[0])):
             rule = "hold t, u and perhaps v, the same in every line"
             empty = any(not cell.strip() for cell in re.split("[,;\t]", line))
-            remedy = "a cell is empty: fill it, or leave the line out" if empty else ""
+            remedy = "a cell is empty: fill it, or leave the line out" if empty else "write the same columns everywhere"
             raise InputError("--trajectory", f"{file}, line {number}: {len(row)} numbers", rule, remedy)
         rows.append(row)
     if len(rows) < 4:
-        raise InputError("--trajectory", f"{file}: {len(rows)} lines of numbers", "hold at least 4 of them")
+        remedy = "write the run out at more times"
+        raise InputError("--trajectory", f"{file}: {len(rows)} lines of numbers", "hold at least 4 of them", remedy)
     if names and len(names) != len(rows[0]):
-        raise InputError("--trajectory", f"{file}: {len(names)} names, {len(rows[0])} columns", "name every column")
+        raise InputError(
+            "--trajectory", f"{file}: {len(names)} names, {len(rows[0])} columns", "name every column", "t, u and v"
+        )
     columns = dict(zip(names or "tuv", np.array(rows).T, strict=False))
     return tuple(columns[name] for name in "tuv" if name in columns)
 
@@ -56,5 +60,7 @@ def _columns(cells: list[str], where: str) -> list[str]:
     """t, u and v in the order of a line of names."""
     found = [next((x for x, known in NAMES.items() if cell.strip("\"'").lower() in known), cell) for cell in cells]
     if sorted(found) not in (["t", "u"], ["t", "u", "v"]):
-        raise InputError("--trajectory", f"{where}: {' '.join(cells)!r}", "name t, u and perhaps v, each once")
+        raise InputError(
+            "--trajectory", f"{where}: {' '.join(cells)!r}", "name t, u and perhaps v, each once", "such as t,u,v"
+        )
     return found
