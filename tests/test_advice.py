@@ -141,6 +141,9 @@ def test_the_time_a_run_stays_within_an_error():
         assert np.all(off[run.t <= until] <= error)
         assert until == 8.0 or off[np.searchsorted(run.t, until + 5e-4)] > error
     assert sb.stays_within(run, exact, 10.0) == 8.0
+    assert sb.stays_within((run.t, run.tip), exact, 1e-2) == sb.stays_within(run, exact, 1e-2)
+    with pytest.raises(InputError, match="be given a run, or its arrays"):
+        sb.stays_within(run.tip, exact, 1e-2)  # type: ignore[arg-type]
     with pytest.raises(InputError, match="same system"):
         sb.stays_within(sb.integrate(bouncing_chain(offset=None), sb.BDF2(), 1e-3, 8.0), exact, 0.1)
 

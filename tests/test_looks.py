@@ -10,7 +10,7 @@ import stiffbeam as sb
 from stiffbeam.dumont2002 import figures as page
 from stiffbeam.figures import EXACT, look, style
 from stiffbeam.figures.comparison import four_panels
-from stiffbeam.schemes import SCHEMES, registered
+from stiffbeam.schemes import RIGID, SCHEMES, registered
 
 
 class Newcomer(sb.BDF2):
@@ -71,3 +71,10 @@ def test_a_comparison_draws_every_scheme_in_its_look():
     assert curves[0].get_color() == "black"
     assert [line.get_color() for line in curves[1:]] == [look(name)["color"] for name in ("hht", "sdirk", "bdf2")]
     assert all(np.max(np.abs(line.get_ydata())) > 0.0 for line in curves)
+
+
+def test_registered_schemes_can_be_told_apart_in_grey():
+    """Those of LOOKS by their dashes alone: a print has no colours."""
+    dashes = [look(name)["linestyle"] for name in style.LOOKS]
+    assert len(set(map(str, dashes))) == len(dashes) == len(style.DASHES)
+    assert {*SCHEMES, *RIGID} <= set(style.LOOKS)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import xarray
@@ -10,6 +12,7 @@ from systems import bouncing_chain
 import stiffbeam as sb
 from stiffbeam.basics.validation import InputError
 from stiffbeam.references import estimate
+from stiffbeam.references.request import Steps
 from stiffbeam.studies.comparison import compare_case
 
 SCREEN = 24 * 80  # characters
@@ -115,6 +118,20 @@ def test_work_of_minutes_is_announced(monkeypatch):
         with pytest.warns(UserWarning, match=f"{method} will take about"):
             sb.reference(system, 1.0, method)
         sb.reference(system, 1.0, method, progress=lambda what, done, total: None)
+
+
+def test_what_compiling_takes_is_not_taken_times_the_span(monkeypatch):
+    """A solver that compiles for 11 s when it first meets a span, and needs 0.6 s for all of it, takes no minutes."""
+    system, span = bouncing_chain(), 1000.0
+    compiled: set[float] = set()
+
+    def solve(_system, t_end, *_rest):
+        seconds = 0.6 * t_end / span + (0.0 if t_end in compiled else 11.0)
+        compiled.add(t_end)
+        return SimpleNamespace(work=SimpleNamespace(march_seconds=seconds))
+
+    monkeypatch.setattr(estimate, "FASTEST_TIME", 1e-9)
+    estimate.warn_of_minutes(system, span, "exact", 1e-10, None, Steps(), solve)  # a warning would fail the test
 
 
 def test_a_comparison_of_a_case_shows_itself():

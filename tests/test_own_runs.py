@@ -115,6 +115,28 @@ def test_what_is_no_run_is_refused(arguments, field):
     assert caught.value.field == field
 
 
+@pytest.mark.parametrize(
+    ("change", "differs"),
+    [
+        ({"stiffness": 2.0}, "stiffness, loads"), ({"viscosity": 0.1}, "damping, loads"), ({"tip_mass": 0.1}, "mass"),
+        ({"base": sb.Harmonic(0.2, 10.0)}, "loads, contacts"), ({"stops": sb.Stops(-0.2, 0.1, stiffness=100.0)}, "contacts"),
+        ({"initial_velocity": sb.PolynomialProfile((0.0, 0.0, 1.0))}, "initial data"),
+        ({"stiffness": "1.1"}, "exact parameters"), ({}, r"unknowns \(8 and 6\)"),
+    ],
+)  # fmt: skip
+def test_the_refusal_of_another_system_says_what_differs(change, differs):
+    given = {"stiffness": 1.1 if "exact" in differs else 1.0, "base": sb.Harmonic(0.1, 10.0)}
+    given["stops"] = sb.Stops(-0.1, 0.1, stiffness=100.0)
+    one, other = (
+        sb.semidiscretise(sb.BeamProblem(**problem), cells)
+        for problem, cells in ((given, 8), (given | change, 8 if change else 6))
+    )
+    run, exact = sb.integrate(one, sb.HHT(), 1e-3, 0.01), sb.reference(other, 0.01)
+    with pytest.raises(sb.InputError, match=f"same system as .*; they differ in: {differs}") as caught:
+        sb.compare(run, exact)
+    assert ("decimal" in str(caught.value)) == ("exact" in differs)
+
+
 def test_a_run_without_its_system_is_of_no_one_and_cannot_be_compared(measured):
     _, run, ref = measured
     own = sb.Trajectory.from_arrays(run.t, run.tip)

@@ -247,4 +247,6 @@ def test_lists_and_ranges_of_values():
     assert values_of("8:14:4") == [8.0, 10.0, 12.0, 14.0]
     assert values_of("1e-4, 2e-4") == [1e-4, 2e-4]
     assert np.allclose(values_of("1:100:3:log"), [1.0, 10.0, 100.0])
+    assert values_of("2*pi*50,1/4") == [100.0 * np.pi, 0.25]  # as in a case file
+    assert values_of("28*2*pi:38*2*pi:3") == pytest.approx([56.0 * np.pi, 66.0 * np.pi, 76.0 * np.pi])
     assert values_of(None) is None

@@ -69,10 +69,11 @@ def within_reference(run: Trajectory, reference: Reference, tolerance: float, un
     import numpy as np
 
     from .basics.validation import InputError, positive
+    from .measures.pair import require_same_system
 
     tolerance = positive("tolerance", tolerance)
-    if not isinstance(run, tuple) and run.fingerprint != reference.fingerprint:
-        raise InputError("reference", reference.label, f"be of the same system as {run.label}", "solve run.system")
+    if not isinstance(run, tuple):
+        require_same_system(run, reference)
     given = run if isinstance(run, tuple) else (run.t, run.tip)
     if any(np.iscomplexobj(x) for x in given):
         raise InputError("run", "complex numbers", "be real", "take the real part")

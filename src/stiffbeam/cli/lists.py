@@ -24,9 +24,12 @@ def numbers(text: str | None, kind: Callable[[str], Any]) -> list[Any] | None:
 
 
 def values_of(text: str | None) -> list[float] | None:
-    """``start:stop:count``, evenly spaced, ``start:stop:count:log``, or numbers with commas between them."""
+    """``start:stop:count``, evenly spaced, ``start:stop:count:log``, or numbers with commas between them.
+
+    Each as in a case file, "2*pi*50" too.
+    """
     if text is None or ":" not in text:
-        return numbers(text, float)
+        return numbers(text, _number)
     import numpy as np
 
     from ..basics.budget import afford
@@ -34,7 +37,7 @@ def values_of(text: str | None) -> list[float] | None:
 
     start, stop, count, *spacing = [*text.split(":"), "", ""][: max(3, text.count(":") + 1)]
     try:
-        low, high, n = float(start), float(stop), int(count)
+        low, high, n = _number(start), _number(stop), int(count)
         if n < 1 or spacing not in ([], ["log"]) or (spacing and min(low, high) <= 0.0):
             raise ValueError
     except ValueError:
@@ -42,3 +45,9 @@ def values_of(text: str | None) -> list[float] | None:
         raise InputError("values", text, rule, "for example 8:14:400") from None
     afford("values", text, "take fewer", floats=200.0 * n)  # each is a point with its rows
     return (np.geomspace if spacing else np.linspace)(low, high, n).tolist()
+
+
+def _number(text: str) -> float:
+    from ..basics.exact_float import exact_float
+
+    return float(exact_float(text))

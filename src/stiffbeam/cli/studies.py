@@ -38,7 +38,7 @@ def studies(
             with progress() as show:
                 records, written = run_one(study, chosen, out, jobs, named, smoke, show)
         except InputError as error:  # a study that this case cannot be asked, which is no failure
-            print(f"{name}: not asked, {error}", file=sys.stderr)
+            print(f"{study.command}: not asked, {error}", file=sys.stderr)
             continue
         asked.append(records.to_dict())
         if str(json_file) != "-":

@@ -213,7 +213,7 @@ def print_records(records: Records, written: list[Path]) -> None:
     terminal = console()
     note = records.case.units.note
     question = records.study.question + (f" (All {note}.)" if note else "")
-    terminal.print(Text.assemble((records.study.name, "bold"), f"  {question}"))
+    terminal.print(Text.assemble((records.study.command, "bold"), f"  {question}"))
     answer = records.answer
     if answer.table:
         terminal.print(_table(answer.table))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from string import ascii_lowercase
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -31,9 +32,9 @@ def four_panels(
 ) -> Figure:
     """(a) tip displacement, (b) error against time, (c) zoom on the first impacts, (d) amplitude spectrum.
 
-    With several contacts there is a panel c for each. All of one form: another form is another system.
-    Panels a to c show the time inside the horizon of the first reference, where one solution exists to
-    compare with; panel d shows the schemes over their whole span. The other references are thin and lie beneath
+    With several contacts there is a panel like c for each, in order. All of one form: another is another system.
+    All but the spectrum show the time inside the horizon of the first reference, where one solution exists to
+    compare with; the spectrum shows the schemes over their whole span. The other references are thin and lie beneath
     the schemes. Panel b: the largest |u - u_ref|/max |u_ref| so far, with a dot where the impacts cease to match and a
     vertical line at a solver's own horizon; ``comparisons`` of the runs and the other references with the first, made
     if None. Axes name the units of the system.
@@ -63,19 +64,20 @@ def four_panels(
     _draw_errors(errors, runs, [compare(x, main) for x in runs] if comparisons is None else comparisons, window)
     errors.set(xlabel=units.label("time $t$", "time"), ylabel=f"largest error so far / max |{symbol}|")
     errors.set_title("(b) error; dots: from there on impacts differ", loc="left")
-    for axis, contact in zip(
-        axes[2 : 2 + zooms], range(len(system.contacts)) if system.contacts else [None], strict=True
+    *letters, last = ascii_lowercase[2 : 3 + zooms]
+    for axis, contact, letter in zip(
+        axes[2 : 2 + zooms], range(len(system.contacts)) if system.contacts else [None], letters, strict=True
     ):
         _zoom(axis, main, runs, window, contact)
-        place = "" if contact is None or is_tip(system, contact) else f" at contact {contact + 1}"
-        axis.set(
-            xlabel=units.label("time $t$", "time"),
-            ylabel=units.label(f"displacement{place}", "length") if place else displacement_label,
-        )
+        label = displacement_label
+        if contact is not None and not is_tip(system, contact):
+            moving = system.problem is not None and system.problem.all_stops[contact].motion is not None
+            label = units.label(f"displacement relative to the {'moving stop' if moving else 'stops'}", "length")
+        axis.set(xlabel=units.label("time $t$", "time"), ylabel=label)
         number = f" at contact {contact + 1}" if contact is not None and zooms > 1 else ""
         some = f"first impact{number}" if number else "first contact"
-        axis.set_title(f"(c) {'first oscillations' if contact is None else some}", loc="left")
-    _draw_spectra(spectrum, runs, references, system)
+        axis.set_title(f"({letter}) {'first oscillations' if contact is None else some}", loc="left")
+    _draw_spectra(spectrum, runs, references, system, last)
     handles, labels = displacement.get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=4, frameon=False, handlelength=3.2)
     return figure
@@ -196,7 +198,9 @@ def draw_stops(axis: Axes, stops: Stops, horizontal: bool) -> None:
             line(stop, color="0.45", lw=0.9, ls=":", zorder=0)
 
 
-def _draw_spectra(axis: Axes, runs: Sequence[Trajectory], references: Sequence[Reference], system: System) -> None:
+def _draw_spectra(
+    axis: Axes, runs: Sequence[Trajectory], references: Sequence[Reference], system: System, letter: str
+) -> None:
     drive, units = drive_frequency(system), system.units
     whole = np.inf
     for i, run in enumerate(runs):
@@ -226,5 +230,5 @@ def _draw_spectra(axis: Axes, runs: Sequence[Trajectory], references: Sequence[R
         axis.set_ylim(top * 1e-4, top * 2.0)
     axis.set_ylabel(units.label(f"amplitude of {tip_symbol(system.problem)}", "length"))
     to = units.measure(f"{whole:g}", "time")
-    title = f"(d) spectrum to t = {to}, one realisation each" if np.isfinite(whole) else "(d) spectrum"
-    axis.set_title(title, loc="left")
+    span = f" to t = {to}, one realisation each" if np.isfinite(whole) else ""
+    axis.set_title(f"({letter}) spectrum{span}", loc="left")

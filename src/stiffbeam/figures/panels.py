@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from ..files.cases import Case
     from ..model.problem import BeamProblem
 
+FLAT = 0.07  # share of the axis that the steepest triangle of mark_order rises at least
+
 
 def new_figure(height: float, title: str = "", width: float = 11.0) -> Figure:
     """An empty picture, in inches, that makes room for what is put around its axes."""
@@ -62,19 +64,23 @@ def _few_ticks(axis: Axis, span: float, most: float) -> None:
 
 
 def mark_order(axis: Axes, orders: Iterable[float], x: float = 0.96, y: float = 0.05, width: float = 0.09) -> None:
-    """Triangles of slope p in the lower right corner of a log-log axis, to hold lines against.
+    """Triangles of slope p on a log-log axis, the first at the right, to hold lines against; p < 0 for lines that fall.
 
-    x, y: the corner nearest to the axis' own, as shares of it. Call when the limits are final.
+    x, y: where the first one's upright meets its base, as shares of the axis; width: that of one, more where the axis
+    spans so many decades that it would be flat. Call when the limits are final.
     """
     if (axis.get_xscale(), axis.get_yscale()) != ("log", "log"):
         return
     (left, right), (low, high) = np.log10(axis.get_xlim()), np.log10(axis.get_ylim())
+    orders = list(orders)
+    steepest = max(map(abs, orders)) * abs(right - left) / (high - low)
+    width = min(max(width, FLAT / steepest), 0.7 / len(orders))
     run = width * abs(right - left)
     for order in orders:
         rise = order * run / (high - low)
         corners = np.array([[x - width, y], [x, y], [x, y + rise]])
         axis.plot(*corners[[0, 1, 2, 0]].T, transform=axis.transAxes, color="0.35", lw=0.8)
-        axis.annotate(f"{order:g}", (x, y + rise / 2), xycoords="axes fraction", xytext=(2, -3),
+        axis.annotate(f"{abs(order):g}", (x, y + rise / 2), xycoords="axes fraction", xytext=(2, -3),
                       textcoords="offset points", fontsize=8, color="0.25")  # fmt: skip
         x -= width + 0.05
 

@@ -22,6 +22,7 @@ from ..trajectory.recorder import sampled_impacts
 from ..trajectory.tables import table
 from ..trajectory.trajectory import Reference, Trajectory
 from .impacts import ContactStatistics, Matching, match
+from .pair import run_of
 from .phase import PhaseLag, phase_lag
 from .tip_error import relative_error, rms
 from .windows import drive_frequency
@@ -147,22 +148,12 @@ def compare(run: Trajectory | Sequence[ArrayLike], reference: Reference) -> Comp
     NaN, and ``missing`` says why.
     Raises InputError where the systems differ, the outputs are thinned or the reference has no horizon.
     """
-    if isinstance(run, (tuple, list)) and len(run) in (2, 3) and isinstance(reference, Reference):
-        run = Trajectory.from_arrays(*run, system=reference.system)
-    if not isinstance(run, Trajectory) or not isinstance(reference, Reference):
-        got = f"{type(run).__name__}, {type(reference).__name__}"
-        rule = "be given a run, or its arrays (t, tip) or (t, tip, tip velocity), and a reference, in this order"
-        raise InputError("compare", got, rule, "reference() makes one")
-    if run.fingerprint != reference.fingerprint:
-        remedy = 'solve run.system; 0.1 in Python is a double, in a case file and as "0.1" it is the decimal'
-        raise InputError("reference", reference.label, f"be of the same system as {run.label}", remedy)
+    run = run_of(run, reference, "compare")
     system = run.system or reference.system
     if system is None:
         raise InputError("run", "two loaded files", "leave one trajectory with its system", "integrate again")
     if run.provenance.get("every", 1) != 1:
         raise InputError("every", run.provenance["every"], "be 1 for a comparison", "integrate with every=1")
-    if not np.isfinite(reference.horizon):
-        raise InputError("reference.horizon", reference.horizon, "be known", "make it with stiffbeam.reference")
     t = run.t
     dt = float(t[1] - t[0])
     if t[0] != 0.0 or np.max(np.abs(np.diff(t) - dt)) > 1e-6 * dt:

@@ -9,6 +9,8 @@ import numpy as np
 import scipy.stats
 from numpy.typing import ArrayLike
 
+WIDEST = 1.5  # an interval wider than this cannot tell one order from the next
+
 
 @dataclass(frozen=True)
 class Order:
@@ -20,6 +22,8 @@ class Order:
     points: int
 
     def __str__(self) -> str:
+        if 2.0 * self.interval > WIDEST:
+            return "no clear rate"
         return f"{self.slope:.2f} ± {self.interval:.2f}" if np.isfinite(self.interval) else f"{self.slope:.2f}"
 
 

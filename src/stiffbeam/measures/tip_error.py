@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array
-from ..basics.validation import InputError, positive
+from ..basics.validation import positive
 from ..trajectory.trajectory import Reference, Trajectory
+from .pair import run_of
 
 
 @dataclass(frozen=True)
@@ -35,18 +38,16 @@ def tip_error(u: Array, u_ref: Array) -> TipError:
     return TipError(rms(error), float(np.max(np.abs(error))))
 
 
-def stays_within(run: Trajectory, reference: Reference, error: float) -> float:
+def stays_within(run: Trajectory | Sequence[ArrayLike], reference: Reference, error: float) -> float:
     """The time to which |u_run - u_ref| <= error max |u_ref|, the largest over the whole window, at every output.
 
+    ``run`` is a run or its arrays (t, tip) or (t, tip, tip velocity), as of ``compare``.
     The last output before the first that is further off, at most the window's end, the smaller of t_end and the
     horizon: past it the reference itself is not known. Raises InputError where the systems differ, where the
     reference has no horizon, and where it does not know the run's times.
     """
     positive("error", error)
-    if run.fingerprint != reference.fingerprint:
-        raise InputError("reference", reference.label, f"be of the same system as {run.label}", "solve run.system")
-    if not np.isfinite(reference.horizon):
-        raise InputError("reference.horizon", reference.horizon, "be known", "make it with stiffbeam.reference")
+    run = run_of(run, reference, "stays_within")
     end = min(float(run.t[-1]), float(reference.provenance["t_end"]), reference.horizon)
     t = run.t[run.t <= end * (1 + 1e-12)]
     off = np.abs(relative_error(run.tip[: len(t)], reference.at(t)[0])) > error

@@ -284,17 +284,33 @@ class System:
         two systems, whose motions part at the horizon of float64.
         A bare callable cannot be hashed by content: it counts as equal to itself only, in this process.
         """
-        digest = hashlib.sha256(self.form.encode())
-        for array in (self.mass, self.damping, self.stiffness, self.q0, self.v0, self.observe):
-            digest.update(b"none" if array is None else np.ascontiguousarray(array).tobytes())
-        for vector, function in self.loads:
-            digest.update(vector.tobytes() + _describe(function).encode())
-        for contact in self.contacts:
-            digest.update(contact.row.tobytes() + repr(contact.stops).encode() + _describe(contact.offset).encode())
-        digest.update("; ".join(self.exact_parameters).encode())
-        if self.units.known:
-            digest.update(repr(self.units).encode())
-        return digest.hexdigest()
+        return hashlib.sha256(b"".join(self._content().values())).hexdigest()
+
+    def _content(self) -> dict[str, bytes]:
+        """What the fingerprint is of, by name."""
+        loads = (vector.tobytes() + _describe(function).encode() for vector, function in self.loads)
+        contacts = (c.row.tobytes() + repr(c.stops).encode() + _describe(c.offset).encode() for c in self.contacts)
+        return {
+            "form": self.form.encode(),
+            "mass": self.mass.tobytes(),
+            "damping": self.damping.tobytes(),
+            "stiffness": self.stiffness.tobytes(),
+            "initial data": self.q0.tobytes() + self.v0.tobytes(),
+            "observed point": b"none" if self.observe is None else self.observe.tobytes(),
+            "loads": b"".join(loads),
+            "contacts": b"".join(contacts),
+            "exact parameters": "; ".join(self.exact_parameters).encode(),
+            "units": repr(self.units).encode() if self.units.known else b"",
+        }
+
+    def differences(self, other: System) -> list[str]:
+        """In what another system differs: its size and form, or mass, damping, stiffness, initial data, loads, ..."""
+        of_both = (("unknowns", self.size, other.size), ("form", self.form, other.form))
+        whole = [f"{name} ({a} and {b})" for name, a, b in of_both if a != b]
+        theirs = other._content()
+        found = [name for name, content in self._content().items() if content != theirs[name]]
+        # Exact parameters are those of the others, unless nothing else differs.
+        return whole or [name for name in found if name != "exact parameters"] or found
 
 
 def require_system(system: Any, field: str = "system") -> System:

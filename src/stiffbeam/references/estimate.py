@@ -25,8 +25,9 @@ def warn_of_minutes(
 ) -> None:  # fmt: skip
     """Warn where ``reference`` will take more than a minute, with the estimate and what to do.
 
-    Only where the registry's seconds, scaled to the size and the fastest period, come near it are there pilot runs;
-    what setting up costs is in the first of them, and is not taken times the span.
+    Only where the registry's seconds, scaled to the size and the fastest period, come near it are there pilot runs.
+    The first over each span compile what it needs and are not counted; what setting up costs is in both of the others,
+    and is not taken times the span.
     """
     own = REFERENCES[method]
     if own.kind == MULTIPRECISION:
@@ -43,6 +44,7 @@ def warn_of_minutes(
     try:
         if runs * PARTS * pilot(1) < MINUTES:
             return
+        pilot(2)
         once, twice = pilot(1), pilot(2)
     except (InputError, SolverFailure):
         return  # what it refuses, the run itself will say

@@ -18,7 +18,7 @@ from .engine.study import Answer, Row, Rows
 
 # What the options of several studies are and mean; the commands read it here.
 Schemes = Annotated[list[str] | None, "with commas between them, e.g. 'bdf2,hht(alpha=-0.2)'; default: all"]
-Form = Annotated[str, "displacement or velocity-curvature"]
+Form = Annotated[str, "displacement, velocity-curvature or hermite"]
 Forms = Annotated[list[str] | None, "with commas between them; default: all the case can take"]
 Dt = Annotated[float | None, "time step to start from, instead of the case's"]
 End = Annotated[float | None, "end time instead of the case's"]
@@ -97,12 +97,14 @@ def by_contact(rows: Rows) -> dict[str, list[Row]]:
 
 
 def joined(answers: Mapping[str, str]) -> Answer:
-    """The answers of several contacts as one, each with its place."""
+    """The answers of several contacts as one, each with its place; what all leave untold alike is said once."""
     parts = {place: answer if isinstance(answer, Answer) else Answer(answer, rest=answer)
              for place, answer in answers.items()}  # fmt: skip
 
     def all_of(texts: Mapping[str, str]) -> str:
-        return " ".join(text + (f" (All{place}.)" if place else "") for place, text in texts.items())
+        if len(alike := set(texts.values())) == 1:
+            return alike.pop()
+        return " ".join(f"{place.strip().capitalize()}: {text}" if place else text for place, text in texts.items())
 
     lines = [({"contact": place.removeprefix(" at contact ")} if place else {}) | line
              for place, answer in parts.items() for line in answer.table]  # fmt: skip
@@ -120,5 +122,5 @@ def solve_once(system: System, t_end: float, method: str = "exact") -> Reference
 
 
 def first_impacts(case: Case, form: str, impacts: int) -> float:
-    """The end of the case's first ``impacts`` impacts, see ``first_impacts_end``."""
+    """The end of the case's first impacts, ``impacts`` of them, see ``first_impacts_end``."""
     return first_impacts_end(solve_once(system_of(case, form), case.t_end), impacts)

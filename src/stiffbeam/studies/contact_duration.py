@@ -13,6 +13,7 @@ counted.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from string import ascii_lowercase
 from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
@@ -63,7 +64,8 @@ def points(
     impacts: ImpactCount = 4,
     members: Annotated[int, "perturbed runs of each method"] = 48,
 ) -> list[Point]:
-    """Contact by contact at ``dt`` (the case's), dt/2, ... until the first ``impacts`` impacts are over; the
+    """Contact by contact at ``dt`` (the case's), dt/2, ... until the first impacts are over, as
+    many as ``impacts`` says; the
     distributions at ``dt`` to ``t_end``, over ``members`` perturbed runs of every scheme and of the exact solution."""
     afford_halvings(case, halvings, dt, t_end)
     integer("members", members, 1)
@@ -169,11 +171,14 @@ def _answer(rows: Rows, case: Case) -> Answer:
                       "half of the time from": half})  # fmt: skip
     paired = sorted((row for row in rows if row["kind"] == "pairs" and row["pairs"]), key=lambda row: -row["dt"])
     finest = {row["method"]: row for row in paired}  # the last of a method
-    pairs = [f"{method} {100 * row['error']:.2g} % in {row['pairs']}" for method, row in finest.items()]
+    pairs = [
+        f"at most {100 * row['error']:.2g} % with {method} ({row['pairs']} contact{'s' * (row['pairs'] > 1)})"
+        for method, row in finest.items()
+    ]
     sentences = ["; ".join(parts) + "."] if parts else []
     if pairs:
         dt = units.measure(format(paired[-1]["dt"], ".2g"), "time")
-        sentences.append(f"Of the first contacts, at dt = {dt}, durations are off by at most {', '.join(pairs)}.")
+        sentences.append(f"Of the first contacts, at dt = {dt}, durations are off by {', '.join(pairs)}.")
     return Answer(" ".join(sentences), table, " ".join(sentences[len(sentences) - bool(pairs) :]))
 
 
@@ -183,23 +188,29 @@ def draw(records: Records) -> Figure:
     rows = numeric(records.found)
     units = records.case.units
     blocks = [
-        (place, [name for name in SIDES.values() if any(row["stop"] == name for row in own)] or ["upper"], own)
-        for place, own in by_contact(rows).items()
+        (place, _sides(records.case, own[0]) if own else ["upper"], own) for place, own in by_contact(rows).items()
     ]
+    letter = iter(ascii_lowercase)
     figure = new_figure(5.2 * len(blocks), heading(records.case, "how long contacts last, from entry to exit"))
     lines = figure.subplots(len(blocks), 1 + max(len(names) for _, names, _ in blocks), squeeze=False)
     for axes, (place, names, own) in zip(lines, blocks, strict=True):
         _errors(axes[0], [row for row in own if row["kind"] == "pairs"])
         axes[0].set(xlabel=units.label(r"step $\Delta t$", "time"), ylabel="error of the duration, largest, relative")
-        axes[0].set_title(f"(a) the first contacts{place}", loc="left")
-        for axis, name, letter in zip(axes[1:], names, "bc", strict=False):
+        axes[0].set_title(f"({next(letter)}) the first contacts{place}", loc="left")
+        for axis, name in zip(axes[1:], names, strict=False):
             _distributions(axis, [row for row in own if row["kind"] == "quantile" and row["stop"] == name])
             axis.set(xlabel=units.label("duration", "time"), ylabel="share of the contacts that are shorter")
-            axis.set_title(f"({letter}) {name} stop{place}", loc="left")
+            axis.set_title(f"({next(letter)}) {name} stop{place}", loc="left")
         for axis in axes[1 + len(names) :]:
             axis.remove()
     shared_legend(figure, 5)
     return figure
+
+
+def _sides(case: Case, row: Row) -> list[str]:
+    """The sides on which the contact of this row has a stop."""
+    stops = system_of(case, row["form"]).contacts[row["contact_number"] - 1].stops
+    return [name for side, name in SIDES.items() if np.isfinite(stops.g2 if side > 0 else stops.g1)]
 
 
 def _errors(axis: Axes, rows: Sequence[Row]) -> None:
@@ -220,7 +231,7 @@ def _errors(axis: Axes, rows: Sequence[Row]) -> None:
         log_scale(axis)
         axis.plot([], [], "o", ms=4, mfc="white", mec="0.35", label="some contacts do not match")
     else:
-        say_empty(axis, "no contact matches")
+        say_empty(axis, "no contact matches" if any(row["exact"] for row in rows) else "no impact so early")
 
 
 def _distributions(axis: Axes, rows: Sequence[Row]) -> None:
@@ -236,7 +247,7 @@ def _distributions(axis: Axes, rows: Sequence[Row]) -> None:
         log_scale(axis, y=False)
         axis.set_ylim(0.0, 1.0)
     else:
-        say_empty(axis)
+        say_empty(axis, "no contact came to an end")
 
 
 STUDY = Study(

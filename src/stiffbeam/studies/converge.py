@@ -63,7 +63,7 @@ def points(
     """Steps from ``dt`` (the case's) downwards, ``halvings`` times.
 
     smooth: the case without stops on its slow motion, over one period of the drive or of the lowest
-    mode, whichever is longer. contact: the case itself until its first ``impacts`` impacts are over.
+    mode, whichever is longer. contact: the case itself until the first impacts are over, as many as ``impacts`` says.
     """
     afford_halvings(case, halvings, dt, None)
     start = case.dt if dt is None else dt

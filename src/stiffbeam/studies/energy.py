@@ -108,8 +108,11 @@ MOST = 120.0  # per cent: longer bars are cut, their numbers stand beside them
 PARTS = (("lost_in_contact", "in contact"), ("lost_free", "between impacts"))
 
 
-def _named(form: str) -> str:
-    return "first order" if form.endswith(FIRST_ORDER) else form
+def _percent(height: float) -> str:
+    """A share as it stands over its bar: two digits while it is below 10, "0" for rounding errors only."""
+    if abs(height) < 0.05:
+        return "0" if abs(height) < 1e-6 else "<0.1"
+    return f"{height:.2g}" if abs(height) < 10.0 else str(round(height)) if abs(height) < 1e4 else f"{height:.0e}"
 
 
 def draw(records: Records) -> Figure:
@@ -135,7 +138,7 @@ def draw(records: Records) -> Figure:
         axis.axhline(0.0, color="0.6", lw=0.7, zorder=0)
         axis.grid(color="0.92")
         axis.set(xlabel=units.label("time $t$", "time"), ylabel=units.label("energy lost so far", "energy"))
-        axis.set_title(f"({letter}) lost {words} ({_named(main)} form)", loc="left")
+        axis.set_title(f"({letter}) lost {words} ({main} form)", loc="left")
         if not rows:
             say_empty(axis)
         shown = np.concatenate([np.asarray(line.get_ydata(), float) for line in axis.get_lines()])
@@ -164,18 +167,20 @@ def _bars(axis: Axes, runs: dict[tuple[str, str], list[Row]], units: Units) -> N
             place += 0.5
         end = units.measure(f"{own[-1]['t']:g}", "time")
         if form != last_form:
-            one = sum(other == form for other, _ in runs) < 2
-            axis.text(place - 0.5, 1.02, f"{_named(form)}{chr(10) if one else ' '}to t = {end}", fontsize=9,
-                      color="0.25", transform=axis.get_xaxis_transform())  # fmt: skip
+            words, at, side = form + " ", place - 0.5, "left"
+            if form.endswith(FIRST_ORDER):  # one bar, the last
+                words, at, side = "as a first-order system,\n", place + 0.5, "right"
+            axis.text(at, 1.02, f"{words}to t = {end}", fontsize=9, color="0.25", ha=side,
+                      transform=axis.get_xaxis_transform())  # fmt: skip
         last_form = form
         for k, ((name, words), colour, hatch) in enumerate(zip(PARTS, ("0.3", "0.75"), ("", "///"), strict=True)):
             height = _share(own, name)[-1]
             axis.bar(place + 0.4 * k - 0.2, np.clip(height, -MOST, MOST), 0.38, color=colour, hatch=hatch,
                      edgecolor="white", label=words if not ticks else None)  # fmt: skip
             if np.isfinite(height):
-                at, number = np.clip(height, -MOST, MOST), str(round(height)) if abs(height) < 1e4 else f"{height:.0e}"
-                axis.annotate(number, (place + 0.4 * k - 0.2, at), (0, 2 if height > -0.5 else -10),
-                              textcoords="offset points", ha="center", fontsize=8)  # fmt: skip
+                at = (place + 0.4 * k - 0.2, np.clip(height, -MOST, MOST))
+                axis.annotate(_percent(height), at, (0, 2 if height > -0.5 else -10), textcoords="offset points",
+                              ha="center", fontsize=8)  # fmt: skip
         ticks.append(place)
         names.append(short(scheme))
         place += 1.0

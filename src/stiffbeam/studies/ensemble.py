@@ -52,7 +52,7 @@ def points(
     contact: Treatment = "implicit",
 ) -> list[Point]:
     """The exact solution and every scheme at ``dt`` (the case's), each with the same ``members`` initial
-    data, perturbed by ``size`` relative to the motion (see ``perturbed``)."""
+    data, perturbed by ``size`` relative to the motion."""
     integer("members", members, 1)
     rest = {
         "form": form, "dt": case.dt if dt is None else dt, "t_end": case.t_end if t_end is None else t_end,
@@ -167,7 +167,11 @@ def _answer(rows: Rows, case: Case) -> str:
         f"{np.std(exact):.2g} impacts to t = {end} (mean ± standard deviation) and is in contact "
         f"{100 * np.mean(share):.2g} % of the time; at dt = {dt} (difference of means, 95 %)"
     )
-    return Answer(f"{head}: {'; '.join(parts)}.", [true, *table], f"{head}.")
+    rest = (
+        f"Over {len(exact)} members perturbed by {first['size']:g}, to t = {end} at dt = {dt}: mean ± standard "
+        "deviation. Off by: difference of the means, ± holds with 95 %."
+    )
+    return Answer(f"{head}: {'; '.join(parts)}.", [true, *table], rest)
 
 
 def draw(records: Records) -> Figure:
@@ -197,8 +201,8 @@ def draw(records: Records) -> Figure:
     shares.set_title("(b) time in contact", loc="left")
     _boxes(losses, lines, "energy_lost", 1.0)
     losses.axvline(0.0, color="black", lw=0.8, ls=":")
-    losses.set(xlabel=f"{units.label('energy', 'energy')}; the exact motion loses none")
-    losses.set_title("(c) energy lost by the scheme", loc="left")
+    losses.set(xlabel=units.label("energy", "energy"))
+    losses.set_title("(c) energy lost; exact: none", loc="left")
     losses.locator_params(axis="x", nbins=5)
     losses.ticklabel_format(axis="x", scilimits=(-3, 4))
     for axis in (shares, losses):

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
+from string import ascii_lowercase
 from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
@@ -181,36 +182,32 @@ def _answer(rows: Rows, case: Case) -> str:
     steps = [r for r in rows if r["purpose"] == "step" and r["scheme"] not in (REFERENCE, EXACT)]
     exact = next((r for r in rows if r["scheme"] == EXACT), None)
     if not steps or exact is None:
-        return (
-            f"Without {'schemes' if exact else 'the exact members'} there is nothing to compare at {len(rows)} points."
-        )
+        return f"Without {'schemes' if exact else 'exact members'} there is nothing to compare at {len(rows)} points."
     coarse, first = max(r["dt"] for r in steps), steps[0]
     digits = first["reference_digits"]
-    known = (
-        f"The exact motion ({digits} digits, parameters as written)"
-        if digits
-        else "The exact motion in float64, one realisation,"
-    )
+    float64 = f"in float64{', one realisation,' if exact['count_spread'] else ''}"
+    known = f"The exact motion {f'({digits} digits, parameters as written)' if digits else float64}"
     parts, table = [], []
     for row in (r for r in steps if r["dt"] == coarse):
         largest = right_from(rows, row["scheme"])
-        known_from = np.isfinite(largest)
-        right = f"from dt = {units.measure(format(largest, '.2g'), 'time')} on" if known_from else "never"
+        found = np.isfinite(largest)
+        limit = largest if found else min(r["dt"] for r in steps if r["scheme"] == row["scheme"])
+        at = f"dt = {units.measure(format(limit, '.2g'), 'time')}"
+        right = f"from {at} on" if found else f"not yet at {at}"
         count, share = f"{row['count']:.4g}", f"{100 * row['fraction']:.2g} %"
-        phrase = f"right to 5 % {right}" if known_from else "never right to 5 %"
-        parts.append(f"{row['scheme']} {count} and {share}, {phrase}")
+        parts.append(f"{row['scheme']} {count} and {share}, right to 5 % {right}")
         table.append({"scheme": row["scheme"], "impacts": count, "in contact": share, "right to 5 %": right})
-    end, step, finest = (
-        units.measure(text, "time")
-        for text in (f"{rows[0]['t_end']:g}", f"{coarse:g}", f"{min(r['dt'] for r in steps):.2g}")
-    )
+    end, step = (units.measure(f"{x:g}", "time") for x in (rows[0]["t_end"], coarse))
     head = (
         f"{known} has {first['reference_count']} impacts to t = {end}, the exact ensemble "
         f"{exact['count']:.4g} ± {exact['count_spread']:.2g} and {100 * exact['fraction']:.2g} % of the time in "
-        f"contact; means at dt = {step}"
+        f"contact; {_runs(first['members'])} at dt = {step}"
     )
-    tail = f"The finest step tried is {finest}."
-    return Answer(f"{head}: {'; '.join(parts)}. {tail}", table, f"{head}. {tail}")
+    return Answer(f"{head}: {'; '.join(parts)}.", table, f"{head}.")
+
+
+def _runs(members: int) -> str:
+    return f"means over {members} perturbed runs" if members > 1 else "one run each"
 
 
 OVER_STEP = (
@@ -229,22 +226,23 @@ def draw(records: Records) -> Figure:
     units = records.case.units
     span = f"to t = {units.measure(format(rows[0]['t_end'], 'g'), 'time')}, " if rows else ""
     digits = max((row.get("reference_digits", 0) for row in rows), default=0)
-    known = f"{digits} digits" if digits else "float64, one realisation"
-    title = heading(records.case, f"{span}means over perturbed runs; the exact motion in black ({known})")
+    known = f"{digits} digits" if digits else "float64"
+    runs = _runs(rows[0]["members"]) if rows else "no runs"
+    title = heading(records.case, f"{span}{runs}; in black the exact motion ({known})")
     figure = new_figure(7.8 * len(blocks), title)
     axes = figure.subplots(2 * len(blocks), 3, width_ratios=(1.5, 1.0, 1.0), height_ratios=(1.4, 1.0) * len(blocks))
     for i, (place, own) in enumerate(blocks.items()):
         treated = by_contact([row for row in records.rows if row["purpose"] == "contact"]).get(place, [])
-        _block(axes[2 * i : 2 * i + 2], own, treated, units, place)
+        _block(axes[2 * i : 2 * i + 2], own, treated, units, place, ascii_lowercase[6 * i :])
     shared_legend(figure, 5, [*axes[0::2].ravel(), *axes[1::2, 0]])  # the other panels have their own
     return figure
 
 
-def _block(axes: Array, rows: Sequence[Row], treated: Sequence[Row], units: Units, place: str) -> None:
-    """The six panels of one contact."""
+def _block(axes: Array, rows: Sequence[Row], treated: Sequence[Row], units: Units, place: str, letters: str) -> None:
+    """The six panels of one contact, lettered in order."""
     runs = [row for row in rows if row["purpose"] == "step" and row["scheme"] not in (REFERENCE, EXACT)]
     sampled = [row for row in rows if row["scheme"] == REFERENCE]
-    for axis, (name, words, title, factor), letter in zip(axes[0], OVER_STEP, "abc", strict=True):
+    for axis, (name, words, title, factor), letter in zip(axes[0], OVER_STEP, letters[:3], strict=True):
         _over_step(axis, runs, name, factor)
         _exact_values(axis, runs, sampled, name, factor)
         _exact_ensemble(axis, [row for row in rows if row["scheme"] == EXACT], name, factor)
@@ -253,14 +251,16 @@ def _block(axes: Array, rows: Sequence[Row], treated: Sequence[Row], units: Unit
         axis.set_ylim(0.0, 1.05 * axis.get_ylim()[1])
     _over_step(axes[1, 0], runs, "matched_until", 1.0)
     axes[1, 0].set(ylabel=units.label("exact impacts followed to $t$", "time"))
-    axes[1, 0].set_title(f"(d) how far they match{place}", loc="left")
+    axes[1, 0].set_title(f"({letters[3]}) how far they match{place}", loc="left")
     if runs:
         axes[1, 0].axhline(runs[0]["horizon"], color="black", lw=1.2, ls=":", label="horizon of float64")
     for axis in (*axes[0], axes[1, 0]):
         axis.set(xlabel=units.label(r"step $\Delta t$", "time"))
     count = runs[0]["reference_count"] if runs else float("nan")
-    _over_parameters(axes[1, 1], [row for row in rows if row["purpose"] == "parameter"], count, units, place)
-    _contact(axes[1, 2], runs, treated, count, units, place)
+    _over_parameters(axes[1, 1], [row for row in rows if row["purpose"] == "parameter"], count, units)
+    _contact(axes[1, 2], runs, treated, count, units)
+    for axis, letter, words in zip(axes[1, 1:], letters[4:6], ("over the parameter", "how treated"), strict=True):
+        axis.set_title(f"({letter}) {words}{place}", loc="left")
     for axis in axes.ravel():
         if not axis.get_lines() and not axis.patches:
             say_empty(axis, "not asked for" if runs else "no point could be evaluated")
@@ -297,7 +297,7 @@ def _exact_ensemble(axis: Axes, exact: Sequence[Row], name: str, factor: float) 
         axis.axhline(mean, color="0.3", lw=1.2, ls=":", zorder=1)
 
 
-def _over_parameters(axis: Axes, rows: Sequence[Row], count: float, units: Units, place: str) -> None:
+def _over_parameters(axis: Axes, rows: Sequence[Row], count: float, units: Units) -> None:
     for i, (name, (parameter, text, sign)) in enumerate(PARAMETERS.items()):
         own = [row for row in rows if scheme_of(row["scheme"]).name == name]
         points = sorted((sign * scheme_of(row["scheme"]).parameters[parameter], row["count"]) for row in own)
@@ -308,13 +308,12 @@ def _over_parameters(axis: Axes, rows: Sequence[Row], count: float, units: Units
     if rows:
         axis.axhline(count, color="black", lw=1.6)
         dt = units.measure(f"{rows[0]['dt']:g}", "time")
-        axis.set(xlabel=f"parameter, at Δt = {dt}", ylabel="impacts counted", ylim=(0.0, None))
-        axis.set_title(f"(e) over the parameter{place}", loc="left")
+        axis.set(xlabel=f"parameter, at Δt = {dt}", ylabel="impacts counted", ylim=(0.0, 1.08 * axis.get_ylim()[1]))
         axis.grid(color="0.92")
         axis.legend(frameon=False, fontsize=8.5)
 
 
-def _contact(axis: Axes, runs: Sequence[Row], treated: Sequence[Row], count: float, units: Units, place: str) -> None:
+def _contact(axis: Axes, runs: Sequence[Row], treated: Sequence[Row], count: float, units: Units) -> None:
     """Implicit beside extrapolated contact at the same step, a cross where it overflowed."""
     schemes = [row["scheme"] for row in treated]
     if not schemes:
@@ -334,7 +333,7 @@ def _contact(axis: Axes, runs: Sequence[Row], treated: Sequence[Row], count: flo
     axis.set_xticks(places, [short(s) for s in schemes], rotation=35, ha="right", fontsize=8.5)
     counts = [*heights, *column(treated, "count"), count]
     axis.set(ylabel="impacts counted", ylim=(0.0, 1.45 * max((c for c in counts if np.isfinite(c)), default=1.0)))
-    axis.set_title(f"(f) contact, at Δt = {units.measure(format(dt, 'g'), 'time')}{place}", loc="left")
+    axis.set(xlabel=f"treatment of contact, at Δt = {units.measure(format(dt, 'g'), 'time')}")
     axis.legend(frameon=False, fontsize=8.5)
 
 

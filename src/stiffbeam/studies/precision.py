@@ -62,7 +62,7 @@ def points(
 ) -> list[Point]:
     """Schemes at ``dt`` (the case's), dt/2, ...; solvers at rtol 1e-4 .. 1e-10 (the dense ones at two).
 
-    The error is taken until the first ``impacts`` impacts are over (half the horizon without contact),
+    The error is taken until the first impacts are over, as many as ``impacts`` says (half the horizon without contact),
     where it is not yet amplified by chaos; the time tracked on the whole horizon.
 
     work: linear solves of a scheme; of a solver evaluations of the right-hand side, for an implicit one as

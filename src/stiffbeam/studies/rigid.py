@@ -33,7 +33,8 @@ def points(
     factors: Annotated[list[float] | None, "of the stops' stiffness, with commas between them"] = None,
     impacts: ImpactCount = 3,
 ) -> list[Point]:
-    """The case's kappa times 4^0 .. 4^9, until the rigid solution's first ``impacts`` impacts are over."""
+    """The case's kappa times 4^0 .. 4^9, until the first impacts of the rigid solution are over, as many as
+    ``impacts`` says."""
     system = system_of(case, form)
     if len(system.contacts) != 1:
         found = f"{len(system.contacts)} contacts"

@@ -38,7 +38,7 @@ def points(
 ) -> list[Point]:
     """Grids of 10 to 80 cells (at least three), against closed forms and against ``finest`` in contact.
 
-    The contact is compared until the first ``impacts`` impacts of the finest grid are over, and never
+    The contact is compared until the first impacts of the finest grid are over, as many as ``impacts`` says, and never
     past the horizon of either.
     """
     grids = cells or [10, 14, 20, 28, 40, 56, 80]
@@ -135,14 +135,15 @@ def answer(rows: Rows, _: Case) -> str:
     found = orders(rows)
     smooth = [f"{q} {o} ({form})" for (q, form), o in found.items() if "impact" not in q]
     contact = [f"{q} {o} ({form})" for (q, form), o in found.items() if "impact" in q]
-    tail = f" In contact, against the finest grid: {', '.join(contact)}." if contact else ""
+    kinds = (("", smooth), ("in contact, against the finest grid: ", contact))
+    sentence = "; ".join(words + ", ".join(orders) for words, orders in kinds if orders)
     forms = list(dict.fromkeys(form for _, form in found))
     table = [
         {"order in h of": q} | {form: str(found[q, form]) if (q, form) in found else "–" for form in forms}
         for q in dict.fromkeys(q for q, _ in found)
     ]
-    rest = "In contact against the finest grid; ± holds with 95 %."
-    return Answer(f"Observed orders in h: {', '.join(smooth)}.{tail}", table, rest)
+    rest = "In contact against the finest grid. ± holds with 95 %, an interval wider than 1.5 is no clear rate."
+    return Answer(f"Observed orders in h: {sentence}.", table, rest)
 
 
 NAMES = {"tip to the end of the first impacts": "tip, largest", "first impact's time": "time of the first",

@@ -19,7 +19,7 @@ import numpy as np
 
 from ..basics.arrays import Array
 from ..basics.validation import InputError, integer, near, number, positive
-from ..figures import column, dashed, heading, look, new_figure, numeric, say_empty, tip_symbol
+from ..figures import COLOURS, column, dashed, heading, look, new_figure, numeric, say_empty, tip_symbol
 from ..files.cases import Case
 from ..march.ensemble import integrate_ensemble
 from ..references.ensemble import reference_ensemble
@@ -61,7 +61,7 @@ def points(
 ) -> list[Point]:
     """Batches of values, each a line of the journal; with ``second`` a grid, without sections.
 
-    values: of ``parameter``, see ``parameters_of``, in the case's own units; by default ``count`` drive
+    values: of ``parameter``, in the case's own units; by default ``count`` drive
     frequencies from 0.7 to 1.3 of the case's. method: a scheme's label or "exact", by default the case's
     first scheme. transient: periods of the drive before the ``periods`` that are looked at.
     """
@@ -239,6 +239,7 @@ def _diagram(figure: Figure, points: Rows, contacts: Rows, case: Case) -> None:
     section, count, force = figure.subplots(3, 1, sharex=True, height_ratios=[3.0, 1.0, 1.0])
     first = next(iter([*points, *contacts]), {"parameter": "parameter", "method": EXACT})
     name, colour = first["parameter"], look(first["method"])["color"]
+    colours = [colour, *(other for other in COLOURS if other != colour)]
     section.set(ylabel=units.label(f"tip {tip_symbol(case.beam, 'nT')}", "length"))
     section.set_title("(a) the tip once in every period $T$ of the drive", loc="left")
     if points:
@@ -261,7 +262,7 @@ def _diagram(figure: Figure, points: Rows, contacts: Rows, case: Case) -> None:
             own = sorted(own, key=lambda row: row[name])
             values = column(own, quantity) / (column(own, "periods") if quantity == "count" else 1.0)
             axis.plot(column(own, name), values, lw=line, ls=dashed(i), marker=".", ms=3.0 if line else 1.5,
-                      color=colour, alpha=1.0 / (1 + i), label=place.strip())  # fmt: skip
+                      color=colours[i % len(colours)], label=place.strip())  # fmt: skip
         if len(by_contact(contacts)) > 1:
             axis.legend(frameon=False, fontsize=8.5)
         if contacts:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..figures.panels import log_scale, mark_order, new_figure, say_empty
+from ..figures.panels import log_scale, mark_order, new_figure, say_empty, shared_legend
 from ..figures.style import look, short
 from .problem import Problem
 
@@ -66,7 +66,6 @@ def score_picture(entries: Sequence[Entry]) -> Figure:
             log_scale(axis)
         else:
             say_empty(axis, "no impact times are told")
-    mark_order(middle, [2.0])
-    handles, labels = middle.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=6, frameon=False, fontsize=8)
+    mark_order(middle, [-2.0], y=0.95)  # errors fall to the right: above them is room
+    shared_legend(figure, 6)
     return figure

@@ -60,7 +60,7 @@ def run_study(
         remedy = "for example 'table10'"
         raise InputError("case", type(case).__name__, "be a case, its name, a case file, or a System", remedy)
     if study.needs_stops and not case.has_stops:
-        raise InputError("case", case.name, "have stops", f"{study.name} asks about contact")
+        raise InputError("case", case.name, "have stops", f"{study.command} asks about contact")
     integer("jobs", jobs, 1)
     for name in options:
         if name not in known:
@@ -71,7 +71,7 @@ def run_study(
             positive(name, options[name])
     cores()  # what is wrong with STIFFBEAM_THREADS is wrong at every point
     begun = time.perf_counter()
-    progress(f"{study.name}: planning", 0, 0)
+    progress(f"{study.command}: planning", 0, 0)
     given = {"form": case.forms[0]} if "form" in known else {}
     points = study.points(case, **given | {name: value for name, value in options.items() if value is not None})
     journal = Journal(None if folder is None else Path(folder), study.name, case)
@@ -80,13 +80,13 @@ def run_study(
     with journal if missing else nullcontext():
         if missing and study.marches and executor is None:
             if not compiled():
-                progress(f"{study.name}: {COMPILING}", 0, 0)
+                progress(f"{study.command}: {COMPILING}", 0, 0)
             warm_up()  # here, and not in each of the processes
-        progress(study.name, finished, len(points))
+        progress(study.command, finished, len(points))
         for point, rows in _evaluate_all(study, case, missing, jobs, executor):
             journal.keep(point, rows)
             finished += 1
-            progress(study.name, finished, len(points))
+            progress(study.command, finished, len(points))
     rows = [row for point in points for row in journal.rows(point) or []]
     return Records(study, case, options, rows, time.perf_counter() - begun)
 

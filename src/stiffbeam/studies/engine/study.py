@@ -66,6 +66,11 @@ class Study:
     all_cores: bool = False
     named_by: tuple[str, ...] = ()
 
+    @property
+    def command(self) -> str:
+        """Its name on the command line."""
+        return self.name.replace("_", "-")
+
 
 @dataclass(frozen=True)
 class Records:
