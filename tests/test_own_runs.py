@@ -119,7 +119,8 @@ def test_what_is_no_run_is_refused(arguments, field):
     ("change", "differs"),
     [
         ({"stiffness": 2.0}, "stiffness, loads"), ({"viscosity": 0.1}, "damping, loads"), ({"tip_mass": 0.1}, "mass"),
-        ({"base": sb.Harmonic(0.2, 10.0)}, "loads, contacts"), ({"stops": sb.Stops(-0.2, 0.1, stiffness=100.0)}, "contacts"),
+        ({"base": sb.Harmonic(0.2, 10.0)}, "initial data, loads"),
+        ({"stops": sb.Stops(-0.2, 0.1, stiffness=100.0)}, "contacts"),
         ({"initial_velocity": sb.PolynomialProfile((0.0, 0.0, 1.0))}, "initial data"),
         ({"stiffness": "1.1"}, "exact parameters"), ({}, r"unknowns \(8 and 6\)"),
     ],
