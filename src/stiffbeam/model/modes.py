@@ -7,6 +7,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 import scipy.linalg
+from scipy.linalg.lapack import dtrtrs
 
 from ..basics.arrays import Array
 from ..basics.validation import InputError
@@ -44,11 +45,14 @@ class Modes:
         return vector @ self.shapes
 
 
-def undamped_modes(system: System) -> Modes:
-    """The modes of ``system`` without its damping, which always decouple."""
-    found = modes(replace(system, damping=np.zeros_like(system.damping)))
-    assert found is not None
-    return found
+def undamped_modes(system: System, springs: tuple[tuple[Array, float], ...] = ()) -> Modes:
+    """The modes of ``system`` without its damping, which always decouple; with springs as in ``modes``. Those of a
+    system, which cannot change, are found once."""
+    if springs:
+        return _undamped(system, springs)
+    if system not in _UNDAMPED:
+        _UNDAMPED[system] = _undamped(system)
+    return _UNDAMPED[system]
 
 
 def modes(system: System, springs: tuple[tuple[Array, float], ...] = ()) -> Modes | None:
@@ -56,42 +60,51 @@ def modes(system: System, springs: tuple[tuple[Array, float], ...] = ()) -> Mode
 
     With the mass M = R^T R and the factor K = G^T G, omega are the singular values of G R^-1, a spring
     (row, kappa) being one more row sqrt(kappa) row of G: the error is eps w_max in each omega. Without
-    a factor they are the roots of eigenvalues, eps omega in each (``graded_eigenpairs``). Those of a system, which
-    cannot change, are found once.
+    a factor they are the roots of eigenvalues, eps omega in each (``graded_eigenpairs``).
     """
+    if not system.damped:
+        return undamped_modes(system, springs)
     if springs:
-        return _modes(system, springs)
-    if system not in _FOUND:
-        _FOUND[system] = _modes(system)
-    return _FOUND[system]
+        return _damped(system, springs)
+    if system not in _DAMPED:
+        _DAMPED[system] = _damped(system)
+    return _DAMPED[system]
 
 
-_FOUND: WeakKeyDictionary[System, Modes | None] = WeakKeyDictionary()
+_UNDAMPED: WeakKeyDictionary[System, Modes] = WeakKeyDictionary()
+_DAMPED: WeakKeyDictionary[System, Modes | None] = WeakKeyDictionary()
 
 
-def _modes(system: System, springs: tuple[tuple[Array, float], ...] = ()) -> Modes | None:
-    upper = scipy.linalg.cholesky(system.mass)  # R
+def _damped(system: System, springs: tuple[tuple[Array, float], ...] = ()) -> Modes | None:
+    found = undamped_modes(system, springs)
+    damping = found.shapes.T @ system.damping @ found.shapes
+    diagonal = np.diag(damping).copy()
+    if np.max(np.abs(damping - np.diag(diagonal))) > 1e-9 * max(np.max(np.abs(diagonal)), 1e-300):
+        return None
+    return replace(found, damping=diagonal)
+
+
+def _undamped(system: System, springs: tuple[tuple[Array, float], ...] = ()) -> Modes:
+    upper = np.linalg.cholesky(system.mass).T  # R
     if system.stiffness_factor is not None:
         factor = np.vstack([system.stiffness_factor, *(np.sqrt(kappa) * row for row, kappa in springs)])
-        scaled = scipy.linalg.solve_triangular(upper, factor.T, trans=1).T
-        _, omega, vectors = scipy.linalg.svd(scaled, full_matrices=False)
-        omega, shapes = omega[::-1], scipy.linalg.solve_triangular(upper, vectors[::-1].T)
+        _, omega, vectors = np.linalg.svd(_solved(upper, factor.T, 1).T, full_matrices=False)
+        omega, shapes = omega[::-1], _solved(upper, vectors[::-1].T, 0)
         rigid = len(omega) - np.count_nonzero(np.any(factor, axis=1))  # as many motions strain nothing
         omega = np.where(np.arange(len(omega)) < rigid, 0.0, omega)
     else:
         stiffness = system.stiffness + sum(kappa * np.outer(row, row) for row, kappa in springs)
-        scaled = scipy.linalg.solve_triangular(upper, stiffness, trans=1)
-        scaled = scipy.linalg.solve_triangular(upper, scaled.T, trans=1)
+        scaled = _solved(upper, _solved(upper, stiffness, 1).T, 1)
         squares, vectors = scipy.linalg.eigh(0.5 * (scaled + scaled.T))
         if squares[0] < -1e-9 * squares[-1]:
             raise InputError("stiffness", f"least eigenvalue {squares[0]:.3g}", "be positive semidefinite")
-        shapes = scipy.linalg.solve_triangular(upper, vectors)
-        squares, shapes = graded_eigenpairs(system.mass, system.stiffness, springs, squares, shapes)
+        squares, shapes = graded_eigenpairs(system.mass, system.stiffness, springs, squares, _solved(upper, vectors, 0))
         omega = np.sqrt(np.maximum(squares, 0.0))
     # One sign per shape, so that equal systems give equal modes.
     shapes = shapes * np.where(shapes[np.argmax(np.abs(shapes), axis=0), np.arange(shapes.shape[1])] < 0, -1.0, 1.0)
-    damping = shapes.T @ system.damping @ shapes
-    diagonal = np.diag(damping).copy()
-    if np.max(np.abs(damping - np.diag(diagonal))) > 1e-9 * max(np.max(np.abs(diagonal)), 1e-300):
-        return None
-    return Modes(omega=np.ascontiguousarray(omega), shapes=shapes, damping=diagonal, mass=system.mass)
+    return Modes(np.ascontiguousarray(omega), shapes, damping=np.zeros(len(omega)), mass=system.mass)
+
+
+def _solved(upper: Array, right: Array, transposed: int) -> Array:
+    """R^-1 right, or R^-T right where ``transposed``."""
+    return dtrtrs(upper, right, trans=transposed)[0]

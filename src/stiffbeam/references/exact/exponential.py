@@ -91,6 +91,12 @@ class ExponentialSolution:
     def fastest_decay(self) -> float:
         return max(float(-np.min(r.eigenvalues.real, initial=0.0)) for r in self.regimes.values())
 
+    def press(self, system: System, contact: int, starts: Array, ends: Array) -> tuple[Array, Array]:
+        """Peak |sigma| and the integral of |sigma| in the spans [starts, ends] (k,) of contact."""
+        from .exact_measures import pressed
+
+        return pressed(system, self, contact, starts, ends)
+
     def offset(self, system: System, channel: int) -> Callable[[Array], tuple[Array, Array]]:
         """o(t) and o'(t) of a channel."""
         return self.drive.offset(system, channel)

@@ -107,4 +107,4 @@ def _solve(system: System, t_end: float, t_eval: Array | None, begun: float) -> 
 def _solution(tracer: Tracer, pieces: list[tuple[float, Array, Array]], evaluations: int) -> Solution:
     times, h, rate = (np.array(x) for x in zip(*pieces, strict=True))
     free = np.zeros(len(times), np.int64)
-    return Solution(tracer.drive, tracer.bases, tracer.regimes, times, free, h, rate, evaluations)
+    return Solution(tracer.drive, tracer.bases, tracer.regimes, tracer.stacked, times, free, h, rate, evaluations)

@@ -20,6 +20,7 @@ from ...trajectory.trajectory import SolverFailure
 from .audit import audit, within_float64
 from .exact_measures import Solution
 from .piecewise import afford_search, refuse, tracer_of
+from .undamped import Solution as Undamped
 
 RANDOM = 3  # tangent vectors beside the direction of the motion itself
 SAMPLES = 200  # times beside the switches
@@ -75,6 +76,10 @@ def growth(system: System, solution: Solution, t_end: float, seed: int = 0, enou
     """``lyapunov`` along a solution that is there already, ended where a growth, ln, is ``enough``."""
     dq, dv = _vectors(system, seed)
     edges = np.union1d(solution.times[solution.times < t_end], np.linspace(0.0, t_end, SAMPLES + 1))
+    if isinstance(solution, Undamped):
+        passed, logs = solution.grow(edges, dq, dv, enough)
+        if passed == len(edges) - 1 or np.max(logs[passed]) > enough:
+            return Growth(edges[: passed + 1], logs[: passed + 1])
     piece = np.maximum(np.searchsorted(solution.times, edges[:-1], side="right") - 1, 0)
     logs = np.zeros((len(edges), dq.shape[1]))
     for i, (k, tau) in enumerate(zip(piece.tolist(), np.diff(edges).tolist(), strict=True)):

@@ -6,7 +6,9 @@ import math
 import time
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cached_property
 from typing import NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,18 +18,18 @@ from ...basics.budget import Forecast
 from ...basics.validation import InputError
 from ...model.contact import Stops
 from ...model.drive import Drive
-from ...model.modes import Modes, modes
+from ...model.modes import Modes, undamped_modes
 from ...model.system import System
 from ...trajectory.trajectory import SolverFailure
-from .switching import follow
+from .following import Regimes, follow
 from .touching import REMEDY
 from .undamped import Regime, Solution
 
 RESONANCE = 1e-8  # |Omega^2 - omega^2|/omega^2 below which a drive is resonant, where that is refused
 CLOSE = 0.125  # |Omega - omega|/(Omega + omega) below which the particular solution is not used
-EVENTS_PER_CALL = 4096
+EVENTS_PER_CALL, FIRST_EVENTS = 4096, 16
+QUIET = np.zeros((0, 3, 0))  # no noise
 WIDE = 100  # modes up to which extended precision, which no library is fast in, is used for perturbed copies
-TO_CONTACT = 5  # its place among the ``search_arguments``
 
 
 class Perturbation(NamedTuple):
@@ -47,43 +49,46 @@ class Perturbation(NamedTuple):
 class Tracer:
     """Follows solutions of one system; its modes are made once. ``compile_seconds``: spent compiling.
 
-    known: modes by the stiffness of the stop, 0 for the free system; used and added to. span: the longest
-    time that is asked for; over a short one the slow modes answer the drive from rest.
+    known: modes by the stiffness of the stop, 0 for the free system; used and added to, by default those that the
+    system has been found to have. span: the longest
+    time that is asked for; over a short one the slow modes answer the drive from rest. ``perturbed`` makes others.
     """
 
-    def __init__(
-        self,
-        system: System,
-        perturbation: Perturbation | None = None,
-        known: dict[float, Modes] | None = None,
-        span: float = math.inf,
-    ) -> None:
-        self.system, self.drive, self.perturbation = system, Drive.of(system), perturbation
-        self.noise = np.random.default_rng(None if perturbation is None else [perturbation.seed, 98])
-        self.bases, self.regimes = _regimes(system, self.drive, perturbation, {} if known is None else known, span)
-        self.stops = system.contacts[0].stops if system.contacts else None
-        free, contact = self.bases[0], self.bases.get(1, self.bases[0])
-        to_contact = free.shapes.T @ system.mass @ contact.shapes  # eta_contact = eta_free @ this
-        if perturbation is not None:
-            terms = rounded_sum(free.shapes.T, rounded_sum(system.mass, contact.shapes))
-            to_contact += perturbation.state * terms * self.noise.uniform(-1.0, 1.0, terms.shape)
-        self.search = search_arguments(self.regimes, to_contact, self.drive, self.stops)
-        self.fastest = max(*(float(b.omega[-1]) for b in self.bases.values()), *self.drive.frequencies, 0.0)
+    def __init__(self, system: System, known: dict[float, Modes] | None = None, span: float = math.inf) -> None:
+        self._set(_Parts(system, _KNOWN.setdefault(system, {}) if known is None else known, span), None)
         compiling = time.perf_counter()
-        none = np.zeros((1, system.size))
-        index = np.zeros(1, np.int64)
-        follow(none[0].copy(), none[0].copy(), 0, 0.0, 0.0, True, *self.search, np.zeros(1), index, none, none)
+        none, index = np.zeros((1, system.size)), np.zeros(1, np.int64)
+        follow(self.stacked, 0, none[0], none[0], 0.0, 0.0, True, QUIET, 0.0, np.zeros(1), index, none, none)
         self.compile_seconds = time.perf_counter() - compiling
 
-    def solve(self, t_end: float) -> Solution:
-        """The solution on [0, t_end] from the initial data."""
-        basis = self.bases[0]
-        eta, rate = basis.to_modal(self.system.q0), basis.to_modal(self.system.v0)
+    def perturbed(self, perturbation: Perturbation) -> Tracer:
+        """One that follows a perturbed copy of the solution, made of the same parts."""
+        copy = object.__new__(Tracer)
+        copy._set(self.parts, perturbation)
+        copy.compile_seconds = 0.0
+        return copy
+
+    def _set(self, parts: _Parts, perturbation: Perturbation | None) -> None:
+        self.parts, self.system, self.drive, self.perturbation = parts, parts.system, parts.drive, perturbation
+        self.noise = np.random.default_rng(None if perturbation is None else [perturbation.seed, 98])
+        self.bases, forces, cross = parts.bases, parts.forces, parts.cross
+        if perturbation is not None:
+            self.bases, forces, cross = parts.perturbed(perturbation, self.noise)
+        self.stops = self.system.contacts[0].stops if self.system.contacts else None
+        self.regimes = parts.regimes(self.bases, forces)
+        self.stacked = stacked(self.regimes, cross, self.drive, self.stops)
+        self.fastest = max(*(float(b.omega[-1]) for b in self.bases.values()), *self.drive.frequencies, 0.0)
+
+    def solve(self, t_end: float, start: tuple[Array, Array] | None = None) -> Solution:
+        """The solution on [0, t_end] from q, q' at the ``start``, None for the initial data of the system."""
+        basis, (q0, v0) = self.bases[0], (self.system.q0, self.system.v0) if start is None else start
+        eta, rate = basis.to_modal(q0), basis.to_modal(v0)
         if self.perturbation is not None:
             fastest = max(float(b.omega[-1]) for b in self.bases.values()) or 1.0
             turned = basis.mass @ basis.shapes
-            terms = rounded_sum(self.system.q0, turned), rounded_sum(self.system.v0, turned)
-            eta, rate = _perturbed(eta, rate, terms, fastest, self.regimes[0], self.drive, self.perturbation)
+            terms = rounded_sum(q0, turned), rounded_sum(v0, turned)
+            drive, size = self.drive, self.perturbation.state
+            eta, rate = _perturbed(eta, rate, terms, fastest, self.regimes[0], drive, size, self.noise)
         q, v = basis.to_nodal(eta), basis.to_nodal(rate)
         u = float(q @ self.system.channels[0][0] + self.drive.coefficients(0.0) @ self.regimes[0].offset)
         sides = (int(self.stops.state(u)),) if self.stops else ()
@@ -98,16 +103,15 @@ class Tracer:
         rate = self.bases[regime].to_modal(v) - law.particular @ (self.drive.derivative() @ g)
         found = [(np.array([t]), np.array([regime]), h[None].copy(), rate[None].copy())]
         evaluations, forecast, kept = 0, Forecast(t_end), 0
-        count = per_call = EVENTS_PER_CALL if self.perturbation is None else 1
-        while count == per_call:
-            times, chi = np.empty(per_call), np.empty(per_call, np.int64)
-            hs, rates = np.empty((per_call, len(h))), np.empty((per_call, len(h)))
-            count, used = follow(
-                h.copy(), rate.copy(), regime, t, t_end, at_switch, *self.search, times, chi, hs, rates
-            )
+        noise, size = QUIET, 0.0 if self.perturbation is None else self.perturbation.state
+        count = room = FIRST_EVENTS
+        while count == room:
+            room = min(4 * count, EVENTS_PER_CALL)
+            times, chi, (hs, rates) = np.empty(room), np.empty(room, np.int64), np.empty((2, room, len(h)))
+            if size:
+                noise = self.noise.uniform(-1.0, 1.0, (room, 3, len(h)))
+            count, used = follow(self.stacked, regime, h, rate, t, t_end, at_switch, noise, size, times, chi, hs, rates)
             evaluations += used
-            if count and self.perturbation is not None:
-                self._perturb(self.regimes[regime], h, rate, t, float(times[0]), int(chi[0]), hs[0], rates[0])
             found.append((times[:count], chi[:count], hs[:count], rates[:count]))
             kept += count
             if count:
@@ -115,26 +119,9 @@ class Tracer:
                     refuse_accumulation(float(times[0]), float(times[-1]), self.fastest)
                 forecast.check(float(times[count - 1]), 2.0 * kept * (len(h) + 1))
                 t, regime, at_switch = float(times[count - 1]), int(chi[count - 1]), True
-                h, rate = hs[count - 1].copy(), rates[count - 1].copy()
+                h, rate = hs[count - 1], rates[count - 1]
         times, chi, hs, rates = (np.concatenate(x) for x in zip(*found, strict=True))
-        return Solution(self.drive, self.bases, self.regimes, times, chi, hs, rates, evaluations)
-
-    def _perturb(
-        self, old: Regime, h: Array, rate: Array, start: float, t: float, regime: int, new_h: Array, new_rate: Array
-    ) -> None:
-        """Change h and h' of a piece that begins at t by what is lost there: the rounding of t, and of the sums
-        that carry the amplitudes of the ``old`` regime, h and rate at its ``start``, over to the new one."""
-        assert self.perturbation is not None
-        size, law = self.perturbation.state, self.regimes[regime]
-        shift, *noise = size * self.noise.uniform(-1.0, 1.0, (3, len(h)))
-        cross = self.search[TO_CONTACT] if regime == 0 else self.search[TO_CONTACT].T
-        driven = np.abs(old.particular) @ np.ones(self.drive.size), np.abs(old.particular) @ self.drive.rates
-        reach = np.minimum(1.0 / np.maximum(old.omega, 1e-300), t - start)  # |sin(omega tau)/omega| at most
-        place = np.abs(h) + np.abs(rate) * reach + driven[0]
-        speed = np.abs(rate) + np.abs(old.level - old.omega**2 * h) * reach
-        shift = shift[0] * t
-        new_h += shift * new_rate + noise[0] * rounded_sum(cross, place)
-        new_rate += shift * (law.level - law.omega**2 * new_h) + noise[1] * rounded_sum(cross, speed + driven[1])
+        return Solution(self.drive, self.bases, self.regimes, self.stacked, times, chi, hs, rates, evaluations)
 
 
 def refuse_accumulation(start: float, end: float, fastest: float) -> None:
@@ -144,68 +131,106 @@ def refuse_accumulation(start: float, end: float, fastest: float) -> None:
         raise SolverFailure("exact", end, f"{EVENTS_PER_CALL} switches within the shortest period", REMEDY)
 
 
-def search_arguments(regimes: dict[int, Regime], to_contact: Array, drive: Drive, stops: Stops | None) -> tuple:
-    """The arrays over regimes that ``switching.follow`` takes, from omegas to g2."""
+def stacked(regimes: dict[int, Regime], cross: Array, drive: Drive, stops: Stops | None) -> Regimes:
+    """The regimes as ``follow`` takes them; cross: (n, n), free shapes^T M contact shapes."""
     free, contact = regimes[0], regimes.get(1, regimes[0])
-    lower = regimes.get(-1, regimes[0])
-    return (
-        np.stack([free.omega, contact.omega]),
-        np.stack([lower.level, free.level, contact.level]),
-        np.stack([lower.particular, free.particular, contact.particular]),
-        np.stack([free.row, contact.row]),
-        free.offset,
-        np.ascontiguousarray(to_contact),
-        np.array(drive.frequencies),
-        free.close,
-        np.stack([lower.close_force, free.close_force, contact.close_force]),
-        stops.g1 if stops else -math.inf,
-        stops.g2 if stops else math.inf,
+    three = [regimes.get(-1, free), free, contact]
+    frequencies = np.array(drive.frequencies)
+    speeds = np.stack([np.append(regime.omega, frequencies) for regime in (free, contact)])
+    order = np.argsort(speeds, axis=1, kind="stable")
+    return Regimes(
+        omegas=np.stack([free.omega, contact.omega]),
+        rows=np.stack([free.row, contact.row]),
+        levels=np.stack([regime.level for regime in three]),
+        particulars=np.stack([regime.particular for regime in three]),
+        waves=np.stack([regime.offset + regime.row @ regime.particular for regime in three]),
+        constant=float(free.offset[0]),
+        cross=np.stack([cross.T, cross]),
+        frequencies=frequencies,
+        close=free.close,
+        close_forces=np.stack([regime.close_force for regime in three]),
+        order=order,
+        speeds=np.take_along_axis(speeds, order, axis=1),
+        g1=stops.g1 if stops else -math.inf,
+        g2=stops.g2 if stops else math.inf,
     )
 
 
-def _regimes(
-    system: System, drive: Drive, perturbation: Perturbation | None, known: dict[float, Modes], span: float
-) -> tuple[dict[int, Modes], dict[int, Regime]]:
-    basis, _ = drive.split(system.loads, system.size)
-    offsets, _ = drive.offsets(system)
-    row, offset = system.channels[0][0], offsets[:, 0]
-    bases, forces = {}, {}
-    for regime in (0, 1, -1) if system.contacts else (0,):
-        total = basis.copy()
-        springs: tuple = ()
-        if regime:
-            kappa, constant = system.contacts[0].stops.spring(regime)
-            springs = ((row, kappa),)
-            # sigma = kappa (gap - row q - offset): the first term is a load, the second in the matrix.
-            total[0] += constant * row
-            total -= kappa * np.outer(offset, row)
-        stiffness = springs[0][1] if springs else 0.0
-        base = bases[1] if regime == -1 else known.get(stiffness) or modes(system, springs)
-        assert base is not None
-        known.setdefault(stiffness, base)
-        if perturbation is not None and regime != -1:
-            rng = np.random.default_rng([perturbation.seed, regime])
-            base = perturbed_modes(system, springs, base, perturbation.frequency, rng)
-        bases[regime] = base
-        forces[regime] = base.force(total)  # (d, n)
-        if perturbation is not None:
-            noise = np.random.default_rng([perturbation.seed, 2 + regime]).uniform(-1.0, 1.0, forces[regime].shape)
-            forces[regime] += perturbation.state * noise * rounded_sum(total, base.shapes)
-    close = close_pairs([base.omega for base in bases.values()], np.array(drive.frequencies), span)
-    regimes = {}
-    for regime, base in bases.items():
-        force = forces[regime]
-        close_force = np.column_stack([force[1 + k + close[:, 1] * 2, close[:, 0]] for k in (0, 1)])
-        gain = base.omega**2 - (drive.rates**2)[:, None]
-        for k in (0, 1):
-            gain[1 + k + close[:, 1] * 2, close[:, 0]] = np.inf
-        gain[0] = np.inf  # the constant stays with h, regular at omega = 0
-        particular = (force / gain).T
-        regimes[regime] = Regime(
-            np.ascontiguousarray(base.omega), force[0].copy(), np.ascontiguousarray(particular), base.force(row),
-            offset, close, close_force,
-        )  # fmt: skip
-    return bases, regimes
+_KNOWN: WeakKeyDictionary[System, dict[float, Modes]] = WeakKeyDictionary()
+
+
+class _Parts:
+    """What the solution and its perturbed copies are made of.
+
+    bases: the modes of every regime, the stops sharing theirs. totals: what acts on the system in each of them, (d, n)
+    by the drive coefficients; forces: the same in its modes. cross: free shapes^T M contact shapes.
+    """
+
+    def __init__(self, system: System, known: dict[float, Modes], span: float) -> None:
+        self.system, self.drive = system, Drive.of(system)
+        basis, _ = self.drive.split(system.loads, system.size)
+        offsets, _ = self.drive.offsets(system)
+        self.row, self.offset = system.channels[0][0], offsets[:, 0]
+        self.springs: dict[int, tuple] = {0: ()}
+        self.bases: dict[int, Modes] = {}
+        self.totals = {0: basis}
+        for regime in (0, 1, -1) if system.contacts else (0,):
+            if regime:
+                kappa, constant = system.contacts[0].stops.spring(regime)
+                self.springs[regime] = ((self.row, kappa),)
+                # sigma = kappa (gap - row q - offset): the first term is a load, the second in the matrix.
+                self.totals[regime] = basis - kappa * np.outer(self.offset, self.row)
+                self.totals[regime][0] += constant * self.row
+            stiffness = self.springs[regime][0][1] if regime else 0.0
+            if stiffness not in known:
+                known[stiffness] = undamped_modes(system, self.springs[regime])
+            self.bases[regime] = known[stiffness]
+        self.forces = {regime: base.force(self.totals[regime]) for regime, base in self.bases.items()}
+        self.close = close_pairs([base.omega for base in self.bases.values()], np.array(self.drive.frequencies), span)
+        self.cross = self._cross(self.bases)
+
+    def _cross(self, bases: dict[int, Modes]) -> Array:
+        return bases[0].shapes.T @ (self.system.mass @ bases.get(1, bases[0]).shapes)
+
+    @cached_property
+    def rounding(self) -> tuple[dict[int, Correction], dict[int, Array], Array]:
+        """How wrong the modes are, and what rounding takes from the forces and from ``cross``, in units of eps."""
+        bases, system = self.bases, self.system
+        wrong = {side: correction(system, self.springs[side], bases[side]) for side in bases if side >= 0}
+        forces = {side: rounded_sum(self.totals[side], base.shapes) for side, base in bases.items()}
+        turned = rounded_sum(system.mass, bases.get(1, bases[0]).shapes)
+        return wrong, forces, rounded_sum(bases[0].shapes.T, turned)
+
+    def perturbed(
+        self, perturbation: Perturbation, noise: np.random.Generator
+    ) -> tuple[dict[int, Modes], dict[int, Array], Array]:
+        """bases, forces and cross of a perturbed copy."""
+        wrong, of_forces, of_cross = self.rounding
+        bases = {side: each.perturbed(perturbation.frequency, noise) for side, each in wrong.items()}
+        if -1 in self.bases:
+            bases[-1] = bases[1]
+        forces, size = {}, perturbation.state
+        for side, base in bases.items():
+            lost = of_forces[side]
+            forces[side] = base.force(self.totals[side]) + size * lost * noise.uniform(-1.0, 1.0, lost.shape)
+        cross = self._cross(bases)
+        return bases, forces, cross + size * of_cross * noise.uniform(-1.0, 1.0, cross.shape)
+
+    def regimes(self, bases: dict[int, Modes], forces: dict[int, Array]) -> dict[int, Regime]:
+        """The regimes of these modes and modal forces."""
+        found, close, rates = {}, self.close, self.drive.rates
+        columns = 1 + 2 * close[:, 1]
+        for regime, base in bases.items():
+            force = forces[regime]
+            close_force = np.stack([force[columns, close[:, 0]], force[columns + 1, close[:, 0]]], axis=1)
+            gain = base.omega**2 - (rates**2)[:, None]
+            gain[columns, close[:, 0]] = gain[columns + 1, close[:, 0]] = np.inf
+            gain[0] = np.inf  # the constant stays with h, regular at omega = 0
+            particular = np.ascontiguousarray((force / gain).T)
+            found[regime] = Regime(
+                base.omega, force[0], particular, base.force(self.row), self.offset, close, close_force
+            )
+        return found
 
 
 def close_pairs(omegas: Sequence[Array], frequencies: Array, span: float) -> NDArray[np.int64]:
@@ -246,42 +271,62 @@ def rounded_sum(a: Array, b: Array) -> Array:
     return np.sqrt(np.abs(a) ** 2 @ np.abs(b) ** 2)
 
 
-def perturbed_modes(
-    system: System, springs: Sequence[tuple[Array, float]], base: Modes, size: float, rng: np.random.Generator
-) -> Modes:
-    """``base`` without what is wrong with it, and off by ``size``, and size/eps times what the correction loses.
+class Correction(NamedTuple):
+    """Modes in extended precision, as far as float64 can hold them: ``base`` with the frequencies sqrt(squares) and the
+    shapes X (I + E). lost: (n, n), what rounding takes from E, and own (n,) from the squares, in units of eps."""
 
-    What is wrong shows in S = X^T K X and R = X^T M X in extended precision: with lambda_j = S_jj/R_jj the right
+    base: Modes
+    squares: Array
+    E: Array
+    lost: Array
+    own: Array
+
+    def perturbed(self, size: float, rng: np.random.Generator) -> Modes:
+        """These modes, off by ``size`` and by size/eps times what the correction loses."""
+        n = len(self.squares)
+        noise = rng.uniform(-1.0, 1.0, (n + 1, n))
+        omega = np.sqrt(np.abs(self.squares * (1.0 + size * noise[n]) + size * self.own * np.diag(noise)))
+        shapes = self.base.shapes + self.base.shapes @ (self.E + size * self.lost * noise[:n])
+        return replace(self.base, omega=omega, shapes=shapes)
+
+
+def correction(system: System, springs: Sequence[tuple[Array, float]], base: Modes) -> Correction:
+    """What is wrong with ``base``.
+
+    It shows in S = X^T K X and R = X^T M X in extended precision: with lambda_j = S_jj/R_jj the right
     shapes are X (I + E), E_ij = (S_ij - lambda_j R_ij)/(lambda_j - lambda_i), E_jj = (1 - R_jj)/2, and -R_ij/2
     between equal ones (Ogita and Aishima). A hard stop mixes the slow modes by eps w_max^2/w_1^2.
     """
-    wide, n = np.longdouble if base.omega.size <= WIDE else np.float64, base.omega.size
-    eps = float(np.finfo(float).eps)
-    X = base.shapes.astype(wide)
-    factor = system.stiffness_factor
+    wide = np.longdouble if base.omega.size <= WIDE else np.float64
+    X, factor = base.shapes.astype(wide), system.stiffness_factor
+    sizes = np.abs(base.shapes)
     if factor is not None:
         bent = factor.astype(wide) @ X
-        S, terms = bent.T @ bent, np.abs(bent).T @ (np.abs(factor) @ np.abs(X))
+        S, terms = bent.T @ bent, np.abs(bent.astype(float)).T @ (np.abs(factor) @ sizes)
     else:
-        S, terms = X.T @ (system.stiffness.astype(wide) @ X), np.abs(X).T @ (np.abs(system.stiffness) @ np.abs(X))
+        S, terms = X.T @ (system.stiffness.astype(wide) @ X), sizes.T @ (np.abs(system.stiffness) @ sizes)
     for row, kappa in springs:
         seen = row.astype(wide) @ X
-        S, terms = (
-            S + wide(kappa) * np.outer(seen, seen),
-            terms + kappa * np.outer(np.abs(seen), np.abs(row) @ np.abs(X)),
-        )
+        S = S + wide(kappa) * np.outer(seen, seen)
+        terms = terms + kappa * np.outer(np.abs(seen).astype(float), np.abs(row) @ sizes)
     R = X.T @ (system.mass.astype(wide) @ X)
     squares = np.diag(S) / np.diag(R)
-    lost = (float(np.finfo(wide).eps) / eps * size * (terms + terms.T)).astype(float) * rng.uniform(-1.0, 1.0, (n, n))
-    apart = squares[None, :] - squares[:, None]
-    near = np.abs(apart) <= 1e-8 * np.maximum(squares[None, :], squares[:, None])
+    apart = (squares[None, :] - squares[:, None]).astype(float)
+    near = np.abs(apart) <= 1e-8 * np.maximum(squares[None, :], squares[:, None]).astype(float)
     rigid = base.omega == 0.0  # any two rigid motions are as good as two others
     near |= rigid[:, None] & rigid[None, :]
-    E = np.where(near, -R / 2, (S - squares * R + lost) / np.where(near, 1.0, apart))
-    np.fill_diagonal(E, (1 - np.diag(R)) / 2)
-    rounding = size * rng.uniform(-1.0, 1.0, base.omega.size)
-    omega = np.sqrt(np.abs(squares.astype(float) * (1.0 + rounding) + np.diag(lost)))
-    return replace(base, omega=omega, shapes=(X + X @ E).astype(float))
+    apart = np.where(near, 1.0, apart)
+    E = np.where(near, -0.5 * R.astype(float), (S - squares * R).astype(float) / apart)
+    np.fill_diagonal(E, (0.5 * (1 - np.diag(R))).astype(float))
+    lost = float(np.finfo(wide).eps) / float(np.finfo(float).eps) * (terms + terms.T)
+    return Correction(base, squares.astype(float), E, np.where(near, 0.0, lost / apart), np.diag(lost).copy())
+
+
+def perturbed_modes(
+    system: System, springs: Sequence[tuple[Array, float]], base: Modes, size: float, rng: np.random.Generator
+) -> Modes:
+    """``base`` without what is wrong with it, and off by ``size``, see ``Correction``."""
+    return correction(system, springs, base).perturbed(size, rng)
 
 
 def _perturbed(
@@ -291,17 +336,16 @@ def _perturbed(
     fastest: float,
     law: Regime,
     drive: Drive,
-    perturbation: Perturbation,
+    size: float,
+    rng: np.random.Generator,
 ) -> tuple[Array, Array]:
     """Initial modal data changed in proportion to the motion, amplitudes of the start and of the drive, and to
     the ``terms`` that they are sums of."""
-    rng = np.random.default_rng([perturbation.seed, 99])
     start = np.hypot(law.omega * eta, rate)
     slowest = law.omega[law.omega > 0.0][:1]  # what a constant load moves, it moves at natural frequencies
     rates = np.where(drive.rates > 0.0, drive.rates, slowest[0] if len(slowest) else 0.0)
     driven = np.sum(np.abs(law.particular) * rates, axis=1)
-    size = perturbation.state * max(float(np.max(start)), float(np.max(driven)))
+    least = max(float(np.max(start)), float(np.max(driven)))
     noise = rng.uniform(-1.0, 1.0, (2, eta.size))
     scale = np.maximum(law.omega, fastest * 1e-8)
-    sizes = size / scale + perturbation.state * terms[0], size + perturbation.state * terms[1]
-    return eta + sizes[0] * noise[0], rate + sizes[1] * noise[1]
+    return eta + size * (least / scale + terms[0]) * noise[0], rate + size * (least + terms[1]) * noise[1]
