@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import same
+from ..basics.arrays import Array, same
 from ..basics.budget import afford
 from ..basics.validation import InputError, integer, itself, non_negative, number, numbers, positive, sequence
 from .contact import Stops

@@ -7,7 +7,6 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 import scipy.linalg
-from scipy.linalg.lapack import dtrtrs
 
 from ..basics.arrays import Array
 from ..basics.validation import InputError
@@ -105,6 +104,9 @@ def _undamped(system: System, springs: tuple[tuple[Array, float], ...] = ()) -> 
     return Modes(np.ascontiguousarray(omega), shapes, damping=np.zeros(len(omega)), mass=system.mass)
 
 
+(_TRTRS,) = scipy.linalg.get_lapack_funcs(("trtrs",), dtype=np.float64)  # without what SciPy's own checks cost
+
+
 def _solved(upper: Array, right: Array, transposed: int) -> Array:
     """R^-1 right, or R^-T right where ``transposed``."""
-    return dtrtrs(upper, right, trans=transposed)[0]
+    return _TRTRS(upper, right, trans=transposed)[0]

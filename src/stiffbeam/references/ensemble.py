@@ -20,7 +20,8 @@ from ..trajectory.ledger import Ledger
 from ..trajectory.recorder import Seen
 from ..trajectory.trajectory import Work
 from .exact.audit import audit, within_float64
-from .exact.piecewise import general, observations, solve_exact, tracer_of
+from .exact.piecewise import general, observations, solve_exact
+from .exact.undamped_tracer import Tracer
 from .horizon import exact_horizon
 
 
@@ -59,7 +60,7 @@ def reference_ensemble(
 
     own = members.system
     if set(members.fields) <= {"q0", "v0"} and not general(own) and not any(c.stops.rigid for c in own.contacts):
-        tracer = tracer_of(own, known=known, span=t_end)  # one for all
+        tracer = Tracer(own, known, t_end)  # one for all
 
         def solve(part: Members) -> list[Seen]:
             found = []

@@ -59,8 +59,11 @@ def agreement(
     Impacts are paired in order, see ``impacts_match_until``. Both must have the same output times. ``scale``
     stands for max|u|, which is that of a's outputs if None.
     """
-    watched = [Watched(x.t, x.tip, tuple(contact.impacts for contact in x.contacts)) for x in (a, b)]
-    return _agreement(*watched, tolerance, displacement_tolerance, scale)
+    return _agreement(_watched(a), _watched(b), tolerance, displacement_tolerance, scale)
+
+
+def _watched(run: Trajectory) -> Watched:
+    return Watched(run.t, run.tip, tuple(contact.impacts for contact in run.contacts))
 
 
 def _agreement(
@@ -117,7 +120,7 @@ def exact_horizon(
     tolerance, solution = time_tolerance(system), reference.solution
     fastest = 2.0 * np.pi / solution.shortest_period
     horizon = min(t_end, DISPLACEMENT_TOLERANCE / (eps * fastest))
-    own = Watched(reference.t, reference.tip, tuple(contact.impacts for contact in reference.contacts))
+    own = _watched(reference)
     others = copies(system, t_end, reference.t, eps)
     for seed in range(COPIES):
         show(f"exact: copy {seed + 1} of {COPIES} for its horizon", 1 + seed, 1 + COPIES)
@@ -139,7 +142,7 @@ def _soon(reference: Reference, system: System, t_end: float, eps: float) -> flo
     """
     times = np.append(0.0, t_end * 2.0 ** np.arange(-SOON, 1.0))
     solution, scale = solve_exact(system, t_end, times), float(np.max(np.abs(reference.tip)))
-    own = Watched(times, solution.tip, tuple(contact.impacts for contact in solution.contacts))
+    own = _watched(solution)
     copy = next(copies(system, t_end, times, eps))
     horizon = _agreement(own, copy, 0.5 * time_tolerance(system), 0.5 * DISPLACEMENT_TOLERANCE, scale)
     if horizon <= times[1]:

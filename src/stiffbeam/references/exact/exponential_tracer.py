@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,19 +11,15 @@ from ...basics.arrays import Array
 from ...basics.budget import Forecast
 from ...basics.validation import InputError
 from ...model.drive import Drive
-from ...model.modes import modes, undamped_modes
+from ...model.modes import undamped_modes
 from ...model.system import System
 from .exponential import Complex, ExponentialSolution, Regime, phasors, spin_of
 from .exponential_search import search
 from .polynomial_answer import forced
-from .undamped_tracer import (
-    EVENTS_PER_CALL,
-    Perturbation,
-    perturbed_modes,
-    refuse_accumulation,
-    refuse_resonance,
-    rounded_sum,
-)
+from .rounding import Perturbation, perturbed_modes, rounded_sum
+from .switching import search as leap
+from .terms import OMEGA, SIGMA, SQUARE, X, Y, layout, tabulate
+from .undamped_tracer import EVENTS_PER_CALL, refuse_accumulation, refuse_resonance
 
 CONDITION_LIMIT = 1e8  # of the eigenvectors: beyond it eight digits are lost
 
@@ -43,6 +38,8 @@ class ExponentialTracer:
         one, none = np.zeros(1), np.zeros((0, 1))
         index = np.zeros(0, np.int64)
         nothing = np.zeros((0, 0, 0), complex), np.zeros((0, 0))
+        blank = layout(1, 1, 0)
+        leap(*blank, *tabulate(blank[0], False), np.zeros(1, np.int64), one, one, np.zeros(1, np.int64), 0.0, 0.0)
         search(one, one, none, none, index, np.zeros(0), np.zeros(0), index, 0.0, 0.0, one[:0] + 0j, *nothing)
         self.compile_seconds = time.perf_counter() - compiling
 
@@ -144,6 +141,7 @@ class Gaps:
         shifts, rest = drive.offsets(system)
         self.offsets = phasors(shifts)[:, :m].T  # (m, 1 + F)
         self.recorded = drive.recorded(rest, shifts.shape[1])[:, :m].T  # (m, R)
+        self.tables: dict[int, tuple] = {}  # by regime, which is kept beside its own
         self.g1, self.g2 = (np.array([getattr(c.stops, side) for c in system.contacts]) for side in ("g1", "g2"))
 
     def next_switch(
@@ -158,9 +156,33 @@ class Gaps:
         W = self.rows @ regime.W
         rates: Complex = np.concatenate([regime.eigenvalues, self.rates])
         a: Complex = np.concatenate([W * c, (self.rows @ regime.response + self.offsets) * spin], axis=1)
+        if not self.drive.records:
+            return self._leap(regime, rates, a, chi, switched, t, t_end)
         parts = (np.ascontiguousarray(x) for x in (np.minimum(rates.real, 0.0), rates.imag, a.real, a.imag))
         pushed = regime.eigenvalues, W[:, :, None] * (regime.push @ records), self.recorded @ records
         return search(*parts, chi, self.g1, self.g2, switched.astype(np.int64), t, t_end, *pushed)
+
+    def _leap(
+        self,
+        regime: Regime,
+        rates: Complex,
+        a: Complex,
+        chi: NDArray[np.int64],
+        switched: NDArray[np.bool_],
+        t: float,
+        t_end: float,
+    ) -> tuple[float, int, int, int]:
+        """``next_switch`` of the exponentials Re sum_k a_ck exp(rates_k tau) alone, see terms.py."""
+        if id(regime) not in self.tables:
+            order = np.argsort(np.abs(rates), kind="stable")
+            speeds, terms, seen, pairs = layout(len(self.rows), len(rates), 0)
+            speeds[SIGMA], speeds[OMEGA] = np.minimum(rates.real, 0.0)[order], rates.imag[order]
+            speeds[SQUARE] = speeds[OMEGA] ** 2
+            table = tabulate(speeds, bool(np.any(speeds[SIGMA])))
+            self.tables[id(regime)] = regime, order, (speeds, terms, seen, pairs, *table)
+        _, order, (speeds, terms, *rest) = self.tables[id(regime)]
+        terms[:, X], terms[:, Y] = a.real[:, order], -speeds[OMEGA] * a.imag[:, order]
+        return leap(speeds, terms, *rest, chi, self.g1, self.g2, switched.astype(np.int64), t, t_end)
 
 
 def _start(system: System, perturbation: Perturbation | None) -> tuple[Array, Array]:
@@ -183,8 +205,7 @@ def regime_of(system: System, drive: Drive, chi: tuple[int, ...], perturbation: 
     do not span the motion: a rigid-body motion, critical damping, a resonant drive."""
     closed = [(i, c, side) for i, (c, side) in enumerate(zip(system.contacts, chi, strict=True)) if side]
     springs = tuple((c.row, c.stops.spring(side)[0]) for _, c, side in closed)
-    basis = modes(replace(system, damping=np.zeros_like(system.damping)), springs)
-    assert basis is not None
+    basis = undamped_modes(system, springs)
     omega, shapes = basis.omega, basis.shapes
     if omega[0] <= 1e-12 * omega[-1]:
         raise InputError(

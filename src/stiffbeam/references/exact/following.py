@@ -22,8 +22,9 @@ class Regimes(NamedTuple):
 
     omegas: (2, n). rows: (2, n), the contact position's modal row. levels: (3, n). particulars: (3, n, d), see
     ``Regime``. waves: (3, d), what the row sees of these, the offset included; constant: the offset's own. cross:
-    (2, n, n), from the modes of each into those of the other. frequencies: (F,). close: (p, 2), close_forces: (3, p, 2), see ``Regime``.
-    order, speeds: (2, n + F), modes and then drives by their frequency, and that. g1, g2: the stops.
+    (2, n, n), from the modes of each into those of the other. frequencies: (F,).
+    close: (p, 2), close_forces: (3, p, 2), see ``Regime``. order, speeds: (2, n + F), modes and then drives by their
+    frequency, and that. g1, g2: the stops.
     """
 
     omegas: Array
@@ -114,8 +115,9 @@ def change(cross, q, v, h, rate):
 
 @compiled
 def unsettle(regimes, old, h, rate, start, new, t, noise, size, new_h, new_rate):
-    """Change h and h' of a piece that begins at t in the regime ``new`` by what is lost there: the rounding of t, and of the sums that carry
-    the amplitudes of the ``old`` regime, h and rate at its ``start``, over to the new one. noise: (3, n)."""
+    """Change h and h' of a piece that begins at t in the regime ``new`` by what is lost there: the rounding of t, and
+    of the sums that carry the amplitudes of the ``old`` regime, h and rate at its ``start``, over to the new one.
+    noise: (3, n)."""
     n = h.size
     own, other = (0, 1) if old == 0 else (1, 0)
     omega, level, particular = regimes.omegas[own], regimes.levels[old + 1], regimes.particulars[old + 1]

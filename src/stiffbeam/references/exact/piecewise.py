@@ -28,7 +28,8 @@ from ..request import Request, output_times
 from .audit import audit, within_float64
 from .exact_measures import Solution, entries, exact_ledger, path_of, record_of
 from .exponential_tracer import ExponentialTracer
-from .undamped_tracer import Perturbation, Tracer
+from .rounding import Perturbation
+from .undamped_tracer import Tracer
 
 
 def solve(request: Request) -> Reference:

@@ -26,8 +26,8 @@ def fastest_of(speeds, pairs):
 
 @compiled
 def top(speeds, terms, seen, pairs, start, tau, width, sign, stop, rise, fall):
-    """The largest sign (u - stop) in [tau, tau + width], with rates ``rise`` > 0 at its start and ``fall`` < 0 at its end:
-    Newton's method for u' = 0 inside the bracket. u is flat there: a time to half the digits gives it to all of them."""
+    """The largest sign (u - stop) in [tau, tau + width], with rates ``rise`` > 0 at its start and ``fall`` < 0 at its
+    end: Newton's method for u' = 0 inside the bracket. u is flat there: half the digits of the time give all of it."""
     low, high = tau, tau + width
     found = 0.0
     at = low + width * rise / (rise - fall)

@@ -24,10 +24,10 @@ from ...model.system import System, require_system
 from ...trajectory.impacts import Impacts
 from ...trajectory.trajectory import Reference, SolverFailure
 from .audit import audit, within_float64
+from .following import follow
 from .piecewise import reference_of, refuse
-from .switching import follow
 from .undamped import Solution
-from .undamped_tracer import Tracer
+from .undamped_tracer import QUIET, Tracer
 
 MOST_IMPACTS = 200_000
 
@@ -76,7 +76,9 @@ def _solve(system: System, t_end: float, t_eval: Array | None, begun: float) -> 
         rate = basis.to_modal(v) - law.particular @ (drive.derivative() @ g)
         pieces.append((t, h.copy(), rate.copy()))
         at_switch = len(pieces) > 1
-        count, used = follow(h, rate, 0, t, t_end, at_switch, *tracer.search, when, side, unused, unused.copy())
+        count, used = follow(
+            tracer.stacked, 0, h, rate, t, t_end, at_switch, QUIET, 0.0, when, side, unused, unused.copy()
+        )
         evaluations += used
         if not count:
             break

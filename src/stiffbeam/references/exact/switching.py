@@ -140,7 +140,9 @@ def pin(speeds, terms, seen, pairs, damped, start, tau, until, sign, stop, end, 
     root = math.sqrt(max(0.0, rate * rate - 2.0 * curve * gap))
     low, high = 0.0, until
     s = 2.0 * gap / (root - rate)
-    for evaluations in range(1, 60):
+    evaluations = 0
+    while evaluations < 60:
+        evaluations += 1
         s = min(max(s, low), high)
         carry(speeds, terms, seen, pairs, damped, start, tau + s, 1 - end)
         gap, rate = sign * (seen[i, U + 1 - end] - stop), sign * seen[i, RATE + 1 - end]
@@ -162,9 +164,10 @@ def pin(speeds, terms, seen, pairs, damped, start, tau, until, sign, stop, end, 
 def search(speeds, terms, seen, pairs, powers, steps, chi, g1, g2, resting, start, t_end):
     """The first switch of m contacts that see ``terms`` (see there) from the time ``start`` on.
 
-    powers, steps: see ``tabulate``. chi, g1, g2: (m,). resting: (m,), not 0 for a contact that has switched at ``start``, so that its gap is exactly
-    zero. Returns (tau, contact, side, evaluations); contact -1: none before t_end. Every gap that is open or closed
-    is kept positive, see ``gap_step``. Raises SolverFailure where the motion overflows or the search stands still.
+    powers, steps: see ``tabulate``. chi, g1, g2: (m,). resting: (m,), not 0 for a contact that has switched
+    at ``start``, so that its gap is exactly zero. Returns (tau, contact, side, evaluations); contact -1: none before
+    t_end. Every gap that is open or closed is kept positive, see ``gap_step``. Raises SolverFailure where the motion
+    overflows or the search stands still.
     """
     m, K = terms.shape[0], terms.shape[2]
     nu = EPS * (ROUNDINGS + 2.0 * math.sqrt(K))
@@ -265,8 +268,13 @@ def search(speeds, terms, seen, pairs, powers, steps, chi, g1, g2, resting, star
                 if damped:
                     measure(speeds, terms, damped, end)
         # Steps by lower bounds, where the gap is small against its motion.
+        if turned:
+            carry(speeds, terms, seen, pairs, damped, start, tau, end)
+            evaluations += 1
+            turned = 0
         near = False
         step = closing = math.inf
+        closer = toward = 0
         for i in range(m):
             if damped:
                 bounds(speeds, terms, seen, pairs, damped, rest, end, i)

@@ -24,7 +24,7 @@ from .oscillation import oscillations, pair, pair_sizes
 from .touching import ORDER
 
 RESOLVED = 4.4  # radians of a step up to which its cubic, with an error (omega h)^4/384, is better than none
-FINEST, MOST_LEVELS = 0.05, 64  # of tabulated steps: the first in radians of the fastest term, and their number
+FINEST, MOST_LEVELS = 0.05, 64  # tabulated steps: the first in radians of the fastest term, and their number
 # Rows of ``speeds``, the slow terms first, and in the last three what they make at one tau.
 SIGMA, OMEGA, SQUARE, C, S, V = range(6)
 # Rows of ``terms``: at tau = 0, at the two ends of a step, and bounds of a term but for its level and of x''''.
@@ -91,8 +91,8 @@ def carry(speeds, terms, seen, pairs, damped, start, tau, end):
 
 @compiled
 def tabulate(speeds, damped):
-    """C, S and V (levels, 3, K) of all terms for steps (levels,): of FINEST radians of the fastest, and each next sqrt(2)
-    times as long, up to RESOLVED radians of the slowest."""
+    """C, S and V (levels, 3, K) of all terms for steps (levels,): of FINEST radians of the fastest, and each next
+    sqrt(2) times as long, up to RESOLVED radians of the slowest."""
     K = speeds.shape[1]
     slowest = fastest = 0.0
     for k in range(K):
@@ -132,7 +132,7 @@ def rotate(speeds, terms, seen, pairs, powers, q, damped, start, tau, end):
 
 @compiled
 def bounds(speeds, terms, seen, pairs, damped, rest, end, i):
-    """Into B0, B2 >= |u''| and B3 >= |u'''| of contact i, from the terms at ``end`` on; B0: the size of u, for rounding.
+    """Into B0, B2 >= |u''| and B3 >= |u'''| of contact i, from the terms at ``end`` on; B0: the size of u.
 
     rest: how long the piece may last, which bounds the answers of close pairs.
     """
