@@ -64,14 +64,16 @@ def judged(family, number) -> tuple[bool, str]:
     return good, f"{advice!r} {errors}"
 
 
-@pytest.mark.slow
-def test_twenty_systems_it_has_not_seen():
-    """At least 18 of 20 meet their tolerances by an independent solver."""
+@pytest.mark.parametrize(
+    "systems", [pytest.param(4, marks=pytest.mark.slow), pytest.param(20, marks=pytest.mark.campaign)]
+)
+def test_systems_it_has_not_seen(systems):
+    """At least nine in ten meet their tolerances by an independent solver."""
     families = (_plain, _damped, _several, _moving, _long)
-    found = [judged(families[k % len(families)], k) for k in range(20)]
+    found = [judged(families[k % len(families)], k) for k in range(systems)]
     for good, words in found:
         print(good, words)
-    assert sum(good for good, _ in found) >= 18
+    assert sum(good for good, _ in found) >= 0.9 * systems
 
 
 def test_the_advised_run_meets_the_want_and_its_double_step_does_not():

@@ -167,11 +167,13 @@ def test_outputs_at_the_zeros_of_a_motion_are_not_certified():
     assert sb.reference(system, times[-1], t_eval=np.linspace(0.0, times[-1], 2000)).horizon == times[-1]
 
 
-@pytest.mark.slow
+@pytest.mark.parametrize(
+    "systems", [pytest.param(260, marks=pytest.mark.slow), pytest.param(2600, marks=pytest.mark.campaign)]
+)
 @pytest.mark.parametrize("method", ["exact", "multiprecision"])
-def test_2600_random_linear_systems(method):
+def test_random_linear_systems(method, systems):
     promised = DISPLACEMENT_TOLERANCE if method == "exact" else AGREEMENT
-    for seed in range(2600):
+    for seed in range(systems):
         kind, error = extremes.check_linear(seed, lambda s, t, at: sb.reference(s, t, method, at), promised)
         assert error <= 1.0, (seed, kind)
 

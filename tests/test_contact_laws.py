@@ -135,7 +135,7 @@ def test_random_systems_against_another_solver(seed):
     _agrees(seed)
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 @pytest.mark.parametrize("seed", range(12, 412))
 def test_more_random_systems_against_another_solver(seed):
     _agrees(seed)

@@ -305,8 +305,10 @@ def _nobody_left(leader: int) -> None:
     assert not left
 
 
-@pytest.mark.slow
-def test_a_hundred_kills_lose_no_finished_point(tmp_path):
+@pytest.mark.parametrize(
+    "wanted", [pytest.param(10, marks=pytest.mark.slow), pytest.param(100, marks=pytest.mark.campaign)]
+)
+def test_kills_lose_no_finished_point(wanted, tmp_path):
     """SIGKILL, SIGTERM and SIGINT at any time of a command that goes on in one folder. What is journalled only grows,
     and ends as without any kill; then the folder is emptied and it all begins again."""
     begun = time.monotonic()
@@ -320,7 +322,7 @@ def test_a_hundred_kills_lose_no_finished_point(tmp_path):
     def journalled() -> int:
         return sum(len(x.read_bytes().splitlines()) for x in folder.rglob("*.jsonl"))
 
-    while kills < 100 or not finished:
+    while kills < wanted or not finished:
         before = journalled()
         child = _command(folder)
         try:

@@ -92,8 +92,9 @@ def test_the_steel_beam_is_pressed_as_hard_as_printed(tmp_path):
 @pytest.mark.slow
 def test_the_downstream_test_passes(tmp_path):
     (block,) = (b for b in re.findall(r"```python\n(.*?)```", TEXTS["references"], re.DOTALL) if "def test_" in b)
+    (tmp_path / "pytest.ini").touch()  # nothing above the folder is asked
     (tmp_path / "test_mine.py").write_text(block, encoding="utf-8")
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "test_mine.py"]
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-c", "pytest.ini", "test_mine.py"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout
     assert "1 passed" in done.stdout

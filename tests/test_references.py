@@ -212,9 +212,10 @@ def test_it_refuses_what_nobody_knows(reference_solution, assert_within_referenc
 
 @pytest.mark.slow
 def test_the_plugin_works_in_a_project_of_someone_else(tmp_path):
+    (tmp_path / "pytest.ini").touch()  # nothing above the folder is asked
     (tmp_path / "test_mine.py").write_text(DOWNSTREAM, encoding="utf-8")
     done = subprocess.run(
-        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "test_mine.py"],
+        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-c", "pytest.ini", "test_mine.py"],
         cwd=tmp_path, capture_output=True, text=True,
         env=os.environ | {"STIFFBEAM_CACHE_DIR": str(cache.directory())},
     )  # fmt: skip

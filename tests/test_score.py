@@ -308,8 +308,9 @@ def test_the_plugin_asks_every_problem(tmp_path):
         "    tip = known_problem.answers['tip'].value\n"
         "    assert tip.shape == known_problem.times.shape\n"
     )
+    (tmp_path / "pytest.ini").touch()  # nothing above the folder is asked
     (tmp_path / "test_mine.py").write_text(text, encoding="utf-8")
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-p", "no:xdist", "test_mine.py"]
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-c", "pytest.ini", "test_mine.py"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout
     assert f"{len(sb.problems())} passed" in done.stdout

@@ -50,9 +50,13 @@ def freeze(reference: Reference, case: str, file: str | Path) -> dict[str, Any]:
         remedy = "numbers in a case are decimals: solve the system of the case itself"
         raise InputError("case", case.partition("[case.problem]")[2].strip(), "make the reference's system", remedy)
     solution: Solution = reference.solution
-    dataset = _dataset(reference, solution, case, t_end, _states_to_store(reference, solution, t_end))
-    deviation = _deviation(solution, _march(reference.system, dataset, "the file to be"), reference)
-    if deviation > BOUND:
+    for share in (0.1, 0.01, 0.001):  # a run of near grazes can magnify the last bits more than three tries show
+        stored = _states_to_store(reference, solution, t_end, share * BOUND)
+        dataset = _dataset(reference, solution, case, t_end, stored)
+        deviation = _deviation(dataset, solution, reference)
+        if deviation <= BOUND:
+            break
+    else:
         raise InputError("reference", f"{deviation:.1e} off", f"be re-marched to {BOUND:g}", "report this case")
     dataset.attrs["bound"] = BOUND
     dataset.attrs["deviation"] = deviation
@@ -104,10 +108,10 @@ def _system_of(case: str, source: str, form: str) -> System:
     return made.system(form)
 
 
-def _states_to_store(reference: Reference, solution: Solution, t_end: float) -> Array:
+def _states_to_store(reference: Reference, solution: Solution, t_end: float, bound: float) -> Array:
     """The pieces whose initial states a file needs.
 
-    From each of them float64 is followed until it is off by a tenth of ``BOUND``, and the next is the
+    From each of them float64 is followed until it is off by ``bound`` of max |u| or of t_end, and the next is the
     last piece before that. Followed three times, twice with frequencies changed in their last bits: on
     another machine the modes come out differently, and a grazing impact can magnify that.
     """
@@ -133,7 +137,7 @@ def _states_to_store(reference: Reference, solution: Solution, t_end: float) -> 
             other = np.any(part.sides != solution.sides[here], axis=1)
             u = _positions(system, part, middles[here])
             off = np.maximum(late / t_end, np.max(np.abs(u - expected[here]), axis=1) / scale) + other
-            bad = np.flatnonzero(off > BOUND / 10.0)
+            bad = np.flatnonzero(off > bound)
             good = min(good, piece + int(bad[0]) if len(bad) else here.stop)
         if good >= len(times):
             return np.array(stored)
@@ -220,9 +224,14 @@ def _contact_state(
     return tuple(sides[piece].tolist()), q, v, resting
 
 
-def _deviation(a: Solution, b: Solution, reference: Reference) -> float:
-    """Largest difference in position of a contact or the tip over max |u|, in the middle of every piece."""
+def _deviation(data: xr.Dataset, a: Solution, reference: Reference) -> float:
+    """Largest difference in position of a contact or the tip over max |u|, in the middle of every piece, between
+    ``a`` and what the file makes of it; infinite where it makes other switches."""
     assert reference.system is not None
+    try:
+        b = _march(reference.system, data, "the file to be")
+    except InputError:
+        return float("inf")
     if len(a.times) != len(b.times):
         return float("inf")
     t = 0.5 * (a.times + np.append(a.times[1:], float(reference.provenance["t_end"])))

@@ -22,6 +22,7 @@ from ..basics.arrays import Array
 from .first_order import FirstOrderSystem, interleaved
 from .frame import contacts, observed
 from .hermite_elements import (
+    BENDING,
     MASS,
     MEAN,
     POINTS,
@@ -53,23 +54,24 @@ def hermite(problem: BeamProblem, M: int) -> System:
         for e in range(M):
             x = h * (e + POINTS)
             values = np.broadcast_to(np.asarray(shape(x), float), x.shape)
-            total[2 * e : 2 * e + 4] += by[e] * (h * (WEIGHTS * values) @ N)
+            total[2 * e : 2 * e + 4] += by[e] * (h * np.sum((WEIGHTS * values)[:, None] * N, axis=0))
         return total[free]
 
     def row(share: float) -> Array:
         return interpolation(np.array(share), M)[free]
 
     factor = np.zeros((2 * M + 2, 2 * M + 2))  # two zero rows, so that a free beam has its rigid motions
-    gram, inertia = np.zeros((2, 2 * M + 2, 2 * M + 2))
+    gram, inertia, bending = np.zeros((3, 2 * M + 2, 2 * M + 2))
     for e in range(M):
         here = slice(2 * e, 2 * e + 4)
         factor[2 * e, here], factor[2 * e + 1, here] = np.sqrt(stiffer[e]) * MEAN, np.sqrt(stiffer[e]) * SLOPE
+        bending[here, here] += stiffer[e] * BENDING
         gram[here, here] += MASS * (h / 420.0)
         inertia[here, here] += heavier[e] * (MASS * (h / 420.0))
         if problem.rotary_inertia:
             inertia[here, here] += heavier[e] * problem.rotary_inertia / problem.mass_per_length / (30.0 * h) * ROTARY
     factor = np.sqrt(problem.stiffness / h**3) * factor[:, free]
-    gram, inertia = (matrix[np.ix_(free, free)] for matrix in (gram, inertia))
+    gram, inertia, bending = (matrix[np.ix_(free, free)] for matrix in (gram, inertia, bending))
     tip = row(1.0) if problem.ends[1] == "free" else row(0.5)
     slope = interpolation(np.array(1.0), M, times=1)[free] * (M / L)  # v_x(L)
     mass = problem.mass_per_length * inertia
@@ -77,7 +79,7 @@ def hermite(problem: BeamProblem, M: int) -> System:
         mass = mass + problem.tip_mass * np.outer(tip, tip)
     if problem.tip_inertia:
         mass = mass + problem.tip_inertia * np.outer(slope, slope)
-    stiffness = factor.T @ factor
+    stiffness = problem.stiffness / h**3 * bending
     damping = (problem.viscosity / problem.stiffness) * stiffness + problem.mass_damping * mass
     if problem.modal_damping:
         damping = damping + modal_damping(mass, stiffness, problem.modal_damping)
@@ -88,7 +90,7 @@ def hermite(problem: BeamProblem, M: int) -> System:
     made = System(
         mass=mass,
         damping=0.5 * (damping + damping.T),
-        stiffness=0.5 * (stiffness + stiffness.T),
+        stiffness=stiffness,
         loads=_loads(problem, integral, row, slope, (stiffer, heavier)),
         contacts=stops,
         observe=observed(stops, tip),

@@ -13,7 +13,8 @@ from ..basics.arrays import Array
 
 MASS = np.array([[156, 22, 54, -13], [22, 4, 13, -3], [54, 13, 156, -22], [-13, -3, -22, 4]])
 ROTARY = np.array([[36, 3, -36, 3], [3, 4, -3, -1], [-36, -3, 36, -3], [3, -1, -3, 4]])  # times J/(30 h)
-# K_e = EI/h^3 (a a^T + b b^T): the mean curvature of an element and its slope.
+BENDING = np.array([[12, 6, -12, 6], [6, 4, -6, 2], [-12, -6, 12, -6], [6, 2, -6, 4]])  # times EI/h^3
+# The same as (a a^T + b b^T): the mean curvature of an element and its slope.
 MEAN, SLOPE = np.array([0.0, -1.0, 0.0, 1.0]), np.sqrt(3.0) * np.array([2.0, 1.0, -2.0, 1.0])
 HELD = {"free": (), "pinned": (0,), "clamped": (0, 1)}
 POINTS, WEIGHTS = np.polynomial.legendre.leggauss(6)  # integrates loads of degree 8 along an element exactly

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import cached_property
 
 import numpy as np
 import scipy.sparse
@@ -146,10 +147,11 @@ class RightHandSide:
         With one among the stops a third row follows: the rates of the forces of the damped ones, else of the gaps.
         """
         shifts = self._offsets(t)
+        if not self.damped:
+            gaps(t, z, out, self.states, *self._contacts, *shifts)
+            return
         half = len(self.sides)
         gaps(t, z, out[: 2 * half], self.states, *self._contacts, *shifts)
-        if not self.damped:
-            return
         self(t, z, self._scratch)
         for k, (i, side) in enumerate(self.sides):
             rate, stops = out[half + k], self.first_order.contacts[i].contact.stops
@@ -202,7 +204,7 @@ class RightHandSide:
         offset = self.first_order.contacts[i].contact.offset
         return 0.0 if offset is None else float(offset.acceleration(self._inside(t)))  # type: ignore[union-attr]
 
-    @property
+    @cached_property
     def sides(self) -> list[tuple[int, int]]:
         """(contact, +1 upper or -1 lower) of every gap."""
         sides = []
