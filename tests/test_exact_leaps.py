@@ -110,9 +110,7 @@ def test_the_first_switch_is_that_of_dense_samples(damped, m):
         k = int(first[0])
         i = int(np.flatnonzero(beyond[:, k])[0])
         stop = g2[i] if beyond[i, k] > 0 else g1[i]
-        exact = brentq(
-            lambda x, u=position, i=i, stop=stop: float(u(i, x) - stop), t[k - 1], t[k], xtol=1e-15, rtol=1e-14
-        )
+        exact = brentq(lambda x, u=position, i=i, stop=stop: float(u(i, x) - stop), t[k - 1], t[k], xtol=1e-15)
         assert (contact, side) == (i, beyond[i, k])
         assert abs(tau - exact) < 1e-11 * end
         found += 1
