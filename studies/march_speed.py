@@ -38,8 +38,9 @@ from timing import Timed, least, stream, timed
 
 import stiffbeam as sb
 from stiffbeam.basics.threads import cores
+from stiffbeam.march.block_march import Flight, March
+from stiffbeam.march.coordinates import InModes
 from stiffbeam.march.leap import LeapFlight
-from stiffbeam.march.modal_march import Flight, March
 from stiffbeam.model.modes import modes
 
 RECORDED = Path(__file__).with_suffix(".json")
@@ -50,7 +51,7 @@ def march_of(system: sb.System, scheme: sb.Scheme, dt: float, steps: int) -> Tim
     """The stepping of the block march, impacts and peaks included, propagator excluded as the LU is above."""
     basis = modes(system)
     assert basis is not None
-    march = March.of(system, basis, scheme, dt, "implicit")
+    march = March.of(InModes(system, basis), scheme, dt, "implicit")
 
     def run() -> float:
         flight = march.start([system], steps, None)
@@ -71,7 +72,7 @@ def leaping(steps: int, dts: tuple[float, ...], repetitions: int) -> dict[str, d
     for name, scheme in SCHEMES.items():
         found[name] = {}
         for dt in dts:
-            march, count = March.of(system, basis, scheme, dt, "implicit"), max(steps, round(0.1 / dt))
+            march, count = March.of(InModes(system, basis), scheme, dt, "implicit"), max(steps, round(0.1 / dt))
 
             def fly(kind=Flight, march=march, count=count, anew=False) -> None:
                 if anew:
@@ -181,7 +182,7 @@ def startup() -> dict[str, float]:
 import os, sys, time
 from stiffbeam import cli
 from stiffbeam.references.exact import undamped_tracer
-from stiffbeam.march import modal_march
+from stiffbeam.march import block_march
 def mark(owner, name, label, last):
     original = getattr(owner, name)
     def marked(*arguments, **keywords):
@@ -192,7 +193,7 @@ def mark(owner, name, label, last):
         return original(*arguments, **keywords)
     setattr(owner, name, marked)
 mark(undamped_tracer.Tracer, "trace", "reference", False)
-mark(modal_march.Flight, "fly", "scheme", True)
+mark(block_march.Flight, "fly", "scheme", True)
 sys.argv = ["stiffbeam", "compare", "table10"]
 cli.main()
 """
@@ -214,7 +215,7 @@ def bound_of(cells: int) -> dict[str, float]:
     basis, found = modes(system), {}
     assert basis is not None
     for name, scheme in SCHEMES.items():
-        propagator = March.of(system, basis, scheme, case.dt, "implicit").block
+        propagator = March.of(InModes(system, basis), scheme, case.dt, "implicit").block
         (R, D), N = propagator.block.reading.shape, len(propagator.block.push)
         share = sb.integrate(system, scheme, case.dt, 0.5, every=100).contacts[0].fraction
         work = (R * D + len(propagator.block.transition) * D + share * N * (R + D)) / propagator.steps

@@ -7,7 +7,7 @@ import functools
 import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from wild_values import near, wild
@@ -24,7 +24,7 @@ class Surface:
     call: Callable[..., Any]
     good: dict[str, Any]
     weight: int = 4
-    told: Callable[[str, Any], None] = lambda name, value: None
+    told: ClassVar[Callable[[str, Any], None]] = staticmethod(lambda name, value: None)
 
     def try_one(self, rng: np.random.Generator) -> Any:
         arguments = dict(self.good)

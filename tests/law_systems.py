@@ -31,15 +31,23 @@ def stops_of(rng: np.random.Generator, law: str) -> sb.Stops:
 
 def random_system(seed: int) -> sb.System:
     """One to four unknowns, one or two contacts, with loads, damping and moving stops now and then."""
-    rng = np.random.default_rng([seed, 1302])
+    return _system(np.random.default_rng([seed, 1302]), [LAWS[(seed + c) % len(LAWS)] for c in range(1 + seed % 2)])
+
+
+def kelvin_voigt_system(seed: int) -> sb.System:
+    """The same with damped linear stops."""
+    return _system(np.random.default_rng([seed, 77]), ["kelvin-voigt"] * (1 + seed % 2))
+
+
+def _system(rng: np.random.Generator, laws: list[str]) -> sb.System:
     n = int(rng.integers(1, 5))
     A, B = rng.normal(size=(2, n, n))
     mass, stiffness = np.eye(n) + 0.1 * A @ A.T, 4.0 * np.eye(n) + B @ B.T
     damping = rng.choice([0.0, 0.05]) * mass + rng.choice([0.0, 0.02]) * stiffness
     contacts = []
-    for c in range(min(n, 1 + seed % 2)):
+    for c, law in enumerate(laws[:n]):
         offset = sb.Harmonic(0.03, float(rng.uniform(1.0, 4.0)), 0.3) if rng.random() < 0.25 else None
-        contacts.append(sb.Contact(np.eye(n)[c], stops_of(rng, LAWS[(seed + c) % len(LAWS)]), offset))
+        contacts.append(sb.Contact(np.eye(n)[c], stops_of(rng, law), offset))
     loads = [(rng.normal(size=n), sb.Harmonic(float(rng.uniform(0.5, 3.0)), float(rng.uniform(0.5, 5.0))))]
     return sb.System.from_matrices(
         mass, stiffness, damping, loads, contacts, initial_displacement=np.zeros(n), initial_velocity=rng.normal(size=n)

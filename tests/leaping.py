@@ -10,9 +10,9 @@ import numpy as np
 
 import stiffbeam as sb
 from stiffbeam.march import leap
+from stiffbeam.march.block_march import Flight
 from stiffbeam.march.build import build
 from stiffbeam.march.integrate import Plan
-from stiffbeam.march.modal_march import Flight
 from stiffbeam.schemes import registered
 
 SCHEMES = list(registered())
@@ -53,10 +53,10 @@ def random_system(rng: np.random.Generator) -> sb.System:
 def both(system: sb.System, scheme: sb.Scheme, dt: float, steps: int, every: int | None = None, since: int = 0):
     """(block march, leaping march) of one run, each flown to its end."""
     plan = Plan.of(system, scheme, dt, steps * dt, "implicit", 1, "numba")
-    assert plan.modal is not None
+    assert plan.blocks is not None
     found = []
     for kind in (Flight, leap.LeapFlight):
-        flight = kind(plan.modal, (system,), plan.steps, every, since)
+        flight = kind(plan.blocks, (system,), plan.steps, every, since)
         for _ in flight.fly():
             pass
         found.append(flight)
@@ -65,9 +65,9 @@ def both(system: sb.System, scheme: sb.Scheme, dt: float, steps: int, every: int
 
 def in_another_order(system: sb.System, scheme: sb.Scheme, dt: float, steps: int) -> Flight:
     """The block march with one step to a block: the same sums with another rounding."""
-    march = Plan.of(system, scheme, dt, steps * dt, "implicit", 1, "numba").modal
+    march = Plan.of(system, scheme, dt, steps * dt, "implicit", 1, "numba").blocks
     assert march is not None
-    one = build(scheme, system, march.basis, dt, 1, "implicit")
+    one = build(scheme, march.coordinates, dt, 1, "implicit")
     flight = Flight(replace(march, block=one), (system,), steps, None)
     for _ in flight.fly():
         pass

@@ -13,10 +13,13 @@ Rng = np.random.Generator
 
 
 def case(seed: int, index: int) -> Case:
-    """System ``index`` of the campaign ``seed``: its family goes round, its numbers are random."""
-    names = list(FAMILIES)
-    name = names[index % len(names)]
-    made = FAMILIES[name](np.random.default_rng([seed, index]))
+    """System ``index`` of the campaign ``seed``: its family goes round, its numbers are random.
+
+    From ``MEETING_FROM`` on the families are those whose eigenvalues meet.
+    """
+    families = FAMILIES if index < MEETING_FROM else MEETING
+    name = list(families)[index % len(families)]
+    made = families[name](np.random.default_rng([seed, index]))
     return replace(made, notes=name)
 
 
@@ -257,3 +260,66 @@ FAMILIES: dict[str, Callable[[Rng], Case]] = {
     "ratios": _ratios,
     "rigid motion": _rigid,
 }
+
+
+def _held(rng: Rng, made: Case) -> np.ndarray:
+    """K with each contact on a stop or not, as chance has it."""
+    return made.stiffness + sum(c.kappa * np.outer(c.row, c.row) for c in made.contacts if rng.random() < 0.5)
+
+
+def _detuned(rng: Rng) -> float:
+    return 1.0 + float(rng.choice([0.0, 0.0, _log(rng, 1e-16, 1e-3)])) * _sign(rng)
+
+
+def _critical(rng: Rng) -> Case:
+    """Critical damping of one mode or of all, of the free system or of one regime, exactly or nearly."""
+    made = _base(rng, contacts=int(rng.integers(1, 3)), damping="none", periods=4.0)
+    squares, shapes = scipy.linalg.eigh(_held(rng, made), made.mass)
+    ratios = np.where(rng.random(made.size) < 0.6, _detuned(rng), rng.uniform(0.01, 2.0, made.size))
+    turned = made.mass @ shapes
+    return replace(made, damping=turned @ np.diag(2.0 * ratios * np.sqrt(squares)) @ turned.T)
+
+
+def _free(rng: Rng) -> Case:
+    """A free chain with dampers between its masses, on the ground or none; several contacts, or none."""
+    made = _base(rng, n=int(rng.integers(1, 5)), contacts=int(rng.integers(1, 4)), damping="none", periods=3.0)
+    n, first = made.size, float(made.frequencies[0])
+    stretch = np.eye(n)[1:] - np.eye(n)[:-1]
+    stiffness = stretch.T @ np.diag(10.0 ** rng.uniform(0.5, 3.0, n - 1)) @ stretch
+    inner = stretch.T @ np.diag(first * 10.0 ** rng.uniform(-3.0, 0.5, n - 1)) @ stretch
+    ground = first * _log(rng, 1e-12, 3.0) * np.outer(np.eye(n)[0], np.eye(n)[0])
+    kind = int(rng.integers(5))
+    damping = [inner, ground, inner + ground, first * _log(rng, 1e-3, 1.0) * made.mass, 0.0 * ground][kind]
+    contacts = made.contacts if rng.random() < 0.8 else ()
+    return replace(made, stiffness=stiffness, damping=damping, contacts=contacts)
+
+
+def _resonant_regime(rng: Rng) -> Case:
+    """A drive at a frequency of the free system or of a contact regime, with several contacts or a little damping."""
+    made = _base(rng, contacts=int(rng.integers(1, 4)), damping="none", periods=5.0)
+    frequency = float(rng.choice(_omegas(made.mass, _held(rng, made)))) * _detuned(rng)
+    damping = made.damping if rng.random() < 0.6 else _log(rng, 1e-12, 1e-2) * frequency * made.mass
+    size = 0.3 * float(made.frequencies[0]) * frequency
+    loads = [(rng.normal(size=made.size), _harmonic(rng, size, frequency)) for _ in range(int(rng.integers(1, 3)))]
+    return replace(made, damping=damping, loads=tuple(loads))
+
+
+def _tangled(rng: Rng) -> Case:
+    """Equal modes damped alike, and a matrix whose contact state has one eigenvector to four eigenvalues."""
+    made = _base(rng, n=2, contacts=int(rng.integers(1, 3)), damping="none", periods=4.0)
+    w = float(made.frequencies[0])
+    if rng.random() < 0.5:
+        mass = np.eye(2)
+        return replace(made, mass=mass, stiffness=w**2 * mass, damping=2.0 * w * _detuned(rng) * mass)
+    # det(x^2 + C x + K) = (x + 1)^4
+    damping = w * np.array([[3.2, 0.9], [0.9, 0.8]])
+    return replace(made, mass=np.eye(2), stiffness=w**2 * np.diag([4.0, 0.25]), damping=damping)
+
+
+MEETING: dict[str, Callable[[Rng], Case]] = {
+    "critical damping": _critical,
+    "free body": _free,
+    "resonance of a regime": _resonant_regime,
+    "tangled modes": _tangled,
+}
+MEETING_FROM = 1_000_000

@@ -215,7 +215,7 @@ def test_the_commands_keep_references_when_asked(folder, tmp_path, monkeypatch):
             raise done.exception
         return json.loads(done.stdout)
 
-    arguments = ("reference", "table10", "--method", "cvode-adams", "--t-end", "0.05", "--rtol", "1e-7", "--json")
+    arguments = ("reference", "table10", "--method", "cvode-adams", "--t-end", "0.05", "--rtol", "1e-7", "--json", "-")
     run(*arguments)
     assert not folder.exists()
     first, second = (run(*arguments, "--cache") for _ in range(2))

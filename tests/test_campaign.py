@@ -9,7 +9,7 @@ import pytest
 from campaign import VIOLATIONS, campaign
 from judge import Truth, judge, judge_reference, judged
 from judge_scheme import system_of
-from random_systems import FAMILIES, case
+from random_systems import FAMILIES, MEETING, MEETING_FROM, case
 
 import stiffbeam as sb
 
@@ -34,6 +34,14 @@ def test_nothing_certified_is_wrong_by_any_method(systems):
     assert not violations
     assert sum(n for (_, outcome), n in families.items() if outcome == "right") > 2 * systems
     assert {family for family, _ in families} == set(FAMILIES)
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("index", range(len(MEETING)), ids=list(MEETING))
+def test_nothing_certified_is_wrong_where_eigenvalues_meet(index):
+    verdicts = judged(SEED, MEETING_FROM + index, ("exact", "multiprecision"))
+    assert [v for v in verdicts if v.outcome == "right"]
+    assert not [v for v in verdicts if v.outcome in VIOLATIONS]
 
 
 def test_a_system_is_named_by_its_seed_and_number():

@@ -251,6 +251,7 @@ def test_a_bad_field_names_file_field_value_and_rule(write, text, field, value, 
         (PLAIN.replace("dt = 1e-3", "dt = 0.03"), "the nearest step that does is 0.0333333"),
         (PLAIN.replace("cells", 'runs = ["hhtt"]\ncells'), "did you mean hht?"),
         (PLAIN.replace("cells", 'runs = ["hht(alpha=0.2)"]\ncells'), "pass -alpha"),
+        (PLAIN.replace("cells", 'form = "hermite"\ncells'), 'runs = ["hht@hermite"]'),
     ],
 )
 def test_a_bad_field_is_answered_with_the_near_one(write, text, remedy):

@@ -58,8 +58,8 @@ def test_cases_lists_every_table(command):
 
 
 def test_cases_as_json_is_a_list_of_seventeen(command):
-    code, out, err = command("cases", "--json")
-    rows = json.loads(out)
+    code, out, err = command("cases", "--json", "-")
+    rows = json.loads(out)["cases"]
     assert (code, err) == (0, "")
     assert [row["name"] for row in rows] == [f"table{k}" for k in range(1, 18)]
     ten = rows[9]

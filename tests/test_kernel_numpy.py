@@ -50,12 +50,12 @@ def test_both_kernels_agree_on_two_contacts_moving_stops_and_sampled_loads(schem
 
 def test_stretches_leave_no_trace_in_the_numpy_kernel(table10, monkeypatch):
     """Impacts that are open between two stretches go on, a list of impacts that is too short is lengthened."""
-    from stiffbeam.march import modal_march
+    from stiffbeam.march import block_march
 
     system = sb.semidiscretise(table10, 12)
     whole = sb.integrate(system, sb.HHT(-0.1), 1e-4, 0.2, engine="numpy")
-    monkeypatch.setattr(modal_march, "STEPS_PER_CALL", 1)
-    monkeypatch.setattr(modal_march, "STEPS_REPLAYED", 32)
+    monkeypatch.setattr(block_march, "STEPS_PER_CALL", 1)
+    monkeypatch.setattr(block_march, "STEPS_REPLAYED", 32)
     other = sb.integrate(system, sb.HHT(-0.1), 1e-4, 0.2, engine="numpy")
     assert whole.impacts.count > 10
     assert np.array_equal(whole.impacts.stops, other.impacts.stops)

@@ -141,8 +141,9 @@ def test_derived_units_follow_from_three(units, quantity, name):
 
 
 def test_units_without_a_name_are_refused():
-    with pytest.raises(sb.InputError, match=r"units\.time must be the name of a unit, got ''"):
-        sb.Units("m", "", "N")
+    for names, field in ((("m", "", "N"), "time"), (("furlong", "s", "N"), "length"), (("m", "s", "kg"), "force")):
+        with pytest.raises(sb.InputError, match=rf"units\.{field} must be the name of a unit of {field}, got '"):
+            sb.Units(*names)
     with pytest.raises(sb.InputError, match="units must be Units"):
         sb.BeamProblem(stiffness=1.0, units="m")  # type: ignore[arg-type]
 

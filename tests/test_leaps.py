@@ -90,8 +90,8 @@ def test_every_scheme_leaps_and_is_no_less_accurate(always, beam, scheme):
 def test_a_closed_stop_is_no_spring_to_every_scheme(beam):
     """The printed HHT weighs the stiffness and not the contact: it goes on by ordinary steps, then in blocks."""
     plan = Plan.of(beam, sb.HHT(-0.1).printed("unweighted"), 2e-5, 0.08, "implicit", 1, "numba")
-    assert plan.modal is not None
-    leaper = leap.Leaper(plan.modal, beam)
+    assert plan.blocks is not None
+    leaper = leap.Leaper(plan.blocks, beam)
     leaper.make(1)
     found = leaper.tables(4000, 4000)
     assert found is not None
@@ -185,17 +185,17 @@ def test_what_cannot_be_leapt_over_goes_in_blocks(always, system):
 
 
 def test_what_may_leap_and_what_pays(beam):
-    fine = Plan.of(beam, sb.HHT(-0.1), 1e-7, 0.1, "implicit", 1, "numba").modal
+    fine = Plan.of(beam, sb.HHT(-0.1), 1e-7, 0.1, "implicit", 1, "numba").blocks
     assert fine is not None
     assert leap.can_leap(fine, 1_000_000)
     assert not leap.can_leap(fine, 1000)
     for contact, engine in (("extrapolated", "numba"), ("implicit", "numpy")):
-        other = Plan.of(beam, sb.HHT(-0.1), 1e-7, 0.1, contact, 1, engine).modal
+        other = Plan.of(beam, sb.HHT(-0.1), 1e-7, 0.1, contact, 1, engine).blocks
         assert other is not None
         assert not leap.can_leap(other, 1_000_000)
     for contact, stops in (("conserving", {}), ("implicit", {"exponent": 1.5}), ("implicit", {"damping": 0.1})):
         scheme = sb.Trapezoidal() if contact == "conserving" else sb.HHT(-0.1)
-        other = Plan.of(oscillator(**stops), scheme, 1e-7, 10.0, contact, 1, "numba").modal
+        other = Plan.of(oscillator(**stops), scheme, 1e-7, 10.0, contact, 1, "numba").blocks
         assert other is not None
         assert not leap.can_leap(other, 100_000_000)
     coarse = sb.integrate(beam, sb.HHT(-0.1), 1e-4, 100.0, every=1_000_000)

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from oracles import exact_linear
 from systems import linear_part, two_contacts
 
 import stiffbeam as sb
+from stiffbeam.march import block_march, choice
 from stiffbeam.march import integrate as march
-from stiffbeam.march import modal_march
 from stiffbeam.march.build import build
+from stiffbeam.march.coordinates import InModes, Together
 from stiffbeam.march.kernels import blocks as kernel
 from stiffbeam.march.kernels.layout import Kept
+from stiffbeam.march.rules import CONTACTS
+from stiffbeam.model import equations
 from stiffbeam.model.modes import modes
 from stiffbeam.schemes import registered
 
@@ -24,14 +29,15 @@ def direct(system, *args, monkeypatch, **kwargs):
     """The same run, marched step by step with factorised matrices."""
     with monkeypatch.context() as patch:
         patch.setattr(march, "modes", lambda system: None)
+        patch.setattr(march, "pays", lambda *_: False)
         run = sb.integrate(system, *args, **kwargs)
     assert run.provenance["march"] == "direct"
     return run
 
 
-def assert_equal_runs(modal, other, tolerance):
+def assert_equal_runs(modal, other, tolerance, march="modal blocks"):
     scale = np.max(np.abs(other.tip))
-    assert modal.provenance["march"] == "modal blocks"
+    assert modal.provenance["march"] == march
     assert np.max(np.abs(modal.tip - other.tip)) < tolerance * scale
     assert np.max(np.abs(modal.tip_velocity - other.tip_velocity)) < 1e4 * tolerance * np.max(
         np.abs(other.tip_velocity)
@@ -50,6 +56,51 @@ def test_modal_blocks_equal_the_direct_march(scheme, contact, table10_system, mo
     other = direct(table10_system, scheme, 1e-4, T_SHORT, contact, monkeypatch=monkeypatch)
     assert modal.impacts.count > 0
     assert_equal_runs(modal, other, 1e-10 if contact == "implicit" else 1e-7)
+
+
+def with_dashpots(system):
+    """Dashpots at single nodes, which couple the modes."""
+    damping = np.zeros((system.size, system.size))
+    damping[3, 3], damping[10, 10], damping[3, 10], damping[10, 3] = 0.7, 0.4, -0.3, -0.3
+    return replace(system, damping=damping)
+
+
+DENSE = [(s, c) for s in SCHEMES for c in CONTACTS if c != "conserving" or s.conserving is not None]
+
+
+@pytest.mark.parametrize(("scheme", "contact"), DENSE, ids=str)
+def test_dense_blocks_equal_the_direct_march(scheme, contact, table10_system, monkeypatch):
+    """Of a damping that does not decouple, and of the first-order form; tolerances as for the modal blocks."""
+    system = with_dashpots(table10_system)
+    for given in (system, system.first_order()):
+        if scheme.second_order_only and given is not system:
+            continue
+        dense = sb.integrate(given, scheme, 1e-4, T_SHORT, contact)
+        other = direct(given, scheme, 1e-4, T_SHORT, contact, monkeypatch=monkeypatch)
+        assert dense.impacts.count > 0
+        assert_equal_runs(dense, other, 1e-7 if contact == "extrapolated" else 1e-10, "dense blocks")
+        assert np.max(np.abs(dense.energy.loss - other.energy.loss)) < 1e-6 * np.max(other.energy.input)
+
+
+@pytest.mark.parametrize("scheme", [sb.HHT(-0.1), sb.SDIRK()], ids=str)
+def test_large_matrices_by_entries_and_bands_are_the_same_matrices(scheme, monkeypatch):
+    """130 unknowns: products and solves with bands against full ones, eps (w_max/w_1)^2 apart at worst."""
+    system = with_dashpots(sb.semidiscretise(sb.BeamProblem(stiffness=300.0, base=sb.Harmonic(0.2, 10.0)), 130))
+    sparse = direct(system, scheme, 1e-4, 5e-3, monkeypatch=monkeypatch)
+    monkeypatch.setattr(equations, "LARGE", 1000)
+    full = direct(system, scheme, 1e-4, 5e-3, monkeypatch=monkeypatch)
+    given = system.mass, system.damping, system.stiffness
+    assert equations.Matrices(*given).entries == 3 * 130**2
+    monkeypatch.setattr(equations, "LARGE", 128)
+    assert equations.Matrices(*given).entries < 7 * 130
+    assert np.max(np.abs(sparse.tip - full.tip)) < 1e-8 * np.max(np.abs(full.tip))
+
+
+def test_a_short_run_is_not_worth_its_blocks(table10_system):
+    """Ten steps of 25 unknowns are done before the powers of one are made, a million are not."""
+    coordinates = Together.of(with_dashpots(table10_system))
+    assert [choice.pays(coordinates, sb.HHT(-0.1), steps) for steps in (10, 1_000_000)] == [False, True]
+    assert sb.integrate(coordinates.system, sb.HHT(-0.1), 1e-4, 1e-3).provenance["march"] == "direct"
 
 
 @pytest.mark.parametrize("scheme", [sb.BDF2(), sb.HHT(-0.1), sb.SDIRK(), sb.SDIRK(1.0, nystrom=True)], ids=str)
@@ -88,7 +139,7 @@ def test_blocks_of_any_length_are_the_same_scheme(scheme, table10, monkeypatch):
     system = sb.semidiscretise(table10, 25)
     whole = sb.integrate(system, scheme, 1e-4, T_SHORT)
     for length in (1, 3, 8):
-        monkeypatch.setattr(modal_march, "block_length", lambda *_, length=length: length)
+        monkeypatch.setattr(block_march, "block_length", lambda *_, length=length: length)
         other = sb.integrate(system, scheme, 1e-4, T_SHORT)
         assert np.max(np.abs(whole.tip - other.tip)) < 1e-11 * np.max(np.abs(whole.tip))
 
@@ -96,7 +147,9 @@ def test_blocks_of_any_length_are_the_same_scheme(scheme, table10, monkeypatch):
 def test_a_block_equals_its_definition_in_numpy(table10):
     """w = reading z + g entries, z' = transition z + g state, then the stops node by node."""
     system = sb.semidiscretise(table10, 25)
-    march_ = modal_march.March.of(system, modes(system), sb.HHT(-0.1), 1e-4, "implicit")
+    basis = modes(system)
+    assert basis is not None
+    march_ = block_march.March.of(InModes(system, basis), sb.HHT(-0.1), 1e-4, "implicit")
     block, forcing = march_.block.block, march_.block.forcing([system])
     rng = np.random.default_rng(1)
     z = march_.block.pack(rng.normal(size=(4, 1, 25)) * np.array([0.1, 1.0, 10.0, 10.0])[:, None, None])[0]
@@ -132,6 +185,7 @@ def test_components_that_only_add_to_others_are_left_out(table10):
     """HHT carries q + .. a, v + .. a and the net force; its a is gone. What is left goes on as before."""
     system = sb.semidiscretise(table10, 12)
     basis = modes(system)
+    assert basis is not None
     kept = {
         "hht(alpha=-0.1)": 3, "hht(alpha=-0.3)": 3, "hht(alpha=0.0)": 2, "bdf2": 4, "theta(theta=0.5)": 2,
         "sdirk(gamma=0.4359)": 2, "hht(alpha=-0.1).printed(unweighted)": 3,
@@ -141,7 +195,7 @@ def test_components_that_only_add_to_others_are_left_out(table10):
         return propagator.block.reading @ packed[0, : propagator.block.reading.shape[1]]
 
     for scheme in SCHEMES:
-        reduced, full = (build(scheme, system, basis, 1e-4, 8, "implicit", reduced=x) for x in (True, False))
+        reduced, full = (build(scheme, InModes(system, basis), 1e-4, 8, "implicit", reduced=x) for x in (True, False))
         if str(scheme) in kept:
             assert len(reduced.keep) == kept[str(scheme)]
         rng = np.random.default_rng(2)

@@ -189,21 +189,14 @@ def test_a_mode_at_the_drives_frequency_that_is_not_forced_is_no_resonance(conta
     many = sb.reference(system, 5.0, "multiprecision", digits=30)
     assert np.max(np.abs(many.tip - (np.sin(3 * many.t) - 1.5 * np.sin(2 * many.t)) / (4.0 - 9.0))) < 1e-13
     resonant = dataclasses.replace(system, loads=((unit, sb.Harmonic(1.0, 2.0)),))
-    if contacts:
-        with pytest.raises(sb.InputError, match="natural frequency"):
-            sb.reference(resonant, 5.0, "multiprecision", digits=30)
-    else:
-        many = sb.reference(resonant, 5.0, "multiprecision", digits=30)
-        assert np.max(np.abs(many.tip - (np.sin(2 * many.t) / 2.0 - many.t * np.cos(2 * many.t)) / 4.0)) < 1e-14
+    many = sb.reference(resonant, 5.0, "multiprecision", digits=30)
+    assert np.max(np.abs(many.tip - (np.sin(2 * many.t) / 2.0 - many.t * np.cos(2 * many.t)) / 4.0)) < 1e-14
 
 
 def test_what_it_cannot_take_is_refused(table10):
     pushed = dataclasses.replace(table10, loads=(sb.PointLoad(0.5, lambda t: 0 * t),))
     with pytest.raises(sb.InputError, match="Harmonic, Constant and Sampled"):
         sb.reference(sb.semidiscretise(pushed, 6), 0.1, "multiprecision")
-    critical = sb.System.from_matrices([[1.0]], [[4.0]], [[4.0]], observe=[1.0], initial_displacement=[1.0])
-    with pytest.raises(sb.InputError, match="critically damped"):
-        sb.reference(critical, 1.0, "multiprecision")
     with pytest.raises(sb.InputError, match="digits"):
         sb.reference(sb.semidiscretise(table10, 6), 0.1, "multiprecision", digits=5)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import pickle
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -31,6 +32,14 @@ def test_arrays_with_states_give_every_measure_of_the_run_itself(measured):
     assert np.array_equal(own.displacement(1.0), run.displacement(1.0))
     without_tip = sb.Trajectory.from_arrays(run.t, system=system, states=run.states)
     assert np.max(np.abs(without_tip.tip - run.tip)) < 1e-12 * np.max(np.abs(run.tip))
+
+
+def test_thinned_times_are_told_from_the_impacts_that_they_cannot_show(measured):
+    _, run, ref = measured
+    whole, thin = (sb.compare((run.t[::n], run.tip[::n], run.tip_velocity[::n]), ref) for n in (1, 200))
+    say = [[note for note in c.missing if "at the run's times" in note] for c in (whole, thin)]
+    assert say[0] == []
+    assert re.search(r"shows \d+ of its \d+ impacts; pass every step", say[1][0])
 
 
 def numbers(value):

@@ -130,8 +130,8 @@ def test_every_study_but_that_of_the_grid_takes_a_system(name):
         system = sb.System.from_matrices(
             MASS, STIFFNESS, loads=[([0, 0, 1], sb.Harmonic(6.0, 2.2))], contacts=[still], initial_velocity=[0, 0, 1.0]
         )
-    if name == "space":
-        with pytest.raises(InputError, match="be a beam with a grid"):
+    if name in ("space", "first_impact", "rigid_beam"):  # they refine its grid
+        with pytest.raises(InputError, match="be a beam with"):
             sb.study(name, system, dt=1e-2, t_end=8.0, **options)
         return
     records = sb.study(name, system, dt=1e-2, t_end=8.0, **options)

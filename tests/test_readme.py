@@ -10,12 +10,13 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parent.parent
-PAGES = [ROOT / "README.md", *sorted((ROOT / "studies" / "guide").glob("*.md"))]
+STUDIES = ROOT / "studies"
+PAGES = [ROOT / "README.md", *sorted([*STUDIES.glob("guide/*.md"), *STUDIES.glob("theory/*.md")])]
 TEXTS = {page.stem: page.read_text(encoding="utf-8") for page in PAGES}
 BLOCKS = [
-    pytest.param(block, id=f"{name}-{i}")
+    pytest.param(block, shown, id=f"{name}-{i}")
     for name, text in TEXTS.items()
-    for i, block in enumerate(re.findall(r"```python\n(.*?)```", text, re.DOTALL))
+    for i, (block, shown) in enumerate(re.findall(r"```python\n(.*?)```(?:\n\n```text\n(.*?)```)?", text, re.DOTALL))
     if "def test_" not in block
 ]
 README = TEXTS["README"]
@@ -28,9 +29,11 @@ def run(block, folder):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("block", BLOCKS)
-def test_every_python_block_runs(block, tmp_path):
-    assert run(block, tmp_path)
+@pytest.mark.parametrize(("block", "shown"), BLOCKS)
+def test_every_python_block_runs_and_prints_what_is_shown(block, shown, tmp_path):
+    printed = run(block, tmp_path)
+    assert printed
+    assert shown.strip() in ("", printed)
 
 
 def test_the_readme_prints_what_it_says(tmp_path):

@@ -151,7 +151,7 @@ def test_it_agrees_with_the_compliant_machinery_at_e_1():
     assert soon.count >= 2
     assert b.impacts.until(0.12).times == pytest.approx(soon.times, abs=1e-9)
     assert b.impacts.until(0.12).impulses == pytest.approx(soon.impulses, rel=1e-6)
-    # Rounding grows from 1e-16 to 1e-3 in 0.25; were ``a`` ten times less accurate, they would part log(10)/120 earlier.
+    # Rounding grows from 1e-16 to 1e-3 in 0.25; with ``a`` ten times worse, they would diverge log(10)/120 earlier.
     assert 0.2 < b.horizon <= agreement(a, b, 1e-4) + 0.02
 
 

@@ -64,7 +64,7 @@ def test_every_step_is_that_of_a_plain_loop(name, contacts, damping, moving):
     assert np.max(np.abs(v[1:] - [x for _, x, _ in wanted[1:]])) < 1e-8
     for c, contact in enumerate(run.contacts):
         assert contact.impacts.count >= 2
-        assert np.max(np.abs(contact.force - [x[c] for _, _, x in wanted])) < 1e-6 * contact.peak_force
+        assert np.max(np.abs(contact.force - [x[c] for _, _, x in wanted])) < 1e-6 * np.max(np.abs(contact.force))
         assert contact.impulse == pytest.approx(dt * np.sum(np.abs([x[c] for _, _, x in wanted])), rel=1e-9)
 
 
@@ -284,7 +284,7 @@ def test_members_are_all_of_one_kind():
         (lambda: sb.integrate(chain(1, "coupling", e=0.5)[0], sb.MoreauJeanBilbao(), 0.01, 1.0), "decouple"),
         (lambda: sb.reference(chain(1)[0], 1.0, method="cvode"), "finite"),
         (lambda: sb.reference(chain(1)[0], 1.0, method="multiprecision"), "finite"),
-        (lambda: sb.lyapunov(chain(1)[0], 1.0), "finite"),
+        (lambda: sb.lyapunov(chain(1)[0], 1.0), "restitution"),
         (lambda: chain(1)[0].rhs(0.0, np.zeros(8)), "finite"),
     ],
 )

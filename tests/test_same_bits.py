@@ -129,6 +129,7 @@ def test_who_compiles_beside_is_waited_for(monkeypatch):
 
     monkeypatch.setattr(warm, "compiled", lambda: False)
     monkeypatch.setattr(warm, "_beside", None)
+    monkeypatch.setattr(warm, "_warm", False)
     monkeypatch.setattr(warm.subprocess, "Popen", Failing)
     warm.compile_beside()
     warm.compile_beside()

@@ -91,6 +91,33 @@ def test_a_wrong_stiffness_is_found():
     assert outcomes(card) == {SOME[0]: CONVERGES, SOME[1]: NOT_FALLING, SOME[2]: NOT_FALLING}
 
 
+@pytest.mark.parametrize(("factor", "word"), [(1000.0, "units"), (-1.0, "signs")])
+def test_wrong_units_are_told_by_their_factor(factor, word):
+    """Millimetres for metres: the error stands where it is, and the ratio says why."""
+
+    def wrong(system, dt, t_end):
+        t, u, v = newmark(system, dt, t_end)
+        return t, factor * u, factor * v
+
+    card = sb.score(wrong, SOME[1])
+    assert outcomes(card) == {SOME[1]: NOT_FALLING}
+    assert card.entries[0].best.factor == pytest.approx(factor, rel=1e-3)
+    assert re.search(rf"but for a constant factor of {factor:g}\d*: {word}\?", " ".join(str(card).split()))
+    assert not np.isfinite(sb.score(newmark, SOME[1]).entries[0].best.factor)
+
+
+def test_a_function_is_scored_by_its_modules_name(tmp_path, monkeypatch, command):
+    lines = ["import numpy as np", "def rest(system, dt, t_end):",
+             "    t = np.arange(round(t_end / dt) + 1) * dt", "    return t, 0.0 * t"]  # fmt: skip
+    (tmp_path / "of_a_stranger.py").write_text("\n".join(lines), encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    code, out, _ = command("score", "of_a_stranger:rest", "--problem", "bilinear-gap", "--json", "-")
+    assert (code, json.loads(out)["entries"][0]["integrator"]) == (1, "rest")
+    code, _, error = command("compare", "table10", "--schemes", "of_a_stranger:rest")
+    assert code == 2
+    assert "it is a function: stiffbeam score takes these" in error
+
+
 def test_a_damper_that_pulls_is_found():
     name = "kelvin-voigt"
     right, wrong = (
@@ -211,6 +238,7 @@ def test_a_scorecard_is_saved_drawn_and_written_as_json(tmp_path):
     [
         (["t,u", "0,1", "0.5,x"], "line 3"),
         (["0 1", "1 2 3"], "1 numbers|3 numbers"),
+        (["0,1,2", "1,,3"], "a cell is empty"),
         (["0 1", "1 2", "2 3"], "at least 4"),
         (["0 0 0", "1 0 0", "2 0 0", "3 0 0"], "reach t_end"),
         (["0 0 0", "1 nan 0", "2 0 0", "5 0 0"], "finite"),

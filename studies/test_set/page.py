@@ -109,6 +109,7 @@ files with different steps have an order:
     stiffbeam score --list                                   the problems
     stiffbeam score --list --problem bouncing-ball           the file of one
     stiffbeam score --trajectory ball.csv --problem bouncing-ball
+    stiffbeam score mymodule:solve                           a function as above, in mymodule.py
 
 The errors are those of the tip at the sample times over its largest size (rms), of the impact times, of the peak force,
 and of the energy at the end. An integrator is flagged where its error does not fall as the step does, or more slowly

@@ -1,0 +1,1 @@
+"""What every other room builds on: arrays, units, checks of input, files and compilation."""

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 from weakref import WeakValueDictionary
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+# What compiled kernels take and return, beside float and int; numba reads the arguments, not these annotations.
 Array = NDArray[Any]  # float64 unless a docstring says otherwise
+IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
 LANES = 8  # doubles in the widest vector register
 _READ_ONLY: WeakValueDictionary[int, Array] = WeakValueDictionary()  # what ``read_only`` has made, by id
 
@@ -20,9 +24,9 @@ def padded(size: int, least: int = LANES) -> int:
 
 def aligned(shape: tuple[int, ...]) -> Array:
     """Zeros at a 64-byte boundary."""
-    count = int(np.prod(shape))
+    count = math.prod(shape)
     buffer = np.zeros(count + LANES)
-    start = (-buffer.ctypes.data // 8) % LANES
+    start = (-buffer.__array_interface__["data"][0] // 8) % LANES
     return buffer[start : start + count].reshape(shape)
 
 

@@ -89,7 +89,7 @@ def _njit(function: Callable[..., Any], **options: Any) -> Any:
     before = numba.config.CACHE_DIR  # type: ignore[attr-defined]
     numba.config.CACHE_DIR = str(directory(Path(function.__code__.co_filename)))  # type: ignore[attr-defined]
     try:
-        chosen = {"fastmath": FASTMATH, **options}
+        chosen: dict[str, Any] = {"fastmath": FASTMATH, **options}
         made = numba.njit(cache=True, nogil=True, error_model="numpy", **chosen)(function)
         return _forgiving(made)
     finally:

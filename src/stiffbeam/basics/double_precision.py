@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from contextlib import AbstractContextManager
 from importlib import import_module
+from typing import Any
 
 
-def double_precision() -> AbstractContextManager:
+def double_precision() -> AbstractContextManager[Any]:
     """A context in which JAX computes in float64; outside it stays as it was."""
     import jax
 

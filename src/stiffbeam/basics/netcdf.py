@@ -1,32 +1,89 @@
-"""Writing a dataset so that the file appears whole or not at all, and knowing it again."""
+"""Writing arrays as a netCDF-4 file that appears whole or not at all, and knowing them again."""
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
+import h5py
 import numpy as np
-import xarray as xr
 
+from .arrays import Array
 from .whole_file import write_whole
 
+if TYPE_CHECKING:
+    import xarray as xr
 
-def write(dataset: xr.Dataset, file: str | Path, compression: int = 4) -> Path:
-    """Write a compressed netCDF-4 file: into memory, since HDF5 does not survive a full disk, then in one step. Raises
-    InputError for a place that cannot be written to."""
-    encoding = {
-        name: {"zlib": True, "complevel": compression, "shuffle": True} if variable.size and variable.dims else {}
-        for name, variable in dataset.data_vars.items()
-    }
-    return write_whole(file, bytes(dataset.to_netcdf(None, engine="h5netcdf", encoding=encoding)))
+NO_VARIABLE = "This is a netCDF dimension but not a netCDF variable.{:10d}"  # the name that netCDF-4 prescribes
 
 
-def content_hash(data: xr.Dataset, attributes: Iterable[str]) -> str:
-    """sha256 of every variable and of the named attributes."""
+@dataclass(frozen=True, eq=False)
+class Arrays:
+    """variables: name to (dimensions, values, attributes); one that has its dimension's name is a coordinate."""
+
+    variables: dict[str, tuple[tuple[str, ...], Array, dict[str, Any]]]
+    attributes: dict[str, Any]
+
+    @classmethod
+    def of(cls, data: xr.Dataset) -> Arrays:
+        """The variables of a dataset as they are."""
+        each = {str(name): (tuple(map(str, x.dims)), x.values, dict(x.attrs)) for name, x in data.variables.items()}
+        return cls(each, dict(data.attrs))
+
+    def to_xarray(self) -> xr.Dataset:
+        """The same as a dataset."""
+        import xarray as xr
+
+        coordinates = {name: x for name, x in self.variables.items() if x[0] == (name,)}
+        data = {name: x for name, x in self.variables.items() if name not in coordinates}
+        return xr.Dataset(data, coords=coordinates, attrs=self.attributes)
+
+    def hash(self, attributes: Iterable[str]) -> str:
+        """sha256 of every variable and of the named attributes."""
+        return content_hash({name: x[1] for name, x in self.variables.items()}, self.attributes, attributes)
+
+
+def content_hash(variables: Mapping[str, Array], known: Mapping[str, Any], attributes: Iterable[str]) -> str:
+    """sha256 of the variables and of the named ones among the ``known`` attributes."""
     digest = hashlib.sha256()
-    for name in sorted(map(str, data.variables)):
-        digest.update(name.encode() + np.ascontiguousarray(data[name].values).tobytes())
+    for name in sorted(variables):
+        digest.update(name.encode())
+        digest.update(np.ascontiguousarray(variables[name]).tobytes())
     for name in sorted(attributes):
-        digest.update(f"{name}={data.attrs.get(name)}".encode())
+        digest.update(f"{name}={known.get(name)}".encode())
     return digest.hexdigest()
+
+
+def write(data: Arrays, file: str | Path, compression: int = 0) -> Path:
+    """Write a netCDF-4 file, compressed where ``compression`` is 1 to 9: into memory, since HDF5 does not survive a
+    full disk, then in one step. Raises InputError for a place that cannot be written to.
+
+    The layout is that of the netCDF-4 format on HDF5: a dimension is a dimension scale, and names itself in every
+    variable that has it.
+    """
+    packing = {"compression": "gzip", "compression_opts": compression, "shuffle": True} if compression else {}
+    sizes = {dim: n for dims, x, _ in data.variables.values() for dim, n in zip(dims, np.shape(x), strict=True)}
+    with h5py.File(Path(file).name, "w", driver="core", backing_store=False, track_order=True) as made:
+        made.attrs.update(data.attributes)
+        scales: dict[str, h5py.Dataset] = {}
+        for k, (name, size) in enumerate(sizes.items()):
+            _, values, attributes = data.variables.get(name, ((), None, {}))
+            unlimited = {"maxshape": (None,)} if size == 0 else {}  # what netCDF takes a length of zero for
+            scale = made.create_dataset(name, (size,), ">f4" if values is None else None, values, **unlimited)
+            scale.make_scale(NO_VARIABLE.format(size) if values is None else name)
+            scale.attrs.update(attributes | {"_Netcdf4Dimid": np.int32(k)})
+            scales[name] = scale
+        for name, (dims, values, attributes) in data.variables.items():
+            if name in sizes:
+                continue
+            unlimited = {"maxshape": tuple(n or None for n in np.shape(values))} if np.size(values) == 0 else {}
+            stored = made.create_dataset(name, data=values, **(unlimited or (packing if dims else {})))
+            for axis, dim in enumerate(dims):
+                stored.dims[axis].attach_scale(scales[dim])
+            stored.attrs.update(attributes)
+        made.flush()
+        image = made.id.get_file_image()
+    return write_whole(file, image)

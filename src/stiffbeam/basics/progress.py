@@ -2,10 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import sys
+import time
+from collections.abc import Callable, Generator
 from contextlib import contextmanager
+from dataclasses import dataclass
 
 Show = Callable[[str, int, int], None]
+
+
+@dataclass
+class Talk:
+    """How much is said on the way: ``--quiet`` nothing, ``--verbose`` every phase in a line of its own."""
+
+    quiet: bool = False
+    verbose: bool = False
+
+
+TALK = Talk()
 
 
 def silent(what: str, done: int, total: int) -> None:
@@ -13,11 +27,15 @@ def silent(what: str, done: int, total: int) -> None:
 
 
 @contextmanager
-def progress() -> Iterator[Show]:
+def progress() -> Generator[Show, None, None]:
     """A progress display on stderr, or in a notebook; silent where there is neither.
 
-    Yields show(what, done, total), total 0 where it is not known.
+    Yields show(what, done, total), total 0 where it is not known. Bar and time left are those of the phase:
+    one begins where the total is another, where less is done than before, and with every new name without a total.
     """
+    if TALK.quiet or TALK.verbose:
+        yield silent if TALK.quiet else _lines()
+        return
     from rich.console import Console
     from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
@@ -26,11 +44,38 @@ def progress() -> Iterator[Show]:
         SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), TextColumn("left"),
         TimeRemainingColumn(),
     )  # fmt: skip
-    shown = {"console": console, "transient": True, "disable": not (console.is_terminal or console.is_jupyter)}
-    with Progress(*columns, speed_estimate_period=600.0, **shown) as display:
-        task = display.add_task("starting", total=None)
+    hidden = not (console.is_terminal or console.is_jupyter)
+    with Progress(*columns, speed_estimate_period=600.0, console=console, transient=True, disable=hidden) as display:
+        task, phases = display.add_task("starting", total=None), _Phases()
 
         def show(what: str, done: int, total: int) -> None:
-            display.update(task, description=what, completed=done, total=total or None)
+            if phases.begins(what, done, total):
+                display.reset(task, description=what, completed=done, total=total or None)
+            else:
+                display.update(task, description=what, completed=done)
 
         yield show
+
+
+class _Phases:
+    """Which call of show(what, done, total) begins a phase."""
+
+    def __init__(self) -> None:
+        self.last = ("", 0, -1)
+
+    def begins(self, what: str, done: int, total: int) -> bool:
+        name, before, of = self.last
+        self.last = (what, done, total)
+        return total != of or done < before or (total == 0 and what != name)
+
+
+def _lines() -> Show:
+    """A line on stderr, with the time so far, where a phase begins."""
+    begun, phases = time.perf_counter(), _Phases()
+
+    def show(what: str, done: int, total: int) -> None:
+        if phases.begins(what, done, total):
+            of = f" ({total})" if total else ""
+            print(f"{time.perf_counter() - begun:8.2f} s  {what}{of}", file=sys.stderr, flush=True)
+
+    return show

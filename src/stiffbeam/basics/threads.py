@@ -35,7 +35,7 @@ def over_slices(
     """
     size = min(most, max(1, len(items) // (4 * threads))) if threads > 1 else most
     with ThreadPoolExecutor(threads) as pool:
-        parts: list[Future] = [pool.submit(work, items[i : i + size]) for i in range(0, len(items), size)]
+        parts: list[Future[Any]] = [pool.submit(work, items[i : i + size]) for i in range(0, len(items), size)]
         try:
             done = 0
             for part in parts:

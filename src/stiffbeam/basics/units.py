@@ -6,9 +6,13 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from .validation import InputError
-from .words import printable
 
 ONE = "1"  # the unit of a number without dimension, as netCDF writes it
+KNOWN = {
+    "length": ("m", "mm", "cm", "dm", "km", "µm", "um", "nm", "in", "ft", "yd", ONE, "?"),
+    "time": ("s", "ms", "µs", "us", "ns", "min", "h", ONE, "?"),
+    "force": ("N", "mN", "µN", "uN", "kN", "MN", "dyn", "gf", "kgf", "tf", "lbf", "kip", ONE, "?"),
+}
 
 
 @dataclass(frozen=True)
@@ -17,7 +21,7 @@ class Units:
 
     A beam is integrated in its own units, so that u is in ``length``, t in ``time``, sigma in ``force`` and
     an energy in force times length. Masses are force time^2/length: kg for metres, tonnes for millimetres,
-    seconds and newtons. Raises InputError for a name that is no text or empty.
+    seconds and newtons. Raises InputError for a name that is not among ``KNOWN``.
     """
 
     length: str = "m"
@@ -27,9 +31,11 @@ class Units:
     def __post_init__(self) -> None:
         for field in ("length", "time", "force"):
             name = getattr(self, field)
-            if not isinstance(name, str) or not name.strip() or len(name) > 20 or printable(name) != name:
-                remedy = 'at most 20 printable letters, for example "m", "s" or "N"'
-                raise InputError(f"units.{field}", name, "be the name of a unit", remedy)
+            if not isinstance(name, str) or name not in KNOWN[field]:
+                known = [x for x in KNOWN[field] if x not in (ONE, "?")]
+                raise InputError(
+                    f"units.{field}", name, f"be the name of a unit of {field}", f"one of {', '.join(known)}"
+                )
 
     @cached_property
     def _names(self) -> dict[str, str]:

@@ -6,6 +6,8 @@ import reprlib
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
+
 LONGEST = 300  # of a message
 
 
@@ -21,7 +23,7 @@ class _Short(reprlib.Repr):
 
     def repr_instance(self, x: Any, level: int) -> str:
         try:
-            return repr(x)
+            return repr(x.item() if isinstance(x, np.generic) else x)
         except Exception:  # whatever the objects of others raise when they are asked for a text
             return f"a {type(x).__name__}"
 

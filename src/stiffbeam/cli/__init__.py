@@ -6,17 +6,16 @@ import os
 import signal
 import sys
 
-from . import (  # noqa: F401  in the order of the help
-    advise,
-    animate,
-    cases,
-    compare,
-    doctor,
-    reference,
-    reproduce,
-    score,
-    studies,
-)
+# In the order of the help.
+from . import advise as advise
+from . import animate as animate
+from . import cases as cases
+from . import compare as compare
+from . import doctor as doctor
+from . import reference as reference
+from . import reproduce as reproduce
+from . import score as score
+from . import studies as studies
 from .application import app
 
 INTERRUPTED = 130  # the exit status of a program that Ctrl-C has stopped

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import json
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from ..basics.progress import progress
 from .application import app
-from .options import Case
-from .output import check_json, write_json
+from .options import Case, Json
+from .output import check_json, say, write_json
 
 
 @app.command()
@@ -25,10 +23,9 @@ def advise(
     t_end: Annotated[float | None, typer.Option(help="end time instead of the case's")] = None,
     most_steps: Annotated[int | None, typer.Option(help="of a run, where the search ends")] = None,
     members: Annotated[int, typer.Option(help="past the horizon, perturbed runs behind each mean")] = 48,
-    json_file: Annotated[Path | None, typer.Option("--json", help="write it here, - for stdout")] = None,
+    json_file: Json = None,
 ) -> None:
     """The cheapest scheme, contact and step that give a wanted error, and what no step gives."""
-    from ..basics.plain import plain
     from ..basics.validation import InputError
     from ..files.cases import find_case, parse_run, split_runs
     from ..studies.advice import advise as find
@@ -46,7 +43,7 @@ def advise(
     system, end = chosen.system(form), chosen.t_end if t_end is None else t_end
     with progress() as show:
         found = find(system, wanted, end, given, most_steps=most_steps, members=members, progress=show)
-    if not write_json(json.dumps(plain({"case": chosen.name} | found.to_dict()), indent=2), json_file):
-        print(found)
+    if not write_json("advise", {"case": chosen.name} | found.to_dict(), json_file):
+        say(str(found))
     if found.chosen is None:
         raise typer.Exit(1)

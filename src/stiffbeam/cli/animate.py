@@ -9,8 +9,8 @@ import typer
 
 from ..basics.progress import progress
 from .application import app
-from .options import Case
-from .output import default_folder
+from .options import Case, Json
+from .output import check_json, default_folder, say, write_json
 
 
 @app.command()
@@ -20,7 +20,8 @@ def animate(
     dt: Annotated[float | None, typer.Option(help="time step instead of the case's")] = None,
     t_end: Annotated[float | None, typer.Option(help="end time instead of the case's")] = None,
     seconds: Annotated[float, typer.Option(help="length of the film")] = 8.0,
-    out: Annotated[Path | None, typer.Option(help=".gif or .mp4; default: a .gif in the case's folder")] = None,
+    out: Annotated[Path | None, typer.Option(help=".gif or .mp4; default: stiffbeam-output/CASE/animation.gif")] = None,
+    json_file: Json = None,
 ) -> None:
     """A film: the beam between its stops, schemes beside the exact motion, impacts flashing."""
     from ..basics.validation import InputError
@@ -30,6 +31,7 @@ def animate(
     from ..references import reference
     from ..trajectory.trajectory import Trajectory
 
+    check_json(json_file)
     chosen = find_case(case)
     form = chosen.forms[0]
     runs = [chosen.runs[0]] if schemes is None else [parse_run(text, form) for text in split_runs(schemes)]
@@ -44,4 +46,6 @@ def animate(
             show(str(scheme), 0, 0)
             made.append(integrate(system, scheme, chosen.dt if dt is None else dt, end))
         film(made, file, seconds, show=show)
-    print(f"Written: {file}")
+    records = {"case": chosen.name, "motions": [motion.label for motion in made], "t_end": end, "file": str(file)}
+    if not write_json("animate", records, json_file):
+        say(f"Written: {file}")

@@ -3,19 +3,26 @@
 from __future__ import annotations
 
 import json
-import sys
 from io import StringIO
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from ..basics.progress import progress
 from ..basics.whole_file import write_whole
-from ..references.registry import COMPARED
+from ..references.registry import COMPARED, COMPARED_RIGID, METHODS
 from .application import app
-from .options import Case
-from .output import check_json, default_folder, file_name, make_folder, write_json
+from .options import Case, Json
+from .output import check_json, console, default_folder, file_name, json_text, make_folder, say, write_json
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
+
+    from ..files.case import Case as CaseFile
+    from ..schemes import Scheme
+    from ..studies.comparison import CaseComparison
+    from ..trajectory.trajectory import Reference, Trajectory
 
 
 @app.command()
@@ -25,13 +32,19 @@ def compare(
         str | None, typer.Option(help="comma-separated, e.g. 'bdf2,hht(alpha=-0.2)@displacement,sdirk.printed'")
     ] = None,
     references: Annotated[
-        str, typer.Option(help="comma-separated; the first that can take the case is the main one")
-    ] = ",".join(COMPARED),
+        str | None,
+        typer.Option(
+            help="comma-separated, the first that can take the case is the main one; default: "
+            f"{','.join(COMPARED)}, with rigid stops {','.join(COMPARED_RIGID)}"
+        ),
+    ] = None,
     contact: Annotated[str, typer.Option(help="implicit, or extrapolated as in the paper")] = "implicit",
     dt: Annotated[float | None, typer.Option(help="time step instead of the case's")] = None,
     t_end: Annotated[float | None, typer.Option(help="end time instead of the case's")] = None,
-    out: Annotated[Path | None, typer.Option(help="folder for picture, trajectories and table")] = None,
-    json_file: Annotated[Path | None, typer.Option("--json", help="write the records here, - for stdout")] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="folder for picture, trajectories and table; default: stiffbeam-output/CASE")
+    ] = None,
+    json_file: Json = None,
     cache: Annotated[bool, typer.Option("--cache", help="keep the references and use those that are kept")] = False,
 ) -> None:
     """Run schemes beside SUNDIALS and the exact solution: table, picture, trajectories."""
@@ -49,16 +62,16 @@ def compare(
     runs = default_runs(chosen)
     if schemes is not None:
         runs = [_like_case(parse_run(text, chosen.forms[0]), text, chosen) for text in split_runs(schemes)]
-    names = [name.strip() for name in references.split(",") if name.strip()]
+    names = None if references is None else [name.strip() for name in references.split(",") if name.strip()]
     check_json(json_file)
-    for option, given in (("--schemes", schemes is None or runs), ("--references", names)):
+    for option, given in (("--schemes", schemes is None or runs), ("--references", names is None or names)):
         if not given:
             raise InputError(option, "nothing", "name at least one")
     folder = out if out is not None else default_folder(chosen.name)
     written: list[Path] = []
     earlier: list[str] = []
 
-    def keep(run) -> None:
+    def keep(run: Trajectory) -> None:
         if not written:
             earlier.extend(_clear(folder))
         written.append(run.save(folder / f"{file_name(run.label)}.nc"))
@@ -70,16 +83,16 @@ def compare(
         )
         show("drawing", 0, 0)
         written += _draw(result, folder)
-        records = json.dumps(result.to_dict() | {"files": [path.name for path in written]}, indent=2)
-        written.append(write_whole(folder / "comparison.json", records + "\n"))
-    if not write_json(records, json_file):
+        records = result.to_dict() | {"files": [path.name for path in written]}
+        written.append(write_whole(folder / "comparison.json", json_text("compare", records) + "\n"))
+    if not write_json("compare", records, json_file):
         _print_result(result, written, earlier)
-    failed_runs = [label for label, _ in result.failures if not label.startswith(tuple(f"{n}@" for n in names))]
+    failed_runs = [label for label, _ in result.failures if label.partition("@")[0] not in METHODS]
     if failed_runs or not result.references:
         raise typer.Exit(1)
 
 
-def _like_case(run, text: str, case):
+def _like_case(run: tuple[Scheme, str], text: str, case: CaseFile) -> tuple[Scheme, str]:
     """A bare ``hht`` or ``sdirk`` takes the parameters it has in the case."""
     scheme, form = run
     if "(" not in text and ".printed" not in text:
@@ -89,7 +102,7 @@ def _like_case(run, text: str, case):
     return run
 
 
-def _truth(case, form: str, t_end: float):
+def _truth(case: CaseFile, form: str, t_end: float) -> Reference | None:
     """The frozen solution of a table of the paper, None where its physics or span is another."""
     from ..studies.references import frozen, shipped
 
@@ -125,7 +138,7 @@ def _clear(folder: Path) -> list[str]:
     return removed
 
 
-def _draw(result, folder: Path) -> list[Path]:
+def _draw(result: CaseComparison, folder: Path) -> list[Path]:
     """The picture and the table as files."""
     from rich.console import Console
 
@@ -138,7 +151,8 @@ def _draw(result, folder: Path) -> list[Path]:
         from ..figures import save_figure
         from ..figures.comparison import four_panels
 
-        runs, references = ([x for x in xs if x.provenance["form"] == form] for xs in (result.runs, result.references))
+        runs = [run for run in result.runs if run.provenance["form"] == form]
+        references = [one for one in result.references if one.provenance["form"] == form]
         named = ": ".join(dict.fromkeys([result.case.name, result.case.title]))
         dt = units.measure(f"{result.case.dt:g}", "time")
         details = [form, f"dt = {dt}", result.case.grid, *filter(None, [units.note])]
@@ -152,21 +166,20 @@ def _draw(result, folder: Path) -> list[Path]:
     return written
 
 
-def _tables(result):
+def _tables(result: CaseComparison) -> RenderableType:
     from ..measures.report import comparison_tables
 
-    return comparison_tables(result.comparisons, result.references, result.failures, result.truths)
+    return comparison_tables(result.comparisons, result.references, result.failures, result.truths, result.refused)
 
 
-def _print_result(result, written: list[Path], earlier: list[str]) -> None:
-    from rich.console import Console
+def _print_result(result: CaseComparison, written: list[Path], earlier: list[str]) -> None:
     from rich.text import Text
 
     from ..measures.report import WIDTH
 
-    console = Console(width=None if sys.stdout.isatty() else WIDTH, markup=False, emoji=False)
-    console.print(Text.assemble((result.case.name, "bold"), f"  {result.case.title}"))
-    console.print(_tables(result))
+    terminal = console(WIDTH)
+    terminal.print(Text.assemble((result.case.name, "bold"), f"  {result.case.title}"))
+    terminal.print(_tables(result))
     replaced = f", in place of {len(earlier)} of an earlier comparison" if earlier else ""
     files = f"{len(written)} files in {written[-1].parent}" if written else "nothing"
-    console.print(f"\nWritten: {files}{replaced}", soft_wrap=True, highlight=False)
+    say(f"\nWritten: {files}{replaced}")

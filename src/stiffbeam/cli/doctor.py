@@ -2,39 +2,41 @@
 
 from __future__ import annotations
 
-import json
 import platform
 import re
 import time
 from importlib.metadata import PackageNotFoundError, requires, version
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
 from .application import app
 from .options import Json
-from .output import check_json, write_json
+from .output import check_json, console, write_json
+
+if TYPE_CHECKING:
+    from ..basics.progress import Show
 
 
 @app.command()
 def doctor(json_file: Json = None) -> None:
     """Say what is installed and where caches are, and try every solver on a small problem."""
-    from rich.console import Console
     from rich.table import Table
 
     from ..basics.progress import progress
 
     check_json(json_file)
     with progress() as show:
-        found = {"installed": _installed(), "places": _places(), "solvers": _solvers(show)}
-    good = all(solver["agrees"] for solver in found["solvers"])
-    if not write_json(json.dumps(found, indent=2), json_file):
+        installed, places, solvers = _installed(), _places(), _solvers(show)
+    found = {"installed": installed, "places": places, "solvers": solvers}
+    good = all(solver["agrees"] for solver in solvers)
+    if not write_json("doctor", found, json_file):
         table = Table(box=None, show_header=False, padding=(0, 2, 0, 0))
-        for name, value in [*found["installed"].items(), *found["places"].items()]:
+        for name, value in [*installed.items(), *places.items()]:
             table.add_row(name, str(value))
-        for solver in found["solvers"]:
+        for solver in solvers:
             table.add_row(solver["name"], f"{'works' if solver['agrees'] else 'fails'}, {solver['said']}")
-        Console(highlight=False).print(table)
+        console().print(table)
     raise typer.Exit(0 if good else 1)
 
 
@@ -72,7 +74,7 @@ def _places() -> dict[str, Any]:
     }
 
 
-def _solvers(show) -> list[dict[str, Any]]:
+def _solvers(show: Show) -> list[dict[str, Any]]:
     """Every reference, and a scheme, on a mass that meets a stop once, held against the exact solution."""
     import numpy as np
 

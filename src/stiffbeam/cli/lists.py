@@ -13,7 +13,7 @@ def labels(text: str | None) -> list[str] | None:
     return None if text is None else [part.strip() for part in split_runs(text)]
 
 
-def numbers(text: str | None, kind: Callable[[str], Any]) -> list | None:
+def numbers(text: str | None, kind: Callable[[str], Any]) -> list[Any] | None:
     """Numbers with commas between them."""
     from ..basics.validation import InputError
 

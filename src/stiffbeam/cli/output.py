@@ -1,11 +1,35 @@
-"""Where a command's files go: folders, names, and records for programs."""
+"""What a command says and where its files go: the terminal, folders, names, and records for programs."""
 
 from __future__ import annotations
 
+import json
 import os
+import sys
+from collections.abc import Mapping
+from importlib.metadata import version
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
+from ..basics.plain import plain
+from ..basics.progress import TALK
 from ..basics.words import cut
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+
+def console(width: int | None = None) -> Console:
+    """The terminal as it is, silent with --quiet; ``width``: of what is piped. Names and messages may hold [/]."""
+    from rich.console import Console
+
+    wide = None if sys.stdout.isatty() else width
+    return Console(width=wide, quiet=TALK.quiet, highlight=False, markup=False, emoji=False)
+
+
+def say(text: str) -> None:
+    """A line as it is, of any length; nothing with --quiet."""
+    if not TALK.quiet:
+        print(text)
 
 
 def default_folder(case: str) -> Path:
@@ -47,10 +71,17 @@ def check_json(file: Path | None) -> None:
         raise InputError("--json", str(file), "be a file that can be written to")
 
 
-def write_json(text: str, file: Path | None) -> bool:
+def json_text(command: str, records: Mapping[str, Any]) -> str:
+    """The records of a command as JSON, which has no NaN: its name and the version of the package come first."""
+    head = {"stiffbeam": version("stiffbeam"), "command": command}
+    return json.dumps(plain(head | dict(records)), indent=2, ensure_ascii=False, allow_nan=False)
+
+
+def write_json(command: str, records: Mapping[str, Any], file: Path | None) -> bool:
     """Write the records where --json says; whether that is the terminal, which then shows nothing else."""
     if file is None:
         return False
+    text = json_text(command, records)
     if str(file) == "-":
         print(text)
         return True

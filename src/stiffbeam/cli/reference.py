@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import json
-import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from ..basics.progress import progress
+from ..basics.progress import Show, progress
 from ..references.registry import METHODS
 from .application import app
-from .output import make_folder
+from .options import Json
+from .output import check_json, console, make_folder, say, write_json
 
 
 @app.command("reference")
@@ -29,13 +28,14 @@ def reference_command(
     remake: Annotated[Path | None, typer.Option(help="compute what is missing of the paper's references here")] = None,
     cache: Annotated[bool, typer.Option("--cache", help="keep the reference and use one that is kept")] = False,
     doubles: Annotated[bool, typer.Option("--doubles", help="read decimals as the doubles nearest to them")] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="for programs")] = False,
+    json_file: Json = None,
 ) -> None:
     """Make, compare and check reference solutions."""
     from ..basics.validation import InputError
 
     if sum(x is not None for x in (case, check, remake)) != 1:
         raise InputError("reference", "its arguments", "be one of CASE, --check PATH and --remake DIR")
+    check_json(json_file)
     with progress() as show:
         if check is not None:
             from ..studies.references import check as check_files
@@ -52,20 +52,16 @@ def reference_command(
             assert case is not None
             records = _references(case, method, form, digits, rtol, t_end, budget, out, cache, doubles, show)
             failed = False
-    if as_json:
-        print(json.dumps(records, indent=2))
-    elif method == "all" and case is not None:
-        _print_agreement(records[0])
-    else:
-        for record in records:
-            print("  ".join(f"{key}: {value}" for key, value in record.items() if value not in ("", None)))
-        if not records:
-            print("nothing to do: every reference is there and whole")
+    if not write_json("reference", {"references": records}, json_file):
+        _print(records, together=method == "all" and case is not None)
     if failed:
         raise typer.Exit(1)
 
 
-def _references(name, method, form, digits, rtol, t_end, budget, out, cache, doubles, show) -> list[dict]:
+def _references(
+    name: str, method: str, form: str | None, digits: str, rtol: float, t_end: float | None, budget: float,
+    out: Path | None, cache: bool, doubles: bool, show: Show,
+) -> list[dict[str, Any]]:  # fmt: skip
     """One reference, saved, or the agreement of all methods."""
     from dataclasses import replace
 
@@ -117,9 +113,18 @@ def _references(name, method, form, digits, rtol, t_end, budget, out, cache, dou
     return [record]
 
 
-def _print_agreement(record: dict) -> None:
+def _print(records: list[dict[str, Any]], together: bool) -> None:
+    if together:
+        _print_agreement(records[0])
+        return
+    for record in records:
+        say("  ".join(f"{key}: {value}" for key, value in record.items() if value not in ("", None)))
+    if not records:
+        say("nothing to do: every reference is there and whole")
+
+
+def _print_agreement(record: dict[str, Any]) -> None:
     from rich import box
-    from rich.console import Console
     from rich.table import Table
 
     names = list(record["differences"])
@@ -138,7 +143,6 @@ def _print_agreement(record: dict) -> None:
             f"{record['seconds'][name]:.3g}",
             record["inconsistent"].get(name, "holds"),
         )
-    console = Console(width=None if sys.stdout.isatty() else 120, markup=False, emoji=False)
-    console.print(table)
+    console(120).print(table)
     for name, reason in record["skipped"].items():
-        console.print(f"skipped  {name}: {reason}", highlight=False)
+        say(f"skipped  {name}: {reason}")

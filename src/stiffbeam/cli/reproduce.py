@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import json
 import shlex
 import shutil
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from ..basics.progress import progress
 from .application import app
 from .options import Jobs, Json, References
-from .output import check_json, make_folder, write_json
+from .output import check_json, console, make_folder, say, write_json
 
 What = Annotated[str, typer.Argument(help="all, table N or figure N")]
 Number = Annotated[int | None, typer.Argument(help="1 .. 17", show_default=False)]
@@ -49,9 +48,9 @@ def reproduce(
         drawn = out / chosen.name / f"table{number}" / f"figure{number}.png"
         written.insert(0, Path(shutil.copy2(drawn, out)))
     records = {f"table{n}": finished.numbers for n, finished in made.items()}
-    if not write_json(json.dumps(records, indent=2, ensure_ascii=False), json_file):
+    if not write_json("reproduce", {"tables": records}, json_file):
         _print(records)
-        print("Written: " + ", ".join(str(file) for file in written))
+        say("Written: " + ", ".join(str(file) for file in written))
     if any(record["failures"] for record in records.values()):
         raise typer.Exit(1)
 
@@ -81,9 +80,8 @@ def _command() -> str:
     return shlex.join(["stiffbeam", *sys.argv[1:]])
 
 
-def _print(records: dict) -> None:
+def _print(records: dict[str, Any]) -> None:
     from rich import box
-    from rich.console import Console
     from rich.table import Table
 
     from ..dumont2002.numbers import exact_name
@@ -101,4 +99,4 @@ def _print(records: dict) -> None:
             )
         for equation, why in found["failures"].items():
             table.add_row(name, f"{equation} failed: {why}", "", "", "")
-    Console(width=None if sys.stdout.isatty() else WIDTH).print(table)
+    console(WIDTH).print(table)

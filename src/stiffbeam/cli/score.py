@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -12,13 +10,14 @@ import typer
 from ..basics.progress import progress
 from .application import app
 from .options import Json
-from .output import check_json, make_folder, write_json
+from .output import check_json, console, make_folder, say, write_json
 
 
 @app.command()
 def score(
     integrators: Annotated[
-        str | None, typer.Argument(help="comma-separated schemes and solvers, e.g. 'hht(alpha=-0.1),cvode'")
+        str | None,
+        typer.Argument(help="comma-separated: schemes, solvers, module:function; e.g. 'hht(alpha=-0.1),cvode'"),
     ] = None,
     problem: Annotated[str | None, typer.Option(help="comma-separated names; all by default")] = None,
     trajectory: Annotated[
@@ -52,11 +51,11 @@ def score(
     if latex:
         from ..testset.latex import latex_table
 
-        print(latex_table(find(names[0])))  # type: ignore[index]
+        say(latex_table(find(names[0])))  # type: ignore[index]
         return
     if show:
         for name in names or []:
-            print(folder().joinpath(f"{find(name).name}.toml").read_text(encoding="utf-8"), end="")
+            say(folder().joinpath(f"{find(name).name}.toml").read_text(encoding="utf-8").rstrip("\n"))
         if names is None:
             _list()
         return
@@ -66,13 +65,10 @@ def score(
         with progress() as bar:
             card = score_all(None if integrators is None else split_runs(integrators), names, progress=bar)
     written = [] if out is None else card.save(out)
-    if not write_json(json.dumps(card.to_dict(), indent=2, allow_nan=False), json_file):
-        from rich.console import Console
-
-        console = Console(width=None if sys.stdout.isatty() else card.width, highlight=False)
-        console.print(card.tables())
+    if not write_json("score", card.to_dict(), json_file):
+        console(card.width).print(card.tables())
         if written:
-            console.print(f"Written: {written[0]} and {len(written) - 1} files beside it", soft_wrap=True)
+            say(f"Written: {written[0]} and {len(written) - 1} files beside it")
     if card.flagged:
         raise typer.Exit(1)
 
@@ -80,6 +76,6 @@ def score(
 def _list() -> None:
     from ..testset.problem import VERSION, problems
 
-    print(f"Test set {VERSION}")
+    say(f"Test set {VERSION}")
     for each in problems().values():
-        print(f"  {each.name:<22}{each.title}")
+        say(f"  {each.name:<22}{each.title}")

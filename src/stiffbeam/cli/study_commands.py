@@ -3,26 +3,37 @@
 from __future__ import annotations
 
 import inspect
-import json
 import re
 from collections.abc import Callable
 from pathlib import Path
 from types import UnionType
-from typing import Annotated, Any, get_args, get_origin, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, get_args, get_origin, get_type_hints
 
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from ..basics.progress import progress
+from ..basics.progress import Show, progress
+from .examples import epilog
 from .lists import labels, numbers, values_of
-from .options import Case, Jobs, Json
-from .output import check_json, default_folder, file_name, make_folder, write_json
+from .options import Case, Jobs, Json, shared
+from .output import check_json, console, default_folder, file_name, make_folder, say, write_json
+
+if TYPE_CHECKING:
+    from concurrent.futures import Executor
+    from contextlib import AbstractContextManager
+
+    from rich.table import Table
+
+    from ..files.case import Case as CaseFile
+    from ..studies.engine.study import Records, Study
 
 PANEL = "Studies"
-Out = Annotated[Path | None, typer.Option(help="folder for records, picture and journal")]
+Out = Annotated[
+    Path | None, typer.Option(help="folder for records, picture and journal; default: stiffbeam-output/CASE")
+]
 Smoke = Annotated[bool, typer.Option("--smoke", help="the small configuration: seconds instead of minutes")]
 Scheduler = Annotated[str | None, typer.Option(help="of Dask, e.g. tcp://host:8786: its workers instead of processes")]
-LISTS: dict[type, Callable[[str | None], list | None]] = {
+LISTS: dict[type, Callable[[str | None], list[Any] | None]] = {
     str: labels,
     int: lambda text: numbers(text, int),
     float: values_of,
@@ -30,18 +41,25 @@ LISTS: dict[type, Callable[[str | None], list | None]] = {
 
 
 class Commands(TyperGroup):
-    """The commands there are, and one for each study; its module is imported when it is asked for."""
+    """The commands there are, and one for each study; its module is imported when it is asked for.
 
-    def list_commands(self, ctx) -> list[str]:
+    Contexts and commands are click's, or those of the copy that a newer typer brings.
+    """
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        """The commands written by hand, then one for each study."""
         from ..studies import STUDIES
 
         return [*super().list_commands(ctx), *(name.replace("_", "-") for name in STUDIES)]
 
-    def get_command(self, ctx, cmd_name: str):
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """A command by name; that of a study is made when it is asked for."""
         from ..studies import STUDIES
 
         known, study = super().get_command(ctx, cmd_name), cmd_name.replace("-", "_")
-        return _Study(cmd_name, STUDIES[study]) if known is None and study in STUDIES else known
+        if known is None and study in STUDIES:
+            return _Study(cmd_name, STUDIES[study])
+        return known if known is None else _dressed(known, cmd_name)
 
 
 class _Study(TyperCommand):
@@ -50,12 +68,21 @@ class _Study(TyperCommand):
     def __init__(self, name: str, line: str) -> None:
         super().__init__(name, help=line, rich_help_panel=PANEL)
 
-    def make_context(self, info_name, args, parent=None, **extra):
+    def make_context(self, info_name: str | None, args: list[str], parent: Any = None, **extra: Any) -> Any:
         assert self.name is not None
-        return command_of(self.name.replace("-", "_")).make_context(info_name, args, parent, **extra)
+        command = _dressed(command_of(self.name.replace("-", "_")), self.name)
+        return command.make_context(info_name, args, parent, **extra)
 
 
-def command_of(name: str):
+def _dressed(command: Any, name: str) -> Any:
+    """The command with what all have: --quiet, --verbose, examples and exit status in its help."""
+    if command.epilog is None:
+        command.params = [*command.params, *shared()]
+        command.epilog = epilog(name)
+    return command
+
+
+def command_of(name: str) -> Any:
     """The command of the study ``name``: its options, their defaults and help are those of ``points``."""
     from ..studies import STUDIES, find_study
 
@@ -93,7 +120,7 @@ def _plain(hint: Any) -> tuple[Any, Any]:
     return (str, get_args(hint)[0]) if get_args(hint) else (hint, None)
 
 
-def _reader(hint: Any) -> Callable[[str | None], list | None] | None:
+def _reader(hint: Any) -> Callable[[str | None], list[Any] | None] | None:
     """What reads a list from the command line, None for an option that is not one."""
     item = _plain(hint)[1]
     return None if item is None else LISTS[item]
@@ -108,8 +135,8 @@ def _option(parameter: inspect.Parameter, hint: Any) -> Any:
 
 
 def _ask(
-    study, case: str, out: Path | None, json_file: Path | None, jobs: int | None, smoke: bool, scheduler: str | None,
-    given: dict[str, Any],
+    study: Study, case: str, out: Path | None, json_file: Path | None, jobs: int | None, smoke: bool,
+    scheduler: str | None, given: dict[str, Any],
 ) -> None:  # fmt: skip
     """Ask a study of a case; print and save what it finds."""
     from ..files.cases import find_case
@@ -119,15 +146,16 @@ def _ask(
     options = {key: value for key, value in given.items() if value is not None}
     with progress() as show, _workers(scheduler) as workers:
         records, written = run_one(study, chosen, out, jobs, options, smoke, show, workers)
-    if not write_json(json.dumps(records.to_dict(), indent=2, allow_nan=False), json_file):
+    if not write_json(study.name, records.to_dict(), json_file):
         print_records(records, written)
     if not written:
         raise typer.Exit(1)
 
 
 def run_one(
-    study, case, out: Path | None, jobs: int | None, given: dict[str, Any], smoke: bool, show, workers=None
-) -> tuple[Any, list[Path]]:
+    study: Study, case: CaseFile, out: Path | None, jobs: int | None, given: dict[str, Any], smoke: bool, show: Show,
+    workers: Executor | None = None,
+) -> tuple[Records, list[Path]]:  # fmt: skip
     """The records, and the files they were written to: none where no point could be evaluated."""
     from ..basics.threads import cores
     from ..studies.engine.runner import run_study
@@ -147,11 +175,12 @@ def run_one(
     return records, records.save(folder, "-".join([study.name, *map(file_name, filter(None, named))]))
 
 
-def takes(study, option: str) -> bool:
+def takes(study: Study, option: str) -> bool:
+    """Whether ``points`` of the study has this option."""
     return option in inspect.signature(study.points).parameters
 
 
-def _workers(address: str | None):
+def _workers(address: str | None) -> AbstractContextManager[Executor | None]:
     """The executor behind --scheduler, None without one."""
     from contextlib import nullcontext
 
@@ -162,17 +191,34 @@ def _workers(address: str | None):
     return scheduler(address)
 
 
-def print_records(records, written: list[Path]) -> None:
-    from rich.console import Console
+def _table(lines: list[dict[str, str]]) -> Table:
+    """The lines of an answer under their headings, – where one has nothing to say."""
+    from rich import box
+    from rich.table import Table
+
+    headings = list(dict.fromkeys(key for line in lines for key in line))
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    for i, name in enumerate(headings):
+        table.add_column(name, justify="right" if i else "left", overflow="fold")
+    for line in lines:
+        table.add_row(*(line.get(name, "–") for name in headings))
+    return table
+
+
+def print_records(records: Records, written: list[Path]) -> None:
+    """Print answer, table, failures and the files that were written."""
     from rich.padding import Padding
     from rich.text import Text
 
-    console = Console(highlight=False, markup=False, emoji=False)  # names and messages may hold [/]
+    terminal = console()
     note = records.case.units.note
     question = records.study.question + (f" (All {note}.)" if note else "")
-    console.print(Text.assemble((records.study.name, "bold"), f"  {question}"))
-    for i, part in enumerate(records.answer.split("; ")):
-        console.print(Padding(part, (0, 0, 0, 2 if i else 0)))
+    terminal.print(Text.assemble((records.study.name, "bold"), f"  {question}"))
+    answer = records.answer
+    if answer.table:
+        terminal.print(_table(answer.table))
+    for i, part in enumerate(filter(None, answer.rest.split("; "))):
+        terminal.print(Padding(part, (0, 0, 0, 2 if i else 0)))
     for word, style, messages in (
         ("failed", "bold red", [row["failed"] for row in records.failures]),
         ("not asked", "bold", [row["refused"] for row in records.refusals]),
@@ -182,6 +228,6 @@ def print_records(records, written: list[Path]) -> None:
             alike.setdefault(re.sub(r"[\d.]+(e[+-]?\d+)?", "", message), []).append(message)
         for same in alike.values():
             more = f" (and {len(same) - 1} points more)" if len(same) > 1 else ""
-            console.print(Text.assemble((word, style), f"  {same[0]}{more}"))
+            terminal.print(Text.assemble((word, style), f"  {same[0]}{more}"))
     files = ", ".join(str(path) for path in written) or "nothing"
-    console.print(f"{records.seconds:.1f} s. Written: {files}\n", soft_wrap=True)
+    say(f"{records.seconds:.1f} s. Written: {files}\n")

@@ -39,7 +39,7 @@ def judged(evidence: Evidence) -> Iterator[dict[str, str]]:
 def judge(claim: Claim, evidence: Evidence) -> Finding:
     """The finding with all members, OPEN where one set of seeds alone decides otherwise.
 
-    A set that decides nothing, for want of members, contradicts nothing.
+    A set with too few members to decide does not contradict.
     """
     whole = claim.check(evidence)
     if not claim.tables:

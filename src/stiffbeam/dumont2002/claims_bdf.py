@@ -20,6 +20,7 @@ from .rules import (
     RATE,
     SHARE,
     SIMILAR_RULE,
+    Check,
     elongation_explains,
     least,
     less_than,
@@ -101,7 +102,7 @@ def _differ(a: Sample, b: Sample) -> bool | None:
     return None if above(a, b) is None else True
 
 
-def _similar_little(table: int):
+def _similar_little(table: int) -> Check:
     """Similar, with little deflection."""
     alike, little = similar(table), of_motions(table, DEPTH, less_than(LITTLE))
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -11,7 +12,9 @@ from ..files.cases import paper_cases
 from ..march.ensemble import integrate_ensemble
 from ..model.members import perturbed
 from ..model.semidiscretisation import semidiscretise
+from ..model.system import System
 from ..references.exact.tangent import lyapunov
+from ..trajectory.ensemble import Ensemble
 from .claims_bdf import LONGER, LONGER_RULE, PERIODIC_RULE, WIDE, WIDE_RULE
 from .ensembles import PERTURBATION
 from .evidence import Evidence
@@ -100,7 +103,7 @@ def _multiples_of_load(e: Evidence) -> Finding:
 
 @lru_cache(maxsize=8)
 def growth(table: int, reading: Reading, members: int, seed: int) -> tuple[float | None, tuple[float, ...]]:
-    """The rates at which neighbours part: of the table's first run, and of exact members (tangent flow).
+    """The rates at which neighbouring motions diverge: of the table's first run, and of exact members (tangent flow).
 
     The run's is ln(10^4) over the delay between perturbations of 1e-8 and of 1e-12 reaching a thousandth
     of the largest displacement, medians over ``members``; None where one of them does not within the span.
@@ -109,7 +112,7 @@ def growth(table: int, reading: Reading, members: int, seed: int) -> tuple[float
     scheme, form = case.runs[0]
     system, every_ = semidiscretise(case.problem, case.cells, form), 5
 
-    def tips(copies):
+    def tips(copies: Sequence[System]) -> Ensemble:
         return integrate_ensemble(
             system, reading.scheme(scheme), case.dt, case.t_end, copies, reading.contact, every=every_
         )
@@ -126,7 +129,7 @@ def growth(table: int, reading: Reading, members: int, seed: int) -> tuple[float
 
 
 def _chaotic(e: Evidence) -> Finding:
-    """Neighbours part exponentially, and nothing of one drive period is found in the next."""
+    """Neighbouring motions diverge exponentially, and one drive period does not resemble the next."""
     e.runs(17)
     found = [growth(17, e.reading, e.tables[17]["span"]["exact_members"], seed) for seed in e.seeds]
     rates, exact = [rate for rate, _ in found], Sample(np.array([x for _, exponents in found for x in exponents]))
@@ -275,7 +278,7 @@ CLAIMS = [
     Claim(
         "5.5.3, Table 17",
         "“The displacement may be considered as chaotic”",
-        f"neighbours part exponentially, and the tip changes by more than {100 * LITTLE:g} % over a period",
+        f"neighbouring motions diverge exponentially; the tip changes by more than {100 * LITTLE:g} % over a period",
         _chaotic,
         (17,),
     ),

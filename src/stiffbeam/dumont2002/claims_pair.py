@@ -232,7 +232,7 @@ CLAIMS = [
         "“The HHT-α is clearly the faster algorithm”",
         "it is faster a step, and at every equal error; in part where it is faster a step only",
         _hht_faster,
-        evidence=f"Timings, and a ladder of {RUNGS} steps to a factor of two inside the horizon",
+        evidence=f"Timings, and {RUNGS} steps to a factor of two inside the horizon",
     ),
     Claim(
         "5.4, Table 13",

@@ -23,6 +23,7 @@ from .rules import (
     LITTLE,
     RATE,
     SIMILAR_RULE,
+    Check,
     least,
     less_than,
     more_than,
@@ -101,7 +102,7 @@ def _sensitive(e: Evidence) -> Finding:
     )
 
 
-def _clearly_apart(table: int):
+def _clearly_apart(table: int) -> Check:
     """(4.10) is farther from (4.12) than members of either are from each other; the exact motions beside."""
 
     def check(e: Evidence) -> Finding:

@@ -18,15 +18,16 @@ from .reading import Reading
 from .table import equation_of
 
 REPEATS = 15
-YARDSTICK = ("(4.13)", "(4.14)")  # the scheme of a table that the others are counted in: HHT, else the Nystroem form
+# The scheme of a table that the others are counted in: HHT, else the Nystroem form.
+REFERENCE_SCHEME = ("(4.13)", "(4.14)")
 CPU_TABLES = ((1, 2, 3, 4, 5), (6, 7, 8, 9), (10, 11, 12, 13))
 
 
 def costs(tables: Sequence[int], reading: Reading) -> list[dict[str, Any]]:
-    """One row per table and run: the paper's seconds, ours a step, both over the table's yardstick.
+    """One row per table and run: the paper's seconds, ours a step, both over the table's reference scheme.
 
-    Timed one after the other in this process, the least of REPEATS; seconds hang on the machine, ratios
-    within a table less so.
+    Timed one after the other in this process, the least of REPEATS; seconds depend on the machine, ratios within a
+    table less so.
     """
     rows = []
     for table in tables:
@@ -39,7 +40,7 @@ def costs(tables: Sequence[int], reading: Reading) -> list[dict[str, Any]]:
             equation_of(scheme, form): (published[f"{scheme}@{form}"], nanoseconds)
             for (scheme, form), nanoseconds in zip(case.runs, own, strict=True)
         }
-        unit = next(equation for equation in YARDSTICK if equation in timed)
+        unit = next(equation for equation in REFERENCE_SCHEME if equation in timed)
         paper_unit, own_unit = timed[unit]
         for equation, (paper, nanoseconds) in timed.items():
             rows.append(
@@ -56,8 +57,7 @@ def costs(tables: Sequence[int], reading: Reading) -> list[dict[str, Any]]:
 def _nanoseconds(case: Case, runs: Sequence[tuple[Scheme, str]], reading: Reading) -> list[float | None]:
     """Nanoseconds of marching a step, the least of REPEATS rounds; None where a run overflows.
 
-    The runs take turns, so that what else the machine does meets all of them alike; a busy machine only
-    ever adds.
+    The runs take turns, so that other work on the machine slows all of them alike; it only ever adds time.
     """
     systems = {form: semidiscretise(case.problem, case.cells, form) for _, form in runs}
     least: list[float | None] = [float("inf")] * len(runs)
@@ -76,13 +76,13 @@ def _nanoseconds(case: Case, runs: Sequence[tuple[Scheme, str]], reading: Readin
 
 
 def ratios(rows: Sequence[dict[str, Any]], tables: tuple[int, ...], equation: str) -> tuple[list[float], list[float]]:
-    """The paper's and our ratios of an equation to the yardstick of its table."""
+    """The paper's and our ratios of an equation to the reference scheme of its table."""
     found = [r for r in rows if r["table"] in tables and r["equation"] == equation and r["ratio"] is not None]
     return [r["paper_ratio"] for r in found], [r["ratio"] for r in found]
 
 
 def written_ratios(values: list[float]) -> str:
-    """The median, and from where to where: one table's ratio can be off on a busy machine."""
+    """The median and the range: one table's ratio can be wrong on a busy machine."""
     return f"{median(values):.2f} ({min(values):.2f} to {max(values):.2f})" if values else "none"
 
 
@@ -94,8 +94,8 @@ LADDER = (-2, 8)  # from four times the table's step to a 256th of it
 def steps_needed(table: int, scheme: Scheme, impacts: int = 4) -> dict[float, int | None]:
     """For each of ERRORS the fewest steps from which on the tip error stays below it; None where the finest is above.
 
-    Over the first ``impacts`` impacts, inside the horizon, on a ladder of RUNGS to a factor of two that
-    spans LADDER halvings of the table's step.
+    Over the first ``impacts`` impacts, inside the horizon, with RUNGS steps to a factor of two over LADDER halvings of
+    the table's step.
     """
     case = paper_cases()[f"table{table}"]
     system = semidiscretise(case.problem, case.cells)

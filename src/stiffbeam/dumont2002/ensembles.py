@@ -1,4 +1,4 @@
-"""The ensembles of one table: what can be measured past the horizon, drawn twice with seeds that share no member.
+"""The ensembles of one table: what can be measured past the horizon, made twice, from seeds that share no member.
 
 Initial data that differ by PERTURBATION of the motion's own scale cannot be told apart by any measurement, so
 a number that differs between members is known to their spread only, and a statement about the motion is one
@@ -85,7 +85,7 @@ def _marched(made: Made, scheme: Scheme, form: str, members: int, seed: int, end
 
 
 @lru_cache(maxsize=64)
-def elsewhere(table: int, run: str, reading: Reading, members: int, seed: int) -> dict[str, list]:
+def elsewhere(table: int, run: str, reading: Reading, members: int, seed: int) -> dict[str, list[Any]]:
     """The measures of a ``scheme@form`` that the table itself does not run; empty where all members overflow."""
     case = paper_case(table)
     scheme, form = parse_run(run)
@@ -97,11 +97,11 @@ def elsewhere(table: int, run: str, reading: Reading, members: int, seed: int) -
     return _measured(made, ensemble, alive, t) if len(alive) else {}
 
 
-def _measured(made: Made, ensemble: Ensemble, alive: Array, t: Array) -> dict[str, list]:
+def _measured(made: Made, ensemble: Ensemble, alive: Array, t: Array) -> dict[str, list[Any]]:
     """One value a member. impacts: to the table's T. depth: of the deepest visit, over the clearance."""
     stops = made.case.problem.one_stops("case")
     clearance = min(abs(stop) for stop in (stops.lower, stops.upper) if stop is not None)
-    found: dict[str, list] = {
+    found: dict[str, list[Any]] = {
         "impacts": [int(np.sum(ensemble.contact.impacts_of(i).times <= made.case.t_end)) for i in alive],
         "fraction": ensemble.contact_fraction[alive].tolist(),
         "depth": (ensemble.peak_force[alive] / stops.stiffness / clearance).tolist(),
@@ -117,7 +117,7 @@ def _measured(made: Made, ensemble: Ensemble, alive: Array, t: Array) -> dict[st
 def lines(t: Array, u: Array, drive: float) -> list[list[float]]:
     """[Re c_k, Im c_k] with u ~ sum Re(c_k exp(i k drive t)), k = 1 .. LINES, over whole periods to the end.
 
-    The phase is that of the clock, so that the mean over members keeps what the drive fixes and loses the rest.
+    The phase is relative to t = 0, so that in the mean over members only what the drive determines is left.
     """
     n = whole_periods(t, drive)
     order = np.arange(1, LINES + 1)

@@ -94,13 +94,13 @@ class _Across:
         return found
 
 
-def _punch_line(folder: Path, made: dict[int, Finished]):
+def _punch_line(folder: Path, made: dict[int, Finished]) -> Html:
     numbers = {number: finished.numbers for number, finished in made.items()}
     picture = save_figure(shares(numbers), folder / "contact-shares.svg")
     return sections.punch_line(numbers, folder / "table10" / "close-up.svg", picture)
 
 
-def _no_contact(across: _Across):
+def _no_contact(across: _Across) -> Html:
     files = [across.folder / name for name in ("no-contact-error.svg", "no-contact-in-time.svg")]
 
     def make() -> list[dict[str, Any]]:

@@ -1,4 +1,4 @@
-"""What a claim may be judged by: the tables' numbers, their ensembles, the costs, and how the paper was read."""
+"""The evidence for claims: the tables' numbers, their ensembles, the costs, and how the paper was read."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ FORM_OF = {"displacement": "(3.5)", "velocity-curvature": "(3.12)"}
 
 
 class NotMeasured(Exception):
-    """A claim has nothing to stand on, with the reason."""
+    """There are no numbers to test a claim with; the message says why."""
 
 
 @dataclass(frozen=True)
 class Evidence:
-    """seeds: the sets of members that are looked at, all of them or one at a time.
+    """seeds: the sets of members in use, all of them or one.
 
     A motion is named by the paper's equation number, or by its form for the exact motion.
     """
@@ -31,6 +31,7 @@ class Evidence:
     seeds: tuple[int, ...] = SEEDS
 
     def of(self, *seeds: int) -> Evidence:
+        """The same evidence, of these sets of members only."""
         return replace(self, seeds=seeds)
 
     def runs(self, table: int) -> list[str]:
@@ -42,6 +43,7 @@ class Evidence:
         return list(self.tables[table]["runs"])
 
     def forms(self, table: int) -> list[str]:
+        """The forms in which the exact motion was computed."""
         return list(self.tables[table]["exact"])
 
     def row(self, table: int, motion: str) -> Numbers:
@@ -62,6 +64,7 @@ class Evidence:
         return np.array(found, float)
 
     def sample(self, table: int, motion: str, what: str) -> Sample:
+        """A measure of the members as a sample; NotMeasured where none went through."""
         return Sample(self.values(table, motion, what))
 
     def apart(self, table: int, a: str, b: str) -> Sample:

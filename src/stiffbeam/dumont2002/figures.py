@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -24,9 +24,10 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-EXACT = {"displacement": ("black", ()), "velocity-curvature": ("black", (4, 1.5))}
-ONE = {"color": "0.55", "dashes": (1, 1.5), "alpha": 0.8}  # what float64 makes of it past the horizon: dots
-# A scheme looks as it does everywhere; on another discretisation it has the same hue, darker or lighter.
+Look = tuple[str, tuple[float, ...]]  # colour and dashes
+EXACT: dict[str, Look] = {"displacement": ("black", ()), "velocity-curvature": ("black", (4, 1.5))}
+ONE: dict[str, Any] = {"color": "0.55", "dashes": (1, 1.5), "alpha": 0.8}  # what float64 makes of it past the horizon
+# A scheme has the colour it has everywhere; on another discretisation it has the same hue, darker or lighter.
 SCHEME_OF = {
     "(4.13)": ("hht", 0), "(4.11)": ("bdf2", 0), "(4.5)": ("bdf2", 1), "(4.14)": ("sdirk", 0), "(4.10)": ("sdirk", 1),
     "(4.12)": ("sdirk", 2),
@@ -34,7 +35,7 @@ SCHEME_OF = {
 SHADES = ((1.0, 0.0), (0.55, 0.0), (0.6, 0.4))  # share of the colour, share of white
 
 
-def look_of(equation: str) -> tuple[str, tuple]:
+def look_of(equation: str) -> Look:
     """Colour and dashes of one of the paper's equations, those of its scheme."""
     name, variant = SCHEME_OF[equation]
     colour, dashes, _ = look_of_name(name)
@@ -116,7 +117,7 @@ def together(made: Made) -> Figure:
     return figure
 
 
-def _curves(made: Made, end: float, start: float = 0.0):
+def _curves(made: Made, end: float, start: float = 0.0) -> Iterator[tuple[str, dict[str, Any], Array, Array, Array]]:
     """(label, style, t, u, v) of the exact motions, then of the runs, over [start, end].
 
     A motion that is known to its horizon only goes on from there as dots: one realisation.
@@ -140,17 +141,17 @@ def exact_label(made: Made, form: str) -> str:
     return f"{'true' if made.known(form) else 'exact to the horizon'}, {form}"
 
 
-def _exact_style(form: str) -> dict:
+def _exact_style(form: str) -> dict[str, Any]:
     colour, dashes = EXACT[form]
     return {"color": colour, "dashes": dashes or (None, None)}
 
 
-def _style(equation: str, order: int) -> dict:
+def _style(equation: str, order: int) -> dict[str, Any]:
     colour, dashes = STYLE[equation]
     return {"color": colour, "dashes": dashes or (None, None), "lw": 1.0, "zorder": 2 + order}
 
 
-def _line(axis: Axes, x: Array, y: Array, label: str, style: dict) -> None:
+def _line(axis: Axes, x: Array, y: Array, label: str, style: dict[str, Any]) -> None:
     axis.plot(x, y, label=label, **style)
 
 
@@ -202,7 +203,7 @@ def _delayed(axis: Axes, made: Made) -> None:
     """(u(1, t), u(1, t + T)): on the diagonal for a motion of period T. Every twentieth step, as points."""
     period, end = 2.0 * np.pi / made.drive, made.case.t_end
     t = np.arange(0.0, end - period, 20.0 * made.case.dt)
-    motions: list[tuple[str, dict, Callable]] = []
+    motions: list[tuple[str, dict[str, Any], Callable[..., Any]]] = []
     for form, exact in made.references.items():
         label = exact_label(made, form) if made.known(form) else f"one realisation, {form}"
         motions.append((label, {"color": "black", "alpha": 0.35, "zorder": 1}, _tip_of(exact)))

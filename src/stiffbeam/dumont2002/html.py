@@ -1,4 +1,4 @@
-"""A few lines of HTML: elements that escape what they hold, tables aligned on their decimals."""
+"""A few lines of HTML: elements that escape their content, tables aligned on their decimals."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def joined(*content: object) -> Html:
 
 def image(file: Path, alt: str) -> Html:
     """A picture inside the page, as a data URI."""
-    kind = {".svg": "image/svg+xml", ".png": "image/png"}[file.suffix]
+    kind = {".svg": "image/svg+xml", ".png": "image/png", ".gif": "image/gif"}[file.suffix]
     data = base64.b64encode(file.read_bytes()).decode()
     return element("img", src=f"data:{kind};base64,{data}", alt=alt)
 
@@ -76,7 +76,7 @@ def boxed(inner: Html, caption: str, rows: Sequence[Sequence[object]]) -> Html:
         "a", "CSV", href=f"data:text/csv;charset=utf-8;base64,{data}", download=f"{anchor(caption)}.csv", class_="csv",
         aria_label=f"{caption}, as a CSV file",
     )  # fmt: skip
-    return joined(element("div", inner, class_="scroll", tabindex=0, role="region", aria_label=caption), link)
+    return joined(element("section", inner, class_="scroll", tabindex=0, aria_label=caption), link)
 
 
 def aligned(number: str, places: int) -> Html:
@@ -110,10 +110,12 @@ def definition_list(entries: Sequence[tuple[object, object]], class_: str) -> Ht
 
 
 def paragraph(*content: object, class_: str | None = None) -> Html:
+    """A <p> with an optional class."""
     return element("p", *content, class_=class_)
 
 
 def code(text: str) -> Html:
+    """A <code> element."""
     return element("code", text)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import multiprocessing
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,12 +17,14 @@ from ..studies.engine.journal import Journal
 from ..studies.engine.runner import begin_worker, end_workers
 from .ensembles import EXACT_MEMBERS, MEMBERS, Numbers
 from .figures import panels, picture, save_small, together
+from .film import film
 from .numbers import numbers_of
 from .reading import Reading
 from .resting import close_up
 from .table import Made, equation_of, make_table
 
 TABLES = tuple(range(1, 18))
+FILM = "film.gif"
 STORED_STEPS = 20_000  # at most, of a trajectory in the store
 # The longest first, so that no process is left alone with one of them.
 LONGEST_FIRST = (1, 3, 4, 11, 8, 12, 7, 9, 5, 13, 16, 15, 6, 2, 10, 14, 17)
@@ -31,11 +33,12 @@ Progress = Callable[[str, int, int], None]
 
 @dataclass(frozen=True)
 class Finished:
-    """A table that is done: its numbers, and its pictures as (letter, title, file)."""
+    """A table that is done: its numbers, its pictures as (letter, title, file), and its film where there is one."""
 
     number: int
     numbers: Numbers
     pictures: list[tuple[str, str, Path]]
+    film: Path | None = None
 
 
 @dataclass(frozen=True)
@@ -50,6 +53,7 @@ class Job:
 
     @property
     def point(self) -> dict[str, Any]:
+        """The point that the journal knows this job by."""
         return self.reading.to_dict() | {"members": self.members, "exact_members": self.exact_members}
 
 
@@ -83,7 +87,7 @@ def make_tables(
     return {number: found[number] for number in sorted(found)}
 
 
-def _run(waiting: dict[int, Job], jobs: int, done: int, progress: Progress):
+def _run(waiting: dict[int, Job], jobs: int, done: int, progress: Progress) -> Iterator[tuple[int, dict[str, Any]]]:
     """(table, row) of every job as it is finished."""
     total = done + len(waiting)
     if jobs == 1 or len(waiting) == 1:
@@ -96,7 +100,7 @@ def _run(waiting: dict[int, Job], jobs: int, done: int, progress: Progress):
     # Spawned: a forked process with threads in it may hang.
     context, threads = multiprocessing.get_context("spawn"), max(1, cores() // jobs)
     with ProcessPoolExecutor(jobs, context, begin_worker, (threads,)) as pool:
-        running: dict[Future, int] = {}
+        running: dict[Future[Any], int] = {}
         try:
             while queue or running:
                 while queue and len(running) < jobs:
@@ -124,6 +128,7 @@ def make(job: Job) -> dict[str, Any]:
     files = [file for _, _, file in pictures] + [whole.name]
     if job.number == 10:
         files.append(save_figure(close_up(made), job.folder / "close-up.svg").name)
+        files.append(film(made, job.folder / FILM).name)
     files += _store(made, job)
     return {"numbers": numbers, "pictures": pictures, "files": files}
 
@@ -146,4 +151,4 @@ def _store(made: Made, job: Job) -> list[str]:
 
 def _finished(job: Job, row: dict[str, Any]) -> Finished:
     pictures = [(letter, title, job.folder / file) for letter, title, file in row["pictures"]]
-    return Finished(job.number, row["numbers"], pictures)
+    return Finished(job.number, row["numbers"], pictures, job.folder / FILM if FILM in row["files"] else None)

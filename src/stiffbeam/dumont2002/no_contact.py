@@ -109,7 +109,7 @@ def _draw(curves: Sequence[ErrorCurve], what: str) -> Figure:
     return figure
 
 
-def _envelope(curve: ErrorCurve, error):
+def _envelope(curve: ErrorCurve, error: Array) -> tuple[Array, Array]:
     """The largest error of every window."""
     steps = max(1, round(WINDOW / float(curve.t[1] - curve.t[0])))
     blocks = len(error) // steps

@@ -68,14 +68,15 @@ def write_page(
         h.element("meta", name="viewport", content="width=device-width, initial-scale=1"),
         h.element("link", rel="icon", href="data:,"),
         h.element("title", TITLE),
-        h.element("style", h.Html(style() + filters())),
+        h.element("style", h.Html(page_style() + filters())),
     )
     document = h.element("html", h.element("head", head), h.element("body", body), lang="en")
-    text = f"<!doctype html>\n{document}\n"
+    text = f"<!DOCTYPE html>\n{document}\n"
     return write_whole(file, text)
 
 
-def style() -> str:
+def page_style() -> str:
+    """The style sheet that is put into the page."""
     return files("stiffbeam.dumont2002").joinpath("style.css").read_text(encoding="utf-8")
 
 

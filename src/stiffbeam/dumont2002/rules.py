@@ -38,10 +38,12 @@ class Measure:
     ratio: bool = False
 
     def of(self, e: Evidence, table: int, motion: str) -> Sample:
+        """The members of one motion, as logarithms where the measure is a ratio."""
         values = e.values(table, motion, self.what)
         return Sample(np.log(values) if self.ratio else values)
 
     def written(self, e: Evidence, table: int, motion: str) -> str:
+        """Mean and spread of one motion, as the page prints them."""
         sample = self.of(e, table, motion)
         if self.ratio:
             return f"{np.exp(sample.mean):.2f} ×/÷ {np.exp(sample.sd):.2f}"
@@ -52,6 +54,7 @@ class Measure:
         return text
 
     def sentence(self, e: Evidence, table: int) -> str:
+        """The measure of every motion of a table, in one sentence."""
         motions = [*e.runs(table), *e.forms(table)]
         return f"{self.label}: " + ", ".join(
             f"{e.name(table, motion)} {self.written(e, table, motion)}" for motion in motions
@@ -84,10 +87,12 @@ def of_motions(table: int, measure: Measure, holds: Callable[[Sample], bool | No
 
 
 def more_than(limit: float) -> Callable[[Sample], bool | None]:
+    """The rule that the mean is above ``limit``; None where the spread decides nothing."""
     return lambda sample: above(sample, limit)
 
 
 def less_than(limit: float) -> Callable[[Sample], bool | None]:
+    """The rule that the mean is below ``limit``; None where the spread decides nothing."""
     return lambda sample: below(sample, limit)
 
 
@@ -123,10 +128,12 @@ def lines(e: Evidence, table: int, motion: str) -> list[int]:
 
 
 def named(orders: list[int]) -> str:
+    """Multiples of the drive frequency a as a text, such as "2a, 3a"."""
     return ", ".join(f"{k}a" for k in orders) or "none"
 
 
 def lines_sentence(e: Evidence, table: int) -> str:
+    """The multiples of the drive that all members have, motion by motion."""
     found = (f"{e.name(table, m)} {named(lines(e, table, m))}" for m in [*e.runs(table), *e.forms(table)])
     return "Lines common to all members, 2a to 9a: " + "; ".join(found) + "."
 
@@ -141,6 +148,8 @@ def odd(e: Evidence, table: int, motion: str, wanted: tuple[int, ...]) -> bool |
 
 
 def odd_multiples(table: int, wanted: tuple[int, ...]) -> Check:
+    """The check that schemes and exact motion have lines at the ``wanted`` multiples."""
+
     def check(e: Evidence) -> Finding:
         asked = lambda motions: every(odd(e, table, m, wanted) for m in motions)  # noqa: E731
         return of_both(lines_sentence(e, table), asked(e.runs(table)), asked(e.forms(table)))
@@ -199,7 +208,7 @@ def elongation_explains(table: int, a: str, b: str) -> Check:
             f"Period elongation of modes 1 and 2 at dt = {case.dt:g}: {written}. To t = {t:.3g} that makes "
             f"{100 * explained:.1g} % of difference between {a} and {b} at most; measured "
             f"{apart.written(100.0, ' %')}, and {e.apart(table, a, 'displacement').written(100.0, ' %')} from {a} to "
-            "the exact motion. What parts them is the damping of the fast modes at every contact, and chaos.",
+            "the exact motion. The rest comes from the damping of the fast modes at every contact, and from chaos.",
             plain_verdict(below(apart, 2.0 * explained)),
         )
 

@@ -25,10 +25,12 @@ class Sample:
 
     @property
     def mean(self) -> float:
+        """The mean over the members."""
         return float(np.mean(self.values))
 
     @property
     def sd(self) -> float:
+        """The standard deviation over the members; 0 for one."""
         return float(np.std(self.values, ddof=1)) if len(self.values) > 1 else 0.0
 
     def written(self, scale: float = 1.0, unit: str = "") -> str:
@@ -62,10 +64,12 @@ def above(a: Sample, b: Sample | float) -> bool | None:
 
 
 def below(a: Sample, b: Sample | float) -> bool | None:
+    """Whether the mean of ``a`` is below ``b``; None where the spread decides nothing."""
     return no(above(a, b))
 
 
 def no(statement: bool | None) -> bool | None:
+    """The negation; None stays None."""
     return None if statement is None else not statement
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +10,7 @@ import numpy as np
 
 from ..files.cases import paper_cases
 from ..measures.peaks import EXCITED
+from ..schemes import Scheme
 from . import html as h
 from .costs import CPU_TABLES
 from .ensembles import PERIODS, PERTURBATION, Numbers
@@ -70,7 +71,7 @@ def punch_line(numbers: Mapping[int, Numbers], close_up: Path, shares: Path) -> 
     )
 
 
-def _extreme(numbers: Mapping[int, Numbers], which) -> str:
+def _extreme(numbers: Mapping[int, Numbers], which: Callable[[list[float]], float]) -> str:
     means = [
         float(np.mean([x for members in row["ensemble"].values() for x in members["fraction"]]))
         for found in numbers.values()
@@ -117,11 +118,11 @@ def how_read(reading: Reading) -> h.Html:
             ("Contact", contact),
             ("Schemes", schemes),
             ("The exact motion", exact),
-            ("Horizon", "motions between stops are chaotic: solutions that differ in the sixteenth digit part after "
-            "a few dozen "
-             "impacts. The horizon is the time to which float64 can follow the exact motion. Errors are measured "
-             "up to it; past it (grey in the figures) a run is one realisation, and only statistics mean something."),
-            ("Ensembles", f"two of every scheme and of the exact motion, drawn with seeds that share no member, over "
+            ("Horizon", "motions between stops are chaotic: solutions that differ in the sixteenth digit diverge "
+             "after a few dozen impacts. The horizon is the time to which float64 can follow the exact motion. Errors "
+             "are measured up to it; past it (grey in the figures) a run is one realisation, and only statistics mean "
+             "something."),
+            ("Ensembles", f"two of every scheme and of the exact motion, from seeds that share no member, over "
              f"{PERIODS} drive periods or more. Their members differ at the start by {written(PERTURBATION)} of the "
              "motion; ± is one standard deviation of a member. A statement counts as decided outside three standard "
              "errors (Student's t), and its verdict stands if neither ensemble alone says otherwise."),
@@ -133,6 +134,7 @@ def how_read(reading: Reading) -> h.Html:
 
 
 def no_contact(pictures: Sequence[Path], curves: Mapping[str, Mapping[str, float]]) -> h.Html:
+    """The section of errors without contact: pictures and a table."""
     rows = [
         [name, h.typeset(f"{row['error']:.1e}"), h.typeset(f"{row['in_time']:.1e}") if row["in_time"] else "–"]
         for name, row in curves.items()
@@ -202,13 +204,14 @@ def impacts(numbers: Mapping[int, Numbers]) -> h.Html:
     )  # fmt: skip
 
 
-def _same(equation: str, scheme, form: str) -> bool:
+def _same(equation: str, scheme: Scheme, form: str) -> bool:
     from .table import equation_of
 
     return equation_of(scheme, form) == equation
 
 
 def cpu(rows: Sequence[Mapping[str, Any]]) -> h.Html:
+    """The section of costs: the paper's seconds beside times a step here."""
     parts = [
         h.paragraph(
             "The paper's seconds (Pentium III, 800 MHz, Matlab) and time a step here, as ratios within a table. "
@@ -233,6 +236,7 @@ def cpu(rows: Sequence[Mapping[str, Any]]) -> h.Html:
 
 
 def spectra(numbers: Mapping[int, Numbers]) -> h.Html:
+    """The section of spectra: lines of every table and motion."""
     evidence = Evidence(dict(numbers), [], Reading())
     rows = []
     for table, found in numbers.items():
@@ -272,6 +276,7 @@ def spectra(numbers: Mapping[int, Numbers]) -> h.Html:
 
 
 def misprints(rows: Sequence[Mapping[str, str]]) -> h.Html:
+    """The table of misprints and of their measured effect."""
     cells = [[row["where"], row["printed"], row["right"], h.typeset(row["effect"])] for row in rows]
     return h.table(
         ["where", "printed", "right", "effect, measured"], cells, "Misprints and their effect", text=(0, 1, 2, 3)

@@ -44,6 +44,7 @@ class Made:
 
     @property
     def number(self) -> int:
+        """The table's number in the paper."""
         return int(self.case.name.removeprefix("table"))
 
 

@@ -42,6 +42,7 @@ def written(value: float) -> str:
 
 
 def percent(value: float) -> str:
+    """A fraction in per cent, with two digits below 10 %."""
     return f"{100 * value:.2g} %" if value < 0.0995 else f"{100 * value:.0f} %"
 
 
@@ -52,6 +53,7 @@ def spread(row: Numbers, what: str, scale: float = 1.0) -> str:
 
 
 def title(number: int) -> str:
+    """The heading of a table and of its figure."""
     return f"Table {number}, Fig. {number}: {paper_cases()[f'table{number}'].title}"
 
 
@@ -69,9 +71,22 @@ def section(finished: Finished) -> h.Html:
         h.definition_list(parameters(case), "parameters"),
         h.figure(pictures, caption(number, finished.numbers), above=legend(finished.numbers)),
         *failed,
-        numbers_table(number, finished.numbers),
+        *_film(finished),
+        _numbers_table(number, finished.numbers),
         id=h.anchor(f"table {number}"),
     )
+
+
+def _film(finished: Finished) -> list[h.Html]:
+    """The film, which begins to play when it is opened."""
+    if finished.film is None:
+        return []
+    shown = (
+        f"Table {finished.number}, film: the beam between its stops, the schemes beside the exact motion, which turns "
+        "grey past the horizon; a flash is an impact, as large as the root of its peak force."
+    )
+    moving = h.image(finished.film, shown)
+    return [h.element("details", h.element("summary", "Film"), h.figure([moving], shown, "one"), class_="film")]
 
 
 def parameters(case: Case) -> list[tuple[object, object]]:
@@ -106,7 +121,7 @@ def parameters(case: Case) -> list[tuple[object, object]]:
 
 def legend(numbers: Numbers) -> h.Html:
     """A line of its look for every curve, as a list."""
-    entries: list[tuple[str, tuple, float, float, str]] = []
+    entries: list[tuple[str, tuple[float, ...], float, float, str]] = []
     for form, row in numbers["exact"].items():
         known = f"true motion, {form} form" if row["digits"] else f"exact motion to the horizon, {form} form"
         entries.append((*EXACT[form], 4, 0.5, known))
@@ -178,7 +193,8 @@ _LOOK = {
 }
 
 
-def numbers_table(number: int, numbers: Numbers) -> h.Html:
+def _numbers_table(number: int, numbers: Numbers) -> h.Html:
+    """The measures of every run and of the exact motion, one row each."""
     named = [(f"{name} {row['scheme']}", row) for name, row in numbers["runs"].items()]
     named += [(exact_name(form, row), row) for form, row in numbers["exact"].items()]
     rows = []
@@ -194,11 +210,13 @@ def numbers_table(number: int, numbers: Numbers) -> h.Html:
         counted = [short(row["impacts"]), f"{100 * row['fraction']:.1f}", f"{row['peak_force']:.0f}"]
         rows.append([name, *counted, *errors, f"{row['fast']:.3g}", horizon])
     headings = [
-        "motion", "impacts", "contact, %", "peak |σ|", "energy lost, %", "tip error, %", "impacts part at",
+        "motion", "impacts", "contact, %", "peak |σ|", "energy lost, %", "tip error, %", "impacts match until",
         "fast velocity", "horizon",
     ]  # fmt: skip
     return h.table(
-        headings, rows, f"Table {number}: one run each over the whole span; tip error (rms) and parting to the horizon"
+        headings,
+        rows,
+        f"Table {number}: one run each over the whole span; tip error (rms) and matching impacts to the horizon",
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,6 +19,7 @@ from .panels import new_figure, tip_symbol
 from .style import look
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 
@@ -33,7 +34,7 @@ def four_panels(
     With several contacts there is a panel c for each. All of one form: another form is another system.
     Panels a to c show the time inside the horizon of the first reference, where one solution exists to
     compare with; panel d shows the schemes over their whole span. The other references are thin and lie beneath
-    the schemes. Panel b: the largest |u - u_ref|/max |u_ref| so far, with a dot where the impacts part and a
+    the schemes. Panel b: the largest |u - u_ref|/max |u_ref| so far, with a dot where the impacts cease to match and a
     vertical line at a solver's own horizon; ``comparisons`` of the runs and the other references with the first, made
     if None. Axes name the units of the system.
     """
@@ -80,7 +81,9 @@ def four_panels(
     return figure
 
 
-def _curves(main: Reference, runs: Sequence[Trajectory], window: float, contact: int | None = None):
+def _curves(
+    main: Reference, runs: Sequence[Trajectory], window: float, contact: int | None = None
+) -> Iterator[tuple[int | None, Trajectory, Array, tuple[Array, Array]]]:
     """(index, run, t, (u, u')) of the reference, whose index is None, and of the runs, at the tip or a contact."""
     if main.solution is not None:
         fine = np.linspace(0.0, window, 6000)
@@ -100,7 +103,7 @@ def _seen(run: Trajectory, contact: int | None) -> tuple[Array, Array]:
     return run.contacts[contact].position, run.contacts[contact].velocity
 
 
-def _draw(axis, x: Array, y: Array, index: int | None, run: Trajectory) -> None:
+def _draw(axis: Axes, x: Array, y: Array, index: int | None, run: Trajectory) -> None:
     """A run's curve; the reference (index None) broad and pale below the others, other solvers thin below schemes."""
     name = short(run.provenance["method"])
     if index is None:
@@ -111,7 +114,7 @@ def _draw(axis, x: Array, y: Array, index: int | None, run: Trajectory) -> None:
         axis.plot(x, y, lw=1.2, label=name, zorder=3 + index, **line_of(run))
 
 
-def _draw_errors(axis, runs: Sequence[Trajectory], comparisons: Sequence[Comparison], window: float) -> None:
+def _draw_errors(axis: Axes, runs: Sequence[Trajectory], comparisons: Sequence[Comparison], window: float) -> None:
     """The largest error so far of every run, on a logarithmic axis."""
     found = {c.label: c for c in comparisons}
     for index, run in enumerate(runs):
@@ -132,7 +135,7 @@ def _draw_errors(axis, runs: Sequence[Trajectory], comparisons: Sequence[Compari
     axis.set_ylim(max(low, 1e-12), min(10.0, high))
 
 
-def _zoom(axis, main: Reference, runs: Sequence[Trajectory], window: float, contact: int | None) -> None:
+def _zoom(axis: Axes, main: Reference, runs: Sequence[Trajectory], window: float, contact: int | None) -> None:
     """The first impacts at a contact, or the first oscillations of the tip."""
     assert main.system is not None
     start, end = first_contact(main, main.system, window, contact or 0)
@@ -169,7 +172,7 @@ def first_contact(reference: Reference, system: System, window: float, contact: 
     return max(0.0, first - 0.1 * length), min(window, first + 0.9 * length)
 
 
-def zoom_on_stop(axis, reference: Reference, start: float, end: float, contact: int = 0) -> None:
+def zoom_on_stop(axis: Axes, reference: Reference, start: float, end: float, contact: int = 0) -> None:
     """Scale the zoom to what happens at the stop of a contact that is hit first."""
     record = reference.contacts[contact]
     if not record.impacts.count:
@@ -185,7 +188,7 @@ def zoom_on_stop(axis, reference: Reference, start: float, end: float, contact: 
     axis.set_ylim(low, high)
 
 
-def draw_stops(axis, stops: Stops, horizontal: bool) -> None:
+def draw_stops(axis: Axes, stops: Stops, horizontal: bool) -> None:
     """Dotted lines where the stops are."""
     for stop in (stops.g1, stops.g2):
         if np.isfinite(stop):
@@ -193,7 +196,7 @@ def draw_stops(axis, stops: Stops, horizontal: bool) -> None:
             line(stop, color="0.45", lw=0.9, ls=":", zorder=0)
 
 
-def _draw_spectra(axis, runs, references, system: System) -> None:
+def _draw_spectra(axis: Axes, runs: Sequence[Trajectory], references: Sequence[Reference], system: System) -> None:
     drive, units = drive_frequency(system), system.units
     whole = np.inf
     for i, run in enumerate(runs):
@@ -215,7 +218,8 @@ def _draw_spectra(axis, runs, references, system: System) -> None:
         axis.set_xlabel(f"angular frequency, in multiples of the drive a = {a}")
     else:
         axis.set_xlabel(units.label("angular frequency", "frequency"))
-    visible = [line.get_ydata()[line.get_xdata() <= axis.get_xlim()[1]] for line in axis.get_lines()]
+    curves = [(np.asarray(line.get_xdata()), np.asarray(line.get_ydata())) for line in axis.get_lines()]
+    visible = [y[x <= axis.get_xlim()[1]] for x, y in curves]
     top = max((float(np.max(y)) for y in visible), default=0.0)
     if top > 0.0:  # a beam that stays at rest has no logarithm
         axis.set_yscale("log")

@@ -14,6 +14,7 @@ from ..basics.whole_file import write_whole
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
     from matplotlib.figure import Figure
 
     from ..files.cases import Case
@@ -44,17 +45,17 @@ def log_scale(axis: Axes, x: bool = True, y: bool = True) -> None:
     """Logarithmic axes wherever what is drawn so far holds anything positive."""
     if x and np.isfinite(axis.dataLim.minposx):
         axis.set_xscale("log")
-        _few_ticks(axis.xaxis, axis.dataLim.x1 / axis.dataLim.minposx)
+        _few_ticks(axis.xaxis, axis.dataLim.x1 / axis.dataLim.minposx, 10.0)
     if y and np.isfinite(axis.dataLim.minposy):
         axis.set_yscale("log")
-        _few_ticks(axis.yaxis, axis.dataLim.y1 / axis.dataLim.minposy)
+        _few_ticks(axis.yaxis, axis.dataLim.y1 / axis.dataLim.minposy, 50.0)
 
 
-def _few_ticks(axis, span: float) -> None:
-    """Over less than a decade, ticks at 1, 2 and 5 only: all nine would be written over each other."""
+def _few_ticks(axis: Axis, span: float, most: float) -> None:
+    """Over less than ``most``, ticks at 1, 2 and 5 only: all nine would be written over each other."""
     from matplotlib.ticker import LogFormatterSciNotation, LogLocator, NullFormatter
 
-    if 1.0 < span < 10.0:
+    if 1.0 < span < most:
         axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
         axis.set_major_formatter(LogFormatterSciNotation(labelOnlyBase=False, minor_thresholds=(np.inf, np.inf)))
         axis.set_minor_formatter(NullFormatter())
@@ -86,9 +87,17 @@ def signed_log(axis: Axes, values: Iterable[Array], threshold: float) -> None:
     if not known.size or np.min(known) > threshold:
         log_scale(axis, x=False)
         return
-    axis.set_yscale("symlog", linthresh=threshold)
+    from matplotlib.ticker import FixedLocator, NullLocator
+
     low, high = float(np.min(known)), float(np.max(known))
+    down, up = (max(1.0, np.log10(max(abs(end), threshold) / threshold)) for end in (min(low, 0.0), high))
+    # The linear part is as wide as a twelfth of all decades, so that the ticks at its ends stay apart from zero's.
+    axis.set_yscale("symlog", linthresh=threshold, linscale=max(1.0, (down + up) / 12.0))
     axis.set_ylim(min(2.0 * low, -threshold), max(2.0 * high, threshold))
+    ends = (int(np.floor(np.log10(threshold))), int(np.ceil(np.log10(max(-low, high, threshold)))))
+    powers = 10.0 ** np.arange(ends[0] + 1, ends[1] + 1, max(1, (ends[1] - ends[0]) // 6))
+    axis.yaxis.set_major_locator(FixedLocator([*-powers[::-1], 0.0, *powers]))
+    axis.yaxis.set_minor_locator(NullLocator())
 
 
 def say_empty(axis: Axes, text: str = "no point could be evaluated") -> None:

@@ -14,7 +14,7 @@ COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#5
 DASHES = ((), (5, 1.5), (1.5, 1.2), (6, 1.5, 1.5, 1.5), (3, 1), (8, 2))
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 EXACT = ("exact", "multiprecision", "reference", "tangent flow")  # what stands for the exact motion
-# Colour, dashes and marker of a scheme with its default parameters; any other name falls on a free pair.
+# Colour, dashes and marker of a scheme with its default parameters; any other name takes one of the free pairs.
 LOOKS = {
     "bdf2": (0, 0, 0), "sdirk": (1, 1, 1), "hht": (2, 2, 2), "generalised-alpha": (3, 3, 3), "trapezoidal": (4, 4, 4),
     "bathe": (5, 5, 5), "theta": (7, 1, 6), "exponential-flow": (6, 2, 6),
@@ -30,7 +30,7 @@ def look(label: str) -> dict[str, Any]:
 
     The exact motion is black. A scheme has its colour by name; other parameters than its default's change
     dashes and marker. The Nyström form of SDIRK-OS is the same scheme and looks the same. Other solvers are
-    grey, a user's own scheme has the colour that its label falls on.
+    grey, a user's own scheme has a colour chosen by its label.
     """
     if label in EXACT:
         return {"color": "black", "linestyle": "-", "marker": "*"}
@@ -53,7 +53,7 @@ def look(label: str) -> dict[str, Any]:
 
 
 def look_of_name(name: str) -> tuple[int, int, int]:
-    """(colour, dashes, marker) of a scheme by its name: those in LOOKS, else what the name's checksum falls on."""
+    """(colour, dashes, marker) of a scheme by its name: those in LOOKS, else chosen by the name's checksum."""
     if name in LOOKS:
         return LOOKS[name]
     rest, colour = divmod(crc32(name.encode()), len(COLOURS))

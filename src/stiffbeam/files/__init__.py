@@ -1,0 +1,1 @@
+"""Case files, trajectories on disk and frozen references."""

@@ -40,10 +40,12 @@ class Case:
 
     @property
     def units(self) -> Units:
+        """The units of the problem."""
         return self.problem.units
 
     @property
     def has_stops(self) -> bool:
+        """Whether the problem has a stop."""
         return self.problem.stops is not None
 
     @property
@@ -80,25 +82,31 @@ class SystemCase(Case):
 
     @property
     def beam(self) -> None:
+        """None: a system of matrices is not a beam."""
         return None
 
     @property
     def units(self) -> Units:
+        """The units of the matrices."""
         return self.matrices.units
 
     @property
     def has_stops(self) -> bool:
+        """Whether the system has a contact."""
         return bool(self.matrices.contacts)
 
     @property
     def grid(self) -> str:
+        """The number of unknowns, in words."""
         return f"{self.matrices.size} unknowns"
 
     @property
     def forms(self) -> tuple[str, ...]:
+        """The one form that the matrices are in."""
         return (self.matrices.form,)
 
     def system(self, form: str | None = None) -> System:
+        """The system itself; InputError for another form."""
         if form not in (None, self.matrices.form):
             raise InputError("form", form, "be that of the system", near(form or "", self.forms))
         return self.matrices

@@ -196,6 +196,9 @@ class _Reader(Reader):
     """Reads a case, its problem, and what belongs to that."""
 
     def case(self) -> Case:
+        if "form" in self.table:
+            remedy = f'write it behind a scheme, runs = ["hht@{self.table["form"]}"]'
+            raise self.error("form", self.table["form"], "be left out", remedy)
         self.only({"name", "title", "cells", "dt", "t_end", "runs", "inferred", "problem", "system", "published"})
         name = self.line("name")
         problem, own = self.sub("problem"), self.get("system", dict, "be a table", None)

@@ -29,7 +29,7 @@ from ..trajectory.trajectory import Reference
 from .cases import parse_case
 
 FORMAT = 1
-BOUND = 1e-9  # of max |u| and of the times: what re-marching may lose
+BOUND = 1e-9  # of max |u| and of the times: the accuracy that re-marching may lose
 
 
 def freeze(reference: Reference, case: str, file: str | Path) -> dict[str, Any]:
@@ -61,7 +61,7 @@ def freeze(reference: Reference, case: str, file: str | Path) -> dict[str, Any]:
     dataset.attrs["bound"] = BOUND
     dataset.attrs["deviation"] = deviation
     dataset.attrs["hash"] = _hash(dataset)
-    path = netcdf.write(dataset, file, compression=9)
+    path = netcdf.write(netcdf.Arrays.of(dataset), file, compression=9)
     return {
         "file": path.name,
         "form": reference.provenance["form"],
@@ -246,4 +246,4 @@ def _positions(system: System, solution: Solution, t: Array) -> Array:
 
 def _hash(data: xr.Dataset) -> str:
     """Of everything in the file but the hash itself, and what depends on the machine."""
-    return netcdf.content_hash(data, data.attrs.keys() - {"hash", "deviation"})
+    return netcdf.Arrays.of(data).hash(data.attrs.keys() - {"hash", "deviation"})

@@ -18,21 +18,24 @@ _KINDS = {str: "a text", bool: "a truth value", int: "an integer", float: "a num
 
 @dataclass
 class Reader:
-    """Reads one table field by field; every complaint names file, field, value and rule."""
+    """Reads one table field by field; every InputError names file, field, value and rule."""
 
     table: dict[str, Any]
     where: str
     folder: Path | None = None
 
     def error(self, field: str, value: Any, rule: str, remedy: str = "") -> InputError:
+        """An InputError that names file and table beside the field."""
         return InputError(f"{self.where}: {field}", value, rule, remedy)
 
     def only(self, known: set[str]) -> None:
+        """Raise InputError for a field that is not in ``known``."""
         for key in self.table:
             if key not in known:
                 raise self.error(key, self.table[key], "be a known field", near(key, sorted(known)))
 
     def get(self, field: str, kind: type | tuple[type, ...], rule: str, default: Any = ...) -> Any:
+        """The value of ``field``; InputError where it is of another kind, or is not given and has no default."""
         if field not in self.table:
             if default is ...:
                 raise self.error(field, None, f"be given and {rule}", f"write {field} = ...")
@@ -50,13 +53,16 @@ class Reader:
         return text
 
     def number(self, field: str, default: Any = ...) -> Any:
+        """A number, or a text that ``build`` checks; InputError for anything else."""
         return self.get(field, (int, float, str), "be a number", default)
 
     def sub(self, field: str) -> Self | None:
+        """The reader of the table ``field``, None where it is not given."""
         table = self.get(field, dict, "be a table", None)
         return None if table is None else type(self)(table, f"{self.where}.{field}", self.folder)
 
     def tables(self, field: str, example: str) -> list[Self]:
+        """A reader for every table of the list ``field``."""
         tables = self.get(field, list, "be a list of tables", [])
         for i, table in enumerate(tables):
             if not isinstance(table, dict):
@@ -74,6 +80,7 @@ class Reader:
         return [type(self)(table, f"{self.where}.{field}[{i}]", self.folder) for i, table in enumerate(given)]
 
     def polynomial(self, field: str) -> Any:
+        """A polynomial profile from its coefficients, None where ``field`` is not given."""
         rule = "be a list of polynomial coefficients, constant first"
         coefficients = self.get(field, list, rule, None)
         if coefficients is None:
@@ -84,13 +91,14 @@ class Reader:
             raise self.error(field, coefficients, rule, "for example [0, 0, 1]") from None
 
     def build(self, make_it: Any, *args: Any, **kwargs: Any) -> Any:
-        """``make_it`` with its complaints placed in this file."""
+        """``make_it`` with this file named in its InputError."""
         try:
             return make_it(*args, **kwargs)
         except InputError as error:
             raise InputError(f"{self.where}: {error.field}", error.value, error.rule, error.remedy) from None
 
     def time_function(self, besides: set[str]) -> TimeFunction:
+        """The sum, samples or harmonic function that this table describes; ``besides`` are fields of others in it."""
         if "sum" in self.table:
             self.only({"sum"} | besides)
             parts = self.tables("sum", "{ amplitude = ..., frequency = ... }")

@@ -8,6 +8,7 @@ import platform
 import warnings
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -39,7 +40,7 @@ def cached_reference(
     The key is the system's fingerprint, every argument and the versions of the libraries, so a changed
     parameter never finds an old file. A damaged file is named in a warning and remade. Writing is
     atomic: two processes that compute the same reference leave one good file. A multiprecision
-    reference confirmed to t_end answers at any time; of the others comes back all but the states:
+    reference confirmed to t_end answers at any time; the others come back without their states:
     outputs, impacts, energy, horizon, work and provenance of the run that was made. "exact" is solved
     anew, which takes no longer than reading a file. Raises InputError for a bare callable.
     """
@@ -77,7 +78,7 @@ def _file(
     rtol: float,
     atol: float | None,
     digits: int | str,
-    steps: list,
+    steps: list[Any],
 ) -> Path:
     require_system(system)
     one_of("method", method, REFERENCES, "be a reference method")

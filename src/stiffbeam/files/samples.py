@@ -36,7 +36,8 @@ def read_samples(file: Path, column: str | None = None) -> tuple[list[float], li
         t, value = _number(cells[0]), _number(cells[wanted])
         if t is None or value is None:
             bad = cells[0] if t is None else cells[wanted]
-            raise InputError("sampled", f"{file}, line {line}: {bad!r}", "be a number", "write decimals with a point")
+            remedy = "write decimals with a point" if bad else "the cell is empty: fill it, or leave the line out"
+            raise InputError("sampled", f"{file}, line {line}: {bad!r}", "be a number", remedy)
         found.append((t, value))
     return [t for t, _ in found], [value for _, value in found]
 

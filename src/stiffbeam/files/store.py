@@ -71,7 +71,7 @@ def _from_dataset(data: xr.Dataset, path: Path, system: System | None) -> Trajec
     if data.attrs.get("stiffbeam_format") != FORMAT:
         found = data.attrs.get("stiffbeam_format")
         raise InputError("file", str(path), f"be a stiffbeam trajectory of format {FORMAT}", f"it has format {found}")
-    if data.attrs.get("hash") != netcdf.content_hash(data, HASHED):
+    if data.attrs.get("hash") != netcdf.Arrays.of(data).hash(HASHED):
         raise InputError("file", str(path), "hold what its hash says", "it is damaged: save the run again")
     if system is not None and system.fingerprint != data.attrs["fingerprint"]:
         raise InputError("file", str(path), "be of the system it is read with", "it is of another one")

@@ -20,6 +20,7 @@ class SystemReader(Reader):
     """Reads a system, its loads { row, time function } and its contacts { row, stops, offset }."""
 
     def system(self) -> System:
+        """The system of the whole table; InputError names the field that is wrong."""
         self.only(FIELDS)
         mass = self.matrix("mass")
         n = mass.shape[0] if mass.ndim == 2 else 0
@@ -39,6 +40,7 @@ class SystemReader(Reader):
         )
 
     def matrix(self, field: str) -> Any:
+        """A matrix from the file or the list of rows that ``field`` gives."""
         given = self.get(field, (str, list), "be the name of a file, or a list of rows")
         return self.from_file(field, given) if isinstance(given, str) else self.numbers(field, given)
 
@@ -59,20 +61,24 @@ class SystemReader(Reader):
         return row
 
     def from_file(self, field: str, name: str) -> Any:
+        """The matrix in the file ``name``, in the folder of the case."""
         if self.folder is None:
             raise self.error(field, name, "need no other file here", "write its numbers into the case")
         return self.build(read_matrix, self.folder / name)
 
-    def numbers(self, field: str, given: list) -> Any:
+    def numbers(self, field: str, given: list[Any]) -> Any:
+        """The list ``given`` as a float array; InputError where rows differ in length."""
         try:
             return np.asarray(given, float)
         except (TypeError, ValueError):
             raise self.error(field, given, "be numbers, every row as long as the first") from None
 
     def load(self, n: int) -> tuple[Any, LoadFunction]:
+        """(vector, time function) of one load on n unknowns."""
         return self.row("row", n), self.time_function({"row"})
 
     def contact(self, n: int) -> Contact:
+        """One contact on n unknowns, with its stops and the motion of its offset."""
         offset = self.sub("offset")
         return self.build(
             Contact,

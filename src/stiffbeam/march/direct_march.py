@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator
 
 import numpy as np
 
 from ..basics.arrays import Array
 from ..model.contact import laws, solve_several
-from ..model.equations import FirstOrder, Matrices
 from ..model.first_order import FirstOrderSystem
 from ..model.stage import BY_LAW, LINEAR, MEAN, solve_stage
 from ..model.system import System
-from ..model.time_functions import evaluate, offset_rate, offset_values
+from ..model.time_functions import offset_rate, offset_values
 from ..schemes import Scheme
+from .coordinates import Together
 from .pieces import STEPS_PER_PIECE, Piece
 from .rules import require_giving_way, rule_of, unsolved
 
@@ -28,8 +27,8 @@ def direct_pieces(
     A step is linear in the contact forces, so the step is taken without them, the forces are found
     node by node from its positions and the probed compliances, and their responses are added.
     """
-    view = _View.of(system)
-    history, done = [view.y0], 0
+    view = Together.of(system)
+    history, done = [view.start(view.system)], 0
     starter = scheme.starter
     if starter is not None:
         count = min(steps, scheme.history - 1)
@@ -42,51 +41,8 @@ def direct_pieces(
             yield piece
 
 
-@dataclass(frozen=True, eq=False)
-class _View:
-    """System and FirstOrderSystem as one: y of shape (order, n), forces and rows acting on positions."""
-
-    equation: Matrices | FirstOrder
-    system: System
-    y0: Array
-    loads: tuple
-    rows: Array  # (channels, n), contacts first
-    columns: Array  # (contacts, n): what a unit contact force adds to the right-hand side
-    to_states: Callable[[Array], tuple[Array, Array]]  # z (k, order, n) -> q, q'
-
-    @classmethod
-    def of(cls, system: System | FirstOrderSystem) -> _View:
-        if isinstance(system, System):
-            return cls(
-                equation=Matrices(system.mass, system.damping, system.stiffness),
-                system=system,
-                y0=np.stack([system.q0, system.v0]),
-                loads=system.loads,
-                rows=np.array([row for row, _ in system.channels]),
-                columns=np.array([c.row for c in system.contacts]).reshape(-1, system.size),
-                to_states=lambda y: (y[:, 0], y[:, 1]),
-            )
-        rows = [c.row for c in system.contacts] + ([] if system.observe is None else [system.observe])
-        return cls(
-            equation=FirstOrder(system.matrix),
-            system=system.system,
-            y0=system.y0[None],
-            loads=system.loads,
-            rows=np.array(rows),
-            columns=np.array([c.column for c in system.contacts]).reshape(-1, len(system.y0)),
-            to_states=lambda y: (y[:, 0] @ system.to_q.T, y[:, 0] @ system.to_v.T),
-        )
-
-    def load(self, t: Array) -> Array:
-        """Load vectors, t.shape + (n,)."""
-        total = np.zeros((*t.shape, self.y0.shape[-1]))
-        for vector, function in self.loads:
-            total += evaluate(function, t)[..., None] * vector
-        return total
-
-
 def _direct_blocks(
-    view: _View, scheme: Scheme, dt: float, history: list[Array], first: int, steps: int, contact: str, length: int
+    view: Together, scheme: Scheme, dt: float, history: list[Array], first: int, steps: int, contact: str, length: int
 ) -> Iterator[tuple[Piece, Array]]:
     equation, system, order = view.equation, view.system, view.equation.order
     nodes, stops = scheme.nodes, [c.stops for c in system.contacts]
@@ -96,7 +52,7 @@ def _direct_blocks(
     t0 = np.asarray(first * dt)
     at_start = np.array([row @ history[0][0] + offset_values(o, t0) for row, o in zip(view.rows, offsets, strict=True)])
     moving = view.rows @ equation.velocity(history[0]) + np.array([offset_rate(o, t0) for o in offsets])
-    force = view.load(t0)
+    force = view.load(system, t0)
     if rule != MEAN:  # whose reactions are means over a step, not there at a time
         force = force + sum(
             s.force(x, v) * column for s, x, v, column in zip(stops, at_start, moving, view.columns, strict=False)
@@ -125,7 +81,7 @@ def _direct_blocks(
         begun = time.perf_counter()
         count = min(length, first + steps - start)
         times = (start + np.arange(count))[:, None] * dt + np.array(nodes) * dt
-        loads = view.load(times)
+        loads = view.load(system, times)
         shifts = np.stack([offset_values(o, times) for o in offsets[:m]], axis=-1) if m else np.zeros((count, S, 0))
         shift_rates = (
             np.stack([offset_rate(o, times) for o in offsets[:m]], axis=-1) if rule == BY_LAW else np.zeros_like(shifts)
@@ -169,7 +125,12 @@ def _direct_blocks(
         velocities = velocities + np.stack([offset_rate(o, ends) for o in offsets], axis=-1)
         yield (
             Piece(
-                start, positions, velocities, lambda y=y: view.to_states(y), seconds, means if rule == MEAN else None
+                start,
+                positions,
+                velocities,
+                lambda y=y: view.states(np.moveaxis(y, 1, 0)),
+                seconds,
+                means if rule == MEAN else None,
             ),
             z,
         )

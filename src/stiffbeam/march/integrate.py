@@ -24,12 +24,14 @@ from ..trajectory.ledger import Ledger, reaction_ledger, step_ledger
 from ..trajectory.reactions import Reactions
 from ..trajectory.recorder import SampledImpacts, Seen, record
 from ..trajectory.trajectory import Diverged, Trajectory, Work, versions
+from .block_march import RUNS, March, initial_channels
+from .choice import pays
+from .coordinates import InModes, Together
 from .direct_march import direct_pieces
 from .kernels.layout import OVERFLOW
-from .leap import BLOCKS, can_leap, costs, start
-from .modal_march import RUNS, March, initial_channels
+from .leap import can_leap, costs, start
 from .pieces import Piece
-from .replay import modal_ledger, replay
+from .replay import block_ledger, replay
 from .rigid_march import is_rigid, require_rigid, rigid_pieces
 from .rules import CONTACTS, rule_of, scheme_for
 from .warm import warm_up
@@ -60,10 +62,10 @@ def integrate(
 
     A System whose damping decouples is marched in modal coordinates: in compiled blocks, or where a run is
     long and changes contact seldom in leaps from one change to the next, equal to rounding. Any other, and a
-    FirstOrderSystem, step by step with factorised matrices. ``provenance["march"]``: "modal blocks", "modal
-    leaps" or "direct"; which does not depend on ``every``.
-    Raises InputError for bad arguments, Diverged where the run overflows, and SolverFailure where the forces of
-    several contacts at once are not found.
+    FirstOrderSystem, in compiled blocks of all unknowns together, or where a run is too short or too large for these
+    (see march.choice) step by step with factorised matrices. ``provenance["march"]``: "modal blocks", "modal leaps",
+    "dense blocks" or "direct"; which does not depend on ``every``. Raises InputError for bad arguments, Diverged
+    where the run overflows, and SolverFailure where the forces of several contacts at once are not found.
     """
     begun = time.perf_counter()
     if isinstance(engine, str) and engine == "jax":
@@ -71,8 +73,8 @@ def integrate(
     plan = Plan.of(system, scheme, dt, t_end, contact, every, engine)
     plan.afford(1, every)
     compile_seconds = warm_up() if plan.engine == "numba" else 0.0
-    if plan.modal is not None:
-        flight = start(plan.modal, [plan.system], plan.steps, every)
+    if plan.blocks is not None:
+        flight = start(plan.blocks, [plan.system], plan.steps, every)
         for done in flight.fly():
             if progress is not None and not flight.state.diverged[0]:
                 progress(done)
@@ -100,7 +102,7 @@ def integrate(
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """A run whose arguments have been checked. ``modal``: the block march, None where modes do not decouple and for
+    """A run whose arguments have been checked. ``blocks``: the march in blocks, None where that does not pay and for
     rigid stops; ``rigid``: whether they are.
 
     A pickled one is made again from ``given``, the System or FirstOrderSystem, and its other arguments.
@@ -116,7 +118,7 @@ class Plan:
     form: str
     omega_max: float
     engine: str
-    modal: March | None
+    blocks: March | None
     rigid: bool = False
     _marches: dict[int, March] = field(default_factory=dict, repr=False)
 
@@ -173,10 +175,11 @@ class Plan:
             if engine != "numba":
                 raise InputError("engine", engine, "be numba for rigid stops")
             return cls(system, parent, scheme, dt, steps, t_end, contact, form, omega_max, engine, None, True)
-        if basis is None:
+        coordinates = Together.of(system) if basis is None else InModes(parent, basis)
+        if not pays(coordinates, scheme, steps):
             return cls(system, parent, scheme, dt, steps, t_end, contact, form, omega_max, "numpy", None)
-        modal = March.of(parent, basis, scheme, dt, contact, engine)
-        return cls(system, parent, scheme, dt, steps, t_end, contact, form, omega_max, engine, modal)
+        blocks = March.of(coordinates, scheme, dt, contact, engine)
+        return cls(system, parent, scheme, dt, steps, t_end, contact, form, omega_max, engine, blocks)
 
     def afford(self, members: int, every: int | None) -> None:
         """Refuse more outputs than there is memory for, and more steps than anyone waits for; of steps that can go
@@ -186,22 +189,24 @@ class Plan:
         remedy = "give a larger `every`" if every is not None else "take fewer members"
         floats = float(members) * (kept * (2.0 * len(self.system.channels) + contacts + 1.0) + 100.0)
         afford("every", every, remedy, floats=floats)
-        if self.modal is None:
+        if self.blocks is None:
             seconds = self.steps * (2e-5 + 3e-9 * self.system.size**2)
-        elif can_leap(self.modal, self.steps) and members == 1:
+        elif can_leap(self.blocks, self.steps) and members == 1:
             return
         else:
-            seconds = 1e-9 * float(costs(self.modal)[2]) * self.steps * members * (1 if self.engine == "numba" else 100)
+            seconds = (
+                1e-9 * float(costs(self.blocks)[2]) * self.steps * members * (1 if self.engine == "numba" else 100)
+            )
         afford("dt", self.dt, "give a larger dt, or fewer members", seconds=seconds)
 
     def march_for(self, member: System) -> March:
         """The block march for the stops of a member, whose law may be another kind than the system's."""
-        assert self.modal is not None
+        assert self.blocks is not None
         rule = rule_of(member.contacts, self.contact)
         if rule not in self._marches:
-            own = self.modal
+            own = self.blocks
             made = own if rule == own.rule else March.of(
-                self.system, own.basis, self.scheme, self.dt, self.contact, self.engine, rule
+                own.coordinates, self.scheme, self.dt, self.contact, self.engine, rule
             )  # fmt: skip
             self._marches[rule] = made
         return self._marches[rule]
@@ -210,6 +215,7 @@ class Plan:
         return Plan.of, (self.given, self.scheme, self.dt, self.t_end, self.contact, 1, self.engine)
 
     def provenance(self, every: int | None) -> dict[str, Any]:
+        """What the trajectory says of how it was made."""
         return {
             "method": str(self.scheme),
             "form": self.form,
@@ -218,18 +224,18 @@ class Plan:
             "dt": float(self.dt),
             "t_end": float(self.t_end),
             "every": 0 if every is None else int(every),
-            "march": self.kind if self.modal is None else BLOCKS,
+            "march": self.kind,
             "engine": self.engine,
             **versions(),
         }
 
     @property
     def kind(self) -> str:
-        """The march that is not modal."""
-        return RIGID if self.rigid else DIRECT
+        """Which march it is; of one that may leap, if it does not."""
+        return (RIGID if self.rigid else DIRECT) if self.blocks is None else self.blocks.kind
 
     def pieces(self, system: System | FirstOrderSystem) -> Iterator[Piece]:
-        """The run in pieces, where it is not modal."""
+        """The run in pieces, where it is not in blocks."""
         if self.rigid and isinstance(system, System):  # it may be a member with stops of its own
             if not is_rigid(system, self.scheme):
                 raise InputError("members", "one with compliant stops", "all have rigid stops where one has")
@@ -240,7 +246,7 @@ class Plan:
     def seen(self, members: Sequence[System], every: int | None, since: int = 0) -> list[Seen]:
         """What members of the system have seen at the end, of their contacts after step ``since``; outputs
         where ``every`` is given."""
-        if self.modal is None:
+        if self.blocks is None:
             return [_direct(self, member, every, None, since)[0] for member in members]
         seen: list[Seen | None] = [None] * len(members)
         kinds = [self.march_for(member) for member in members]
@@ -257,15 +263,15 @@ class Plan:
     def states(self, system: System | FirstOrderSystem) -> Iterator[tuple[Array, Array, Array]]:
         """Times, q and q' of a run at every step, piece by piece with shared end points."""
         parent = system if isinstance(system, System) else system.system
-        if self.modal is not None:
+        if self.blocks is not None:
             return replay(self.march_for(parent), parent, self.steps)
         return _states(parent, self.pieces(system), self.dt)
 
     def ledger(self, system: System | FirstOrderSystem, every: int) -> Ledger:
         """The energy ledger of a run, added up at every step and kept at every ``every``-th."""
         parent = system if isinstance(system, System) else system.system
-        if self.modal is not None:
-            return modal_ledger(self.march_for(parent), parent, self.steps, every)
+        if self.blocks is not None:
+            return block_ledger(self.march_for(parent), parent, self.steps, every)
         outputs = np.arange(0, self.steps + 1, every) * self.dt
         if self.rigid:
             impacts = isinstance(self.scheme, RigidScheme) and self.scheme.restitutes

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Generator, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from threading import Lock
 
 import numpy as np
@@ -23,15 +23,16 @@ from ..basics.budget import afford
 from ..model.stage import LINEAR
 from ..model.system import System
 from ..trajectory.sampling import EVENT, ROW, SIDE
+from .block_march import BLOCKS, STEPS_REPLAYED, Flight, March, Stretch, functions
 from .build import build
+from .coordinates import InModes
 from .kernels import blocks, leaps
 from .kernels.layout import Marchers
 from .kernels.sums import Regimes
-from .modal_march import STEPS_REPLAYED, Flight, March, Stretch, functions
 from .propagator import Propagator
 from .regimes import EXTENDED, NoRegime, Sum, regime, tables
 
-LEAPS, BLOCKS = "modal leaps", "modal blocks"
+LEAPS = "modal leaps"
 MOST_CONTACTS = 8
 DENSE = 8  # outputs closer than so many steps are made in blocks, from states that the leaps pass through
 STATES_AT_ONCE = 1 << 15
@@ -48,6 +49,7 @@ def can_leap(march: March, steps: int) -> bool:
     contacts = march.system.contacts
     return bool(
         EXTENDED
+        and isinstance(march.coordinates, InModes)
         and march.contact == "implicit"
         and march.rule == LINEAR
         and march.run is blocks.run
@@ -82,8 +84,7 @@ class Leaper:
 
     def __post_init__(self) -> None:
         march = self.march
-        one = build(march.scheme, march.system, march.basis, march.dt, 1, march.contact)
-        self.one = one if self.system is march.system else replace(one, system=self.system)
+        self.one = build(march.scheme, march.coordinates, march.dt, 1, march.contact)
         self._of = np.full(1 << len(self.system.contacts), -1)
         for mask in range(min(2, len(self._of))):  # more than these are not met by all
             self.make(mask)
@@ -94,7 +95,9 @@ class Leaper:
             if self._of[mask] != -1:
                 return
             try:
-                self._made.append(regime(self.one, [c for c in range(len(self.system.contacts)) if mask >> c & 1]))
+                self._made.append(
+                    regime(self.one, self.system, [c for c in range(len(self.system.contacts)) if mask >> c & 1])
+                )
                 self._of[mask] = len(self._made) - 1
             except NoRegime:
                 self._of[mask] = -2
@@ -131,7 +134,9 @@ def _leaper(march: March, member: System) -> Leaper:
 class LeapFlight(Flight):
     """One member on its way in leaps, or in blocks where they turn out not to pay."""
 
-    kind: str = LEAPS
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self.kind = LEAPS
 
     def _on(self, replayed: Callable[[Stretch], None] | None) -> Iterator[int]:
         """From the scheme's own start, see Flight."""
@@ -201,13 +206,13 @@ class LeapFlight(Flight):
         beside = Flight(march, self.members, self.steps, self.every)
         beside.state, beside.done = start, done
         beside.positions, beside.velocities = self.positions, self.velocities
-        forcing, a, n = beside.forcing(block), len(block.keep), march.system.size
+        forcing = beside.forcing(block)
         last = self.state.diverged[0] or self.steps
         while beside.done < last:
             if beside.done % spacing == 0 and beside.done > done:
                 D = states.shape[1]
                 start.z[0, :D] = states[beside.done // spacing]
-                start.z[0, a * n : a * n + (a - 1) * n] = start.z[0, : (a - 1) * n]
+                block.repeat(start.z)
             beside._rows = 0
             beside.state.tally[..., SIDE] = 0.0
             beside.state.tally[..., ROW] = -1.0

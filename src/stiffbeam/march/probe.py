@@ -1,167 +1,229 @@
-"""Probing: a scheme's own step, taken with unit states, unit forces and unit drives."""
+"""Probing: one step of a scheme, taken with unit states and unit forces, is all that is known of it."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..basics.arrays import Array
-from ..model.equations import Modal
-from ..model.modes import Modes
+from ..model.equations import Equation, FirstOrder, Modal
 from ..schemes import Scheme
+from ..schemes.contract import is_known
+from .coordinates import Coordinates
 
-Delayed = Callable[[Array, "float | Array"], Array]
+INDEPENDENT = 1e-13  # of what a component does, beyond rounding
 
 
 @dataclass(frozen=True, eq=False)
-class Probe:
-    """What K steps make of a batch of inputs, in modal coordinates.
+class Readers:
+    """What is read of a step, g positions and velocities: of the contacts at the S nodes, of the C channels at its
+    end, and where that is ``rated`` the velocities of the contacts at the nodes.
 
-    states: (K, a, batch, n), z at the ends of the steps. arguments: (K, S, batch, n), q at the nodes, or where the
-    contact is extrapolated what ``predict`` expects there. velocities: q' at the nodes, of the same shape; of no node
-    where they are not asked for. ends_at_last_node: whether the last node holds the new q, whatever the scheme calls
-    it.
+    channel, when, is_rate, field: (g,), whose it is, at which share of the step, whether it is a velocity, and in
+    which of the fields of a step it is read: positions at the nodes, at the end, velocities there and at the nodes.
     """
 
-    states: Array
-    arguments: Array
-    velocities: Array
+    nodes: tuple[float, ...]
+    contacts: int
+    channels: int
+    rated: bool
+    at_nodes: slice
+    at_ends: slice
+    end_rates: slice
+    node_rates: slice
+    size: int  # g
+    channel: NDArray[np.int64]
+    when: Array
+    is_rate: NDArray[np.bool_]
+    field: NDArray[np.int64]
+
+    @classmethod
+    @lru_cache(maxsize=256)
+    def of(cls, nodes: tuple[float, ...], contacts: int, channels: int, rated: bool) -> Readers:
+        """Those of a scheme with these nodes."""
+        S, m, C = len(nodes), contacts, channels
+        at_ends = S * m
+        end_rates, node_rates = at_ends + C, at_ends + 2 * C
+        size = node_rates + (S * m if rated else 0)
+        which, ends, of_nodes = np.repeat(np.arange(S), m), np.arange(C), np.tile(np.arange(m), S)
+        return cls(
+            nodes,
+            contacts,
+            channels,
+            rated,
+            at_nodes=slice(0, at_ends),
+            at_ends=slice(at_ends, end_rates),
+            end_rates=slice(end_rates, node_rates),
+            node_rates=slice(node_rates, size),
+            size=size,
+            channel=np.concatenate([of_nodes, ends, ends, of_nodes])[:size],
+            when=np.concatenate([np.repeat(nodes, m), np.ones(2 * C), np.repeat(nodes, m)])[:size],
+            is_rate=np.arange(size) >= end_rates,
+            field=np.concatenate([which, 0 * ends + S, 0 * ends + S + 1, S + 2 + which])[:size],
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class OneStep:
+    """A scheme's own step in coordinates, the components of its state that are carried, and what is read of it."""
+
+    scheme: Scheme
+    coordinates: Coordinates
+    dt: float
+    extrapolated: bool  # whether the positions at the nodes are those that ``predict`` expects
+    readers: Readers
+    keep: NDArray[np.int64]  # the components of the scheme's state that are carried
+    mix: Array  # (len(keep), a): what each of them holds
+
+    def take(self, z: Array, loads: Array, reactions: Array) -> tuple[Array, Array, bool]:
+        """The new states (n, k, batch), the fields that are read (fields, batch, N), and whether the last node is
+        the end, whatever the scheme calls it."""
+        equation = self.coordinates.equation
+        new, at_nodes = self.scheme.step(equation, self.dt, z, list(loads), list(reactions))
+        new = np.asarray(new)
+        arguments = self.scheme.predict(equation, self.dt, z) if self.extrapolated else [y[0] for y in at_nodes]
+        fields = [*arguments, new[0], equation.velocity(new[: equation.order])]
+        if self.readers.rated:
+            fields += [equation.velocity(y) for y in at_nodes]
+        carried = self.coordinates.by_part(np.einsum("ca,abj->cbj", self.mix, new))
+        return carried, np.array(fields), np.array_equal(at_nodes[-1][0], new[0])
+
+    def from_rest(self, loads: Array) -> tuple[Array, Array]:
+        """Under ``loads`` (S, batch, N): states (n, k, batch) and readings (g, batch)."""
+        new, fields, _ = self.take(np.zeros((self.mix.shape[1], *loads.shape[1:])), loads, np.zeros_like(loads))
+        return new, self.read(fields)
+
+    def read(self, fields: Array) -> Array:
+        """(g, batch) of fields (fields, batch, N)."""
+        # Row by row and not as a matrix product, whose rounding depends on the size of the batch.
+        read = np.stack([np.sum(fields * row, axis=-1) for row in self.coordinates.rows])
+        return read[self.readers.channel, self.readers.field]
+
+    def shares(self, fields: Array) -> Array:
+        """What unit states (fields, batch, N) of every part do to the readings, (n, g, k)."""
+        if self.coordinates.parts == 1:
+            return self.read(fields)[None]
+        rows = self.coordinates.rows[self.readers.channel]
+        return np.ascontiguousarray((fields[self.readers.field] * rows[:, None]).transpose(2, 0, 1))
+
+
+@dataclass(frozen=True, eq=False)
+class StepMap(OneStep):
+    """What one step does, part by part of its coordinates,
+
+        z' = transition z + push f,      w = sum over parts of reading z + at_once f,
+
+    f the forces of P kinds at each of the S nodes, f[p S + s], the contacts' first; w the g readings.
+    """
+
+    transition: Array  # (n, k, k)
+    push: Array  # (n, k, P S)
+    reading: Array  # (n, g, k)
+    at_once: Array  # (g, P S)
     ends_at_last_node: bool
 
 
-def components(scheme: Scheme, equation: Modal, n: int) -> int:
+def components(scheme: Scheme, equation: Equation, n: int) -> int:
     """a, the number of state components of a scheme."""
-    return scheme.initial(equation, [np.zeros((2, n))] * scheme.history, np.zeros(n)).shape[0]
+    return scheme.initial(equation, [np.zeros((equation.order, n))] * scheme.history, np.zeros(n)).shape[0]
 
 
-def probe_units(
+def probe(
     scheme: Scheme,
-    equation: Modal,
+    coordinates: Coordinates,
     dt: float,
-    steps: int,
-    reactions: Array,
-    loads: Array,
-    extrapolated: bool,
-    rated: bool,
-) -> Probe:
-    """The batch: a unit state for each of the a components (all modes at once, since they decouple), then
-    the modal force vectors ``reactions`` (m, n) and ``loads`` (L, n), each at each of the S nodes of the
-    *first* step. ``rated``: with the velocities at the nodes.
-
-    One step is taken; what it makes of the unit states is a matrix A per mode, and step k of A^k.
+    extrapolated: bool = False,
+    rated: bool = False,
+    samples: Array | None = None,
+    reduced: bool = True,
+) -> StepMap:
+    """The map of ``scheme``. samples: (L, N), vectors of loads beside the contacts' columns. ``rated``: with the
+    velocities at the nodes. ``reduced``: without the components that only add to others, see ``independent``.
     """
-    (m, n), S = reactions.shape, len(scheme.nodes)
-    a = components(scheme, equation, n)
-    batch = a + S * (m + len(loads))
-    z = np.zeros((a, batch, n))
-    z[np.arange(a), np.arange(a)] = 1.0
-    first = np.zeros((2, S, batch, n))  # loads, reactions
+    equation, (C, N), m = coordinates.equation, coordinates.rows.shape, len(coordinates.columns)
+    forces = coordinates.columns if samples is None else np.concatenate([coordinates.columns, samples])
+    S, P, a = len(scheme.nodes), len(forces), components(scheme, equation, N)
+    keep, mix = independent(scheme, equation.order, dt, extrapolated) if reduced else (np.arange(a), np.eye(a))
+    readers = Readers.of(tuple(scheme.nodes), m, C, rated)
+    step = OneStep(scheme, coordinates, dt, extrapolated, readers, keep, mix)
+    units = coordinates.units(len(keep))
+    states = units.shape[1]
+    z, acting = np.zeros((a, states + P * S, N)), np.zeros((2, S, states + P * S, N))
+    z[keep, :states] = units
     for s in range(S):
-        first[1, s, a + s : a + S * m : S] = reactions
-        first[0, s, a + S * m + s :: S] = loads
-    one = _step(scheme, equation, dt, z, first[0], first[1], extrapolated, rated)
-    states = np.empty((steps, a, batch, n))
-    states[:1] = one.states
-    done = 1
-    while done < steps:
-        more = min(done, steps - done)
-        states[done : done + more] = _applied(states[done - 1, :, :a], states[:more])
-        done += more
-    arguments, velocities = (_at_nodes(x, x[0, :, :a], states) for x in (one.arguments, one.velocities))
-    return Probe(states, arguments, velocities, one.ends_at_last_node)
-
-
-def turned(probed: Probe, basis: Modes) -> Probe:
-    """The same with every undamped mode turned by k times the angle of one step, for a scheme that turns (omega q, q').
-
-    Step by step the rounding of one step's turn comes in k times, the same in every block, and is work that no
-    force has done: 1e-10 of the energy in 1e6 steps. For the states of MeanReaction, (q, q', f) or (q, q'), with
-    the new q at the only node; inputs act in the first two steps.
-    """
-    states, w = probed.states.copy(), np.where(basis.omega > 0.0, basis.omega, 1.0)
-    one = states[0]  # (a, batch, n); the first two of the batch are q and q'
-    angle = np.arctan2(0.5 * (w * one[0, 1] - one[1, 0] / w), 0.5 * (one[0, 0] + one[1, 1]))
-    size = np.array([[np.ones_like(w), 1.0 / w], [w, np.ones_like(w)]])
-
-    def turn(k: int) -> Array:
-        c, s = np.cos(k * angle), np.sin(k * angle)
-        return np.array([[c, s / w], [-w * s, c]])
-
-    turns = (basis.omega > 0.0) & (basis.damping == 0.0)
-    turns &= np.all(np.abs(one[:2, :2] - turn(1)) < 1e-9 * size, axis=(0, 1))
-    for k in range(len(states)):
-        exact = states[k, :2].copy()
-        if k > 1:
-            exact = np.einsum("cdj,dbj->cbj", turn(k - 1), probed.states[1, :2])
-        exact[:, :2] = turn(k + 1)
-        states[k, :2] = np.where(turns, exact, states[k, :2])
-    return replace(probed, states=states, arguments=states[:, None, 0])
-
-
-def probe_load(
-    scheme: Scheme, equation: Modal, dt: float, units: Probe, loads: Array, delayed: Delayed, extrapolated: bool
-) -> Probe:
-    """From rest under loads g(t) @ loads, per unit of each of the d functions g at the start.
-
-    loads: (V, d, n), modal; ``delayed(basis, t)`` is the basis (V, d, ...) of the same function counted from t on,
-    or (times, V, d, ...) at several. The batch is V d. What h + k steps make is A^k, from ``units``, times what h
-    make, and what k make from h on.
-    """
-    V, d, n = loads.shape
-    steps, a = units.states.shape[:2]
-    rest, none = np.zeros((a, V * d, n)), np.zeros((len(scheme.nodes), V * d, n))
-    at_nodes = np.stack([delayed(loads, c * dt).reshape(V * d, n) for c in scheme.nodes])
-    rated = units.velocities.shape[1] > 0
-    one = _step(scheme, equation, dt, rest, at_nodes, none, extrapolated, rated)
-
-    def later(x: Array, t: float | Array) -> Array:
-        """What x (..., V d, n) is from t on, per unit of g at the start."""
-        apart = np.moveaxis(x.reshape(*x.shape[:-2], V, d, n), (-3, -2), (0, 1))
-        moved = np.moveaxis(delayed(apart, t), (np.ndim(t), np.ndim(t) + 1), (-3, -2))
-        return moved.reshape(*np.shape(t), *x.shape)
-
-    states = np.empty((steps, a, V * d, n))
-    states[:1] = one.states
-    done = 1
-    while done < steps:
-        more = min(done, steps - done)
-        after = _applied(units.states[:more, :, :a], states[done - 1])
-        states[done : done + more] = after + later(states[:more], done * dt)
-        done += more
-    t = np.arange(1, steps) * dt
-    arguments, velocities = (
-        _at_nodes(x, unit[0, :, :a], states, later(x[0], t))
-        for x, unit in ((one.arguments, units.arguments), (one.velocities, units.velocities))
+        acting[1, s, states + s : states + m * S : S] = forces[:m]
+        acting[0, s, states + m * S + s :: S] = forces[m:]
+    new, fields, at_last = step.take(z, *acting)
+    return StepMap(
+        **vars(step),
+        transition=np.ascontiguousarray(new[..., :states]),
+        push=np.ascontiguousarray(new[..., states:]),
+        reading=step.shares(fields[:, :states]),
+        at_once=step.read(fields[:, states:]),
+        ends_at_last_node=at_last and not extrapolated,
     )
-    return Probe(states, arguments, velocities, one.ends_at_last_node)
 
 
-def _step(
-    scheme: Scheme,
-    equation: Modal,
-    dt: float,
-    z: Array,
-    loads: Array,
-    reactions: Array,
-    extrapolated: bool,
-    rated: bool,
-) -> Probe:
-    """The scheme's own step."""
-    new, at_nodes = scheme.step(equation, dt, z, list(loads), list(reactions))
-    positions, velocities = np.moveaxis(np.stack(at_nodes), 1, 0)
-    arguments = np.stack(scheme.predict(equation, dt, z)) if extrapolated else positions
-    velocities = velocities if rated else velocities[:0]
-    return Probe(new[None], arguments[None], velocities[None], np.array_equal(positions[-1], new[0]))
+def independent(scheme: Scheme, order: int, dt: float, extrapolated: bool = False) -> tuple[NDArray[np.int64], Array]:
+    """The components of the state that a run needs, and what each of them has to hold.
+
+    If a unit of component e does to all that follows what x_ec units of the components c do, whatever the equation,
+    then e need not be carried: c becomes c + x_ec e. (HHT's acceleration enters by q + dt v + dt^2 (1/2 - beta) a
+    and v + dt (1 - gamma) a only.) Seen on three damped motions with periods of about dt, every component in units
+    of what it does to the position. Returns (keep, mix), mix of shape (kept, a).
+    """
+    if not is_known(scheme):
+        return _seen(scheme, order, dt, extrapolated)
+    given = type(scheme), str(scheme), order, dt, extrapolated
+    if given not in _INDEPENDENT:
+        if len(_INDEPENDENT) >= REMEMBERED:
+            _INDEPENDENT.clear()
+        _INDEPENDENT[given] = _seen(scheme, order, dt, extrapolated)
+    return _INDEPENDENT[given]
 
 
-def _applied(matrices: Array, states: Array) -> Array:
-    """Mode by mode matrices (..., e, c, n) on states (..., c, batch, n), either of them one or many."""
-    return np.einsum("...ecj,...cbj->...ebj", matrices, states)
+_INDEPENDENT: dict[tuple[type, str, int, float, bool], tuple[NDArray[np.int64], Array]] = {}
+REMEMBERED = 1024
 
 
-def _at_nodes(first: Array, of_state: Array, states: Array, forced: Array | float = 0.0) -> Array:
-    """Values at the nodes of all steps (K, S, batch, n) from those of the first (1, S, batch, n), and of unit
-    states (S, a, n); ``forced`` (K - 1, S, batch, n) is what acts in the later steps."""
-    return np.concatenate([first, _applied(of_state, states[:-1]) + forced])
+def _seen(scheme: Scheme, order: int, dt: float, extrapolated: bool) -> tuple[NDArray[np.int64], Array]:
+    rates, decay = np.array([0.4, 1.1, 2.3]) / dt, np.array([0.3, 0.2, 0.5]) / dt
+    equation: Equation = Modal(rates, decay)
+    if order == 1:
+        turn = np.array([[0.0, 1.0, 0.3], [-0.7, -0.2, 0.0], [0.0, 0.6, -0.9]])
+        equation = FirstOrder(turn / dt)
+    n = len(rates)
+    a = components(scheme, equation, n)
+    z = np.zeros((a, a, n))
+    z[np.arange(a), np.arange(a)] = 1.0
+    none = [np.zeros((a, n))] * len(scheme.nodes)
+
+    def seen(z: Array) -> Array:
+        new, stages = scheme.step(equation, dt, z, none, none)
+        guesses = scheme.predict(equation, dt, z) if extrapolated else []
+        return np.array([*new, *(y[0] for y in stages), *map(equation.velocity, stages), *guesses])
+
+    does = seen(z)  # (fields, a, n)
+    # What a part of the input does, so many times, shows how much is rounding: terms that cancel leave nothing else.
+    again = np.array([k * seen(z / k) for k in (3.0, 5.0, 7.0, 11.0)])
+    rounding = np.max(np.abs(does - again), axis=(0, 3))[..., None]
+    does = np.where(np.abs(does) <= 16.0 * rounding, 0.0, does)
+    effects = does.transpose(0, 2, 1).reshape(-1, a)
+    units = np.max(np.abs(does[0]), axis=1)
+    units = np.where(units > 0.0, units, 1.0)
+    effects = effects / units
+    size = np.max(np.abs(effects), axis=1)
+    effects = effects[size > 0.0] / size[size > 0.0, None]
+    keep: list[int] = []
+    mix = np.eye(a)
+    for e in range(a):
+        x = np.linalg.lstsq(effects[:, keep], effects[:, e], rcond=None)[0]
+        left = np.max(np.abs(effects[:, keep] @ x - effects[:, e]))
+        if left <= INDEPENDENT * np.max(np.abs(effects[:, e])):
+            mix[keep, e] = x * units[e] / units[keep]
+        else:
+            keep.append(e)
+    return np.array(keep), mix[keep]

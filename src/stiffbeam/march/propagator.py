@@ -1,8 +1,8 @@
-"""scheme x modes x dt -> Propagator: K steps of a scheme as the arrays of one linear map.
+"""scheme x coordinates x dt -> Propagator: K steps of a scheme as the arrays of one linear map.
 
-A scheme is a linear step, and K steps of it are again one, with K S force nodes. In modal coordinates
-its homogeneous part is one small matrix per mode, and stepping *unit* states and *unit* forces through
-the scheme's own ``step`` reads off every array: nothing here knows any scheme. The march then costs
+A scheme is a linear step, and K steps of it are again one, with K S force nodes. Stepping *unit* states and
+*unit* forces through the scheme's own ``step`` reads off every array: nothing here knows any scheme. In modal
+coordinates the homogeneous part is one small matrix per mode, else one large one. The march then costs
 one product with ``reading`` and one with ``transition`` per block, and touches the stops node by node.
 """
 
@@ -14,19 +14,21 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..basics.arrays import Array, aligned, padded
+from ..basics.arrays import Array, aligned
 from ..model.drive import Drive, Term
-from ..model.modes import Modes
 from ..model.system import System
 from ..model.time_functions import evaluate, offset_rate
 from ..schemes import Scheme
+from .coordinates import Coordinates
+from .entries import Entries
 from .kernels.layout import Block, Forcing, Inflow
-from .probe import Probe, probe_load
+from .powers import Powers
+from .probe import StepMap
 
 
 @dataclass(frozen=True, eq=False)
 class Propagator:
-    """K steps from the state z (a, n) in modal coordinates, packed as D numbers.
+    """K steps from the state z (a, N), packed as D numbers.
 
     The block's entries w (R,) are the contact arguments, node by node and contact by contact, followed
     by the channel positions at the ends of steps that are no node:
@@ -41,46 +43,65 @@ class Propagator:
     ``inflow`` is there for sampled loads and offsets only.
     """
 
-    scheme: Scheme
-    dt: float
+    one: StepMap
+    powers: Powers
     steps: int  # K
-    system: System
-    basis: Modes
     block: Block
-    end_channels: NDArray[np.int64]  # the channels read at the ends of steps
-    extrapolated: bool
-    keep: NDArray[np.int64]  # the components of the scheme's state that the packed one holds
-    mix: Array  # (len(keep), a): what each of them holds
-    units: Probe  # what the steps make of unit states
+    entries: Entries
     samples: tuple[Term, ...]  # loads that are sampled at the nodes
     sample_rows: Array  # (loads K S, R + D)
     sample_velocity: Array  # (loads K S, K, channels)
     offset_samples: tuple[Term, ...]  # offsets that are sampled at the entries
 
-    def pack(self, z: Array) -> Array:
-        """The scheme's states (a, members, n) -> (members, D + (kept - 1) n), see Block."""
-        mixed = np.einsum("ce,emj->cmj", self.mix, z)
-        kept, members, n = mixed.shape
-        packed = aligned((members, self.block.reading.shape[1] + (kept - 1) * n))
-        packed[:, : kept * n] = np.moveaxis(mixed, 0, 1).reshape(members, -1)
-        packed[:, kept * n : (2 * kept - 1) * n] = packed[:, : (kept - 1) * n]
-        return packed
-
-    def unpack(self, packed: Array) -> Array:
-        """Packed (members, ...) -> states (a, members, n) that go on as the packed ones do."""
-        a, n = self.mix.shape[1], self.system.size
-        z = np.zeros((a, len(packed), n))
-        z[self.keep] = np.moveaxis(packed[:, : len(self.keep) * n].reshape(-1, len(self.keep), n), 1, 0)
-        return z
+    @property
+    def scheme(self) -> Scheme:
+        """Whose steps these are."""
+        return self.one.scheme
 
     @property
-    def amplification(self) -> Array:
-        """(n, kept, kept): what the K steps make of the kept components of every mode, without forces."""
-        kept, n = len(self.keep), self.system.size
-        matrix = np.zeros((n, kept, kept))
-        for e, c in np.ndindex(kept, kept):
-            matrix[:, c, (c + e) % kept] = self.block.transition[e, c * n : (c + 1) * n]
-        return matrix
+    def coordinates(self) -> Coordinates:
+        """In which they are taken."""
+        return self.one.coordinates
+
+    @property
+    def dt(self) -> float:
+        """The step."""
+        return self.one.dt
+
+    @property
+    def keep(self) -> NDArray[np.int64]:
+        """The components of the scheme's state that the packed one holds."""
+        return self.one.keep
+
+    @property
+    def mix(self) -> Array:
+        """(len(keep), a): what each of them holds."""
+        return self.one.mix
+
+    @property
+    def used(self) -> int:
+        """How many of the D numbers are not padding."""
+        return len(self.keep) * self.coordinates.rows.shape[1]
+
+    def pack(self, z: Array) -> Array:
+        """The scheme's states (a, members, N) -> (members, D + ...), see Block."""
+        mixed = np.einsum("ce,emj->cmj", self.mix, z)
+        packed = aligned((mixed.shape[1], self.block.reading.shape[1] + self.used - self.coordinates.parts))
+        packed[:, : self.used] = np.moveaxis(mixed, 0, 1).reshape(len(packed), -1)
+        self.repeat(packed)
+        return packed
+
+    def repeat(self, packed: Array) -> None:
+        """Packed states (members, ...) from their first D numbers."""
+        again = self.used - self.coordinates.parts
+        packed[:, self.used : self.used + again] = packed[:, :again]
+
+    def unpack(self, packed: Array) -> Array:
+        """Packed (members, ...) -> states (a, members, N) that go on as the packed ones do."""
+        a, N = self.mix.shape[1], self.coordinates.rows.shape[1]
+        z = np.zeros((a, len(packed), N))
+        z[self.keep] = np.moveaxis(packed[:, : self.used].reshape(-1, len(self.keep), N), 1, 0)
+        return z
 
     @property
     def compliances(self) -> tuple[Array, Array]:
@@ -95,32 +116,15 @@ class Propagator:
         """Whether every load and offset is in the drive, so that there is no inflow."""
         return not self.samples and not self.offset_samples
 
-    @property
-    def entry_times(self) -> Array:
-        """From the block's start; 0 for padding of the nodes, none for that at the end; rates not counted."""
-        nodes = np.add.outer(np.arange(self.steps), self.scheme.nodes) * self.dt
-        ends = (1 + np.arange(self.steps)) * self.dt
-        at_nodes = np.zeros(len(self.block.push))
-        at_nodes[: len(self.block.compliance)] = np.repeat(nodes.ravel(), len(self.system.contacts))
-        return np.concatenate([at_nodes, np.repeat(ends, len(self.end_channels))])
-
-    @property
-    def entry_channels(self) -> NDArray[np.int64]:
-        """The channel of each entry, -1 for padding of the nodes."""
-        at_nodes = np.full(len(self.block.push), -1)
-        contacts = len(self.system.contacts)
-        at_nodes[: len(self.block.compliance)] = np.arange(len(self.block.compliance)) % max(1, contacts)
-        return np.concatenate([at_nodes, np.tile(self.end_channels, self.steps)])
-
     def inflow(self, starts: Array, last: float) -> Inflow:
         """What sampled loads and offsets add to the blocks that start at ``starts`` (B,).
 
         Callables are not asked for times after ``last``: a block may run past the end, its surplus
         steps are dropped.
         """
-        (R, D), K, channels = self.block.reading.shape, self.steps, self.block.velocity.shape[1]
+        (R, D), K, readers = self.block.reading.shape, self.steps, self.one.readers
         if self.harmonic:
-            return Inflow(np.zeros((0, R + D)), np.zeros((0, K, channels)))
+            return Inflow(np.zeros((0, R + D)), np.zeros((0, K, readers.channels)))
         values = np.zeros((len(starts), len(self.sample_rows)))
         if self.samples:
             offsets = np.add.outer(np.arange(K), self.scheme.nodes).ravel() * self.dt
@@ -128,94 +132,99 @@ class Propagator:
             values = np.concatenate([evaluate(f, times) for _, f in self.samples], axis=1)
         rows = values @ self.sample_rows
         velocity = np.tensordot(values, self.sample_velocity, 1)
-        ends = starts[:, None] + (1 + np.arange(K)) * self.dt
-        times = np.minimum(np.add.outer(starts, self.entry_times), last)
-        for unit, function in self.offset_samples:
-            here = np.flatnonzero(self.entry_channels == np.argmax(unit))
-            rows[:, here] += evaluate(function, times[:, here])
-            for node in here[here < len(self.block.rates)]:
-                rows[:, self.block.rates[node]] += offset_rate(function, times[:, node])
-            velocity[..., np.argmax(unit)] += offset_rate(function, np.minimum(ends, last))
+        if self.offset_samples:
+            times = np.add.outer(starts, np.add.outer(np.arange(K), readers.when) * self.dt)
+            times, moved = np.minimum(times, last), np.zeros(times.shape)  # (B, K, g)
+            for unit, function in self.offset_samples:
+                for rates, value in ((False, evaluate), (True, offset_rate)):
+                    here = np.flatnonzero((readers.is_rate == rates) & (readers.channel == np.argmax(unit)))
+                    moved[..., here] += value(function, times[..., here])
+            rows[:, :R] += self.entries.of_readings(moved, R)
+            velocity = velocity + moved[..., readers.end_rates]
         return Inflow(rows, velocity)
 
     def forcing(self, systems: Sequence[System]) -> Forcing:
         """The harmonic and constant loads and offsets of systems that differ from this one in nothing else.
 
-        Probed once for all of them: from rest, under each drive coefficient of each system.
+        A load is Re P e^(i w t), and all it does follows from what it does in one step from rest: what h + k steps
+        make is A^k times what h make, and what k make from h on. A member has the bits of its solo run: nothing
+        here depends on how many there are.
         """
-        drives = [Drive.of(system) for system in systems]
-        most = max(len(drive.frequencies) for drive in drives)
-        # Members may have fewer frequencies than others: the places left over carry nothing.
-        drives = [Drive(x.frequencies + (1.0,) * (most - len(x.frequencies))) for x in drives]
-        V, d, n, K = len(systems), drives[0].size, self.system.size, self.steps
-        frequencies = np.array([drive.frequencies for drive in drives]).reshape(V, -1)
-        loads = np.stack(
-            [self.basis.force(drive.split(s.loads, n)[0]) for drive, s in zip(drives, systems, strict=True)]
-        )
-        shifts = np.stack([drive.offsets(s)[0] for drive, s in zip(drives, systems, strict=True)])  # (V, d, channels)
-        probed = probe_load(
-            self.scheme, self.basis.equation, self.dt, self.units, loads,
-            lambda x, t: turned(x, frequencies, t), self.extrapolated,
-        )  # fmt: skip
-        rows, (R, D) = modal_rows(self.system, self.basis), self.block.reading.shape
-        forced = aligned((V, d, R + D))
-        fields = entries_of(probed, rows, len(self.system.contacts), self.end_channels)
-        forced[..., : fields.shape[1]] = fields.reshape(V, d, -1)
-        mixed = np.einsum("ce,emj->cmj", self.mix, probed.states[-1])  # (kept, V d, n)
-        forced[..., R : R + mixed.shape[0] * n] = np.moveaxis(mixed, 0, 1).reshape(V, d, -1)
-        rates = shifts.copy()  # g' @ shifts = g @ rates
-        rates[:, 0] = 0.0
-        rates[:, 1::2], rates[:, 2::2] = (
-            -frequencies[..., None] * shifts[:, 2::2],
-            frequencies[..., None] * shifts[:, 1::2],
-        )
-        velocity = np.empty((V, K, len(rows), d))
-        for c, row in enumerate(rows):
-            velocity[:, :, c] = np.moveaxis(np.sum(probed.states[:, 1] * row, axis=-1).reshape(K, V, d), 0, 1)
+        drives, V = [Drive.of(system) for system in systems], len(systems)
+        if V > 1 and (self.coordinates.parts == 1 or len({drive.size for drive in drives}) > 1):
+            return _side_by_side([self.forcing([system]) for system in systems])
+        one, readers, coordinates, K = self.one, self.one.readers, self.coordinates, self.steps
+        frequencies = np.array([(0.0, *drive.frequencies) for drive in drives])  # (V, F), the constant first
+        F, N, (R, D) = frequencies.shape[1], coordinates.rows.shape[1], self.block.reading.shape
+        pairs = list(zip(drives, systems, strict=True))
+        loads = _amplitudes(np.stack([drive.split(coordinates.loads(x), N)[0] for drive, x in pairs]))  # (V, F, N)
+        shifts = _amplitudes(np.stack([drive.offsets(x)[0] for drive, x in pairs]))  # (V, F, C)
+        turn = np.exp(1j * frequencies * self.dt * np.array(self.scheme.nodes)[:, None, None])  # (S, V, F)
+        acting = loads * turn[..., None]
+        state, read = one.from_rest(np.stack([np.real(acting), np.imag(acting)], axis=-2).reshape(len(turn), -1, N))
+        n, k, _ = state.shape
+        phase = np.exp(1j * self.dt * np.multiply.outer(np.arange(K + 1), frequencies)).swapaxes(0, 1)  # (V, K + 1, F)
+        path = np.empty((V, n, k, K, F), complex)  # what 1, 2, .. K steps make
+        path[..., 0, :] = _complex(state.reshape(n, k, V, F, 2).transpose(2, 0, 1, 3, 4))
+        done = 1
+        for level in self.powers.levels:
+            more = min(done, K - done)
+            if more > 0:
+                later = path[..., done - 1 : done, :] * phase[:, None, None, 1 : more + 1]
+                path[..., done : done + more, :] = _product(level, path[..., :more, :]) + later
+                done += more
+        read = _complex(read.reshape(-1, V, F, 2)).swapaxes(0, 1)  # (V, g, F)
+        read = read[:, None] * phase[:, :K, None]
+        if K > 1:
+            states = np.ascontiguousarray(path[..., :-1, :]).reshape(V, n * k, K - 1, F)
+            read[:, 1:] += _product(one.reading.transpose(1, 0, 2).reshape(-1, n * k), states).swapaxes(1, 2)
         if np.any(shifts):
-            read = np.flatnonzero(self.entry_channels >= 0)
-            rated = read[read < len(self.block.rates)]
-            for entries, nodes, moving in ((read, read, shifts), (self.block.rates[rated], rated, rates)):
-                moved = turned(moving, frequencies, self.entry_times[nodes])  # (entries, V, d, channels)
-                moved = moved[np.arange(len(nodes)), ..., self.entry_channels[nodes]]
-                forced[..., entries] += np.moveaxis(moved, 0, -1)
-            velocity += np.moveaxis(turned(rates, frequencies, (1 + np.arange(K)) * self.dt), (0, 3), (1, 2))
+            moved = shifts[:, :, readers.channel].swapaxes(1, 2)[:, None] * phase[:, :K, None]  # (V, K, g, F)
+            moved = moved * np.exp(1j * self.dt * readers.when[:, None] * frequencies[:, None])[:, None]
+            moved[:, :, readers.is_rate] *= 1j * frequencies[:, None, None]
+            read += moved
+        rows = np.zeros((V, F, R + D), complex)
+        rows[..., :R] = self.entries.of_readings(np.moveaxis(read, -1, 1), R)
+        rows[..., R : R + n * k] = path[..., -1, :].transpose(0, 3, 2, 1).reshape(V, F, n * k)
         constant = float(np.any(loads[:, 0]) or np.any(shifts[:, 0]))
-        return Forcing(constant, frequencies, forced, velocity)
+        velocity = np.moveaxis(_by_sines(np.moveaxis(read[:, :, readers.end_rates], -1, 1)), 1, -1)
+        return Forcing(constant, frequencies[:, 1:], _by_sines(rows), np.ascontiguousarray(velocity))
 
 
-def turned(basis: Array, frequencies: Array, t: float | Array) -> Array:
-    """T(t)^T basis with g(t_0 + t) = T(t) g(t_0): the load t after the start per unit of g there.
-
-    basis: (V, d, ...). frequencies: (V, F). t: a number, or times (k,) for (k, V, d, ...). Elementwise, so that a
-    member has the bits of its solo run.
-    """
-    phase = np.multiply.outer(t, frequencies)
-    phase = phase.reshape(*phase.shape, *[1] * (basis.ndim - 2))
-    s, c = np.sin(phase), np.cos(phase)
-    before, sines, cosines = (slice(None),) * (np.ndim(t) + 1), slice(1, None, 2), slice(2, None, 2)
-    out = np.empty((*np.shape(t), *basis.shape))
-    out[(*before, slice(0, 1))] = basis[:, :1]
-    out[(*before, sines)] = c * basis[:, sines] - s * basis[:, cosines]
-    out[(*before, cosines)] = s * basis[:, sines] + c * basis[:, cosines]
-    return out
+def _amplitudes(basis: Array) -> Array:
+    """P (V, F, ...) of the functions g @ basis = Re sum P e^(i w t), basis (V, d, ...)."""
+    return np.concatenate([basis[:, :1], basis[:, 2::2] - 1j * basis[:, 1::2]], axis=1)
 
 
-def entries_of(probed: Probe, rows: Array, contacts: int, end_channels: Array) -> Array:
-    """The entries (batch, ...) that a batch of inputs makes: contact arguments at every node, padded to
-    eight, then the ``end_channels`` at the ends of steps, then the contacts' velocities at every node, where the
-    probe has them."""
-    arguments = probed.arguments
-    K, S, batch, _ = arguments.shape
-    nodes, ends = np.empty((K, S, contacts, batch)), np.empty((K, len(end_channels), batch))
-    for c in range(contacts):
-        nodes[:, :, c] = np.sum(arguments * rows[c], axis=-1)
-    for i, channel in enumerate(end_channels):
-        ends[:, i] = np.sum(probed.states[:, 0] * rows[channel], axis=-1)
-    padding = np.zeros((padded(K * S * contacts, least=0) - K * S * contacts, batch))
-    moving = np.einsum("ksbj,cj->kscb", probed.velocities, rows[:contacts])
-    return np.concatenate([x.reshape(-1, batch) for x in (nodes, padding, ends, moving)]).T
+def _by_sines(amplitudes: Array) -> Array:
+    """``_amplitudes`` undone: what goes with 1, sin w t, cos w t, .. (V, d, ...)."""
+    V, F = amplitudes.shape[:2]
+    basis = aligned((V, 2 * F - 1, *amplitudes.shape[2:]))
+    basis[:, 0] = np.real(amplitudes[:, 0])
+    basis[:, 1::2], basis[:, 2::2] = -np.imag(amplitudes[:, 1:]), np.real(amplitudes[:, 1:])
+    return basis
 
 
-def modal_rows(system: System, basis: Modes) -> Array:
-    return np.array([basis.force(row) for row, _ in system.channels])  # (channels, n)
+def _complex(pairs: Array) -> Array:
+    return pairs[..., 0] + 1j * pairs[..., 1]
+
+
+def _product(matrix: Array, x: Array) -> Array:
+    """A real matrix (.., e, k) on complex x (V, .., k, steps, F), of one shape for every V."""
+    real = np.ascontiguousarray(x).view(float)
+    made = matrix @ real.reshape(*real.shape[:-2], -1)
+    return made.reshape(*made.shape[:-1], *real.shape[-2:]).view(complex)
+
+
+def _side_by_side(each: Sequence[Forcing]) -> Forcing:
+    """Of several members, those with fewer frequencies than others given some that carry nothing."""
+    most = max(x.frequencies.shape[1] for x in each)
+    missing = [most - x.frequencies.shape[1] for x in each]
+    return Forcing(
+        max(x.constant for x in each),
+        np.concatenate(
+            [np.pad(x.frequencies, ((0, 0), (0, k)), constant_values=1.0) for x, k in zip(each, missing, strict=True)]
+        ),
+        np.concatenate([np.pad(x.rows, ((0, 0), (0, 2 * k), (0, 0))) for x, k in zip(each, missing, strict=True)]),
+        np.concatenate([np.pad(x.velocity, ((0, 0),) * 3 + ((0, 2 * k),)) for x, k in zip(each, missing, strict=True)]),
+    )

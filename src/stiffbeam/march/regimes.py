@@ -24,8 +24,10 @@ import numpy as np
 from ..basics.arrays import Array, aligned, padded
 from ..model.drive import Drive
 from ..model.equations import Modal
+from ..model.system import System
+from .coordinates import InModes
 from .kernels.sums import Regimes
-from .propagator import Propagator, modal_rows
+from .propagator import Propagator
 
 Real, Complex = np.longdouble, np.clongdouble
 EXTENDED = np.finfo(np.longdouble).eps < 1e-18
@@ -58,7 +60,8 @@ class Map:
 
 def step_map(block: Propagator, springs: Array) -> Map:
     """The map of the scheme of ``block`` with springs (k, n), sqrt(kappa) times contact rows, on its modes."""
-    scheme, basis, dt = block.scheme, block.basis, Real(block.dt)
+    assert isinstance(block.coordinates, InModes)
+    scheme, basis, dt = block.scheme, block.coordinates.basis, Real(block.dt)
     omega, shapes = stiffened(basis.omega, springs)
     if len(springs) and np.ptp(basis.damping) > 1e-12 * np.max(np.abs(basis.damping)):
         raise NoRegime("the damping couples the modes of the closed contacts")
@@ -182,13 +185,13 @@ class Sum:
     leave: Array  # (a n, N): z = Re leave y
 
 
-def regime(block: Propagator, closed: Sequence[int]) -> Sum:
-    """The regime with the contacts ``closed``; ``block``: a propagator with harmonic and constant drive.
+def regime(block: Propagator, system: System, closed: Sequence[int]) -> Sum:
+    """The regime of ``system`` with the contacts ``closed``; ``block``: a propagator with harmonic and constant drive.
 
     Raises NoRegime where there is none.
     """
-    system, basis, dt = block.system, block.basis, Real(block.dt)
-    rows = modal_rows(system, basis)  # (C, n), free modes
+    coordinates, dt = block.coordinates, Real(block.dt)
+    rows = coordinates.rows  # (C, n), free modes
     kappa = np.array([system.contacts[c].stops.stiffness for c in closed], float)
     one = step_map(block, np.sqrt(kappa)[:, None] * rows[np.array(closed, int)])
     shift, V, W, times_counted = eigen(one.transition)
@@ -197,7 +200,7 @@ def regime(block: Propagator, closed: Sequence[int]) -> Sum:
 
     # Everything that drives: (a column of g or two, lambda - 1, modal force, offsets of the channels).
     drive = Drive.of(system)
-    loads = (drive.split(system.loads, system.size)[0] @ basis.shapes).astype(Real)
+    loads = drive.split(coordinates.loads(system), system.size)[0].astype(Real)
     offsets = drive.offsets(system)[0].astype(Real)
     F = len(drive.frequencies)
     for c, k in zip(closed, kappa, strict=True):  # a spring pulls at offset + row q, not at row q alone

@@ -14,12 +14,13 @@ from ..basics.arrays import Array, aligned
 from ..model.contact import laws
 from ..model.system import System
 from ..model.time_functions import evaluate, offset_rate, offset_values
-from ..trajectory.ledger import Ledger
+from ..trajectory.ledger import Ledger, step_ledger
+from .block_march import March, Stretch
 from .build import build
+from .coordinates import InModes
 from .kernels.single_steps import Energies, Step, account
 from .kernels.single_steps import states as states_of
 from .leap import start
-from .modal_march import March, Stretch
 from .propagator import Propagator
 
 
@@ -48,7 +49,7 @@ def step_of(stretch: Stretch, one: Propagator) -> tuple[Step, Array]:
 
 def _stretches(march: March, system: System, steps: int) -> Iterator[tuple[Stretch, Propagator]]:
     """The run once more, stretch by stretch, with the propagator of its single steps."""
-    one = build(march.scheme, march.system, march.basis, march.dt, 1, march.contact, reduced=False, rule=march.rule)
+    one = build(march.scheme, march.coordinates, march.dt, 1, march.contact, reduced=False, rule=march.rule)
     found: list[Stretch] = []
     for _ in start(march, [system], steps, None).fly(found.append):
         stretch = found.pop()
@@ -57,24 +58,25 @@ def _stretches(march: March, system: System, steps: int) -> Iterator[tuple[Stret
 
 def replay(march: March, system: System, steps: int) -> Iterator[tuple[Array, Array, Array]]:
     """Times, q and q' of a run at every step, stretch by stretch with shared end points."""
-    q_last, v_last = system.q0[None], system.v0[None]
+    coordinates, q_last, v_last = march.coordinates, system.q0[None], system.v0[None]
     for stretch, one in _stretches(march, system, steps):
         step, z = step_of(stretch, one)
         out = aligned((stretch.steps, one.block.reading.shape[1]))
-        states_of(step, system.size, z, out)
-        eta, rate = one.unpack(out)[:2]
-        q = np.concatenate([q_last, march.basis.to_nodal(eta)])
-        v = np.concatenate([v_last, march.basis.to_nodal(rate)])
+        states_of(step, coordinates.parts, z, out)
+        q, v = coordinates.states(one.unpack(out)[: coordinates.equation.order])
+        q, v = np.concatenate([q_last, q]), np.concatenate([v_last, v])
         yield (stretch.first + np.arange(len(q))) * march.dt, q, v
         q_last, v_last = q[-1:], v[-1:]
 
 
-def modal_ledger(march: March, system: System, steps: int, every: int) -> Ledger:
-    """The ledger of a run in modal coordinates, added up at every step and kept at every ``every``-th.
+def block_ledger(march: March, system: System, steps: int, every: int) -> Ledger:
+    """The ledger of a run, added up at every step and kept at every ``every``-th.
 
-    The same sums as ``step_ledger``, which takes them in the system's own coordinates.
+    In modal coordinates the same sums as ``step_ledger``, which takes them in the system's own.
     """
-    basis, contacts, dt = march.basis, system.contacts, march.dt
+    if not isinstance(march.coordinates, InModes):
+        return step_ledger(system, replay(march, system, steps), np.arange(0, steps + 1, every) * march.dt)
+    basis, contacts, dt = march.coordinates.basis, system.contacts, march.dt
     moving = any(contact.offset is not None for contact in contacts)
     kept, balance = np.zeros((steps // every + 1, 9)), np.zeros(9)
     start = np.array(system.energies(0.0, system.q0, system.v0))
@@ -84,7 +86,7 @@ def modal_ledger(march: March, system: System, steps: int, every: int) -> Ledger
         "squares": basis.omega**2,
         "damping": basis.damping,
         "loads": basis.force(np.array([vector for vector, _ in system.loads]).reshape(-1, system.size)),
-        "rows": basis.force(np.array([contact.row for contact in contacts]).reshape(-1, system.size)),
+        "rows": march.coordinates.columns,
         "law": laws(contacts),
     }
     for stretch, one in _stretches(march, system, steps):

@@ -20,7 +20,8 @@ from .kernels import blocks as kernel
 from .kernels.layout import Block, Forcing, Inflow, Kept, Marchers
 
 COMPILING = "compiling the march, once for this version"  # said while it is waited for
-_beside: subprocess.Popen | None = None
+_beside: subprocess.Popen[bytes] | None = None
+_warm = False  # whether this process has it
 
 
 def compiled() -> bool:
@@ -30,6 +31,9 @@ def compiled() -> bool:
 
 def warm_up() -> float:
     """Compile the kernel or load it, or wait for who is compiling it; the seconds it took."""
+    global _warm
+    if _warm:
+        return 0.0
     begun = time.perf_counter()
     if _beside is not None:
         _beside.wait()  # one that has failed left nothing on disk, and it is compiled here
@@ -42,6 +46,7 @@ def warm_up() -> float:
         Marchers(z, z, z, np.zeros((0, 1, TALLY)), index[0]), Kept(none, none, z, z), row, 0, 0, 1.0, 1,
         np.zeros(3, np.int64),
     )  # fmt: skip
+    _warm = True
     return time.perf_counter() - begun
 
 

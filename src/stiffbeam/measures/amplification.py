@@ -1,4 +1,4 @@
-"""Amplification: what one step makes of a free oscillation, as a function of dt over its period."""
+"""Amplification: the effect of one step on a free oscillation, as a function of dt over its period."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ from numpy.typing import ArrayLike
 from ..basics.arrays import Array
 from ..basics.budget import afford
 from ..basics.validation import InputError, number, numbers, one_of
-from ..march.build import build
+from ..march.coordinates import InModes
+from ..march.probe import probe
 from ..model.modes import Modes
 from ..model.system import System
 from ..schemes import Scheme
@@ -33,7 +34,7 @@ class Amplification:
         damping_ratio      -ln |lambda|/sqrt(ln^2 |lambda| + (W dt)^2): xi itself for the exact flow
 
     The last two are NaN where the principal roots are real. Beyond dt/T = 1/2 the sampled oscillation is
-    aliased, and they compare what a reader of the samples would take for the frequency.
+    aliased, and they are those of the alias frequency.
     Source: Hughes, The Finite Element Method (1987), Section 9.3.
     """
 
@@ -97,7 +98,7 @@ def _kernel_roots(scheme: Scheme, x: Array, xi: float) -> Array:
         mass=one, damping=np.diag(2.0 * xi * omega), stiffness=np.diag(omega**2), observe=one[0], q0=nothing, v0=nothing
     )
     basis = Modes(omega=omega, shapes=one, damping=2.0 * xi * omega, mass=one)
-    return np.linalg.eigvals(build(scheme, system, basis, 1.0, 1, "implicit").amplification)
+    return np.linalg.eigvals(probe(scheme, InModes(system, basis), 1.0).transition)
 
 
 def _closed_roots(scheme: Scheme, x: Array, xi: float) -> Array:

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+SEEN = 0.9  # of the exact impacts: what the times of a run of anyone's must show of them
 UNKNOWN = ContactStatistics(-1, -1, np.nan, np.nan, np.nan)
 
 
@@ -141,8 +142,8 @@ def compare(run: Trajectory | Sequence[ArrayLike], reference: Reference) -> Comp
     """All measures of ``run`` against ``reference``, which must be of the same system.
 
     ``run`` is a scheme's run with every step on output, another reference at equidistant times, one made by
-    ``Trajectory.from_arrays``, or its arrays (t, tip) or (t, tip, tip velocity) themselves: what these do not
-    tell is NaN, and ``missing`` says why.
+    ``Trajectory.from_arrays``, or its arrays (t, tip) or (t, tip, tip velocity) themselves: what these do not hold is
+    NaN, and ``missing`` says why.
     Raises InputError where the systems differ, the outputs are thinned or the reference has no horizon.
     """
     if isinstance(run, (tuple, list)) and len(run) in (2, 3) and isinstance(reference, Reference):
@@ -183,6 +184,13 @@ def compare(run: Trajectory | Sequence[ArrayLike], reference: Reference) -> Comp
         for c, own in zip(contacts, run.contacts, strict=True)
         if own.impacts.kind == "unknown"
     ]
+    if run.provenance.get("source") == "arrays":
+        missing += [
+            f"{c.place or 'contact'}: at the run's times the exact motion itself shows {c.reference.impacts} of its "
+            f"{c.reference.event_impacts} impacts; pass every step if these are thinned"
+            for c in contacts
+            if c.reference.impacts < SEEN * c.reference.event_impacts
+        ]
     if energy is None:
         missing.append("energy: the run came without states or a ledger")
     if "tip_velocity" in run.provenance:
@@ -266,7 +274,7 @@ def _contact(
 
 
 def _rigid_contact(run: Trajectory, reference: Reference, system: System, i: int, window: float) -> ContactComparison:
-    """Contact i on a rigid stop, of which positions do not tell the force: impacts are those that each has itself.
+    """Contact i on a rigid stop, where positions do not determine the force: each trajectory has its own impacts.
 
     Forces have no peak. Share and impulse are known of whole runs only.
     """

@@ -25,7 +25,7 @@ class ModeErrors:
         period_elongation  m/(w_d - m)                              > 0: late
         damping_ratio      (xi w - s)/hypot(xi w - s, w_d - m)      the exact flow has xi
 
-    *_error: what the fit can be off by, 3 max|residual|/(span) for a slope. NaN where the mode is not
+    *_error: the possible error of the fit, 3 max|residual|/(span) for a slope. NaN where the mode is not
     excited, dies within a few steps or turns by more than half a circle per step against the exact one.
     """
 

@@ -1,4 +1,4 @@
-"""A contact in numbers, and impact sequences held against each other: pairing, delays, the time they part."""
+"""A contact in numbers, and the comparison of two impact sequences: pairs, delays, the time to which they match."""
 
 from __future__ import annotations
 

@@ -69,7 +69,7 @@ def even_over_odd(amplitudes: Array, first: int = 2) -> float:
     """Geometric mean of the even multiples over that of the odd ones, from multiple ``first`` on, in pairs.
 
     Of multiples first .. first + 2 m - 1, so that a decay with frequency weighs on both alike: 0 for a
-    motion that changes sign with half a drive period, 1 for no preference.
+    motion that changes sign with half a drive period, 1 where both are equal.
     """
     orders = np.arange(1, len(amplitudes) + 1)
     pairs = (len(amplitudes) - first + 1) // 2

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
@@ -18,7 +19,7 @@ GRID = 401
 class PhaseLag:
     """tau minimising J(tau) = sum_j (u_run(t_j + tau) - u_ref(t_j))^2; > 0: the run is late.
 
-    residual: sqrt(J(tau)/sum u_ref^2), what a shift cannot explain. unshifted: the same with J(0).
+    residual: sqrt(J(tau)/sum u_ref^2), what is left after the shift. unshifted: the same with J(0).
     lag and residual are NaN where the lag is undefined, and ``undefined`` says why.
     """
 
@@ -59,5 +60,5 @@ def phase_lag(
     unshifted = float(np.sqrt(J(0.0) / scale))
     if best in (0, GRID - 1):
         return PhaseLag(nan, nan, unshifted, f"no best shift within {tau_m:.3g}")
-    result = minimize_scalar(J, bracket=(shifts[best - 1], shifts[best], shifts[best + 1]), method="brent")
+    result: Any = minimize_scalar(J, bracket=(shifts[best - 1], shifts[best], shifts[best + 1]), method="brent")
     return PhaseLag(float(result.x), float(np.sqrt(max(0.0, result.fun) / scale)), unshifted)

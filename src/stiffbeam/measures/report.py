@@ -1,9 +1,9 @@
-"""Tables on the terminal and in notebooks, where rich would show what it is told to write: force_jupyter=False."""
+"""Tables on the terminal and in notebooks, with force_jupyter=False: there rich would display them at once."""
 
 from __future__ import annotations
 
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -72,9 +72,9 @@ def _matched(until: float, window: float) -> str:
 
 
 def common_window(comparisons: Sequence[Comparison]) -> float:
-    """The time to which the impacts of all the runs match: there their errors can be held against one another.
+    """The time to which the impacts of all the runs match: up to it their errors can be compared.
 
-    A run that misses the first impact leaves the time before that; the horizon where a run has no such time.
+    If a run misses the first impact, it is the time before that impact; the horizon if a run has no such time.
     """
     return min((c.matched_until for c in comparisons if c.matched_until > c.dt), default=comparisons[0].window)
 
@@ -84,10 +84,12 @@ def comparison_tables(
     references: Sequence[Reference] = (),
     failures: Sequence[tuple[str, str]] = (),
     truths: Mapping[str, Reference] | None = None,
+    refused: Container[str] = (),
 ) -> RenderableType:
     """One table per form inside the horizon, the whole runs in a table of their own, the failures.
 
-    truths: by form, a solution that holds over the whole span where there is one.
+    truths: by form, a solution that holds over the whole span where there is one. refused: the labels of those
+    failures that cannot be asked of the case.
     """
     by_reference = [
         [c for c in comparisons if c.reference == r] for r in dict.fromkeys(c.reference for c in comparisons)
@@ -98,7 +100,8 @@ def comparison_tables(
     for own in by_reference:
         parts.append(_whole(own, (truths or {}).get(own[0].reference.partition("@")[2])))
     for label, message in failures:
-        parts.append(Text.assemble(("failed  ", "bold red"), (label, "bold"), f"  {message}"))
+        word = ("refused  ", "bold") if label in refused else ("failed  ", "bold red")
+        parts.append(Text.assemble(word, (label, "bold"), f"  {message}"))
     return Group(*parts)
 
 
@@ -118,7 +121,7 @@ def _table(title: str, headings: Sequence[str]) -> Table:
 
 
 def _inside(comparisons: Sequence[Comparison]) -> Table:
-    """The measures on [0, horizon] of one form's runs; their errors as long as all of them are on one motion."""
+    """The measures on [0, horizon] of one form's runs; errors while the impacts of all of them match."""
     first = comparisons[0]
     units = first.units
     method, _, form = first.reference.partition("@")
@@ -249,9 +252,7 @@ def _explanation(comparisons: Sequence[Comparison], references: Sequence[Referen
             "Modes that do not decouple march without the compiler.",
         ]
     if any(map(_several, comparisons)):
-        lines.append(
-            "Several contacts: a run's impacts part where they do at the first contact to fail; each has a line."
-        )
+        lines.append("Several contacts: impacts match as long as they do at every contact; each contact has a line.")
     lines += [f"{c.label.partition('@')[0]}, {reason}." for c in comparisons for reason in c.missing]
     return "\n".join(lines) + "\n"
 

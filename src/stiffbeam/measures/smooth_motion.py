@@ -1,4 +1,4 @@
-"""A system's smooth motion: without contact, every load's steady answer and the lowest mode."""
+"""A system's smooth motion without contact: the steady response to every load, and the lowest mode."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def without_contact(system: System) -> System:
 
 
 def smooth_motion(system: System) -> System:
-    """The system without contact on its slow motion: the steady answer to the drive plus the lowest mode.
+    """The system without contact on its slow motion: the steady response to the drive plus the lowest mode.
 
     Initial data at rest excite every mode of the grid, and no step of interest resolves the highest. The
     lowest mode starts with the size of the steady motion, or 1 where nothing drives the system. Raises
@@ -54,5 +54,5 @@ def steady_state(system: System) -> tuple[Array, Array]:
     y = np.empty_like(forces)
     for j, (omega, c) in enumerate(zip(basis.omega, basis.damping, strict=True)):
         matrix = rate @ rate + c * rate + omega**2 * np.eye(drive.size)
-        y[:, j] = np.linalg.lstsq(matrix, forces[:, j])[0]  # a rigid-body mode has no steady answer to a constant
+        y[:, j] = np.linalg.lstsq(matrix, forces[:, j])[0]  # a rigid-body mode has no steady response to a constant
     return basis.to_nodal(y), drive.coefficients(0.0)

@@ -13,7 +13,7 @@ from ..trajectory.trajectory import Reference, Trajectory
 
 @dataclass(frozen=True)
 class TipError:
-    """(u - u_ref)/max |u_ref| over the times both are given at; both 0 where a reference at rest is met exactly."""
+    """(u - u_ref)/max |u_ref| over the times both are given at; both 0 where run and reference are at rest."""
 
     rms: float
     max: float

@@ -1,0 +1,1 @@
+"""The problem, its discretisation and the law of contact."""

@@ -4,23 +4,42 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..basics.compiled import compiled
+from ..basics.arrays import Array
+from ..basics.compiled import compiled, inlined
 from .contact_law import G1, G2, KAPPA
 
 
+@inlined
+def solve_definite(A: Array, b: Array, n: int) -> None:
+    """x with A x = b in place of b, A = L D L^T the first n rows; its lower part becomes L and D."""
+    for i in range(n):
+        for j in range(i):
+            for k in range(j):
+                A[i, j] -= A[i, k] * A[k, k] * A[j, k]
+            A[i, j] /= A[j, j]
+        for k in range(i):
+            A[i, i] -= A[i, k] * A[i, k] * A[k, k]
+            b[i] -= A[i, k] * b[k]
+    for i in range(n - 1, -1, -1):
+        b[i] /= A[i, i]
+        for k in range(i + 1, n):
+            b[i] -= A[k, i] * b[k]
+
+
 @compiled
-def solve_node(r, compliance, law):
+def solve_node(r: Array, compliance: Array, law: Array) -> Array:
     """The forces F (m,) with v = r + S F and F_c = F_c(v_c), S symmetric positive semidefinite, laws (m, 3).
 
     They minimise 1/2 F^T S F + r^T F + sum_c (F_c^2/(2 kappa_c) - g_c F_c), g_c the stop that F_c comes
     from. Lawson and Hanson's active set: close the contact that penetrates most, solve for the closed
-    ones, and go only as far as no force changes sign, opening those that reach zero. It ends because
-    the minimum over the closed contacts falls at every turn.
+    ones, and go only as far as no force changes sign, opening those that reach zero. It ends, because every iteration
+    lowers the minimum over the closed contacts.
     """
     m = r.size
     kappa, g1, g2 = law[:, KAPPA], law[:, G1], law[:, G2]
-    force = np.zeros(m)
+    force, target, right = np.zeros(m), np.zeros(m), np.zeros(m)
     side = np.zeros(m)  # +1 on the upper stop, -1 on the lower, 0 open
+    factor, which = np.zeros((m, m)), np.zeros(m, np.int64)
     for _ in range(20 * m):
         worst = 0.0
         entering = -1
@@ -40,16 +59,19 @@ def solve_node(r, compliance, law):
         side[entering] = stop
         while True:
             # (1/kappa + S) F = g - r on the closed contacts, the others left at zero.
-            matrix = np.eye(m)
-            right = np.zeros(m)
+            closed = 0
             for c in range(m):
+                target[c] = 0.0
                 if side[c] != 0.0:
-                    right[c] = (g2[c] if side[c] > 0.0 else g1[c]) - r[c]
-                    matrix[c, c] = 1.0 / kappa[c] + compliance[c, c]
-                    for e in range(m):
-                        if e != c and side[e] != 0.0:
-                            matrix[c, e] = compliance[e, c]
-            target = np.linalg.solve(matrix, right)
+                    which[closed] = c
+                    right[closed] = (g2[c] if side[c] > 0.0 else g1[c]) - r[c]
+                    for e in range(closed):
+                        factor[closed, e] = compliance[which[e], c]
+                    factor[closed, closed] = 1.0 / kappa[c] + compliance[c, c]
+                    closed += 1
+            solve_definite(factor, right, closed)
+            for i in range(closed):
+                target[which[i]] = right[i]
             way = 1.0
             opening = -1
             for c in range(m):
@@ -59,7 +81,8 @@ def solve_node(r, compliance, law):
                         way = part
                         opening = c
             if opening < 0:
-                force = target
+                for c in range(m):
+                    force[c] = target[c]
                 break
             for c in range(m):
                 force[c] += way * (target[c] - force[c])

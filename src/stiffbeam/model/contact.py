@@ -28,12 +28,12 @@ class Stops:
         exponent 3/2                    Hertz; any exponent: Kuttler and Shillor's power law
         dissipation > 0                 Hunt and Crossley, see ``from_restitution``
 
-    A stop pushes only: where damping would make F a pull it lets go, before d = 0. With c > 0 the force jumps
-    by c d' at entry. U = kappa d^(p+1)/(p+1) is the energy it holds at d; what it takes beyond is dissipated.
+    A stop only pushes: where damping would turn F into a pull, contact ends, before d = 0. With c > 0 the force
+    jumps by c d' at entry. U = kappa d^(p+1)/(p+1) is the energy stored at d; the rest of its work is dissipated.
     ``stiffness=inf`` is a rigid stop: a reaction of any size where the gap is closed, none elsewhere. ``restitution``
-    is then Newton's e in [0, 1], u'+ = -e u'-; None where no impact has to be told, see ``System.massless_contacts``.
+    is then Newton's e in [0, 1], u'+ = -e u'-; None where no impact law is needed, see ``System.massless_contacts``.
     For a beam, d is that of v = u(x, t) - m(t): ``position`` is x, None the tip, and ``motion`` is m, by which both
-    stops move (> 0 the way u does; a time function), None for stops at rest. A contact of matrices has both in its
+    stops move (a time function, with the sign of u), None for stops at rest. A contact of matrices has both in its
     row and offset. A number given as a text ("0.001", "1/3"), Fraction or Decimal is carried exactly into
     multiprecision. Source: Dumont (2002), eq. (2.4); Hunt and Crossley, J. Appl. Mech. 42 (1975) 440-445.
     """
@@ -91,7 +91,7 @@ class Stops:
         upper: float | None = None,
         exponent: float = 1.0,
     ) -> Stops:
-        """Hunt-Crossley stops that throw a free mass arriving at ``speed`` back at ``restitution`` times it.
+        """Hunt-Crossley stops from which a free mass with ``speed`` rebounds with ``restitution`` times ``speed``.
 
             lambda speed (1 + e) = ln[(1 + lambda speed)/(1 - e lambda speed)]
 
@@ -104,7 +104,7 @@ class Stops:
         return cls(lower, upper, stiffness=stiffness, exponent=exponent, dissipation=dissipation)
 
     def __repr__(self) -> str:
-        """The fields; those of other laws only where they are not the linear one's, so that its text is its own."""
+        """The fields; exponent, damping and so on only where they differ from the linear law's."""
         shown = [x for x in fields(self) if x.name in SIDES or getattr(self, x.name) != x.default]
         return f"Stops({', '.join(f'{x.name}={getattr(self, x.name)!r}' for x in shown)})"
 
@@ -150,7 +150,7 @@ class Stops:
 
     @property
     def jumps(self) -> bool:
-        """Whether F jumps where the gap closes at speed."""
+        """Whether F jumps where the gap closes with a velocity other than zero."""
         return self.damping > 0.0
 
     def penetration(self, v: ArrayLike) -> Array:
@@ -161,17 +161,16 @@ class Stops:
     def spring(self, side: int) -> tuple[float, float]:
         """(kappa, kappa g): on ``side``, +1 or -1, F(v) = kappa g - kappa v; g = 0 for a side without a stop.
 
-        Raises InputError where the law is not that.
+        Raises InputError where the law is not that, or that and -c v'.
         """
-        self.require_linear("a closed form between its switches")
+        self.require_linear("a closed form between its switches", damped=True)
         gap = self.g2 if side > 0 else self.g1
         return float(self.stiffness), self.stiffness * (gap if math.isfinite(gap) else 0.0)
 
-    def require_linear(self, for_what: str) -> None:
-        """Raise InputError unless the law is the linear one."""
+    def require_linear(self, for_what: str, damped: bool = False) -> None:
+        """Raise InputError unless the law is the linear one; ``damped``: or unilateral Kelvin-Voigt."""
         self.require_compliant(for_what)
-        if not self.linear:
-            name = next(x for x in ("exponent", "damping", "dissipation") if getattr(self, x) != LINEAR[x])
+        for name in (x for x in LINEAR if getattr(self, x) != LINEAR[x] and not (damped and x == "damping")):
             rule = f"be {LINEAR[name]:g}, a linear law, for {for_what}"
             raise InputError(f"stops.{name}", getattr(self, name), rule, "use method='cvode'")
 
@@ -218,7 +217,7 @@ class Stops:
         return -xp.sign(inside) * self.pressure_in(xp, xp.abs(inside), rate)
 
     def secant(self, depth: float) -> float:
-        """|F|/depth at rest at that depth, the spring that gives as much there."""
+        """|F|/depth at rest: the stiffness of a linear spring with the same force at that depth."""
         self.require_compliant("a law of force")
         return float(self.stiffness * depth ** (self.exponent - 1.0))
 
@@ -248,7 +247,7 @@ class Stops:
     def state(self, v: ArrayLike, velocity: ArrayLike | None = None) -> NDArray[np.int64]:
         """chi = +1 where the upper stop presses, -1 where the lower does, else 0.
 
-        Without damping that is v > g2 and v < g1 (strict). A damped stop lets go before; it needs ``velocity``.
+        Without damping that is v > g2 and v < g1 (strict). With a damped stop contact ends earlier; needs ``velocity``.
         """
         v = np.asarray(v, float)
         chi = (v > self.g2).astype(np.int64) - (v < self.g1).astype(np.int64)
@@ -308,7 +307,7 @@ class Contact:
                 rule = "have rate(t) and acceleration(t) where the stop's force depends on the velocity"
                 raise InputError("contact.offset", self.offset, rule, "give it those methods beside value(t)")
 
-    def __setstate__(self, state: dict) -> None:
+    def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
         object.__setattr__(self, "row", read_only(self.row))  # a pickled array can be written to again
 

@@ -23,38 +23,38 @@ NEWTON = 200  # iterations, of which a handful are used
 
 
 @inlined
-def state(u, g1, g2):
+def state(u: float, g1: float, g2: float) -> float:
     """chi: +1 beyond g2, -1 beyond g1, else 0."""
     return 1.0 if u > g2 else (-1.0 if u < g1 else 0.0)
 
 
 @inlined
-def depth(u, g1, g2):
+def depth(u: float, g1: float, g2: float) -> float:
     """u - clip(u, g1, g2): > 0 into the upper stop, < 0 into the lower."""
     return u - g2 if u > g2 else (u - g1 if u < g1 else 0.0)
 
 
 @inlined
-def force(u, kappa, g1, g2):
+def force(u: float, kappa: float, g1: float, g2: float) -> float:
     """F(u), on the beam: < 0 on the upper stop."""
     return -kappa * depth(u, g1, g2)
 
 
 @inlined
-def energy(u, kappa, g1, g2):
+def energy(u: float, kappa: float, g1: float, g2: float) -> float:
     """U(u), so F = -U'."""
     d = depth(u, g1, g2)
     return 0.5 * kappa * d * d
 
 
 @inlined
-def stage_stiffness(kappa, compliance):
+def stage_stiffness(kappa: float, compliance: float) -> float:
     """kappa/(1 + kappa s): what a stop looks like to a node that gives way by s per unit of force."""
     return kappa / (1.0 + kappa * compliance)
 
 
 @inlined
-def stage_force(r, stage, g1, g2):
+def stage_force(r: float, stage: float, g1: float, g2: float) -> float:
     """F with u = r + s F and F = F(u); ``stage`` is ``stage_stiffness(kappa, s)``. With s = 0 it is F(r)."""
     if r > g2:
         return stage * (g2 - r)
@@ -67,31 +67,31 @@ def stage_force(r, stage, g1, g2):
 
 
 @inlined
-def is_linear(p, c, lam):
+def is_linear(p: float, c: float, lam: float) -> bool:
     """Whether F = -kappa d."""
     return p == 1.0 and c == 0.0 and lam == 0.0
 
 
 @inlined
-def power(d, p):
+def power(d: float, p: float) -> float:
     """d^p for d > 0, odd in d, so that it goes on smoothly where a root is sought beyond the stop."""
     return d if p == 1.0 else math.copysign(abs(d) ** p, d)
 
 
 @inlined
-def pressure(d, rate, kappa, p, c, lam):
+def pressure(d: float, rate: float, kappa: float, p: float, c: float, lam: float) -> float:
     """kappa d^p (1 + lambda d') + c d', not yet cut off at zero."""
     return kappa * power(d, p) * (1.0 + lam * rate) + c * rate
 
 
 @inlined
-def press(d, rate, kappa, p, c, lam):
+def press(d: float, rate: float, kappa: float, p: float, c: float, lam: float) -> float:
     """|F| at penetration d: the positive part of ``pressure`` where d > 0, else 0."""
     return max(0.0, pressure(d, rate, kappa, p, c, lam)) if d > 0.0 else 0.0
 
 
 @inlined
-def law_state(u, v, kappa, g1, g2, p, c, lam):
+def law_state(u: float, v: float, kappa: float, g1: float, g2: float, p: float, c: float, lam: float) -> float:
     """chi: the side on which the stop presses, 0 where it does not. Without damping that is beyond the stop."""
     if u > g2:
         return 1.0 if pressure(u - g2, v, kappa, p, c, lam) > 0.0 else 0.0
@@ -101,7 +101,7 @@ def law_state(u, v, kappa, g1, g2, p, c, lam):
 
 
 @inlined
-def law_force(u, v, kappa, g1, g2, p, c, lam):
+def law_force(u: float, v: float, kappa: float, g1: float, g2: float, p: float, c: float, lam: float) -> float:
     """F(u, u') on the beam."""
     if u > g2:
         return -press(u - g2, v, kappa, p, c, lam)
@@ -111,19 +111,21 @@ def law_force(u, v, kappa, g1, g2, p, c, lam):
 
 
 @inlined
-def law_energy(u, kappa, g1, g2, p):
+def law_energy(u: float, kappa: float, g1: float, g2: float, p: float) -> float:
     """U(u) = kappa |d|^(p+1)/(p+1)."""
     return kappa * abs(depth(u, g1, g2)) ** (p + 1.0) / (p + 1.0)
 
 
 @inlined
-def elastic_force(u, kappa, g1, g2, p):
+def elastic_force(u: float, kappa: float, g1: float, g2: float, p: float) -> float:
     """-U'(u); F less it is what dissipates."""
     return -kappa * power(depth(u, g1, g2), p)
 
 
 @inlined
-def side_dissipation(u, v, chi, kappa, g1, g2, p, c, lam):
+def side_dissipation(
+    u: float, v: float, chi: float, kappa: float, g1: float, g2: float, p: float, c: float, lam: float
+) -> float:
     """What ``side_force`` takes per time beyond the energy: (kappa d^p lambda + c) u'^2."""
     if chi == 0:
         return 0.0
@@ -131,7 +133,9 @@ def side_dissipation(u, v, chi, kappa, g1, g2, p, c, lam):
 
 
 @inlined
-def side_force(u, v, chi, kappa, g1, g2, p, c, lam):
+def side_force(
+    u: float, v: float, chi: float, kappa: float, g1: float, g2: float, p: float, c: float, lam: float
+) -> float:
     """F of the contact on side chi, +1 upper, -1 lower, 0 free, smooth across the stop and where F = 0."""
     if chi > 0:
         return -pressure(u - g2, v, kappa, p, c, lam)
@@ -141,7 +145,9 @@ def side_force(u, v, chi, kappa, g1, g2, p, c, lam):
 
 
 @inlined
-def side_slopes(u, v, chi, kappa, g1, g2, p, c, lam):
+def side_slopes(
+    u: float, v: float, chi: float, kappa: float, g1: float, g2: float, p: float, c: float, lam: float
+) -> tuple[float, float]:
     """-dF/du and -dF/du' of ``side_force``, both >= 0 where F presses."""
     if chi == 0:
         return 0.0, 0.0
@@ -151,7 +157,9 @@ def side_slopes(u, v, chi, kappa, g1, g2, p, c, lam):
 
 
 @compiled
-def stage_press(d0, rate0, s, s_rate, kappa, p, c, lam):
+def stage_press(
+    d0: float, rate0: float, s: float, s_rate: float, kappa: float, p: float, c: float, lam: float
+) -> tuple[float, float, float]:
     """(P, dP/dd0, dP/dd0') with P = |F|(d0 - s P, d0' - s' P), compliances s and s' >= 0.
 
     |F| grows with d and d', so there is one P; a law with c > 0 jumps at d = 0, where P may be all that lies
@@ -196,7 +204,9 @@ def stage_press(d0, rate0, s, s_rate, kappa, p, c, lam):
 
 
 @compiled
-def stage_law(r, w, s, s_rate, kappa, g1, g2, p, c, lam):
+def stage_law(
+    r: float, w: float, s: float, s_rate: float, kappa: float, g1: float, g2: float, p: float, c: float, lam: float
+) -> tuple[float, float, float]:
     """(F, dF/dr, dF/dw) with u = r + s F, u' = w + s' F and F = F(u, u')."""
     if r > g2:
         P, slope, slope_rate = stage_press(r - g2, w, s, s_rate, kappa, p, c, lam)

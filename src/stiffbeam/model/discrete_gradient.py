@@ -17,7 +17,7 @@ from .contact_law import NEWTON, depth, law_energy, power
 
 
 @inlined
-def _mean_power(d0, d1, p):
+def _mean_power(d0: float, d1: float, p: float) -> float:
     """(d1^(p+1) - d0^(p+1))/((p + 1)(d1 - d0)) of two depths > 0, without cancellation."""
     if p == 1.0:
         return 0.5 * (d0 + d1)
@@ -28,7 +28,7 @@ def _mean_power(d0, d1, p):
 
 
 @compiled
-def secant(u, u0, kappa, g1, g2, p):
+def secant(u: float, u0: float, kappa: float, g1: float, g2: float, p: float) -> float:
     """(U(u) - U(u0))/(u - u0), U'(u0) where they are equal."""
     a, b = depth(u0, g1, g2), depth(u, g1, g2)
     if a > 0.0 and b > 0.0:
@@ -41,7 +41,7 @@ def secant(u, u0, kappa, g1, g2, p):
 
 
 @compiled
-def _linear(rho, d0, s, kappa):
+def _linear(rho: float, d0: float, s: float, kappa: float) -> float:
     """P = -F on one stop for p = 1, from the depths rho = r - g2 and d0 = u0 - g2 < 0 outside; P >= 0."""
     if d0 > 0.0:
         P = kappa * (rho + d0) / (2.0 + kappa * s)  # inside at both ends
@@ -58,7 +58,7 @@ def _linear(rho, d0, s, kappa):
 
 
 @compiled
-def mean_force(r, u0, s, kappa, g1, g2, p):
+def mean_force(r: float, u0: float, s: float, kappa: float, g1: float, g2: float, p: float) -> tuple[float, float]:
     """(F, dF/dr): in closed form for p = 1 on one stop, else by Newton's method inside its bracket."""
     slope = secant(r, u0, kappa, g1, g2, p)
     if slope == 0.0:
@@ -94,7 +94,7 @@ def mean_force(r, u0, s, kappa, g1, g2, p):
 
 
 @inlined
-def _secant_slope(u, u0, slope, kappa, g1, g2, p):
+def _secant_slope(u: float, u0: float, slope: float, kappa: float, g1: float, g2: float, p: float) -> float:
     """d secant/du, to what Newton's method needs."""
     if abs(u - u0) <= 1e-7 * (abs(u) + abs(u0)):
         d = abs(depth(0.5 * (u + u0), g1, g2))

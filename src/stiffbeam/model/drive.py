@@ -25,7 +25,7 @@ class Drive:
     """The d = 1 + 2 F functions of time that the harmonic and constant loads of a system are made of, and its
     R ``records``, the Sampled functions among its loads and offsets, each once.
 
-    Two frequencies that are one in float64 only count as two: multiprecision tells them apart.
+    Two frequencies that are equal in float64 but not exactly count as two: multiprecision distinguishes them.
     """
 
     frequencies: tuple[float, ...]
@@ -33,7 +33,7 @@ class Drive:
 
     @classmethod
     def of(cls, system: System) -> Drive:
-        """That of a system, which cannot change, found once."""
+        """The drive of all loads and all stop motions of ``system``, which cannot change: found once."""
         if system not in _FOUND:
             _FOUND[system] = cls._of(system)
         return _FOUND[system]

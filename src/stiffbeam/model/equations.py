@@ -11,10 +11,13 @@ to schemes that read it as y' = A y + B f, and one of second order its matrices 
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
 import scipy.linalg
+import scipy.sparse
 
 from ..basics.arrays import Array
 from ..basics.validation import InputError
@@ -83,6 +86,7 @@ class SecondOrder(Equation):
     order = 2
 
     def velocity(self, y: Array) -> Array:
+        """q'."""
         return y[1]
 
     def rate(self, y: Array, force: Array) -> Array:
@@ -100,30 +104,37 @@ class SecondOrder(Equation):
 
 
 class Matrices(SecondOrder):
-    """Full matrices (n, n); factorisations are kept, so a fixed step pays for one."""
+    """Matrices (n, n), by their entries and bands where these are few; factorisations are kept, so a fixed step pays
+    for one. ``entries``: how many numbers a product with all three takes."""
 
     def __init__(self, mass: Array, damping: Array, stiffness: Array) -> None:
         self._mass, self._damping, self._stiffness = mass, damping, stiffness
-        self._factors: dict[tuple, Any] = {}
+        products = [_product(x) for x in (mass, damping, stiffness)]
+        self._products, self.entries = [x for x, _ in products], sum(count for _, count in products)
+        self._factors: dict[tuple[Any, ...], Any] = {}
 
     def mass(self, x: Array) -> Array:
-        return x @ self._mass
+        """M x for every row of x, shape (..., n)."""
+        return self._products[0](x)
 
     def damping(self, x: Array) -> Array:
-        return x @ self._damping
+        """C x for every row of x."""
+        return self._products[1](x)
 
     def stiffness(self, x: Array) -> Array:
-        return x @ self._stiffness
+        """K x for every row of x."""
+        return self._products[2](x)
 
     def solve(self, a: float, b: float, x: Array) -> Array:
+        """By Cholesky factors, kept for every pair (a, b); x has shape (..., n)."""
         if (a, b) not in self._factors:
-            matrix = self._mass + a * self._damping + b * self._stiffness
-            self._factors[a, b] = scipy.linalg.cho_factor(matrix)
+            self._factors[a, b] = _inverse(self._mass + a * self._damping + b * self._stiffness)
         flat = x.reshape(-1, x.shape[-1]).T
         # An overflow goes on as infinity, which the march sees.
-        return scipy.linalg.cho_solve(self._factors[a, b], flat, check_finite=False).T.reshape(x.shape)
+        return self._factors[a, b](flat, check_finite=False).T.reshape(x.shape)
 
     def flow(self, t: float, y: Array, force0: Array, force1: Array) -> Array:
+        """By the exponential of the block matrix of (q, v), kept for every t."""
         if ("flow", t) not in self._factors:
             n = len(self._mass)
             inverse = np.linalg.inv(self._mass)
@@ -140,6 +151,30 @@ class Matrices(SecondOrder):
         return np.stack([new[..., :n], new[..., n:] * fastest])
 
 
+LARGE, FEW = 128, 0.125  # unknowns, and the share of a matrix, from which on its zeros are left out
+
+
+def _product(matrix: Array) -> tuple[Callable[[Array], Array], int]:
+    """x -> x @ matrix of a symmetric matrix, and how many numbers it takes."""
+    n, entries = len(matrix), int(np.count_nonzero(matrix))
+    if n < LARGE or entries > FEW * n * n:
+        return lambda x: x @ matrix, n * n
+    rows = scipy.sparse.csr_array(matrix)
+    return lambda x: (rows @ x.reshape(-1, n).T).T.reshape(x.shape), entries
+
+
+def _inverse(matrix: Array) -> Callable[..., Array]:
+    """x -> matrix^-1 x of a positive definite matrix."""
+    n, (i, j) = len(matrix), np.nonzero(matrix)
+    width = int(np.max(j - i))
+    if n < LARGE or width > FEW * n:
+        return partial(scipy.linalg.cho_solve, scipy.linalg.cho_factor(matrix))
+    bands = np.zeros((width + 1, n))
+    for k in range(width + 1):
+        bands[width - k, k:] = np.diagonal(matrix, k)
+    return partial(scipy.linalg.cho_solve_banded, (scipy.linalg.cholesky_banded(bands), False))
+
+
 class Modal(SecondOrder):
     """Mass-normalised modes: M = I, C = diag(damping), K = diag(omega^2)."""
 
@@ -149,18 +184,23 @@ class Modal(SecondOrder):
         self._recursions: dict[float, tuple[Array, Array]] = {}
 
     def mass(self, x: Array) -> Array:
+        """x: the modes are mass-normalised."""
         return x
 
     def damping(self, x: Array) -> Array:
+        """x times the damping of each mode."""
         return self._damping * x
 
     def stiffness(self, x: Array) -> Array:
+        """x times omega^2 of each mode."""
         return self._stiffness * x
 
     def solve(self, a: float, b: float, x: Array) -> Array:
+        """One division a mode."""
         return x / (1.0 + a * self._damping + b * self._stiffness)
 
     def flow(self, t: float, y: Array, force0: Array, force1: Array) -> Array:
+        """By ``oscillation`` of each mode, kept for every t."""
         if t not in self._flows:
             self._flows[t] = oscillation(np.sqrt(self._stiffness), self._damping, t)
         C, S, rate, V, X = self._flows[t]
@@ -176,6 +216,7 @@ class Modal(SecondOrder):
         return self._recursions[t]
 
     def backward(self, t: float, y: Array, force: Array) -> Array:
+        """C q - S v + V f of the motion with negative damping."""
         C, S, _, V, _ = oscillation(np.sqrt(self._stiffness), -self._damping, t)
         return C * y[0] - S * y[1] + V * force
 
@@ -199,9 +240,11 @@ class FirstOrder(Equation):
         self._factors: dict[float, object] = {}
 
     def velocity(self, y: Array) -> Array:
+        """A y, the rate of all unknowns without force."""
         return y[0] @ self._matrix.T
 
     def rate(self, y: Array, force: Array) -> Array:
+        """A y + f for every row of y."""
         return y @ self._matrix.T + force
 
     def flow(self, t: float, y: Array, force0: Array, force1: Array) -> Array:
@@ -212,6 +255,7 @@ class FirstOrder(Equation):
         return y @ E.T + force0 @ P.T + (force1 - force0) @ Q.T
 
     def implicit_rate(self, c: float, r: Array, force: Array) -> Array:
+        """k = (I - c A)^-1 (A r + f), by LU factors kept for every c."""
         if c not in self._factors:
             self._factors[c] = scipy.linalg.lu_factor(np.eye(len(self._matrix)) - c * self._matrix)
         right = self.rate(r, force)

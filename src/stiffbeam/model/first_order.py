@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -28,7 +28,7 @@ class FirstOrderContact:
     def __post_init__(self) -> None:
         _freeze(self, "row", "column")
 
-    def __setstate__(self, state: dict) -> None:
+    def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
         self.__post_init__()
 
@@ -54,7 +54,7 @@ class FirstOrderSystem:
         _freeze(self, "matrix", "observe", "y0", "to_q", "to_v")
         object.__setattr__(self, "loads", tuple((read_only(vector), f) for vector, f in self.loads))
 
-    def __setstate__(self, state: dict) -> None:
+    def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
         self.__post_init__()  # a pickled array can be written to again
 

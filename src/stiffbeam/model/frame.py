@@ -4,8 +4,8 @@ v vanishes with its slope at the clamp, and at the tip it is u. A stop at x meet
 
     o(t) = phi(t) (1 - (x/L)^2) - m(t),   m the stop's own motion.
 
-A stop acts through the row by which a point load at its place acts, so that its force and what it reads are of
-one virtual work: ``row(share)`` of a discretisation is the row of v at x = share L.
+A stop acts through the same row as a point load at its place, so that its force does its virtual work on the position
+it measures: ``row(share)`` of a discretisation is the row of v at x = share L.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def observed(made: tuple[Contact, ...], tip: Array) -> Array | None:
 def hat(share: float, M: int) -> Array:
     """Linear interpolation between the nodes beside x = share L; node 0 is held.
 
-    Of a smooth v it misses theta (1 - theta) h^2/2 v_xx, theta in [0, 1] the place within the cell: second order.
+    The error for a smooth v is theta (1 - theta) h^2/2 v_xx, theta in [0, 1] the place within the cell: second order.
     """
     cell = min(int(share * M), M - 1)
     theta = share * M - cell

@@ -8,6 +8,8 @@ sqrt(S_ii S_jj) or below, and the Jacobi method errs by eps lambda_j in each eig
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import scipy.linalg
 
@@ -22,7 +24,9 @@ SMALL = 100  # unknowns up to which all pairs are refined, which takes a second 
 ENOUGH = 1e-10  # of lambda: beyond SMALL those that the solver knows to that much are left as they are
 
 
-def graded_eigenpairs(mass: Array, stiffness: Array, springs: tuple, squares: Array, X: Array) -> tuple[Array, Array]:
+def graded_eigenpairs(
+    mass: Array, stiffness: Array, springs: tuple[Any, ...], squares: Array, X: Array
+) -> tuple[Array, Array]:
     """(lambda ascending (n,), vectors (n, n), vectors^T M vectors = I) from approximate ones, ``squares`` and ``X``.
 
     Of K + sum of kappa row^T row over the ``springs`` (row, kappa), not summed before. An eigenvalue below
@@ -39,7 +43,7 @@ def graded_eigenpairs(mass: Array, stiffness: Array, springs: tuple, squares: Ar
     return np.append(few, squares[slow:]), np.hstack([Y, X[:, slow:]])
 
 
-def _refined(mass: Array, stiffness: Array, springs: tuple, X: Array) -> tuple[Array, Array]:
+def _refined(mass: Array, stiffness: Array, springs: tuple[Any, ...], X: Array) -> tuple[Array, Array]:
     """The pairs in the space of the columns of X (n, k)."""
     squares = rounding = np.zeros(X.shape[1])
     for _ in range(PASSES):
@@ -96,7 +100,7 @@ def _halves(x: Array) -> tuple[Array, Array]:
 def jacobi(S: Array, least: Array) -> tuple[Array, Array]:
     """Eigenvalues (n,) and orthonormal vectors (n, n) of a symmetric graded matrix, in the order of its diagonal.
 
-    Entries below eps sqrt(S_ii S_jj) are zero; ``least`` (n,) are diagonals below which none has a digit.
+    Entries below eps sqrt(S_ii S_jj) are zero; ``least`` (n,) are diagonals below which no digit is known.
     Rotations of disjoint pairs are made at once: n - 1 rounds of n/2 are a sweep.
     """
     n = len(S)
@@ -126,7 +130,7 @@ def jacobi(S: Array, least: Array) -> tuple[Array, Array]:
 
 
 def _rounds(n: int) -> list[tuple[Array, Array]]:
-    """Every pair i < j once, in rounds of disjoint pairs: one player sits, the others go round the table."""
+    """Every pair i < j once, in rounds of disjoint pairs, as in a round-robin tournament."""
     players, rounds = list(range(n + n % 2)), []
     for _ in range(len(players) - 1):
         half = len(players) // 2

@@ -34,15 +34,15 @@ def massless_contacts(system: System, redistribute: str = "neighbour") -> System
         r = -s K_bi/K_bb.
 
     So a contact's position is u_f, what the node would have without the stop; the node itself is at
-    ``stops.penetration`` less, on the stop while it is pressed. No impact has to be told: stops have no restitution.
+    ``stops.penetration`` less, on the stop while it is pressed. No impact law is needed: stops have no restitution.
 
     redistribute: where the mass of the nodes goes. "neighbour": to the unknown that each is coupled to most,
     M_jj + M_bb, for a mass matrix without coupling at b. "renard": the matrix M~ with the entries of M, none at b,
     that is nearest to M (sum of squares) among those with X^T M~ X = X^T M X, X = (1, x) for a beam, so that mass,
     centre and inertia are kept, and the motions without strain for matrices.
 
-    Raises InputError for a contact that is not at one unknown of its own; where damping reaches the node, which then
-    has a rate; for contact nodes beside each other; stops with a law that is not linear, or with restitution; a load
+    Raises InputError for a contact that is not at one unknown of its own; where damping acts on the node, which would
+    need a rate; for contact nodes beside each other; stops with a law that is not linear, or with restitution; a load
     on the node that is a bare callable; a mass that cannot be moved; and where ``observe`` reads the node.
     Source: Khenous, Laborde and Renard, Eur. J. Mech. A 27 (2008) 918-932; the condensation is this module's own.
     """

@@ -1,4 +1,4 @@
-"""What is asked of the matrices and vectors of a system before it is one."""
+"""Checks of the matrices and vectors that a system is made of."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ _DEFINITE: WeakValueDictionary[tuple[str, int], Array] = WeakValueDictionary()  
 
 
 def symmetric_matrix(name: str, matrix: Any, n: int | None = None) -> Array:
+    """``matrix`` as a read-only float array (n, n); InputError where it is not square, finite and symmetric."""
     if isinstance(matrix, np.ndarray) and _DEFINITE.get((name, id(matrix))) is matrix and n in (None, len(matrix)):
         return matrix
     remedy = "give a list of rows, a NumPy array or a SciPy sparse matrix"
@@ -73,6 +74,7 @@ def _factorises(matrix: Array, spectrum: Array) -> bool:
 
 
 def finite_vector(name: str, vector: ArrayLike, n: int) -> Array:
+    """``vector`` as a read-only float array (n,); InputError where it is not n finite numbers."""
     given = vector if isinstance(vector, np.ndarray) and is_read_only(vector) else numbers(name, vector)
     array = read_only(given if given.ndim == 1 else given.ravel())
     if array.shape != (n,):

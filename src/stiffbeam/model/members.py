@@ -1,4 +1,4 @@
-"""The members of an ensemble: systems with one linear part and small or planned differences."""
+"""The members of an ensemble: systems with one linear part that differ in loads, stops or initial data."""
 
 from __future__ import annotations
 
@@ -114,7 +114,7 @@ def _terms(loads: Any, contacts: Any) -> list[tuple[int, LoadFunction, bytes]]:
     return [(i, f, vector) for i, f, vector in pieces if not isinstance(f, (Harmonic, Constant))]
 
 
-def _callables(loads: Any, contacts: Any) -> list[tuple]:
+def _callables(loads: Any, contacts: Any) -> list[tuple[Any, ...]]:
     return [(i, id(f), vector) for i, f, vector in _terms(loads, contacts) if not isinstance(f, Sampled)]
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -29,11 +31,12 @@ class Modes:
 
     @property
     def equation(self) -> Modal:
+        """The decoupled equations as a scheme sees them."""
         return Modal(self.omega, self.damping)
 
     def to_modal(self, q: Array) -> Array:
         """eta = shapes^T M q; q of shape (..., n)."""
-        return q @ (self.mass @ self.shapes)
+        return (q @ self.mass) @ self.shapes
 
     def to_nodal(self, eta: Array) -> Array:
         """q = shapes eta; eta of shape (..., n)."""
@@ -84,29 +87,31 @@ def _damped(system: System, springs: tuple[tuple[Array, float], ...] = ()) -> Mo
 
 
 def _undamped(system: System, springs: tuple[tuple[Array, float], ...] = ()) -> Modes:
-    upper = np.linalg.cholesky(system.mass).T  # R
+    into, back = _root(system.mass)
     if system.stiffness_factor is not None:
         factor = np.vstack([system.stiffness_factor, *(np.sqrt(kappa) * row for row, kappa in springs)])
-        _, omega, vectors = np.linalg.svd(_solved(upper, factor.T, 1).T, full_matrices=False)
-        omega, shapes = omega[::-1], _solved(upper, vectors[::-1].T, 0)
+        _, omega, vectors = scipy.linalg.svd(into(factor.T).T, full_matrices=False)
+        omega, shapes = omega[::-1], back(vectors[::-1].T)
         rigid = len(omega) - np.count_nonzero(np.any(factor, axis=1))  # as many motions strain nothing
         omega = np.where(np.arange(len(omega)) < rigid, 0.0, omega)
     else:
         stiffness = system.stiffness + sum(kappa * np.outer(row, row) for row, kappa in springs)
-        scaled = _solved(upper, _solved(upper, stiffness, 1).T, 1)
+        scaled = into(into(stiffness).T)
         squares, vectors = scipy.linalg.eigh(0.5 * (scaled + scaled.T))
         if squares[0] < -1e-9 * squares[-1]:
             raise InputError("stiffness", f"least eigenvalue {squares[0]:.3g}", "be positive semidefinite")
-        squares, shapes = graded_eigenpairs(system.mass, system.stiffness, springs, squares, _solved(upper, vectors, 0))
+        squares, shapes = graded_eigenpairs(system.mass, system.stiffness, springs, squares, back(vectors))
         omega = np.sqrt(np.maximum(squares, 0.0))
     # One sign per shape, so that equal systems give equal modes.
     shapes = shapes * np.where(shapes[np.argmax(np.abs(shapes), axis=0), np.arange(shapes.shape[1])] < 0, -1.0, 1.0)
     return Modes(np.ascontiguousarray(omega), shapes, damping=np.zeros(len(omega)), mass=system.mass)
 
 
-(_TRTRS,) = scipy.linalg.get_lapack_funcs(("trtrs",), dtype=np.float64)  # without what SciPy's own checks cost
-
-
-def _solved(upper: Array, right: Array, transposed: int) -> Array:
-    """R^-1 right, or R^-T right where ``transposed``."""
-    return _TRTRS(upper, right, trans=transposed)[0]
+def _root(mass: Array) -> tuple[Callable[[Array], Array], Callable[[Array], Array]]:
+    """x -> R^-T x and x -> R^-1 x of M = R^T R."""
+    diagonal = np.diag(mass)
+    if np.count_nonzero(mass) == len(mass):
+        root = np.sqrt(diagonal)[:, None]
+        return lambda x: x / root, lambda x: x / root
+    upper = scipy.linalg.cholesky(mass)
+    return partial(scipy.linalg.solve_triangular, upper, trans=1), partial(scipy.linalg.solve_triangular, upper)

@@ -1,4 +1,4 @@
-"""What a system does by itself: its natural modes with damping, and where it rests under constant loads."""
+"""Natural modes with damping, and the static equilibrium under constant loads."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def static_equilibrium(system: System, t: float | None = None) -> Array:
     equilibrium is unique where K is positive definite. As initial data: ``replace(system, q0=q, v0=0 * q)``, or
     ``initial_displacement=q`` of ``System.from_matrices``. Of a beam q is in v = u - phi (1 - (x/L)^2).
     Raises InputError for loads that are not constant without ``t``, and for a system that can move without
-    strain, whose rest stops alone would decide.
+    strain, whose equilibrium the stops alone would decide.
     """
     require_system(system)
     functions = [f for _, f in system.loads] + [contact.offset for contact in system.contacts]

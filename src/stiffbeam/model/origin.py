@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ..basics.arrays import Array, read_only, same
 from ..basics.units import Units
@@ -53,11 +53,12 @@ class Origin:
             object.__setattr__(self, name, read_only(getattr(self, name)))
         object.__setattr__(self, "loads", tuple((read_only(vector), f) for vector, f in self.loads))
 
-    def __setstate__(self, state: dict) -> None:
+    def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
         self.freeze()  # a pickled array can be written to again
 
     def has_matrices_of(self, system: System) -> bool:
+        """Whether mass, damping and stiffness are still those that the origin made."""
         return all(same(getattr(self, name), getattr(system, name)) for name in ("mass", "damping", "stiffness"))
 
     def first_order_of(self, system: System) -> FirstOrderSystem | None:

@@ -20,7 +20,7 @@ SUPPORTS = ("clamped-free", "clamped-clamped", "clamped-pinned", "pinned-pinned"
 
 
 def profile_values(name: str, profile: Profile, x: Array) -> Array:
-    """A function of x at the points x, one finite number each. Raises InputError where it is no such function."""
+    """A function of x at the points x, one finite number each. Raises InputError where it returns anything else."""
     try:
         found = profile(x)
     except Exception as error:  # whatever the functions of others raise

@@ -30,4 +30,5 @@ class PolynomialProfile:
         object.__setattr__(self, "coefficients", values)
 
     def __call__(self, x: ArrayLike) -> Array:
+        """c_0 + c_1 x + c_2 x^2 + ... at every x."""
         return np.polynomial.polynomial.polyval(np.asarray(x, float), np.array(self.coefficients, float))

@@ -1,4 +1,4 @@
-"""Restitution: the speed that a damped stop gives back to a free mass, as a share of that at which it came."""
+"""Restitution: the speed at which a free mass leaves a damped stop over the speed at which it hits it."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def restitution_of(dissipation: float, speed: float) -> float:
         e = (1 - y)/x,   y = -W0(-(1 + x) exp(-(1 + x))),   x = lambda v
 
     for every m, kappa and p: d'/(1 + lambda d') dd' = -(kappa/m) d^p dd has the same integral on both ways.
-    Near x = 0, where this cancels, e is made good to rounding by Newton's method on h(-e x) = h(x), h(z) =
+    Near x = 0, where this cancels, e is corrected to rounding by Newton's method on h(-e x) = h(x), h(z) =
     ln(1 + z) - z. Raises InputError for negative values.
     """
     x = non_negative("dissipation", dissipation) * positive("speed", speed)

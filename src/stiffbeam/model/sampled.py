@@ -26,11 +26,10 @@ class Sampled:
         "cubic"     the cubic with the values and the slopes m_i, m_{i+1} of the spline (not-a-knot, C^2)
 
     t: increasing times, two at least. values: one per time; both are copied and cannot be written to.
-    Outside its samples the record says nothing, and being asked there raises InputError: where a pulse is over,
-    samples of 0 say so. A jump is two samples close to each other. The slopes of a polygon jump, so that its
-    acceleration is no function: rate and acceleration that would hold impulses raise InputError too. Two
-    records are equal that have equal numbers, in any process. The numbers are the doubles they are: so are
-    the slopes m_i, from which the cubic follows exactly.
+    Values outside the samples are refused with InputError: let a pulse end with samples of 0. A jump is two samples
+    close to each other. A derivative that would hold impulses is refused too, such as the acceleration of a polygon,
+    whose slopes jump. Two records with equal numbers are equal, in any process. The numbers are taken as doubles, and
+    so are the slopes m_i, from which the cubic follows exactly.
     Raises InputError for other times, other values or another kind.
     """
 
@@ -148,12 +147,15 @@ class Sampled:
         return moved(self.pieces[i], t - self.t[i])
 
     def value(self, t: ArrayLike) -> Array:
+        """The interpolant at t; InputError outside the samples."""
         return self._derivative(t, 0)
 
     def rate(self, t: ArrayLike) -> Array:
+        """Its first derivative; InputError where the interpolant jumps."""
         return self._derivative(t, 1)
 
     def acceleration(self, t: ArrayLike) -> Array:
+        """Its second derivative; InputError where it does not exist."""
         return self._derivative(t, 2)
 
     def _derivative(self, t: ArrayLike, order: int) -> Array:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..basics.arrays import Array
 from ..basics.compiled import compiled, inlined
 from .contact_law import DAMPING, DISSIPATION, EXPONENT, G1, G2, KAPPA, stage_law
 from .discrete_gradient import mean_force
@@ -16,7 +17,9 @@ ROUNDINGS = 16.0
 
 
 @inlined
-def one(r, w, s, s_rate, u0, rule, law, c):
+def one(
+    r: float, w: float, s: float, s_rate: float, u0: float, rule: int, law: Array, c: int
+) -> tuple[float, float, float]:
     """(F, dF/dr, dF/dw) of contact c by itself; u0 is where its step began."""
     kappa, g1, g2, p = law[c, KAPPA], law[c, G1], law[c, G2], law[c, EXPONENT]
     if rule == MEAN:
@@ -26,7 +29,7 @@ def one(r, w, s, s_rate, u0, rule, law, c):
 
 
 @compiled
-def solve_stage(r, w, S, S_rate, u0, rule, law):
+def solve_stage(r: Array, w: Array, S: Array, S_rate: Array, u0: Array, rule: int, law: Array) -> Array:
     """The forces (m,); NaN where the search fails. r, w, u0 (m,); S, S_rate (m, m); law (m, 6).
 
     Contact c by itself, the others' forces given, has one force f_c. H(F) = F - f(F) vanishes at the solution:
@@ -78,7 +81,10 @@ def solve_stage(r, w, S, S_rate, u0, rule, law):
 
 
 @compiled
-def _alone(r, w, S, S_rate, u0, rule, law, F, f, tolerance, J):
+def _alone(
+    r: Array, w: Array, S: Array, S_rate: Array, u0: Array, rule: int, law: Array, F: Array, f: Array,
+    tolerance: Array, J: Array,
+) -> float:  # fmt: skip
     """f(F), what rounding makes of it, dH/dF, and |H|^2."""
     m = law.shape[0]
     total = 0.0

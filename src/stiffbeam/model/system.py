@@ -154,6 +154,7 @@ class System:
 
     @property
     def damped(self) -> bool:
+        """Whether any entry of the damping matrix is not zero."""
         return bool(np.any(self.damping))
 
     @cached_property

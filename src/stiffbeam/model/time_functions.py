@@ -22,9 +22,17 @@ class TimeFunction(Protocol):
     Besides, an attribute ``breakpoints`` may state the times where f is not smooth (see ``breakpoints_of``).
     """
 
-    def value(self, t: ArrayLike, /) -> Array: ...  # f(t)
-    def rate(self, t: ArrayLike, /) -> Array: ...  # f'(t)
-    def acceleration(self, t: ArrayLike, /) -> Array: ...  # f''(t)
+    def value(self, t: ArrayLike, /) -> Array:
+        """f(t)."""
+        ...
+
+    def rate(self, t: ArrayLike, /) -> Array:
+        """f'(t)."""
+        ...
+
+    def acceleration(self, t: ArrayLike, /) -> Array:
+        """f''(t)."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -49,12 +57,15 @@ class Harmonic:
         object.__setattr__(self, "phase", number("phase", self.phase, exact=True))
 
     def value(self, t: ArrayLike) -> Array:
+        """amplitude sin(frequency t + phase)."""
         return self.amplitude * np.sin(self.frequency * np.asarray(t, float) + self.phase)
 
     def rate(self, t: ArrayLike) -> Array:
+        """amplitude frequency cos(frequency t + phase)."""
         return self.frequency * self.amplitude * np.cos(self.frequency * np.asarray(t, float) + self.phase)
 
     def acceleration(self, t: ArrayLike) -> Array:
+        """-frequency^2 f(t)."""
         return -(self.frequency**2) * self.value(t)
 
     @property
@@ -80,12 +91,15 @@ class Constant:
         object.__setattr__(self, "level", number("level", self.level, exact=True))
 
     def value(self, t: ArrayLike) -> Array:
+        """The level, at every t."""
         return np.full(np.shape(t), float(self.level))
 
     def rate(self, t: ArrayLike) -> Array:
+        """Zero."""
         return np.zeros(np.shape(t))
 
     def acceleration(self, t: ArrayLike) -> Array:
+        """Zero."""
         return np.zeros(np.shape(t))
 
 
@@ -128,9 +142,11 @@ class Sum:
         return np.unique(np.concatenate(known)) if len(known) == len(stated) else None
 
     def value(self, t: ArrayLike) -> Array:
+        """The sum of the terms, each with its factor."""
         return sum((factor * evaluate(f, t) for factor, f in self.terms), np.zeros(np.shape(t)))
 
     def rate(self, t: ArrayLike) -> Array:
+        """The sum of the terms' derivatives, each with its factor."""
         return sum((factor * offset_rate(f, t) for factor, f in self.terms), np.zeros(np.shape(t)))
 
     def acceleration(self, t: ArrayLike) -> Array:
@@ -152,10 +168,12 @@ class Derivative:
     order: int
 
     def __call__(self, t: ArrayLike) -> Array:
+        """f'(t) for order 1, f''(t) for order 2."""
         return self.function.rate(t) if self.order == 1 else self.function.acceleration(t)
 
     @property
     def breakpoints(self) -> Any:
+        """Those of the function that is differentiated; None where it states none."""
         return getattr(self.function, "breakpoints", None)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from importlib import import_module
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ..basics.progress import Show, silent
 from ..basics.progress import progress as shown
@@ -91,7 +91,7 @@ def solve(
     system: System,
     t_end: float,
     method: str,
-    t_eval: NDArray | None,
+    t_eval: NDArray[Any] | None,
     rtol: float,
     atol: float | None,
     digits: int | str = "auto",

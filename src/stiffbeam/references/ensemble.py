@@ -13,14 +13,17 @@ from ..basics.arrays import Array
 from ..basics.threads import cores, over_slices
 from ..basics.validation import numbers, positive
 from ..model.members import Members, as_members
+from ..model.modes import Modes
 from ..model.system import System
 from ..trajectory.ensemble import MEMBERS_PER_SLICE, Ensemble, Progress, gathered, record_from
 from ..trajectory.impacts import ContactRecord
 from ..trajectory.ledger import Ledger
 from ..trajectory.recorder import Seen
-from ..trajectory.trajectory import Work
+from ..trajectory.trajectory import Reference, Work
 from .exact.audit import audit, within_float64
 from .exact.piecewise import general, observations, solve_exact
+from .exact.rigid_reference import solve_rigid
+from .exact.undamped_regimes import Parts
 from .exact.undamped_tracer import Tracer
 from .horizon import exact_horizon
 
@@ -33,7 +36,7 @@ def reference_ensemble(
     progress: Progress | None = None,
     since: float = 0.0,
 ) -> Ensemble:
-    """The exact solution of every member, on all cores; each has the bits of its solo run.
+    """The exact solution of every member, on all cores; each has the bits of its solo run. Stops may be rigid.
 
     t_eval: (k,) times at which tip and tip velocity are kept, None for none. progress: called with the
     number of members done. since: the time after which contacts are recorded. ``provenance["horizon"]`` is
@@ -46,21 +49,20 @@ def reference_ensemble(
     t_end = positive("t_end", t_end)
     at = np.array([0.0, float(t_end)]) if t_eval is None else times
     record_from(since, t_end)
-    known: dict = {}  # modes, shared between members; the first one finds them
-    first = solve_exact(members[0], t_end, at, known=known, since=since)
-    watched = solve_exact(members[0], t_end, known=known)
-    horizon, _ = exact_horizon(watched, members[0], t_end)
+    known: dict[float, Modes] = {}  # modes, shared between members; the first one finds them
+    first = _solve(members[0], t_end, at, known, since)
+    horizon = horizon_of(members[0], t_end)
 
     def see(tip: Array, velocity: Array, contacts: tuple[ContactRecord, ...]) -> Seen:
         return Seen(tip[: len(times)], velocity[: len(times)], contacts)
 
     def solve(part: Members) -> list[Seen]:
-        runs = (solve_exact(member, t_end, at, known=known, since=since) for member in part)
+        runs = (_solve(member, t_end, at, known, since) for member in part)
         return [see(run.tip, run.tip_velocity, run.contacts) for run in runs]
 
     own = members.system
     if set(members.fields) <= {"q0", "v0"} and not general(own) and not any(c.stops.rigid for c in own.contacts):
-        tracer = Tracer(own, known, t_end)  # one for all
+        tracer = Tracer(Parts(own, known, t_end))  # one for all
 
         def solve(part: Members) -> list[Seen]:
             found = []
@@ -83,5 +85,18 @@ def reference_ensemble(
     return gathered(members, seen, times, Work(0, seconds, seconds), first.provenance | notes, ledger)
 
 
+def horizon_of(system: System, t_end: float) -> float:
+    """How long the exact solution of ``system`` can be trusted."""
+    if any(contact.stops.rigid for contact in system.contacts):
+        return solve_rigid(system, t_end).horizon
+    return exact_horizon(solve_exact(system, t_end), system, t_end)[0]
+
+
+def _solve(system: System, t_end: float, at: Array, known: dict[float, Modes], since: float) -> Reference:
+    if any(contact.stops.rigid for contact in system.contacts):
+        return solve_rigid(system, t_end, at, since, trusted=False)
+    return solve_exact(system, t_end, at, known=known, since=since)
+
+
 def _ledger(members: Members, t_end: float, at: Array, i: int) -> Ledger:
-    return solve_exact(members[i], t_end, at).energy
+    return _solve(members[i], t_end, at, {}, 0.0).energy

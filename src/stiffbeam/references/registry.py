@@ -63,3 +63,4 @@ REFERENCES = {
 }
 METHODS = tuple(REFERENCES)
 COMPARED = ("exact", "cvode", "cvode-adams")  # what a comparison runs unless it is told
+COMPARED_RIGID = ("exact",)  # on rigid stops, which no other takes

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from inspect import signature
+from typing import Any
 
 from ..basics.validation import InputError, near
-from . import misprints  # noqa: F401  (which makes the printed forms known)
+from . import misprints as misprints  # which makes the printed forms known
 from .bathe import Bathe
 from .bdf2 import BDF2
 from .contact_stabilised import ContactStabilisedNewmark
@@ -35,7 +36,7 @@ RIGID: dict[str, type[RigidScheme]] = {
 }
 
 # The parameter sets that tests and studies run beside each scheme's defaults.
-_VARIANTS: dict[str, list[dict]] = {
+_VARIANTS: dict[str, list[dict[str, Any]]] = {
     "sdirk": [{"nystrom": True}, {"gamma": 1.0}, {"gamma": 1.0, "nystrom": True}],
     "hht": [{"alpha": 0.0}, {"alpha": -0.3}],
     "generalised-alpha": [{"rho": 0.0}, {"rho": 1.0}],
@@ -43,7 +44,7 @@ _VARIANTS: dict[str, list[dict]] = {
 }
 
 
-def make(name: str, **parameters) -> Scheme:
+def make(name: str, **parameters: Any) -> Scheme:
     """The registered scheme ``name``, or the one that ``module:Class`` names, with its parameters."""
     known = SCHEMES | RIGID
     if name not in known and ":" not in name:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .scheme import Array, Scheme, in_interval, oscillator
+from .scheme import Array, Equation, Scheme, Step, in_interval, oscillator
 
 
 class Bathe(Scheme):
@@ -25,13 +25,16 @@ class Bathe(Scheme):
         self.nodes = (self.split, 1.0)
 
     @property
-    def parameters(self):
+    def parameters(self) -> dict[str, float]:
+        """The share ``split`` of the step that the trapezoidal rule takes."""
         return {"split": self.split}
 
-    def initial(self, equation, history, force) -> Array:
+    def initial(self, equation: Equation, history: list[Array], force: Array) -> Array:
+        """(y, f) with the rate f of the state and the force given."""
         return np.concatenate([history[0], equation.rate(history[0], force)])
 
-    def step(self, equation, dt, z, loads, reactions):
+    def step(self, equation: Equation, dt: float, z: Array, loads: list[Array], reactions: list[Array]) -> Step:
+        """Two implicit stages, at t_n + s dt and at t_{n+1}."""
         y, rate = z[: equation.order], z[equation.order :]
         s = self.split
         half = s * dt / 2.0
@@ -43,7 +46,8 @@ class Bathe(Scheme):
         y_new = r + c * rate_new
         return np.concatenate([y_new, rate_new]), [y_split, y_new]
 
-    def characteristic(self, x, xi):
+    def characteristic(self, x: float, xi: float) -> Array:
+        """Degree 1: the product of the two stages."""
         z, s = oscillator(x, xi), self.split
         trapezoidal = (1.0 + s * z / 2.0) / (1.0 - s * z / 2.0)
         return np.array([s * (2.0 - s) - s * (1.0 - s) * z, (1.0 - s) ** 2 - trapezoidal])

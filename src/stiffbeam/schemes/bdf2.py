@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .scheme import Array, Scheme, oscillator
+from .scheme import Array, Equation, Scheme, Step, oscillator
 from .theta import Theta
 
 
@@ -22,22 +22,27 @@ class BDF2(Scheme):
 
     @property
     def starter(self) -> Scheme:
+        """The trapezoidal rule, which makes y^1 to second order."""
         return Theta(0.5)
 
-    def initial(self, equation, history, force) -> Array:
+    def initial(self, equation: Equation, history: list[Array], force: Array) -> Array:
+        """(y^n, y^{n-1}); the force is not needed."""
         return np.concatenate(history)
 
-    def step(self, equation, dt, z, loads, reactions):
+    def step(self, equation: Equation, dt: float, z: Array, loads: list[Array], reactions: list[Array]) -> Step:
+        """One implicit stage at t_{n+1}."""
         y, y_before = z[: equation.order], z[equation.order :]
         c = 2.0 * dt / 3.0
         r = (4.0 * y - y_before) / 3.0
         y_new = r + c * equation.implicit_rate(c, r, loads[0] + reactions[0])
         return np.concatenate([y_new, y]), [y_new]
 
-    def characteristic(self, x, xi):
+    def characteristic(self, x: float, xi: float) -> Array:
+        """Degree 2, of the two-step formula."""
         return np.array([1.5 - oscillator(x, xi), -2.0, 0.5])
 
-    def predict(self, equation, dt, z):
+    def predict(self, equation: Equation, dt: float, z: Array) -> list[Array]:
+        """v* of the class, at t_{n+1}."""
         y, y_before = z[: equation.order], z[equation.order :]
         rate = 2.0 * equation.velocity(y) - equation.velocity(y_before)
         return [(4.0 * y[0] - y_before[0] + 2.0 * dt * rate) / 3.0]

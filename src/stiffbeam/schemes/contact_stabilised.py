@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from .rigid_scheme import POSITION, RigidScheme
+from .scheme import Array, Equation, Step
 
 
 class ContactStabilisedNewmark(RigidScheme):
@@ -17,8 +18,8 @@ class ContactStabilisedNewmark(RigidScheme):
 
         E+ - E = (f + f+)/2 . (q+ - q) + R (gap+ - gap) - nu B a,
 
-    and where R > 0, gap+ = 0: it loses R gap. It has no restitution: what comes back is what the body's own
-    elasticity gives back. Order 1. State: (q, v, f).
+    and where R > 0, gap+ = 0: it loses R gap. It has no restitution: a body rebounds by its own elasticity.
+    Order 1. State: (q, v, f).
     Source: Deuflhard, Krause and Ertel, Int. J. Numer. Methods Eng. 73 (2008) 1274-1290.
     """
 
@@ -26,7 +27,8 @@ class ContactStabilisedNewmark(RigidScheme):
     nodes = (1.0, 1.0)
     conditions = (POSITION, POSITION)
 
-    def step(self, equation, dt, z, loads, reactions):
+    def step(self, equation: Equation, dt: float, z: Array, loads: list[Array], reactions: list[Array]) -> Step:
+        """reactions[0] is 2 nu/dt^2 and reactions[1] is R."""
         q, v, f = z
         put_back = q + dt * v + 0.5 * dt**2 * equation.solve(0.0, 0.0, reactions[0])
         force = 0.5 * (f + loads[1]) + reactions[1]

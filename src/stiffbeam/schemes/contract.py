@@ -1,9 +1,10 @@
-"""What a step must keep: linear in state, loads and reactions, causal in the nodes, a pure function."""
+"""The contract of a step: linear in state, loads and reactions, causal in the nodes, a pure function."""
 
 from __future__ import annotations
 
 import numpy as np
 
+from ..basics.arrays import Array
 from ..basics.validation import InputError
 from ..model.equations import Modal
 from .scheme import Scheme
@@ -13,14 +14,14 @@ TOLERANCE = 1e-10  # of rounding; a broken contract shows at order one
 
 
 def check_contract(scheme: Scheme) -> None:
-    """Raise InputError where ``step`` breaks what both marches build on.
+    """Raise InputError where ``step`` breaks the contract that both marches rely on.
 
     Tried on two damped modes with random states, loads and reactions: step(x + 2 y) = step(x) + 2 step(y),
     and so for ``predict``; no state at a node changes with a load or a reaction at a later one; nothing in
     one mode changes with the other; and the same input gives the same bits again. Checked once per run, of the
     schemes of this package once for each set of parameters.
     """
-    own, name = _own(scheme), (type(scheme), str(scheme))  # a scheme and its conserving form have one label
+    own, name = is_known(scheme), (type(scheme), str(scheme))  # a scheme and its conserving form have one label
     if own and name in _KEPT:
         return
     if scheme.starter is not None:
@@ -30,7 +31,7 @@ def check_contract(scheme: Scheme) -> None:
     history = [rng.normal(size=(2, 2)) for _ in range(scheme.history)]
     shape = scheme.initial(equation, history, rng.normal(size=2)).shape
 
-    def step(z, forces):
+    def step(z: Array, forces: Array) -> tuple[Array, Array, Array]:
         z_new, stages = scheme.step(equation, dt, z, list(forces[0]), list(forces[1]))
         if len(stages) != nodes or any(np.shape(y) != (2, 2) for y in stages) or np.shape(z_new) != shape:
             got = f"{len(stages)} states at nodes, of shapes {[np.shape(y) for y in stages]}, and {np.shape(z_new)}"
@@ -72,7 +73,7 @@ def check_contract(scheme: Scheme) -> None:
         _KEPT.add(name)
 
 
-def _own(scheme: Scheme) -> bool:
-    """Whether the scheme, and the one that it is a form of, are of this package."""
+def is_known(scheme: Scheme) -> bool:
+    """Whether the scheme, and the one that it is a form of, are of this package: type and label say what it does."""
     inner = getattr(scheme, "scheme", None)
-    return type(scheme).__module__.rpartition(".")[0] == __package__ and (inner is None or _own(inner))
+    return type(scheme).__module__.rpartition(".")[0] == __package__ and (inner is None or is_known(inner))

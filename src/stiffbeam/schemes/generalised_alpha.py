@@ -27,5 +27,6 @@ class GeneralisedAlpha(WeightedNewmark):
         self.gamma = 0.5 - self.alpha_m + self.alpha_f
 
     @property
-    def parameters(self):
+    def parameters(self) -> dict[str, float]:
+        """The spectral radius ``rho`` at infinite frequency."""
         return {"rho": self.rho}

@@ -16,7 +16,7 @@ class HHT(WeightedNewmark):
     [-1/3, 0]; alpha = 0 is the trapezoidal rule. Mind the sign: other packages write this alpha as
     alpha_H = -alpha in [0, 1/3], or as 1 + alpha in [2/3, 1].
     Re-deriving the acceleration each step from M a = N, or leaving any force out of the weighting as the
-    paper prints (``printed()``), drops to first order. The contact enters as
+    paper prints (``Scheme.printed``), drops to first order. The contact enters as
     (1 + alpha) sigma(v^{n+1}) - alpha sigma(v^n). Source: Dumont (2002), (4.13); Hilber, Hughes and
     Taylor, Earthquake Eng. Struct. Dyn. 5 (1977) 283-292.
     """
@@ -33,5 +33,6 @@ class HHT(WeightedNewmark):
         self.gamma = 0.5 - self.alpha
 
     @property
-    def parameters(self):
+    def parameters(self) -> dict[str, float]:
+        """``alpha`` in the paper's sign, in [-1/3, 0]."""
         return {"alpha": self.alpha}

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from .scheme import Array, Scheme
+from .scheme import Array, Equation, Scheme, Step
 
 Advance = Callable[[Any, float, Array, Array, Array, Array], Array]
 
@@ -18,7 +18,7 @@ class MeanReaction(Scheme):
     A constant force does the work lambda . (q^{n+1} - q^n) on the linear system, and ``advance`` conserves
     the energy beside it; so where lambda is the discrete gradient of the stops' energy (see
     discrete_gradient), kinetic + elastic + stop energy is conserved without loads and damping, whatever
-    the step. State: (y, f), the load carried. It goes by the name of the scheme it is a form of.
+    the step. State: (y, f), the load carried. It has the name of the scheme it is a form of.
     """
 
     nodes = (1.0,)
@@ -29,20 +29,25 @@ class MeanReaction(Scheme):
 
     @property
     def conserving(self) -> Scheme:
+        """The scheme itself: it has this form already."""
         return self
 
-    def initial(self, equation, history, force) -> Array:
+    def initial(self, equation: Equation, history: list[Array], force: Array) -> Array:
+        """(y, f) with the load f at the start."""
         return np.concatenate([history[0], force[None]])
 
-    def step(self, equation, dt, z, loads, reactions):
+    def step(self, equation: Equation, dt: float, z: Array, loads: list[Array], reactions: list[Array]) -> Step:
+        """loads[0] is the load at t_{n+1}, reactions[0] the mean reaction over the step."""
         y = self.advance(equation, dt, z[:-1], z[-1], loads[0], reactions[0])
         return np.concatenate([y, loads[0][None]]), [y]
 
-    def characteristic(self, x, xi):
+    def characteristic(self, x: float, xi: float) -> Array | None:
+        """That of the scheme it is a form of: without contact both take the same step."""
         return self.scheme.characteristic(x, xi)
 
     @property
-    def parameters(self):
+    def parameters(self) -> dict[str, Any]:
+        """Those of the scheme it is a form of."""
         return self.scheme.parameters
 
     def __str__(self) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..basics.validation import InputError
 from .hht import HHT
-from .scheme import Array, Scheme
+from .scheme import Array, Equation, Scheme, Step
 from .sdirk import SDIRK
 
 
@@ -27,12 +27,15 @@ class UnweightedHHT(HHT):
 
     @classmethod
     def of(cls, scheme: HHT) -> UnweightedHHT:
+        """The misprint with the alpha of ``scheme``."""
         return cls(scheme.alpha)
 
-    def initial(self, equation, history, force) -> Array:
+    def initial(self, equation: Equation, history: list[Array], force: Array) -> Array:
+        """(q, v, a) with a from the equation of motion."""
         return np.stack([*history[0], equation.acceleration(history[0], force)])
 
-    def step(self, equation, dt, z, loads, reactions):
+    def step(self, equation: Equation, dt: float, z: Array, loads: list[Array], reactions: list[Array]) -> Step:
+        """Load and reaction at t_{n+1} enter with weight 1."""
         q, v, a = z
         alpha, beta, gamma = self.alpha, self.beta, self.gamma
         ahead = np.stack([q + dt * v + dt**2 * (0.5 - beta) * a, v + dt * (1.0 - gamma) * a])
@@ -54,6 +57,7 @@ class PrintedSigma(SDIRK):
 
     @classmethod
     def of(cls, scheme: SDIRK) -> PrintedSigma:
+        """The misprint with gamma and form of ``scheme``."""
         return cls(scheme.gamma, scheme.nystrom)
 
     def __init__(self, gamma: float, nystrom: bool = False) -> None:
@@ -62,6 +66,7 @@ class PrintedSigma(SDIRK):
 
     @property
     def sigma(self) -> float:
+        """The tableau's sigma with the sign as printed."""
         return -super().sigma
 
 
@@ -79,6 +84,7 @@ class PrintedStageMatrix(SDIRK):
 
     @classmethod
     def of(cls, scheme: SDIRK) -> PrintedStageMatrix:
+        """The misprint with the gamma of ``scheme``, always in second-order form."""
         return cls(scheme.gamma)
 
     def __init__(self, gamma: float) -> None:
@@ -87,13 +93,16 @@ class PrintedStageMatrix(SDIRK):
 
     @property
     def Abar(self) -> np.ndarray:
+        """The stage matrix as printed, in the place of A A."""
         g, s, (b1, b2, _) = self.gamma, self.sigma, self.b
         return np.array([[g**2, 0.0, 0.0], [s, g**2, 0.0], [b1 * g**2, b2 * g**2, g**2]])
 
-    def characteristic(self, x, xi):
-        return None  # (4.14)'s R(z) belongs to A A
+    def characteristic(self, x: float, xi: float) -> None:
+        """None: the R(z) of (4.14) belongs to A A."""
+        return None
 
     def check(self, omega_max: float, dt: float) -> None:
+        """Raise InputError where a mode up to omega_max would grow by more than GROWTH per step."""
         from ..model.equations import Modal
 
         # Sampled at 60 points per octave below omega_max dt; the unstable range is an interval.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from .rigid_scheme import VELOCITY, RigidScheme
-from .scheme import in_interval
+from .scheme import Array, Equation, Step, in_interval
 
 
 class MoreauJean(RigidScheme):
@@ -18,8 +18,8 @@ class MoreauJean(RigidScheme):
         E+ - E = f_m . (q+ - q) + (1/2 - theta) (|v+ - v|_M^2 + |q+ - q|_K^2) + (1 - theta (1 + e)) U P,
 
     the last term where U+ = -e U. So theta = 1/2 takes nothing but what Newton's law takes, (1 - e)/2 |U| P, and
-    e = 1 keeps E; but within a lasting contact steps with U > 0 and P > 0 gain. The gap is held to O(dt): what has
-    gone in by a velocity that changed its direction stays until the body leaves. theta in [1/2, 1], order 1.
+    e = 1 keeps E; but within a lasting contact steps with U > 0 and P > 0 gain. The gap is kept to O(dt): a penetration
+    stays until the body leaves the stop. theta in [1/2, 1], order 1.
     Source: Jean, Comput. Methods Appl. Mech. Eng. 177 (1999) 235-257; Acary, ZAMM 96 (2016) 585-603.
     """
 
@@ -30,10 +30,12 @@ class MoreauJean(RigidScheme):
         self.theta = in_interval("theta", theta, 0.5, 1.0)
 
     @property
-    def parameters(self):
+    def parameters(self) -> dict[str, float]:
+        """``theta``, the weight of the new values."""
         return {"theta": self.theta}
 
-    def step(self, equation, dt, z, loads, reactions):
+    def step(self, equation: Equation, dt: float, z: Array, loads: list[Array], reactions: list[Array]) -> Step:
+        """reactions[0] is P/dt, the impulse of the step as a mean force."""
         q, v, f = z
         theta = self.theta
         force = (1.0 - theta) * f + theta * loads[0] + reactions[0]

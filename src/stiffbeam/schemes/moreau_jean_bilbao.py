@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from .rigid_scheme import VELOCITY, RigidScheme
+from .scheme import Array, Equation, Step
 
 
 class MoreauJeanBilbao(RigidScheme):
@@ -27,12 +28,13 @@ class MoreauJeanBilbao(RigidScheme):
     modal_only = True
     conditions = (VELOCITY,)
 
-    def start(self, equation, dt, y, force):
+    def start(self, equation: Equation, dt: float, y: Array, force: Array) -> Array:
         """With the exact q(-dt) under the load at t = 0."""
         before = equation.backward(dt, y, force)
         return np.stack([y[0], (y[0] - before) / dt, force])
 
-    def step(self, equation, dt, z, loads, reactions):
+    def step(self, equation: Equation, dt: float, z: Array, loads: list[Array], reactions: list[Array]) -> Step:
+        """loads[0] is carried to the next step; the load of this one is in the state."""
         q, v, f = z
         kept, phi = equation.recursion(dt)
         v_new = kept * v + dt * phi * (f + reactions[0] - equation.stiffness(q))

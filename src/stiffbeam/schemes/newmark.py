@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.polynomial import Polynomial
 
-from .scheme import Array, Scheme
+from .scheme import Array, Equation, Scheme, Step
 
 
 class WeightedNewmark(Scheme):
@@ -27,12 +27,14 @@ class WeightedNewmark(Scheme):
     beta: float
     gamma: float
 
-    def initial(self, equation, history, force) -> Array:
+    def initial(self, equation: Equation, history: list[Array], force: Array) -> Array:
+        """(q, v, a, a) with a from the equation of motion."""
         q, v = history[0]
         a = equation.acceleration(history[0], force)
         return np.stack([q, v, a, a])
 
-    def step(self, equation, dt, z, loads, reactions):
+    def step(self, equation: Equation, dt: float, z: Array, loads: list[Array], reactions: list[Array]) -> Step:
+        """One solve for a^{n+1}; loads and reactions act at t_{n+1}."""
         q, v, a, net = z
         beta, gamma = self.beta, self.gamma
         of_new, of_old = (1.0 - self.alpha_f) / (1.0 - self.alpha_m), self.alpha_f / (1.0 - self.alpha_m)
@@ -48,7 +50,8 @@ class WeightedNewmark(Scheme):
         z_new = np.stack([q_new, v_new, a_new, net_new])
         return z_new, [z_new[:2]]
 
-    def characteristic(self, x, xi):
+    def characteristic(self, x: float, xi: float) -> Array:
+        """Degree 3, in alpha_m, alpha_f, beta and gamma."""
         # The three equations with q, v, a times powers of dt and every new value lambda times the old one.
         one, root = Polynomial([-1.0, 1.0]), Polynomial([0.0, 1.0])  # lambda - 1, lambda
         rate = 1.0 - self.gamma + self.gamma * root

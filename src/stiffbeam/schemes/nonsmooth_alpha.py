@@ -6,6 +6,7 @@ import numpy as np
 
 from .generalised_alpha import GeneralisedAlpha
 from .rigid_scheme import POSITION, WHERE_CLOSED, RigidScheme
+from .scheme import Array, Equation, Step
 
 
 class NonsmoothGeneralisedAlpha(RigidScheme):
@@ -16,7 +17,8 @@ class NonsmoothGeneralisedAlpha(RigidScheme):
         0 <= nu _|_ gap(q+) >= 0;  where q+ is at the stop 0 <= P _|_ U+ + e U >= 0, else P = 0.
 
     alpha_m, alpha_f, beta, gamma of generalised-alpha with spectral radius ``rho`` at infinity. Gap and velocity both
-    hold at every step; nu does not act on P, which makes two problems of one. With rho = 1 and no damping,
+    hold at every step; nu does not enter the condition of P, so that the two problems are solved one after the other.
+    With rho = 1 and no damping,
     E = 1/2 v^T M v + 1/2 q^T K q, x_m = (x + x+)/2,
 
         E+ - E = f_m . (q+ - q) + P U_m + (dt P/2 - nu) B a_m;
@@ -35,14 +37,17 @@ class NonsmoothGeneralisedAlpha(RigidScheme):
         self.beta, self.gamma = smooth.beta, smooth.gamma
 
     @property
-    def parameters(self):
+    def parameters(self) -> dict[str, float]:
+        """The spectral radius ``rho`` at infinite frequency."""
         return {"rho": self.rho}
 
-    def initial(self, equation, history, force):
+    def initial(self, equation: Equation, history: list[Array], force: Array) -> Array:
+        """(q, v, a, a) with a from the equation of motion under the load alone."""
         a = equation.acceleration(history[0], force)
         return np.stack([*history[0], a, a])
 
-    def step(self, equation, dt, z, loads, reactions):
+    def step(self, equation: Equation, dt: float, z: Array, loads: list[Array], reactions: list[Array]) -> Step:
+        """reactions[0] is nu/dt^2 and reactions[1] is P/dt."""
         q, v, a, s = z
         share = (1.0 - self.alpha_f) / (1.0 - self.alpha_m)
         known = (self.alpha_f * s - self.alpha_m * a) / (1.0 - self.alpha_m)

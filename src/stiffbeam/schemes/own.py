@@ -7,6 +7,7 @@ import importlib
 import inspect
 import os
 import sys
+from collections.abc import Callable
 from typing import Any
 
 from ..basics.validation import InputError, near
@@ -19,17 +20,30 @@ def own_class(name: str) -> type[Scheme]:
     Raises InputError for a module that cannot be imported and for what is no Scheme class in it.
     """
     place, _, wanted = name.partition(":")
-    try:
-        module = importlib.import_module(place)
-    except ModuleNotFoundError:
-        module = _from_here(place, name)
-    except Exception as error:  # whatever a module of others raises
-        raise InputError("scheme", name, "name a module that can be imported", repr(error)) from None
+    module = _module(place, name)
     found = getattr(module, wanted, None)
     if not isinstance(found, type) or not issubclass(found, Scheme):
         classes = [x for x, value in vars(module).items() if isinstance(value, type) and issubclass(value, Scheme)]
-        raise InputError("scheme", name, f"name a Scheme class of {place}", near(wanted, classes))
+        function = callable(found) and not isinstance(found, type)
+        remedy = "it is a function: stiffbeam score takes these" if function else near(wanted, classes)
+        raise InputError("scheme", name, f"name a Scheme class of {place}", remedy)
     return found
+
+
+def own_function(name: str) -> Callable[..., Any] | None:
+    """The function that ``module:function`` names, None where that is something else. Raises InputError as above."""
+    place, _, wanted = name.partition(":")
+    found = getattr(_module(place, name), wanted, None)
+    return found if callable(found) and not isinstance(found, type) else None
+
+
+def _module(place: str, name: str) -> Any:
+    try:
+        return importlib.import_module(place)
+    except ModuleNotFoundError:
+        return _from_here(place, name)
+    except Exception as error:  # whatever a module of others raises
+        raise InputError("scheme", name, "name a module that can be imported", repr(error)) from None
 
 
 def _from_here(place: str, name: str) -> Any:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from .rigid_scheme import RESTITUTED, RigidScheme
-from .scheme import in_interval
+from .scheme import Array, Equation, Step, in_interval
 
 
 class PaoliSchatzman(RigidScheme):
@@ -18,7 +18,8 @@ class PaoliSchatzman(RigidScheme):
 
         E+ - E = f . (q+ - q-)/2 - (1 + e) P gap-/(2 dt),    gap- = B q- + g0.
 
-    So it loses for e = 0, whose positions keep every gap open; for e > 0 a position that went beyond the stop gains.
+    So it loses for e = 0, whose positions keep every gap open; for e > 0 it gains where a position went beyond the
+    stop.
     Stable at any step for beta >= 1/4; order 1. State: (q, v, f), v the backward difference.
     Source: Paoli and Schatzman, SIAM J. Numer. Anal. 40 (2002) 702-733; Dumont and Paoli, ESAIM M2AN 40 (2006) 705-734.
     """
@@ -30,15 +31,17 @@ class PaoliSchatzman(RigidScheme):
         self.beta = in_interval("beta", beta, 0.25, 0.5)
 
     @property
-    def parameters(self):
+    def parameters(self) -> dict[str, float]:
+        """``beta``, the weight of K q+ and of K q-."""
         return {"beta": self.beta}
 
-    def start(self, equation, dt, y, force):
+    def start(self, equation: Equation, dt: float, y: Array, force: Array) -> Array:
         """With q- such that (q+ - q-)/(2 dt) is the velocity given."""
         bent = equation.solve(0.0, self.beta * dt**2, equation.net_force(y, force))
         return np.stack([y[0], y[1] - 0.5 * dt * bent, force])
 
-    def step(self, equation, dt, z, loads, reactions):
+    def step(self, equation: Equation, dt: float, z: Array, loads: list[Array], reactions: list[Array]) -> Step:
+        """reactions[0] is P/dt; loads[0] is carried to the next step."""
         q, v, f = z
         net = equation.net_force(np.stack([q, v]), f + reactions[0])
         v_new = v + dt * equation.solve(0.5 * dt, self.beta * dt**2, net)

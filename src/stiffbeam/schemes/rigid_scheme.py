@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from .scheme import Array, Scheme
+from .scheme import Array, Equation, Scheme
 
 # The reaction of a node keeps x between the stops and presses only where x is at one; x is
 POSITION = "position"  # x, new
@@ -34,13 +34,14 @@ class RigidScheme(Scheme):
         """Whether it has Newton's law of restitution."""
         return any(condition != POSITION for condition in self.conditions)
 
-    def predict(self, equation, dt, z) -> list[Array]:
+    def predict(self, equation: Equation, dt: float, z: Array) -> list[Array]:
         """q + dt v/2, by whose gap a stop is found closed before the step."""
         return [z[0] + AHEAD * dt * z[1] for _ in self.nodes]
 
-    def initial(self, equation, history, force) -> Array:
+    def initial(self, equation: Equation, history: list[Array], force: Array) -> Array:
+        """(q, v, f) from the position, the velocity and the load."""
         return np.concatenate([history[0], force[None]])
 
-    def start(self, equation, dt: float, y: Array, force: Array) -> Array:
+    def start(self, equation: Equation, dt: float, y: Array, force: Array) -> Array:
         """The state at t = 0 from y = (q, q') and the load there."""
         return self.initial(equation, [y], force)

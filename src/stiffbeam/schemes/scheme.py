@@ -11,6 +11,8 @@ from ..basics.arrays import Array
 from ..basics.validation import InputError, one_of
 from ..model.equations import Equation
 
+Step = tuple[Array, list[Array]]  # z at t_{n+1}, and y at the nodes
+
 
 class Scheme(ABC):
     """A fixed-step scheme on M q'' + C q' + K q = f, or on y' = A y + f.
@@ -19,8 +21,7 @@ class Scheme(ABC):
     linear in (state, loads, reactions), the same for the same input, and what it says of node i must not
     depend on a force at a later node; ``integrate`` checks this. The state z has shape (components, ...,
     n) and starts with y (see equations). A subclass with ``nodes`` and ``step`` can be given to
-    ``integrate`` as it is; its name is the class's in small letters unless it states one: it never goes
-    by that of the scheme it changes.
+    ``integrate`` as it is; its name is the class's in small letters unless it states one: it never inherits a name.
     """
 
     name: ClassVar[str] = ""
@@ -53,9 +54,7 @@ class Scheme(ABC):
         return None
 
     @abstractmethod
-    def step(
-        self, equation: Equation, dt: float, z: Array, loads: list[Array], reactions: list[Array]
-    ) -> tuple[Array, list[Array]]:
+    def step(self, equation: Equation, dt: float, z: Array, loads: list[Array], reactions: list[Array]) -> Step:
         """(z at t_{n+1}, y at the nodes) from z at t_n and what acts at the nodes, one (..., n) each:
         the loads, and apart from them the reactions of the contacts."""
 

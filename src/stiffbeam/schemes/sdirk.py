@@ -7,7 +7,7 @@ import warnings
 import numpy as np
 
 from ..basics.validation import InputError
-from .scheme import Array, Scheme, in_interval, oscillator
+from .scheme import Array, Equation, Scheme, Step, in_interval, oscillator
 
 # The middle root of 1/6 - (3/2) g + 3 g^2 - g^3, nearest double: third order.
 GAMMA_THIRD_ORDER = 0.435866521508459
@@ -70,26 +70,31 @@ class SDIRK(Scheme):
 
     @property
     def paper(self) -> str:  # type: ignore[override]
+        """The paper's equation numbers, of the Nystroem form or of the form in rates."""
         return "(4.14)" if self.nystrom else "(4.10), (4.12)"
 
     @property
     def second_order_only(self) -> bool:  # type: ignore[override]
+        """True for the Nystroem form, which needs M, C and K."""
         return self.nystrom
 
     @property
-    def parameters(self):
+    def parameters(self) -> dict[str, float]:
+        """gamma, as 0.4359 where it is the root of order 3, and nystrom where it is true."""
         gamma = 0.4359 if self.gamma == GAMMA_THIRD_ORDER else self.gamma
         return {"gamma": gamma} | ({"nystrom": True} if self.nystrom else {})
 
-    def characteristic(self, x, xi) -> Array | None:
+    def characteristic(self, x: float, xi: float) -> Array | None:
+        """Degree 1: the root is R(z) = ((3 g^2 - 3 g + 1/2) z^2 - (3 g - 1) z + 1)/(1 - g z)^3."""
         z, g = oscillator(x, xi), self.gamma
         return np.array([(1.0 - g * z) ** 3, -((3.0 * g**2 - 3.0 * g + 0.5) * z**2 - (3.0 * g - 1.0) * z + 1.0)])
 
-    def step(self, equation, dt, z, loads, reactions):
+    def step(self, equation: Equation, dt: float, z: Array, loads: list[Array], reactions: list[Array]) -> Step:
+        """Three implicit stages with one matrix; the force of stage i acts at node i."""
         forces = [load + reaction for load, reaction in zip(loads, reactions, strict=True)]
         return (self._step_nystrom if self.nystrom else self._step_rates)(equation, dt, z, forces)
 
-    def _step_rates(self, equation, dt, y, forces):
+    def _step_rates(self, equation: Equation, dt: float, y: Array, forces: list[Array]) -> Step:
         rates, stages = [], []
         for a, force in zip(self.A, forces, strict=True):
             r = y + dt * sum(a_j * k for a_j, k in zip(a, rates, strict=False))
@@ -97,7 +102,7 @@ class SDIRK(Scheme):
             stages.append(r + self.gamma * dt * rates[-1])
         return y + dt * sum(b * k for b, k in zip(self.b, rates, strict=True)), stages
 
-    def _step_nystrom(self, equation, dt, z, forces):
+    def _step_nystrom(self, equation: Equation, dt: float, z: Array, forces: list[Array]) -> Step:
         q, v = z
         implicit = self.gamma * dt
         accelerations, stages = [], []

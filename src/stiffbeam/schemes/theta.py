@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from .mean_reaction import MeanReaction, midpoint
-from .scheme import Array, Scheme, in_interval, oscillator
+from .scheme import Array, Equation, Scheme, Step, in_interval, oscillator
 
 
 class Theta(Scheme):
@@ -23,23 +23,28 @@ class Theta(Scheme):
         self.order = 2 if self.theta == 0.5 else 1
 
     @property
-    def parameters(self):
+    def parameters(self) -> dict[str, float]:
+        """``theta``, the weight of the new rate."""
         return {"theta": self.theta}
 
-    def initial(self, equation, history, force) -> Array:
+    def initial(self, equation: Equation, history: list[Array], force: Array) -> Array:
+        """(y, f) with the rate f of the state and the force given."""
         return np.concatenate([history[0], equation.rate(history[0], force)])
 
     @property
     def conserving(self) -> Scheme | None:
+        """The midpoint form for theta = 1/2, None for others."""
         return MeanReaction(self, midpoint) if self.theta == 0.5 else None
 
-    def step(self, equation, dt, z, loads, reactions):
+    def step(self, equation: Equation, dt: float, z: Array, loads: list[Array], reactions: list[Array]) -> Step:
+        """One implicit stage at t_{n+1}."""
         y, rate = z[: equation.order], z[equation.order :]
         r = y + (1.0 - self.theta) * dt * rate
         rate_new = equation.implicit_rate(self.theta * dt, r, loads[0] + reactions[0])
         y_new = r + self.theta * dt * rate_new
         return np.concatenate([y_new, rate_new]), [y_new]
 
-    def characteristic(self, x, xi):
+    def characteristic(self, x: float, xi: float) -> Array:
+        """Degree 1: the root is (1 + (1 - theta) z)/(1 - theta z)."""
         z = oscillator(x, xi)
         return np.array([1.0 - self.theta * z, -1.0 - (1.0 - self.theta) * z])

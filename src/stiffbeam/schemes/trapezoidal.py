@@ -19,5 +19,6 @@ class Trapezoidal(Theta):
         super().__init__(0.5)
 
     @property
-    def parameters(self):
+    def parameters(self) -> dict[str, float]:
+        """None: theta is 1/2."""
         return {}

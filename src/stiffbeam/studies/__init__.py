@@ -8,14 +8,17 @@ from typing import Any
 from ..basics.validation import one_of
 from .engine.study import Records, Study
 
-# In the order in which they answer: one step, one run, many runs, many steps.
+# In this order: one step, one run, many runs, many steps.
 STUDIES = {
     "amplification": "One step on a free oscillation: radius, period elongation, damping.",
     "modes": "Phase lag and damping mode by mode on runs without contact, against theory.",
     "energy": "The energy ledger of every scheme and of the exact flow, in every form.",
     "converge": "Observed orders in time, smooth and through contact.",
     "space": "Convergence of both discretisations to the beam, and of the contact.",
+    "first_impact": "How hard the first impact is, from 10 to 640 cells, against the theory of a point contact.",
     "rigid": "Towards rigid stops: kappa to infinity.",
+    "rigid_beam": "The beam from soft stops to rigid ones: impulse, time in contact, energy, scheme by scheme.",
+    "restitution": "Restitution wanted and delivered, by the formulas in use.",
     "rigid_bar": "A bar bounces on a rigid wall: every scheme against the exact solution.",
     "errata": "What each misprint of the paper costs.",
     "impacts": "Impact counts against the step, with the exact count.",

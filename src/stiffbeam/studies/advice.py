@@ -6,13 +6,13 @@
     error(impulse)     likewise, of the integral of |sigma|
 
 of several contacts the largest. Every scheme runs with 2^k n steps, k = 0, 1, ...; a step counts where it and its
-half both meet what is wanted, since errors through contact do not shrink evenly. The cheapest in linear solves
+half both meet what is wanted, since errors through contact do not decrease steadily. The cheapest in linear solves
 (steps times stages) is named: whatever solves the system, that is what a step costs.
 
 Past the horizon one motion has no meaning, so there the means over perturbed members are compared, and a mean is
 right where it and the 95 % interval of the difference lie within what is wanted; the tip has no such mean. The members
-differ by a thousandth of the motion: they part as soon as a scheme parts from the exact motion. Members closer together
-would all follow that scheme's own single motion first, and their mean would be luck.
+differ by a thousandth of the motion: they diverge as soon as a scheme diverges from the exact motion. Members closer
+together would all follow one motion of that scheme first, and their mean would say nothing about the distribution.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from ..references import reference
 from ..schemes import RIGID, SCHEMES, Scheme, make
 from ..trajectory.tables import table
 from ..trajectory.trajectory import Diverged, Trajectory
-from .advice_judges import SIZE, Judge, Motion, Statistics
+from .advice_criteria import SIZE, Criterion, Motion, Statistics
 
 if TYPE_CHECKING:
     import pandas
@@ -45,7 +45,7 @@ QUANTITIES = ("tip", "impacts", "peak_force", "impulse")
 WANT = {"tip": 1e-3, "impacts": 0.05, "peak_force": 0.05}
 PER_PERIOD = 8  # steps of the coarsest run in the shorter of the lowest natural period and the drive's
 MOST_STEPS, MOST_DIRECT, MOST_MEMBER = 2**20, 2**14, 2**11  # of a run; marched with matrices, a thousand times slower
-PAST = "past the horizon t = {:.4g} no step gives one motion: neighbours 1e-16 apart have parted there"
+PAST = "past the horizon t = {:.4g} no step gives one motion: motions 1e-16 apart have diverged there"
 
 
 @dataclass(frozen=True)
@@ -62,18 +62,20 @@ class Probe:
 
     @property
     def label(self) -> str:
+        """The scheme, and the contact treatment where it is not the implicit one."""
         return f"{self.scheme}" + (f", {self.contact} contact" if self.contact != "implicit" else "")
 
     def meets(self, want: Mapping[str, float]) -> bool:
+        """Whether every error is at most the one wanted."""
         return all(self.errors[name] <= tolerance for name, tolerance in want.items())
 
 
 @dataclass(frozen=True)
 class Advice:
-    """What ``advise`` found. chosen: the advised run, None where there is none. cannot: what cannot be had, and
-    why; the advised run meets the rest. trusted_until: the time to which its tip stays within the wanted error
+    """What ``advise`` found. chosen: the advised run, None where there is none. cannot: what no run gives, and why; the
+    advised run gives the rest. trusted_until: the time to which its tip stays within the wanted error
     (without one, 1e-3), at most the horizon. members: of the ensembles, 0 where one motion was compared. scatter: the
-    standard deviation of one exact member, over the mean, by quantity: what a single run may be off by chance."""
+    standard deviation of one exact member, over the mean, by quantity: the deviation of a single run by chance."""
 
     want: dict[str, float]
     t_end: float
@@ -135,6 +137,7 @@ class Advice:
 
     @property
     def want_met(self) -> list[str]:
+        """The quantities whose wanted errors can be met."""
         return [name for name in self.want if name not in self.cannot]
 
     def __repr__(self) -> str:
@@ -178,13 +181,13 @@ def advise(
     show("advise: the exact motion", 0, 0)
     exact = reference(system, positive("t_end", t_end))
     past = exact.horizon < t_end
-    judge: Judge = Statistics(system, t_end, members) if past else Motion(exact)
+    criterion: Criterion = Statistics(system, t_end, members) if past else Motion(exact)
     cannot = {"tip": PAST.format(exact.horizon)} if past and "tip" in wanted else {}
     left = {name: x for name, x in wanted.items() if name not in cannot}
     direct = MOST_MEMBER if past else MOST_DIRECT
     most = most_steps or (direct if modes(system) is None else MOST_STEPS)
     candidates, most = _candidates(schemes, contacts), integer("most_steps", most, 1)
-    tried, chosen = _search(system, t_end, candidates, judge, left, most, show) if left else ([], None)
+    tried, chosen = _search(system, t_end, candidates, criterion, left, most, show) if left else ([], None)
     if left and not tried:
         remedy = "pass schemes that take its stops" if system.contacts else "pass other schemes"
         raise InputError("schemes", ", ".join(dict.fromkeys(str(s) for s, _ in candidates)), "take the system", remedy)
@@ -207,7 +210,7 @@ def advise(
         until,
         tuple(tried),
         system,
-        judge.scatter,
+        criterion.scatter,
     )
 
 
@@ -237,7 +240,7 @@ def _candidates(schemes: Sequence[Scheme] | None, contacts: Sequence[str]) -> li
 
 
 def _search(
-    system: System, t_end: float, candidates: list[tuple[Scheme, str]], judge: Judge, want: dict[str, float],
+    system: System, t_end: float, candidates: list[tuple[Scheme, str]], criterion: Criterion, want: dict[str, float],
     most: int, show: Show,
 ) -> tuple[list[Probe], Probe | None]:  # fmt: skip
     """Every candidate from coarse to fine until two steps in a row meet the want, or one costs more than the best."""
@@ -249,7 +252,7 @@ def _search(
         before: Probe | None = None
         steps = min(coarsest, most)
         while steps <= most:
-            probe = _probe(system, t_end, scheme, contact, steps, judge)
+            probe = _probe(system, t_end, scheme, contact, steps, criterion)
             if probe is None:
                 break  # what this scheme or these stops do not take
             tried.append(probe)
@@ -269,10 +272,12 @@ def _period(system: System, t_end: float) -> float:
     return min([2.0 * np.pi / rate for rate in rates if rate > 0.0], default=t_end)
 
 
-def _probe(system: System, t_end: float, scheme: Scheme, contact: str, steps: int, judge: Judge) -> Probe | None:
+def _probe(
+    system: System, t_end: float, scheme: Scheme, contact: str, steps: int, criterion: Criterion
+) -> Probe | None:
     dt, work = t_end / steps, steps * len(scheme.nodes)
     try:
-        errors, seconds = judge.errors(system, scheme, contact, dt, t_end)
+        errors, seconds = criterion.errors(system, scheme, contact, dt, t_end)
     except Diverged:
         errors, seconds = dict.fromkeys(map(str, QUANTITIES), np.inf), 0.0
     except InputError as error:

@@ -22,7 +22,7 @@ from ..trajectory.trajectory import Reference, SolverFailure
 if TYPE_CHECKING:
     from ..files.cases import Case
 
-# Who is held to be right, the most precise first.
+# Which method is the baseline: the most precise first.
 PRECISION = [m.name for kind in (MULTIPRECISION, EXACT) for m in REFERENCES.values() if m.kind == kind]
 INCONSISTENT = 1e3  # times rtol before the first impact: more than that is not what the tolerance claims
 Progress = Callable[[str, int, int], None]
@@ -43,6 +43,7 @@ class Agreement:
     skipped: dict[str, str] = field(default_factory=dict)
 
     def to_dict(self) -> dict[str, Any]:
+        """What was found as plain numbers and texts, for JSON."""
         names = list(self.references)
         return {
             "baseline": self.baseline,
@@ -119,7 +120,7 @@ def _cost(method: str) -> float:
 
 
 def _impact_difference(a: Reference, b: Reference, end: float) -> float:
-    """Largest difference of paired impact times to ``end``; NaN where one does not see them by events."""
+    """Largest difference of paired impact times to ``end``; NaN where one of them does not find impacts as events."""
     largest = 0.0
     for x, y in zip(a.contacts, b.contacts, strict=True):
         if "sampled" in (x.impacts.kind, y.impacts.kind):
@@ -131,7 +132,7 @@ def _impact_difference(a: Reference, b: Reference, end: float) -> float:
 
 
 def _inconsistent(references: dict[str, Reference], baseline: str, rtol: float) -> dict[str, str]:
-    """Who is further off before the first impact than its tolerance says."""
+    """The methods whose error before the first impact is larger than their tolerance allows."""
     inconsistent = {}
     best = references[baseline]
     first = float(min([*impact_times(best)[:1], best.t[-1]]))

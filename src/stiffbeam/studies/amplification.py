@@ -25,9 +25,10 @@ from ..measures.amplification import amplification
 from ..schemes import HHT, SCHEMES, SDIRK, GeneralisedAlpha, registered
 from ..schemes.sdirk import GAMMA_MIN
 from .common import Schemes, scheme_labels, scheme_of
-from .engine.study import Point, Records, Row, Rows, Study
+from .engine.study import Answer, Point, Records, Row, Rows, Study
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 TENTH = 0.1  # of a period: where the literature compares
@@ -56,6 +57,7 @@ def points(
 
 
 def evaluate(case: Case, point: Point) -> list[Row]:
+    """One row for every dt/T: spectral radius, period elongation and damping ratio, measured and in closed form."""
     scheme, xi = scheme_of(point["scheme"]), point["damping"]
     x = np.union1d(np.logspace(-3, 3, 6 * point["per_decade"] + 1), [TENTH])
     found = amplification(scheme, x, xi)
@@ -74,6 +76,7 @@ def evaluate(case: Case, point: Point) -> list[Row]:
 
 
 def answer(rows: Rows, _: Case) -> str:
+    """Elongation and damping of every scheme at dt/T = 0.1."""
     at = [r for r in rows if r["dt_over_period"] == TENTH]
     base = [r for r in at if r["scheme"] in {str(s) for s in registered()}] or at
     parts = [
@@ -86,12 +89,19 @@ def answer(rows: Rows, _: Case) -> str:
         default=float("nan"),
     )
     stable = f"unstable somewhere: {', '.join(unstable)}" if unstable else "all are stable at every step"
-    return (
-        "Period elongation and damping ratio at dt/T = 0.1: "
-        + "; ".join(parts)
-        + f". Of these and their families {stable}; "
+    tail = (
+        f"Of these and their families {stable}; "
         f"the kernel's spectral radius and the closed form differ by at most {gap:.1e}."
     )
+    table = [
+        {
+            "dt/T = 0.1": r["scheme"],
+            "period elongation": f"{100 * r['period_elongation']:.3g} %",
+            "damping ratio": f"{r['damping_ratio']:.2g}",
+        }
+        for r in sorted(base, key=lambda r: abs(r["period_elongation"]))
+    ]
+    return Answer(f"Period elongation and damping ratio at dt/T = 0.1: {'; '.join(parts)}. {tail}", table, tail)
 
 
 def _known(value: float | None) -> bool:
@@ -156,7 +166,7 @@ def _of(rows: Sequence[Row], label: str, name: str) -> list[float]:
     return [row[name] for row in rows if row["scheme"] == label and row["dt_over_period"] < HALF]
 
 
-def _curves(axes, label: str, own: Sequence[Row]) -> None:
+def _curves(axes: Sequence[Axes], label: str, own: Sequence[Row]) -> None:
     style = look(label)
     for axis, name in zip(axes, ("spectral_radius", "period_elongation", "damping_ratio"), strict=True):
         x, measured, theory = (column(own, key) for key in ("dt_over_period", name, f"{name}_theory"))
@@ -167,9 +177,9 @@ def _curves(axes, label: str, own: Sequence[Row]) -> None:
             measured, line = (np.where(y > NO_DAMPING, y, np.nan) for y in (measured, line))  # a logarithm of none
         if not np.any(np.isfinite(line)):
             continue
-        axis.plot(x, line, lw=1.0, **style | {"marker": ""})
+        axis.plot(x, line, lw=1.0, **dict(style, marker=""))
         some = slice(len(x) // 48, None, max(1, len(x) // 24))
-        axis.plot(x[some], measured[some], ms=3.6, **style | {"linestyle": ""})
+        axis.plot(x[some], measured[some], ms=3.6, **dict(style, linestyle=""))
     axes[0].plot([], [], lw=1.0, ms=4, label=short(label), **style)
 
 
@@ -183,7 +193,7 @@ def _family(rows: Sequence[Row], name: str) -> list[Row]:
     return [own[value] | {"parameter": value} for value in sorted(own)]
 
 
-def _parameter(axis, name: str, own: Sequence[Row], letter: str) -> None:
+def _parameter(axis: Axes, name: str, own: Sequence[Row], letter: str) -> None:
     parameter, title = FAMILIES[name]
     x = column(own, "parameter")
     breaks = np.flatnonzero(np.diff(x) > GAP) + 1 if name == "sdirk" else []

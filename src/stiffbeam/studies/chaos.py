@@ -1,8 +1,8 @@
 """How fast neighbouring motions diverge: Lyapunov exponents of the exact flow and of the schemes, and the portrait.
 
 The horizon is shorter than a period of the drive, so one run from t = 0 sees one phase of it only. Pairs
-are therefore started at many times along the exact motion and followed while their distance is small. The
-tangent flow along the exact motion is the witness: it needs no distance that is small enough.
+are therefore started at many times along the exact motion and followed while their distance is small. The tangent flow
+along the exact motion is an independent check: it needs no small distance.
 """
 
 from __future__ import annotations
@@ -26,9 +26,10 @@ from ..references.ensemble import reference_ensemble
 from ..references.exact.tangent import lyapunov
 from ..trajectory.ensemble import Ensemble
 from .common import Dt, Form, Schemes, scheme_labels, scheme_of, solve_once, system_of
-from .engine.study import Point, Records, Row, Rows, Study
+from .engine.study import Answer, Point, Records, Row, Rows, Study
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 LINEAR = 1e-4  # of the motion's size: a pair farther apart no longer grows in proportion
@@ -61,6 +62,7 @@ def points(
 
 
 def evaluate(case: Case, point: Point) -> list[Row]:
+    """Rows of pairs of neighbouring motions, of the tangent flow, or of the portrait, as the point says."""
     return {"pairs": _pairs, "tangent": _tangent, "portrait": _portrait}[point["kind"]](case, point)
 
 
@@ -173,6 +175,7 @@ def exponents(rows: Rows) -> dict[str, tuple[float, float]]:
 
 
 def answer(rows: Rows, case: Case) -> str:
+    """The exponents with their intervals, method by method."""
     units = case.units
     found = exponents(rows)
     if not found:
@@ -181,9 +184,16 @@ def answer(rows: Rows, case: Case) -> str:
     parts = [f"{method} {mean:.3g} ± {interval:.2g}{unit}" for method, (mean, interval) in found.items()]
     mean, interval = (x / np.log(10.0) for x in found.get("tangent flow", (float("nan"), float("nan"))))
     time = units.of("time") or "unit of time"
-    return (
+    tail = f"y the tangent flow the exact motion loses {mean:.2g} ± {interval:.2g} digits per {time}."
+    table = [
+        {"neighbours diverge like exp(lambda t)": method, "lambda": f"{mean:.3g} ± {interval:.2g}{unit}"}
+        for method, (mean, interval) in found.items()
+    ]
+    return Answer(
         f"Neighbouring motions diverge like exp(lambda t), lambda = {', '.join(parts)} (mean over the starts, 95 %); "
-        f"by the tangent flow the exact motion loses {mean:.2g} ± {interval:.2g} digits per {time}."
+        f"b{tail}",
+        table,
+        f"Means over the starts, ± holds with 95 %. B{tail}",
     )
 
 
@@ -192,7 +202,9 @@ def draw(records: Records) -> Figure:
     rows = numeric(records.found)
     figure = new_figure(8.6)
     units = records.case.units
-    figure.suptitle(heading(records.case, "how fast neighbouring motions diverge"))
+    exact = exponents(records.found).get("exact")
+    rate = "" if exact is None else f": the exact ones like exp({exact[0]:.2g} t)"
+    figure.suptitle(heading(records.case, f"how fast neighbouring motions diverge{rate}"))
     (distance, rates), (delayed, portrait) = figure.subplots(2, 2)
     _distances(distance, rows)
     distance.set_xlabel(units.label("time since the start of the pair", "time"))
@@ -216,7 +228,7 @@ def draw(records: Records) -> Figure:
     return figure
 
 
-def _distances(axis, rows) -> None:
+def _distances(axis: Axes, rows: list[Row]) -> None:
     for method in dict.fromkeys(row["method"] for row in rows):
         own = [row for row in rows if row["method"] == method and "distance" in row]
         if own:
@@ -234,7 +246,7 @@ def _distances(axis, rows) -> None:
     axis.set_title("(a) geometric mean over the pairs", loc="left")
 
 
-def _exponents(axis, rows) -> None:
+def _exponents(axis: Axes, rows: list[Row]) -> None:
     """Every start a dot, mean and 95 % interval beside it."""
     found = exponents(rows)
     jitter = np.random.default_rng(0)

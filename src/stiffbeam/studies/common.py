@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Annotated
 
 from ..basics.budget import afford
@@ -11,10 +11,10 @@ from ..files.cases import Case, parse_run
 from ..measures.windows import first_impacts_end
 from ..model.system import System
 from ..references import reference
-from ..schemes import SCHEMES, Scheme, make
+from ..schemes import RIGID, SCHEMES, Scheme, make
 from ..schemes.own import own_label
 from ..trajectory.trajectory import Reference
-from .engine.study import Row, Rows
+from .engine.study import Answer, Row, Rows
 
 # What the options of several studies are and mean; the commands read it here.
 Schemes = Annotated[list[str] | None, "with commas between them, e.g. 'bdf2,hht(alpha=-0.2)'; default: all"]
@@ -33,8 +33,8 @@ _KEPT = 4
 def scheme_labels(case: Case, schemes: Sequence[str | Scheme] | None = None) -> list[str]:
     """The given labels and schemes as labels in one spelling, or the case's own schemes and every other registered one.
 
-    A scheme that the case runs on several forms counts once; ``theta`` with its default is the
-    trapezoidal rule, which stands under that name.
+    Those for rigid stops only where the case has such. A scheme that the case runs on several forms counts once;
+    ``theta`` with its default is the trapezoidal rule, which stands under that name.
     """
     if schemes is not None:
         schemes = sequence("schemes", schemes, "be schemes or their labels", "for example ['hht(alpha=-0.1)']")
@@ -45,7 +45,9 @@ def scheme_labels(case: Case, schemes: Sequence[str | Scheme] | None = None) -> 
     own: dict[str, Scheme] = {}
     for scheme, _ in case.runs:
         own.setdefault(scheme.name, scheme)
-    return [label_of(own.get(name) or make(name)) for name in SCHEMES if name != "theta"]
+    rigid = any(contact.stops.rigid for contact in case.system(case.forms[0]).contacts)
+    names = [*(name for name in SCHEMES if name != "theta"), *(RIGID if rigid else ()), *own]
+    return [label_of(own.get(name) or make(name)) for name in dict.fromkeys(names)]
 
 
 def label_of(scheme: str | Scheme) -> str:
@@ -76,6 +78,7 @@ def scheme_of(label: str) -> Scheme:
 
 
 def system_of(case: Case, form: str) -> System:
+    """The system of ``case`` in ``form``, made once per process."""
     return case.system(form)
 
 
@@ -91,6 +94,19 @@ def by_contact(rows: Rows) -> dict[str, list[Row]]:
     if len(numbers) < 2:
         return {"": list(rows)}
     return {f" at contact {n}": [row for row in rows if row.get("contact_number", n) == n] for n in numbers}
+
+
+def joined(answers: Mapping[str, str]) -> Answer:
+    """The answers of several contacts as one, each with its place."""
+    parts = {place: answer if isinstance(answer, Answer) else Answer(answer, rest=answer)
+             for place, answer in answers.items()}  # fmt: skip
+
+    def all_of(texts: Mapping[str, str]) -> str:
+        return " ".join(text + (f" (All{place}.)" if place else "") for place, text in texts.items())
+
+    lines = [({"contact": place.removeprefix(" at contact ")} if place else {}) | line
+             for place, answer in parts.items() for line in answer.table]  # fmt: skip
+    return Answer(all_of(parts), lines, all_of({place: answer.rest for place, answer in parts.items()}))
 
 
 def solve_once(system: System, t_end: float, method: str = "exact") -> Reference:

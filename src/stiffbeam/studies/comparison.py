@@ -15,7 +15,7 @@ from ..march.warm import COMPILING, compile_beside, warm_up
 from ..measures.comparison import Comparison, compare
 from ..model.system import System
 from ..references import reference
-from ..references.registry import COMPARED, METHODS
+from ..references.registry import COMPARED, COMPARED_RIGID, METHODS
 from ..schemes import Scheme
 from ..trajectory.trajectory import Diverged, Reference, SolverFailure, Trajectory
 
@@ -24,19 +24,28 @@ Progress = Callable[[str, int, int], None]  # (what is running, done, total); to
 
 @dataclass(frozen=True)
 class CaseComparison:
-    """The outcome: one comparison per run and per further reference; failures as (label, message)."""
+    """The outcome: one comparison per run and per further reference; failures as (label, message), of which those
+    ``refused`` cannot be asked of the case."""
 
     case: Case
     runs: list[Trajectory] = field(default_factory=list)
     references: list[Reference] = field(default_factory=list)  # the main one of each form first
     comparisons: list[Comparison] = field(default_factory=list)
     failures: list[tuple[str, str]] = field(default_factory=list)
+    refused: set[str] = field(default_factory=set)
     truths: dict[str, Reference] = field(default_factory=dict)  # by form, where one was given
 
     def __repr__(self) -> str:
         return f"<CaseComparison {self.case.name}: {len(self.comparisons)} compared, {len(self.failures)} failed>"
 
+    def note(self, label: str, error: Exception) -> None:
+        """A run or reference that there is not, and why."""
+        self.failures.append((label, str(error)))
+        if isinstance(error, InputError):
+            self.refused.add(label)
+
     def to_dict(self) -> dict[str, Any]:
+        """Case, comparisons and failures as plain numbers and texts, for JSON."""
         return {
             "case": self.case.name,
             "title": self.case.title,
@@ -58,7 +67,7 @@ class CaseComparison:
 def compare_case(
     case: Case,
     runs: Sequence[tuple[Scheme, str]] | None = None,
-    references: Sequence[str] = COMPARED,
+    references: Sequence[str] | None = None,
     contact: str = "implicit",
     dt: float | None = None,
     t_end: float | None = None,
@@ -69,7 +78,8 @@ def compare_case(
 ) -> CaseComparison:
     """Run every scheme over the case's time span and hold it against a reference of the same form.
 
-    runs: (scheme, form); None for the case's own.
+    runs: (scheme, form); None for the case's own. references: methods; None for ``COMPARED``, of rigid stops
+    the exact solution only.
 
     The first of ``references`` that can take the system is the main reference, over the whole span; the
     others run to its horizon only and are compared like the schemes. A run that fails is reported and
@@ -82,6 +92,9 @@ def compare_case(
     step_count(case.dt, case.t_end)
     if contact not in CONTACTS:
         raise InputError("contact", contact, f"be one of {CONTACTS}")
+    if references is None:
+        rigid = any(contact.stops.rigid for contact in case.system(case.forms[0]).contacts)
+        references = COMPARED_RIGID if rigid else COMPARED
     for name in references:
         if name not in METHODS:
             raise InputError("references", name, "be a reference method", near(name, METHODS))
@@ -108,7 +121,7 @@ def compare_case(
                 )  # fmt: skip
             except (Diverged, InputError) as error:
                 refused.append(error)
-                result.failures.append((label, str(error)))
+                result.note(label, error)
                 continue
             result.runs.append(run)
             keep(run)
@@ -121,7 +134,7 @@ def compare_case(
             if main.horizon < case.t_end and (true := truth(case, form, case.t_end)) is not None:
                 result.truths[form] = true
     if not result.runs and refused and all(isinstance(error, InputError) and error.field != "dt" for error in refused):
-        raise refused[0]  # nothing was run: not a scheme but what was asked is at fault
+        raise refused[0]  # nothing was run: the fault is in the input, not in a scheme
     return result
 
 
@@ -141,7 +154,7 @@ def _main_reference(
             times = None if method in ("exact", "multiprecision") else np.arange(steps + 1) * case.dt
             main = solve(system, case.t_end, method, times)
         except (InputError, SolverFailure) as error:
-            result.failures.append((f"{method}@{system.form}", str(error)))
+            result.note(f"{method}@{system.form}", error)
             continue
         result.references.append(main)
         return main
@@ -171,7 +184,7 @@ def _further_references(
         try:
             further = solve(system, float(times[-1]), method, times)
         except (InputError, SolverFailure) as error:
-            result.failures.append((label, str(error)))
+            result.note(label, error)
             continue
         result.references.append(further)
         yield further

@@ -3,7 +3,7 @@
     duration = t_exit - t_entry
 
 Of the exact motion both are events, of a scheme crossings of the stop by the cubic Hermite interpolant of its
-steps. Through the first impacts the i-th contact of a run is held against the i-th exact one, as long as they
+steps. Through the first impacts the i-th contact of a run is compared with the i-th exact one, as long as they
 match. Past it only distributions over perturbed members can be compared. Most contacts are short bounces, most of
 the time in contact is spent in a few long ones; so two numbers are given, the median over the contacts and the
 duration beyond which half of the time in contact is spent. Contacts that are open at the end are left out, and
@@ -42,9 +42,10 @@ from .common import (
     solve_once,
     system_of,
 )
-from .engine.study import Point, Records, Row, Rows, Study
+from .engine.study import Answer, Point, Records, Row, Rows, Study
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 SIDES = {1: "upper", -1: "lower"}
@@ -80,6 +81,7 @@ def points(
 
 
 def evaluate(case: Case, point: Point) -> list[Row]:
+    """Rows of matched contacts, or of an ensemble, as the point says."""
     return {"pairs": _pairs, "ensemble": _ensemble}[point["task"]](case, point)
 
 
@@ -140,25 +142,31 @@ def half_time(durations: Array) -> float:
 
 
 def answer(rows: Rows, case: Case) -> str:
-    return (
-        " ".join(
-            f"The {name} stop{place}: {sentence}"
-            for place, own in by_contact(rows).items()
-            for name in SIDES.values()
-            if (sentence := _answer([row for row in own if row["stop"] == name], case))
-        )
-        or f"No contact came to an end at {len(rows)} points."
+    """A sentence and a table line for every stop of every contact."""
+    found = {
+        (name, place): said
+        for place, own in by_contact(rows).items()
+        for name in SIDES.values()
+        if (said := _answer([row for row in own if row["stop"] == name], case))
+    }
+    return Answer(
+        " ".join(f"The {name} stop{place}: {said}" for (name, place), said in found.items())
+        or f"No contact came to an end at {len(rows)} points.",
+        [{"stop": f"{name}{place}"} | line for (name, place), said in found.items() for line in said.table],
+        " ".join(f"The {name} stop{place}: {said.rest}" for (name, place), said in found.items() if said.rest),
     )
 
 
-def _answer(rows: Rows, case: Case) -> str:
-    """What is found at one stop; nothing where no contact came to an end."""
+def _answer(rows: Rows, case: Case) -> Answer:
+    """What is found at one stop; empty where no contact came to an end."""
     units = case.units
-    parts = []
+    parts, table = [], []
     for row in (row for row in rows if row["kind"] == "summary"):
         median, half = (units.measure(f"{row[name]:.2g}", "time") for name in ("median", "half_time"))
         parts.append(f"{row['method']} {row['contacts']:.4g} contacts a run of median {median}, half of the time "
                      f"in contacts of {half} and longer")  # fmt: skip
+        table.append({"method": row["method"], "contacts a run": f"{row['contacts']:.4g}", "median": median,
+                      "half of the time from": half})  # fmt: skip
     paired = sorted((row for row in rows if row["kind"] == "pairs" and row["pairs"]), key=lambda row: -row["dt"])
     finest = {row["method"]: row for row in paired}  # the last of a method
     pairs = [f"{method} {100 * row['error']:.2g} % in {row['pairs']}" for method, row in finest.items()]
@@ -166,7 +174,7 @@ def _answer(rows: Rows, case: Case) -> str:
     if pairs:
         dt = units.measure(format(paired[-1]["dt"], ".2g"), "time")
         sentences.append(f"Of the first contacts, at dt = {dt}, durations are off by at most {', '.join(pairs)}.")
-    return " ".join(sentences)
+    return Answer(" ".join(sentences), table, " ".join(sentences[len(sentences) - bool(pairs) :]))
 
 
 def draw(records: Records) -> Figure:
@@ -194,7 +202,7 @@ def draw(records: Records) -> Figure:
     return figure
 
 
-def _errors(axis, rows: Sequence[Row]) -> None:
+def _errors(axis: Axes, rows: Sequence[Row]) -> None:
     """The largest error at any stop; hollow where some of the exact contacts have no match."""
     for label in dict.fromkeys(row["method"] for row in rows):
         own: dict[float, list[Row]] = {}
@@ -206,7 +214,7 @@ def _errors(axis, rows: Sequence[Row]) -> None:
         whole = np.array([all(row["pairs"] == row["exact"] for row in own[dt]) for dt in some], bool)
         style = look(label)
         axis.plot(steps, np.where(whole, errors, np.nan), ms=4.5, lw=1.1, label=short(label), **style)
-        axis.plot(steps[~whole], errors[~whole], ms=4.0, mfc="white", **style | {"linestyle": ""})
+        axis.plot(steps[~whole], errors[~whole], ms=4.0, mfc="white", **dict(style, linestyle=""))
     axis.grid(color="0.92")
     if axis.get_lines() and np.isfinite(axis.dataLim.minposy):
         log_scale(axis)
@@ -215,10 +223,10 @@ def _errors(axis, rows: Sequence[Row]) -> None:
         say_empty(axis, "no contact matches")
 
 
-def _distributions(axis, rows: Sequence[Row]) -> None:
+def _distributions(axis: Axes, rows: Sequence[Row]) -> None:
     for label in dict.fromkeys(row["method"] for row in rows):
         own = [row for row in rows if row["method"] == label]
-        style = look(label) | {"marker": "", "lw": 2.2 if label == "exact" else 1.2}
+        style = dict(look(label), marker="", lw=2.2 if label == "exact" else 1.2)
         axis.plot(column(own, "duration"), column(own, "level"), label=short(label), **style)
     steps = [row["dt"] for row in rows if row["method"] != "exact"]
     if steps and np.isfinite(steps[0]):

@@ -7,7 +7,7 @@ rounding, and (in contact) every impact inside the window still has its partner.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 
@@ -36,13 +36,14 @@ from .common import (
     solve_once,
     system_of,
 )
-from .engine.study import Point, Records, Row, Rows, Study
+from .engine.study import Answer, Point, Records, Row, Rows, Study
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 KINDS = ("smooth", "contact")
-PER_OCTAVE = 4  # steps per halving through contact, where the error jumps about: the worst of an octave counts
+PER_OCTAVE = 4  # steps per halving through contact, where the error varies irregularly: the worst of an octave counts
 SAMPLES = 1000  # outputs on which the error is measured
 RESOLVED = 0.5  # largest (omega dt)
 ASYMPTOTIC = 0.1  # largest relative error
@@ -87,6 +88,7 @@ def points(
 
 
 def evaluate(case: Case, point: Point) -> list[Row]:
+    """One row: the tip error at one step, and why it does not count in the slope, or ""."""
     system = system_of(case, point["form"])
     if point["kind"] == "smooth":
         system = smooth_motion(system)
@@ -129,6 +131,7 @@ def orders(rows: Rows) -> dict[tuple[str, str], Order]:
 
 
 def answer(rows: Rows, _: Case) -> str:
+    """The observed orders, without contact and through the first impacts."""
     parts = {
         "smooth": "Observed orders without contact: ",
         "contact": "Through the first impacts (worst of each octave): ",
@@ -141,7 +144,19 @@ def answer(rows: Rows, _: Case) -> str:
         missing = [f"too few points count for {', '.join(few)}"] if few else []
         if own or few:
             sentences.append(head + "; ".join([", ".join(own)] * bool(own) + missing) + ".")
-    return " ".join(sentences)
+    columns = {"smooth": "order without contact", "contact": "order through the first impacts"}
+    kinds = [kind for kind in columns if any(k == kind for k, _ in found)]
+    table = [
+        {"scheme": scheme} | {columns[kind]: _shown(found.get((kind, scheme))) for kind in kinds}
+        for scheme in dict.fromkeys(scheme for _, scheme in found)
+    ]
+    return Answer(" ".join(sentences), table, "Through impacts: the worst of each octave of steps; ± holds with 95 %.")
+
+
+def _shown(order: Order | None) -> str:
+    if order is None:
+        return "–"
+    return str(order) if np.isfinite(order.slope) else "too few points"
 
 
 TITLES = {"smooth": "without contact, slow motion", "contact": "through the first impacts"}
@@ -181,24 +196,24 @@ def draw(records: Records) -> Figure:
     return figure
 
 
-def _curve(axis, own: Sequence[Row], text: str, order) -> dict[str, None]:
+def _curve(axis: Axes, own: Sequence[Row], text: str, order: Order) -> dict[str, None]:
     """Points and slope of one scheme; returns the reasons met."""
     own = sorted(own, key=lambda row: row["dt"])
     style = look(own[0]["scheme"])
     counted = set(envelope(own)[0])
     octaves = {row["octave"] for row in own if row["dt"] in counted}
     reasons: dict[str, None] = {}
-    axis.plot(column(own, "dt"), column(own, "error_rms"), lw=0.5, alpha=0.6, **style | {"marker": ""})
+    axis.plot(column(own, "dt"), column(own, "error_rms"), lw=0.5, alpha=0.6, **dict(style, marker=""))
     axis.plot([], [], lw=1.3, ms=4.5, label=text, **style)
     for row in own:
         reason = row["left_out"] or ("" if row["octave"] in octaves else "its octave has one of these")
-        fill = {} if not reason else {"mfc": "white", "mec": style["color"], "marker": REASONS[reason]}
-        axis.plot(row["dt"], row["error_rms"], ms=4.0, mew=0.9, **style | {"linestyle": ""} | fill)
+        fill: dict[str, Any] = {} if not reason else {"mfc": "white", "mec": style["color"], "marker": REASONS[reason]}
+        axis.plot(row["dt"], row["error_rms"], ms=4.0, mew=0.9, **dict(style, linestyle="", **fill))
         if reason:
             reasons[reason] = None
     if np.isfinite(order.slope) and counted:
         x = np.array([min(counted), max(counted)])
-        axis.plot(x, order.constant * x**order.slope, lw=1.5, **style | {"marker": ""})
+        axis.plot(x, order.constant * x**order.slope, lw=1.5, **dict(style, marker=""))
     return reasons
 
 

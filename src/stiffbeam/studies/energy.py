@@ -15,9 +15,10 @@ from ..march.integrate import integrate
 from ..trajectory.ledger import Ledger
 from ..trajectory.trajectory import Trajectory
 from .common import Dt, End, Forms, Schemes, Treatment, scheme_labels, scheme_of, solve_once, system_of
-from .engine.study import Point, Records, Row, Rows, Study
+from .engine.study import Answer, Point, Records, Row, Rows, Study
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 OUTPUTS = 200  # times at which the ledger is kept
@@ -34,7 +35,7 @@ def points(
 ) -> list[Point]:
     """The exact flow and every scheme on every form that the case can take; first-order marches for two schemes.
 
-    The exact flow is followed to its horizon, where a float64 solution still is one.
+    The exact flow is followed to its horizon, to which the float64 solution holds.
     """
     dt, t_end = case.dt if dt is None else dt, case.t_end if t_end is None else t_end
     labels = scheme_labels(case, schemes)
@@ -52,6 +53,7 @@ def points(
 
 
 def evaluate(case: Case, point: Point) -> list[Row]:
+    """The ledger of one run at OUTPUTS times; that of the exact flow ends at its horizon."""
     form = point["form"]
     system = system_of(case, form.removesuffix(FIRST_ORDER))
     if point["scheme"] == "exact":
@@ -82,20 +84,24 @@ def last_rows(rows: Rows) -> list[Row]:
 
 
 def answer(rows: Rows, case: Case) -> str:
+    """What every run has lost at its end, relative to the energy put in, and how much of it in contact."""
     units = case.units
-    parts, exact = [], []
+    parts, exact, table = [], [], []
     for row in last_rows(rows):
         if row["scheme"] == "exact":
             end = units.measure(f"{row['t']:.3g}", "time")
             exact.append(f"{abs(row['lost_fraction']):.0e} ({row['form']}, to t = {end})")
         elif row["form"] == rows[0]["form"]:
             share = row["lost_in_contact"] / row["loss"] if row["loss"] else float("nan")
-            parts.append(f"{row['scheme']} {100 * row['lost_fraction']:.2g} % ({100 * share:.0f} % of it in contact)")
+            lost, part = f"{100 * row['lost_fraction']:.2g} %", f"{100 * share:.0f} %"
+            parts.append(f"{row['scheme']} {lost} ({part} of it in contact)")
+            table.append({"scheme": row["scheme"], "energy lost": lost, "of it in contact": part})
     end = units.measure(f"{max(row['t'] for row in rows):g}", "time")
-    return (
-        f"Of all energy put in to t = {end}, one realisation each, lost: {', '.join(parts)}. "
-        f"The exact flow closes to {', '.join(exact)}."
+    head, tail = (
+        f"Of all energy put in to t = {end}, one realisation each",
+        f"The exact flow closes to {', '.join(exact)}.",
     )
+    return Answer(f"{head}, lost: {', '.join(parts)}. {tail}", table, f"{head}. {tail}")
 
 
 MOST = 120.0  # per cent: longer bars are cut, their numbers stand beside them
@@ -135,7 +141,7 @@ def draw(records: Records) -> Figure:
         shown = np.concatenate([np.asarray(line.get_ydata(), float) for line in axis.get_lines()])
         if top := float(np.max(np.abs(shown), initial=0.0, where=np.isfinite(shown))):
             signed_log(axis, [shown], 1e-3 * top)
-    shared_legend(figure, 7)
+    shared_legend(figure, 4)
     _bars(axes["bars"], runs, units)
     return figure
 
@@ -146,7 +152,7 @@ def _share(own: Sequence[Row], name: str) -> Array:
     return 100.0 * column(own, name) / np.where(had > 0.0, had, np.nan)
 
 
-def _bars(axis, runs: dict[tuple[str, str], list[Row]], units: Units) -> None:
+def _bars(axis: Axes, runs: dict[tuple[str, str], list[Row]], units: Units) -> None:
     """The last share of every run, in contact and free side by side on either side of zero, cut at +-MOST."""
     place, ticks, names = 0.0, [], []
     last_form = None
@@ -158,8 +164,9 @@ def _bars(axis, runs: dict[tuple[str, str], list[Row]], units: Units) -> None:
             place += 0.5
         end = units.measure(f"{own[-1]['t']:g}", "time")
         if form != last_form:
-            axis.text(place - 0.5, 1.02, f"{_named(form)}, to t = {end}", fontsize=9, color="0.25",
-                      transform=axis.get_xaxis_transform())  # fmt: skip
+            one = sum(other == form for other, _ in runs) < 2
+            axis.text(place - 0.5, 1.02, f"{_named(form)}{chr(10) if one else ' '}to t = {end}", fontsize=9,
+                      color="0.25", transform=axis.get_xaxis_transform())  # fmt: skip
         last_form = form
         for k, ((name, words), colour, hatch) in enumerate(zip(PARTS, ("0.3", "0.75"), ("", "///"), strict=True)):
             height = _share(own, name)[-1]
@@ -175,10 +182,10 @@ def _bars(axis, runs: dict[tuple[str, str], list[Row]], units: Units) -> None:
     axis.axhline(0.0, color="0.3", lw=0.8)
     axis.set_xticks(ticks, names, rotation=30, ha="right", fontsize=8.5)
     axis.set(ylabel="per cent of all energy had")
-    axis.set_title("(c) lost in the end, of initial energy and work put in", loc="left", pad=20)
+    axis.set_title("(c) lost in the end, of initial energy and work put in", loc="left", pad=30)
     axis.margins(y=0.12)
     if ticks:
-        axis.legend(frameon=False, fontsize=9, loc="lower right", bbox_to_anchor=(1.0, 1.06), ncols=2)
+        axis.legend(frameon=False, fontsize=9, loc="lower right", bbox_to_anchor=(1.0, 1.1), ncols=2)
     else:
         say_empty(axis)
 

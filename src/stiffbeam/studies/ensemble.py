@@ -16,10 +16,22 @@ from ..measures.windows import drive_frequency
 from ..model.members import perturbed
 from ..references.ensemble import reference_ensemble
 from ..trajectory.trajectory import Diverged
-from .common import Dt, End, Form, Schemes, Treatment, by_contact, scheme_labels, scheme_of, system_of
-from .engine.study import Point, Records, Row, Rows, Study
+from .common import (
+    Dt,
+    End,
+    Form,
+    Schemes,
+    Treatment,
+    by_contact,
+    joined,
+    scheme_labels,
+    scheme_of,
+    system_of,
+)
+from .engine.study import Answer, Point, Records, Row, Rows, Study
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
@@ -50,6 +62,7 @@ def points(
 
 
 def evaluate(case: Case, point: Point) -> list[Row]:
+    """Rows of members, quantiles of peak forces and the spectrum, of one method."""
     system = system_of(case, point["form"])
     dt, t_end = point["dt"], point["t_end"]
     members = perturbed(system, point["members"], point["size"], point["seed"])
@@ -115,8 +128,8 @@ def difference(a: Array, b: Array) -> tuple[float, float]:
 
 
 def answer(rows: Rows, case: Case) -> str:
-    found = [_answer(own, case) + (f" (All{place}.)" if place else "") for place, own in by_contact(rows).items()]
-    return " ".join(found)
+    """Mean counts of impacts against the exact ensemble, with their intervals, contact by contact."""
+    return joined({place: _answer(own, case) for place, own in by_contact(rows).items()})
 
 
 def _answer(rows: Rows, case: Case) -> str:
@@ -129,26 +142,32 @@ def _answer(rows: Rows, case: Case) -> str:
     exact = distribution(rows, "exact", "count")
     first = rows[0]
     end, dt = (units.measure(f"{first[name]:g}", "time") for name in ("t_end", "dt"))
-    parts = []
+    parts, table = [], []
     for method in dict.fromkeys(r["method"] for r in rows if r["method"] != "exact"):
         count, share = distribution(rows, method, "count"), distribution(rows, method, "fraction")
         if not len(count) or not len(exact):
             continue
         off, interval = difference(count, exact)
         lost, had = (distribution(rows, method, f"energy_{name}") for name in ("lost", "had"))
+        mean, by = f"{np.mean(count):.4g} ± {np.std(count):.2g}", f"{off:+.3g} ± {interval:.2g}"
+        within = f"{100 * np.mean(share):.2g} %"
         parts.append(
-            f"{method} {np.mean(count):.4g} ± {np.std(count):.2g} ({off:+.3g} ± {interval:.2g}), "
-            f"{100 * np.mean(share):.2g} % in contact" + (f", energy lost {energy(lost, had)}" if len(lost) else "")
+            f"{method} {mean} ({by}), {within} in contact" + (f", energy lost {energy(lost, had)}" if len(lost) else "")
         )
+        table.append({"method": method, "impacts": mean, "off by": by, "in contact": within})
+        if len(lost):
+            table[-1]["energy lost"] = energy(lost, had)
     if not len(exact):
         return "No member of the exact solution reached the end, and without it there is nothing to compare with."
     share = distribution(rows, "exact", "fraction")
-    return (
+    true = {"method": "exact solution", "impacts": f"{np.mean(exact):.4g} ± {np.std(exact):.2g}", "off by": "–",
+            "in contact": f"{100 * np.mean(share):.2g} %"}  # fmt: skip
+    head = (
         f"Over {len(exact)} members perturbed by {first['size']:g} the exact solution has {np.mean(exact):.4g} ± "
         f"{np.std(exact):.2g} impacts to t = {end} (mean ± standard deviation) and is in contact "
-        f"{100 * np.mean(share):.2g} % of the time; at dt = {dt} (difference of means, 95 %): "
-        f"{'; '.join(parts)}."
+        f"{100 * np.mean(share):.2g} % of the time; at dt = {dt} (difference of means, 95 %)"
     )
+    return Answer(f"{head}: {'; '.join(parts)}.", [true, *table], f"{head}.")
 
 
 def draw(records: Records) -> Figure:
@@ -193,11 +212,11 @@ def draw(records: Records) -> Figure:
     )
     counts.set_yticks(range(len(lines)), [short(method) + place for method, place, _ in lines])
     counts.set_ylim(len(lines) - 0.4, -0.6)  # the four panels share it, the first method on top
-    shared_legend(figure)
+    shared_legend(figure, 5)
     return figure
 
 
-def _boxes(axis, lines, quantity: str, scale: float) -> None:
+def _boxes(axis: Axes, lines: list[tuple[str, str, list[Row]]], quantity: str, scale: float) -> None:
     """Every member as a dot in the line of its method and contact, the mean as a bar, the exact mean right through."""
     jitter = np.random.default_rng(0)
     for i, (method, _, rows) in enumerate(lines):
@@ -209,11 +228,11 @@ def _boxes(axis, lines, quantity: str, scale: float) -> None:
         axis.plot(values, heights, ls="", marker=".", ms=3, color=style["color"], alpha=0.45)
         axis.plot([np.mean(values)] * 2, [i - 0.38, i + 0.38], color=style["color"], lw=2.2)
         if method == "exact":
-            axis.axvline(np.mean(values), color="black", lw=0.8, ls=":")
+            axis.axvline(float(np.mean(values)), color="black", lw=0.8, ls=":")
     axis.margins(x=0.04)
 
 
-def _peaks(axis, lines) -> None:
+def _peaks(axis: Axes, lines: list[tuple[str, str, list[Row]]]) -> None:
     """Quantiles of the peak force of all impacts."""
     for i, (method, _, rows) in enumerate(lines):
         own = [row for row in rows if row["kind"] == "peak" and row["method"] == method]
@@ -227,7 +246,7 @@ def _peaks(axis, lines) -> None:
     axis.set_title("(d) forces: median, 50 %, 90 %", loc="left")
 
 
-def _spectra(axis, rows, methods) -> None:
+def _spectra(axis: Axes, rows: list[Row], methods: list[str]) -> None:
     top = 0.0
     for method in methods:
         own = [row for row in rows if row["kind"] == "spectrum" and row["method"] == method]

@@ -23,8 +23,10 @@ from ..measures.regression import observed_order
 from ..measures.smooth_motion import smooth_motion
 from ..measures.tip_error import tip_error
 from ..measures.windows import slowest_period
-from ..schemes import SCHEMES, make
+from ..model.system import System
+from ..schemes import SCHEMES, Scheme, make
 from ..schemes.misprints import forms_of
+from ..trajectory.trajectory import Reference
 from .common import (
     Dt,
     Form,
@@ -39,9 +41,10 @@ from .common import (
     system_of,
 )
 from .converge import ROUNDING
-from .engine.study import Point, Records, Row, Rows, Study
+from .engine.study import Answer, Point, Records, Row, Rows, Study
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 SAMPLES = 1000
@@ -81,6 +84,7 @@ def points(
 
 
 def evaluate(case: Case, point: Point) -> list[Row]:
+    """One row: the errors of the corrected and of the printed scheme at one step."""
     system = system_of(case, point["form"])
     if point["kind"] == "smooth":
         system = smooth_motion(system)
@@ -94,7 +98,7 @@ def evaluate(case: Case, point: Point) -> list[Row]:
     return [row | {"error_printed": _error(system, scheme.printed(name), point, exact, "implicit")}]
 
 
-def _error(system, scheme, point: Point, exact, contact: str) -> float:
+def _error(system: System, scheme: Scheme, point: Point, exact: Reference, contact: str) -> float:
     """The rms tip error over the span, relative to the largest displacement."""
     steps, end = point["steps"], point["t_end"]
     run = integrate(system, scheme, end / steps, end, contact, every=max(1, steps // SAMPLES))
@@ -108,8 +112,9 @@ def groups(rows: Rows) -> dict[tuple[str, str, str], list[Row]]:
 
 
 def answer(rows: Rows, case: Case) -> str:
+    """The ratio of both errors at the largest and the smallest step, and both orders without contact."""
     units = case.units
-    parts = []
+    parts, table = [], []
     for (scheme, reading, kind), own in groups(rows).items():
         first, last = own[0], own[-1]
         counted = [r for r in own if r["error"] > ROUNDING * r["steps"]]
@@ -121,7 +126,13 @@ def answer(rows: Rows, case: Case) -> str:
             f"dt = {coarse} and {last['error_printed'] / last['error']:.3g} times at {fine}"
             + (f", order {printed.slope:.2f} for {right.slope:.2f}" if kind == "smooth" else "")
         )
-    return "; ".join(parts) + "."
+        table.append({
+            "error, times the right scheme's": f"{scheme} {reading}, {kind}",
+            f"at dt = {coarse}": f"{first['error_printed'] / first['error']:.3g}",
+            "at the finest": f"{last['error_printed'] / last['error']:.3g} ({fine})",
+            "order": f"{printed.slope:.2f} for {right.slope:.2f}" if kind == "smooth" else "–",
+        })  # fmt: skip
+    return Answer("; ".join(parts) + ".", table)
 
 
 EXTRAPOLATED = "extrapolated contact"
@@ -173,19 +184,21 @@ def _printed(reading: str) -> dict[str, Any]:
     return {"mfc": "white", "linestyle": dashed(1 + i), "marker": MARKERS[i % len(MARKERS)]}
 
 
-def _errors(axis, found: dict[tuple[str, str, str], list[Row]]) -> None:
+def _errors(axis: Axes, found: dict[tuple[str, str, str], list[Row]]) -> None:
     for i, ((scheme, reading, _), own) in enumerate(found.items()):
-        style = look(scheme) | {"ms": 4.5, "lw": 1.1}
+        style = dict(look(scheme), ms=4.5, lw=1.1)
         dt = column(own, "dt")
         if scheme not in {key[0] for key in list(found)[:i]}:
-            axis.plot(dt, column(own, "error"), label=f"{short(scheme)}, right", **style | {"linestyle": "-"})
+            axis.plot(dt, column(own, "error"), label=f"{short(scheme)}, right", **dict(style, linestyle="-"))
         axis.plot(dt, column(own, "error_printed"), label=_name(scheme, reading), **style | _printed(reading))
     axis.set_ylabel("tip error, rms, relative")
 
 
-def _factors(axis, found: dict[tuple[str, str, str], list[Row]], refused: dict[tuple[str, str, str], int]) -> None:
+def _factors(
+    axis: Axes, found: dict[tuple[str, str, str], list[Row]], refused: dict[tuple[str, str, str], int]
+) -> None:
     for (scheme, reading, kind), own in found.items():
-        style = look(scheme) | {"ms": 4.5, "lw": 1.1}
+        style = dict(look(scheme), ms=4.5, lw=1.1)
         if reading != EXTRAPOLATED:
             style |= _printed(reading)
         missing = refused.get((scheme, reading, kind), 0)

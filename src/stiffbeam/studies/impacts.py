@@ -41,10 +41,11 @@ from ..trajectory.ensemble import Ensemble
 from ..trajectory.trajectory import Diverged, Reference
 from . import common
 from .common import Dt, End, Form, Halvings, Schemes, by_contact, scheme_labels, scheme_of, solve_once, system_of
-from .engine.study import Point, Records, Row, Rows, Study
+from .engine.study import Answer, Point, Records, Row, Rows, Study
 from .references import frozen
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 REFERENCE = "reference"  # in the place of a scheme: the exact motion, sampled
@@ -89,6 +90,7 @@ def points(
 
 
 def evaluate(case: Case, point: Point) -> list[Row]:
+    """One row for each contact: counts, forces and impulses of one scheme, of the exact ensemble or of a reference."""
     system = system_of(case, point["form"])
     dt, t_end = point["dt"], point["t_end"]
     if point["scheme"] == EXACT:
@@ -154,10 +156,7 @@ def reference_solution(case: Case, point: Point) -> Reference:
 
 
 def right_from(rows: Rows, scheme: str, tolerance: float = 0.05) -> float:
-    """The largest step from which on the mean count is the exact one to ``tolerance``; NaN: none.
-
-    To ``tolerance`` of it and the 95 % interval of the difference of the two means.
-    """
+    """The largest step from which on the count is exact to ``tolerance`` and the 95 % interval; NaN where none is."""
     exact = next((r for r in rows if r["scheme"] == EXACT), None)
     if exact is None:
         return float("nan")
@@ -172,8 +171,8 @@ def right_from(rows: Rows, scheme: str, tolerance: float = 0.05) -> float:
 
 
 def answer(rows: Rows, case: Case) -> str:
-    found = [_answer(own, case) + (f" (All{place}.)" if place else "") for place, own in by_contact(rows).items()]
-    return " ".join(found)
+    """What each scheme counts at its largest step and from which step on it is right, contact by contact."""
+    return common.joined({place: _answer(own, case) for place, own in by_contact(rows).items()})
 
 
 def _answer(rows: Rows, case: Case) -> str:
@@ -192,24 +191,26 @@ def _answer(rows: Rows, case: Case) -> str:
         if digits
         else "The exact motion in float64, one realisation,"
     )
-    parts = []
+    parts, table = [], []
     for row in (r for r in steps if r["dt"] == coarse):
         largest = right_from(rows, row["scheme"])
-        right = (
-            f"right to 5 % from dt = {units.measure(format(largest, '.2g'), 'time')} on"
-            if np.isfinite(largest)
-            else "never right to 5 %"
-        )
-        parts.append(f"{row['scheme']} {row['count']:.4g} and {100 * row['fraction']:.2g} %, {right}")
+        known_from = np.isfinite(largest)
+        right = f"from dt = {units.measure(format(largest, '.2g'), 'time')} on" if known_from else "never"
+        count, share = f"{row['count']:.4g}", f"{100 * row['fraction']:.2g} %"
+        phrase = f"right to 5 % {right}" if known_from else "never right to 5 %"
+        parts.append(f"{row['scheme']} {count} and {share}, {phrase}")
+        table.append({"scheme": row["scheme"], "impacts": count, "in contact": share, "right to 5 %": right})
     end, step, finest = (
         units.measure(text, "time")
         for text in (f"{rows[0]['t_end']:g}", f"{coarse:g}", f"{min(r['dt'] for r in steps):.2g}")
     )
-    return (
+    head = (
         f"{known} has {first['reference_count']} impacts to t = {end}, the exact ensemble "
         f"{exact['count']:.4g} ± {exact['count_spread']:.2g} and {100 * exact['fraction']:.2g} % of the time in "
-        f"contact; means at dt = {step}: {'; '.join(parts)}. The finest step tried is {finest}."
+        f"contact; means at dt = {step}"
     )
+    tail = f"The finest step tried is {finest}."
+    return Answer(f"{head}: {'; '.join(parts)}. {tail}", table, f"{head}. {tail}")
 
 
 OVER_STEP = (
@@ -231,7 +232,7 @@ def draw(records: Records) -> Figure:
     known = f"{digits} digits" if digits else "float64, one realisation"
     title = heading(records.case, f"{span}means over perturbed runs; the exact motion in black ({known})")
     figure = new_figure(7.8 * len(blocks), title)
-    axes = figure.subplots(2 * len(blocks), 3)
+    axes = figure.subplots(2 * len(blocks), 3, width_ratios=(1.5, 1.0, 1.0), height_ratios=(1.4, 1.0) * len(blocks))
     for i, (place, own) in enumerate(blocks.items()):
         treated = by_contact([row for row in records.rows if row["purpose"] == "contact"]).get(place, [])
         _block(axes[2 * i : 2 * i + 2], own, treated, units, place)
@@ -239,7 +240,7 @@ def draw(records: Records) -> Figure:
     return figure
 
 
-def _block(axes, rows: Sequence[Row], treated: Sequence[Row], units: Units, place: str) -> None:
+def _block(axes: Array, rows: Sequence[Row], treated: Sequence[Row], units: Units, place: str) -> None:
     """The six panels of one contact."""
     runs = [row for row in rows if row["purpose"] == "step" and row["scheme"] not in (REFERENCE, EXACT)]
     sampled = [row for row in rows if row["scheme"] == REFERENCE]
@@ -259,13 +260,13 @@ def _block(axes, rows: Sequence[Row], treated: Sequence[Row], units: Units, plac
         axis.set(xlabel=units.label(r"step $\Delta t$", "time"))
     count = runs[0]["reference_count"] if runs else float("nan")
     _over_parameters(axes[1, 1], [row for row in rows if row["purpose"] == "parameter"], count, units, place)
-    _treatments(axes[1, 2], runs, treated, count, units, place)
+    _contact(axes[1, 2], runs, treated, count, units, place)
     for axis in axes.ravel():
         if not axis.get_lines() and not axis.patches:
             say_empty(axis, "not asked for" if runs else "no point could be evaluated")
 
 
-def _over_step(axis, runs: Sequence[Row], name: str, factor: float) -> None:
+def _over_step(axis: Axes, runs: Sequence[Row], name: str, factor: float) -> None:
     for label in dict.fromkeys(row["scheme"] for row in runs):
         own = sorted((row for row in runs if row["scheme"] == label), key=lambda row: row["dt"])
         axis.plot(column(own, "dt"), factor * column(own, name), ms=4.5, lw=1.1, label=short(label), **look(label))
@@ -273,7 +274,7 @@ def _over_step(axis, runs: Sequence[Row], name: str, factor: float) -> None:
     axis.grid(color="0.92")
 
 
-def _exact_values(axis, runs: Sequence[Row], sampled: Sequence[Row], name: str, factor: float) -> None:
+def _exact_values(axis: Axes, runs: Sequence[Row], sampled: Sequence[Row], name: str, factor: float) -> None:
     own = sorted(sampled, key=lambda row: row["dt"])
     if name == "count":
         axis.plot(
@@ -286,7 +287,7 @@ def _exact_values(axis, runs: Sequence[Row], sampled: Sequence[Row], name: str, 
         axis.axhline(value, color="black", lw=1.6, label="exact")
 
 
-def _exact_ensemble(axis, exact: Sequence[Row], name: str, factor: float) -> None:
+def _exact_ensemble(axis: Axes, exact: Sequence[Row], name: str, factor: float) -> None:
     """The mean over exact members as a dotted line, with the spread of the count as a band."""
     for row in exact:
         mean = factor * row[name]
@@ -296,7 +297,7 @@ def _exact_ensemble(axis, exact: Sequence[Row], name: str, factor: float) -> Non
         axis.axhline(mean, color="0.3", lw=1.2, ls=":", zorder=1)
 
 
-def _over_parameters(axis, rows: Sequence[Row], count: float, units: Units, place: str) -> None:
+def _over_parameters(axis: Axes, rows: Sequence[Row], count: float, units: Units, place: str) -> None:
     for i, (name, (parameter, text, sign)) in enumerate(PARAMETERS.items()):
         own = [row for row in rows if scheme_of(row["scheme"]).name == name]
         points = sorted((sign * scheme_of(row["scheme"]).parameters[parameter], row["count"]) for row in own)
@@ -313,7 +314,7 @@ def _over_parameters(axis, rows: Sequence[Row], count: float, units: Units, plac
         axis.legend(frameon=False, fontsize=8.5)
 
 
-def _treatments(axis, runs: Sequence[Row], treated: Sequence[Row], count: float, units: Units, place: str) -> None:
+def _contact(axis: Axes, runs: Sequence[Row], treated: Sequence[Row], count: float, units: Units, place: str) -> None:
     """Implicit beside extrapolated contact at the same step, a cross where it overflowed."""
     schemes = [row["scheme"] for row in treated]
     if not schemes:
@@ -321,7 +322,8 @@ def _treatments(axis, runs: Sequence[Row], treated: Sequence[Row], count: float,
     dt = treated[0]["dt"]
     implicit = {row["scheme"]: row["count"] for row in runs if row["dt"] == dt}
     places = np.arange(len(schemes))
-    axis.bar(places - 0.2, [implicit.get(s, np.nan) for s in schemes], 0.38, color="0.3", label="implicit")
+    heights = [implicit.get(s, np.nan) for s in schemes]
+    axis.bar(places - 0.2, heights, 0.38, color="0.3", label="implicit")
     axis.bar(places + 0.2, column(treated, "count"), 0.38, color="0.75", hatch="///", edgecolor="white",
              label="extrapolated")  # fmt: skip
     failed = [i for i, row in enumerate(treated) if "failed" in row]
@@ -330,7 +332,7 @@ def _treatments(axis, runs: Sequence[Row], treated: Sequence[Row], count: float,
         axis.plot(places[failed] + 0.2, bottom, "x", ms=8, mew=2, color="black", clip_on=False, label="overflowed")
     axis.axhline(count, color="black", lw=1.6)
     axis.set_xticks(places, [short(s) for s in schemes], rotation=35, ha="right", fontsize=8.5)
-    counts = [bar.get_height() for bar in axis.patches] + [count]
+    counts = [*heights, *column(treated, "count"), count]
     axis.set(ylabel="impacts counted", ylim=(0.0, 1.45 * max((c for c in counts if np.isfinite(c)), default=1.0)))
     axis.set_title(f"(f) contact, at Δt = {units.measure(format(dt, 'g'), 'time')}{place}", loc="left")
     axis.legend(frameon=False, fontsize=8.5)

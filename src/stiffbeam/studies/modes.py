@@ -1,4 +1,4 @@
-"""Phase lag and dissipation mode by mode, measured on runs without contact and held against theory."""
+"""Phase lag and dissipation mode by mode, measured on runs without contact and compared with theory."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ..measures.free_modes import free_mode_errors
 from ..measures.smooth_motion import without_contact
 from ..model.modes import modes
 from .common import Dt, Form, Schemes, scheme_labels, scheme_of, system_of
-from .engine.study import Point, Records, Row, Rows, Study
+from .engine.study import Answer, Point, Records, Row, Rows, Study
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -31,14 +31,15 @@ def points(
 ) -> list[Point]:
     """One point a scheme: ``steps`` steps of ``dt`` (the case's) from initial data that excite every mode.
 
-    Modes of fewer than two steps a period are left out: a step that turns them by more than half a turn cannot be
-    told from one that turns them back.
+    Modes of fewer than two steps a period are left out: a rotation by more than half a turn per step looks like one
+    backwards.
     """
     dt = case.dt if dt is None else dt
     return [{"scheme": label, "form": form, "dt": dt, "steps": steps} for label in scheme_labels(case, schemes)]
 
 
 def evaluate(case: Case, point: Point) -> list[Row]:
+    """One row for each mode with omega dt < pi: elongation and damping, measured and in theory."""
     system = replace(without_contact(system_of(case, point["form"])), loads=())
     basis = modes(system)
     if basis is None:
@@ -75,22 +76,23 @@ def evaluate(case: Case, point: Point) -> list[Row]:
 
 
 def answer(rows: Rows, _: Case) -> str:
+    """How many of the measured values agree with theory, and lag and damping of the first mode of each scheme."""
     measured = [r for r in rows if np.isfinite(r["period_elongation"])]
     inside = [
         abs(r[name] - r[f"{name}_theory"]) <= r[f"{name}_error"] + 1e-10
         for r in measured
         for name in ("period_elongation", "damping_ratio")
     ]
-    parts = []
+    parts, table = [], []
     for scheme in dict.fromkeys(r["scheme"] for r in measured):
         own = [r for r in measured if r["scheme"] == scheme]
         late, damped, mode = 100 * own[0]["period_elongation"], own[0]["damping_ratio"], own[0]["mode"]
         parts.append(f"{scheme} {late:.2g} % late and damped by {damped:.1e} in mode {mode}")
-    return (
-        f"{sum(inside)} of {len(inside)} measured elongations and damping ratios lie within the fit's error of theory; "
-        + "; ".join(parts)
-        + "."
+        table.append({f"mode {mode}": scheme, "late": f"{late:.2g} %", "damping ratio": f"{damped:.1e}"})
+    head = (
+        f"{sum(inside)} of {len(inside)} measured elongations and damping ratios lie within the fit's error of theory"
     )
+    return Answer(f"{head}; {'; '.join(parts)}.", table, f"{head}.")
 
 
 QUANTITIES = (  # with the size below which the axis is linear

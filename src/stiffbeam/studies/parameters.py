@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -69,7 +70,7 @@ class Setup:
     period: float
 
     @property
-    def kind(self) -> tuple:
+    def kind(self) -> tuple[Any, ...]:
         """Equal for setups that can march together."""
         return str(self.scheme), self.dt, self.period, self.system.stiffness.tobytes(), self.system.damping.tobytes()
 

@@ -1,4 +1,4 @@
-"""Frozen references in a folder with a manifest: found, checked, noted."""
+"""Frozen references in a folder with a manifest: find, check and list them."""
 
 from __future__ import annotations
 

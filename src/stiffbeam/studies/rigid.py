@@ -6,10 +6,11 @@ A compliant stop turns the tip round in half a period of the spring, a rigid one
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 
+from ..basics.arrays import Array
 from ..basics.validation import InputError, positive
 from ..figures import COLOURS, MARKERS, column, dashed, heading, log_scale, new_figure, numeric, say_empty
 from ..files.cases import Case
@@ -47,6 +48,7 @@ def points(
 
 
 def evaluate(case: Case, point: Point) -> list[Row]:
+    """One row: how far the compliant motion at one stiffness is from the rigid one."""
     system = system_of(case, point["form"])
     stops = system.contacts[0].stops
     kappa = stops.stiffness * point["factor"]
@@ -79,7 +81,7 @@ def evaluate(case: Case, point: Point) -> list[Row]:
     ]
 
 
-def _impulse_error(found, wanted) -> float:
+def _impulse_error(found: Array, wanted: Array) -> float:
     """Of the first impact whose impulse is known, relative."""
     known = np.isfinite(found)
     return float(abs(found[known][0] / wanted[known][0] - 1.0)) if np.any(known) else float("nan")
@@ -91,6 +93,7 @@ def same_impacts(rows: Rows) -> list[Row]:
 
 
 def answer(rows: Rows, case: Case) -> str:
+    """The observed order in 1/kappa, and the error at the smallest stiffness."""
     units = case.units
     near = same_impacts(rows)
     if len(near) < 2:
@@ -106,32 +109,37 @@ def answer(rows: Rows, case: Case) -> str:
     )
 
 
-PANELS = (
-    ("error of the tip", "relative to the largest displacement",
-     (("tip_error", "largest"), ("tip_error_rms", "rms"))),
-    ("error of the impacts", "{time}; share of the impulse",
-     (("impact_time_error", "largest error in time"), ("impulse_error", "relative error of the first impulse"))),
-    ("force and penetration", "{force}; {length}",
-     (("peak_force", "peak force"), ("penetration", "largest penetration"))),
-)  # fmt: skip
+PANELS = (  # one quantity an axis
+    ("the tip", "error over the largest displacement", (("tip_error", "largest"), ("tip_error_rms", "rms"))),
+    ("impact times", "largest error, {time}", (("impact_time_error", "slope"),)),
+    ("the first impulse", "relative error", (("impulse_error", "slope"),)),
+    ("peak force", "{force}", (("peak_force", "slope"),)),
+    ("penetration", "{length}", (("penetration", "slope"),)),
+)
 
 
 def draw(records: Records) -> Figure:
     """Hollow markers: as yet another number of impacts than rigid stops have. Lines: fits to the others."""
+    from matplotlib.lines import Line2D
+
     rows = sorted(numeric(records.found), key=lambda row: row["kappa"])
     near = same_impacts(rows)
-    figure = new_figure(4.9)
+    figure = new_figure(6.8)
     impacts = f"first {rows[0]['rigid_impacts']} impacts, " if rows else ""
-    figure.suptitle(heading(records.case, f"{impacts}towards rigid stops: slopes in 1/κ; theory for the tip is 1/2"))
+    order = observed_order(1.0 / column(near, "kappa"), column(near, "tip_error"))
+    found = f"the tip approaches that of rigid stops like κ^-{order.slope:.2f}" if np.isfinite(order.slope) else "κ → ∞"
+    figure.suptitle(heading(records.case, f"{impacts}{found} (theory: 1/2); slopes in 1/κ"))
     units = records.case.units
     names_of = {
         name: units.label(text, name)
-        for name, text in (("time", "time"), ("force", "force"), ("length", "displacement"))
+        for name, text in (("time", "time"), ("force", "force"), ("length", "penetration"))
     }
     stops = records.case.system().contacts[0].stops
-    for axis, (title, unit, names), letter in zip(figure.subplots(1, 3), PANELS, "abc", strict=True):
+    axes = figure.subplot_mosaic("abc;de.")
+    for letter, (title, unit, names) in zip("abcde", PANELS, strict=True):
+        axis = axes[letter]
         for i, (name, words) in enumerate(names):
-            style = {"color": COLOURS[i], "marker": MARKERS[i], "ms": 5, "ls": ""}
+            style: dict[str, Any] = {"color": COLOURS[i], "marker": MARKERS[i], "ms": 5, "ls": ""}
             positive = [row for row in rows if row[name] > 0.0]  # false for NaN
             other = [row for row in positive if row not in near]
             own = [row for row in positive if row in near]
@@ -142,16 +150,21 @@ def draw(records: Records) -> Figure:
             if np.isfinite(order.slope):
                 kappa = column(own, "kappa")[[0, -1]]
                 axis.plot(kappa, order.constant * kappa**-order.slope, color=COLOURS[i], lw=1.0, ls=dashed(i))
-        if rows and len(near) < len(rows):
-            axis.plot([], [], "o", ms=5, mfc="white", mec="0.35", label="fewer or more impacts than rigid")
-        axis.axvline(stops.stiffness, color="0.55", lw=0.9, ls=":", label="κ of the case")
+        axis.axvline(stops.stiffness, color="0.55", lw=0.9, ls=":")
         log_scale(axis)
         axis.set(xlabel=units.label("stiffness of the stops κ", "stop stiffness"), ylabel=unit.format(**names_of))
         axis.grid(color="0.92")
         axis.set_title(f"({letter}) {title}", loc="left")
-        axis.legend(frameon=False, fontsize=8.5, loc="upper center", bbox_to_anchor=(0.5, -0.16))
+        axis.legend(frameon=False, fontsize=9)
         if not rows:
             say_empty(axis)
+    marks = [Line2D([], [], color="0.55", lw=0.9, ls=":", label="κ of the case")]
+    if len(near) < len(rows):
+        hollow = Line2D(
+            [], [], ls="", marker="o", ms=5, mfc="white", mec="0.35", label="other impacts than rigid stops"
+        )
+        marks.insert(0, hollow)
+    figure.legend(handles=marks, loc="lower right", bbox_to_anchor=(0.95, 0.2), frameon=False, fontsize=9)
     return figure
 
 

@@ -1,4 +1,4 @@
-"""The bake-off of schemes on a rigid wall: the bouncing bar, whose solution is known in rational numbers."""
+"""All schemes on a rigid wall: the bouncing bar, whose solution is known in rational numbers."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ..measures.regression import observed_order
 from ..model.contact import Stops
 from . import bouncing_bar as bar
 from .common import label_of, scheme_of
-from .engine.study import Point, Records, Row, Rows, Study
+from .engine.study import Answer, Point, Records, Row, Rows, Study
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -137,9 +137,18 @@ def _order(rows: list[dict[str, Any]], name: str) -> Any:
 
 
 def answer(rows: Rows, case: Case) -> str:
-    parts = []
+    """Errors of energy, pressure, penetration and foot on the finest grid, for every scheme and wall."""
+    parts, table = [], []
     for name, own in _entries(rows).items():
         fine = _finest(own)
+        table.append({
+            "scheme": name,
+            "energy": f"{100 * _middle(fine, 'energy'):+.2g} %",
+            "pressure off": f"{100 * _middle(fine, 'pressure'):.2g} %",
+            "penetration": f"{100 * _middle(fine, 'penetration'):.2g} %",
+            "foot off": f"{100 * _middle(fine, 'foot'):.2g} %",
+            "order": str(_order(own, "foot")),
+        })  # fmt: skip
         parts.append(
             f"{name}: energy {100 * _middle(fine, 'energy'):+.2g} %, pressure {100 * _middle(fine, 'pressure'):.2g} % "
             f"off, penetration {100 * _middle(fine, 'penetration'):.2g} %, foot {100 * _middle(fine, 'foot'):.2g} % "
@@ -148,7 +157,8 @@ def answer(rows: Rows, case: Case) -> str:
     if not parts:
         return "Nothing was found."
     count = max(row["cells"] for row in rows)
-    return f"The bouncing bar on {count} elements after {PERIODS} periods (medians over starts): {'; '.join(parts)}."
+    head = f"The bouncing bar on {count} elements after {PERIODS} periods (medians over starts)"
+    return Answer(f"{head}: {'; '.join(parts)}.", table, f"{head}; penetration and foot as shares of the fall.")
 
 
 # Key, axis, title, and what counts as nothing: smaller values stand there.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 
@@ -19,9 +19,10 @@ from ..model.closed_form import natural_frequencies, tip_response
 from ..model.modes import modes
 from ..model.time_functions import Harmonic
 from .common import Forms, ImpactCount, first_impacts, places, solve_once, system_of
-from .engine.study import Point, Records, Row, Rows, Study
+from .engine.study import Answer, Point, Records, Row, Rows, Study
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 SAMPLES = 2000
@@ -59,6 +60,7 @@ def points(
 
 
 def evaluate(case: Case, point: Point) -> list[Row]:
+    """One row for each quantity and grid: frequencies, the linear response, or the first impacts."""
     return {"frequency": _frequencies, "response": _response, "contact": _contact}[point["kind"]](case, point)
 
 
@@ -128,11 +130,18 @@ def orders(rows: Rows) -> dict[tuple[str, str], Order]:
 
 
 def answer(rows: Rows, _: Case) -> str:
+    """The observed orders in h, form by form."""
     found = orders(rows)
     smooth = [f"{q} {o} ({form})" for (q, form), o in found.items() if "impact" not in q]
     contact = [f"{q} {o} ({form})" for (q, form), o in found.items() if "impact" in q]
     tail = f" In contact, against the finest grid: {', '.join(contact)}." if contact else ""
-    return f"Observed orders in h: {', '.join(smooth)}.{tail}"
+    forms = list(dict.fromkeys(form for _, form in found))
+    table = [
+        {"order in h of": q} | {form: str(found[q, form]) if (q, form) in found else "–" for form in forms}
+        for q in dict.fromkeys(q for q, _ in found)
+    ]
+    rest = "In contact against the finest grid; ± holds with 95 %."
+    return Answer(f"Observed orders in h: {', '.join(smooth)}.{tail}", table, rest)
 
 
 NAMES = {"tip to the end of the first impacts": "tip, largest", "first impact's time": "time of the first",
@@ -164,7 +173,7 @@ def draw(records: Records) -> Figure:
     return figure
 
 
-def _panel(axis, own: Sequence[Row]) -> None:
+def _panel(axis: Axes, own: Sequence[Row]) -> None:
     """A curve for every quantity and form; the colour tells the quantity, dashes the form."""
     quantities = list(dict.fromkeys(row["quantity"] for row in own))
     forms = list(dict.fromkeys(row["form"] for row in own))
@@ -173,7 +182,7 @@ def _panel(axis, own: Sequence[Row]) -> None:
         if not mine:
             continue
         i, j = quantities.index(quantity), forms.index(form)
-        style = {"color": COLOURS[(i if len(quantities) > 1 else j) % len(COLOURS)], "ms": 4.5,
+        style: dict[str, Any] = {"color": COLOURS[(i if len(quantities) > 1 else j) % len(COLOURS)], "ms": 4.5,
                  "marker": MARKERS[(i + 3 * j) % len(MARKERS)], "lw": 1.0, "ls": dashed(j)}  # fmt: skip
         words, at, place = quantity.partition(" at contact ")
         name = NAMES.get(words, words) + at + place + (f", {NAMES.get(form, form)}" if len(forms) > 1 else "")

@@ -5,15 +5,15 @@
 The step is the one nearest to the given dt that divides T. So the section consists of steps of the
 scheme: an interpolation between steps would smear its periodic motions. The contact is recorded over the
 same periods. Values that leave step and linear part alone (amplitude, clearance, stop stiffness) march as
-one ensemble. Without damping the exact motion does not forget its start: its section belongs to that
-start, a scheme's to what the scheme's own dissipation leaves.
+one ensemble. Without damping the exact motion depends on its initial data for ever; a scheme's section also depends on
+its numerical dissipation.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import product
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 
@@ -108,8 +108,9 @@ def _seconds(setup: Setup, periods: int) -> float:
 
 
 def evaluate(case: Case, point: Point) -> list[Row]:
+    """Rows of every value and method of this point; a value that is refused gives a row with the reason."""
     rows: list[Row] = []
-    groups: dict[tuple, list[tuple[Row, Setup]]] = {}
+    groups: dict[tuple[Any, ...], list[tuple[Row, Setup]]] = {}
     system = system_of(case, point["form"])
     for value in point["values"]:
         named = {name: x for name, x in zip((point["parameter"], point["second"]), value, strict=False) if name}
@@ -172,6 +173,7 @@ def repeats_after(section: Array, size: float) -> int:
 
 
 def answer(rows: Rows, case: Case) -> str:
+    """The range of impact counts and peak forces over the values, and where the motion is periodic."""
     units = case.units
     first, parts = rows[0], []
     names = [name for name in (first["parameter"], first["second"]) if name is not None]
@@ -304,7 +306,7 @@ def _maps(figure: Figure, contacts: Rows, case: Case) -> None:
         line[0].set(ylabel=named(case, y_name))
 
 
-def _log_where_even(set_scale, values: Array) -> None:
+def _log_where_even(set_scale: Callable[[str], None], values: Array) -> None:
     """A logarithmic axis for values that are spaced by a factor."""
     values = np.unique(values[np.isfinite(values)])
     if len(values) < 3 or values[0] <= 0.0:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -14,7 +15,8 @@ from ..files.cases import parse_run
 from ..march.integrate import integrate
 from ..references import solve
 from ..references.registry import ADAPTIVE, REFERENCES
-from ..schemes import SCHEMES, Scheme
+from ..schemes import RIGID, SCHEMES, Scheme
+from ..schemes.own import own_function
 from ..trajectory.trajectory import Diverged, Trajectory
 from .measure import Motion, motion_of
 from .problem import Problem
@@ -24,7 +26,7 @@ PREFERRED = (
     "bdf2", "sdirk", "hht", "generalised-alpha", "trapezoidal", "bathe", "exponential-flow", "moreau-jean", "exact",
     "cvode-adams", "dop853",
 )  # fmt: skip
-DEFAULT = tuple(name for name in PREFERRED if name in SCHEMES or name in REFERENCES)
+DEFAULT = tuple(name for name in PREFERRED if name in SCHEMES | RIGID or name in REFERENCES)
 
 
 @dataclass(frozen=True)
@@ -59,13 +61,14 @@ class Integrator:
 
 def integrator(given: Any, order: float | None = None) -> Integrator:
     """A Scheme, a label such as "hht(alpha=-0.1)" or "dop853", or a function solve(system, dt, t_end) -> (t, u) or
-    (t, u, v). Raises InputError for anything else."""
+    (t, u, v), itself or as "module:function". Raises InputError for anything else."""
     if isinstance(given, Integrator):
         return given
     if isinstance(given, str):
         if given in REFERENCES:
             return Integrator(given, float("nan"), True, lambda *args: _by_solver(given, *args))
-        given = parse_run(given)[0]
+        own = own_function(given) if re.fullmatch(r"[\w.]+:\w+", given) else None
+        given = parse_run(given)[0] if own is None else own
     if isinstance(given, Scheme):
         own = float(given.order if order is None else order)
         return Integrator(str(given), own, False, lambda *args: _by_scheme(given, *args))

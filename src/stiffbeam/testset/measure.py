@@ -1,4 +1,4 @@
-"""What a motion gets wrong of the answers of a problem. Nothing is solved here: the answers are read."""
+"""The errors of a motion against the answers of a problem. Nothing is solved here: the answers are read."""
 
 from __future__ import annotations
 
@@ -16,11 +16,12 @@ from ..trajectory.recorder import sampled_impacts
 from .problem import Problem, matrix
 
 PAIRED = 8  # impacts that are held against the known ones
+ALIKE = 0.05  # of a motion: what may be left of it where it is another one but for a factor
 
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """What an integrator returned, at times t (k,): the tip u and its velocity v, None where it was not told.
+    """What an integrator returned, at times t (k,): the tip u and its velocity v, None where it is not given.
 
     states: (q, q') at t_end, (n,) each. position, velocity: of the first contact against its stops, at t. impacts:
     where the integrator knows their times by itself; else they are those of position and velocity.
@@ -40,7 +41,8 @@ class Motion:
 class Errors:
     """tip_rms, tip_max: of u - u_known at the sample times over max |u_known|. impacts: how many. impact_time: the
     largest error of the first ``PAIRED`` impact times, NaN where one is missing. peak_force: relative. energy: at
-    t_end, over the energy the system has had; > 0 gained. What the motion does not tell is NaN, or -1 impacts.
+    t_end, over the energy the system has had; > 0 gained. factor: that of u over u_known, where u is the known motion
+    but for it, NaN where it is 1 or there is none. What the motion does not give is NaN, or -1 impacts.
     """
 
     tip_rms: float
@@ -49,6 +51,7 @@ class Errors:
     impact_time: float = float("nan")
     peak_force: float = float("nan")
     energy: float = float("nan")
+    factor: float = float("nan")
 
 
 def motion_of(problem: Problem, t: Any, u: Any, v: Any = None, t_end: float | None = None) -> Motion:
@@ -89,14 +92,23 @@ def motion_of(problem: Problem, t: Any, u: Any, v: Any = None, t_end: float | No
 def errors_of(problem: Problem, motion: Motion) -> Errors:
     """The errors of a motion against the answers of ``problem``."""
     known = problem.answers["tip"].value
-    off = np.abs(_at(problem.times, motion) - known) / np.max(np.abs(known))
+    seen = _at(problem.times, motion)
+    off = np.abs(seen - known) / np.max(np.abs(known))
     count, late, peak = -1, float("nan"), float("nan")
     found = impacts_of(problem, motion)
     if found is not None:
         count, late = found.count, _late(problem, found.times)
         peak = _peak(problem, motion)
     rms = float(np.sqrt(np.mean(off**2)))
-    return Errors(rms, float(np.max(off)), count, late, peak, _energy_error(problem, motion))
+    return Errors(rms, float(np.max(off)), count, late, peak, _energy_error(problem, motion),
+                  _factor(seen, known))  # fmt: skip
+
+
+def _factor(seen: Array, known: Array) -> float:
+    """The a of least squares in seen = a known, where that leaves less than ``ALIKE`` of seen and a is not about 1."""
+    a = float(seen @ known / (known @ known))
+    alike = np.linalg.norm(seen - a * known) < ALIKE * np.linalg.norm(seen)
+    return a if alike and abs(a - 1.0) > 2.0 * ALIKE else float("nan")
 
 
 def _at(times: Array, motion: Motion) -> Array:
@@ -112,8 +124,8 @@ def _at(times: Array, motion: Motion) -> Array:
 
 
 def impacts_of(problem: Problem, motion: Motion, t_end: float | None = None) -> Impacts | None:
-    """The impacts of the first contact to t_end: the motion's own, or by the rule for steps; None where it does not
-    tell."""
+    """The impacts of the first contact to t_end: the motion's own, or by the rule for steps; None where it gives
+    neither."""
     if motion.impacts is not None:
         return motion.impacts
     u, v, t = motion.position, motion.velocity, motion.t
@@ -139,7 +151,7 @@ def _rebounds(contact: Mapping[str, Any], t: Array, u: Array, v: Array) -> Impac
     """Where a body that comes towards a rigid stop no longer does, within a step of it: an impact by steps.
 
     The time is that at which the body would have been at the stop with the speed before. A millionth of the largest
-    speed is no approach: a body at rest on its stop may tremble by rounding.
+    speed is no approach: a body at rest on its stop may move by rounding.
     """
     sign = 1.0 if "upper" in contact else -1.0
     gap, speed = sign * (contact["upper"] if sign > 0.0 else contact["lower"]) - sign * u, sign * v

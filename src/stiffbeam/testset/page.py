@@ -64,7 +64,9 @@ def save_page(card: Scorecard, folder: Path) -> list[Path]:
     past = past_rows(card)
     beyond = f"<h2>{PAST_TITLE}</h2>{html_table(list(PAST), past)}" if past else ""
     page = (
-        f"<!doctype html><html lang=en><meta charset=utf-8><title>Scorecard</title><style>{STYLE}</style>"
+        "<!DOCTYPE html><html lang=en><meta charset=utf-8>"
+        "<meta name=viewport content='width=device-width,initial-scale=1'>"
+        f"<title>Scorecard</title><style>{STYLE}</style>"
         f"<h1>Scorecard, test set {card.version}</h1><p>{html.escape(summary(card.entries))}.</p>{html_tables(card)}"
         f"<ul>{lines}</ul>{''.join(sections)}{beyond}</html>\n"
     )

@@ -28,7 +28,7 @@ def score(
     statistics: bool = True,
     progress: bool | Show = False,
 ) -> Scorecard:
-    """How far integrators are off on problems whose answers are known: errors against cost, orders, impacts, forces.
+    """The errors of integrators on problems whose answers are known: against cost, with orders, impacts, forces.
 
     integrators: one or a list of: a Scheme; the label of a scheme or of a reference solver ("hht(alpha=-0.1)",
     "cvode"); a function solve(system, dt, t_end) -> (t, u) or (t, u, v), u and v the tip (k,) or all unknowns (k, n)
@@ -113,7 +113,8 @@ def _run(each: Problem, made: Made) -> Run:
 
 
 def _past(runner: Integrator, each: Problem) -> tuple[dict[str, float], ...]:
-    """At each of the steps: how many standard deviations of the exact ensemble one run's quantities are off."""
+    """At each of the steps: by how many standard deviations of the exact ensemble one run's quantities differ from its
+    mean."""
     known, found = each.statistics, []
     assert known is not None
     stops = stops_of(each.data["contacts"][0])

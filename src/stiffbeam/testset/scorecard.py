@@ -30,10 +30,12 @@ class Scorecard:
 
     @property
     def integrators(self) -> list[str]:
+        """The names of the integrators, in the order of the entries."""
         return list(dict.fromkeys(entry.integrator for entry in self.entries))
 
     @property
     def problems(self) -> list[Problem]:
+        """The problems, in the order of the entries."""
         return list({entry.problem.name: entry.problem for entry in self.entries}.values())
 
     def entry(self, integrator: str, problem: str) -> Entry:

@@ -119,6 +119,7 @@ def reasons(card: Scorecard) -> list[str]:
     """Every flagged or refused entry in words; refusals of the same field in one line."""
     lines = [_words(e) for e in card.flagged]
     lines += [f"{short(e.integrator)} on {e.problem.name}: {e.reason}" for e in card.entries if e.runs and e.reason]
+    lines += [_words(e) for e in card.entries if not e.flagged and _factor(e)]
     refused: dict[tuple[str, str], list[Entry]] = {}  # by integrator and the field that is refused
     for e in card.entries:
         if e.outcome == NOT_TAKEN:
@@ -138,8 +139,18 @@ def _words(e: Entry) -> str:
         return f"{where} failed: {e.reason}"
     if e.outcome == LOW_ORDER:
         return f"{where}: order {e.order}, {e.expected:.3g} expected"
+    if _factor(e):
+        return f"{where}: {_factor(e)}"
     first, last = (shown_error(run.errors.tip_rms) for run in (e.runs[0], e.runs[-1]))
     return f"{where}: the error does not fall, {first} to {last}"
+
+
+def _factor(e: Entry) -> str:
+    """What to look for where the finest run is the known motion but for a factor."""
+    a = e.runs[-1].errors.factor if e.runs else float("nan")
+    if not np.isfinite(a):
+        return ""
+    return f"the known motion but for a constant factor of {a:.4g}: " + ("units?" if a > 0.0 else "signs?")
 
 
 def _table(title: str, headings: Sequence[str], rows: list[list[str]]) -> Table:

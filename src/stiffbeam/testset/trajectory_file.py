@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -33,7 +34,9 @@ def read_trajectory(file: Path) -> tuple[Array, ...]:
             raise InputError("--trajectory", f"{file}, line {number}: {line!r}", "hold numbers") from None
         if len(row) not in (2, 3) or (rows and len(row) != len(rows[0])):
             rule = "hold t, u and perhaps v, the same in every line"
-            raise InputError("--trajectory", f"{file}, line {number}: {len(row)} numbers", rule)
+            empty = any(not cell.strip() for cell in re.split("[,;\t]", line))
+            remedy = "a cell is empty: fill it, or leave the line out" if empty else ""
+            raise InputError("--trajectory", f"{file}, line {number}: {len(row)} numbers", rule, remedy)
         rows.append(row)
     if len(rows) < 4:
         raise InputError("--trajectory", f"{file}: {len(rows)} lines of numbers", "hold at least 4 of them")

@@ -1,0 +1,1 @@
+"""What a run is, whoever made it: states, impacts, ledger."""

@@ -1,4 +1,4 @@
-"""Ensemble: what many members of one system have done, whoever made them."""
+"""Ensemble: the runs of many members of one system, of a scheme or of a reference."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ Progress = Callable[[int], None]
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ContactStatistics:
-    """What the members have seen of one contact, see ContactRecord.
+    """One contact in all members, see ContactRecord.
 
     fraction, peak_force, impulse: (M,). impacts: those of all members, one member after the other;
     member i has the rows offsets[i] to offsets[i + 1].
@@ -62,7 +62,7 @@ class Ensemble:
 
     contacts: one record per contact; the arrays over members of the first stand on the ensemble itself.
     t: (k,) output times, tip and tip_velocity: (M, k); k = 0 unless they were asked for. diverged:
-    (M,), the time at which a member overflowed, NaN for none; it has seen nothing after. work.steps
+    (M,), the time at which a member overflowed, NaN for none; nothing is recorded after it. work.steps
     counts member-steps. ledger(i): the energy ledger of member i at the output times, at the start and
     the end where there are none, made by going through the member once more.
     """
@@ -155,7 +155,7 @@ def gathered(
     provenance: dict[str, Any],
     ledger: Callable[[int], Ledger],
 ) -> Ensemble:
-    """The Ensemble of what each member has ``seen``, in the order of the members."""
+    """The Ensemble of the records ``seen`` of each member, in the order of the members."""
     contacts = []
     for records in zip(*(one.contacts for one in seen), strict=True):
         each = [record.impacts for record in records]

@@ -62,6 +62,7 @@ def ensemble_dataset(many: Ensemble) -> xr.Dataset:
 
 
 def save_ensemble(many: Ensemble, file: str | Path) -> Path:
+    """Write ``many`` to a .nc or .csv file and return its path; InputError for another suffix."""
     suffix = Path(file).suffix.lower()
     if suffix not in SUFFIXES:
         raise InputError("file", str(file), f"end in {' or '.join(SUFFIXES)}", f"name it {Path(file).stem}.nc")
@@ -69,4 +70,4 @@ def save_ensemble(many: Ensemble, file: str | Path) -> Path:
         return write_csv(many.to_dataframe(), Path(file))
     from ..basics import netcdf
 
-    return netcdf.write(ensemble_dataset(many), file)
+    return netcdf.write(netcdf.Arrays.of(ensemble_dataset(many)), file, compression=4)

@@ -33,9 +33,9 @@ class Impacts:
     """Entries into a stop, in order of time; one array (count,) for each column.
 
     kind "event": t* > 0 where chi goes from 0 to +-1. kind "sampled": steps n >= 1 with chi_n != 0 and
-    chi_n != chi_{n-1}; the time is the first crossing of the stop by the cubic Hermite interpolant of
-    (u, u'), the end likewise in the first step that leaves; of a scheme against rigid stops rows of steps with a
-    reaction. Contact at t = 0, a start exactly on a stop that
+    chi_n != chi_{n-1}; the time is the first crossing of the stop by the cubic Hermite interpolant of (u, u'), and so
+    is the end, in the first step that leaves the stop. Against rigid stops an impact of a scheme is a row of steps with
+    a reaction. Contact at t = 0, a start exactly on a stop that
     does not leave it included, and touching without penetration do not count, in either kind.
     times: of entry. ends: of exit. stops: +1 upper, -1 lower. peaks: max |sigma|. impulses: integral of
     |sigma|. Ends, peaks and impulses are NaN for an impact still open at the end, and where the solver does
@@ -51,6 +51,7 @@ class Impacts:
 
     @property
     def count(self) -> int:
+        """The number of impacts, an open one included."""
         return len(self.times)
 
     @property
@@ -90,6 +91,7 @@ class Impacts:
 
     @staticmethod
     def none(kind: str) -> Impacts:
+        """An empty table, of ``kind`` "event" or "sampled"."""
         return Impacts.at([], [], kind)
 
 
@@ -100,7 +102,7 @@ class ContactRecord:
     position, velocity: against its stops, row q + offset, of a beam u(x, t) - m(t), at the output times. force:
     sigma on the beam, < 0 on the upper stop. impacts, share of time in contact, peak |sigma| and impulse: over
     every step. Of rigid stops force is the reaction, the mean over the step before in a scheme's run; in the exact one
-    that of a held contact, its impulses apart.
+    that of a held contact, its impulses apart. They have impulses and no peak, NaN.
     """
 
     stops: Stops

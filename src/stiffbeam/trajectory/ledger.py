@@ -1,4 +1,4 @@
-"""The energy ledger: where a scheme's energy comes from and goes to, step by step."""
+"""The energy ledger: the energy balance of a scheme, step by step."""
 
 from __future__ import annotations
 
@@ -27,12 +27,13 @@ class Ledger:
                  against its contact by do_c puts in -1/2 (F_c^n + F_c^{n+1}) do_c
         viscous  sum over steps of dq^T C dq / dt
         stop_dissipation   sum over steps of -1/2 (D^n + D^{n+1}) du, D = F + U' what a damped stop takes beyond
-                 the force of its energy U; what it still holds when it lets go is dissipated on the way out;
+                 the force of its energy U; the energy left in it when the contact ends counts as dissipated while the
+                 gap opens;
                  of rigid stops what impacts take, see ``reaction_ledger``
         loss     E_n - E_{n+1} + d_input - d_viscous - d_stop_dissipation, summed; > 0: lost by the scheme
         contact, free   the part of ``loss`` in steps with a contact at either end, and without
 
-    The trapezoidal rule loses nothing but at the kink of the contact law, the exact flow nothing.
+    The trapezoidal rule loses energy only at the kink of the contact law, the exact flow none.
     """
 
     t: Array
@@ -66,9 +67,9 @@ class Ledger:
         return self.kinetic + self.elastic + self.stops
 
     def lost_fraction(self, k: int = -1) -> float:
-        """loss/(E_0 + input) at index k: the share of all energy the system has had, NaN where that is <= 0.
+        """loss/(E_0 + input) at index k: over all energy that the system has had, NaN where that is <= 0.
 
-        E_0 counts, since a run may live on it; the input alone is neither positive nor a scale then.
+        E_0 is included, since a run may have no input but its initial energy, and the input alone may be negative.
         """
         had = self.energy[0] + self.input[k]
         return float(self.loss[k] / had) if had > 0.0 else float("nan")
@@ -80,8 +81,8 @@ def reaction_ledger(
     """The ledger against rigid stops, from states at every step and the mean reactions R of the steps.
 
     stop_dissipation: sum of -dt R (U^n + U^{n+1})/2, U the velocity against the stop: what an impulse dt R takes in
-    turning U round, (1 - e)/2 |U| of it by Newton's law. Zero unless ``impacts``: a scheme without an impact law
-    loses or gains all there is. A stop that moves by do puts in -R do.
+    turning U round, (1 - e)/2 |U| of it by Newton's law. Zero unless ``impacts``: a scheme without an impact law has it
+    all in ``loss``. A stop that moves by do puts in -R do.
     """
     return step_ledger(system, pieces, outputs, impacts)
 

@@ -1,4 +1,4 @@
-"""A run that anyone made: arrays in, everything that follows from them out, and a reason for what does not."""
+"""A user's own run: from its arrays all that follows from them, and a reason for what does not."""
 
 from __future__ import annotations
 
@@ -104,7 +104,7 @@ def _ledger(system: System, t: Array, q: Array, v: Array) -> Ledger:
 
 
 def _spline_rate(t: Array, u: Array) -> Array:
-    """u' of the cubic spline through the samples, of third order in their spacing where u is smooth."""
+    """u' of the cubic spline through the samples, of third order in their spacing if u is smooth."""
     from scipy.interpolate import CubicSpline
 
     return np.asarray(CubicSpline(t, u)(t, 1))

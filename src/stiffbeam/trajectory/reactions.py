@@ -1,4 +1,4 @@
-"""What a run against a rigid stop has seen of it: the reactions, step by step."""
+"""The reactions of a rigid stop in a run, step by step."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ class Reactions:
     """One contact, fed with the mean reactions R of consecutive steps; the impacts are those after step ``since``.
 
     An impact is a row of steps with R of one sign: it begins with the first of them and ends with the last. A
-    reaction in the first step, of a contact that is there already, is none.
+    reaction in the first step, of a contact that is there already, is none. A rigid stop has no largest force, its
+    impulse is what an impact leaves: peaks are NaN. The largest mean of a step, ``max(abs(force))``, grows like 1/dt.
     """
 
     def __init__(self, stops: Stops, dt: float, u0: float, v0: float, since: int = 0) -> None:
@@ -39,7 +40,7 @@ class Reactions:
             force=force,
             impacts=self._impacts(R),
             fraction=float(np.mean(R != 0.0)) if len(R) else 0.0,
-            peak_force=float(np.max(size, initial=0.0)),
+            peak_force=float("nan") if np.any(size) else 0.0,
             impulse=float(np.sum(size) * self.dt),
         )
 
@@ -55,13 +56,11 @@ class Reactions:
         nearest = np.searchsorted(leaves, enters, side="right")
         found = nearest < len(leaves)
         ends[found] = leaves[nearest[found]]
-        peaks = np.array([np.max(np.abs(R[a:b])) for a, b in zip(enters, ends, strict=True)])
         start = self.since
         return Impacts.at(
             (start + enters) * self.dt,
             -side[1:][enters],
             "sampled",
             ends=np.where(found, (start + ends) * self.dt, np.nan),
-            peaks=np.where(found, peaks, np.nan) if len(peaks) else [],
             impulses=np.where(found, sizes[ends] - sizes[enters], np.nan),
         )

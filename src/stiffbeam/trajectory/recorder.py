@@ -1,4 +1,4 @@
-"""What a fixed-step run has seen of its contacts, as records."""
+"""The contacts of a fixed-step run, as records."""
 
 from __future__ import annotations
 
@@ -50,8 +50,8 @@ def record(stops: Stops, position: Array, velocity: Array, tally: Array, events:
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """What one run has seen: tip and tip velocity at the output times, its contacts, when it overflowed, how it
-    was marched."""
+    """The record of one run: tip and tip velocity at the output times, its contacts, when it overflowed, how it was
+    marched."""
 
     tip: Array
     tip_velocity: Array
@@ -84,6 +84,7 @@ class SampledImpacts:
 
     @property
     def tally(self) -> Array:
+        """What has been counted so far at this contact, a row laid out as in sampling."""
         return self._tally[0, 0]
 
     @property

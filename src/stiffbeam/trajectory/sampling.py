@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from ..basics.arrays import Array
+from ..basics.arrays import Array, BoolArray
 from ..basics.compiled import compiled, inlined
 from ..model.contact_law import (
     DAMPING,
@@ -34,8 +34,8 @@ EVENT = 7
 def new_tally(u0: Array, v0: Array, law: Array, since: int = 0) -> Array:
     """Tallies of the steps after ``since``, from positions u0 (...,) and velocities v0 under laws (..., 6).
 
-    Contact that is there before is no impact, and a start exactly on a stop that does not leave it is
-    contact: it begins at t = 0, as the events of the exact solution have it.
+    Contact before the first step is no impact, and a start exactly on a stop that does not leave it is contact: it
+    begins at t = 0, as the events of the exact solution have it.
     """
     g1, g2 = law[..., G1], law[..., G2]
     tally = np.zeros((*np.shape(u0), TALLY))
@@ -52,7 +52,9 @@ def new_tally(u0: Array, v0: Array, law: Array, since: int = 0) -> Array:
 
 
 @inlined
-def scan(u, count, law, dt, tally, i, c, events, rows, first):
+def scan(
+    u: Array, count: int, law: Array, dt: float, tally: Array, i: int, c: int, events: Array, rows: int, first: int
+) -> int:
     """Take the steps u (count,) into the tally of contact c of member i; impacts that begin are appended.
 
     law: (M, m, 6), linear, see contact_law. tally: (M, m, 8). first: the number of steps before u. Row ``rows`` of
@@ -104,7 +106,10 @@ def scan(u, count, law, dt, tally, i, c, events, rows, first):
 
 
 @compiled
-def scan_by_law(u, v, count, law, dt, tally, i, c, events, rows, first):
+def scan_by_law(
+    u: Array, v: Array, count: int, law: Array, dt: float, tally: Array, i: int, c: int, events: Array, rows: int,
+    first: int,
+) -> int:  # fmt: skip
     """``scan`` for any law, with the velocities v (count,) too: contact is where the stop presses."""
     kappa, g1, g2 = law[i, c, KAPPA], law[i, c, G1], law[i, c, G2]
     p, damping, dissipation = law[i, c, EXPONENT], law[i, c, DAMPING], law[i, c, DISSIPATION]
@@ -137,7 +142,10 @@ def scan_by_law(u, v, count, law, dt, tally, i, c, events, rows, first):
 
 
 @compiled
-def scan_means(u, means, count, law, dt, tally, i, c, events, rows, first):
+def scan_means(
+    u: Array, means: Array, count: int, law: Array, dt: float, tally: Array, i: int, c: int, events: Array, rows: int,
+    first: int,
+) -> int:  # fmt: skip
     """``scan`` where the reactions are ``means`` (count,) over the steps: impulses are theirs, peaks those at u.
 
     The last reaction of a contact is that of the step in which it ends.
@@ -174,7 +182,10 @@ def scan_means(u, means, count, law, dt, tally, i, c, events, rows, first):
 
 
 @compiled
-def observe(u, v, means, law, dt, first, position, velocity, tally, diverged, events, rows):
+def observe(
+    u: Array, v: Array, means: Array, law: Array, dt: float, first: int, position: Array, velocity: Array,
+    tally: Array, diverged: BoolArray, events: Array, rows: int,
+) -> int:  # fmt: skip
     """Take positions u and velocities v (M, steps, C) after step ``first`` of members that have not diverged.
 
     means: the reactions (M, steps, m) where they are means over the steps, else of no length.
@@ -219,10 +230,12 @@ def observe(u, v, means, law, dt, first, position, velocity, tally, diverged, ev
 
 
 @inlined
-def switch_time(u0, v0, u1, v1, side, law, i, c, dt):
+def switch_time(
+    u0: float, v0: float, u1: float, v1: float, side: float, law: Array, i: int, c: int, dt: float
+) -> float:
     """When in its step, 0 to 1, contact with the stop on ``side`` begins or ends: the crossing of the stop.
 
-    A damped stop that is penetrated lets go, and presses again, where its force changes sign.
+    At a damped stop that is penetrated contact ends, and begins again, where the force changes sign.
     """
     stop = law[i, c, G2] if side > 0.0 else law[i, c, G1]
     damping, dissipation = law[i, c, DAMPING], law[i, c, DISSIPATION]
@@ -241,14 +254,14 @@ def switch_time(u0, v0, u1, v1, side, law, i, c, dt):
 
 
 @inlined
-def crossing(u0, v0, u1, v1, stop, dt):
+def crossing(u0: float, v0: float, u1: float, v1: float, stop: float, dt: float) -> float:
     """When in its step, 0 to 1, the cubic Hermite interpolant of (u, u') first reaches a stop beyond u0."""
     sign = 1.0 if u1 > u0 else -1.0
     return first_crossing(sign * (stop - u0), -sign * v0 * dt, sign * (stop - u1), -sign * v1 * dt)
 
 
 @inlined
-def first_crossing(gap0, rate0, gap1, rate1):
+def first_crossing(gap0: float, rate0: float, gap1: float, rate1: float) -> float:
     """The least s in (0, 1] at which the cubic Hermite interpolant of a gap reaches zero.
 
     gap0 > 0 >= gap1 at s = 0 and 1; rate0, rate1: d gap/ds there. Newton's method, kept inside the first

@@ -33,9 +33,9 @@ def table(columns: dict[str, Any], attributes: dict[str, Any] | None = None) -> 
     return frame
 
 
-def impact_columns(contacts: tuple[ContactRecord, ...]) -> dict[str, list]:
+def impact_columns(contacts: tuple[ContactRecord, ...]) -> dict[str, list[Any]]:
     """contact, time, end, stop, peak and impulse of every impact, contact by contact."""
-    found: dict[str, list] = {name: [] for name in ("contact", "time", "end", "stop", "peak", "impulse")}
+    found: dict[str, list[Any]] = {name: [] for name in ("contact", "time", "end", "stop", "peak", "impulse")}
     for i, contact in enumerate(contacts):
         x = contact.impacts
         found["contact"] += [i] * x.count
@@ -50,7 +50,7 @@ def write_csv(frame: pandas.DataFrame, file: Path) -> Path:
     return write_whole(file, frame.to_csv(index=False))
 
 
-def write_mat(columns: dict[str, Any], impacts: dict[str, list], notes: dict[str, Any], file: Path) -> Path:
+def write_mat(columns: dict[str, Any], impacts: dict[str, list[Any]], notes: dict[str, Any], file: Path) -> Path:
     """A MATLAB 5 file: the columns by name, a struct ``impacts``, and ``provenance`` as JSON."""
     import numpy as np
     from scipy.io import savemat

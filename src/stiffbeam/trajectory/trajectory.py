@@ -1,11 +1,11 @@
-"""Trajectory: what every scheme and every solver returns, and all that the measures see."""
+"""Trajectory: what every scheme and every solver returns, and the only input of the measures."""
 
 from __future__ import annotations
 
 import pickle
 import platform
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from functools import cache, cached_property
 from importlib.metadata import version
 from pathlib import Path
@@ -84,6 +84,7 @@ class Work:
 
     @property
     def ns_per_step(self) -> float:
+        """Nanoseconds per step of the march, without the setup; NaN without steps."""
         return 1e9 * self.march_seconds / self.steps if self.steps else float("nan")
 
 
@@ -118,20 +119,20 @@ class Trajectory:
     ) -> Trajectory:
         """A run of anyone's own: positions of the tip, and its velocity, at equidistant times t (k,) from 0 on.
 
-        tip_velocity: by default that of a cubic spline through the tip, which rounds off every kink of it;
+        tip_velocity: by default that of a cubic spline through the tip, which smooths every kink;
         the provenance then says so. system: what was integrated; with it the run can be compared, and the
         contact at the tip has its sampled impacts and force. states: (q, q'), each (k, n), which give the energy
-        ledger, every contact and the displacement, and where it is left out the tip. What the arrays do not hold
-        is NaN, or refused where it is asked for. name: how tables and pictures call it.
+        ledger, every contact and the displacement, and where it is left out the tip. What the arrays do not hold is
+        NaN, or refused when it is asked for. name: its name in tables and pictures.
         Raises InputError for times that are not equidistant, other shapes, and numbers that are not finite.
         """
         made, unknown = own_run(t, tip, tip_velocity, system, states, name), float("nan")
         return cls(work=Work(len(made["t"]) - 1, unknown, unknown), **made)
 
     def __getstate__(self) -> dict[str, Any]:
-        """What can travel to another process: what a solver offers by functions of its own cannot.
+        """What can be sent to another process: functions of the solver cannot.
 
-        Energy and states at the output times are then made before they leave, and travel themselves.
+        Energy and states at the output times are made before, and sent themselves.
         """
         state = dict(self.__dict__)
         for name, made in (("ledger", "energy"), ("pieces", "states"), ("state_at", "states")):
@@ -192,11 +193,17 @@ class Trajectory:
 
     @cached_property
     def energy(self) -> Ledger:
-        """The energy ledger at the output times, of a scheme added up over every step before them."""
+        """The energy ledger at the output times, of a scheme added up over every step before them. Raises Diverged
+        where an energy is beyond float64 though the motion is not."""
         if self.ledger is None:
             found = NO_STATES if self.provenance.get("source") == "arrays" else "a loaded file"
             raise InputError("energy", found, "have been saved with the run", "run it again, with its states")
-        return self.ledger()
+        found = self.ledger()
+        beyond = ~np.all(np.isfinite([getattr(found, entry.name) for entry in fields(found)]), axis=0)
+        if np.any(beyond):
+            remedy = "an energy is beyond float64; count in other units"
+            raise Diverged(str(self.provenance["method"]), float(found.t[np.argmax(beyond)]), remedy)
+        return found
 
     def displacement(self, x: ArrayLike) -> Array:
         """u(x, t) at the output times; x (...) in [0, L] gives (k, ...)."""
@@ -267,7 +274,7 @@ def output_index(t: Array, times: Array, method: str) -> NDArray[np.int64]:
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Reference(Trajectory):
-    """A Trajectory that says how far it can be trusted, and where it knows, any time in between.
+    """A Trajectory that says to which time it can be trusted, and has values between its outputs where the solver does.
 
     horizon: the time to which an independent or more precise solution agrees with it, |du| <= 1e-3
     max|u| and impact times to a thousandth of the longest natural period; NaN where nothing has been
@@ -319,6 +326,7 @@ class Reference(Trajectory):
 
     @cached_property
     def states(self) -> tuple[Array, Array]:
+        """(q, v) at the times t, one row a time; InputError where the solution was loaded without its system."""
         if self.state_at is None:
             raise InputError(
                 "states",

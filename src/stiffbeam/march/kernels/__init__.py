@@ -1,0 +1,1 @@
+"""The compiled loops of the march, and the same in NumPy and JAX."""

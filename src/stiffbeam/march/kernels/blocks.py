@@ -11,6 +11,7 @@ import math
 
 import numpy as np
 
+from ...basics.arrays import Array, IntArray
 from ...basics.compiled import compiled, inlined
 from ...model.contact_law import G1, G2, KAPPA, stage_force, stage_stiffness
 from ...model.stage import MEAN
@@ -27,12 +28,12 @@ from ...trajectory.sampling import (
     scan_means,
     switch_time,
 )
-from .layout import OVERFLOW
+from .layout import OVERFLOW, Block, Forcing, Inflow, Kept, Marchers
 from .nodes import resolve_by_law, resolve_several
 
 
 @inlined
-def read(reading, z, w):
+def read(reading: Array, z: Array, w: Array) -> None:
     """w = reading z."""
     R, D = reading.shape
     for r in range(0, R, 8):
@@ -58,7 +59,7 @@ def read(reading, z, w):
 
 
 @inlined
-def advance(transition, n, z, z_new):
+def advance(transition: Array, n: int, z: Array, z_new: Array) -> None:
     """z_new = transition z, the first D numbers of it."""
     a, D = transition.shape
     for d in range(D):
@@ -70,7 +71,7 @@ def advance(transition, n, z, z_new):
 
 
 @inlined
-def force_by_drive(constant, frequencies, rows, v, t, g, out):
+def force_by_drive(constant: float, frequencies: Array, rows: Array, v: int, t: float, g: Array, out: Array) -> None:
     """g (d,) at time t, and out += g rows[v]."""
     g[0] = constant
     if constant != 0.0:
@@ -85,7 +86,7 @@ def force_by_drive(constant, frequencies, rows, v, t, g, out):
 
 
 @inlined
-def add_eight(force, first, rows, out):
+def add_eight(force: Array, first: int, rows: Array, out: Array) -> None:
     """out += force[first : first + 8] @ rows[first : first + 8] beyond the eight entries of these forces."""
     f0, f1, f2, f3 = force[first], force[first + 1], force[first + 2], force[first + 3]
     f4, f5, f6, f7 = force[first + 4], force[first + 5], force[first + 6], force[first + 7]
@@ -103,7 +104,7 @@ def add_eight(force, first, rows, out):
 
 
 @inlined
-def stop_eight(i, push, g1, g2, stiff, w, forces):
+def stop_eight(i: int, push: Array, g1: float, g2: float, stiff: Array, w: Array, forces: Array) -> None:
     """The forces of eight nodes, each pushing the later ones; their entries as far as these push."""
     a, b, c, d, e, f, g, h = i, i + 1, i + 2, i + 3, i + 4, i + 5, i + 6, i + 7
     r0 = w[a]
@@ -133,7 +134,7 @@ def stop_eight(i, push, g1, g2, stiff, w, forces):
 
 
 @inlined
-def stage_stiffnesses(compliance, kappa, stiff):
+def stage_stiffnesses(compliance: Array, kappa: float, stiff: Array) -> None:
     """That of every node of one contact, 0 for padding."""
     for i in range(stiff.size):
         stiff[i] = 0.0
@@ -142,7 +143,7 @@ def stage_stiffnesses(compliance, kappa, stiff):
 
 
 @inlined
-def resolve(push, g1, g2, stiff, out, forces):
+def resolve(push: Array, g1: float, g2: float, stiff: Array, out: Array, forces: Array) -> bool:
     """The stops of one contact, node by node: eight push each other, then all that follows. Whether any is met."""
     touched = False
     for first in range(0, forces.size, 8):
@@ -158,7 +159,10 @@ def resolve(push, g1, g2, stiff, out, forces):
 
 
 @inlined
-def speed(velocity, velocity_push, forced, inflow, v, b, k, c, z, g, forces):
+def speed(
+    velocity: Array, velocity_push: Array, forced: Array, inflow: Array, v: int, b: int, k: int, c: int, z: Array,
+    g: Array, forces: Array,
+) -> float:  # fmt: skip
     """The velocity of channel c at the end of step k of a block."""
     total = 0.0
     for d in range(velocity.shape[2]):
@@ -173,7 +177,10 @@ def speed(velocity, velocity_push, forced, inflow, v, b, k, c, z, g, forces):
 
 
 @compiled
-def run(block, law, forcing, inflow, marchers, kept, events, first, steps, dt, every, cursor, by_law=None):
+def run(
+    block: Block, law: Array, forcing: Forcing, inflow: Inflow, marchers: Marchers, kept: Kept, events: Array,
+    first: int, steps: int, dt: float, every: int, cursor: IntArray, by_law: int | None = None,
+) -> bool:  # fmt: skip
     """``steps`` steps of every member from step ``first``; whether all are done.
 
     law: (M, m, 6), the laws of every contact, see contact_law. events: the list of impacts, see sampling.

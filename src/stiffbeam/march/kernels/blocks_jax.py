@@ -26,20 +26,9 @@ NUMBERS_BACK = 1 << 22  # positions and velocities that come back from the devic
 
 
 def run(
-    block: Block,
-    law: Array,
-    forcing: Forcing,
-    inflow: Inflow,
-    marchers: Marchers,
-    kept: Kept,
-    events: Array,
-    first: int,
-    steps: int,
-    dt: float,
-    every: int,
-    cursor: Array,
-    by_law: int | None = None,
-) -> bool:
+    block: Block, law: Array, forcing: Forcing, inflow: Inflow, marchers: Marchers, kept: Kept, events: Array,
+    first: int, steps: int, dt: float, every: int, cursor: Array, by_law: int | None = None,
+) -> bool:  # fmt: skip
     """See ``kernel.run``; states are not kept."""
     if block.rule != LINEAR:
         raise InputError("engine", "jax", "be given linear stops and contact='implicit' or 'extrapolated'", REMEDY)
@@ -97,19 +86,22 @@ def _march() -> Any:
     import jax.numpy as jnp
 
     @jax.jit
-    def stretch(block: Block, rows, forced_velocity, stiff, stops, z, g, inflow, inflow_velocity):
+    def stretch(
+        block: Block, rows: Any, forced_velocity: Any, stiff: Any, stops: Any, z: Any, g: Any, inflow: Any,
+        inflow_velocity: Any,
+    ) -> tuple[Any, Any, Any]:  # fmt: skip
         (R, D), a = block.reading.shape, len(block.transition)
         nodes, n = stiff.shape[1], (z.shape[1] - D) // max(1, a - 1)
         g1, g2 = stops[:, 0], stops[:, 1]
         push = block.push[:nodes]
 
-        def one_block(z, given):
+        def one_block(z: Any, given: Any) -> tuple[Any, Any]:
             g, inflow, inflow_velocity = given
             row = jnp.einsum("ve,ver->vr", g, rows) + inflow  # (V, R + D)
             w = z[:, :D] @ block.reading.T + row[:, :R]
             z_new = sum(block.transition[e] * z[:, e * n : e * n + D] for e in range(a)) + row[:, R:]
 
-            def one_node(w, node):
+            def one_node(w: Any, node: Any) -> tuple[Any, Any]:
                 i, stiff, push = node
                 r = w[:, i]
                 force = stiff * (jnp.clip(r, g1, g2) - r)

@@ -9,14 +9,16 @@ from __future__ import annotations
 
 import numpy as np
 
+from ...basics.arrays import Array, IntArray
 from ...basics.compiled import compiled
 from ...model.contact_law import G1, G2, KAPPA
 from ...trajectory.sampling import IMPACT_IMPULSE, IMPACT_PEAK, IMPULSE, PEAK, ROW, SIDE, TOUCHING
 from .blocks import run
-from .layout import Inflow, Kept
+from .layout import Block, Forcing, Inflow, Kept, Marchers
 from .sums import (
     CROSSED,
     SURE,
+    Regimes,
     cubic,
     deepest,
     emit,
@@ -43,24 +45,10 @@ PATIENCE = 3e5  # ns spent before it is asked whether leaping pays
 
 @compiled
 def fly(
-    one,
-    law,
-    forcing,
-    regimes,
-    regime_of,
-    marchers,
-    kept,
-    events,
-    cursor,
-    side,
-    guess,
-    steps,
-    dt,
-    every,
-    since,
-    limit,
-    costs,
-):
+    one: Block, law: Array, forcing: Forcing, regimes: Regimes, regime_of: IntArray, marchers: Marchers,
+    kept: tuple[Array, Array, Array], events: Array, cursor: IntArray, side: Array, guess: IntArray, steps: int,
+    dt: float, every: int, since: int, limit: int, costs: Array,
+) -> int:  # fmt: skip
     """March one member from step cursor[STEP] to ``steps``, or so far as it can; how it ended.
 
     one: the block of a single step. law: (1, m, 6). regime_of: (2^m,), by the closed contacts as bits, -1 for one
@@ -245,8 +233,9 @@ def fly(
 
 @compiled
 def look_deeper(
-    regimes, r, nodes, side, law, tally, events, phase, phase_level, phase_alive, phase_top, stored, depth, work
-):
+    regimes: Regimes, r: int, nodes: int, side: Array, law: Array, tally: Array, events: Array, phase: Array,
+    phase_level: IntArray, phase_alive: IntArray, phase_top: Array, stored: int, depth: Array, work: Array,
+) -> None:  # fmt: skip
     """Bring the greatest depths of the closed contacts up to date with the leaps remembered."""
     m = side.size
     for c in range(m):

@@ -6,34 +6,56 @@ import math
 
 import numpy as np
 
+from ...basics.arrays import Array, IntArray
 from ...basics.compiled import compiled
 from ...model.active_set import solve_node
-from ...model.contact_law import G1, G2, state
+from ...model.contact_law import G1, G2, KAPPA, stage_force, stage_stiffness, state
 from ...model.stage import MEAN, solve_stage
 
 
 @compiled
-def resolve_several(push, compliance, law, out, forces):
-    """The stops of m contacts, the m entries of a node together. Whether any is met."""
+def resolve_several(push: Array, compliance: Array, law: Array, out: Array, forces: Array) -> bool:
+    """The stops of m contacts, the m entries of a node together. Whether any is met.
+
+    Where one is met alone, and the force on it leaves the others open, that is all; else see ``solve_node``.
+    """
     m = law.shape[0]
     met = False
     for first in range(0, compliance.shape[0], m):
-        touched = False
+        beyond, last = 0, 0
         for c in range(m):
             forces[first + c] = 0.0
-            touched = touched or state(out[first + c], law[c, G1], law[c, G2]) != 0.0
-        if touched:
-            met = True
-            force = solve_node(out[first : first + m], compliance[first : first + m], law)
+            if state(out[first + c], law[c, G1], law[c, G2]) != 0.0:
+                beyond, last = beyond + 1, c
+        if beyond == 0:
+            continue
+        met = True
+        i = first + last
+        stiff = stage_stiffness(law[last, KAPPA], compliance[i, last])
+        force = stage_force(out[i], stiff, law[last, G1], law[last, G2])
+        alone = beyond == 1
+        for c in range(m):
+            if c != last:
+                u = out[first + c] + force * compliance[i, c]
+                alone = alone and state(u, law[c, G1], law[c, G2]) == 0.0
+        if alone:
+            forces[i] = force
+            for j in range(np.uint64(first), np.uint64(out.size)):
+                out[j] += force * push[i, j]
+        else:
+            together = solve_node(out[first : first + m], compliance[first : first + m], law)
             for c in range(m):
-                forces[first + c] = force[c]
-                for j in range(out.size):
-                    out[j] += force[c] * push[first + c, j]
+                forces[first + c] = together[c]
+                if together[c] != 0.0:
+                    for j in range(np.uint64(first), np.uint64(out.size)):
+                        out[j] += together[c] * push[first + c, j]
     return met
 
 
 @compiled
-def resolve_by_law(push, compliance, rates, rule, law, before, out, forces):
+def resolve_by_law(
+    push: Array, compliance: Array, rates: IntArray, rule: int, law: Array, before: Array, out: Array, forces: Array
+) -> int:
     """The stops under any law, node by node; ``before`` (m,): the positions one node ago, advanced in place.
 
     0 where none is met, 1 where one is, -1 - i where the forces of node i were not found.

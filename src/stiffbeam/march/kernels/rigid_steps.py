@@ -37,7 +37,9 @@ class Linear(NamedTuple):
 
 
 @compiled
-def steps(linear, driven, shifts, predicted_shifts, z, path, reactions):
+def steps(
+    linear: Linear, driven: Array, shifts: Array, predicted_shifts: Array, z: Array, path: Array, reactions: Array
+) -> None:
     """States ``path`` (K, D) at the ends of K steps from z (D,), advanced in place, and reactions (K, S, m).
 
     driven: (K, D), what loads add to the states; shifts: (K, S, m), what loads and offsets add to the arguments;

@@ -58,7 +58,7 @@ class Energies(NamedTuple):
 
 
 @inlined
-def take_step(step, k, n, z, new):
+def take_step(step: Step, k: int, n: int, z: Array, new: Array) -> None:
     """``new``, the first D numbers of the state after step k, and z advanced to it."""
     transition, push, driven, forces, g, inflow = step
     a, D = transition.shape
@@ -83,14 +83,17 @@ def take_step(step, k, n, z, new):
 
 
 @compiled
-def states(step, n, z, out):
+def states(step: Step, n: int, z: Array, out: Array) -> None:
     """The states (steps, D) at the ends of the steps from z, which is advanced in place."""
     for k in range(out.shape[0]):
         take_step(step, k, n, z, out[k])
 
 
 @compiled
-def account(step, energies, n, z, q, v, balance, first, every, dt, kept):
+def account(
+    step: Step, energies: Energies, n: int, z: Array, q: Array, v: Array, balance: Array, first: int, every: int,
+    dt: float, kept: Array,
+) -> None:  # fmt: skip
     """The ledger over ``steps`` steps from step ``first``; rows of ``kept`` (outputs, 9) at every ``every``-th.
 
     z as in ``states``. q, v (n,): at the start. balance (9,), see KINETIC..: all four advanced in place.
@@ -155,7 +158,7 @@ def account(step, energies, n, z, q, v, balance, first, every, dt, kept):
 
 
 @inlined
-def _of_stop(u, rate, law, c):
+def _of_stop(u: float, rate: float, law: Array, c: int) -> tuple[float, float, float, bool]:
     """Force, what of it is not from the energy, the energy, and whether the stop presses."""
     kappa, g1, g2 = law[c, KAPPA], law[c, G1], law[c, G2]
     p, damping, dissipation = law[c, EXPONENT], law[c, DAMPING], law[c, DISSIPATION]
@@ -170,7 +173,7 @@ def _of_stop(u, rate, law, c):
 
 
 @inlined
-def _position(rows, offsets, q, c, k):
+def _position(rows: Array, offsets: Array, q: Array, c: int, k: int) -> float:
     """row_c q + o_c, or the rates of them."""
     total = 0.0
     for j in range(q.size):

@@ -50,7 +50,7 @@ class Regimes(NamedTuple):
 
 
 @inlined
-def value(c, r, k, y, first, last):
+def value(c: Array, r: int, k: int, y: Array, first: int, last: int) -> float:
     """Re sum c y over coordinates first to last."""
     total = 0.0
     for i in range(first, last):
@@ -59,7 +59,7 @@ def value(c, r, k, y, first, last):
 
 
 @inlined
-def turn(powers, r, q, y, new, alive):
+def turn(powers: Array, r: int, q: int, y: Array, new: Array, alive: int) -> None:
     """new = lambda^L y, of the first ``alive`` coordinates."""
     for i in range(alive):
         new[0, i] = powers[0, r, q, i] * y[0, i] - powers[1, r, q, i] * y[1, i]
@@ -67,7 +67,7 @@ def turn(powers, r, q, y, new, alive):
 
 
 @compiled
-def walk(powers, r, count, y, other, alive):
+def walk(powers: Array, r: int, count: int, y: Array, other: Array, alive: int) -> None:
     """y turned by ``count`` steps in place; ``other`` is scratch of its shape."""
     q = 0
     while count > 0:
@@ -80,14 +80,14 @@ def walk(powers, r, count, y, other, alive):
 
 
 @inlined
-def sizes(y, size, alive):
+def sizes(y: Array, size: Array, alive: int) -> None:
     """|y|."""
     for i in range(alive):
         size[i] = math.sqrt(y[0, i] * y[0, i] + y[1, i] * y[1, i])
 
 
 @inlined
-def error_of(large, bent, r, c, slow, alive, size, L):
+def error_of(large: Array, bent: Array, r: int, c: int, slow: int, alive: int, size: Array, L: float) -> float:
     """The bound of the module's docstring."""
     of_slow = of_fast = 0.0
     for i in range(slow):
@@ -98,7 +98,7 @@ def error_of(large, bent, r, c, slow, alive, size, L):
 
 
 @inlined
-def cubic(w0, d0, w1, d1, L):
+def cubic(w0: float, d0: float, w1: float, d1: float, L: float) -> tuple[float, float, float]:
     """c1, c2, c3 of p(l) = w0 + c1 l + c2 l^2 + c3 l^3 through w0, w0 + d0, w1, w1 + d1 at l = 0, 1, L, L + 1."""
     mean = (w1 - w0 - d0) / (L - 1.0)
     second = (mean - d0) / L
@@ -107,7 +107,7 @@ def cubic(w0, d0, w1, d1, L):
 
 
 @inlined
-def turning_points(c1, c2, c3):
+def turning_points(c1: float, c2: float, c3: float) -> tuple[float, float]:
     """Where c1 + 2 c2 l + 3 c3 l^2 = 0; NaN or far away where there is none."""
     root = math.sqrt(c2 * c2 - 3.0 * c1 * c3)
     q = -(c2 + math.copysign(root, c2))
@@ -115,7 +115,7 @@ def turning_points(c1, c2, c3):
 
 
 @inlined
-def extent(w0, c1, c2, c3, L):
+def extent(w0: float, c1: float, c2: float, c3: float, L: float) -> tuple[float, float]:
     """The least and the greatest value of the cubic on [0, L]."""
     end = w0 + L * (c1 + L * (c2 + L * c3))
     low, high = min(w0, end), max(w0, end)
@@ -130,7 +130,7 @@ def extent(w0, c1, c2, c3, L):
 
 
 @inlined
-def farthest(sign, w0, c1, c2, c3, last):
+def farthest(sign: float, w0: float, c1: float, c2: float, c3: float, last: float) -> float:
     """The greatest sign p(l) at the whole numbers l = 0 .. last."""
     far = max(sign * w0, sign * (w0 + last * (c1 + last * (c2 + last * c3))))
     for point in turning_points(c1, c2, c3):
@@ -141,7 +141,7 @@ def farthest(sign, w0, c1, c2, c3, last):
 
 
 @inlined
-def keeps(side, low, high, error, g1, g2):
+def keeps(side: float, low: float, high: float, error: float, g1: float, g2: float) -> int:
     """Whether positions between ``low`` and ``high`` with an ``error`` are on their side."""
     if side == 0.0:
         sure = low - error >= g1 and high + error <= g2
@@ -154,7 +154,7 @@ def keeps(side, low, high, error, g1, g2):
 
 
 @inlined
-def reached(side, w0, d0, w1, d1, L, g1, g2):
+def reached(side: float, w0: float, d0: float, w1: float, d1: float, L: float, g1: float, g2: float) -> int:
     """After how many of L steps a position seems to leave its side, at least one; L - 1 where it comes back."""
     if side == 0.0:
         sign, stop = (1.0, g2) if w1 > g2 else (-1.0, g1)
@@ -167,7 +167,10 @@ def reached(side, w0, d0, w1, d1, L, g1, g2):
 
 
 @compiled
-def deepest(regimes, r, k, c, side, g, y, q, alive, best, work):
+def deepest(
+    regimes: Regimes, r: int, k: int, c: int, side: float, g: float, y: Array, q: int, alive: int, best: float,
+    work: Array,
+) -> float:  # fmt: skip
     """The greatest depth of position k in the 2^q steps from y, or ``best`` where that is greater.
 
     Halves the stretch until the cubic's bound says that a part holds nothing deeper, or is one to rounding.
@@ -208,14 +211,14 @@ def deepest(regimes, r, k, c, side, g, y, q, alive, best, work):
 
 
 @inlined
-def leave(regimes, r, y, alive, z):
+def leave(regimes: Regimes, r: int, y: Array, alive: int, z: Array) -> None:
     """The packed state of coordinates y, its first D numbers."""
     for d in range(regimes.leave.shape[2]):
         z[d] = value(regimes.leave, r, d, y, 0, alive)
 
 
 @compiled
-def enter(regimes, r, z, side, law, frequencies, t, y):
+def enter(regimes: Regimes, r: int, z: Array, side: Array, law: Array, frequencies: Array, t: float, y: Array) -> None:
     """The coordinates y of the state z at time t."""
     N, D = regimes.enter.shape[2], regimes.enter.shape[3]
     m, F = law.shape[1], frequencies.shape[1]
@@ -240,7 +243,10 @@ def enter(regimes, r, z, side, law, frequencies, t, y):
 
 
 @compiled
-def emit(regimes, r, n, L, every, y, alive, work, kept):
+def emit(
+    regimes: Regimes, r: int, n: int, L: int, every: int, y: Array, alive: int, work: Array,
+    kept: tuple[Array, Array, Array],
+) -> None:  # fmt: skip
     """Outputs at the multiples of ``every`` among the L steps after n."""
     positions, velocities, states = kept
     o = n // every + 1

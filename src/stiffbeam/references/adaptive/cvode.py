@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from ...basics.arrays import Array
 from ...trajectory.trajectory import Reference
 from ..request import KEEP, RESTART, Request
@@ -24,7 +26,7 @@ def solve(request: Request) -> Reference:
     method, adams = request.method, request.method == "cvode-adams"
 
     def solver(rhs: RightHandSide, rtol: float, atol: Array) -> Solver:
-        options: dict = {"linsolver": "dense"}
+        options: dict[str, Any] = {"linsolver": "dense"}
         if rhs.banded:
             lower, upper = rhs.first_order.bandwidths
             options = {"linsolver": "band", "lband": lower, "uband": upper}

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import scipy.linalg
 
 from ...basics.arrays import Array
+from ...model.first_order import FirstOrderSystem
 from ...trajectory.trajectory import Reference
 from ..request import KEEP, Request
 from .adaptive import Solver, in_phases, reference_from
@@ -29,7 +32,7 @@ def solve(request: Request) -> Reference:
     def solver(rhs: RightHandSide, rtol: float, atol: Array) -> Solver:
         i, j = np.nonzero((mass != 0.0) | (right.matrix != 0.0))
         lower, upper = int(max(0, np.max(i - j))), int(max(0, np.max(j - i)))
-        options: dict = {"linsolver": "dense"}
+        options: dict[str, Any] = {"linsolver": "dense"}
         if lower + upper + 1 < rhs.states // 3 and not system_couples(right):
             options = {"linsolver": "band", "lband": lower, "uband": upper}
         E = np.asarray(scipy.linalg.block_diag(mass, np.eye(rhs.size - rhs.states)))  # the integrals beside the motion
@@ -56,6 +59,6 @@ def solve(request: Request) -> Reference:
     return reference_from(request, in_phases("ida", solver), KEEP, first_order=right)
 
 
-def system_couples(right) -> bool:
+def system_couples(right: FirstOrderSystem) -> bool:
     """Whether a contact row reaches beyond neighbouring unknowns, outside the band."""
     return any(np.count_nonzero(c.row) > 1 for c in right.contacts)

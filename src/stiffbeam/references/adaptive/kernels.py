@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ...basics.arrays import Array, IntArray
 from ...basics.compiled import compiled
 from ...model.contact_law import (
     DAMPING,
@@ -21,10 +22,12 @@ from ...model.contact_law import (
 
 @compiled
 def right_hand_side(
-    t, z, out, n,
-    indptr, indices, data, damping_indptr, damping_indices, damping_data, basis, power, columns,
-    frequencies, rows, velocity_rows, offsets, offset_rates, law, regime, shifts, shift_rates,
-):  # fmt: skip
+    t: float, z: Array, out: Array, n: int, indptr: IntArray, indices: IntArray, data: Array, damping_indptr: IntArray,
+    damping_indices: IntArray, damping_data: Array, basis: Array, power: Array, columns: Array, frequencies: Array,
+    rows: Array, velocity_rows: Array, offsets: Array, offset_rates: Array, law: Array, regime: IntArray,
+    shifts: Array, shift_rates: Array,
+) -> None:  # fmt: skip
+    """out = dz/dt: A y with the loads and contact forces of the regime, then the rates of the ledger's integrals."""
     g = np.empty(1 + 2 * frequencies.size)
     g[0] = 1.0
     for k in range(frequencies.size):
@@ -86,7 +89,11 @@ def right_hand_side(
 
 
 @compiled
-def gaps(t, z, out, n, frequencies, rows, velocity_rows, offsets, offset_rates, law, shifts, shift_rates):
+def gaps(
+    t: float, z: Array, out: Array, n: int, frequencies: Array, rows: Array, velocity_rows: Array, offsets: Array,
+    offset_rates: Array, law: Array, shifts: Array, shift_rates: Array,
+) -> None:  # fmt: skip
+    """out = (u - g2, g1 - u) of every stop, then their rates; switches are the roots of the first half."""
     half = out.size // 2
     k = 0
     for c in range(law.shape[0]):

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -57,7 +59,7 @@ def solve(request: Request) -> Reference:
             )
             solver = {"kvaerno3": diffrax.Kvaerno3, "kvaerno5": diffrax.Kvaerno5}[method]()
 
-            def advance(y, dt0, times):
+            def advance(y: Any, dt0: Any, times: Any) -> Any:
                 return diffrax.diffeqsolve(
                     diffrax.ODETerm(field), solver, times[0], times[-1], dt0, y,
                     saveat=diffrax.SaveAt(ts=times),
@@ -69,7 +71,7 @@ def solve(request: Request) -> Reference:
 
             path, count, seconds, compiling, y = [rhs.z0[None]], 0, 0.0, 0.0, rhs.z0
             step = 1e-3 * float(rtol) ** 0.2 * (t[1] - t[0])
-            programs: dict = {}
+            programs: dict[int, Any] = {}
             for first in range(0, len(t) - 1, POINTS_PER_CALL):
                 times = jnp.asarray(t[first : first + POINTS_PER_CALL + 1])
                 arguments = (jnp.asarray(y), jnp.asarray(step), times)
@@ -104,7 +106,7 @@ def _with_records(drive: Drive, basis: Array, rest: list[Term]) -> Array:
     return np.concatenate([basis, drive.recorded(rest, basis.shape[1])])
 
 
-def _vector_field(rhs: RightHandSide, drive: Drive):
+def _vector_field(rhs: RightHandSide, drive: Drive) -> Callable[[Any, Any, Any], Any]:
     """f(t, z) in JAX from the same arrays as the compiled one, z = (y, input, viscous, impulses)."""
     import jax.numpy as jnp
 
@@ -127,7 +129,7 @@ def _vector_field(rhs: RightHandSide, drive: Drive):
     ]
     edges, table = jnp.asarray(drive.edges), jnp.asarray(drive.polynomials(drive.edges))
 
-    def inputs(t):
+    def inputs(t: Any) -> tuple[Any, Any]:
         """g and the records at t, and their rates."""
         phase = frequencies * t
         s, c = jnp.sin(phase), jnp.cos(phase)
@@ -141,7 +143,7 @@ def _vector_field(rhs: RightHandSide, drive: Drive):
                 values = values * tau + table[k, :, j]
         return jnp.concatenate([jnp.ones(1), g, values]), jnp.concatenate([jnp.zeros(1), g_rate, rates])
 
-    def field(t, z, args):
+    def field(t: Any, z: Any, args: Any) -> Any:
         y, (g, g_rate) = z[: rhs.states], inputs(t)
         rate = A @ y + g @ basis
         given, impulses, lost = g @ power @ y, [], 0.0

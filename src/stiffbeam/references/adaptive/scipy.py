@@ -45,7 +45,7 @@ def stepping(method: str, library: Any) -> Callable[[RightHandSide, float, Array
 
     def solver(rhs: RightHandSide, rtol: float, atol: Array) -> Solver:
         def start(t: float, z: Array, end: float, max_step: float, first: float | None = None) -> Any:
-            options: dict = {} if method == "dop853" else {"jac": rhs.jacobian}
+            options: dict[str, Any] = {} if method == "dop853" else {"jac": rhs.jacobian}
             if first is not None:
                 options["first_step"] = first
             return library(rhs.value, t, z, end, rtol=rtol, atol=atol, max_step=max_step, **options)

@@ -13,7 +13,7 @@ there the observed positions do not start where they should.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Generator
 from contextlib import contextmanager
 
 import numpy as np
@@ -32,7 +32,7 @@ START = 1e-3  # of the largest displacement: what a start may be off
 
 
 @contextmanager
-def within_float64(solver: str, t_end: float) -> Iterator[None]:
+def within_float64(solver: str, t_end: float) -> Generator[None, None, None]:
     """Turn overflows, NaN and matrices without eigenvectors into SolverFailure: nothing that is not finite gets out."""
     try:
         with np.errstate(over="raise", divide="raise", invalid="raise"):

@@ -14,6 +14,7 @@ from ...basics.budget import afford
 from ...model.system import System
 from ...trajectory.impacts import ContactRecord, Impacts
 from ...trajectory.ledger import Ledger
+from .damped_stops import LET_GO, peak_between, pressed, pressure
 
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(10)
 PEAK_STEPS = 8  # of the Illinois method, from a bracket of two samples: to 1e-12 on Table 10
@@ -30,7 +31,7 @@ class Solution(Protocol):
 
     @property
     def sides(self) -> NDArray[np.int64]:
-        """chi of every contact in every piece, (pieces, m)."""
+        """The side of every contact in every piece, (pieces, m), see damped_stops."""
         ...
 
     @property
@@ -77,8 +78,10 @@ class Solution(Protocol):
         """row @ q and its rate at any times t (k,), (k,) each; row: (n,)."""
         ...
 
-    def press(self, system: System, contact: int, starts: Array, ends: Array, /) -> tuple[Array, Array]:
-        """Peak |sigma| and impulse of a contact in the spans [starts, ends] (k,) in which it is closed."""
+    def press(
+        self, system: System, contact: int, starts: Array, ends: Array, sides: NDArray[np.int64], /
+    ) -> tuple[Array, Array]:
+        """Peak |sigma| and impulse of a contact in the spans [starts, ends] (k,) in which it is on ``sides``."""
         ...
 
     def offset(self, system: System, channel: int, /) -> Callable[[Array], tuple[Array, Array]]:
@@ -124,14 +127,14 @@ def record_of(
     starts, ends, sides = starts[late], ends[late], sides[late]
     counted = starts > since  # contact that is there at the start is no impact
     starts = np.maximum(starts, since)
-    peaks, impulses = solution.press(system, i, starts, ends) if len(starts) else np.zeros((2, 0))
+    peaks, impulses = solution.press(system, i, starts, ends, sides) if len(starts) else np.zeros((2, 0))
     ended = ends < t_end
     position, velocity = seen
     return ContactRecord(
         stops=contact.stops,
         position=position,
         velocity=velocity,
-        force=contact.stops.force(position),
+        force=contact.stops.force(position, velocity),
         impacts=Impacts(
             times=starts[counted],
             ends=np.where(ended, ends, np.nan)[counted],
@@ -154,7 +157,7 @@ def _closed(solution: Solution, i: int, t_end: float) -> tuple[Array, Array, NDA
     """
     ends = np.append(solution.times[1:], t_end)
     real = ends > solution.times
-    starts, ends, side = solution.times[real], ends[real], solution.sides[real, i]
+    starts, ends, side = solution.times[real], ends[real], pressed(solution.sides[real, i])
     new = np.concatenate([[True], side[1:] != side[:-1]])
     first = np.flatnonzero(new)
     last = np.append(first[1:], len(side)) - 1
@@ -162,24 +165,33 @@ def _closed(solution: Solution, i: int, t_end: float) -> tuple[Array, Array, NDA
     return starts[first][closed], ends[last][closed], side[first][closed]
 
 
-def pressed(system: System, solution: Solution, i: int, starts: Array, ends: Array) -> tuple[Array, Array]:
-    """Peak |sigma| and impulse, the integral of |sigma|, of contact i in the spans [starts, ends], one or more.
+def pressed_by(
+    system: System, solution: Solution, i: int, starts: Array, ends: Array, sides: NDArray[np.int64]
+) -> tuple[Array, Array]:
+    """Peak |sigma| and impulse, the integral of |sigma|, of contact i in the spans [starts, ends] on ``sides``.
 
     |sigma| is smooth between two switches, of any contact: Gauss-Legendre panels no longer than the shortest
     period, and graded towards the switch where a part dies out faster, integrate it to rounding; the peak is
-    where u' changes sign beside one of the largest samples, found by the Illinois method.
+    where u' changes sign beside one of the largest samples, found by the Illinois method; of a damped stop,
+    whose force may be largest where it jumps, by the golden section.
     """
     path, stops = partial(path_of, system, solution, channel=i), system.contacts[i].stops
     owner, cuts, until = _between(solution.times, starts, ends)
     index, left, width = panels(solution.shortest_period, cuts, until, solution.fastest_decay)
     index = owner[index]
     t = left[:, None] + width[:, None] * (NODES + 1.0) / 2.0
-    sigma = np.abs(stops.force(path(t.ravel())[0])).reshape(t.shape)
+
+    def press(t: Array, owner: NDArray[np.int64]) -> Array:
+        u, v = path(t)
+        return pressure(stops, sides[owner], u, v) if stops.dissipative else np.abs(stops.force(u))
+
+    sigma = press(t.ravel(), np.repeat(index, len(NODES))).reshape(t.shape)
     impulses = np.bincount(index, sigma @ WEIGHTS * width / 2.0, len(starts))
     # Every piece's samples in order, its ends included, and the largest of those around them.
     samples = np.concatenate([t.ravel(), starts, ends])
-    values = np.concatenate([sigma.ravel(), np.abs(stops.force(path(np.concatenate([starts, ends]))[0]))])
-    owner = np.concatenate([np.repeat(index, len(NODES)), np.arange(len(starts)), np.arange(len(starts))])
+    both = np.tile(np.arange(len(starts)), 2)
+    values = np.concatenate([sigma.ravel(), press(np.concatenate([starts, ends]), both)])
+    owner = np.concatenate([np.repeat(index, len(NODES)), both])
     order = np.lexsort((samples, owner))
     samples, values, owner = samples[order], values[order], owner[order]
     first = np.diff(owner, prepend=-1) != 0
@@ -189,6 +201,11 @@ def pressed(system: System, solution: Solution, i: int, starts: Array, ends: Arr
     top = (first | (values >= behind)) & (last | (values >= ahead)) & (values >= RIVAL * largest[owner])
     best = np.flatnonzero(top)
     low, high = samples[best - ~first[best]], samples[best + ~last[best]]
+    peaks = np.zeros(len(starts))
+    if stops.dissipative:
+        inner = peak_between(lambda t: press(t, owner[best]), low, high)
+        np.maximum.at(peaks, owner[best], np.maximum(values[best], inner))
+        return peaks, impulses
     side = np.sign(path(samples[best])[0] - np.clip(path(samples[best])[0], stops.g1, stops.g2))
     # The force is flat at its peak: a time to half the digits gives it to all of them.
     rise, fall, before = side * path(low)[1], side * path(high)[1], np.full(len(low), -1)
@@ -202,7 +219,6 @@ def pressed(system: System, solution: Solution, i: int, starts: Array, ends: Arr
         stays = np.where(rising == before, 0.5, 1.0)
         rise, fall, before = np.where(rising, rate, stays * rise), np.where(rising, stays * fall, rate), rising * 1
         low, high = np.where(rising, middle, low), np.where(rising, high, middle)
-    peaks = np.zeros(len(starts))
     for x in (samples[best], low, high):
         np.maximum.at(peaks, owner[best], np.abs(stops.force(path(x)[0])))
     return peaks, impulses
@@ -248,6 +264,35 @@ def panels(longest: float, starts: Array, ends: Array, decay: float = 0.0) -> tu
     return index, left, np.where(last, ends[index], np.append(left[1:], 0.0)) - left
 
 
+def work_of_damping(system: System, solution: Solution, edges: Array) -> tuple[Array, Array]:
+    """Between consecutive edges, which include every switch: what moving stops put in by -c d', and what stops take.
+
+        input = -int F_c o' dt, F_c = -c u' where pressed      taken = int c u'^2 dt where pressed, U where let go
+
+    By Gauss-Legendre quadrature, to rounding.
+    """
+    given, taken = np.zeros(len(edges) - 1), np.zeros(len(edges) - 1)
+    damped = [(i, c) for i, c in enumerate(system.contacts) if c.stops.damping > 0.0]
+    if not damped:
+        return given, taken
+    sides = solution.sides[np.maximum(np.searchsorted(solution.times, edges[:-1], "right") - 1, 0)]
+    owner, left, width = panels(solution.shortest_period, edges[:-1], edges[1:], solution.fastest_decay)
+    for part in np.array_split(np.arange(len(left)), max(1, len(left) // 20_000)):
+        t = (left[part][:, None] + width[part][:, None] * (NODES + 1.0) / 2.0).ravel()
+        for i, contact in damped:
+            side = sides[owner[part], i].repeat(len(NODES))
+            u, v = solution.observed(t, contact.row)
+            o, rate = solution.offset(system, i)(t)
+            u, v = u + o, v + rate
+            drag = np.where(np.abs(side) == 1, float(contact.stops.damping) * v, 0.0)
+            spring = np.where(
+                np.abs(side) == LET_GO, -float(contact.stops.stiffness) * contact.stops.penetration(u), 0.0
+            )
+            for total, power in ((given, drag * rate), (taken, (drag + spring) * v)):
+                np.add.at(total, owner[part], power.reshape(-1, len(NODES)) @ WEIGHTS * width[part] / 2.0)
+    return given, taken
+
+
 def exact_ledger(system: System, solution: Solution, times: Array) -> Ledger:
     """The exact flow's ledger at increasing times.
 
@@ -256,8 +301,10 @@ def exact_ledger(system: System, solution: Solution, times: Array) -> Ledger:
     """
     edges = np.unique(np.concatenate([solution.times[solution.times < times[-1]], times, [0.0]]))
     where = np.searchsorted(edges, times)
-    given, taken = (np.concatenate([[0.0], np.cumsum(x)])[where] for x in solution.work(system, edges))
+    works = *solution.work(system, edges), *work_of_damping(system, solution, edges)
+    given, taken, moved, stops = (np.concatenate([[0.0], np.cumsum(x)])[where] for x in works)
+    given = given + moved
     energies = system.energies(times, *solution.states(times))
     start = np.zeros(1)
-    loss = system.energy(start, *solution.states(start))[0] - sum(energies) + given - taken
-    return Ledger(times, *energies, given, taken, loss, contact=np.zeros(len(times)), free=loss)
+    loss = system.energy(start, *solution.states(start))[0] - sum(energies) + given - taken - stops
+    return Ledger(times, *energies, given, taken, loss, np.zeros(len(times)), loss, stops)

@@ -14,7 +14,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,28 +21,12 @@ from numpy.typing import NDArray
 from ...basics.arrays import Array
 from ...model.drive import Drive
 from ...model.system import System
-from .polynomial_answer import forced
-
-Complex = Any  # arrays of complex128
-
-
-@dataclass(frozen=True, eq=False)
-class Regime:
-    """lambda: (k,). W: (n, k). from_q, from_v: (k, n), c = from_q q + from_v q' of the homogeneous part.
-    response: X (n, 1 + F) complex, to the constant and to exp(i Omega t) of every drive frequency.
-    push: (k, R), c' = lambda c + push r(t) under the records r."""
-
-    eigenvalues: Complex
-    W: Complex
-    from_q: Complex
-    from_v: Complex
-    response: Complex
-    push: Complex
+from .exponential_regime import Complex, Regime, phasors, spin_of
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ExponentialSolution:
-    """The pieces: at times[i] the contacts are on the sides[i] (m,), homogeneous coefficients c[i]."""
+    """The pieces: at times[i] the contacts are on the sides[i] (m,), see damped_stops; homogeneous parts c[i]."""
 
     drive: Drive
     regimes: dict[tuple[int, ...], Regime]
@@ -78,8 +61,8 @@ class ExponentialSolution:
     def flow(self, piece: int, tau: float, dq: Array, dv: Array) -> tuple[Array, Array]:
         """The homogeneous flow of a piece's regime over tau: (n, k) -> (n, k)."""
         regime = self.regime(piece)
-        c = (regime.from_q @ dq + regime.from_v @ dv) * np.exp(regime.eigenvalues * tau)[:, None]
-        return (regime.W @ c).real, (regime.W @ (regime.eigenvalues[:, None] * c)).real
+        y = regime.free(regime.from_q @ dq + regime.from_v @ dv, tau)
+        return (regime.W @ y).real, (regime.W_rate @ y).real
 
     @property
     def shortest_period(self) -> float:
@@ -89,13 +72,16 @@ class ExponentialSolution:
 
     @property
     def fastest_decay(self) -> float:
+        """The largest decay rate of any mode in any regime, 1/time."""
         return max(float(-np.min(r.eigenvalues.real, initial=0.0)) for r in self.regimes.values())
 
-    def press(self, system: System, contact: int, starts: Array, ends: Array) -> tuple[Array, Array]:
-        """Peak |sigma| and the integral of |sigma| in the spans [starts, ends] (k,) of contact."""
-        from .exact_measures import pressed
+    def press(
+        self, system: System, contact: int, starts: Array, ends: Array, sides: NDArray[np.int64]
+    ) -> tuple[Array, Array]:
+        """Peak |sigma| and the integral of |sigma| in the spans [starts, ends] (k,) of contact on ``sides``."""
+        from .exact_measures import pressed_by
 
-        return pressed(system, self, contact, starts, ends)
+        return pressed_by(system, self, contact, starts, ends, sides)
 
     def offset(self, system: System, channel: int) -> Callable[[Array], tuple[Array, Array]]:
         """o(t) and o'(t) of a channel."""
@@ -135,33 +121,30 @@ class ExponentialSolution:
         regimes, coefficients, which, place = self._by_regime
         shape = (len(t), *np.shape(row)[:-1])
         u, v = np.empty(shape), np.empty(shape)
-        rates = 1j * np.array([0.0, *self.drive.frequencies])
         own = which[piece]
         for i, regime in enumerate(regimes):
             here = np.flatnonzero(own == i)
-            W, X = row @ regime.W, row @ regime.response
+            moved, response = ((row @ regime.W).T, (row @ regime.response).T)
+            moved_rate, response_rate = (row @ regime.W_rate).T, (row @ regime.response_rate).T
             terms = len(regime.eigenvalues) * (1 + self.drive.order)
             for part in np.array_split(here, max(1, len(here) * terms // 1_000_000)):
                 if not len(part):
                     continue
-                spin, at = spin_of(self.drive, t[part]), piece[part]
-                moving = np.exp(np.multiply.outer(t[part] - self.times[at], regime.eigenvalues))
-                moving *= coefficients[i][place[at]]
-                if self.drive.records:
-                    force, answer = regime.push @ self.drive.polynomials(self.times[at]), np.empty_like(moving)
-                    forced(regime.eigenvalues, t[part] - self.times[at], force, answer)
-                    moving += answer
-                u[part] = (moving @ W.T).real + (spin @ X.T).real
-                v[part] = ((moving * regime.eigenvalues) @ W.T).real + ((spin * rates) @ X.T).real
+                at, spin = piece[part], spin_of(self.drive, t[part])
+                begun = self.times[at]
+                force = regime.push @ self.drive.polynomials(begun)
+                y = regime.ahead(coefficients[i][place[at]], spin_of(self.drive, begun), force, t[part] - begun)
+                u[part] = (y @ moved).real + (spin @ response).real
+                v[part] = (y @ moved_rate).real + (spin @ response_rate).real
         return u, v
 
     def work(self, system: System, edges: Array) -> tuple[Array, Array]:
         """Work of the loads and viscous loss between consecutive edges, which include every switch.
 
         Products of exponentials, integrated in closed form: int_0^h exp(z s) ds = h (exp(z h) - 1)/(z h).
-        With records by quadrature, see ``measured_work``.
+        With records or chains by quadrature, see ``measured_work``.
         """
-        if self.drive.records:
+        if self.drive.records or any(regime.chains for regime in self.regimes.values()):
             return measured_work(self, system, edges)
         force = phasors(self.drive.split(system.loads, system.size)[0])  # (1 + F, n)
         offsets = phasors(self.drive.offsets(system)[0])  # (1 + F, channels)
@@ -178,7 +161,7 @@ class ExponentialSolution:
             q = np.concatenate([moving, regime.response * spin], axis=1)
             for i, contact in enumerate(system.contacts):
                 side = self.sides[piece[j], i]
-                if side and contact.offset is not None:
+                if abs(side) == 1 and contact.offset is not None:
                     # F = kappa (g - row q - o), a sum of exponentials with the constant among them
                     o = offsets[:, i] * spin
                     depth = contact.row @ q
@@ -246,13 +229,3 @@ def graded(longest: float, decay: float, edges: Array) -> tuple[NDArray[np.int64
         lefts.append(a + cuts[:-1])
         widths.append(np.diff(cuts))
     return np.concatenate(owners), np.concatenate(lefts), np.concatenate(widths)
-
-
-def spin_of(drive: Drive, t: Array) -> Complex:
-    """(1, exp(i Omega t), ...), (k, 1 + F)."""
-    return np.exp(1j * np.multiply.outer(t, np.array([0.0, *drive.frequencies])))
-
-
-def phasors(basis: Array) -> Complex:
-    """Rows g(t) @ basis (d, ...) as complex amplitudes of (1, exp(i Omega t), ...): cosine - i sine."""
-    return np.concatenate([basis[:1].astype(complex), basis[2::2] - 1j * basis[1::2]])

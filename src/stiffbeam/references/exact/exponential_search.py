@@ -6,8 +6,10 @@ import math
 
 import numpy as np
 
+from ...basics.arrays import Array, IntArray
 from ...basics.compiled import compiled
 from ...trajectory.trajectory import SolverFailure
+from .chains import differences, largest
 from .polynomial_answer import answers, forced_derivatives, forced_sizes
 from .touching import (
     CLOSES,
@@ -27,7 +29,7 @@ from .touching import (
 
 
 @compiled
-def derivatives(sigma, omega, real, imaginary, tau, d, b):
+def derivatives(sigma: Array, omega: Array, real: Array, imaginary: Array, tau: float, d: Array, b: Array) -> None:
     """The derivatives of Re sum_k (real + i imaginary)_k exp((sigma_k + i omega_k) tau) at tau into d, and the
     sizes of its terms into b, (ORDER + 1,)."""
     d[:] = 0.0
@@ -48,15 +50,20 @@ def derivatives(sigma, omega, real, imaginary, tau, d, b):
 
 
 @compiled
-def search(sigma, omega, real, imaginary, chi, g1, g2, resting, t_start, t_end, eigenvalues, seen, shift):
+def search(
+    sigma: Array, omega: Array, real: Array, imaginary: Array, chi: IntArray, g1: Array, g2: Array, resting: IntArray,
+    t_start: float, t_end: float, eigenvalues: Array, seen: Array, shift: Array, nodes: Array, counts: IntArray,
+    chained: Array,
+) -> tuple[float, int, int, int]:  # fmt: skip
     """The first switch of m contacts whose positions are
 
-        u_c(tau) = Re [sum_k a_ck exp((sigma_k + i omega_k) tau) + sum_kj seen_ckj psi_j(lambda_k, tau)]
-                   + sum_j shift_cj tau^j
+        u_c(tau) = Re [sum_k a_ck exp((sigma_k + i omega_k) tau) + sum_kj seen_ckj psi_j(lambda_k, tau)
+                       + sum_bj chained_cb0j D_bj(tau)] + sum_j shift_cj tau^j
 
     a = real + i imaginary: (m, K); sigma <= 0. eigenvalues: lambda (k,); seen: (m, k, P), shift: (m, P), the
     forces and offsets that are polynomials (polynomial_answer.py); P = 0 where there are none, else t_end is
-    as far as they go. chi, g1, g2: (m,). resting: (m,), not 0 for a contact
+    as far as they go. nodes: (b, K), counts: (b,), chained: (m, b, ORDER + 1, K), the terms of
+    chains and their derivatives (chains.py). chi, g1, g2: (m,). resting: (m,), not 0 for a contact
     that has switched at t_start, so that its gap is exactly zero. Returns (tau, contact, side,
     evaluations); contact -1: none before t_end. Every gap that is open or closed is kept positive, see
     ``gap_step``. Raises SolverFailure as ``follow`` does.
@@ -73,11 +80,25 @@ def search(sigma, omega, real, imaginary, chi, g1, g2, resting, t_start, t_end, 
     if P > 0:
         for contact in range(m):
             forced_sizes(eigenvalues, seen[contact], shift[contact], t_end - t_start, pushed[contact])
+    chains, most = nodes.shape
+    D = np.empty((chains, most), np.complex128)
+    reaches = np.empty((chains, most))
+    widest = 0.0
+    for b in range(chains):
+        for k in range(counts[b]):
+            widest = max(widest, abs(nodes[b, k]))
     tau = 0.0
     evaluations = faint = 0
     while True:
         evaluations += 1
         step = math.inf
+        if chains > 0:  # what grows is bounded for one radian of the chains at a time
+            step = t_end - t_start - tau
+            if widest * step > 1.0:
+                step = 1.0 / widest
+            for b in range(chains):
+                differences(nodes[b, : counts[b]], tau, D[b])
+                largest(nodes[b], counts[b], tau, step, reaches[b])
         if P > 0:
             for k in range(eigenvalues.size):
                 answers(eigenvalues[k], tau, psi[k])
@@ -91,12 +112,19 @@ def search(sigma, omega, real, imaginary, chi, g1, g2, resting, t_start, t_end, 
                 for k in range(eigenvalues.size):
                     x = seen[contact, k, j] * psi[k, j]
                     u += x.real
-                    speed += (eigenvalues[k] * x).real
+                    speed += (eigenvalues[k] * x).real + seen[contact, k, j].real * tau**j
             for j in range(P - 1, 0, -1):
                 speed = speed + j * shift[contact, j] * tau ** (j - 1)
                 u = u + shift[contact, j] * tau**j
             if P > 0:
                 u += shift[contact, 0]
+            for b in range(chains):
+                for j in range(counts[b]):
+                    u += (D[b, j] * chained[contact, b, 0, j]).real
+                    speed += (D[b, j] * chained[contact, b, 1, j]).real
+                    b0 += reaches[b, j] * abs(chained[contact, b, 0, j])
+                    b2 += reaches[b, j] * abs(chained[contact, b, 2, j])
+                    b3 += reaches[b, j] * abs(chained[contact, b, 3, j])
             for k in range(K):
                 decay = math.exp(sigma[k] * tau)
                 c = math.cos(omega[k] * tau)
@@ -128,6 +156,11 @@ def search(sigma, omega, real, imaginary, chi, g1, g2, resting, t_start, t_end, 
                     if P > 0:
                         forced_derivatives(eigenvalues, seen[contact], shift[contact], tau, series)
                         sizes += pushed[contact]
+                    for b in range(chains):
+                        for i in range(ORDER + 1):
+                            for j in range(counts[b]):
+                                series[i] += (D[b, j] * chained[contact, b, i, j]).real
+                                sizes[i] += reaches[b, j] * abs(chained[contact, b, i, j])
                     as_gap(series, sizes, sign, stop, zero)
                     safe, verdict = taylor_step(series, sizes, nu, zero)
                     if verdict == UNCLEAR and abs(series[1]) > 2.0 * nu * sizes[1]:

@@ -3,25 +3,26 @@
 from __future__ import annotations
 
 import time
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...basics.arrays import Array
 from ...basics.budget import Forecast
-from ...basics.validation import InputError
 from ...model.drive import Drive
 from ...model.modes import undamped_modes
 from ...model.system import System
-from .exponential import Complex, ExponentialSolution, Regime, phasors, spin_of
+from .chains import seen_by
+from .damped_stops import LET_GO, next_side, pressed, side_of, watched
+from .exponential import ExponentialSolution
+from .exponential_regime import Complex, Regime, phasors, regime_of, spin_of
 from .exponential_search import search
-from .polynomial_answer import forced
-from .rounding import Perturbation, perturbed_modes, rounded_sum
+from .rounding import Perturbation, rounded_sum
 from .switching import search as leap
 from .terms import OMEGA, SIGMA, SQUARE, X, Y, layout, tabulate
-from .undamped_tracer import EVENTS_PER_CALL, refuse_accumulation, refuse_resonance
-
-CONDITION_LIMIT = 1e8  # of the eigenvectors: beyond it eight digits are lost
+from .touching import ORDER
+from .undamped_tracer import EVENTS_PER_CALL, refuse_accumulation
 
 
 class ExponentialTracer:
@@ -38,17 +39,20 @@ class ExponentialTracer:
         one, none = np.zeros(1), np.zeros((0, 1))
         index = np.zeros(0, np.int64)
         nothing = np.zeros((0, 0, 0), complex), np.zeros((0, 0))
-        blank = layout(1, 1, 0)
-        leap(*blank, *tabulate(blank[0], False), np.zeros(1, np.int64), one, one, np.zeros(1, np.int64), 0.0, 0.0)
-        search(one, one, none, none, index, np.zeros(0), np.zeros(0), index, 0.0, 0.0, one[:0] + 0j, *nothing)
+        chains = np.zeros((0, 0), complex), index, np.zeros((0, 0, 0, 0), complex)
+        search(one, one, none, none, index, np.zeros(0), np.zeros(0), index, 0.0, 0.0, one[:0] + 0j, *nothing, *chains)
+        blank, still = layout(1, 1, 0), np.zeros(1, np.int64)
+        leap(*blank, *tabulate(blank[0], False), still, one, one, still, 0.0, 0.0)
         self.compile_seconds = time.perf_counter() - compiling
 
     def solve(self, t_end: float) -> ExponentialSolution:
         """The solution on [0, t_end] from the initial data."""
         q, v = _start(self.system, self.perturbation)
-        u = self.system.positions(0.0, q)
-        sides = tuple(int(c.stops.state(x)) for c, x in zip(self.system.contacts, u, strict=False))
-        return self.trace(0.0, sides, q, v, -1, t_end)
+        sides = []
+        for i, contact in enumerate(self.system.contacts):
+            o, rate = self.drive.offset(self.system, i)(np.zeros(1))
+            sides.append(side_of(contact.stops, float(contact.row @ q + o[0]), float(contact.row @ v + rate[0])))
+        return self.trace(0.0, tuple(sides), q, v, -1, t_end)
 
     def trace(
         self, t: float, sides: tuple[int, ...], q: Array, v: Array, resting: int, t_end: float
@@ -65,17 +69,18 @@ class ExponentialTracer:
         while True:
             key = tuple(chi)
             if key not in self.regimes:
-                self.regimes[key] = regime_of(system, drive, key, self.perturbation)
+                closed = tuple(pressed(key).tolist())
+                made = self.regimes.get(closed) or regime_of(system, drive, closed, t_end, self.perturbation)
+                self.regimes[key] = made
             regime = self.regimes[key]
-            response = regime.response * spin_of(drive, np.array([t]))[0]
+            spin = spin_of(drive, np.array([t]))[0]
             if carried is None:
-                c = regime.from_q @ (q - response.real.sum(1))
-                c += regime.from_v @ (v - (1j * drive_rates * response).real.sum(1))
+                c = regime.coefficients(q, v, spin)
                 if rng is not None and self.perturbation is not None:
                     # The time and every term of the sums above are rounded.
                     c *= 1.0 + regime.eigenvalues * t * self.perturbation.state * rng.uniform(-1.0, 1.0)
-                    terms = rounded_sum(regime.from_q, np.abs(q) + np.abs(response).sum(1))
-                    terms += rounded_sum(regime.from_v, np.abs(v) + np.abs(drive_rates * response).sum(1))
+                    terms = rounded_sum(regime.from_q, np.abs(q) + np.abs(regime.response).sum(1))
+                    terms += rounded_sum(regime.from_v, np.abs(v) + np.abs(regime.response_rate).sum(1))
                     c += self.perturbation.state * terms * (rng.uniform(-1.0, 1.0, (2, len(c))).T @ [1.0, 1j])
             else:
                 c = carried
@@ -88,14 +93,12 @@ class ExponentialTracer:
             if contact < 0 or t + tau >= edge:
                 if edge >= t_end:
                     break
-                carried = self._carried(regime, c, force, edge - t, rng)
+                carried = self._carried(regime, c, spin, force, edge - t, rng)
                 t, switched = edge, np.zeros(len(chi), bool)
                 continue
-            moving, carried = answered(regime, c, force, tau), None
-            ahead = response * np.exp(1j * drive_rates * tau)
-            q = (regime.W @ moving).real + ahead.real.sum(1)
-            v = (regime.W @ (regime.eigenvalues * moving)).real + (1j * drive_rates * ahead).real.sum(1)
-            chi[contact] = side if chi[contact] == 0 else 0
+            moving, carried = regime.ahead(c[None], spin[None], force[None], np.array([tau]))[0], None
+            q, v = regime.state(moving, spin * np.exp(1j * drive_rates * tau))
+            chi[contact] = side
             if t + tau > t:
                 switched[:] = False
             switched[contact] = True
@@ -110,25 +113,15 @@ class ExponentialTracer:
         return ExponentialSolution(drive, self.regimes, np.array(times), sides_array, coefficients, evaluations)
 
     def _carried(
-        self, regime: Regime, c: Complex, force: Complex, tau: float, rng: np.random.Generator | None
+        self, regime: Regime, c: Complex, spin: Complex, force: Complex, tau: float, rng: np.random.Generator | None
     ) -> Complex:
         """The coefficients at the end of a piece that goes on in the same regime."""
-        ahead = answered(regime, c, force, tau)
+        ahead = regime.ahead(c[None], spin[None], force[None], np.array([tau]))[0]
         if rng is not None and self.perturbation is not None:
             forces = np.sum(np.abs(force) * tau ** np.arange(1, 1 + force.shape[1]), axis=1)  # without cancellation
             size = self.perturbation.state * (np.abs(ahead) + np.minimum(forces, np.abs(c) + np.abs(ahead)))
             ahead = ahead + size * (rng.uniform(-1.0, 1.0, (2, len(c))).T @ [1.0, 1j])
         return ahead
-
-
-def answered(regime: Regime, c: Complex, force: Complex, tau: float) -> Complex:
-    """The coefficients (k,) at tau after c, under the ``force`` (k, P) of the records."""
-    ahead = c * np.exp(regime.eigenvalues * tau)
-    if force.shape[1]:
-        answer = np.empty((1, len(c)), complex)
-        forced(regime.eigenvalues, np.array([tau]), force[None], answer)
-        ahead = ahead + answer[0]
-    return ahead
 
 
 class Gaps:
@@ -141,48 +134,60 @@ class Gaps:
         shifts, rest = drive.offsets(system)
         self.offsets = phasors(shifts)[:, :m].T  # (m, 1 + F)
         self.recorded = drive.recorded(rest, shifts.shape[1])[:, :m].T  # (m, R)
-        self.tables: dict[int, tuple] = {}  # by regime, which is kept beside its own
         self.g1, self.g2 = (np.array([getattr(c.stops, side) for c in system.contacts]) for side in ("g1", "g2"))
+        self.lags = np.array([float(c.stops.damping) / float(c.stops.stiffness) for c in system.contacts])
+        self.tables: dict[Regime, tuple[NDArray[np.int64], Array, Array, Array]] = {}
 
     def next_switch(
         self, regime: Regime, c: Complex, chi: NDArray[np.int64], switched: NDArray[np.bool_], t: float, t_end: float
     ) -> tuple[float, int, int, int]:
-        """(tau, contact, side, evaluations) of the first switch after t, contact -1 where there is none.
+        """(tau, contact, its new side, evaluations) of the first switch after t, contact -1 where there is none.
 
-        c: the coefficients at t. switched: (m,), the contacts that have switched at t. Up to t_end every record is
-        one polynomial.
+        c: the coefficients at t. chi: the sides now. switched: (m,), the contacts that have switched at t. Up to t_end
+        every record is one polynomial.
         """
         spin, records = spin_of(self.drive, np.array([t]))[0], self.drive.polynomials(t)
-        W = self.rows @ regime.W
+        alone = regime.single
+        W = (self.rows @ regime.W) * alone
         rates: Complex = np.concatenate([regime.eigenvalues, self.rates])
         a: Complex = np.concatenate([W * c, (self.rows @ regime.response + self.offsets) * spin], axis=1)
-        if not self.drive.records:
-            return self._leap(regime, rates, a, chi, switched, t, t_end)
-        parts = (np.ascontiguousarray(x) for x in (np.minimum(rates.real, 0.0), rates.imag, a.real, a.imag))
-        pushed = regime.eigenvalues, W[:, :, None] * (regime.push @ records), self.recorded @ records
-        return search(*parts, chi, self.g1, self.g2, switched.astype(np.int64), t, t_end, *pushed)
+        force = regime.push @ records
+        seen, shift = W[:, :, None] * force, self.recorded @ records
+        nodes, counts, chained = seen_by(regime.chains, self.rows @ regime.W, c, spin, force, ORDER + 1)
+        at, lags, sides, g1, g2, resting = np.arange(len(chi)), np.zeros(len(chi)), chi, self.g1, self.g2, switched
+        if np.any(self.lags):  # what is watched of a damped stop is d or the sign of its force
+            at, lags, sides, own = (np.array(x) for x in zip(*watched(chi.tolist(), self.lags), strict=True))
+            now = chained[:, :, :2, :1].sum((1, 3)).real  # what chains add to u and u'
+            d = a.real.sum(1)[at] + now[at, 0] - np.where(chi[at] > 0, g2[at], g1[at])
+            y = d + lags * ((a * rates).real.sum(1)[at] + now[at, 1])
+            resting = switched[at] & np.where(np.abs(chi[at]) == LET_GO, own, (lags == 0.0) | (np.abs(y) < np.abs(d)))
+            a, seen, shift = a[at] * (1.0 + np.outer(lags, rates)), seen[at], shift[at]
+            seen = seen * (1.0 + np.outer(lags, regime.eigenvalues))[:, :, None]
+            chained = chained[at] + lags[:, None, None, None] * np.roll(chained[at], -1, axis=2)
+            g1, g2 = np.where(own & (chi[at] > 0), -np.inf, g1[at]), np.where(own & (chi[at] < 0), np.inf, g2[at])
+        gaps = np.ascontiguousarray(sides), g1, g2, resting.astype(np.int64), t, t_end
+        if self.drive.records or regime.chains:
+            parts = (np.ascontiguousarray(x) for x in (np.minimum(rates.real, 0.0), rates.imag, a.real, a.imag))
+            tau, which, met, used = search(*parts, *gaps, regime.eigenvalues, seen, shift, nodes, counts, chained)
+        else:
+            tau, which, met, used = self._leap(regime, rates, a, gaps)
+        if which < 0:
+            return tau, -1, 0, used
+        contact = int(at[which])
+        return tau, contact, next_side(int(chi[contact]), met, bool(lags[which])), used
 
-    def _leap(
-        self,
-        regime: Regime,
-        rates: Complex,
-        a: Complex,
-        chi: NDArray[np.int64],
-        switched: NDArray[np.bool_],
-        t: float,
-        t_end: float,
-    ) -> tuple[float, int, int, int]:
-        """``next_switch`` of the exponentials Re sum_k a_ck exp(rates_k tau) alone, see terms.py."""
-        if id(regime) not in self.tables:
+    def _leap(self, regime: Regime, rates: Complex, a: Complex, gaps: tuple[Any, ...]) -> tuple[float, int, int, int]:
+        """``search`` among the exponentials Re sum_k a_ck exp(rates_k tau) alone, by leaps."""
+        if regime not in self.tables:
             order = np.argsort(np.abs(rates), kind="stable")
-            speeds, terms, seen, pairs = layout(len(self.rows), len(rates), 0)
+            speeds = np.zeros((6, len(rates)))
             speeds[SIGMA], speeds[OMEGA] = np.minimum(rates.real, 0.0)[order], rates.imag[order]
             speeds[SQUARE] = speeds[OMEGA] ** 2
-            table = tabulate(speeds, bool(np.any(speeds[SIGMA])))
-            self.tables[id(regime)] = regime, order, (speeds, terms, seen, pairs, *table)
-        _, order, (speeds, terms, *rest) = self.tables[id(regime)]
+            self.tables[regime] = order, speeds, *tabulate(speeds, bool(np.any(speeds[SIGMA])))
+        order, speeds, *table = self.tables[regime]
+        _, terms, *rest = layout(len(a), len(rates), 0)
         terms[:, X], terms[:, Y] = a.real[:, order], -speeds[OMEGA] * a.imag[:, order]
-        return leap(speeds, terms, *rest, chi, self.g1, self.g2, switched.astype(np.int64), t, t_end)
+        return leap(speeds, terms, *rest, *table, *gaps)
 
 
 def _start(system: System, perturbation: Perturbation | None) -> tuple[Array, Array]:
@@ -198,82 +203,3 @@ def _start(system: System, perturbation: Perturbation | None) -> tuple[Array, Ar
             place = speed / slowest
         q, v = q + place * rng.uniform(-1, 1, len(q)) / len(q) ** 2, v + speed * rng.uniform(-1, 1, len(v))
     return q, v
-
-
-def regime_of(system: System, drive: Drive, chi: tuple[int, ...], perturbation: Perturbation | None = None) -> Regime:
-    """The regime with every contact on the given side, 0 free. Raises InputError where its eigenvectors
-    do not span the motion: a rigid-body motion, critical damping, a resonant drive."""
-    closed = [(i, c, side) for i, (c, side) in enumerate(zip(system.contacts, chi, strict=True)) if side]
-    springs = tuple((c.row, c.stops.spring(side)[0]) for _, c, side in closed)
-    basis = undamped_modes(system, springs)
-    omega, shapes = basis.omega, basis.shapes
-    if omega[0] <= 1e-12 * omega[-1]:
-        raise InputError(
-            "stiffness",
-            f"a rigid-body motion with contacts {chi}",
-            "hold the system in every regime",
-            "use method='cvode'",
-        )
-    rng = None
-    if perturbation is not None:
-        rng = np.random.default_rng([perturbation.seed, *(side + 1 for side in chi)])
-        basis = perturbed_modes(system, springs, basis, perturbation.frequency, rng)
-        omega, shapes = basis.omega, basis.shapes
-    force, rest = drive.split(system.loads, system.size)
-    offsets, moving = drive.offsets(system)
-    records, moved = drive.recorded(rest, system.size), drive.recorded(moving, offsets.shape[1])
-    for i, contact, side in closed:
-        # sigma = kappa (gap - row q - offset): the first term is a load, the second in the matrix.
-        kappa, constant = contact.stops.spring(side)
-        force = force - kappa * np.outer(offsets[:, i], contact.row)
-        records = records - kappa * np.outer(moved[:, i], contact.row)
-        force[0] += constant * contact.row
-    modal_force = phasors(force) @ shapes  # (1 + F, n)
-    push = records @ shapes  # (R, n)
-    damping = shapes.T @ system.damping @ shapes
-    to_modal = shapes.T @ system.mass
-    order = np.arange(2 * system.size)
-    if rng is not None and perturbation is not None:
-        size = perturbation.state
-        modal_force += size * rounded_sum(phasors(force), shapes) * rng.uniform(-1.0, 1.0, modal_force.shape)
-        push += size * rounded_sum(records, shapes) * rng.uniform(-1.0, 1.0, push.shape)
-        damping += (
-            size * rounded_sum(shapes.T, rounded_sum(system.damping, shapes)) * rng.uniform(-1.0, 1.0, damping.shape)
-        )
-        # Shapes that are not quite inverse to the way into them err alike at every switch.
-        to_modal += size * rounded_sum(shapes.T, system.mass) * rng.uniform(-1.0, 1.0, to_modal.shape)
-        shapes = shapes * (1.0 + size * rng.uniform(-1.0, 1.0, shapes.shape))
-        order = rng.permutation(order)  # the eigenvalue algorithm rounds otherwise
-    response = np.empty((system.size, len(modal_force)), complex)
-    gains = np.tile(omega**2, (len(modal_force), 1)) - np.array([0.0, *drive.frequencies])[:, None] ** 2
-    if not system.damped:
-        refuse_resonance(gains, modal_force, omega, np.array([0.0, *drive.frequencies]), chi)
-    for k, frequency in enumerate([0.0, *drive.frequencies]):
-        matrix = np.diag(gains[k]) + 1j * frequency * damping
-        # Row by row to size one, so that the stiff modes do not drown the soft ones.
-        response[:, k] = shapes @ np.linalg.solve(matrix / omega[:, None] ** 2, modal_force[k] / omega**2)
-    if not system.damped:
-        return Regime(
-            1j * omega, shapes.astype(complex), to_modal.astype(complex), -1j / omega[:, None] * to_modal, response,
-            -1j / omega[:, None] * push.T,
-        )  # fmt: skip
-    # (omega eta, eta')' = [[0, Omega], [-Omega, -damping]] (omega eta, eta'), normal without damping.
-    n = system.size
-    A = np.block([[np.zeros((n, n)), np.diag(omega)], [-np.diag(omega), -damping]])
-    eigenvalues: Complex
-    vectors: Complex
-    eigenvalues, vectors = (x.astype(complex) for x in np.linalg.eig(A[np.ix_(order, order)]))
-    vectors = vectors[np.argsort(order)]
-    condition = float(np.linalg.cond(vectors))
-    if condition > CONDITION_LIMIT:
-        raise InputError(
-            "damping", f"eigenvectors of condition {condition:.1g}", f"keep it below {CONDITION_LIMIT:g}",
-            "a mode is critically damped to rounding: change the damping a little or use method='cvode'",
-        )  # fmt: skip
-    inverse = np.linalg.inv(vectors)
-    keep = eigenvalues.imag >= 0.0
-    weight = np.where(eigenvalues.imag > 0.0, 2.0, 1.0)[keep]
-    eigenvalues = np.minimum(eigenvalues.real, 0.0)[keep] + 1j * eigenvalues.imag[keep]
-    W = shapes @ (vectors[:n, keep] / omega[:, None]) * weight
-    from_q = inverse[keep, :n] @ (omega[:, None] * to_modal)
-    return Regime(eigenvalues, W, from_q, inverse[keep, n:] @ to_modal, response, inverse[keep, n:] @ push.T)

@@ -98,7 +98,8 @@ class Tracer:
             held = tuple(sorted(self.held))
             c, R = model.stretch(self.t, self.q, self.v, held)
             self._record(held)
-            longest = min(t_end - self.t, self.radians / model.fastest if model.fastest else math.inf)
+            edge = model.next_edge(self.t, t_end)
+            longest = min(edge - self.t, self.radians / model.fastest if model.fastest else math.inf)
             event = self._next(c, R, held, longest)
             s = longest if event is None else event[0]
             if not s > 0.0 and event is None:
@@ -108,7 +109,7 @@ class Tracer:
             still = 0 if now > self.t else still + 1
             if still > MOST_AT_ONCE:
                 raise SolverFailure("exact", now, f"{MOST_AT_ONCE} events at one time", "use integrate")
-            self.t = t_end if event is None and longest == t_end - self.t else now
+            self.t = edge if event is None and longest == edge - self.t else now
             self.fresh = {}
             if event is not None:
                 _, contact, side, lets_go = event
@@ -138,7 +139,7 @@ class Tracer:
         gap[0] += side * (stops.g2 if side > 0 else stops.g1)
         return gap
 
-    def _next(self, c: Array, R: Array, held: tuple[int, ...], longest: float):
+    def _next(self, c: Array, R: Array, held: tuple[int, ...], longest: float) -> tuple[float, int, int, bool] | None:
         """(after, contact, side, whether a held one lets go) of the first event, None for none in ``longest``."""
         first = None
         for i, contact in enumerate(held):
@@ -232,7 +233,7 @@ class Tracer:
         short = CHATTER * min(1.0 / self.model.fastest if self.model.fastest else math.inf, max(self.t, 1e-300))
         if e >= 1.0 or a <= 0.0 or not 2.0 * speed < short * a * (1.0 - e):
             return False
-        after, v = 0.0, speed
+        after, v = 0.0, speed  # a sample that comes before bends the rest by less than CHATTER of it
         while v > 1e-18 * speed:
             s = 2.0 * v / (0.5 * a + math.sqrt(max(0.25 * a * a + 2.0 / 3.0 * v * j, 0.0)))
             v = e * (a * s + 0.5 * j * s * s - v)

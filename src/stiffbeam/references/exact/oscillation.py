@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 
+from ...basics.arrays import Array
 from ...basics.compiled import compiled, in_order
 
 # pi/2 in three parts, the first of 33 bits: k times it is exact for |k| < 2^20.
@@ -16,7 +17,7 @@ MOST_RADIANS = 1.6e6  # that many quarters
 
 
 @compiled
-def oscillation(omega, tau):
+def oscillation(omega: float, tau: float) -> tuple[float, float, float]:
     """cos(omega tau), sin(omega tau)/omega, (1 - cos(omega tau))/omega^2, regular at omega = 0."""
     x = omega * tau
     if x > 1e-4:
@@ -28,7 +29,7 @@ def oscillation(omega, tau):
 
 
 @in_order
-def oscillations(omega, tau, c, s, v):
+def oscillations(omega: Array, tau: float, c: Array, s: Array, v: Array) -> None:
     """``oscillation`` of all modes omega (n,) at tau >= 0 into c, s, v (n,), in vector registers.
 
     Sine and cosine by the minimax polynomials of fdlibm on [-pi/4, pi/4], 1 ulp each.
@@ -68,7 +69,7 @@ def oscillations(omega, tau, c, s, v):
 
 
 @compiled
-def from_rest(omega, frequency, tau):
+def from_rest(omega: float, frequency: float, tau: float) -> tuple[float, float]:
     """C, S with C'' + omega^2 C = cos(frequency tau) and S'' + omega^2 S = sin(frequency tau), at rest at 0.
 
     With m, d = (omega +- frequency)/2: C = sin(m tau)/m sin(d tau)/d / 2, and near resonance S = (sin(m tau)/m
@@ -102,7 +103,9 @@ def from_rest(omega, frequency, tau):
 
 
 @compiled
-def pair(w, frequency, force_sine, force_cosine, start, tau):
+def pair(
+    w: float, frequency: float, force_sine: float, force_cosine: float, start: float, tau: float
+) -> tuple[float, float, float]:
     """eta, eta', eta'' at start + tau of a close pair: a mode w that answers a drive from rest at ``start``."""
     s = math.sin(frequency * start)
     c = math.cos(frequency * start)
@@ -116,7 +119,9 @@ def pair(w, frequency, force_sine, force_cosine, start, tau):
 
 
 @compiled
-def pair_sizes(w, frequency, force_sine, force_cosine, rest):
+def pair_sizes(
+    w: float, frequency: float, force_sine: float, force_cosine: float, rest: float
+) -> tuple[float, float, float]:
     """How large eta and eta' of a close pair can get within ``rest``, and its force.
 
     The answer to a force of size one is at most rest^2/2, rest/omega and 4/|omega^2 - Omega^2|.

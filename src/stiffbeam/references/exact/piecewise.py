@@ -17,11 +17,12 @@ from typing import Any, NamedTuple
 
 from ...basics.arrays import Array
 from ...basics.budget import afford
-from ...basics.validation import positive
+from ...basics.validation import InputError, positive
 from ...model.drive import Drive
 from ...model.modes import Modes, undamped_modes
+from ...model.sampled import Sampled
 from ...model.system import System
-from ...model.time_functions import covered
+from ...model.time_functions import covered, parts_of
 from ...trajectory.impacts import ContactRecord, Impacts
 from ...trajectory.trajectory import Reference, Work, versions
 from ..request import Request, output_times
@@ -29,6 +30,7 @@ from .audit import audit, within_float64
 from .exact_measures import Solution, entries, exact_ledger, path_of, record_of
 from .exponential_tracer import ExponentialTracer
 from .rounding import Perturbation
+from .undamped_regimes import Parts
 from .undamped_tracer import Tracer
 
 
@@ -51,10 +53,10 @@ def solve_exact(
 ) -> Reference:
     """The exact piecewise-linear solution in float64, with crossings that cannot be missed.
 
-    Takes any damping, any number of contacts, time functions made of Harmonic, Constant and Sampled; raises
-    InputError with the reason for other time functions, for a drive at resonance with several contacts and no
-    damping, and where regimes are too close to critical damping or to a rigid-body motion for their
-    eigenvectors. Without damping, with at most one contact and no samples all of it is compiled; else regimes
+    Takes any damping, critical too, free bodies, drives in resonance with any regime, any number of contacts, linear
+    stops, damped ones too (damped_stops.py), and time functions made of Harmonic, Constant and Sampled; raises
+    InputError with the reason for other time functions. Without damping, with at most one contact and no samples all
+    of it is compiled; else regimes
     are made as they are met. ``known`` keeps the modes of systems that share their matrices and contact row, see
     ``Tracer``. Contacts are recorded from ``since`` on. Raises SolverFailure where the search cannot go on,
     or the energy balance of what it found is open.
@@ -98,7 +100,7 @@ class Watched(NamedTuple):
 
 def copies(system: System, t_end: float, t: Array, size: float) -> Iterator[Watched]:
     """Copies of the exact solution without end, each perturbed by ``size`` in its own way; t: as in ``Watched``."""
-    plain = None if general(system) else Tracer(system, span=t_end)
+    plain = None if general(system) else Tracer(Parts(system, span=t_end))
     for seed in count():
         with within_float64("exact", t_end):
             perturbation = Perturbation(size, size, seed)
@@ -110,7 +112,8 @@ def copies(system: System, t_end: float, t: Array, size: float) -> Iterator[Watc
 
 def general(system: System) -> bool:
     """Whether it takes sums of complex exponentials: damping, several contacts, or sampled functions of time."""
-    return system.damped or len(system.contacts) > 1 or bool(Drive.of(system).records)
+    damped = system.damped or any(contact.stops.damping > 0.0 for contact in system.contacts)
+    return damped or len(system.contacts) > 1 or bool(Drive.of(system).records)
 
 
 def tracer_of(
@@ -119,11 +122,10 @@ def tracer_of(
     known: dict[float, Modes] | None = None,
     span: float = math.inf,
 ) -> Tracer | ExponentialTracer:
-    """What follows solutions of the system in float64; known, span: see ``Tracer``."""
+    """What follows solutions of the system in float64; known, span: see ``Parts``."""
     if general(system):
         return ExponentialTracer(system, perturbation)
-    tracer = Tracer(system, known, span)
-    return tracer if perturbation is None else tracer.perturbed(perturbation)
+    return Tracer(Parts(system, known, span), perturbation)
 
 
 def reference_of(
@@ -176,9 +178,12 @@ def afford_search(system: System, t_end: float) -> None:
 
 def refuse(system: System, t_end: float) -> None:
     """Raise InputError for laws that are not linear between their switches, for time functions without a closed
-    form, and for samples that end before t_end."""
+    form, for damped stops that move by samples, and for samples that end before t_end."""
     for contact in system.contacts:
-        contact.stops.require_linear("the exact solution")
+        contact.stops.require_linear("the exact solution", damped=True)
+        if contact.stops.damping > 0.0 and any(isinstance(part, Sampled) for part in parts_of(contact.offset)):
+            rule, remedy = "be made of Harmonic and Constant where the stop is damped", "use method='cvode'"
+            raise InputError("contact.offset", contact.offset, rule, remedy)
     drive = Drive.of(system)
     drive.recorded(drive.split(system.loads, system.size)[1], system.size)
     drive.recorded(drive.offsets(system)[1], len(system.channels))

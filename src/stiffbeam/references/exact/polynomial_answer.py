@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ...basics.arrays import Array
 from ...basics.compiled import compiled
 
 TERMS = 24  # of the series for |z| <= 2: the next is below 2^24/28!, 5e-23
@@ -20,7 +21,7 @@ SERIES = 2.0  # up to this |z|
 
 
 @compiled
-def answers(eigenvalue, tau, psi):
+def answers(eigenvalue: complex, tau: float, psi: Array) -> None:
     """psi_j(eigenvalue, tau) into psi (P,), P <= 4.
 
     Series and downward recursion phi_l = z phi_{l+1} + 1/l! for |z| <= 2, else upward phi_{l+1} = (phi_l - 1/l!)/z:
@@ -50,7 +51,7 @@ def answers(eigenvalue, tau, psi):
 
 
 @compiled
-def forced(eigenvalues, tau, force, out):
+def forced(eigenvalues: Array, tau: Array, force: Array, out: Array) -> None:
     """sum_j force[i, k, j] psi_j(eigenvalues[k], tau[i]) into out (times, k)."""
     psi = np.empty(force.shape[2], np.complex128)
     for i in range(tau.size):
@@ -63,10 +64,10 @@ def forced(eigenvalues, tau, force, out):
 
 
 @compiled
-def forced_derivatives(eigenvalues, seen, shift, tau, d):
+def forced_derivatives(eigenvalues: Array, seen: Array, shift: Array, tau: float, d: Array) -> None:
     """Add to d (ORDER + 1,) the derivatives at tau of Re sum_kj seen_kj psi_j(lambda_k, .) + sum_j shift_j tau^j.
 
-    ``seen`` are the forces as a row sees them, for which Re sum_k seen_kj = 0: a force makes no speed.
+    ``seen`` are the forces as a row sees them. A position's row has Re sum_k seen_kj = 0: a force makes no speed.
     """
     P = seen.shape[1]
     psi = np.empty(P, np.complex128)
@@ -77,9 +78,8 @@ def forced_derivatives(eigenvalues, seen, shift, tau, d):
             d[0] += (seen[k, j] * x).real
             power, factor = tau**j, 1.0 * j  # (tau^j)^(i), and what the next derivative multiplies it by
             for i in range(1, d.size):
-                x = eigenvalues[k] * x
+                x = eigenvalues[k] * x + power
                 d[i] += (seen[k, j] * x).real
-                x += power
                 power = factor * tau ** (j - i) if factor > 0.0 else 0.0
                 factor = factor * (j - i) if factor > 0.0 else 0.0
     for j in range(shift.size):
@@ -90,7 +90,7 @@ def forced_derivatives(eigenvalues, seen, shift, tau, d):
 
 
 @compiled
-def forced_sizes(eigenvalues, seen, shift, rest, b):
+def forced_sizes(eigenvalues: Array, seen: Array, shift: Array, rest: float, b: Array) -> None:
     """Bounds of the same derivatives over [0, rest], into b (ORDER + 1,).
 
     |psi_j| <= rest^(j+1)/(j+1), and by parts 2 rest^j/|lambda|; then psi' = lambda psi + tau^j.
@@ -109,9 +109,8 @@ def forced_sizes(eigenvalues, seen, shift, rest, b):
             b[0] += amplitude * x
             power, factor = rest**j, 1.0 * j
             for i in range(1, b.size):
-                x = size * x
+                x = size * x + power
                 b[i] += amplitude * x
-                x += power
                 power = factor * rest ** (j - i) if factor > 0.0 else 0.0
                 factor = factor * (j - i) if factor > 0.0 else 0.0
     for j in range(shift.size):

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from ...basics.arrays import Array
 from ...basics.compiled import compiled
 from .oscillation import pair
 from .terms import CONSTANT, END, LEVEL, OMEGA, RATE, SQUARE, S, U, V, carry, curvature
@@ -16,7 +17,7 @@ RIVAL = 0.96  # of the largest sample: what is less does not hide the peak, cos(
 
 
 @compiled
-def fastest_of(speeds, pairs):
+def fastest_of(speeds: Array, pairs: Array) -> float:
     """The largest frequency among the terms and close pairs."""
     found = speeds[OMEGA, speeds.shape[1] - 1]
     for k in range(pairs.shape[0]):
@@ -25,7 +26,10 @@ def fastest_of(speeds, pairs):
 
 
 @compiled
-def top(speeds, terms, seen, pairs, start, tau, width, sign, stop, rise, fall):
+def top(
+    speeds: Array, terms: Array, seen: Array, pairs: Array, start: float, tau: float, width: float, sign: float,
+    stop: float, rise: float, fall: float,
+) -> float:  # fmt: skip
     """The largest sign (u - stop) in [tau, tau + width], with rates ``rise`` > 0 at its start and ``fall`` < 0 at its
     end: Newton's method for u' = 0 inside the bracket. u is flat there: half the digits of the time give all of it."""
     low, high = tau, tau + width
@@ -52,7 +56,9 @@ def top(speeds, terms, seen, pairs, start, tau, width, sign, stop, rise, fall):
 
 
 @compiled
-def peak(speeds, terms, seen, pairs, start, a, b, sign, stop):
+def peak(
+    speeds: Array, terms: Array, seen: Array, pairs: Array, start: float, a: float, b: float, sign: float, stop: float
+) -> float:
     """The largest sign (u - stop) for tau in [a, b], 0 at least."""
     count = 1 + int((b - a) * fastest_of(speeds, pairs) / RADIANS)
     width = (b - a) / count
@@ -75,7 +81,9 @@ def peak(speeds, terms, seen, pairs, start, a, b, sign, stop):
 
 
 @compiled
-def area(speeds, terms, seen, pairs, start, a, b, stop):
+def area(
+    speeds: Array, terms: Array, seen: Array, pairs: Array, start: float, a: float, b: float, stop: float
+) -> float:
     """The integral of u - stop over tau in [a, b]: of every term x S + y V + level T, T = (tau - S)/omega^2, and of
     close pairs by Gauss-Legendre quadrature."""
     carry(speeds, terms, seen, pairs, False, start, a, 1)

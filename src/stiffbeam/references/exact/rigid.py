@@ -27,6 +27,7 @@ from .audit import audit, within_float64
 from .following import follow
 from .piecewise import reference_of, refuse
 from .undamped import Solution
+from .undamped_regimes import Parts
 from .undamped_tracer import QUIET, Tracer
 
 MOST_IMPACTS = 200_000
@@ -57,7 +58,7 @@ def rigid_limit(system: System, t_end: float, t_eval: Array | None = None) -> Re
 
 
 def _solve(system: System, t_end: float, t_eval: Array | None, begun: float) -> Reference:
-    tracer = Tracer(system)
+    tracer = Tracer(Parts(system))
     row = system.contacts[0].row
     kick = np.linalg.solve(system.mass, row)
     mass = 1.0 / float(row @ kick)  # what the stop feels
@@ -100,7 +101,7 @@ def _solve(system: System, t_end: float, t_eval: Array | None, begun: float) -> 
         found.contacts[0],
         force=np.full(len(found.t), np.nan),
         impacts=impacts,
-        peak_force=float("inf") if len(times) else 0.0,
+        peak_force=float("nan") if len(times) else 0.0,
         impulse=float(np.sum(impulses)),
     )
     return replace(found, contacts=(record,))

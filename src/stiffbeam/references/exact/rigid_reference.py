@@ -6,13 +6,14 @@ import math
 import time
 from dataclasses import asdict, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
 from ...basics.arrays import Array
 from ...basics.validation import InputError, positive
 from ...model.system import System
-from ...model.time_functions import evaluate, offset_rate, offset_values
+from ...model.time_functions import covered, evaluate, offset_rate, offset_values
 from ...trajectory.impacts import ContactRecord, Impacts
 from ...trajectory.ledger import Ledger
 from ...trajectory.trajectory import Reference, SolverFailure, Work, versions
@@ -26,10 +27,13 @@ LOST = 1e-9  # of the energy: what the balance may be open by
 GAUSS = np.polynomial.legendre.leggauss(10)
 
 
-def solve_rigid(system: System, t_end: float, t_eval: Array | None = None) -> Reference:
+def solve_rigid(
+    system: System, t_end: float, t_eval: Array | None = None, since: float = 0.0, trusted: bool = True
+) -> Reference:
     """The solution on [0, t_end] with rigid stops and Newton's law of restitution.
 
-    Takes any damping, several contacts, moving stops, loads made of Harmonic and Constant. Its horizon is the time to
+    Takes any damping, several contacts, moving stops, functions of time made of Harmonic, Constant and Sampled.
+    Contacts are recorded from ``since`` on. Its horizon, not a number unless ``trusted``, is the time to
     which it agrees with COPIES of itself, made of other stretches from a start whose velocities are off by a few
     roundings of the largest: in positions to APART of the largest, in impact times likewise. Raises InputError for
     compliant stops beside rigid ones, for stops without restitution, dependent contacts, other functions of time,
@@ -38,21 +42,18 @@ def solve_rigid(system: System, t_end: float, t_eval: Array | None = None) -> Re
     """
     begun = time.perf_counter()
     positive("t_end", t_end)
-    for contact in system.contacts:
-        if not contact.stops.rigid:
-            raise InputError("contacts", "rigid and compliant ones", "be all of one kind", "take stiff ones for inf")
-        if contact.stops.restitution is None:
-            remedy = "pass restitution=e, or for a contact node without mass use system.massless_contacts()"
-            raise InputError("stops.restitution", None, "be given for the exact solution with rigid stops", remedy)
+    require_rigid(system, t_end)
     t = output_times(t_eval, t_end)
     with within_float64("exact", t_end):
         solution = Tracer(system).solve(t_end)
-        found = _reference(system, solution, t, t_end, begun)
+        found = _reference(system, solution, t, t_end, begun, since)
         opened = np.max(np.abs(found.energy.loss))
         scale = np.max(np.abs(found.energy.energy)) + np.max(np.abs(found.energy.input))
         if opened > LOST * scale:
             reason = f"the energy balance is open, by {opened / scale:.2g} of the energy"
             raise SolverFailure("exact", t_end, reason, "use integrate")
+        if not trusted:
+            return found
         horizon = _horizon(system, found, t, t_end)
     provenance = found.provenance | {
         "horizon_against": f"{len(COPIES)} copies with other stretches and starts, to half the tolerance"
@@ -60,7 +61,18 @@ def solve_rigid(system: System, t_end: float, t_eval: Array | None = None) -> Re
     return replace(found, horizon=horizon, provenance=provenance)
 
 
-def _reference(system: System, solution: Solution, t: Array, t_end: float, begun: float) -> Reference:
+def require_rigid(system: System, t_end: float) -> None:
+    """Raise InputError unless all stops are rigid with restitution, and samples go on to t_end."""
+    for contact in system.contacts:
+        if not contact.stops.rigid:
+            raise InputError("contacts", "rigid and compliant ones", "be all of one kind", "take stiff ones for inf")
+        if contact.stops.restitution is None:
+            remedy = "pass restitution=e, or for a contact node without mass use system.massless_contacts()"
+            raise InputError("stops.restitution", None, "be given for the exact solution with rigid stops", remedy)
+    covered([*(f for _, f in system.loads), *(contact.offset for contact in system.contacts)], t_end)
+
+
+def _reference(system: System, solution: Solution, t: Array, t_end: float, begun: float, since: float) -> Reference:
     seconds = time.perf_counter() - begun
     q, v, R = solution.at(t)
 
@@ -69,13 +81,13 @@ def _reference(system: System, solution: Solution, t: Array, t_end: float, begun
         return _seen(system, times, q, v, channel)
 
     tip, velocity = _seen(system, t, q, v, system.tip_channel)
-    held = _held(solution, t_end)
+    held = _held(solution, t_end, since)
     contacts = tuple(
         ContactRecord(
             contact.stops,
             *_seen(system, t, q, v, c),
             R[:, c],
-            *_contact(solution, c, held[c], t_end),
+            *_contact(solution, c, held[c], t_end, since),
         )
         for c, contact in enumerate(system.contacts)
     )
@@ -102,24 +114,27 @@ def _seen(system: System, t: Array, q: Array, v: Array, channel: int) -> tuple[A
     return q @ row + offset_values(offset, t), v @ row + offset_rate(offset, t)
 
 
-def _held(solution: Solution, t_end: float) -> list[list[tuple[float, float, float]]]:
-    """For every contact the stretches (from, to, impulse of the reaction) in which it is held."""
+def _held(solution: Solution, t_end: float, since: float = 0.0) -> list[list[tuple[float, float, float]]]:
+    """For every contact the stretches (from, to, impulse of the reaction) in which it is held after ``since``."""
     found: list[list[tuple[float, float, float]]] = [[] for _ in solution.model.rows]
     ends = [*solution.times[1:], t_end]
     for k, held in enumerate(solution.held):
-        if held:
+        if held and ends[k] > since:
             _, R = solution.model.stretch(solution.times[k], *solution.states[k], held)
-            length = ends[k] - solution.times[k]
-            impulses = (length ** np.arange(1, len(R) + 1) / np.arange(1, len(R) + 1)) @ R
+            powers = np.arange(1, len(R) + 1)
+            start, length = max(0.0, since - solution.times[k]), ends[k] - solution.times[k]
+            impulses = ((length**powers - start**powers) / powers) @ R
             for c, impulse in zip(held, impulses, strict=True):
-                found[c].append((solution.times[k], ends[k], abs(float(impulse))))
+                found[c].append((solution.times[k] + start, ends[k], abs(float(impulse))))
     return found
 
 
-def _contact(solution: Solution, c: int, held: list, t_end: float) -> tuple[Impacts, float, float, float]:
-    """Impacts, share of time, peak and impulse of a contact: of an impulse the peak is inf. What a contact that is
-    held after an impact presses counts with that impact."""
-    events = [event for event in solution.events if event.contact == c]
+def _contact(
+    solution: Solution, c: int, held: list[Any], t_end: float, since: float
+) -> tuple[Impacts, float, float, float]:
+    """Impacts, share of time, peak and impulse of a contact: a rigid stop has no largest force, NaN. What a contact
+    that is held after an impact presses counts with that impact."""
+    events = [event for event in solution.events if event.contact == c and event.time >= since]
     starts = np.array([a for a, _, _ in held])
     pressed = np.concatenate([[0.0], np.cumsum([impulse for *_, impulse in held])])
 
@@ -134,12 +149,11 @@ def _contact(solution: Solution, c: int, held: list, t_end: float) -> tuple[Impa
         [e.side for e in events],
         "event",
         ends=ends,
-        peaks=np.where(np.isnan(ends), np.nan, np.inf),
         impulses=np.where(np.isnan(ends), np.nan, impulses),
     )
     total = float(sum(e.impulse for e in events) + pressed[-1])
-    share = sum(b - a for a, b, _ in held) / t_end
-    return impacts, share, math.inf if events else 0.0, total
+    share = sum(b - a for a, b, _ in held) / (t_end - since)
+    return impacts, share, math.nan if events or held else 0.0, total
 
 
 def _ledger(system: System, solution: Solution, t: Array) -> Ledger:

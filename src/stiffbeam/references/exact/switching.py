@@ -21,8 +21,10 @@ import math
 
 import numpy as np
 
+from ...basics.arrays import Array, IntArray
 from ...basics.compiled import compiled, inlined
 from ...trajectory.trajectory import SolverFailure
+from .cubics import least, reached
 from .terms import (
     B0,
     B2,
@@ -67,7 +69,7 @@ CLEAR, CROSSES, UNKNOWN = 1, -1, 0
 
 
 @inlined
-def side_of(chi, side):
+def side_of(chi: int, side: int) -> int:
     """The sign with which u - stop is the gap of a contact in state ``chi`` from the stop on ``side``, 0 for none."""
     sign = 0
     if chi == 0:
@@ -78,41 +80,7 @@ def side_of(chi, side):
 
 
 @compiled
-def least(p0, p1, p2, p3, step):
-    """The least value of a cubic on [0, step]."""
-    low = min(p0, p0 + step * (p1 + step * (p2 + step * p3)))
-    discriminant = p2 * p2 - 3.0 * p1 * p3
-    if discriminant > 0.0:
-        q = -(p2 + math.copysign(math.sqrt(discriminant), p2))
-        s = q / (3.0 * p3) if p3 != 0.0 else -1.0
-        if 0.0 < s < step:
-            low = min(low, p0 + s * (p1 + s * (p2 + s * p3)))
-        s = p1 / q if q != 0.0 else -1.0
-        if 0.0 < s < step:
-            low = min(low, p0 + s * (p1 + s * (p2 + s * p3)))
-    return low
-
-
-@compiled
-def reached(p0, p1, p2, p3, step):
-    """An s <= ``step`` before which a cubic with p0 > 0 stays positive, close to where it does not."""
-    s = 0.0
-    value = p0
-    for _ in range(12):
-        # Nowhere on [s, step] more curved than at one of the two.
-        curve = max(0.0, -2.0 * p2 - 6.0 * p3 * (s if p3 > 0.0 else step))
-        move = safe_step(value, p1 + s * (2.0 * p2 + s * 3.0 * p3), curve)
-        s += move
-        if not s < step:
-            return step
-        value = p0 + s * (p1 + s * (p2 + s * p3))
-        if value <= 1e-8 * p0 or move <= 1e-8 * s:
-            break
-    return s
-
-
-@compiled
-def first_leap(terms, seen, chi, g1, g2, resting, rest):
+def first_leap(terms: Array, seen: Array, chi: IntArray, g1: Array, g2: Array, resting: IntArray, rest: float) -> float:
     """A step whose cubic errs by half of what every gap allows; a guess."""
     step = rest
     for i in range(terms.shape[0]):
@@ -130,7 +98,10 @@ def first_leap(terms, seen, chi, g1, g2, resting, rest):
 
 
 @compiled
-def pin(speeds, terms, seen, pairs, damped, start, tau, until, sign, stop, end, i):
+def pin(
+    speeds: Array, terms: Array, seen: Array, pairs: Array, damped: bool, start: float, tau: float, until: float,
+    sign: float, stop: float, end: int, i: int,
+) -> tuple[float, int]:  # fmt: skip
     """(s, evaluations): the gap of contact i, which falls all the way from tau to tau + until, is zero at tau + s.
 
     Newton's method, the first step with u'' as well, inside the bracket.
@@ -161,7 +132,10 @@ def pin(speeds, terms, seen, pairs, damped, start, tau, until, sign, stop, end, 
 
 
 @compiled
-def search(speeds, terms, seen, pairs, powers, steps, chi, g1, g2, resting, start, t_end):
+def search(
+    speeds: Array, terms: Array, seen: Array, pairs: Array, powers: Array, steps: Array, chi: IntArray, g1: Array,
+    g2: Array, resting: IntArray, start: float, t_end: float,
+) -> tuple[float, int, int, int]:  # fmt: skip
     """The first switch of m contacts that see ``terms`` (see there) from the time ``start`` on.
 
     powers, steps: see ``tabulate``. chi, g1, g2: (m,). resting: (m,), not 0 for a contact that has switched

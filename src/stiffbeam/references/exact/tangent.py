@@ -1,9 +1,9 @@
-"""The tangent flow of the exact solution: how fast neighbouring motions part, and so what rounding costs.
+"""The tangent flow of the exact solution: how fast neighbouring motions diverge, and so what rounding costs.
 
     z(t) = Phi(t) z(0),  Phi(t) = flow of the last piece ... flow of the first,  |Phi(t) z| ~ exp(lambda t)
 
-The contact law is continuous, so a switch leaves tangent vectors alone (its saltation matrix is the
-identity) and Phi is the product of the homogeneous flows of the pieces.
+A continuous force leaves tangent vectors alone at a switch (its saltation matrix is the identity), so that Phi is
+the product of the homogeneous flows of the pieces; at the entry into a damped stop the force jumps, see damped_stops.
 """
 
 from __future__ import annotations
@@ -16,10 +16,15 @@ from ...basics.arrays import Array
 from ...basics.validation import integer, positive
 from ...model.modes import undamped_modes
 from ...model.system import System, require_system
+from ...model.time_functions import offset_rate
 from ...trajectory.trajectory import SolverFailure
 from .audit import audit, within_float64
+from .damped_stops import entry
 from .exact_measures import Solution
+from .impact_tangent import Neighbours
+from .impacting import Tracer as ImpactTracer
 from .piecewise import afford_search, refuse, tracer_of
+from .rigid_reference import require_rigid
 from .undamped import Solution as Undamped
 
 RANDOM = 3  # tangent vectors beside the direction of the motion itself
@@ -59,11 +64,18 @@ def lyapunov(system: System, t_end: float, seed: int = 0) -> Growth:
     """The growth of tangent vectors along the exact float64 motion on [0, t_end].
 
     Past the horizon that motion is another one of the same system, along which the growth is as good an
-    estimate as along the true one. Takes what the exact solution takes and raises InputError as it does.
+    estimate as along the true one. Against rigid stops too; there a chatter that ends takes what it had magnified
+    back, and of a motion at rest on its stops nothing is left: SolverFailure. Takes what the exact solution takes
+    and raises InputError as it does.
     """
     require_system(system)
     t_end = positive("t_end", t_end)
     integer("seed", seed, 0)
+    rigid = any(contact.stops.rigid for contact in system.contacts)
+    if rigid:
+        require_rigid(system, t_end)
+        with within_float64("lyapunov", t_end):
+            return growth(system, Neighbours(ImpactTracer(system).solve(t_end)), t_end, seed)
     refuse(system, t_end)
     with within_float64("lyapunov", t_end):
         afford_search(system, t_end)
@@ -72,7 +84,9 @@ def lyapunov(system: System, t_end: float, seed: int = 0) -> Growth:
         return growth(system, solution, t_end, seed)
 
 
-def growth(system: System, solution: Solution, t_end: float, seed: int = 0, enough: float = np.inf) -> Growth:
+def growth(
+    system: System, solution: Solution | Neighbours, t_end: float, seed: int = 0, enough: float = np.inf
+) -> Growth:
     """``lyapunov`` along a solution that is there already, ended where a growth, ln, is ``enough``."""
     dq, dv = _vectors(system, seed)
     edges = np.union1d(solution.times[solution.times < t_end], np.linspace(0.0, t_end, SAMPLES + 1))
@@ -81,8 +95,11 @@ def growth(system: System, solution: Solution, t_end: float, seed: int = 0, enou
         if passed == len(edges) - 1 or np.max(logs[passed]) > enough:
             return Growth(edges[: passed + 1], logs[: passed + 1])
     piece = np.maximum(np.searchsorted(solution.times, edges[:-1], side="right") - 1, 0)
-    logs = np.zeros((len(edges), dq.shape[1]))
+    logs, last = np.zeros((len(edges), dq.shape[1])), 0
     for i, (k, tau) in enumerate(zip(piece.tolist(), np.diff(edges).tolist(), strict=True)):
+        for new in range(last + 1, k + 1):
+            dq, dv = _across(system, solution, new, dq, dv)
+        last = k
         try:
             dq, dv, logs[i + 1] = _carried(system, solution, k, tau, dq, dv, logs[i], float(edges[i]))
         except SolverFailure:
@@ -94,8 +111,15 @@ def growth(system: System, solution: Solution, t_end: float, seed: int = 0, enou
     return Growth(edges, logs)
 
 
+def _across(system: System, solution: Solution | Neighbours, piece: int, dq: Array, dv: Array) -> tuple[Array, Array]:
+    """The vectors behind the switch at which a piece begins."""
+    if isinstance(solution, Neighbours):
+        return solution.across(piece, dq, dv)
+    return dq, entry(system, solution.sides[piece - 1], solution.sides[piece], dq, dv)
+
+
 def _carried(
-    system: System, solution: Solution, piece: int, tau: float, dq: Array, dv: Array, log: Array, t: float
+    system: System, solution: Solution | Neighbours, piece: int, tau: float, dq: Array, dv: Array, log: Array, t: float
 ) -> tuple[Array, Array, Array]:
     """Unit vectors and the ln of their growth after tau more; in ever shorter parts where damping leaves
     nothing of them that float64 can hold."""
@@ -133,8 +157,14 @@ def _vectors(system: System, seed: int) -> tuple[Array, Array]:
     )  # also for a rigid motion
     scale = np.where(basis.omega > 0.0, np.maximum(basis.omega, 1e-8 * basis.omega[-1]), slowest)[:, None]
     force = system.load(0.0) - system.stiffness @ system.q0 - system.damping @ system.v0
-    for contact, u in zip(system.contacts, system.positions(0.0, system.q0), strict=False):
-        force = force + contact.row * contact.stops.force(u)
+    compliant = [contact for contact in system.contacts if not contact.stops.rigid]
+    for contact, u in zip(compliant, system.positions(0.0, system.q0), strict=False):
+        speed = (
+            float(contact.row @ system.v0) + offset_rate(contact.offset, np.zeros(1))[0]
+            if contact.stops.dissipative
+            else 0.0
+        )
+        force = force + contact.row * contact.stops.force(u, speed)
     dq = np.column_stack([basis.shapes @ (noise[0] / scale), system.v0])
     dv = np.column_stack([basis.shapes @ noise[1], np.linalg.solve(system.mass, force)])
     size = _norm(system, dq, dv)

@@ -10,15 +10,19 @@ import numpy as np
 from ...basics.arrays import Array
 from ...basics.compiled import compiled
 from ...basics.validation import InputError
+from ...model.drive import Drive
+from ...model.sampled import Sampled
 from ...model.system import System
-from ...model.time_functions import Constant, Harmonic, LoadFunction, parts
+from ...model.time_functions import Constant, Harmonic, LoadFunction, parts, parts_of
 
 ORDER = 18  # 1/(ORDER + 1)! = 8e-18: what is left out of a stretch of a radian of the fastest motion
 FACTORIALS = np.array([float(factorial(k)) for k in range(ORDER + 1)])
 
 
 @compiled
-def coefficients(stiff, damp, forces, rows, back, shifts, q, v, held):
+def coefficients(
+    stiff: Array, damp: Array, forces: Array, rows: Array, back: Array, shifts: Array, q: Array, v: Array, held: Array
+) -> tuple[Array, Array]:
     """c (ORDER + 1, n), the motion sum_k c_k s^k from q, v, and the reactions (ORDER - 1, h) along ``rows``.
 
     q'' = forces - damp q' - stiff q + M^-1 rows^T R with rows q = -shifts: forces (ORDER - 1, n) and shifts
@@ -59,37 +63,57 @@ class Model:
     damp: Array
     loads: Array  # (L, n), M^-1 p
     fastest: float
+    edges: Array  # the times of all samples, between which every function of time is smooth
 
     @classmethod
     def of(cls, system: System) -> Model:
-        """Raises InputError for functions of time other than Harmonic and Constant."""
+        """Raises InputError for functions of time other than Harmonic, Constant and Sampled, and for stops that move
+        along a polygon: at its corners the contact point has no velocity."""
         rows = np.array([contact.row for contact in system.contacts])
-        functions = [*(f for _, f in system.loads), *(contact.offset for contact in system.contacts)]
         drives = [0.0]
-        for function in functions:
+        for function in [*(f for _, f in system.loads), *(contact.offset for contact in system.contacts)]:
             for _, part in parts(function):
-                if not isinstance(part, (Harmonic, Constant)):
-                    rule = "be made of Harmonic and Constant for the exact solution with rigid stops"
+                if not isinstance(part, (Harmonic, Constant, Sampled)):
+                    rule = "be made of Harmonic, Constant and Sampled for the exact solution with rigid stops"
                     raise InputError("time function", part, rule, "use integrate")
                 drives.append(float(part.frequency) if isinstance(part, Harmonic) else 0.0)
+        for part in (x for contact in system.contacts for x in parts_of(contact.offset)):
+            if isinstance(part, Sampled) and part.degree < 2:
+                rule = "have a velocity at its samples, where it moves a rigid stop"
+                raise InputError("contact.offset", part, rule, "take kind='cubic'")
         solved = np.linalg.solve(system.mass, np.hstack([system.stiffness, system.damping, rows.T]))
         n = system.size
         stiff, damp, back = solved[:, :n], solved[:, n : 2 * n], solved[:, 2 * n :]
         rates = np.sqrt(np.max(np.abs(np.linalg.eigvals(stiff)))), np.max(np.abs(np.linalg.eigvals(damp)))
         loads = np.array([np.linalg.solve(system.mass, p) for p, _ in system.loads]).reshape(-1, n)
         rows, back, stiff, damp, loads = (np.ascontiguousarray(x) for x in (rows, back, stiff, damp, loads))
-        return cls(system, rows, back, stiff, damp, loads, max(*map(float, rates), *drives))
+        return cls(system, rows, back, stiff, damp, loads, max(*map(float, rates), *drives), Drive.of(system).edges)
+
+    def next_edge(self, t: float, t_end: float) -> float:
+        """The first edge after t, or t_end where that comes before."""
+        k = int(np.searchsorted(self.edges, t, side="right"))
+        return min(float(self.edges[k]), t_end) if k < len(self.edges) else t_end
 
     def stretch(self, t: float, q: Array, v: Array, held: tuple[int, ...]) -> tuple[Array, Array]:
         """Series of the motion from t with the contacts ``held`` where they are, and of their reactions."""
         forces = np.zeros((ORDER - 1, len(q)))
         for (_, f), p in zip(self.system.loads, self.loads, strict=True):
             forces += np.outer(series(f, t)[: ORDER - 1], p)
+        shifts = np.array([self.shift(c, t) for c in held]).reshape(-1, ORDER + 1).T
+        return self._series(forces, shifts, q, v, held)
+
+    def neighbours(self, dq: Array, dv: Array, held: tuple[int, ...], tau: float) -> tuple[Array, Array]:
+        """Differences (n, k) of two motions after tau, without loads."""
+        forces, shifts = np.zeros((ORDER - 1, len(dq))), np.zeros((ORDER + 1, len(held)))
+        found = [self._series(forces, shifts, q, v, held)[0] for q, v in zip(dq.T, dv.T, strict=True)]
+        return np.transpose([value(c, tau) for c in found]), np.transpose([rate(c, tau) for c in found])
+
+    def _series(self, forces: Array, shifts: Array, q: Array, v: Array, held: tuple[int, ...]) -> tuple[Array, Array]:
         at = list(held)
         rows, back = np.ascontiguousarray(self.rows[at]), np.ascontiguousarray(self.back[:, at])
-        shifts = np.array([self.shift(c, t) for c in held]).reshape(-1, ORDER + 1).T
         inverse = np.linalg.inv(rows @ back) if at else np.zeros((0, 0))
-        return coefficients(self.stiff, self.damp, forces, rows, back, np.ascontiguousarray(shifts), q, v, inverse)
+        own = forces, rows, back, np.ascontiguousarray(shifts), np.ascontiguousarray(q), np.ascontiguousarray(v)
+        return coefficients(self.stiff, self.damp, *own, inverse)
 
     def shift(self, contact: int, t: float) -> Array:
         """The series of a contact's offset."""
@@ -98,7 +122,7 @@ class Model:
 
 
 def series(function: LoadFunction, t: float) -> Array:
-    """(ORDER + 1,), f(t + s) in powers of s."""
+    """(ORDER + 1,), f(t + s) in powers of s, up to the next sample."""
     found, k = np.zeros(ORDER + 1), np.arange(ORDER + 1)
     for factor, part in parts(function):
         if isinstance(part, Harmonic):
@@ -106,6 +130,8 @@ def series(function: LoadFunction, t: float) -> Array:
             found += factor * part.amplitude * float(part.frequency) ** k * turned / FACTORIALS
         elif isinstance(part, Constant):
             found[0] += factor * part.level
+        elif isinstance(part, Sampled):
+            found[:4] += factor * part.taylor(t)
     return found
 
 

@@ -19,6 +19,7 @@ import math
 
 import numpy as np
 
+from ...basics.arrays import Array
 from ...basics.compiled import compiled, inlined
 from .oscillation import oscillations, pair, pair_sizes
 from .touching import ORDER
@@ -34,21 +35,23 @@ CONSTANT, U, RATE, B0, B2, B3, SEEN = 0, 1, 3, 5, 6, 7, 8
 
 
 @compiled
-def layout(m, K, p):
+def layout(m: int, K: int, p: int) -> tuple[Array, Array, Array, Array]:
     """Empty speeds, terms, seen and pairs; a pair is its omega, frequency, the force on it of the drive's sine and
     cosine (see ``oscillation.pair``), and what every contact sees of it."""
     return np.zeros((6, K)), np.zeros((m, 9, K)), np.zeros((m, SEEN)), np.zeros((p, 4 + m))
 
 
 @inlined
-def hypotenuse(a, b):
+def hypotenuse(a: float, b: float) -> float:
     """sqrt(a^2 + b^2), or where that is not safe in float64 the larger |a| + |b|; for vector registers."""
     square = a * a + b * b
     return math.sqrt(square) if 1e-280 < square < 1e280 else abs(a) + abs(b)
 
 
 @compiled
-def read(speeds, terms, seen, pairs, damped, start, tau, end, i):
+def read(
+    speeds: Array, terms: Array, seen: Array, pairs: Array, damped: bool, start: float, tau: float, end: int, i: int
+) -> None:
     """u and u' of contact i at tau from the terms at ``end``."""
     u = seen[i, CONSTANT]
     rate = 0.0
@@ -66,7 +69,9 @@ def read(speeds, terms, seen, pairs, damped, start, tau, end, i):
 
 
 @compiled
-def carry(speeds, terms, seen, pairs, damped, start, tau, end):
+def carry(
+    speeds: Array, terms: Array, seen: Array, pairs: Array, damped: bool, start: float, tau: float, end: int
+) -> None:
     """All terms, the positions and their rates at tau to the given ``end``. start: the time at which tau = 0."""
     oscillations(speeds[OMEGA], tau, speeds[C], speeds[S], speeds[V])
     K, x, y = speeds.shape[1], END + 2 * end, END + 2 * end + 1
@@ -90,7 +95,7 @@ def carry(speeds, terms, seen, pairs, damped, start, tau, end):
 
 
 @compiled
-def tabulate(speeds, damped):
+def tabulate(speeds: Array, damped: bool) -> tuple[Array, Array]:
     """C, S and V (levels, 3, K) of all terms for steps (levels,): of FINEST radians of the fastest, and each next
     sqrt(2) times as long, up to RESOLVED radians of the slowest."""
     K = speeds.shape[1]
@@ -115,7 +120,10 @@ def tabulate(speeds, damped):
 
 
 @compiled
-def rotate(speeds, terms, seen, pairs, powers, q, damped, start, tau, end):
+def rotate(
+    speeds: Array, terms: Array, seen: Array, pairs: Array, powers: Array, q: int, damped: bool, start: float, tau:
+    float, end: int,
+) -> None:  # fmt: skip
     """``carry`` from one end to the given one by the step of level q, which ends at tau."""
     K, x, y, x0, y0 = speeds.shape[1], END + 2 * end, END + 2 * end + 1, END + 2 - 2 * end, END + 3 - 2 * end
     for i in range(terms.shape[0]):
@@ -131,7 +139,7 @@ def rotate(speeds, terms, seen, pairs, powers, q, damped, start, tau, end):
 
 
 @compiled
-def bounds(speeds, terms, seen, pairs, damped, rest, end, i):
+def bounds(speeds: Array, terms: Array, seen: Array, pairs: Array, damped: bool, rest: float, end: int, i: int) -> None:
     """Into B0, B2 >= |u''| and B3 >= |u'''| of contact i, from the terms at ``end`` on; B0: the size of u.
 
     rest: how long the piece may last, which bounds the answers of close pairs.
@@ -162,7 +170,7 @@ def bounds(speeds, terms, seen, pairs, damped, rest, end, i):
 
 
 @compiled
-def measure(speeds, terms, damped, end):
+def measure(speeds: Array, terms: Array, damped: bool, end: int) -> None:
     """LARGE and BENT from the terms at ``end`` on. |a| + |b| is not far above their hypotenuse."""
     x, y = END + 2 * end, END + 2 * end + 1
     for i in range(terms.shape[0]):
@@ -183,7 +191,7 @@ def measure(speeds, terms, damped, end):
 
 
 @compiled
-def resolved(speeds, step):
+def resolved(speeds: Array, step: float) -> int:
     """How many of the terms a cubic over ``step`` follows."""
     count = speeds.shape[1]
     while count and hypotenuse(speeds[SIGMA, count - 1], speeds[OMEGA, count - 1]) * step > RESOLVED:
@@ -192,7 +200,10 @@ def resolved(speeds, step):
 
 
 @compiled
-def cubic(speeds, terms, seen, pairs, damped, start, tau, step, slow, end, i):
+def cubic(
+    speeds: Array, terms: Array, seen: Array, pairs: Array, damped: bool, start: float, tau: float, step: float,
+    slow: int, end: int, i: int,
+) -> tuple[float, float, float, float, float]:  # fmt: skip
     """(p0, p1, p2, p3, error): contact i at tau + s is p0 + p1 s + p2 s^2 + p3 s^3 to ``error`` for s in [0, step].
 
     The terms from ``slow`` on count with all they can be. Those at tau are at ``end``, those at tau + step at the
@@ -226,7 +237,7 @@ def cubic(speeds, terms, seen, pairs, damped, start, tau, step, slow, end, i):
 
 
 @compiled
-def curvature(speeds, terms, pairs, start, tau, end, i):
+def curvature(speeds: Array, terms: Array, pairs: Array, start: float, tau: float, end: int, i: int) -> float:
     """u'' of contact i at tau, the terms there at ``end``."""
     total = 0.0
     for k in range(speeds.shape[1]):
@@ -238,7 +249,10 @@ def curvature(speeds, terms, pairs, start, tau, end, i):
 
 
 @compiled
-def derivatives(speeds, terms, seen, pairs, start, tau, rest, end, i, d, b):
+def derivatives(
+    speeds: Array, terms: Array, seen: Array, pairs: Array, start: float, tau: float, rest: float, end: int, i: int,
+    d: Array, b: Array,
+) -> None:  # fmt: skip
     """u and its derivatives at tau into d (ORDER + 1,), and into b those of the terms they are sums of; speeds
     and the terms at ``end`` are those at tau. rest: as in ``bounds``."""
     d[:] = 0.0

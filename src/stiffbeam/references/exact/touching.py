@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import math
 
+from ...basics.arrays import Array
 from ...basics.compiled import compiled
 
 EPS = 2.220446049250313e-16
@@ -30,14 +31,14 @@ REMEDY = "check the stops and stiffnesses for sizes that float64 cannot hold tog
 
 
 @compiled
-def safe_step(gap, rate, b2):
+def safe_step(gap: float, rate: float, b2: float) -> float:
     """The positive root of gap + rate s - b2 s^2/2 = 0, gap >= 0: the gap cannot close before."""
     root = math.sqrt(rate * rate + 2.0 * b2 * gap)
     return (rate + root) / b2 if rate > 0.0 else (2.0 * gap / (root - rate) if root > rate else 0.0)
 
 
 @compiled
-def gap_step(gap, rate, b2, b3, band, t):
+def gap_step(gap: float, rate: float, b2: float, b3: float, band: float, t: float) -> tuple[float, int]:
     """(s, verdict) for a gap with its rate: OPEN, it stays positive for s; CLOSES at s; or UNCLEAR.
 
     b2 >= |gap''|, b3 >= |gap'''| on the rest of the piece. band: below it a gap may be zero. It crosses
@@ -60,7 +61,7 @@ def gap_step(gap, rate, b2, b3, band, t):
 
 
 @compiled
-def taylor_step(d, b, nu, switched):
+def taylor_step(d: Array, b: Array, nu: float, switched: bool) -> tuple[float, int]:
     """(s, verdict) from the derivatives d (ORDER + 1,) of a gap and their sizes b.
 
     OPEN or UNCLEAR: no crossing before s. CLOSES at s = 0: the gap leaves its zero downwards; or where
@@ -78,6 +79,8 @@ def taylor_step(d, b, nu, switched):
         if d[0] < -2.0 * nu * b[0]:
             return 0.0, CLOSES
         return math.inf, OPEN if d[0] > 2.0 * nu * b[0] else UNCLEAR
+    if d[0] > 2.0 * nu * b[0] and b[2] > 0.0:
+        s = min(s, safe_step(d[0], d[1], b[2]))  # a motion may be through the gap long before it turns
     last = 0.0
     verdict = UNCLEAR
     for _ in range(200):
@@ -105,7 +108,7 @@ def taylor_step(d, b, nu, switched):
 
 
 @compiled
-def as_gap(d, b, sign, stop, zero):
+def as_gap(d: Array, b: Array, sign: float, stop: float, zero: bool) -> None:
     """From a position's derivatives to those of the gap sign (u - stop); ``zero``: it is exactly zero."""
     d[0] = 0.0 if zero else d[0] - stop
     b[0] += abs(stop)

@@ -18,8 +18,9 @@ from ...model.drive import Drive
 from ...model.modes import Modes
 from ...model.system import System
 from .exact_measures import panels
-from .following import Regimes, amplitudes, grow, observe, press
+from .following import Regimes
 from .oscillation import oscillations
+from .pieces import amplitudes, grow, observe, press
 
 
 class Regime(NamedTuple):
@@ -96,6 +97,7 @@ class Solution:
 
     @property
     def fastest_decay(self) -> float:
+        """Zero: nothing is damped."""
         return 0.0
 
     def work(self, system: System, edges: Array) -> tuple[Array, Array]:
@@ -138,7 +140,9 @@ class Solution:
             q[here], v[here] = basis.to_nodal(modal[0, here]), basis.to_nodal(modal[1, here])
         return q, v
 
-    def press(self, system: System, contact: int, starts: Array, ends: Array) -> tuple[Array, Array]:
+    def press(
+        self, system: System, contact: int, starts: Array, ends: Array, sides: NDArray[np.int64]
+    ) -> tuple[Array, Array]:
         """Peak |sigma| and the integral of |sigma| in the spans [starts, ends] (k,) of contact."""
         deepest, depths = np.zeros((2, len(starts)))
         press(self.stacked, self.times, self.regime, self.h, self.rate, starts, ends, deepest, depths)

@@ -4,55 +4,30 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
-from functools import cached_property
-from weakref import WeakKeyDictionary
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...basics.arrays import Array
 from ...basics.budget import Forecast
-from ...basics.validation import InputError
-from ...model.contact import Stops
 from ...model.drive import Drive
-from ...model.modes import Modes, undamped_modes
-from ...model.system import System
 from ...trajectory.trajectory import SolverFailure
-from .following import Regimes, follow
-from .rounding import Correction, Perturbation, correction, rounded_sum
+from .following import follow
+from .rounding import Perturbation, rounded_sum
 from .touching import REMEDY
 from .undamped import Regime, Solution
+from .undamped_regimes import Parts, stacked
 
-RESONANCE = 1e-8  # |Omega^2 - omega^2|/omega^2 below which a drive is resonant, where that is refused
-CLOSE = 0.125  # |Omega - omega|/(Omega + omega) below which the particular solution is not used
 EVENTS_PER_CALL, FIRST_EVENTS = 4096, 16
 QUIET = np.zeros((0, 3, 0))  # no noise
 
 
 class Tracer:
-    """Follows solutions of one system; its modes are made once. ``compile_seconds``: spent compiling.
+    """Follows solutions of one system; ``perturbed``: perturbed copies of them, made of the same ``parts``.
 
-    known: modes by the stiffness of the stop, 0 for the free system; used and added to, by default those that the
-    system has been found to have. span: the longest
-    time that is asked for; over a short one the slow modes answer the drive from rest. ``perturbed`` makes others.
+    ``compile_seconds``: spent compiling.
     """
 
-    def __init__(self, system: System, known: dict[float, Modes] | None = None, span: float = math.inf) -> None:
-        self._set(_Parts(system, _KNOWN.setdefault(system, {}) if known is None else known, span), None)
-        compiling = time.perf_counter()
-        none, index = np.zeros((1, system.size)), np.zeros(1, np.int64)
-        follow(self.stacked, 0, none[0], none[0], 0.0, 0.0, True, QUIET, 0.0, np.zeros(1), index, none, none)
-        self.compile_seconds = time.perf_counter() - compiling
-
-    def perturbed(self, perturbation: Perturbation) -> Tracer:
-        """One that follows a perturbed copy of the solution, made of the same parts."""
-        copy = object.__new__(Tracer)
-        copy._set(self.parts, perturbation)
-        copy.compile_seconds = 0.0
-        return copy
-
-    def _set(self, parts: _Parts, perturbation: Perturbation | None) -> None:
+    def __init__(self, parts: Parts, perturbation: Perturbation | None = None) -> None:
         self.parts, self.system, self.drive, self.perturbation = parts, parts.system, parts.drive, perturbation
         self.noise = np.random.default_rng(None if perturbation is None else [perturbation.seed, 98])
         self.bases, forces, cross = parts.bases, parts.forces, parts.cross
@@ -62,6 +37,14 @@ class Tracer:
         self.regimes = parts.regimes(self.bases, forces)
         self.stacked = stacked(self.regimes, cross, self.drive, self.stops)
         self.fastest = max(*(float(b.omega[-1]) for b in self.bases.values()), *self.drive.frequencies, 0.0)
+        compiling = time.perf_counter()
+        none, index = np.zeros((1, self.system.size)), np.zeros(1, np.int64)
+        follow(self.stacked, 0, none[0], none[0], 0.0, 0.0, True, QUIET, 0.0, np.zeros(1), index, none, none)
+        self.compile_seconds = time.perf_counter() - compiling
+
+    def perturbed(self, perturbation: Perturbation) -> Tracer:
+        """One that follows a perturbed copy of the solution."""
+        return Tracer(self.parts, perturbation)
 
     def solve(self, t_end: float, start: tuple[Array, Array] | None = None) -> Solution:
         """The solution on [0, t_end] from q, q' at the ``start``, None for the initial data of the system."""
@@ -113,141 +96,6 @@ def refuse_accumulation(start: float, end: float, fastest: float) -> None:
     motion: forces are continuous, so none does that, and what does is rounding."""
     if (end - start) * fastest < 2.0 * math.pi:
         raise SolverFailure("exact", end, f"{EVENTS_PER_CALL} switches within the shortest period", REMEDY)
-
-
-def stacked(regimes: dict[int, Regime], cross: Array, drive: Drive, stops: Stops | None) -> Regimes:
-    """The regimes as ``follow`` takes them; cross: (n, n), free shapes^T M contact shapes."""
-    free, contact = regimes[0], regimes.get(1, regimes[0])
-    three = [regimes.get(-1, free), free, contact]
-    frequencies = np.array(drive.frequencies)
-    speeds = np.stack([np.append(regime.omega, frequencies) for regime in (free, contact)])
-    order = np.argsort(speeds, axis=1, kind="stable")
-    return Regimes(
-        omegas=np.stack([free.omega, contact.omega]),
-        rows=np.stack([free.row, contact.row]),
-        levels=np.stack([regime.level for regime in three]),
-        particulars=np.stack([regime.particular for regime in three]),
-        waves=np.stack([regime.offset + regime.row @ regime.particular for regime in three]),
-        constant=float(free.offset[0]),
-        cross=np.stack([cross.T, cross]),
-        frequencies=frequencies,
-        close=free.close,
-        close_forces=np.stack([regime.close_force for regime in three]),
-        order=order,
-        speeds=np.take_along_axis(speeds, order, axis=1),
-        g1=stops.g1 if stops else -math.inf,
-        g2=stops.g2 if stops else math.inf,
-    )
-
-
-_KNOWN: WeakKeyDictionary[System, dict[float, Modes]] = WeakKeyDictionary()
-
-
-class _Parts:
-    """What the solution and its perturbed copies are made of.
-
-    bases: the modes of every regime, the stops sharing theirs. totals: what acts on the system in each of them, (d, n)
-    by the drive coefficients; forces: the same in its modes. cross: free shapes^T M contact shapes.
-    """
-
-    def __init__(self, system: System, known: dict[float, Modes], span: float) -> None:
-        self.system, self.drive = system, Drive.of(system)
-        basis, _ = self.drive.split(system.loads, system.size)
-        offsets, _ = self.drive.offsets(system)
-        self.row, self.offset = system.channels[0][0], offsets[:, 0]
-        self.springs: dict[int, tuple] = {0: ()}
-        self.bases: dict[int, Modes] = {}
-        self.totals = {0: basis}
-        for regime in (0, 1, -1) if system.contacts else (0,):
-            if regime:
-                kappa, constant = system.contacts[0].stops.spring(regime)
-                self.springs[regime] = ((self.row, kappa),)
-                # sigma = kappa (gap - row q - offset): the first term is a load, the second in the matrix.
-                self.totals[regime] = basis - kappa * np.outer(self.offset, self.row)
-                self.totals[regime][0] += constant * self.row
-            stiffness = self.springs[regime][0][1] if regime else 0.0
-            if stiffness not in known:
-                known[stiffness] = undamped_modes(system, self.springs[regime])
-            self.bases[regime] = known[stiffness]
-        self.forces = {regime: base.force(self.totals[regime]) for regime, base in self.bases.items()}
-        self.close = close_pairs([base.omega for base in self.bases.values()], np.array(self.drive.frequencies), span)
-        self.cross = self._cross(self.bases)
-
-    def _cross(self, bases: dict[int, Modes]) -> Array:
-        return bases[0].shapes.T @ (self.system.mass @ bases.get(1, bases[0]).shapes)
-
-    @cached_property
-    def rounding(self) -> tuple[dict[int, Correction], dict[int, Array], Array]:
-        """How wrong the modes are, and what rounding takes from the forces and from ``cross``, in units of eps."""
-        bases, system = self.bases, self.system
-        wrong = {side: correction(system, self.springs[side], bases[side]) for side in bases if side >= 0}
-        forces = {side: rounded_sum(self.totals[side], base.shapes) for side, base in bases.items()}
-        turned = rounded_sum(system.mass, bases.get(1, bases[0]).shapes)
-        return wrong, forces, rounded_sum(bases[0].shapes.T, turned)
-
-    def perturbed(
-        self, perturbation: Perturbation, noise: np.random.Generator
-    ) -> tuple[dict[int, Modes], dict[int, Array], Array]:
-        """bases, forces and cross of a perturbed copy."""
-        wrong, of_forces, of_cross = self.rounding
-        bases = {side: each.perturbed(perturbation.frequency, noise) for side, each in wrong.items()}
-        if -1 in self.bases:
-            bases[-1] = bases[1]
-        forces, size = {}, perturbation.state
-        for side, base in bases.items():
-            lost = of_forces[side]
-            forces[side] = base.force(self.totals[side]) + size * lost * noise.uniform(-1.0, 1.0, lost.shape)
-        cross = self._cross(bases)
-        return bases, forces, cross + size * of_cross * noise.uniform(-1.0, 1.0, cross.shape)
-
-    def regimes(self, bases: dict[int, Modes], forces: dict[int, Array]) -> dict[int, Regime]:
-        """The regimes of these modes and modal forces."""
-        found, close, rates = {}, self.close, self.drive.rates
-        columns = 1 + 2 * close[:, 1]
-        for regime, base in bases.items():
-            force = forces[regime]
-            close_force = np.stack([force[columns, close[:, 0]], force[columns + 1, close[:, 0]]], axis=1)
-            gain = base.omega**2 - (rates**2)[:, None]
-            gain[columns, close[:, 0]] = gain[columns + 1, close[:, 0]] = np.inf
-            gain[0] = np.inf  # the constant stays with h, regular at omega = 0
-            particular = np.ascontiguousarray((force / gain).T)
-            found[regime] = Regime(
-                base.omega, force[0], particular, base.force(self.row), self.offset, close, close_force
-            )
-        return found
-
-
-def close_pairs(omegas: Sequence[Array], frequencies: Array, span: float) -> NDArray[np.int64]:
-    """(p, 2): the modes and drive frequencies that in one regime at least lie close to each other, or are
-    both slow against ``span``."""
-    close = np.zeros((len(omegas[0]), len(frequencies)), bool)
-    for omega in omegas:
-        total = omega[:, None] + frequencies
-        close |= (np.abs(omega[:, None] - frequencies) < CLOSE * total) | (total * span < 0.9)
-    return np.argwhere(close)
-
-
-def refuse_resonance(gain: Array, force: Array, omega: Array, rates: Array, chi: tuple[int, ...]) -> None:
-    """Raise where a drive forces a mode at its own frequency, with the contacts on the sides ``chi``; where it
-    leaves that mode alone, say so.
-
-    gain = omega^2 - Omega^2 and force: one row per drive coefficient of the angular frequencies
-    ``rates``, the constant first.
-    Changes both in place, so that force/gain is 0 for a resonant mode that is not forced.
-    """
-    resonant = np.abs(gain) < RESONANCE * omega**2
-    resonant[0] = False
-    forced = np.abs(force) > 1e-14 * np.max(np.abs(force), initial=1e-300)
-    if np.any(resonant & forced):
-        row, mode = np.argwhere(resonant & forced)[0]
-        raise InputError(
-            "frequency of a load or of the base",
-            float(rates[row]),
-            f"differ from the natural frequency of mode {mode + 1} with contacts {chi}, {omega[mode]:.9g}, by "
-            f"{RESONANCE:g} relative for the exact solution of several contacts without damping",
-            "move it, add a little damping, or use method='cvode-adams'",
-        )
-    gain[resonant], force[resonant] = 1.0, 0.0
 
 
 def _perturbed(

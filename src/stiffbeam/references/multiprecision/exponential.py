@@ -5,7 +5,8 @@
 over the eigenvalues of the regime, one of each conjugate pair, and i Omega of the drive, which no record
 forces. The contact state is a symmetric pencil, [[C, M], [M, 0]] (q', q'') = [[-K, 0], [0, M]] (q, q') + (f, 0),
 so that its eigenvectors x = (phi, lambda phi), x^T [[C, M], [M, 0]] x = 1, give the coefficients without an inverse:
-c = lambda phi^T M q + phi^T (C q + M q').
+c = lambda phi^T M q + phi^T (C q + M q'). Where float64 has chains (chains.py), eigenvalues meet, and the vectors are
+those of a stiffness off by less than the digits carried, which parts them; so many more digits pay for their size.
 """
 
 from __future__ import annotations
@@ -22,10 +23,12 @@ from ...basics.budget import Forecast
 from ...model.drive import Drive
 from ...model.system import System
 from ...trajectory.trajectory import SolverFailure
-from ..exact.exponential import ExponentialSolution, Regime
-from ..exact.exponential_tracer import Gaps, regime_of
+from ..exact.damped_stops import pressed, side_of, switched_by_force
+from ..exact.exponential import ExponentialSolution
+from ..exact.exponential_regime import Regime, regime_of
+from ..exact.exponential_tracer import Gaps
 from ..exact.touching import REMEDY
-from .modes import Sampler, channels, dot, eigenvectors, locate, precision_at, refine, sampler
+from .modes import DampedPencil, Sampler, channels, dot, locate, precision_at, refine, sampler
 from .rational import Exact, exact_problem, number
 from .recorded import answers, moved, taylor
 from .unrounded import UnroundedSolution
@@ -35,7 +38,8 @@ from .unrounded import UnroundedSolution
 class PreciseRegime:
     """rates: (K,), the k eigenvalues and then i Omega, the constant first. W: (n, K). rows, row_rates:
     (channels, K), the observed positions, the contacts first, and their rates. from_q, from_v: (k, n). push:
-    (k, R), what the records force. moved: (channels, R), their part of the offsets. rounded: the same in float64."""
+    (k, R), what the records force. moved: (channels, R), their part of the offsets. rounded: the same in float64.
+    lost: bits that its sums cancel."""
 
     rates: list[Any]
     W: Any
@@ -46,6 +50,7 @@ class PreciseRegime:
     push: list[list[Any]]
     moved: list[list[Any]]
     rounded: Regime
+    lost: int
 
 
 class Piece(NamedTuple):
@@ -87,7 +92,8 @@ def precise_exponential(
     for contact, exact in zip(system.contacts, problem.contacts, strict=True):
         u = dot(exact.row, q) + dot(_phasors(exact.offset), spin).real
         u += dot(exact.recorded, [taylor(record, t)[0] for record in drive.records])
-        chi.append(int(contact.stops.state(float(u))))
+        speed = dot(exact.row, v) + dot(_phasors(exact.rate), spin).real
+        chi.append(side_of(contact.stops, float(u), float(speed)))
     times, sides, coefficients, resting, evaluations, carried = [], [], [], -1, 0, None
     gaps = Gaps(system, drive)
     pieces: list[Piece] = []
@@ -96,14 +102,16 @@ def precise_exponential(
         key = tuple(chi)
         if key not in regimes:
             before, ctx.prec = ctx.prec, room
-            regimes[key] = _regime(system, problem, drive, key)
+            closed = tuple(pressed(key).tolist())
+            regimes[key] = regimes.get(closed) or _regime(system, problem, drive, closed, t_end)
             ctx.prec = before
         regime = regimes[key]
-        c = _coefficients(regime, q, v, spin) if carried is None else carried
+        ctx.prec = precision_at(full, guard, float(t), t_end) + regime.lost
+        spin = _spin(drive, t)
+        c = _coefficients(regime, q, v, spin) if carried is None else carried + spin
         times.append(float(t))
         sides.append(list(chi))
-        coefficients.append(np.array([complex(x) for x in c[: len(c) - len(spin)]]))
-        ctx.prec = precision_at(full, guard, float(t), t_end)
+        coefficients.append(_rounded(regime, c, spin))
         piece = Piece(regime, t, c, [taylor(record, t) for record in drive.records], ctx.prec)
         pieces.append(piece)
         edge, carried = drive.next_edge(times[-1], t_end), None
@@ -113,15 +121,17 @@ def precise_exponential(
         evaluations += used
         if contact >= 0 and times[-1] + start < edge:
             forecast.check(times[-1], len(times) * (full / 32.0 + 20.0) * system.size)
-            stop = problem.contacts[contact].stop(side)
+            stop, lag = problem.contacts[contact].stop(side or chi[contact]), arb(0)
+            if switched_by_force(chi[contact], side):
+                lag = problem.contacts[contact].lag
             fastest = float(np.max(np.abs(regime.rounded.eigenvalues)))
             shortest = 2.0 * np.pi / max(float(np.max(regime.rounded.eigenvalues.imag)), *drive.frequencies, 1e-300)
-            tau, shift, parts = locate(partial(_gap, piece, contact, stop), start, fastest, shortest, times[-1])
+            gap_at = partial(_gap, piece, contact, stop, lag)
+            tau, shift, parts = locate(gap_at, start, fastest, shortest, times[-1], regime.lost)
             when = (t + tau + shift).mid()
             if not drive.records or t <= when < edge:
-                t, chi[contact], resting = when, side if chi[contact] == 0 else 0, contact
+                t, chi[contact], resting = when, side, contact
                 q, v = _state(piece, parts, tau, shift)
-                spin = _spin(drive, t)
                 continue
             if when < t:
                 raise SolverFailure(
@@ -129,9 +139,8 @@ def precise_exponential(
                 )
         if edge >= t_end:
             break
-        carried, resting = piece.parts(edge - t), -1
-        t, spin = arb(edge), _spin(drive, arb(edge))
-        carried = [x.mid() for x in carried[: len(carried) - len(spin)]] + spin
+        ahead, resting = piece.parts(edge - t), -1
+        t, carried = arb(edge), [x.mid() for x in ahead[: len(ahead) - len(spin)]]
     solution = (
         drive,
         {key: regime.rounded for key, regime in regimes.items()},
@@ -162,18 +171,27 @@ def _offset(piece: Piece, channel: int, tau: Any) -> tuple[Any, Any]:
     return tuple(dot(amplitudes, [c[k] if k < len(c) else arb(0) for c in here]) for k in (0, 1))  # type: ignore[return-value]
 
 
-def _regime(system: System, problem: Exact, drive: Drive, chi: tuple[int, ...]) -> PreciseRegime:
-    stiffness, basis, records = problem.closed(chi)
-    start = regime_of(system, drive, chi)  # refuses what float64 refuses
-    pencil = DampedPencil(acb_mat(problem.mass), acb_mat(problem.damping), acb_mat(stiffness))
-    shapes, values = refine(pencil, *pencil.normalised(*_both_of_each_pair(start)))  # phi, (n, 2n)
+def _regime(system: System, problem: Exact, drive: Drive, chi: tuple[int, ...], t_end: float) -> PreciseRegime:
+    C, stiffness, basis, records = problem.closed(chi)
+    damped = any(x != 0 for line in C.tolist() for x in line)
+    start = regime_of(system, drive, chi, t_end)  # refuses what float64 refuses
+    lost = 0
+    if start.chains:
+        bits, lost = ctx.prec, 3 * ctx.prec
+        ctx.prec += lost
+        stiffness = _parted(problem.mass, stiffness, max(float(np.max(np.abs(start.eigenvalues))), 1.0 / t_end), bits)
+    pencil = DampedPencil(acb_mat(problem.mass), acb_mat(C), acb_mat(stiffness))
+    if lost:
+        shapes, values = pencil.from_scratch()
+    else:
+        shapes, values = refine(pencil, *pencil.normalised(*_both_of_each_pair(start)))  # phi, (n, 2n)
     kept, weights = [], []
     for j, value in enumerate(values):
         real = abs(value.imag).mid() <= abs(value).mid() * arb(2) ** (-ctx.prec // 3)
         if real or value.imag > 0:
             kept.append(j)
             weights.append(1 if real else 2)
-        values[j] = acb(value.real, 0) if real else (value if system.damped else acb(0, value.imag))
+        values[j] = acb(value.real, 0) if real else (value if damped else acb(0, value.imag))
     forces = (acb_mat([_phasors(list(line)) for line in zip(*basis, strict=True)]).transpose() * shapes).tolist()
     drive_rates = [acb(0, number(f)) for f in (0.0, *drive.frequencies)]
     gains = [
@@ -188,7 +206,7 @@ def _regime(system: System, problem: Exact, drive: Drive, chi: tuple[int, ...]) 
     through_mass = (turned * problem.mass).tolist()
     from_q = [
         [value * x + y for x, y in zip(line, other, strict=True)]
-        for value, line, other in zip(eigenvalues, through_mass, (turned * problem.damping).tolist(), strict=True)
+        for value, line, other in zip(eigenvalues, through_mass, (turned * C).tolist(), strict=True)
     ]
     rates = eigenvalues + drive_rates
     rows, moves = [], []
@@ -199,51 +217,45 @@ def _regime(system: System, problem: Exact, drive: Drive, chi: tuple[int, ...]) 
         rows.append([(a + b).mid() for a, b in zip(row, offset, strict=True)])
     k = len(eigenvalues)
     push = (turned * acb_mat(arb_mat(records)).transpose()).mid().tolist() if records else [[] for _ in range(k)]
-    rounded = Regime(
-        _complex([eigenvalues])[0], _complex(W.tolist())[:, :k], _complex(from_q), _complex(through_mass),
-        _complex(X), _complex(push).reshape(k, len(records)),
-    )  # fmt: skip
+    rounded = start if lost else _in_float64(eigenvalues, drive_rates, W, from_q, through_mass, X, push)
     row_rates = [[(x * rate).mid() for x, rate in zip(row, rates, strict=True)] for row in rows]
-    made = acb_mat(from_q).mid(), acb_mat(through_mass).mid(), push, moves, rounded
+    made = acb_mat(from_q).mid(), acb_mat(through_mass).mid(), push, moves, rounded, lost
     return PreciseRegime(rates, W, rows, row_rates, *made)
+
+
+def _in_float64(values: list[Any], rates: list[Any], W: Any, from_q: Any, from_v: Any, X: Any, push: Any) -> Regime:
+    k, response = len(values), _complex(X)
+    eigenvalues, shapes = _complex([values])[0], _complex(W.tolist())[:, :k]
+    return Regime(
+        eigenvalues, shapes, shapes * eigenvalues, _complex(from_q), _complex(from_v),
+        response, response * _complex([rates])[0], _complex(push).reshape(k, -1),
+    )  # fmt: skip
+
+
+def _parted(mass: Any, stiffness: Any, fastest: float, bits: int) -> Any:
+    """K + 2^-bits w^2 (M + D), w = fastest, D differing parts of the diagonal of M."""
+    size = arb(fastest) ** 2 * arb(2) ** -bits
+    pairs = zip(stiffness.tolist(), mass.tolist(), strict=True)
+    lines = [[x + size * m for x, m in zip(*pair, strict=True)] for pair in pairs]
+    for i, line in enumerate(lines):
+        line[i] += size * mass[i, i] * arb((0.6180339887498949 * (i + 1)) % 1.0)
+    return arb_mat(lines)
+
+
+def _rounded(regime: PreciseRegime, c: list[Any], spin: list[Any]) -> Any:
+    """The coefficients (k,) in float64, from the contact state where the precise ones are large and cancel."""
+    if not regime.lost:
+        return np.array([complex(x) for x in c[: len(c) - len(spin)]])
+    q, v = _columns(regime.W, c, regime.rates)
+    return regime.rounded.coefficients(
+        np.array([float(x) for x in q]), np.array([float(x) for x in v]), _complex([spin])[0]
+    )
 
 
 def _response(force: Any, gain: Any, scale: Any) -> Any:
     """force/gain; 0 for a mode at the frequency of a drive that leaves it alone, the others being refused."""
     resonant = abs(gain).mid() <= abs(scale).mid() * arb(2) ** (-ctx.prec // 3)
     return acb(0) if resonant else (force / gain).mid()
-
-
-@dataclass(frozen=True, eq=False)
-class DampedPencil:
-    """A = [[C, M], [M, 0]], B = [[-K, 0], [0, M]] on x = (phi, lambda phi), of which phi (n, 2n) is held."""
-
-    mass: Any
-    damping: Any
-    stiffness: Any
-
-    def products(self, phi: Any, values: list[Any]) -> tuple[Any, Any]:
-        """X^T A X and X^T B X of the vectors x = (phi, lambda phi), lambda from ``values``."""
-        turned = phi.transpose()
-        M, C, K = ((turned * (matrix * phi)).tolist() for matrix in (self.mass, self.damping, self.stiffness))
-        n = range(len(values))
-        A = [[C[i][j] + (values[i] + values[j]) * M[i][j] for j in n] for i in n]
-        return acb_mat(A), acb_mat([[values[i] * values[j] * M[i][j] - K[i][j] for j in n] for i in n])
-
-    def normalised(self, phi: Any, values: list[Any]) -> tuple[Any, list[Any]]:
-        """phi with x^T A x = 1."""
-        norms = self.products(phi, values)[0].tolist()
-        return acb_mat([[(x / norms[j][j].sqrt()).mid() for j, x in enumerate(line)] for line in phi.tolist()]), values
-
-    def from_scratch(self) -> tuple[Any, list[Any]]:
-        """phi (n, 2n) and the eigenvalues, by the QR algorithm."""
-        n = self.mass.nrows()
-        M, C, K = (matrix.tolist() for matrix in (self.mass, self.damping, self.stiffness))
-        nothing = [acb(0)] * n
-        A = acb_mat([[*C[i], *M[i]] for i in range(n)] + [[*M[i], *nothing] for i in range(n)])
-        B = acb_mat([[-x for x in K[i]] + nothing for i in range(n)] + [[*nothing, *M[i]] for i in range(n)])
-        columns, values = eigenvectors(A, B)
-        return self.normalised(acb_mat([column[:n] for column in columns]).transpose(), values)
 
 
 def _both_of_each_pair(regime: Regime) -> tuple[Any, list[Any]]:
@@ -256,12 +268,18 @@ def _both_of_each_pair(regime: Regime) -> tuple[Any, list[Any]]:
     ]
 
 
-def _gap(piece: Piece, contact: int, stop: Any, tau: Any) -> tuple[Any, Any, list[Any]]:
-    """u - stop and u' of a contact at tau, and the coefficients they are made of."""
+def _gap(piece: Piece, contact: int, stop: Any, lag: Any, tau: Any) -> tuple[Any, Any, list[Any]]:
+    """u - stop + lag u' of a contact at tau, its rate, and the coefficients they are made of."""
     regime, parts = piece.regime, piece.parts(tau)
     u, speed = (dot(rows[contact], parts).real for rows in (regime.rows, regime.row_rates))
     offset, rate = _offset(piece, contact, tau)
-    return (u + offset - stop).mid(), (speed + rate).mid(), parts
+    curve = arb(0)
+    if lag != 0:
+        ahead = [rate * part for rate, part in zip(regime.rates, parts, strict=True)]
+        for k, force in enumerate(piece.forces(tau) if piece.records else []):
+            ahead[k] += force[0]
+        curve = dot(regime.row_rates[contact], ahead).real
+    return (u + offset - stop + lag * (speed + rate)).mid(), (speed + rate + lag * curve).mid(), parts
 
 
 def _coefficients(regime: PreciseRegime, q: list[Any], v: list[Any], spin: list[Any]) -> list[Any]:

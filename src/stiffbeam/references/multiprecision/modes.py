@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
-from flint import acb_mat, arb, arb_mat, ctx
+from flint import acb, acb_mat, arb, arb_mat, ctx
 
 from ...basics.arrays import Array
 from ...basics.validation import InputError
@@ -112,6 +112,38 @@ class UndampedPencil:
         return X, [value.real for value in values]
 
 
+@dataclass(frozen=True, eq=False)
+class DampedPencil:
+    """A = [[C, M], [M, 0]], B = [[-K, 0], [0, M]] on x = (phi, lambda phi), of which phi (n, 2n) is held."""
+
+    mass: Any
+    damping: Any
+    stiffness: Any
+
+    def products(self, phi: Any, values: list[Any]) -> tuple[Any, Any]:
+        """X^T A X and X^T B X of the vectors x = (phi, lambda phi), lambda from ``values``."""
+        turned = phi.transpose()
+        M, C, K = ((turned * (matrix * phi)).tolist() for matrix in (self.mass, self.damping, self.stiffness))
+        n = range(len(values))
+        A = [[C[i][j] + (values[i] + values[j]) * M[i][j] for j in n] for i in n]
+        return acb_mat(A), acb_mat([[values[i] * values[j] * M[i][j] - K[i][j] for j in n] for i in n])
+
+    def normalised(self, phi: Any, values: list[Any]) -> tuple[Any, list[Any]]:
+        """phi with x^T A x = 1."""
+        norms = self.products(phi, values)[0].tolist()
+        return acb_mat([[(x / norms[j][j].sqrt()).mid() for j, x in enumerate(line)] for line in phi.tolist()]), values
+
+    def from_scratch(self) -> tuple[Any, list[Any]]:
+        """phi (n, 2n) and the eigenvalues, by the QR algorithm."""
+        n = self.mass.nrows()
+        M, C, K = (matrix.tolist() for matrix in (self.mass, self.damping, self.stiffness))
+        nothing = [acb(0)] * n
+        A = acb_mat([[*C[i], *M[i]] for i in range(n)] + [[*M[i], *nothing] for i in range(n)])
+        B = acb_mat([[-x for x in K[i]] + nothing for i in range(n)] + [[*nothing, *M[i]] for i in range(n)])
+        columns, values = eigenvectors(A, B)
+        return self.normalised(acb_mat([column[:n] for column in columns]).transpose(), values)
+
+
 def precision_at(full: int, guard: int, t: float, t_end: float) -> int:
     """Bits to carry at time t: from ``full`` down to ``guard`` for the outputs: error growth uses them up."""
     return max(guard, math.ceil(full - (full - guard) * min(1.0, t / t_end))) + 30
@@ -144,7 +176,12 @@ def sampler(times: list[float], pieces: list[Any], sample: Callable[[Any, float]
 
 
 def locate(
-    gap_at: Callable[[Any], tuple[Any, Any, Any]], start: float, fastest: float, shortest: float, t: float
+    gap_at: Callable[[Any], tuple[Any, Any, Any]],
+    start: float,
+    fastest: float,
+    shortest: float,
+    t: float,
+    lost: int = 0,
 ) -> tuple[Any, Any, Any]:
     """(tau, shift, parts): the gap closes at tau + shift, ``parts`` are those of the evaluation at tau.
 
@@ -158,7 +195,7 @@ def locate(
     try:
         while accurate < full // 2:
             accurate = 2 * accurate - 8  # the ratio of gap'' to gap' costs a few bits at each turn
-            ctx.prec = min(full, accurate + 70)
+            ctx.prec = min(full, accurate + 70 + lost)
             gap, speed, _ = gap_at(tau)
             tau = (tau - gap / speed).mid()
     finally:

@@ -115,7 +115,12 @@ def _sampled(run: Reference, positions: Array, velocities: Array) -> Reference:
     tip = run.system.tip_channel
     scale = float(np.max(np.abs(positions[:, tip]))) or 1.0
     contacts = tuple(
-        replace(record, position=positions[:, i], velocity=velocities[:, i], force=record.stops.force(positions[:, i]))
+        replace(
+            record,
+            position=positions[:, i],
+            velocity=velocities[:, i],
+            force=record.stops.force(positions[:, i], velocities[:, i]),
+        )
         for i, record in enumerate(run.contacts)
     )
     between = float(np.max(np.abs(run.tip - positions[:, tip]))) / scale

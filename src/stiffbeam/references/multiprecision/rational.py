@@ -27,14 +27,24 @@ from .recorded import taylor
 
 @dataclass(frozen=True, eq=False)
 class ExactContact:
-    """Row (n,), offset in the drive coefficients (d,) and in the records (R,), kappa, g1, g2 (None where free)."""
+    """Row (n,), offset in the drive coefficients (d,) and in the records (R,), kappa, c, g1, g2 (None where free).
+
+    rate: the offset's rate in the drive coefficients.
+    """
 
     row: list[Any]
     offset: list[Any]
     recorded: list[Any]
+    rate: list[Any]
     kappa: Any
+    damping: Any
     g1: Any
     g2: Any
+
+    @property
+    def lag(self) -> Any:
+        """c/kappa."""
+        return self.damping / self.kappa
 
     def stop(self, side: int) -> Any:
         """The position of the stop on ``side``; 0 for a side without one, which is never entered."""
@@ -55,26 +65,29 @@ class Exact:
     q0: list[Any]
     v0: list[Any]
 
-    def closed(self, sides: Sequence[int]) -> tuple[Any, list[list[Any]], list[list[Any]]]:
-        """K, the loads' basis and what the records load, with every contact on the given side, 0 free.
+    def closed(self, sides: Sequence[int]) -> tuple[Any, Any, list[list[Any]], list[list[Any]]]:
+        """C, K, the loads' basis and what the records load, with every contact on the given side, 0 free.
 
-        sigma = kappa (g - row q - offset): row q goes to the stiffness, the rest to the loads.
+        sigma = kappa (g - row q - offset) - c (row q' + offset'): row q and row q' go to the matrices, the rest to
+        the loads.
         """
-        stiffness, basis, records = self.stiffness, self.basis.tolist(), self.records
+        damping, stiffness, basis, records = self.damping, self.stiffness, self.basis.tolist(), self.records
         for contact, side in zip(self.contacts, sides, strict=True):
             if side:
                 push = [contact.kappa * r for r in contact.row]
+                drag = [contact.damping * r for r in contact.row]
                 stiffness = stiffness + arb_mat([[a * b for a in push] for b in contact.row])
+                damping = damping + arb_mat([[a * b for a in drag] for b in contact.row])
                 basis = [
-                    [b - o * p for b, p in zip(line, push, strict=True)]
-                    for line, o in zip(basis, contact.offset, strict=True)
+                    [b - o * p - rate * d for b, p, d in zip(line, push, drag, strict=True)]
+                    for line, o, rate in zip(basis, contact.offset, contact.rate, strict=True)
                 ]
                 basis[0] = [b + contact.stop(side) * p for b, p in zip(basis[0], push, strict=True)]
                 records = [
                     [b - o * p for b, p in zip(line, push, strict=True)]
                     for line, o in zip(records, contact.recorded, strict=True)
                 ]
-        return stiffness, basis, records
+        return damping, stiffness, basis, records
 
 
 def number(x: float) -> Any:
@@ -112,8 +125,13 @@ def exact_problem(system: System, drive: Drive) -> Exact:
     contacts = []
     for contact, (weights, offset, recorded) in zip(system.contacts, places, strict=True):
         g1, g2 = (None if x is None else arb(number(x)) for x in (contact.stops.lower, contact.stops.upper))
-        row, kappa = [arb(x) for x in weights], arb(number(contact.stops.stiffness))
-        contacts.append(ExactContact(row, offset, recorded, kappa, g1, g2))
+        row = [arb(x) for x in weights]
+        kappa, c = arb(number(contact.stops.stiffness)), arb(number(contact.stops.damping))
+        rate = [arb(0)] * len(offset)
+        for k, frequency in enumerate(drive.frequencies):  # a sin + b cos -> w a cos - w b sin
+            w = number(frequency)
+            rate[1 + 2 * k], rate[2 + 2 * k] = -w * offset[2 + 2 * k], w * offset[1 + 2 * k]
+        contacts.append(ExactContact(row, offset, recorded, rate, kappa, c, g1, g2))
     return Exact(
         mass=arb_mat([[arb(x) for x in line] for line in mass]),
         damping=arb_mat([[arb(x) for x in line] for line in damping]),

@@ -16,7 +16,8 @@ from ...model.modes import Modes
 from ...model.system import System
 from ..exact.following import follow
 from ..exact.undamped import Regime, Solution
-from ..exact.undamped_tracer import QUIET, Tracer, stacked
+from ..exact.undamped_regimes import Parts, stacked
+from ..exact.undamped_tracer import QUIET, Tracer
 from .modes import Sampler, UndampedPencil, channels, dot, double, locate, precision_at, refine, sampler
 from .rational import Exact, exact_problem, number
 
@@ -57,7 +58,7 @@ def precise_undamped(system: System, t_end: float, full: int, guard: int) -> tup
     drive = Drive.of(system)
     problem = exact_problem(system, drive)
     frequencies = [arb(number(f)) for f in drive.frequencies]
-    start = Tracer(system, span=t_end)  # refuses what float64 refuses
+    start = Tracer(Parts(system, span=t_end))  # refuses what float64 refuses
     bases, close = start.bases, start.regimes[0].close
     regimes: dict[int, PreciseRegime] = {}
     for side in (0, 1, -1) if system.contacts else (0,):
@@ -143,7 +144,7 @@ def _regime(
 ) -> PreciseRegime:
     """The regime of ``side``; on the lower stop the modes are those of the ``other``, on the upper."""
     n = len(base.omega)
-    stiffness, basis, _ = problem.closed([side] * len(problem.contacts))
+    _, stiffness, basis, _ = problem.closed([side] * len(problem.contacts))
     if other is None:
         start = arb_mat([[arb(float(x)) for x in line] for line in base.shapes])
         shapes, squares = refine(UndampedPencil(problem.mass, stiffness), start, [])
@@ -195,7 +196,9 @@ def _coefficients(frequencies: list[Any], t: Any) -> tuple[list[Any], list[Any]]
     return g, g_rate
 
 
-def _homogeneous(regime: PreciseRegime, eta: list, rate: list, g: list, g_rate: list) -> tuple[list, list]:
+def _homogeneous(
+    regime: PreciseRegime, eta: list[Any], rate: list[Any], g: list[Any], g_rate: list[Any]
+) -> tuple[list[Any], list[Any]]:
     """h = eta - P g and its rate, midpoints."""
     h, h_rate = [], []
     for j, p in enumerate(regime.particular):
@@ -204,7 +207,7 @@ def _homogeneous(regime: PreciseRegime, eta: list, rate: list, g: list, g_rate: 
     return h, h_rate
 
 
-def _oscillators(regime: PreciseRegime, frequencies: list[Any], piece: Piece, tau: Any) -> tuple[list, list]:
+def _oscillators(regime: PreciseRegime, frequencies: list[Any], piece: Piece, tau: Any) -> tuple[list[Any], list[Any]]:
     """What is not P g and its rate at tau: h cos + h'/w sin + level (1 - cos)/w^2, or its limit; the close pairs."""
     q, v = [], []
     for w, w2, x, y, level in zip(regime.omega, regime.squares, piece.h, piece.h_rate, regime.level, strict=True):
@@ -239,7 +242,7 @@ def _from_rest(w: Any, frequency: Any, tau: Any) -> tuple[Any, Any]:
 
 def _gap(
     regime: PreciseRegime, frequencies: list[Any], piece: Piece, stop: Any, tau: Any
-) -> tuple[Any, Any, tuple[list, list]]:
+) -> tuple[Any, Any, tuple[list[Any], list[Any]]]:
     """u - stop and u' at tau after the start of a piece, and what is not P g and its rate there."""
     q, v = _oscillators(regime, frequencies, piece, tau)
     g, g_rate = _coefficients(frequencies, piece.t + tau)
@@ -247,7 +250,9 @@ def _gap(
     return u.mid(), (dot(regime.row, v) + dot(regime.drive_row, g_rate)).mid(), (q, v)
 
 
-def _taylor(regime: PreciseRegime, q: list, v: list, shift: Any, g: list, g_rate: list) -> tuple[list, list]:
+def _taylor(
+    regime: PreciseRegime, q: list[Any], v: list[Any], shift: Any, g: list[Any], g_rate: list[Any]
+) -> tuple[list[Any], list[Any]]:
     """eta and eta' at the switch, a Taylor step of ``shift`` to it from q, v of ``_oscillators``; g, g_rate: there."""
     half = shift * shift / 2
     close_force, close_rate = [arb(0)] * len(q), [arb(0)] * len(q)
@@ -264,7 +269,7 @@ def _taylor(regime: PreciseRegime, q: list, v: list, shift: Any, g: list, g_rate
     return eta, rate
 
 
-def _change(cross: Any, eta: list, rate: list, to_contact: bool) -> tuple[list, list]:
+def _change(cross: Any, eta: list[Any], rate: list[Any], to_contact: bool) -> tuple[list[Any], list[Any]]:
     """Between the modes of the free and of the contact state."""
     columns = arb_mat([[a, b] for a, b in zip(eta, rate, strict=True)]).mid()
     both = ((cross.transpose() if to_contact else cross) * columns).tolist()

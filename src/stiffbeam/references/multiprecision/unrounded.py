@@ -8,7 +8,7 @@ are evaluated with the digits that the pieces were carried with, and only their 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Generator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import pairwise
@@ -75,7 +75,7 @@ class UnroundedSolution(ExponentialSolution):
         force = [_phasors(list(column), spin) for column in zip(*self.given.basis.tolist(), strict=True)]
         total = _integral(force, driven, v, rates, h)
         for contact, side in zip(self.given.contacts, self.sides[k].tolist(), strict=True):
-            if side and any(x != 0 for x in contact.offset[1:]):
+            if abs(side) == 1 and any(x != 0 for x in contact.offset[1:]):
                 o = _phasors(contact.offset, spin)
                 seen = (acb_mat([[acb(x) for x in contact.row]]) * acb_mat(q)).tolist()[0]
                 push = [-contact.kappa * (x + (o[i - own] if i >= own else 0)) for i, x in enumerate(seen)]
@@ -86,7 +86,7 @@ class UnroundedSolution(ExponentialSolution):
 
 
 @contextmanager
-def _digits(bits: int) -> Iterator[None]:
+def _digits(bits: int) -> Generator[None, None, None]:
     before, ctx.prec = ctx.prec, bits
     try:
         yield

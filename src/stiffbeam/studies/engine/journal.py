@@ -24,7 +24,7 @@ from .study import Point, Row
 
 class Journal:
     """One line per finished point with its checksum, appended and flushed; a line cut short by a kill and one that
-    is not what was written are ignored. As a context it is held: no other process works on it.
+    is not what was written are ignored. As a context manager it is locked: no other process works on it.
 
     The file's name holds a hash of study, physics, grid, step, span and the package's source: a journal
     of anything else is never read, and never overwritten.

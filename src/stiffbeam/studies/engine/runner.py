@@ -107,7 +107,7 @@ def _evaluate_all(
 
 
 def _require_portable(study: Study, case: Case) -> None:
-    """Refuse what no other process can take, before any is started: one that fails to arrive is waited for."""
+    """Refuse what cannot be sent to another process before any is started: a pool waits for it for ever."""
     remedy = "use jobs=1, or functions at the top of a module of their own in place of a lambda"
     rule = "travel to other processes"
     try:
@@ -150,7 +150,7 @@ def _gather(
     threads: of the BLAS in processes that this call starts, 0 where it starts none.
     """
     lost = []
-    futures: dict[Future, Point] = {}
+    futures: dict[Future[Any], Point] = {}
     try:
         # The first one starts the processes, with the environment of that moment.
         with _blas_threads(threads) if threads else nullcontext():
@@ -168,7 +168,7 @@ def _gather(
 
 
 @contextmanager
-def _blas_threads(count: int) -> Iterator[None]:
+def _blas_threads(count: int) -> Generator[None, None, None]:
     """Processes that are started meanwhile use so many threads in the BLAS, which reads it as it is loaded.
 
     The matrices are so small that its threads mostly wait for each other. Held while processes start and

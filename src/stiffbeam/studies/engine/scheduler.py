@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Generator
 from concurrent.futures import CancelledError, Executor
 from contextlib import contextmanager
 from typing import Any
@@ -17,7 +17,7 @@ PATIENCE = 30  # seconds for the scheduler to answer and for a first worker
 
 
 @contextmanager
-def scheduler(address: str) -> Iterator[Executor]:
+def scheduler(address: str) -> Generator[Executor, None, None]:
     """An executor on the workers at ``address``, e.g. ``tcp://host:8786``.
 
     Start them with ``dask scheduler`` and, on every machine, ``dask worker tcp://host:8786 --nworkers N
@@ -36,7 +36,7 @@ def scheduler(address: str) -> Iterator[Executor]:
     class Share(WorkerPlugin):
         """Every worker, also one that joins later, gives an ensemble the threads it has."""
 
-        def setup(self, worker) -> None:
+        def setup(self, worker: Any) -> None:
             os.environ["STIFFBEAM_THREADS"] = str(worker.state.nthreads)
 
     try:

@@ -22,6 +22,22 @@ Row = dict[str, Any]  # likewise; what a line of a DataFrame can take
 Rows = Sequence[Row]
 
 
+class Answer(str):
+    """A sentence with numbers, and the same as a table: one flat dictionary a line, texts as they are printed.
+
+    rest: what of the sentence does not stand in the table.
+    """
+
+    table: list[dict[str, str]]
+    rest: str
+
+    def __new__(cls, sentence: str, table: Sequence[Mapping[str, str]] = (), rest: str = "") -> Answer:
+        """The sentence with its table, whose lines are copied."""
+        answer = super().__new__(cls, sentence)
+        answer.table, answer.rest = [dict(line) for line in table], rest
+        return answer
+
+
 @dataclass(frozen=True)
 class Study:
     """points(case, **options) -> where to look; evaluate(case, point) -> rows; answer(rows, case) -> a sentence;
@@ -68,12 +84,14 @@ class Records:
         return f"{self.study.question}\n{self.answer}"
 
     @property
-    def answer(self) -> str:
-        """The answer in a sentence or two, with numbers."""
+    def answer(self) -> Answer:
+        """The answer in a sentence or two, with numbers; ``.table`` is the same line by line."""
         if not self.found:
             reasons = {row.get("failed") or row["refused"] for row in self.rows}
-            return "No point could be evaluated: " + "; ".join(sorted(reasons))
-        return self.study.answer(self.found, self.case)
+            nothing = "No point could be evaluated"
+            return Answer(f"{nothing}: " + "; ".join(sorted(reasons)), rest=nothing)
+        answer = self.study.answer(self.found, self.case)
+        return answer if isinstance(answer, Answer) else Answer(answer, rest=answer)
 
     @property
     def found(self) -> list[Row]:
@@ -95,6 +113,7 @@ class Records:
         return self.study.draw(self)
 
     def to_dataframe(self) -> pandas.DataFrame:
+        """The rows as a pandas table, units in its attrs; needs pandas."""
         import pandas
 
         frame = pandas.DataFrame(self.rows)
@@ -102,13 +121,15 @@ class Records:
         return frame
 
     def to_dict(self) -> dict[str, Any]:
+        """Study, options, rows and failures as plain numbers and texts, for JSON."""
         return {
             "study": self.study.name,
             "question": self.study.question,
             "case": self.case.name,
             "units": asdict(self.case.units),
             "options": plain(self.options),
-            "answer": self.answer,
+            "answer": str(answer := self.answer),
+            "table": answer.table,
             "seconds": round(self.seconds, 3),
             "rows": plain(self.rows),
         }

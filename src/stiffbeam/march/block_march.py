@@ -1,4 +1,4 @@
-"""The modal march: members of an ensemble in blocks of K steps through one compiled kernel."""
+"""The block march: members of an ensemble in blocks of K steps through one compiled kernel."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ import numpy as np
 
 from ..basics.arrays import Array, aligned
 from ..model.contact import laws
-from ..model.modes import Modes
 from ..model.stage import LINEAR
 from ..model.system import System
 from ..model.time_functions import offset_rate
@@ -19,6 +18,8 @@ from ..schemes import Scheme
 from ..trajectory.recorder import Seen, record
 from ..trajectory.sampling import CONTACT, END, EVENT, IMPACT_IMPULSE, IMPACT_PEAK, MEMBER, ROW, SIDE, new_tally
 from .build import build
+from .choice import nodes_per_block
+from .coordinates import Coordinates, InModes
 from .kernels import blocks as kernel
 from .kernels import blocks_jax as kernel_jax
 from .kernels import blocks_numpy as kernel_numpy
@@ -26,7 +27,7 @@ from .kernels.layout import Forcing, Kept, Marchers
 from .propagator import Propagator
 from .rules import require_giving_way, rule_of, unsolved
 
-NODES_PER_BLOCK = 32  # longer blocks pay more for the contact than they save
+BLOCKS, DENSE = "modal blocks", "dense blocks"
 STEPS_PER_CALL = 1 << 16  # between two reports of progress
 STEPS_REPLAYED = 4096  # held in memory at once where states, or sampled loads, are wanted
 
@@ -34,22 +35,21 @@ STEPS_REPLAYED = 4096  # held in memory at once where states, or sampled loads, 
 RUNS = {"numba": kernel.run, "numpy": kernel_numpy.run, "jax": kernel_jax.run}
 
 
-def block_length(scheme: Scheme, contacts: int) -> int:
-    """The largest power of two of steps with at most NODES_PER_BLOCK force nodes."""
-    nodes = len(scheme.nodes) * max(1, contacts)
-    return 2 ** max(0, int(np.log2(NODES_PER_BLOCK / nodes)))
+def block_length(coordinates: Coordinates, scheme: Scheme) -> int:
+    """The largest power of two of steps that have no more force nodes than pay."""
+    nodes = len(scheme.nodes) * max(1, len(coordinates.columns))
+    return 2 ** max(0, int(np.log2(nodes_per_block(coordinates, scheme) / nodes)))
 
 
 @dataclass(frozen=True, eq=False)
 class March:
-    """A scheme on a system in modal coordinates: what every member shares, made once.
+    """A scheme on a system in coordinates: what every member shares, made once.
 
     The propagators of the starter and of the blocks know the linear part only. Members may differ in
     initial data, in their stops and in the frequencies and amplitudes of their harmonic loads.
     """
 
-    system: System
-    basis: Modes
+    coordinates: Coordinates
     scheme: Scheme
     dt: float
     contact: str
@@ -63,8 +63,7 @@ class March:
     @classmethod
     def of(
         cls,
-        system: System,
-        basis: Modes,
+        coordinates: Coordinates,
         scheme: Scheme,
         dt: float,
         contact: str,
@@ -72,14 +71,24 @@ class March:
         rule: int | None = None,
     ) -> March:
         """rule: for stops of that kind, the system's own unless given."""
-        starter, rule = scheme.starter, rule_of(system.contacts, contact) if rule is None else rule
-        one = None if starter is None else build(starter, system, basis, dt, 1, contact, reduced=False, rule=rule)
-        length = block_length(scheme, len(system.contacts))
-        block = build(scheme, system, basis, dt, length, contact, rule=rule)
+        system, starter = coordinates.system, scheme.starter
+        rule = rule_of(system.contacts, contact) if rule is None else rule
+        one = None if starter is None else build(starter, coordinates, dt, 1, contact, reduced=False, rule=rule)
+        block = build(scheme, coordinates, dt, block_length(coordinates, scheme), contact, rule=rule)
         for made in (one, block):
             if made is not None and len(made.block.rates):
                 require_giving_way(made.scheme, *made.compliances)
-        return cls(system, basis, scheme, dt, contact, one, block, rule, RUNS[engine])
+        return cls(coordinates, scheme, dt, contact, one, block, rule, RUNS[engine])
+
+    @property
+    def system(self) -> System:
+        """Whose matrices are marched."""
+        return self.coordinates.system
+
+    @property
+    def kind(self) -> str:
+        """What ``provenance["march"]`` says of it."""
+        return BLOCKS if isinstance(self.coordinates, InModes) else DENSE
 
     def forcing(self, propagator: Propagator) -> Forcing:
         """What the loads and offsets of ``system`` itself do to one of the propagators; made once."""
@@ -107,11 +116,12 @@ class Flight:
     velocities: Array = field(init=False)
     events: Array = field(init=False)  # (impacts, 7), see sampling; by member, in order of time
     state: Marchers = field(init=False)
-    kind: str = "modal blocks"  # or "modal leaps"; known at the end
+    kind: str = ""  # of march; known at the end
     compile_seconds: float = 0.0  # of kernels that only some flights need
 
     def __post_init__(self) -> None:
         system, M = self.march.system, len(self.members)
+        self.kind = self.march.kind
         self.law = np.stack([laws(member.contacts) for member in self.members])
         own = functions(system)
         self._alike = all(functions(member) == own for member in self.members)
@@ -124,32 +134,24 @@ class Flight:
         if kept:
             self.positions[:, 0], self.velocities[:, 0] = u, v
         self._rows, self.events = 0, np.empty((64 * M, EVENT))
-        basis = self.march.basis
-        self._history = [
-            np.stack(
-                [
-                    np.array([basis.to_modal(member.q0) for member in self.members]),
-                    np.array([basis.to_modal(member.v0) for member in self.members]),
-                ]
-            )
-        ]
+        self._history = [np.stack([self.march.coordinates.start(member) for member in self.members], axis=1)]
 
     def fly(self, replayed: Callable[[Stretch], None] | None = None) -> Iterator[int]:
         """March to the end; yields the number of steps done after every stretch."""
-        march, scheme = self.march, self.march.scheme
+        march, scheme, equation = self.march, self.march.scheme, self.march.coordinates.equation
         history = self._history
         if march.starter is not None:
             one = march.starter
-            z = one.scheme.initial(march.basis.equation, history, self._force())
+            z = one.scheme.initial(equation, history, self._force())
             self.state = self.state._replace(z=one.pack(z))
             forcing = self.forcing(one)
             for _ in range(min(self.steps, scheme.history - 1)):
                 self._stretch(one, forcing, 1, replayed)
-                history.insert(0, one.unpack(self.state.z)[:2])
+                history.insert(0, one.unpack(self.state.z)[: equation.order])
                 yield self.done
         if self.done < self.steps:
             block = march.block
-            z = scheme.initial(march.basis.equation, history, self._force())
+            z = scheme.initial(equation, history, self._force())
             self.state = self.state._replace(z=block.pack(z))
             yield from self._on(replayed)
         self._finish()
@@ -194,17 +196,16 @@ class Flight:
             replayed(Stretch(self, block, first, steps, starts, forces))
 
     def _force(self) -> Array:
-        """Load plus contact force on the modes at this time, (members, n)."""
-        total, t = [], self.done * self.march.dt
-        shared = self.march.system.load(t)
-        march_contact = self.march.contact
-        for member, positions, velocities in zip(self.members, self.state.position, self.state.velocity, strict=True):
-            force = shared if self._alike else member.load(t)
-            for c, contact in enumerate(member.contacts):
-                if march_contact != "conserving":  # whose reactions are means over a step, not there at a time
-                    force = force + contact.row * contact.stops.force(positions[c], velocities[c])
-            total.append(self.march.basis.force(force))
-        return np.array(total)
+        """Load plus contact force at this time, (members, N)."""
+        coordinates, t = self.march.coordinates, self.done * self.march.dt
+        total = np.zeros((len(self.members), coordinates.rows.shape[1]))
+        for i, member in enumerate(self.members):
+            total[i] = coordinates.load(member, t)
+            if self.march.contact != "conserving":  # whose reactions are means over a step, not there at a time
+                for c, contact in enumerate(member.contacts):
+                    force = contact.stops.force(self.state.position[i, c], self.state.velocity[i, c])
+                    total[i] += coordinates.columns[c] * force
+        return total
 
     def seen(self, member: int) -> Seen:
         """What a member has seen, at the end."""

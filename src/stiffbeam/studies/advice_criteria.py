@@ -1,6 +1,8 @@
-"""How far a run is off: one motion against the exact one, or means of an ensemble against those of exact motions."""
+"""The errors of a run: one motion against the exact one, or means of an ensemble against those of exact motions."""
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 
@@ -19,24 +21,30 @@ SIZE = 1e-3  # of the perturbations, relative to the motion
 COLUMNS = (("impacts", "impact_count"), ("peak_force", "peak_force"), ("impulse", "impulse"))  # of an ensemble
 
 
-class Judge:
-    """Says how far a run with this scheme, contact and number of steps is off, and what it cost."""
+class Criterion:
+    """The errors of a run with this scheme, contact treatment and step, and what it cost."""
 
     def __init__(self) -> None:
         self.scatter: dict[str, float] = {}
 
-    def errors(self, system: System, scheme: Scheme, contact: str, dt: float, t_end: float) -> tuple[dict, float]:
+    def errors(
+        self, system: System, scheme: Scheme, contact: str, dt: float, t_end: float
+    ) -> tuple[dict[str, Any], float]:
+        """(relative errors by name, seconds of one run); Diverged where a run overflows."""
         raise NotImplementedError
 
 
-class Motion(Judge):
+class Motion(Criterion):
     """One motion against the exact one."""
 
     def __init__(self, exact: Reference) -> None:
         super().__init__()
         self.exact = exact
 
-    def errors(self, system: System, scheme: Scheme, contact: str, dt: float, t_end: float) -> tuple[dict, float]:
+    def errors(
+        self, system: System, scheme: Scheme, contact: str, dt: float, t_end: float
+    ) -> tuple[dict[str, Any], float]:
+        """Of tip (rms), impact count, peak force and impulse, the worst over the contacts."""
         run = integrate(system, scheme, dt, t_end, contact)
         found = {"tip": tip_error(run.tip, self.exact.at(run.t)[0]).rms}
         pairs = list(zip(run.contacts, self.exact.contacts, strict=True))
@@ -54,7 +62,7 @@ def _relative(found: float, wanted: float) -> float:
     return abs(found / wanted - 1.0)
 
 
-class Statistics(Judge):
+class Statistics(Criterion):
     """Means over perturbed members against those of the exact ensemble, with the interval of the difference."""
 
     def __init__(self, system: System, t_end: float, members: int) -> None:
@@ -66,7 +74,10 @@ class Statistics(Judge):
             for name, own in COLUMNS
         }
 
-    def errors(self, system: System, scheme: Scheme, contact: str, dt: float, t_end: float) -> tuple[dict, float]:
+    def errors(
+        self, system: System, scheme: Scheme, contact: str, dt: float, t_end: float
+    ) -> tuple[dict[str, Any], float]:
+        """Of the means over all members, with the interval that their spread leaves, the worst over the contacts."""
         many = integrate_ensemble(system, scheme, dt, t_end, self.members, contact)
         if np.any(np.isfinite(many.diverged)):
             raise Diverged(str(scheme), float(np.nanmin(many.diverged)), "use a smaller dt")

@@ -1,0 +1,288 @@
+"""How hard the first impact is, grid by grid: the contact of one point, and the speed that it meets its stop with.
+
+A free end that moves at speed V shows a stop the impedance Z(s) = A sqrt(s), A = (EI m^3)^(1/4)/sqrt(2), of a beam so
+long that nothing comes back. On compliance kappa the penetration and the force are
+
+    d = V t E(3/2, 2; -(t/tau)^(3/2)),   tau = (A/kappa)^(2/3),   F_max = 0.858 V (A^2 kappa)^(1/3) at 1.65 tau
+
+E the Mittag-Leffler function. The force comes from waves of length l = (EI/kappa)^(1/3): cells of h << l are needed. A
+rigid stop, kappa = inf, has F = A V/sqrt(pi t), without bound: no peak to converge to, but an impulse.
+
+V is the other half. A base that starts with a jump of its velocity excites mode n like 1/n, and the tip's speed is a
+sum of terms 4/(beta_n) cos(omega_n t) that no grid has beyond the beta* whose frequency error has made a radian by
+then, k beta*^2 t (beta* h)^p = 1: what is left out is of size beta*^(-1/2), h^(1/4) for p = 2 and h^(1/3) for p = 4,
+and of either sign. A beam that starts with the speed of its base has no such jump.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+from scipy.optimize import brentq
+from scipy.special import rgamma
+
+from ..basics.arrays import Array
+from ..basics.validation import InputError, integer, one_of
+from ..figures import (
+    COLOURS,
+    MARKERS,
+    column,
+    dashed,
+    heading,
+    log_scale,
+    new_figure,
+    numeric,
+    say_empty,
+    shared_legend,
+)
+from ..files.cases import Case
+from ..measures.regression import Order, observed_order
+from ..measures.smooth_motion import without_contact
+from ..model.closed_form import natural_frequencies, roots
+from ..model.problem import BeamProblem
+from ..model.semidiscretisation import semidiscretise
+from ..model.time_functions import Harmonic
+from ..references import solve
+from .engine.study import Point, Records, Row, Rows, Study
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+OWN, SMOOTH = "at rest", "with its base"
+CELLS = (10, 20, 40, 80, 160, 320, 640)
+HERMITE = 320  # the finest of them by default: two unknowns a node
+WINDOW = 5.0  # tau, of the contact that is looked at
+MODES, ROOTS = 200_000, 12  # of the beam itself: its speed to 1e-3; roots that are not (n - 1/2) pi to rounding
+LOOK = 1600  # times in two first periods, between which the tip crosses a stop once
+
+
+def points(
+    case: Case,
+    cells: Annotated[list[int] | None, "grids, with commas between them"] = None,
+    forms: Annotated[list[str] | None, "with commas between them; default: all three"] = None,
+    starts: Annotated[list[str] | None, "'at rest', 'with its base'; default: both"] = None,
+) -> list[Point]:
+    """Grids of 10 to 640 cells in all forms, the beam at rest and moving with its base at the start."""
+    _plain(case)
+    for number in cells or ():
+        integer("cells", number, 2)
+    for start in starts or ():
+        one_of("starts", start, (OWN, SMOOTH))
+    kinds = forms or ["displacement", "velocity-curvature", "hermite"]
+    return [
+        {"start": start, "form": form, "cells": int(n)}
+        for start in starts or (OWN, SMOOTH)
+        for form in kinds
+        for n in cells or [n for n in CELLS if form != "hermite" or n <= HERMITE]
+    ]
+
+
+def _plain(case: Case) -> None:
+    """Raise InputError unless the beam is that of the theory."""
+    problem = case.problem
+    natural_frequencies(problem, 1)
+    stops = problem.all_stops
+    if len(stops) != 1 or stops[0].position not in (None, problem.length) or stops[0].motion is not None:
+        raise InputError("case", f"{len(stops)} stops", "have stops at rest at the tip, and none else")
+    stops[0].require_linear("the first impact's force")
+    if problem.viscosity or problem.loads or not isinstance(problem.base, Harmonic):
+        raise InputError("case", "damped or loaded", "be moved by a harmonic base only, without viscosity")
+    if problem.initial_displacement is not None or problem.initial_velocity is not None:
+        raise InputError("case", "a start of its own", "start at rest")
+
+
+def evaluate(case: Case, point: Point) -> list[Row]:
+    """What is found at one point."""
+    problem, form, cells = started(case.problem, point["start"]), point["form"], point["cells"]
+    stops = problem.all_stops[0]
+    system = semidiscretise(problem, cells, form=form)
+    free_system = without_contact(system)
+    span = look_span(problem)
+    free = solve(free_system, span, "exact", np.linspace(0.0, span, LOOK + 1), 0.0, None)
+    when = first_crossing(lambda t: free.at(np.array([t]))[0][0], free.t, free.tip, stops.g1, stops.g2)
+    speed = abs(float(free.at(np.array([when]))[1][0]))
+    end = when + WINDOW * tau(problem)
+    contact = solve(system, end, "exact", np.array([0.0, end]), 0.0, None).contacts[0]
+    scale = speed * (admittance(problem) ** 2 * float(stops.stiffness)) ** (1.0 / 3.0)
+    return [
+        {
+            "h_over_l": problem.length / cells / wave_length(problem), "time": when, "speed": speed,
+            "beam_speed": beam_speed(problem, point["start"]), "peak_force": contact.peak_force,
+            "share": contact.peak_force / scale, "impulse": contact.impulse,
+            "impulse_share": contact.impulse / (speed * admittance(problem) * np.sqrt(tau(problem))),
+        }
+    ]  # fmt: skip
+
+
+def started(problem: BeamProblem, start: str) -> BeamProblem:
+    """The beam at rest, or moving with its base."""
+    if start == OWN:
+        return problem
+    assert isinstance(problem.base, Harmonic)
+    speed = float(problem.base.rate(0.0))
+    return replace(problem, initial_velocity=lambda x: np.full(np.shape(x), speed))
+
+
+def admittance(problem: BeamProblem) -> float:
+    """A of Z(s) = A sqrt(s): (EI m^3)^(1/4)/sqrt(2)."""
+    return float((problem.stiffness * problem.mass_per_length**3) ** 0.25 / np.sqrt(2.0))
+
+
+def tau(problem: BeamProblem) -> float:
+    """(A/kappa)^(2/3)."""
+    return (admittance(problem) / float(problem.all_stops[0].stiffness)) ** (2.0 / 3.0)
+
+
+def wave_length(problem: BeamProblem) -> float:
+    """l = (EI/kappa)^(1/3)."""
+    return float((problem.stiffness / problem.all_stops[0].stiffness) ** (1.0 / 3.0))
+
+
+def penetration(t: float, order: float = 2.0) -> float:
+    """t^(order - 1) E(3/2, order; -t^(3/2)), t <= WINDOW: d/(V tau) at order 2, the impulse at order 3."""
+    k = np.arange(120)
+    return float(np.sum((-1.0) ** k * t ** (1.5 * k + order - 1.0) * rgamma(1.5 * k + order)))
+
+
+def largest_penetration() -> float:
+    """0.858, where d' = E(3/2, 1; -t^(3/2)) = 0 first."""
+    at: Any = brentq(lambda t: penetration(t, 1.0), 1.0, 2.5, xtol=1e-14)
+    return penetration(float(at))
+
+
+def look_span(problem: BeamProblem) -> float:
+    """Two first natural periods."""
+    return float(4.0 * np.pi / natural_frequencies(problem, 1)[0])
+
+
+def first_crossing(tip: Callable[[float], float], t: Array, u: Array, g1: float, g2: float) -> float:
+    """When the tip first leaves [g1, g2]. Raises InputError where it does not on the grid t (k,) of u (k,)."""
+    out = np.flatnonzero((u > g2) | (u < g1))
+    if not len(out):
+        rule = "be reached within two of the beam's first periods"
+        raise InputError("stops", (g1, g2), rule, "a case whose first impact is later is not this study's")
+    k = int(out[0])
+    stop = g2 if u[k] > g2 else g1
+    at: Any = brentq(lambda s: tip(s) - stop, t[k - 1], t[k], xtol=1e-16)
+    return float(at)
+
+
+def beam_tip(problem: BeamProblem, start: str, t: float, count: int = MODES) -> tuple[float, float]:
+    """Position and speed of the beam's own tip without stops, by its modes.
+
+    u(L, t) = phi + sum_n c_n eta_n, c_n = X_n(1) int X_n = 4 (-1)^(n+1) sigma_n/l_n, eta'' + omega^2 eta = -phi''.
+    """
+    base = problem.base
+    assert isinstance(base, Harmonic)
+    root = (np.arange(1, count + 1) - 0.5) * np.pi
+    root[:ROOTS] = roots(ROOTS)
+    sigma = np.ones(count)
+    low = root[:ROOTS]
+    sigma[:ROOTS] = (np.cosh(low) + np.cos(low)) / (np.sinh(low) + np.sin(low))
+    weight = 4.0 * (-1.0) ** np.arange(count) * sigma / root
+    omega = root**2 * np.sqrt(problem.stiffness / problem.mass_per_length) / problem.length**2
+    a, phase = float(base.frequency), float(base.phase)
+    D = a * a * float(base.amplitude) / (omega**2 - a * a)
+    rate = -float(base.rate(0.0)) if start == OWN else 0.0
+    B, C = -D * np.sin(phase), (rate - D * a * np.cos(phase)) / omega
+    c, s = np.cos(omega * t), np.sin(omega * t)
+    eta = B * c + C * s + D * np.sin(a * t + phase)
+    eta_rate = omega * (C * c - B * s) + D * a * np.cos(a * t + phase)
+    return float(base.value(t) + weight @ eta), float(base.rate(t) + weight @ eta_rate)
+
+
+def beam_speed(problem: BeamProblem, start: str) -> float:
+    """With which the beam itself meets its stop, to 1e-3."""
+    stops, times = problem.all_stops[0], np.linspace(0.0, look_span(problem), LOOK + 1)
+    u = np.array([beam_tip(problem, start, t, 400)[0] for t in times])
+    when = first_crossing(lambda t: beam_tip(problem, start, t)[0], times, u, stops.g1, stops.g2)
+    return abs(beam_tip(problem, start, when)[1])
+
+
+def orders(rows: Rows) -> dict[str, Order]:
+    """Of the peak force in h, by form, with its base: against the finest grid of all, which is left out."""
+    smooth = [row for row in numeric(rows) if row["start"] == SMOOTH]
+    finest = min(smooth, key=lambda row: (row["form"] != "hermite", -row["cells"]), default=None)
+    found = {}
+    for form in dict.fromkeys(row["form"] for row in smooth):
+        own = [row for row in smooth if row["form"] == form and row is not finest and row["h_over_l"] < 1.0]
+        errors = [abs(row["peak_force"] / finest["peak_force"] - 1.0) for row in own]  # type: ignore[index]
+        found[form] = observed_order([1.0 / row["cells"] for row in own], errors)
+    return found
+
+
+def answer(rows: Rows, case: Case) -> str:
+    """The answer in a sentence or two."""
+    found = numeric(rows)
+    parts = [f"h^{order} ({form})" for form, order in orders(rows).items() if np.isfinite(order.slope)]
+    smooth = [row for row in found if row["start"] == SMOOTH]
+    sentences = []
+    if smooth:
+        best = min(smooth, key=lambda row: row["h_over_l"])
+        sentences.append(
+            f"Moving with its base at the start, the beam's first impact has a peak force of {best['share']:.4f} "
+            f"V (A^2 kappa)^(1/3) on {best['cells']} cells (theory {largest_penetration():.4f})"
+            + (f", approached like {', '.join(parts)} where h < l." if parts else ".")
+        )
+    for form in dict.fromkeys(row["form"] for row in found):
+        own = [row for row in found if row["form"] == form and row["start"] == OWN]
+        if own:
+            off = [f"{100 * abs(row['speed'] / row['beam_speed'] - 1.0):.2g} % on {row['cells']}" for row in own]
+            sentences.append(f"From rest ({form}) the speed V of the tip is off by {', '.join(off)} cells.")
+    return " ".join(sentences) or "Nothing was found."
+
+
+def draw(records: Records) -> Figure:
+    """Filled: from rest, the case's own start; hollow: with its base. Lines: the beam itself."""
+    rows = numeric(records.found)
+    figure = new_figure(4.8, heading(records.case, "the first impact, from 10 to 640 cells"))
+    axes = figure.subplots(1, 3)
+    forms = list(dict.fromkeys(row["form"] for row in rows))
+    starts = list(dict.fromkeys(row["start"] for row in rows))
+    for j, start in enumerate(starts):
+        for i, form in enumerate(forms):
+            own = sorted((r for r in rows if (r["form"], r["start"]) == (form, start)), key=lambda r: r["cells"])
+            style = {"color": COLOURS[i], "marker": MARKERS[i], "ms": 5, "lw": 1.0, "ls": dashed(j)}
+            style |= {"mfc": COLOURS[i] if start == OWN else "white", "label": f"{form}, {start}"}
+            cells, wanted = column(own, "cells"), column(own, "beam_speed")
+            axes[0].plot(cells, column(own, "speed") / wanted, **style)
+            scale = column(own, "peak_force") / column(own, "share") / column(own, "speed") * wanted
+            axes[1].plot(cells, column(own, "peak_force") / scale, **style)
+            if start == SMOOTH:
+                axes[2].plot(cells, np.abs(column(own, "share") / largest_penetration() - 1.0), **style)
+    axes[0].axhline(1.0, color="k", lw=0.9)
+    axes[1].axhline(largest_penetration(), color="k", lw=0.9)
+    titles = ("(a) speed at the first impact", "(b) peak force", "(c) its error, with its base")
+    labels = ("V on the grid/V of the beam", r"$F_{max}/(V_{beam}(A^2\kappa)^{1/3})$", "relative to theory")
+    for axis, title, label in zip(axes, titles, labels, strict=True):
+        axis.set_title(title, loc="left")
+        axis.set(xlabel="cells", ylabel=label)
+        axis.grid(color="0.92", which="both")
+        if axis.get_lines() and rows:
+            log_scale(axis, y=axis is axes[2])
+            cells = sorted({row["cells"] for row in rows})
+            axis.set_xticks(cells, [str(n) for n in cells], fontsize=8.5)
+            axis.minorticks_off()
+        else:
+            say_empty(axis)
+    if rows:
+        axes[1].axvline(records.case.problem.length / wave_length(records.case.problem), color="0.5", lw=0.9, ls=":",
+                        label="cells as wide as the wave l")  # fmt: skip
+    shared_legend(figure, 4)
+    return figure
+
+
+STUDY = Study(
+    name="first_impact",
+    question="How hard is the first impact, and from how many cells on does a grid know it?",
+    points=points,
+    evaluate=evaluate,
+    answer=answer,
+    draw=draw,
+    marches=False,
+    needs_stops=True,
+    smoke={"cells": [8, 16, 32], "forms": ["displacement", "hermite"]},
+)

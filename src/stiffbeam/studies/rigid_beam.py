@@ -1,0 +1,215 @@
+"""The beam between stops from soft to rigid: what compliant stops tend to, scheme by scheme, beside rigid ones.
+
+From the first touch on, over a hundredth of a time unit, in which the tip bounces as the mesh lets it: the number of
+impacts converges neither with the mesh nor with kappa. What can be compared is the impulse, int |sigma| dt, the time in
+contact, and the energy that is lost. Beyond kappa = K_bb, what the grid itself puts behind its contact node
+(``System.massless_contacts``), a stop's stiffness changes the bouncing of one node and nothing of the beam.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Annotated
+
+import numpy as np
+
+from ..basics.validation import InputError, integer, positive
+from ..figures import (
+    COLOURS,
+    MARKERS,
+    column,
+    dashed,
+    heading,
+    log_scale,
+    new_figure,
+    numeric,
+    say_empty,
+    shared_legend,
+)
+from ..files.cases import Case
+from ..march.integrate import integrate
+from ..measures.smooth_motion import without_contact
+from ..model.closed_form import natural_frequencies
+from ..model.semidiscretisation import semidiscretise
+from ..references import solve
+from ..references.exact.rigid_reference import solve_rigid
+from .common import Dt, label_of, scheme_of
+from .engine.study import Point, Records, Row, Rows, Study
+from .first_impact import LOOK, first_crossing, look_span
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+EXACT, CONSERVING = "exact", "trapezoidal conserving"
+COMPLIANT = (EXACT, CONSERVING, "trapezoidal", "hht(alpha=-0.1)", "bdf2", "sdirk")
+MASSLESS, NODE = "massless node", "node with mass"
+# What is asked at kappa = inf: method, node, restitution.
+RIGID: tuple[tuple[str, str, float | None], ...] = (
+    (EXACT, MASSLESS, None), (CONSERVING, MASSLESS, None), (EXACT, NODE, 0.0), (EXACT, NODE, 1.0),
+    ("trapezoidal", NODE, None), ("hht(alpha=-0.1)", NODE, None), ("bdf2", NODE, None), ("sdirk", NODE, None),
+    ("moreau-jean", NODE, 0.0), ("moreau-jean", NODE, 1.0), ("paoli-schatzman", NODE, 0.0),
+    ("nonsmooth-alpha(rho=0.8)", NODE, 0.0), ("contact-stabilised", NODE, None),
+)  # fmt: skip
+KAPPAS = (1e5, 3e5, 1e6, 5e6, 2e7, 1e8, 1e9)
+WINDOW = 0.01  # after the first touch
+
+
+def points(
+    case: Case,
+    kappas: Annotated[list[float] | None, "stiffnesses of the stops, with commas between them"] = None,
+    cells: Annotated[list[int] | None, "grids; default: the case's and twice as many"] = None,
+    dt: Dt = None,
+    divide: Annotated[list[int] | None, "the step is dt and dt over these; default: 1,10"] = None,
+) -> list[Point]:
+    """Every method at every stiffness and at inf, to the same time, which every step divides."""
+    if case.beam is None or len(case.problem.all_stops) != 1:
+        raise InputError("case", case.name, "be a beam with stops at one place", "for example table10")
+    natural_frequencies(case.problem, 1)
+    dt = case.dt if dt is None else positive("dt", dt)
+    values = KAPPAS if kappas is None else [positive("kappas", kappa) for kappa in kappas]
+    parts = [integer("divide", part, 1) for part in divide or [1, 10]]
+    found: list[Point] = []
+    for number in cells or [case.cells, 2 * case.cells]:
+        integer("cells", number, 2)
+        end = dt * np.ceil((first_touch(case, number) + WINDOW) / dt)
+        asked = [(method, NODE, None, float(kappa)) for kappa in values for method in COMPLIANT]
+        asked += [(*entry, None) for entry in RIGID]
+        for method, node, e, kappa in asked:
+            rest = {"node": node, "restitution": e, "kappa": kappa, "cells": int(number), "t_end": float(end)}
+            label = method if method in (EXACT, CONSERVING) else label_of(method)
+            steps = [0.0] if method == EXACT else [dt / part for part in parts]
+            found += [{"method": label, "dt": step} | rest for step in steps]
+    return found
+
+
+def first_touch(case: Case, cells: int) -> float:
+    """When the tip first reaches a stop, whatever that is made of."""
+    span = look_span(case.problem)
+    free = solve(
+        without_contact(semidiscretise(case.problem, cells)), span, EXACT, np.linspace(0.0, span, LOOK + 1), 0.0, None
+    )
+    stops = case.problem.all_stops[0]
+    return first_crossing(lambda t: free.at(np.array([t]))[0][0], free.t, free.tip, stops.g1, stops.g2)
+
+
+def evaluate(case: Case, point: Point) -> list[Row]:
+    """What is found at one point."""
+    kappa = np.inf if point["kappa"] is None else point["kappa"]
+    stops = replace(case.problem.all_stops[0], stiffness=kappa, restitution=point["restitution"])
+    system = semidiscretise(replace(case.problem, stops=stops), point["cells"])
+    system = system.massless_contacts() if point["node"] == MASSLESS else system
+    end, method = point["t_end"], point["method"]
+    if method == EXACT:
+        rigid = any(contact.stops.rigid for contact in system.contacts)
+        ends = np.array([0.0, end])
+        run = solve_rigid(system, end, ends, trusted=False) if rigid else solve(system, end, EXACT, ends, 0.0, None)
+    else:
+        scheme = scheme_of(method.removesuffix(" conserving"))
+        treatment = "conserving" if method == CONSERVING else "implicit"
+        run = integrate(system, scheme, point["dt"], end, treatment, every=round(end / point["dt"]))
+    record, energy = run.contacts[0], run.energy
+    had = float(energy.energy[0] + energy.input[-1])
+    return [
+        {
+            "impulse": record.impulse,
+            "contact_time": record.fraction * end,
+            "impacts": record.impacts.count,
+            "lost": float((energy.loss[-1] + energy.stop_dissipation[-1]) / had) if had > 0.0 else float("nan"),
+        }
+    ]
+
+
+def name_of(row: Row) -> str:
+    """Method and node in words."""
+    e = row["restitution"]
+    law = "" if e is None or np.isnan(e) else f", e = {e:g}"
+    return f"{row['method']}{law}" + (f", {MASSLESS}" if row["node"] == MASSLESS else "")
+
+
+def _stiff(row: Row) -> float:
+    kappa = row["kappa"]
+    return np.inf if kappa is None or np.isnan(kappa) else float(kappa)
+
+
+def answer(rows: Rows, case: Case) -> str:
+    """The answer in a sentence or two."""
+    found = numeric(rows)
+    sentences = []
+    for cells in sorted({row["cells"] for row in found}):
+        own = [row for row in found if row["cells"] == cells]
+        exact = {
+            _stiff(row): row for row in own if row["method"] == EXACT and row["node"] == NODE and _stiff(row) < np.inf
+        }
+        finest = min((row["dt"] for row in own if row["dt"]), default=0.0)
+        soft = ", ".join(f"{r['impulse']:.3g} at {k:.2g}" for k, r in sorted(exact.items()))
+        rigid = ", ".join(
+            f"{name_of(row)} {row['impulse']:.3g} in {row['impacts']:g} impacts, {100 * row['lost']:.2g} % lost"
+            for row in own
+            if _stiff(row) == np.inf and row["dt"] in (0.0, finest)
+        )
+        sentences.append(f"On {cells} cells the impulse is {soft} exactly; at kappa = inf, dt = {finest:.2g}: {rigid}.")
+    return " ".join(sentences)
+
+
+PANELS = (
+    ("impulse", "impulse", "impulse"),
+    ("contact_time", "time in contact", "time"),
+    ("impacts", "impacts", ""),
+    ("lost", "share of the energy lost", ""),
+)
+
+
+def draw(records: Records) -> Figure:
+    """The case's grid: lines over kappa, at its end kappa = inf. Black: exact; thin black: on the finest grid."""
+    rows, units = numeric(records.found), records.case.units
+    figure = new_figure(8.2, heading(records.case, f"{WINDOW:g} after the first touch, from soft stops to rigid ones"))
+    axes = figure.subplots(2, 2).ravel()
+    grids = sorted({row["cells"] for row in rows})
+    finite = sorted({_stiff(row) for row in rows} - {np.inf}) or [1.0]
+    wall = 10.0 * finite[-1]
+    steps = sorted({row["dt"] for row in rows if row["dt"]}, reverse=True)
+    for axis, (key, words, quantity), letter in zip(axes, PANELS, "abcd", strict=True):
+        for i, name in enumerate(dict.fromkeys(name_of(row) for row in rows)):
+            for grid in grids:
+                for step in [0.0, *steps]:
+                    own = [r for r in rows if (name_of(r), r["cells"], r["dt"]) == (name, grid, step)]
+                    exact = own and own[0]["method"] == EXACT
+                    if not own or (grid != grids[0] and not exact):
+                        continue
+                    own = sorted(own, key=_stiff)
+                    colour = "k" if name == EXACT else COLOURS[i % len(COLOURS)]
+                    at = [
+                        min(_stiff(row), wall) * (1.0 if _stiff(row) < np.inf else 1.0 + 0.6 * (i % 7)) for row in own
+                    ]
+                    style = {
+                        "color": colour,
+                        "marker": MARKERS[i % len(MARKERS)],
+                        "ms": 4.5 if grid == grids[0] else 2.5,
+                    }
+                    style |= {"lw": 1.6 if exact else 0.9, "ls": dashed(steps.index(step) if step else 0)}
+                    style |= {"mfc": colour if not step or step == steps[-1] else "white"}
+                    first = grid == grids[0] and (not step or step == steps[-1])
+                    axis.plot(at, column(own, key), label=name if first else None, **style)
+        axis.axvline(np.sqrt(finite[-1] * wall), color="0.6", lw=0.9, ls=":")
+        axis.set(xlabel=units.label("stiffness of the stops κ; rigid on the right", "stop stiffness"))
+        axis.set(ylabel=units.label(words, quantity) if quantity else words)
+        axis.set_title(f"({letter})", loc="left")
+        axis.grid(color="0.92")
+        if rows:
+            log_scale(axis, y=key == "impacts")
+        else:
+            say_empty(axis)
+    shared_legend(figure, 4)
+    return figure
+
+
+STUDY = Study(
+    name="rigid_beam",
+    question="From soft stops to rigid ones: what do the schemes make of a beam's impulse, contact and energy?",
+    points=points,
+    evaluate=evaluate,
+    answer=answer,
+    draw=draw,
+    needs_stops=True,
+    smoke={"kappas": [1e6], "cells": [6], "divide": [1]},
+)

@@ -1,0 +1,269 @@
+"""The site: guide, theory, how-to scripts, gallery of all studies and the reference of the Python names.
+
+    python studies/site.py --out FOLDER              # with every study on Table 10: minutes
+    python studies/site.py --out FOLDER --gallery amplification --smoke
+
+One source a text: the pages are the Markdown files and scripts of this repository, at the same paths with .html.
+Warnings are errors, and so is a link, a picture or an anchor that leads nowhere.
+"""
+
+from __future__ import annotations
+
+import argparse
+import html
+import json
+import os
+import re
+import shutil
+import sys
+import warnings
+from collections.abc import Iterable
+from html.parser import HTMLParser
+from pathlib import Path
+from urllib.parse import unquote, urlsplit
+
+ROOT = Path(__file__).parent.parent
+CHAPTERS = {
+    "Start": ["README.md", "studies/first_beam.ipynb"],
+    "Guide": [
+        "studies/guide/beam.md", "studies/guide/choose.md", "studies/guide/convergence.md", "studies/guide/runs.md",
+        "studies/guide/stops.md", "studies/guide/model.md", "studies/guide/ensembles.md",
+        "studies/guide/references.md", "studies/guide/commands.md", "studies/guide/records.md",
+        "studies/guide/words.md", "studies/guide/weight.md", "studies/guide/other_tools.md",
+        "studies/guide/citing.md",
+    ],
+    "How to": ["studies/steel_strip.py", "studies/hermite_model.py", "studies/hammer.py", "studies/base_motion.py"],
+    "Theory": ["studies/theory/horizon.md", "studies/theory/march.md", "studies/theory/exact.md"],
+    "Answers": [
+        "studies/README.md", "gallery", "reference/problems/README.md", "studies/other_engines.md",
+        "reference/README.md",
+    ],
+    "Reference": ["api/stiffbeam.html", "CONTRIBUTING.md", "CHANGELOG.md"],
+}  # fmt: skip
+CURRENT = ' aria-current="page"'
+SWEEP = {"parameter": "frequency", "values": [8.0 + 0.2 * k for k in range(31)]}
+STYLE = """
+.site { display: grid; grid-template-columns: 15rem minmax(0, 1fr); gap: 2rem;
+  max-width: 80rem;
+  margin: 0 auto; padding: 0 1.25rem; }
+.site nav { font-size: .9rem; padding: 1.5rem 0; }
+.site nav h2 { font-size: .8rem; border: 0; margin: 1rem 0 .2rem; padding: 0; }
+.site nav ul { list-style: none; padding: 0; margin: 0; } .site nav a[aria-current] { font-weight: 650; }
+.site main { max-width: 56rem; padding: 1.5rem 0 4rem; margin: 0; }
+.site h2 { margin-top: 2.2rem; font-size: 1.3rem; }
+pre { overflow-x: auto; padding: .7rem .9rem; border: 1px solid var(--rule); border-radius: 6px; font-size: .84rem;
+  line-height: 1.45; }
+code { overflow-wrap: anywhere; } pre code { overflow-wrap: normal; }
+table { display: block; overflow-x: auto; min-width: 0; }
+main img { background: #fff; border-radius: 6px; }
+@media (max-width: 60rem) { .site { grid-template-columns: minmax(0, 1fr); gap: 0; } .site nav { order: 2; } }
+@media print { .site nav { display: none; } .site { display: block; } }
+"""
+
+
+def target_of(source: str) -> str:
+    """Where the page of a file lies in the site."""
+    if source in ("README.md", "gallery"):
+        return {"README.md": "index.html", "gallery": "gallery.html"}[source]
+    return re.sub(r"README\.md$", "index.html", re.sub(r"(?<!README)\.(md|py|ipynb)$", ".html", source))
+
+
+def markdown(text: str) -> str:
+    """Markdown as GitHub reads it: tables, fenced code, anchors at headings."""
+    import markdown2
+
+    extras = {"tables": None, "fenced-code-blocks": None, "header-ids": None, "code-friendly": None}
+    page = str(markdown2.markdown(text, extras=extras))
+    page = re.sub(r"<pre>(?!<span|<code)", "<pre><code>", page)
+    return re.sub(r"<pre([ >])", r'<pre tabindex="0"\1', page).replace(" />", ">")
+
+
+def script(path: Path) -> str:
+    """A how-to script as a page: its docstring is the text."""
+    text = path.read_text(encoding="utf-8")
+    words = re.match(r'"""(.*?)"""', text, re.DOTALL)
+    if words is None:
+        raise ValueError(f"{path} says nothing of itself")
+    title, _, rest = words[1].partition("\n")
+    return markdown(f"# {title.strip()}\n{rest}\n\n```python\n{text[words.end() :].strip()}\n```\n")
+
+
+def notebook(path: Path) -> str:
+    """A notebook as a page: texts, code, and what it printed."""
+    parts = []
+    for cell in json.loads(path.read_text(encoding="utf-8"))["cells"]:
+        source = "".join(cell["source"])
+        parts.append(source if cell["cell_type"] == "markdown" else f"```python\n{source}\n```")
+        for output in cell.get("outputs", []):
+            parts.append("```text\n" + "".join(output["text"]).rstrip() + "\n```")
+    return markdown("\n\n".join(parts))
+
+
+def gallery(names: Iterable[str], out: Path, smoke: bool) -> str:
+    """Every study on Table 10: question, command, picture, answer."""
+    from stiffbeam.files.cases import find_case
+    from stiffbeam.studies import STUDIES, find_study
+    from stiffbeam.studies.engine.runner import run_study
+
+    parts = ["# All studies on Table 10", "Each is one command; its records lie beside the picture as JSON and CSV."]
+    case, known = find_case("table10"), set(STUDIES)
+    for name in names:
+        if name not in known:
+            raise ValueError(f"no study is called {name!r}")
+        study = find_study(name)
+        options = (dict(study.smoke) if smoke else {}) | (SWEEP if name == "sweep" else {})
+        records = run_study(study, case, out / "gallery" / "journal", **options)
+        records.save(out / "gallery", name)
+        command = f"stiffbeam {name.replace('_', '-')}"
+        parts += [
+            f"## {name.replace('_', ' ')}",
+            study.question,
+            f"    {command}",
+            f"![{study.question}](gallery/{name}.png)",
+        ]
+        if table := records.answer.table:
+            heads = list(dict.fromkeys(key for line in table for key in line))
+            rows = [[line.get(head, "–") for head in heads] for line in table]
+            parts.append("\n".join(f"| {' | '.join(row)} |" for row in [heads, ["---"] * len(heads), *rows]))
+        parts.append(records.answer.rest.replace("; ", ";\n"))
+        parts.append(f"[JSON](gallery/{name}.json) · [CSV](gallery/{name}.csv)")
+    return markdown("\n\n".join(parts))
+
+
+def title_of(body: str) -> str:
+    found = re.search(r"<h1[^>]*>(.*?)</h1>", body, re.DOTALL)
+    return re.sub(r"<[^>]+>", "", found[1]).strip() if found else "stiffbeam"
+
+
+def shortened(title: str) -> str:
+    """A title for the list of pages: that of a script ends at its first comma."""
+    short = title.removeprefix("How to: ").split(",")[0].rstrip(".") if title.startswith("How to: ") else title
+    return short[:1].upper() + short[1:] if short != "stiffbeam" else short
+
+
+def relinked(body: str, source: str, out: Path, pages: dict[str, str]) -> str:
+    """Links to files of the repository lead to their pages; what is no page is copied beside them."""
+    here = Path(target_of(source)).parent
+
+    def link(found: re.Match[str]) -> str:
+        name, address = found[1], html.unescape(found[2])
+        parts = urlsplit(address)
+        if parts.scheme or not parts.path or source == "gallery":
+            return found[0]
+        inside = os.path.normpath(Path(source).parent / unquote(parts.path))
+        inside = "README.md" if inside == "." else inside
+        if (ROOT / inside).is_dir():
+            inside = f"{inside}/README.md"
+        if not (ROOT / inside).is_file():
+            raise ValueError(f"{source}: {address} leads nowhere")
+        there = pages.get(inside)
+        if there is None:
+            there = inside
+            (out / there).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(ROOT / inside, out / there)
+        end = f"#{parts.fragment}" if parts.fragment else ""
+        return f'{name}="{html.escape(os.path.relpath(there, here))}{end}"'
+
+    return re.sub(r'\b(href|src)="([^"]*)"', link, body)
+
+
+def page(body: str, source: str, titles: dict[str, str]) -> str:
+    """The whole page, with the way to all others."""
+    here = Path(target_of(source)).parent
+    ways = []
+    for chapter, sources in CHAPTERS.items():
+        items = "".join(
+            f'<li><a href="{os.path.relpath(target_of(s), here)}"{CURRENT if s == source else ""}>'
+            f"{titles[s]}</a></li>"
+            for s in sources
+        )  # fmt: skip
+        ways.append(f"<h2>{chapter}</h2><ul>{items}</ul>")
+    sheet = os.path.relpath("style.css", here)
+    return (
+        f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>{title_of(body)} – stiffbeam</title>'
+        f'<meta name="viewport" content="width=device-width, initial-scale=1"><link rel="stylesheet" href="{sheet}">'
+        f'</head><body><div class="site"><nav aria-label="All pages">{"".join(ways)}</nav>'
+        f"<main>{body}</main></div></body></html>\n"
+    )
+
+
+class _Links(HTMLParser):
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.ids: set[str] = set()
+        self.links: list[str] = []
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        for name, value in attrs:
+            if name == "id" and value:
+                self.ids.add(value)
+            elif name in ("href", "src") and value:
+                self.links.append(value)
+
+
+def broken(out: Path) -> list[str]:
+    """Every link of the site that leads nowhere."""
+    read = {path: _Links(path.read_text(encoding="utf-8")) for path in out.rglob("*.html")}
+    found = []
+    for path, own in read.items():
+        for address in own.links:
+            parts = urlsplit(address)
+            if parts.scheme or address.startswith("//"):
+                continue
+            there = Path(os.path.normpath(path.parent / unquote(parts.path))) if parts.path else path
+            known = read.get(there)
+            if not there.is_file() or (parts.fragment and known and unquote(parts.fragment) not in known.ids):
+                found.append(f"{path.relative_to(out)}: {address}")
+    return found
+
+
+def build(out: Path, studies: Iterable[str], smoke: bool) -> None:
+    """Write the site into ``out``."""
+    import pdoc
+    import pdoc.render
+
+    from stiffbeam.dumont2002.page import page_style
+
+    out.mkdir(parents=True, exist_ok=True)
+    sources = [source for chapter in CHAPTERS.values() for source in chapter if not source.startswith("api/")]
+    pages = {source: target_of(source) for source in sources}
+    bodies: dict[str, str] = {}
+    for source in sources:
+        path = ROOT / source
+        if source == "gallery":
+            bodies[source] = gallery(studies, out, smoke)
+        elif path.suffix == ".py":
+            bodies[source] = script(path)
+        elif path.suffix == ".ipynb":
+            bodies[source] = notebook(path)
+        else:
+            bodies[source] = markdown(path.read_text(encoding="utf-8"))
+    titles = {source: shortened(title_of(body)) for source, body in bodies.items()}
+    titles |= {"README.md": "stiffbeam", "api/stiffbeam.html": "All Python names"}
+    (out / "style.css").write_text(page_style() + STYLE, encoding="utf-8")
+    for source, body in bodies.items():
+        file = out / target_of(source)
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(page(relinked(body, source, out, pages), source, titles), encoding="utf-8")
+    pdoc.render.configure(docformat="markdown", show_source=False, footer_text="stiffbeam")
+    pdoc.pdoc("stiffbeam", "!stiffbeam\\.", output_directory=out / "api")
+    if wrong := broken(out):
+        raise ValueError("links that lead nowhere:\n" + "\n".join(wrong))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--out", type=Path, default=Path("stiffbeam-output/site"))
+    parser.add_argument("--gallery", help="studies with commas between them; all by default")
+    parser.add_argument("--smoke", action="store_true", help="the small configuration of each study")
+    given = parser.parse_args()
+    from stiffbeam.studies import STUDIES
+
+    warnings.simplefilter("error")
+    build(given.out, STUDIES if given.gallery is None else given.gallery.split(","), given.smoke)
+    print(f"Written: {given.out / 'index.html'}", file=sys.stderr)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,94 @@
+"""The way to the engines of others: problems are read alike without the package, and runs come back as a score."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import stiffbeam as sb
+from stiffbeam.testset.problem import folder
+from stiffbeam.testset.verdicts import CONVERGES, FAILED, NOT_TAKEN
+
+ADAPTERS = {"mujoco": "mujoco_engine.py", "exudyn": "exudyn_engine.py", "siconos": "siconos_engine.py",
+            "getfem": "getfem_engine.py", "pybullet": "pybullet_engine.py"}  # fmt: skip
+
+
+@pytest.fixture
+def engines(monkeypatch):
+    """(problem_file, recorded), as the adapters and the study import them."""
+    monkeypatch.syspath_prepend(str(Path(__file__).parent.parent / "studies" / "engines"))
+    return importlib.import_module("problem_file"), importlib.import_module("recorded")
+
+
+@pytest.mark.parametrize("name", sorted(sb.problems()))
+def test_a_problem_is_read_without_the_package_as_with_it(name, engines):
+    known = sb.problem(name).system
+    mine = engines[0].Problem((folder() / f"{name}.toml").read_text(encoding="utf-8"))
+    for a, b in ((mine.M, known.mass), (mine.C, known.damping), (mine.K, known.stiffness), (mine.q, known.q0)):
+        assert np.array_equal(a, b)
+    times = np.linspace(0.0, mine.t_end, 7)
+    assert np.allclose([mine.loads(t) for t in times], [known.load(t) for t in times], rtol=1e-14, atol=0.0)
+    if not mine.rigid:
+        rng = np.random.default_rng(4)
+        for own, contact in zip(mine.contacts, known.contacts, strict=True):
+            size = max(abs(own[side]) for side in ("lower", "upper") if side in own) or 1e-3
+            for u, v in rng.uniform(-3.0, 3.0, (20, 2)) * size:
+                at = (0.0, 0.0) if contact.offset is None else (contact.offset.value(0.3), contact.offset.rate(0.3))
+                force = contact.stops.force(u + at[0], v + at[1])
+                assert -engines[0].press(own, 0.3, u, v) == pytest.approx(force, rel=1e-12, abs=0.0)
+
+
+def test_modes_are_those_of_the_matrices(engines):
+    mine = engines[0].Problem((folder() / "aster-beam.toml").read_text(encoding="utf-8"))
+    shapes, squares = engines[0].modes(mine)
+    assert np.allclose(shapes.T @ mine.M @ shapes, np.eye(mine.n), atol=1e-12)
+    stiff = shapes.T @ mine.K @ shapes
+    assert np.max(np.abs(stiff - np.diag(squares))) < 1e-9 * squares[-1]
+
+
+def test_what_an_adapter_writes_is_scored(engines, tmp_path, monkeypatch):
+    problem_file, recorded = engines
+
+    def central(problem, steps):
+        if problem.rigid:
+            raise problem_file.Refused("no rigid stops")
+        if problem.name == "hertz":
+            raise ZeroDivisionError("at every step")
+        t, h = np.linspace(0.0, problem.t_end, steps + 1), problem.t_end / steps
+        (q, v), path = (problem.q, problem.v), []
+        for each in t:
+            path.append((q, v))
+            ahead = q + h * v + 0.5 * h**2 * push(problem, each, q)
+            v, q = v + 0.5 * h * (push(problem, each, q) + push(problem, each + h, ahead)), ahead
+        q, v = np.swapaxes(path, 0, 1)
+        return t, q, v
+
+    def push(problem, t, q):
+        pressed = sum(c["row"] * problem_file.press(c, t, c["row"] @ q, 0.0) for c in problem.contacts)
+        return np.linalg.solve(problem.M, problem.loads(t) - problem.K @ q - pressed)
+
+    chosen = ["bilinear-gap", "bouncing-ball", "hertz", "table12"]
+    monkeypatch.setattr(sys, "argv", ["adapter", str(folder()), str(tmp_path), *chosen])
+    problem_file.main("plain", "1.0", "none", central, limit=5e4)
+    card = sb.score(recorded.recorded(tmp_path), chosen)
+    assert {e.problem.name: e.outcome for e in card.entries} == {
+        "bilinear-gap": CONVERGES, "hertz": FAILED, "table12": NOT_TAKEN, "bouncing-ball": NOT_TAKEN,
+    }  # fmt: skip
+    assert len(card.entry("plain", "bilinear-gap").runs) == len(sb.problem("bilinear-gap").steps)
+    for words in ("no rigid stops", "ZeroDivisionError: at every step", "left out here: it takes"):
+        assert words in str(card)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("engine", ADAPTERS)
+def test_an_engine_that_is_installed_is_scored(engine, engines, tmp_path):
+    if importlib.util.find_spec(engine) is None:
+        pytest.skip(f"{engine} is not installed")
+    engines[1].run(sys.executable, ADAPTERS[engine], tmp_path, ["bilinear-gap"])
+    (entry,) = sb.score(engines[1].recorded(tmp_path), "bilinear-gap").entries
+    assert entry.outcome == CONVERGES
+    assert entry.best.tip_rms < 0.05

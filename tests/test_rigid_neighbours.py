@@ -1,0 +1,158 @@
+"""What rigid stops do to neighbouring motions, members and sampled loads: each against runs of their own."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import rigid_witness
+from scipy.integrate import solve_ivp
+
+import stiffbeam as sb
+from stiffbeam.basics.validation import InputError
+from stiffbeam.references.exact import tangent
+from stiffbeam.references.exact.impacting import Tracer
+
+RESTITUTIONS = (1.0, 0.8, 0.5, 0.3, 0.0, 0.0, 0.5, 0.9)  # of the systems: seed 3 chatters to its end, 4 and 5 stick
+
+
+def system_of(seed: int) -> sb.System:
+    """Three unknowns, one or two rigid contacts, a drive or a lasting load, and a moving stop now and then."""
+    rng = np.random.default_rng(seed)
+    A, B = rng.normal(size=(2, 3, 3))
+    mass, stiffness = np.eye(3) + 0.1 * A @ A.T, 4.0 * np.eye(3) + B @ B.T
+    offset = sb.Harmonic(0.02, 3.0, 0.1) if seed % 3 == 0 else None
+    contacts = []
+    for c in range(1 + seed % 2):
+        stops = sb.Stops(-0.1 - 0.1 * c, 0.15, stiffness=np.inf, restitution=RESTITUTIONS[seed])
+        contacts.append(sb.Contact(np.eye(3)[c], stops, offset))
+    load = (3.0 * rng.normal(size=3), sb.Harmonic(2.0, 1.7) if seed < 6 else sb.Constant(2.0))
+    start = {"initial_velocity": rng.normal(size=3)}
+    return sb.System.from_matrices(mass, stiffness, 0.05 * mass, [load], contacts, **start)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_tangent_vectors_grow_as_neighbouring_motions_part(seed):
+    system, step, end = system_of(seed), 1e-8, np.array([1.5])
+    growth = sb.lyapunov(system, 1.5, seed=3)
+    dq, dv = tangent._vectors(system, 3)
+    base = Tracer(system).solve(1.5)
+    assert base.events
+    assert len(base.stuck) == (seed == 3)
+    q, v, _ = base.at(end)
+    for j in range(dq.shape[1]):
+        moved = replace(system, q0=system.q0 + step * dq[:, j], v0=system.v0 + step * dv[:, j])
+        own_q, own_v, _ = Tracer(moved).solve(1.5).at(end)
+        size = tangent._norm(system, (own_q - q).T / step, (own_v - v).T / step)[0]
+        assert abs(np.log(size) - growth.log_growth[-1, j]) < 1e-5  # the step times second derivatives
+
+
+def test_the_impact_oscillator_has_the_multipliers_of_its_closed_form():
+    """x'' + x = cos(2 t), x <= 0, e = 0.8: both multipliers are 0.8, a period of 2 pi/2 has one impact."""
+    stops = sb.Stops(upper=0.0, stiffness=np.inf, restitution=0.8)
+    load = [([1.0], sb.Harmonic(1.0, 2.0, np.pi / 2.0 + 2.0 * np.pi / 4.0))]  # time from the impact at t0 = pi/4
+    start = {"initial_displacement": [0.0], "initial_velocity": [-0.8 * 20.0 / 3.0 / 0.8]}
+    system = sb.System.from_matrices([[1.0]], [[1.0]], None, load, [sb.Contact([1.0], stops)], **start)
+    periods = 6
+    growth = sb.lyapunov(system, (periods + 0.5) * np.pi)
+    inside = np.argmin(np.abs(growth.t - 0.5 * np.pi))
+    rise = growth.log_growth[-1] - growth.log_growth[inside]
+    assert np.allclose(rise, periods * np.log(0.8), atol=1e-9)
+
+
+def test_a_ball_at_rest_has_no_neighbours():
+    contact = sb.Contact([1.0], sb.Stops(lower=0.0, stiffness=np.inf, restitution=0.5), None)
+    load = [([-9.81], sb.Constant(1.0))]
+    ball = sb.System.from_matrices([[1.0]], [[0.0]], None, load, [contact], initial_displacement=[1.0])
+    with pytest.raises(sb.SolverFailure, match="vanish"):
+        sb.lyapunov(ball, 2.0)
+
+
+def test_members_have_the_bits_of_their_solo_runs():
+    system = system_of(3)
+    times = np.linspace(0.0, 1.5, 31)
+    members = sb.perturbed(system, 3, 1e-3)
+    many = sb.reference_ensemble(system, 1.5, members, t_eval=times)
+    late = sb.reference_ensemble(system, 1.5, members, since=0.7)
+    for i, member in enumerate(members):
+        run = sb.reference(member, 1.5, t_eval=times)
+        assert np.array_equal(many.tip[i], run.tip)
+        assert many.impact_count[i] == run.impacts.count
+        assert many.impulse[i] == run.contacts[0].impulse
+        assert many.contact_fraction[i] == run.contacts[0].fraction
+        assert many.ledger(i).stop_dissipation[-1] == run.energy.stop_dissipation[-1]
+        assert late.impact_count[i] == np.sum(run.impacts.times >= 0.7)
+    assert many.provenance["horizon"] == sb.reference(system, 1.5).horizon
+    early = sb.reference_ensemble(system, 0.7, members)
+    assert np.allclose(early.impulse + late.impulse, many.impulse, rtol=1e-12)
+    assert np.allclose(0.7 * early.contact_fraction + 0.8 * late.contact_fraction, 1.5 * many.contact_fraction)
+
+
+@pytest.mark.parametrize("kind", ["linear", "cubic"])
+def test_sampled_loads_against_dop853(kind):
+    """From sample to sample and impact to impact by SciPy."""
+    t = np.linspace(0.0, 2.0, 26)
+    record, stop, e = sb.Sampled(t, 20.0 * np.sin(5.0 * t), kind=kind), 0.1, 0.6
+    stops = sb.Stops(-stop, stop, stiffness=np.inf, restitution=e)
+    K = np.array([[5.0, -2.0], [-2.0, 4.0]])
+    contacts = [sb.Contact([1.0, 0.0], stops)]
+    system = sb.System.from_matrices(np.eye(2), K, loads=[([1.0, 0.0], record)], contacts=contacts)
+    run = sb.reference(system, 2.0)
+    assert run.horizon == 2.0
+    assert np.max(np.abs(run.energy.loss)) < 1e-12 * np.max(run.energy.energy)
+    now, y, times = 0.0, np.zeros(4), []
+    right = lambda s, y: np.concatenate([y[2:], [float(record.value(min(s, 2.0))), 0.0] - K @ y[:2]])  # noqa: E731
+    hits = []
+    for side in (1.0, -1.0):
+        hit = lambda s, y, side=side: stop - side * y[0]  # noqa: E731
+        hit.terminal, hit.direction = True, -1.0
+        hits.append(hit)
+    while now < 2.0 and len(times) < 7:
+        end = float(t[np.searchsorted(t, now + 1e-12)])
+        path = solve_ivp(right, (now, end), y, "DOP853", events=hits, rtol=1e-12, atol=1e-14)
+        now, y = (float(path.t[-1]), path.y[:, -1])
+        if path.status == 1:
+            times.append(now)
+            y = y * [1.0, 1.0, -e, 1.0]
+    assert run.impacts.times[: len(times)] == pytest.approx(times, abs=1e-8)
+    assert len(times) == 7
+
+
+def test_what_moves_a_stop_has_a_velocity():
+    t = np.linspace(0.0, 3.0, 25)
+    stops = sb.Stops(upper=0.2, stiffness=np.inf, restitution=0.5)
+    for kind in ("linear", "cubic"):
+        contact = sb.Contact([1.0], stops, sb.Sampled(t, 0.3 * t**2, kind=kind))
+        system = sb.System.from_matrices([[1.0]], [[1.0]], contacts=[contact])
+        if kind == "linear":
+            with pytest.raises(InputError, match=r"velocity.*kind='cubic'"):
+                sb.reference(system, 3.0)
+        else:
+            run = sb.reference(system, 3.0)
+            assert run.contacts[0].fraction > 0.0  # pushed along once the impacts are over
+            assert abs(run.energy.loss[-1]) < 1e-12
+
+
+def _agrees(seed):
+    """Bounces slower than SLOW are left out by the witness: 2 SLOW/(a (1 - e)) of time, and as much of position."""
+    system, times = rigid_witness.random_system(seed), np.linspace(0.0, 3.0, 61)
+    run = sb.reference(system, 3.0, t_eval=times)
+    want = rigid_witness.Witness(system).solve(times)
+    offset = system.contacts[0].offset
+    found = run.contacts[0].position - (0.0 if offset is None else offset.value(times))
+    assert np.max(np.abs(found - want)) < 1e-4 * np.max(np.abs(want))
+    assert np.max(np.abs(run.energy.loss)) < 1e-9 * np.max(run.energy.energy)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_random_systems_against_another_solver(seed):
+    _agrees(seed)
+
+
+@pytest.mark.parametrize(
+    "seed",
+    [pytest.param(seed, marks=pytest.mark.slow if seed < 28 else pytest.mark.campaign) for seed in range(6, 406)],
+)
+def test_more_random_systems_against_another_solver(seed):
+    _agrees(seed)

@@ -1,0 +1,141 @@
+"""The site is whole; the notebook prints what it shows; records are as documented, examples understood."""
+
+from __future__ import annotations
+
+import io
+import json
+import re
+import subprocess
+import sys
+from contextlib import redirect_stdout
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+NOTEBOOK = ROOT / "studies" / "first_beam.ipynb"
+RECORDS = (ROOT / "studies" / "guide" / "records.md").read_text(encoding="utf-8")
+
+
+def documented(command: str) -> set[str]:
+    """The entries that the guide names for a command."""
+    (line,) = re.findall(rf"^\| {re.escape(command)} \| (.*) \|$", RECORDS, re.MULTILINE)
+    return set(re.findall(r"`(\w+)`", line.partition(": a list of")[0] if command == "`cases`" else line))
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    """The site as the command builds it; the gallery with one study, in its small configuration."""
+    pytest.importorskip("pdoc")
+    out = tmp_path_factory.mktemp("site")
+    command = [sys.executable, str(ROOT / "studies" / "site.py"), "--out", str(out)]
+    done = subprocess.run([*command, "--gallery", "amplification", "--smoke"], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return out
+
+
+@pytest.mark.slow
+def test_the_site_has_every_page_and_no_link_that_leads_nowhere(site):
+    sources = [*(ROOT / "studies").glob("guide/*.md"), *(ROOT / "studies").glob("theory/*.md"), NOTEBOOK]
+    for source in sources:
+        page = (site / source.relative_to(ROOT)).with_suffix(".html")
+        text = page.read_text(encoding="utf-8")
+        assert text.count("<h1") == 1, source
+        assert "<title>stiffbeam –" not in text, source
+    assert "oscillation" in (site / "gallery.html").read_text(encoding="utf-8")
+    assert (site / "gallery" / "amplification.png").stat().st_size > 20_000
+
+
+@pytest.mark.slow
+def test_the_reference_of_names_holds_every_public_name(site):
+    import stiffbeam as sb
+
+    text = (site / "api" / "stiffbeam.html").read_text(encoding="utf-8")
+    assert [name for name in sb.__all__ if f'id="{name}"' not in text] == []
+
+
+@pytest.mark.slow
+def test_a_link_that_leads_nowhere_is_found(site, monkeypatch):
+    monkeypatch.syspath_prepend(str(ROOT / "studies"))
+    import importlib.util
+
+    spec = importlib.util.spec_from_file_location("stiffbeam_site", ROOT / "studies" / "site.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    assert module.broken(site) == []
+    (site / "bad.html").write_text('<a href="none.html">x</a><a href="index.html#nowhere">y</a>', encoding="utf-8")
+    assert module.broken(site) == ["bad.html: none.html", "bad.html: index.html#nowhere"]
+    (site / "bad.html").unlink()
+
+
+@pytest.mark.slow
+def test_the_notebook_prints_what_it_shows(monkeypatch):
+    """Every code cell in order in one namespace; the figure is the last cell's value."""
+    monkeypatch.setenv("MPLBACKEND", "agg")
+    names: dict = {}
+    cells = [cell for cell in json.loads(NOTEBOOK.read_text(encoding="utf-8"))["cells"] if cell["cell_type"] == "code"]
+    for cell in cells:
+        with redirect_stdout(io.StringIO()) as printed:
+            exec("".join(cell["source"]), names)
+        shown = "".join(text for output in cell["outputs"] for text in output["text"])
+        assert printed.getvalue().strip() == shown.strip()
+
+
+def test_records_of_cheap_commands_are_as_documented(command):
+    for name, arguments in (
+        ("cases", ()),
+        ("reference", ("--check", str(ROOT / "reference" / "table2-displacement.nc"))),
+    ):
+        code, out, _ = command(name, *arguments, "--json", "-")
+        found = json.loads(out)
+        assert code == 0
+        assert list(found)[:2] == ["stiffbeam", "command"]
+        assert set(found) - {"stiffbeam", "command"} == documented(f"`{name}`"), name
+
+
+@pytest.mark.slow
+def test_records_of_a_comparison_and_a_study_are_as_documented(command):
+    code, out, _ = command("compare", "table10", "--t-end", "0.02", "--references", "exact", "--json", "-")
+    found = json.loads(out)
+    assert (code, set(found) - {"stiffbeam", "command"}) == (0, documented("`compare`"))
+    entries = re.findall(r"one of `comparisons` has (.*?)\. In", RECORDS.replace("\n", " "))[0]
+    assert set(found["comparisons"][0]) == set(re.findall(r"`(\w+)`", entries))
+    code, out, _ = command("energy", "table10", "--smoke", "--json", "-")
+    found = json.loads(out)
+    assert (code, set(found) - {"stiffbeam", "command"}) == (0, documented("a study"))
+    assert found["command"] == "energy"
+    assert [line["scheme"] for line in found["table"]] == ["hht(alpha=-0.1)", "bdf2"]
+    code, out, err = command("energy", "table10", "--smoke", "--quiet")
+    assert (code, out, err) == (0, "", "")
+    code, out, err = command("energy", "table10", "--smoke", "--verbose")
+    assert code == 0
+    assert "energy lost" in out
+    assert " s  energy: planning" in err
+
+
+def test_every_command_has_examples_that_it_understands():
+    """Options and arguments are read as the command would; nothing is run."""
+    import shlex
+
+    import typer
+
+    from stiffbeam.cli import app
+    from stiffbeam.cli.examples import EXAMPLES
+
+    group = typer.main.get_command(app)
+    context = group.make_context("stiffbeam", ["cases"])
+    assert set(group.list_commands(context)) == set(EXAMPLES)
+    for name, lines in EXAMPLES.items():
+        assert lines
+        for line in lines:
+            program, asked, *arguments = shlex.split(line.partition(" > ")[0])
+            assert (program, asked) == ("stiffbeam", name)
+            group.get_command(context, name).make_context(name, arguments, parent=context)
+
+
+def test_a_phase_begins_where_it_is_another():
+    from stiffbeam.basics.progress import _Phases
+
+    phases = _Phases()
+    calls = [("a", 0, 10), ("a", 5, 10), ("b", 6, 10), ("c", 0, 10), ("cvode", 0, 0), ("cvode", 0, 0), ("exact", 0, 0)]
+    assert [phases.begins(*call) for call in calls] == [True, False, False, True, True, False, True]
