@@ -38,9 +38,9 @@ from timing import Timed, least, stream, timed
 
 import stiffbeam as sb
 from stiffbeam.basics.threads import cores
-from stiffbeam.march.block_march import Flight, March
+from stiffbeam.march.block_march import March, Stepper
 from stiffbeam.march.coordinates import InModes
-from stiffbeam.march.leap import LeapFlight
+from stiffbeam.march.leap import LeapMarch
 from stiffbeam.model.modes import modes
 
 RECORDED = Path(__file__).with_suffix(".json")
@@ -51,13 +51,13 @@ def march_of(system: sb.System, scheme: sb.Scheme, dt: float, steps: int) -> Tim
     """The stepping of the block march, impacts and peaks included, propagator excluded as the LU is above."""
     basis = modes(system)
     assert basis is not None
-    march = March.of(InModes(system, basis), scheme, dt, "implicit")
+    stepper = Stepper.of(InModes(system, basis), scheme, dt, "implicit")
 
     def run() -> float:
-        flight = march.start([system], steps, None)
-        for _ in flight.fly():
+        march = stepper.start([system], steps, None)
+        for _ in march.advance():
             pass
-        return flight.seconds
+        return march.seconds
 
     return run
 
@@ -72,18 +72,18 @@ def leaping(steps: int, dts: tuple[float, ...], repetitions: int) -> dict[str, d
     for name, scheme in SCHEMES.items():
         found[name] = {}
         for dt in dts:
-            march, count = March.of(InModes(system, basis), scheme, dt, "implicit"), max(steps, round(0.1 / dt))
+            stepper, count = Stepper.of(InModes(system, basis), scheme, dt, "implicit"), max(steps, round(0.1 / dt))
 
-            def fly(kind=Flight, march=march, count=count, anew=False) -> None:
+            def go(kind=March, stepper=stepper, count=count, anew=False) -> None:
                 if anew:
-                    march.leapers.clear()
-                for _ in kind(march, (system,), count, None).fly():
+                    stepper.leapers.clear()
+                for _ in kind(stepper, (system,), count, None).advance():
                     pass
 
-            runs = {"leaps": timed(lambda fly=fly: fly(LeapFlight))}
-            runs["leaps, regimes included"] = timed(lambda fly=fly: fly(LeapFlight, anew=True))
+            runs = {"leaps": timed(lambda go=go: go(LeapMarch))}
+            runs["leaps, regimes included"] = timed(lambda go=go: go(LeapMarch, anew=True))
             if count <= 2_000_000:
-                runs["blocks"] = timed(fly)
+                runs["blocks"] = timed(go)
             found[name][f"{dt:g}"] = {key: 1e9 * x / count for key, x in least(runs, repetitions).items()}
     return found
 
@@ -193,7 +193,7 @@ def mark(owner, name, label, last):
         return original(*arguments, **keywords)
     setattr(owner, name, marked)
 mark(undamped_tracer.Tracer, "trace", "reference", False)
-mark(block_march.Flight, "fly", "scheme", True)
+mark(block_march.March, "advance", "scheme", True)
 sys.argv = ["stiffbeam", "compare", "table10"]
 cli.main()
 """
@@ -215,7 +215,7 @@ def bound_of(cells: int) -> dict[str, float]:
     basis, found = modes(system), {}
     assert basis is not None
     for name, scheme in SCHEMES.items():
-        propagator = March.of(InModes(system, basis), scheme, case.dt, "implicit").block
+        propagator = Stepper.of(InModes(system, basis), scheme, case.dt, "implicit").block
         (R, D), N = propagator.block.reading.shape, len(propagator.block.push)
         share = sb.integrate(system, scheme, case.dt, 0.5, every=100).contacts[0].fraction
         work = (R * D + len(propagator.block.transition) * D + share * N * (R + D)) / propagator.steps

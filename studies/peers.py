@@ -29,8 +29,8 @@ from hand_written import banded, by_hand, in_c, jax_scan, numpy_loop
 from timing import least, timed
 
 import stiffbeam as sb
-from stiffbeam.march.block_march import Flight
-from stiffbeam.march.integrate import Plan
+from stiffbeam.march.block_march import March
+from stiffbeam.march.plan import Plan
 
 ALPHA, RTOL, T_END = -0.1, 1e-9, 0.1
 STEPPERS = {
@@ -46,11 +46,11 @@ SLOW = 2000  # steps of what takes microseconds each
 def steps(system: sb.System, dt: float, count: int, repetitions: int) -> tuple[dict[str, float], list[str]]:
     """ns per step of every program, and what is missing."""
     plan, runs, counts, missing = Plan.of(system, sb.HHT(ALPHA), dt, count * dt, "implicit", 1, "numba"), {}, {}, []
-    assert plan.blocks is not None
+    assert plan.stepper is not None
     tip = sb.integrate(system, sb.HHT(ALPHA), dt, 0.05).tip
 
-    def march(march=plan.blocks) -> None:
-        for _ in Flight(march, (system,), count, None).fly():
+    def march(stepper=plan.stepper) -> None:
+        for _ in March(stepper, (system,), count, None).advance():
             pass
 
     for name, make in STEPPERS.items():

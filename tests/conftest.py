@@ -20,6 +20,21 @@ import pytest
 import stiffbeam as sb
 
 
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Of a test marked ``fast(n)`` n parametrisations, spread evenly, stay in the fast suite; the others are slow."""
+    kinds: dict[str, list[pytest.Item]] = {}
+    for item in items:
+        if item.get_closest_marker("fast"):
+            kinds.setdefault(item.nodeid.partition("[")[0], []).append(item)
+    for same in kinds.values():
+        n = same[0].get_closest_marker("fast").args[0]
+        kept = {len(same) * k // n for k in range(n)}
+        for i, item in enumerate(same):
+            if i not in kept:
+                item.add_marker("slow")
+
+
 @pytest.fixture(scope="session", autouse=True)
 def compiled() -> None:
     """No test is the one that waits for the compiler."""

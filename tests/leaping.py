@@ -10,9 +10,9 @@ import numpy as np
 
 import stiffbeam as sb
 from stiffbeam.march import leap
-from stiffbeam.march.block_march import Flight
+from stiffbeam.march.block_march import March
 from stiffbeam.march.build import build
-from stiffbeam.march.integrate import Plan
+from stiffbeam.march.plan import Plan
 from stiffbeam.schemes import registered
 
 SCHEMES = list(registered())
@@ -53,31 +53,31 @@ def random_system(rng: np.random.Generator) -> sb.System:
 def both(system: sb.System, scheme: sb.Scheme, dt: float, steps: int, every: int | None = None, since: int = 0):
     """(block march, leaping march) of one run, each flown to its end."""
     plan = Plan.of(system, scheme, dt, steps * dt, "implicit", 1, "numba")
-    assert plan.blocks is not None
+    assert plan.stepper is not None
     found = []
-    for kind in (Flight, leap.LeapFlight):
-        flight = kind(plan.blocks, (system,), plan.steps, every, since)
-        for _ in flight.fly():
+    for kind in (March, leap.LeapMarch):
+        march = kind(plan.stepper, (system,), plan.steps, every, since)
+        for _ in march.advance():
             pass
-        found.append(flight)
+        found.append(march)
     return found
 
 
-def in_another_order(system: sb.System, scheme: sb.Scheme, dt: float, steps: int) -> Flight:
+def in_another_order(system: sb.System, scheme: sb.Scheme, dt: float, steps: int) -> March:
     """The block march with one step to a block: the same sums with another rounding."""
-    march = Plan.of(system, scheme, dt, steps * dt, "implicit", 1, "numba").blocks
-    assert march is not None
-    one = build(scheme, march.coordinates, dt, 1, "implicit")
-    flight = Flight(replace(march, block=one), (system,), steps, None)
-    for _ in flight.fly():
+    stepper = Plan.of(system, scheme, dt, steps * dt, "implicit", 1, "numba").stepper
+    assert stepper is not None
+    one = build(scheme, stepper.coordinates, dt, 1, "implicit")
+    march = March(replace(stepper, block=one), (system,), steps, None)
+    for _ in march.advance():
         pass
-    return flight
+    return march
 
 
-def touches(flight: Flight) -> list[tuple[float, int, float, float, float, float]]:
+def touches(march: March) -> list[tuple[float, int, float, float, float, float]]:
     """(time, contact, stop, end, peak, impulse) of the impacts of all contacts in order of time."""
     rows = []
-    for c, contact in enumerate(flight.seen(0).contacts):
+    for c, contact in enumerate(march.seen(0).contacts):
         x = contact.impacts
         rows += zip(x.times, [c] * x.count, x.stops, x.ends, x.peaks, x.impulses, strict=True)
     return sorted(rows)

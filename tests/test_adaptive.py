@@ -38,6 +38,7 @@ def parts(load, t_end: float = 1.0, **options) -> list[pieces.Piece]:
 
 @pytest.mark.parametrize("method", [*PHASED, pytest.param("radau", marks=pytest.mark.slow)])
 @pytest.mark.parametrize(("width", "impacts", "peak"), [(2e-3, 10, 0.008955748138), (2e-4, 0, 0.001120889584)])
+@pytest.mark.fast(4)
 def test_a_short_load_on_a_system_at_rest_is_seen(method, width, impacts, peak):
     """Steps double at rest: without a bound they leap over a load of 2 ms in 1 s, and every tolerance agrees."""
     ref = sb.reference(struck(width), 1.0, method, rtol=1e-8)
@@ -132,6 +133,7 @@ def test_max_step_is_held_and_what_makes_no_sense_is_refused():
 @pytest.mark.parametrize("switches", ["restart", "through"])
 @pytest.mark.parametrize("method", PHASED)
 @pytest.mark.parametrize("make", [bouncing_chain, two_contacts])
+@pytest.mark.fast(5)
 def test_peaks_impulses_and_contact_time_are_those_of_the_exact_solution(make, method, switches):
     system, t = make(), np.linspace(0.0, 4.0, 33)
     exact = solve(system, 4.0, "exact", t, 0.0, None)
@@ -149,6 +151,7 @@ def test_peaks_impulses_and_contact_time_are_those_of_the_exact_solution(make, m
 
 
 @pytest.mark.parametrize("method", ["cvode-adams", "dop853"])
+@pytest.mark.slow
 def test_a_restart_makes_the_same_tolerance_more_accurate(method):
     """Without one the kink of the force costs a method of high order its order; four tolerances together."""
     system, t = bouncing_chain(), np.linspace(0.0, 6.0, 121)

@@ -20,6 +20,7 @@ PARAMETERS = [
 
 @pytest.mark.parametrize("xi", [0.0, 0.05])
 @pytest.mark.parametrize("scheme", [*registered(), *PAPER, *PARAMETERS], ids=str)
+@pytest.mark.fast(12)
 def test_the_kernel_amplifies_like_the_closed_form_from_a_thousandth_of_the_period_to_a_thousand(scheme, xi):
     """To 1e-10, elongation relative to the period it elongates.
 

@@ -15,6 +15,7 @@ from stiffbeam.basics.validation import InputError
 from stiffbeam.figures.animation import _Film
 
 
+@pytest.mark.fast(1)
 def test_a_film_has_its_frames_and_they_move(tmp_path, table10):
     system = sb.semidiscretise(table10, 8)
     run, exact = sb.integrate(system, sb.HHT(alpha=-0.1), 1e-4, 0.1), sb.reference(system, 0.1)
@@ -62,6 +63,7 @@ def test_what_cannot_be_filmed_is_refused(tmp_path, monkeypatch, three_masses):
         sb.load(run.save(tmp_path / "run.nc")).animate(tmp_path / "chain.gif")
 
 
+@pytest.mark.slow
 def test_the_command(command, tmp_path):
     code, out, err = command("animate", "table10", "--t-end", "0.01", "--seconds", "0.2", "--schemes", "hht,bdf2")
     assert code == 0, err

@@ -197,6 +197,7 @@ def test_beams_held_at_both_ends_meet_a_stop_as_their_modes_say(supports):
     assert abs(first[2] - first[1]) < abs(first[1] - first[0]) / 8.0
 
 
+@pytest.mark.slow
 def test_a_free_beam_thrown_at_a_stop_turns_back():
     """It keeps its energy, and its momentum is what the stop gives it; exact against DOP853."""
     speed = sb.PolynomialProfile((1.0,))
@@ -221,6 +222,7 @@ def test_a_free_beam_thrown_at_a_stop_turns_back():
     assert np.ptp(exact.energy.energy) < 1e-10 * exact.energy.energy[0]
 
 
+@pytest.mark.slow
 def test_both_forms_have_one_limit_in_contact():
     """First impacts on two stops of the moving cantilever with tip mass and both dampings: order 2."""
     problem = sb.BeamProblem(
@@ -275,6 +277,7 @@ def test_moving_the_clamp_is_moving_the_frame():
     assert np.max(np.abs(a.tip - phi.value(t) - b.tip)) < 1e-9 * np.max(np.abs(b.tip))
 
 
+@pytest.mark.slow
 def test_multiprecision_takes_the_paper_form_with_tip_mass_and_damping_and_the_elements_matrices():
     problem = sb.BeamProblem(
         stiffness="300.1",

@@ -8,11 +8,12 @@ import os
 import shutil
 import subprocess
 import sys
+import time
 
 import numpy as np
 import pytest
+import test_store
 from systems import two_contacts
-from test_store import assert_same
 from typer.testing import CliRunner
 
 import stiffbeam as sb
@@ -23,6 +24,13 @@ from stiffbeam.files.frozen import BOUND
 
 TIMES = np.linspace(0.0, 0.06, 121)
 FINITE = ("cvode-adams", "dop853", "ida", pytest.param("kvaerno5", marks=pytest.mark.slow))
+
+
+def assert_same(a, b):
+    """Every number and string of the two, but for which was kept."""
+    for one in (a, b):
+        one.provenance.pop("kept", None)
+    test_store.assert_same(a, b)
 
 
 @pytest.fixture
@@ -41,9 +49,11 @@ def system(table10):
 def test_what_comes_from_the_cache_is_what_was_computed_and_compares_alike(method, folder, system):
     fresh = sb.cached_reference(system, 0.06, method, TIMES, rtol=1e-7)
     [file] = folder.iterdir()
-    before = file.stat().st_mtime_ns
+    before = file.stat().st_ino  # a file that is written is a new one
     cached = sb.cached_reference(system, 0.06, method, TIMES, rtol=1e-7)
-    assert file.stat().st_mtime_ns == before
+    assert file.stat().st_ino == before
+    assert "kept" not in fresh.provenance
+    assert cached.provenance["kept"]
     assert_same(cached, fresh)
     assert cached.horizon == fresh.horizon > 0.0
     assert cached.system is system
@@ -82,6 +92,7 @@ def test_exact_is_not_kept(folder, system):
     assert not folder.exists()
 
 
+@pytest.mark.slow
 def test_every_parameter_has_a_file_of_its_own(folder, system, monkeypatch):
     def count(*args, **options):
         sb.cached_reference(*args, **options)
@@ -116,6 +127,7 @@ def test_what_has_no_key_is_refused_before_any_work(folder, system):
 
 @pytest.mark.parametrize("method", ["multiprecision", "cvode-adams"])
 @pytest.mark.parametrize("damage", ["cut", "flipped bytes", "another problem's file", "empty"])
+@pytest.mark.fast(3)
 def test_a_damaged_file_is_named_and_remade(method, damage, folder, system):
     fresh = sb.cached_reference(system, 0.06, method, TIMES, rtol=1e-6)
     [file] = folder.iterdir()
@@ -221,10 +233,29 @@ def test_the_commands_keep_references_when_asked(folder, tmp_path, monkeypatch):
     first, second = (run(*arguments, "--cache") for _ in range(2))
     assert first == second  # the seconds too: those of the run that was made
     compare = ("compare", "table10", "--t-end", "0.02", "--schemes", "hht", "--references", "exact,cvode-adams")
-    tables = [run(*compare, "--cache", "--json", "-") for _ in range(2)]
+    tables = [run(*compare, "--json", "-") for _ in range(2)]
     assert not any(table["failures"] for table in tables)
     a, b = (next(c for c in t["comparisons"] if c["label"].startswith("cvode")) for t in tables)
     assert a == b
     assert len(list(folder.iterdir())) == 2
+    kept = [[r["provenance"].get("kept", False) for r in table["references"]] for table in tables]
+    assert kept == [[False, False], [False, True]]
+    anew = run(*compare, "--no-cache", "--json", "-")
+    assert not any(r["provenance"].get("kept") for r in anew["references"])
     with pytest.raises(sb.InputError, match="--cache"):
         run("reference", "table10", "--method", "multiprecision", "--cache", "--out", "x.nc")
+
+
+def test_what_was_not_used_for_longest_goes(folder, system, monkeypatch):
+    first, second, third = (np.linspace(0.0, 0.06, n) for n in (101, 102, 103))
+    for times in (first, second):
+        sb.cached_reference(system, 0.06, "cvode", times, rtol=1e-5)
+    old = time.time() - 1000.0
+    for file in folder.iterdir():
+        os.utime(file, (old, old))
+    assert sb.cached_reference(system, 0.06, "cvode", first, rtol=1e-5).provenance["kept"]  # used now
+    monkeypatch.setattr(reference_cache, "MOST", int(2.5 * max(f.stat().st_size for f in folder.iterdir())))
+    sb.cached_reference(system, 0.06, "cvode", third, rtol=1e-5)
+    found = [sb.cached_reference(system, 0.06, "cvode", t, rtol=1e-5).provenance.get("kept") for t in (first, third)]
+    assert found == [True, True]
+    assert len(list(folder.iterdir())) == 2

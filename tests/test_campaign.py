@@ -18,6 +18,7 @@ SEED = 1
 
 @pytest.mark.filterwarnings("ignore")  # an extreme system may warn; what it certifies is what counts
 @pytest.mark.parametrize("index", range(len(FAMILIES)), ids=list(FAMILIES))
+@pytest.mark.fast(3)
 def test_nothing_certified_is_wrong(index):
     """The exact solution and an ensemble of one system of every family."""
     verdicts = judged(SEED, index, ("exact", "ensemble") if index != 4 else ("cvode-adams",))
@@ -38,6 +39,7 @@ def test_nothing_certified_is_wrong_by_any_method(systems):
 
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("index", range(len(MEETING)), ids=list(MEETING))
+@pytest.mark.fast(1)
 def test_nothing_certified_is_wrong_where_eigenvalues_meet(index):
     verdicts = judged(SEED, MEETING_FROM + index, ("exact", "multiprecision"))
     assert [v for v in verdicts if v.outcome == "right"]
@@ -109,6 +111,7 @@ def test_an_ensemble_says_how_long_its_first_member_can_be_trusted():
     [(605, "cvode"), (631, "schemes"), (1231, "exact"), (1642, "exact"), (1642, "multiprecision"), (1792, "schemes")],
 )
 @pytest.mark.filterwarnings("ignore")
+@pytest.mark.slow
 def test_what_the_campaign_found_stays_mended(index, method):
     """A narrow gap crossed by CVODE, a step of 1e-13, a motion below rounding, a fast decay at a stop, an overflow."""
     verdicts = judge(case(SEED, index), method, seed=1000 * SEED + index)

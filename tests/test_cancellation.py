@@ -91,6 +91,7 @@ def test_a_rigid_body_mode_and_a_drive_over_a_tiny_time():
         assert np.max(np.abs(found.tip - exact)) < 1e-14 * exact[-1]
 
 
+@pytest.mark.slow
 def test_contact_while_the_drive_resonates():
     """Stops met at a drive of the mode's own frequency, against small steps with many digits."""
     system = sb.System.from_matrices(
@@ -148,6 +149,7 @@ def test_work_in_many_digits_is_that_of_float64_where_nothing_cancels():
 
 
 @pytest.mark.parametrize("seed", range(24))
+@pytest.mark.fast(6)
 def test_random_linear_systems_with_extreme_numbers(seed):
     kind, error = extremes.check_linear(seed, lambda s, t, at: sb.reference(s, t, "exact", at), DISPLACEMENT_TOLERANCE)
     assert error <= 1.0, kind
@@ -185,6 +187,7 @@ def test_random_linear_systems(method, systems):
 
 
 @pytest.mark.parametrize("seed", [2])
+@pytest.mark.slow
 def test_random_systems_with_contacts_and_extreme_numbers(seed):
     kind, error = extremes.check_impacting(seed)
     assert error <= 1.0, kind

@@ -72,6 +72,7 @@ def one(damping, stiffness, load, q0, v0, contacts=()):
     ids=["critical", "critical, loaded", "free, damped", "free, damped, loaded", "free, hardly damped", "free, loaded",
          "free, driven", "resonance"],
 )  # fmt: skip
+@pytest.mark.fast(8)
 def test_closed_forms_of_one_mass(method, damping, stiffness, load, q0, v0, closed):
     """Two contacts out of reach, so that it is the solution by complex exponentials."""
     far = [([1.0], sb.Stops(-1e3, 1e3, stiffness=1.0))] * 2
@@ -122,6 +123,7 @@ MEETINGS = {
 
 
 @pytest.mark.parametrize("name", list(MEETINGS))
+@pytest.mark.fast(3)
 def test_it_is_the_motion_by_matrix_exponentials(name):
     """Both err by roundings that the impacts magnify, a few powers of ten in this time."""
     plain = MEETINGS[name]

@@ -45,6 +45,7 @@ def test_the_spread_decides_or_leaves_open():
     assert above(sample(2.0, 2.5), sample(1.0)) is None  # one degree of freedom decides little
 
 
+@pytest.mark.slow
 def test_chance_rarely_decides():
     """Two samples of one distribution are called different in 0.27 % of the cases; 40 of 10 000 is five deviations."""
     rng = np.random.default_rng(1)
@@ -110,6 +111,7 @@ def test_what_cannot_be_measured_says_so(error, monkeypatch):
     assert str(error) in first["measured"]
 
 
+@pytest.mark.slow
 def test_every_claim_on_the_ensembles_bears_that_all_runs_overflowed():
     missing = 0
     for claim in judging.claims():
@@ -139,6 +141,7 @@ def short():
     return make_table(replace(sb.paper_case(17), t_end=0.5), Reading())
 
 
+@pytest.mark.slow
 def test_ensembles_are_drawn_twice_over_ten_periods(short):
     found: dict = {"runs": {"(4.13)": {}}, "exact": {"displacement": {}}, "failures": {}}
     add_ensembles(found, short, 3, 2)
@@ -188,6 +191,7 @@ def test_the_schemes_hardly_lengthen_the_first_mode():
     assert found == pytest.approx(4e-6, rel=0.1)
 
 
+@pytest.mark.slow
 def test_more_accuracy_needs_more_steps():
     found = steps_needed(10, sb.HHT(-0.1))
     counts = [steps for steps in map(found.get, ERRORS) if steps is not None]

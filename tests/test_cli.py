@@ -69,6 +69,7 @@ def test_cases_as_json_is_a_list_of_seventeen(command):
     assert any("t_end" in note for note in ten["inferred"])
 
 
+@pytest.mark.slow
 def test_a_case_shown_is_a_file_that_compare_takes(command, tmp_path):
     code, out, _ = command("cases", "--show", "table10")
     assert code == 0
@@ -127,6 +128,7 @@ def test_compare_pipes_json_without_nan(piped):
     assert all(c["steps"] == 500 and c["window"] == 0.05 for c in records["comparisons"])
 
 
+@pytest.mark.slow
 def test_progress_is_silent_where_stderr_is_no_terminal(piped):
     assert piped[0].stderr == ""
 
@@ -153,6 +155,7 @@ def test_compare_writes_picture_table_and_trajectories(piped):
     assert np.array_equal(sb.load(out / "bdf2-displacement.nc").tip, run.tip)
 
 
+@pytest.mark.slow
 def test_options_replace_schemes_step_folder_and_records(command, tmp_path):
     (tmp_path / "mine.toml").write_text(MOVING, encoding="utf-8")
     code, out, err = command(
@@ -170,6 +173,7 @@ def test_options_replace_schemes_step_folder_and_records(command, tmp_path):
     assert "files in deep/folder" in out
 
 
+@pytest.mark.slow
 def test_records_of_two_references_are_json_too(command, tmp_path):
     (tmp_path / "mine.toml").write_text(MOVING, encoding="utf-8")
     code, out, _ = command("compare", "mine.toml", "--references", "exact,dop853", "--json", "-")
@@ -178,6 +182,7 @@ def test_records_of_two_references_are_json_too(command, tmp_path):
     assert "NaN" not in out
 
 
+@pytest.mark.slow
 def test_a_beam_that_stays_at_rest_is_compared_without_warnings(command, tmp_path):
     (tmp_path / "mine.toml").write_text(MINE, encoding="utf-8")
     code, _, err = command("compare", "mine.toml", "--references", "exact")
@@ -211,6 +216,7 @@ def test_a_run_that_overflows_is_named_with_its_time_and_the_remedy(overflow):
     assert said.count("failed ") == 1
 
 
+@pytest.mark.slow
 def test_the_other_runs_of_one_that_overflows_are_there(overflow):
     _, folder = overflow
     assert sorted(path.name for path in folder.iterdir()) == [
@@ -231,6 +237,7 @@ def test_a_run_that_grows_without_bound_leaves_the_table_readable(overflow):
     assert "exact, reference" in row
 
 
+@pytest.mark.slow
 def test_implicit_contact_survives_where_extrapolated_overflows(command):
     code, out, _ = command(
         "compare", "table11", "--dt", "2.5e-4", "--t-end", "0.0205", "--references", "exact", "--schemes", "sdirk"

@@ -197,6 +197,7 @@ def close(a, b, S, stops):
 
 @settings(max_examples=200, deadline=None)
 @given(several())
+@pytest.mark.slow
 def test_several_contacts_are_solved_as_by_trying_all_regimes(case):
     r, S, stops = case
     force = solve_several(r, S, stops)

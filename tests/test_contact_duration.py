@@ -22,6 +22,7 @@ def test_half_of_the_time_is_spent_in_contacts_at_least_so_long():
     assert half_time(np.array([2.0])) == 2.0
 
 
+@pytest.mark.slow
 def test_durations_are_those_that_a_fine_grid_sees():
     """One exact member, inside its horizon: every contact lasts as long as u is beyond the stop on a grid."""
     records = study("contact_duration", SMALL, schemes=[], members=1)

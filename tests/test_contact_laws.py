@@ -77,6 +77,7 @@ def test_hunt_crossley_restitution(lam, p):
 
 @pytest.mark.parametrize("e", [1.0, 0.999999, 0.9, 0.5, 0.1, 0.01])
 @pytest.mark.parametrize("speed", [1e-3, 1.0, 40.0])
+@pytest.mark.fast(6)
 def test_restitution_is_delivered(e, speed):
     lam = dissipation_for(e, speed)
     assert abs(restitution_of(lam, speed) - e) < 4e-16
@@ -163,7 +164,7 @@ def test_marches_and_engines_agree(law, scheme):
 
 
 def test_several_contacts_on_the_direct_march(monkeypatch):
-    monkeypatch.setattr("stiffbeam.march.integrate.pays", lambda coordinates, *_: coordinates.parts > 1)
+    monkeypatch.setattr("stiffbeam.march.plan.pays", lambda coordinates, *_: coordinates.parts > 1)
     system = random_system(1)
     assert len(system.contacts) == 2
     a = sb.integrate(system, sb.SDIRK(), 1e-3, 2.0)
@@ -326,6 +327,7 @@ stops = { upper = 0.1, stiffness = 1e4, exponent = 1.5, damping = 0.5, dissipati
         find_case(str(file))
 
 
+@pytest.mark.slow
 def test_compare_takes_damped_stops():
     beam = sb.BeamProblem(
         stiffness=300.0,

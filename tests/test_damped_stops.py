@@ -43,6 +43,7 @@ def _agrees(seed: int) -> None:
 
 
 @pytest.mark.parametrize("seed", range(8))
+@pytest.mark.fast(3)
 def test_random_systems_against_another_solver(seed):
     _agrees(seed)
 
@@ -102,6 +103,7 @@ def test_a_force_that_is_largest_where_it_jumps():
 
 
 @pytest.mark.parametrize("seed", range(6))
+@pytest.mark.fast(2)
 def test_many_digits_agree_with_float64(seed):
     system = kelvin_voigt_system(seed)
     precise, run = (sb.reference(system, 3.0, method=m, t_eval=TIMES) for m in ("multiprecision", "exact"))
@@ -129,6 +131,7 @@ def test_tangent_vectors_turn_at_an_entry(seed):
         assert abs(np.log(size) - growth.log_growth[-1, j]) < 2e-6  # the step times second derivatives
 
 
+@pytest.mark.slow
 def test_a_recorded_load_and_an_ensemble():
     t = np.linspace(0.0, 3.0, 40)
     record = sb.Sampled(t, np.sin(7.0 * t) * np.exp(-t), kind="cubic")

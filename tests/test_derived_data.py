@@ -37,6 +37,7 @@ CHANGES = {
 
 @pytest.mark.parametrize("form", FORMS)
 @pytest.mark.parametrize("field", CHANGES)
+@pytest.mark.fast(3)
 def test_every_solver_sees_a_replaced_matrix(systems, form, field):
     """Exact, DOP853 and a scheme, each beside the same equations that never had a factor or a beam."""
     system = systems[form]

@@ -163,6 +163,7 @@ def test_a_cache_in_which_others_can_write_is_not_used(what, tmp_path, monkeypat
     private.rmdir()
 
 
+@pytest.mark.slow
 def test_no_flipped_bit_of_a_journal_is_taken_for_a_result(tmp_path):
     study = find_study("amplification")
     whole = run_study(study, SMALL, tmp_path, **AMPLIFICATION)

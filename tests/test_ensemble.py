@@ -51,6 +51,7 @@ KINDS = ("perturbed", "frequency", "amplitude", "stops")
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("scheme", [sb.HHT(-0.1), sb.BDF2(), sb.SDIRK(nystrom=True)], ids=str)
 @pytest.mark.parametrize("contact", ["implicit", "extrapolated"])
+@pytest.mark.fast(8)
 def test_a_member_has_the_bits_of_its_solo_run(kind, scheme, contact, system):
     """Through the chaos: nothing but equal bits keeps two runs together to t = 1."""
     members = members_of(kind, system)
@@ -128,6 +129,7 @@ def test_other_engines_are_equal_to_rounding(engine, kind, contact, system):
         assert np.allclose(ours.impacts.times, other.impacts.times, rtol=0, atol=tolerance)
 
 
+@pytest.mark.slow
 def test_jax_goes_on_where_it_left_off(system, monkeypatch):
     """Sampled loads, stretches that are filled up, a list of impacts that is too short."""
     from stiffbeam.march.kernels import blocks_jax as kernel_jax
@@ -297,7 +299,7 @@ def test_contacts_recorded_from_a_time_on_are_those_of_every_step_after_it(schem
 
 def test_the_direct_march_records_from_a_time_on(monkeypatch):
     """Two contacts and a damping that couples the modes."""
-    monkeypatch.setattr("stiffbeam.march.integrate.pays", lambda *_: False)
+    monkeypatch.setattr("stiffbeam.march.plan.pays", lambda *_: False)
     system = replace(two_contacts(), damping=np.diag([0.0, 0.3, 0.0, 0.1]))
     run = sb.integrate(system, sb.HHT(-0.1), 2e-3, 3.0)
     many = sb.integrate_ensemble(system, sb.HHT(-0.1), 2e-3, 3.0, [system], since=1.0)

@@ -79,6 +79,7 @@ def test_contact_at_the_start_is_no_impact_and_counts_as_contact():
 
 
 @pytest.mark.parametrize("cells", [25])
+@pytest.mark.slow
 def test_the_exact_energy_ledger_closes_over_a_thousand_events(cells, table10):
     # past the horizon the number of switches is that of one realisation: 300 to 370 a unit of time
     ref = solve(sb.semidiscretise(table10, cells), 5.0, "exact", np.linspace(0.0, 5.0, 101), 0.0, None)

@@ -191,6 +191,7 @@ def test_float64_sees_the_same_doubles_bit_for_bit(method):
     assert decimals.contacts[0].peak_force == doubles.contacts[0].peak_force > 0.0
 
 
+@pytest.mark.slow
 def test_a_run_of_the_case_is_compared_with_its_multiprecision_reference_and_not_with_that_of_the_doubles():
     case = dataclasses.replace(sb.paper_case(12), cells=8)
     decimals, doubles = system_of(case), system_of(case, doubles=True)

@@ -45,6 +45,7 @@ def test_the_beams_own_motion_is_where_elements_go():
     assert abs(speeds[1] - speeds[0]) < 3.0 * 8.0 / (np.pi * math.sqrt(2.0 * 50_000))  # the rms of the terms between
 
 
+@pytest.mark.slow
 def test_a_smooth_start_has_a_peak_that_converges():
     records = study("first_impact", CASE, cells=[40, 80, 160], starts=[first.SMOOTH], forms=["displacement", "hermite"])
     assert not records.failures
@@ -59,6 +60,7 @@ def test_a_smooth_start_has_a_peak_that_converges():
     assert rows["hermite", 160]["impulse_share"] == pytest.approx(first.penetration(first.WINDOW, 3.0), rel=2e-3)
 
 
+@pytest.mark.slow
 def test_a_start_from_rest_has_a_speed_that_does_not():
     records = study("first_impact", CASE, cells=[20, 40, 80], starts=[first.OWN], forms=["displacement"])
     off = [abs(row["speed"] / row["beam_speed"] - 1.0) for row in records.rows]
@@ -124,6 +126,7 @@ def test_kelvin_voigt_lets_go_earlier_than_its_formula_has_it():
         assert abs(float(-mp.diff(x, when)) - rest.kelvin_voigt_restitution(zeta)) < 1e-10
 
 
+@pytest.mark.slow
 def test_towards_rigid_stops_the_impulse_converges_and_the_count_does_not():
     records = study("rigid_beam", CASE, kappas=[5e6, 1e9], cells=[12, 24], divide=[1])
     assert not records.failures

@@ -18,6 +18,7 @@ def oscillator(k, damping, stops, q0, v0=0.0, loads=(), offset=None, mass=1.0) -
 
 @pytest.mark.parametrize("damping", [0.0, 0.1])
 @pytest.mark.parametrize("lower", [None, -0.5])
+@pytest.mark.fast(1)
 def test_the_exact_motion_is_the_same_wherever_zero_is(damping, lower):
     """A stop at 0 and the whole problem moved by 1: u + 1 under the constant load k. The gap of a stop that
     is met is zero; nothing may be measured by the position of the stop itself."""

@@ -136,6 +136,7 @@ def chaotic(name: str, damped: bool) -> sb.System:
 
 
 @pytest.mark.parametrize("damped", [False, True], ids=["undamped", "damped"])
+@pytest.mark.slow
 def test_a_horizon_inside_the_span_is_the_same_in_all_units(damped):
     runs = {name: sb.reference(chaotic(name, damped), 0.6 / time) for name, (_, time, _) in SCALES.items()}
     times = {
@@ -161,6 +162,7 @@ def test_impact_times_of_a_free_mass_may_differ_by_the_same_share_in_all_units()
     assert abs(1e-6 * time_tolerance(free_mass(1e-6)) / time_tolerance(free_mass(1.0)) - 1.0) < 1e-12
 
 
+@pytest.mark.slow
 def test_ensembles_have_the_same_members():
     found = {}
     for name, (length, time, force) in SCALES.items():

@@ -68,6 +68,7 @@ study("amplification", case, folder=sys.argv[1], progress=progress, schemes={sch
 """
 
 
+@pytest.mark.slow
 def test_a_killed_process_loses_nothing_finished(tmp_path):
     script = KILLED.format(schemes=AMPLIFICATION["schemes"])
     child = subprocess.Popen([sys.executable, "-c", script, str(tmp_path)], stdout=subprocess.PIPE, text=True)

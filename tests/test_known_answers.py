@@ -84,6 +84,7 @@ def test_there_are_two_dozen_problems_with_all_that_is_promised():
 
 
 @pytest.mark.parametrize("name", [pytest.param(n, marks=pytest.mark.slow) if n == "hammer-pulse" else n for n in SMALL])
+@pytest.mark.fast(3)
 def test_small_piecewise_linear_motions_to_28_digits(name):
     """Matrix exponentials in mpmath between switches; samples and impact times."""
     from vibro_precise import precise, precise_flow
@@ -113,6 +114,7 @@ def test_small_piecewise_linear_motions_to_28_digits(name):
 
 
 @pytest.mark.parametrize("name", LARGE)
+@pytest.mark.fast(2)
 def test_large_piecewise_linear_motions_to_the_rounding_of_float64(name):
     """Matrix exponentials in float64, whose rounding the contacts of the beams magnify."""
     file = FILES[name]
@@ -261,6 +263,7 @@ def test_the_sticking_phase():
 
 
 @pytest.mark.parametrize("name", [*SMALL, *RIGID, "elastic-bar", "bouncing-bar", "aster-beam", "stop-along-the-beam"])
+@pytest.mark.fast(9)
 def test_the_exact_reference_meets_the_answers(name):
     known = sb.problem(name)
     run = sb.reference(known.system, known.t_end, t_eval=np.append(0.0, known.times))

@@ -12,15 +12,15 @@ from leaping import SCHEMES, both, campaign
 
 import stiffbeam as sb
 from stiffbeam.march import leap
-from stiffbeam.march.integrate import Plan
 from stiffbeam.march.kernels import sums as kernel
+from stiffbeam.march.plan import Plan
 
 
 @pytest.fixture
 def always(monkeypatch):
     """Leaps pay whatever they cost."""
-    monkeypatch.setattr(leap, "setup", lambda march: 0.0)
-    monkeypatch.setattr(leap, "costs", lambda march: np.array([0.0, 0.0, 1.0]))
+    monkeypatch.setattr(leap, "setup", lambda stepper: 0.0)
+    monkeypatch.setattr(leap, "costs", lambda stepper: np.array([0.0, 0.0, 1.0]))
 
 
 def test_the_bound_holds_at_every_step():
@@ -52,6 +52,7 @@ def test_the_bound_holds_at_every_step():
     assert worst > 0.3  # it is a bound, and not a generous one
 
 
+@pytest.mark.slow
 def test_random_systems_in_leaps_and_in_blocks(always):
     campaign(range(15))
 
@@ -75,10 +76,10 @@ def test_every_scheme_leaps_and_is_no_less_accurate(always, beam, scheme):
     blocks, leaps = both(beam, scheme, dt, steps, every)
     assert leaps.kind == leap.LEAPS
     exact = extended_march.march(beam, scheme, dt, steps)[::every]
-    own, other = (np.max(np.abs(flight.positions[0] - exact)) for flight in (blocks, leaps))
+    own, other = (np.max(np.abs(march.positions[0] - exact)) for march in (blocks, leaps))
     assert blocks.seen(0).contacts[0].impacts.count >= 2
     assert other <= 10.0 * own + 1e-15
-    x, y = (flight.seen(0).contacts[0] for flight in (blocks, leaps))
+    x, y = (march.seen(0).contacts[0] for march in (blocks, leaps))
     assert x.fraction == y.fraction > 0.0
     np.testing.assert_allclose(y.impacts.times, x.impacts.times, rtol=1e-11)
     np.testing.assert_allclose(y.impacts.ends, x.impacts.ends, rtol=1e-11)
@@ -90,8 +91,8 @@ def test_every_scheme_leaps_and_is_no_less_accurate(always, beam, scheme):
 def test_a_closed_stop_is_no_spring_to_every_scheme(beam):
     """The printed HHT weighs the stiffness and not the contact: it goes on by ordinary steps, then in blocks."""
     plan = Plan.of(beam, sb.HHT(-0.1).printed("unweighted"), 2e-5, 0.08, "implicit", 1, "numba")
-    assert plan.blocks is not None
-    leaper = leap.Leaper(plan.blocks, beam)
+    assert plan.stepper is not None
+    leaper = leap.Leaper(plan.stepper, beam)
     leaper.make(1)
     found = leaper.tables(4000, 4000)
     assert found is not None
@@ -154,7 +155,7 @@ def test_only_the_members_with_linear_stops_leap():
 
 def test_contacts_are_recorded_since_a_time_as_in_blocks(always, beam):
     blocks, leaps = both(beam, sb.HHT(-0.1), 1e-5, 10_000, None, 7013)
-    x, y = (flight.seen(0).contacts[0] for flight in (blocks, leaps))
+    x, y = (march.seen(0).contacts[0] for march in (blocks, leaps))
     assert 0 < x.impacts.count == y.impacts.count
     assert x.fraction == y.fraction
     np.testing.assert_allclose(y.impulse, x.impulse, rtol=1e-8)
@@ -185,17 +186,17 @@ def test_what_cannot_be_leapt_over_goes_in_blocks(always, system):
 
 
 def test_what_may_leap_and_what_pays(beam):
-    fine = Plan.of(beam, sb.HHT(-0.1), 1e-7, 0.1, "implicit", 1, "numba").blocks
+    fine = Plan.of(beam, sb.HHT(-0.1), 1e-7, 0.1, "implicit", 1, "numba").stepper
     assert fine is not None
     assert leap.can_leap(fine, 1_000_000)
     assert not leap.can_leap(fine, 1000)
     for contact, engine in (("extrapolated", "numba"), ("implicit", "numpy")):
-        other = Plan.of(beam, sb.HHT(-0.1), 1e-7, 0.1, contact, 1, engine).blocks
+        other = Plan.of(beam, sb.HHT(-0.1), 1e-7, 0.1, contact, 1, engine).stepper
         assert other is not None
         assert not leap.can_leap(other, 1_000_000)
     for contact, stops in (("conserving", {}), ("implicit", {"exponent": 1.5}), ("implicit", {"damping": 0.1})):
         scheme = sb.Trapezoidal() if contact == "conserving" else sb.HHT(-0.1)
-        other = Plan.of(oscillator(**stops), scheme, 1e-7, 10.0, contact, 1, "numba").blocks
+        other = Plan.of(oscillator(**stops), scheme, 1e-7, 10.0, contact, 1, "numba").stepper
         assert other is not None
         assert not leap.can_leap(other, 100_000_000)
     coarse = sb.integrate(beam, sb.HHT(-0.1), 1e-4, 100.0, every=1_000_000)

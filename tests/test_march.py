@@ -10,8 +10,7 @@ from oracles import exact_linear
 from systems import linear_part, two_contacts
 
 import stiffbeam as sb
-from stiffbeam.march import block_march, choice
-from stiffbeam.march import integrate as march
+from stiffbeam.march import block_march, choice, plan
 from stiffbeam.march.build import build
 from stiffbeam.march.coordinates import InModes, Together
 from stiffbeam.march.kernels import blocks as kernel
@@ -28,8 +27,8 @@ T_SHORT = 0.056  # through the first contacts of Table 10; rounding has grown a 
 def direct(system, *args, monkeypatch, **kwargs):
     """The same run, marched step by step with factorised matrices."""
     with monkeypatch.context() as patch:
-        patch.setattr(march, "modes", lambda system: None)
-        patch.setattr(march, "pays", lambda *_: False)
+        patch.setattr(plan, "modes", lambda system: None)
+        patch.setattr(plan, "pays", lambda *_: False)
         run = sb.integrate(system, *args, **kwargs)
     assert run.provenance["march"] == "direct"
     return run
@@ -50,6 +49,7 @@ def assert_equal_runs(modal, other, tolerance, march="modal blocks"):
 
 @pytest.mark.parametrize("scheme", SCHEMES, ids=str)
 @pytest.mark.parametrize("contact", ["implicit", "extrapolated"])
+@pytest.mark.fast(12)
 def test_modal_blocks_equal_the_direct_march(scheme, contact, table10_system, monkeypatch):
     """Equal within eps (w_max/w_1)^2 = 1e-10 a step at worst; extrapolated contact amplifies it."""
     modal = sb.integrate(table10_system, scheme, 1e-4, T_SHORT, contact)
@@ -69,6 +69,7 @@ DENSE = [(s, c) for s in SCHEMES for c in CONTACTS if c != "conserving" or s.con
 
 
 @pytest.mark.parametrize(("scheme", "contact"), DENSE, ids=str)
+@pytest.mark.fast(6)
 def test_dense_blocks_equal_the_direct_march(scheme, contact, table10_system, monkeypatch):
     """Of a damping that does not decouple, and of the first-order form; tolerances as for the modal blocks."""
     system = with_dashpots(table10_system)
@@ -105,6 +106,7 @@ def test_a_short_run_is_not_worth_its_blocks(table10_system):
 
 @pytest.mark.parametrize("scheme", [sb.BDF2(), sb.HHT(-0.1), sb.SDIRK(), sb.SDIRK(1.0, nystrom=True)], ids=str)
 @pytest.mark.parametrize("contact", ["implicit", "extrapolated"])
+@pytest.mark.fast(2)
 def test_the_marches_agree_with_viscosity(scheme, contact, table10, monkeypatch):
     problem = sb.BeamProblem(stiffness=300.0, viscosity=0.05, stops=table10.stops, base=table10.base)
     system = sb.semidiscretise(problem, 16)
@@ -115,6 +117,7 @@ def test_the_marches_agree_with_viscosity(scheme, contact, table10, monkeypatch)
 
 @pytest.mark.parametrize("scheme", [sb.BDF2(), sb.HHT(-0.1), sb.SDIRK()], ids=str)
 @pytest.mark.parametrize("contact", ["implicit", "extrapolated"])
+@pytest.mark.fast(1)
 def test_the_marches_agree_with_two_contacts_and_a_moving_stop(scheme, contact, monkeypatch):
     system = two_contacts()
     modal = sb.integrate(system, scheme, 2e-3, 3.0, contact)
@@ -149,10 +152,10 @@ def test_a_block_equals_its_definition_in_numpy(table10):
     system = sb.semidiscretise(table10, 25)
     basis = modes(system)
     assert basis is not None
-    march_ = block_march.March.of(InModes(system, basis), sb.HHT(-0.1), 1e-4, "implicit")
-    block, forcing = march_.block.block, march_.block.forcing([system])
+    stepper = block_march.Stepper.of(InModes(system, basis), sb.HHT(-0.1), 1e-4, "implicit")
+    block, forcing = stepper.block.block, stepper.block.forcing([system])
     rng = np.random.default_rng(1)
-    z = march_.block.pack(rng.normal(size=(4, 1, 25)) * np.array([0.1, 1.0, 10.0, 10.0])[:, None, None])[0]
+    z = stepper.block.pack(rng.normal(size=(4, 1, 25)) * np.array([0.1, 1.0, 10.0, 10.0])[:, None, None])[0]
     t = 0.3
     g = np.array([1.0, np.sin(10.0 * t), np.cos(10.0 * t)])
     R, D = block.reading.shape
@@ -166,15 +169,15 @@ def test_a_block_equals_its_definition_in_numpy(table10):
         forces[i] = table10.stops.solve(row[i], block.push[i, i])
         row += forces[i] * block.push[i]
     w, expected = row[:R], row[R : R + 75]
-    flight = march_.start([system], 32, 1)
-    state = flight.state._replace(z=z[None].copy())
-    kept = Kept(flight.positions, flight.velocities, np.zeros((1, len(z))), np.zeros((1, 32)))
+    march = stepper.start([system], 32, 1)
+    state = march.state._replace(z=z[None].copy())
+    kept = Kept(march.positions, march.velocities, np.zeros((1, len(z))), np.zeros((1, 32)))
     events, cursor = np.zeros((64, 6)), np.zeros(3, np.int64)
     first = round(t / 1e-4)
     positions = np.zeros((1, first + 33, 1))
     kept = kept._replace(positions=positions, velocities=positions.copy())
-    inflow = march_.block.inflow(np.zeros(1), 1.0)
-    assert kernel.run(block, flight.law, forcing, inflow, state, kept, events, first, 32, 1e-4, 1, cursor)
+    inflow = stepper.block.inflow(np.zeros(1), 1.0)
+    assert kernel.run(block, march.law, forcing, inflow, state, kept, events, first, 32, 1e-4, 1, cursor)
     assert np.count_nonzero(kept.forces) > 0
     assert np.allclose(positions[0, first + 1 :, 0], w, rtol=0, atol=1e-12 * np.max(np.abs(w)))
     assert np.allclose(kept.forces[0], forces, rtol=1e-10)

@@ -20,6 +20,7 @@ def rms_of_pressure(system):
     return np.sqrt(np.mean((found.contacts[0].force - pressure(t)) ** 2))
 
 
+@pytest.mark.slow
 def test_the_pressure_under_a_bouncing_bar():
     assert rms_of_pressure(bouncing_bar(100).massless_contacts()) < 0.03  # of 300 to 500
     assert rms_of_pressure(bouncing_bar(100).massless_contacts("renard")) < 1.0  # whose mass is spread over the bar

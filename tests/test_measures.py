@@ -110,6 +110,7 @@ def test_compare_says_what_its_definitions_say(compared, table10):
     del v
 
 
+@pytest.mark.slow
 def test_a_reference_compared_with_itself_has_no_error(compared):
     system, ref, run, _ = compared
     same = sb.reference(system, 0.6, t_eval=run.t)

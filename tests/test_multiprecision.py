@@ -82,6 +82,7 @@ def test_one_stop_contact_at_the_start_and_no_contact_at_all():
         assert np.max(np.abs(many.tip - double.tip)) < 1e-11
 
 
+@pytest.mark.slow
 def test_a_damped_mass_between_stops_bounces_as_the_closed_form_in_mpmath_past_the_float64_horizon():
     pytest.importorskip("mpmath")
     system = sb.System.from_matrices(
@@ -163,6 +164,7 @@ def test_two_contacts_with_a_moving_stop_past_the_float64_horizon():
     ],
     ids=["equal", "equal damped", "nearly equal", "nearly equal damped", "rigid-body mode", "free mass"],
 )
+@pytest.mark.fast(2)
 def test_frequencies_that_coincide_or_vanish(stiffness, damping):
     n = len(stiffness)
     system = sb.System.from_matrices(
@@ -179,6 +181,7 @@ def test_frequencies_that_coincide_or_vanish(stiffness, damping):
 
 
 @pytest.mark.parametrize("contacts", [0, 2])
+@pytest.mark.slow
 def test_a_mode_at_the_drives_frequency_that_is_not_forced_is_no_resonance(contacts):
     """K = diag(4, 9, 16) driven at 3 on the first mass only: u = (sin 3t - 1.5 sin 2t)/(4 - 9)."""
     far = [sb.Contact(np.eye(3)[i], sb.Stops(-9.0, 9.0, stiffness=1.0)) for i in range(contacts)]

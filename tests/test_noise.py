@@ -51,6 +51,7 @@ def shaken(seed: int, moving: bool = False) -> sb.System:
 
 
 @pytest.mark.parametrize("moving", [False, True])
+@pytest.mark.fast(1)
 def test_members_with_noise_of_their_own_are_their_solo_runs(moving):
     """To the bit, ledger included; of schemes and of the exact solution."""
     members = [shaken(seed, moving) for seed in range(3)]

@@ -27,6 +27,7 @@ def test_heights_and_forces_in_rational_numbers():
         assert np.mean(bar.pressure(np.linspace(a, b, 9)[1:-1])) * (b - a) == pytest.approx(IMPULSE)
 
 
+@pytest.mark.slow
 def test_the_closed_form_is_where_many_elements_go():
     """L1 distance of the foot, massless and exact in time: first order in the size of the elements."""
     import stiffbeam as sb
@@ -41,6 +42,7 @@ def test_the_closed_form_is_where_many_elements_go():
     assert found[1] < 0.01
 
 
+@pytest.mark.slow
 def test_what_the_study_shows():
     records = study("rigid-bar", schemes=["trapezoidal", "moreau-jean", "contact-stabilised"], cells=[50], starts=3)
     rows = {}

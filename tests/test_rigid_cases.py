@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 
 import numpy as np
+import pytest
 from rich.console import Console
 
 import stiffbeam as sb
@@ -38,6 +39,7 @@ def test_studies_run_the_schemes_of_the_case_and_those_for_rigid_stops():
     assert {label.partition("(")[0] for label in scheme_labels(sb.paper_case(10))} == set(SCHEMES) - {"theta"}
 
 
+@pytest.mark.slow
 def test_the_study_of_impacts_is_asked_of_it():
     records = sb.study("impacts", CASE, halvings=1, members=2, sensitivity=False, schemes=["moreau-jean"])
     assert not records.failures
@@ -45,6 +47,7 @@ def test_the_study_of_impacts_is_asked_of_it():
     assert {row["scheme"] for row in records.found} == {"exact", "moreau-jean(theta=0.5)"}
 
 
+@pytest.mark.slow
 def test_a_comparison_asks_the_exact_solution_only():
     result = compare_case(CASE)
     assert [r.provenance["method"] for r in result.references] == ["exact"]

@@ -110,6 +110,7 @@ def test_a_period_with_a_sticking_phase():
 
 
 @pytest.mark.parametrize("cells", [8, 25])
+@pytest.mark.fast(1)
 def test_nonsmooth_modes_of_a_beam(cells):
     """T = 0.95 T_1, one elastic impact a period on the stop at 0.1."""
     beam = sb.semidiscretise(
@@ -129,6 +130,7 @@ def test_nonsmooth_modes_of_a_beam(cells):
     assert [e.time for e in events] == pytest.approx([T, 2.0 * T], rel=1e-12)
 
 
+@pytest.mark.slow
 def test_it_agrees_with_the_compliant_machinery_at_e_1():
     """``rigid_limit`` follows closed forms between impacts and shares nothing with the series."""
     beam = sb.semidiscretise(
@@ -239,6 +241,7 @@ def follow(count, seed):
     return held, impacts
 
 
+@pytest.mark.slow
 def test_random_chattering_systems():
     held, impacts = follow(15, 1)
     assert held >= 8

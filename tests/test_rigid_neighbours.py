@@ -33,6 +33,7 @@ def system_of(seed: int) -> sb.System:
 
 
 @pytest.mark.parametrize("seed", range(8))
+@pytest.mark.fast(2)
 def test_tangent_vectors_grow_as_neighbouring_motions_part(seed):
     system, step, end = system_of(seed), 1e-8, np.array([1.5])
     growth = sb.lyapunov(system, 1.5, seed=3)
@@ -69,6 +70,7 @@ def test_a_ball_at_rest_has_no_neighbours():
         sb.lyapunov(ball, 2.0)
 
 
+@pytest.mark.slow
 def test_members_have_the_bits_of_their_solo_runs():
     system = system_of(3)
     times = np.linspace(0.0, 1.5, 31)

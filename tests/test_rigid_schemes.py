@@ -236,6 +236,7 @@ def test_an_ensemble_has_the_bits_of_its_members():
     [sb.MoreauJean(), sb.PaoliSchatzman(), sb.NonsmoothGeneralisedAlpha(1.0), sb.MoreauJeanBilbao()],
     ids=lambda scheme: scheme.name,
 )
+@pytest.mark.fast(1)
 def test_through_an_impact_every_scheme_is_of_first_order(scheme):
     """x'' + x = 0 from x = 0 with speed 1 meets the stop at 1/2 after pi/6 and comes back with e times its speed.
 

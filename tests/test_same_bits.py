@@ -68,6 +68,7 @@ def test_with_nothing_compiled_yet(first, tmp_path):
     assert found == [first[name] for name in ("direct", "hht", "bdf2")]
 
 
+@pytest.mark.slow
 def test_after_ensembles_of_other_sizes(first, monkeypatch):
     """A member has the same bits in any company; and what was called before an ensemble, after it."""
     case = sb.paper_case(10)

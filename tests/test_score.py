@@ -57,6 +57,7 @@ def newmark(system, dt, t_end, kappa=1.0, late=False, pull=False):
 
 
 @pytest.mark.parametrize("label", ["trapezoidal", "hht", "sdirk", "bdf2", "generalised-alpha(rho=0.8)"])
+@pytest.mark.fast(2)
 def test_a_good_scheme_is_not_flagged(label):
     card = sb.score(label, [*SOME, "kelvin-voigt", "hertz", "hunt-crossley"])
     assert set(outcomes(card).values()) == {CONVERGES}
@@ -217,6 +218,7 @@ def test_past_the_horizon_the_trapezoidal_rule_is_among_the_exact_motions_and_bd
     assert bad[0]["contact_fraction"] > 50.0
 
 
+@pytest.mark.slow
 def test_a_scorecard_is_saved_drawn_and_written_as_json(tmp_path):
     card = sb.score(["trapezoidal", newmark], ["bilinear-gap", "bouncing-ball"])
     files = card.save(tmp_path)

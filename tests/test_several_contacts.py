@@ -37,6 +37,7 @@ def two(monkeypatch):
     monkeypatch.setattr(import_module("stiffbeam.studies.common"), "system_of", with_a_stop_half_way)
 
 
+@pytest.mark.slow
 def test_impacts_are_counted_at_every_contact(two):
     records = study("impacts", SMALL, **find_study("impacts").smoke)
     blocks = by_contact(records.rows)
@@ -75,6 +76,7 @@ def test_a_sweep_draws_a_line_for_every_contact(two):
     assert sum("at contact 2" in axis.get_title(loc="left") for axis in grid.figure().axes) == 3
 
 
+@pytest.mark.slow
 def test_the_contact_of_every_stop_converges_in_space(two):
     records = study("space", SMALL, cells=[6, 8, 12], finest=20, forms=["displacement"], impacts=4)
     quantities = {row["quantity"] for row in records.rows if row.get("kind") == "contact" and "quantity" in row}

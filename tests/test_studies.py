@@ -37,6 +37,9 @@ stiffness = 300.0
 base = { amplitude = 0.1, frequency = 10.0 }
 """
 
+HEAVY = ("first_impact", "rigid", "rigid_bar", "rigid_beam", "chaos", "space", "converge")
+BY_WEIGHT = [pytest.param(name, marks=pytest.mark.slow) if name in HEAVY else name for name in STUDIES]
+
 
 @cache
 def smoke(name: str) -> Records:
@@ -55,7 +58,7 @@ def test_the_registry_names_every_study_there_is():
     assert found == set(STUDIES)
 
 
-@pytest.mark.parametrize("name", STUDIES)
+@pytest.mark.parametrize("name", BY_WEIGHT)
 def test_a_study_answers_in_numbers_from_flat_rows(name):
     records = smoke(name)
     assert records.rows
@@ -74,7 +77,7 @@ def test_a_study_answers_in_numbers_from_flat_rows(name):
     assert len(records.to_dataframe()) == len(records.rows)
 
 
-@pytest.mark.parametrize("name", STUDIES)
+@pytest.mark.parametrize("name", BY_WEIGHT)
 def test_a_study_draws_named_axes(name):
     figure = smoke(name).figure()
     assert figure.axes
@@ -88,6 +91,7 @@ def test_a_study_draws_named_axes(name):
     assert figure.get_suptitle()
 
 
+@pytest.mark.fast(4)
 @pytest.mark.parametrize("name", STUDIES)
 def test_a_study_saves_what_it_found(name, tmp_path, monkeypatch):
     write = Figure.savefig
@@ -119,7 +123,7 @@ def variants(rows, keys):
     yield [{k: float("nan") if k in numbers else v for k, v in row.items()} for row in rows]
 
 
-@pytest.mark.parametrize("name", STUDIES)
+@pytest.mark.parametrize("name", BY_WEIGHT)
 def test_a_picture_survives_failed_missing_and_single_rows(name):
     records = smoke(name)
     keys = set().union(*find_study(name).points(SMALL, **find_study(name).smoke))
@@ -128,7 +132,7 @@ def test_a_picture_survives_failed_missing_and_single_rows(name):
         replace(records, rows=rows).figure().canvas.draw()
 
 
-@pytest.mark.parametrize("name", STUDIES)
+@pytest.mark.parametrize("name", BY_WEIGHT)
 def test_an_answer_does_not_need_every_point(name):
     """Some points may fail: whatever remains, one row or those of the truth alone, there is a sentence."""
     records = smoke(name)

@@ -36,6 +36,7 @@ def test_an_exact_power_law_gives_its_slope_and_constant(slope):
     assert order.points == 6
 
 
+@pytest.mark.slow
 def test_the_interval_covers_the_slope_as_often_as_it_says():
     """2000 trials at 95 %: the share has the standard deviation 0.5 %, three of them are allowed."""
     rng = np.random.default_rng(7)

@@ -219,6 +219,7 @@ def run_cli(*arguments: str):
     return CliRunner().invoke(app, ["sweep", *arguments], catch_exceptions=True)
 
 
+@pytest.mark.slow
 def test_the_command_writes_records_and_picture(tmp_path):
     result = run_cli(
         "table10", "--parameter", "stop-stiffness", "--values", "1e6:1e7:3:log", "--method", "sdirk(gamma=0.5)",

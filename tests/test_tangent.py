@@ -68,6 +68,7 @@ def test_tangent_vectors_grow_as_perturbed_motions_part(which, table10):
 
 
 @pytest.mark.parametrize("number", [2, 14, 17, *(pytest.param(n, marks=pytest.mark.slow) for n in (5, 12))])
+@pytest.mark.fast(1)
 def test_the_predicted_horizon_is_that_of_the_perturbed_copies_within_a_factor_of_two(number):
     system = table(number)
     ref = sb.reference(system, 0.6)
@@ -77,6 +78,7 @@ def test_the_predicted_horizon_is_that_of_the_perturbed_copies_within_a_factor_o
     assert 0.5 * ref.horizon < predicted < 1.2 * ref.horizon
 
 
+@pytest.mark.slow
 def test_the_predicted_horizon_with_damping_several_contacts_and_without_chaos(table10, three_masses):
     chain = sb.reference(two_contacts(), 60.0)
     assert chain.horizon < 40.0

@@ -77,6 +77,7 @@ def test_sundials_is_never_asked_to_store_every_step(method, monkeypatch):
     assert run.impacts.count > 30
 
 
+@pytest.mark.slow
 def test_events_of_one_run_do_not_stay_for_the_next():
     """scikit-sundae gathers events over the life of a solver: every run has a new one."""
     counts = [solve(swinging(), 30.0, method, None, 1e-8, None).impacts.count for method in ("cvode", "ida") * 2]

@@ -4,7 +4,7 @@
 
 writes README.md of this folder. Each engine runs by its adapter, in the interpreter that has it: this one, or PATH.
 One that is not installed is said to be so. DIR keeps the runs, and gives those that it holds already. NAMES: schemes
-and solvers of this package to show beside them, such as trapezoidal,exact. Some ten minutes.
+and solvers of this package to show beside them. Some ten minutes.
 """
 
 from __future__ import annotations
@@ -31,11 +31,10 @@ ADAPTERS = {
 PAGE = """# Engines of others on the test set
 
 `python studies/engines/run_all.py --python NAME=PATH ...` runs each engine by its adapter in this folder, in the
-interpreter that has it, over [the problems](../../reference/problems/README.md), and scores what it has written.
-`--beside trapezoidal,exact` adds columns of this package, whose own scores `stiffbeam score` prints. MuJoCo, EXUDYN and
-PyBullet come by pip (`pip install "stiffbeam[engines]"`), Siconos and GetFEM with Debian (python3-siconos,
-python3-getfem). An adapter needs NumPy, its engine and `problem_file.py`, which reads the TOML files: the way to add
-another one.
+interpreter that has it, over [the problems](../../reference/problems/README.md), and scores what it has written. Beside
+them stand solvers of this package (`--beside`). MuJoCo, EXUDYN and PyBullet come by pip (`pip install
+"stiffbeam[engines]"`), Siconos and GetFEM with Debian (python3-siconos, python3-getfem). An adapter needs NumPy, its
+engine and `problem_file.py`, which reads the TOML files: the way to add another one.
 
 ```text
 {card}
@@ -97,7 +96,8 @@ def main() -> None:
     asked = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     asked.add_argument("--python", action="append", default=[], metavar="NAME=PATH", help="interpreter of an engine")
     asked.add_argument("--runs", type=Path, help="folder that keeps the runs")
-    asked.add_argument("--beside", default="", metavar="NAMES", help="schemes and solvers of this package")
+    beside = "trapezoidal,moreau-jean,exact"
+    asked.add_argument("--beside", default=beside, metavar="NAMES", help="solvers of this package")
     given = asked.parse_args()
     pythons = dict(each.split("=", 1) for each in given.python)
     with tempfile.TemporaryDirectory() as own:

@@ -45,7 +45,10 @@ def compare(
         Path | None, typer.Option(help="folder for picture, trajectories and table; default: stiffbeam-output/CASE")
     ] = None,
     json_file: Json = None,
-    cache: Annotated[bool, typer.Option("--cache", help="keep the references and use those that are kept")] = False,
+    cache: Annotated[
+        bool,
+        typer.Option("--cache/--no-cache", help="keep the references and use those that are kept, or not"),
+    ] = True,
 ) -> None:
     """Run schemes beside SUNDIALS and the exact solution: table, picture, trajectories."""
     from ..basics.validation import InputError, positive

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from ..basics.validation import InputError
-from ..march.integrate import CONTACTS
+from ..march.rules import CONTACTS
 from ..schemes import Scheme
 from ..schemes.misprints import forms_of
 

@@ -22,6 +22,8 @@ from ..references.registry import REFERENCES
 from ..trajectory.trajectory import Reference
 from . import frozen, store
 
+MOST = 1 << 30  # bytes of references that are kept
+
 
 def cached_reference(
     system: System,
@@ -41,8 +43,9 @@ def cached_reference(
     parameter never finds an old file. A damaged file is named in a warning and remade. Writing is
     atomic: two processes that compute the same reference leave one good file. A multiprecision
     reference confirmed to t_end answers at any time; the others come back without their states:
-    outputs, impacts, energy, horizon, work and provenance of the run that was made. "exact" is solved
-    anew, which takes no longer than reading a file. Raises InputError for a bare callable.
+    outputs, impacts, energy, horizon, work and provenance of the run that was made; ``provenance["kept"]``
+    says so. "exact" is solved anew, which takes no longer than reading a file. The files that were not used for
+    longest go when there is more than a gigabyte of them. Raises InputError for a bare callable.
     """
     one_of("method", method, REFERENCES, "be a reference method")
     if method == "exact":
@@ -54,6 +57,8 @@ def cached_reference(
         try:
             found = store.load(file, system, times)
             assert isinstance(found, Reference)
+            file.touch()  # used last
+            found.provenance["kept"] = True
             return found
         except InputError as error:
             warnings.warn(f"remaking a cached reference: {error}", stacklevel=2)
@@ -63,11 +68,22 @@ def cached_reference(
             frozen.freeze(found, "", file)
         else:
             found.save(file)
+        _forget(file.parent)
     except InputError as error:
         if error.field != "file":
             raise
         warnings.warn(f"a reference is not kept: {error}", stacklevel=2)  # the cache's disk may be full
     return found
+
+
+def _forget(folder: Path) -> None:
+    """Remove the files that were not used for longest, down to MOST bytes."""
+    used = {path: path.stat() for path in folder.glob("*.nc")}
+    size = 0
+    for path, stat in sorted(used.items(), key=lambda item: item[1].st_mtime, reverse=True):
+        size += stat.st_size
+        if size > MOST:
+            path.unlink(missing_ok=True)
 
 
 def _file(

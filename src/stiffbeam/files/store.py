@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from ..basics import netcdf
 from ..basics.arrays import Array
 from ..basics.validation import InputError, file_path, numbers
-from ..march.integrate import Plan
+from ..march.plan import Plan
 from ..model.contact import Stops
 from ..model.system import System, require_system
 from ..references import solve

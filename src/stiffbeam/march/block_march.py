@@ -42,7 +42,7 @@ def block_length(coordinates: Coordinates, scheme: Scheme) -> int:
 
 
 @dataclass(frozen=True, eq=False)
-class March:
+class Stepper:
     """A scheme on a system in coordinates: what every member shares, made once.
 
     The propagators of the starter and of the blocks know the linear part only. Members may differ in
@@ -69,7 +69,7 @@ class March:
         contact: str,
         engine: str = "numba",
         rule: int | None = None,
-    ) -> March:
+    ) -> Stepper:
         """rule: for stops of that kind, the system's own unless given."""
         system, starter = coordinates.system, scheme.starter
         rule = rule_of(system.contacts, contact) if rule is None else rule
@@ -96,16 +96,16 @@ class March:
             self._forcings[propagator] = propagator.forcing([self.system])
         return self._forcings[propagator]
 
-    def start(self, members: Sequence[System], steps: int, every: int | None, since: int = 0) -> Flight:
+    def start(self, members: Sequence[System], steps: int, every: int | None, since: int = 0) -> March:
         """The members at t = 0, ready for ``steps`` steps in blocks; contacts are recorded after step ``since``."""
-        return Flight(self, tuple(members), steps, every, since)
+        return March(self, tuple(members), steps, every, since)
 
 
 @dataclass(eq=False)
-class Flight:
-    """Members on their way: they march in step, stretch by stretch."""
+class March:
+    """Members on their way: they march in step, segment by segment."""
 
-    march: March
+    stepper: Stepper
     members: tuple[System, ...]
     steps: int
     every: int | None  # outputs kept, None for none
@@ -117,11 +117,11 @@ class Flight:
     events: Array = field(init=False)  # (impacts, 7), see sampling; by member, in order of time
     state: Marchers = field(init=False)
     kind: str = ""  # of march; known at the end
-    compile_seconds: float = 0.0  # of kernels that only some flights need
+    compile_seconds: float = 0.0  # of kernels that only some marches need
 
     def __post_init__(self) -> None:
-        system, M = self.march.system, len(self.members)
-        self.kind = self.march.kind
+        system, M = self.stepper.system, len(self.members)
+        self.kind = self.stepper.kind
         self.law = np.stack([laws(member.contacts) for member in self.members])
         own = functions(system)
         self._alike = all(functions(member) == own for member in self.members)
@@ -134,47 +134,47 @@ class Flight:
         if kept:
             self.positions[:, 0], self.velocities[:, 0] = u, v
         self._rows, self.events = 0, np.empty((64 * M, EVENT))
-        self._history = [np.stack([self.march.coordinates.start(member) for member in self.members], axis=1)]
+        self._history = [np.stack([self.stepper.coordinates.start(member) for member in self.members], axis=1)]
 
-    def fly(self, replayed: Callable[[Stretch], None] | None = None) -> Iterator[int]:
-        """March to the end; yields the number of steps done after every stretch."""
-        march, scheme, equation = self.march, self.march.scheme, self.march.coordinates.equation
+    def advance(self, replayed: Callable[[Segment], None] | None = None) -> Iterator[int]:
+        """March to the end; yields the number of steps done after every segment."""
+        stepper, scheme, equation = self.stepper, self.stepper.scheme, self.stepper.coordinates.equation
         history = self._history
-        if march.starter is not None:
-            one = march.starter
+        if stepper.starter is not None:
+            one = stepper.starter
             z = one.scheme.initial(equation, history, self._force())
             self.state = self.state._replace(z=one.pack(z))
             forcing = self.forcing(one)
             for _ in range(min(self.steps, scheme.history - 1)):
-                self._stretch(one, forcing, 1, replayed)
+                self._segment(one, forcing, 1, replayed)
                 history.insert(0, one.unpack(self.state.z)[: equation.order])
                 yield self.done
         if self.done < self.steps:
-            block = march.block
+            block = stepper.block
             z = scheme.initial(equation, history, self._force())
             self.state = self.state._replace(z=block.pack(z))
             yield from self._on(replayed)
         self._finish()
 
-    def _on(self, replayed: Callable[[Stretch], None] | None) -> Iterator[int]:
+    def _on(self, replayed: Callable[[Segment], None] | None) -> Iterator[int]:
         """With the scheme's own propagator to the end."""
-        block = self.march.block
+        block = self.stepper.block
         forcing = self.forcing(block)
         bounded = replayed is not None or not block.harmonic
         most = STEPS_REPLAYED if bounded else max(STEPS_REPLAYED, STEPS_PER_CALL // len(self.members))
         most = max(1, most // block.steps) * block.steps  # the blocks of a run do not depend on the company
         while self.done < self.steps:
-            self._stretch(block, forcing, min(most, self.steps - self.done), replayed)
+            self._segment(block, forcing, min(most, self.steps - self.done), replayed)
             yield self.done
 
     def forcing(self, block: Propagator) -> Forcing:
         """What the loads and offsets of the members do to one of the propagators."""
-        return self.march.forcing(block) if self._alike else block.forcing(self.members)
+        return self.stepper.forcing(block) if self._alike else block.forcing(self.members)
 
-    def _stretch(
-        self, block: Propagator, forcing: Forcing, steps: int, replayed: Callable[[Stretch], None] | None
+    def _segment(
+        self, block: Propagator, forcing: Forcing, steps: int, replayed: Callable[[Segment], None] | None
     ) -> None:
-        first, dt, K = self.done, self.march.dt, block.steps
+        first, dt, K = self.done, self.stepper.dt, block.steps
         begun = time.perf_counter()
         starts_at = (first + K * np.arange(-(-steps // K))) * dt
         inflow = block.inflow(starts_at, self.steps * dt)
@@ -183,7 +183,7 @@ class Flight:
         forces = aligned((rows, len(block.block.push)))
         kept = Kept(self.positions, self.velocities, starts, forces)
         cursor, march_rule = np.array([0, 0, self._rows]), block.block.rule
-        while not self.march.run(
+        while not self.stepper.run(
             block.block, self.law, forcing, inflow, self.state, kept, self.events, first, steps, dt, self.every or 1,
             cursor, *(() if march_rule == LINEAR else (1,)),
         ):  # fmt: skip
@@ -193,15 +193,15 @@ class Flight:
         self.done += steps
         self.seconds += time.perf_counter() - begun
         if replayed is not None:
-            replayed(Stretch(self, block, first, steps, starts, forces))
+            replayed(Segment(self, block, first, steps, starts, forces))
 
     def _force(self) -> Array:
         """Load plus contact force at this time, (members, N)."""
-        coordinates, t = self.march.coordinates, self.done * self.march.dt
+        coordinates, t = self.stepper.coordinates, self.done * self.stepper.dt
         total = np.zeros((len(self.members), coordinates.rows.shape[1]))
         for i, member in enumerate(self.members):
             total[i] = coordinates.load(member, t)
-            if self.march.contact != "conserving":  # whose reactions are means over a step, not there at a time
+            if self.stepper.contact != "conserving":  # whose reactions are means over a step, not there at a time
                 for c, contact in enumerate(member.contacts):
                     force = contact.stops.force(self.state.position[i, c], self.state.velocity[i, c])
                     total[i] += coordinates.columns[c] * force
@@ -211,7 +211,7 @@ class Flight:
         """What a member has seen, at the end."""
         first, last = np.searchsorted(self.events[:, MEMBER], [member, member + 1])
         own = self.events[first:last]
-        positions, velocities, tip = self.positions[member], self.velocities[member], self.march.system.tip_channel
+        positions, velocities, tip = self.positions[member], self.velocities[member], self.stepper.system.tip_channel
         contacts = tuple(
             record(
                 contact.stops, positions[:, c], velocities[:, c], self.state.tally[member, c],
@@ -221,8 +221,8 @@ class Flight:
         )  # fmt: skip
         diverged = int(self.state.diverged[member])
         if diverged < 0:
-            raise unsolved(self.march.scheme, -diverged * self.march.dt)
-        when = diverged * self.march.dt if diverged else np.nan
+            raise unsolved(self.stepper.scheme, -diverged * self.stepper.dt)
+        when = diverged * self.stepper.dt if diverged else np.nan
         return Seen(positions[:, tip].copy(), velocities[:, tip].copy(), contacts, when)
 
     def _finish(self) -> None:
@@ -235,10 +235,10 @@ class Flight:
 
 
 @dataclass(frozen=True, eq=False)
-class Stretch:
-    """Consecutive steps of the only member of a flight, with what they can be made again from."""
+class Segment:
+    """Consecutive steps of the only member of a march, with what they can be made again from."""
 
-    flight: Flight
+    march: March
     block: Propagator
     first: int
     steps: int

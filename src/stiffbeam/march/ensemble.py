@@ -17,7 +17,7 @@ from ..trajectory.ensemble import MEMBERS_PER_SLICE, Ensemble, Progress, gathere
 from ..trajectory.ledger import Ledger
 from ..trajectory.recorder import Seen
 from ..trajectory.trajectory import Work
-from .integrate import Plan
+from .plan import Plan
 from .warm import warm_up
 
 ENGINES = ("numba", "numpy", "jax")

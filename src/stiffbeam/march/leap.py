@@ -23,7 +23,7 @@ from ..basics.budget import afford
 from ..model.stage import LINEAR
 from ..model.system import System
 from ..trajectory.sampling import EVENT, ROW, SIDE
-from .block_march import BLOCKS, STEPS_REPLAYED, Flight, March, Stretch, functions
+from .block_march import BLOCKS, STEPS_REPLAYED, March, Segment, Stepper, functions
 from .build import build
 from .coordinates import InModes
 from .kernels import blocks, leaps
@@ -38,35 +38,35 @@ DENSE = 8  # outputs closer than so many steps are made in blocks, from states t
 STATES_AT_ONCE = 1 << 15
 
 
-def start(march: March, members: Sequence[System], steps: int, every: int | None, since: int = 0) -> Flight:
+def start(stepper: Stepper, members: Sequence[System], steps: int, every: int | None, since: int = 0) -> March:
     """The members at t = 0, ready for ``steps`` steps; one alone goes in leaps where that can pay."""
-    kind = LeapFlight if len(members) == 1 and can_leap(march, steps) else Flight
-    return kind(march, tuple(members), steps, every, since)
+    kind = LeapMarch if len(members) == 1 and can_leap(stepper, steps) else March
+    return kind(stepper, tuple(members), steps, every, since)
 
 
-def can_leap(march: March, steps: int) -> bool:
+def can_leap(stepper: Stepper, steps: int) -> bool:
     """Whether a run may be leapt over, as far as its arguments say; the march itself finds whether it pays."""
-    contacts = march.system.contacts
+    contacts = stepper.system.contacts
     return bool(
         EXTENDED
-        and isinstance(march.coordinates, InModes)
-        and march.contact == "implicit"
-        and march.rule == LINEAR
-        and march.run is blocks.run
-        and march.block.harmonic
+        and isinstance(stepper.coordinates, InModes)
+        and stepper.contact == "implicit"
+        and stepper.rule == LINEAR
+        and stepper.run is blocks.run
+        and stepper.block.harmonic
         and len(contacts) <= MOST_CONTACTS
-        and steps * costs(march)[2] > setup(march)
+        and steps * costs(stepper)[2] > setup(stepper)
     )
 
 
-def setup(march: March) -> float:
+def setup(stepper: Stepper) -> float:
     """ns that making the regimes takes, a few times over: below, blocks are done before leaps begin."""
-    return 6e6 + 60.0 * march.system.size**3
+    return 6e6 + 60.0 * stepper.system.size**3
 
 
-def costs(march: March) -> Array:
+def costs(stepper: Stepper) -> Array:
     """ns of a leap tried, of an ordinary step with the change of regime, and of a step of the block march."""
-    (R, D), K = march.block.block.reading.shape, march.block.steps
+    (R, D), K = stepper.block.block.reading.shape, stepper.block.steps
     return np.array([60.0 + 3.0 * D, 300.0 + 0.36 * D * D, 2.0 + 0.12 * R * D / K])
 
 
@@ -74,17 +74,17 @@ def costs(march: March) -> Array:
 class Leaper:
     """The regimes of a march on one system, made as they are met; members on other threads may share them."""
 
-    march: March
+    stepper: Stepper
     system: System
     one: Propagator = field(init=False)  # a single step
     _made: list[Sum] = field(init=False, default_factory=list)
-    _of: Array = field(init=False)  # (2^m,), see kernels.leaps.fly
+    _of: Array = field(init=False)  # (2^m,), see kernels.leaps.advance
     _tables: dict[tuple[int, int, int], Regimes] = field(init=False, default_factory=dict)
     _lock: Lock = field(init=False, default_factory=Lock)
 
     def __post_init__(self) -> None:
-        march = self.march
-        self.one = build(march.scheme, march.coordinates, march.dt, 1, march.contact)
+        stepper = self.stepper
+        self.one = build(stepper.scheme, stepper.coordinates, stepper.dt, 1, stepper.contact)
         self._of = np.full(1 << len(self.system.contacts), -1)
         for mask in range(min(2, len(self._of))):  # more than these are not met by all
             self.make(mask)
@@ -103,13 +103,13 @@ class Leaper:
                 self._of[mask] = -2
 
     def tables(self, steps: int, every: int) -> tuple[Regimes, Array] | None:
-        """All that have been made, and where each is; None where even free flight cannot be leapt over."""
+        """All that have been made, and where each is; None where even free march cannot be leapt over."""
         with self._lock:
             if not self._made:
                 return None
             given = steps.bit_length(), every, len(self._made)
             if given not in self._tables:
-                nodes, D = len(self.march.scheme.nodes), self.one.block.reading.shape[1]
+                nodes, D = len(self.stepper.scheme.nodes), self.one.block.reading.shape[1]
                 self._tables = {given: tables(self._made, steps, every, nodes, D)}
             return self._tables[given], self._of.copy()
 
@@ -117,29 +117,29 @@ class Leaper:
 _making = Lock()
 
 
-def _leaper(march: March, member: System) -> Leaper:
+def _leaper(stepper: Stepper, member: System) -> Leaper:
     """The regimes of a member: shared where its loads and stiffnesses are the march's own."""
-    alike = functions(member) == functions(march.system) and all(
-        a.stops.stiffness == b.stops.stiffness for a, b in zip(member.contacts, march.system.contacts, strict=True)
+    alike = functions(member) == functions(stepper.system) and all(
+        a.stops.stiffness == b.stops.stiffness for a, b in zip(member.contacts, stepper.system.contacts, strict=True)
     )
     if not alike:
-        return Leaper(march, member)
+        return Leaper(stepper, member)
     with _making:
-        if not march.leapers:
-            march.leapers.append(Leaper(march, march.system))
-    return march.leapers[0]
+        if not stepper.leapers:
+            stepper.leapers.append(Leaper(stepper, stepper.system))
+    return stepper.leapers[0]
 
 
 @dataclass(eq=False)
-class LeapFlight(Flight):
+class LeapMarch(March):
     """One member on its way in leaps, or in blocks where they turn out not to pay."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
         self.kind = LEAPS
 
-    def _on(self, replayed: Callable[[Stretch], None] | None) -> Iterator[int]:
-        """From the scheme's own start, see Flight."""
+    def _on(self, replayed: Callable[[Segment], None] | None) -> Iterator[int]:
+        """From the scheme's own start, see March."""
         start = Marchers(*(x.copy() for x in self.state))
         events, rows, done = self.events.copy(), self._rows, self.done
         dense = self.every is not None and self.every < DENSE
@@ -147,8 +147,8 @@ class LeapFlight(Flight):
         states = yield from self._leap(spacing)
         if states is None:  # the same from the start, in blocks
             self.kind = BLOCKS
-            seconds = 1e-9 * float(costs(self.march)[2]) * self.steps
-            afford("dt", self.march.dt, "give a larger dt: contact changes too often to leap", seconds=seconds)
+            seconds = 1e-9 * float(costs(self.stepper)[2]) * self.steps
+            afford("dt", self.stepper.dt, "give a larger dt: contact changes too often to leap", seconds=seconds)
             self.state, self.events, self._rows, self.done = start, events, rows, done
             yield from super()._on(replayed)
         elif spacing:
@@ -156,8 +156,8 @@ class LeapFlight(Flight):
 
     def _leap(self, spacing: int) -> Generator[int, None, Array | None]:
         """Leap to the end; the states at every ``spacing``-th step where that is not 0, None where it does not pay."""
-        march, system, begun = self.march, self.members[0], time.perf_counter()
-        leaper = _leaper(march, system)
+        stepper, system, begun = self.stepper, self.members[0], time.perf_counter()
+        leaper = _leaper(stepper, system)
         one, m, every = leaper.one, len(system.contacts), spacing or self.every or self.steps
         found = leaper.tables(self.steps, every)
         if found is None:
@@ -165,22 +165,22 @@ class LeapFlight(Flight):
         states = aligned((self.steps // spacing + 1 if spacing else 0, one.block.reading.shape[1]))
         none = np.zeros((1, 0, self.positions.shape[2]))
         outputs = (none, none) if spacing else (self.positions, self.velocities)
-        forcing = march.forcing(one) if leaper.system is march.system else one.forcing([system])
+        forcing = stepper.forcing(one) if leaper.system is stepper.system else one.forcing([system])
         side, guess = np.zeros(m), np.full(1 << m, 3)
-        cursor, cost = np.array([self.done, self._rows, 0, 0, 0]), costs(march)
+        cursor, cost = np.array([self.done, self._rows, 0, 0, 0]), costs(stepper)
 
-        def fly(steps: int, found: tuple[Regimes, Array]) -> int:
-            return leaps.fly(
+        def leap(steps: int, found: tuple[Regimes, Array]) -> int:
+            return leaps.advance(
                 one.block, self.law, forcing, *found, self.state, (*outputs, states), self.events, cursor, side,
-                guess, steps, march.dt, every, self.since, self.done + max(1 << 16, self.steps // 50), cost,
+                guess, steps, stepper.dt, every, self.since, self.done + max(1 << 16, self.steps // 50), cost,
             )  # fmt: skip
 
-        if not leaps.fly.signatures:
+        if not leaps.advance.signatures:
             begun_compiling = time.perf_counter()
-            fly(0, found)
+            leap(0, found)
             self.compile_seconds += time.perf_counter() - begun_compiling
         while True:
-            ended = fly(self.steps, found)
+            ended = leap(self.steps, found)
             self.done, self._rows = int(cursor[leaps.STEP]), int(cursor[leaps.FREE_ROW])
             if ended == leaps.FULL:
                 self.events = np.concatenate([self.events, np.empty((len(self.events) + m, EVENT))])
@@ -199,11 +199,11 @@ class LeapFlight(Flight):
         return None if ended == leaps.ABANDONED else states
 
     def _between(
-        self, start: Marchers, done: int, states: Array, spacing: int, replayed: Callable[[Stretch], None] | None
+        self, start: Marchers, done: int, states: Array, spacing: int, replayed: Callable[[Segment], None] | None
     ) -> Iterator[int]:
         """The steps between the states, in blocks that start afresh from each of them."""
-        march, block = self.march, self.march.block
-        beside = Flight(march, self.members, self.steps, self.every)
+        stepper, block = self.stepper, self.stepper.block
+        beside = March(stepper, self.members, self.steps, self.every)
         beside.state, beside.done = start, done
         beside.positions, beside.velocities = self.positions, self.velocities
         forcing = beside.forcing(block)
@@ -217,6 +217,6 @@ class LeapFlight(Flight):
             beside.state.tally[..., SIDE] = 0.0
             beside.state.tally[..., ROW] = -1.0
             most = min(last, (beside.done // spacing + 1) * spacing) - beside.done
-            beside._stretch(block, forcing, min(most, STEPS_REPLAYED), replayed)
+            beside._segment(block, forcing, min(most, STEPS_REPLAYED), replayed)
             yield beside.done
         self.seconds += beside.seconds

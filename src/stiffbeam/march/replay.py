@@ -15,7 +15,7 @@ from ..model.contact import laws
 from ..model.system import System
 from ..model.time_functions import evaluate, offset_rate, offset_values
 from ..trajectory.ledger import Ledger, step_ledger
-from .block_march import March, Stretch
+from .block_march import Segment, Stepper
 from .build import build
 from .coordinates import InModes
 from .kernels.single_steps import Energies, Step, account
@@ -24,17 +24,17 @@ from .leap import start
 from .propagator import Propagator
 
 
-def step_of(stretch: Stretch, one: Propagator) -> tuple[Step, Array]:
-    """The steps of a stretch with all they are given, and the packed state they start from; ``one``: the
+def step_of(segment: Segment, one: Propagator) -> tuple[Step, Array]:
+    """The steps of a segment with all they are given, and the packed state they start from; ``one``: the
     scheme's propagator of a single step."""
-    flight, dt = stretch.flight, stretch.flight.march.dt
-    times = (stretch.first + np.arange(stretch.steps)) * dt
-    forcing = flight.forcing(one)
-    g = np.full((stretch.steps, forcing.rows.shape[1]), forcing.constant)
+    march, dt = segment.march, segment.march.stepper.dt
+    times = (segment.first + np.arange(segment.steps)) * dt
+    forcing = march.forcing(one)
+    g = np.full((segment.steps, forcing.rows.shape[1]), forcing.constant)
     phase = np.multiply.outer(times, forcing.frequencies[0])
     g[:, 1::2], g[:, 2::2] = np.sin(phase), np.cos(phase)
-    nodes = len(stretch.block.block.compliance)
-    by_step = stretch.forces[:, :nodes].reshape(len(stretch.forces) * stretch.block.steps, -1)[: stretch.steps]
+    nodes = len(segment.block.block.compliance)
+    by_step = segment.forces[:, :nodes].reshape(len(segment.forces) * segment.block.steps, -1)[: segment.steps]
     of_state = slice(one.block.reading.shape[0], None)
     step = Step(
         transition=one.block.transition,
@@ -42,41 +42,41 @@ def step_of(stretch: Stretch, one: Propagator) -> tuple[Step, Array]:
         driven=forcing.rows[0][:, of_state],
         forces=by_step,
         g=g,
-        inflow=one.inflow(times, flight.steps * dt).rows[:, of_state],
+        inflow=one.inflow(times, march.steps * dt).rows[:, of_state],
     )
-    return step, one.pack(stretch.block.unpack(stretch.starts[:1]))[0]
+    return step, one.pack(segment.block.unpack(segment.starts[:1]))[0]
 
 
-def _stretches(march: March, system: System, steps: int) -> Iterator[tuple[Stretch, Propagator]]:
-    """The run once more, stretch by stretch, with the propagator of its single steps."""
-    one = build(march.scheme, march.coordinates, march.dt, 1, march.contact, reduced=False, rule=march.rule)
-    found: list[Stretch] = []
-    for _ in start(march, [system], steps, None).fly(found.append):
-        stretch = found.pop()
-        yield stretch, one if stretch.block is not march.starter else stretch.block
+def _segments(stepper: Stepper, system: System, steps: int) -> Iterator[tuple[Segment, Propagator]]:
+    """The run once more, segment by segment, with the propagator of its single steps."""
+    one = build(stepper.scheme, stepper.coordinates, stepper.dt, 1, stepper.contact, reduced=False, rule=stepper.rule)
+    found: list[Segment] = []
+    for _ in start(stepper, [system], steps, None).advance(found.append):
+        segment = found.pop()
+        yield segment, one if segment.block is not stepper.starter else segment.block
 
 
-def replay(march: March, system: System, steps: int) -> Iterator[tuple[Array, Array, Array]]:
-    """Times, q and q' of a run at every step, stretch by stretch with shared end points."""
-    coordinates, q_last, v_last = march.coordinates, system.q0[None], system.v0[None]
-    for stretch, one in _stretches(march, system, steps):
-        step, z = step_of(stretch, one)
-        out = aligned((stretch.steps, one.block.reading.shape[1]))
+def replay(stepper: Stepper, system: System, steps: int) -> Iterator[tuple[Array, Array, Array]]:
+    """Times, q and q' of a run at every step, segment by segment with shared end points."""
+    coordinates, q_last, v_last = stepper.coordinates, system.q0[None], system.v0[None]
+    for segment, one in _segments(stepper, system, steps):
+        step, z = step_of(segment, one)
+        out = aligned((segment.steps, one.block.reading.shape[1]))
         states_of(step, coordinates.parts, z, out)
         q, v = coordinates.states(one.unpack(out)[: coordinates.equation.order])
         q, v = np.concatenate([q_last, q]), np.concatenate([v_last, v])
-        yield (stretch.first + np.arange(len(q))) * march.dt, q, v
+        yield (segment.first + np.arange(len(q))) * stepper.dt, q, v
         q_last, v_last = q[-1:], v[-1:]
 
 
-def block_ledger(march: March, system: System, steps: int, every: int) -> Ledger:
+def block_ledger(stepper: Stepper, system: System, steps: int, every: int) -> Ledger:
     """The ledger of a run, added up at every step and kept at every ``every``-th.
 
     In modal coordinates the same sums as ``step_ledger``, which takes them in the system's own.
     """
-    if not isinstance(march.coordinates, InModes):
-        return step_ledger(system, replay(march, system, steps), np.arange(0, steps + 1, every) * march.dt)
-    basis, contacts, dt = march.coordinates.basis, system.contacts, march.dt
+    if not isinstance(stepper.coordinates, InModes):
+        return step_ledger(system, replay(stepper, system, steps), np.arange(0, steps + 1, every) * stepper.dt)
+    basis, contacts, dt = stepper.coordinates.basis, system.contacts, stepper.dt
     moving = any(contact.offset is not None for contact in contacts)
     kept, balance = np.zeros((steps // every + 1, 9)), np.zeros(9)
     start = np.array(system.energies(0.0, system.q0, system.v0))
@@ -86,18 +86,18 @@ def block_ledger(march: March, system: System, steps: int, every: int) -> Ledger
         "squares": basis.omega**2,
         "damping": basis.damping,
         "loads": basis.force(np.array([vector for vector, _ in system.loads]).reshape(-1, system.size)),
-        "rows": march.coordinates.columns,
+        "rows": stepper.coordinates.columns,
         "law": laws(contacts),
     }
-    for stretch, one in _stretches(march, system, steps):
-        t = (stretch.first + np.arange(stretch.steps + 1)) * dt
+    for segment, one in _segments(stepper, system, steps):
+        t = (segment.first + np.arange(segment.steps + 1)) * dt
         values = np.zeros((len(t), len(system.loads)))
         for k, (_, function) in enumerate(system.loads):
             values[:, k] = evaluate(function, t)
         offsets, offset_rates = np.zeros((2, len(t) if moving else 0, len(contacts)))
         for c, contact in enumerate(contacts if moving else ()):
             offsets[:, c], offset_rates[:, c] = offset_values(contact.offset, t), offset_rate(contact.offset, t)
-        step, z = step_of(stretch, one)
+        step, z = step_of(segment, one)
         energies = Energies(**shared, load_values=values, offsets=offsets, offset_rates=offset_rates)
-        account(step, energies, system.size, z, q, v, balance, stretch.first, every, dt, kept)
+        account(step, energies, system.size, z, q, v, balance, segment.first, every, dt, kept)
     return Ledger(np.arange(0, steps + 1, every) * dt, *kept.T.copy())

@@ -10,7 +10,8 @@ import numpy as np
 
 from ..basics.validation import InputError, near, step_count
 from ..files.cases import Case
-from ..march.integrate import CONTACTS, integrate
+from ..march.integrate import integrate
+from ..march.rules import CONTACTS
 from ..march.warm import COMPILING, compile_beside, warm_up
 from ..measures.comparison import Comparison, compare
 from ..model.system import System

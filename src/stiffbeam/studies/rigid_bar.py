@@ -9,8 +9,8 @@ import numpy as np
 from ..basics.validation import InputError, integer
 from ..figures import COLOURS, column, log_scale, new_figure, numeric, say_empty, short
 from ..files.cases import Case
-from ..march.integrate import RIGID as BY_REACTIONS
 from ..march.integrate import integrate
+from ..march.plan import RIGID as BY_REACTIONS
 from ..measures.regression import observed_order
 from ..model.contact import Stops
 from . import bouncing_bar as bar

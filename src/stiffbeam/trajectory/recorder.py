@@ -61,7 +61,7 @@ class Seen:
 
 
 class SampledImpacts:
-    """The sampled impacts of one contact after step ``since``, fed with consecutive stretches of positions."""
+    """The sampled impacts of one contact after step ``since``, fed with consecutive pieces of positions."""
 
     def __init__(self, stops: Stops, dt: float, u0: float, v0: float, since: int = 0) -> None:
         self.stops, self.dt, self.steps = stops, dt, 0

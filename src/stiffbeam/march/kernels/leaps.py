@@ -44,7 +44,7 @@ PATIENCE = 3e5  # ns spent before it is asked whether leaping pays
 
 
 @compiled
-def fly(
+def advance(
     one: Block, law: Array, forcing: Forcing, regimes: Regimes, regime_of: IntArray, marchers: Marchers,
     kept: tuple[Array, Array, Array], events: Array, cursor: IntArray, side: Array, guess: IntArray, steps: int,
     dt: float, every: int, since: int, limit: int, costs: Array,
