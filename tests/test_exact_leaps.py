@@ -21,7 +21,6 @@ from stiffbeam.references.exact.terms import (
     layout,
     measure,
     resolved,
-    tabulate,
 )
 
 
@@ -99,9 +98,8 @@ def test_the_first_switch_is_that_of_dense_samples(damped, m):
         # Stops around the start that some motions reach.
         g2 = u[:, 0] + 1e-3 + rng.uniform(0.1, 1.1, m) * np.max(u - u[:, :1], axis=1)
         g1 = u[:, 0] - 1e-3 - rng.uniform(0.1, 1.1, m) * np.max(u[:, :1] - u, axis=1)
-        powers, steps = tabulate(speeds, damped)
         none = np.zeros(m, np.int64)
-        tau, contact, side, _ = search(speeds, terms, seen, pairs, powers, steps, none, g1, g2, none, 0.0, end)
+        tau, contact, side, _ = search(speeds, terms, seen, pairs, none, g1, g2, none, 0.0, end)
         beyond = np.where(u > g2[:, None], 1, np.where(u < g1[:, None], -1, 0))
         first = np.flatnonzero(np.any(beyond != 0, axis=0))
         if not len(first):

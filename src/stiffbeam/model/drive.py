@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cached_property
-from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -33,13 +32,7 @@ class Drive:
 
     @classmethod
     def of(cls, system: System) -> Drive:
-        """The drive of all loads and all stop motions of ``system``, which cannot change: found once."""
-        if system not in _FOUND:
-            _FOUND[system] = cls._of(system)
-        return _FOUND[system]
-
-    @classmethod
-    def _of(cls, system: System) -> Drive:
+        """The drive of all loads and all stop motions of ``system``."""
         functions = [f for _, f in system.loads] + [offset for _, offset in system.channels]
         leaves = [leaf for function in functions for leaf in parts_of(function)]
         frequencies = {exact_value(f.frequency): f.frequency for f in leaves if isinstance(f, Harmonic)}
@@ -158,6 +151,3 @@ class Drive:
             return o, rate
 
         return values
-
-
-_FOUND: WeakKeyDictionary[System, Drive] = WeakKeyDictionary()

@@ -20,7 +20,7 @@ from .exponential_regime import Complex, Regime, phasors, regime_of, spin_of
 from .exponential_search import search
 from .rounding import Perturbation, rounded_sum
 from .switching import search as leap
-from .terms import OMEGA, SIGMA, SQUARE, X, Y, layout, tabulate
+from .terms import OMEGA, SIGMA, SQUARE, X, Y, layout
 from .touching import ORDER
 from .undamped_tracer import EVENTS_PER_CALL, refuse_accumulation
 
@@ -42,7 +42,7 @@ class ExponentialTracer:
         chains = np.zeros((0, 0), complex), index, np.zeros((0, 0, 0, 0), complex)
         search(one, one, none, none, index, np.zeros(0), np.zeros(0), index, 0.0, 0.0, one[:0] + 0j, *nothing, *chains)
         blank, still = layout(1, 1, 0), np.zeros(1, np.int64)
-        leap(*blank, *tabulate(blank[0], False), still, one, one, still, 0.0, 0.0)
+        leap(*blank, still, one, one, still, 0.0, 0.0)
         self.compile_seconds = time.perf_counter() - compiling
 
     def solve(self, t_end: float) -> ExponentialSolution:
@@ -136,7 +136,6 @@ class Gaps:
         self.recorded = drive.recorded(rest, shifts.shape[1])[:, :m].T  # (m, R)
         self.g1, self.g2 = (np.array([getattr(c.stops, side) for c in system.contacts]) for side in ("g1", "g2"))
         self.lags = np.array([float(c.stops.damping) / float(c.stops.stiffness) for c in system.contacts])
-        self.tables: dict[Regime, tuple[NDArray[np.int64], Array, Array, Array]] = {}
 
     def next_switch(
         self, regime: Regime, c: Complex, chi: NDArray[np.int64], switched: NDArray[np.bool_], t: float, t_end: float
@@ -170,24 +169,21 @@ class Gaps:
             parts = (np.ascontiguousarray(x) for x in (np.minimum(rates.real, 0.0), rates.imag, a.real, a.imag))
             tau, which, met, used = search(*parts, *gaps, regime.eigenvalues, seen, shift, nodes, counts, chained)
         else:
-            tau, which, met, used = self._leap(regime, rates, a, gaps)
+            tau, which, met, used = _leap(rates, a, gaps)
         if which < 0:
             return tau, -1, 0, used
         contact = int(at[which])
         return tau, contact, next_side(int(chi[contact]), met, bool(lags[which])), used
 
-    def _leap(self, regime: Regime, rates: Complex, a: Complex, gaps: tuple[Any, ...]) -> tuple[float, int, int, int]:
-        """``search`` among the exponentials Re sum_k a_ck exp(rates_k tau) alone, by leaps."""
-        if regime not in self.tables:
-            order = np.argsort(np.abs(rates), kind="stable")
-            speeds = np.zeros((6, len(rates)))
-            speeds[SIGMA], speeds[OMEGA] = np.minimum(rates.real, 0.0)[order], rates.imag[order]
-            speeds[SQUARE] = speeds[OMEGA] ** 2
-            self.tables[regime] = order, speeds, *tabulate(speeds, bool(np.any(speeds[SIGMA])))
-        order, speeds, *table = self.tables[regime]
-        _, terms, *rest = layout(len(a), len(rates), 0)
-        terms[:, X], terms[:, Y] = a.real[:, order], -speeds[OMEGA] * a.imag[:, order]
-        return leap(speeds, terms, *rest, *table, *gaps)
+
+def _leap(rates: Complex, a: Complex, gaps: tuple[Any, ...]) -> tuple[float, int, int, int]:
+    """``search`` among the exponentials Re sum_k a_ck exp(rates_k tau) alone, by leaps."""
+    order = np.argsort(np.abs(rates), kind="stable")
+    speeds, terms, seen, pairs = layout(len(a), len(rates), 0)
+    speeds[SIGMA], speeds[OMEGA] = np.minimum(rates.real, 0.0)[order], rates.imag[order]
+    speeds[SQUARE] = speeds[OMEGA] ** 2
+    terms[:, X], terms[:, Y] = a.real[:, order], -speeds[OMEGA] * a.imag[:, order]
+    return leap(speeds, terms, seen, pairs, *gaps)
 
 
 def _start(system: System, perturbation: Perturbation | None) -> tuple[Array, Array]:

@@ -22,7 +22,7 @@ class Regimes(NamedTuple):
     ``Regime``. waves: (3, d), what the row sees of these, the offset included; constant: the offset's own. cross:
     (2, n, n), from the modes of each into those of the other. frequencies: (F,).
     close: (p, 2), close_forces: (3, p, 2), see ``Regime``. order, speeds: (2, n + F), modes and then drives by their
-    frequency, and that. free, free_steps, held, held_steps: what ``tabulate`` makes of these. g1, g2: the stops.
+    frequency, and that. g1, g2: the stops.
     """
 
     omegas: Array
@@ -37,10 +37,6 @@ class Regimes(NamedTuple):
     close_forces: Array
     order: NDArray[np.int64]
     speeds: Array
-    free: Array
-    free_steps: Array
-    held: Array
-    held_steps: Array
     g1: float
     g2: float
 
@@ -75,8 +71,8 @@ def see(
 
 @compiled
 def advance(
-    regimes: Regimes, regime: int, h: Array, rate: Array, start: float, tau: float, q: Array, v: Array, c: Array, s:
-    Array, versine: Array,
+    regimes: Regimes, regime: int, h: Array, rate: Array, start: float, tau: float, q: Array, v: Array, c: Array,
+    s: Array, versine: Array,
 ) -> None:  # fmt: skip
     """The homogeneous part and the answers of close pairs at start + tau into q, v (n,); c, s, versine: work, (n,)."""
     own = 0 if regime == 0 else 1
@@ -156,8 +152,8 @@ def unsettle(
 
 @compiled
 def follow(
-    regimes: Regimes, regime: int, h: Array, rate: Array, t_start: float, t_end: float, at_switch: bool, noise:
-    Array, size: float, out_t: Array, out_regime: IntArray, out_h: Array, out_rate: Array,
+    regimes: Regimes, regime: int, h: Array, rate: Array, t_start: float, t_end: float, at_switch: bool, noise: Array,
+    size: float, out_t: Array, out_regime: IntArray, out_h: Array, out_rate: Array,
 ) -> tuple[int, int]:  # fmt: skip
     """Follow the solution from (h, h') at t_start in ``regime`` until t_end or until the output is full.
 
@@ -175,11 +171,7 @@ def follow(
     while count < out_t.size:
         see(regimes, regime, h, rate, t_start, speeds, terms, seen, pairs)
         chi[0], resting[0] = regime, at_switch
-        own = 0 if regime == 0 else 1
-        powers, steps = (regimes.free, regimes.free_steps) if regime == 0 else (regimes.held, regimes.held_steps)
-        tau, contact, side, used = search(
-            speeds, terms, seen, pairs, powers, steps, chi, g1, g2, resting, t_start, t_end
-        )  # fmt: skip
+        tau, contact, side, used = search(speeds, terms, seen, pairs, chi, g1, g2, resting, t_start, t_end)
         evaluations += used
         t = t_start + tau
         if contact < 0 or t >= t_end:
@@ -188,7 +180,7 @@ def follow(
         advance(regimes, regime, h, rate, t_start, tau, q, v, c, s, versine)
         drive(regimes, regime, t, 1.0, q, v)
         new_h, new_rate = out_h[count], out_rate[count]
-        change(regimes.cross[own], q, v, new_h, new_rate)
+        change(regimes.cross[0 if regime == 0 else 1], q, v, new_h, new_rate)
         drive(regimes, new, t, -1.0, new_h, new_rate)
         if size > 0.0:
             unsettle(regimes, regime, h, rate, t_start, new, t, noise[count], size, new_h, new_rate)

@@ -11,15 +11,13 @@ from ...basics.compiled import compiled
 from .following import Regimes, advance, change, drive, see
 from .oscillation import oscillations
 from .pressing import area, peak
-from .switching import TURNS
 from .terms import layout
-from .touching import EPS
 
 
 @compiled
 def amplitudes(
-    regimes: Regimes, times: Array, sides: IntArray, h: Array, rate: Array, t: Array, piece: IntArray, q: Array, v:
-    Array,
+    regimes: Regimes, times: Array, sides: IntArray, h: Array, rate: Array, t: Array, piece: IntArray, q: Array,
+    v: Array,
 ) -> None:  # fmt: skip
     """The modal amplitudes and their rates at times t inside the given pieces into q, v (k, n)."""
     c, s, versine = np.empty(h.shape[1]), np.empty(h.shape[1]), np.empty(h.shape[1])
@@ -37,50 +35,25 @@ def observe(
     """row . q and its rate at times t inside the given pieces into u and v (k,).
 
     times, sides, h, rate: of all pieces. rows: (2, n), the row in the modes of the free system and of that in contact.
-    waves: (3, d), what it sees of the particular solutions. Where t is equidistant all turns by the same angles.
+    waves: (3, d), what it sees of the particular solutions.
     """
-    n, waves_seen = h.shape[1], regimes.frequencies.size
+    n = h.shape[1]
     q, w, c, s, versine = np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n)
-    x, c1, s1, v1 = np.empty(n), np.empty((2, n)), np.empty((2, n)), np.empty((2, n))
-    now, turn = np.empty((2, waves_seen)), np.empty((2, waves_seen))
-    even, turned = t.size > 4 and regimes.close.shape[0] == 0, 0
-    step = (t[t.size - 1] - t[0]) / (t.size - 1) if even else 0.0
-    for i in range(1, t.size):
-        even &= abs(t[i] - t[0] - i * step) <= 2.0 * EPS * t[t.size - 1]
-    if even:
-        for j in range(2):
-            oscillations(regimes.omegas[j], step, c1[j], s1[j], v1[j])
-        for j in range(waves_seen):
-            turn[0, j], turn[1, j] = math.sin(regimes.frequencies[j] * step), math.cos(regimes.frequencies[j] * step)
     for i in range(t.size):
         k = piece[i]
         side = sides[k]
         own = 0 if side == 0 else 1
-        if even and i > 0 and piece[i - 1] == k and turned < TURNS:
-            turned += 1
-            for j in range(n):
-                x[j] = q[j] * c1[own, j] + w[j] * s1[own, j] + regimes.levels[side + 1, j] * v1[own, j]
-            for j in range(n):
-                pull = regimes.levels[side + 1, j] - regimes.omegas[own, j] * regimes.omegas[own, j] * q[j]
-                w[j] = w[j] * c1[own, j] + pull * s1[own, j]
-            for j in range(n):
-                q[j] = x[j]
-            for j in range(waves_seen):
-                a, b = now[0, j], now[1, j]
-                now[0, j], now[1, j] = a * turn[1, j] + b * turn[0, j], b * turn[1, j] - a * turn[0, j]
-        else:
-            turned = 0
-            advance(regimes, side, h[k], rate[k], times[k], t[i] - times[k], q, w, c, s, versine)
-            for j in range(waves_seen):
-                now[0, j], now[1, j] = math.sin(regimes.frequencies[j] * t[i]), math.cos(regimes.frequencies[j] * t[i])
+        advance(regimes, side, h[k], rate[k], times[k], t[i] - times[k], q, w, c, s, versine)
         position, velocity = waves[side + 1, 0], 0.0
         for j in range(n):
             position += rows[own, j] * q[j]
             velocity += rows[own, j] * w[j]
-        for j in range(waves_seen):
+        for j in range(regimes.frequencies.size):
+            frequency = regimes.frequencies[j]
+            sine, cosine = math.sin(frequency * t[i]), math.cos(frequency * t[i])
             a, b = waves[side + 1, 1 + 2 * j], waves[side + 1, 2 + 2 * j]
-            position += a * now[0, j] + b * now[1, j]
-            velocity += regimes.frequencies[j] * (a * now[1, j] - b * now[0, j])
+            position += a * sine + b * cosine
+            velocity += frequency * (a * cosine - b * sine)
         u[i], v[i] = position, velocity
 
 
@@ -98,7 +71,14 @@ def energy_norm(regimes: Regimes, own: int, q: Array, v: Array, x: Array, y: Arr
 
 @compiled
 def grow(
-    regimes: Regimes, sides: IntArray, piece: IntArray, widths: Array, q: Array, v: Array, enough: float, logs: Array
+    regimes: Regimes,
+    sides: IntArray,
+    piece: IntArray,
+    widths: Array,
+    q: Array,
+    v: Array,
+    enough: float,
+    logs: Array,
 ) -> int:
     """Carry tangent vectors q, v (vectors, n), modal in the regime of the first piece and of length 1, through the
     pieces of the given widths, (k,) each, and add up ln of their growth in logs (k + 1, vectors). Ended where a growth
@@ -133,8 +113,8 @@ def grow(
 
 @compiled
 def press(
-    regimes: Regimes, times: Array, sides: IntArray, h: Array, rate: Array, starts: Array, ends: Array, deepest:
-    Array, depths: Array,
+    regimes: Regimes, times: Array, sides: IntArray, h: Array, rate: Array, starts: Array, ends: Array,
+    deepest: Array, depths: Array,
 ) -> None:  # fmt: skip
     """How far the contact is at most beyond its stop in [starts, ends] (k,), and the integral of how far it is."""
     speeds, terms, seen, pairs = layout(1, h.shape[1] + regimes.frequencies.size, regimes.close.shape[0])

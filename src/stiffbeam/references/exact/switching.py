@@ -41,7 +41,6 @@ from .terms import (
     derivatives,
     measure,
     resolved,
-    rotate,
 )
 from .touching import (
     CLOSES,
@@ -63,7 +62,6 @@ from .touching import (
 
 LONGER = 4.0  # a leap than the one before, at most
 AHEAD = 1.0  # as far as a gap goes on closing as it does, a leap
-TURNS = 16  # leaps from one to the next before rounding is left behind
 SAFELY = 0.9  # of the longest leap that its error would have allowed
 CLEAR, CROSSES, UNKNOWN = 1, -1, 0
 
@@ -133,12 +131,12 @@ def pin(
 
 @compiled
 def search(
-    speeds: Array, terms: Array, seen: Array, pairs: Array, powers: Array, steps: Array, chi: IntArray, g1: Array,
-    g2: Array, resting: IntArray, start: float, t_end: float,
+    speeds: Array, terms: Array, seen: Array, pairs: Array, chi: IntArray, g1: Array, g2: Array, resting: IntArray,
+    start: float, t_end: float,
 ) -> tuple[float, int, int, int]:  # fmt: skip
     """The first switch of m contacts that see ``terms`` (see there) from the time ``start`` on.
 
-    powers, steps: see ``tabulate``. chi, g1, g2: (m,). resting: (m,), not 0 for a contact that has switched
+    chi, g1, g2: (m,). resting: (m,), not 0 for a contact that has switched
     at ``start``, so that its gap is exactly zero. Returns (tau, contact, side, evaluations); contact -1: none before
     t_end. Every gap that is open or closed is kept positive, see ``gap_step``. Raises SolverFailure where the motion
     overflows or the search stands still.
@@ -161,7 +159,7 @@ def search(
         bounds(speeds, terms, seen, pairs, damped, rest, end, i)
     leap = first_leap(terms, seen, chi, g1, g2, resting, rest)
     evaluations = 1
-    faint = turned = 0
+    faint = 0
     near = True  # at the start a gap may be zero, and where it is not known that it is the lower bounds decide
     for i in range(m):
         near &= resting[i] == 0
@@ -169,13 +167,7 @@ def search(
         if not near:
             step = min(max(leap, EPS * (start + tau), SHORTEST * t_end), rest - tau)
             last = step >= rest - tau
-            q = -1
-            if not last and turned < TURNS and steps.size and step >= steps[0]:
-                q = min(int(2.0 * math.log2(step / steps[0]) + 1e-9), steps.size - 1)
-                step = steps[q]
-                rotate(speeds, terms, seen, pairs, powers, q, damped, start, tau + step, 1 - end)
-            else:
-                carry(speeds, terms, seen, pairs, damped, start, tau + step, 1 - end)
+            carry(speeds, terms, seen, pairs, damped, start, tau + step, 1 - end)
             evaluations += 1
             slow = resolved(speeds, step)
             verdict = CLEAR
@@ -225,7 +217,6 @@ def search(
                     return rest, -1, 0, evaluations
                 tau += step
                 end = 1 - end
-                turned = turned + 1 if q >= 0 else 0
                 leap = min(soon, step * min(LONGER, SAFELY * math.sqrt(math.sqrt(ratio))))
                 if damped:
                     measure(speeds, terms, damped, end)
@@ -236,16 +227,11 @@ def search(
             if verdict == CROSSES and first > 0.0:
                 leap = max(target, 0.02 * step)
                 tau += first
-                turned = 0
                 carry(speeds, terms, seen, pairs, damped, start, tau, end)
                 evaluations += 1
                 if damped:
                     measure(speeds, terms, damped, end)
         # Steps by lower bounds, where the gap is small against its motion.
-        if turned:
-            carry(speeds, terms, seen, pairs, damped, start, tau, end)
-            evaluations += 1
-            turned = 0
         near = False
         step = closing = math.inf
         closer = toward = 0
@@ -299,7 +285,6 @@ def search(
             return rest, -1, 0, evaluations
         tau += step
         leap = max(leap, 2.0 * step)
-        turned = 0
         carry(speeds, terms, seen, pairs, damped, start, tau, end)
         evaluations += 1
         if damped:

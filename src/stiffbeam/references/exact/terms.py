@@ -25,7 +25,6 @@ from .oscillation import oscillations, pair, pair_sizes
 from .touching import ORDER
 
 RESOLVED = 4.4  # radians of a step up to which its cubic, with an error (omega h)^4/384, is better than none
-FINEST, MOST_LEVELS = 0.05, 64  # tabulated steps: the first in radians of the fastest term, and their number
 # Rows of ``speeds``, the slow terms first, and in the last three what they make at one tau.
 SIGMA, OMEGA, SQUARE, C, S, V = range(6)
 # Rows of ``terms``: at tau = 0, at the two ends of a step, and bounds of a term but for its level and of x''''.
@@ -50,7 +49,15 @@ def hypotenuse(a: float, b: float) -> float:
 
 @compiled
 def read(
-    speeds: Array, terms: Array, seen: Array, pairs: Array, damped: bool, start: float, tau: float, end: int, i: int
+    speeds: Array,
+    terms: Array,
+    seen: Array,
+    pairs: Array,
+    damped: bool,
+    start: float,
+    tau: float,
+    end: int,
+    i: int,
 ) -> None:
     """u and u' of contact i at tau from the terms at ``end``."""
     u = seen[i, CONSTANT]
@@ -91,50 +98,6 @@ def carry(
                 terms[i, x, k] += terms[i, LEVEL, k] * speeds[V, k]
             for k in range(K):
                 terms[i, y, k] += terms[i, LEVEL, k] * speeds[S, k]
-        read(speeds, terms, seen, pairs, damped, start, tau, end, i)
-
-
-@compiled
-def tabulate(speeds: Array, damped: bool) -> tuple[Array, Array]:
-    """C, S and V (levels, 3, K) of all terms for steps (levels,): of FINEST radians of the fastest, and each next
-    sqrt(2) times as long, up to RESOLVED radians of the slowest."""
-    K = speeds.shape[1]
-    slowest = fastest = 0.0
-    for k in range(K):
-        speed = hypotenuse(speeds[SIGMA, k], speeds[OMEGA, k])
-        fastest = max(fastest, speed)
-        slowest = speed if slowest == 0.0 else min(slowest, speed) if speed > 0.0 else slowest
-    if not 0.0 < fastest < math.inf:
-        return np.empty((0, 3, K)), np.empty(0)
-    count = min(MOST_LEVELS, 1 + int(2.0 * math.log2(RESOLVED / FINEST * fastest / slowest)))
-    powers, steps = np.empty((count, 3, K)), np.empty(count)
-    for q in range(count):
-        tau = steps[q] = FINEST / fastest * 2.0 ** (0.5 * q)
-        oscillations(speeds[OMEGA], tau, powers[q, 0], powers[q, 1], powers[q, 2])
-        if damped:
-            for k in range(K):
-                decay = math.exp(speeds[SIGMA, k] * tau)
-                powers[q, 0, k] *= decay
-                powers[q, 1, k] *= decay
-    return powers, steps
-
-
-@compiled
-def rotate(
-    speeds: Array, terms: Array, seen: Array, pairs: Array, powers: Array, q: int, damped: bool, start: float, tau:
-    float, end: int,
-) -> None:  # fmt: skip
-    """``carry`` from one end to the given one by the step of level q, which ends at tau."""
-    K, x, y, x0, y0 = speeds.shape[1], END + 2 * end, END + 2 * end + 1, END + 2 - 2 * end, END + 3 - 2 * end
-    for i in range(terms.shape[0]):
-        for k in range(K):
-            level = terms[i, LEVEL, k]
-            terms[i, x, k] = (
-                terms[i, x0, k] * powers[q, 0, k] + terms[i, y0, k] * powers[q, 1, k] + level * powers[q, 2, k]
-            )
-        for k in range(K):
-            pull = terms[i, LEVEL, k] - terms[i, x0, k] * speeds[SQUARE, k]
-            terms[i, y, k] = terms[i, y0, k] * powers[q, 0, k] + pull * powers[q, 1, k]
         read(speeds, terms, seen, pairs, damped, start, tau, end, i)
 
 

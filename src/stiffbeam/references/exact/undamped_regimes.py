@@ -17,7 +17,6 @@ from ...model.modes import Modes, undamped_modes
 from ...model.system import System
 from .following import Regimes
 from .rounding import Correction, Perturbation, correction, rounded_sum
-from .terms import tabulate
 from .undamped import Regime
 
 CLOSE = 0.125  # |Omega - omega|/(Omega + omega) below which the particular solution is not used
@@ -121,7 +120,6 @@ def stacked(regimes: dict[int, Regime], cross: Array, drive: Drive, stops: Stops
     speeds = np.stack([np.append(regime.omega, frequencies) for regime in (free, contact)])
     order = np.argsort(speeds, axis=1, kind="stable")
     speeds = np.take_along_axis(speeds, order, axis=1)
-    tables = [tabulate(np.stack([np.zeros_like(own), own]), False) for own in speeds]
     return Regimes(
         omegas=np.stack([free.omega, contact.omega]),
         rows=np.stack([free.row, contact.row]),
@@ -135,10 +133,6 @@ def stacked(regimes: dict[int, Regime], cross: Array, drive: Drive, stops: Stops
         close_forces=np.stack([regime.close_force for regime in three]),
         order=order,
         speeds=speeds,
-        free=tables[0][0],
-        free_steps=tables[0][1],
-        held=tables[1][0],
-        held_steps=tables[1][1],
         g1=stops.g1 if stops else -math.inf,
         g2=stops.g2 if stops else math.inf,
     )
