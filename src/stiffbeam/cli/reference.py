@@ -106,9 +106,9 @@ def _references(
         "parameters": found.provenance.get("parameters"),
     }
     if out is not None:
-        from ..files.frozen import freeze
+        from ..files.frozen import can_freeze, freeze
 
-        frozen = method == "multiprecision" and found.horizon >= end and case.beam is not None
+        frozen = can_freeze(found) and case.beam is not None
         record["file"] = freeze(found, case_text(name), out)["file"] if frozen else str(found.save(out))
     return [record]
 

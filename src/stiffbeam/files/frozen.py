@@ -32,6 +32,14 @@ FORMAT = 1
 BOUND = 1e-9  # of max |u| and of the times: the accuracy that re-marching may lose
 
 
+def can_freeze(reference: Reference) -> bool:
+    """Whether it is multiprecision, confirmed to its end, and its pieces can be marched again in float64: those between
+    rigid stops cannot."""
+    system, t_end = reference.system, float(reference.provenance["t_end"])
+    confirmed = reference.provenance["method"] == "multiprecision" and reference.horizon >= t_end
+    return confirmed and system is not None and not any(contact.stops.rigid for contact in system.contacts)
+
+
 def freeze(reference: Reference, case: str, file: str | Path) -> dict[str, Any]:
     """Write a multiprecision ``reference`` of the TOML text ``case``; returns what a manifest says of it:
     impacts of all its contacts, the largest share of contact and force among them.
@@ -43,8 +51,9 @@ def freeze(reference: Reference, case: str, file: str | Path) -> dict[str, Any]:
     to its end.
     """
     t_end = float(reference.provenance["t_end"])
-    if reference.provenance["method"] != "multiprecision" or reference.horizon < t_end:
-        raise InputError("reference", reference.label, "be multiprecision and confirmed to t_end", "give more digits")
+    if not can_freeze(reference):
+        rule = "be multiprecision and confirmed to t_end, with compliant stops"
+        raise InputError("reference", reference.label, rule, "give more digits; of rigid stops save the outputs")
     assert reference.system is not None
     if case and _system_of(case, "case", reference.system.form).fingerprint != reference.fingerprint:
         remedy = "numbers in a case are decimals: solve the system of the case itself"

@@ -42,7 +42,7 @@ def cached_reference(
     The key is the system's fingerprint, every argument and the versions of the libraries, so a changed
     parameter never finds an old file. A damaged file is named in a warning and remade. Writing is
     atomic: two processes that compute the same reference leave one good file. A multiprecision
-    reference confirmed to t_end answers at any time; the others come back without their states:
+    reference confirmed to t_end answers at any time, but for rigid stops; the others come back without their states:
     outputs, impacts, energy, horizon, work and provenance of the run that was made; ``provenance["kept"]``
     says so. "exact" is solved anew, which takes no longer than reading a file. The files that were not used for
     longest go when there is more than a gigabyte of them. Raises InputError for a bare callable.
@@ -64,7 +64,7 @@ def cached_reference(
             warnings.warn(f"remaking a cached reference: {error}", stacklevel=2)
     found = reference(system, t_end, method, times, rtol, atol, digits, breakpoints, max_step, switches)
     try:
-        if method == "multiprecision" and found.horizon >= t_end:
+        if frozen.can_freeze(found):
             frozen.freeze(found, "", file)
         else:
             found.save(file)
@@ -108,7 +108,8 @@ def _file(
         if not in_closed_form(function):
             rule = "be made of Harmonic, Constant and Sampled for a cached reference"
             raise InputError("time function", function, rule, "sample it: Sampled(t, values, 'cubic')")
-    anytime = method == "multiprecision" and digits == "auto"  # frozen, it answers at any time
+    rigid = any(contact.stops.rigid for contact in system.contacts)
+    anytime = method == "multiprecision" and digits == "auto" and not rigid  # frozen, it answers at any time
     key = {
         "fingerprint": system.fingerprint,
         "t_end": float(t_end),

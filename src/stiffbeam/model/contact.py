@@ -126,7 +126,7 @@ class Stops:
     def require_compliant(self, for_what: str) -> None:
         """Raise InputError for a rigid stop, whose reaction is no function of position and velocity."""
         if self.rigid:
-            remedy = "use integrate, reference(method='exact') or system.massless_contacts(), or take stiff stops"
+            remedy = "use integrate, reference() or system.massless_contacts(), or take stiff stops"
             raise InputError("stops.stiffness", self.stiffness, f"be finite for {for_what}", remedy)
 
     @property

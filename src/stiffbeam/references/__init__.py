@@ -37,8 +37,8 @@ def reference(
     """A reference solution on [0, t_end], with the horizon to which it can be trusted.
 
     method: "exact" (piecewise linear, closed form between switches; rigid stops from impact to impact);
-    "multiprecision" (the first in as many ``digits`` as error growth requires, confirmed with more: trusted to
-    t_end); "cvode" (BDF),
+    "multiprecision" (the first in as many ``digits`` as error growth requires, confirmed with more: trusted to t_end;
+    on rigid stops by code of its own); "cvode" (BDF),
     "cvode-adams" and "ida" (BDF on the residual, no mass inverted) of SUNDIALS; "kvaerno3" and "kvaerno5"
     (ESDIRK, diffrax); "dop853", "radau" and "lsoda" (SciPy). t_eval: output times, (k,) increasing in [0, t_end], by
     default 2001 equidistant ones. The exact solutions answer ``at`` any time, the others at t_eval only.
@@ -113,7 +113,7 @@ def solve(
     given = "breakpoints" if len(steps.breakpoints) else "max_step" if steps.max_step is not None else "switches"
     if own.kind != ADAPTIVE and (given != "switches" or steps.switches is not None):
         raise InputError(given, getattr(steps, given), f"be left out for {method}", "it has no steps to bound")
-    if method != "exact":
+    if own.kind == ADAPTIVE:
         for contact in system.contacts:
             contact.stops.require_compliant(f"method={method!r}")
     if not own.roots and isinstance(steps.switches, str) and steps.switches == RESTART:

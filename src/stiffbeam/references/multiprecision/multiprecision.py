@@ -44,8 +44,8 @@ def solve(request: Request) -> Reference:
     once. Any other time, the peaks and the energy ledger are evaluated in float64 from the rounded states at the
     switches, or where that is off by more than ``CANCELLED`` in many digits too: provenance["between"] is how far
     what is used is off at the output times, relative to max |u|. Takes what the exact solution takes: any damping,
-    any number of contacts, time functions made of Harmonic, Constant and Sampled; raises InputError otherwise,
-    SolverFailure where even ``MAX_DIGITS`` do not suffice.
+    any number of contacts, time functions made of Harmonic, Constant and Sampled, rigid stops too (rigid.py); raises
+    InputError otherwise, SolverFailure where even ``MAX_DIGITS`` do not suffice.
 
     True for which numbers: those of a case file, and in Python those given as texts, Fractions or Decimals,
     are taken at their exact values, all others are the doubles they are; provenance["parameters"] names the
@@ -54,9 +54,13 @@ def solve(request: Request) -> Reference:
     """
     system, t_end, t_eval, digits = request.system, request.t_end, request.t_eval, request.digits
     positive("t_end", t_end)
-    refuse(system, t_end)
     if digits != "auto" and (isinstance(digits, bool) or not isinstance(digits, int) or not 20 <= digits <= MAX_DIGITS):
         raise InputError("digits", digits, f"be 'auto' or an integer from 20 to {MAX_DIGITS}")
+    if any(contact.stops.rigid for contact in system.contacts):
+        from .rigid import solve_rigid
+
+        return solve_rigid(request)
+    refuse(system, t_end)
     begun = time.perf_counter()
     wanted, guard = (_estimate(system, t_end) if digits == "auto" else int(digits)), GUARD_BITS
     previous: Reference | None = None

@@ -6,12 +6,13 @@ System carry roundings that past the horizon lead to another trajectory.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from flint import arb, arb_mat, fmpq
+from flint import arb, arb_mat, ctx, fmpq
 
 from ...basics.exact_float import exact_value
 from ...model.contact import Stops
@@ -27,7 +28,8 @@ from .recorded import taylor
 
 @dataclass(frozen=True, eq=False)
 class ExactContact:
-    """Row (n,), offset in the drive coefficients (d,) and in the records (R,), kappa, c, g1, g2 (None where free).
+    """Row (n,), offset in the drive coefficients (d,) and in the records (R,), kappa (None for a rigid stop), c, g1, g2
+    (None where free).
 
     rate: the offset's rate in the drive coefficients.
     """
@@ -90,6 +92,16 @@ class Exact:
         return damping, stiffness, basis, records
 
 
+@contextmanager
+def carried(bits: int) -> Generator[None, None, None]:
+    """A precision of so many bits, for a while."""
+    before, ctx.prec = ctx.prec, bits
+    try:
+        yield
+    finally:
+        ctx.prec = before
+
+
 def number(x: float) -> Any:
     """The exact value of a given number: fmpq, or at the current precision arb for a multiple of pi."""
     ratio, pi = exact_value(x)
@@ -126,7 +138,8 @@ def exact_problem(system: System, drive: Drive) -> Exact:
     for contact, (weights, offset, recorded) in zip(system.contacts, places, strict=True):
         g1, g2 = (None if x is None else arb(number(x)) for x in (contact.stops.lower, contact.stops.upper))
         row = [arb(x) for x in weights]
-        kappa, c = arb(number(contact.stops.stiffness)), arb(number(contact.stops.damping))
+        kappa = None if contact.stops.rigid else arb(number(contact.stops.stiffness))
+        c = arb(number(contact.stops.damping))
         rate = [arb(0)] * len(offset)
         for k, frequency in enumerate(drive.frequencies):  # a sin + b cos -> w a cos - w b sin
             w = number(frequency)

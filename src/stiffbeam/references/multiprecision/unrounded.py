@@ -8,20 +8,18 @@ are evaluated with the digits that the pieces were carried with, and only their 
 
 from __future__ import annotations
 
-from collections.abc import Generator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from flint import acb, acb_mat, arb, ctx
+from flint import acb, acb_mat, arb
 from numpy.typing import NDArray
 
 from ...basics.arrays import Array
 from ...model.system import System
 from ..exact.exponential import ExponentialSolution, measured_work
-from .rational import Exact
+from .rational import Exact, carried
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +36,7 @@ class UnroundedSolution(ExponentialSolution):
     def _inside(self, piece: NDArray[np.int64], t: Array, row: Array) -> tuple[Array, Array]:
         found = []
         for k, when in zip(piece.tolist(), t.tolist(), strict=True):
-            with _digits(self.precise[k].bits):
+            with carried(self.precise[k].bits):
                 W, rates, parts = self._terms(k, when)
                 both = (W * acb_mat([[x, x * rate] for x, rate in zip(parts, rates, strict=True)])).tolist()
                 found.append([[float(line[i].real) for line in both] for i in (0, 1)])
@@ -54,7 +52,7 @@ class UnroundedSolution(ExponentialSolution):
             return measured_work(self, system, edges)
         found = []
         for k, (a, b) in zip(self.piece_at(edges[:-1]).tolist(), pairwise(edges.tolist()), strict=True):
-            with _digits(self.precise[k].bits):
+            with carried(self.precise[k].bits):
                 found.append([float(x) for x in self._work(k, a, b)])
         given, taken = np.array(found).reshape(-1, 2).T
         return given, taken
@@ -83,15 +81,6 @@ class UnroundedSolution(ExponentialSolution):
                 total -= _integral([push], rates, [[x * w for x, w in zip(o, driven, strict=True)]], driven, h)
         lost = (acb_mat(self.given.damping) * acb_mat(v)).tolist()
         return total, _integral(v, rates, lost, rates, h)
-
-
-@contextmanager
-def _digits(bits: int) -> Generator[None, None, None]:
-    before, ctx.prec = ctx.prec, bits
-    try:
-        yield
-    finally:
-        ctx.prec = before
 
 
 def _phasors(coefficients: list[Any], spin: list[Any]) -> list[Any]:

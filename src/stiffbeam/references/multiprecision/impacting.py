@@ -1,0 +1,327 @@
+"""Motion between rigid stops in many digits: from event to event, and the accumulation of impacts by its series.
+
+    0 <= P _|_ U+ + e U- >= 0            what closes together, towards the inside; M (q'+ - q'-) = row^T P
+    0 <= R _|_ (u - g) >= 0              what rests on its stops, both in the order of their first derivatives
+    T = T_0 (1 + T_0 (k/(3 a) - c/6)),   T_0 = 2 v/(a (1 - e)),   gap'' = -(a - k s) - c gap'
+
+The second line is Murty's least-index method among series, of which the first term that is not zero counts: it says
+at once what is held, what is let go and what leaves by a higher derivative. The third is how long impacts go on after
+one that leaves with speed v: two terms of a power series, taken once the next, T_0^3, is below the digits carried. That
+long the contact is held instead, which changes the motion of the others by T_0^3 as well.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from flint import arb, arb_mat
+
+from ...basics.budget import Forecast
+from ...basics.validation import InputError
+from ...model.system import System
+from ...trajectory.trajectory import SolverFailure
+from .complementarity import least_index, newton, solve
+from .first_zero import Undecided, first_zero, leading
+from .linear_flow import LinearFlow, Regime, Series
+from .modes import dot
+from .rational import number
+
+MOST_IMPACTS = 200_000
+MOST_AT_ONCE = 1_000
+UNLISTED = 1e-6  # radians of the fastest motion: impacts that are all over so soon count with the one before
+ON_THE_STOP = 1e-12  # of its distance: a start so little beyond a stop is on it
+
+
+@dataclass(eq=False)
+class Impact:
+    """On ``side`` of a contact, with ``impulse``, held until ``end`` (NaN: to the end of the solution)."""
+
+    contact: int
+    side: int
+    time: Any
+    impulse: Any
+    end: Any = None
+
+
+@dataclass(eq=False)
+class Stretch:
+    """From time t on z, with the contacts of the regime held, over ``length``."""
+
+    t: Any
+    z: Any
+    regime: Regime
+    length: Any
+
+
+@dataclass(eq=False)
+class Motion:
+    """What was found: the stretches, the impacts, energy taken (time, by the stops, put in by their motion), how long
+    each contact was held and pressed, the ends of chatter (time, contact), and what its series leave out of a time."""
+
+    flow: LinearFlow
+    stretches: list[Stretch] = field(default_factory=list)
+    impacts: list[Impact] = field(default_factory=list)
+    taken: list[tuple[float, float, float]] = field(default_factory=list)
+    held: list[float] = field(default_factory=list)
+    pressed: list[float] = field(default_factory=list)
+    stuck: list[tuple[Any, int]] = field(default_factory=list)
+    left_out: float = 0.0
+
+
+class March:
+    """Follows ``system`` to t_end with ``bits`` right, at a current precision above."""
+
+    def __init__(self, system: System, t_end: float, bits: int) -> None:
+        self.system, self.t_end, self.bits = system, t_end, bits
+        self.flow = LinearFlow(system, bits)
+        self.m = len(system.contacts)
+        self.e = [arb(number(contact.stops.restitution or 0.0)) for contact in system.contacts]
+        self.stops = [
+            (c, side, g)
+            for c, contact in enumerate(self.flow.problem.contacts)
+            for side, g in ((1, contact.g2), (-1, contact.g1))
+            if g is not None
+        ]
+        self.t, self.z = arb(0), self.flow.start()
+        self.held: dict[int, int] = {}
+        self.unlisted: set[int] = set()
+        self.soon = math.inf  # the length of a flight and a half
+        self.scale = [0.0] * self.m  # of u', in the stretch before
+        self.found = Motion(self.flow, held=[0.0] * self.m, pressed=[0.0] * self.m)
+        rates = [np.sqrt(np.max(np.abs(np.linalg.eigvals(np.linalg.solve(system.mass, system.stiffness)))))]
+        rates += [np.max(np.abs(np.linalg.eigvals(np.linalg.solve(system.mass, system.damping))))]
+        self.fastest = max(*map(float, rates), *self.flow.drive.frequencies, 0.0)
+
+    def run(self) -> Motion:
+        """Raises Undecided(t) where more digits may help, InputError for too many impacts, SolverFailure."""
+        try:
+            return self._run()
+        except Undecided:
+            raise Undecided(float(self.t)) from None
+
+    def _run(self) -> Motion:
+        self._begin()
+        forecast, still = Forecast(self.t_end), 0
+        while self.t < self.t_end:
+            forecast.check(float(self.t), len(self.found.stretches) * self.flow.N * (self.bits / 32.0 + 4.0))
+            regime = self.flow.regime(tuple(sorted(self.held)))
+            edge = self.flow.next_edge(self.t, self.t_end)
+            rest = edge - self.t
+            most = min(self.flow.longest(regime, math.inf), self.soon)
+            length = arb(most) if most < rest else rest
+            series = self.flow.series(regime, self.z, length)
+            x, hits = self._next(regime, series)
+            whole = x is None
+            self.soon = math.inf
+            self._keep(regime, series, arb(1) if x is None else x)
+            at_edge = whole and bool(length == rest)
+            still = still + 1 if x is not None and x == 0 else 0
+            if still > MOST_AT_ONCE:
+                raise SolverFailure("multiprecision", float(self.t), f"{MOST_AT_ONCE} events at one time", "use exact")
+            if at_edge:
+                self.t = edge
+                self.z = self.flow.at_edge(self.z, edge) if edge < self.t_end else self.z
+                self._settle(self.held)
+            elif not whole:
+                self._meet(hits)
+        return self.found
+
+    def _keep(self, regime: Regime, series: Series, x: Any) -> None:
+        """Go on to x of the series."""
+        length = (x * series.length).mid()
+        if length > 0:
+            self.scale = [series.sizes(rate)[0] for rate in self.flow.rates[: self.m]]
+            self.found.stretches.append(Stretch(self.t, self.z, regime, length))
+        for i, c in enumerate(regime.held):
+            self.found.held[c] += float(length)
+            R = series.of(regime.reactions[i])
+            impulse = abs(sum((r * x ** (k + 1) / (k + 1) for k, r in enumerate(R)), arb(0)) * series.length).mid()
+            self._press(c, impulse)
+        self.t, self.z = (self.t + length).mid(), series.at(x)
+
+    def _press(self, contact: int, impulse: Any) -> None:
+        self.found.pressed[contact] += float(impulse)
+        last = self._last(contact)
+        if last is not None and last.end is None:
+            last.impulse += impulse
+
+    def _last(self, contact: int) -> Impact | None:
+        return next((x for x in reversed(self.found.impacts) if x.contact == contact), None)
+
+    def _gap(self, contact: int, side: int, g: Any, series: Series) -> list[Any]:
+        """The series of side (g - u), which is open where it is positive."""
+        found = [-side * x for x in series.of(self.flow.forms[contact])]
+        found[0] += side * g
+        found[0] = arb(found[0].mid(), found[0].rad() + abs(g).mid() * arb(2) ** -self.bits)
+        return found
+
+    def _next(self, regime: Regime, series: Series) -> tuple[Any, dict[int, int]]:
+        """The first event in the series and the contacts that close at it; None and none where there is none."""
+        events: list[tuple[Any, int, int]] = []
+        for i, c in enumerate(regime.held):
+            x = first_zero([-self.held[c] * r for r in series.of(regime.reactions[i])], self.bits)
+            events += [] if x is None else [(x, c, 0)]
+        for c, side, g in self.stops:
+            if c not in self.held:
+                x = first_zero(self._gap(c, side, g, series), self.bits)
+                events += [] if x is None else [(x, c, side)]
+        if not events:
+            return None, {}
+        first = events[0][0]
+        for x, _, _ in events:
+            first = x if x < first else first
+        near = arb(2) ** (-2 * self.bits // 3)  # as well as flights of 2^(-bits/3) are known
+        return first, {c: side for x, c, side in events if side and x - first <= near}
+
+    def _speed(self, contact: int) -> Any:
+        """u', a ball."""
+        rate = self.flow.rates[contact]
+        size = dot([abs(x) for x in rate.entries()], [abs(x) for x in self.z.entries()]).mid()
+        return arb((rate * self.z)[0, 0].mid(), (size + self.scale[contact]) * arb(2) ** -self.bits)
+
+    def _begin(self) -> None:
+        """Contacts on their stops at t = 0."""
+        closed: dict[int, int] = {}
+        for c, side, g in self.stops:
+            series = self.flow.series(self.flow.regime(()), self.z, arb(0))
+            gap = self._gap(c, side, g, series)[0]
+            if gap.contains(0) or gap < 0:
+                if not -gap.mid() <= ON_THE_STOP * abs(g) + gap.rad():
+                    u = float((self.flow.forms[c] * self.z)[0, 0])
+                    raise InputError("initial displacement", u, "lie between rigid stops", "move the stop or the start")
+                push = [line[c] * (side * gap.mid() / self.flow.compliance[c, c]) for line in self.flow.back.tolist()]
+                n = self.flow.n
+                moved = [push[n + i] if i < n else arb(0) for i in range(self.flow.N)]
+                self.z = (self.z + arb_mat([[x] for x in moved])).mid()
+                closed[c] = side
+        speeds = {c: side * self._speed(c) for c, side in closed.items()}
+        going = {c: closed[c] for c, speed in speeds.items() if speed > 0}
+        if going:
+            self._meet(going, resting={c: closed[c] for c, speed in speeds.items() if speed.contains(0)})
+        else:
+            self._settle({c: closed[c] for c, speed in speeds.items() if speed.contains(0)})
+
+    def _meet(self, hits: dict[int, int], resting: dict[int, int] | None = None) -> None:
+        """Newton's law where contacts close, then what is at rest on a stop is held or let go."""
+        if len(self.found.impacts) > MOST_IMPACTS:
+            rule = f"hold at most {MOST_IMPACTS} impacts"
+            raise InputError("t_end", self.t_end, rule, f"end before t = {float(self.t):.6g}, or take e < 1")
+        closed = {**self.held, **(resting or {}), **hits}
+        before = {c: self._speed(c) if c in hits else arb(0) for c in closed}
+        hits = {c: side for c, side in hits.items() if side * before[c] > 0}  # the others touch without a speed
+        P, jump = newton(self.flow, self.e, closed, before) if hits else ({}, dict.fromkeys(closed, arb(0)))
+        self._push(P)
+        at_rest = {}
+        for c, side in closed.items():
+            if c in P and c in hits:
+                self._list(c, side, abs(P[c]))
+                leaves = self.e[c] > 0
+            else:
+                leaves = c not in P and side * (before[c] + jump[c]) < 0
+            if not leaves:
+                at_rest[c] = side
+        self._settle(at_rest)
+        for c, side in hits.items():
+            if c not in self.held:
+                self._complete(c, side)
+
+    def _list(self, c: int, side: int, impulse: Any) -> None:
+        last = self._last(c)
+        if c in self.unlisted and last is not None:
+            last.impulse += impulse
+        else:
+            self.found.impacts.append(Impact(c, side, self.t, impulse, self.t))
+        self.found.pressed[c] += float(impulse)
+
+    def _push(self, P: dict[int, Any]) -> None:
+        """Apply impulses, and note what they take."""
+        if not P:
+            return
+        push = arb_mat([[P[c].mid() if c in P else arb(0)] for c in range(self.m)])
+        rates = {c: (self._speed(c).mid(), self._moving(c)) for c in P}
+        self.z = (self.z + self.flow.back * push).mid()
+        taken = moved = arb(0)
+        for c, (speed, own) in rates.items():
+            taken -= P[c] * (speed + self._speed(c).mid()) / 2
+            moved -= P[c] * own
+        self.found.taken.append((float(self.t), float(taken), float(moved)))
+
+    def _moving(self, contact: int) -> Any:
+        """o' of its offset."""
+        n = 2 * self.flow.n
+        pairs = zip(self.flow.rates[contact].entries()[n:], self.z.entries()[n:], strict=True)
+        return sum((a * b for a, b in pairs), arb(0)).mid()
+
+    def _settle(self, at_rest: dict[int, int]) -> None:
+        """Of the contacts at rest on their stops, hold those that press, in the order of derivatives."""
+
+        def violated(held: set[int]) -> Iterable[int]:
+            regime = self.flow.regime(tuple(sorted(held)))
+            length = arb(self.flow.longest(regime, self.t_end))
+            series = self.flow.series(regime, self.z, length)
+            for c, side in at_rest.items():
+                if c in held:
+                    _, sign = leading(series.of(regime.reactions[regime.held.index(c)]))
+                    if side * sign > 0:
+                        yield c
+                else:
+                    _, sign = leading(series.of(self.flow.forms[c])[2:])
+                    if side * sign > 0:
+                        yield c
+
+        held = least_index(set(at_rest), violated) if at_rest else set()
+        for c in [*self.held]:
+            last = self._last(c)
+            if c not in held and last is not None and last.end is None:
+                last.end = self.t
+        for c in held:
+            last = self._last(c)
+            if c not in self.held and last is not None and last.time == self.t:
+                last.end = None
+        self.held = {c: at_rest[c] for c in sorted(held)}
+
+    def _complete(self, c: int, side: int) -> None:
+        """Where the impacts to come are over within what the digits tell, take the speed and hold: see above."""
+        self.unlisted.discard(c)
+        e = self.e[c]
+        if not e < 1:
+            return
+        held = tuple(sorted(self.held))
+        regime, together = self.flow.regime(held), tuple(sorted({*held, c}))
+        speed = -side * self._speed(c).mid()
+        wanted = {x: (side * speed if x == c else arb(0)) for x in together}
+        P, _ = solve(self.flow, set(together), wanted, together)
+        push = self.flow.back * arb_mat([[P[x].mid() if x in P else arb(0)] for x in range(self.m)])
+        still = (self.z + push).mid()
+        second = (self.flow.rates[c] * regime.G).mid()
+        a = (side * (second * still)[0, 0]).mid()
+        jerk = (-side * (second * regime.G * still)[0, 0]).mid()
+        drag = (-(second * push)[0, 0] / (side * speed)).mid()  # u'' changes by -c u'
+        if not a > 0:
+            return
+        k = jerk - drag * a
+        T = (2 * speed / (a * (1 - e))).mid()
+        self.soon = min(self.soon, 3.0 * float(speed / a))
+        if not T * self.fastest < UNLISTED or not UNLISTED * self.t > T:
+            return
+        self.unlisted.add(c)
+        fast = max(float(abs(k) / a), abs(float(drag)), self.fastest)
+        if not T * fast < arb(2) ** (-self.bits // 3):
+            return
+        self.unlisted.discard(c)
+        self._push(P)
+        less = abs(P[c]).mid()  # the impacts bring less than holding the contact that long
+        self.found.pressed[c] -= float(less)
+        last = self._last(c)
+        assert last is not None
+        last.impulse -= less
+        self.found.stuck.append(((self.t + T * (1 + T * (k / (3 * a) - drag / 6))).mid(), c))
+        self.found.left_out = max(self.found.left_out, float(T) * (float(T) * fast) ** 2)
+        last.end, here = None, self.t
+        self._settle({**self.held, c: side})
+        if c not in self.held:
+            last.end = here

@@ -1,0 +1,190 @@
+"""A system with some contacts held, and all that drives it, as one linear system in many digits: z' = G z.
+
+    z = (q, q', 1, sin w_1 t, cos w_1 t, ..., p, p', p'', p''' of every record)
+    u = l z of a contact with its offset,   u' = l G z,   u'' = l G^2 z
+    R = -(row M^-1 row^T)^-1 l G^2 z        reactions of the contacts held, G_held = G + M^-1 row^T R
+
+Everything is a power series in time: z(t + L x) = sum_k x^k (L G)^k z/k!, with no case apart for resonance, critical
+damping or rigid motions. A coefficient of an observed quantity is a ball, its radius ``bits`` below the terms it sums.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from flint import arb, arb_mat
+
+from ...basics.arrays import Array
+from ...model.drive import Drive
+from ...model.system import System
+from ...trajectory.trajectory import SolverFailure
+from .modes import channels
+from .rational import exact_problem, number
+from .recorded import taylor
+
+RADIANS = 4.0  # of the fastest motion, in one series: its terms are at most 11 times the motion
+LEAST = 8  # terms: a body that a cubic pushes moves by s^5
+DERIVATIVES = 4  # of a record: it is a cubic between its samples
+
+
+@dataclass(frozen=True, eq=False)
+class Regime:
+    """G (N, N), what the contacts ``held`` react with, h forms (1, N), and the rate of the fastest motion."""
+
+    held: tuple[int, ...]
+    G: Any
+    reactions: list[Any]
+    fastest: float
+
+
+@dataclass(frozen=True, eq=False)
+class Series:
+    """Coefficients (K + 1, N) of z in x = s/length, 0 <= x <= 1, and their rounded sizes."""
+
+    coefficients: Any
+    length: Any
+    bits: int
+
+    @cached_property
+    def _sizes(self) -> Array:
+        return np.abs(np.array([[float(x) for x in line] for line in self.coefficients.tolist()]))
+
+    def of(self, form: Any) -> list[Any]:
+        """The series (K + 1,) of a form (1, N), as balls: what may be rounding in a coefficient is ``bits`` below the
+        largest term there or further on, for a zero of the one before is found no closer."""
+        values, noise = (self.coefficients * form.transpose()).entries(), arb(2) ** -self.bits
+        return [arb(value.mid(), noise * arb(size)) for value, size in zip(values, self.sizes(form), strict=True)]
+
+    def sizes(self, form: Any) -> list[float]:
+        """The largest term of a coefficient (K + 1,) or of one further on."""
+        sizes = self._sizes @ np.abs([float(x) for x in form.entries()])
+        return np.maximum.accumulate(sizes[::-1])[::-1].tolist()
+
+    def at(self, x: Any) -> Any:
+        """z (N, 1)."""
+        return (arb_mat([self.powers(x)]) * self.coefficients).transpose().mid()
+
+    def powers(self, x: Any) -> list[Any]:
+        """1, x, ..., x^K."""
+        found = [arb(1)]
+        for _ in range(self.coefficients.nrows() - 1):
+            found.append(found[-1] * x)
+        return found
+
+
+class LinearFlow:
+    """What every regime of ``system`` shares, at the current precision, of which ``bits`` are to be right.
+
+    forms: the positions of all channels, (1, N) each, the contacts first. back: M^-1 row^T (N, m), what a unit of
+    impulse on each contact does to z. compliance: row M^-1 row^T (m, m).
+    """
+
+    def __init__(self, system: System, bits: int) -> None:
+        self.system, self.bits, self.drive = system, bits, Drive.of(system)
+        self.problem = problem = exact_problem(system, self.drive)
+        n, d, records = system.size, self.drive.size, len(self.drive.records)
+        self.n, self.N = n, 2 * n + d + DERIVATIVES * records
+        m = len(problem.contacts)
+        rows = arb_mat([contact.row for contact in problem.contacts])
+        inverse = problem.mass.inv()
+        back = inverse * rows.transpose()
+        self.compliance = (rows * back).mid()
+        self.back = arb_mat([[arb(0)] * m for _ in range(n)] + back.mid().tolist() + [[arb(0)] * m] * (self.N - 2 * n))
+        self.forms = [
+            self._form(row, offset, recorded) for row, offset, recorded in channels(system, problem, self.drive)
+        ]
+        pulls = (inverse * problem.stiffness).tolist(), (inverse * problem.damping).tolist()
+        loads = (inverse * problem.basis.transpose()).tolist()
+        of_records = (inverse * arb_mat(problem.records).transpose()).tolist() if records else [[]] * n
+        G = [[arb(0)] * self.N for _ in range(self.N)]
+        for i in range(n):
+            G[i][n + i] = arb(1)
+            G[n + i][: 2 * n] = [-x for x in (*pulls[0][i], *pulls[1][i])]
+            G[n + i][2 * n : 2 * n + d] = loads[i]
+            for r, x in enumerate(of_records[i]):
+                G[n + i][2 * n + d + DERIVATIVES * r] = x
+        for k, frequency in enumerate(self.drive.frequencies):
+            at, w = 2 * n + 1 + 2 * k, arb(number(frequency))
+            G[at][at + 1], G[at + 1][at] = w, -w
+        for at in range(2 * n + d, self.N):
+            if (at - 2 * n - d) % DERIVATIVES < DERIVATIVES - 1:
+                G[at][at + 1] = arb(1)
+        self.G = arb_mat(G).mid()
+        self.rates = [(form * self.G).mid() for form in self.forms]
+        self._regimes: dict[tuple[int, ...], Regime] = {}
+
+    def _form(self, row: list[Any], offset: list[Any], recorded: list[Any]) -> Any:
+        tail = [x for weight in recorded for x in (weight, *[0] * (DERIVATIVES - 1))]
+        return arb_mat([[arb(x) for x in (*row, *[0] * self.n, *offset, *tail)]]).mid()
+
+    def start(self) -> Any:
+        """z (N, 1) at t = 0."""
+        values = [*self.problem.q0, *self.problem.v0, arb(1)]
+        for _ in self.drive.frequencies:
+            values += [arb(0), arb(1)]
+        z = arb_mat([[x] for x in [*values, *[arb(0)] * (self.N - len(values))]])
+        return self.at_edge(z, arb(0))
+
+    def at_edge(self, z: Any, t: Any) -> Any:
+        """z with the records' polynomials from time t on."""
+        values, at = z.entries(), 2 * self.n + self.drive.size
+        for r, record in enumerate(self.drive.records):
+            c = taylor(record, t)
+            for k in range(DERIVATIVES):
+                values[at + DERIVATIVES * r + k] = c[k] * math.factorial(k) if k < len(c) else arb(0)
+        return arb_mat([[x] for x in values]).mid()
+
+    def regime(self, held: tuple[int, ...]) -> Regime:
+        """With these contacts held, in order."""
+        if held not in self._regimes:
+            G, reactions = self.G, arb_mat(0, self.N)
+            if held:
+                bent = arb_mat([(rate * G).entries() for rate in (self.rates[c] for c in held)])
+                reactions = (self.among(held).inv() * bent * -1).mid()
+                G = (G + arb_mat([[line[c] for c in held] for line in self.back.tolist()]) * reactions).mid()
+            matrix = np.array([[float(x) for x in line] for line in G.tolist()])
+            if not np.all(np.isfinite(matrix)):
+                reason = "rates that float64 cannot hold"
+                raise SolverFailure("multiprecision", 0.0, reason, "count time and length in other units")
+            self._regimes[held] = Regime(
+                held,
+                G,
+                [arb_mat([line]) for line in reactions.tolist()],
+                float(np.max(np.abs(np.linalg.eigvals(matrix)))),
+            )
+        return self._regimes[held]
+
+    def among(self, held: tuple[int, ...]) -> Any:
+        """The compliance of these contacts (h, h)."""
+        entries = self.compliance.tolist()
+        return arb_mat([[entries[a][b] for b in held] for a in held])
+
+    def series(self, regime: Regime, z: Any, length: Any) -> Series:
+        """z over ``length``, at most RADIANS of the regime, with so many terms that what is left out is below ``bits``:
+        (fastest length)^K/K! is, and for polynomials there are LEAST."""
+        count, turn = LEAST, max(regime.fastest * float(length), 1e-300)
+        bits = LEAST * math.log2(turn) - math.lgamma(LEAST + 1) / math.log(2.0)
+        while bits > -self.bits - 20:
+            count += 1
+            bits += math.log2(turn / count)
+        scaled, lines = (regime.G * length).mid(), [z.entries()]
+        for k in range(1, count + 1):
+            z = (scaled * z / k).mid()
+            lines.append(z.entries())
+        return Series(arb_mat(lines), length, self.bits)
+
+    def next_edge(self, t: Any, t_end: float) -> Any:
+        """The first sample after t, or t_end where that comes before."""
+        edges = self.drive.edges
+        near = np.searchsorted(edges, float(t))  # t may round to the sample after it, or to the one before
+        later = (arb(float(edge)) for edge in edges[near : near + 2] if t < arb(float(edge)))
+        edge = next(later, arb(t_end))
+        return edge if edge < t_end else arb(t_end)
+
+    def longest(self, regime: Regime, most: float) -> float:
+        """The length of a series, at most ``most``."""
+        return min(most, RADIANS / regime.fastest) if regime.fastest > 0.0 else most

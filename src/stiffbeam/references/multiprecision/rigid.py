@@ -1,0 +1,248 @@
+"""The solution with rigid stops in many digits, as a Reference. It shares no code with that in float64."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import asdict, dataclass, replace
+from functools import partial
+from typing import Any
+
+import flint
+import numpy as np
+from flint import arb, arb_mat
+
+from ...basics.arrays import Array
+from ...basics.validation import InputError
+from ...model.drive import Drive
+from ...model.sampled import Sampled
+from ...model.system import System
+from ...model.time_functions import covered, evaluate, offset_rate, parts_of
+from ...trajectory.impacts import ContactRecord, Impacts
+from ...trajectory.ledger import Ledger
+from ...trajectory.trajectory import Reference, SolverFailure, Work, versions
+from ..request import Request, output_times
+from .first_zero import Undecided
+from .impacting import March, Motion
+from .rational import carried
+
+FIRST = 40  # digits to begin with
+LAST = 20_000
+GUARD = 100  # bits below the digits: two doubles' worth for the outputs
+SPARE = 64  # and for the sums
+TRIES = 4  # with twice the digits, where these do not tell whether a stop is touched
+AGREEMENT = 1e-12  # of max |u| and of the time
+GAUSS = np.polynomial.legendre.leggauss(16)  # of a stretch of 4 radians at most: to rounding
+
+
+def solve_rigid(request: Request) -> Reference:
+    """The solution from impact to impact carried with ``digits`` decimal digits, and again with more.
+
+    Takes what the exact solution takes of rigid stops with restitution in [0, 1]: any damping, several contacts, moving
+    stops, time functions made of Harmonic, Constant and Sampled. "auto" begins with FIRST digits, and goes on until
+    two runs agree to t_end, in impacts and outputs; a fixed number gives the horizon to which both agree. Impacts that
+    accumulate are followed until their series leaves out less than the digits hold, at most
+    provenance["chatter_left_out"] of the time at which they end. Raises InputError as ``require_rigid``, for more than
+    200 000 impacts, and where outputs are not in order; SolverFailure where a stop is touched so closely that even
+    sixteen times the digits do not tell whether it is hit.
+    """
+    system, t_end, digits = request.system, request.t_end, request.digits
+    require_rigid(system, t_end)
+    t = output_times(request.t_eval, t_end)
+    begun, wanted, tries = time.perf_counter(), FIRST if digits == "auto" else int(digits), TRIES
+    previous: tuple[Solved, Reference] | None = None
+    while True:
+        if wanted > LAST:
+            raise SolverFailure("multiprecision", t_end, f"{wanted} digits are not enough", "shorten t_end")
+        try:
+            found = Solved.of(system, t_end, wanted)
+        except Undecided as touched:
+            tries -= 1
+            if digits != "auto" or not tries or previous is not None:
+                reason = f"a stop is touched: {wanted} digits do not tell whether it is hit"
+                remedy = "move the stop or the start a little, or let method='exact' decide by rounding"
+                raise SolverFailure("multiprecision", touched.args[0], reason, remedy) from None
+            wanted *= 2
+            continue
+        run = found.reference(system, t, t_end, begun)
+        if previous is not None:
+            before, its_run = previous
+            horizon = min(_agreement(before, found, t_end), _outputs(its_run, run))
+            if horizon >= t_end or digits != "auto":
+                notes = {
+                    "digits_confirmed_with": before.digits,
+                    "horizon": horizon,
+                    "horizon_against": f"itself with {before.digits} digits",
+                    "horizon_tolerance": f"|du| <= {AGREEMENT:g} max|u| at the output times, the same impacts",
+                }
+                return replace(run, horizon=horizon, provenance=run.provenance | notes)
+            wanted = max(wanted, math.ceil(wanted * t_end / max(horizon, 0.1 * t_end)))
+        previous, wanted = (found, run), math.ceil(1.25 * wanted) + 15
+
+
+def require_rigid(system: System, t_end: float) -> None:
+    """Raise InputError unless all stops are rigid with restitution and move smoothly, and time functions are known."""
+    for contact in system.contacts:
+        if not contact.stops.rigid:
+            raise InputError("contacts", "rigid and compliant ones", "be all of one kind", "take stiff ones for inf")
+        if contact.stops.restitution is None:
+            remedy = "pass restitution=e, or for a contact node without mass use system.massless_contacts()"
+            raise InputError("stops.restitution", None, "be given for rigid stops", remedy)
+        if any(isinstance(part, Sampled) and part.degree < 2 for part in parts_of(contact.offset)):
+            rule = "have a velocity at its samples, where it moves a rigid stop"
+            raise InputError("contact.offset", contact.offset, rule, "take kind='cubic'")
+    drive = Drive.of(system)
+    drive.recorded(drive.split(system.loads, system.size)[1], system.size)
+    drive.recorded(drive.offsets(system)[1], len(system.channels))
+    covered([*(f for _, f in system.loads), *(offset for _, offset in system.channels)], t_end)
+    rows = np.array([contact.row for contact in system.contacts])
+    least, most = np.linalg.eigvalsh(rows @ np.linalg.solve(system.mass, rows.T))[[0, -1]]
+    if not least > 1e-12 * most:
+        rule = "be independent of each other for rigid stops"
+        raise InputError("contacts", f"{len(rows)} that follow from each other", rule, "leave one out")
+
+
+@dataclass(frozen=True, eq=False)
+class Solved:
+    """A motion and the digits it was carried with."""
+
+    motion: Motion
+    digits: int
+    bits: int
+    times: Array  # of its stretches
+
+    @classmethod
+    def of(cls, system: System, t_end: float, digits: int) -> Solved:
+        """Solve; raises Undecided where more digits may help."""
+        bits = math.ceil(digits * math.log2(10.0)) + GUARD
+        with carried(bits + SPARE):
+            motion = March(system, t_end, bits).run()
+        return cls(motion, digits, bits, np.array([float(x.t) for x in motion.stretches]))
+
+    def at(self, t: Array, forms: list[Any]) -> Array:
+        """Forms (k, 1, N) of z at times in any order, (times, k), rounded once."""
+        found = np.empty((len(t), len(forms)))
+        piece = np.maximum(np.searchsorted(self.times, t, side="right") - 1, 0)
+        with carried(self.bits + SPARE):
+            rows = arb_mat([form.entries() for form in forms]).transpose()
+            for k in np.unique(piece).tolist():
+                here, stretch = np.flatnonzero(piece == k), self.motion.stretches[k]
+                series = self.motion.flow.series(stretch.regime, stretch.z, stretch.length)
+                coefficients = (series.coefficients * rows).mid()
+                for i, when in zip(here.tolist(), t[here].tolist(), strict=True):
+                    x = (arb(when) - stretch.t) / stretch.length
+                    values = arb_mat([series.powers(x)]) * coefficients
+                    found[i] = [float(y.mid()) for y in values.entries()]
+        return found
+
+    def observed(self, t: Array, channel: int) -> tuple[Array, Array]:
+        """Position and velocity of a channel."""
+        flow = self.motion.flow
+        u, v = self.at(np.asarray(t, float), [flow.forms[channel], flow.rates[channel]]).T
+        return u, v
+
+    def states(self, t: Array) -> tuple[Array, Array]:
+        """q and q', (k, n)."""
+        flow = self.motion.flow
+        units = [arb_mat([[arb(int(i == j)) for j in range(flow.N)]]) for i in range(2 * flow.n)]
+        both = self.at(np.asarray(t, float), units)
+        return both[:, : flow.n], both[:, flow.n :]
+
+    def reactions(self, t: Array) -> Array:
+        """(k, m), of held contacts only."""
+        found = np.zeros((len(t), len(self.motion.held)))
+        piece = np.maximum(np.searchsorted(self.times, t, side="right") - 1, 0)
+        for regime in {id(x.regime): x.regime for x in self.motion.stretches if x.regime.held}.values():
+            here = np.flatnonzero([self.motion.stretches[k].regime is regime for k in piece.tolist()])
+            if len(here):
+                found[here[:, None], list(regime.held)] = self.at(t[here], regime.reactions)
+        return found
+
+    def impacts(self, contact: int) -> Impacts:
+        """Of one contact, in order; of one that is still held the end and impulse are not known."""
+        mine = [x for x in self.motion.impacts if x.contact == contact]
+        ends = [math.nan if x.end is None else float(x.end) for x in mine]
+        impulses = [math.nan if x.end is None else float(x.impulse) for x in mine]
+        times, sides = [float(x.time) for x in mine], [x.side for x in mine]
+        return Impacts.at(times, sides, "event", ends=ends, impulses=impulses)
+
+    def reference(self, system: System, t: Array, t_end: float, begun: float) -> Reference:
+        """With outputs at ``t``."""
+        R, motion = self.reactions(t), self.motion
+        contacts = []
+        for c, contact in enumerate(system.contacts):
+            impacts = self.impacts(c)
+            peak = math.nan if impacts.count or motion.held[c] else 0.0
+            seen = self.observed(t, c)
+            share = motion.held[c] / t_end
+            contacts.append(ContactRecord(contact.stops, *seen, R[:, c], impacts, share, peak, motion.pressed[c]))
+        tip, velocity = self.observed(t, system.tip_channel)
+        seconds = time.perf_counter() - begun
+        return Reference(
+            t=t,
+            tip=tip,
+            tip_velocity=velocity,
+            contacts=tuple(contacts),
+            work=Work(seconds=seconds, march_seconds=seconds, counters={"stretches": len(self.times)}),
+            provenance={
+                "method": "multiprecision",
+                "form": system.form,
+                "units": asdict(system.units),
+                "t_end": float(t_end),
+                "digits": self.digits,
+                "parameters": "doubles; exact: " + ("; ".join(system.exact_parameters) or "none"),
+                "python-flint": flint.__version__,
+                "chatter_left_out": motion.left_out,
+                **versions(),
+            },
+            system=system,
+            fingerprint=system.fingerprint,
+            evaluate=self.observed,
+            state_at=self.states,
+            ledger=partial(self.ledger, system, t),
+            solution=self,
+        )
+
+    def ledger(self, system: System, t: Array) -> Ledger:
+        """Input and viscous loss by quadrature in every stretch, what impacts take from their impulses."""
+        edges = np.unique(np.concatenate([t, self.times[(self.times > t[0]) & (self.times < t[-1])]]))
+        points, weights = GAUSS
+        half = 0.5 * np.diff(edges)
+        nodes = ((edges[:-1] + half)[:, None] + half[:, None] * points).ravel()
+        _, v = self.states(nodes)
+        power, R = np.zeros(len(nodes)), self.reactions(nodes)
+        for p, f in system.loads:
+            power += evaluate(f, nodes) * (v @ p)
+        for c, contact in enumerate(system.contacts):
+            power -= R[:, c] * offset_rate(contact.offset, nodes)
+        drag = np.sum(v * (v @ system.damping), axis=1)
+        given, lost = (
+            np.concatenate([[0.0], np.cumsum(half * (density.reshape(-1, len(points)) @ weights))])
+            for density in (power, drag)
+        )
+        at = np.searchsorted(edges, t)
+        when, *impulsive = np.array(self.motion.taken).reshape(-1, 3).T
+        so_far = np.searchsorted(when, t, side="right")
+        taken, moved = (np.concatenate([[0.0], np.cumsum(x)])[so_far] for x in impulsive)
+        energies = system.energies(t, *self.states(t))
+        energy, given, lost = np.sum(energies, axis=0), given[at] + moved, lost[at]
+        loss = energy[0] - energy + given - given[0] - (lost - lost[0]) - (taken - taken[0])
+        return Ledger(t, *energies, given, lost, loss, loss, np.zeros_like(loss), taken)
+
+
+def _agreement(a: Solved, b: Solved, t_end: float) -> float:
+    """The time to which the impacts of two solutions agree."""
+    mine, theirs = a.motion.impacts, b.motion.impacts
+    for x, y in zip(mine, theirs, strict=False):
+        same = (x.contact, x.side) == (y.contact, y.side)
+        if not same or not abs(x.time - y.time) <= AGREEMENT * y.time:
+            return min(float(x.time), float(y.time))
+    n = min(len(mine), len(theirs))
+    return min([t_end, *(float(x.time) for x in (*mine[n:], *theirs[n:]))])
+
+
+def _outputs(a: Reference, b: Reference) -> float:
+    """The time to which the outputs of two solutions agree."""
+    scale = float(np.max(np.abs(b.tip)))
+    wrong = np.flatnonzero(~(np.abs(a.tip - b.tip) <= AGREEMENT * scale))
+    return float(b.t[max(0, wrong[0] - 1)]) if len(wrong) else float(b.provenance["t_end"])
