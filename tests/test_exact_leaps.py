@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
+import sys
+
 import numpy as np
 import pytest
 from scipy.optimize import brentq
 
+import stiffbeam as sb
 from stiffbeam.references.exact.oscillation import oscillations
 from stiffbeam.references.exact.switching import search
 from stiffbeam.references.exact.terms import (
@@ -113,3 +117,33 @@ def test_the_first_switch_is_that_of_dense_samples(damped, m):
         assert abs(tau - exact) < 1e-11 * end
         found += 1
     assert found > 20
+
+
+def work_of(system, t_end):
+    """Of the exact solution with its horizon and its ledger: switches, and gaps evaluated and functions called."""
+    calls = 0
+
+    def count(frame, event, argument):
+        nonlocal calls
+        calls += event in ("call", "c_call")
+
+    before = sys.getprofile()
+    sys.setprofile(count)
+    try:
+        run = sb.reference(system, t_end)
+        assert run.energy.total[-1] > 0.0
+    finally:
+        sys.setprofile(before)
+    return len(run.solution.times), run.solution.evaluations, calls
+
+
+@pytest.mark.parametrize("viscosity", [0.0, 0.01])
+def test_the_work_grows_with_the_switches(viscosity):
+    """Ten times the switches: at most fifteen times the work, where anything quadratic takes a hundred times as much."""
+    case = sb.paper_case(10)
+    system = sb.semidiscretise(dataclasses.replace(case.problem, viscosity=viscosity), cells=12)
+    work_of(system, 0.2)  # what is made once
+    few, many = (np.array(work_of(system, t_end)) for t_end in (0.2, 3.0))
+    switches, *work = many / few
+    assert switches > 5.0
+    assert max(work) < 1.5 * switches

@@ -48,11 +48,13 @@ class Members(Sequence[System]):
             if name not in DIFFERENT:
                 raise InputError("members", name, f"differ in {', '.join(DIFFERENT)} only", "integrate them one by one")
             if len(sequence(f"members.fields[{name!r}]", values, "be one value per member")) != len(self.values):
-                raise InputError("members", len(values), f"have one of {name} per value, {len(self.values)}")
+                remedy = "give as many of both"
+                raise InputError("members", len(values), f"have one of {name} per value, {len(self.values)}", remedy)
         for contacts in self.fields.get("contacts", ()):
             own = self.system.contacts
             if len(contacts) != len(own) or not all(same(a.row, b.row) for a, b in zip(contacts, own, strict=True)):
-                raise InputError("members", "contacts on other rows", "share contact rows with the system")
+                remedy = "make the others with replace(contact, stops=...)"
+                raise InputError("members", "contacts on other rows", "share contact rows with the system", remedy)
 
     def __repr__(self) -> str:
         return f"<Members: {len(self)} of {self.system!r}, {self.parameter}>"
@@ -94,16 +96,18 @@ def as_members(system: System, members: Members | Sequence[System]) -> Members:
             shared += [(a, b) for (a, _), (b, _) in zip(system.channels, member.channels, strict=False)]
             alike = len(system.channels) == len(member.channels) and len(system.contacts) == len(member.contacts)
             if not alike or not all(np.array_equal(a, b) for a, b in shared):
-                raise InputError("members", member.form, "share matrices and contact rows with the system")
+                remedy = "integrate systems with other matrices one by one"
+                raise InputError("members", member.form, "share matrices and contact rows with the system", remedy)
             if _callables(member.loads, member.contacts) != _callables(system.loads, system.contacts):
                 rule = "share every callable load and offset with the system"
                 raise InputError("members", member.form, rule, "integrate such systems one by one")
         fields = {name: [getattr(member, name) for member in given] for name in DIFFERENT}
         members = Members(system, "systems", np.arange(len(given)), fields)
     elif members.system.fingerprint != system.fingerprint:
-        raise InputError("members", members.parameter, "be made from the system that is integrated")
+        remedy = "make the members anew from this system, or integrate members.system"
+        raise InputError("members", members.parameter, "be made from the system that is integrated", remedy)
     if not len(members):
-        raise InputError("members", 0, "be at least one")
+        raise InputError("members", 0, "be at least one", "give one value or more")
     return members
 
 
@@ -185,13 +189,14 @@ def varied(
     given = {"frequency": frequency, "amplitude": amplitude, "stops": stops}
     chosen = [name for name, value in given.items() if value is not None]
     if len(chosen) != 1:
-        raise InputError("varied", chosen, f"be given exactly one of {sorted(given)}")
+        remedy = "for systems that differ in more, pass a list of them"
+        raise InputError("varied", chosen, f"be given exactly one of {sorted(given)}", remedy)
     if stops is not None:
         return _with_stops(system, stops)
     name = chosen[0]
     values = np.atleast_1d(numbers(name, given[name])).ravel()
     if not len(values):
-        raise InputError(name, given[name], "name at least one member")
+        raise InputError(name, given[name], "name at least one member", "give one value or more")
     for value in values:
         (positive if name == "frequency" else number)(name, float(value))
     drive = _drive(system, name)
@@ -209,13 +214,14 @@ def _with_stops(system: System, stops: Sequence[Stops | Sequence[Stops]]) -> Mem
     for entry in sequence("stops", stops, "be the Stops of each member"):
         each: list[Any] = list(entry) if isinstance(entry, (tuple, list)) else [entry]
         if len(each) != len(system.contacts):
-            raise InputError("stops", entry, f"be {len(system.contacts)} Stops, one per contact")
+            remedy = "give a list of lists, Stops of every contact in each"
+            raise InputError("stops", entry, f"be {len(system.contacts)} Stops, one per contact", remedy)
         for stop in each:
             itself("stops", stop, Stops)
         pairs = zip(system.contacts, each, strict=True)
         contacts.append(tuple(replace(contact, stops=stop) for contact, stop in pairs))
     if not contacts:
-        raise InputError("stops", stops, "name at least one member")
+        raise InputError("stops", stops, "name at least one member", "give one value or more")
     return Members(system, "stops", list(stops), {"contacts": contacts})
 
 

@@ -65,13 +65,15 @@ def motion_of(problem: Problem, t: Any, u: Any, v: Any = None, t_end: float | No
     v = None if v is None else np.asarray(v, float)
     if t.ndim != 1 or len(t) < 4 or u.shape not in ((len(t),), (len(t), n)) or (v is not None and v.shape != u.shape):
         shapes = (t.shape, u.shape, None if v is None else v.shape)
-        raise InputError("the run", shapes, f"be times (k,) and positions, and velocities, (k,) or (k, {n})")
+        remedy = "give at least 4 times, and one position per time"
+        raise InputError("the run", shapes, f"be times (k,) and positions, and velocities, (k,) or (k, {n})", remedy)
     if not all(np.all(np.isfinite(x)) for x in (t, u, v) if x is not None):
-        raise InputError("the run", "a number that is not finite", "be finite")
+        raise InputError("the run", "a number that is not finite", "be finite", "end the run before it overflows")
     t_end = problem.t_end if t_end is None else t_end
     slack = 1e-9 * t_end
     if np.any(np.diff(t) <= 0.0) or t[0] > problem.times[0] + slack or t[-1] < t_end - slack:
-        raise InputError("the run's times", (t[0], t[-1]), f"increase and reach t_end = {t_end:g}")
+        remedy = "start at the first time that is asked for, and end no earlier than t_end"
+        raise InputError("the run's times", (t[0], t[-1]), f"increase and reach t_end = {t_end:g}", remedy)
     contacts = data.get("contacts", ())
     first = np.array(contacts[0]["row"], float)
     row = np.array(data["observe"], float) if "observe" in data else first

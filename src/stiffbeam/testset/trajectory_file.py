@@ -20,7 +20,7 @@ def read_trajectory(file: Path) -> tuple[Array, ...]:
     try:
         lines = file.read_text(encoding="utf-8-sig").splitlines()
     except (OSError, UnicodeDecodeError) as error:
-        raise InputError("--trajectory", str(file), "be a readable file", str(error)) from None
+        raise InputError("--trajectory", str(file), "be a readable file", f"give another: {error}") from None
     rows: list[list[float]] = []
     for number, line in enumerate(lines, start=1):
         cells = line.replace(",", " ").replace(";", " ").split()
@@ -31,14 +31,16 @@ def read_trajectory(file: Path) -> tuple[Array, ...]:
         except ValueError:
             if not rows:
                 continue  # names
-            raise InputError("--trajectory", f"{file}, line {number}: {line!r}", "hold numbers") from None
+            remedy = "for example 0.1, 0.02, 1.5"
+            raise InputError("--trajectory", f"{file}, line {number}: {line!r}", "hold numbers", remedy) from None
         if len(row) not in (2, 3) or (rows and len(row) != len(rows[0])):
             rule = "hold t, u and perhaps v, the same in every line"
             empty = any(not cell.strip() for cell in re.split("[,;\t]", line))
-            remedy = "a cell is empty: fill it, or leave the line out" if empty else ""
+            remedy = "a cell is empty: fill it, or leave the line out" if empty else "write the same columns everywhere"
             raise InputError("--trajectory", f"{file}, line {number}: {len(row)} numbers", rule, remedy)
         rows.append(row)
     if len(rows) < 4:
-        raise InputError("--trajectory", f"{file}: {len(rows)} lines of numbers", "hold at least 4 of them")
+        remedy = "write the run out at more times"
+        raise InputError("--trajectory", f"{file}: {len(rows)} lines of numbers", "hold at least 4 of them", remedy)
     table = np.array(rows)
     return tuple(table.T)
