@@ -15,6 +15,8 @@ from ..basics.validation import InputError, integer, itself, non_negative, numbe
 from .contact import Stops
 from .matrices import finite_vector
 from .modes import undamped_modes
+from .problem import BeamProblem, Profile
+from .profiles import PolynomialProfile
 from .sampled import Sampled
 from .semidiscretisation import semidiscretise
 from .system import System, require_system
@@ -182,8 +184,10 @@ def varied(
     """One member per value of one parameter.
 
     frequency, amplitude: of the drive, which is the base motion of a beam that has one, else every
-    Harmonic among the loads; they must be one and the same then. stops: the Stops of each member, with
-    several contacts a sequence of one per contact. Raises InputError.
+    Harmonic among the loads; they must be one and the same then. Stops of a beam that move as its base does move with
+    it in every member, and a beam that starts with the speed of its base starts with the new one; other motions and
+    initial data stay. stops: the Stops of each member, with several contacts a sequence of one per contact. Raises
+    InputError, also for matrices whose stops move at the drive's frequency: what they do then is not known.
     """
     require_system(system)
     given = {"frequency": frequency, "amplitude": amplitude, "stops": stops}
@@ -244,14 +248,34 @@ def _driven(system: System, new: Harmonic, old: Harmonic) -> System:
     """``system`` with one drive for another, its matrices kept."""
     problem = system.problem
     if problem is None:
+        if any(isinstance(f, Harmonic) and f.frequency == old.frequency
+               for contact in system.contacts for f in parts_of(contact.offset)):  # fmt: skip
+            rule = "have no stops that move at the drive's frequency"
+            raise InputError("system", "moving stops", rule, "build the systems one by one")
         loads = tuple((vector, new if function == old else function) for vector, function in system.loads)
         return replace(system, loads=loads)
     if problem.base is not None:
-        problem = replace(problem, base=new)
+        stops = tuple(replace(each, motion=new) if each.motion == old else each for each in problem.all_stops)
+        problem = replace(problem, base=new, stops=stops or None, initial_velocity=_with_base(problem, new, old))
     else:
         loads = tuple(replace(load, time=new) if load.time == old else load for load in problem.loads)
         problem = replace(problem, loads=loads)
     return semidiscretise(problem, system.cells or system.size, system.form)
+
+
+def _with_base(problem: BeamProblem, new: Harmonic, old: Harmonic) -> Profile | None:
+    """The initial velocity for another base motion: that of the base, where the beam had it; else what it was."""
+    given, before, after = problem.initial_velocity, float(old.rate(0.0)), float(new.rate(0.0))
+    if given is None or before == 0.0 or before == after:
+        return given
+    speeds = np.broadcast_to(np.asarray(given(np.linspace(0.0, problem.length, 9)), float), 9)
+    same_speed = np.abs(speeds - before) <= 1e-6 * abs(before)
+    if np.all(same_speed):
+        return PolynomialProfile((after,))
+    if same_speed[0]:
+        rule = "be uniform where it starts with the base's speed and that varies"
+        raise InputError("initial_velocity", "a profile over x", rule, "build the systems one by one")
+    return given
 
 
 def _amplitude(function: LoadFunction) -> tuple[float, float]:
