@@ -99,16 +99,17 @@ def _damped(system: System, springs: tuple[tuple[Array, float], ...] = ()) -> Mo
 @np.errstate(over="ignore")  # refused by ``_within_float64``
 def _undamped(system: System, springs: tuple[tuple[Array, float], ...] = ()) -> Modes:
     into, back = _root(system.mass)
+    name = "stops.stiffness" if springs else "stiffness"  # what is too large with springs is one of these
     if system.stiffness_factor is not None:
         factor = np.vstack([system.stiffness_factor, *(np.sqrt(kappa) * row for row, kappa in springs)])
-        _, omega, vectors = scipy.linalg.svd(_within_float64("stiffness", into(factor.T).T), full_matrices=False)
+        _, omega, vectors = scipy.linalg.svd(_within_float64(name, into(factor.T).T), full_matrices=False)
         omega, shapes = omega[::-1], back(vectors[::-1].T)
         rigid = len(omega) - np.count_nonzero(np.any(factor, axis=1))  # as many motions strain nothing
         omega = np.where(np.arange(len(omega)) < rigid, 0.0, omega)
     else:
         stiffness = system.stiffness + sum(kappa * np.outer(row, row) for row, kappa in springs)
         scaled = 0.5 * into(into(stiffness).T)
-        squares, vectors = scipy.linalg.eigh(_within_float64("stiffness", scaled + scaled.T))
+        squares, vectors = scipy.linalg.eigh(_within_float64(name, scaled + scaled.T))
         if squares[0] < -1e-9 * squares[-1]:
             remedy = "look at the signs and the supports it was made with"
             raise InputError("stiffness", f"least eigenvalue {squares[0]:.3g}", "be positive semidefinite", remedy)
