@@ -150,7 +150,7 @@ def diffrax_through() -> Integrator:
 
     def solve(problem: Problem, rtol: float, t_end: float) -> Made:
         if problem.rigid:
-            raise sb.InputError("stops.stiffness", np.inf, "be finite for diffrax, whose events end a solve")
+            raise sb.InputError("stops.stiffness", np.inf, "be finite: events of diffrax end a solve", "take ours")
         model = Model(problem)
         if any("times" in load for load in problem.data.get("loads", ())):
             table = problem.data["loads"][0]

@@ -5,7 +5,8 @@
 Input i of a seed is the same everywhere: ``--only i`` repeats it here, with its traceback. Each is tried in a
 process that may use ``--limit`` seconds of processor time and ``--memory`` GiB; what is no result, no InputError
 and no Diverged or SolverFailure is a violation: an exception from inside, a hang, a crash, a number that is not
-finite in what came back, and a message of more than 300 characters, or of more than one line.
+finite in what came back, a message of more than 300 characters or of more than one line, and a refusal that
+does not say rule, value and remedy.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import argparse
 import collections
 import json
 import os
+import re
 import resource
 import signal
 import sys
@@ -33,6 +35,7 @@ from stiffbeam.basics.words import shown
 
 LONGEST = 300
 GOOD = ("result", "refused", "failed")
+WHOLE = re.compile(r".+ must .+, got .*: .+")  # field, rule, value and remedy
 GROUPS: dict[str, tuple[float, list[Any]]] = {
     "constructors": (0.35, CONSTRUCTORS), "functions": (0.4, FUNCTIONS), "case files": (0.15, [case_file]),
     "commands": (0.1, [command]),
@@ -63,9 +66,9 @@ def one(seed: int, index: int) -> tuple[str, str, str]:
 
 def _message(outcome: str, error: Exception) -> str:
     text = str(error)
-    long = len(text) > LONGEST or not text.isprintable()
-    remedy = outcome != "refused" or getattr(error, "remedy", "") or getattr(error, "field", "") == "--"
-    return "message" if long else outcome if remedy else f"{outcome}, no remedy"
+    if len(text) > LONGEST or not text.isprintable():
+        return "message"
+    return outcome if outcome != "refused" or WHOLE.fullmatch(text) else "no remedy"
 
 
 def campaign(seed: int, inputs: range, jobs: int, limit: float, memory: float) -> list[dict[str, Any]]:
@@ -165,10 +168,10 @@ def main() -> None:
     if given.out:
         given.out.write_text("".join(json.dumps(x) + "\n" for x in found))
     for x in found:
-        if not x["outcome"].startswith(GOOD):
+        if x["outcome"] not in GOOD:
             print(f"--seed {given.seed} --only {x['index']}  {x['where']}  {x['outcome']}: {x['said']}")
     print(table(found))
-    raise SystemExit(any(not x["outcome"].startswith(GOOD) for x in found))
+    raise SystemExit(any(x["outcome"] not in GOOD for x in found))
 
 
 if __name__ == "__main__":

@@ -121,8 +121,15 @@ def _of(rng: np.random.Generator, values: list[Any]) -> str:
         return "9" * 5000
 
 
+class Said(sb.InputError):
+    """What a command said of its input, as it stood on the terminal."""
+
+    def __init__(self, text: str) -> None:
+        ValueError.__init__(self, text)
+
+
 def typed(words: list[str]) -> Any:
-    """Raises what the command ended with: an InputError for status 2 and a SolverFailure for 1, by its last line."""
+    """The status a command ended with. Raises Said for status 2, with its last line."""
     from stiffbeam.cli import main
 
     words = [word.replace("\x00", "") for word in words]
@@ -144,5 +151,5 @@ def typed(words: list[str]) -> Any:
             os.chdir(here)
     said = [line for line in err.getvalue().split("\n") if line.startswith("stiffbeam: ")]
     if status == 2 and said:
-        raise sb.InputError("--", "", said[-1].removeprefix("stiffbeam: "))
+        raise Said(said[-1].removeprefix("stiffbeam: "))
     return status

@@ -98,7 +98,7 @@ def test_a_verdict_that_reseeding_changes_is_open():
 
 
 @pytest.mark.parametrize(
-    "error", [NotMeasured("gone"), Diverged("hht", 1.0, "a smaller step"), sb.InputError("x", 1, "be 2")]
+    "error", [NotMeasured("gone"), Diverged("hht", 1.0, "a smaller step"), sb.InputError("x", 1, "be 2", "add 1")]
 )
 def test_what_cannot_be_measured_says_so(error, monkeypatch):
     def fail(e):

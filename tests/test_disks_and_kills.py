@@ -14,6 +14,7 @@ from pathlib import Path
 
 import pytest
 from fuzz_texts import STEEL
+from processes import nobody_left, session
 from typer.testing import CliRunner
 
 import stiffbeam as sb
@@ -244,66 +245,18 @@ def _command(folder: Path) -> subprocess.Popen:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-def test_a_signal_says_how_to_go_on(number, status, tmp_path):
-    words = ["sweep", "table10", "--parameter", "frequency", "--values", "8:14:4000", "--jobs", "2"]
-    child = subprocess.Popen(
-        [sys.executable, "-m", "stiffbeam.cli", *words, "--out", str(tmp_path)],
-        stderr=subprocess.PIPE, text=True, start_new_session=True,
-    )  # fmt: skip
-    _wait_for_a_point(child, tmp_path)
-    child.send_signal(number)
-    _, said = child.communicate(timeout=60)
-    assert child.returncode == status, said
-    assert "keep what is finished, the same command goes on" in said
-    assert "Traceback" not in said
-    _nobody_left(child.pid)
-
-
-@pytest.mark.slow
 def test_workers_end_with_a_killed_parent(tmp_path):
     words = ["reproduce", "all", "--jobs", "2", "--out", str(tmp_path)]
     child = subprocess.Popen(
         [sys.executable, "-m", "stiffbeam.cli", *words], stderr=subprocess.DEVNULL, start_new_session=True
     )
     end = time.monotonic() + 60
-    while len(_session(child.pid)) < 4 and time.monotonic() < end:  # itself, the resource tracker, two workers
+    while len(session(child.pid)) < 4 and time.monotonic() < end:  # itself, the resource tracker, two workers
         time.sleep(0.2)
     time.sleep(2.0)
     child.kill()
     child.wait()
-    _nobody_left(child.pid)
-
-
-def _wait_for_a_point(child: subprocess.Popen, folder: Path) -> None:
-    end = time.monotonic() + 120
-    while time.monotonic() < end and child.poll() is None:
-        if any(file.stat().st_size for file in folder.rglob("*.jsonl")):
-            return
-        time.sleep(0.05)
-    raise AssertionError(child.communicate())
-
-
-def _session(leader: int) -> list[int]:
-    found = []
-    for stat in Path("/proc").glob("[0-9]*/stat"):
-        try:
-            state, _, _, session = stat.read_text().rpartition(")")[2].split()[:4]
-        except OSError:
-            continue
-        if int(session) == leader and state != "Z":
-            found.append(int(stat.parent.name))
-    return found
-
-
-def _nobody_left(leader: int) -> None:
-    end = time.monotonic() + 20
-    while _session(leader) and time.monotonic() < end:
-        time.sleep(0.1)
-    left = _session(leader)
-    for process in left:
-        os.kill(process, signal.SIGKILL)
-    assert not left
+    nobody_left(child.pid)
 
 
 @pytest.mark.parametrize(

@@ -10,6 +10,7 @@ import sys
 from dataclasses import replace
 
 import pytest
+from measured import settled
 
 from stiffbeam.files.cases import paper_case
 from stiffbeam.studies import find_study, study
@@ -50,6 +51,18 @@ def test_an_interrupted_study_evaluates_only_what_is_missing(tmp_path):
     assert json.dumps(resumed.rows) == json.dumps(whole.rows)
     run_study(counting(one, third), SMALL, tmp_path, **AMPLIFICATION)
     assert not third
+
+
+def test_an_interrupted_measurement_ends_with_the_same_bits_but_for_what_it_calls_measured(tmp_path):
+    one = find_study("precision")
+    whole = run_study(one, SMALL, **one.smoke).to_dict()
+    done = []
+    with pytest.raises(KeyboardInterrupt):
+        run_study(counting(one, done, stop_after=3), SMALL, tmp_path, **one.smoke)
+    resumed = run_study(counting(one, done), SMALL, tmp_path, **one.smoke).to_dict()
+    assert len(done) == len(whole["rows"])
+    assert json.dumps(settled(resumed)) == json.dumps(settled(whole))
+    assert set(one.measured) < set(whole["rows"][0])
 
 
 KILLED = """

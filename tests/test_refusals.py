@@ -41,7 +41,7 @@ def test_the_contact_of_a_beam_whose_finest_grid_meets_the_stop_late_is_compared
 
 def test_a_refused_point_is_data_and_one_that_breaks_off_is_a_failure():
     def refusing(case, point):
-        raise sb.InputError("dt", 1.0, "be small")
+        raise sb.InputError("dt", 1.0, "be small", "halve it")
 
     def breaking(case, point):
         raise sb.Diverged("hht", 0.5, "use a smaller dt")
@@ -101,4 +101,6 @@ def test_a_comparison_is_text_in_a_notebook_too(table10, monkeypatch, capsys):
 
 
 def test_numbers_of_numpy_are_shown_as_numbers():
-    assert str(sb.InputError("x", (np.float64(1.5), np.int64(2)), "be one")) == "x must be one, got (1.5, 2)"
+    assert (
+        str(sb.InputError("x", (np.float64(1.5), np.int64(2)), "be one", "add")) == "x must be one, got (1.5, 2): add"
+    )

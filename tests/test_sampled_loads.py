@@ -200,6 +200,14 @@ def test_the_exact_solution_of_sampled_loads_is_dop853s_with_restarts(seed):
     assert loss < 1e-9
 
 
+def test_a_stop_that_turns_twice_between_two_samples_is_not_stepped_over():
+    """Between two uneven samples the cubic is in and out again, where the free mass asks for no step."""
+    off, loss, impacts = held_against_dop853(490, 100)
+    assert off < 1e-9
+    assert loss < 1e-9
+    assert impacts == 8
+
+
 @pytest.mark.parametrize(
     "systems", [pytest.param(60, marks=pytest.mark.slow), pytest.param(500, marks=pytest.mark.campaign)]
 )

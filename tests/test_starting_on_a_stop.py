@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 
 import stiffbeam as sb
+from stiffbeam.references import METHODS
+from stiffbeam.schemes import RIGID, SCHEMES, make
 
 
-def mass(q: float, v: float, load: float = 0.0) -> sb.System:
+def mass(q: float, v: float, load: float = 0.0, **law: float) -> sb.System:
     """q'' + 100 q = load, a stop at 1 with 1e4 above: a contact lasts 0.031, a flight more than 0.53."""
-    stops = sb.Stops(upper=1.0, stiffness=1e4)
+    stops = sb.Stops(upper=1.0, **{"stiffness": 1e4} | law)
     return sb.System.from_matrices(
         [[1.0]], [[100.0]], loads=[([1.0], sb.Constant(load))], contacts=[sb.Contact([1.0], stops)],
         initial_displacement=[q], initial_velocity=[v],
@@ -27,14 +29,51 @@ STARTS = [
 ]
 
 
-@pytest.mark.slow
+COMPLIANT = [method for method in METHODS if method != "rigid"]
+QUICK = ("exact", "multiprecision", "cvode")
+
+
 @pytest.mark.parametrize(("start", "end", "count"), STARTS)
-@pytest.mark.parametrize("method", ["exact", "cvode", "dop853", "radau"])
-def test_references(start, end, count, method):
-    found = sb.reference(mass(*start), end, method)
+@pytest.mark.parametrize("damping", [0.0, 5.0])
+@pytest.mark.parametrize("method", [pytest.param(x, marks=() if x in QUICK else pytest.mark.slow) for x in COMPLIANT])
+def test_references(start, end, count, damping, method):
+    found = sb.reference(mass(*start, damping=damping), end, method)
     assert found.impacts.count == count
     if method == "exact":
         assert found.impacts_sampled(1e-3).count == count
+
+
+@pytest.mark.parametrize(("start", "end", "count"), STARTS)
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_every_scheme(start, end, count, scheme):
+    for contact in ("implicit", "extrapolated", *(["conserving"] if scheme == "trapezoidal" else [])):
+        assert sb.integrate(mass(*start), make(scheme), 1e-3, end, contact).impacts.count == count
+
+
+@pytest.mark.parametrize("restitution", [0.8, 1.0])
+@pytest.mark.parametrize(("start", "after"), [((1.0, 5.0), True), ((1.0, -5.0), False)])
+def test_rigid_stops(start, after, restitution):
+    """The blow at t = 0 is none; the mass leaves with v and is back after (2 pi - 2 atan(v/10))/10."""
+    system = mass(*start, stiffness=np.inf, restitution=restitution)
+    v = 5.0 * restitution if after else 5.0
+    back = (2.0 * np.pi - 2.0 * np.arctan(v / 10.0)) / 10.0
+    for method in ("exact", "multiprecision"):
+        found = sb.reference(system, 0.6, method)
+        assert np.allclose(found.impacts.times, [back], rtol=0, atol=1e-12), method
+        taken = (1.0 + restitution) * v + (5.0 * (1.0 + restitution) if after else 0.0)
+        assert found.contacts[0].impulse == pytest.approx(taken)  # the blow at t = 0 is among the impulses
+    for scheme in RIGID:
+        if scheme != "contact-stabilised":  # which takes no restitution
+            assert np.allclose(sb.integrate(system, make(scheme), 1e-3, 0.6).impacts.times, [back], rtol=0, atol=5e-3)
+
+
+def test_a_start_pressed_on_a_rigid_stop_is_no_impact():
+    system = mass(1.0, 0.0, 200.0, stiffness=np.inf, restitution=0.8)
+    for method in ("exact", "multiprecision"):
+        found = sb.reference(system, 0.05, method)
+        assert not found.impacts.count
+        assert found.contacts[0].impulse == pytest.approx(100.0 * 0.05)  # load less spring, for the whole time
+    assert not sb.integrate(system, sb.MoreauJean(), 1e-3, 0.05).impacts.count
 
 
 @pytest.mark.parametrize(("start", "end", "count"), STARTS)

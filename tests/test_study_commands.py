@@ -44,7 +44,7 @@ def test_a_command_has_the_options_of_its_study_with_help_and_defaults(name):
     study = find_study(name)
     made = {parameter.name: parameter for parameter in command_of(name).params}
     own = [p for p in inspect.signature(study.points).parameters.values() if p.name != "case"]
-    around = {"out", "json_file", "smoke"} | (set() if study.timed else {"jobs", "scheduler"})
+    around = {"out", "json_file", "smoke"} | (set() if study.measured else {"jobs", "scheduler"})
     assert set(made) == {"case", *around, *(p.name for p in own)}
     for option in own:
         assert made[option.name].opts == [f"--{option.name.replace('_', '-')}"]

@@ -37,11 +37,13 @@ def reference_solution() -> Callable[..., Reference]:
             end = t_end or case.t_end
         elif isinstance(case, (BeamProblem, System)):
             if t_end is None or (isinstance(case, BeamProblem) and cells is None):
-                raise InputError("reference_solution", case, "be given t_end, and cells for a BeamProblem")
+                remedy = "for example reference_solution(problem, t_end=1.0, cells=25)"
+                raise InputError("reference_solution", case, "be given t_end, and cells for a BeamProblem", remedy)
             system = case if isinstance(case, System) else semidiscretise(case, cells or 0, form or "displacement")
             end = t_end
         else:
-            raise InputError("reference_solution", what, "be a BeamProblem, a System, a case or its name")
+            remedy = "for example reference_solution('table10')"
+            raise InputError("reference_solution", what, "be a BeamProblem, a System, a case or its name", remedy)
         return cached_reference(system, end, **options)
 
     return make
@@ -73,14 +75,16 @@ def within_reference(run: Trajectory, reference: Reference, tolerance: float, un
         raise InputError("reference", reference.label, f"be of the same system as {run.label}", "solve run.system")
     given = run if isinstance(run, tuple) else (run.t, run.tip)
     if any(np.iscomplexobj(x) for x in given):
-        raise InputError("run", "complex numbers", "be real")
+        raise InputError("run", "complex numbers", "be real", "take the real part")
     t, u = (np.asarray(x, float) for x in given)
     if t.shape != u.shape or t.ndim != 1 or not len(t):
-        raise InputError("run", (t.shape, u.shape), "be times and displacements of one length")
+        remedy = "give one displacement per time"
+        raise InputError("run", (t.shape, u.shape), "be times and displacements of one length", remedy)
     if not np.all(np.isfinite(t)) or np.any(np.diff(t) <= 0.0):
-        raise InputError("run", "its times", "be finite and increase")
+        raise InputError("run", "its times", "be finite and increase", "sort them, and leave repeated ones out")
     if not np.all(np.isfinite(u)):
-        raise InputError("run", f"a displacement that is not finite at t = {t[~np.isfinite(u)][0]:g}", "be finite")
+        rule, remedy = "be finite", "end the run before it overflows"
+        raise InputError("run", f"a displacement that is not finite at t = {t[~np.isfinite(u)][0]:g}", rule, remedy)
     end = float(t[-1]) if until is None else until
     if not end <= reference.horizon * (1 + 1e-12):
         raise InputError(
@@ -89,7 +93,8 @@ def within_reference(run: Trajectory, reference: Reference, tolerance: float, un
         )  # fmt: skip
     inside = t <= end * (1 + 1e-12)
     if not np.any(inside):
-        raise InputError("until", end, f"be at least the run's first time {t[0]:g}")
+        remedy = "raise until, or start the run earlier"
+        raise InputError("until", end, f"be at least the run's first time {t[0]:g}", remedy)
     expected = reference.at(t[inside])[0]
     error = np.abs(u[inside] - expected) / max(float(np.max(np.abs(expected))), 1e-300)
     worst = int(np.argmax(error))

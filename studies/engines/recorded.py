@@ -40,7 +40,7 @@ def recorded(out: Path) -> Recorded:
 
     def solve(problem: Problem, level: float, t_end: float) -> Made:
         if problem.name in record["refused"]:
-            raise sb.InputError(f"stops ({record['refused'][problem.name]})", problem.name, "be of another kind")
+            raise sb.InputError(f"stops ({record['refused'][problem.name]})", problem.name, "be others", "take another")
         if problem.name in record["failed"] and not level:
             raise RuntimeError(next(iter(record["failed"][problem.name].values())))
         with np.load(out / f"{problem.name}-{level:g}.npz") as run:

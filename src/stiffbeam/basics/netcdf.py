@@ -1,8 +1,15 @@
-"""Writing arrays as a netCDF-4 file that appears whole or not at all, and knowing them again."""
+"""Writing arrays as a netCDF-4 file that appears whole or not at all, and knowing them again.
+
+Behind the file's own bytes stands their sha256, which HDF5 passes over: HDF5 may hang or crash on a damaged file, so
+one is opened only where that is right, or where another process has read all of it in time.
+"""
 
 from __future__ import annotations
 
 import hashlib
+import os
+import subprocess
+import sys
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,12 +19,35 @@ import h5py
 import numpy as np
 
 from .arrays import Array
+from .validation import InputError
 from .whole_file import write_whole
 
 if TYPE_CHECKING:
     import xarray as xr
 
 NO_VARIABLE = "This is a netCDF dimension but not a netCDF variable.{:10d}"  # the name that netCDF-4 prescribes
+
+SEAL = b"\nsha256 "  # before the digest of all bytes in front of it
+LENGTH = len(SEAL) + 64
+SECONDS = 20.0  # for another process to read a file of 100 MB that bears no seal; a damaged one may take for ever
+READ_ALL = """
+import sys, h5py
+try:
+    import resource
+    resource.setrlimit(resource.RLIMIT_AS, (int(sys.argv[2]),) * 2)
+except ImportError:
+    pass
+def read(name, item):
+    dict(item.attrs)
+    if isinstance(item, h5py.Dataset):
+        item[()]
+try:
+    with h5py.File(sys.argv[1]) as file:
+        read("", file)
+        file.visititems(read)
+except Exception as error:
+    sys.exit(f"{type(error).__name__}: {error}")
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,4 +116,32 @@ def write(data: Arrays, file: str | Path, compression: int = 0) -> Path:
             stored.attrs.update(attributes)
         made.flush()
         image = made.id.get_file_image()
-    return write_whole(file, image)
+    return write_whole(file, image + SEAL + hashlib.sha256(image).hexdigest().encode())
+
+
+def require_whole(file: Path) -> None:
+    """Raise InputError for a file that its seal contradicts, and for one without a seal that is not read to its end
+    by a process of its own, within ``SECONDS`` and 8 GiB."""
+    content = file.read_bytes()
+    body, seal, digest = content[-LENGTH:].rpartition(SEAL)
+    body = content[:-LENGTH] + body
+    if seal and hashlib.sha256(body).hexdigest().encode() == digest:
+        return
+    reason = "its bytes are not those that were written" if seal else _unreadable(file, len(content))
+    if reason:
+        raise InputError("file", str(file), "be a whole netCDF-4 file", f"it is damaged, make it again: {reason}")
+
+
+def _unreadable(file: Path, size: int) -> str:
+    """Why not all of the file can be read, "" where it can."""
+    words = [sys.executable, "-P", "-c", READ_ALL, str(file.absolute()), str(8 * 2**30)]
+    found = {"PYTHONPATH": os.pathsep.join(filter(None, sys.path)), "OPENBLAS_NUM_THREADS": "1"}
+    seconds = SECONDS * (1.0 + size / 1e8)
+    try:
+        done = subprocess.run(
+            words, env=os.environ | found, stdin=subprocess.DEVNULL, capture_output=True, timeout=seconds, check=False
+        )
+    except subprocess.TimeoutExpired:
+        return f"reading it takes more than {seconds:.3g} seconds"
+    said = done.stderr.decode("utf-8", "replace").strip()
+    return "" if done.returncode == 0 else said.splitlines()[-1] if said else f"a reader ended with {done.returncode}"

@@ -17,7 +17,7 @@ def cores() -> int:
     wanted = os.environ.get("STIFFBEAM_THREADS", "").strip()
     if wanted:
         if not wanted.isdigit() or int(wanted) < 1:
-            raise InputError("STIFFBEAM_THREADS", wanted, "be an integer >= 1")
+            raise InputError("STIFFBEAM_THREADS", wanted, "be an integer >= 1", "unset it to use every core")
         return int(wanted)
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 

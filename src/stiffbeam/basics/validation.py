@@ -25,11 +25,10 @@ class InputError(ValueError):
     The message is one line of at most 300 letters, whatever the value is.
     """
 
-    def __init__(self, field: str, value: Any, rule: str, remedy: str = "") -> None:
+    def __init__(self, field: str, value: Any, rule: str, remedy: str) -> None:
         value = float(value) if isinstance(value, ExactFloat) else value
         self.field, self.value, self.rule, self.remedy = field, value, rule, remedy
-        parts = [field, rule, shown(value), *([remedy] if remedy else [])]
-        super().__init__(sentence(parts, (" must ", ", got ", ": ")[: len(parts) - 1]))
+        super().__init__(sentence([field, rule, shown(value), remedy], (" must ", ", got ", ": ")))
 
     def __reduce__(self) -> tuple[Any, ...]:
         """It arrives whole from a worker process."""
@@ -72,14 +71,14 @@ def numbers(field: str, value: Any, rule: str = "be finite numbers", remedy: str
     return found
 
 
-def sequence(field: str, value: Any, rule: str, remedy: str = "") -> list[Any]:
+def sequence(field: str, value: Any, rule: str, remedy: str = "give a list") -> list[Any]:
     """The items of a list, tuple or array. Raises InputError for anything else, texts and dictionaries included."""
     if isinstance(value, (list, tuple, np.ndarray, Sequence)) and not isinstance(value, (str, bytes, bytearray)):
         try:
             return list(value)
         except Exception:  # an array without dimensions, or whatever the objects of others raise
             pass
-    raise InputError(field, value, rule, remedy or "give a list")
+    raise InputError(field, value, rule, remedy)
 
 
 def positive(field: str, value: Any, exact: bool = False) -> float:
@@ -122,12 +121,12 @@ def one_of(field: str, value: Any, known: Iterable[str], rule: str = "be one tha
     return value
 
 
-def file_path(field: str, value: Any, remedy: str = "") -> Path:
+def file_path(field: str, value: Any, remedy: str = "give a shorter one") -> Path:
     """``value`` as the path of a file or folder. Raises InputError for what no file system could hold."""
     names = str(value).split("/") if isinstance(value, (str, Path)) else []
     if not names or any("\0" in name or len(name.encode("utf-8", "replace")) > 255 for name in names):
         rule = "be the path of a file, each name in it at most 255 bytes"
-        raise InputError(field, value, rule, remedy or "give a shorter one")
+        raise InputError(field, value, rule, remedy)
     return Path(value)
 
 

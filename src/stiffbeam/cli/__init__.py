@@ -22,7 +22,7 @@ INTERRUPTED = 130  # the exit status of a program that Ctrl-C has stopped
 
 
 def main() -> None:
-    """Entry point: InputError exits with 2, a failure with 1, both with one clear line."""
+    """Entry point: InputError exits with 2, a failure with 1, SIGINT with 130, SIGTERM with 143, each with one line."""
     if "OMP_NUM_THREADS" not in os.environ:  # before NumPy is there: on small matrices BLAS threads only wait
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from ..basics.validation import InputError
@@ -32,6 +32,8 @@ def main() -> None:
 
     def end(number: int, _: object) -> None:
         stopped.append(number)
+        for name in (signal.SIGINT, signal.SIGTERM):  # a second one does not wait
+            signal.signal(name, signal.SIG_DFL)
         raise KeyboardInterrupt
 
     signal.signal(signal.SIGTERM, end)  # as Ctrl-C: what is finished is kept
@@ -46,10 +48,7 @@ def main() -> None:
     except (KeyboardInterrupt, SystemExit) as stop:
         if isinstance(stop, SystemExit) and stop.code != INTERRUPTED:
             raise
-        print(
-            "stiffbeam: interrupted; studies, sweeps and reproductions keep what is finished, the same command goes on",
-            file=sys.stderr,
-        )
+        print("stiffbeam: interrupted; what is finished is kept, give the same command again", file=sys.stderr)
         raise SystemExit(128 + stopped[0] if stopped else INTERRUPTED) from None
 
 

@@ -36,7 +36,8 @@ def animate(
     form = chosen.forms[0]
     runs = [chosen.runs[0]] if schemes is None else [parse_run(text, form) for text in split_runs(schemes)]
     if len({form for _, form in runs}) != 1:
-        raise InputError("--schemes", schemes, "be of one form: the film shows one system")
+        remedy = "name the form behind each scheme, as in hht@displacement"
+        raise InputError("--schemes", schemes, "be of one form: the film shows one system", remedy)
     system, end = chosen.system(runs[0][1]), chosen.t_end if t_end is None else t_end
     file = out if out is not None else default_folder(chosen.name) / "animation.gif"
     with progress() as show:

@@ -69,7 +69,7 @@ def compare(
     check_json(json_file)
     for option, given in (("--schemes", schemes is None or runs), ("--references", names is None or names)):
         if not given:
-            raise InputError(option, "nothing", "name at least one")
+            raise InputError(option, "nothing", "name at least one", "or leave the option out for the default ones")
     folder = out if out is not None else default_folder(chosen.name)
     written: list[Path] = []
     earlier: list[str] = []
@@ -137,7 +137,8 @@ def _clear(folder: Path) -> list[str]:
     except OSError as error:
         from ..basics.validation import InputError
 
-        raise InputError("--out", str(folder), "be a folder that can be written to", str(error)) from None
+        remedy = f"{error.strerror}: name another"
+        raise InputError("--out", str(folder), "be a folder that can be written to", remedy) from None
     return removed
 
 

@@ -55,7 +55,7 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
         "stiffbeam sweep my-beam.toml --parameter amplitude --values 5e-4:2e-3:100",
     ),
 }
-STATUS = "Exit status: 0 done; 1 a run failed, or nothing was found or agrees; 2 bad input; 130 interrupted."
+STATUS = "Exit status: 0 done; 1 a run failed, or nothing was found or agrees; 2 bad input; 130 interrupted, repeat it."
 
 
 def epilog(name: str) -> str:

@@ -20,7 +20,7 @@ def numbers(text: str | None, kind: Callable[[str], Any]) -> list[Any] | None:
     try:
         return None if text is None else [kind(part) for part in text.split(",")]
     except ValueError:
-        raise InputError("list", text, "be numbers with commas between them") from None
+        raise InputError("list", text, "be numbers with commas between them", "for example 0.1,0.2") from None
 
 
 def values_of(text: str | None) -> list[float] | None:

@@ -53,7 +53,8 @@ def make_folder(folder: Path, option: str = "--out") -> Path:
         if not os.access(folder, os.W_OK):
             raise PermissionError("no permission to write")
     except OSError as error:
-        raise InputError(option, str(folder), "be a folder that can be written to", str(error)) from None
+        remedy = f"{error.strerror or error}: name another"
+        raise InputError(option, str(folder), "be a folder that can be written to", remedy) from None
     return folder
 
 
@@ -65,10 +66,10 @@ def check_json(file: Path | None) -> None:
 
     file_path("--json", file)
     if file.is_dir():
-        raise InputError("--json", str(file), "be a file, or - for the terminal")
+        raise InputError("--json", str(file), "be a file, or - for the terminal", "name a file in that folder")
     make_folder(file.parent, "--json")
     if not os.access(file if file.exists() else file.parent, os.W_OK):
-        raise InputError("--json", str(file), "be a file that can be written to")
+        raise InputError("--json", str(file), "be a file that can be written to", "name another, or - for the terminal")
 
 
 def json_text(command: str, records: Mapping[str, Any]) -> str:

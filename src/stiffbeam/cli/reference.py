@@ -34,7 +34,8 @@ def reference_command(
     from ..basics.validation import InputError
 
     if sum(x is not None for x in (case, check, remake)) != 1:
-        raise InputError("reference", "its arguments", "be one of CASE, --check PATH and --remake DIR")
+        remedy = "give exactly one of them"
+        raise InputError("reference", "its arguments", "be one of CASE, --check PATH and --remake DIR", remedy)
     check_json(json_file)
     with progress() as show:
         if check is not None:
@@ -80,9 +81,8 @@ def _references(
     end = case.t_end if t_end is None else t_end
     if method == "all":
         if out is not None:
-            raise InputError(
-                "--out", str(out), "be left out with --method all", "name the one method whose file you want"
-            )
+            remedy = "name the one method whose file you want"
+            raise InputError("--out", str(out), "be left out with --method all", remedy)
         from ..studies.agreement import agree
 
         return [agree(case, form, end, budget=budget, rtol=rtol, progress=show).to_dict()]
@@ -95,6 +95,7 @@ def _references(
     solve = cached_reference if cache else reference
     found = solve(system, end, method, rtol=rtol, digits="auto" if digits == "auto" else int(digits))
     record = {
+        "measured": ["seconds"],
         "reference": found.label,
         "t_end": end,
         "horizon": found.horizon,

@@ -70,7 +70,7 @@ def _check(out: Path, jobs: int | None, json_file: Path | None) -> None:
     from ..basics.validation import InputError
 
     if jobs is not None and jobs < 1:
-        raise InputError("--jobs", jobs, "be >= 1")
+        raise InputError("--jobs", jobs, "be >= 1", "for example 2, or leave it out")
     check_json(json_file)
     make_folder(out)
 

@@ -60,7 +60,9 @@ def score(
             _list()
         return
     if trajectory:
-        card = score_trajectories(names[0], [read_trajectory(x) for x in trajectory], trajectory[-1].name)  # type: ignore[index]
+        label = trajectory[0].name if len(trajectory) == 1 else f"{len(trajectory)} files"
+        assert names is not None
+        card = score_trajectories(names[0], [read_trajectory(x) for x in trajectory], label)
     else:
         with progress() as bar:
             card = score_all(None if integrators is None else split_runs(integrators), names, progress=bar)

@@ -97,7 +97,7 @@ def command_of(name: str) -> Any:
         _ask(study, case, out, json_file, jobs, smoke, scheduler, options)
 
     around = {"out": (Out, None), "json_file": (Json, None), "smoke": (Smoke, False)}
-    if not study.timed:
+    if not study.measured:
         around |= {"jobs": (Jobs, None), "scheduler": (Scheduler, None)}
     keyword = inspect.Parameter.KEYWORD_ONLY
     parameters = [inspect.Parameter("case", keyword, default="table10", annotation=Case)]

@@ -47,7 +47,8 @@ def reproduce(
     wanted = list(TABLES if tables is None else tables)
     for number in wanted:
         if number not in TABLES:
-            raise InputError("table", number, f"be one of the paper's, {TABLES[0]} to {TABLES[-1]}")
+            remedy = "`stiffbeam cases` lists them"
+            raise InputError("table", number, f"be one of the paper's, {TABLES[0]} to {TABLES[-1]}", remedy)
     made = make_tables(wanted, reading, out, jobs, members, exact_members, progress)
     numbers = {number: finished.numbers for number, finished in made.items()}
     across = _Across(out / reading.name, reading, {"members": members, "exact_members": exact_members}, progress)

@@ -14,7 +14,7 @@ from ..figures import save_figure
 from ..files.cases import paper_cases
 from ..march.integrate import integrate
 from ..studies.engine.journal import Journal
-from ..studies.engine.runner import begin_worker, end_workers
+from ..studies.engine.workers import begin_worker, end_workers, undisturbed
 from .ensembles import EXACT_MEMBERS, MEMBERS, Numbers
 from .figures import panels, picture, save_small, together
 from .film import film
@@ -105,7 +105,8 @@ def _run(waiting: dict[int, Job], jobs: int, done: int, progress: Progress) -> I
             while queue or running:
                 while queue and len(running) < jobs:
                     number, job = queue.pop(0)
-                    running[pool.submit(make, job)] = number
+                    with undisturbed():
+                        running[pool.submit(make, job)] = number
                 progress("tables " + ", ".join(map(str, sorted(running.values()))), done, total)
                 for future in wait(running, return_when=FIRST_COMPLETED).done:
                     done += 1

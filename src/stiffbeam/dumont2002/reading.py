@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..basics.validation import InputError
+from ..basics.validation import InputError, one_of
 from ..march.rules import CONTACTS
 from ..schemes import Scheme
 from ..schemes.misprints import forms_of
@@ -24,8 +24,7 @@ class Reading:
     references: str | None = None
 
     def __post_init__(self) -> None:
-        if self.contact not in CONTACTS:
-            raise InputError("contact", self.contact, f"be one of {CONTACTS}")
+        one_of("contact", self.contact, CONTACTS)
 
     def scheme(self, scheme: Scheme) -> Scheme:
         """``scheme`` as this reading has it."""

@@ -36,7 +36,7 @@ def remake(
     """
     jobs = [job for job in wanted() if only is None or set(only) & set(job[2])]
     if not jobs:
-        raise InputError("only", only, "name tables of the paper")
+        raise InputError("only", only, "name tables of the paper", "for example table10")
     written = []
     for done, (name, form, tables) in enumerate(jobs):
         progress(f"{name}@{form}", done, len(jobs))

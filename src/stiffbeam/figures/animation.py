@@ -66,7 +66,7 @@ def animate(
 
 def _system(runs: Sequence[Trajectory]) -> System:
     if len({run.fingerprint for run in runs}) != 1:
-        raise InputError("runs", f"{len(runs)} runs", "be of one system")
+        raise InputError("runs", f"{len(runs)} runs", "be of one system", "make every run with the same System object")
     system = next((run.system for run in runs if run.system is not None), None)
     if system is None:
         raise InputError("runs", "loaded files", "have their system", "read them with it: sb.load(file, system)")

@@ -95,9 +95,9 @@ def load_cases(file: str | Path) -> dict[str, Case]:
     except InputError:
         raise
     except OSError as error:
-        raise InputError("case file", str(file), "be a readable file", str(error)) from None
+        raise InputError("case file", str(file), "be a readable file", f"{error.strerror}: give another") from None
     except ValueError as error:  # of TOML, of UTF-8, and of a path with a zero in it
-        raise InputError("case file", str(file), "be valid TOML", str(error)) from None
+        raise InputError("case file", str(file), "be valid TOML", f"mend it: {error}") from None
     except RecursionError:
         raise InputError("case file", str(file), "be valid TOML", "it nests lists too deeply") from None
     return _parse(data, str(file), file.parent)
@@ -178,16 +178,17 @@ def _parse(data: dict[str, Any], source: str, folder: Path | None = None) -> dic
     cases: dict[str, Case] = {}
     entries = data.get("case")
     if not isinstance(entries, list) or not entries:
-        raise InputError(f"{source}: case", entries, "be one or more [[case]] tables")
+        raise InputError(f"{source}: case", entries, "be one or more [[case]] tables", "begin the file with [[case]]")
     unknown = set(data) - {"case"}
     if unknown:
-        raise InputError(f"{source}: {min(unknown)}", data[min(unknown)], "stand inside a [[case]] table")
+        remedy = "move it below the line [[case]]"
+        raise InputError(f"{source}: {min(unknown)}", data[min(unknown)], "stand inside a [[case]] table", remedy)
     for entry in entries:
         if not isinstance(entry, dict):
             raise InputError(f"{source}: case", entry, "be a table", "write [[case]]")
         case = _Reader(entry, f"{source}: {entry.get('name', 'case')}", folder).case()
         if case.name in cases:
-            raise InputError(f"{source}: name", case.name, "be given once")
+            raise InputError(f"{source}: name", case.name, "be given once", "give each case a name of its own")
         cases[case.name] = case
     return cases
 
@@ -217,7 +218,7 @@ class _Reader(Reader):
         parsed = []
         for run in runs:
             if not isinstance(run, str):
-                raise self.error("runs", run, "be strings like 'hht(alpha=-0.1)@displacement'")
+                raise self.error("runs", run, "be strings like 'hht(alpha=-0.1)@displacement'", "write it in quotes")
             parsed.append(self.build(parse_run, run, form))
         published = self.get("published", dict, "be a table", {})
         for kind, values in published.items():
@@ -232,10 +233,10 @@ class _Reader(Reader):
         }  # fmt: skip
         if system is not None:
             if "cells" in self.table:
-                raise self.error("cells", self.table["cells"], "be left out: a system of matrices has no grid")
+                raise self.error("cells", self.table["cells"], "be left out", "a system of matrices has no grid")
             wrong = next((form for _, form in parsed if form != "matrices"), None)
             if wrong is not None:
-                raise self.error("runs", f"@{wrong}", "be without a form: it is that of the matrices")
+                raise self.error("runs", f"@{wrong}", "be without a form", "it is that of the matrices: leave @ out")
             return SystemCase(matrices=system, **common)
         assert beam is not None
         cells = self.get("cells", int, "be an integer >= 4")

@@ -21,7 +21,7 @@ def read_matrix(file: Path) -> Any:
     if file.suffix not in SUFFIXES:
         raise InputError("array", str(file), f"be a file of {', '.join(SUFFIXES)}", "or write its numbers here")
     if not file.is_file():
-        raise InputError("array", str(file), "be a file beside the case")
+        raise InputError("array", str(file), "be a file beside the case", "give its path relative to the case file")
     try:
         return {".mtx": _market, ".npz": _npz, ".npy": np.load}[file.suffix](file)
     except InputError:

@@ -24,7 +24,7 @@ class Reader:
     where: str
     folder: Path | None = None
 
-    def error(self, field: str, value: Any, rule: str, remedy: str = "") -> InputError:
+    def error(self, field: str, value: Any, rule: str, remedy: str) -> InputError:
         """An InputError that names file and table beside the field."""
         return InputError(f"{self.where}: {field}", value, rule, remedy)
 
@@ -76,7 +76,7 @@ class Reader:
             return [type(self)(given, f"{self.where}.{field}", self.folder)]
         for i, table in enumerate(given):
             if not isinstance(table, dict):
-                raise self.error(f"{field}[{i}]", table, "be a table")
+                raise self.error(f"{field}[{i}]", table, "be a table", "write it as { name = value, ... }")
         return [type(self)(table, f"{self.where}.{field}[{i}]", self.folder) for i, table in enumerate(given)]
 
     def polynomial(self, field: str) -> Any:

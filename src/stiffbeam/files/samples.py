@@ -17,10 +17,11 @@ def read_samples(file: Path, column: str | None = None) -> tuple[list[float], li
     try:
         lines = file.read_text(encoding="utf-8-sig").splitlines()
     except (OSError, UnicodeDecodeError) as error:
-        raise InputError("sampled", str(file), "be a readable file beside the case", str(error)) from None
+        raise InputError("sampled", str(file), "be a readable file beside the case", f"give another: {error}") from None
     rows = [(i + 1, _cells(line)) for i, line in enumerate(lines) if line.strip() and not line.startswith("#")]
     if not rows:
-        raise InputError("sampled", str(file), "hold two or more lines of numbers")
+        remedy = "a line holds a time and a value, as in 0.0, 1.5"
+        raise InputError("sampled", str(file), "hold two or more lines of numbers", remedy)
     names = [] if _number(rows[0][1][0]) is not None else rows.pop(0)[1]
     width = len(names or rows[0][1]) if rows else 0
     if column is not None and column not in names:
@@ -32,7 +33,8 @@ def read_samples(file: Path, column: str | None = None) -> tuple[list[float], li
     found: list[tuple[float, float]] = []
     for line, cells in rows:
         if len(cells) != width:
-            raise InputError("sampled", f"{file}, line {line}: {len(cells)} columns", f"have {width} columns")
+            remedy = "give every line as many cells as the first"
+            raise InputError("sampled", f"{file}, line {line}: {len(cells)} columns", f"have {width} columns", remedy)
         t, value = _number(cells[0]), _number(cells[wanted])
         if t is None or value is None:
             bad = cells[0] if t is None else cells[wanted]

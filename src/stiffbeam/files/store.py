@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-import h5py
 import xarray as xr
 from numpy.typing import ArrayLike
 
@@ -42,7 +41,7 @@ def load(file: str | Path, system: System | None = None, t_eval: ArrayLike | Non
         require_system(system)
     t_eval = None if t_eval is None else numbers("t_eval", t_eval)
     try:
-        _read_all(path)
+        netcdf.require_whole(path)
         with xr.open_dataset(path, engine="h5netcdf", decode_times=False) as opened:
             data = opened.load()
             if "stiffbeam_frozen" in data.attrs:
@@ -50,21 +49,9 @@ def load(file: str | Path, system: System | None = None, t_eval: ArrayLike | Non
             return _from_dataset(data, path, system)
     except InputError:
         raise
-    except (OSError, ValueError, KeyError, TypeError, RuntimeError, AttributeError, IndexError) as error:
-        raise InputError("file", str(path), "be a whole netCDF-4 file", str(error)) from None
-
-
-def _read_all(path: Path) -> None:
-    """Read every attribute and value once: a damaged file fails here, before xarray has it half open."""
-
-    def read(name: str, item: h5py.Group | h5py.Dataset) -> None:
-        dict(item.attrs)
-        if isinstance(item, h5py.Dataset):
-            item[()]
-
-    with h5py.File(path) as file:
-        dict(file.attrs)
-        file.visititems(read)
+    except Exception as error:  # whatever xarray raises for what another tool has written
+        remedy = f"it is damaged, make it again: {error}"
+        raise InputError("file", str(path), "be a whole netCDF-4 file", remedy) from None
 
 
 def _from_dataset(data: xr.Dataset, path: Path, system: System | None) -> Trajectory:

@@ -56,7 +56,9 @@ class SystemReader(Reader):
         row = np.zeros(n)
         for unknown in given:
             if not unknown.isdigit() or int(unknown) >= n:
-                raise self.error(f"{field}.{unknown}", given[unknown], f"be of an unknown from 0 to {n - 1}")
+                raise self.error(
+                    f"{field}.{unknown}", given[unknown], f"be of an unknown from 0 to {n - 1}", "the first is 0"
+                )
             row[int(unknown)] = entries.number(unknown)
         return row
 
@@ -71,7 +73,7 @@ class SystemReader(Reader):
         try:
             return np.asarray(given, float)
         except (TypeError, ValueError):
-            raise self.error(field, given, "be numbers, every row as long as the first") from None
+            raise self.error(field, given, "be numbers, every row as long as the first", "fill rows with 0") from None
 
     def load(self, n: int) -> tuple[Any, LoadFunction]:
         """(vector, time function) of one load on n unknowns."""

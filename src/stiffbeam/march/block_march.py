@@ -15,7 +15,7 @@ from ..model.stage import LINEAR
 from ..model.system import System
 from ..model.time_functions import offset_rate
 from ..schemes import Scheme
-from ..trajectory.recorder import Seen, record
+from ..trajectory.recorder import Seen, overflow, record
 from ..trajectory.sampling import CONTACT, END, EVENT, IMPACT_IMPULSE, IMPACT_PEAK, MEMBER, ROW, SIDE, new_tally
 from .build import build
 from .choice import nodes_per_block
@@ -222,7 +222,8 @@ class March:
         diverged = int(self.state.diverged[member])
         if diverged < 0:
             raise unsolved(self.stepper.scheme, -diverged * self.stepper.dt)
-        when = diverged * self.stepper.dt if diverged else np.nan
+        dt = self.stepper.dt
+        when = diverged * dt if diverged else overflow(contacts, self.steps * dt)
         return Seen(positions[:, tip].copy(), velocities[:, tip].copy(), contacts, when)
 
     def _finish(self) -> None:

@@ -53,7 +53,8 @@ def integrate_ensemble(
     plan.afford(len(members), every)
     passed = round(record_from(since, t_end) / dt)
     if abs(passed * dt - since) > 1e-9 * t_end:
-        raise InputError("since", since, f"be a whole number of steps dt = {dt:g}")
+        remedy = f"for example {dt * int(since / dt):.12g}"
+        raise InputError("since", since, f"be a whole number of steps dt = {dt:g}", remedy)
     compile_seconds = warm_up() if plan.engine == "numba" else 0.0
     # A device is shared by no threads.
     size, threads = (DEVICE_MEMBERS, 1) if engine == "jax" else (MEMBERS_PER_SLICE, cores())

@@ -20,7 +20,7 @@ from ..schemes.contract import check_contract
 from ..schemes.scheme import require_scheme
 from ..trajectory.ledger import Ledger, reaction_ledger, step_ledger
 from ..trajectory.reactions import Reactions
-from ..trajectory.recorder import SampledImpacts, Seen, record
+from ..trajectory.recorder import SampledImpacts, Seen, overflow, record
 from ..trajectory.trajectory import versions
 from .block_march import RUNS, Stepper, initial_channels
 from .choice import pays
@@ -109,7 +109,7 @@ class Plan:
                     "system", "a FirstOrderSystem", "be of second order for rigid stops", "pass the System"
                 )
             if engine != "numba":
-                raise InputError("engine", engine, "be numba for rigid stops")
+                raise InputError("engine", engine, "be numba for rigid stops", "leave engine out")
             return cls(system, parent, scheme, dt, steps, t_end, contact, form, omega_max, engine, None, True)
         coordinates = Together.of(system) if basis is None else InModes(parent, basis)
         if not pays(coordinates, scheme, steps):
@@ -174,7 +174,7 @@ class Plan:
         """The run in pieces, where it is not in blocks."""
         if self.rigid and isinstance(system, System):  # it may be a member with stops of its own
             if not is_rigid(system, self.scheme):
-                raise InputError("members", "one with compliant stops", "all have rigid stops where one has")
+                raise InputError("members", "compliant stops", "have rigid ones where one has", "integrate them apart")
             require_rigid(system, self.scheme, self.contact)
             return rigid_pieces(system, self.scheme, self.dt, self.steps)
         return direct_pieces(system, self.scheme, self.dt, self.steps, self.contact)
@@ -266,6 +266,7 @@ def seen_directly(
         else record(s.stops, positions[:, i], velocities[:, i], s.tally, s.events, plan.steps)
         for i, s in enumerate(samplers)
     )  # fmt: skip
+    diverged = overflow(contacts, plan.t_end) if np.isnan(diverged) else diverged
     return Seen(positions[:, tip], velocities[:, tip], contacts, diverged), seconds
 
 

@@ -103,7 +103,8 @@ class Comparison:
     def figure(self) -> Figure:
         """The run beside the reference, a matplotlib Figure. Raises InputError for a comparison without its runs."""
         if self.pair is None:
-            raise InputError("figure", "a comparison without its runs", "be asked of what compare returned")
+            remedy = "compare the run and the reference again"
+            raise InputError("figure", "a comparison without its runs", "be asked of what compare returned", remedy)
         return picture("run:comparison_figure", *self.pair)
 
     def to_dataframe(self) -> pandas.DataFrame:

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..basics.arrays import Array
 from ..basics.validation import InputError
-from ..model.modes import modes
+from ..model.modes import uncoupled_modes
 from ..trajectory.trajectory import Trajectory
 
 START = 0.1  # the share of the run left out, in which a scheme's parasitic roots die
@@ -46,9 +46,7 @@ def free_mode_errors(run: Trajectory) -> ModeErrors:
         raise InputError("run", "a loaded file", "come from integrate", "integrate again")
     if system.loads or any(contact.fraction for contact in run.contacts):
         raise InputError("run", "a run with loads or impacts", "be free", "take the loads and stops away")
-    basis = modes(system)
-    if basis is None:
-        raise InputError("damping", "a matrix that couples the modes", "decouple")
+    basis = uncoupled_modes(system)
     q, v = run.states
     c, rate = basis.to_modal(q), basis.to_modal(v)
     decay, omega_d = 0.5 * basis.damping, np.sqrt(np.maximum(basis.omega**2 - (0.5 * basis.damping) ** 2, 0.0))

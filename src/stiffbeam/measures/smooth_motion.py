@@ -9,7 +9,7 @@ import numpy as np
 from ..basics.arrays import Array
 from ..basics.validation import InputError
 from ..model.drive import Drive
-from ..model.modes import modes
+from ..model.modes import uncoupled_modes
 from ..model.system import System
 
 
@@ -28,8 +28,7 @@ def smooth_motion(system: System) -> System:
     """
     system = without_contact(system)
     y, g = steady_state(system)
-    basis = modes(system)
-    assert basis is not None
+    basis = uncoupled_modes(system)
     q, v = g @ y, Drive.of(system).derivative() @ g @ y
     size = float(np.max(np.abs(q))) or 1.0
     lowest = int(np.argmax(basis.omega > 0.0))
@@ -42,13 +41,12 @@ def steady_state(system: System) -> tuple[Array, Array]:
 
     Raises InputError where the damping couples the modes, and for a sampled load.
     """
-    basis = modes(system)
-    if basis is None:
-        raise InputError("damping", "a matrix that couples the modes", "decouple for the steady motion")
+    basis = uncoupled_modes(system)
     drive = Drive.of(system)
     unit, samples = drive.split(system.loads, system.size)
     if samples:
-        raise InputError("loads", "a sampled load", "be harmonic or constant for the steady motion")
+        remedy = "replace the samples by a Harmonic"
+        raise InputError("loads", "a sampled load", "be harmonic or constant for the steady motion", remedy)
     # With the load unit^T g, g' = D g and eta = y^T g in a mode: (D^T D^T + c D^T + w^2) y = its force.
     forces, rate = basis.force(unit), drive.derivative().T
     y = np.empty_like(forces)

@@ -7,7 +7,7 @@ import numpy as np
 from ..basics.arrays import Array
 from ..basics.validation import InputError, positive
 from ..model.drive import Drive
-from ..model.modes import modes
+from ..model.modes import uncoupled_modes
 from ..model.system import System
 from ..trajectory.trajectory import Reference, Trajectory
 
@@ -22,12 +22,11 @@ def slowest_period(system: System) -> float:
 
     Raises InputError where the damping couples the modes, and where nothing oscillates.
     """
-    basis = modes(system)
-    if basis is None:
-        raise InputError("damping", "a matrix that couples the modes", "decouple for the smooth motion")
+    basis = uncoupled_modes(system)
     frequencies = [*map(float, basis.omega[basis.omega > 0.0][:1]), *Drive.of(system).frequencies]
     if not frequencies:
-        raise InputError("system", "no stiffness and no drive", "have a frequency")
+        remedy = "give it stiffness or a Harmonic drive"
+        raise InputError("system", "no stiffness and no drive", "have a frequency", remedy)
     return 2.0 * np.pi / min(frequencies)
 
 

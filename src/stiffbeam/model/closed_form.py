@@ -52,7 +52,8 @@ def tip_response(problem: BeamProblem) -> complex:
     """
     _papers(problem)
     if not isinstance(problem.base, Harmonic) or problem.loads:
-        raise InputError("problem", "its drive", "be a harmonic base and no loads for the closed form")
+        remedy = "take stiffbeam.reference for other drives"
+        raise InputError("problem", "its drive", "be a harmonic base and no loads for the closed form", remedy)
     a = problem.base.frequency
     inertia = problem.mass_per_length * problem.length**4 * a**2
     root = (inertia / complex(problem.stiffness, a * problem.viscosity)) ** 0.25
@@ -64,4 +65,9 @@ def _papers(problem: BeamProblem) -> None:
     if problem.for_elements or problem.tip_mass or problem.mass_damping:
         found = f"{problem.supports}, tip mass {problem.tip_mass:g}, mass damping {problem.mass_damping:g}"
         found += "".join(f", {name}" for name in problem.for_elements if name != "supports")
-        raise InputError("problem", found, "be clamped-free without tip mass and mass damping for the closed form")
+        raise InputError(
+            "problem",
+            found,
+            "be clamped-free without tip mass and mass damping for the closed form",
+            "take stiffbeam.reference for other beams",
+        )

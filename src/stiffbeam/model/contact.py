@@ -68,7 +68,8 @@ class Stops:
                 remedy = "for compliant ones use damping, or stiffbeam.Stops.from_restitution"
                 raise InputError("stops.restitution", self.restitution, "be left out unless stiffness=inf", remedy)
             if not 0.0 <= number("stops.restitution", self.restitution) <= 1.0:
-                raise InputError("stops.restitution", self.restitution, "lie in [0, 1]")
+                remedy = "0 takes all the speed, 1 none"
+                raise InputError("stops.restitution", self.restitution, "lie in [0, 1]", remedy)
             object.__setattr__(self, "restitution", float(self.restitution))
         if self.lower is None and self.upper is None:
             raise InputError("stops", "no side", "have a lower or an upper stop", "for no contact leave stops out")

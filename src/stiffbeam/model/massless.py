@@ -48,7 +48,7 @@ def massless_contacts(system: System, redistribute: str = "neighbour") -> System
     """
     one_of("redistribute", redistribute, REDISTRIBUTIONS)
     if not system.contacts:
-        raise InputError("system", "no contact", "have contacts for massless ones")
+        raise InputError("system", "no contact", "have contacts for massless ones", "give the problem stops")
     nodes = [_node(contact) for contact in system.contacts]
     for b in nodes:
         _require_condensable(system, nodes, b)
@@ -88,18 +88,18 @@ def _require_condensable(system: System, nodes: list[int], b: int) -> None:
     stops, others = contact.stops, np.arange(system.size) != b
     if stops.restitution is not None:
         rule = "be left out for a massless contact, which has no velocity to turn round"
-        raise InputError("stops.restitution", stops.restitution, rule)
+        raise InputError("stops.restitution", stops.restitution, rule, "leave restitution out of the Stops")
     if not stops.rigid:
         stops.require_linear("a massless contact")
     if nodes.count(b) > 1:
-        raise InputError(
-            "contacts", f"several at unknown {b}", "be at unknowns of their own", "join their stops into one"
-        )
+        remedy = "join their stops into one"
+        raise InputError("contacts", f"several at unknown {b}", "be at unknowns of their own", remedy)
     if np.any(system.stiffness[b, [x for x in nodes if x != b]]):
         rule = "have no other contact node coupled to it in stiffness"
         raise InputError(f"unknown {b}", "a contact node beside another", rule, "refine the grid between the contacts")
     if not system.stiffness[b, b] > 0.0:
-        raise InputError(f"stiffness[{b}, {b}]", float(system.stiffness[b, b]), "be > 0: the node must be held")
+        remedy = "add stiffness at the node"
+        raise InputError(f"stiffness[{b}, {b}]", float(system.stiffness[b, b]), "be > 0: the node must be held", remedy)
     if np.any(system.damping[b]):
         rule = "be 0 in the row of a massless contact, which would move at a rate of its own"
         raise InputError(f"damping[{b}]", float(np.max(np.abs(system.damping[b]))), rule, "leave the viscosity out")
@@ -111,7 +111,8 @@ def _require_condensable(system: System, nodes: list[int], b: int) -> None:
             rule = "be made of Harmonic, Constant and Sampled where it acts on a massless contact"
             raise InputError("loads", function, rule, "sample it: stiffbeam.Sampled(t, values)")
     if not np.any(system.stiffness[b, others]):
-        raise InputError(f"unknown {b}", "a node coupled to nothing", "be coupled to others in stiffness")
+        remedy = "put the contact on a node of the structure"
+        raise InputError(f"unknown {b}", "a node coupled to nothing", "be coupled to others in stiffness", remedy)
 
 
 def _to_neighbours(system: System, nodes: list[int]) -> Array:
@@ -123,9 +124,8 @@ def _to_neighbours(system: System, nodes: list[int]) -> Array:
         others = np.delete(mass[b], b)
         if np.any(others):
             rule = "be 0 beside the diagonal in the row of a massless contact, for redistribute='neighbour'"
-            raise InputError(
-                f"mass[{b}]", float(np.max(np.abs(others))), rule, "use redistribute='renard' or lump the mass"
-            )
+            remedy = "use redistribute='renard' or lump the mass"
+            raise InputError(f"mass[{b}]", float(np.max(np.abs(others))), rule, remedy)
         j = int(np.argmax(coupling))
         mass[j, j] += mass[b, b]
         mass[b, b] = 0.0
@@ -145,9 +145,8 @@ def _nearest(system: System, nodes: list[int]) -> Array:
     share = np.linalg.lstsq(matrix, np.array([lost[i, j] for i, j in pairs]))[0]
     found = kept + np.tensordot(share, np.array(units), 1)
     if not np.max(np.abs(X.T @ found @ X - X.T @ system.mass @ X)) <= 1e-9 * np.max(np.abs(X.T @ system.mass @ X)):
-        raise InputError(
-            "mass", "too few entries", "have room for the mass of the nodes", "use redistribute='neighbour'"
-        )
+        remedy = "use redistribute='neighbour'"
+        raise InputError("mass", "too few entries", "have room for the mass of the nodes", remedy)
     return found
 
 

@@ -14,6 +14,8 @@ from ..basics.budget import afford
 from ..basics.validation import InputError, integer, itself, non_negative, number, numbers, positive, sequence
 from .contact import Stops
 from .modes import undamped_modes
+from .problem import BeamProblem, Profile
+from .profiles import PolynomialProfile
 from .sampled import Sampled
 from .semidiscretisation import semidiscretise
 from .system import System, require_system
@@ -47,11 +49,13 @@ class Members(Sequence[System]):
             if name not in DIFFERENT:
                 raise InputError("members", name, f"differ in {', '.join(DIFFERENT)} only", "integrate them one by one")
             if len(sequence(f"members.fields[{name!r}]", values, "be one value per member")) != len(self.values):
-                raise InputError("members", len(values), f"have one of {name} per value, {len(self.values)}")
+                remedy = "give as many of both"
+                raise InputError("members", len(values), f"have one of {name} per value, {len(self.values)}", remedy)
         for contacts in self.fields.get("contacts", ()):
             own = self.system.contacts
             if len(contacts) != len(own) or not all(same(a.row, b.row) for a, b in zip(contacts, own, strict=True)):
-                raise InputError("members", "contacts on other rows", "share contact rows with the system")
+                remedy = "make the others with replace(contact, stops=...)"
+                raise InputError("members", "contacts on other rows", "share contact rows with the system", remedy)
 
     def __repr__(self) -> str:
         return f"<Members: {len(self)} of {self.system!r}, {self.parameter}>"
@@ -84,16 +88,18 @@ def as_members(system: System, members: Members | Sequence[System]) -> Members:
             shared += [(a, b) for (a, _), (b, _) in zip(system.channels, member.channels, strict=False)]
             alike = len(system.channels) == len(member.channels) and len(system.contacts) == len(member.contacts)
             if not alike or not all(np.array_equal(a, b) for a, b in shared):
-                raise InputError("members", member.form, "share matrices and contact rows with the system")
+                remedy = "integrate systems with other matrices one by one"
+                raise InputError("members", member.form, "share matrices and contact rows with the system", remedy)
             if _callables(member.loads, member.contacts) != _callables(system.loads, system.contacts):
                 rule = "share every callable load and offset with the system"
                 raise InputError("members", member.form, rule, "integrate such systems one by one")
         fields = {name: [getattr(member, name) for member in given] for name in DIFFERENT}
         members = Members(system, "systems", np.arange(len(given)), fields)
     elif members.system.fingerprint != system.fingerprint:
-        raise InputError("members", members.parameter, "be made from the system that is integrated")
+        remedy = "make the members anew from this system, or integrate members.system"
+        raise InputError("members", members.parameter, "be made from the system that is integrated", remedy)
     if not len(members):
-        raise InputError("members", 0, "be at least one")
+        raise InputError("members", 0, "be at least one", "give one value or more")
     return members
 
 
@@ -168,20 +174,23 @@ def varied(
     """One member per value of one parameter.
 
     frequency, amplitude: of the drive, which is the base motion of a beam that has one, else every
-    Harmonic among the loads; they must be one and the same then. stops: the Stops of each member, with
-    several contacts a sequence of one per contact. Raises InputError.
+    Harmonic among the loads; they must be one and the same then. Stops of a beam that move as its base does move with
+    it in every member, and a beam that starts with the speed of its base starts with the new one; other motions and
+    initial data stay. stops: the Stops of each member, with several contacts a sequence of one per contact. Raises
+    InputError, also for matrices whose stops move at the drive's frequency: what they do then is not known.
     """
     require_system(system)
     given = {"frequency": frequency, "amplitude": amplitude, "stops": stops}
     chosen = [name for name, value in given.items() if value is not None]
     if len(chosen) != 1:
-        raise InputError("varied", chosen, f"be given exactly one of {sorted(given)}")
+        remedy = "for systems that differ in more, pass a list of them"
+        raise InputError("varied", chosen, f"be given exactly one of {sorted(given)}", remedy)
     if stops is not None:
         return _with_stops(system, stops)
     name = chosen[0]
     values = np.atleast_1d(numbers(name, given[name])).ravel()
     if not len(values):
-        raise InputError(name, given[name], "name at least one member")
+        raise InputError(name, given[name], "name at least one member", "give one value or more")
     for value in values:
         (positive if name == "frequency" else number)(name, float(value))
     drive = _drive(system, name)
@@ -199,13 +208,14 @@ def _with_stops(system: System, stops: Sequence[Stops | Sequence[Stops]]) -> Mem
     for entry in sequence("stops", stops, "be the Stops of each member"):
         each: list[Any] = list(entry) if isinstance(entry, (tuple, list)) else [entry]
         if len(each) != len(system.contacts):
-            raise InputError("stops", entry, f"be {len(system.contacts)} Stops, one per contact")
+            remedy = "give a list of lists, Stops of every contact in each"
+            raise InputError("stops", entry, f"be {len(system.contacts)} Stops, one per contact", remedy)
         for stop in each:
             itself("stops", stop, Stops)
         pairs = zip(system.contacts, each, strict=True)
         contacts.append(tuple(replace(contact, stops=stop) for contact, stop in pairs))
     if not contacts:
-        raise InputError("stops", stops, "name at least one member")
+        raise InputError("stops", stops, "name at least one member", "give one value or more")
     return Members(system, "stops", list(stops), {"contacts": contacts})
 
 
@@ -228,14 +238,34 @@ def _driven(system: System, new: Harmonic, old: Harmonic) -> System:
     """``system`` with one drive for another, its matrices kept."""
     problem = system.problem
     if problem is None:
+        if any(isinstance(f, Harmonic) and f.frequency == old.frequency
+               for contact in system.contacts for f in parts_of(contact.offset)):  # fmt: skip
+            rule = "have no stops that move at the drive's frequency"
+            raise InputError("system", "moving stops", rule, "build the systems one by one")
         loads = tuple((vector, new if function == old else function) for vector, function in system.loads)
         return replace(system, loads=loads)
     if problem.base is not None:
-        problem = replace(problem, base=new)
+        stops = tuple(replace(each, motion=new) if each.motion == old else each for each in problem.all_stops)
+        problem = replace(problem, base=new, stops=stops or None, initial_velocity=_with_base(problem, new, old))
     else:
         loads = tuple(replace(load, time=new) if load.time == old else load for load in problem.loads)
         problem = replace(problem, loads=loads)
     return semidiscretise(problem, system.cells or system.size, system.form)
+
+
+def _with_base(problem: BeamProblem, new: Harmonic, old: Harmonic) -> Profile | None:
+    """The initial velocity for another base motion: that of the base, where the beam had it; else what it was."""
+    given, before, after = problem.initial_velocity, float(old.rate(0.0)), float(new.rate(0.0))
+    if given is None or before == 0.0 or before == after:
+        return given
+    speeds = np.broadcast_to(np.asarray(given(np.linspace(0.0, problem.length, 9)), float), 9)
+    same_speed = np.abs(speeds - before) <= 1e-6 * abs(before)
+    if np.all(same_speed):
+        return PolynomialProfile((after,))
+    if same_speed[0]:
+        rule = "be uniform where it starts with the base's speed and that varies"
+        raise InputError("initial_velocity", "a profile over x", rule, "build the systems one by one")
+    return given
 
 
 def _amplitude(function: LoadFunction) -> tuple[float, float]:

@@ -54,6 +54,15 @@ def undamped_modes(system: System) -> Modes:
     return found
 
 
+def uncoupled_modes(system: System) -> Modes:
+    """The modes of ``system``. Raises InputError where its damping couples them."""
+    found = modes(system)
+    if found is None:
+        remedy = "make damping a sum of multiples of mass and stiffness, or leave it out"
+        raise InputError("damping", "a matrix that couples the modes", "leave the modes apart here", remedy)
+    return found
+
+
 def modes(system: System, springs: tuple[tuple[Array, float], ...] = ()) -> Modes | None:
     """The modes of ``system`` with extra springs (row, stiffness), or None if damping couples them.
 
@@ -72,20 +81,22 @@ def modes(system: System, springs: tuple[tuple[Array, float], ...] = ()) -> Mode
 _FOUND: WeakKeyDictionary[System, Modes | None] = WeakKeyDictionary()
 
 
+@np.errstate(over="ignore")  # refused by ``_within_float64``
 def _modes(system: System, springs: tuple[tuple[Array, float], ...] = ()) -> Modes | None:
     into, back = _root(system.mass)
     if system.stiffness_factor is not None:
         factor = np.vstack([system.stiffness_factor, *(np.sqrt(kappa) * row for row, kappa in springs)])
-        _, omega, vectors = scipy.linalg.svd(into(factor.T).T, full_matrices=False)
+        _, omega, vectors = scipy.linalg.svd(_within_float64("stiffness", into(factor.T).T), full_matrices=False)
         omega, shapes = omega[::-1], back(vectors[::-1].T)
         rigid = len(omega) - np.count_nonzero(np.any(factor, axis=1))  # as many motions strain nothing
         omega = np.where(np.arange(len(omega)) < rigid, 0.0, omega)
     else:
         stiffness = system.stiffness + sum(kappa * np.outer(row, row) for row, kappa in springs)
-        scaled = into(into(stiffness).T)
-        squares, vectors = scipy.linalg.eigh(0.5 * (scaled + scaled.T))
+        scaled = 0.5 * into(into(stiffness).T)
+        squares, vectors = scipy.linalg.eigh(_within_float64("stiffness", scaled + scaled.T))
         if squares[0] < -1e-9 * squares[-1]:
-            raise InputError("stiffness", f"least eigenvalue {squares[0]:.3g}", "be positive semidefinite")
+            remedy = "look at the signs and the supports it was made with"
+            raise InputError("stiffness", f"least eigenvalue {squares[0]:.3g}", "be positive semidefinite", remedy)
         shapes = back(vectors)
         squares, shapes = graded_eigenpairs(system.mass, system.stiffness, springs, squares, shapes)
         omega = np.sqrt(np.maximum(squares, 0.0))
@@ -93,11 +104,19 @@ def _modes(system: System, springs: tuple[tuple[Array, float], ...] = ()) -> Mod
     shapes = shapes * np.where(shapes[np.argmax(np.abs(shapes), axis=0), np.arange(shapes.shape[1])] < 0, -1.0, 1.0)
     diagonal = np.zeros(len(omega))
     if system.damped:
-        damping = shapes.T @ system.damping @ shapes
+        damping = _within_float64("damping", shapes.T @ system.damping @ shapes)
         diagonal = np.diag(damping).copy()
         if np.max(np.abs(damping - np.diag(diagonal))) > 1e-9 * max(np.max(np.abs(diagonal)), 1e-300):
             return None
     return Modes(omega=np.ascontiguousarray(omega), shapes=shapes, damping=diagonal, mass=system.mass)
+
+
+def _within_float64(name: str, scaled: Array) -> Array:
+    """``scaled``, a matrix over the mass. Raises InputError where that overflows."""
+    if not np.all(np.abs(scaled) < 1e300):  # a few are added up on the way
+        remedy = "count length, time or mass in other units"
+        raise InputError(name, "1e300 or more beside its mass", "be in the range of float64 over the mass", remedy)
+    return scaled
 
 
 def _root(mass: Array) -> tuple[Callable[[Array], Array], Callable[[Array], Array]]:

@@ -148,7 +148,8 @@ class BeamProblem:
     def one_stops(self, field: str) -> Stops:
         """The stops of a problem that has them at one place. Raises InputError for none and for several."""
         if not isinstance(self.stops, Stops):
-            raise InputError(field, f"{len(self.all_stops)} stops", "have stops at one place, neither none nor several")
+            rule, remedy = "have stops at one place, neither none nor several", "keep the stops at one place"
+            raise InputError(field, f"{len(self.all_stops)} stops", rule, remedy)
         return self.stops
 
     @property
@@ -218,12 +219,14 @@ class BeamProblem:
         for end, at, beside in zip(self.ends, (0, -1), (1, -2), strict=True):
             if end != "free" and abs(u[at] - phi0) > 1e-9 * scale:
                 rule = f"equal the base motion phi(0) = {phi0} at x = {x[at]:g}"
-                raise InputError("initial_displacement", float(u[at]), rule)
+                remedy = "add what is missing to initial_displacement, or change the phase of the base"
+                raise InputError("initial_displacement", float(u[at]), rule, remedy)
             # A smooth profile with u0' = 0 moves by O(step^2) only.
             most = 0.02 * step * float(np.max(np.abs(u - u[at]))) + 1e-14 * scale
             if end == "clamped" and abs(u[beside] - u[at]) > most:
                 slope = float((u[beside] - u[at]) / (x[beside] - x[at]))
-                raise InputError("initial_displacement", slope, f"have zero slope at the clamp x = {x[at]:g}")
+                remedy = "give a profile that leaves the clamp flat, as x**2 does"
+                raise InputError("initial_displacement", slope, f"have zero slope at the clamp x = {x[at]:g}", remedy)
 
     @classmethod
     def from_physical(

@@ -100,7 +100,8 @@ def reduced(
     forces += [] if observe is None else [np.asarray(observe, float)]
     for p in forces:
         if p.shape != (n,):
-            raise InputError("loads, contacts and observe", p.shape, f"have shape ({n},)")
+            remedy = "give one number per unknown of the matrices"
+            raise InputError("loads, contacts and observe", p.shape, f"have shape ({n},)", remedy)
     rows = np.array(forces).reshape(len(forces), n).T
     T = shapes[:, :modes]
     for static in factor.solve(rows).T:

@@ -48,7 +48,8 @@ class Sampled:
                 raise InputError(f"sampled.{name}", given, rule, "give a list")
             object.__setattr__(self, name, read_only(array))
         if len(self.t) != len(self.values):
-            raise InputError("sampled.values", len(self.values), f"be one per time, {len(self.t)}")
+            remedy = "give as many values as times"
+            raise InputError("sampled.values", len(self.values), f"be one per time, {len(self.t)}", remedy)
         steps = np.diff(self.t)
         if not np.all(steps > 0.0):
             at = int(np.argmin(steps > 0.0))
@@ -56,7 +57,12 @@ class Sampled:
             raise InputError("sampled.t", float(self.t[at + 1]), f"increase: it follows {self.t[at]:g}", remedy)
         order = self.derivative
         if isinstance(order, bool) or not isinstance(order, int) or not 0 <= order <= KINDS[self.kind]:
-            raise InputError("derivative", order, f"be an integer from 0 to {KINDS[self.kind]} for kind={self.kind!r}")
+            raise InputError(
+                "derivative",
+                order,
+                f"be an integer from 0 to {KINDS[self.kind]} for kind={self.kind!r}",
+                "0 is the function itself",
+            )
         with np.errstate(over="ignore", invalid="ignore"):
             if not np.all(np.isfinite(self.pieces)):
                 remedy = "check the times: two lie so close that slopes overflow"
@@ -126,7 +132,7 @@ class Sampled:
         t = np.asarray(t, float)
         self.covers(float(np.min(t, initial=self.t[0])), float(np.max(t, initial=self.t[-1])))
         if not np.all(np.isfinite(t)):
-            raise InputError("t", "a time that is not finite", "be a time")
+            raise InputError("t", "a time that is not finite", "be a time", "look at what it was computed from")
         return np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, len(self.t) - 2)
 
     def covers(self, start: float, end: float) -> None:
@@ -136,9 +142,8 @@ class Sampled:
             if not self.t[0] - slack <= t <= self.t[-1] + slack:
                 remedy = "give it samples that say what acts there, 0 for nothing"
                 where = f"[{self.t[0]:.12g}, {self.t[-1]:.12g}]"
-                raise InputError(
-                    "a sampled time function", f"t = {t:.12g}", f"be asked within its samples, {where}", remedy
-                )
+                rule = f"be asked within its samples, {where}"
+                raise InputError("a sampled time function", f"t = {t:.12g}", rule, remedy)
 
     def taylor(self, t: ArrayLike) -> Array:
         """(..., 4): coefficient k of s^k in f(t + s), which holds up to the next sample."""

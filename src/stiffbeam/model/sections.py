@@ -29,7 +29,8 @@ class Section:
         for name in ("end", "stiffness", "mass"):
             object.__setattr__(self, name, positive(f"section.{name}", getattr(self, name)))
         if not self.begin < self.end:
-            raise InputError("section.end", self.end, f"be > section.begin = {self.begin:g}")
+            remedy = "exchange them, or move the end"
+            raise InputError("section.end", self.end, f"be > section.begin = {self.begin:g}", remedy)
 
 
 def checked(sections: Sequence[Section], length: float) -> tuple[Section, ...]:
@@ -40,9 +41,14 @@ def checked(sections: Sequence[Section], length: float) -> tuple[Section, ...]:
     found = tuple(sorted(sections, key=lambda s: s.begin))
     for one, after in pairwise(found):
         if after.begin < one.end:
-            raise InputError("section.begin", after.begin, f"be at or past the end {one.end:g} of the one before")
+            raise InputError(
+                "section.begin",
+                after.begin,
+                f"be at or past the end {one.end:g} of the one before",
+                "let sections follow each other, each beginning where the one before ends",
+            )
     if found and found[-1].end > length * (1 + 1e-12):
-        raise InputError("section.end", found[-1].end, f"lie on the beam, to {length:g}")
+        raise InputError("section.end", found[-1].end, f"lie on the beam, to {length:g}", "shorten the section")
     return found
 
 
@@ -87,7 +93,8 @@ def modal_damping(mass: ArrayLike, stiffness: ArrayLike, ratio: float | Sequence
     zeta = np.zeros(len(squares))
     if isinstance(ratios, tuple):
         if len(ratios) > len(zeta):
-            raise InputError("modal_damping", len(ratios), f"be at most one for each of {len(zeta)} modes")
+            remedy = "leave the last ones out, or take more cells"
+            raise InputError("modal_damping", len(ratios), f"be at most one for each of {len(zeta)} modes", remedy)
         zeta[: len(ratios)] = ratios
     else:
         zeta[:] = ratios

@@ -116,7 +116,7 @@ class Sum:
     def __init__(self, *functions: TimeFunction) -> None:
         itself("time function", self, Sum)
         if not functions:
-            raise InputError("Sum", "nothing", "have at least one function of time")
+            raise InputError("Sum", "nothing", "have at least one function of time", "for none give Constant(0.0)")
         for function in functions:
             if not isinstance(function, TimeFunction):
                 remedy = "for example Harmonic or Sampled"
@@ -257,15 +257,12 @@ def evaluate(function: LoadFunction, t: ArrayLike) -> Array:
     except (TypeError, ValueError, OverflowError):
         raise InputError("a time function", given, "return real numbers", remedy) from None
     if values.shape != t.shape and values.shape != ():
-        raise InputError(
-            "a time function",
-            values.shape,
-            f"return one value per time, shape {t.shape}",
-            "write it with NumPy functions, so that it takes an array of times",
-        )
+        remedy = "write it with NumPy functions, so that it takes an array of times"
+        raise InputError("a time function", values.shape, f"return one value per time, shape {t.shape}", remedy)
     if not np.all(np.isfinite(values)):
         first = t[~np.isfinite(np.broadcast_to(values, t.shape))].flat[0]
-        raise InputError("a time function", f"a value that is not finite at t = {first:g}", "be finite")
+        remedy = "give a function that has a value at every time"
+        raise InputError("a time function", f"a value that is not finite at t = {first:g}", "be finite", remedy)
     return np.broadcast_to(values, t.shape)
 
 

@@ -36,10 +36,11 @@ def check_contract(scheme: Scheme) -> None:
         if len(stages) != nodes or any(np.shape(y) != (2, 2) for y in stages) or np.shape(z_new) != shape:
             got = f"{len(stages)} states at nodes, of shapes {[np.shape(y) for y in stages]}, and {np.shape(z_new)}"
             rule = f"return a state of shape {shape} and {nodes} y = (q, q') of shape (2, 2), one per node"
-            raise InputError(f"{scheme}.step", got, rule)
+            raise InputError(f"{scheme}.step", got, rule, "Trapezoidal in stiffbeam.schemes shows how")
         predicted = scheme.predict(equation, dt, z)
         if len(predicted) != nodes:
-            raise InputError(f"{scheme}.predict", len(predicted), f"return {nodes} positions, one per node")
+            remedy = "return one for each of the scheme's nodes"
+            raise InputError(f"{scheme}.predict", len(predicted), f"return {nodes} positions, one per node", remedy)
         return np.asarray(z_new), np.array(stages), np.array(predicted)
 
     x, y = ((rng.normal(size=shape), rng.normal(size=(2, nodes, 2))) for _ in range(2))
@@ -47,17 +48,20 @@ def check_contract(scheme: Scheme) -> None:
     both = step(x[0] + 2.0 * y[0], x[1] + 2.0 * y[1])
     for whole, a, b in zip(both, once, step(*y), strict=True):
         if not np.max(np.abs(whole - a - 2.0 * b)) <= TOLERANCE * np.max(np.abs(whole)):
-            raise InputError(f"{scheme}.step", "a step that is not", "be linear in (state, loads, reactions)")
+            remedy = "leave out what is constant, squared or cut off"
+            raise InputError(f"{scheme}.step", "a step that is not", "be linear in (state, loads, reactions)", remedy)
     for first, again in zip(once, step(*x), strict=True):
         if not np.array_equal(first, again):
-            raise InputError(f"{scheme}.step", "a step that remembers", "give the same for the same input")
+            remedy = "keep nothing on self; what a step needs of earlier ones belongs into the state"
+            raise InputError(f"{scheme}.step", "a step that remembers", "give the same for the same input", remedy)
     other = x[0].copy(), x[1].copy()
     other[0][..., 1] += 1.0
     other[1][..., 1] += 1.0
     for first, changed in zip(once, step(*other), strict=True):
         if np.max(np.abs(first - changed)[..., 0]) > TOLERANCE * np.max(np.abs(first)):
             rule = "be made of the equation's operations, so that modes do not mix"
-            raise InputError(f"{scheme}.step", "a step that mixes unknowns by itself", rule)
+            remedy = "use equation.mass, stiffness, damping and solve"
+            raise InputError(f"{scheme}.step", "a step that mixes unknowns by itself", rule, remedy)
     for later in range(1, nodes):
         changed = x[1].copy()
         changed[:, later] += 1.0

@@ -43,7 +43,7 @@ class SDIRK(Scheme):
         # The paper's four digits mean the root.
         self.gamma = GAMMA_THIRD_ORDER if gamma == 0.4359 else gamma  # as the paper prints it
         if not isinstance(nystrom, (bool, np.bool_)):
-            raise InputError("nystrom", nystrom, "be True or False")
+            raise InputError("nystrom", nystrom, "be True or False", "for example nystrom=True")
         self.nystrom = bool(nystrom)
         self.order = 3 if self.gamma == GAMMA_THIRD_ORDER else 2
         if self.gamma > 1.0:

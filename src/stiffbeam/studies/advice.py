@@ -25,7 +25,7 @@ import numpy as np
 
 from ..basics.progress import Show, silent
 from ..basics.progress import progress as shown
-from ..basics.validation import InputError, integer, near, positive
+from ..basics.validation import InputError, integer, near, one_of, positive
 from ..march.integrate import integrate
 from ..march.rules import CONTACTS
 from ..measures.tip_error import stays_within
@@ -102,9 +102,9 @@ class Advice:
             "errors": dict(self.chosen.errors),
         }  # fmt: skip
         return {
-            "want": self.want, "t_end": self.t_end, "horizon": self.horizon, "members": self.members,
-            "advised": chosen, "cannot": self.cannot, "trusted_until": self.trusted_until, "scatter": self.scatter,
-            "units": str(self.system.units),
+            "measured": ["advised.seconds"], "want": self.want, "t_end": self.t_end, "horizon": self.horizon,
+            "members": self.members, "advised": chosen, "cannot": self.cannot, "trusted_until": self.trusted_until,
+            "scatter": self.scatter, "units": str(self.system.units),
         }  # fmt: skip
 
     def to_dataframe(self) -> pandas.DataFrame:
@@ -171,11 +171,11 @@ def advise(
     if not isinstance(system, System):
         raise InputError("system", type(system).__name__, "be a System", "make it with semidiscretise or from_matrices")
     if t_end is None:
-        raise InputError("t_end", None, "be given: what is right depends on how long it is followed")
+        remedy = "for example t_end=1.0"
+        raise InputError("t_end", None, "be given: what is right depends on how long it is followed", remedy)
     wanted = _wanted(system, want)
     for name in contacts:
-        if name not in CONTACTS:
-            raise InputError("contacts", name, f"be among {CONTACTS}")
+        one_of("contacts", name, CONTACTS)
     contacts = contacts if system.contacts else contacts[:1]
     integer("members", members, 2)
     show("advise: the exact motion", 0, 0)
@@ -225,14 +225,16 @@ def _wanted(system: System, want: Mapping[str, float] | None) -> dict[str, float
             raise InputError("want", name, "name a quantity", near(name, QUANTITIES))
         wanted[name] = positive(f"want.{name}", tolerance)
         if name != "tip" and not system.contacts:
-            raise InputError("want", name, "be asked of a system with contacts")
+            remedy = "ask for tip only, or give the system contacts"
+            raise InputError("want", name, "be asked of a system with contacts", remedy)
     return wanted
 
 
 def _candidates(schemes: Sequence[Scheme] | None, contacts: Sequence[str]) -> list[tuple[Scheme, str]]:
     chosen = [make(name) for name in (*SCHEMES, *RIGID) if name != "theta"] if schemes is None else list(schemes)
     if not chosen or not contacts:
-        raise InputError("schemes", chosen or contacts, "be at least one, with one way to treat contact")
+        remedy = "leave out what is empty, to try all"
+        raise InputError("schemes", chosen or contacts, "be at least one, with one way to treat contact", remedy)
     for scheme in chosen:
         if not isinstance(scheme, Scheme):
             raise InputError("schemes", scheme, "be Scheme objects", "for example stiffbeam.HHT(alpha=-0.1)")

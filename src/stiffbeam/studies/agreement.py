@@ -46,6 +46,7 @@ class Agreement:
         """What was found as plain numbers and texts, for JSON."""
         names = list(self.references)
         return {
+            "measured": ["seconds"],
             "baseline": self.baseline,
             "units": str(self.references[self.baseline].units),
             "horizons": self.horizons,

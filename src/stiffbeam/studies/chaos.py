@@ -18,7 +18,7 @@ from ..figures import column, heading, look, new_figure, numeric, say_empty, sha
 from ..files.cases import Case
 from ..march.ensemble import integrate_ensemble
 from ..measures.windows import drive_frequency
-from ..model.modes import modes
+from ..model.modes import uncoupled_modes
 from ..model.sampled import Sampled
 from ..model.system import System
 from ..model.time_functions import Constant, Harmonic, LoadFunction, Sum
@@ -68,9 +68,7 @@ def evaluate(case: Case, point: Point) -> list[Row]:
 
 def _pairs(case: Case, point: Point) -> list[Row]:
     system = system_of(case, point["form"])
-    basis = modes(system)
-    if basis is None:
-        raise InputError("damping", "a matrix that couples the modes", "decouple for a study of chaos")
+    basis = uncoupled_modes(system)
     exact = solve_once(system, case.t_end)
     dt, span = point["dt"], point["span"]
     times = np.linspace(0.1, 0.9, point["starts"]) * case.t_end

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..basics.validation import InputError, near, step_count
+from ..basics.validation import InputError, near, one_of, step_count
 from ..files.cases import Case
 from ..march.integrate import integrate
 from ..march.rules import CONTACTS
@@ -48,6 +48,7 @@ class CaseComparison:
     def to_dict(self) -> dict[str, Any]:
         """Case, comparisons and failures as plain numbers and texts, for JSON."""
         return {
+            "measured": ["references.seconds", "comparisons.seconds", "comparisons.ns_per_step"],
             "case": self.case.name,
             "title": self.case.title,
             "units": asdict(self.case.units),
@@ -91,8 +92,7 @@ def compare_case(
     compile_beside()  # the references do not need the march
     case = replace(case, dt=dt or case.dt, t_end=t_end or case.t_end)
     step_count(case.dt, case.t_end)
-    if contact not in CONTACTS:
-        raise InputError("contact", contact, f"be one of {CONTACTS}")
+    one_of("contact", contact, CONTACTS)
     if references is None:
         rigid = any(contact.stops.rigid for contact in case.system(case.forms[0]).contacts)
         references = COMPARED_RIGID if rigid else COMPARED

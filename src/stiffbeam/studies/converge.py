@@ -77,7 +77,7 @@ def points(
                 continue
             end, per_octave = first_impacts(case, form, impacts), PER_OCTAVE
         else:
-            raise InputError("kinds", kind, f"be among {KINDS}")
+            raise InputError("kinds", kind, f"be among {KINDS}", "for example ('smooth',)")
         for label in scheme_labels(case, schemes):
             for k in range(halvings * per_octave):
                 steps = max(4, round(end / start * 2.0 ** (k / per_octave)))

@@ -86,12 +86,15 @@ def _plain(case: Case) -> None:
     natural_frequencies(problem, 1)
     stops = problem.all_stops
     if len(stops) != 1 or stops[0].position not in (None, problem.length) or stops[0].motion is not None:
-        raise InputError("case", f"{len(stops)} stops", "have stops at rest at the tip, and none else")
+        remedy = "move the stops to the tip and take motion away"
+        raise InputError("case", f"{len(stops)} stops", "have stops at rest at the tip, and none else", remedy)
     stops[0].require_linear("the first impact's force")
     if problem.viscosity or problem.loads or not isinstance(problem.base, Harmonic):
-        raise InputError("case", "damped or loaded", "be moved by a harmonic base only, without viscosity")
+        remedy = "set viscosity to 0 and take the loads away"
+        raise InputError("case", "damped or loaded", "be moved by a harmonic base only, without viscosity", remedy)
     if problem.initial_displacement is not None or problem.initial_velocity is not None:
-        raise InputError("case", "a start of its own", "start at rest")
+        remedy = "leave initial_displacement and initial_velocity out"
+        raise InputError("case", "a start of its own", "start at rest", remedy)
 
 
 def evaluate(case: Case, point: Point) -> list[Row]:

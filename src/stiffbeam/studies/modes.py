@@ -7,14 +7,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
-from ..basics.validation import InputError
 from ..figures import column, log_scale, look, new_figure, numeric, say_empty, shared_legend, short, signed_log
 from ..files.cases import Case
 from ..march.integrate import integrate
 from ..measures.amplification import amplification
 from ..measures.free_modes import free_mode_errors
 from ..measures.smooth_motion import without_contact
-from ..model.modes import modes
+from ..model.modes import uncoupled_modes
 from .common import Dt, Form, Schemes, scheme_labels, scheme_of, system_of
 from .engine.study import Answer, Point, Records, Row, Rows, Study
 
@@ -41,9 +40,7 @@ def points(
 def evaluate(case: Case, point: Point) -> list[Row]:
     """One row for each mode with omega dt < pi: elongation and damping, measured and in theory."""
     system = replace(without_contact(system_of(case, point["form"])), loads=())
-    basis = modes(system)
-    if basis is None:
-        raise InputError("damping", "a matrix that couples the modes", "decouple for a study of modes")
+    basis = uncoupled_modes(system)
     dt, scheme = point["dt"], scheme_of(point["scheme"])
     # Every mode starts with the same energy.
     amplitudes = np.where(basis.omega > 0.0, 1.0, 0.0) / np.where(basis.omega > 0.0, basis.omega, 1.0)

@@ -26,7 +26,8 @@ EXACT = "exact"
 
 def _stops(system: System, change: Callable[[Stops], Stops]) -> System:
     if not system.contacts:
-        raise InputError("parameter", "one of the stops", "be asked of a case with stops")
+        remedy = "vary another parameter, or give the case stops"
+        raise InputError("parameter", "one of the stops", "be asked of a case with stops", remedy)
     return varied(system, stops=[[change(contact.stops) for contact in system.contacts]])[0]
 
 
@@ -43,9 +44,8 @@ def _clearance(system: System, value: float) -> System:
 
 def _beam(system: System, **changes: float) -> System:
     if system.problem is None:
-        raise InputError(
-            "parameter", " and ".join(changes), "be asked of a beam", "a system has frequency, amplitude, ..."
-        )
+        remedy = "a system has frequency, amplitude, ..."
+        raise InputError("parameter", " and ".join(changes), "be asked of a beam", remedy)
     return semidiscretise(replace(system.problem, **changes), system.cells or system.size, system.form)
 
 
@@ -121,7 +121,7 @@ def setup_of(system: System, point: Point, value: Sequence[float]) -> Setup:
     if dt is None:
         return Setup(system, None, 0.0, period)
     if dt > 0.5 * period:
-        raise InputError("dt", dt, f"be at most half a period of the drive, {0.5 * period:.6g}")
+        raise InputError("dt", dt, f"be at most half a period of the drive, {0.5 * period:.6g}", "take a smaller dt")
     return Setup(system, scheme, period / round(period / dt), period)
 
 
@@ -129,10 +129,16 @@ def drive_period(system: System) -> float:
     """T = 2 pi/a of the one frequency that drives the system."""
     drive = Drive.of(system)
     if drive.records:
-        raise InputError("case", "a sampled load or motion", "be driven by a Harmonic, for a section once a period")
+        raise InputError(
+            "case",
+            "a sampled load or motion",
+            "be driven by a Harmonic, for a section once a period",
+            "leave the section out, or replace the samples by a Harmonic",
+        )
     frequencies = drive.frequencies
     if len(frequencies) != 1:
-        raise InputError("case", f"{len(frequencies)} drive frequencies", "have one, for a section once a period")
+        rule, remedy = "have one, for a section once a period", "drive the case by one Harmonic"
+        raise InputError("case", f"{len(frequencies)} drive frequencies", rule, remedy)
     return 2.0 * np.pi / frequencies[0]
 
 

@@ -37,7 +37,8 @@ def points(
     system = system_of(case, form)
     if len(system.contacts) != 1:
         found = f"{len(system.contacts)} contacts"
-        raise InputError("case", found, "have stops at one place, neither none nor several")
+        remedy = "keep the stops at one place"
+        raise InputError("case", found, "have stops at one place, neither none nor several", remedy)
     if system.damped:
         viscosity = 0.0 if case.beam is None else case.beam.viscosity
         name, value = ("viscosity", viscosity) if viscosity else ("damping", "a matrix that is not 0")
@@ -55,7 +56,8 @@ def evaluate(case: Case, point: Point) -> list[Row]:
     rigid = rigid_limit(system, case.t_end)
     n = point["impacts"]
     if rigid.impacts.count <= n:
-        raise InputError("impacts", n, f"be fewer than the {rigid.impacts.count} of the rigid stops")
+        remedy = "ask for fewer, or lengthen t_end"
+        raise InputError("impacts", n, f"be fewer than the {rigid.impacts.count} of the rigid stops", remedy)
     times = rigid.impacts.times
     end = 0.5 * float(times[n - 1] + times[n])
     compliant = varied(system, stops=[replace(stops, stiffness=kappa)])[0]

@@ -98,7 +98,8 @@ def _contact(case: Case, point: Point) -> list[Row]:
     own = solve_once(system_of(replace(case, cells=point["cells"]), point["form"]), span)
     there = min(len(impact_times(fine)), len(impact_times(own)))
     if there < n:
-        raise InputError("impacts", n, f"be at most the {there} that both grids have by t = {span:g}")
+        remedy = "ask for fewer, or lengthen t_end"
+        raise InputError("impacts", n, f"be at most the {there} that both grids have by t = {span:g}", remedy)
     times = impact_times(fine)
     end = 0.5 * float(times[n - 1] + times[n]) if len(times) > n else span
     end = min(end, fine.horizon, own.horizon)

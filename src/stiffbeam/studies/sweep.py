@@ -73,9 +73,10 @@ def points(
         values = np.linspace(0.7 * own, 1.3 * own, count).tolist()
     axes = {parameter: values} if second is None else {parameter: values, second: second_values}
     if second is not None and not case.has_stops:
-        raise InputError("case", case.name, "have stops for a grid of two parameters")
+        remedy = "vary one parameter only, or give the case stops"
+        raise InputError("case", case.name, "have stops for a grid of two parameters", remedy)
     if second == parameter:
-        raise InputError("second", second, "be another parameter")
+        raise InputError("second", second, "be another parameter", "give the grid two different parameters")
     known = parameters_of(method)
     for name, along in axes.items():
         if name not in known:

@@ -115,7 +115,8 @@ def _by_function(function: Callable[..., Any]) -> Callable[[Problem, float, floa
         if isinstance(found, Trajectory):
             found = (found.t, found.tip, found.tip_velocity)
         if not isinstance(found, (tuple, list)) or len(found) not in (2, 3):
-            raise InputError("the integrator", type(found).__name__, "return (t, u) or (t, u, v)")
+            remedy = "return a tuple of arrays"
+            raise InputError("the integrator", type(found).__name__, "return (t, u) or (t, u, v)", remedy)
         arrays = [np.asarray(x, float) for x in found]
         bad = [~np.all(np.isfinite(x.reshape(len(x), -1)), axis=1) for x in arrays[1:] if x.ndim]
         if any(len(x) == len(arrays[0]) and np.any(x) for x in bad):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -39,10 +39,11 @@ class Motion:
 
 @dataclass(frozen=True)
 class Errors:
-    """tip_rms, tip_max: of u - u_known at the sample times over max |u_known|. impacts: how many. impact_time: the
-    largest error of the first ``PAIRED`` impact times, NaN where one is missing. peak_force: relative. energy: at
-    t_end, over the energy the system has had; > 0 gained. factor: that of u over u_known, where u is the known motion
-    but for it, NaN where it is 1 or there is none. What the motion does not give is NaN, or -1 impacts.
+    """tip_rms, tip_max: of u - u_known at the sample times over max |u_known|. velocity: the median of |v - v_known|
+    over max |v_known|, which a jump at a sample does not spoil. impacts: how many. impact_time: the largest error of
+    the first ``PAIRED`` impact times, NaN where one is missing. peak_force: relative. energy: at t_end, over the energy
+    the system has had; > 0 gained. factor: that of u over u_known, where u is the known motion but for it, NaN where it
+    is 1 or there is none. What the motion does not give is NaN, or -1 impacts.
     """
 
     tip_rms: float
@@ -52,6 +53,7 @@ class Errors:
     peak_force: float = float("nan")
     energy: float = float("nan")
     factor: float = float("nan")
+    velocity: float = float("nan")
 
 
 def motion_of(problem: Problem, t: Any, u: Any, v: Any = None, t_end: float | None = None) -> Motion:
@@ -65,13 +67,18 @@ def motion_of(problem: Problem, t: Any, u: Any, v: Any = None, t_end: float | No
     v = None if v is None else np.asarray(v, float)
     if t.ndim != 1 or len(t) < 4 or u.shape not in ((len(t),), (len(t), n)) or (v is not None and v.shape != u.shape):
         shapes = (t.shape, u.shape, None if v is None else v.shape)
-        raise InputError("the run", shapes, f"be times (k,) and positions, and velocities, (k,) or (k, {n})")
+        remedy = "give at least 4 times, and one position per time"
+        raise InputError("the run", shapes, f"be times (k,) and positions, and velocities, (k,) or (k, {n})", remedy)
     if not all(np.all(np.isfinite(x)) for x in (t, u, v) if x is not None):
-        raise InputError("the run", "a number that is not finite", "be finite")
+        raise InputError("the run", "a number that is not finite", "be finite", "end the run before it overflows")
     t_end = problem.t_end if t_end is None else t_end
     slack = 1e-9 * t_end
     if np.any(np.diff(t) <= 0.0) or t[0] > problem.times[0] + slack or t[-1] < t_end - slack:
-        raise InputError("the run's times", (t[0], t[-1]), f"increase and reach t_end = {t_end:g}")
+        remedy = "start at the first time that is asked for, and end no earlier than t_end"
+        raise InputError("the run's times", (t[0], t[-1]), f"increase and reach t_end = {t_end:g}", remedy)
+    if np.count_nonzero(t <= t_end + slack) < 4:
+        rule = f"hold four steps at least to t_end = {t_end:g}"
+        raise InputError("the run's times", (t[0], t[-1]), rule, "are they in another unit?")
     contacts = data.get("contacts", ())
     first = np.array(contacts[0]["row"], float)
     row = np.array(data["observe"], float) if "observe" in data else first
@@ -101,7 +108,15 @@ def errors_of(problem: Problem, motion: Motion) -> Errors:
         peak = _peak(problem, motion)
     rms = float(np.sqrt(np.mean(off**2)))
     return Errors(rms, float(np.max(off)), count, late, peak, _energy_error(problem, motion),
-                  _factor(seen, known))  # fmt: skip
+                  _factor(seen, known), _velocity_error(problem, motion))  # fmt: skip
+
+
+def _velocity_error(problem: Problem, motion: Motion) -> float:
+    if motion.v is None or "tip_velocity" not in problem.answers:
+        return float("nan")
+    known = problem.answers["tip_velocity"].value
+    seen = _at(problem.times, replace(motion, u=motion.v, v=None))
+    return float(np.median(np.abs(seen - known)) / np.max(np.abs(known)))
 
 
 def _factor(seen: Array, known: Array) -> float:

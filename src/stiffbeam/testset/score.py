@@ -73,7 +73,16 @@ def score_trajectories(name: str | Problem, runs: Sequence[tuple[Any, ...]], lab
     motions = sorted((motion_of(chosen, *run) for run in runs), key=lambda motion: len(motion.t))
     made = [Made(len(m.t) - 1, len(m.t) - 1, float("nan"), m) for m in motions]
     known = tuple(_run(chosen, one) for one in made)
-    return Scorecard((verdict(Entry(label, chosen, known, "", "", float("nan"), False), float("nan")),))
+    reason = next((why for one, run in zip(made, known, strict=True) if (why := _uncounted(chosen, one, run))), "")
+    return Scorecard((verdict(Entry(label, chosen, known, "", reason, float("nan"), False), float("nan")),))
+
+
+def _uncounted(each: Problem, made: Made, run: Run) -> str:
+    """Why impacts are not judged though the problem has some; empty where they are."""
+    known = each.answers.get("impacts")
+    if run.errors.impacts >= 0 or known is None or not len(known.value) or made.motion.position is None:
+        return ""
+    return "steps of different lengths: its impacts are not counted"
 
 
 def _problems(given: Any) -> list[Problem]:
@@ -91,7 +100,9 @@ def _entry(runner: Integrator, each: Problem, smooth: float, statistics: bool) -
     try:
         for level in runner.levels(each):
             try:
-                runs.append(_run(each, runner.solve(each, level, each.t_end)))
+                made = runner.solve(each, level, each.t_end)
+                runs.append(_run(each, made))
+                reason = reason or _uncounted(each, made, runs[-1])
             except Diverged as error:  # in so few steps
                 reason = f"in {level:g} steps {error}"
         if not runs:

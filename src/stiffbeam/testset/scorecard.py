@@ -47,7 +47,11 @@ class Scorecard:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers and texts, for JSON."""
-        return {"test_set": self.version, "entries": [entry.to_dict() for entry in self.entries]}
+        return {
+            "measured": ["entries.runs.seconds"],
+            "test_set": self.version,
+            "entries": [entry.to_dict() for entry in self.entries],
+        }
 
     def to_dataframe(self) -> Any:
         """One line per run."""

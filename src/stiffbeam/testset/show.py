@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 
 MARKS = {NOT_FALLING: " !", LOW_ORDER: " <", FAILED: "failed", NOT_TAKEN: "–"}
 LEGEND = (
-    "rms error of the tip at the finest step or tolerance, over the largest displacement; ! the error does not fall "
-    "with the step, or misses the tolerance; < of too low an order; – not taken"
+    "rms error of the tip at the finest step or tolerance, over the largest displacement; ! it, or another error, does "
+    "not fall with the step, or misses the tolerance; < of too low an order; – not taken"
 )
 PAST_TITLE = "Past the horizon: one run, off by so many standard deviations of the exact motions"
 COLUMNS = (
@@ -50,12 +50,19 @@ def _detail_row(e: Entry) -> list[str]:
         shown_error(e.runs[0].errors.tip_rms) if len(e.runs) > 1 else "",
         shown_error(last.tip_rms),
         str(e.order) if np.isfinite(e.order.interval) else "",
-        f"{e.expected:.3g}" if np.isfinite(e.expected) else "",
+        _expected(e),
         f"{last.impacts}{_known(e)}" if last.impacts >= 0 else "",
         *(shown_error(abs(x)) for x in (last.impact_time, last.peak_force)),
         f"{last.energy:+.1e}" if np.isfinite(last.energy) else "",
         e.outcome,
     ]
+
+
+def _expected(e: Entry) -> str:
+    """The order expected; of an integrator whose own is not known the most that the problem allows."""
+    if np.isfinite(e.expected) or e.adaptive or e.problem.order_limit <= 0.0:
+        return f"{e.expected:.3g}" if np.isfinite(e.expected) else ""
+    return f"≤ {e.problem.order_limit:.3g}"
 
 
 def _known(e: Entry) -> str:
@@ -141,6 +148,8 @@ def _words(e: Entry) -> str:
         return f"{where}: order {e.order}, {e.expected:.3g} expected"
     if _factor(e):
         return f"{where}: {_factor(e)}"
+    if e.missed:
+        return f"{where}: the tip converges, but not {', '.join(e.missed)}"
     first, last = (shown_error(run.errors.tip_rms) for run in (e.runs[0], e.runs[-1]))
     return f"{where}: the error does not fall, {first} to {last}"
 

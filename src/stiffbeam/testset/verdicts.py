@@ -19,6 +19,7 @@ CONVERGES, NOT_FALLING, LOW_ORDER, ONE_RUN = "converges", "error does not fall",
 FLOOR = 1e-9  # of max |u|: below it rounding hides how an error falls
 FALL = 0.5  # of an error: what is left of it at a quarter of the step where a method is of order 1/2
 SLACK = 0.5  # of an observed order: where an impact lies within its step scatters the errors
+COARSE = 0.1  # of max |v|: a median error of the velocity below it may fall as slowly as it likes
 TIMES_TOLERANCE = 1e4  # an adaptive solver through contact stays within so many times its relative tolerance
 NONE = Order(float("nan"), float("nan"), float("nan"), 0)
 
@@ -39,7 +40,7 @@ class Entry:
 
     order: observed, through the errors above rounding. expected: the lesser of its order on smooth motion and the
     ``order_limit`` of the problem; NaN where no order can be told. past: past the horizon, what each of the steps is
-    off in standard deviations of the exact ensemble.
+    off in standard deviations of the exact ensemble. missed: what besides the tip does not converge.
     """
 
     integrator: str
@@ -52,6 +53,7 @@ class Entry:
     past: tuple[dict[str, float], ...] = ()
     order: Order = NONE
     expected: float = float("nan")
+    missed: tuple[str, ...] = ()
 
     @property
     def flagged(self) -> bool:
@@ -68,6 +70,7 @@ class Entry:
         return plain({
             "integrator": self.integrator, "problem": self.problem.name, "outcome": self.outcome, "reason": self.reason,
             "order": self.order.slope, "order_interval": self.order.interval, "expected_order": self.expected,
+            "missed": list(self.missed),
             "runs": [{"rtol" if self.adaptive else "steps": r.level, "cost": r.cost, "seconds": r.seconds,
                       **asdict(r.errors)} for r in self.runs],
             "past_horizon": list(self.past),
@@ -78,14 +81,15 @@ def verdict(entry: Entry, smooth: float) -> Entry:
     """``entry`` with its observed order and, unless it was not taken or failed, its outcome.
 
     smooth: the order of the integrator on smooth motion. A fixed-step error must fall (``_falls``), and the order
-    through all steps, its 95 % interval included, come within ``SLACK`` of what is expected; the error of an adaptive
-    solver must stay within ``TIMES_TOLERANCE`` times its tolerance.
+    through all steps, its 95 % interval included, come within ``SLACK`` of what is expected; the errors of impact
+    times, peak force, energy and velocity must fall as well (``_missed``); the error of an adaptive solver must stay
+    within ``TIMES_TOLERANCE`` times its tolerance.
     """
     levels = np.array([run.level for run in entry.runs])
     errors = np.array([run.errors.tip_rms for run in entry.runs])
     if entry.outcome in (NOT_TAKEN, FAILED) or not len(errors):
         return entry
-    if len(errors) == 1 and not entry.adaptive:
+    if len(set(levels.tolist())) == 1 and not entry.adaptive:
         return replace(entry, outcome=ONE_RUN)
     if entry.adaptive:
         limit = TIMES_TOLERANCE * levels[-1]
@@ -97,8 +101,29 @@ def verdict(entry: Entry, smooth: float) -> Entry:
     entry = replace(entry, order=order, expected=expected)
     if not _falls(levels, errors):
         return replace(entry, outcome=NOT_FALLING)
+    if missed := _missed(entry, levels):
+        return replace(entry, outcome=NOT_FALLING, missed=missed)
     low = np.count_nonzero(seen) >= 4 and order.slope + order.interval < expected - SLACK
     return replace(entry, outcome=LOW_ORDER if low else CONVERGES)
+
+
+def _missed(entry: Entry, levels: Array) -> tuple[str, ...]:
+    """What besides the tip does not converge. An impact that the finest run does not have is late by all of t_end."""
+    errors = [run.errors for run in entry.runs]
+    known = entry.problem.answers
+    late = np.array([e.impact_time for e in errors]) / entry.problem.t_end
+    if "impacts" in known and len(known["impacts"].value):
+        late[np.isnan(late) & (np.array([e.impacts for e in errors]) >= 0)] = 1.0
+    judged = {
+        "impact times": late,
+        "peak force": np.abs([e.peak_force for e in errors]),
+        "energy": np.abs([e.energy for e in errors]),
+    }
+    found = [name for name, x in judged.items() if np.all(np.isfinite(x)) and not _falls(levels, x)]
+    velocity = np.array([e.velocity for e in errors])
+    if np.all(np.isfinite(velocity)) and velocity[-1] > COARSE and not _falls(levels, velocity):
+        found.append("velocity")
+    return tuple(found)
 
 
 def _falls(levels: Array, errors: Array) -> bool:

@@ -118,7 +118,8 @@ class Ensemble:
     def contact(self) -> ContactStatistics:
         """The first contact's record; InputError without contact."""
         if not self.contacts:
-            raise InputError("contact", "a system without contacts", "be asked of one with stops")
+            remedy = "give the system contacts"
+            raise InputError("contact", "a system without contacts", "be asked of one with stops", remedy)
         return self.contacts[0]
 
     @property
@@ -184,5 +185,6 @@ def gathered(
 def record_from(since: float, t_end: float) -> float:
     """``since``, the time after which contacts are recorded. Raises InputError outside [0, t_end)."""
     if not non_negative("since", since) < t_end:
-        raise InputError("since", since, f"be a time before t_end = {t_end:g}")
+        remedy = "for example 0.0, to record from the start"
+        raise InputError("since", since, f"be a time before t_end = {t_end:g}", remedy)
     return since

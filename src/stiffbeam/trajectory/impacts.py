@@ -35,8 +35,11 @@ class Impacts:
     kind "event": t* > 0 where chi goes from 0 to +-1. kind "sampled": steps n >= 1 with chi_n != 0 and
     chi_n != chi_{n-1}; the time is the first crossing of the stop by the cubic Hermite interpolant of (u, u'), and so
     is the end, in the first step that leaves the stop. Against rigid stops an impact of a scheme is a row of steps with
-    a reaction. Contact at t = 0, a start exactly on a stop that
-    does not leave it included, and touching without penetration do not count, in either kind.
+    a reaction. Contact at t = 0 is no impact, in either kind and with every law: neither what begins
+    beyond a stop or exactly on one without leaving it (u' into it or zero), nor the blow of a rigid stop
+    at t = 0. It ends when the gap first opens; what is entered after that counts. Its force and impulse belong
+    to the contact all the same. Nor does touching without penetration count; at a start at rest on a stop
+    whose force is exactly zero the rounding decides.
     times: of entry. ends: of exit. stops: +1 upper, -1 lower. peaks: max |sigma|. impulses: integral of
     |sigma|. Ends, peaks and impulses are NaN for an impact still open at the end, and where the solver does
     not measure them.
@@ -75,11 +78,12 @@ class Impacts:
 
     @staticmethod
     def at(times: ArrayLike, stops: ArrayLike, kind: str, **columns: ArrayLike) -> Impacts:
-        """Impacts of which some columns are known; the others are NaN."""
+        """Impacts of which some columns are known; the others are NaN. Events at t = 0 are none."""
         times = np.asarray(times, float)
         others: Any = {name: np.asarray(columns.get(name, np.full(len(times), np.nan)), float)
                        for name in ("ends", "peaks", "impulses")}  # fmt: skip
-        return Impacts(times=times, stops=np.asarray(stops, np.int64), **others, kind=kind)
+        found = Impacts(times=times, stops=np.asarray(stops, np.int64), **others, kind=kind)
+        return found.take(times > 0.0) if kind == "event" else found
 
     def __repr__(self) -> str:
         span = f", t = {self.times[0]:g} to {self.times[-1]:g}" if self.count else ""

@@ -121,5 +121,6 @@ def _row(name: str, values: Any, length: int | None) -> Array:
 def _states(values: Any, shape: tuple[int, int]) -> Array:
     array = numbers("states", values)
     if array.shape != shape:
-        raise InputError("states", array.shape, f"be two arrays of finite numbers, {shape}, (times, unknowns)")
+        remedy = "give a row per time and a column per unknown"
+        raise InputError("states", array.shape, f"be two arrays of finite numbers, {shape}, (times, unknowns)", remedy)
     return array

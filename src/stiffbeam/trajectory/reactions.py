@@ -12,19 +12,24 @@ from .impacts import ContactRecord, Impacts
 class Reactions:
     """One contact, fed with the mean reactions R of consecutive steps; the impacts are those after step ``since``.
 
-    An impact is a row of steps with R of one sign: it begins with the first of them and ends with the last. A
-    reaction in the first step, of a contact that is there already, is none. A rigid stop has no largest force, its
+    An impact is a row of steps with R of one sign: it begins with the first of them and ends with the last. One that
+    begins before a contact there is at t = 0 has opened is none. A rigid stop has no largest force, its
     impulse is what an impact leaves: peaks are NaN. The largest mean of a step, ``max(abs(force))``, grows like 1/dt.
     """
 
     def __init__(self, stops: Stops, dt: float, u0: float, v0: float, since: int = 0) -> None:
         self.stops, self.dt, self.since = stops, dt, since
-        self._begins_closed = bool(u0 <= stops.g1 or u0 >= stops.g2)
         self._fed: list[Array] = []
+        self._closed = bool(u0 <= stops.g1 or u0 >= stops.g2)  # since t = 0
+        self._last = -1  # the step in which that contact opens
 
     def feed(self, u: Array, v: Array, means: Array | None = None) -> None:
         """Positions and velocities at the ends of the next steps (k,), and their reactions."""
         assert means is not None
+        if self._closed:
+            free = np.flatnonzero((u > self.stops.g1) & (u < self.stops.g2))
+            self._closed = not len(free)
+            self._last += len(u) if self._closed else 1 + int(free[0])
         self._fed.append(np.array(means, float))
 
     def record(self, position: Array, velocity: Array, every: int) -> ContactRecord:
@@ -48,8 +53,7 @@ class Reactions:
         before = np.concatenate([[0.0], *self._fed])[self.since]  # in the last step that does not count
         side = np.concatenate([[np.sign(before)], np.sign(R)])
         enters = np.flatnonzero((side[1:] != 0.0) & (side[1:] != side[:-1]))
-        if not self.since and self._begins_closed:
-            enters = enters[enters > 0]
+        enters = enters[enters + self.since > self._last]
         leaves = np.flatnonzero((side[:-1] != 0.0) & (side[1:] != side[:-1]))
         sizes = np.concatenate([[0.0], np.cumsum(np.abs(R))]) * self.dt
         ends = np.full(len(enters), len(R))

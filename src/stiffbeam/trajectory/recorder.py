@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -36,16 +37,26 @@ def impacts_of(events: Array) -> Impacts:
 
 def record(stops: Stops, position: Array, velocity: Array, tally: Array, events: Array, steps: int) -> ContactRecord:
     """With position and velocity at the output times; ``steps`` of the whole run."""
+    with np.errstate(over="ignore", invalid="ignore"):  # of which ``overflow`` tells
+        force = stops.force(position, velocity)
     return ContactRecord(
         stops=stops,
         position=position,
         velocity=velocity,
-        force=stops.force(position, velocity),
+        force=force,
         impacts=impacts_of(events),
         fraction=float(tally[TOUCHING]) / max(1, steps - int(tally[SINCE])),
         peak_force=float(tally[PEAK]),
         impulse=float(tally[IMPULSE]),
     )
+
+
+def overflow(contacts: Sequence[ContactRecord], t_end: float) -> float:
+    """When a force overflowed though no position did: at the first impact whose impulse is beyond float64, or at the
+    latest at t_end; NaN where none did."""
+    if all(np.isfinite(contact.impulse) for contact in contacts):
+        return float("nan")
+    return min((float(t) for c in contacts for t in c.impacts.times[np.isinf(c.impacts.impulses)]), default=t_end)
 
 
 @dataclass(frozen=True, eq=False)

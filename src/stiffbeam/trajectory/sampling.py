@@ -34,21 +34,27 @@ EVENT = 7
 def new_tally(u0: Array, v0: Array, law: Array, since: int = 0) -> Array:
     """Tallies of the steps after ``since``, from positions u0 (...,) and velocities v0 under laws (..., 6).
 
-    Contact before the first step is no impact, and a start exactly on a stop that does not leave it is contact: it
-    begins at t = 0, as the events of the exact solution have it.
+    Contact before the first step is no impact.
     """
-    g1, g2 = law[..., G1], law[..., G2]
     tally = np.zeros((*np.shape(u0), TALLY))
     tally[..., ROW] = -1.0
     tally[..., SINCE] = since
+    tally[..., SIDE] = side_at_start(u0, v0, law)
+    return tally
+
+
+def side_at_start(u0: Array, v0: Array, law: Array) -> Array:
+    """The stop that contact begins on at t = 0, +-1 or 0: a start exactly on one that does not leave it is contact,
+    see ``Impacts``."""
+    g1, g2 = law[..., G1], law[..., G2]
     upper, lower = (u0 > g2) | ((u0 == g2) & (v0 >= 0.0)), (u0 < g1) | ((u0 == g1) & (v0 <= 0.0))
-    tally[..., SIDE] = upper * 1.0 - lower * 1.0
+    side = upper * 1.0 - lower * 1.0
     damped = (law[..., DAMPING] > 0.0) | (law[..., DISSIPATION] > 0.0)
     if np.any(damped):  # a damped stop may have let go before the gap opens
         pressed = np.vectorize(law_state, otypes=[float])(u0, v0, *np.moveaxis(law, -1, 0))
         on = (u0 == g2) | (u0 == g1)
-        tally[..., SIDE] = np.where(damped & ~on, pressed, tally[..., SIDE])
-    return tally
+        side = np.where(damped & ~on, pressed, side)
+    return side
 
 
 @inlined

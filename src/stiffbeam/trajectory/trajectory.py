@@ -146,8 +146,13 @@ class Trajectory:
     def __repr__(self) -> str:
         return (
             f"<{type(self).__name__} {self.label}: {len(self.t)} times to "
-            f"{self.units.measure(f'{self.t[-1]:g}', 'time')}, {sum(c.impacts.count for c in self.contacts)} impacts>"
+            f"{self.units.measure(f'{self.t[-1]:g}', 'time')}, {sum(c.impacts.count for c in self.contacts)} impacts"
+            f"{self._trust()}>"
         )
+
+    def _trust(self) -> str:
+        """What the repr adds on how long it can be trusted."""
+        return ""
 
     @property
     def label(self) -> str:
@@ -285,6 +290,12 @@ class Reference(Trajectory):
     evaluate: Callable[[Array, int], tuple[Array, Array]] | None = field(default=None, repr=False)  # (t, channel)
     state_at: Callable[[Array], tuple[Array, Array]] | None = field(default=None, repr=False)
     solution: Any = field(default=None, repr=False)  # the solver's own representation, where it has one
+
+    def _trust(self) -> str:
+        if not self.horizon < self.t[-1]:
+            return ""
+        known = self.units.measure(f"{self.horizon:.4g}", "time")
+        return f"; known to its horizon {known}, one of many motions after it"
 
     def at(self, t: ArrayLike, contact: int | None = None) -> tuple[Array, Array]:
         """(tip, tip velocity) at any times in [0, t_end], or position and velocity of a contact."""

@@ -7,7 +7,7 @@ import numpy as np
 from ...basics.arrays import Array
 from ...model.contact import Stops
 from ...trajectory.impacts import COLUMNS, ContactRecord, Impacts
-from ...trajectory.sampling import first_crossing
+from ...trajectory.sampling import first_crossing, side_at_start
 from .restarts import Contacts
 from .rhs import RightHandSide
 
@@ -87,6 +87,7 @@ def contact_record(
 def _crossings(t: Array, u: Array, v: Array, stops: Stops) -> list[tuple[float, int]]:
     """The sampled impacts at output times that need not be equidistant."""
     chi = stops.state(u, v)
+    chi[0] = side_at_start(u[0], v[0], stops.law)
     found = []
     for k in np.flatnonzero((chi[1:] != 0) & (chi[1:] != chi[:-1])) + 1:
         side, length = int(chi[k]), t[k] - t[k - 1]

@@ -34,6 +34,7 @@ PER_PERIOD = 200  # points per shortest natural period
 RESOLVED = 1e-9  # of a function's range: the error of a polynomial of degree 4 in a leaf
 LEAVES_PER_STEP = 16  # a leaf is a 50th of a period of a sine
 PERIODS_PER_STEP = 0.25  # of a Harmonic
+PER_STEP = 0.25  # of a piece with a cubic: it turns twice, and a stop that does is in and out again in one step
 ZOOM = 64  # windows of a closer look
 SMOOTH_RATIO = 12.0  # by which halving a window must lower its error: 32 where f is smooth, 2 to 4 at a kink
 MOST_CUTS = 4096  # a function with more of them is rough everywhere: its steps are bounded, no restarts made
@@ -66,6 +67,7 @@ def smooth_pieces(system: System, t_end: float, steps: Steps) -> Pieces:
     harmonics = [f.frequency for f in functions.values() if isinstance(f, Harmonic) and f.amplitude]
     bare = [f for f in functions.values() if not in_closed_form(f)]
     records = [f for f in functions.values() if isinstance(f, Sampled)]  # polynomials between their samples
+    cubic = any(f.kind == "cubic" for f in records)
     longest = math.inf if steps.max_step is None else positive("max_step", steps.max_step)
     longest = min([longest, *(PERIODS_PER_STEP * 2.0 * math.pi / w for w in harmonics)])
     cuts = [(t, t) for t in times_of("breakpoints", steps.breakpoints)]
@@ -88,7 +90,8 @@ def smooth_pieces(system: System, t_end: float, steps: Steps) -> Pieces:
         smooth = bare if rough_bound == math.inf else []
         bounds = _bounds([_Scan(f, t_end, count, steps.other).leaves(first, last) for f in smooth], first, last)
         for start, end, bound in bounds:
-            edges.append(Piece(start, end, first, last, min(bound, longest, rough_bound)))
+            turns = PER_STEP * (end - start) if cubic else math.inf
+            edges.append(Piece(start, end, first, last, min(bound, longest, rough_bound, turns)))
     pieces = [
         p._replace(
             start=edges[i - 1].end if i else 0.0,  # the gap of a cut, a few units in the last place, goes to the right

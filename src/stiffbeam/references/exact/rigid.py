@@ -47,11 +47,22 @@ def rigid_limit(system: System, t_end: float, t_eval: Array | None = None) -> Re
     t_eval = None if t_eval is None else numbers("t_eval", t_eval)
     refuse(system, t_end)
     if len(system.contacts) != 1 or system.damped:
-        raise InputError("system", "a damped one, or not one contact", "be undamped with one contact for rigid stops")
+        raise InputError(
+            "system",
+            "a damped one, or not one contact",
+            "be undamped with one contact for rigid stops",
+            "take stiffbeam.reference, or a scheme for rigid stops",
+        )
     if Drive.of(system).records:
-        raise InputError("time function", Drive.of(system).records[0], "be Harmonic or Constant for rigid stops")
+        raise InputError(
+            "time function",
+            Drive.of(system).records[0],
+            "be Harmonic or Constant for rigid stops",
+            "take stiffbeam.reference, or a scheme for rigid stops",
+        )
     if system.contacts[0].offset is not None:
-        raise InputError("contact.offset", system.contacts[0].offset, "be None for rigid stops")
+        remedy = "take stiffbeam.reference, or a scheme for rigid stops"
+        raise InputError("contact.offset", system.contacts[0].offset, "be None for rigid stops", remedy)
     with within_float64("rigid", t_end):
         return _solve(system, t_end, t_eval, begun)
 
@@ -63,7 +74,8 @@ def _solve(system: System, t_end: float, t_eval: Array | None, begun: float) -> 
     mass = 1.0 / float(row @ kick)  # what the stop feels
     q, v = system.q0, system.v0
     if system.contacts[0].stops.state(row @ q):
-        raise InputError("initial displacement", float(row @ q), "lie between rigid stops")
+        remedy = "start the contact point inside the gap"
+        raise InputError("initial displacement", float(row @ q), "lie between rigid stops", remedy)
     drive, law, basis = tracer.drive, tracer.regimes[0], tracer.bases[0]
     pieces: list[tuple[float, Array, Array]] = []  # start, h, h'
     sides: list[int] = []

@@ -187,10 +187,15 @@ def locate(
 
     gap_at(tau) -> (gap, gap', parts). Newton's method from the float64 time ``start``, the precision
     doubled at each turn, so that only one evaluation is made at full precision; what is left is
-    ``shift``, so small against 1/fastest that a Taylor step of second order is exact. Raises
-    SolverFailure where that leads further than a fiftieth of the ``shortest`` period away: two
+    ``shift``, so small against 1/fastest that a Taylor step of second order is exact. Where the gap is zero as the
+    piece begins, at rest on its stop and pressed, that is the switch. Raises
+    SolverFailure where Newton's method leads further than a fiftieth of the ``shortest`` period away: two
     crossings so close to each other that float64 cannot tell them apart.
     """
+    if start < 0.02 * shortest:
+        (gap, speed, parts), near = gap_at(arb(0)), arb(0.01 * shortest)
+        if max(abs(gap), abs(speed) * near) < arb(2) ** (-ctx.prec // 2) * abs(gap_at(near)[0]):
+            return arb(0), arb(0), parts
     full, tau, accurate = ctx.prec, arb(start), KNOWN_BITS
     try:
         while accurate < full // 2:

@@ -55,7 +55,7 @@ def solve(request: Request) -> Reference:
     system, t_end, t_eval, digits = request.system, request.t_end, request.t_eval, request.digits
     positive("t_end", t_end)
     if digits != "auto" and (isinstance(digits, bool) or not isinstance(digits, int) or not 20 <= digits <= MAX_DIGITS):
-        raise InputError("digits", digits, f"be 'auto' or an integer from 20 to {MAX_DIGITS}")
+        raise InputError("digits", digits, f"be 'auto' or an integer from 20 to {MAX_DIGITS}", "auto decides by itself")
     if any(contact.stops.rigid for contact in system.contacts):
         from .rigid import solve_rigid
 

@@ -41,7 +41,7 @@ class Journal:
             self.file.touch()
         except OSError as error:
             rule = "lie in a folder that can be written to"
-            raise InputError("journal", str(self.file), rule, str(error.strerror)) from None
+            raise InputError("journal", str(self.file), rule, f"{error.strerror}: name another") from None
         if self.file.is_file():
             text = self.file.read_bytes()
             whole = text[: text.rfind(b"\n") + 1]

@@ -11,7 +11,7 @@ import threading
 import time
 from collections.abc import Callable, Generator, Iterator
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, as_completed
-from contextlib import contextmanager, nullcontext
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +26,7 @@ from ...model.system import System
 from ...trajectory.trajectory import Diverged, SolverFailure, Unfinished
 from .journal import Journal
 from .study import Point, Records, Row, Study
+from .workers import begin_worker, end_workers, starting
 
 Progress = Callable[[str, int, int], None]
 DEATHS = 3  # of processes without a point in between, until it is given up
@@ -45,7 +46,7 @@ def run_study(
     """Evaluate every point of ``study`` on ``case``; with a System ``dt`` and ``t_end`` have to be given.
 
     folder: where the journal of finished points is kept; a second run with the same folder computes the
-    missing ones only. jobs: processes to use, unless an ``executor`` is given; a timed study runs point
+    missing ones only. jobs: processes to use, unless an ``executor`` is given; a study that measures runs point
     by point whatever they say. options: the study's own, see its ``points``. A point that fails is a row
     with ``failed``, one that cannot be asked a row with ``refused``, each with the reason.
     Raises InputError, also for a case that cannot travel to processes, and Unfinished where those keep dying.
@@ -56,7 +57,8 @@ def run_study(
         case = case_of(case, dt, t_end)
     case = find_case(case) if isinstance(case, str) else case
     if not isinstance(case, Case):
-        raise InputError("case", type(case).__name__, "be a case, its name, a case file, or a System")
+        remedy = "for example 'table10'"
+        raise InputError("case", type(case).__name__, "be a case, its name, a case file, or a System", remedy)
     if study.needs_stops and not case.has_stops:
         raise InputError("case", case.name, "have stops", f"{study.name} asks about contact")
     integer("jobs", jobs, 1)
@@ -93,7 +95,7 @@ def _evaluate_all(
     study: Study, case: Case, points: list[Point], jobs: int, executor: Executor | None
 ) -> Iterator[tuple[Point, list[Row]]]:
     """Here, on the executor, or on processes of our own; points as they are finished."""
-    if study.timed or len(points) < 2 or (executor is None and jobs == 1):
+    if study.measured or len(points) < 2 or (executor is None and jobs == 1):
         for point in points:
             yield point, evaluate_point(study.evaluate, case, point)
     else:
@@ -152,11 +154,9 @@ def _gather(
     lost = []
     futures: dict[Future[Any], Point] = {}
     try:
-        # The first one starts the processes, with the environment of that moment.
-        with _blas_threads(threads) if threads else nullcontext():
-            futures[pool.submit(evaluate_point, study.evaluate, case, points[0])] = points[0]
-        for point in points[1:]:
-            futures[pool.submit(evaluate_point, study.evaluate, case, point)] = point
+        with starting(threads) if threads else nullcontext():
+            for point in points:
+                futures[pool.submit(evaluate_point, study.evaluate, case, point)] = point
     except BrokenExecutor:
         lost = points[len(futures) :]
     for future in as_completed(futures):
@@ -165,44 +165,6 @@ def _gather(
         else:
             yield futures[future], future.result()
     return lost
-
-
-@contextmanager
-def _blas_threads(count: int) -> Generator[None, None, None]:
-    """Processes that are started meanwhile use so many threads in the BLAS, which reads it as it is loaded.
-
-    The matrices are so small that its threads mostly wait for each other. Held while processes start and
-    no longer: the environment belongs to everything that runs in this process.
-    """
-    names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
-    before = {name: os.environ.pop(name) for name in names if name in os.environ}
-    os.environ.update(dict.fromkeys(names, str(count)))
-    try:
-        yield
-    finally:
-        for name in names:
-            del os.environ[name]
-        os.environ.update(before)
-
-
-def end_workers(pool: ProcessPoolExecutor) -> None:
-    """Stop them as they are: what they had not finished is computed again, and nobody waits for it now."""
-    for process in list((pool._processes or {}).values()):
-        process.terminate()
-    pool.shutdown(cancel_futures=True)
-
-
-def begin_worker(threads: int) -> None:
-    """A worker marches ensembles on so many threads, and ends when the process that started it is gone."""
-    os.environ["STIFFBEAM_THREADS"] = str(threads)
-    parent = multiprocessing.parent_process()
-    assert parent is not None
-
-    def watch() -> None:
-        parent.join()
-        os._exit(1)
-
-    threading.Thread(target=watch, daemon=True).start()
 
 
 def evaluate_point(evaluate: Callable[[Case, Point], list[Row]], case: Case, point: Point) -> list[Row]:

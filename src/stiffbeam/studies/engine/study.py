@@ -46,7 +46,8 @@ class Study:
     ``evaluate`` is a pure function at the top of its module, so that another process can call it; the
     point's entries, lists left out, stand in each of its rows. What one point finds must not depend on the
     others; what needs them all (a slope, a ranking) belongs to ``answer`` and the picture.
-    smoke: options for a run of seconds. timed: the rows hold seconds, so points must not run side by side.
+    smoke: options for a run of seconds. measured: columns that are seconds of this machine, so points must not run
+    side by side; every other column has the same bits in every run on a machine, interrupted or not.
     marches: some points run a scheme, so the march is compiled before any of them. needs_stops: it asks about
     contact. all_cores: a point keeps every core busy by itself. named_by: options whose values stand in the
     names of the command's files.
@@ -59,7 +60,7 @@ class Study:
     answer: Callable[[Rows, Case], str]
     draw: Callable[[Records], Figure]
     smoke: Mapping[str, Any] = field(default_factory=dict)
-    timed: bool = False
+    measured: tuple[str, ...] = ()
     marches: bool = True
     needs_stops: bool = False
     all_cores: bool = False
@@ -121,8 +122,14 @@ class Records:
         return frame
 
     def to_dict(self) -> dict[str, Any]:
-        """Study, options, rows and failures as plain numbers and texts, for JSON."""
+        """Study, options, rows and failures as plain numbers and texts, for JSON.
+
+        measured: the fields, and the columns of rows, that are times of this machine or tell of them. All others
+        are equal to the last bit when the command is run again or has been interrupted.
+        """
+        told = ("answer", "table") if self.study.measured else ()
         return {
+            "measured": ["seconds", *told, *(f"rows.{column}" for column in self.study.measured)],
             "study": self.study.name,
             "question": self.study.question,
             "case": self.case.name,

@@ -1,0 +1,77 @@
+"""The processes of a study: how they begin, and how they end."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import sys
+import threading
+from collections.abc import Generator
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
+
+SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
+
+@contextmanager
+def starting(threads: int) -> Generator[None, None, None]:
+    """Processes begin with so many threads in the BLAS, which reads it as it is loaded, and undisturbed.
+
+    The matrices are so small that its threads mostly wait for each other. Held while processes start and
+    no longer: the environment belongs to everything that runs in this process.
+    """
+    names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
+    before = {name: os.environ.pop(name) for name in names if name in os.environ}
+    os.environ.update(dict.fromkeys(names, str(threads)))
+    try:
+        with undisturbed():
+            yield
+    finally:
+        for name in names:
+            del os.environ[name]
+        os.environ.update(before)
+
+
+@contextmanager
+def undisturbed() -> Generator[None, None, None]:
+    """SIGINT and SIGTERM wait for the end of the block: a process that is half begun cannot be ended without a
+    traceback. Those that begin in it do not hear them before ``begin_worker``."""
+    if sys.platform == "win32" or threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    held: list[int] = []
+    before = {number: signal.signal(number, lambda number, _: held.append(number)) for number in SIGNALS}
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        for number, handler in before.items():
+            signal.signal(number, signal.SIG_DFL if handler is None else handler)
+        for number in held[:1]:
+            signal.raise_signal(number)
+
+
+def end_workers(pool: ProcessPoolExecutor) -> None:
+    """Stop them as they are: what they had not finished is computed again, and nobody waits for it now."""
+    for process in list((pool._processes or {}).values()):
+        process.terminate()
+    pool.shutdown(cancel_futures=True)
+
+
+def begin_worker(threads: int) -> None:
+    """A worker marches ensembles on so many threads, leaves Ctrl-C to the process that started it, and ends when that
+    is gone."""
+    os.environ["STIFFBEAM_THREADS"] = str(threads)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if sys.platform != "win32":
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+
+    def watch() -> None:
+        parent.join()
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
