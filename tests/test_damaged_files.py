@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import random
 import struct
 import time
 from pathlib import Path
@@ -10,6 +9,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from break_it import damaged
 
 import stiffbeam as sb
 from stiffbeam.basics import netcdf
@@ -26,21 +26,6 @@ def run():
 @pytest.fixture(scope="module")
 def content(run, tmp_path_factory):
     return run.save(tmp_path_factory.mktemp("whole") / "run.nc").read_bytes()
-
-
-def damaged(content: bytes, seed: int) -> bytes:
-    """Some bytes changed, a stretch of zeros, or an end that is missing."""
-    rng, found = random.Random(seed), bytearray(content)
-    kind = seed % 6
-    if kind == 0:
-        return bytes(found[: rng.randrange(len(found))])
-    if kind == 1:
-        begin = rng.randrange(len(found))
-        zeroed = slice(begin, min(len(found), begin + rng.randrange(4096)))
-        found[zeroed] = bytes(zeroed.stop - begin)
-    for _ in range(rng.choice([1, 1, 4, 16])):
-        found[rng.randrange(len(found))] ^= rng.randrange(1, 256)
-    return bytes(found)
 
 
 def read(file: Path, run: sb.Trajectory) -> bool:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import random
-import signal
 import subprocess
 import sys
 import time
@@ -13,6 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from break_it import LOSSES, kills
 from fuzz_texts import STEEL
 from processes import nobody_left, session
 from typer.testing import CliRunner
@@ -236,13 +236,6 @@ def test_names_and_titles_stay_in_their_folder_and_their_line(tmp_path, monkeypa
 
 # ---------------------------------------------------------------- kills
 
-SWEEP = ["amplification", "table10", "--schemes", ",".join(["bdf2", "bathe", "trapezoidal", "sdirk(gamma=0.4359)"])]
-
-
-def _command(folder: Path) -> subprocess.Popen:
-    words = [sys.executable, "-m", "stiffbeam.cli", *SWEEP, "--jobs", "1", "--out", str(folder)]
-    return subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, start_new_session=True)
-
 
 @pytest.mark.slow
 def test_workers_end_with_a_killed_parent(tmp_path):
@@ -263,34 +256,8 @@ def test_workers_end_with_a_killed_parent(tmp_path):
     "wanted", [pytest.param(10, marks=pytest.mark.slow), pytest.param(100, marks=pytest.mark.campaign)]
 )
 def test_kills_lose_no_finished_point(wanted, tmp_path):
-    """SIGKILL, SIGTERM and SIGINT at any time of a command that goes on in one folder. What is journalled only grows,
-    and ends as without any kill; then the folder is emptied and it all begins again."""
-    begun = time.monotonic()
-    first = _command(tmp_path / "whole")
-    first.communicate(timeout=120)
-    assert first.returncode == 0
-    longest = time.monotonic() - begun
-    whole = json.loads((tmp_path / "whole" / "amplification.json").read_text())["rows"]
-    rng, kills, finished, most, folder = random.Random(2), 0, 0, 0, tmp_path / "killed"
-
-    def journalled() -> int:
-        return sum(len(x.read_bytes().splitlines()) for x in folder.rglob("*.jsonl"))
-
-    while kills < wanted or not finished:
-        before = journalled()
-        child = _command(folder)
-        try:
-            child.wait(rng.uniform(0.3, 1.2) * longest)
-        except subprocess.TimeoutExpired:
-            child.send_signal(rng.choice([signal.SIGKILL, signal.SIGTERM, signal.SIGINT]))
-            kills += 1
-        child.communicate(timeout=60)
-        assert journalled() >= before
-        most = max(most, journalled())
-        if child.returncode == 0:
-            finished += 1
-            assert json.loads((folder / "amplification.json").read_text())["rows"] == whole
-            assert not list(folder.rglob("*.partial"))
-            for file in [*folder.rglob("*.jsonl"), *folder.glob("amplification.*")]:
-                file.unlink()
-    assert most > 1  # there was something to lose
+    found = kills(2, wanted, tmp_path)
+    assert found["kills"] >= wanted
+    assert found["runs that ended between them"]
+    assert found["most lines there at a kill"] > 1  # there was something to lose
+    assert not any(found[name] for name in LOSSES), found

@@ -106,7 +106,7 @@ def test_the_downstream_test_passes(tmp_path):
 def test_the_case_file_runs(tmp_path):
     from stiffbeam.files.cases import load_cases
 
-    (toml,) = re.findall(r"```toml\n(.*?)```", TEXTS["beam"], re.DOTALL)
+    toml, bolted = re.findall(r"```toml\n(.*?)```", TEXTS["beam"], re.DOTALL)
     (file := tmp_path / "my-beam.toml").write_text(toml, encoding="utf-8")
     case = load_cases(file)["steel"]
     assert str(case.problem.units) == "m, s, N"
@@ -114,3 +114,8 @@ def test_the_case_file_runs(tmp_path):
     # the commented lines are part of the documentation: they have to be right as well
     file.write_text(re.sub(r"^# (?=loads)", "", toml, flags=re.MULTILINE), encoding="utf-8")
     assert len(load_cases(file)["steel"].problem.loads) == 2
+    # the stops of the shaker in place of the others
+    plain = re.sub(r"^(stops|base) = .*\n", "", toml, flags=re.MULTILINE)
+    file.write_text(plain.replace("[case.problem] ", f"[case.problem]\n{bolted}#"), encoding="utf-8")
+    problem = load_cases(file)["steel"].problem
+    assert problem.stops.motion == problem.base

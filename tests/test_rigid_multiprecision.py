@@ -162,6 +162,12 @@ def test_random_systems_against_float64(seed):
     agrees(seed)
 
 
+def test_contacts_that_throw_each_other_off_are_refused():
+    """Inertia between two contacts: each impact, e = 0, opens the other contact, again and again."""
+    with pytest.raises(SolverFailure, match="at one time"):
+        solved(rigid_witness.random_system(133), 3.0)
+
+
 @pytest.mark.parametrize("kind", ["linear", "cubic"])
 def test_sampled_loads_and_a_sampled_stop(kind):
     t = np.linspace(0.0, 2.0, 26)

@@ -94,3 +94,19 @@ def test_the_lower_stop_is_the_mirror_image():
         )
         assert sb.reference(system, 0.55).impacts.count == count
         assert sb.integrate(system, sb.BDF2(), 1e-3, 0.55).impacts.count == count
+
+
+@pytest.mark.parametrize("damping", [0.0, 0.1])
+def test_a_start_on_a_stop_is_one_however_its_modes_are_rounded(damping):
+    """The position is a sum over modes: its distance from the stop is not zero, but 1e-16 to either side."""
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        x, row, q, v = rng.normal(size=(4, 4)), np.eye(4)[rng.integers(4)], rng.normal(size=4), rng.normal(size=4)
+        system = sb.System.from_matrices(
+            np.eye(4), x @ x.T + np.eye(4), damping=damping * np.eye(4),
+            contacts=[sb.Contact(row, sb.Stops(upper=float(row @ q), stiffness=1e4))],
+            initial_displacement=q, initial_velocity=v * np.sign(row @ v),
+        )  # fmt: skip
+        contact = sb.reference(system, 1e-3).contacts[0]
+        assert contact.impacts.count == 0
+        assert contact.fraction == 1.0

@@ -23,6 +23,12 @@ def compiled(function: Callable[..., Any]) -> Any:
     return _njit(function)
 
 
+def in_order(function: Callable[..., Any]) -> Any:
+    """``function`` compiled with every sum in the order it is written in: where a later term takes up what an earlier
+    one has rounded off."""
+    return _njit(function, fastmath={"contract"})
+
+
 def inlined(function: Callable[..., Any]) -> Any:
     """``function`` compiled as a part of those that call it.
 
@@ -83,7 +89,8 @@ def _njit(function: Callable[..., Any], **options: Any) -> Any:
     before = numba.config.CACHE_DIR  # type: ignore[attr-defined]
     numba.config.CACHE_DIR = str(directory(Path(function.__code__.co_filename)))  # type: ignore[attr-defined]
     try:
-        made = numba.njit(cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy", **options)(function)
+        chosen: dict[str, Any] = {"fastmath": FASTMATH, **options}
+        made = numba.njit(cache=True, nogil=True, error_model="numpy", **chosen)(function)
         return _forgiving(made)
     finally:
         numba.config.CACHE_DIR = before  # type: ignore[attr-defined]

@@ -24,7 +24,7 @@ from ..basics.validation import InputError
 from ..model.system import System
 from ..references.exact.exact_measures import Solution
 from ..references.exact.piecewise import reference_of, tracer_of
-from ..references.exact.undamped_tracer import Perturbation
+from ..references.exact.rounding import Perturbation
 from ..trajectory.trajectory import Reference
 from .cases import parse_case
 

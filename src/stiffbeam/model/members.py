@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import same
+from ..basics.arrays import Array, same
 from ..basics.budget import afford
 from ..basics.validation import InputError, integer, itself, non_negative, number, numbers, positive, sequence
 from .contact import Stops
+from .matrices import finite_vector
 from .modes import undamped_modes
 from .problem import BeamProblem, Profile
 from .profiles import PolynomialProfile
@@ -71,6 +72,15 @@ class Members(Sequence[System]):
         if not -len(self) <= i < len(self):
             raise IndexError(i)
         return replace(self.system, **{name: values[i] for name, values in self.fields.items()})
+
+    def start(self, i: int) -> tuple[Array, Array]:
+        """q0, v0 (n,) of member i."""
+        own, n = self.system, self.system.size
+        q0, v0 = self.fields.get("q0"), self.fields.get("v0")
+        return (
+            own.q0 if q0 is None else finite_vector("initial_displacement", q0[i], n),
+            own.v0 if v0 is None else finite_vector("initial_velocity", v0[i], n),
+        )
 
     def __iter__(self) -> Iterator[System]:
         return (self[i] for i in range(len(self)))

@@ -47,11 +47,14 @@ class Modes:
         return vector @ self.shapes
 
 
-def undamped_modes(system: System) -> Modes:
-    """The modes of ``system`` without its damping, which always decouple."""
-    found = modes(replace(system, damping=np.zeros_like(system.damping)))
-    assert found is not None
-    return found
+def undamped_modes(system: System, springs: tuple[tuple[Array, float], ...] = ()) -> Modes:
+    """The modes of ``system`` without its damping, which always decouple; with springs as in ``modes``. Those of a
+    system, which cannot change, are found once."""
+    if springs:
+        return _undamped(system, springs)
+    if system not in _UNDAMPED:
+        _UNDAMPED[system] = _undamped(system)
+    return _UNDAMPED[system]
 
 
 def uncoupled_modes(system: System) -> Modes:
@@ -68,47 +71,53 @@ def modes(system: System, springs: tuple[tuple[Array, float], ...] = ()) -> Mode
 
     With the mass M = R^T R and the factor K = G^T G, omega are the singular values of G R^-1, a spring
     (row, kappa) being one more row sqrt(kappa) row of G: the error is eps w_max in each omega. Without
-    a factor they are the roots of eigenvalues, eps omega in each (``graded_eigenpairs``). Those of a system, which
-    cannot change, are found once.
+    a factor they are the roots of eigenvalues, eps omega in each (``graded_eigenpairs``).
     """
+    if not system.damped:
+        return undamped_modes(system, springs)
     if springs:
-        return _modes(system, springs)
-    if system not in _FOUND:
-        _FOUND[system] = _modes(system)
-    return _FOUND[system]
+        return _damped(system, springs)
+    if system not in _DAMPED:
+        _DAMPED[system] = _damped(system)
+    return _DAMPED[system]
 
 
-_FOUND: WeakKeyDictionary[System, Modes | None] = WeakKeyDictionary()
+_UNDAMPED: WeakKeyDictionary[System, Modes] = WeakKeyDictionary()
+_DAMPED: WeakKeyDictionary[System, Modes | None] = WeakKeyDictionary()
 
 
 @np.errstate(over="ignore")  # refused by ``_within_float64``
-def _modes(system: System, springs: tuple[tuple[Array, float], ...] = ()) -> Modes | None:
+def _damped(system: System, springs: tuple[tuple[Array, float], ...] = ()) -> Modes | None:
+    found = undamped_modes(system, springs)
+    damping = _within_float64("damping", found.shapes.T @ system.damping @ found.shapes)
+    diagonal = np.diag(damping).copy()
+    if np.max(np.abs(damping - np.diag(diagonal))) > 1e-9 * max(np.max(np.abs(diagonal)), 1e-300):
+        return None
+    return replace(found, damping=diagonal)
+
+
+@np.errstate(over="ignore")  # refused by ``_within_float64``
+def _undamped(system: System, springs: tuple[tuple[Array, float], ...] = ()) -> Modes:
     into, back = _root(system.mass)
+    name = "stops.stiffness" if springs else "stiffness"  # what is too large with springs is one of these
     if system.stiffness_factor is not None:
         factor = np.vstack([system.stiffness_factor, *(np.sqrt(kappa) * row for row, kappa in springs)])
-        _, omega, vectors = scipy.linalg.svd(_within_float64("stiffness", into(factor.T).T), full_matrices=False)
+        _, omega, vectors = scipy.linalg.svd(_within_float64(name, into(factor.T).T), full_matrices=False)
         omega, shapes = omega[::-1], back(vectors[::-1].T)
         rigid = len(omega) - np.count_nonzero(np.any(factor, axis=1))  # as many motions strain nothing
         omega = np.where(np.arange(len(omega)) < rigid, 0.0, omega)
     else:
         stiffness = system.stiffness + sum(kappa * np.outer(row, row) for row, kappa in springs)
         scaled = 0.5 * into(into(stiffness).T)
-        squares, vectors = scipy.linalg.eigh(_within_float64("stiffness", scaled + scaled.T))
+        squares, vectors = scipy.linalg.eigh(_within_float64(name, scaled + scaled.T))
         if squares[0] < -1e-9 * squares[-1]:
             remedy = "look at the signs and the supports it was made with"
             raise InputError("stiffness", f"least eigenvalue {squares[0]:.3g}", "be positive semidefinite", remedy)
-        shapes = back(vectors)
-        squares, shapes = graded_eigenpairs(system.mass, system.stiffness, springs, squares, shapes)
+        squares, shapes = graded_eigenpairs(system.mass, system.stiffness, springs, squares, back(vectors))
         omega = np.sqrt(np.maximum(squares, 0.0))
     # One sign per shape, so that equal systems give equal modes.
     shapes = shapes * np.where(shapes[np.argmax(np.abs(shapes), axis=0), np.arange(shapes.shape[1])] < 0, -1.0, 1.0)
-    diagonal = np.zeros(len(omega))
-    if system.damped:
-        damping = _within_float64("damping", shapes.T @ system.damping @ shapes)
-        diagonal = np.diag(damping).copy()
-        if np.max(np.abs(damping - np.diag(diagonal))) > 1e-9 * max(np.max(np.abs(diagonal)), 1e-300):
-            return None
-    return Modes(omega=np.ascontiguousarray(omega), shapes=shapes, damping=diagonal, mass=system.mass)
+    return Modes(np.ascontiguousarray(omega), shapes, damping=np.zeros(len(omega)), mass=system.mass)
 
 
 def _within_float64(name: str, scaled: Array) -> Array:

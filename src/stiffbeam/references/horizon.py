@@ -15,6 +15,7 @@ from ..model.modes import undamped_modes
 from ..model.system import System
 from ..trajectory.impacts import Impacts
 from ..trajectory.trajectory import Reference, SolverFailure, Trajectory
+from .exact.piecewise import Watched, copies, solve_exact
 from .request import Steps
 
 DISPLACEMENT_TOLERANCE = 1e-3  # of max |u|
@@ -58,12 +59,22 @@ def agreement(
     Impacts are paired in order, see ``impacts_match_until``. Both must have the same output times. ``scale``
     stands for max|u|, which is that of a's outputs if None.
     """
+    return _agreement(_watched(a), _watched(b), tolerance, displacement_tolerance, scale)
+
+
+def _watched(run: Trajectory) -> Watched:
+    return Watched(run.t, run.tip, tuple(contact.impacts for contact in run.contacts))
+
+
+def _agreement(
+    a: Watched, b: Watched, tolerance: float, displacement_tolerance: float, scale: float | None = None
+) -> float:
     scale = float(np.max(np.abs(a.tip))) if scale is None else scale
     end = float(min(a.t[-1], b.t[-1]))
     different = np.flatnonzero(~(np.abs(a.tip - b.tip) <= displacement_tolerance * scale))  # NaN is different
     horizon = min(end, float(a.t[max(0, different[0] - 1)])) if len(different) else end
-    for c, d in zip(a.contacts, b.contacts, strict=True):
-        horizon = min(horizon, impacts_match_until(c.impacts, d.impacts, tolerance, end))
+    for c, d in zip(a.impacts, b.impacts, strict=True):
+        horizon = min(horizon, impacts_match_until(c, d, tolerance, end))
     return horizon
 
 
@@ -103,17 +114,17 @@ def exact_horizon(
     no copy shows: the horizon ends where MARGIN times that reaches the tolerance. ``horizon_predicted``:
     the horizon that the tangent flow predicts.
     """
-    from .exact.piecewise import Perturbation, solve_exact
     from .exact.tangent import predicted_horizon
 
     eps = MARGIN * float(np.finfo(float).eps)
     tolerance, solution = time_tolerance(system), reference.solution
     fastest = 2.0 * np.pi / solution.shortest_period
     horizon = min(t_end, DISPLACEMENT_TOLERANCE / (eps * fastest))
+    own = _watched(reference)
+    others = copies(system, t_end, reference.t, eps)
     for seed in range(COPIES):
         show(f"exact: copy {seed + 1} of {COPIES} for its horizon", 1 + seed, 1 + COPIES)
-        copy = solve_exact(system, t_end, reference.t, Perturbation(eps, eps, seed))
-        horizon = min(horizon, agreement(reference, copy, 0.5 * tolerance, 0.5 * DISPLACEMENT_TOLERANCE))
+        horizon = min(horizon, _agreement(own, next(others), 0.5 * tolerance, 0.5 * DISPLACEMENT_TOLERANCE))
     if horizon == 0.0:
         horizon = _soon(reference, system, t_end, eps)
     return horizon, {
@@ -129,12 +140,11 @@ def _soon(reference: Reference, system: System, t_end: float, eps: float) -> flo
     none of their digits is right, however large the motion is between them. Raises SolverFailure where it ends
     before all of these too: there rounding is as large as the outputs.
     """
-    from .exact.piecewise import Perturbation, solve_exact
-
     times = np.append(0.0, t_end * 2.0 ** np.arange(-SOON, 1.0))
-    solution, copy = solve_exact(system, t_end, times), solve_exact(system, t_end, times, Perturbation(eps, eps, 0))
-    scale = float(np.max(np.abs(reference.tip)))
-    horizon = agreement(solution, copy, 0.5 * time_tolerance(system), 0.5 * DISPLACEMENT_TOLERANCE, scale)
+    solution, scale = solve_exact(system, t_end, times), float(np.max(np.abs(reference.tip)))
+    own = _watched(solution)
+    copy = next(copies(system, t_end, times, eps))
+    horizon = _agreement(own, copy, 0.5 * time_tolerance(system), 0.5 * DISPLACEMENT_TOLERANCE, scale)
     if horizon <= times[1]:
         reason = "rounding is as large as the outputs from the start"
         raise SolverFailure("exact", 0.0, reason, "use method='multiprecision'")
@@ -158,8 +168,6 @@ def with_horizon(
     reference was compared. solve: what solves anew, with the arguments of ``references.solve``. Raises
     SolverFailure for an exact solution of which nothing can be trusted.
     """
-    from .exact.piecewise import solve_exact
-
     tolerance = time_tolerance(system)
     notes: dict[str, Any] = {}
     if reference.provenance["method"] == "exact":

@@ -257,9 +257,12 @@ def draw(records: Records) -> Figure:
             if start == SMOOTH:
                 axes[2].plot(cells, np.abs(column(own, "share") / largest_penetration() - 1.0), **style)
     axes[0].axhline(1.0, color="k", lw=0.9)
-    axes[1].axhline(largest_penetration(), color="k", lw=0.9)
-    titles = ("(a) speed at the first impact", "(b) peak force", "(c) its error, with its base")
-    labels = ("V on the grid/V of the beam", r"$F_{max}/(V_{beam}(A^2\kappa)^{1/3})$", "relative to theory")
+    axes[1].axhline(largest_penetration(), color="k", lw=0.9, label="the beam itself, by theory")
+    grids = np.array(sorted({row["cells"] for row in rows if row["start"] == SMOOTH}), float)
+    if len(grids):
+        axes[2].plot(grids, (grids / 8.0) ** -2, color="0.5", lw=0.9, ls="-.", label="slope of $h^2$")
+    titles = ("(a) speed at the first impact", "(b) peak force", "(c) error of the force, with its base")
+    labels = ("V on the grid/V of the beam", r"$F_{max}/(V_{beam}(A^2\kappa)^{1/3})$", "error relative to theory")
     for axis, title, label in zip(axes, titles, labels, strict=True):
         axis.set_title(title, loc="left")
         axis.set(xlabel="cells", ylabel=label)

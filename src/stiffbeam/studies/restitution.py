@@ -122,7 +122,7 @@ def draw(records: Records) -> Figure:
     """Lines: closed forms; markers: balls."""
     rows = numeric(records.found)
     figure = new_figure(4.8)
-    figure.suptitle("The restitution that a damped stop delivers, by the formula it was made with")
+    figure.suptitle("The restitution that a damped stop delivers, by its formula (lines: closed forms; markers: runs)")
     axes = figure.subplots(1, 2)
     for i, name in enumerate(_names(records.found)):
         own = sorted((row for row in rows if row["formula"] == name), key=lambda row: row["wanted"])
@@ -138,11 +138,18 @@ def draw(records: Records) -> Figure:
             (column(own, "measured"), column(own, "measured") - wanted),
             strict=True,
         ):
-            axis.plot(wanted, line, lw=1.2, label=label, **style)
-            axis.plot(wanted, mark, MARKERS[i % len(MARKERS)], ms=3.5, mfc="white", color=style["color"])
-    for axis, letter, words in zip(axes, "ab", ("e delivered", "e delivered - e wanted"), strict=True):
+            points = {"marker": MARKERS[i % len(MARKERS)], "ms": 3.5, "mfc": "white", "color": style["color"]}
+            axis.plot(wanted, line, lw=1.2, **style)
+            axis.plot(wanted, mark, ls="", **points)
+            axis.plot([], [], lw=1.2, label=label, **style | points)
+    for axis, title, words in zip(
+        axes,
+        ("(a) e delivered", "(b) too much of it"),
+        ("e delivered", "e delivered \N{MINUS SIGN} e wanted"),
+        strict=True,
+    ):
         axis.set(xlabel="e wanted", ylabel=words)
-        axis.set_title(f"({letter})", loc="left")
+        axis.set_title(title, loc="left")
         axis.grid(color="0.92")
         if not rows:
             say_empty(axis)

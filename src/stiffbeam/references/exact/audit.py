@@ -41,14 +41,21 @@ def within_float64(solver: str, t_end: float) -> Generator[None, None, None]:
         raise SolverFailure(solver, t_end, f"the motion overflows float64 ({error})", REMEDY) from None
 
 
-def audit(system: System, solution: Solution, t_end: float, solver: str = "exact") -> None:
+def audit(
+    system: System,
+    solution: Solution,
+    t_end: float,
+    solver: str = "exact",
+    start: tuple[Array, Array] | None = None,
+) -> None:
     """Raise SolverFailure with the first time by which the ledger of [0, t_end] has opened.
 
     It is open where the sum of its openings exceeds what rounding explains, for every switch ROUNDINGS eps
     (w |q|_M sqrt(2 E) + 2 E) with the fastest frequency w, though not less than SEEN nor more than LOST of
     the energy. Pieces are looked at in the middle. Rigid stops turn velocities: there energies are compared,
-    not velocities.
+    not velocities. start: q, q' (n,) at t = 0, None for those of the system.
     """
+    q0, v0 = (system.q0, system.v0) if start is None else start
     times, sides = solution.times, solution.sides
     count, ends = len(times), np.append(times[1:], t_end)
     pieces, when = np.arange(count), np.concatenate([times, ends])
@@ -56,14 +63,14 @@ def audit(system: System, solution: Solution, t_end: float, solver: str = "exact
     finite = np.all(np.isfinite(q) & np.isfinite(v), axis=1)
     if not np.all(finite):
         raise SolverFailure(solver, float(np.min(when[~finite])), "the motion is not finite", REMEDY)
-    _start(system, solution, t_end, solver)
+    _start(system, solution, t_end, solver, q0)
     kinetic, elastic, _ = system.energies(when, q, v)
     stops, inside = _stops(system, solution, q, ends, sides)
     energy = kinetic + elastic + stops
     after, before = slice(0, count), slice(count, 2 * count - 1)
     opening = np.zeros(count + 1)  # at the start, and at the end of every piece
     if times[0] == 0.0:
-        opening[0] = abs(energy[0] - system.energy(times[:1], system.q0[None], system.v0[None])[0])
+        opening[0] = abs(energy[0] - system.energy(times[:1], q0[None], v0[None])[0])
     opening[1:-1] = np.abs(energy[after][1:] - energy[before])
     if solver != "rigid":
         jump, turn, _ = system.energies(times[1:], q[after][1:] - q[before], v[after][1:] - v[before])
@@ -84,7 +91,7 @@ def audit(system: System, solution: Solution, t_end: float, solver: str = "exact
         raise SolverFailure(solver, float(np.append(0.0, ends)[k]), reason, REMEDY)
 
 
-def _start(system: System, solution: Solution, t_end: float, solver: str) -> None:
+def _start(system: System, solution: Solution, t_end: float, solver: str, q0: Array) -> None:
     """Raise SolverFailure where an observed position starts off by more than START of its largest value."""
     if solution.times[0] != 0.0:
         return
@@ -92,7 +99,7 @@ def _start(system: System, solution: Solution, t_end: float, solver: str) -> Non
     for channel, (row, _) in enumerate(system.channels):
         shift = solution.offset(system, channel)(t)[0]
         u = solution.observed(t, row)[0] + shift
-        given = float(row @ system.q0 + shift[0])
+        given = float(row @ q0 + shift[0])
         if abs(u[0] - given) > START * max(abs(given), float(np.max(np.abs(u)))):
             reason = "the motion is smaller than the rounding of the amplitudes it is the difference of"
             raise SolverFailure(solver, 0.0, reason, "use method='multiprecision'")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any, Protocol
 
 import numpy as np
@@ -10,7 +11,6 @@ from numpy.typing import NDArray
 
 from ...basics.arrays import Array
 from ...basics.budget import afford
-from ...model.contact import Stops
 from ...model.system import System
 from ...trajectory.impacts import ContactRecord, Impacts
 from ...trajectory.ledger import Ledger
@@ -78,6 +78,12 @@ class Solution(Protocol):
         """row @ q and its rate at any times t (k,), (k,) each; row: (n,)."""
         ...
 
+    def press(
+        self, system: System, contact: int, starts: Array, ends: Array, sides: NDArray[np.int64], /
+    ) -> tuple[Array, Array]:
+        """Peak |sigma| and impulse of a contact in the spans [starts, ends] (k,) in which it is on ``sides``."""
+        ...
+
     def offset(self, system: System, channel: int, /) -> Callable[[Array], tuple[Array, Array]]:
         """o(t) and o'(t) of a channel, (k,) each."""
         ...
@@ -87,26 +93,43 @@ class Solution(Protocol):
         ...
 
 
+def path_of(system: System, solution: Solution, times: Array, channel: int) -> tuple[Array, Array]:
+    """Position and velocity of a channel at any times."""
+    row, offset = system.channels[channel]
+    u, v = solution.observed(times, row)
+    if offset is None:
+        return u, v
+    shift, shift_rate = solution.offset(system, channel)(times)
+    return u + shift, v + shift_rate
+
+
+def entries(solution: Solution, i: int, t_end: float) -> Impacts:
+    """The impacts of contact i, entries into a stop, without what they measure."""
+    starts, _, sides = _closed(solution, i, t_end)
+    counted = starts > 0.0
+    return Impacts.at(starts[counted], sides[counted], "event")
+
+
 def contact_record(
     system: System, solution: Solution, i: int, t: Array, t_end: float, since: float = 0.0
 ) -> ContactRecord:
     """Contact history in [since, t_end] by events: impacts are the switches from free to a stop."""
+    return record_of(system, solution, i, path_of(system, solution, t, i), t_end, since)
+
+
+def record_of(
+    system: System, solution: Solution, i: int, seen: tuple[Array, Array], t_end: float, since: float
+) -> ContactRecord:
+    """``contact_record`` with the position and velocity that are ``seen`` at the output times."""
     contact = system.contacts[i]
-    offset = solution.offset(system, i)
-
-    def path(times: Array) -> tuple[Array, Array]:
-        u, v = solution.observed(times, contact.row)
-        shift, shift_rate = offset(times)
-        return u + shift, v + shift_rate
-
     starts, ends, sides = _closed(solution, i, t_end)
     late = ends > since
     starts, ends, sides = starts[late], ends[late], sides[late]
     counted = starts > since  # contact that is there at the start is no impact
     starts = np.maximum(starts, since)
-    peaks, impulses = _episodes(solution, starts, ends, sides, path, contact.stops)
+    peaks, impulses = solution.press(system, i, starts, ends, sides) if len(starts) else np.zeros((2, 0))
     ended = ends < t_end
-    position, velocity = path(t)
+    position, velocity = seen
     return ContactRecord(
         stops=contact.stops,
         position=position,
@@ -142,23 +165,17 @@ def _closed(solution: Solution, i: int, t_end: float) -> tuple[Array, Array, NDA
     return starts[first][closed], ends[last][closed], side[first][closed]
 
 
-def _episodes(
-    solution: Solution,
-    starts: Array,
-    ends: Array,
-    sides: NDArray[np.int64],
-    path: Callable[[Array], tuple[Array, Array]],
-    stops: Stops,
+def pressed_by(
+    system: System, solution: Solution, i: int, starts: Array, ends: Array, sides: NDArray[np.int64]
 ) -> tuple[Array, Array]:
-    """Peak |sigma| and impulse, the integral of |sigma|, of contact pieces [starts, ends] on ``sides``.
+    """Peak |sigma| and impulse, the integral of |sigma|, of contact i in the spans [starts, ends] on ``sides``.
 
     |sigma| is smooth between two switches, of any contact: Gauss-Legendre panels no longer than the shortest
     period, and graded towards the switch where a part dies out faster, integrate it to rounding; the peak is
     where u' changes sign beside one of the largest samples, found by the Illinois method; of a damped stop,
     whose force may be largest where it jumps, by the golden section.
     """
-    if not len(starts):
-        return np.zeros(0), np.zeros(0)
+    path, stops = partial(path_of, system, solution, channel=i), system.contacts[i].stops
     owner, cuts, until = _between(solution.times, starts, ends)
     index, left, width = panels(solution.shortest_period, cuts, until, solution.fastest_decay)
     index = owner[index]

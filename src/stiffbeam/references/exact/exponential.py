@@ -75,6 +75,14 @@ class ExponentialSolution:
         """The largest decay rate of any mode in any regime, 1/time."""
         return max(float(-np.min(r.eigenvalues.real, initial=0.0)) for r in self.regimes.values())
 
+    def press(
+        self, system: System, contact: int, starts: Array, ends: Array, sides: NDArray[np.int64]
+    ) -> tuple[Array, Array]:
+        """Peak |sigma| and the integral of |sigma| in the spans [starts, ends] (k,) of contact on ``sides``."""
+        from .exact_measures import pressed_by
+
+        return pressed_by(system, self, contact, starts, ends, sides)
+
     def offset(self, system: System, channel: int) -> Callable[[Array], tuple[Array, Array]]:
         """o(t) and o'(t) of a channel."""
         return self.drive.offset(system, channel)

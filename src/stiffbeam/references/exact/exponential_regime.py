@@ -9,7 +9,7 @@ y instead, and X leaves out what it answers: a resonant answer grows, a response
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -19,12 +19,12 @@ from numpy.typing import NDArray
 from ...basics.arrays import Array
 from ...model.drive import Drive
 from ...model.graded import EPS, congruence
-from ...model.modes import modes
+from ...model.modes import undamped_modes
 from ...model.system import System
 from .chains import Chain
 from .polynomial_answer import forced
+from .rounding import Perturbation, perturbed_modes, rounded_sum
 from .spectrum import Group, groups
-from .undamped_tracer import Perturbation, perturbed_modes, rounded_sum
 
 CLOSE = 0.01  # |lambda - i Omega|/(|lambda| + Omega) below which a mode answers a drive from rest
 UNFELT = 1e-14  # of the largest modal force: less is the rounding of none
@@ -90,8 +90,7 @@ def regime_of(
     """The regime with every contact on the given side, 0 free; span: the longest time that is asked for."""
     closed = [(i, c, side) for i, (c, side) in enumerate(zip(system.contacts, chi, strict=True)) if side]
     springs = tuple((c.row, c.stops.spring(side)[0]) for _, c, side in closed)
-    basis = modes(replace(system, damping=np.zeros_like(system.damping)), springs)
-    assert basis is not None
+    basis = undamped_modes(system, springs)
     rigid, rng = basis.omega == 0.0, None
     if perturbation is not None:
         rng = np.random.default_rng([perturbation.seed, *(side + 1 for side in chi)])

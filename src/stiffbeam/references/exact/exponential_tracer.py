@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,8 +18,11 @@ from .damped_stops import LET_GO, next_side, pressed, side_of, watched
 from .exponential import ExponentialSolution
 from .exponential_regime import Complex, Regime, phasors, regime_of, spin_of
 from .exponential_search import search
+from .rounding import Perturbation, rounded_sum
+from .switching import search as leap
+from .terms import OMEGA, SIGMA, SQUARE, X, Y, layout
 from .touching import ORDER
-from .undamped_tracer import EVENTS_PER_CALL, Perturbation, refuse_accumulation, rounded_sum
+from .undamped_tracer import EVENTS_PER_CALL, refuse_accumulation
 
 
 class ExponentialTracer:
@@ -37,6 +41,8 @@ class ExponentialTracer:
         nothing = np.zeros((0, 0, 0), complex), np.zeros((0, 0))
         chains = np.zeros((0, 0), complex), index, np.zeros((0, 0, 0, 0), complex)
         search(one, one, none, none, index, np.zeros(0), np.zeros(0), index, 0.0, 0.0, one[:0] + 0j, *nothing, *chains)
+        blank, still = layout(1, 1, 0), np.zeros(1, np.int64)
+        leap(*blank, still, one, one, still, 0.0, 0.0)
         self.compile_seconds = time.perf_counter() - compiling
 
     def solve(self, t_end: float) -> ExponentialSolution:
@@ -158,13 +164,26 @@ class Gaps:
             seen = seen * (1.0 + np.outer(lags, regime.eigenvalues))[:, :, None]
             chained = chained[at] + lags[:, None, None, None] * np.roll(chained[at], -1, axis=2)
             g1, g2 = np.where(own & (chi[at] > 0), -np.inf, g1[at]), np.where(own & (chi[at] < 0), np.inf, g2[at])
-        parts = (np.ascontiguousarray(x) for x in (np.minimum(rates.real, 0.0), rates.imag, a.real, a.imag))
         gaps = np.ascontiguousarray(sides), g1, g2, resting.astype(np.int64), t, t_end
-        tau, which, met, used = search(*parts, *gaps, regime.eigenvalues, seen, shift, nodes, counts, chained)
+        if self.drive.records or regime.chains:
+            parts = (np.ascontiguousarray(x) for x in (np.minimum(rates.real, 0.0), rates.imag, a.real, a.imag))
+            tau, which, met, used = search(*parts, *gaps, regime.eigenvalues, seen, shift, nodes, counts, chained)
+        else:
+            tau, which, met, used = _leap(rates, a, gaps)
         if which < 0:
             return tau, -1, 0, used
         contact = int(at[which])
         return tau, contact, next_side(int(chi[contact]), met, bool(lags[which])), used
+
+
+def _leap(rates: Complex, a: Complex, gaps: tuple[Any, ...]) -> tuple[float, int, int, int]:
+    """``search`` among the exponentials Re sum_k a_ck exp(rates_k tau) alone, by leaps."""
+    order = np.argsort(np.abs(rates), kind="stable")
+    speeds, terms, seen, pairs = layout(len(a), len(rates), 0)
+    speeds[SIGMA], speeds[OMEGA] = np.minimum(rates.real, 0.0)[order], rates.imag[order]
+    speeds[SQUARE] = speeds[OMEGA] ** 2
+    terms[:, X], terms[:, Y] = a.real[:, order], -speeds[OMEGA] * a.imag[:, order]
+    return leap(speeds, terms, seen, pairs, *gaps)
 
 
 def _start(system: System, perturbation: Perturbation | None) -> tuple[Array, Array]:

@@ -8,11 +8,16 @@ from __future__ import annotations
 
 import math
 
-from ...basics.compiled import compiled
+from ...basics.arrays import Array
+from ...basics.compiled import compiled, in_order
+
+# pi/2 in three parts, the first of 33 bits: k times it is exact for |k| < 2^20.
+QUARTER, QUARTER_2, QUARTER_3 = 1.57079632673412561417, 6.07710050630396597660e-11, 2.02226624871116645580e-21
+MOST_RADIANS = 1.6e6  # that many quarters
 
 
 @compiled
-def oscillation(omega, tau):
+def oscillation(omega: float, tau: float) -> tuple[float, float, float]:
     """cos(omega tau), sin(omega tau)/omega, (1 - cos(omega tau))/omega^2, regular at omega = 0."""
     x = omega * tau
     if x > 1e-4:
@@ -23,8 +28,48 @@ def oscillation(omega, tau):
     return 1.0 - 0.5 * x * x, tau * (1.0 - x * x / 6.0), 0.5 * tau * tau * (1.0 - x * x / 12.0)
 
 
+@in_order
+def oscillations(omega: Array, tau: float, c: Array, s: Array, v: Array) -> None:
+    """``oscillation`` of all modes omega (n,) at tau >= 0 into c, s, v (n,), in vector registers.
+
+    Sine and cosine by the minimax polynomials of fdlibm on [-pi/4, pi/4], 1 ulp each.
+    """
+    fastest = 0.0
+    for j in range(omega.size):
+        fastest = max(fastest, omega[j])
+    if not fastest * tau < MOST_RADIANS:
+        for j in range(omega.size):
+            c[j], s[j], v[j] = oscillation(omega[j], tau)
+        return
+    for j in range(omega.size):
+        x = omega[j] * tau
+        k = math.floor(x * (2.0 / math.pi) + 0.5)
+        r = ((x - k * QUARTER) - k * QUARTER_2) - k * QUARTER_3
+        z = r * r
+        sine = r + r * z * (
+            -1.66666666666666324348e-01 + z * (8.33333333332248946124e-03 + z * (-1.98412698298579493134e-04 + z * (
+            2.75573137070700676789e-06 + z * (-2.50507602534068634195e-08 + z * 1.58969099521155010221e-10))))
+        )  # fmt: skip
+        cosine = 1.0 - 0.5 * z + z * z * (
+            4.16666666666666019037e-02 + z * (-1.38888888888741095749e-03 + z * (2.48015872894767294178e-05 + z * (
+            -2.75573143513906633035e-07 + z * (2.08757232129817482790e-09 - z * 1.13596475577881948265e-11))))
+        )  # fmt: skip
+        turn = k - 4.0 * math.floor(0.25 * k)  # quarters: 0, 1, 2 or 3
+        even = turn == 0.0 or turn == 2.0
+        a = cosine if even else sine
+        b = sine if even else cosine
+        a = a if turn == 0.0 or turn == 3.0 else -a
+        b = b if turn < 2.0 else -b
+        slow = x <= 1e-4
+        w = 1.0 if slow else omega[j]
+        versine = 1.0 - a if a < 0.5 else b * b / (1.0 + a)
+        c[j] = a
+        s[j] = tau * (1.0 - x * x / 6.0) if slow else b / w
+        v[j] = 0.5 * tau * tau * (1.0 - x * x / 12.0) if slow else versine / (w * w)
+
+
 @compiled
-def from_rest(omega, frequency, tau):
+def from_rest(omega: float, frequency: float, tau: float) -> tuple[float, float]:
     """C, S with C'' + omega^2 C = cos(frequency tau) and S'' + omega^2 S = sin(frequency tau), at rest at 0.
 
     With m, d = (omega +- frequency)/2: C = sin(m tau)/m sin(d tau)/d / 2, and near resonance S = (sin(m tau)/m
@@ -58,21 +103,14 @@ def from_rest(omega, frequency, tau):
 
 
 @compiled
-def responses(omega, frequency, tau, cosine, sine):
-    """``from_rest`` at times tau (k,) into cosine and sine (k,)."""
-    for i in range(tau.size):
-        cosine[i], sine[i] = from_rest(omega, frequency, tau[i])
-
-
-@compiled
-def pair(i, close, close_force, omega, frequencies, start, tau):
-    """eta, eta', eta'' at start + tau of the i-th close pair, a mode that answers a drive from rest at ``start``."""
-    w = omega[close[i, 0]]
-    frequency = frequencies[close[i, 1]]
+def pair(
+    w: float, frequency: float, force_sine: float, force_cosine: float, start: float, tau: float
+) -> tuple[float, float, float]:
+    """eta, eta', eta'' at start + tau of a close pair: a mode w that answers a drive from rest at ``start``."""
     s = math.sin(frequency * start)
     c = math.cos(frequency * start)
-    a = close_force[i, 0] * s + close_force[i, 1] * c
-    b = close_force[i, 0] * c - close_force[i, 1] * s
+    a = force_sine * s + force_cosine * c
+    b = force_sine * c - force_cosine * s
     cosine, sine = from_rest(w, frequency, tau)
     over = math.sin(w * tau) / w if w * tau > 1e-9 else tau
     eta = a * cosine + b * sine
@@ -81,13 +119,13 @@ def pair(i, close, close_force, omega, frequencies, start, tau):
 
 
 @compiled
-def pair_sizes(i, close, close_force, omega, frequencies, rest):
-    """How large eta and eta' of the i-th close pair can get within ``rest``, and its force.
+def pair_sizes(
+    w: float, frequency: float, force_sine: float, force_cosine: float, rest: float
+) -> tuple[float, float, float]:
+    """How large eta and eta' of a close pair can get within ``rest``, and its force.
 
     The answer to a force of size one is at most rest^2/2, rest/omega and 4/|omega^2 - Omega^2|.
     """
-    w = omega[close[i, 0]]
-    frequency = frequencies[close[i, 1]]
     gain = abs(w * w - frequency * frequency)
     size = 0.5 * rest * rest
     speed = rest
@@ -97,5 +135,5 @@ def pair_sizes(i, close, close_force, omega, frequencies, rest):
         size = 4.0 / gain
     if gain * speed > 4.0 * max(w, frequency):
         speed = 4.0 * max(w, frequency) / gain
-    force = math.hypot(close_force[i, 0], close_force[i, 1])
+    force = math.hypot(force_sine, force_cosine)
     return force * size, force * speed, force

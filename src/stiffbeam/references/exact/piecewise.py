@@ -9,9 +9,11 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Iterator
 from dataclasses import asdict
 from functools import partial
-from typing import Any
+from itertools import count
+from typing import Any, NamedTuple
 
 from ...basics.arrays import Array
 from ...basics.budget import afford
@@ -21,12 +23,15 @@ from ...model.modes import Modes, undamped_modes
 from ...model.sampled import Sampled
 from ...model.system import System
 from ...model.time_functions import covered, parts_of
+from ...trajectory.impacts import ContactRecord, Impacts
 from ...trajectory.trajectory import Reference, Work, versions
 from ..request import Request, output_times
 from .audit import audit, within_float64
-from .exact_measures import Solution, contact_record, exact_ledger
+from .exact_measures import Solution, entries, exact_ledger, path_of, record_of
 from .exponential_tracer import ExponentialTracer
-from .undamped_tracer import Perturbation, Tracer
+from .rounding import Perturbation
+from .undamped_regimes import Parts
+from .undamped_tracer import Tracer
 
 
 def solve(request: Request) -> Reference:
@@ -43,7 +48,6 @@ def solve_exact(
     system: System,
     t_end: float,
     t_eval: Array | None = None,
-    perturbation: Perturbation | None = None,
     known: dict[float, Modes] | None = None,
     since: float = 0.0,
 ) -> Reference:
@@ -67,15 +71,43 @@ def solve_exact(
     positive("t_end", t_end)
     refuse(system, t_end)
     with within_float64("exact", t_end):
-        tracer = tracer_of(system, perturbation, known, t_end)
+        tracer = tracer_of(system, known=known, span=t_end)
         afford_search(system, t_end)
         solution = tracer.solve(t_end)
-        if perturbation is None:
-            audit(system, solution, t_end)
+        audit(system, solution, t_end)
     frequencies = "SVD of the curvature factor" if system.stiffness_factor is not None else "eigh"
     notes = {"frequencies": frequencies}
     with within_float64("exact", t_end):
         return reference_of(system, solution, t_end, t_eval, begun + tracer.compile_seconds, "exact", notes, since)
+
+
+def observations(
+    system: System, solution: Solution, t: Array, t_end: float, since: float
+) -> tuple[Array, Array, tuple[ContactRecord, ...]]:
+    """Tip and tip velocity at the times t (k,), and the records of the contacts."""
+    seen = [path_of(system, solution, t, channel) for channel in range(len(system.channels))]
+    contacts = (record_of(system, solution, i, seen[i], t_end, since) for i in range(len(system.contacts)))
+    return *seen[system.tip_channel], tuple(contacts)
+
+
+class Watched(NamedTuple):
+    """What the horizon is measured by: the tip at the times t (k,), and when each contact enters which stop."""
+
+    t: Array
+    tip: Array
+    impacts: tuple[Impacts, ...]
+
+
+def copies(system: System, t_end: float, t: Array, size: float) -> Iterator[Watched]:
+    """Copies of the exact solution without end, each perturbed by ``size`` in its own way; t: as in ``Watched``."""
+    plain = None if general(system) else Tracer(Parts(system, span=t_end))
+    for seed in count():
+        with within_float64("exact", t_end):
+            perturbation = Perturbation(size, size, seed)
+            tracer = plain.perturbed(perturbation) if plain else ExponentialTracer(system, perturbation)
+            solution = tracer.solve(t_end)
+            tip = path_of(system, solution, t, system.tip_channel)[0]
+            yield Watched(t, tip, tuple(entries(solution, i, t_end) for i in range(len(system.contacts))))
 
 
 def general(system: System) -> bool:
@@ -90,8 +122,10 @@ def tracer_of(
     known: dict[float, Modes] | None = None,
     span: float = math.inf,
 ) -> Tracer | ExponentialTracer:
-    """What follows solutions of the system in float64; known, span: see ``Tracer``."""
-    return ExponentialTracer(system, perturbation) if general(system) else Tracer(system, perturbation, known, span)
+    """What follows solutions of the system in float64; known, span: see ``Parts``."""
+    if general(system):
+        return ExponentialTracer(system, perturbation)
+    return Tracer(Parts(system, known, span), perturbation)
 
 
 def reference_of(
@@ -106,9 +140,7 @@ def reference_of(
 ) -> Reference:
     """A piecewise solution as a Reference; ``begun`` is the clock when the work on it began."""
     t = output_times(t_eval, t_end)
-    evaluate = partial(_observed, system, solution)
-    tip, velocity = evaluate(t, system.tip_channel)
-    contacts = tuple(contact_record(system, solution, i, t, t_end, since) for i in range(len(system.contacts)))
+    tip, velocity, contacts = observations(system, solution, t, t_end, since)
     seconds = time.perf_counter() - begun
     return Reference(
         t=t,
@@ -130,18 +162,11 @@ def reference_of(
         },
         system=system,
         fingerprint=system.fingerprint,
-        evaluate=evaluate,
+        evaluate=partial(path_of, system, solution),
         state_at=solution.states,
         ledger=partial(exact_ledger, system, solution, t),
         solution=solution,
     )
-
-
-def _observed(system: System, solution: Solution, times: Array, channel: int) -> tuple[Array, Array]:
-    """Position and velocity of a channel at any times."""
-    u, v = solution.observed(times, system.channels[channel][0])
-    shift, shift_rate = solution.offset(system, channel)(times)
-    return u + shift, v + shift_rate
 
 
 def afford_search(system: System, t_end: float) -> None:

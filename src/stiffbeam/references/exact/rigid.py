@@ -24,10 +24,11 @@ from ...model.system import System, require_system
 from ...trajectory.impacts import Impacts
 from ...trajectory.trajectory import Reference, SolverFailure
 from .audit import audit, within_float64
+from .following import follow
 from .piecewise import reference_of, refuse
-from .switching import follow
 from .undamped import Solution
-from .undamped_tracer import Tracer
+from .undamped_regimes import Parts
+from .undamped_tracer import QUIET, Tracer
 
 MOST_IMPACTS = 200_000
 
@@ -68,7 +69,7 @@ def rigid_limit(system: System, t_end: float, t_eval: Array | None = None) -> Re
 
 
 def _solve(system: System, t_end: float, t_eval: Array | None, begun: float) -> Reference:
-    tracer = Tracer(system)
+    tracer = Tracer(Parts(system))
     row = system.contacts[0].row
     kick = np.linalg.solve(system.mass, row)
     mass = 1.0 / float(row @ kick)  # what the stop feels
@@ -88,7 +89,9 @@ def _solve(system: System, t_end: float, t_eval: Array | None, begun: float) -> 
         rate = basis.to_modal(v) - law.particular @ (drive.derivative() @ g)
         pieces.append((t, h.copy(), rate.copy()))
         at_switch = len(pieces) > 1
-        count, used = follow(h, rate, 0, t, t_end, at_switch, *tracer.search, when, side, unused, unused.copy())
+        count, used = follow(
+            tracer.stacked, 0, h, rate, t, t_end, at_switch, QUIET, 0.0, when, side, unused, unused.copy()
+        )
         evaluations += used
         if not count:
             break
@@ -119,4 +122,4 @@ def _solve(system: System, t_end: float, t_eval: Array | None, begun: float) -> 
 def _solution(tracer: Tracer, pieces: list[tuple[float, Array, Array]], evaluations: int) -> Solution:
     times, h, rate = (np.array(x) for x in zip(*pieces, strict=True))
     free = np.zeros(len(times), np.int64)
-    return Solution(tracer.drive, tracer.bases, tracer.regimes, times, free, h, rate, evaluations)
+    return Solution(tracer.drive, tracer.bases, tracer.regimes, tracer.stacked, times, free, h, rate, evaluations)

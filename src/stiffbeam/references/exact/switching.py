@@ -1,9 +1,14 @@
-"""The compiled switch search: follow a piecewise-linear solution without missing a crossing.
+"""The compiled search for the next switch: leaps that provably contain none, from one switch to the next.
 
-In every regime the gap is the distance to the stop (free) or the penetration (in contact), so gap >= 0
-and the regime ends when it closes. A step of length s is safe when a lower bound of the gap stays
-positive on it, gap + gap' s - B2 s^2/2; where the gap is zero to rounding its Taylor polynomial decides
-(touching.py).
+In every regime the gap is the distance to the stop (free) or the penetration (in contact), so gap >= 0 and the
+regime ends when it closes. Between the ends of a leap the gap is a cubic to
+
+    error = sum_k |x_k''''| h^4/384 (terms that a cubic over h follows) + sum_k |x_k| (all others),
+
+so where the least of the cubic exceeds that, the gap has not closed: the next leap is longer. Where it does not,
+the leap ends before the cubic comes that close, or is made shorter. A gap that is about to close is followed by
+steps that are safe by a lower bound, gap + gap' s - B2 s^2/2, and where it is zero to rounding its Taylor polynomial
+decides (touching.py).
 
 The search ends: a contact switches at most once at any instant of float64, so time goes on after as many
 switches as there are contacts, and since forces are continuous, true switches do not accumulate. Where
@@ -16,13 +21,32 @@ import math
 
 import numpy as np
 
-from ...basics.compiled import compiled
+from ...basics.arrays import Array, IntArray
+from ...basics.compiled import compiled, inlined
 from ...trajectory.trajectory import SolverFailure
-from .oscillation import oscillation, pair, pair_sizes
+from .cubics import least, reached
+from .terms import (
+    B0,
+    B2,
+    B3,
+    BENT,
+    OMEGA,
+    RATE,
+    SIGMA,
+    U,
+    bounds,
+    carry,
+    cubic,
+    curvature,
+    derivatives,
+    measure,
+    resolved,
+)
 from .touching import (
     CLOSES,
     EPS,
     FAINT,
+    OPEN,
     ORDER,
     PER_RADIAN,
     REMEDY,
@@ -32,300 +56,240 @@ from .touching import (
     UNCLEAR,
     as_gap,
     gap_step,
+    safe_step,
     taylor_step,
 )
 
+LONGER = 4.0  # a leap than the one before, at most
+AHEAD = 1.0  # as far as a gap goes on closing as it does, a leap
+SAFELY = 0.9  # of the longest leap that its error would have allowed
+CLEAR, CROSSES, UNKNOWN = 1, -1, 0
 
-@compiled
-def bounds(h, rate, omega, level, particular, row, offset, frequencies, close, close_force, rest):
-    """B0, B2 >= |u''| and B3 >= |u'''| for the rest of a piece, u the contact position; B0: its size, for rounding."""
-    b0 = abs(offset[0])
-    b2 = 0.0
-    b3 = 0.0
-    for j in range(h.size):
-        amplitude = abs(row[j]) * math.hypot(level[j] - omega[j] * omega[j] * h[j], omega[j] * rate[j])
-        b0 += abs(row[j]) * (math.hypot(h[j], rate[j] / omega[j]) if omega[j] > 0.0 else abs(h[j]))
-        b2 += amplitude
-        b3 += amplitude * omega[j]
-    for k in range(frequencies.size):
-        s = offset[1 + 2 * k]
-        c = offset[2 + 2 * k]
-        for j in range(h.size):
-            s += row[j] * particular[j, 1 + 2 * k]
-            c += row[j] * particular[j, 2 + 2 * k]
-        amplitude = math.hypot(s, c) * frequencies[k] ** 2
-        b0 += math.hypot(s, c)
-        b2 += amplitude
-        b3 += amplitude * frequencies[k]
-    for i in range(close.shape[0]):
-        j = close[i, 0]
-        w = omega[j]
-        size, speed, force = pair_sizes(i, close, close_force, omega, frequencies, rest)
-        b0 += abs(row[j]) * size
-        b2 += abs(row[j]) * (force + w * w * size)
-        b3 += abs(row[j]) * (frequencies[close[i, 1]] * force + w * w * speed)
-    # Rounding in the sums above.
-    return b0, b2 * (1.0 + 1e-12) + 1e-300, b3 * (1.0 + 1e-12) + 1e-300
+
+@inlined
+def side_of(chi: int, side: int) -> int:
+    """The sign with which u - stop is the gap of a contact in state ``chi`` from the stop on ``side``, 0 for none."""
+    sign = 0
+    if chi == 0:
+        sign = -side
+    elif chi == side:
+        sign = side
+    return sign
 
 
 @compiled
-def derivatives(h, rate, omega, level, particular, row, offset, frequencies, close, close_force, tau, t, rest, d, b):
-    """u and its derivatives at tau into d (ORDER + 1,), and into b the sizes of the terms they are sums of.
-
-    rest: how long the piece may last, which bounds the answers of close pairs."""
-    d[:] = 0.0
-    b[:] = 0.0
-    d[0] = offset[0]
-    b[0] = abs(offset[0])
-    for j in range(h.size):
-        w = omega[j]
-        size = abs(row[j])
-        c, s_over, level_part = oscillation(w, tau)
-        start = level[j] - w * w * h[j]
-        d[0] += row[j] * (h[j] * c + rate[j] * s_over + level[j] * level_part)
-        b[0] += size * (abs(h[j] * c) + abs(rate[j] * s_over) + abs(level[j] * level_part))
-        odd = rate[j] * c + start * s_over
-        d[1] += row[j] * odd
-        b[1] += size * (abs(rate[j] * c) + abs(start * s_over))
-        even = start * c - rate[j] * w * w * s_over
-        amplitude = size * math.hypot(start, w * rate[j])
-        for k in range(2, ORDER + 1):
-            d[k] += row[j] * even
-            b[k] += amplitude
-            amplitude *= w
-            odd, even = even, -w * w * odd
-    for k in range(frequencies.size):
-        w = frequencies[k]
-        ps = offset[1 + 2 * k]
-        pc = offset[2 + 2 * k]
-        size = abs(ps) + abs(pc)
-        for j in range(h.size):
-            ps += row[j] * particular[j, 1 + 2 * k]
-            pc += row[j] * particular[j, 2 + 2 * k]
-            size += abs(row[j]) * (abs(particular[j, 1 + 2 * k]) + abs(particular[j, 2 + 2 * k]))
-        s = math.sin(w * t)
-        c = math.cos(w * t)
-        value, other = ps * s + pc * c, ps * c - pc * s
-        for i in range(ORDER + 1):
-            d[i] += value
-            b[i] += size
-            value, other = w * other, -w * value
-            size *= w
-    for i in range(close.shape[0]):
-        w = omega[close[i, 0]]
-        frequency = frequencies[close[i, 1]]
-        weight = row[close[i, 0]]
-        even, odd, _ = pair(i, close, close_force, omega, frequencies, t - tau, tau)
-        s = math.sin(frequency * t)
-        c = math.cos(frequency * t)
-        force, turned = close_force[i, 0] * s + close_force[i, 1] * c, close_force[i, 0] * c - close_force[i, 1] * s
-        even_size, odd_size, force_size = pair_sizes(i, close, close_force, omega, frequencies, rest)
-        for k in range(ORDER + 1):  # eta^(k + 2) = f^(k) - w^2 eta^(k)
-            d[k] += weight * even
-            b[k] += abs(weight) * even_size
-            even, odd = odd, force - w * w * even
-            even_size, odd_size = odd_size, force_size + w * w * even_size
-            force, turned = frequency * turned, -frequency * force
-            force_size *= frequency
+def first_leap(terms: Array, seen: Array, chi: IntArray, g1: Array, g2: Array, resting: IntArray, rest: float) -> float:
+    """A step whose cubic errs by half of what every gap allows; a guess."""
+    step = rest
+    for i in range(terms.shape[0]):
+        bend = 1e-300
+        for k in range(terms.shape[2]):
+            bend += terms[i, BENT, k]
+        u, rate = seen[i, U], abs(seen[i, RATE])
+        upper, lower = abs(u - g2[i]), abs(u - g1[i])
+        if resting[i] != 0:
+            step = min(step, (40.0 * rate / bend) ** (1.0 / 3.0))
+        gap = max(upper, lower) if resting[i] != 0 else min(upper, lower)
+        if (chi[i] == 0 or resting[i] == 0) and gap < math.inf:
+            step = min(step, math.sqrt(math.sqrt(190.0 * gap / bend)))
+    return step
 
 
 @compiled
-def position(h, rate, omega, level, particular, row, offset, frequencies, close, close_force, tau, t):
-    """u, u', u'' of the contact position at tau after the start of a piece, t = its absolute time."""
-    u = offset[0]
-    v = 0.0
-    a = 0.0
-    for j in range(h.size):
-        w = omega[j]
-        c, s_over, level_part = oscillation(w, tau)
-        u += row[j] * (h[j] * c + rate[j] * s_over + level[j] * level_part)
-        v += row[j] * (rate[j] * c + (level[j] - w * w * h[j]) * s_over)
-        a += row[j] * ((level[j] - w * w * h[j]) * c - rate[j] * w * w * s_over)
-    for k in range(frequencies.size):
-        w = frequencies[k]
-        s = math.sin(w * t)
-        c = math.cos(w * t)
-        ps = offset[1 + 2 * k]
-        pc = offset[2 + 2 * k]
-        for j in range(h.size):
-            ps += row[j] * particular[j, 1 + 2 * k]
-            pc += row[j] * particular[j, 2 + 2 * k]
-        u += ps * s + pc * c
-        v += w * (ps * c - pc * s)
-        a -= w * w * (ps * s + pc * c)
-    for i in range(close.shape[0]):
-        eta, eta_rate, curve = pair(i, close, close_force, omega, frequencies, t - tau, tau)
-        u += row[close[i, 0]] * eta
-        v += row[close[i, 0]] * eta_rate
-        a += row[close[i, 0]] * curve
-    return u, v, a
+def pin(
+    speeds: Array, terms: Array, seen: Array, pairs: Array, damped: bool, start: float, tau: float, until: float,
+    sign: float, stop: float, end: int, i: int,
+) -> tuple[float, int]:  # fmt: skip
+    """(s, evaluations): the gap of contact i, which falls all the way from tau to tau + until, is zero at tau + s.
 
-
-@compiled
-def follow_row(t, piece, starts, h, rate, omega, level, row, wave, frequencies, close, close_force, u, v):
-    """row . eta and its rate at times t inside the given pieces, all of one regime, into u and v (k,).
-
-    starts, h, rate: of all pieces. row: modal. wave: (d,), what row sees of the particular solution.
-    close, close_force: see ``Regime``.
+    Newton's method, the first step with u'' as well, inside the bracket.
     """
-    for i in range(t.size):
-        own_h, own_rate = h[piece[i]], rate[piece[i]]
-        tau = t[i] - starts[piece[i]]
-        position = velocity = 0.0
-        for j in range(omega.size):
-            c, s_over, level_part = oscillation(omega[j], tau)
-            position += row[j] * (own_h[j] * c + own_rate[j] * s_over + level[j] * level_part)
-            velocity += row[j] * (own_rate[j] * c + (level[j] - omega[j] * omega[j] * own_h[j]) * s_over)
-        for k in range(frequencies.size):
-            s, c = math.sin(frequencies[k] * t[i]), math.cos(frequencies[k] * t[i])
-            position += wave[1 + 2 * k] * s + wave[2 + 2 * k] * c
-            velocity += frequencies[k] * (wave[1 + 2 * k] * c - wave[2 + 2 * k] * s)
-        for k in range(close.shape[0]):
-            eta, eta_rate, _ = pair(k, close, close_force, omega, frequencies, starts[piece[i]], tau)
-            position += row[close[k, 0]] * eta
-            velocity += row[close[k, 0]] * eta_rate
-        u[i], v[i] = position, velocity
-
-
-@compiled
-def follow(
-    h, rate, regime, t_start, t_end, at_switch,
-    omegas, levels, particulars, rows, offset, to_contact, frequencies, close, close_forces, g1, g2,
-    out_t, out_regime, out_h, out_rate,
-):  # fmt: skip
-    """Follow the solution from (h, h') at t_start in ``regime`` until t_end or until the output is full.
-
-    Arrays over regimes: omegas, rows (free, contact); levels, particulars, close_forces (lower, free, upper).
-    at_switch: the start is a switch, its gap exactly 0. Returns (switches written, evaluations). Raises
-    SolverFailure where the motion overflows or the search stands still.
-    """
-    n = h.size
-    waves = frequencies.size
-    count = 0
+    gap, rate, b2 = sign * (seen[i, U + end] - stop), sign * seen[i, RATE + end], seen[i, B2]
+    curve = sign * curvature(speeds, terms, pairs, start, tau, end, i)
+    root = math.sqrt(max(0.0, rate * rate - 2.0 * curve * gap))
+    low, high = 0.0, until
+    s = 2.0 * gap / (root - rate)
     evaluations = 0
-    q = np.empty(n)
-    v = np.empty(n)
-    new_h = np.empty(n)
-    new_rate = np.empty(n)
-    series, sizes = np.empty(ORDER + 1), np.empty(ORDER + 1)
-    nu = EPS * (ROUNDINGS + 2.0 * math.sqrt(n))
-    while count < out_t.size:
-        own = 0 if regime == 0 else 1
-        omega = omegas[own]
-        row = rows[own]
-        level = levels[regime + 1]
-        particular = particulars[regime + 1]
-        close_force = close_forces[regime + 1]
-        rest = t_end - t_start
-        b0, b2, b3 = bounds(h, rate, omega, level, particular, row, offset, frequencies, close, close_force, rest)
-        if not b0 + b2 + b3 < math.inf:
-            raise SolverFailure("exact", t_start, "the motion overflows float64", REMEDY)
-        fastest = omega[n - 1]
-        for k in range(waves):
-            fastest = max(fastest, frequencies[k])
-        tau = 0.0
-        target = 0
-        steps = faint = 0
-        resting = at_switch  # the gap of the stop just left or met is exactly zero
-        while target == 0:
-            u, speed, _ = position(
-                h, rate, omega, level, particular, row, offset, frequencies, close, close_force, tau, t_start + tau
-            )
-            steps += 1
-            step = math.inf
-            nearest = 1 if abs(u - g2) <= abs(u - g1) else -1
+    while evaluations < 60:
+        evaluations += 1
+        s = min(max(s, low), high)
+        carry(speeds, terms, seen, pairs, damped, start, tau + s, 1 - end)
+        gap, rate = sign * (seen[i, U + 1 - end] - stop), sign * seen[i, RATE + 1 - end]
+        if gap > 0.0:
+            low = s
+        else:
+            high = s
+        move = -gap / rate if rate < 0.0 else math.inf
+        if not low <= s + move <= high:
+            move = 0.5 * (low + high) - s
+        enough = EPS * (start + tau + s)
+        s += move
+        if abs(move) <= enough or b2 * move * move <= -rate * enough:
+            break
+    return s, evaluations
+
+
+@compiled
+def search(
+    speeds: Array, terms: Array, seen: Array, pairs: Array, chi: IntArray, g1: Array, g2: Array, resting: IntArray,
+    start: float, t_end: float,
+) -> tuple[float, int, int, int]:  # fmt: skip
+    """The first switch of m contacts that see ``terms`` (see there) from the time ``start`` on.
+
+    chi, g1, g2: (m,). resting: (m,), not 0 for a contact that has switched
+    at ``start``, so that its gap is exactly zero. Returns (tau, contact, side, evaluations); contact -1: none before
+    t_end. Every gap that is open or closed is kept positive, see ``gap_step``. Raises SolverFailure where the motion
+    overflows or the search stands still.
+    """
+    m, K = terms.shape[0], terms.shape[2]
+    nu = EPS * (ROUNDINGS + 2.0 * math.sqrt(K))
+    rest = t_end - start
+    fastest = 0.0
+    damped = False
+    for k in range(K):
+        fastest = max(fastest, math.hypot(speeds[SIGMA, k], speeds[OMEGA, k]))
+        damped |= speeds[SIGMA, k] != 0.0
+    for k in range(pairs.shape[0]):
+        fastest = max(fastest, pairs[k, 0], pairs[k, 1])
+    end = 0
+    tau = 0.0
+    carry(speeds, terms, seen, pairs, damped, start, tau, end)
+    measure(speeds, terms, damped, end)
+    for i in range(m):
+        bounds(speeds, terms, seen, pairs, damped, rest, end, i)
+    leap = first_leap(terms, seen, chi, g1, g2, resting, rest)
+    evaluations = 1
+    faint = 0
+    near = True  # at the start a gap may be zero, and where it is not known that it is the lower bounds decide
+    for i in range(m):
+        near &= resting[i] == 0
+    while True:
+        if not near:
+            step = min(max(leap, EPS * (start + tau), SHORTEST * t_end), rest - tau)
+            last = step >= rest - tau
+            carry(speeds, terms, seen, pairs, damped, start, tau + step, 1 - end)
+            evaluations += 1
+            slow = resolved(speeds, step)
+            verdict = CLEAR
+            ratio = LONGER**4
+            first = target = step
+            soon = math.inf
+            for i in range(m):
+                p0, p1, p2, p3, error = cubic(
+                    speeds, terms, seen, pairs, damped, start, tau, step, slow, end, i
+                )  # fmt: skip
+                nearest = 1 if abs(seen[i, U + end] - g2[i]) <= abs(seen[i, U + end] - g1[i]) else -1
+                for side in (1, -1):
+                    sign = side_of(chi[i], side)
+                    stop = g2[i] if side > 0 else g1[i]
+                    if sign == 0 or math.isinf(stop):
+                        continue
+                    band = nu * (abs(stop) + seen[i, B0])
+                    if tau == 0.0 and resting[i] != 0 and side == nearest:
+                        off = 384.0 * error / (162.0 * step) + 8.0 * band / step
+                        if slow < K or not least(sign * p1, sign * p2, sign * p3, 0.0, step) > off:
+                            verdict = UNKNOWN
+                            target = min(target, 0.6 * reached(sign * p1, sign * p2, sign * p3, 0.0, step))
+                            if off > 0.0:
+                                target = min(target, step * (max(0.0, 0.25 * sign * p1 / off)) ** (1.0 / 3.0))
+                        continue
+                    wrong = error + 2.0 * band
+                    gap = sign * (p0 - stop)
+                    low = least(gap, sign * p1, sign * p2, sign * p3, step)
+                    if low > wrong:
+                        ratio = min(ratio, low / wrong)
+                        gap, rate = sign * (seen[i, U + 1 - end] - stop), sign * seen[i, RATE + 1 - end]
+                        if rate < 0.0:
+                            soon = min(soon, -AHEAD * gap / rate)
+                        continue
+                    crossing = reached(gap, sign * p1, sign * p2, sign * p3, step)
+                    ahead = reached(gap - wrong, sign * p1, sign * p2, sign * p3, step) if gap > wrong else 0.0
+                    if low <= 0.0 and ahead > 0.7 * crossing:
+                        first = min(first, ahead)
+                        target = min(target, 2.0 * (crossing - ahead))
+                        verdict = CROSSES if verdict == CLEAR else verdict
+                        continue
+                    verdict = UNKNOWN
+                    share = math.sqrt(math.sqrt(max(low, 0.5 * gap) / wrong))
+                    target = min(target, 0.75 * crossing, SAFELY * step * share)
+            if verdict == CLEAR:
+                if last:
+                    return rest, -1, 0, evaluations
+                tau += step
+                end = 1 - end
+                leap = min(soon, step * min(LONGER, SAFELY * math.sqrt(math.sqrt(ratio))))
+                if damped:
+                    measure(speeds, terms, damped, end)
+                if evaluations > STALLED + PER_RADIAN * fastest * tau:
+                    raise SolverFailure("exact", start + tau, "the search for the next switch stands still", REMEDY)
+                continue
+            leap = min(0.7 * step, max(0.02 * step, target))
+            if verdict == CROSSES and first > 0.0:
+                leap = max(target, 0.02 * step)
+                tau += first
+                carry(speeds, terms, seen, pairs, damped, start, tau, end)
+                evaluations += 1
+                if damped:
+                    measure(speeds, terms, damped, end)
+        # Steps by lower bounds, where the gap is small against its motion.
+        near = False
+        step = closing = math.inf
+        closer = toward = 0
+        for i in range(m):
+            if damped:
+                bounds(speeds, terms, seen, pairs, damped, rest, end, i)
+            b0, b2, b3 = seen[i, B0], seen[i, B2], seen[i, B3]
+            if not b0 + b2 + b3 < math.inf:
+                raise SolverFailure("exact", start + tau, "the motion overflows float64", REMEDY)
+            u, speed = seen[i, U + end], seen[i, RATE + end]
+            nearest = 1 if abs(u - g2[i]) <= abs(u - g1[i]) else -1
             for side in (1, -1):
-                stop = g2 if side > 0 else g1
-                if math.isinf(stop) or (regime != 0 and regime != side):
+                sign = side_of(chi[i], side)
+                stop = g2[i] if side > 0 else g1[i]
+                if sign == 0 or math.isinf(stop):
                     continue
-                # gap >= 0 in the present regime: distance to the stop when free, penetration in contact.
-                sign = -side if regime == 0 else side
-                zero = resting and side == nearest
-                gap = 0.0 if zero else sign * (u - stop)
-                safe, verdict = gap_step(gap, sign * speed, b2, b3, nu * (abs(stop) + b0), t_start + tau)
+                zero = tau == 0.0 and resting[i] != 0 and side == nearest
+                gap, rate = 0.0 if zero else sign * (u - stop), sign * speed
+                band = nu * (abs(stop) + b0)
+                safe, verdict = gap_step(gap, rate, b2, b3, band, start + tau)
                 if verdict == UNCLEAR:
-                    derivatives(
-                        h, rate, omega, level, particular, row, offset, frequencies, close, close_force, tau,
-                        t_start + tau, rest, series, sizes,
-                    )  # fmt: skip
+                    series, sizes = np.empty(ORDER + 1), np.empty(ORDER + 1)
+                    carry(speeds, terms, seen, pairs, damped, start, tau, end)
+                    derivatives(speeds, terms, seen, pairs, start, tau, rest, end, i, series, sizes)
                     as_gap(series, sizes, sign, stop, zero)
                     safe, verdict = taylor_step(series, sizes, nu, zero)
                     if verdict == UNCLEAR and abs(series[1]) > 2.0 * nu * sizes[1]:
                         faint += 1
                 if verdict == CLOSES and not zero:
-                    target = side
-                    step = safe
-                    break
-                step = min(step, safe)
-            if target != 0:
-                tau += step
-                break
-            resting = False
-            step = max(step, EPS * (t_start + tau), SHORTEST * t_end)
-            if t_start + tau + step >= t_end:
-                return count, evaluations + steps
-            tau += step
-            if faint > FAINT:
-                raise SolverFailure("exact", t_start + tau, "a contact moves by less than its rounding", REMEDY)
-            if steps > STALLED + PER_RADIAN * fastest * tau:
-                raise SolverFailure("exact", t_start + tau, "the search for the next switch stands still", REMEDY)
-        evaluations += steps
-        t = t_start + tau
-        if t >= t_end:
-            return count, evaluations
-        # The state at the switch, in the modes of the regime that ends.
-        for j in range(n):
-            w = omega[j]
-            c, s_over, level_part = oscillation(w, tau)
-            q[j] = h[j] * c + rate[j] * s_over + level[j] * level_part
-            v[j] = rate[j] * c + (level[j] - w * w * h[j]) * s_over
-        for i in range(close.shape[0]):
-            eta, eta_rate, _ = pair(i, close, close_force, omega, frequencies, t_start, tau)
-            q[close[i, 0]] += eta
-            v[close[i, 0]] += eta_rate
-        new_regime = target if regime == 0 else 0
-        old_particular = particular
-        new_particular = particulars[new_regime + 1]
-        for k in range(waves):
-            w = frequencies[k]
-            s = math.sin(w * t)
-            c = math.cos(w * t)
-            for j in range(n):
-                ps = old_particular[j, 1 + 2 * k]
-                pc = old_particular[j, 2 + 2 * k]
-                q[j] += ps * s + pc * c
-                v[j] += w * (ps * c - pc * s)
-        for j in range(n):
-            a = 0.0
-            b = 0.0
-            if regime == 0:
-                for i in range(n):
-                    a += to_contact[i, j] * q[i]
-                    b += to_contact[i, j] * v[i]
-            else:
-                for i in range(n):
-                    a += to_contact[j, i] * q[i]
-                    b += to_contact[j, i] * v[i]
-            for k in range(waves):
-                w = frequencies[k]
-                s = math.sin(w * t)
-                c = math.cos(w * t)
-                ps = new_particular[j, 1 + 2 * k]
-                pc = new_particular[j, 2 + 2 * k]
-                a -= ps * s + pc * c
-                b -= w * (ps * c - pc * s)
-            new_h[j] = a
-            new_rate[j] = b
-        for j in range(n):
-            h[j] = new_h[j]
-            rate[j] = new_rate[j]
-        regime = new_regime
-        t_start = t
-        at_switch = True
-        out_t[count] = t
-        out_regime[count] = regime
-        for j in range(n):
-            out_h[count, j] = h[j]
-            out_rate[count, j] = rate[j]
-        count += 1
-    return count, evaluations
+                    return tau + safe, i, side, evaluations
+                near |= verdict != OPEN
+                left = rate * rate - 2.0 * b2 * (gap + band)
+                if verdict == OPEN and rate < 0.0 and left > 0.0 and gap > band and closing == math.inf:
+                    # It falls until it is through, at the latest by then.
+                    closing, closer, toward = 2.0 * (gap + band) / (math.sqrt(left) - rate), i, side
+                else:
+                    step = min(step, safe)
+        if closing < step:
+            sign, stop = side_of(chi[closer], toward), g2[closer] if toward > 0 else g1[closer]
+            s, used = pin(speeds, terms, seen, pairs, damped, start, tau, closing, sign, stop, end, closer)
+            return tau + s, closer, toward, evaluations + used
+        if closing < math.inf:  # another may be first
+            near = True
+            u, speed = seen[closer, U + end], seen[closer, RATE + end]
+            sign, stop = side_of(chi[closer], toward), g2[closer] if toward > 0 else g1[closer]
+            step = min(step, safe_step(sign * (u - stop), sign * speed, seen[closer, B2]))
+        if not near and step < 0.5 * leap:
+            continue  # a leap is longer
+        step = max(step, EPS * (start + tau), SHORTEST * t_end)
+        if start + tau + step >= t_end:
+            return rest, -1, 0, evaluations
+        tau += step
+        leap = max(leap, 2.0 * step)
+        carry(speeds, terms, seen, pairs, damped, start, tau, end)
+        evaluations += 1
+        if damped:
+            measure(speeds, terms, damped, end)
+        if faint > FAINT:
+            raise SolverFailure("exact", start + tau, "a contact moves by less than its rounding", REMEDY)
+        if evaluations > STALLED + PER_RADIAN * fastest * tau:
+            raise SolverFailure("exact", start + tau, "the search for the next switch stands still", REMEDY)

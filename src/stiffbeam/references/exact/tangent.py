@@ -25,6 +25,7 @@ from .impact_tangent import Neighbours
 from .impacting import Tracer as ImpactTracer
 from .piecewise import afford_search, refuse, tracer_of
 from .rigid_reference import require_rigid
+from .undamped import Solution as Undamped
 
 RANDOM = 3  # tangent vectors beside the direction of the motion itself
 SAMPLES = 200  # times beside the switches
@@ -89,6 +90,10 @@ def growth(
     """``lyapunov`` along a solution that is there already, ended where a growth, ln, is ``enough``."""
     dq, dv = _vectors(system, seed)
     edges = np.union1d(solution.times[solution.times < t_end], np.linspace(0.0, t_end, SAMPLES + 1))
+    if isinstance(solution, Undamped):
+        passed, logs = solution.grow(edges, dq, dv, enough)
+        if passed == len(edges) - 1 or np.max(logs[passed]) > enough:
+            return Growth(edges[: passed + 1], logs[: passed + 1])
     piece = np.maximum(np.searchsorted(solution.times, edges[:-1], side="right") - 1, 0)
     logs, last = np.zeros((len(edges), dq.shape[1])), 0
     for i, (k, tau) in enumerate(zip(piece.tolist(), np.diff(edges).tolist(), strict=True)):

@@ -49,6 +49,8 @@ def gap_step(gap: float, rate: float, b2: float, b3: float, band: float, t: floa
     turn = 2.0 * b2 * (max(gap, 0.0) + band)
     certain = rate * rate > turn
     if certain and rate < 0.0:
+        if t == 0.0 and gap <= band:
+            return 0.0, CLOSES  # contact that is there at the start, however the sum was rounded
         safe = safe_step(max(gap, 0.0), rate, b2)
         return safe, CLOSES if safe <= 4.0 * EPS * (t + safe) or gap <= band else OPEN
     if gap > band or (certain and gap >= -band):

@@ -18,8 +18,9 @@ from ...model.drive import Drive
 from ...model.modes import Modes
 from ...model.system import System
 from .exact_measures import panels
-from .oscillation import responses
-from .switching import follow_row
+from .following import Regimes
+from .oscillation import oscillations
+from .pieces import amplitudes, grow, observe, press
 
 
 class Regime(NamedTuple):
@@ -51,6 +52,7 @@ class Solution:
     drive: Drive
     bases: dict[int, Modes]
     regimes: dict[int, Regime]
+    stacked: Regimes
     times: Array
     regime: NDArray[np.int64]
     h: Array
@@ -76,36 +78,16 @@ class Solution:
 
     def state_at_start(self, piece: int) -> tuple[Array, Array]:
         """q, q' (1, n) where a piece begins, from that piece."""
-        side = int(self.regime[piece])
-        eta, rate = self.modal(self.times[piece : piece + 1], np.array([piece]), side)
-        return self.bases[side].to_nodal(eta), self.bases[side].to_nodal(rate)
+        return self.states_in(self.times[piece : piece + 1], np.array([piece]))
 
     def flow(self, piece: int, tau: float, dq: Array, dv: Array) -> tuple[Array, Array]:
         """The homogeneous flow of a piece's regime over tau: (n, k) -> (n, k)."""
         basis = self.bases[int(self.regime[piece])]
-        c, s, _ = (x[:, None] for x in _oscillation(basis.omega, tau))
+        turned = np.empty((3, len(basis.omega)))
+        oscillations(basis.omega, tau, *turned)
+        c, s = turned[0][:, None], turned[1][:, None]
         eta, rate = basis.to_modal(dq.T).T, basis.to_modal(dv.T).T
         return basis.shapes @ (c * eta + s * rate), basis.shapes @ (c * rate - basis.omega[:, None] ** 2 * s * eta)
-
-    def modal(self, t: Array, piece: NDArray[np.int64], regime: int) -> tuple[Array, Array]:
-        """eta, eta' (k, n) at times t inside the given pieces, all of one regime."""
-        law = self.regimes[regime]
-        tau = (t - self.times[piece])[:, None]
-        still = np.zeros((len(tau), len(law.omega)))
-        c, s, v = _oscillation(law.omega, tau) if np.any(tau) else (still + 1.0, still, still)
-        h, rate = self.h[piece], self.rate[piece]
-        g = self.drive.coefficients(t)
-        eta = h * c + rate * s + law.level * v + g @ law.particular.T
-        velocity = rate * c + (law.level - law.omega**2 * h) * s + g @ self.drive.derivative().T @ law.particular.T
-        for (mode, k), close_force in zip(law.close.tolist(), law.close_force, strict=True):
-            w, frequency = law.omega[mode], self.drive.frequencies[k]
-            sine, cosine = np.sin(frequency * self.times[piece]), np.cos(frequency * self.times[piece])
-            a, b = close_force[0] * sine + close_force[1] * cosine, close_force[0] * cosine - close_force[1] * sine
-            from_cosine, from_sine = np.empty((2, len(tau)))
-            responses(w, frequency, tau[:, 0], from_cosine, from_sine)
-            eta[:, mode] += a * from_cosine + b * from_sine
-            velocity[:, mode] += a * (s[:, mode] - frequency * from_sine) + b * frequency * from_cosine
-        return eta, velocity
 
     @property
     def shortest_period(self) -> float:
@@ -150,14 +132,31 @@ class Solution:
 
     def states_in(self, t: Array, piece: NDArray[np.int64]) -> tuple[Array, Array]:
         """q, q' (k, n) as the given pieces have them at times t, which may be the ends of those."""
-        n = len(self.h[0])
-        q, v = np.empty((len(t), n)), np.empty((len(t), n))
+        t, own, modal = np.array(t, float), self.regime[piece], np.empty((2, len(t), self.h.shape[1]))
+        amplitudes(self.stacked, self.times, self.regime, self.h, self.rate, t, piece, *modal)
+        q, v = np.empty_like(modal)
         for regime, basis in self.bases.items():
-            here = np.flatnonzero(self.regime[piece] == regime)
-            for part in np.array_split(here, max(1, len(here) * n // 2_000_000)):
-                eta, rate = self.modal(t[part], piece[part], regime)
-                q[part], v[part] = basis.to_nodal(eta), basis.to_nodal(rate)
+            here = own == regime
+            q[here], v[here] = basis.to_nodal(modal[0, here]), basis.to_nodal(modal[1, here])
         return q, v
+
+    def press(
+        self, system: System, contact: int, starts: Array, ends: Array, sides: NDArray[np.int64]
+    ) -> tuple[Array, Array]:
+        """Peak |sigma| and the integral of |sigma| in the spans [starts, ends] (k,) of contact."""
+        deepest, depths = np.zeros((2, len(starts)))
+        press(self.stacked, self.times, self.regime, self.h, self.rate, starts, ends, deepest, depths)
+        kappa = system.contacts[contact].stops.spring(1)[0]
+        return kappa * deepest, kappa * depths
+
+    def grow(self, edges: Array, dq: Array, dv: Array, enough: float) -> tuple[int, Array]:
+        """ln of the growth of unit tangent vectors dq, dv (n, vectors) at the edges (k,), and how far that got: see
+        ``following.grow``."""
+        piece = self.piece_at(edges[:-1])
+        basis = self.bases[int(self.regime[piece[0]])]
+        q, v = (np.ascontiguousarray(basis.to_modal(x.T)) for x in (dq, dv))
+        logs = np.zeros((len(edges), dq.shape[1]))
+        return grow(self.stacked, self.regime, piece, np.diff(edges), q, v, enough, logs), logs
 
     def offset(self, system: System, channel: int) -> Callable[[Array], tuple[Array, Array]]:
         """o(t) and o'(t) of a channel."""
@@ -165,27 +164,13 @@ class Solution:
 
     def observed(self, t: Array, row: Array) -> tuple[Array, Array]:
         """row @ q and its rate at any times, (k,)."""
-        u, v = np.empty(len(t)), np.empty(len(t))
-        piece, frequencies = self.piece_at(t), np.array(self.drive.frequencies)
-        for regime, basis in self.bases.items():
-            here, law, seen = np.flatnonzero(self.regime[piece] == regime), self.regimes[regime], basis.force(row)
-            position, velocity = np.empty((2, len(here)))
-            follow_row(
-                t[here], piece[here], self.times, self.h, self.rate, law.omega, law.level, seen,
-                seen @ law.particular, frequencies, law.close, law.close_force, position, velocity,
-            )  # fmt: skip
-            u[here], v[here] = position, velocity
+        t, (u, v) = np.array(t, float), np.empty((2, len(t)))
+        laws = self.regimes
+        rows = [self.bases[side].force(row) for side in (0, 1) if side in laws]
+        own = [(laws.get(-1, laws[0]), rows[-1]), (laws[0], rows[0]), (laws.get(1, laws[0]), rows[-1])]
+        waves = np.stack([seen @ law.particular for law, seen in own])
+        rows = np.stack([rows[0], rows[-1]])
+        observe(
+            self.stacked, self.times, self.regime, self.h, self.rate, rows, waves, t, self.piece_at(t), u, v
+        )  # fmt: skip
         return u, v
-
-
-def _oscillation(omega: Array, tau: Array | float) -> tuple[Array, Array, Array]:
-    """cos(omega tau), sin(omega tau)/omega and (1 - cos(omega tau))/omega^2, regular at omega = 0."""
-    x = omega * tau
-    c, s = np.cos(x), np.sin(x)
-    versine = np.where(c < 0.5, 1.0 - c, s * s / (1.0 + np.abs(c)))
-    slow = x < 1e-4
-    if not np.any(slow):
-        return c, s / omega, versine / omega**2
-    divisor = np.where(omega > 0.0, omega, 1.0)
-    s = np.where(slow, tau * (1.0 - x * x / 6.0), s / divisor)
-    return c, s, np.where(slow, 0.5 * tau * tau * (1.0 - x * x / 12.0), versine / divisor**2)

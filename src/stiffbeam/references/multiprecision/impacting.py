@@ -31,7 +31,7 @@ from .modes import dot
 from .rational import number
 
 MOST_IMPACTS = 200_000
-MOST_AT_ONCE = 1_000
+MOST_AT_ONCE = 100
 UNLISTED = 1e-6  # radians of the fastest motion: impacts that are all over so soon count with the one before
 ON_THE_STOP = 1e-12  # of its distance: a start so little beyond a stop is on it
 
@@ -121,7 +121,8 @@ class March:
             at_edge = whole and bool(length == rest)
             still = still + 1 if x is not None and x == 0 else 0
             if still > MOST_AT_ONCE:
-                raise SolverFailure("multiprecision", float(self.t), f"{MOST_AT_ONCE} events at one time", "use exact")
+                reason = f"{MOST_AT_ONCE} events at one time: contacts that throw each other off"
+                raise SolverFailure("multiprecision", float(self.t), reason, "use compliant stops, or integrate")
             if at_edge:
                 self.t = edge
                 self.z = self.flow.at_edge(self.z, edge) if edge < self.t_end else self.z

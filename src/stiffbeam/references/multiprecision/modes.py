@@ -213,7 +213,8 @@ def locate(
         if abs(shift) * fastest < arb(2) ** (-full // 3):
             return tau, shift, parts
         tau = (tau + shift).mid()
-    raise SolverFailure("multiprecision", t + start, "the switch is a graze that float64 cannot place", "shorten t_end")
+    remedy = f"end before t = {t + start:.6g}" if t + start > 0.02 * shortest else "start a little off the stop"
+    raise SolverFailure("multiprecision", t + start, "the switch is a graze that float64 cannot place", remedy)
 
 
 def dot(a: list[Any], b: list[Any]) -> Any:

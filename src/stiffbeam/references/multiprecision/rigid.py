@@ -30,7 +30,7 @@ FIRST = 40  # digits to begin with
 LAST = 20_000
 GUARD = 100  # bits below the digits: two doubles' worth for the outputs
 SPARE = 64  # and for the sums
-TRIES = 4  # with twice the digits, where these do not tell whether a stop is touched
+TRIES = 3  # with twice the digits, where these do not tell whether a stop is touched
 AGREEMENT = 1e-12  # of max |u| and of the time
 GAUSS = np.polynomial.legendre.leggauss(16)  # of a stretch of 4 radians at most: to rounding
 
@@ -44,7 +44,7 @@ def solve_rigid(request: Request) -> Reference:
     accumulate are followed until their series leaves out less than the digits hold, at most
     provenance["chatter_left_out"] of the time at which they end. Raises InputError as ``require_rigid``, for more than
     200 000 impacts, and where outputs are not in order; SolverFailure where a stop is touched so closely that even
-    sixteen times the digits do not tell whether it is hit.
+    four times the digits do not tell whether it is hit.
     """
     system, t_end, digits = request.system, request.t_end, request.digits
     require_rigid(system, t_end)

@@ -14,9 +14,10 @@ from ...basics.budget import Forecast
 from ...model.drive import Drive
 from ...model.modes import Modes
 from ...model.system import System
-from ..exact.switching import follow
+from ..exact.following import follow
 from ..exact.undamped import Regime, Solution
-from ..exact.undamped_tracer import Tracer, search_arguments
+from ..exact.undamped_regimes import Parts, stacked
+from ..exact.undamped_tracer import QUIET, Tracer
 from .modes import Sampler, UndampedPencil, channels, dot, double, locate, precision_at, refine, sampler
 from .rational import Exact, exact_problem, number
 
@@ -57,7 +58,7 @@ def precise_undamped(system: System, t_end: float, full: int, guard: int) -> tup
     drive = Drive.of(system)
     problem = exact_problem(system, drive)
     frequencies = [arb(number(f)) for f in drive.frequencies]
-    start = Tracer(system, span=t_end)  # refuses what float64 refuses
+    start = Tracer(Parts(system, span=t_end))  # refuses what float64 refuses
     bases, close = start.bases, start.regimes[0].close
     regimes: dict[int, PreciseRegime] = {}
     for side in (0, 1, -1) if system.contacts else (0,):
@@ -68,7 +69,7 @@ def precise_undamped(system: System, t_end: float, full: int, guard: int) -> tup
     rounded = {side: _rounded(regime, problem, drive, close) for side, regime in regimes.items()}
     n = system.size
     stops = system.contacts[0].stops if system.contacts else None
-    args = search_arguments(rounded, double(cross) if cross is not None else np.eye(n), drive, stops)
+    args = stacked(rounded, double(cross) if cross is not None else np.eye(n), drive, stops)
     fastest = max(1e-300, *(float(r.omega[-1]) for r in rounded.values()))
     shortest = 2.0 * np.pi / max(fastest, *drive.frequencies, 0.0)
     mass_shapes = problem.mass * regimes[0].shapes
@@ -87,8 +88,8 @@ def precise_undamped(system: System, t_end: float, full: int, guard: int) -> tup
     while True:
         ctx.prec = precision_at(full, guard, float(t), t_end)
         count, used = follow(
-            hs[-1].copy(), rates[-1].copy(), side, float(t), t_end, len(times) > 1,
-            *args, out_t, out_side, out_h, out_h.copy(),
+            args, side, hs[-1], rates[-1], float(t), t_end, len(times) > 1, QUIET, 0.0,
+            out_t, out_side, out_h, out_h.copy(),
         )  # fmt: skip
         evaluations += used
         if not count:
@@ -113,8 +114,9 @@ def precise_undamped(system: System, t_end: float, full: int, guard: int) -> tup
         rates.append(_doubles(h_rate))
     bases = {k: Modes(rounded[k].omega, double(r.shapes), np.zeros(n), system.mass) for k, r in regimes.items()}
     solution = Solution(
-        drive, bases, rounded, np.array(times), np.array(sides, np.int64), np.array(hs), np.array(rates), evaluations
-    )
+        drive, bases, rounded, args, np.array(times), np.array(sides, np.int64), np.array(hs), np.array(rates),
+        evaluations,
+    )  # fmt: skip
     return solution, sampler(times, pieces, partial(_sample, regimes, frequencies)), solution
 
 
@@ -229,7 +231,7 @@ def _oscillators(regime: PreciseRegime, frequencies: list[Any], piece: Piece, ta
 
 
 def _from_rest(w: Any, frequency: Any, tau: Any) -> tuple[Any, Any]:
-    """C and S of ``switching.from_rest``; at a distance below the square root of the rounding those of resonance."""
+    """C and S of ``oscillation.from_rest``; at a distance below the square root of the rounding those of resonance."""
     gain = ((w - frequency) * (w + frequency)).mid()
     s, c = (frequency * tau).sin_cos()
     if abs(gain) <= frequency * frequency * arb(2) ** (-ctx.prec // 2):

@@ -1,0 +1,261 @@
+"""What the contacts see of a piece: sums of terms in closed form, their derivatives and how large they can get.
+
+    u_c(tau) = constant_c + sum_k x_ck(tau) + the answers of close pairs (oscillation.py),
+
+    x(tau) = x C + y S + level V,   y(tau) = y C + (level - omega^2 x) S,   u' = sum_k sigma x + y
+
+    C = exp(sigma tau) cos(omega tau),  S = exp(sigma tau) sin(omega tau)/omega,  V = (1 - cos(omega tau))/omega^2
+
+Without damping x is a mode's share and y its rate, sigma = 0; else x = Re a and y = -omega Im a of a term
+a exp((sigma + i omega) tau), sigma <= 0 and level 0. A drive is such a term too.
+
+Compiled functions count references to every array they are given, so these are few (``layout``):
+``speeds`` (6, K), ``terms`` (m, 9, K) for m contacts and K terms, ``seen`` (m, SEEN), ``pairs`` (p, 4 + m).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ...basics.arrays import Array
+from ...basics.compiled import compiled, inlined
+from .oscillation import oscillations, pair, pair_sizes
+from .touching import ORDER
+
+RESOLVED = 4.4  # radians of a step up to which its cubic, with an error (omega h)^4/384, is better than none
+# Rows of ``speeds``, the slow terms first, and in the last three what they make at one tau.
+SIGMA, OMEGA, SQUARE, C, S, V = range(6)
+# Rows of ``terms``: at tau = 0, at the two ends of a step, and bounds of a term but for its level and of x''''.
+X, Y, LEVEL, END, LARGE, BENT = 0, 1, 2, 3, 7, 8
+# Columns of ``seen``: the constant, u and u' at the two ends, bounds of |u|, |u''| and |u'''|.
+CONSTANT, U, RATE, B0, B2, B3, SEEN = 0, 1, 3, 5, 6, 7, 8
+
+
+@compiled
+def layout(m: int, K: int, p: int) -> tuple[Array, Array, Array, Array]:
+    """Empty speeds, terms, seen and pairs; a pair is its omega, frequency, the force on it of the drive's sine and
+    cosine (see ``oscillation.pair``), and what every contact sees of it."""
+    return np.zeros((6, K)), np.zeros((m, 9, K)), np.zeros((m, SEEN)), np.zeros((p, 4 + m))
+
+
+@inlined
+def hypotenuse(a: float, b: float) -> float:
+    """sqrt(a^2 + b^2), or where that is not safe in float64 the larger |a| + |b|; for vector registers."""
+    square = a * a + b * b
+    return math.sqrt(square) if 1e-280 < square < 1e280 else abs(a) + abs(b)
+
+
+@compiled
+def read(
+    speeds: Array,
+    terms: Array,
+    seen: Array,
+    pairs: Array,
+    damped: bool,
+    start: float,
+    tau: float,
+    end: int,
+    i: int,
+) -> None:
+    """u and u' of contact i at tau from the terms at ``end``."""
+    u = seen[i, CONSTANT]
+    rate = 0.0
+    for k in range(speeds.shape[1]):
+        u += terms[i, END + 2 * end, k]
+        rate += terms[i, END + 2 * end + 1, k]
+    if damped:
+        for k in range(speeds.shape[1]):
+            rate += speeds[SIGMA, k] * terms[i, END + 2 * end, k]
+    for k in range(pairs.shape[0]):
+        eta, eta_rate, _ = pair(pairs[k, 0], pairs[k, 1], pairs[k, 2], pairs[k, 3], start, tau)
+        u += pairs[k, 4 + i] * eta
+        rate += pairs[k, 4 + i] * eta_rate
+    seen[i, U + end], seen[i, RATE + end] = u, rate
+
+
+@compiled
+def carry(
+    speeds: Array, terms: Array, seen: Array, pairs: Array, damped: bool, start: float, tau: float, end: int
+) -> None:
+    """All terms, the positions and their rates at tau to the given ``end``. start: the time at which tau = 0."""
+    oscillations(speeds[OMEGA], tau, speeds[C], speeds[S], speeds[V])
+    K, x, y = speeds.shape[1], END + 2 * end, END + 2 * end + 1
+    if damped:
+        for k in range(K):
+            decay = math.exp(speeds[SIGMA, k] * tau)
+            speeds[C, k] *= decay
+            speeds[S, k] *= decay
+    for i in range(terms.shape[0]):
+        # Loops that write to one place each: these go into vector registers.
+        for k in range(K):
+            terms[i, x, k] = terms[i, X, k] * speeds[C, k] + terms[i, Y, k] * speeds[S, k]
+        for k in range(K):
+            terms[i, y, k] = terms[i, Y, k] * speeds[C, k] - terms[i, X, k] * speeds[SQUARE, k] * speeds[S, k]
+        if not damped:
+            for k in range(K):
+                terms[i, x, k] += terms[i, LEVEL, k] * speeds[V, k]
+            for k in range(K):
+                terms[i, y, k] += terms[i, LEVEL, k] * speeds[S, k]
+        read(speeds, terms, seen, pairs, damped, start, tau, end, i)
+
+
+@compiled
+def bounds(speeds: Array, terms: Array, seen: Array, pairs: Array, damped: bool, rest: float, end: int, i: int) -> None:
+    """Into B0, B2 >= |u''| and B3 >= |u'''| of contact i, from the terms at ``end`` on; B0: the size of u.
+
+    rest: how long the piece may last, which bounds the answers of close pairs.
+    """
+    b0 = abs(seen[i, CONSTANT])
+    b2 = 0.0
+    b3 = 0.0
+    for k in range(speeds.shape[1]):
+        w = speeds[OMEGA, k]
+        x, y = terms[i, END + 2 * end, k], terms[i, END + 2 * end + 1, k]
+        size = hypotenuse(x, y / w) if w > 0.0 else abs(x)
+        curve = hypotenuse(terms[i, LEVEL, k] - w * w * x, w * y)
+        fast = w
+        if damped and speeds[SIGMA, k] != 0.0:
+            fast = hypotenuse(speeds[SIGMA, k], w)
+            curve = size * fast * fast
+        b0 += size
+        b2 += curve
+        b3 += curve * fast
+    for k in range(pairs.shape[0]):
+        w, frequency, weight = pairs[k, 0], pairs[k, 1], abs(pairs[k, 4 + i])
+        size, speed, force = pair_sizes(w, frequency, pairs[k, 2], pairs[k, 3], rest)
+        b0 += weight * size
+        b2 += weight * (force + w * w * size)
+        b3 += weight * (frequency * force + w * w * speed)
+    # Rounding in the sums above.
+    seen[i, B0], seen[i, B2], seen[i, B3] = b0, b2 * (1.0 + 1e-12) + 1e-300, b3 * (1.0 + 1e-12) + 1e-300
+
+
+@compiled
+def measure(speeds: Array, terms: Array, damped: bool, end: int) -> None:
+    """LARGE and BENT from the terms at ``end`` on. |a| + |b| is not far above their hypotenuse."""
+    x, y = END + 2 * end, END + 2 * end + 1
+    for i in range(terms.shape[0]):
+        for k in range(speeds.shape[1]):
+            curve = abs(terms[i, LEVEL, k] - speeds[SQUARE, k] * terms[i, x, k])
+            terms[i, BENT, k] = curve + abs(speeds[OMEGA, k] * terms[i, y, k])
+        for k in range(speeds.shape[1]):
+            square = speeds[SQUARE, k]
+            terms[i, LARGE, k] = terms[i, BENT, k] / (square if square > 0.0 else 1.0)
+        for k in range(speeds.shape[1]):
+            terms[i, BENT, k] *= speeds[SQUARE, k]
+        if damped:
+            for k in range(speeds.shape[1]):
+                sigma, w = speeds[SIGMA, k], speeds[OMEGA, k]
+                if sigma != 0.0:
+                    large = abs(terms[i, x, k]) + (abs(terms[i, y, k]) / w if w > 0.0 else 0.0)
+                    terms[i, LARGE, k], terms[i, BENT, k] = large, large * (w * w + sigma * sigma) ** 2
+
+
+@compiled
+def resolved(speeds: Array, step: float) -> int:
+    """How many of the terms a cubic over ``step`` follows."""
+    count = speeds.shape[1]
+    while count and hypotenuse(speeds[SIGMA, count - 1], speeds[OMEGA, count - 1]) * step > RESOLVED:
+        count -= 1
+    return count
+
+
+@compiled
+def cubic(
+    speeds: Array, terms: Array, seen: Array, pairs: Array, damped: bool, start: float, tau: float, step: float,
+    slow: int, end: int, i: int,
+) -> tuple[float, float, float, float, float]:  # fmt: skip
+    """(p0, p1, p2, p3, error): contact i at tau + s is p0 + p1 s + p2 s^2 + p3 s^3 to ``error`` for s in [0, step].
+
+    The terms from ``slow`` on count with all they can be. Those at tau are at ``end``, those at tau + step at the
+    other.
+    """
+    x, x1 = END + 2 * end, END + 2 * (1 - end)
+    bend = 0.0
+    rest = 0.0
+    u0, u1, v0, v1 = seen[i, U + end], seen[i, U + 1 - end], seen[i, RATE + end], seen[i, RATE + 1 - end]
+    for k in range(slow):
+        bend += terms[i, BENT, k]
+    for k in range(slow, speeds.shape[1]):
+        sigma, square = speeds[SIGMA, k], speeds[SQUARE, k]
+        level = terms[i, LEVEL, k] / (square if square > 0.0 else 1.0)
+        rest += terms[i, LARGE, k]
+        u0 += level - terms[i, x, k]
+        u1 += level - terms[i, x1, k]
+        v0 -= sigma * terms[i, x, k] + terms[i, x + 1, k]
+        v1 -= sigma * terms[i, x1, k] + terms[i, x1 + 1, k]
+    for k in range(pairs.shape[0]):
+        w, frequency = pairs[k, 0], pairs[k, 1]
+        eta, speed, _ = pair(w, frequency, pairs[k, 2], pairs[k, 3], start, tau)
+        force = abs(pairs[k, 2]) + abs(pairs[k, 3])
+        size = abs(eta) + (abs(speed) + 0.5 * force * step) * step
+        if w * step > 1.0:
+            size = min(size, abs(eta) + (abs(speed) + force * step) / w)
+        bend += abs(pairs[k, 4 + i]) * (frequency**2 * force + w * w * (force + w * w * size))
+    slope = (u1 - u0) / step
+    p2, p3 = (3.0 * slope - 2.0 * v0 - v1) / step, (v0 + v1 - 2.0 * slope) / (step * step)
+    return u0, v0, p2, p3, bend * step**4 / 384.0 + rest
+
+
+@compiled
+def curvature(speeds: Array, terms: Array, pairs: Array, start: float, tau: float, end: int, i: int) -> float:
+    """u'' of contact i at tau, the terms there at ``end``."""
+    total = 0.0
+    for k in range(speeds.shape[1]):
+        x, y, sigma = terms[i, END + 2 * end, k], terms[i, END + 2 * end + 1, k], speeds[SIGMA, k]
+        total += sigma * (sigma * x + 2.0 * y) - speeds[SQUARE, k] * x + terms[i, LEVEL, k]
+    for k in range(pairs.shape[0]):
+        total += pairs[k, 4 + i] * pair(pairs[k, 0], pairs[k, 1], pairs[k, 2], pairs[k, 3], start, tau)[2]
+    return total
+
+
+@compiled
+def derivatives(
+    speeds: Array, terms: Array, seen: Array, pairs: Array, start: float, tau: float, rest: float, end: int, i: int,
+    d: Array, b: Array,
+) -> None:  # fmt: skip
+    """u and its derivatives at tau into d (ORDER + 1,), and into b those of the terms they are sums of; speeds
+    and the terms at ``end`` are those at tau. rest: as in ``bounds``."""
+    d[:] = 0.0
+    b[:] = 0.0
+    d[0] = seen[i, CONSTANT]
+    b[0] = abs(d[0])
+    for k in range(speeds.shape[1]):
+        w, sigma, level = speeds[OMEGA, k], speeds[SIGMA, k], terms[i, LEVEL, k]
+        x, y = terms[i, END + 2 * end, k], terms[i, END + 2 * end + 1, k]
+        x0, y0 = terms[i, X, k], terms[i, Y, k]
+        d[0] += x
+        d[1] += sigma * x + y
+        if sigma == 0.0:
+            b[0] += abs(x0 * speeds[C, k]) + abs(y0 * speeds[S, k]) + abs(level * speeds[V, k])
+            b[1] += abs(y0 * speeds[C, k]) + abs((level - w * w * x0) * speeds[S, k])
+            size = hypotenuse(level - w * w * x, w * y)
+            fast = w
+        else:
+            size = hypotenuse(x, y / w) if w > 0.0 else abs(x)
+            fast = hypotenuse(sigma, w)
+            b[0] += size
+            b[1] += size * fast
+            size *= fast * fast
+        x, y = sigma * x + y, sigma * y - w * w * x + level
+        for j in range(2, ORDER + 1):
+            x, y = sigma * x + y, sigma * y - w * w * x
+            d[j] += x
+            b[j] += size
+            size *= fast
+    for k in range(pairs.shape[0]):
+        w, frequency, weight = pairs[k, 0], pairs[k, 1], pairs[k, 4 + i]
+        even, odd, _ = pair(w, frequency, pairs[k, 2], pairs[k, 3], start, tau)
+        s = math.sin(frequency * (start + tau))
+        c = math.cos(frequency * (start + tau))
+        force, turned = pairs[k, 2] * s + pairs[k, 3] * c, pairs[k, 2] * c - pairs[k, 3] * s
+        even_size, odd_size, force_size = pair_sizes(w, frequency, pairs[k, 2], pairs[k, 3], rest)
+        for j in range(ORDER + 1):  # eta^(j + 2) = f^(j) - w^2 eta^(j)
+            d[j] += weight * even
+            b[j] += abs(weight) * even_size
+            even, odd = odd, force - w * w * even
+            even_size, odd_size = odd_size, force_size + w * w * even_size
+            force, turned = frequency * turned, -frequency * force
+            force_size *= frequency

@@ -1,0 +1,124 @@
+"""The whole campaign of bad input and faults, with one seed.
+
+    python tests/break_it.py --seed 1 --inputs 10000 --kills 100 --files 1000 --jobs 2
+
+Wild inputs by surface (``fuzz.py``), kills of a command that goes on in one folder, damaged files; each with its
+outcomes. Ends with 1 where an input is a violation, a kill has lost something, or a damaged file passes.
+"""
+
+from __future__ import annotations
+
+import argparse
+import collections
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+COMMAND = [
+    "amplification", "table10", "--schemes", "bdf2,bathe,trapezoidal,sdirk(gamma=0.4359)", "--jobs", "1", "--out",
+]  # fmt: skip
+LOSSES = ("journalled lines lost", "ends that differ", "half-written files")
+
+
+def _begun(folder: Path) -> subprocess.Popen[str]:
+    words = [sys.executable, "-m", "stiffbeam.cli", *COMMAND, str(folder)]
+    return subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, start_new_session=True)
+
+
+def kills(seed: int, wanted: int, place: Path) -> collections.Counter[str]:
+    """SIGKILL, SIGTERM and SIGINT at any time of a command that goes on in one folder. What is journalled only grows,
+    and ends as without any kill; then the folder is emptied and it all begins again."""
+    rng, folder, found = random.Random(seed), place / "killed", collections.Counter[str]()
+    begun = time.monotonic()
+    _begun(place / "whole").communicate(timeout=600)
+    longest = time.monotonic() - begun
+    whole = json.loads((place / "whole" / "amplification.json").read_text())["rows"]
+
+    def journalled() -> int:
+        return sum(len(x.read_bytes().splitlines()) for x in folder.rglob("*.jsonl"))
+
+    while found["kills"] < wanted or not found["runs that ended between them"]:
+        before, child = journalled(), _begun(folder)
+        try:
+            child.wait(rng.uniform(0.3, 1.2) * longest)
+        except subprocess.TimeoutExpired:
+            child.send_signal(rng.choice([signal.SIGKILL, signal.SIGTERM, signal.SIGINT]))
+            found["kills"] += 1
+        child.communicate(timeout=600)
+        found["journalled lines lost"] += max(0, before - journalled())
+        found["most lines there at a kill"] = max(found["most lines there at a kill"], journalled())
+        if child.returncode == 0:
+            found["runs that ended between them"] += 1
+            rows = json.loads((folder / "amplification.json").read_text())["rows"]
+            found["ends that differ"] += rows != whole
+            found["half-written files"] += len(list(folder.rglob("*.partial")))
+            for file in [*folder.rglob("*.jsonl"), *folder.glob("amplification.*")]:
+                file.unlink()
+    return found
+
+
+def damaged(content: bytes, seed: int) -> bytes:
+    """Some bytes changed, a stretch of zeros, or an end that is missing."""
+    rng, found = random.Random(seed), bytearray(content)
+    kind = seed % 6
+    if kind == 0:
+        return bytes(found[: rng.randrange(len(found))])
+    if kind == 1:
+        begin = rng.randrange(len(found))
+        zeroed = slice(begin, min(len(found), begin + rng.randrange(4096)))
+        found[zeroed] = bytes(zeroed.stop - begin)
+    for _ in range(rng.choice([1, 1, 4, 16])):
+        found[rng.randrange(len(found))] ^= rng.randrange(1, 256)
+    return bytes(found)
+
+
+def files(seed: int, count: int, place: Path) -> collections.Counter[str]:
+    """Damaged copies of a saved run, every tenth without its seal, loaded one after the other."""
+    from fuzz_surfaces import run
+
+    import stiffbeam as sb
+    from stiffbeam.basics import netcdf
+
+    netcdf.SECONDS = 5.0
+    found, file = collections.Counter[str](), place / "damaged.nc"
+    content = run().save(file).read_bytes()
+    for i in range(count):
+        file.write_bytes(damaged(content[: -netcdf.LENGTH] if i % 10 == 0 else content, 10**6 * seed + i))
+        try:
+            found["harmless" if (sb.load(file).tip == run().tip).all() else "passed"] += 1
+        except sb.InputError as refused:
+            found["refused after 5 s" if "more than 5" in str(refused) else "refused"] += 1
+    return found
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    for name, default in (("seed", 1), ("inputs", 10000), ("kills", 100), ("files", 1000), ("jobs", 2)):
+        parser.add_argument(f"--{name}", type=int, default=default)
+    given = parser.parse_args()
+    bad = False
+    if given.inputs:
+        words = [sys.executable, str(Path(__file__).with_name("fuzz.py")), "--seed", str(given.seed)]
+        words += ["--inputs", str(given.inputs), "--jobs", str(given.jobs)]
+        limits = {"STIFFBEAM_SECONDS": "10", "STIFFBEAM_MEMORY": "1"}
+        bad = bool(subprocess.run(words, env=limits | os.environ, check=False).returncode)
+    with tempfile.TemporaryDirectory() as folder:
+        if given.kills:
+            lost = kills(given.seed, given.kills, Path(folder))
+            bad = bad or any(lost[name] for name in LOSSES)
+            print("kills: ", ", ".join(f"{name} {count}" for name, count in lost.items()))
+        if given.files:
+            found = files(given.seed, given.files, Path(folder))
+            bad = bad or bool(found["passed"])
+            print("files: ", ", ".join(f"{name} {count}" for name, count in found.items()))
+    raise SystemExit(bad)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,72 @@
+"""Planted faults that the score finds: in the restitution, besides the displacement, in a file's columns."""
+
+from __future__ import annotations
+
+import tomllib
+
+import numpy as np
+import pytest
+from test_score import moreau_jean, newmark
+
+import stiffbeam as sb
+from stiffbeam.testset.problem import folder
+from stiffbeam.testset.score import score_trajectories
+from stiffbeam.testset.trajectory_file import read_trajectory
+from stiffbeam.testset.verdicts import CONVERGES, NOT_FALLING, ONE_RUN
+
+
+@pytest.mark.parametrize("name", ["bouncing-ball", "impact-oscillator"])
+def test_a_restitution_two_per_cent_too_small_is_found(name):
+    data = tomllib.loads((folder() / f"{name}.toml").read_text(encoding="utf-8"))
+    e = 0.98 * data["system"]["contacts"][0]["restitution"]
+    runs = [moreau_jean(data["system"], n, data["t_end"], e) for n in sb.problem(name).steps]
+    assert score_trajectories(name, runs).entries[0].outcome == NOT_FALLING
+
+
+def planted(kind, t, u, v):
+    """A run that is right in u at the sample times, and wrong otherwise."""
+    if kind == "velocity doubled":
+        return t, u, 2.0 * v
+    if kind == "velocity reversed":
+        return t, u, -v
+    if kind == "right at the samples only":
+        at = np.isclose(t[:, None], sb.problem("bilinear-gap").times).any(axis=1)
+        return t, np.where(at, u, 0.3 * u)
+    return t, u, v
+
+
+@pytest.mark.parametrize(
+    ("kind", "missed"),
+    [("", ()), ("velocity doubled", ("velocity",)), ("velocity reversed", ("velocity",)),
+     ("right at the samples only", ("impact times",))],
+)  # fmt: skip
+def test_what_is_wrong_besides_the_displacement_is_found(kind, missed):
+    known = sb.problem("bilinear-gap")
+    runs = [planted(kind, *newmark(known.system, known.t_end / n, known.t_end)) for n in (480, 960, 1920)]
+    runs = [(t, *(x[:, 0] if x.ndim == 2 else x for x in rest)) for t, *rest in runs]
+    (entry,) = score_trajectories("bilinear-gap", runs).entries
+    assert entry.missed == missed
+    assert entry.outcome == (NOT_FALLING if missed else CONVERGES)
+    assert "≤ 2" in str(score_trajectories("bilinear-gap", runs))
+    same = score_trajectories("bilinear-gap", [runs[-1]] * 3).entries[0]
+    assert same.outcome == ONE_RUN
+    fewer = [tuple(np.delete(x, 7) for x in run) for run in runs]
+    assert "impacts are not counted" in str(score_trajectories("bilinear-gap", fewer))
+    with pytest.raises(sb.InputError, match="another unit"):
+        score_trajectories("bilinear-gap", [(1e3 * runs[0][0], *runs[0][1:])])
+
+
+def test_columns_are_known_by_their_names(tmp_path):
+    file = tmp_path / "run.csv"
+    for header, found in (("v,time,u", [1, 2, 0]), ("t;tip", [0, 1]), ("", [0, 1, 2])):
+        width = len(found)
+        rows = [",".join(f"{10 * k + column}" for column in range(width)) for k in range(5)]
+        file.write_text("\n".join([header, *rows]), encoding="utf-8")
+        assert [int(column[0]) for column in read_trajectory(file)] == found
+    for header in ("u,v", "t,x,v", "t,u,u"):
+        file.write_text("\n".join([header, *["1,2,3"] * 5]), encoding="utf-8")
+        with pytest.raises(sb.InputError, match="name t, u and perhaps v"):
+            read_trajectory(file)
+    file.write_text("\n".join(["t,u", *["1,2,3"] * 5]), encoding="utf-8")
+    with pytest.raises(sb.InputError, match="name every column"):
+        read_trajectory(file)
