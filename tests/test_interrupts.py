@@ -23,7 +23,7 @@ SHORT = {"cases", "doctor"}  # they only tell what there is
 SAID = "stiffbeam: interrupted; what is finished is kept, give the same command again\n"
 STATUS = {signal.SIGINT: 130, signal.SIGTERM: 143}
 COMMANDS: dict[str, list[str]] = {
-    "compare": ["compare", "table10", "--t-end", "0.2", "--references", "cvode,exact", "--out", "out"],
+    "compare": ["compare", "table10", "--t-end", "0.2", "--references", "cvode,exact", "--no-cache", "--out", "out"],
     "reference": ["reference", "table10", "--method", "multiprecision", "--t-end", "0.2", "--out", "out/r.nc"],
     "advise": ["advise", "table10", "--t-end", "0.3", "--schemes", "hht(alpha=-0.1)"],
     "animate": ["animate", "table10", "--t-end", "0.2", "--seconds", "1", "--out", "out/film.gif"],

@@ -32,11 +32,14 @@ def main() -> None:
 
     def end(number: int, _: object) -> None:
         stopped.append(number)
+        sys.unraisablehook = lambda _: None  # of an object that the compiler had half made
         for name in (signal.SIGINT, signal.SIGTERM):  # a second one does not wait
             signal.signal(name, signal.SIG_DFL)
         raise KeyboardInterrupt
 
     signal.signal(signal.SIGTERM, end)  # as Ctrl-C: what is finished is kept
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # not where a shell has it ignored
+        signal.signal(signal.SIGINT, end)
     try:
         app()
     except InputError as error:
