@@ -51,6 +51,7 @@ class Solution:
     states: list[tuple[Array, Array]] = field(default_factory=list)
     held: list[tuple[int, ...]] = field(default_factory=list)
     events: list[Event] = field(default_factory=list)
+    struck: list[tuple[float, int, float]] = field(default_factory=list)  # time, contact, impulse that is no event's
     taken: list[tuple[float, float, float]] = field(default_factory=list)  # time, energy taken, put in by stops moving
     stuck: list[tuple[float, int]] = field(default_factory=list)  # where a contact's impacts ended, and which
 
@@ -218,6 +219,7 @@ class Tracer:
                 after[c] = -self.e[c] * before[c]  # exactly
             elif P[c]:
                 after[c] = 0.0
+                self.found.struck.append((self.t, c, abs(float(P[c]))))
             if self.held.pop(c, None) is not None and -side * after[c] > 0.0:
                 self._end(c)
             if -side * after[c] > 0.0:
@@ -256,7 +258,8 @@ class Tracer:
         moved = -float(sum(p * self.model.shift(x, self.t)[1] for p, x in zip(P, at, strict=True)))
         self.found.taken.append((self.t, before[1] - self._kinetic() + moved, moved))
         self.found.stuck.append((self.t + after, contact))
-        self.found.events[-1].impulse -= side * float(P[at.index(contact)])  # the series brings less than is held
+        # The series brings less than holding the contact that long, and shakes those that are held already.
+        self.found.struck += [(self.t, x, -self.held[x] * float(p)) for p, x in zip(P, at, strict=True)]
         self._record(together)
         self.t, self.q, self.v = self.t + after, value(c, after), rate(c, after)
         return True

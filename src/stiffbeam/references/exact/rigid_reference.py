@@ -133,17 +133,18 @@ def _contact(
     solution: Solution, c: int, held: list[Any], t_end: float, since: float
 ) -> tuple[Impacts, float, float, float]:
     """Impacts, share of time, peak and impulse of a contact: a rigid stop has no largest force, NaN. What a contact
-    that is held after an impact presses counts with that impact."""
+    that is held after an impact presses, and what it takes from impacts of others, counts with that impact."""
     events = [event for event in solution.events if event.contact == c and event.time >= since]
-    starts = np.array([a for a, _, _ in held])
-    pressed = np.concatenate([[0.0], np.cumsum([impulse for *_, impulse in held])])
-
-    def between(a: float, b: float) -> float:
-        first, last = np.searchsorted(starts, [a, b]) if len(starts) else (0, 0)
-        return float(pressed[last] - pressed[first])
-
+    struck = [(time, impulse) for time, contact, impulse in solution.struck if contact == c and time >= since]
     times, ends = np.array([e.time for e in events]), np.array([e.end for e in events])
-    impulses = [e.impulse + (between(e.time, e.end) if e.end > e.time else 0.0) for e in events]
+    impulses = np.array([e.impulse for e in events])
+    total, kept = float(np.sum(impulses)), ends > times
+    for presses, up_to in (([(a, impulse) for a, _, impulse in held], "left"), (struck, "right")):
+        begun, amounts = np.array(presses).reshape(-1, 2).T
+        so_far = np.concatenate([[0.0], np.cumsum(amounts)])
+        until, since_then = np.searchsorted(begun, ends[kept], up_to), np.searchsorted(begun, times[kept])
+        impulses[kept] += so_far[until] - so_far[since_then]
+        total += float(so_far[-1])
     impacts = Impacts.at(
         times,
         [e.side for e in events],
@@ -151,7 +152,6 @@ def _contact(
         ends=ends,
         impulses=np.where(np.isnan(ends), np.nan, impulses),
     )
-    total = float(sum(e.impulse for e in events) + pressed[-1])
     share = sum(b - a for a, b, _ in held) / (t_end - since)
     return impacts, share, math.nan if events or held else 0.0, total
 

@@ -222,6 +222,8 @@ class March:
                 self._list(c, side, abs(P[c]))
                 leaves = self.e[c] > 0
             else:
+                if c in P:
+                    self._press(c, abs(P[c]))
                 leaves = c not in P and side * (before[c] + jump[c]) < 0
             if not leaves:
                 at_rest[c] = side
@@ -315,14 +317,13 @@ class March:
             return
         self.unlisted.discard(c)
         self._push(P)
-        less = abs(P[c]).mid()  # the impacts bring less than holding the contact that long
-        self.found.pressed[c] -= float(less)
         last = self._last(c)
         assert last is not None
-        last.impulse -= less
+        last.end, here = None, self.t
+        for x, side_of in {**self.held, c: side}.items():  # less on c than holding it that long brings
+            self._press(x, (-side_of * P[x]).mid() if x in P else arb(0))
         self.found.stuck.append(((self.t + T * (1 + T * (k / (3 * a) - drag / 6))).mid(), c))
         self.found.left_out = max(self.found.left_out, float(T) * (float(T) * fast) ** 2)
-        last.end, here = None, self.t
         self._settle({**self.held, c: side})
         if c not in self.held:
             last.end = here
