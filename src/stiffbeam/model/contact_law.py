@@ -123,16 +123,6 @@ def elastic_force(u: float, kappa: float, g1: float, g2: float, p: float) -> flo
 
 
 @inlined
-def side_dissipation(
-    u: float, v: float, chi: float, kappa: float, g1: float, g2: float, p: float, c: float, lam: float
-) -> float:
-    """What ``side_force`` takes per time beyond the energy: (kappa d^p lambda + c) u'^2."""
-    if chi == 0:
-        return 0.0
-    return (kappa * power(u - g2 if chi > 0 else g1 - u, p) * lam + c) * v * v
-
-
-@inlined
 def side_force(
     u: float, v: float, chi: float, kappa: float, g1: float, g2: float, p: float, c: float, lam: float
 ) -> float:

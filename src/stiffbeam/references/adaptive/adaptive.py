@@ -70,9 +70,10 @@ def in_phases(method: str, solver: Callable[[RightHandSide, float, Array], Solve
 
 
 def reference_from(
-    request: Request, solve: Callable[[Task], Solve], switches: str, first_order: FirstOrderSystem | None = None
-) -> Reference:
-    """Run ``solve`` on the first-order system (its own unless given) and wrap its output.
+    request: Request, solve: Callable[[Task], Solve], switches: str, mass: Array | None = None,
+    first_order: FirstOrderSystem | None = None,
+) -> Reference:  # fmt: skip
+    """Run ``solve`` on the first-order system (its own unless given, with its ``mass``) and wrap its output.
 
     switches: the method's default. atol defaults to rtol/100 of every unknown's scale (``scales_of``). A
     solver without roots has no events: its impacts are the sampled ones at the output times, with the
@@ -94,7 +95,7 @@ def reference_from(
     t = output_times(t_eval, t_end)
     begun = time.perf_counter()
     pieces = smooth_pieces(system, t_end, steps)  # which asks the functions of time what they are
-    rhs = RightHandSide(first_order or system.first_order())
+    rhs = RightHandSide(first_order or system.first_order(), mass)
     scales = scales_of(rhs.first_order, t_end)
     if steps.max_step is not None:
         afford("max_step", steps.max_step, "give a larger one", seconds=2e-5 * t_end / steps.max_step)
@@ -116,7 +117,7 @@ def reference_from(
 
     def ledger() -> Ledger:
         given, taken = result.states[:, rhs.states : rhs.states + 2].T
-        of_stops = _taken_by_stops(rhs, result, switches == RESTART, t, positions)
+        of_stops = _taken_by_stops(rhs, result.states, positions)
         return _ledger(system, t, states[0], states[1], given, taken, of_stops)
 
     bounds = [piece.max_step for piece in pieces.pieces if np.isfinite(piece.max_step)]
@@ -160,20 +161,15 @@ def reference_from(
     )
 
 
-def _taken_by_stops(rhs: RightHandSide, result: Solve, restarted: bool, t: Array, positions: Array) -> Array:
-    """What the stops have dissipated at the output times: of what one held where it let go, less what is left."""
+def _taken_by_stops(rhs: RightHandSide, z: Array, positions: Array) -> Array:
+    """What the stops that damp have dissipated at the outputs: absorbed and stored no more."""
     if not rhs.damped:
-        return np.zeros(len(t))
-    taken = result.states[:, -1].copy()
-    if restarted and result.contacts is not None:
-        for k, (i, side) in enumerate(rhs.sides):
-            stops = rhs.first_order.contacts[i].contact.stops
-            if stops.dissipative:
-                entries, exits = ([when for when, _ in x[k]] for x in (result.contacts.entries, result.contacts.exits))
-                free = np.searchsorted(entries, t, "left") == np.searchsorted(exits, t, "left")
-                taken -= np.where(
-                    free & (side * stops.penetration(positions[:, i]) > 0.0), stops.energy(positions[:, i]), 0.0
-                )
+        return np.zeros(len(z))
+    start, _ = rhs.channels(np.zeros(1), rhs.z0[None, : rhs.states])
+    taken = z[:, -1].copy()
+    for i, c in enumerate(rhs.first_order.contacts):
+        if c.contact.stops.dissipative:
+            taken -= c.contact.stops.energy(positions[:, i]) - c.contact.stops.energy(start[:, i])
     return taken
 
 

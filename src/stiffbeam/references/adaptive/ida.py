@@ -51,12 +51,12 @@ def solve(request: Request) -> Reference:
                 phase.watch(t, z, out)
 
             ida = IDA(residual, rtol=rtol, atol=atol, jacfn=jacobian, **options, **phase_options(phase, roots))
-            ida.init_step(phase.start, phase.z, np.linalg.solve(E, rhs.value(phase.start, phase.z)))
+            ida.init_step(phase.start, phase.z, rhs.rate(phase.start, phase.z))
             return advance("ida", ida, phase)
 
         return run
 
-    return reference_from(request, in_phases("ida", solver), KEEP, first_order=right)
+    return reference_from(request, in_phases("ida", solver), KEEP, mass, right)
 
 
 def system_couples(right: FirstOrderSystem) -> bool:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -146,17 +145,17 @@ def _vector_field(rhs: RightHandSide, drive: Drive) -> Callable[[Any, Any, Any],
     def field(t: Any, z: Any, args: Any) -> Any:
         y, (g, g_rate) = z[: rhs.states], inputs(t)
         rate = A @ y + g @ basis
-        given, impulses, lost = g @ power @ y, [], 0.0
+        given, impulses, absorbed = g @ power @ y, [], 0.0
         for row, column, offset, stops, velocity_row in contacts:
             offset_rate = g_rate @ offset
             u = row @ y + g @ offset
             force = stops.force_in(jnp, u, velocity_row @ y + offset_rate if stops.dissipative else None)
             if stops.dissipative:
-                elastic = replace(stops, damping=0.0, dissipation=0.0).force_in(jnp, u)
-                lost = lost - (force - elastic) * (velocity_row @ y + offset_rate)
+                absorbed = absorbed - force * (velocity_row @ y + offset_rate)
             rate = rate + column * force
             given = given - force * offset_rate
             impulses.append(jnp.abs(force))
-        return jnp.concatenate([rate, jnp.stack([given, y @ damping @ y, *impulses, *([lost] if rhs.damped else [])])])
+        integrals = [given, y @ damping @ y, *impulses, *([absorbed] if rhs.damped else [])]
+        return jnp.concatenate([rate, jnp.stack(integrals)])
 
     return field

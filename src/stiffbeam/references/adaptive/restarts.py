@@ -129,7 +129,7 @@ class Watch:
         """The rate of root ``which``, a gap; of a damped stop by a difference over ``short`` along the motion."""
         if not self.rhs.first_order.contacts[self.rhs.sides[which][0]].contact.stops.dissipative:
             return float(self.values(t, z)[self.count + which])
-        slope = self.rhs.value(t, z)
+        slope = self.rhs.rate(t, z)
         ahead, behind = (float(self.values(t + s, z + s * slope)[which]) for s in (short, -short))
         return (ahead - behind) / (2.0 * short)
 
@@ -194,9 +194,6 @@ def follow(
     contacts = Contacts(len(sides))
     for k in np.flatnonzero(closed):
         contacts.switch(int(k), 0.0, z)
-    if fixed and rhs.damped:
-        for k in np.flatnonzero(~np.array(closed)):
-            z = rhs.let_go(z, 0.0, int(k), False)
     states: list[Array] = [z] if len(t) and t[0] <= 0.0 else []
     forecast = Forecast(pieces[-1].end)
     counters: dict[str, int] = {}
@@ -241,8 +238,6 @@ def follow(
                 ]
             for k in switched:
                 closed[k] = not closed[k]
-                if fixed and rhs.damped:
-                    z = rhs.let_go(z, now, k, closed[k])
                 contacts.switch(k, now, z)
     counters["restarts"] = counters.pop("starts") - 1
     return Path(np.array(states), contacts if events else None, counters, z)
@@ -269,7 +264,7 @@ def _closed_at_start(rhs: RightHandSide, z: Array) -> list[bool]:
     values = np.empty(rhs.roots)
     rhs.gaps(0.0, z, values)
     gaps, rates = values[: len(rhs.sides)], values[len(rhs.sides) : 2 * len(rhs.sides)]
-    z_rate = rhs.value(0.0, z)
+    z_rate = rhs.rate(0.0, z)
     closed = []
     for (i, side), gap, rate in zip(rhs.sides, gaps, rates, strict=True):
         contact = rhs.first_order.contacts[i].contact

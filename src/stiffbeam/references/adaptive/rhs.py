@@ -7,6 +7,7 @@ from collections.abc import Callable
 from functools import cached_property
 
 import numpy as np
+import scipy.linalg
 import scipy.sparse
 
 from ...basics.arrays import Array
@@ -24,23 +25,25 @@ THROUGH = 2  # a contact that follows its law, both sides of its switches
 class RightHandSide:
     """z' = f(t, z) of a FirstOrderSystem, z = (y, input, viscous, impulse of every contact).
 
+    Given a ``mass`` E (m, m), E y' = f(t, y): ``System.descriptor``.
+
         input'   = sum_k f_k p_k^T q' - sum_c F_c o_c',   viscous' = q'^T C q',   impulse_c' = -F_c
 
     integrate with the motion what nobody could add up from its outputs. The impulse has a sign, > 0 on the upper
     stop: -F is as smooth as the motion, |F| would have a kink of its own where a narrow gap is crossed. Where a
-    stop damps there is one more, stop_dissipation' = -sum_c (F_c + U_c') u_c'. ``regime`` (contacts,) is chi of every
-    contact, in which the force is smooth on both sides of its switches, or THROUGH for the law itself; a regime
-    counts the dissipation while a stop presses, and what it still holds where it lets go is added there
-    (``let_go``). ``lengths`` (contacts,): of the contacts' motion, by which the switch function of a damped stop is
-    made a length.
+    stop damps there is one more, absorbed' = -sum_c F_c u_c' of those that do: stored and dissipated together, which is
+    as smooth as the motion too. ``regime`` (contacts,) is chi of every contact, in which the force is smooth on both
+    sides of its switches, or THROUGH for the law itself. ``lengths`` (contacts,): of the contacts' motion, by which
+    the switch function of a damped stop is made a length.
     Harmonic and constant functions are compiled in; a bare callable is called once per evaluation, at
     times inside ``window`` only.
     """
 
-    def __init__(self, first_order: FirstOrderSystem) -> None:
+    def __init__(self, first_order: FirstOrderSystem, mass: Array | None = None) -> None:
         system = first_order.system
         self.first_order = first_order
         self.states = len(first_order.y0)
+        self._mass = None if mass is None else scipy.linalg.lu_factor(mass)
         contacts = first_order.contacts
         m = len(contacts)
         self.damped = any(c.contact.stops.dissipative for c in contacts)
@@ -82,7 +85,6 @@ class RightHandSide:
             power,
             np.array([c.column for c in contacts]).reshape(m, self.states),
         )
-        self._scratch = np.empty(self.size)
         self._jacobians: dict[tuple[int, ...], Array] = {}
         self(0.0, self.z0.copy(), np.empty(self.size))
 
@@ -102,6 +104,13 @@ class RightHandSide:
         """f(t, z)."""
         out = np.empty(self.size)
         self(t, z, out)
+        return out
+
+    def rate(self, t: float, z: Array) -> Array:
+        """z', which is f(t, z) where no mass is given."""
+        out = self.value(t, z)
+        if self._mass is not None:
+            out[: self.states] = scipy.linalg.lu_solve(self._mass, out[: self.states])
         return out
 
     def jacobian(self, t: float, z: Array) -> Array:
@@ -152,7 +161,7 @@ class RightHandSide:
             return
         half = len(self.sides)
         gaps(t, z, out[: 2 * half], self.states, *self._contacts, *shifts)
-        self(t, z, self._scratch)
+        z_rate = self.rate(t, z)
         for k, (i, side) in enumerate(self.sides):
             rate, stops = out[half + k], self.first_order.contacts[i].contact.stops
             out[2 * half + k] = rate
@@ -160,9 +169,7 @@ class RightHandSide:
                 continue
             kappa, _, _, p, c, lam = stops.law.tolist()
             d, length = out[k], self.lengths[i]
-            acceleration = side * (
-                self._contacts[2][i] @ self._scratch[: self.states] + self._offset_acceleration(t, i)
-            )
+            acceleration = side * (self._contacts[2][i] @ z_rate[: self.states] + self._offset_acceleration(t, i))
             slope, to_rate = side_slopes(d, rate, 1, kappa, 0.0, 0.0, p, c, lam)
             out[2 * half + k] = slope * rate + to_rate * acceleration
             force = (
@@ -180,20 +187,6 @@ class RightHandSide:
         depth = side * (u - (c.contact.stops.g2 if side > 0 else c.contact.stops.g1))
         kappa, _, _, p, damping, lam = c.contact.stops.law.tolist()
         return max(0.0, pressure(max(0.0, float(depth)), side * float(v), kappa, p, damping, lam))
-
-    def let_go(self, z: Array, t: float, k: int, closed: bool) -> Array:
-        """z once side k has switched: the energy it holds is dissipated where it lets go, and had not been where it
-        presses again."""
-        i, side = self.sides[k]
-        c = self.first_order.contacts[i]
-        if not c.contact.stops.dissipative:
-            return z
-        u, _ = self.first_order.contact_motion(c, self._inside(t), z[: self.states])
-        if side * (u - (c.contact.stops.g2 if side > 0 else c.contact.stops.g1)) <= 0.0:
-            return z
-        z = z.copy()
-        z[-1] += (-1.0 if closed else 1.0) * float(c.contact.stops.energy(u))
-        return z
 
     @property
     def roots(self) -> int:
