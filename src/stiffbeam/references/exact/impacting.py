@@ -27,6 +27,7 @@ from .taylor import Model, first_zero, rate, value
 RADIANS = 1.0  # of the fastest motion, in one stretch
 CHATTER = 1e-6
 MOST_IMPACTS = 200_000
+NOTHING = 1e-100  # of the fastest impact: contacts that throw each other off by less are at rest
 MOST_AT_ONCE = 10_000
 LEFT = 1e-12  # of the distance between a stop and a start, relative: the start is on the stop
 
@@ -92,6 +93,7 @@ class Tracer:
         self.t, self.q, self.v = 0.0, system.q0.copy(), system.v0.copy()
         self.found = Solution(model)
         self.held: dict[int, int] = {}
+        self.fastest = 0.0  # speed of an impact so far
         self.fresh: dict[int, tuple[int, int, float]] = {}  # contact at its stop: side, zeros of its gap, its speed
         self._start()
         still = 0
@@ -192,17 +194,21 @@ class Tracer:
         if len(self.found.events) >= MOST_IMPACTS:
             rule = f"hold at most {MOST_IMPACTS} impacts"
             raise InputError("t_end", self.t, rule, f"end before t = {self.t:.6g}, or take e < 1")
-        others = dict(self.held)
+        others, now = dict(self.held), self.t
         self._bounce({**others, contact: side})
         self._settle({c: s for c, s in {**others, contact: side}.items() if c not in self.fresh})
         if contact in self.fresh and self._complete(contact, side):
             self._settle({})
+        last = self._last(contact)
+        if contact in self.held and (last is None or not math.isnan(last.end)):  # it came to be held without a blow
+            self.found.events.append(Event(contact, side, now, 0.0))
 
     def _bounce(self, closed: dict[int, int]) -> None:
         """Newton's law at the contacts ``closed``: those that leave are fresh, the others are held no more and
         wait to be settled."""
         before = np.array([self._velocity(c) for c in range(self.m)])
         before[[c for c in closed if c in self.held]] = 0.0
+        self.fastest = max(self.fastest, float(np.max(np.abs(before))))
         law = np.full((self.m, 3), np.inf)
         for c in range(self.m):
             law[c, 1] = 0.0 if closed.get(c) == -1 else -np.inf
@@ -220,9 +226,10 @@ class Tracer:
             elif P[c]:
                 after[c] = 0.0
                 self.found.struck.append((self.t, c, abs(float(P[c]))))
-            if self.held.pop(c, None) is not None and -side * after[c] > 0.0:
+            leaves = -side * after[c] > NOTHING * self.fastest
+            if self.held.pop(c, None) is not None and leaves:
                 self._end(c)
-            if -side * after[c] > 0.0:
+            if leaves:
                 self.fresh[c] = (side, 1, float(-side * after[c]))
 
     def _complete(self, contact: int, side: int) -> bool:

@@ -52,6 +52,10 @@ def solve_rigid(
         if opened > LOST * scale:
             reason = f"the energy balance is open, by {opened / scale:.2g} of the energy"
             raise SolverFailure("exact", t_end, reason, "use integrate")
+        beyond = _beyond(system, solution)
+        if beyond > LOST:
+            reason = f"the motion is beyond a stop, by {beyond:.2g} of its largest displacement"
+            raise SolverFailure("exact", t_end, reason, "use integrate")
         if not trusted:
             return found
         horizon = _horizon(system, found, t, t_end)
@@ -112,6 +116,17 @@ def _reference(system: System, solution: Solution, t: Array, t_end: float, begun
 def _seen(system: System, t: Array, q: Array, v: Array, channel: int) -> tuple[Array, Array]:
     row, offset = system.channels[channel]
     return q @ row + offset_values(offset, t), v @ row + offset_rate(offset, t)
+
+
+def _beyond(system: System, solution: Solution) -> float:
+    """How far the starts of the stretches lie beyond stops, over the largest displacement against them or gap."""
+    times, q = np.array(solution.times), np.array([q for q, _ in solution.states])
+    worst = 0.0
+    for contact in system.contacts:
+        u, stops = q @ contact.row + offset_values(contact.offset, times), contact.stops
+        sizes = [float(np.max(np.abs(u))), *(abs(g) for g in (stops.g1, stops.g2) if math.isfinite(g)), 1e-300]
+        worst = max(worst, float(np.max(np.abs(stops.penetration(u)))) / max(sizes))
+    return worst
 
 
 def _held(solution: Solution, t_end: float, since: float = 0.0) -> list[list[tuple[float, float, float]]]:
@@ -210,7 +225,7 @@ def _horizon(system: System, found: Reference, t: Array, t_end: float) -> float:
             horizon = min(horizon, float(t[max(0, int(np.argmax(apart)) - 1)]))
         for c, record in enumerate(found.contacts):
             mine = record.impacts.times
-            theirs = np.array([e.time for e in copy.events if e.contact == c])
+            theirs = np.array([e.time for e in copy.events if e.contact == c and e.time > 0.0])
             n = min(len(mine), len(theirs))
             bad = np.flatnonzero(np.abs(mine[:n] - theirs[:n]) > tolerance)
             if len(bad):

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from math import factorial
 
 import numpy as np
 
@@ -16,7 +16,8 @@ from ...model.system import System
 from ...model.time_functions import Constant, Harmonic, LoadFunction, parts, parts_of
 
 ORDER = 18  # 1/(ORDER + 1)! = 8e-18: what is left out of a stretch of a radian of the fastest motion
-FACTORIALS = np.array([float(factorial(k)) for k in range(ORDER + 1)])
+SMALL = 1e-6  # of a stretch
+FACTORIALS = np.array([float(math.factorial(k)) for k in range(ORDER + 1)])
 
 
 @compiled
@@ -146,21 +147,34 @@ def rate(series: Array, s: float) -> Array:
     return np.tensordot(k * s ** (k - 1.0), series[1:], 1)
 
 
+def _near(c: Array) -> float | None:
+    """The first zero where it is so near that the series is a quadratic up to there: a body thrown off at the speed of
+    roundings comes back in no time, and such a root is lost among the others."""
+    under = c[1] ** 2 - 4.0 * c[0] * c[2]
+    if under < 0.0 or not (c[1] < 0.0 or c[2] < 0.0):
+        return None
+    s = 2.0 * c[0] / (math.sqrt(under) - c[1]) if c[1] < 0.0 else (c[1] + math.sqrt(under)) / (-2.0 * c[2])
+    return s if s < SMALL and s**3 * np.sum(np.abs(c[3:])) < 1e-3 * c[0] else None
+
+
 def first_zero(gap: Array, length: float, zeros: int) -> float | None:
     """Where a series that is positive at once, after a zero of multiplicity ``zeros`` at 0, next turns negative.
 
     None if not in (0, length]; 0.0 where it is negative from the start.
     """
     c = gap[zeros:]
+    if c[0] == 0.0 and len(c) > 1 and c[1] > 0.0:
+        c = c[1:]
     if c[0] <= 0.0:
-        return None if len(c) > 1 and c[0] == 0.0 and c[1] > 0.0 else 0.0
+        return 0.0
     scaled = c * length ** np.arange(len(c))
     if scaled[0] > -np.sum(np.minimum(scaled[1:], 0.0)):
         return None
     last = np.flatnonzero(np.abs(scaled) > 1e-18 * np.max(np.abs(scaled)))[-1]
     roots = np.roots(scaled[last::-1])
     real = np.sort(roots.real[(np.abs(roots.imag) < 1e-9) & (roots.real > 0.0) & (roots.real <= 1.0 + 1e-12)])
-    for root in real:
+    near = _near(scaled)
+    for root in real if near is None else [near]:
         s = float(min(root, 1.0)) * length
         for _ in range(3):
             slope = float(rate(c, s))
