@@ -110,3 +110,17 @@ def test_a_start_on_a_stop_is_one_however_its_modes_are_rounded(damping):
         contact = sb.reference(system, 1e-3).contacts[0]
         assert contact.impacts.count == 0
         assert contact.fraction == 1.0
+
+
+@pytest.mark.parametrize("q", [0.2, 0.125])
+@pytest.mark.parametrize("m", [1.31, 1.55])
+def test_a_comparison_sees_no_impact_in_the_rounding_of_the_start(q, m):
+    """The modes of the exact solution add up to q but for a rounding, on either side of the stop."""
+    contacts = [sb.Contact([1.0, 0.0], sb.Stops(upper=q, stiffness=300.0))]
+    matrices = [[m, 0.1], [0.1, 1.0]], [[9.0, -1.0], [-1.0, 4.0]]
+    start = {"initial_displacement": [q, 0.0], "initial_velocity": [0.04, 0.1]}
+    system = sb.System.from_matrices(*matrices, loads=[([1.0, 0.0], sb.Constant(2.0))], contacts=contacts, **start)
+    exact = sb.reference(system, 1.0)
+    assert exact.impacts_sampled(1e-3).count == exact.impacts.count
+    matching = sb.compare(sb.integrate(system, sb.Trapezoidal(), 1e-3, 1.0), exact).contacts[0].matching
+    assert matching.matched_until == 1.0

@@ -9,6 +9,8 @@ import numpy as np
 
 from ..basics.arrays import Array
 from ..model.contact import Stops
+from ..model.system import System
+from ..model.time_functions import offset_rate, offset_values
 from .impacts import ContactRecord, Impacts
 from .sampling import (
     END,
@@ -112,3 +114,16 @@ def sampled_impacts(u: Array, v: Array, dt: float, stops: Stops) -> Impacts:
     sampler = SampledImpacts(stops, dt, float(u[0]), float(v[0]))
     sampler.feed(u[1:], v[1:])
     return impacts_of(sampler.events)
+
+
+def as_it_starts(system: System, channel: int, t: Array, u: Array, v: Array) -> tuple[Array, Array]:
+    """u and v of a channel at the times t with what is given at t = 0: on a stop, rounding would tell the side. The
+    velocity of rigid stops is left, which a blow may have turned."""
+    begins = t == 0.0
+    if not np.any(begins):
+        return u, v
+    row, offset = system.channels[channel]
+    u = np.where(begins, row @ system.q0 + offset_values(offset, 0.0), u)
+    if not any(contact.stops.rigid for contact in system.contacts):
+        v = np.where(begins, row @ system.v0 + offset_rate(offset, 0.0), v)
+    return u, v

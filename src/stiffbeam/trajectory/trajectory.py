@@ -23,7 +23,7 @@ from ..basics.words import sentence
 from .dataset import save, to_xarray
 from .impacts import ContactRecord, Impacts
 from .own import NO_STATES, own_run
-from .recorder import sampled_impacts
+from .recorder import as_it_starts, sampled_impacts
 from .tables import columns_of, table
 
 if TYPE_CHECKING:
@@ -314,7 +314,8 @@ class Reference(Trajectory):
             return self.contacts[contact].position[index], self.contacts[contact].velocity[index]
         tip = self.system.tip_channel if self.system else len(self.contacts)
         channel = tip if contact is None else contact
-        return self.evaluate(np.minimum(t, end), channel)
+        seen = self.evaluate(np.minimum(t, end), channel)
+        return seen if self.system is None else as_it_starts(self.system, channel, t, *seen)
 
     def impacts_sampled(self, dt: float, t_end: float | None = None, contact: int = 0) -> Impacts:
         """The impacts a perfect scheme with step ``dt`` would count at a contact: the sampled rule on
