@@ -154,11 +154,11 @@ def _contact(
     times, ends = np.array([e.time for e in events]), np.array([e.end for e in events])
     impulses = np.array([e.impulse for e in events])
     total, kept = float(np.sum(impulses)), ends > times
-    for presses, up_to in (([(a, impulse) for a, _, impulse in held], "left"), (struck, "right")):
+    for presses, of_blows in (([(a, impulse) for a, _, impulse in held], False), (struck, True)):
         begun, amounts = np.array(presses).reshape(-1, 2).T
         so_far = np.concatenate([[0.0], np.cumsum(amounts)])
-        until, since_then = np.searchsorted(begun, ends[kept], up_to), np.searchsorted(begun, times[kept])
-        impulses[kept] += so_far[until] - so_far[since_then]
+        until = np.searchsorted(begun, ends[kept], "right" if of_blows else "left")
+        impulses[kept] += so_far[until] - so_far[np.searchsorted(begun, times[kept])]
         total += float(so_far[-1])
     impacts = Impacts.at(
         times,
