@@ -170,5 +170,5 @@ def search(
         tau += step
         if faint > FAINT:
             raise SolverFailure("exact", t_start + tau, "a contact moves by less than its rounding", REMEDY)
-        if stands_still(evaluations, sigma, omega, tau):
+        if stands_still(evaluations, sigma, omega, tau, t_end - t_start):
             raise SolverFailure("exact", t_start + tau, "the search for the next switch stands still", REMEDY)

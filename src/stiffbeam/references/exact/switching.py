@@ -159,7 +159,7 @@ def search(
     for i in range(m):
         near &= resting[i] == 0
     while True:
-        if stands_still(evaluations, speeds[SIGMA], speeds[OMEGA], tau):
+        if stands_still(evaluations, speeds[SIGMA], speeds[OMEGA], tau, rest):
             raise SolverFailure("exact", start + tau, "the search for the next switch stands still", REMEDY)
         if not near:
             step = min(max(leap, EPS * (start + tau), SHORTEST * t_end), rest - tau)
