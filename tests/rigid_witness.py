@@ -45,7 +45,9 @@ def signed_impulses(system: sb.System, motion: sb.Reference, t_end: float) -> np
     half = np.diff(edges) / 2.0
     times = (edges[:-1] + half)[:, None] + half[:, None] * points
     q, v = motion.state_at(np.append(times.ravel(), t_end))
-    f = sum(np.outer(load.amplitude * np.sin(load.frequency * times.ravel() + load.phase), p) for p, load in system.loads)
+    f = sum(
+        np.outer(load.amplitude * np.sin(load.frequency * times.ravel() + load.phase), p) for p, load in system.loads
+    )
     area = (half[:, None] * weights).ravel() @ (q[:-1] @ system.stiffness - f)
     gained = system.mass @ (v[-1] - system.v0) + system.damping @ (q[-1] - system.q0) + area
     return np.linalg.lstsq(np.array([c.row for c in system.contacts]).T, gained, rcond=None)[0]
