@@ -167,6 +167,28 @@ def test_the_node_of_the_witness_is_the_limit_of_stiff_springs():
     assert off[1] < 0.15 * off[0] < 0.15 * 0.05
 
 
+@pytest.mark.slow
+def test_a_light_node_with_restitution_0_errs_in_first_order_of_its_mass():
+    system, _ = damped_node(21)  # flights of four relaxation times
+    moved, t = np.zeros_like(system.mass), np.linspace(0.0, 3.0, 61)
+    condensed = system.massless_contacts(damping="relaxed")
+    moved[:-1, :-1] = condensed.mass
+    wanted, entries, _ = Node(system, np.diag(condensed.mass)).solve(start_of(condensed), t)
+    contact, errors = system.contacts[0], []
+    for kept in (1e-2, 1e-3):
+        light = replace(
+            system,
+            mass=kept * system.mass + (1.0 - kept) * moved,
+            v0=np.append(condensed.v0, 0.0),
+            contacts=(sb.Contact(contact.row, replace(contact.stops, restitution=0.0), contact.offset),),
+        )
+        found = sb.reference(light, 3.0, t_eval=t)
+        assert found.contacts[0].impacts.count == len(entries)
+        errors.append(np.max(np.abs(found.states[0][:, :-1] - wanted[:, : condensed.size])))
+    assert errors[0] < 0.01 * np.max(np.abs(wanted))
+    assert errors[1] == pytest.approx(0.1 * errors[0], rel=0.05)
+
+
 CHAIN = np.array([[2.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 1.0]])
 
 
@@ -244,3 +266,23 @@ def test_a_viscous_beam_on_rigid_stops():
         other = sb.reference(condensed, 0.5, method=method, t_eval=t)
         assert np.max(np.abs(found.tip - other.tip)) < error
         assert other.impacts.count == 3
+
+
+def test_two_damped_nodes_of_a_symmetric_chain_move_as_the_one_of_its_half():
+    whole = 40.0 * (2.0 * np.eye(5) - np.eye(5, k=1) - np.eye(5, k=-1))
+    half = 40.0 * np.array([[2.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 1.0]])  # of the middle mass one half
+    wall, t = sb.Stops(upper=0.05, **RIGID), np.linspace(0.0, 4.0, 81)
+    seen = []
+    for mass, stiffness, at, speed in (
+        (np.eye(5), whole, (0, 4), [0.0, 1.0, 1.0, 1.0, 0.0]),
+        (np.diag([1.0, 1.0, 0.5]), half, (0,), [0.0, 1.0, 1.0]),
+    ):
+        contacts = [sb.Contact(np.eye(len(mass))[b], wall) for b in at]
+        damping = 0.003 * stiffness
+        system = sb.System.from_matrices(mass, stiffness, damping, contacts=contacts, initial_velocity=speed)
+        found = sb.reference(system.massless_contacts(damping="relaxed"), 4.0, t_eval=t)
+        assert all(contact.impacts.count >= 2 for contact in found.contacts)
+        seen += [contact.position for contact in found.contacts]
+    assert len(seen) == 3
+    assert np.max(np.abs(seen[0] - seen[1])) < 1e-12
+    assert np.max(np.abs(seen[0] - seen[2])) < 1e-12

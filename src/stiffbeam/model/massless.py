@@ -51,8 +51,10 @@ def massless_contacts(system: System, redistribute: str = "neighbour", damping: 
         F = -(kappa d + c d')_+,   d = u_f - g,   kappa = K_bb/s^2,   c = C_bb/s^2,   C_ii - C_ib C_bi/C_bb for C_ii
 
     "relaxed": these stops, met by u_f. It is exact but for exp(-flight/beta), flight the time from the start or from a
-    contact to the next one; for rigid stops, and Harmonic and Constant loads on the node. "condensed": no c, so that
-    a contact is without the node's damping; what is between contacts stays; for any damping of the node.
+    contact to the next one, ``impacts.times[1:] - impacts.ends[:-1]``; for rigid stops, and Harmonic and Constant
+    loads on the node. Where flights are not long, leave the node a little of its mass and take restitution=0: the
+    error is of first order in that mass. "condensed": no c, so that a contact is without the node's damping; what is
+    between contacts stays; for any damping of the node.
 
     Raises InputError for a contact that is not at one unknown of its own; damping of the node that ``damping`` does
     not take; contact nodes beside each other; stops with a law that is not linear, or with restitution; a load on the
