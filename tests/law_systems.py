@@ -6,6 +6,8 @@ already inside, where its force would be > 0 again; a pressed one is left where 
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from scipy.integrate import solve_ivp
 
@@ -54,6 +56,29 @@ def _system(rng: np.random.Generator, laws: list[str]) -> sb.System:
     )
 
 
+def free_system(seed: int) -> sb.System:
+    """One to three masses in a chain that nothing holds, between damped linear stops at one end or both; pushed on by
+    a constant force now and then, stops of a single mass critically damped."""
+    rng = np.random.default_rng([seed, 1313])
+    n = int(rng.integers(1, 4))
+    masses, stretch = rng.uniform(0.5, 2.0, n), np.eye(n)[1:] - np.eye(n)[:-1]
+    stiffness = stretch.T @ np.diag(10.0 ** rng.uniform(0.5, 2.5, n - 1)) @ stretch
+    damping = rng.choice([0.0, 0.02]) * stiffness + rng.choice([0.0, 0.3]) * np.diag(masses)
+    contacts = []
+    for c in sorted({0, n - 1})[: 1 + seed % 2]:
+        stops = stops_of(rng, "kelvin-voigt")
+        if n == 1 and rng.random() < 0.3:
+            stops = replace(stops, damping=2.0 * float(np.sqrt(stops.stiffness * masses[0])))
+        offset = sb.Harmonic(0.03, float(rng.uniform(1.0, 4.0)), 0.3) if rng.random() < 0.25 else None
+        contacts.append(sb.Contact(np.eye(n)[c], stops, offset))
+    loads = [(rng.normal(size=n), sb.Harmonic(float(rng.uniform(0.5, 3.0)), float(rng.uniform(0.5, 5.0))))]
+    if rng.random() < 0.7:
+        loads.append((masses, sb.Constant(float(rng.normal()))))
+    return sb.System.from_matrices(
+        np.diag(masses), stiffness, damping, loads, contacts, initial_velocity=rng.normal(size=n)
+    )
+
+
 class Witness:
     """The motion of such a system."""
 
@@ -83,7 +108,8 @@ class Witness:
         s = self.system
         f = -s.stiffness @ y[: self.n] - s.damping @ y[self.n :]
         for vector, load in s.loads:
-            f = f + vector * load.amplitude * np.sin(load.frequency * t + load.phase)
+            level = getattr(load, "level", None)
+            f = f + vector * (load.amplitude * np.sin(load.frequency * t + load.phase) if level is None else level)
         for k, (contact, sign, _) in enumerate(self.sides):
             if self.pressed[k]:
                 f = f - sign * contact.row * self.force(k, t, y)

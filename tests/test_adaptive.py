@@ -38,7 +38,7 @@ def parts(load, t_end: float = 1.0, **options) -> list[pieces.Piece]:
 
 @pytest.mark.parametrize("method", [*PHASED, pytest.param("radau", marks=pytest.mark.slow)])
 @pytest.mark.parametrize(("width", "impacts", "peak"), [(2e-3, 10, 0.008955748138), (2e-4, 0, 0.001120889584)])
-@pytest.mark.fast(4)
+@pytest.mark.fast(1)
 def test_a_short_load_on_a_system_at_rest_is_seen(method, width, impacts, peak):
     """Steps double at rest: without a bound they leap over a load of 2 ms in 1 s, and every tolerance agrees."""
     ref = sb.reference(struck(width), 1.0, method, rtol=1e-8)

@@ -161,6 +161,7 @@ def test_the_command(command):
     assert "quantity=error" in err
 
 
+@pytest.mark.slow
 def test_rigid_stops_with_a_restitution_are_advised():
     system = sb.System.from_matrices(
         [[1.0]], [[10.0]], loads=[([1.0], sb.Harmonic(8.0, 5.0))],

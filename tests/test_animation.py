@@ -15,6 +15,7 @@ from stiffbeam.basics.validation import InputError
 from stiffbeam.figures.animation import _Film
 
 
+@pytest.mark.slow
 @pytest.mark.fast(1)
 def test_a_film_has_its_frames_and_they_move(tmp_path, table10):
     system = sb.semidiscretise(table10, 8)

@@ -75,6 +75,7 @@ def test_two_contacts_and_a_tip_elsewhere_come_back_channel_by_channel(folder):
     np.testing.assert_array_equal(alone.at(times)[0], fresh.tip)
 
 
+@pytest.mark.slow
 def test_multiprecision_is_frozen_once_for_all_output_times(folder, system):
     first = sb.cached_reference(system, 0.1, t_eval=[0.0, 0.05, 0.1])
     again = sb.cached_reference(system, 0.1)
@@ -246,6 +247,7 @@ def test_the_commands_keep_references_when_asked(folder, tmp_path, monkeypatch):
         run("reference", "table10", "--method", "multiprecision", "--cache", "--out", "x.nc")
 
 
+@pytest.mark.slow
 def test_what_was_not_used_for_longest_goes(folder, system, monkeypatch):
     first, second, third = (np.linspace(0.0, 0.06, n) for n in (101, 102, 103))
     for times in (first, second):

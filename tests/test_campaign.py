@@ -18,7 +18,7 @@ SEED = 1
 
 @pytest.mark.filterwarnings("ignore")  # an extreme system may warn; what it certifies is what counts
 @pytest.mark.parametrize("index", range(len(FAMILIES)), ids=list(FAMILIES))
-@pytest.mark.fast(3)
+@pytest.mark.fast(1)
 def test_nothing_certified_is_wrong(index):
     """The exact solution and an ensemble of one system of every family."""
     verdicts = judged(SEED, index, ("exact", "ensemble") if index != 4 else ("cvode-adams",))

@@ -123,7 +123,7 @@ MEETINGS = {
 
 
 @pytest.mark.parametrize("name", list(MEETINGS))
-@pytest.mark.fast(3)
+@pytest.mark.fast(1)
 def test_it_is_the_motion_by_matrix_exponentials(name):
     """Both err by roundings that the impacts magnify, a few powers of ten in this time."""
     plain = MEETINGS[name]

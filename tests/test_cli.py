@@ -133,6 +133,7 @@ def test_progress_is_silent_where_stderr_is_no_terminal(piped):
     assert piped[0].stderr == ""
 
 
+@pytest.mark.slow
 def test_compare_writes_picture_table_and_trajectories(piped):
     _, folder = piped
     out = folder / "stiffbeam-output" / "table10"
@@ -231,6 +232,7 @@ def test_the_other_runs_of_one_that_overflows_are_there(overflow):
     assert "overflowed at t = 0.02" in (folder / "comparison.txt").read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_a_run_that_grows_without_bound_leaves_the_table_readable(overflow):
     table = (overflow[1] / "comparison.txt").read_text(encoding="utf-8")
     row = next(line for line in table.splitlines() if line.strip().startswith("exact"))

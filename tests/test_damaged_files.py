@@ -46,6 +46,7 @@ def test_damage_to_a_file_of_ours_is_found_before_hdf5_sees_it(run, content, tmp
         assert read(file, run), seed
 
 
+@pytest.mark.slow
 def test_a_file_that_hdf5_does_not_come_back_from_is_refused_in_time(run, content, tmp_path, monkeypatch):
     """An object of a global heap whose size is 16 less than nothing: HDF5 reads it for ever."""
     monkeypatch.setattr(netcdf, "SECONDS", 3.0)

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from law_systems import Witness, kelvin_voigt_system
+from law_systems import Witness, free_system, kelvin_voigt_system
 from mpmath import mp, mpf
 
 import stiffbeam as sb
@@ -23,9 +23,8 @@ def offset_of(system: sb.System) -> np.ndarray:
     return np.zeros(len(TIMES)) if offset is None else offset.value(TIMES)
 
 
-def _agrees(seed: int) -> None:
+def _agrees(system: sb.System) -> None:
     """With DOP853 from switch to switch, and with the package's own adaptive solver in what that measures."""
-    system = kelvin_voigt_system(seed)
     want, _ = Witness(system).solve(TIMES)
     run = sb.reference(system, 3.0, t_eval=TIMES)
     # The witness steps at rtol 1e-12 and places its switches to 1e-14; perturbations grow by e^3 at most in this time.
@@ -45,7 +44,7 @@ def _agrees(seed: int) -> None:
 @pytest.mark.parametrize("seed", range(8))
 @pytest.mark.fast(3)
 def test_random_systems_against_another_solver(seed):
-    _agrees(seed)
+    _agrees(kelvin_voigt_system(seed))
 
 
 @pytest.mark.parametrize(
@@ -53,7 +52,54 @@ def test_random_systems_against_another_solver(seed):
     [pytest.param(seed, marks=pytest.mark.slow if seed < 28 else pytest.mark.campaign) for seed in range(8, 408)],
 )
 def test_more_random_systems_against_another_solver(seed):
-    _agrees(seed)
+    _agrees(kelvin_voigt_system(seed))
+
+
+def _free_agrees(seed: int) -> None:
+    system = free_system(seed)
+    _agrees(system)
+    run, many = (sb.reference(system, 3.0, method=m, t_eval=TIMES) for m in ("exact", "multiprecision"))
+    assert run.horizon == many.horizon == 3.0
+    assert np.max(np.abs(many.tip - run.tip)) < 1e-12 * np.max(np.abs(run.tip))
+    assert np.array_equal(many.solution.sides, run.solution.sides)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_bodies_that_nothing_holds_against_another_solver(seed):
+    _free_agrees(seed)
+
+
+@pytest.mark.parametrize(
+    "seed",
+    [pytest.param(seed, marks=pytest.mark.slow if seed < 28 else pytest.mark.campaign) for seed in range(3, 403)],
+)
+def test_more_bodies_that_nothing_holds(seed):
+    _free_agrees(seed)
+
+
+@pytest.mark.parametrize("method", ["exact", "multiprecision"])
+@pytest.mark.parametrize("zeta", [0.01, 0.1, 0.5, 1.0, 3.0])
+def test_a_free_mass_on_a_kelvin_voigt_wall(method, zeta):
+    """d'' + 2 zeta d' + d = 0 from (0, 1) till d + 2 zeta d' = 0, at d = 2 zeta e, d' = -e."""
+    with mp.workdps(40):
+        z = mpf(zeta)
+        root = mp.sqrt(mp.mpc(1 - z * z))
+        if zeta == 1.0:  # d = t exp(-t)
+            t, e = mpf(2), mp.exp(-2)
+        else:  # (1 + 2 zeta a) exp(a t) = (1 + 2 zeta b) exp(b t)
+            a, b = -z + 1j * root, -z - 1j * root
+            t = (mp.log(1 + 2 * z * b) - mp.log(1 + 2 * z * a)) / (a - b)
+            t = t.real + (mp.pi / root.real if t.real <= 0 else 0)
+            e = -((a * mp.exp(a * t) - b * mp.exp(b * t)) / (a - b)).real
+        t, e, x = float(t), float(e), float(2 * z * e)
+    stops = sb.Stops(upper=0.25, stiffness=1.0, damping=2.0 * zeta)
+    system = sb.System.from_matrices([[1.0]], [[0.0]], contacts=[sb.Contact([1.0], stops)], initial_velocity=[1.0])
+    run = sb.reference(system, 8.0, method=method, t_eval=[0.0, 8.0])
+    assert run.impacts.times == pytest.approx([0.25], abs=1e-15)
+    assert run.impacts.ends == pytest.approx([0.25 + t], abs=1e-14)
+    assert run.tip_velocity[-1] == pytest.approx(-e, abs=1e-14)
+    assert run.tip[-1] == pytest.approx(0.25 + x - e * (7.75 - t), abs=1e-13)
+    assert run.impacts.impulses == pytest.approx([1.0 + e], rel=1e-13)
 
 
 def closed_form(kappa, c, gap, t_end):

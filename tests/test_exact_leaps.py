@@ -138,6 +138,7 @@ def work_of(system, t_end):
 
 
 @pytest.mark.parametrize("viscosity", [0.0, 0.01])
+@pytest.mark.fast(1)
 def test_the_work_grows_with_the_switches(viscosity):
     """Not with their square: with ten times the switches that takes a hundred times the work."""
     case = sb.paper_case(10)

@@ -119,7 +119,7 @@ def pair(*places, gaps=(0.1, 0.1)):
         (lambda: small(contacts=[], observe=[1.0, 0.0, 0.0]), "neighbour", "contact"),
         (lambda: small(row=(0.0, 1.0, 1.0)), "neighbour", "one unknown"),
         (lambda: small(mass=COUPLED), "neighbour", "renard"),
-        (lambda: small(damping=0.1 * np.eye(3)), "neighbour", "damping"),
+        (lambda: small(damping=0.1 * np.eye(3)), "neighbour", "damping='condensed'"),
         (lambda: small(stops=sb.Stops(upper=0.1, restitution=0.5, **RIGID)), "neighbour", "restitution"),
         (lambda: small(stops=sb.Stops(upper=0.1, stiffness=10.0, exponent=1.5)), "neighbour", "exponent"),
         (lambda: small(loads=[(np.eye(3)[2], np.sin)]), "neighbour", "Sampled"),

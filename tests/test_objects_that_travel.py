@@ -68,6 +68,7 @@ def test_a_comparison_draws_its_pair(things):
     assert not [name for name in comparison.to_dataframe() if "pair" in name]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scheme", [sb.HHT(alpha=-0.1), sb.SDIRK(nystrom=True)])
 def test_a_loaded_run_has_its_field_with_its_system(things, tmp_path, scheme):
     """To the bit: states are made again by the same march; and not without the system."""

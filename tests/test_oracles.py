@@ -43,6 +43,7 @@ def test_a_witness_imports_nothing_of_the_package(name):
     assert not found & {"importlib", "stiffbeam"}
 
 
+@pytest.mark.slow
 def test_the_bilinear_oscillator_has_its_period():
     """Half periods of w1 = sqrt 10 and w2 = sqrt 60: T = pi/w1 + pi/w2."""
     case = oscillator(1.0, 10.0, 50.0, 0.0, -1.0, 20.0)

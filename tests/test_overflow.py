@@ -85,3 +85,13 @@ def test_frequencies_beyond_float64_are_refused():
     for system in (one(k=1.7e308), one(k=1e300, m=1e-20), one(c=1e300, m=1e-20)):
         with pytest.raises(sb.InputError, match="be in the range of float64 over the mass"):
             sb.integrate(system, sb.HHT(), 1e-3, 0.05)
+
+
+def test_a_search_that_stands_still_ends_and_leaves_float64_as_it_was():
+    """Decay rates of 1e70 die out at once, and are no reason to search on; a copy for the horizon meets them too."""
+    before = np.geterr()
+    for viscosity in (1e25, 1e70):
+        with pytest.raises(sb.SolverFailure, match="stands still") as caught:
+            sb.reference(beam(viscosity=viscosity), 0.05)
+        assert np.geterr() == before  # while the failure, and with it all that stopped, is still held
+        assert caught.value.t < 0.05

@@ -54,6 +54,7 @@ def test_a_frozen_reference_comes_back_within_its_bound_past_the_float64_horizon
     assert np.max(np.abs(double.tip - many.tip)) > 0.01 * np.max(np.abs(many.tip))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["switch_time", "side", "q", "q_rate"])
 def test_a_changed_number_in_a_frozen_file_is_found(name, frozen, tmp_path):
     (damaged := tmp_path / "damaged.nc").write_bytes(frozen.read_bytes())

@@ -27,6 +27,52 @@ def test_heights_and_forces_in_rational_numbers():
         assert np.mean(bar.pressure(np.linspace(a, b, 9)[1:-1])) * (b - a) == pytest.approx(IMPULSE)
 
 
+def by_characteristics(height, speed, gravity, steps):
+    """Nodes u (21,), and foot and mean pressure after every second step, of a bar thrown down at a wall in fractions:
+    E = 900, rho = 1, L = 10. Of central differences in steps of dx/c, which are d'Alembert's solution, the half that
+    the even nodes at even steps and the odd ones at odd steps are: contact begins and ends at even steps."""
+    dx, dt = F(1, 2), F(1, 60)
+    u = [F(height) if j % 2 == 0 else height - speed * dt - gravity * dt * dt / 2 for j in range(21)]
+    feet, pressures = [u[0]], []
+    for n in range(2, steps + 1):
+        for j in range(n % 2, 21, 2):
+            u[j] = (2 * u[abs(j - 1)] if j in (0, 20) else u[j - 1] + u[j + 1]) - u[j] - gravity * dt * dt
+        if n % 2 == 0:
+            pressures.append(max(F(0), -u[0]) * 900 / (2 * dx))
+            u[0] = max(F(0), u[0])
+            feet.append(u[0])
+    return u, feet, pressures
+
+
+def test_a_bar_thrown_at_a_wall():
+    """In contact for 2 L/c = 2/3 under rho c v, and off again as it came."""
+    u, feet, pressures = by_characteristics(0, 10, 0, 81)
+    assert [k for k, foot in enumerate(feet) if not foot] == list(range(21))
+    assert pressures[:20] == [300] * 20
+    assert not any(pressures[20:])
+    later, _, _ = by_characteristics(0, 10, 0, 83)
+    assert [(b - a) * 30 for a, b in zip(u, later, strict=True)] == [10] * 21
+
+
+def test_the_closed_form_is_that_of_the_characteristics():
+    _, feet, pressures = by_characteristics(5, 0, 10, 320)
+    assert np.allclose(bar.foot(np.arange(161) / 30.0), np.array(feet, float), rtol=0.0, atol=1e-12)
+    known = {
+        60: F(5, 3),
+        70: F(40, 9),
+        75: F(145, 36),
+        80: F(35, 9),
+        90: F(40, 9),
+        100: F(5, 3),
+        145: F(15, 4),
+        160: F(5),
+    }
+    assert {k: feet[k] for k in known} == known
+    assert pressures[30:50] == [300 * (1 + F(2 * k + 1, 60)) for k in range(20)]
+    assert pressures[110:130] == [500 - 300 * F(2 * k + 1, 60) for k in range(20)]
+    assert sum(pressures[:80]) / 30 == sum(pressures[80:]) / 30 == F(800, 3)
+
+
 @pytest.mark.slow
 def test_the_closed_form_is_where_many_elements_go():
     """L1 distance of the foot, massless and exact in time: first order in the size of the elements."""

@@ -67,7 +67,7 @@ def test_a_bouncing_ball_to_forty_digits():
     assert found.horizon == 2.0
 
 
-@pytest.mark.parametrize("e", [0.5, 0.9])
+@pytest.mark.parametrize("e", [0.5, pytest.param(0.9, marks=pytest.mark.slow)])
 def test_a_preloaded_oscillator_to_thirty_digits(e):
     """x'' + x = c from the stop with speed c: flights 2 atan(e^k), then it sticks for ever."""
     found = solved(one(1.0, e, sb.Constant(0.75), v=-0.75, upper=0.0), 50.0 if e > 0.5 else 5.0)
@@ -101,6 +101,7 @@ def sticking_period():
     return free, speed, mp.sqrt(2) * mp.atan(mp.sqrt(2) * speed)
 
 
+@pytest.mark.slow
 def test_two_masses_that_stick_once_a_period():
     """In units of the speed, u = 1 + speed x: x_1' = -1, x_2 = 0 at the start, the load -1/speed on mass 1.
 

@@ -76,6 +76,7 @@ def test_the_exact_solution_of_sampled_loads_is_dop853s_with_restarts(seed):
     assert loss < 1e-9
 
 
+@pytest.mark.slow
 def test_a_stop_that_turns_twice_between_two_samples_is_not_stepped_over():
     """Between two uneven samples the cubic is in and out again, where the free mass asks for no step."""
     off, loss, impacts = held_against_dop853(490, 100)

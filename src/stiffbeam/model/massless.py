@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -12,16 +13,17 @@ from ..basics.arrays import Array
 from ..basics.validation import InputError, one_of
 from .contact import Contact
 from .offsets import combined
-from .time_functions import LoadFunction, in_closed_form
+from .time_functions import Constant, Harmonic, LoadFunction, in_closed_form, parts, parts_of
 
 if TYPE_CHECKING:
     from .system import System
 
 REDISTRIBUTIONS = ("neighbour", "renard")
+DAMPINGS = ("none", "relaxed", "condensed")
 ROUNDING = 1e-12  # of a sum of entries, relative to the largest
 
 
-def massless_contacts(system: System, redistribute: str = "neighbour") -> System:
+def massless_contacts(system: System, redistribute: str = "neighbour", damping: str = "none") -> System:
     """The system whose contact nodes b have no mass, condensed to its other unknowns i.
 
         K_bb q_b + K_bi q_i = f_b + s F,  u = s q_b + o between the stops, F only where it is at one   (row = s e_b)
@@ -41,29 +43,44 @@ def massless_contacts(system: System, redistribute: str = "neighbour") -> System
     that is nearest to M (sum of squares) among those with X^T M~ X = X^T M X, X = (1, x) for a beam, so that mass,
     centre and inertia are kept, and the motions without strain for matrices.
 
-    Raises InputError for a contact that is not at one unknown of its own; where damping acts on the node, which would
-    need a rate; for contact nodes beside each other; stops with a law that is not linear, or with restitution; a load
-    on the node that is a bare callable; a mass that cannot be moved; and where ``observe`` reads the node.
+    damping: what acts on the nodes. "none": nothing. With C_bb > 0 a node has a first-order equation, and between
+    contacts a state of its own, for which a System has no place. Where it is that of a material, C_b = beta K_b with
+    beta = C_bb/K_bb, the node moves the others by F alone, and that is the force of a Kelvin-Voigt stop:
+
+        u + beta u' = u_f + beta u_f' + s^2 F/K_bb      free: u - u_f decays with exp(-t/beta)
+        F = -(kappa d + c d')_+,   d = u_f - g,   kappa = K_bb/s^2,   c = C_bb/s^2,   C_ii - C_ib C_bi/C_bb for C_ii
+
+    "relaxed": these stops, met by u_f. It is exact but for exp(-flight/beta), flight the time from the start or from a
+    contact to the next one, ``impacts.times[1:] - impacts.ends[:-1]``; for rigid stops, and Harmonic and Constant
+    loads on the node. Where flights are not long, leave the node a little of its mass and take restitution=0: the
+    error is of first order in that mass. "condensed": no c, so that a contact is without the node's damping; what is
+    between contacts stays; for any damping of the node.
+
+    Raises InputError for a contact that is not at one unknown of its own; damping of the node that ``damping`` does
+    not take; contact nodes beside each other; stops with a law that is not linear, or with restitution; a load on the
+    node that is a bare callable; a mass that cannot be moved; and where ``observe`` reads the node.
     Source: Khenous, Laborde and Renard, Eur. J. Mech. A 27 (2008) 918-932; the condensation is this module's own.
     """
     one_of("redistribute", redistribute, REDISTRIBUTIONS)
+    one_of("damping", damping, DAMPINGS)
     if not system.contacts:
         raise InputError("system", "no contact", "have contacts for massless ones", "give the problem stops")
     nodes = [_node(contact) for contact in system.contacts]
     for b in nodes:
         _require_condensable(system, nodes, b)
+    C, drag = _drag(system, nodes, damping)
     mass = (_to_neighbours if redistribute == "neighbour" else _nearest)(system, nodes)
     inner = [i for i in range(system.size) if i not in nodes]
     K, held = system.stiffness, system.stiffness[nodes, nodes]
     to_inner = -K[np.ix_(nodes, inner)] / held[:, None]  # q_b from q_i, (contacts, inner)
     contacts = tuple(
-        _condensed(system, contact, b, float(K[b, b]), follow)
-        for contact, b, follow in zip(system.contacts, nodes, to_inner, strict=True)
+        _condensed(system, contact, b, float(c), follow)
+        for contact, b, c, follow in zip(system.contacts, nodes, drag, to_inner, strict=True)
     )
     return replace(
         system,
         mass=mass[np.ix_(inner, inner)],
-        damping=system.damping[np.ix_(inner, inner)],
+        damping=C[np.ix_(inner, inner)],
         stiffness=K[np.ix_(inner, inner)] - to_inner.T @ (held[:, None] * to_inner),
         loads=tuple((p[inner] + p[nodes] @ to_inner, f) for p, f in system.loads),
         contacts=contacts,
@@ -100,9 +117,6 @@ def _require_condensable(system: System, nodes: list[int], b: int) -> None:
     if not system.stiffness[b, b] > 0.0:
         remedy = "add stiffness at the node"
         raise InputError(f"stiffness[{b}, {b}]", float(system.stiffness[b, b]), "be > 0: the node must be held", remedy)
-    if np.any(system.damping[b]):
-        rule = "be 0 in the row of a massless contact, which would move at a rate of its own"
-        raise InputError(f"damping[{b}]", float(np.max(np.abs(system.damping[b]))), rule, "leave the viscosity out")
     if system.observe is not None and system.observe[b]:
         rule = "not read a massless contact node, which is no linear function of the others"
         raise InputError("observe", system.observe, rule, "leave it out: .tip is then the first contact's position")
@@ -113,6 +127,46 @@ def _require_condensable(system: System, nodes: list[int], b: int) -> None:
     if not np.any(system.stiffness[b, others]):
         remedy = "put the contact on a node of the structure"
         raise InputError(f"unknown {b}", "a node coupled to nothing", "be coupled to others in stiffness", remedy)
+
+
+def _drag(system: System, nodes: list[int], damping: str) -> tuple[Array, Array]:
+    """C (n, n) with nothing in the rows of the nodes, and the damping of each node's stop (contacts,)."""
+    C, drag = np.array(system.damping), np.zeros(len(nodes))
+    for i, (b, contact) in enumerate(zip(nodes, system.contacts, strict=True)):
+        if np.any(system.damping[b]):
+            if damping != "condensed":
+                _require_a_material(system, b, contact, damping)
+                drag[i] = system.damping[b, b]
+            if C[b, b] > ROUNDING * system.damping[b, b]:
+                C -= np.outer(C[b], C[b]) / C[b, b]
+    return C, drag
+
+
+def _require_a_material(system: System, b: int, contact: Contact, damping: str) -> None:
+    C, K = system.damping[b], system.stiffness[b]
+    beta, condense = float(C[b] / K[b]), "pass damping='condensed', which leaves it out of the contact"
+    if np.max(np.abs(C - beta * K)) > ROUNDING * np.max(np.abs(C)):
+        rule = "be 0 in the row of a massless contact, or a multiple of the stiffness"
+        raise InputError(f"damping[{b}]", float(C[b]), rule, condense)
+    if damping == "none":
+        rule = "be 0 in the row of a massless contact, or be asked for"
+        relax = f"pass damping='relaxed' where the flights between contacts are long against {beta:.3g}, or"
+        raise InputError(f"damping[{b}]", float(C[b]), rule, f"{relax} {condense}")
+    if not contact.stops.rigid:
+        rule = "be inf at a massless contact whose node is damped"
+        raise InputError("stops.stiffness", float(contact.stops.stiffness), rule, condense)
+    for vector, function in system.loads:
+        if vector[b] and not all(isinstance(part, (Harmonic, Constant)) for part in parts_of(function)):
+            rule = "be made of Harmonic and Constant where it acts on a damped massless contact"
+            raise InputError("loads", function, rule, condense)
+
+
+def _late(part: LoadFunction, beta: float) -> LoadFunction:
+    """What y = f - beta y' settles to."""
+    if not beta or not isinstance(part, Harmonic):
+        return part
+    turned = beta * float(part.frequency)
+    return Harmonic(part.amplitude / math.hypot(1.0, turned), part.frequency, part.phase - math.atan(turned))
 
 
 def _to_neighbours(system: System, nodes: list[int]) -> Array:
@@ -163,10 +217,11 @@ def _rigid_motions(system: System) -> Array:
     return X
 
 
-def _condensed(system: System, contact: Contact, b: int, held: float, follow: Array) -> Contact:
-    s = float(contact.row[b])
+def _condensed(system: System, contact: Contact, b: int, drag: float, follow: Array) -> Contact:
+    s, held = float(contact.row[b]), float(system.stiffness[b, b])
     own = 0.0 if contact.stops.rigid else 1.0 / float(contact.stops.stiffness)
-    stops = replace(contact.stops, stiffness=1.0 / (s * s / held + own))
+    stops = replace(contact.stops, stiffness=1.0 / (s * s / held + own), damping=drag / (s * s))
     terms: list[tuple[float, LoadFunction | None]] = [(1.0, contact.offset)]
-    terms += [(s * float(p[b]) / held, f) for p, f in system.loads if p[b]]
+    for p, f in ((p, f) for p, f in system.loads if p[b]):
+        terms += [(s * float(p[b]) / held * factor, _late(part, drag / held)) for factor, part in parts(f)]
     return Contact(s * follow, stops, combined(*terms))

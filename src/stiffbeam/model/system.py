@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array, read_only
-from ..basics.exact_float import exact_parts
+from ..basics.exact_float import as_doubles, exact_parts
 from ..basics.units import UNKNOWN, Units
 from ..basics.validation import InputError, itself, sequence
 from .contact import Contact
@@ -132,15 +132,17 @@ class System:
     def __repr__(self) -> str:
         return f"<System, {self.form}: {self.size} unknowns, {len(self.loads)} loads, {len(self.contacts)} contacts>"
 
-    def massless_contacts(self, redistribute: str = "neighbour") -> System:
+    def massless_contacts(self, redistribute: str = "neighbour", damping: str = "none") -> System:
         """Rigid stops on contact nodes without mass: an ordinary system with stops of the nodes' own stiffness.
 
-        redistribute: "neighbour" or "renard", where their mass goes. For conditions and sources see
-        ``model.massless``; raises InputError where they do not hold.
+        redistribute: "neighbour" or "renard", where their mass goes. damping: "relaxed" for the damping of a material,
+        exact where the flights between contacts are long against C_bb/K_bb of the node, or "condensed", which leaves
+        the node's out of the contact. For conditions and sources see ``model.massless``; raises InputError where they
+        do not hold.
         """
         from .massless import massless_contacts
 
-        return massless_contacts(self, redistribute)
+        return massless_contacts(self, redistribute, damping)
 
     @property
     def size(self) -> int:
@@ -286,10 +288,12 @@ class System:
         """
         return hashlib.sha256(b"".join(self._content().values())).hexdigest()
 
-    def _content(self) -> dict[str, bytes]:
-        """What the fingerprint is of, by name."""
-        loads = (vector.tobytes() + _describe(function).encode() for vector, function in self.loads)
-        contacts = (c.row.tobytes() + repr(c.stops).encode() + _describe(c.offset).encode() for c in self.contacts)
+    def _content(self, read: Callable[[Any], Any] = lambda value: value) -> dict[str, bytes]:
+        """What the fingerprint is of, by name; with ``read`` = as_doubles what float64 makes of it."""
+        loads = (vector.tobytes() + _describe(read(function)).encode() for vector, function in self.loads)
+        contacts = (
+            c.row.tobytes() + repr(read(c.stops)).encode() + _describe(read(c.offset)).encode() for c in self.contacts
+        )
         return {
             "form": self.form.encode(),
             "mass": self.mass.tobytes(),
@@ -307,10 +311,9 @@ class System:
         """In what another system differs: its size and form, or mass, damping, stiffness, initial data, loads, ..."""
         of_both = (("unknowns", self.size, other.size), ("form", self.form, other.form))
         whole = [f"{name} ({a} and {b})" for name, a, b in of_both if a != b]
-        theirs = other._content()
-        found = [name for name, content in self._content().items() if content != theirs[name]]
-        # Exact parameters are those of the others, unless nothing else differs.
-        return whole or [name for name in found if name != "exact parameters"] or found
+        mine, theirs = self._content(as_doubles), other._content(as_doubles)
+        found = [name for name, content in mine.items() if content != theirs[name] and name != "exact parameters"]
+        return whole or found or ([] if self.fingerprint == other.fingerprint else ["exact parameters"])
 
 
 def require_system(system: Any, field: str = "system") -> System:

@@ -9,18 +9,16 @@ contact, and the energy that is lost. Beyond kappa = K_bb, what the grid itself 
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 
 from ..basics.validation import InputError, integer, positive
 from ..figures import (
-    COLOURS,
-    MARKERS,
     column,
-    dashed,
     heading,
     log_scale,
+    look,
     new_figure,
     numeric,
     say_empty,
@@ -155,52 +153,64 @@ PANELS = (
     ("impulse", "impulse", "impulse"),
     ("contact_time", "time in contact", "time"),
     ("impacts", "impacts", ""),
-    ("lost", "share of the energy lost", ""),
+    ("lost", "share of energy lost", ""),
 )
+SMALL, LARGE = 3.0, 5.5  # marks of the finest grid and of the case's
 
 
 def draw(records: Records) -> Figure:
-    """The case's grid: lines over kappa, at its end kappa = inf. Black: exact; thin black: on the finest grid."""
+    """Above: over the stiffness of the stops, the case's grid; below: rigid stops, an entry a line.
+
+    Black: exact. Filled: the finest step, or none; hollow: the case's. Small: the finest grid, of exact motions only.
+    """
     rows, units = numeric(records.found), records.case.units
-    figure = new_figure(8.2, heading(records.case, f"{WINDOW:g} after the first touch, from soft stops to rigid ones"))
-    axes = figure.subplots(2, 2).ravel()
+    title = f"{WINDOW:g} after the first touch; above: compliant stops, below: rigid ones"
+    figure = new_figure(8.4, heading(records.case, title), width=13.0)
+    axes = figure.subplots(2, 4)
     grids = sorted({row["cells"] for row in rows})
-    finite = sorted({_stiff(row) for row in rows} - {np.inf}) or [1.0]
-    wall = 10.0 * finite[-1]
     steps = sorted({row["dt"] for row in rows if row["dt"]}, reverse=True)
-    for axis, (key, words, quantity), letter in zip(axes, PANELS, "abcd", strict=True):
-        for i, name in enumerate(dict.fromkeys(name_of(row) for row in rows)):
-            for grid in grids:
-                for step in [0.0, *steps]:
-                    own = [r for r in rows if (name_of(r), r["cells"], r["dt"]) == (name, grid, step)]
-                    exact = own and own[0]["method"] == EXACT
-                    if not own or (grid != grids[0] and not exact):
-                        continue
-                    own = sorted(own, key=_stiff)
-                    colour = "k" if name == EXACT else COLOURS[i % len(COLOURS)]
-                    at = [
-                        min(_stiff(row), wall) * (1.0 if _stiff(row) < np.inf else 1.0 + 0.6 * (i % 7)) for row in own
-                    ]
-                    style = {
-                        "color": colour,
-                        "marker": MARKERS[i % len(MARKERS)],
-                        "ms": 4.5 if grid == grids[0] else 2.5,
-                    }
-                    style |= {"lw": 1.6 if exact else 0.9, "ls": dashed(steps.index(step) if step else 0)}
-                    style |= {"mfc": colour if not step or step == steps[-1] else "white"}
-                    first = grid == grids[0] and (not step or step == steps[-1])
-                    axis.plot(at, column(own, key), label=name if first else None, **style)
-        axis.axvline(np.sqrt(finite[-1] * wall), color="0.6", lw=0.9, ls=":")
-        axis.set(xlabel=units.label("stiffness of the stops κ; rigid on the right", "stop stiffness"))
-        axis.set(ylabel=units.label(words, quantity) if quantity else words)
-        axis.set_title(f"({letter})", loc="left")
-        axis.grid(color="0.92")
+    rigid = [row for row in rows if _stiff(row) == np.inf]
+    names = list(dict.fromkeys(name_of(row) for row in rigid))
+    runs: dict[tuple[Any, ...], list[Row]] = {}
+    for row in sorted(rows, key=_stiff):
+        if row["cells"] == grids[0] or row["method"] == EXACT:
+            runs.setdefault((row["method"], row["cells"], row["dt"]), []).append(row)
+    for k, (key, words, quantity) in enumerate(PANELS):
+        label = units.label(words, quantity) if quantity else words
+        for (method, grid, step), own in runs.items():
+            soft = [row for row in own if _stiff(row) < np.inf]
+            whole, style = step in (0.0, *steps[-1:]), _mark(method, grid == grids[0])
+            style |= {} if whole else {"mfc": "white"}
+            name = method if whole and grid == grids[0] else None
+            line = {"lw": 1.6 if method == EXACT else 0.9, "ls": "-" if whole else ":"}
+            axes[0, k].plot([_stiff(row) for row in soft], column(soft, key), **style | line, label=name)
+            hard = [row for row in own if _stiff(row) == np.inf]
+            at = [names.index(name_of(row)) for row in hard]
+            axes[1, k].plot(column(hard, key), at, **style, ls="")
+        axes[0, k].set(xlabel=units.label("stiffness of the stops κ", "stop stiffness"), ylabel=label)
+        axes[1, k].set(xlabel=f"{label}, κ = ∞", ylim=(len(names) - 0.4, -0.6))
+        axes[1, k].set_yticks(range(len(names)), names if k == 0 else [""] * len(names), fontsize=8)
+        for axis, letter in zip(axes[:, k], ("abcd"[k], "efgh"[k]), strict=True):
+            axis.set_title(f"({letter}) {words}", loc="left", fontsize=10)
+            axis.grid(color="0.92")
+            if not rows:
+                say_empty(axis)
         if rows:
-            log_scale(axis, y=key == "impacts")
-        else:
-            say_empty(axis)
-    shared_legend(figure, 4)
+            log_scale(axes[0, k], y=key == "impacts")
+    for words, style in (
+        ("finest step", {"marker": "o"}), ("the case's step", {"marker": "o", "mfc": "white"}),
+        (f"{grids[-1]} cells" if grids else "finest grid", {"marker": "o", "ms": SMALL}),
+    ):  # fmt: skip
+        axes[0, 0].plot([], [], color="0.4", ls="", **{"ms": LARGE} | style, label=words)
+    shared_legend(figure, 5, axes[0])
     return figure
+
+
+def _mark(method: str, of_the_case: bool) -> dict[str, Any]:
+    """The look of a method: that of its scheme, with a square for contact that conserves."""
+    found = look(method.removesuffix(" conserving"))
+    found |= {"marker": "s"} if method == CONSERVING else {"marker": "o"} if method == EXACT else {}
+    return {name: found[name] for name in ("color", "marker")} | {"ms": LARGE if of_the_case else SMALL}
 
 
 STUDY = Study(

@@ -16,14 +16,13 @@ from .touching import (
     EPS,
     FAINT,
     ORDER,
-    PER_RADIAN,
     REMEDY,
     ROUNDINGS,
     SHORTEST,
-    STALLED,
     UNCLEAR,
     as_gap,
     gap_step,
+    stands_still,
     taylor_step,
 )
 
@@ -66,14 +65,11 @@ def search(
     chains and their derivatives (chains.py). chi, g1, g2: (m,). resting: (m,), not 0 for a contact
     that has switched at t_start, so that its gap is exactly zero. Returns (tau, contact, side,
     evaluations); contact -1: none before t_end. Every gap that is open or closed is kept positive, see
-    ``gap_step``. Raises SolverFailure as ``follow`` does.
+    ``gap_step``. Raises SolverFailure as ``switching.search`` does.
     """
     m, K = real.shape
     series, sizes = np.empty(ORDER + 1), np.empty(ORDER + 1)
     nu = EPS * (ROUNDINGS + 2.0 * math.sqrt(K))
-    fastest = 0.0
-    for k in range(K):
-        fastest = max(fastest, math.hypot(sigma[k], omega[k]))
     P = shift.shape[1]
     psi = np.empty((seen.shape[1], P), np.complex128)
     pushed = np.zeros((m, ORDER + 1))
@@ -174,5 +170,5 @@ def search(
         tau += step
         if faint > FAINT:
             raise SolverFailure("exact", t_start + tau, "a contact moves by less than its rounding", REMEDY)
-        if evaluations > STALLED + PER_RADIAN * fastest * tau:
+        if stands_still(evaluations, sigma, omega, tau, t_end - t_start):
             raise SolverFailure("exact", t_start + tau, "the search for the next switch stands still", REMEDY)

@@ -107,7 +107,8 @@ def copies(system: System, t_end: float, t: Array, size: float) -> Iterator[Watc
             tracer = plain.perturbed(perturbation) if plain else ExponentialTracer(system, perturbation)
             solution = tracer.solve(t_end)
             tip = path_of(system, solution, t, system.tip_channel)[0]
-            yield Watched(t, tip, tuple(entries(solution, i, t_end) for i in range(len(system.contacts))))
+            impacts = tuple(entries(solution, i, t_end) for i in range(len(system.contacts)))
+        yield Watched(t, tip, impacts)  # outside: what float64 raises inside is not for who goes on with it
 
 
 def general(system: System) -> bool:

@@ -11,13 +11,14 @@ from typing import Any
 import numpy as np
 
 from ...basics.arrays import Array
-from ...basics.validation import InputError, positive
+from ...basics.validation import positive
 from ...model.system import System
-from ...model.time_functions import covered, evaluate, offset_rate, offset_values
+from ...model.time_functions import evaluate, offset_rate, offset_values
 from ...trajectory.impacts import ContactRecord, Impacts
 from ...trajectory.ledger import Ledger
 from ...trajectory.trajectory import Reference, SolverFailure, Work, versions
 from ..request import output_times
+from ..rigid_stops import require_rigid
 from .audit import within_float64
 from .impacting import RADIANS, Solution, Tracer
 
@@ -63,17 +64,6 @@ def solve_rigid(
         "horizon_against": f"{len(COPIES)} copies with other stretches and starts, to half the tolerance"
     }
     return replace(found, horizon=horizon, provenance=provenance)
-
-
-def require_rigid(system: System, t_end: float) -> None:
-    """Raise InputError unless all stops are rigid with restitution, and samples go on to t_end."""
-    for contact in system.contacts:
-        if not contact.stops.rigid:
-            raise InputError("contacts", "rigid and compliant ones", "be all of one kind", "take stiff ones for inf")
-        if contact.stops.restitution is None:
-            remedy = "pass restitution=e, or for a contact node without mass use system.massless_contacts()"
-            raise InputError("stops.restitution", None, "be given for the exact solution with rigid stops", remedy)
-    covered([*(f for _, f in system.loads), *(contact.offset for contact in system.contacts)], t_end)
 
 
 def _reference(system: System, solution: Solution, t: Array, t_end: float, begun: float, since: float) -> Reference:
@@ -154,11 +144,12 @@ def _contact(
     times, ends = np.array([e.time for e in events]), np.array([e.end for e in events])
     impulses = np.array([e.impulse for e in events])
     total, kept = float(np.sum(impulses)), ends > times
-    for presses, of_blows in (([(a, impulse) for a, _, impulse in held], False), (struck, True)):
+    for presses, at_end in (([(a, impulse) for a, _, impulse in held], False), (struck, True)):
         begun, amounts = np.array(presses).reshape(-1, 2).T
         so_far = np.concatenate([[0.0], np.cumsum(amounts)])
-        until = np.searchsorted(begun, ends[kept], "right" if of_blows else "left")
-        impulses[kept] += so_far[until] - so_far[np.searchsorted(begun, times[kept])]
+        until = np.searchsorted(begun, ends[kept], "right" if at_end else "left")
+        since_then = np.searchsorted(begun, times[kept])
+        impulses[kept] += so_far[until] - so_far[since_then]
         total += float(so_far[-1])
     impacts = Impacts.at(
         times,

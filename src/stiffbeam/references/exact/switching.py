@@ -48,15 +48,14 @@ from .touching import (
     FAINT,
     OPEN,
     ORDER,
-    PER_RADIAN,
     REMEDY,
     ROUNDINGS,
     SHORTEST,
-    STALLED,
     UNCLEAR,
     as_gap,
     gap_step,
     safe_step,
+    stands_still,
     taylor_step,
 )
 
@@ -144,13 +143,9 @@ def search(
     m, K = terms.shape[0], terms.shape[2]
     nu = EPS * (ROUNDINGS + 2.0 * math.sqrt(K))
     rest = t_end - start
-    fastest = 0.0
     damped = False
     for k in range(K):
-        fastest = max(fastest, math.hypot(speeds[SIGMA, k], speeds[OMEGA, k]))
         damped |= speeds[SIGMA, k] != 0.0
-    for k in range(pairs.shape[0]):
-        fastest = max(fastest, pairs[k, 0], pairs[k, 1])
     end = 0
     tau = 0.0
     carry(speeds, terms, seen, pairs, damped, start, tau, end)
@@ -164,6 +159,8 @@ def search(
     for i in range(m):
         near &= resting[i] == 0
     while True:
+        if stands_still(evaluations, speeds[SIGMA], speeds[OMEGA], tau, rest):
+            raise SolverFailure("exact", start + tau, "the search for the next switch stands still", REMEDY)
         if not near:
             step = min(max(leap, EPS * (start + tau), SHORTEST * t_end), rest - tau)
             last = step >= rest - tau
@@ -220,8 +217,6 @@ def search(
                 leap = min(soon, step * min(LONGER, SAFELY * math.sqrt(math.sqrt(ratio))))
                 if damped:
                     measure(speeds, terms, damped, end)
-                if evaluations > STALLED + PER_RADIAN * fastest * tau:
-                    raise SolverFailure("exact", start + tau, "the search for the next switch stands still", REMEDY)
                 continue
             leap = min(0.7 * step, max(0.02 * step, target))
             if verdict == CROSSES and first > 0.0:
@@ -291,5 +286,3 @@ def search(
             measure(speeds, terms, damped, end)
         if faint > FAINT:
             raise SolverFailure("exact", start + tau, "a contact moves by less than its rounding", REMEDY)
-        if evaluations > STALLED + PER_RADIAN * fastest * tau:
-            raise SolverFailure("exact", start + tau, "the search for the next switch stands still", REMEDY)

@@ -18,13 +18,13 @@ from ...model.modes import undamped_modes
 from ...model.system import System, require_system
 from ...model.time_functions import offset_rate
 from ...trajectory.trajectory import SolverFailure
+from ..rigid_stops import require_rigid
 from .audit import audit, within_float64
 from .damped_stops import entry
 from .exact_measures import Solution
 from .impact_tangent import Neighbours
 from .impacting import Tracer as ImpactTracer
 from .piecewise import afford_search, refuse, tracer_of
-from .rigid_reference import require_rigid
 from .undamped import Solution as Undamped
 
 RANDOM = 3  # tangent vectors beside the direction of the motion itself

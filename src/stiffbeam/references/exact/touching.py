@@ -24,10 +24,27 @@ ROUNDINGS = 16.0  # of one term, that a sum and the state it starts from may hav
 OPEN, CLOSES, UNCLEAR = 1, -1, 0
 
 STALLED = 100_000  # evaluations without a switch, beside ...
-PER_RADIAN = 2_000  # ... so many for each radian of the fastest motion
+PER_RADIAN = 2_000  # ... so many for each radian of the fastest motion, as long as it has not died out
+MOST = 1e12  # evaluations to the end, as it goes: a day of a small system
+DECAYED = 750.0  # exp(-that) is no number any more
 FAINT = 10_000  # evaluations of a gap that moves, but never out of its own rounding
 SHORTEST = 1e-30  # step, of t_end: so that time goes on at t = 0 too
 REMEDY = "check the stops and stiffnesses for sizes that float64 cannot hold together"
+
+
+@compiled
+def stands_still(evaluations: int, sigma: Array, omega: Array, tau: float, rest: float) -> bool:
+    """Whether so many ``evaluations`` on [0, tau] are more than any sum of exp((sigma_k + i omega_k) s) needs, or at
+    that pace too many on [0, rest]."""
+    if evaluations <= STALLED:
+        return False
+    if evaluations * rest > MOST * tau:
+        return True
+    radians = 0.0
+    for k in range(sigma.size):
+        alive = min(tau, DECAYED / max(abs(sigma[k]), 1e-300))
+        radians = max(radians, math.hypot(sigma[k], omega[k]) * alive)
+    return evaluations > STALLED + PER_RADIAN * radians
 
 
 @compiled
