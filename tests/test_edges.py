@@ -239,3 +239,20 @@ def test_a_motion_below_the_rounding_of_its_amplitudes_is_no_solution():
     with pytest.raises(sb.SolverFailure):
         sb.reference_ensemble(system, 1e-5, sb.perturbed(system, 2, 1e-12))
     assert sb.reference(system, 1e-5, "cvode").horizon > 0.0
+
+
+@pytest.mark.parametrize("method", ["exact", "multiprecision"])
+@pytest.mark.parametrize("turn", range(6))
+def test_a_graze_as_deep_as_1e_12_of_the_motion_is_seen(turn, method):
+    """u = sin t + a sin 3 t has its top 1 - a at t = pi/2 for a < 1/9."""
+    a = 0.1 * turn / 5.0
+    stop = sb.Stops(upper=(1.0 - a) * (1.0 - 1e-12), stiffness=50.0)
+    modes = np.array([[1.0, 1.0], [-1.0, 1.0]]) / np.sqrt(2.0)  # frequencies 1 and 3
+    K = modes @ np.diag([1.0, 9.0]) @ modes.T
+    contact = sb.Contact(modes @ [1.0, 1.0], stop)
+    system = sb.System.from_matrices(np.eye(2), K, contacts=[contact], initial_velocity=modes @ [1.0, 3.0 * a])
+    found = sb.reference(system, 2.0, method)
+    assert found.impacts.count == 1
+    curvature = 1.0 - 9.0 * a
+    early = np.sqrt(2e-12 * (1.0 - a) / curvature)
+    assert found.impacts.times[0] == pytest.approx(np.pi / 2.0 - early, abs=2e-9)

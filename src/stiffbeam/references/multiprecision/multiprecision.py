@@ -50,7 +50,9 @@ def solve(request: Request) -> Reference:
     True for which numbers: those of a case file, and in Python those given as texts, Fractions or Decimals,
     are taken at their exact values, all others are the doubles they are; provenance["parameters"] names the
     exact ones. Past the horizon of float64 the two readings have different solutions. t_end and output
-    times are doubles: nothing magnifies their rounding.
+    times are doubles: nothing magnifies their rounding. Which switch is next is found in float64 and then refined, so
+    that of compliant stops a contact less deep than 1e-12 of the motion may not be seen; between rigid stops power
+    series in balls decide.
     """
     system, t_end, t_eval, digits = request.system, request.t_end, request.t_eval, request.digits
     positive("t_end", t_end)
