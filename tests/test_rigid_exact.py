@@ -304,3 +304,18 @@ def test_impulses_converge_with_the_mesh_and_counts_do_not(table10):
     assert np.all(np.array(counts[1]) >= 2 * np.array(counts[0]))
     assert np.ptp(impulses[1]) < 0.04 * np.mean(impulses[1])  # 0.027
     assert np.ptp(impulses[0]) > 0.08 * np.mean(impulses[0])  # 0.10
+
+
+@pytest.mark.parametrize("e", [0.5, 1.0])
+def test_two_contacts_that_close_at_one_time_and_move_each_other_end_the_horizon(e):
+    """A flat bar with inertia between its ends: float64 takes one impact after the other, and does not trust it."""
+    stops = sb.Stops(lower=0.0, stiffness=np.inf, restitution=e)
+    for mass, horizon in ((np.array([[2.0, 1.0], [1.0, 2.0]]) / 6.0, 0.4), (np.eye(2) / 2.0, 0.8)):
+        loads = [(-4.0 * mass.sum(axis=0) / 0.5, sb.Constant(1.0))]
+        bar = sb.System.from_matrices(
+            mass, np.zeros((2, 2)), None, loads, [sb.Contact(x, stops) for x in np.eye(2)],
+            initial_displacement=[1.0, 1.0],
+        )  # fmt: skip
+        found = sb.reference(bar, 0.8, t_eval=np.linspace(0.0, 0.8, 9))
+        assert found.contacts[1].impacts.times[0] == pytest.approx(0.5, abs=1e-15)
+        assert found.horizon == pytest.approx(horizon)

@@ -29,6 +29,8 @@ CHATTER = 1e-6
 MOST_IMPACTS = 200_000
 NOTHING = 1e-100  # of the fastest impact: contacts that throw each other off by less are at rest
 MOST_AT_ONCE = 10_000
+TOGETHER = 16.0
+EPS = float(np.finfo(float).eps)
 LEFT = 1e-12  # of the distance between a stop and a start, relative: the start is on the stop
 
 
@@ -55,6 +57,7 @@ class Solution:
     struck: list[tuple[float, int, float]] = field(default_factory=list)  # time, contact, impulse that is no event's
     taken: list[tuple[float, float, float]] = field(default_factory=list)  # time, energy taken, put in by stops moving
     stuck: list[tuple[float, int]] = field(default_factory=list)  # where a contact's impacts ended, and which
+    tie: float = math.inf  # where two contacts first close together but for rounding, and the order matters
 
     def at(self, t: Array) -> tuple[Array, Array, Array]:
         """q, q' (k, n) and reactions (k, m), of held contacts only, at times in any order."""
@@ -99,7 +102,9 @@ class Tracer:
             self._record(held)
             edge = model.next_edge(self.t, t_end)
             longest = min(edge - self.t, self.radians / model.fastest if model.fastest else math.inf)
-            event = self._next(c, R, held, longest)
+            events = self._next(c, R, held, longest)
+            event = events[0] if events else None
+            self._note_tie(events)
             s = longest if event is None else event[0]
             if not s > 0.0 and event is None:
                 raise SolverFailure("exact", self.t, "time does not go on in float64", "use integrate")
@@ -138,13 +143,14 @@ class Tracer:
         gap[0] += side * (stops.g2 if side > 0 else stops.g1)
         return gap
 
-    def _next(self, c: Array, R: Array, held: tuple[int, ...], longest: float) -> tuple[float, int, int, bool] | None:
-        """(after, contact, side, whether a held one lets go) of the first event, None for none in ``longest``."""
-        first = None
+    def _next(self, c: Array, R: Array, held: tuple[int, ...], longest: float) -> list[tuple[float, int, int, bool]]:
+        """(after, contact, side, whether a held one lets go) of what each contact does first in ``longest``, in order
+        of time."""
+        events: list[tuple[float, int, int, bool]] = []
         for i, contact in enumerate(held):
             s = first_zero(-self.held[contact] * R[:, i], longest, 0)
-            if s is not None and (first is None or s < first[0]):
-                first = (s, contact, self.held[contact], True)
+            if s is not None:
+                events.append((s, contact, self.held[contact], True))
         for contact in range(self.m):
             stops = self.system.contacts[contact].stops
             for side, g in ((1, stops.g2), (-1, stops.g1)):
@@ -157,9 +163,16 @@ class Tracer:
                     if zeros == 1:
                         gap[1] = speed
                 s = first_zero(gap, longest, zeros)
-                if s is not None and (first is None or s < first[0]):
-                    first = (s, contact, side, False)
-        return first
+                if s is not None:
+                    events.append((s, contact, side, False))
+        return sorted(events, key=lambda event: event[0])
+
+    def _note_tie(self, events: list[tuple[float, int, int, bool]]) -> None:
+        """Two contacts that close within TOGETHER roundings of the time, each of which moves the other."""
+        if len(events) > 1 and not any(event[3] or event[1] in self.fresh for event in events[:2]):
+            (s, a, *_), (later, b, *_) = events[:2]
+            if later - s <= TOGETHER * EPS * (self.t + s) and self.compliance[a, b]:
+                self.found.tie = min(self.found.tie, self.t + s)
 
     def _start(self) -> None:
         """Contacts on their stops at t = 0."""
@@ -253,8 +266,8 @@ class Tracer:
         self.v = self.v + self.model.back[:, at] @ P
         c, R = self.model.stretch(self.t, self.q, self.v, together)
         fresh = self.fresh.pop(contact)
-        event = self._next(c, R, together, after)
-        if event is not None and not event[3] and self.t + after > self.t:  # another impact comes first
+        events = self._next(c, R, together, after)
+        if events and not events[0][3] and self.t + after > self.t:  # another impact comes first
             self.v, self.fresh[contact] = before[0], fresh
             del self.held[contact]
             return False

@@ -36,7 +36,8 @@ def solve_rigid(
     Takes any damping, several contacts, moving stops, functions of time made of Harmonic, Constant and Sampled.
     Contacts are recorded from ``since`` on. Its horizon, not a number unless ``trusted``, is the time to
     which it agrees with COPIES of itself, made of other stretches from a start whose velocities are off by a few
-    roundings of the largest: in positions to APART of the largest, in impact times likewise. Raises InputError for
+    roundings of the largest: in positions to APART of the largest, in impact times likewise. Before two contacts that
+    move each other close at one time but for rounding it ends: the order decides what follows. Raises InputError for
     compliant stops beside rigid ones, for stops without restitution, dependent contacts, other functions of time,
     more than 200 000 impacts (e = 1 with a lasting load has infinitely many); SolverFailure where it cannot go on,
     or its energy balance is open.
@@ -59,7 +60,7 @@ def solve_rigid(
             raise SolverFailure("exact", t_end, reason, "use integrate")
         if not trusted:
             return found
-        horizon = _horizon(system, found, t, t_end)
+        horizon = min(_horizon(system, found, t, t_end), float(np.max(t[t < solution.tie], initial=0.0)))
     provenance = found.provenance | {
         "horizon_against": f"{len(COPIES)} copies with other stretches and starts, to half the tolerance"
     }
