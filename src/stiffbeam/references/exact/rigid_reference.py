@@ -222,4 +222,8 @@ def _horizon(system: System, found: Reference, t: Array, t_end: float) -> float:
             bad = np.flatnonzero(np.abs(mine[:n] - theirs[:n]) > tolerance)
             if len(bad):
                 horizon = min(horizon, float(min(mine[bad[0]], theirs[bad[0]])))
+            # One without a partner: more of a chatter comes at once.
+            rest, last = np.concatenate([mine[n:], theirs[n:]]), mine[n - 1] if n else 0.0
+            alone = rest[(rest > last + tolerance) & (rest < t_end - tolerance)]
+            horizon = min(horizon, float(np.min(alone, initial=horizon)))
     return horizon
