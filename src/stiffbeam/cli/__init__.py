@@ -52,7 +52,11 @@ def main() -> None:
         if isinstance(stop, SystemExit) and stop.code != INTERRUPTED:
             raise
         print("stiffbeam: interrupted; what is finished is kept, give the same command again", file=sys.stderr)
-        raise SystemExit(128 + stopped[0] if stopped else INTERRUPTED) from None
+        if stopped:  # at once: what the compiler had half made can crash the end of the interpreter
+            sys.stdout.flush()
+            sys.stderr.flush()
+            os._exit(128 + stopped[0])
+        raise SystemExit(INTERRUPTED) from None
 
 
 __all__ = ["app", "main"]

@@ -153,7 +153,7 @@ PANELS = (
     ("impulse", "impulse", "impulse"),
     ("contact_time", "time in contact", "time"),
     ("impacts", "impacts", ""),
-    ("lost", "share of energy lost", ""),
+    ("lost", "energy lost, share", ""),
 )
 SMALL, LARGE = 3.0, 5.5  # marks of the finest grid and of the case's
 
@@ -165,7 +165,7 @@ def draw(records: Records) -> Figure:
     """
     rows, units = numeric(records.found), records.case.units
     title = f"{WINDOW:g} after the first touch; above: compliant stops, below: rigid ones"
-    figure = new_figure(8.4, heading(records.case, title), width=13.0)
+    figure = new_figure(8.4, heading(records.case, title))
     axes = figure.subplots(2, 4)
     grids = sorted({row["cells"] for row in rows})
     steps = sorted({row["dt"] for row in rows if row["dt"]}, reverse=True)
@@ -188,8 +188,10 @@ def draw(records: Records) -> Figure:
             at = [names.index(name_of(row)) for row in hard]
             axes[1, k].plot(column(hard, key), at, **style, ls="")
         axes[0, k].set(xlabel=units.label("stiffness of the stops κ", "stop stiffness"), ylabel=label)
-        axes[1, k].set(xlabel=f"{label}, κ = ∞", ylim=(len(names) - 0.4, -0.6))
-        axes[1, k].set_yticks(range(len(names)), names if k == 0 else [""] * len(names), fontsize=8)
+        axes[1, k].set(xlabel=label)
+        if k:
+            axes[1, k].sharey(axes[1, 0])
+            axes[1, k].tick_params(labelleft=False)
         for axis, letter in zip(axes[:, k], ("abcd"[k], "efgh"[k]), strict=True):
             axis.set_title(f"({letter}) {words}", loc="left", fontsize=10)
             axis.grid(color="0.92")
@@ -197,6 +199,8 @@ def draw(records: Records) -> Figure:
                 say_empty(axis)
         if rows:
             log_scale(axes[0, k], y=key == "impacts")
+    axes[1, 0].set_yticks(range(len(names)), names, fontsize=8)
+    axes[1, 0].set_ylim(len(names) - 0.4, -0.6)
     for words, style in (
         ("finest step", {"marker": "o"}), ("the case's step", {"marker": "o", "mfc": "white"}),
         (f"{grids[-1]} cells" if grids else "finest grid", {"marker": "o", "ms": SMALL}),
