@@ -16,7 +16,6 @@ from stiffbeam.figures.animation import _Film
 
 
 @pytest.mark.slow
-@pytest.mark.fast(1)
 def test_a_film_has_its_frames_and_they_move(tmp_path, table10):
     system = sb.semidiscretise(table10, 8)
     run, exact = sb.integrate(system, sb.HHT(alpha=-0.1), 1e-4, 0.1), sb.reference(system, 0.1)

@@ -193,9 +193,8 @@ def test_random_systems_with_contacts_and_extreme_numbers(seed):
     assert error <= 1.0, kind
 
 
-@pytest.mark.parametrize(
-    "seed", [pytest.param(seed, marks=pytest.mark.slow if seed < 6 else pytest.mark.campaign) for seed in range(3, 15)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(3, 15))
 def test_more_random_systems_with_contacts(seed):
     """Some ten seconds a system, nearly all of them in mpmath."""
     kind, error = extremes.check_impacting(seed)

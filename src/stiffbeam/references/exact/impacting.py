@@ -23,14 +23,14 @@ from ...model.active_set import solve_node
 from ...model.system import System
 from ...trajectory.trajectory import SolverFailure
 from .taylor import Model, first_zero, rate, value
+from .touching import EPS
 
 RADIANS = 1.0  # of the fastest motion, in one stretch
 CHATTER = 1e-6
 MOST_IMPACTS = 200_000
 NOTHING = 1e-100  # of the fastest impact: contacts that throw each other off by less are at rest
 MOST_AT_ONCE = 10_000
-TOGETHER = 16.0
-EPS = float(np.finfo(float).eps)
+TOGETHER = 16.0  # roundings of the time: which of two contacts closes first is not known
 LEFT = 1e-12  # of the distance between a stop and a start, relative: the start is on the stop
 
 

@@ -157,6 +157,13 @@ def _near(c: Array) -> float | None:
     return s if s < SMALL and s**3 * np.sum(np.abs(c[3:])) < 1e-3 * c[0] else None
 
 
+def _real_roots(c: Array) -> Array:
+    """Those of a series in (0, 1], in order."""
+    last = np.flatnonzero(np.abs(c) > 1e-18 * np.max(np.abs(c)))[-1]
+    roots = np.roots(c[last::-1])
+    return np.sort(roots.real[(np.abs(roots.imag) < 1e-9) & (roots.real > 0.0) & (roots.real <= 1.0 + 1e-12)])
+
+
 def first_zero(gap: Array, length: float, zeros: int) -> float | None:
     """Where a series that is positive at once, after a zero of multiplicity ``zeros`` at 0, next turns negative.
 
@@ -170,11 +177,8 @@ def first_zero(gap: Array, length: float, zeros: int) -> float | None:
     scaled = c * length ** np.arange(len(c))
     if scaled[0] > -np.sum(np.minimum(scaled[1:], 0.0)):
         return None
-    last = np.flatnonzero(np.abs(scaled) > 1e-18 * np.max(np.abs(scaled)))[-1]
-    roots = np.roots(scaled[last::-1])
-    real = np.sort(roots.real[(np.abs(roots.imag) < 1e-9) & (roots.real > 0.0) & (roots.real <= 1.0 + 1e-12)])
     near = _near(scaled)
-    for root in real if near is None else [near]:
+    for root in _real_roots(scaled) if near is None else [near]:
         s = float(min(root, 1.0)) * length
         for _ in range(3):
             slope = float(rate(c, s))
