@@ -64,7 +64,7 @@ def passed_over(system: System, solution: Solution, sample: Sampler, t_end: floa
     contacts = exact_problem(system, Drive.of(system)).contacts
     turns = [turn for i in range(len(contacts)) for turn in _turns(system, solution, i, t_end)]
     for turn in sorted(turn for turn in turns if turn.t > since):
-        t, stop = turn.t, contacts[turn.contact].stop(turn.side)
+        t, stop, least = turn.t, contacts[turn.contact].stop(turn.side), arb(0)
         for _ in range(3):  # to the double next to the turn
             (u,), (v,) = (x[:, turn.contact] for x in sample(np.array([t]), lambda x: x))
             least = turn.sign * (u - stop - v * v / (2 * arb(turn.sign * turn.curve)))
