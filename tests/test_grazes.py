@@ -78,3 +78,31 @@ def test_a_moment_between_two_contacts_is_taken(share):
             half = float(mpmath.acos(1 / (1 + exactly(share))) / mpmath.sqrt(kappa))
         # The free flight under f lasts as long as the arc in contact would, to the square of its length.
         assert abs(found.times[0] - (open_at + 2.0 * half)) <= 4.0 * EPS + 1e-4 * half
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(40))
+def test_random_damped_oscillators_by_their_first_top(seed):
+    """u'' + c u' + k u = 0 from u' = 1 has its first top at w t = atan(2 w/c), w^2 = k - c^2/4, exp(-c t/2)/sqrt(k)
+    high; there u'' = -k u. A second mass with stops of its own goes beside it."""
+    rng = np.random.default_rng(seed)
+    depth = Fraction(int(rng.integers(1, 10)), 10 ** int(rng.integers(11, 18))) * int(rng.choice([1, 1, -1]))
+    c, k = int(rng.integers(1, 40)) / 32, int(rng.integers(8, 200)) / 16
+    with mpmath.workdps(60):
+        w = mpmath.sqrt(k - mpmath.mpf(c) ** 2 / 4)
+        turn = mpmath.atan(2 * w / c) / w
+        top = mpmath.exp(-c * turn / 2) / mpmath.sqrt(k)
+        stop = Fraction(mpmath.nstr(top * (1 - exactly(depth)), 50))
+        half = mpmath.sqrt(2 * exactly(abs(depth)) / k)
+        begin, half, t_end = float(turn - half), float(half), 1.5 * float(turn)
+    contacts = [
+        sb.Contact([1.0, 0.0], sb.Stops(upper=stop, stiffness=10.0 ** rng.uniform(-1.0, 5.0))),
+        sb.Contact([0.0, 1.0], sb.Stops(lower=-0.05, upper=0.06, stiffness=10.0)),
+    ]
+    K, C = np.diag([k, 3.0 * k]), c * np.eye(2)
+    system = sb.System.from_matrices(np.eye(2), K, C, contacts=contacts, initial_velocity=[1.0, 0.7])
+    found = sb.reference(system, t_end, "multiprecision")
+    assert found.horizon == t_end
+    assert found.contacts[0].impacts.count == (1 if depth > 0 else 0)
+    if depth > 0:  # the parabola of the top is off by its square
+        assert abs(found.contacts[0].impacts.times[0] - begin) <= 4.0 * EPS * begin + 10.0 * np.sqrt(k) * half**2
