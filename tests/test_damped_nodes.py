@@ -144,6 +144,7 @@ def _agrees(seed):
 
 
 @pytest.mark.parametrize("seed", range(6))
+@pytest.mark.fast(4)
 def test_a_damped_node_is_a_kelvin_voigt_stop_where_it_has_relaxed(seed):
     _agrees(seed)
 
