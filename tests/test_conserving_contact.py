@@ -10,6 +10,7 @@ import scipy.linalg
 
 import stiffbeam as sb
 from stiffbeam.basics.validation import InputError
+from stiffbeam.model.contact_law import Law
 from stiffbeam.model.discrete_gradient import mean_force, secant
 from stiffbeam.model.equations import Matrices, Modal
 from stiffbeam.model.stage import MEAN, solve_stage
@@ -122,8 +123,8 @@ def test_the_mean_force_solves_its_equation():
         g1, g2 = sorted(rng.normal(size=2) * 0.3)
         g1, g2 = (-math.inf, g2) if rng.random() < 0.3 else (g1, math.inf) if rng.random() < 0.3 else (g1, g2)
         r, u0, s = rng.normal(), rng.normal(), float(10.0 ** rng.uniform(-10, 1)) * (rng.random() < 0.95)
-        F, slope = mean_force(r, u0, s, kappa, g1, g2, p)
         stops = sb.Stops(g1 if np.isfinite(g1) else None, g2 if np.isfinite(g2) else None, stiffness=kappa, exponent=p)
+        F, slope = mean_force(r, u0, s, Law(*stops.law))
         u = r + s * F
         # Energies at both ends against the work of F: rounding of the positions times the forces there.
         force = max(abs(float(stops.force(x))) for x in (u, u0, r))
@@ -139,7 +140,7 @@ def test_the_secant_does_not_cancel():
     # Two depths next to each other: the mean force is that at the middle, to their distance squared.
     for p in (1.0, 1.5, 3.0):
         for gap in (1e-3, 1e-8, 1e-13, 0.0):
-            found = secant(1.0 + gap, 1.0, 7.0, -math.inf, 0.5, p)
+            found = secant(1.0 + gap, 1.0, Law(*sb.Stops(upper=0.5, stiffness=7.0, exponent=p).law))
             assert math.isclose(found, 7.0 * (0.5 + 0.5 * gap) ** p, rel_tol=2.0 * gap**2 + 1e-14)
 
 
@@ -154,8 +155,7 @@ def test_several_mean_forces_at_once():
         F = solve_stage(r, np.zeros(m), S, np.zeros((m, m)), u0, MEAN, laws)
         u = r + S @ F
         for c in range(m):
-            kappa, g1, g2, p = laws[c, :4]
-            want = -secant(u[c], u0[c], kappa, g1, g2, p)
+            want = -secant(u[c], u0[c], Law(*laws[c]))
             assert abs(F[c] - want) <= 1e-9 * (abs(want) + np.abs(S[c]) @ np.abs(F) / S[c, c])
 
 

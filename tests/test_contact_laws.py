@@ -227,12 +227,11 @@ def test_compiled_scalars_say_what_the_stops_say(law):
     rng = np.random.default_rng(11)
     stops = stops_of(rng, law)
     for u, v in rng.normal(size=(200, 2)):
-        row = stops.law.tolist()
-        kappa, g1, g2, p = row[:4]
-        assert math.isclose(contact_law.law_force(u, v, *row), float(stops.force(u, v)), rel_tol=1e-12)
-        assert math.isclose(contact_law.law_energy(u, kappa, g1, g2, p), float(stops.energy(u)), rel_tol=1e-13)
-        assert contact_law.law_state(u, v, *row) == stops.state(u, v)
-        beyond = contact_law.law_force(u, v, *row) - contact_law.elastic_force(u, kappa, g1, g2, p)
+        row, kappa = contact_law.Law(*stops.law), stops.stiffness
+        assert math.isclose(contact_law.law_force(u, v, row), float(stops.force(u, v)), rel_tol=1e-12)
+        assert math.isclose(contact_law.law_energy(u, row), float(stops.energy(u)), rel_tol=1e-13)
+        assert contact_law.law_state(u, v, row) == stops.state(u, v)
+        beyond = contact_law.law_force(u, v, row) - contact_law.elastic_force(u, row)
         assert math.isclose(beyond, float(stops.dissipated(u, v)), rel_tol=1e-12, abs_tol=1e-12 * kappa)
         assert beyond * v <= 1e-12 * kappa  # never gives energy
         slope, to_rate = stops.tangent(u, v)

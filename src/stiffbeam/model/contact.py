@@ -139,6 +139,13 @@ class Stops:
         self.require_compliant("a law of force")
         return np.array([self.stiffness, self.g1, self.g2, self.exponent, self.damping, self.dissipation], float)
 
+    @classmethod
+    def of_law(cls, law: Array) -> Stops:
+        """The stops of such a row."""
+        kappa, g1, g2, p, c, lam = np.asarray(law, float).tolist()
+        lower, upper = (g if math.isfinite(g) else None for g in (g1, g2))
+        return cls(lower, upper, stiffness=kappa, exponent=p, damping=c, dissipation=lam)
+
     @property
     def linear(self) -> bool:
         """Whether F = -kappa d: p = 1, no damping, no dissipation, kappa finite."""

@@ -10,12 +10,25 @@ lets go where it would turn to a pull. Everything compiled that touches a stop c
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
+from ..basics.arrays import Array
 from ..basics.compiled import compiled, inlined
 
-# The row of numbers that a law is; side s has its stop at G1 or G2.
-KAPPA, G1, G2, EXPONENT, DAMPING, DISSIPATION = range(6)
-LAW = 6
+
+class Law(NamedTuple):
+    """The numbers of a law; the rows of an array of laws hold them in this order."""
+
+    kappa: float
+    g1: float  # the lower stop, -inf for none
+    g2: float
+    p: float
+    c: float
+    lam: float
+
+
+LAW = len(Law._fields)
+KAPPA, G1, G2 = range(3)  # of a row, where the linear law alone is asked
 NEWTON = 200  # iterations, of which a handful are used
 
 
@@ -67,9 +80,21 @@ def stage_force(r: float, stage: float, g1: float, g2: float) -> float:
 
 
 @inlined
-def is_linear(p: float, c: float, lam: float) -> bool:
+def law_of(law: Array, c: int) -> Law:
+    """Row c of an array of laws (m, 6)."""
+    return Law(law[c, 0], law[c, 1], law[c, 2], law[c, 3], law[c, 4], law[c, 5])
+
+
+@inlined
+def damps(law: Law) -> bool:
+    """Whether F depends on the velocity."""
+    return (law.c > 0.0) | (law.lam > 0.0)
+
+
+@inlined
+def is_linear(law: Law) -> bool:
     """Whether F = -kappa d."""
-    return p == 1.0 and c == 0.0 and lam == 0.0
+    return law.p == 1.0 and not damps(law)
 
 
 @inlined
@@ -79,77 +104,84 @@ def power(d: float, p: float) -> float:
 
 
 @inlined
-def pressure(d: float, rate: float, kappa: float, p: float, c: float, lam: float) -> float:
+def pressure(d: float, rate: float, law: Law) -> float:
     """kappa d^p (1 + lambda d') + c d', not yet cut off at zero."""
-    return kappa * power(d, p) * (1.0 + lam * rate) + c * rate
+    return law.kappa * power(d, law.p) * (1.0 + law.lam * rate) + law.c * rate
 
 
 @inlined
-def press(d: float, rate: float, kappa: float, p: float, c: float, lam: float) -> float:
+def slopes(d: float, rate: float, law: Law) -> tuple[float, float]:
+    """The derivatives of ``pressure`` by d and by d'; both >= 0 where it is."""
+    stiff = law.kappa if law.p == 1.0 else law.kappa * law.p * abs(d) ** (law.p - 1.0)
+    return stiff * (1.0 + law.lam * rate), law.kappa * power(d, law.p) * law.lam + law.c
+
+
+@inlined
+def press(d: float, rate: float, law: Law) -> float:
     """|F| at penetration d: the positive part of ``pressure`` where d > 0, else 0."""
-    return max(0.0, pressure(d, rate, kappa, p, c, lam)) if d > 0.0 else 0.0
+    return max(0.0, pressure(d, rate, law)) if d > 0.0 else 0.0
 
 
 @inlined
-def law_state(u: float, v: float, kappa: float, g1: float, g2: float, p: float, c: float, lam: float) -> float:
+def law_state(u: float, v: float, law: Law) -> float:
     """chi: the side on which the stop presses, 0 where it does not. Without damping that is beyond the stop."""
-    if u > g2:
-        return 1.0 if pressure(u - g2, v, kappa, p, c, lam) > 0.0 else 0.0
-    if u < g1:
-        return -1.0 if pressure(g1 - u, -v, kappa, p, c, lam) > 0.0 else 0.0
+    if u > law.g2:
+        return 1.0 if pressure(u - law.g2, v, law) > 0.0 else 0.0
+    if u < law.g1:
+        return -1.0 if pressure(law.g1 - u, -v, law) > 0.0 else 0.0
     return 0.0
 
 
 @inlined
-def law_force(u: float, v: float, kappa: float, g1: float, g2: float, p: float, c: float, lam: float) -> float:
+def law_force(u: float, v: float, law: Law) -> float:
     """F(u, u') on the beam."""
-    if u > g2:
-        return -press(u - g2, v, kappa, p, c, lam)
-    if u < g1:
-        return press(g1 - u, -v, kappa, p, c, lam)
+    if u > law.g2:
+        return -press(u - law.g2, v, law)
+    if u < law.g1:
+        return press(law.g1 - u, -v, law)
     return 0.0
 
 
 @inlined
-def law_energy(u: float, kappa: float, g1: float, g2: float, p: float) -> float:
+def law_energy(u: float, law: Law) -> float:
     """U(u) = kappa |d|^(p+1)/(p+1)."""
-    return kappa * abs(depth(u, g1, g2)) ** (p + 1.0) / (p + 1.0)
+    return law.kappa * abs(depth(u, law.g1, law.g2)) ** (law.p + 1.0) / (law.p + 1.0)
 
 
 @inlined
-def elastic_force(u: float, kappa: float, g1: float, g2: float, p: float) -> float:
+def elastic_force(u: float, law: Law) -> float:
     """-U'(u); F less it is what dissipates."""
-    return -kappa * power(depth(u, g1, g2), p)
+    return -law.kappa * power(depth(u, law.g1, law.g2), law.p)
 
 
 @inlined
-def side_force(
-    u: float, v: float, chi: float, kappa: float, g1: float, g2: float, p: float, c: float, lam: float
-) -> float:
+def side_force(u: float, v: float, chi: float, law: Law) -> float:
     """F of the contact on side chi, +1 upper, -1 lower, 0 free, smooth across the stop and where F = 0."""
     if chi > 0:
-        return -pressure(u - g2, v, kappa, p, c, lam)
+        return -pressure(u - law.g2, v, law)
     if chi < 0:
-        return pressure(g1 - u, -v, kappa, p, c, lam)
+        return pressure(law.g1 - u, -v, law)
     return 0.0
 
 
 @inlined
-def side_slopes(
-    u: float, v: float, chi: float, kappa: float, g1: float, g2: float, p: float, c: float, lam: float
-) -> tuple[float, float]:
-    """-dF/du and -dF/du' of ``side_force``, both >= 0 where F presses."""
+def pull(d: float, rate: float, length: float, law: Law) -> float:
+    """A length with the sign of ``pressure`` at d > 0, smooth across the stop: its root is where a stop lets go."""
+    if law.c > 0.0:
+        return pressure(d, rate, law) / (law.kappa * length ** (law.p - 1.0))
+    return length * (1.0 + law.lam * rate)  # kappa d^p, which is zero on the stop itself, left out
+
+
+@inlined
+def side_slopes(u: float, v: float, chi: float, law: Law) -> tuple[float, float]:
+    """-dF/du and -dF/du' of ``side_force``."""
     if chi == 0:
         return 0.0, 0.0
-    d, rate = (u - g2, v) if chi > 0 else (g1 - u, -v)
-    stiff = kappa if p == 1.0 else kappa * p * abs(d) ** (p - 1.0)
-    return stiff * (1.0 + lam * rate), kappa * power(d, p) * lam + c
+    return slopes(u - law.g2, v, law) if chi > 0 else slopes(law.g1 - u, -v, law)
 
 
 @compiled
-def stage_press(
-    d0: float, rate0: float, s: float, s_rate: float, kappa: float, p: float, c: float, lam: float
-) -> tuple[float, float, float]:
+def stage_press(d0: float, rate0: float, s: float, s_rate: float, law: Law) -> tuple[float, float, float]:
     """(P, dP/dd0, dP/dd0') with P = |F|(d0 - s P, d0' - s' P), compliances s and s' >= 0.
 
     |F| grows with d and d', so there is one P; a law with c > 0 jumps at d = 0, where P may be all that lies
@@ -158,24 +190,23 @@ def stage_press(
     """
     if not d0 > 0.0:
         return 0.0, 0.0, 0.0
-    if p == 1.0 and lam == 0.0:
-        below = 1.0 + kappa * s + c * s_rate
-        P, slope, slope_rate = (kappa * d0 + c * rate0) / below, kappa / below, c / below
+    if law.p == 1.0 and law.lam == 0.0:
+        below = 1.0 + law.kappa * s + law.c * s_rate
+        P, slope, slope_rate = (law.kappa * d0 + law.c * rate0) / below, law.kappa / below, law.c / below
         if not P > 0.0:
             return (0.0, 0.0, 0.0) if P <= 0.0 else (P, slope, slope_rate)  # NaN stays NaN
     else:
-        if pressure(d0, rate0, kappa, p, c, lam) <= 0.0:
+        if pressure(d0, rate0, law) <= 0.0:
             return 0.0, 0.0, 0.0
         P, left = 0.0, 0.0
-        right = pressure(d0, rate0, kappa, p, c, lam)
+        right = pressure(d0, rate0, law)
         if s * right > d0:
             right = d0 / s
         slope = slope_rate = 0.0
         for _ in range(NEWTON):
             d, rate = d0 - s * P, rate0 - s_rate * P
-            found = pressure(d, rate, kappa, p, c, lam)
-            stiff = kappa if p == 1.0 else kappa * p * abs(d) ** (p - 1.0)
-            to_depth, to_rate = stiff * (1.0 + lam * rate), kappa * power(d, p) * lam + c
+            found = pressure(d, rate, law)
+            to_depth, to_rate = slopes(d, rate, law)
             below = 1.0 + s * to_depth + s_rate * to_rate
             slope, slope_rate = to_depth / below, to_rate / below
             if found > P:
@@ -194,14 +225,12 @@ def stage_press(
 
 
 @compiled
-def stage_law(
-    r: float, w: float, s: float, s_rate: float, kappa: float, g1: float, g2: float, p: float, c: float, lam: float
-) -> tuple[float, float, float]:
+def stage_law(r: float, w: float, s: float, s_rate: float, law: Law) -> tuple[float, float, float]:
     """(F, dF/dr, dF/dw) with u = r + s F, u' = w + s' F and F = F(u, u')."""
-    if r > g2:
-        P, slope, slope_rate = stage_press(r - g2, w, s, s_rate, kappa, p, c, lam)
+    if r > law.g2:
+        P, slope, slope_rate = stage_press(r - law.g2, w, s, s_rate, law)
         return -P, -slope, -slope_rate
-    if r < g1:
-        P, slope, slope_rate = stage_press(g1 - r, -w, s, s_rate, kappa, p, c, lam)
+    if r < law.g1:
+        P, slope, slope_rate = stage_press(law.g1 - r, -w, s, s_rate, law)
         return P, -slope, -slope_rate
     return 0.0, 0.0, 0.0

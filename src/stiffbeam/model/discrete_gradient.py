@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 
 from ..basics.compiled import compiled, inlined
-from .contact_law import NEWTON, depth, law_energy, power
+from .contact_law import NEWTON, Law, depth, elastic_force, law_energy, power
 
 
 @inlined
@@ -28,16 +28,16 @@ def _mean_power(d0: float, d1: float, p: float) -> float:
 
 
 @compiled
-def secant(u: float, u0: float, kappa: float, g1: float, g2: float, p: float) -> float:
+def secant(u: float, u0: float, law: Law) -> float:
     """(U(u) - U(u0))/(u - u0), U'(u0) where they are equal."""
-    a, b = depth(u0, g1, g2), depth(u, g1, g2)
+    a, b = depth(u0, law.g1, law.g2), depth(u, law.g1, law.g2)
     if a > 0.0 and b > 0.0:
-        return kappa * _mean_power(a, b, p)
+        return law.kappa * _mean_power(a, b, law.p)
     if a < 0.0 and b < 0.0:
-        return -kappa * _mean_power(-a, -b, p)
+        return -law.kappa * _mean_power(-a, -b, law.p)
     if u == u0:
-        return kappa * power(a, p)
-    return (law_energy(u, kappa, g1, g2, p) - law_energy(u0, kappa, g1, g2, p)) / (u - u0)
+        return law.kappa * power(a, law.p)
+    return (law_energy(u, law) - law_energy(u0, law)) / (u - u0)
 
 
 @compiled
@@ -58,45 +58,45 @@ def _linear(rho: float, d0: float, s: float, kappa: float) -> float:
 
 
 @compiled
-def mean_force(r: float, u0: float, s: float, kappa: float, g1: float, g2: float, p: float) -> tuple[float, float]:
+def mean_force(r: float, u0: float, s: float, law: Law) -> tuple[float, float]:
     """(F, dF/dr): in closed form for p = 1 on one stop, else by Newton's method inside its bracket."""
-    slope = secant(r, u0, kappa, g1, g2, p)
+    slope = secant(r, u0, law)
     if slope == 0.0:
         return 0.0, 0.0
     F, found = 0.0, False
-    if p == 1.0:
-        if slope > 0.0 and u0 >= g1:
-            F = -_linear(r - g2, u0 - g2, s, kappa)
-            found = r + s * F >= g1
-        elif slope < 0.0 and u0 <= g2:
-            F = _linear(g1 - r, g1 - u0, s, kappa)
-            found = r + s * F <= g2
+    if law.p == 1.0:
+        if slope > 0.0 and u0 >= law.g1:
+            F = -_linear(r - law.g2, u0 - law.g2, s, law.kappa)
+            found = r + s * F >= law.g1
+        elif slope < 0.0 and u0 <= law.g2:
+            F = _linear(law.g1 - r, law.g1 - u0, s, law.kappa)
+            found = r + s * F <= law.g2
     if not found:
         # P = |F| in [0, |slope|]; the node moves back by s P.
         sign = math.copysign(1.0, slope)
         left, right, P = 0.0, abs(slope), 0.0
         for _ in range(NEWTON):
             u = r - sign * s * P
-            value = sign * secant(u, u0, kappa, g1, g2, p)
+            value = sign * secant(u, u0, law)
             if value > P:
                 left = P
             else:
                 right = P
-            new = P + (value - P) / (1.0 + s * _secant_slope(u, u0, sign * value, kappa, g1, g2, p))
+            new = P + (value - P) / (1.0 + s * _secant_slope(u, u0, sign * value, law))
             if not left <= new <= right:
                 new = 0.5 * (left + right)
             change, P = abs(new - P), new
             if change <= 2e-16 * P or left >= right:
                 break
         F = -sign * P
-    stiff = _secant_slope(r + s * F, u0, -F, kappa, g1, g2, p)
+    stiff = _secant_slope(r + s * F, u0, -F, law)
     return F, -stiff / (1.0 + s * stiff)
 
 
 @inlined
-def _secant_slope(u: float, u0: float, slope: float, kappa: float, g1: float, g2: float, p: float) -> float:
+def _secant_slope(u: float, u0: float, slope: float, law: Law) -> float:
     """d secant/du, to what Newton's method needs."""
     if abs(u - u0) <= 1e-7 * (abs(u) + abs(u0)):
-        d = abs(depth(0.5 * (u + u0), g1, g2))
-        return 0.5 * kappa * p * d ** (p - 1.0) if d > 0.0 else 0.0
-    return max(0.0, (kappa * power(depth(u, g1, g2), p) - slope) / (u - u0))
+        d = abs(depth(0.5 * (u + u0), law.g1, law.g2))
+        return 0.5 * law.kappa * law.p * d ** (law.p - 1.0) if d > 0.0 else 0.0
+    return max(0.0, (-elastic_force(u, law) - slope) / (u - u0))

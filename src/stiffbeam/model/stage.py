@@ -6,7 +6,7 @@ import numpy as np
 
 from ..basics.arrays import Array
 from ..basics.compiled import compiled, inlined
-from .contact_law import DAMPING, DISSIPATION, EXPONENT, G1, G2, KAPPA, stage_law
+from .contact_law import law_of, stage_law
 from .discrete_gradient import mean_force
 
 # How a node finds its force: the linear law in closed form, any law, or its mean over the step by the discrete
@@ -21,11 +21,10 @@ def one(
     r: float, w: float, s: float, s_rate: float, u0: float, rule: int, law: Array, c: int
 ) -> tuple[float, float, float]:
     """(F, dF/dr, dF/dw) of contact c by itself; u0 is where its step began."""
-    kappa, g1, g2, p = law[c, KAPPA], law[c, G1], law[c, G2], law[c, EXPONENT]
     if rule == MEAN:
-        F, slope = mean_force(r, u0, s, kappa, g1, g2, p)
+        F, slope = mean_force(r, u0, s, law_of(law, c))
         return F, slope, 0.0
-    return stage_law(r, w, s, s_rate, kappa, g1, g2, p, law[c, DAMPING], law[c, DISSIPATION])
+    return stage_law(r, w, s, s_rate, law_of(law, c))
 
 
 @compiled

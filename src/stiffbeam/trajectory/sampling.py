@@ -8,19 +8,7 @@ import numpy as np
 
 from ..basics.arrays import Array, BoolArray
 from ..basics.compiled import compiled, inlined
-from ..model.contact_law import (
-    DAMPING,
-    DISSIPATION,
-    EXPONENT,
-    G1,
-    G2,
-    KAPPA,
-    is_linear,
-    law_force,
-    law_state,
-    pressure,
-    state,
-)
+from ..model.contact_law import G1, G2, Law, damps, is_linear, law_force, law_of, law_state, pressure, state
 
 # A tally (..., 8) is what one contact has seen so far.
 SIDE, TOUCHING, PEAK, IMPULSE, ROW, SINCE = range(6)
@@ -49,9 +37,10 @@ def side_at_start(u0: Array, v0: Array, law: Array) -> Array:
     g1, g2 = law[..., G1], law[..., G2]
     upper, lower = (u0 > g2) | ((u0 == g2) & (v0 >= 0.0)), (u0 < g1) | ((u0 == g1) & (v0 <= 0.0))
     side = upper * 1.0 - lower * 1.0
-    damped = (law[..., DAMPING] > 0.0) | (law[..., DISSIPATION] > 0.0)
+    numbers = np.moveaxis(law, -1, 0)
+    damped = damps.py_func(Law(*numbers))
     if np.any(damped):  # a damped stop may have let go before the gap opens
-        pressed = np.vectorize(law_state, otypes=[float])(u0, v0, *np.moveaxis(law, -1, 0))
+        pressed = np.vectorize(lambda u, v, *row: law_state(u, v, Law(*row)), otypes=[float])(u0, v0, *numbers)
         on = (u0 == g2) | (u0 == g1)
         side = np.where(damped & ~on, pressed, side)
     return side
@@ -67,7 +56,7 @@ def scan(
     ``events`` is the first free one. Of a new impact TIME, and of one that ends END, hold the step before the
     crossing, 0 for the last one known; END is -1 of an impact that is still open. Returns the first free row.
     """
-    kappa, g1, g2 = law[i, c, KAPPA], law[i, c, G1], law[i, c, G2]
+    kappa, g1, g2 = law_of(law[i], c)[:3]
     side = tally[i, c, SIDE]
     row = int(tally[i, c, ROW])
     passed = int(tally[i, c, SINCE]) - first  # so many of these steps are passed over
@@ -117,13 +106,12 @@ def scan_by_law(
     first: int,
 ) -> int:  # fmt: skip
     """``scan`` for any law, with the velocities v (count,) too: contact is where the stop presses."""
-    kappa, g1, g2 = law[i, c, KAPPA], law[i, c, G1], law[i, c, G2]
-    p, damping, dissipation = law[i, c, EXPONENT], law[i, c, DAMPING], law[i, c, DISSIPATION]
+    stop = law_of(law[i], c)
     side = tally[i, c, SIDE]
     row = int(tally[i, c, ROW])
     passed = int(tally[i, c, SINCE]) - first
     for k in range(count):
-        new = law_state(u[k], v[k], kappa, g1, g2, p, damping, dissipation)
+        new = law_state(u[k], v[k], stop)
         if new != side:
             if row >= 0:
                 events[row, END] = k
@@ -135,7 +123,7 @@ def scan_by_law(
                 events[row, IMPACT_PEAK] = events[row, IMPACT_IMPULSE] = 0.0
             side = new
         if side != 0.0 and k >= passed:
-            size = abs(law_force(u[k], v[k], kappa, g1, g2, p, damping, dissipation))
+            size = abs(law_force(u[k], v[k], stop))
             tally[i, c, TOUCHING] += 1.0
             tally[i, c, PEAK] = max(tally[i, c, PEAK], size)
             tally[i, c, IMPULSE] += size * dt
@@ -156,12 +144,12 @@ def scan_means(
 
     The last reaction of a contact is that of the step in which it ends.
     """
-    kappa, g1, g2, p = law[i, c, KAPPA], law[i, c, G1], law[i, c, G2], law[i, c, EXPONENT]
+    stop = law_of(law[i], c)
     side = tally[i, c, SIDE]
     row = int(tally[i, c, ROW])
     passed = int(tally[i, c, SINCE]) - first
     for k in range(count):
-        new = state(u[k], g1, g2)
+        new = state(u[k], stop.g1, stop.g2)
         impulse = abs(means[k]) * dt if k >= passed else 0.0
         tally[i, c, IMPULSE] += impulse
         if new != side:
@@ -176,7 +164,7 @@ def scan_means(
                 events[row, IMPACT_PEAK] = events[row, IMPACT_IMPULSE] = 0.0
             side = new
         if side != 0.0 and k >= passed:
-            size = abs(law_force(u[k], 0.0, kappa, g1, g2, p, 0.0, 0.0))
+            size = abs(law_force(u[k], 0.0, stop))
             tally[i, c, TOUCHING] += 1.0
             tally[i, c, PEAK] = max(tally[i, c, PEAK], size)
             if row >= 0:
@@ -210,7 +198,7 @@ def observe(
             opened = int(tally[i, c, ROW])
             if means.size:
                 new = scan_means(path, means[i, :, c].copy(), steps, law, dt, tally, i, c, events, rows, first)
-            elif is_linear(law[i, c, EXPONENT], law[i, c, DAMPING], law[i, c, DISSIPATION]):
+            elif is_linear(law_of(law[i], c)):
                 new = scan(path, steps, law, dt, tally, i, c, events, rows, first)
             else:
                 new = scan_by_law(path, v[i, :, c].copy(), steps, law, dt, tally, i, c, events, rows, first)
@@ -224,7 +212,7 @@ def observe(
                     continue
                 u0 = path[k - 1] if k > 0 else position[i, c]
                 v0 = v[i, k - 1, c] if k > 0 else velocity[i, c]
-                inside = switch_time(u0, v0, path[k], v[i, k, c], events[row, STOP], law, i, c, dt)
+                inside = switch_time(u0, v0, path[k], v[i, k, c], events[row, STOP], law_of(law[i], c), dt)
                 events[row, column] = (first + k + inside) * dt
                 events[row, MEMBER] = i
                 events[row, CONTACT] = c
@@ -236,20 +224,16 @@ def observe(
 
 
 @inlined
-def switch_time(
-    u0: float, v0: float, u1: float, v1: float, side: float, law: Array, i: int, c: int, dt: float
-) -> float:
+def switch_time(u0: float, v0: float, u1: float, v1: float, side: float, law: Law, dt: float) -> float:
     """When in its step, 0 to 1, contact with the stop on ``side`` begins or ends: the crossing of the stop.
 
     At a damped stop that is penetrated contact ends, and begins again, where the force changes sign.
     """
-    stop = law[i, c, G2] if side > 0.0 else law[i, c, G1]
-    damping, dissipation = law[i, c, DAMPING], law[i, c, DISSIPATION]
+    stop = law.g2 if side > 0.0 else law.g1
     share = 0.0
-    if (damping > 0.0 or dissipation > 0.0) and side * (u0 - stop) > 0.0:
-        kappa, p = law[i, c, KAPPA], law[i, c, EXPONENT]
-        before = pressure(side * (u0 - stop), side * v0, kappa, p, damping, dissipation)
-        after = pressure(side * (u1 - stop), side * v1, kappa, p, damping, dissipation)
+    if damps(law) and side * (u0 - stop) > 0.0:
+        before = pressure(side * (u0 - stop), side * v0, law)
+        after = pressure(side * (u1 - stop), side * v1, law)
         if before * after < 0.0:
             share = before / (before - after)
         elif side * (u1 - stop) <= 0.0:

@@ -13,7 +13,7 @@ import numpy as np
 
 from ...basics.arrays import Array, IntArray
 from ...basics.compiled import compiled, inlined
-from ...model.contact_law import G1, G2, KAPPA, stage_force, stage_stiffness
+from ...model.contact_law import G1, G2, KAPPA, law_of, stage_force, stage_stiffness
 from ...model.stage import MEAN
 from ...trajectory.sampling import (
     CONTACT,
@@ -305,9 +305,8 @@ def run(
                         else:
                             v0 = last_velocity[i, c]
                         v1 = speed(velocity, velocity_push, forced_velocity, inflow_velocity, v, b, k, c, z, g, forces)
-                        events[row, column] = (
-                            at + k + switch_time(u0, v0, u[k], v1, events[row, STOP], law, i, c, dt)
-                        ) * dt
+                        inside = switch_time(u0, v0, u[k], v1, events[row, STOP], law_of(law[i], c), dt)
+                        events[row, column] = (at + k + inside) * dt
                         events[row, MEMBER] = i
                         events[row, CONTACT] = c
                     rows = new

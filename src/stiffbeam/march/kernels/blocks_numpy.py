@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ...basics.arrays import Array
 from ...model.active_set import solve_node
 from ...model.contact import Stops
-from ...model.contact_law import DAMPING, DISSIPATION, G1, G2, KAPPA, stage_force, stage_stiffness
+from ...model.contact_law import G1, G2, KAPPA, Law, damps, stage_force, stage_stiffness
 from ...model.stage import LINEAR, MEAN, solve_stage
 from ...trajectory.sampling import (
     CONTACT,
@@ -69,7 +69,7 @@ def run(
 
         velocities = partial(_velocities, block, forcing.velocity[v], inflow, starts, forces, g)
         path = np.concatenate([marchers.position[i : i + 1], u])
-        damped = np.any(law[i, :, [DAMPING, DISSIPATION]])
+        damped = np.any(damps.py_func(Law(*law[i].T)))
         means = np.full((steps, law.shape[1]), np.nan)  # the reactions, where they are means over the steps
         if block.rule == MEAN:
             means = forces[:, : K * law.shape[1]].reshape(blocks * K, -1)[:steps]
@@ -83,7 +83,7 @@ def run(
             return False
 
         for c, (rows, tally, left) in enumerate(found):
-            see = partial(_switch, path[:, c], velocities, marchers.velocity[i, c], law, i, c, dt)
+            see = partial(_switch, path[:, c], velocities, marchers.velocity[i, c], Law(*law[i, c]), c, dt)
             for row in rows:
                 entered, ended = int(row[TIME]), int(row[END])
                 row[TIME], row[MEMBER], row[CONTACT] = (first + see(row[STOP], entered)) * dt, i, c
@@ -113,13 +113,13 @@ def run(
 
 
 def _switch(
-    path: Array, velocities: Callable[[NDArray[np.int64]], Array], v_first: float, law: Array, i: int, c: int,
-    dt: float, side: float, j: int,
+    path: Array, velocities: Callable[[NDArray[np.int64]], Array], v_first: float, law: Law, c: int, dt: float,
+    side: float, j: int,
 ) -> float:  # fmt: skip
     """Where in step j contact c, which moves along the path (steps + 1,), begins or ends on the stop of a side."""
     v0 = velocities(np.array([j - 1]))[0, c] if j > 0 else v_first
     v1 = velocities(np.array([j]))[0, c]
-    return j + switch_time.py_func(path[j], v0, path[j + 1], v1, side, law, i, c, dt)
+    return j + switch_time.py_func(path[j], v0, path[j + 1], v1, side, law, dt)
 
 
 def _velocities(
@@ -195,12 +195,7 @@ def _sample(
     first: the step of path[0]. TIME and END hold the step, ROW the row of the open one among these or -1; the
     last two numbers of the tally are peak and impulse that belong to the impact that was open before.
     """
-    kappa, g1, g2, exponent, damping, dissipation = law.tolist()
-    stops = Stops(
-        g1 if np.isfinite(g1) else None, g2 if np.isfinite(g2) else None, stiffness=kappa, exponent=exponent,
-        damping=damping, dissipation=dissipation,
-    )  # fmt: skip
-    u = path[1:]
+    stops, u = Stops.of_law(law), path[1:]
     chi = stops.state(u, v) * 1.0
     counted = first + np.arange(len(u)) >= before[SINCE]
     force = np.where(counted, np.abs(stops.force(u, v)), 0.0)

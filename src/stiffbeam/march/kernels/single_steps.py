@@ -8,20 +8,7 @@ import numpy as np
 
 from ...basics.arrays import Array
 from ...basics.compiled import compiled, inlined
-from ...model.contact_law import (
-    DAMPING,
-    DISSIPATION,
-    EXPONENT,
-    G1,
-    G2,
-    KAPPA,
-    elastic_force,
-    is_linear,
-    law_energy,
-    law_force,
-    law_state,
-    state,
-)
+from ...model.contact_law import elastic_force, is_linear, law_energy, law_force, law_of, law_state, state
 from ...model.contact_law import energy as linear_energy
 from ...model.contact_law import force as linear_force
 from .blocks import advance
@@ -160,15 +147,15 @@ def account(
 @inlined
 def _of_stop(u: float, rate: float, law: Array, c: int) -> tuple[float, float, float, bool]:
     """Force, what of it is not from the energy, the energy, and whether the stop presses."""
-    kappa, g1, g2 = law[c, KAPPA], law[c, G1], law[c, G2]
-    p, damping, dissipation = law[c, EXPONENT], law[c, DAMPING], law[c, DISSIPATION]
-    if is_linear(p, damping, dissipation):
+    stop = law_of(law, c)
+    if is_linear(stop):
+        kappa, g1, g2 = stop[:3]
         force, beyond, held = linear_force(u, kappa, g1, g2), 0.0, linear_energy(u, kappa, g1, g2)
         pressed = state(u, g1, g2) != 0.0
     else:
-        force, held = law_force(u, rate, kappa, g1, g2, p, damping, dissipation), law_energy(u, kappa, g1, g2, p)
-        beyond = force - elastic_force(u, kappa, g1, g2, p)
-        pressed = law_state(u, rate, kappa, g1, g2, p, damping, dissipation) != 0.0
+        force, held = law_force(u, rate, stop), law_energy(u, stop)
+        beyond = force - elastic_force(u, stop)
+        pressed = law_state(u, rate, stop) != 0.0
     return force, beyond, held, pressed
 
 

@@ -6,16 +6,7 @@ import numpy as np
 
 from ...basics.arrays import Array, IntArray
 from ...basics.compiled import compiled
-from ...model.contact_law import (
-    DAMPING,
-    DISSIPATION,
-    EXPONENT,
-    G1,
-    G2,
-    KAPPA,
-    law_state,
-    side_force,
-)
+from ...model.contact_law import G1, G2, damps, law_of, law_state, side_force
 
 
 @compiled
@@ -57,25 +48,24 @@ def right_hand_side(
             rate += offset_rates[k, c] * g[k]
         for i in range(n):
             u += rows[c, i] * z[i]
-        kappa, g1, g2 = law[c, KAPPA], law[c, G1], law[c, G2]
-        p, damping, dissipation = law[c, EXPONENT], law[c, DAMPING], law[c, DISSIPATION]
-        damps = damping > 0.0 or dissipation > 0.0
+        stop = law_of(law, c)
+        damped = damps(stop)
         v = 0.0
-        if damps:
+        if damped:
             v = rate
             for i in range(n):
                 v += velocity_rows[c, i] * z[i]
         chi = regime[c]
         if chi == 2:
-            chi = int(law_state(u, v, kappa, g1, g2, p, damping, dissipation))
+            chi = int(law_state(u, v, stop))
         push = 0.0
         if chi != 0:
-            force = side_force(u, v, chi, kappa, g1, g2, p, damping, dissipation)
+            force = side_force(u, v, chi, stop)
             for i in range(n):
                 out[i] += columns[c, i] * force
             given -= force * rate
             push = -force
-            if damps:
+            if damped:
                 absorbed -= force * v
         out[n + 2 + c] = push
     out[n] = given

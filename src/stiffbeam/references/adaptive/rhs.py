@@ -12,7 +12,7 @@ import scipy.sparse
 
 from ...basics.arrays import Array
 from ...model.contact import laws
-from ...model.contact_law import pressure, side_slopes
+from ...model.contact_law import Law, pressure, pull, side_slopes, slopes
 from ...model.drive import Drive
 from ...model.first_order import FirstOrderSystem
 from ...model.system import System
@@ -140,9 +140,8 @@ class RightHandSide:
         jacobian[:n, :n] = self.first_order.matrix
         for i, c in enumerate(self.first_order.contacts):
             u, v = (float(x) for x in self.first_order.contact_motion(c, self._inside(t), y))
-            law = c.contact.stops.law.tolist()
             chi = self.regime[i] if self.regime[i] != THROUGH else int(c.contact.stops.state(u, v))
-            slope, to_rate = side_slopes(u, v, int(chi), *law)
+            slope, to_rate = side_slopes(u, v, chi, Law(*c.contact.stops.law))
             if slope:
                 jacobian[:n, :n] -= slope * np.outer(c.column, c.row)
             if to_rate:
@@ -167,17 +166,11 @@ class RightHandSide:
             out[2 * half + k] = rate
             if not stops.dissipative:
                 continue
-            kappa, _, _, p, c, lam = stops.law.tolist()
-            d, length = out[k], self.lengths[i]
+            law, d = Law(*stops.law), out[k]
             acceleration = side * (self._contacts[2][i] @ z_rate[: self.states] + self._offset_acceleration(t, i))
-            slope, to_rate = side_slopes(d, rate, 1, kappa, 0.0, 0.0, p, c, lam)
+            slope, to_rate = slopes(d, rate, law)
             out[2 * half + k] = slope * rate + to_rate * acceleration
-            force = (
-                pressure(d, rate, kappa, p, c, lam) / (kappa * length ** (p - 1.0))
-                if c
-                else length * (1.0 + lam * rate)
-            )
-            out[k] = min(d, force)
+            out[k] = min(d, pull(d, rate, self.lengths[i], law))
 
     def pressing(self, t: float, z: Array, k: int) -> float:
         """|F| of side k in contact."""
@@ -185,8 +178,7 @@ class RightHandSide:
         c = self.first_order.contacts[i]
         u, v = self.first_order.contact_motion(c, self._inside(t), z[: self.states])
         depth = side * (u - (c.contact.stops.g2 if side > 0 else c.contact.stops.g1))
-        kappa, _, _, p, damping, lam = c.contact.stops.law.tolist()
-        return max(0.0, pressure(max(0.0, float(depth)), side * float(v), kappa, p, damping, lam))
+        return max(0.0, pressure(max(0.0, float(depth)), side * float(v), Law(*c.contact.stops.law)))
 
     @property
     def roots(self) -> int:
