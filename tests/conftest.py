@@ -23,7 +23,7 @@ import stiffbeam as sb
 
 @pytest.hookimpl(wrapper=True)
 def pytest_collection():
-    """What is collected stays to the end: Python need not look for garbage in it again and again, a tenth of the time."""
+    """What is collected stays to the end: looking for garbage in it again and again takes a tenth of the time."""
     gc.disable()
     try:
         return (yield)

@@ -36,11 +36,7 @@ class Node:
     def moved(self, t):
         """o and o'."""
         o = self.offset
-        return (
-            (o.amplitude * sin(o.frequency * t), o.amplitude * o.frequency * cos(o.frequency * t))
-            if o
-            else (0, 0)
-        )
+        return (o.amplitude * sin(o.frequency * t), o.amplitude * o.frequency * cos(o.frequency * t)) if o else (0, 0)
 
     def gap(self, side, t):
         """b on the stop, and its rate."""
