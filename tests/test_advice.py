@@ -13,7 +13,9 @@ from vibro_march import solve
 
 import stiffbeam as sb
 from stiffbeam.basics.validation import InputError
+from stiffbeam.studies import advice
 from stiffbeam.studies.advice import QUANTITIES, WANT
+from stiffbeam.studies.engine.journal import Journal
 
 
 def errors_by_another_solver(case, run) -> dict[str, float]:
@@ -112,6 +114,34 @@ def test_past_the_horizon_the_tip_cannot_be_had_and_means_can(table10):
     assert advice.members == 12
     assert advice.horizon < 1.0
     assert advice.trusted_until <= advice.horizon
+
+
+def test_a_search_that_was_stopped_goes_on_and_tells_what_it_knows(tmp_path, monkeypatch):
+    """What was probed is read and not run again; the answer is that of a search in one go, line by line."""
+    case, system = sb.paper_case(10), bouncing_chain()
+    given = {"schemes": [sb.HHT(alpha=-0.1), sb.BDF2()], "most_steps": 8192}
+    whole, probe, runs = [], advice.Motion.errors, []
+
+    def counted(self, system, scheme, contact, dt, t_end):
+        runs.append((str(scheme), dt))
+        if len(runs) == 5:
+            raise KeyboardInterrupt
+        return probe(self, system, scheme, contact, dt, t_end)
+
+    alone = sb.advise(system, {"tip": 1e-2}, 6.0, **given, tell=whole.append)
+    monkeypatch.setattr(advice.Motion, "errors", counted)
+    told: list[str] = []
+    with pytest.raises(KeyboardInterrupt), Journal(tmp_path, "advise", case) as journal:
+        sb.advise(system, {"tip": 1e-2}, 6.0, **given, tell=told.append, journal=journal)
+    assert told == whole[:2]  # two refinements of two schemes
+    with Journal(tmp_path, "advise", case) as journal:
+        again = sb.advise(system, {"tip": 1e-2}, 6.0, **given, tell=told.append, journal=journal)
+    assert told[2:] == whole
+    assert "cheapest so far" in "".join(whole)
+    assert len(set(runs)) == len(runs) - 1 == len(again.tried)  # of all runs only the interrupted one twice
+    assert [(p.label, p.steps, p.errors) for p in again.tried] == [(p.label, p.steps, p.errors) for p in alone.tried]
+    other = sb.advise(system, {"tip": 1e-2}, 6.0, [sb.BDF2()], most_steps=8192)
+    assert other.chosen is None or other.chosen.work >= alone.chosen.work
 
 
 def test_bad_wants_are_refused(three_masses):

@@ -12,7 +12,7 @@ import stiffbeam as sb
 from stiffbeam.testset.problem import folder
 from stiffbeam.testset.score import score_trajectories
 from stiffbeam.testset.trajectory_file import read_trajectory
-from stiffbeam.testset.verdicts import CONVERGES, NOT_FALLING, ONE_RUN
+from stiffbeam.testset.verdicts import CONVERGES, FAILED, NOT_FALLING, ONE_RUN, TOO_ALIKE
 
 
 @pytest.mark.parametrize("name", ["bouncing-ball", "impact-oscillator"])
@@ -70,3 +70,41 @@ def test_columns_are_known_by_their_names(tmp_path):
     file.write_text("\n".join(["t,u", *["1,2,3"] * 5]), encoding="utf-8")
     with pytest.raises(sb.InputError, match="name every column"):
         read_trajectory(file)
+
+
+def spoilt(kind):
+    """The trapezoidal rule with an error that stays, small beside those of its coarse steps, or that breaks it."""
+
+    def solve(system, dt, t_end):
+        run = sb.integrate(system, sb.Trapezoidal(), dt, t_end)
+        t, u, v = run.t, run.tip.copy(), run.tip_velocity.copy()
+        if kind == "late by a thousandth":
+            u, v = (np.interp(t - 1e-3 * t_end, t, x) for x in (u, v))
+        if kind == "velocity 5 % too large":
+            v *= 1.05
+        if kind == "ends in NaN where steps are short" and len(t) > 1000:
+            u[-1] = np.nan
+        return (t, u, v) if kind != "every time twice" else tuple(np.repeat(x, 2) for x in (t, u, v))
+
+    return solve
+
+
+@pytest.mark.parametrize(
+    ("kind", "outcome", "says"),
+    [("", CONVERGES, ""), ("late by a thousandth", NOT_FALLING, "does not fall"),
+     ("velocity 5 % too large", NOT_FALLING, "not velocity"),
+     ("ends in NaN where steps are short", FAILED, "overflowed at t = 20"),
+     ("every time twice", FAILED, "increase")],
+)  # fmt: skip
+def test_an_error_that_stays_is_found_however_small_beside_those_of_coarse_steps(kind, outcome, says):
+    card = sb.score(spoilt(kind), "two-mass-chain")
+    assert card.entries[0].outcome == outcome
+    assert says in str(card)
+
+
+def test_runs_with_like_steps_are_not_judged():
+    known = sb.problem("bilinear-gap")
+    runs = [(t, np.full(n, 0.3)) for n in (481, 961, 1441) for t in [np.linspace(0.0, known.t_end, n)]]
+    assert score_trajectories(known, runs).entries[0].outcome == TOO_ALIKE
+    runs.append((np.linspace(0.0, known.t_end, 1921), np.full(1921, 0.3)))
+    assert score_trajectories(known, runs).entries[0].outcome == NOT_FALLING

@@ -54,7 +54,7 @@ def test_impacts_are_counted_at_every_contact(two):
 
 
 def test_distributions_are_those_of_every_contact(two):
-    records = study("ensemble", SMALL, schemes=["hht(alpha=-0.1)"], members=3, t_end=0.2)
+    records = study("ensemble", SMALL, schemes=["hht(alpha=-0.1)"], members=3, t_end=0.2, size=0.02)
     members = {key: [row["count"] for row in rows if row["kind"] == "member" and row["method"] == "exact"]
                for key, rows in by_contact(records.rows).items()}  # fmt: skip
     assert [len(counts) for counts in members.values()] == [3, 3]
@@ -62,7 +62,18 @@ def test_distributions_are_those_of_every_contact(two):
     labels = [tick.get_text() for tick in records.figure().axes[0].get_yticklabels()]
     assert labels == ["exact at contact 1", "exact at contact 2", "HHT(-0.1) at contact 1", "HHT(-0.1) at contact 2"]
     assert "At contact 2: Over 3 members" in records.answer
-    assert "contact" not in records.answer.rest  # what the table leaves untold holds at both, and is said once
+    assert " contact " not in records.answer.rest  # what the table leaves untold holds at both, and is said once
+
+    def said(values, digits: str = ".3g") -> str:
+        mean, deviation = format(np.mean(values), digits), float(f"{np.std(values):.2g}")
+        return f"{mean} ± {deviation:g}" if deviation else f"all {mean}"
+
+    exact = [line["impacts"] for line in records.answer.table if line["method"] == "exact"]
+    assert exact == [said(counts) for counts in members.values()]
+    peaks = [row["peak_force"] for row in records.rows if row["kind"] == "member" and row["method"] == "exact"]
+    for counts, forces in zip(members.values(), (peaks[:3], peaks[3:]), strict=True):
+        assert f"{said(np.array(counts) / 0.2)} per unit of time" in records.answer
+        assert f"largest force {said(forces, '.4g')}" in records.answer
 
 
 def test_a_sweep_draws_a_line_for_every_contact(two):

@@ -40,12 +40,14 @@ def progress() -> Generator[Show, None, None]:
     from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
     console = Console(stderr=True)
+    if not (console.is_terminal or console.is_jupyter):  # a hidden display of rich 13 ends with an empty line
+        yield silent
+        return
     columns = (
         SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), TextColumn("left"),
         TimeRemainingColumn(),
     )  # fmt: skip
-    hidden = not (console.is_terminal or console.is_jupyter)
-    with Progress(*columns, speed_estimate_period=600.0, console=console, transient=True, disable=hidden) as display:
+    with Progress(*columns, speed_estimate_period=600.0, console=console, transient=True) as display:
         task, phases = display.add_task("starting", total=None), _Phases()
 
         def show(what: str, done: int, total: int) -> None:

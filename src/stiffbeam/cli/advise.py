@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import sys
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from ..basics.progress import progress
+from ..basics.progress import TALK, progress
 from .application import app
 from .options import Case, Json
-from .output import check_json, say, write_json
+from .output import check_json, default_folder, make_folder, say, write_json
 
 
 @app.command()
@@ -23,12 +25,17 @@ def advise(
     t_end: Annotated[float | None, typer.Option(help="end time instead of the case's")] = None,
     most_steps: Annotated[int | None, typer.Option(help="of a run, where the search ends")] = None,
     members: Annotated[int, typer.Option(help="past the horizon, perturbed runs behind each mean")] = 48,
+    out: Annotated[Path | None, typer.Option(help="folder for the journal; default: stiffbeam-output/CASE")] = None,
     json_file: Json = None,
 ) -> None:
-    """The cheapest scheme, contact and step that give a wanted error, and what no step gives."""
+    """The cheapest scheme, contact and step that give a wanted error, and what no step gives.
+
+    After every refinement a line on stderr says the least errors so far; a search that was stopped goes on.
+    """
     from ..basics.validation import InputError
     from ..files.cases import find_case, parse_run, split_runs
     from ..studies.advice import advise as find
+    from ..studies.engine.journal import Journal
 
     chosen = find_case(case)
     wanted: dict[str, float] = {}
@@ -41,8 +48,17 @@ def advise(
     given = None if schemes is None else [parse_run(text)[0] for text in split_runs(schemes)]
     check_json(json_file)
     system, end = chosen.system(form), chosen.t_end if t_end is None else t_end
-    with progress() as show:
-        found = find(system, wanted, end, given, most_steps=most_steps, members=members, progress=show)
+    folder = make_folder(out if out is not None else default_folder(chosen.name))
+
+    def tell(line: str) -> None:
+        if not TALK.quiet:
+            print(line, file=sys.stderr, flush=True)
+
+    with progress() as show, Journal(folder / "journal", "advise", chosen) as journal:
+        found = find(
+            system, wanted, end, given, most_steps=most_steps, members=members, progress=show, tell=tell,
+            journal=journal,
+        )  # fmt: skip
     if not write_json("advise", {"case": chosen.name} | found.to_dict(), json_file):
         say(str(found))
     if found.chosen is None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -38,7 +39,7 @@ def compare(
             f"{','.join(COMPARED)}, with rigid stops {','.join(COMPARED_RIGID)}"
         ),
     ] = None,
-    contact: Annotated[str, typer.Option(help="implicit, or extrapolated as in the paper")] = "implicit",
+    contact: Annotated[str, typer.Option(help="implicit, conserving, or extrapolated as in the paper")] = "implicit",
     dt: Annotated[float | None, typer.Option(help="time step instead of the case's")] = None,
     t_end: Annotated[float | None, typer.Option(help="end time instead of the case's")] = None,
     out: Annotated[
@@ -89,7 +90,7 @@ def compare(
         records = result.to_dict() | {"files": [path.name for path in written]}
         written.append(write_whole(folder / "comparison.json", json_text("compare", records) + "\n"))
     if not write_json("compare", records, json_file):
-        _print_result(result, written, earlier)
+        _print_result(result, written, earlier, case)
     failed_runs = [label for label, _ in result.failures if label.partition("@")[0] not in METHODS]
     if failed_runs or not result.references:
         raise typer.Exit(1)
@@ -176,7 +177,7 @@ def _tables(result: CaseComparison) -> RenderableType:
     return comparison_tables(result.comparisons, result.references, result.failures, result.truths, result.refused)
 
 
-def _print_result(result: CaseComparison, written: list[Path], earlier: list[str]) -> None:
+def _print_result(result: CaseComparison, written: list[Path], earlier: list[str], case: str) -> None:
     from rich.text import Text
 
     from ..measures.report import WIDTH
@@ -184,6 +185,8 @@ def _print_result(result: CaseComparison, written: list[Path], earlier: list[str
     terminal = console(WIDTH)
     terminal.print(Text.assemble((result.case.name, "bold"), f"  {result.case.title}"))
     terminal.print(_tables(result))
+    if any(c.steps and c.window < c.t_end * (1 - 1e-9) for c in result.comparisons):
+        say(f"\nWhat holds past the horizon, with its spread over many runs: stiffbeam ensemble {shlex.quote(case)}")
     replaced = f", in place of {len(earlier)} of an earlier comparison" if earlier else ""
     files = f"{len(written)} files in {written[-1].parent}" if written else "nothing"
     say(f"\nWritten: {files}{replaced}")

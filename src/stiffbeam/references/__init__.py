@@ -41,9 +41,10 @@ def reference(
     on rigid stops by code of its own); "cvode" (BDF),
     "cvode-adams" and "ida" (BDF on the residual, no mass inverted) of SUNDIALS; "kvaerno3" and "kvaerno5"
     (ESDIRK, diffrax); "dop853", "radau" and "lsoda" (SciPy). t_eval: output times, (k,) increasing in [0, t_end], by
-    default 2001 equidistant ones. The exact solutions answer ``at`` any time, the others at t_eval only.
-    Contact runs are chaotic: past ``horizon`` no float64 solution is *the* one. Switches are searched for in float64,
-    those of multiprecision too: a graze that goes less deep than 1e-12 of the motion may count as no impact.
+    default 2001 equidistant ones. The exact solutions answer ``at`` any time, the others at t_eval only. What Kvaerno's
+    methods tell of contacts is sampled there too, but for the impulse; an impact between two outputs ends the horizon.
+    Contact runs are chaotic: past ``horizon`` no float64 solution is *the* one. A graze that goes less deep than 1e-12
+    of the motion, 1e-18 in multiprecision, may count as no impact.
 
     For the adaptive solvers: rtol; atol, default rtol/100 of the scale of every unknown. breakpoints: times
     where a load or an offset is not smooth; the solver starts anew there, as at those that a function of

@@ -16,11 +16,13 @@ from ..model.system import System
 from ..trajectory.impacts import Impacts
 from ..trajectory.trajectory import Reference, SolverFailure, Trajectory
 from .exact.piecewise import Watched, copies, solve_exact
+from .registry import REFERENCES
 from .request import Steps
 
 DISPLACEMENT_TOLERANCE = 1e-3  # of max |u|
 COPIES = 4  # of the exact solution, each perturbed in its own way
 SOON = 40  # powers of two below t_end
+WITH_ROOTS = "lsoda"  # the second opinion on a solver that samples its impacts at its outputs, where none is exact
 MARGIN = 4.0  # times the rounding, for the perturbed copies
 
 
@@ -163,10 +165,10 @@ def with_horizon(
 
     The exact solution is compared with perturbed copies of itself, see ``exact_horizon``. Any other solution
     is compared with the exact one, or where that does not exist with itself at ten times its rtol, with steps
-    of less than half the length and the functions of time sampled at other points. A load that one of the two
-    missed makes them differ; a load that both missed is not found. The provenance says with what the
-    reference was compared. solve: what solves anew, with the arguments of ``references.solve``. Raises
-    SolverFailure for an exact solution of which nothing can be trusted.
+    of less than half the length and the functions of time sampled at other points; one without roots with
+    LSODA. A load that one of the two missed makes them differ; a load that both missed is not found. The
+    provenance says with what the reference was compared. solve: what solves anew, with the arguments of
+    ``references.solve``. Raises SolverFailure for an exact solution of which nothing can be trusted.
     """
     tolerance = time_tolerance(system)
     notes: dict[str, Any] = {}
@@ -180,10 +182,13 @@ def with_horizon(
             against = "exact"
         except (InputError, SolverFailure):
             loose = 10.0 * float(reference.provenance["rtol"])
-            shorter = steps._replace(other=True)
-            other = solve(system, t_end, reference.provenance["method"], reference.t, loose, None, steps=shorter)
-            spacing = reference.provenance.get("loads_scanned_every", 0.0)
+            shorter, method = steps._replace(other=True), reference.provenance["method"]
             against = f"itself at rtol {loose:g} with shorter steps"
+            if not REFERENCES[method].roots:  # it would miss the same impacts between its outputs
+                shorter, method = shorter._replace(switches=None), WITH_ROOTS
+                against = f"{REFERENCES[method].label} at rtol {loose:g}"
+            other = solve(system, t_end, method, reference.t, loose, None, steps=shorter)
+            spacing = reference.provenance.get("loads_scanned_every", 0.0)
             against += f"; loads sampled every {spacing:.2g}" if spacing else ""
         horizon = agreement(reference, other, tolerance)
     notes |= {

@@ -24,7 +24,7 @@ STUDIES = {
     "impacts": "Impact counts against the step, with the exact count.",
     "contact_duration": "How long contacts last, step by step inside the horizon and as distributions past it.",
     "precision": "Work and precision: error against seconds and against work.",
-    "ensemble": "Past the horizon: distributions over perturbed runs.",
+    "ensemble": "What holds past the horizon: impacts, time in contact, forces, energy over perturbed runs.",
     "chaos": "Lyapunov exponents of the exact flow and of the schemes; the delayed portrait.",
     "sweep": "Bifurcation diagrams, impacts and forces over one or two parameters; goes on after a kill.",
 }

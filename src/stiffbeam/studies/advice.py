@@ -7,7 +7,8 @@
 
 of several contacts the largest. Every scheme runs with 2^k n steps, k = 0, 1, ...; a step counts where it and its
 half both meet what is wanted, since errors through contact do not decrease steadily. The cheapest in linear solves
-(steps times stages) is named: whatever solves the system, that is what a step costs.
+(steps times stages) is named: whatever solves the system, that is what a step costs. All schemes are refined
+together: no fine run is made of one where a coarse run of another is enough.
 
 Past the horizon one motion has no meaning, so there the means over perturbed members are compared, and a mean is
 right where it and the 95 % interval of the difference lie within what is wanted; the tip has no such mean. The members
@@ -17,7 +18,7 @@ together would all follow one motion of that scheme first, and their mean would 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -37,10 +38,14 @@ from ..schemes import RIGID, SCHEMES, Scheme, make
 from ..trajectory.tables import table
 from ..trajectory.trajectory import Diverged, Trajectory
 from .advice_criteria import SIZE, Criterion, Motion, Statistics
+from .common import label_of
 
 if TYPE_CHECKING:
     import pandas
 
+    from .engine.journal import Journal
+
+Tell = Callable[[str], None]
 QUANTITIES = ("tip", "impacts", "peak_force", "impulse")
 WANT = {"tip": 1e-3, "impacts": 0.05, "peak_force": 0.05}
 PER_PERIOD = 8  # steps of the coarsest run in the shorter of the lowest natural period and the drive's
@@ -145,6 +150,10 @@ class Advice:
         return f"<Advice to t = {self.t_end:g}: {found}; cannot be had: {', '.join(self.cannot) or 'none'}>"
 
 
+def quiet(line: str) -> None:
+    """Tells nothing."""
+
+
 def advise(
     system: System,
     want: Mapping[str, float] | None = None,
@@ -154,6 +163,8 @@ def advise(
     most_steps: int | None = None,
     members: int = 48,
     progress: bool | Show = False,
+    tell: Tell = quiet,
+    journal: Journal | None = None,
 ) -> Advice:
     """The cheapest run of ``schemes`` that gives what is wanted to t_end, and what no run gives.
 
@@ -161,12 +172,13 @@ def advise(
     first three. schemes: by default every registered one. contacts: the treatments tried; "conserving" with the
     schemes that have it. most_steps: where the search ends, by default 2^20 steps, of a march with matrices 2^14 and
     for means 2^11. members: past the horizon, perturbed runs behind each mean. progress: as in ``reference``.
-    Takes what the exact reference takes. On 20 random systems it had not seen (``tests/test_advice.py``) every
-    advised run met its tolerances by an independent solver. Raises InputError.
+    tell: called with a line of what is known after every refinement. journal: keeps finished runs, so that a search
+    that was stopped goes on. Takes what the exact reference takes. On 20 random systems it had not seen
+    (``tests/test_advice.py``) every advised run met its tolerances by an independent solver. Raises InputError.
     """
     if progress is True:
         with shown() as show:
-            return advise(system, want, t_end, schemes, contacts, most_steps, members, progress=show)
+            return advise(system, want, t_end, schemes, contacts, most_steps, members, show, tell, journal)
     show = progress or silent
     if not isinstance(system, System):
         raise InputError("system", type(system).__name__, "be a System", "make it with semidiscretise or from_matrices")
@@ -187,7 +199,9 @@ def advise(
     direct = MOST_MEMBER if past else MOST_DIRECT
     most = most_steps or (direct if modes(system) is None else MOST_STEPS)
     candidates, most = _candidates(schemes, contacts), integer("most_steps", most, 1)
-    tried, chosen = _search(system, t_end, candidates, criterion, left, most, show) if left else ([], None)
+    tried, chosen = (
+        _search(system, t_end, candidates, criterion, left, most, show, tell, journal) if left else ([], None)
+    )
     if left and not tried:
         remedy = "pass schemes that take its stops" if system.contacts else "pass other schemes"
         raise InputError("schemes", ", ".join(dict.fromkeys(str(s) for s, _ in candidates)), "take the system", remedy)
@@ -243,27 +257,35 @@ def _candidates(schemes: Sequence[Scheme] | None, contacts: Sequence[str]) -> li
 
 def _search(
     system: System, t_end: float, candidates: list[tuple[Scheme, str]], criterion: Criterion, want: dict[str, float],
-    most: int, show: Show,
+    most: int, show: Show, tell: Tell, journal: Journal | None,
 ) -> tuple[list[Probe], Probe | None]:  # fmt: skip
-    """Every candidate from coarse to fine until two steps in a row meet the want, or one costs more than the best."""
+    """All candidates together from coarse to fine, each until two steps in a row meet the want, or it costs more than
+    the best that does; what is known after every refinement is told."""
     tried: list[Probe] = []
     best: Probe | None = None
-    coarsest = max(4, int(np.ceil(PER_PERIOD * t_end / _period(system, t_end))))
-    for done, (scheme, contact) in enumerate(candidates):
-        show(f"advise: {scheme}", done, len(candidates))
-        before: Probe | None = None
-        steps = min(coarsest, most)
-        while steps <= most:
-            probe = _probe(system, t_end, scheme, contact, steps, criterion)
+    steps = min(most, max(4, int(np.ceil(PER_PERIOD * t_end / _period(system, t_end)))))
+    alive: list[tuple[Scheme, str, Probe | None]] = [(scheme, contact, None) for scheme, contact in candidates]
+    while alive and steps <= most:
+        left, here = [], []
+        for done, (scheme, contact, before) in enumerate(alive):
+            show(f"advise: runs of {steps} steps", done, len(alive))
+            good = before if before is not None and before.meets(want) else None
+            if best is not None and (good.work if good else steps * len(scheme.nodes)) >= best.work:
+                continue
+            probe = _probe(system, t_end, scheme, contact, steps, criterion, journal)
             if probe is None:
-                break  # what this scheme or these stops do not take
-            tried.append(probe)
-            if probe.meets(want) and before is not None and before.meets(want):
-                best = before if best is None or before.work < best.work else best
-                break
-            if best is not None and probe.work > best.work:
-                break
-            before, steps = probe, 2 * steps
+                continue  # what this scheme or these stops do not take
+            here.append(probe)
+            if good and probe.meets(want):
+                best = good
+                tell(f"cheapest so far: {best.label}, {best.steps} steps, {best.work} linear solves")
+            else:
+                left.append((scheme, contact, probe))
+        if here:
+            least = {name: min(here, key=lambda p, name=name: p.errors[name]) for name in want}
+            words = ", ".join(f"{name} {p.errors[name]:.2g} ({p.label})" for name, p in least.items())
+            tell(f"{steps} steps: {words}")
+        tried, alive, steps = tried + here, left, 2 * steps
     return tried, best
 
 
@@ -275,9 +297,14 @@ def _period(system: System, t_end: float) -> float:
 
 
 def _probe(
-    system: System, t_end: float, scheme: Scheme, contact: str, steps: int, criterion: Criterion
-) -> Probe | None:
+    system: System, t_end: float, scheme: Scheme, contact: str, steps: int, criterion: Criterion,
+    journal: Journal | None,
+) -> Probe | None:  # fmt: skip
+    """The run of these steps, read where the journal has it; None where it is refused."""
     dt, work = t_end / steps, steps * len(scheme.nodes)
+    point = {"system": system.fingerprint, "t_end": t_end, "contact": contact, "steps": steps, **criterion.point}
+    if journal is not None and (rows := journal.rows(point := point | {"scheme": label_of(scheme)})):
+        return Probe(scheme, contact, dt, steps, work, **rows[0])
     try:
         errors, seconds = criterion.errors(system, scheme, contact, dt, t_end)
     except Diverged:
@@ -286,6 +313,8 @@ def _probe(
         if error.field != "dt":  # else a step at which it is refused
             return None
         errors, seconds = dict.fromkeys(map(str, QUANTITIES), np.inf), 0.0
+    if journal is not None:
+        journal.keep(point, [{"seconds": seconds, "errors": errors}])
     return Probe(scheme, contact, dt, steps, work, seconds, errors)
 
 

@@ -26,6 +26,7 @@ class Criterion:
 
     def __init__(self) -> None:
         self.scatter: dict[str, float] = {}
+        self.point = {"members": 0}  # what tells its runs from those of another criterion
 
     def errors(
         self, system: System, scheme: Scheme, contact: str, dt: float, t_end: float
@@ -67,6 +68,7 @@ class Statistics(Criterion):
 
     def __init__(self, system: System, t_end: float, members: int) -> None:
         super().__init__()
+        self.point = {"members": members}
         self.members = perturbed(system, members, SIZE)
         self.exact = reference_ensemble(system, t_end, self.members)
         self.scatter = {

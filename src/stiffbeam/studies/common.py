@@ -24,7 +24,7 @@ Dt = Annotated[float | None, "time step to start from, instead of the case's"]
 End = Annotated[float | None, "end time instead of the case's"]
 Halvings = Annotated[int, "how many steps dt, dt/2, dt/4, ..."]
 ImpactCount = Annotated[int, "the window ends when so many impacts are over"]
-Treatment = Annotated[str, "implicit, or extrapolated as in the paper"]
+Treatment = Annotated[str, "implicit, conserving, or extrapolated as in the paper"]
 
 _REFERENCES: dict[tuple[str, float, str], Reference] = {}
 _KEPT = 4

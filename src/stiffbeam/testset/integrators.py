@@ -114,14 +114,23 @@ def _by_function(function: Callable[..., Any]) -> Callable[[Problem, float, floa
         seconds = time.perf_counter() - begun
         if isinstance(found, Trajectory):
             found = (found.t, found.tip, found.tip_velocity)
-        if not isinstance(found, (tuple, list)) or len(found) not in (2, 3):
-            remedy = "return a tuple of arrays"
-            raise InputError("the integrator", type(found).__name__, "return (t, u) or (t, u, v)", remedy)
-        arrays = [np.asarray(x, float) for x in found]
-        bad = [~np.all(np.isfinite(x.reshape(len(x), -1)), axis=1) for x in arrays[1:] if x.ndim]
-        if any(len(x) == len(arrays[0]) and np.any(x) for x in bad):
-            first = min(int(np.argmax(x)) for x in bad if np.any(x))
-            raise Diverged("it", float(arrays[0][first]), "more steps may help")
-        return Made(steps, steps, seconds, motion_of(problem, *arrays, t_end=t_end))
+        try:
+            return Made(steps, steps, seconds, _returned(problem, found, t_end))
+        except InputError as error:  # it has taken the problem, and failed
+            raise ValueError(str(error)) from None
 
     return run
+
+
+def _returned(problem: Problem, found: Any, t_end: float) -> Motion:
+    """What a function returned. Raises Diverged where it is not finite from some time on, InputError for what fits
+    nothing."""
+    if not isinstance(found, (tuple, list)) or len(found) not in (2, 3):
+        remedy = "return a tuple of arrays"
+        raise InputError("the integrator", type(found).__name__, "return (t, u) or (t, u, v)", remedy)
+    arrays = [np.asarray(x, float) for x in found]
+    bad = [~np.all(np.isfinite(x.reshape(len(x), -1)), axis=1) for x in arrays[1:] if x.ndim]
+    if any(len(x) == len(arrays[0]) and np.any(x) for x in bad):
+        first = min(int(np.argmax(x)) for x in bad if np.any(x))
+        raise Diverged("it", float(arrays[0][first]), "more steps may help")
+    return motion_of(problem, *arrays, t_end=t_end)

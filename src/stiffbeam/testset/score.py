@@ -37,9 +37,9 @@ def score(
     statistics: also past the horizon. progress: True shows a bar, or a function show(what, done, total).
 
     A fixed-step integrator makes one run at each of the problem's ``steps``, an adaptive one at relative tolerances
-    of 1e-4, 1e-6 and 1e-8. What an integrator refuses is "not taken", what it breaks off, or a function raises, is
-    "failed", with the reason; a step at which it overflows is left out; the others go on. Raises InputError for what is
-    neither integrator nor problem.
+    of 1e-4, 1e-6 and 1e-8. What an integrator refuses is "not taken"; what it breaks off, or a function raises or
+    returns in no fit shape, is "failed", with the reason; a step at which it overflows is left out where shorter ones
+    do not; the others go on. Raises InputError for what is neither integrator nor problem.
     """
     if progress is True:
         with shown() as show:
@@ -103,8 +103,8 @@ def _entry(runner: Integrator, each: Problem, smooth: float, statistics: bool) -
                 made = runner.solve(each, level, each.t_end)
                 runs.append(_run(each, made))
                 reason = reason or _uncounted(each, made, runs[-1])
-            except Diverged as error:  # in so few steps
-                reason = f"in {level:g} steps {error}"
+            except Diverged as error:  # in so few steps, or where fewer went through in steps too short for it
+                reason, outcome = f"in {level:g} steps {error}", FAILED if runs else ""
         if not runs:
             outcome = FAILED
         if statistics and each.statistics is not None and not runner.adaptive:

@@ -15,11 +15,13 @@ from .measure import Errors
 from .problem import Problem
 
 NOT_TAKEN, FAILED = "not taken", "failed"
-CONVERGES, NOT_FALLING, LOW_ORDER, ONE_RUN = "converges", "error does not fall", "order too low", "one run"
+CONVERGES, NOT_FALLING, LOW_ORDER = "converges", "error does not fall", "order too low"
+ONE_RUN, TOO_ALIKE = "one run", "steps too alike"
+SPAN = 0.26  # of the longest step, what the shortest is at most where it is judged how errors fall
 FLOOR = 1e-9  # of max |u|: below it rounding hides how an error falls
 FALL = 0.5  # of an error: what is left of it at a quarter of the step where a method is of order 1/2
 SLACK = 0.5  # of an observed order: where an impact lies within its step scatters the errors
-COARSE = 0.1  # of max |v|: a median error of the velocity below it may fall as slowly as it likes
+COARSE = 0.1  # of max |v|: below it the velocity's median error may fall slowly in problems without an order limit
 TIMES_TOLERANCE = 1e4  # an adaptive solver through contact stays within so many times its relative tolerance
 NONE = Order(float("nan"), float("nan"), float("nan"), 0)
 
@@ -83,14 +85,14 @@ def verdict(entry: Entry, smooth: float) -> Entry:
     smooth: the order of the integrator on smooth motion. A fixed-step error must fall (``_falls``), and the order
     through all steps, its 95 % interval included, come within ``SLACK`` of what is expected; the errors of impact
     times, peak force, energy and velocity must fall as well (``_missed``); the error of an adaptive solver must stay
-    within ``TIMES_TOLERANCE`` times its tolerance.
+    within ``TIMES_TOLERANCE`` times its tolerance. Steps that span less than a factor of four are not judged.
     """
     levels = np.array([run.level for run in entry.runs])
     errors = np.array([run.errors.tip_rms for run in entry.runs])
     if entry.outcome in (NOT_TAKEN, FAILED) or not len(errors):
         return entry
-    if len(set(levels.tolist())) == 1 and not entry.adaptive:
-        return replace(entry, outcome=ONE_RUN)
+    if not entry.adaptive and np.min(levels) > SPAN * np.max(levels):
+        return replace(entry, outcome=TOO_ALIKE if np.ptp(levels) else ONE_RUN)
     if entry.adaptive:
         limit = TIMES_TOLERANCE * levels[-1]
         good = errors[-1] <= max(limit, FLOOR)
@@ -121,26 +123,33 @@ def _missed(entry: Entry, levels: Array) -> tuple[str, ...]:
     }
     found = [name for name, x in judged.items() if np.all(np.isfinite(x)) and not _falls(levels, x)]
     velocity = np.array([e.velocity for e in errors])
-    if np.all(np.isfinite(velocity)) and velocity[-1] > COARSE and not _falls(levels, velocity):
+    coarse = COARSE if entry.problem.order_limit == 0.0 else 0.0
+    if np.all(np.isfinite(velocity)) and velocity[-1] > coarse and not _falls(levels, velocity):
         found.append("velocity")
     return tuple(found)
 
 
 def _falls(levels: Array, errors: Array) -> bool:
     """Whether the median of the finest errors is below ``FALL`` times that of steps four times as long, or the order
-    through the finer half of the runs may be 1/2 or more, its 95 % interval included.
+    through the finer half of the runs may be 1/2 or more, its 95 % interval included; and so may the order through the
+    finest third.
 
     Medians over a third of the runs each. One error may be small by chance, and those of impacts scatter as these lie
-    within their steps; an error that has come to stay does neither.
+    within their steps; an error that has come to stay does neither, however much coarser steps add to it.
     """
     count = max(1, len(errors) // 3)
-    before = np.flatnonzero(levels <= 0.26 * levels[-count:].max())
-    if not len(before):
-        return True
+    before = np.flatnonzero(levels <= SPAN * np.max(levels))
     fine, coarse = np.median(errors[-count:]), np.median(errors[before[-count:]])
-    last = max(4, len(errors) // 2)
-    order = observed_order(1.0 / levels[-last:], np.maximum(errors[-last:], FLOOR))
-    return bool(fine <= max(FLOOR, FALL * coarse)) or order.slope + order.interval >= 0.5
+    if fine <= FLOOR:
+        return True
+
+    def most(runs: int) -> float:
+        """The largest order that the finest runs allow; NaN for two."""
+        order = observed_order(1.0 / levels[-runs:], np.maximum(errors[-runs:], FLOOR))
+        return order.slope + order.interval
+
+    stays = most(max(3, count)) < 0.5
+    return not stays and bool(fine <= FALL * coarse or most(max(4, len(errors) // 2)) >= 0.5)
 
 
 def shown_error(x: float) -> str:
@@ -150,6 +159,6 @@ def shown_error(x: float) -> str:
 
 def summary(entries: Sequence[Entry]) -> str:
     """How many entries have which outcome."""
-    outcomes = [CONVERGES, ONE_RUN, LOW_ORDER, NOT_FALLING, FAILED, NOT_TAKEN]
+    outcomes = [CONVERGES, ONE_RUN, TOO_ALIKE, LOW_ORDER, NOT_FALLING, FAILED, NOT_TAKEN]
     counts = {outcome: sum(entry.outcome == outcome for entry in entries) for outcome in outcomes}
     return ", ".join(f"{count} {outcome}" for outcome, count in counts.items() if count)

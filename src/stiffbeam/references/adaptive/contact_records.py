@@ -6,8 +6,9 @@ import numpy as np
 
 from ...basics.arrays import Array
 from ...model.contact import Stops
+from ...model.contact_law import Law
 from ...trajectory.impacts import COLUMNS, ContactRecord, Impacts
-from ...trajectory.sampling import first_crossing, side_at_start
+from ...trajectory.sampling import side_at_start, switch_time
 from .restarts import Contacts
 from .rhs import RightHandSide
 
@@ -32,12 +33,11 @@ def contact_record(
     force = stops.force(position, velocity)
     if contacts is None:
         total = np.nan if rhs.signed else float(end[rhs.states + 2 + i])
-        found = _crossings(t, position, velocity, stops)
-        times, hit = np.array([s for s, _ in found]), [side for _, side in found]
+        found, share = _sampled(t, position, velocity, stops)
         return ContactRecord(
             stops, position, velocity, force,
-            Impacts.at(times, hit, "sampled"),
-            fraction=float(np.mean(stops.state(position, velocity) != 0)),
+            found,
+            fraction=share if t[0] == 0.0 and t[-1] == t_end else np.nan,
             peak_force=float(np.max(np.abs(force))),
             impulse=total,
         )  # fmt: skip
@@ -84,18 +84,22 @@ def contact_record(
     )
 
 
-def _crossings(t: Array, u: Array, v: Array, stops: Stops) -> list[tuple[float, int]]:
-    """The sampled impacts at output times that need not be equidistant."""
+def _sampled(t: Array, u: Array, v: Array, stops: Stops) -> tuple[Impacts, float]:
+    """The sampled impacts at output times that need not be equidistant, and the share of the time in contact."""
     chi = stops.state(u, v)
     chi[0] = side_at_start(u[0], v[0], stops.law)
-    found = []
-    for k in np.flatnonzero((chi[1:] != 0) & (chi[1:] != chi[:-1])) + 1:
-        side, length = int(chi[k]), t[k] - t[k - 1]
-        stop = stops.g2 if side > 0 else stops.g1
-        gap = side * (stop - u[k - 1 : k + 1])
-        if gap[0] < 0.0:  # a damped stop that had let go beyond it presses again
-            found.append((float(t[k - 1]), side))
-            continue
-        s = first_crossing(gap[0], -side * v[k - 1] * length, gap[1], -side * v[k] * length)
-        found.append((float(t[k - 1] + s * length), side))
-    return found
+    law = Law(*stops.law)
+
+    def switch(k: int, side: int) -> float:
+        length = float(t[k] - t[k - 1])
+        return float(t[k - 1]) + length * switch_time(u[k - 1], v[k - 1], u[k], v[k], side, law, length)
+
+    changes = (np.flatnonzero(chi[1:] != chi[:-1]) + 1).tolist()
+    spans, closed = [], 0.0
+    for a, b in zip([0, *changes], [*changes, None], strict=True):
+        if side := int(chi[a]):
+            begin, end = switch(a, side) if a else float(t[0]), np.nan if b is None else switch(b, side)
+            closed += (float(t[-1]) if b is None else end) - begin
+            spans += [(begin, end, side)] if a else []
+    times, ends, hit = np.array(spans).reshape(-1, 3).T
+    return Impacts.at(times, hit, "sampled", ends=ends), closed / float(t[-1] - t[0])

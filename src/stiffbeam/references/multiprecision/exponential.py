@@ -11,6 +11,7 @@ those of a stiffness off by less than the digits carried, which parts them; so m
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import zip_longest
@@ -28,6 +29,7 @@ from ..exact.exponential import ExponentialSolution
 from ..exact.exponential_regime import Regime, regime_of
 from ..exact.exponential_tracer import Gaps
 from ..exact.touching import REMEDY
+from .grazes import Switch
 from .modes import DampedPencil, Sampler, channels, dot, locate, precision_at, refine, sampler
 from .rational import Exact, exact_problem, number
 from .recorded import answers, moved, taylor
@@ -78,10 +80,13 @@ class Piece(NamedTuple):
 
 
 def precise_exponential(
-    system: System, t_end: float, full: int, guard: int
+    system: System, t_end: float, full: int, guard: int, told: Sequence[Switch] = ()
 ) -> tuple[ExponentialSolution, Sampler, UnroundedSolution]:
     """The solution on [0, t_end] carried with ``full`` bits at the start and ``guard`` at the end, rounded to
-    float64, what samples its channels before it is rounded, and itself unrounded; ctx.prec has room to spare."""
+    float64, what samples its channels before it is rounded, and itself unrounded; ctx.prec has room to spare.
+
+    told: switches that float64 does not see, in order.
+    """
     room = ctx.prec
     drive = Drive.of(system)
     problem = exact_problem(system, drive)
@@ -97,7 +102,7 @@ def precise_exponential(
     times, sides, coefficients, resting, evaluations, carried = [], [], [], -1, 0, None
     gaps = Gaps(system, drive)
     pieces: list[Piece] = []
-    forecast = Forecast(t_end)
+    forecast, untold = Forecast(t_end), list(told)
     while True:
         key = tuple(chi)
         if key not in regimes:
@@ -119,6 +124,10 @@ def precise_exponential(
             regime.rounded, coefficients[-1], np.array(chi, np.int64), np.arange(len(chi)) == resting, times[-1], edge
         )
         evaluations += used
+        if untold and untold[0].t < (times[-1] + start if contact >= 0 else edge):
+            start, contact, side = untold[0].t - times[-1], untold[0].contact, untold[0].side
+            side = 0 if chi[contact] else side
+            del untold[0]
         if contact >= 0 and times[-1] + start < edge:
             forecast.check(times[-1], len(times) * (full / 32.0 + 20.0) * system.size)
             stop, lag = problem.contacts[contact].stop(side or chi[contact]), arb(0)

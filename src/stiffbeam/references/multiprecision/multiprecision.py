@@ -26,6 +26,7 @@ from ..exact.piecewise import general, reference_of, refuse
 from ..exact.tangent import lyapunov
 from ..request import Request
 from .exponential import precise_exponential
+from .grazes import MOST, Switch, passed_over
 from .modes import GUARD_BITS, Sampler
 from .undamped import precise_undamped
 
@@ -50,9 +51,9 @@ def solve(request: Request) -> Reference:
     True for which numbers: those of a case file, and in Python those given as texts, Fractions or Decimals,
     are taken at their exact values, all others are the doubles they are; provenance["parameters"] names the
     exact ones. Past the horizon of float64 the two readings have different solutions. t_end and output
-    times are doubles: nothing magnifies their rounding. Which switch is next is found in float64 and then refined, so
-    that of compliant stops a contact less deep than 1e-12 of the motion may not be seen; between rigid stops power
-    series in balls decide.
+    times are doubles: nothing magnifies their rounding. Which switch is next is found in float64 and then refined;
+    what float64 passes over is looked for where gaps turn (grazes.py): of compliant stops a contact less deep than
+    1e-18 of the motion counts as none. Between rigid stops power series in balls decide.
     """
     system, t_end, t_eval, digits = request.system, request.t_end, request.t_eval, request.digits
     positive("t_end", t_end)
@@ -110,7 +111,15 @@ def carry(system: System, t_end: float, digits: int, guard: int) -> tuple[Soluti
     full = math.ceil(digits * BITS) + guard
     try:
         ctx.prec = full + guard
-        return (precise_exponential if general(system) else precise_undamped)(system, t_end, full, guard)
+        told: list[Switch] = []
+        for _ in range(MOST):
+            found = (precise_exponential if general(system) else precise_undamped)(system, t_end, full, guard, told)
+            another = passed_over(system, found[0], found[1], t_end, told[-1].t if told else 0.0)
+            if another is None:
+                return found
+            told.append(another)
+        remedy = f"end before t = {told[0].t:.6g}"
+        raise SolverFailure("multiprecision", told[-1].t, f"{MOST} contacts that float64 does not see", remedy)
     finally:
         ctx.prec = before
 

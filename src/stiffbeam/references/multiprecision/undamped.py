@@ -18,6 +18,7 @@ from ..exact.following import follow
 from ..exact.undamped import Regime, Solution
 from ..exact.undamped_regimes import Parts, stacked
 from ..exact.undamped_tracer import QUIET, Tracer
+from .grazes import Switch
 from .modes import Sampler, UndampedPencil, channels, dot, double, locate, precision_at, refine, sampler
 from .rational import Exact, exact_problem, number
 
@@ -51,10 +52,13 @@ class Piece(NamedTuple):
     bits: int
 
 
-def precise_undamped(system: System, t_end: float, full: int, guard: int) -> tuple[Solution, Sampler, Solution]:
+def precise_undamped(
+    system: System, t_end: float, full: int, guard: int, told: Sequence[Switch] = ()
+) -> tuple[Solution, Sampler, Solution]:
     """The solution on [0, t_end] carried with ``full`` bits at the start and ``guard`` at the end, rounded to
     float64, what samples its channels before it is rounded, and the first again, whose sums do not cancel;
-    ctx.prec has room to spare."""
+    ctx.prec has room to spare. told: switches that float64 does not see, in order.
+    """
     drive = Drive.of(system)
     problem = exact_problem(system, drive)
     frequencies = [arb(number(f)) for f in drive.frequencies]
@@ -84,7 +88,7 @@ def precise_undamped(system: System, t_end: float, full: int, guard: int) -> tup
     times, sides, hs, rates, evaluations = [0.0], [side], [_doubles(h)], [_doubles(h_rate)], 0
     pieces = [Piece(t, side, h, h_rate, g, precision_at(full, guard, 0.0, t_end))]
     out_t, out_side, out_h = np.empty(1), np.empty(1, np.int64), np.empty((1, n))
-    forecast = Forecast(t_end)
+    forecast, untold = Forecast(t_end), list(told)
     while True:
         ctx.prec = precision_at(full, guard, float(t), t_end)
         count, used = follow(
@@ -92,6 +96,9 @@ def precise_undamped(system: System, t_end: float, full: int, guard: int) -> tup
             out_t, out_side, out_h, out_h.copy(),
         )  # fmt: skip
         evaluations += used
+        if untold and untold[0].t < (out_t[0] if count else t_end):
+            count, out_t[0], out_side[0] = 1, untold[0].t, 0 if side else untold[0].side
+            del untold[0]
         if not count:
             break
         forecast.check(times[-1], len(times) * (full / 32.0 + 20.0) * system.size)
