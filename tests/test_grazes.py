@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import stiffbeam as sb
+from stiffbeam.references.multiprecision import grazes
 
 EPS = np.finfo(float).eps
 # Depths in units of the motion, exact. A time is good to a rounding of itself.
@@ -31,6 +32,7 @@ def oscillator(depth, how):
     return sb.System.from_matrices(np.eye(2), np.diag([1.0, 2.0]), contacts=contacts, initial_velocity=start)
 
 
+@pytest.mark.fast(2)
 @pytest.mark.parametrize("how", ["alone", "beside another"])
 @pytest.mark.parametrize("depth", SEEN)
 def test_a_contact_that_float64_does_not_see_is_taken(depth, how):
@@ -45,12 +47,14 @@ def test_a_contact_that_float64_does_not_see_is_taken(depth, how):
     assert abs(found.ends[0] - found.times[0] - length) <= 4 * EPS * begin + 1e-4 * length
 
 
+@pytest.mark.fast(2)
 @pytest.mark.parametrize("how", ["alone", "beside another"])
 @pytest.mark.parametrize("depth", UNSEEN)
 def test_a_touch_and_what_stays_short_of_it_are_none(depth, how):
     assert sb.reference(oscillator(depth, how), 4.0, "multiprecision").contacts[0].impacts.count == 0
 
 
+@pytest.mark.fast(1)
 @pytest.mark.parametrize("depth", SEEN)
 def test_every_one_of_several_is_taken(depth):
     found = sb.reference(oscillator(depth, "alone"), 40.0, "multiprecision")
@@ -59,6 +63,7 @@ def test_every_one_of_several_is_taken(depth):
     assert np.allclose(np.diff(found.impacts.times), 2.0 * np.pi, rtol=0.0, atol=1e-7)
 
 
+@pytest.mark.fast(2)
 @pytest.mark.parametrize("share", [*SEEN, Fraction(0)])
 def test_a_moment_between_two_contacts_is_taken(share):
     """u - g = f/kappa (1 + (1 + share) cos(w t)) of a mass that f = 3/4 presses on its stop at g: open at w t = pi."""
@@ -106,3 +111,13 @@ def test_random_damped_oscillators_by_their_first_top(seed):
     assert found.contacts[0].impacts.count == (1 if depth > 0 else 0)
     if depth > 0:  # the parabola of the top is off by its square
         assert abs(found.contacts[0].impacts.times[0] - begin) <= 4.0 * EPS * begin + 10.0 * np.sqrt(k) * half**2
+
+
+def test_more_looks_than_there_is_time_for_are_said(monkeypatch):
+    monkeypatch.setattr(grazes, "MOST_LOOKS", 8)
+    found = sb.reference(oscillator(Fraction(1, 10**15), "alone"), 4.0, "multiprecision")
+    assert found.impacts.count == 0
+    assert "by float64, to 1e-12" in found.provenance["grazes"]
+    monkeypatch.undo()
+    found = sb.reference(oscillator(Fraction(1, 10**15), "alone"), 4.0, "multiprecision")
+    assert found.provenance["grazes"] == "by many digits, to 1e-18 of the motion"

@@ -19,7 +19,6 @@ from .sample import Sample, above, below, coherent, every, some
 from .table import equation_of
 from .verdicts import FAILS, HOLDS, OPEN, PARTLY, Finding, of_both, plain_verdict
 
-Statement = Callable[[Evidence, int, str], "bool | None"]
 Check = Callable[[Evidence], Finding]
 
 

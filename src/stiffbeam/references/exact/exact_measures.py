@@ -45,6 +45,11 @@ class Solution(Protocol):
         ...
 
     @property
+    def periods(self) -> Array:
+        """The shortest period of every piece's own regime and of the drive, (pieces,)."""
+        ...
+
+    @property
     def fastest_decay(self) -> float:
         """The largest rate at which a part of a piece dies out, 0 for none."""
         ...

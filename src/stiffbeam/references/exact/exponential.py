@@ -71,6 +71,13 @@ class ExponentialSolution:
         return 2.0 * np.pi / max(*fastest, *self.drive.frequencies, 1e-300)
 
     @property
+    def periods(self) -> Array:
+        """The shortest of the oscillating part of every piece, (pieces,)."""
+        own = {key: np.max(np.abs(r.eigenvalues.imag), initial=0.0) for key, r in self.regimes.items()}
+        fastest = np.array([own[tuple(line)] for line in self.sides.tolist()])
+        return 2.0 * np.pi / np.maximum(fastest, max(*self.drive.frequencies, 0.0, 1e-300))
+
+    @property
     def fastest_decay(self) -> float:
         """The largest decay rate of any mode in any regime, 1/time."""
         return max(float(-np.min(r.eigenvalues.real, initial=0.0)) for r in self.regimes.values())

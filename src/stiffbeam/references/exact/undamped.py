@@ -96,6 +96,12 @@ class Solution:
         return 2.0 * np.pi / max(*fastest, *self.drive.frequencies, 1e-300)
 
     @property
+    def periods(self) -> Array:
+        """The shortest of every piece's modes and of the drive, (pieces,)."""
+        fastest = np.array([self.regimes[side].omega[-1] for side in self.regime.tolist()])
+        return 2.0 * np.pi / np.maximum(fastest, max(*self.drive.frequencies, 0.0, 1e-300))
+
+    @property
     def fastest_decay(self) -> float:
         """Zero: nothing is damped."""
         return 0.0

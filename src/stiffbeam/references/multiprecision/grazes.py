@@ -13,11 +13,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from flint import arb
+from numpy.typing import NDArray
 
+from ...basics.arrays import Array
 from ...model.drive import Drive
 from ...model.system import System
 from ...trajectory.trajectory import SolverFailure
@@ -28,7 +30,7 @@ from .rational import exact_problem
 
 EPS = float(np.finfo(float).eps)
 PER_PERIOD = 16  # looks at a gap in the shortest period
-AT_ONCE = 100_000  # looks
+AT_ONCE, MOST_LOOKS = 100_000, 30_000_000
 CLOSE = 1e-9  # of the motion: deeper ones float64 sees
 TOUCH = 1e-18
 MOVES = 64.0 * EPS  # of the largest speed: a gap that turns more slowly rests
@@ -59,8 +61,11 @@ class Turn(NamedTuple):
 def passed_over(system: System, solution: Solution, sample: Sampler, t_end: float, since: float) -> Switch | None:
     """The first switch after ``since`` that is not in ``solution``; ``sample`` gives its channels in many digits.
 
-    Raises SolverFailure where it ends before float64 can tell its end from its beginning.
+    None too for more than ``MOST_LOOKS``. Raises SolverFailure where it ends before float64 can tell its end from its
+    beginning.
     """
+    if np.sum(looks(solution, t_end)[0]) > MOST_LOOKS:
+        return None
     contacts = exact_problem(system, Drive.of(system)).contacts
     turns = [turn for i in range(len(contacts)) for turn in _turns(system, solution, i, t_end)]
     for turn in sorted(turn for turn in turns if turn.t > since):
@@ -80,29 +85,45 @@ def passed_over(system: System, solution: Solution, sample: Sampler, t_end: floa
     return None
 
 
+def looks(solution: Solution, t_end: float) -> tuple[NDArray[np.int64], Array]:
+    """How often the gaps are looked at in every piece, and how far apart that is, (pieces,) each."""
+    length = np.diff(np.append(solution.times, t_end))
+    count = np.ceil(np.maximum(1.0, PER_PERIOD * length / np.minimum(solution.periods, t_end)))
+    return count.astype(np.int64), length / count
+
+
+def grazes_of(solution: Solution, t_end: float) -> str:
+    """Which of them are decided, in words."""
+    count = float(np.sum(looks(solution, t_end)[0]))
+    if count > MOST_LOOKS:
+        return f"by float64, to 1e-12 of the motion: {count:.1g} looks are more than {MOST_LOOKS:.0e}"
+    return f"by many digits, to {TOUCH:g} of the motion"
+
+
 def _turns(system: System, solution: Solution, contact: int, t_end: float) -> Iterator[Turn]:
     """Where the gaps of a contact turn close to zero, by float64."""
-    stops = system.contacts[contact].stops
-    step = min(solution.shortest_period, t_end) / PER_PERIOD
-    starts, sides = solution.times, solution.sides[:, contact]
+    stops, sides = system.contacts[contact].stops, solution.sides[:, contact]
+    count, apart = looks(solution, t_end)
+    before = np.concatenate([[0], np.cumsum(count)])
 
-    def path(t: Any) -> Any:
+    def path(t: Array) -> tuple[Array, Array]:
         return path_of(system, solution, t, contact)
 
-    for begin in np.arange(0.0, t_end, AT_ONCE * step):
-        end = min(begin + AT_ONCE * step, t_end)
-        even = np.linspace(begin, end, math.ceil((end - begin) / step) + 1)
-        t = np.union1d(even, starts[(starts > begin) & (starts < end)])
+    for first in range(0, int(before[-1]), AT_ONCE):
+        look = np.arange(first, min(first + AT_ONCE, before[-1]))
+        piece = np.searchsorted(before, look, "right") - 1
+        h, side = apart[piece], sides[piece]
+        t = solution.times[piece] + (look - before[piece]) * h
+        t = np.append(t, min(t[-1] + h[-1], t_end))
         u, v = path(t)
         size = float(np.max(np.abs(u)))
         moves = np.maximum(np.abs(v[:-1]), np.abs(v[1:])) > MOVES * np.max(np.abs(v))
-        side = sides[np.searchsorted(starts, 0.5 * (t[:-1] + t[1:]), "right") - 1]
         for which, stop in ((1, stops.g2), (-1, stops.g1)):
             if math.isinf(stop):
                 continue
             looked_at = (side == LET_GO * which) | ((side == which) & (stops.damping == 0.0))
             sign = np.where(side == 0, -which, np.where(looked_at, which, 0))
-            near, h = CLOSE * (size + abs(stop)), np.diff(t)
+            near = CLOSE * (size + abs(stop))
             gap, rate, gap_after, rate_after = (sign * x for x in (u[:-1] - stop, v[:-1], u[1:] - stop, v[1:]))
             lowest = np.minimum(gap + 2.0 * h * rate, gap_after - 2.0 * h * rate_after)
             (k,) = np.nonzero((rate < 0.0) & (rate_after >= 0.0) & (lowest <= near) & moves)
@@ -113,9 +134,8 @@ def _turns(system: System, solution: Solution, contact: int, t_end: float) -> It
                 middle = 0.5 * (low + high)
                 falls = sign[k] * path(middle)[1] < 0.0
                 low, high = np.where(falls, middle, low), np.where(falls, high, middle)
-            shift = 0.01 * step
-            curve = sign[k] * (path(np.minimum(high + shift, t_end))[1] - path(np.maximum(high - shift, 0.0))[1])
-            curve /= np.minimum(high + shift, t_end) - np.maximum(high - shift, 0.0)
+            left, right = np.maximum(high - 0.01 * h[k], 0.0), np.minimum(high + 0.01 * h[k], t_end)
+            curve = sign[k] * (path(right)[1] - path(left)[1]) / (right - left)
             close = (np.abs(path(high)[0] - stop) <= near) & (curve > 0.0)
             for j in np.flatnonzero(close):
                 yield Turn(float(high[j]), contact, which, int(sign[k[j]]), float(curve[j]), size + abs(stop))

@@ -26,7 +26,7 @@ from ..exact.piecewise import general, reference_of, refuse
 from ..exact.tangent import lyapunov
 from ..request import Request
 from .exponential import precise_exponential
-from .grazes import MOST, Switch, passed_over
+from .grazes import MOST, Switch, grazes_of, passed_over
 from .modes import GUARD_BITS, Sampler
 from .undamped import precise_undamped
 
@@ -53,7 +53,7 @@ def solve(request: Request) -> Reference:
     exact ones. Past the horizon of float64 the two readings have different solutions. t_end and output
     times are doubles: nothing magnifies their rounding. Which switch is next is found in float64 and then refined;
     what float64 passes over is looked for where gaps turn (grazes.py): of compliant stops a contact less deep than
-    1e-18 of the motion counts as none. Between rigid stops power series in balls decide.
+    1e-18 of the motion counts as none, see provenance["grazes"]. Between rigid stops power series in balls decide.
     """
     system, t_end, t_eval, digits = request.system, request.t_end, request.t_eval, request.digits
     positive("t_end", t_end)
@@ -88,6 +88,7 @@ def solve(request: Request) -> Reference:
                     "digits_confirmed_with": previous.provenance["digits"],
                     "horizon": horizon,
                     "horizon_against": f"itself with {previous.provenance['digits']} digits",
+                    "grazes": grazes_of(solution, t_end),
                     "horizon_tolerance": f"|du| <= {AGREEMENT:g} max|u| at the output times, the same switches",
                 }
                 return replace(run, horizon=horizon, provenance=run.provenance | notes)
