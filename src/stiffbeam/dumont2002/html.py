@@ -62,7 +62,9 @@ def table(headings: Sequence[str], rows: Sequence[Sequence[object]], caption: st
         for i, value in enumerate(row[1:], start=1):
             cells.append(element("td", value if i in text else aligned(str(value), behind[i]), class_=_kind(i, text)))
         body.append(element("tr", *cells))
-    inner = element("table", element("caption", caption), element("thead", head), element("tbody", *body))
+    inner = element(
+        "table", element("caption", element("span", caption)), element("thead", head), element("tbody", *body)
+    )
     return boxed(inner, caption, [headings, *rows])
 
 

@@ -97,7 +97,7 @@ def how_read(reading: Reading) -> h.Html:
     schemes = (
         "as printed: (4.13) with unweighted load and contact, σ with the printed sign. BDF2 has no misprint that runs."
         if reading.printed
-        else "corrected. --printed takes (4.13) and σ as printed; what each misprint costs stands below."
+        else "corrected. --printed takes (4.13) and σ as printed; stiffbeam errata says what each misprint costs."
     )
     exact = (
         "multiprecision solutions of the same semi-discrete equations, to 10⁻⁹ of the motion over the whole span: "
