@@ -99,7 +99,7 @@ def pressed_at_the_start(system: sb.System) -> sb.System:
     return replace(system, q0=inside * np.eye(n)[0])
 
 
-@pytest.mark.parametrize("seed", [*range(6, 12), *range(6)])
+@pytest.mark.parametrize("seed", [0, 4, 1, 10, 2, 6, 3, 7, 5, 8, 11, 9])  # of the fast ones none is Radau's
 @pytest.mark.fast(6)
 def test_adaptive_solvers_on_every_law(seed):
     system = random_system(seed)

@@ -65,6 +65,7 @@ def _free_agrees(seed: int) -> None:
 
 
 @pytest.mark.parametrize("seed", range(3))
+@pytest.mark.fast(1)
 def test_bodies_that_nothing_holds_against_another_solver(seed):
     _free_agrees(seed)
 

@@ -6,14 +6,15 @@ steps are taken once more, linear now. A run that nobody asks pays nothing for t
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
 from ..basics.arrays import Array, aligned
 from ..model.contact import laws
+from ..model.drive import Drive, Term
 from ..model.system import System
-from ..model.time_functions import evaluate, offset_rate, offset_values
+from ..model.time_functions import evaluate, offset_rate
 from ..trajectory.ledger import Ledger, step_ledger
 from .block_march import Segment, Stepper
 from .build import build
@@ -30,18 +31,15 @@ def step_of(segment: Segment, one: Propagator) -> tuple[Step, Array]:
     march, dt = segment.march, segment.march.stepper.dt
     times = (segment.first + np.arange(segment.steps)) * dt
     forcing = march.forcing(one)
-    g = np.full((segment.steps, forcing.rows.shape[1]), forcing.constant)
-    phase = np.multiply.outer(times, forcing.frequencies[0])
-    g[:, 1::2], g[:, 2::2] = np.sin(phase), np.cos(phase)
     nodes = len(segment.block.block.compliance)
     by_step = segment.forces[:, :nodes].reshape(len(segment.forces) * segment.block.steps, -1)[: segment.steps]
     of_state = slice(one.block.reading.shape[0], None)
     step = Step(
         transition=one.block.transition,
-        push=one.block.push[:, of_state],
-        driven=forcing.rows[0][:, of_state],
+        push=np.ascontiguousarray(one.block.push[:, of_state]),
+        driven=np.ascontiguousarray(forcing.rows[0][0 if forcing.constant else 1 :, of_state]),
         forces=by_step,
-        g=g,
+        g=Drive(tuple(forcing.frequencies[0])).at_steps(segment.first, segment.steps + 1, dt),
         inflow=one.inflow(times, march.steps * dt).rows[:, of_state],
     )
     return step, one.pack(segment.block.unpack(segment.starts[:1]))[0]
@@ -81,7 +79,7 @@ def block_ledger(stepper: Stepper, system: System, steps: int, every: int) -> Le
     kept, balance = np.zeros((steps // every + 1, 9)), np.zeros(9)
     start = np.array(system.energies(0.0, system.q0, system.v0))
     kept[0, :3] = balance[:3] = start
-    q, v = basis.to_modal(system.q0), basis.to_modal(system.v0)
+    y = basis.to_modal(np.stack([system.q0, system.v0])).ravel()
     shared = {
         "squares": basis.omega**2,
         "damping": basis.damping,
@@ -89,15 +87,25 @@ def block_ledger(stepper: Stepper, system: System, steps: int, every: int) -> Le
         "rows": stepper.coordinates.columns,
         "law": laws(contacts),
     }
+    drive = Drive.of(system)
+    units = np.eye(len(system.loads))
+    loads = drive.split([(units[k], f) for k, (_, f) in enumerate(system.loads)], len(units))
+    offsets = drive.offsets(system)
     for segment, one in _segments(stepper, system, steps):
         t = (segment.first + np.arange(segment.steps + 1)) * dt
-        values = np.zeros((len(t), len(system.loads)))
-        for k, (_, function) in enumerate(system.loads):
-            values[:, k] = evaluate(function, t)
-        offsets, offset_rates = np.zeros((2, len(t) if moving else 0, len(contacts)))
-        for c, contact in enumerate(contacts if moving else ()):
-            offsets[:, c], offset_rates[:, c] = offset_values(contact.offset, t), offset_rate(contact.offset, t)
         step, z = step_of(segment, one)
-        energies = Energies(**shared, load_values=values, offsets=offsets, offset_rates=offset_rates)
-        account(step, energies, system.size, z, q, v, balance, segment.first, every, dt, kept)
+        o, o_rate = np.zeros((2, 0, len(contacts)))
+        if moving:
+            o, o_rate = _sum(offsets, step.g, t, evaluate), _sum(offsets, step.g @ drive.derivative().T, t, offset_rate)
+        energies = Energies(**shared, load_values=_sum(loads, step.g, t, evaluate), offsets=o, offset_rates=o_rate)
+        account(step, energies, system.size, z, y, balance, segment.first, every, dt, kept)
     return Ledger(np.arange(0, steps + 1, every) * dt, *kept.T.copy())
+
+
+def _sum(terms: tuple[Array, list[Term]], g: Array, t: Array, value: Callable[..., Array]) -> Array:
+    """A ``split`` at times t with the functions g there, (times, width)."""
+    basis, rest = terms
+    total = g @ basis
+    for vector, function in rest:
+        total += np.multiply.outer(value(function, t), vector)
+    return total

@@ -25,9 +25,9 @@ class Step(NamedTuple):
 
     transition: Array  # (a, D)
     push: Array  # (S m, D)
-    driven: Array  # (d, D)
+    driven: Array  # (d, D), or (d - 1, D) without the constant
     forces: Array  # (steps, S m)
-    g: Array  # (steps, d) at the starts of the steps
+    g: Array  # (steps + 1, d) at the starts of the steps and the last one's end
     inflow: Array  # (steps, D) or no rows
 
 
@@ -46,15 +46,15 @@ class Energies(NamedTuple):
 
 @inlined
 def take_step(step: Step, k: int, n: int, z: Array, new: Array) -> None:
-    """``new``, the first D numbers of the state after step k, and z advanced to it."""
+    """``new``, the whole state after step k from z."""
     transition, push, driven, forces, g, inflow = step
     a, D = transition.shape
     advance(transition, n, z, new)
-    for e in range(g.shape[1]):
-        drive = g[k, e]
-        if drive != 0.0:
-            for j in range(D):
-                new[j] += drive * driven[e, j]
+    skipped = g.shape[1] - driven.shape[0]
+    for e in range(driven.shape[0]):
+        drive = g[k, skipped + e]
+        for j in range(D):
+            new[j] += drive * driven[e, j]
     if inflow.shape[0]:
         for j in range(D):
             new[j] += inflow[k, j]
@@ -63,108 +63,129 @@ def take_step(step: Step, k: int, n: int, z: Array, new: Array) -> None:
         if force != 0.0:
             for j in range(D):
                 new[j] += force * push[i, j]
-    for j in range(D):
-        z[j] = new[j]
-    for j in range((a - 1) * n):
-        z[a * n + j] = z[j]
+    again = np.uint64(a * n)
+    for j in range(np.uint64((a - 1) * n)):
+        new[again + j] = new[j]
 
 
 @compiled
 def states(step: Step, n: int, z: Array, out: Array) -> None:
-    """The states (steps, D) at the ends of the steps from z, which is advanced in place."""
+    """The states (steps, D) at the ends of the steps from z."""
+    new = np.empty(z.size)
     for k in range(out.shape[0]):
-        take_step(step, k, n, z, out[k])
+        take_step(step, k, n, z, new)
+        for j in range(out.shape[1]):
+            out[k, j] = new[j]
+        z, new = new, z
 
 
 @compiled
 def account(
-    step: Step, energies: Energies, n: int, z: Array, q: Array, v: Array, balance: Array, first: int, every: int,
-    dt: float, kept: Array,
+    step: Step, energies: Energies, n: int, z: Array, y: Array, balance: Array, first: int, every: int, dt: float,
+    kept: Array,
 ) -> None:  # fmt: skip
     """The ledger over ``steps`` steps from step ``first``; rows of ``kept`` (outputs, 9) at every ``every``-th.
 
-    z as in ``states``. q, v (n,): at the start. balance (9,), see KINETIC..: all four advanced in place.
+    z as in ``states``. y (2 n,) = (q, q') at the start, which a z that goes on as the run does need not begin with.
+    balance (9,), see KINETIC..; both are advanced in place. What is lost is the balance of a stretch of steps
+    in contact, or of one without, as long as it lasts: between its ends no energy is asked, and outputs do not end it.
     """
-    squares, damping, loads, load_values, rows, offsets, offset_rates, law = energies
-    steps, L, m = step[3].shape[0], loads.shape[0], law.shape[0]
-    new, dq = np.empty(z.size), np.empty(n)
-    force, before, beyond, last, touching = np.zeros(m), np.zeros(m), np.zeros(m), np.zeros(m), 0
-    energy = balance[KINETIC] + balance[ELASTIC] + balance[STOPS]
+    squares, damping, loads, load_values, offsets = energies[:4] + energies[5:6]
+    steps, L, m = step[3].shape[0], loads.shape[0], energies.law.shape[0]
+    new, old, damped = np.empty(z.size), y, np.any(damping > 0.0)
+    force, beyond, last = np.zeros(m), np.zeros(m), np.zeros(m)
+    stops, touching = 0.0, 0
     for c in range(m):
-        u = _position(rows, offsets, q, c, 0)
-        rate = _position(rows, offset_rates, v, c, 0)
-        force[c], beyond[c], _, pressed = _of_stop(u, rate, law, c)
+        u, force[c], beyond[c], held, pressed = _at_stop(energies, y, n, c, 0)
         last[c] = u
+        stops += held
         touching += pressed
+    within, given, viscous, taken = CONTACT, 0.0, 0.0, 0.0
     for k in range(steps):
         take_step(step, k, n, z, new)
-        kinetic = elastic = viscous = 0.0
-        for j in range(n):
-            kinetic += new[n + j] * new[n + j]
-            elastic += squares[j] * new[j] * new[j]
-            d = new[j] - q[j]
-            viscous += damping[j] * d * d
-            dq[j] = d
-            q[j] = new[j]
-        given = 0.0
+        held_before, touched = stops, touching
+        stops, touching = 0.0, 0
+        moved = dissipated = 0.0
+        for c in range(m):
+            u, new_force, new_beyond, held, pressed = _at_stop(energies, new, n, c, k + 1)
+            stops += held
+            touching += pressed
+            dissipated -= 0.5 * (beyond[c] + new_beyond) * (u - last[c])
+            if offsets.shape[0]:
+                moved -= 0.5 * (force[c] + new_force) * (offsets[k + 1, c] - offsets[k, c])
+            force[c], beyond[c], last[c] = new_force, new_beyond, u
+        kind = CONTACT if touched + touching else FREE
+        if kind != within:
+            _settle(squares, n, old, held_before, given, viscous, taken, within, balance, balance)
+            within, given, viscous, taken = kind, 0.0, 0.0, 0.0
+        given += moved
+        taken += dissipated
         for e in range(L):
             work = 0.0
             for j in range(n):
-                work += loads[e, j] * dq[j]
+                work += loads[e, j] * (new[j] - old[j])
             given += 0.5 * (load_values[k, e] + load_values[k + 1, e]) * work
-        for j in range(n):
-            v[j] = new[n + j]
-        stops, taken, touched = 0.0, 0.0, touching
-        touching = 0
-        for c in range(m):
-            before[c] = force[c]
-            u = _position(rows, offsets, q, c, k + 1)
-            rate = _position(rows, offset_rates, v, c, k + 1)
-            force[c], new_beyond, held, pressed = _of_stop(u, rate, law, c)
-            stops += held
-            touching += pressed
-            taken -= 0.5 * (beyond[c] + new_beyond) * (u - last[c])
-            beyond[c], last[c] = new_beyond, u
-            if offsets.shape[0]:
-                given -= 0.5 * (before[c] + force[c]) * (offsets[k + 1, c] - offsets[k, c])
-        balance[KINETIC], balance[ELASTIC], balance[STOPS] = 0.5 * kinetic, 0.5 * elastic, stops
-        now = 0.5 * (kinetic + elastic) + stops
-        lost = energy - now + given - viscous / dt - taken
-        energy = now
-        balance[INPUT] += given
-        balance[VISCOUS] += viscous / dt
-        balance[LOSS] += lost
-        balance[TAKEN] += taken
-        if touched + touching:
-            balance[CONTACT] += lost
-        else:
-            balance[FREE] += lost
+        if damped:
+            lost = 0.0
+            for j in range(n):
+                lost += damping[j] * (new[j] - old[j]) * (new[j] - old[j])
+            viscous += lost / dt
+        z, new = new, z
+        old = z
         at = first + k + 1
         if at % every == 0:
-            kept[at // every] = balance
+            _settle(squares, n, z, stops, given, viscous, taken, within, balance, kept[at // every])
+    _settle(squares, n, old, stops, given, viscous, taken, within, balance, balance)
+    for j in range(2 * n):
+        y[j] = old[j]
+
+
+@compiled
+def _settle(
+    squares: Array, n: int, y: Array, stops: float, given: float, viscous: float, taken: float, kind: int,
+    balance: Array, new: Array,
+) -> None:  # fmt: skip
+    """The ``new`` balance at the end y of a stretch of one kind, with what was given and taken in it."""
+    kinetic = elastic = 0.0
+    for j in range(n):
+        kinetic += y[n + j] * y[n + j]
+        elastic += squares[j] * y[j] * y[j]
+    before = balance[KINETIC] + balance[ELASTIC] + balance[STOPS]
+    lost = before - (0.5 * (kinetic + elastic) + stops) + given - viscous - taken
+    for i in range(balance.size):
+        new[i] = balance[i]
+    new[KINETIC], new[ELASTIC], new[STOPS] = 0.5 * kinetic, 0.5 * elastic, stops
+    new[INPUT] += given
+    new[VISCOUS] += viscous
+    new[LOSS] += lost
+    new[TAKEN] += taken
+    new[kind] += lost
 
 
 @inlined
-def _of_stop(u: float, rate: float, law: Array, c: int) -> tuple[float, float, float, bool]:
-    """Force, what of it is not from the energy, the energy, and whether the stop presses."""
-    stop = law_of(law, c)
+def _at_stop(energies: Energies, z: Array, n: int, c: int, k: int) -> tuple[float, float, float, float, bool]:
+    """Position, force, what of it is not from the energy, the energy, and whether the stop presses."""
+    stop = law_of(energies.law, c)
+    u = _position(energies.rows, energies.offsets, z, 0, n, c, k)
     if is_linear(stop):
         kappa, g1, g2 = stop[:3]
         force, beyond, held = linear_force(u, kappa, g1, g2), 0.0, linear_energy(u, kappa, g1, g2)
         pressed = state(u, g1, g2) != 0.0
     else:
+        rate = _position(energies.rows, energies.offset_rates, z, n, n, c, k)
         force, held = law_force(u, rate, stop), law_energy(u, stop)
         beyond = force - elastic_force(u, stop)
         pressed = law_state(u, rate, stop) != 0.0
-    return force, beyond, held, pressed
+    return u, force, beyond, held, pressed
 
 
 @inlined
-def _position(rows: Array, offsets: Array, q: Array, c: int, k: int) -> float:
-    """row_c q + o_c, or the rates of them."""
+def _position(rows: Array, offsets: Array, z: Array, at: int, n: int, c: int, k: int) -> float:
+    """row_c q + o_c, or the rates of them, from z[at : at + n]."""
     total = 0.0
-    for j in range(q.size):
-        total += rows[c, j] * q[j]
+    shift = np.uint64(at)
+    for j in range(np.uint64(n)):
+        total += rows[c, j] * z[shift + j]
     if offsets.shape[0]:
         total += offsets[k, c]
     return total
