@@ -244,7 +244,7 @@ def evaluate(function: LoadFunction, t: ArrayLike) -> Array:
     t = np.asarray(t, float)
     remedy = "write it with NumPy functions, for example numpy.where for an if"
     try:
-        given = function.value(t) if isinstance(function, TimeFunction) else function(t)
+        given = function.value(t) if isinstance(function, (*KNOWN, Sum, TimeFunction)) else function(t)
     except InputError:
         raise
     except Exception as error:  # whatever the functions of others raise
