@@ -232,6 +232,7 @@ def load_function(field: str, function: Any, remedy: str = "for example Constant
     for known in (*KNOWN, Sum):
         if isinstance(function, known):
             itself(field, function, known)
+            return function
     if not isinstance(function, TimeFunction) and not callable(function):
         raise InputError(field, function, "be a Harmonic, a Constant or a function of time", remedy)
     if isinstance(function, type):
