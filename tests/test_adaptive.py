@@ -273,3 +273,19 @@ def test_nothing_certified_is_wrong_on_random_systems_with_pulses(seed):
     mine, other = (x[(x > tolerance) & (x < ref.horizon - tolerance)] for x in (ref.impacts.times, entries))
     assert len(mine) == len(other)
     assert np.all(np.abs(mine - other) < tolerance)
+
+
+@pytest.mark.parametrize("method", [*PHASED, pytest.param("radau", marks=pytest.mark.slow)])
+def test_the_work_of_a_load_is_as_good_as_the_motion_where_that_asks_for_no_short_steps(method):
+    """A free mass under a polygon: q is a cubic, which a step of any length takes; its work f q' is one more degree.
+
+    Some hundred steps of rtol each, and what their errors grow to: 1e4 rtol of the largest energy."""
+    t, f = np.array([0.0, 0.5, 0.75, 1.0, 1.25, 2.0]), np.array([0.0, 0.0, 40.0, -40.0, 40.0, -10.0])
+    one = np.ones((1, 1))
+    stop = sb.Contact([1.0], sb.Stops(upper=1e3, stiffness=1.0))
+    load = ([1.0], sb.Sampled(t, f))
+    system = sb.System.from_matrices(one, 0.0 * one, loads=[load], contacts=[stop], initial_velocity=[1.0])
+    ledger = solve(system, 2.0, method, None, 1e-8, None).energy
+    work = 0.5 * (1.0 + np.trapezoid(f, t)) ** 2 - 0.5
+    assert ledger.input[-1] == pytest.approx(work, abs=1e-4 * np.max(ledger.energy))
+    assert np.max(np.abs(ledger.loss)) < 1e-4 * np.max(ledger.energy)

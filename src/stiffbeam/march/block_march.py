@@ -15,7 +15,7 @@ from ..model.stage import LINEAR
 from ..model.system import System
 from ..model.time_functions import offset_rate
 from ..schemes import Scheme
-from ..trajectory.recorder import Seen, overflow, record
+from ..trajectory.recorder import Seen, overflow, record, with_ends
 from ..trajectory.sampling import CONTACT, END, EVENT, IMPACT_IMPULSE, IMPACT_PEAK, MEMBER, ROW, SIDE, new_tally
 from .build import build
 from .choice import nodes_per_block
@@ -213,19 +213,19 @@ class March:
         first, last = np.searchsorted(self.events[:, MEMBER], [member, member + 1])
         own = self.events[first:last]
         positions, velocities, tip = self.positions[member], self.velocities[member], self.stepper.system.tip_channel
-        contacts = tuple(
-            record(
-                contact.stops, positions[:, c], velocities[:, c], self.state.tally[member, c],
-                own[own[:, CONTACT] == c], self.steps,
-            )
-            for c, contact in enumerate(self.members[member].contacts)
-        )  # fmt: skip
+        ends = initial_channels(self.members[member]), (self.state.position[member], self.state.velocity[member])
+        means, contacts = self.stepper.contact == "conserving", []
+        for c, contact in enumerate(self.members[member].contacts):
+            begin, end = ((float(u[c]), float(v[c])) for u, v in ends)
+            tally = with_ends(self.state.tally[member, c], contact.stops, self.stepper.dt, begin, end, means)
+            seen = own[own[:, CONTACT] == c]
+            contacts.append(record(contact.stops, positions[:, c], velocities[:, c], tally, seen, self.steps))
         diverged = int(self.state.diverged[member])
         if diverged < 0:
             raise unsolved(self.stepper.scheme, -diverged * self.stepper.dt)
         dt = self.stepper.dt
         when = diverged * dt if diverged else overflow(contacts, self.steps * dt)
-        return Seen(positions[:, tip].copy(), velocities[:, tip].copy(), contacts, when)
+        return Seen(positions[:, tip].copy(), velocities[:, tip].copy(), tuple(contacts), when)
 
     def _finish(self) -> None:
         """Put the impacts in order, and leave open those that are."""

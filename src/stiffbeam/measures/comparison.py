@@ -242,14 +242,15 @@ def _contact(
     ) -> ContactStatistics:
         if impacts.kind == "unknown":
             return UNKNOWN
-        steps = slice(1, int(np.floor(end / dt * (1 + 1e-12))) + 1)
+        steps = slice(0, int(np.floor(end / dt * (1 + 1e-12))) + 1)
         force = np.abs(stops.force(position[steps], velocity[steps]))
+        pressed = stops.state(position[steps], velocity[steps])[1:] != 0
         measured = ContactStatistics(
             impacts=impacts.until(end).count,
             event_impacts=trajectory.contacts[i].impacts.until(end).count,
-            fraction=float(np.mean(stops.state(position[steps], velocity[steps]) != 0)),
+            fraction=float(np.mean(pressed)) if len(pressed) else 0.0,
             peak_force=float(np.max(force, initial=0.0)),
-            impulse=float(np.sum(force) * dt),
+            impulse=float(np.trapezoid(force, dx=dt)),
         )
         return _by_events(trajectory, i, measured, end)
 

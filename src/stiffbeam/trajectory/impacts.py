@@ -105,8 +105,9 @@ class ContactRecord:
 
     position, velocity: against its stops, row q + offset, of a beam u(x, t) - m(t), at the output times. force:
     sigma on the beam, < 0 on the upper stop. impacts, share of time in contact, peak |sigma| and impulse: over
-    every step. Of rigid stops force is the reaction, the mean over the step before in a scheme's run; in the exact one
-    that of a held contact, its impulses apart. They have impulses and no peak, NaN.
+    every step; peak and impulse count the force at t = 0 too, the impulse by the trapezoidal rule. Of rigid stops
+    force is the reaction, the mean over the step before in a scheme's run; in the exact one that of a held contact,
+    its impulses apart. They have impulses and no peak, NaN.
     """
 
     stops: Stops

@@ -29,12 +29,27 @@ from .sampling import (
     observe,
 )
 
+Motion = tuple[float, float]  # u and u' at a time
+
 
 def impacts_of(events: Array) -> Impacts:
     """Rows of a list of events as sampled impacts."""
     columns = (events[:, column].copy() for column in (TIME, END, STOP, IMPACT_PEAK, IMPACT_IMPULSE))
     times, ends, stops, peaks, impulses = columns
     return Impacts(times=times, ends=ends, stops=stops.astype(np.int64), peaks=peaks, impulses=impulses, kind="sampled")
+
+
+def with_ends(tally: Array, stops: Stops, dt: float, first: Motion, last: Motion, means: bool) -> Array:
+    """The tally of steps 1 to n as that of a whole run, with (u, u') at t = 0 and at the last step: the largest force
+    may be that at the start, and the impulse is the trapezoidal rule's, but of means. One that begins later stays."""
+    if tally[SINCE]:
+        return tally
+    with np.errstate(over="ignore", invalid="ignore"):
+        begin, end = (float(abs(stops.force(*motion))) for motion in (first, last))
+        tally = tally.copy()
+        tally[PEAK] = max(begin, tally[PEAK])
+        tally[IMPULSE] += 0.0 if means else 0.5 * dt * (begin - end)
+    return tally
 
 
 def record(stops: Stops, position: Array, velocity: Array, tally: Array, events: Array, steps: int) -> ContactRecord:
@@ -78,12 +93,14 @@ class SampledImpacts:
 
     def __init__(self, stops: Stops, dt: float, u0: float, v0: float, since: int = 0) -> None:
         self.stops, self.dt, self.steps = stops, dt, 0
+        self._first, self._means = (u0, v0), False
         self._last = np.array([[u0]]), np.array([[v0]])
         self._tally = new_tally(*self._last, stops.law, since)
         self._events, self._rows = np.empty((64, EVENT)), 0
 
     def feed(self, u: Array, v: Array, means: Array | None = None) -> None:
         """Positions u and velocities v at the ends of the next steps, (k,), and the reactions where they are means."""
+        self._means = means is not None
         reactions = np.zeros((0, 0, 0)) if means is None else np.array(means, float).reshape(1, -1, 1)
         if self._rows + len(u) > len(self._events):
             self._events = np.concatenate([self._events, np.empty((len(self._events) + len(u), EVENT))])
@@ -98,7 +115,8 @@ class SampledImpacts:
     @property
     def tally(self) -> Array:
         """What has been counted so far at this contact, a row laid out as in sampling."""
-        return self._tally[0, 0]
+        last = float(self._last[0][0, 0]), float(self._last[1][0, 0])
+        return with_ends(self._tally[0, 0], self.stops, self.dt, self._first, last, self._means)
 
     @property
     def events(self) -> Array:

@@ -26,7 +26,7 @@ from .scales import Scales, scales_of
 
 LEAST_RTOL = 100.0 * float(np.finfo(float).eps)  # below it steps shrink without end instead of failing
 LEAST_SHARE = 1e-6  # of the default atol: below it an unknown that passes through zero stops the solver
-UNCONTROLLED = 1e200  # the absolute tolerance of the integrals, which follow the motion
+UNCONTROLLED = 1e200  # the absolute tolerance of the impulses, which follow the motion
 
 
 class Solve(NamedTuple):
@@ -78,7 +78,7 @@ def reference_from(
     switches: the method's default. atol defaults to rtol/100 of every unknown's scale (``scales_of``). A
     solver without roots has no events: its impacts are the sampled ones at the output times, with the
     peak force and the share of time in contact there. Input, dissipation and impulses are integrated with
-    the motion and take no part in error control.
+    the motion; the impulses take no part in error control, the others to rtol of the energy of the motion.
     """
     system, t_end, method, t_eval, rtol, atol, _, steps = request
     positive("t_end", t_end)
@@ -106,9 +106,12 @@ def reference_from(
             remedy = "leave it out for rtol/100 of every unknown's scale"
             raise InputError("atol", atol, f"be at least {least:.2g}, a millionth of its default", remedy)
         tolerances = np.full(rhs.states, float(atol))
-    # The integrals are no part of the error, but they are counted in its root mean square.
+    # The impulses are no part of the error, but all are counted in its root mean square. A motion that is a polynomial
+    # asks for no short steps, its power under a load does.
     share = np.sqrt(rhs.states / rhs.size)
-    tolerances = np.concatenate([share * tolerances, np.full(rhs.size - rhs.states, UNCONTROLLED)])
+    integrals = np.full(rhs.size - rhs.states, UNCONTROLLED)
+    integrals[[0, 1, *([-1] if rhs.damped else [])]] = rtol * scales.energy
+    tolerances = np.concatenate([share * tolerances, integrals])
     result = solve(Task(rhs, pieces, t, share * rtol, tolerances, switches, scales, steps.events))
     y = result.states[:, : rhs.states]
     positions, velocities = rhs.channels(t, y)

@@ -15,11 +15,12 @@ SAMPLES = 4097  # of every function of time, for its largest value
 
 
 class Scales(NamedTuple):
-    """unknowns (m,): of y. lengths, speeds (contacts,): of the contact positions and their rates."""
+    """unknowns (m,): of y. lengths, speeds (contacts,): of the contact positions and their rates. energy: E."""
 
     unknowns: Array
     lengths: Array
     speeds: Array
+    energy: float
 
 
 def scales_of(first_order: FirstOrderSystem, t_end: float) -> Scales:
@@ -50,7 +51,7 @@ def scales_of(first_order: FirstOrderSystem, t_end: float) -> Scales:
         energy += 0.5 * move**2 / gives
     if not energy > 0.0:
         ones = np.ones(len(system.contacts))
-        return Scales(np.ones(len(first_order.y0)), ones, ones)
+        return Scales(np.ones(len(first_order.y0)), ones, ones, 1.0)
     # (q, q') in terms of y, turned round: y = back (q, q').
     back = np.linalg.pinv(np.concatenate([first_order.to_q, first_order.to_v]))
     n = system.size
@@ -64,7 +65,7 @@ def scales_of(first_order: FirstOrderSystem, t_end: float) -> Scales:
         alone = (contact.row != 0.0) & (unknowns <= 1e-12 * length)
         unknowns[alone] = length / np.abs(contact.row[alone])
     unknowns = np.where(unknowns > 0.0, unknowns, np.max(unknowns))
-    return Scales(unknowns, lengths + np.array(moves), speeds)
+    return Scales(unknowns, lengths + np.array(moves), speeds, energy)
 
 
 def _inverse(matrix: Array) -> Array:
