@@ -56,6 +56,7 @@ pre { overflow-x: auto; padding: .7rem .9rem; border: 1px solid var(--rule); bor
 code { overflow-wrap: anywhere; } pre code { overflow-wrap: normal; }
 table { display: block; overflow-x: auto; min-width: 0; }
 main img { background: #fff; border-radius: 6px; }
+@media (max-width: 46rem) { .site td:last-child { min-width: 15rem; } }
 @media (max-width: 60rem) { .site { grid-template-columns: minmax(0, 1fr); gap: 0; } .site nav { order: 2; } }
 @media print { .site nav { display: none; } .site { display: block; } }
 """

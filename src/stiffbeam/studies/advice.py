@@ -131,7 +131,7 @@ class Advice:
             dt = units.measure(f"{p.dt:.6g}", "time")
             cost = f"{p.steps} steps to t = {end}, {p.work} linear solves, {p.seconds:.2g} s here"
             lines.append(f"{p.label}, dt = {dt}: {cost}{over}")
-            lines.append(f"errors: {met}")
+            lines.append(f"errors, beside those of the mesh: {met}")
             if self.scatter:
                 single = ", ".join(f"{name} {self.scatter[name]:.2g}" for name in self.want_met)
                 lines.append(f"a single motion scatters about its mean by (relative) {single}: run an ensemble")

@@ -130,19 +130,25 @@ def orders(rows: Rows) -> dict[tuple[str, str], Order]:
     return found
 
 
-def answer(rows: Rows, _: Case) -> str:
-    """The observed orders in h, form by form."""
+def answer(rows: Rows, case: Case) -> str:
+    """The observed orders in h, form by form, and the errors on the grid that is next to the case's."""
     found = orders(rows)
     smooth = [f"{q} {o} ({form})" for (q, form), o in found.items() if "impact" not in q]
     contact = [f"{q} {o} ({form})" for (q, form), o in found.items() if "impact" in q]
     kinds = (("", smooth), ("in contact, against the finest grid: ", contact))
     sentence = "; ".join(words + ", ".join(orders) for words, orders in kinds if orders)
     forms = list(dict.fromkeys(form for _, form in found))
+    near = min((row["cells"] for row in rows), key=lambda n: (abs(np.log(n / case.cells)), -n), default=case.cells)
+    errors = {(row["quantity"], row["form"]): f" ({row['error']:.1g})" for row in rows if row["cells"] == near}
     table = [
-        {"order in h of": q} | {form: str(found[q, form]) if (q, form) in found else "–" for form in forms}
+        {"order in h of": q}
+        | {form: str(found[q, form]) + errors.get((q, form), "") for form in forms if (q, form) in found}
         for q in dict.fromkeys(q for q, _ in found)
     ]
-    rest = "In contact against the finest grid. ± holds with 95 %, an interval wider than 1.5 is no clear rate."
+    rest = (
+        f"In brackets the relative error on {near} cells (the case has {case.cells}), in contact against the finest "
+        "grid. ± holds with 95 %, an interval wider than 1.5 is no clear rate."
+    )
     return Answer(f"Observed orders in h: {sentence}.", table, rest)
 
 
