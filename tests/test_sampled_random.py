@@ -86,13 +86,12 @@ def test_a_stop_that_turns_twice_between_two_samples_is_not_stepped_over():
 
 
 @pytest.mark.parametrize(
-    "systems", [pytest.param(60, marks=pytest.mark.slow), pytest.param(500, marks=pytest.mark.campaign)]
+    "first",
+    [pytest.param(k, marks=pytest.mark.slow if k < 60 else pytest.mark.campaign) for k in range(0, 500, 20)],
 )
-def test_random_systems_with_sampled_loads_are_right(systems):
-    found = np.array([held_against_dop853(seed, 100) for seed in range(systems)])
-    print(
-        f"off by at most {np.max(found[:, 0]):.1e}, energy {np.max(found[:, 1]):.1e}, impacts {np.sum(found[:, 2]):g}"
-    )
+def test_random_systems_with_sampled_loads_are_right(first):
+    """In twenties, of which processes share the 500: off by at most 1.1e-7, energy 1.2e-13, 4887 impacts."""
+    found = np.array([held_against_dop853(seed, 100) for seed in range(first, first + 20)])
     assert np.max(found[:, 0]) < 1e-4
     assert np.max(found[:, 1]) < 1e-9
-    assert np.sum(found[:, 2]) > 5 * systems
+    assert np.sum(found[:, 2]) > 3 * len(found)

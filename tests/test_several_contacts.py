@@ -125,3 +125,24 @@ def test_the_four_panels_zoom_on_every_contact():
         assert stops == [x for x in (contact.stops.lower, contact.stops.upper) if x is not None]
     # No stop acts on the tip, which is observed elsewhere: none is drawn beside it.
     assert all(len(line.get_ydata()) > 2 for line in figure.axes[0].get_lines())
+
+
+@pytest.mark.parametrize("method", ["exact", "multiprecision", "cvode"])
+def test_a_body_that_two_stops_squeeze_from_both_sides_stays_where_it_is(method):
+    """Both press 0.1 sin 2t - 0.05 deep, and q = 0: no energy at any switch, 0.25 between them."""
+    wave = sb.Harmonic(0.1, 2.0), sb.Harmonic(-0.1, 2.0)
+    stops = sb.Stops(upper=0.05, stiffness=100.0), sb.Stops(lower=-0.05, stiffness=100.0)
+    pair = [sb.Contact([1.0], stop, offset) for stop, offset in zip(stops, wave, strict=True)]
+    system = sb.System.from_matrices([[1.0]], [[1.0]], contacts=pair)
+    ref = sb.reference(system, 1.5, method)
+    begin = np.arcsin(0.5) / 2.0
+    end = np.pi / 2.0 - begin
+    impulse = 5.0 * (np.cos(2.0 * begin) - np.cos(2.0 * end)) - 5.0 * (end - begin)
+    assert np.max(np.abs(ref.states[0])) < 1e-14
+    assert np.max(np.abs(ref.energy.energy)) == pytest.approx(0.25, rel=1e-5)
+    assert np.max(np.abs(ref.energy.loss)) < 1e-7
+    for record, side in zip(ref.contacts, (1, -1), strict=True):
+        assert record.impacts.stops.tolist() == [side]
+        assert record.impacts.times == pytest.approx([begin], abs=1e-9)
+        assert record.impacts.impulses == pytest.approx([impulse], rel=1e-8)
+        assert record.peak_force == pytest.approx(5.0, rel=1e-8)

@@ -54,7 +54,7 @@ def test_too_few_points_have_no_slope_or_no_interval():
     two = observed_order([0.1, 0.05], [4.0, 1.0])
     assert two.slope == pytest.approx(2.0)
     assert np.isnan(two.interval)
-    assert str(two) == "2.00"
+    assert str(two) == "2.00 (two points)"
 
 
 # ---------------------------------------------------------------- lag and decay, mode by mode

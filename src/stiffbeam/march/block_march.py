@@ -199,8 +199,9 @@ class March:
         """Load plus contact force at this time, (members, N)."""
         coordinates, t = self.stepper.coordinates, self.done * self.stepper.dt
         total = np.zeros((len(self.members), coordinates.rows.shape[1]))
+        loaded = self.members[:1] if self._alike else self.members
+        total[:] = [coordinates.load(member, t) for member in loaded]
         for i, member in enumerate(self.members):
-            total[i] = coordinates.load(member, t)
             if self.stepper.contact != "conserving":  # whose reactions are means over a step, not there at a time
                 for c, contact in enumerate(member.contacts):
                     force = contact.stops.force(self.state.position[i, c], self.state.velocity[i, c])

@@ -48,4 +48,6 @@ class Entries:
         *batch, K, g = x.shape
         flat = np.zeros((*batch, K * g + 1), x.dtype)
         flat[..., :-1] = x.reshape(*batch, K * g)
-        return flat[..., np.pad(self.place, (0, width - len(self.place)), constant_values=-1)]
+        found = np.zeros((*batch, width), x.dtype)
+        found[..., : len(self.place)] = flat[..., self.place]
+        return found

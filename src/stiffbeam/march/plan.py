@@ -185,11 +185,12 @@ class Plan:
         if self.stepper is None:
             return [seen_directly(self, member, every, None, since)[0] for member in members]
         seen: list[Seen | None] = [None] * len(members)
-        kinds = [self.stepper_for(member) for member in members]
+        systems = list(members)  # each is made when it is asked for
+        kinds = [self.stepper_for(member) for member in systems]
         for stepper in dict.fromkeys(kinds):
             own = [i for i, kind in enumerate(kinds) if kind is stepper]
             for part in [[i] for i in own] if can_leap(stepper, self.steps) else [own]:
-                march = start(stepper, [members[i] for i in part], self.steps, every, since)
+                march = start(stepper, [systems[i] for i in part], self.steps, every, since)
                 for _ in march.advance():
                     pass
                 for k, i in enumerate(part):

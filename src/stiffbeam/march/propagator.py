@@ -151,14 +151,20 @@ class Propagator:
         here depends on how many there are.
         """
         drives, V = [Drive.of(system) for system in systems], len(systems)
-        if V > 1 and (self.coordinates.parts == 1 or len({drive.size for drive in drives}) > 1):
-            return _side_by_side([self.forcing([system]) for system in systems])
         one, readers, coordinates, K = self.one, self.one.readers, self.coordinates, self.steps
-        frequencies = np.array([(0.0, *drive.frequencies) for drive in drives])  # (V, F), the constant first
-        F, N, (R, D) = frequencies.shape[1], coordinates.rows.shape[1], self.block.reading.shape
+        N, (R, D) = coordinates.rows.shape[1], self.block.reading.shape
         pairs = list(zip(drives, systems, strict=True))
-        loads = _amplitudes(np.stack([drive.split(coordinates.loads(x), N)[0] for drive, x in pairs]))  # (V, F, N)
-        shifts = _amplitudes(np.stack([drive.offsets(x)[0] for drive, x in pairs]))  # (V, F, C)
+        bases = [(drive.split(coordinates.loads(x), N)[0], drive.offsets(x)[0]) for drive, x in pairs]
+        constants = {bool(np.any(load[0]) or np.any(shift[0])) for load, shift in bases}
+        if V > 1 and (coordinates.parts == 1 or len(constants) > 1 or len({drive.size for drive in drives}) > 1):
+            return _side_by_side([self.forcing([system]) for system in systems])
+        frequencies = np.array([(0.0, *drive.frequencies) for drive in drives])  # (V, F), the constant first
+        loads = _amplitudes(np.stack([load for load, _ in bases]))  # (V, F, N)
+        shifts = _amplitudes(np.stack([shift for _, shift in bases]))  # (V, F, C)
+        constant, most = constants == {True}, frequencies.shape[1]
+        if not constant and most > 1:  # a load of nothing does nothing
+            frequencies, loads, shifts = frequencies[:, 1:], loads[:, 1:], shifts[:, 1:]
+        F = frequencies.shape[1]
         turn = np.exp(1j * frequencies * self.dt * np.array(self.scheme.nodes)[:, None, None])  # (S, V, F)
         acting = loads * turn[..., None]
         state, read = one.from_rest(np.stack([np.real(acting), np.imag(acting)], axis=-2).reshape(len(turn), -1, N))
@@ -186,9 +192,10 @@ class Propagator:
         rows = np.zeros((V, F, R + D), complex)
         rows[..., :R] = self.entries.of_readings(np.moveaxis(read, -1, 1), R)
         rows[..., R : R + n * k] = path[..., -1, :].transpose(0, 3, 2, 1).reshape(V, F, n * k)
-        constant = float(np.any(loads[:, 0]) or np.any(shifts[:, 0]))
-        velocity = np.moveaxis(_by_sines(np.moveaxis(read[:, :, readers.end_rates], -1, 1)), 1, -1)
-        return Forcing(constant, frequencies[:, 1:], _by_sines(rows), np.ascontiguousarray(velocity))
+        velocity = np.moveaxis(_by_sines(np.moveaxis(read[:, :, readers.end_rates], -1, 1), most), 1, -1)
+        return Forcing(
+            float(constant), frequencies[:, F - most + 1 :], _by_sines(rows, most), np.ascontiguousarray(velocity)
+        )
 
 
 def _amplitudes(basis: Array) -> Array:
@@ -196,12 +203,15 @@ def _amplitudes(basis: Array) -> Array:
     return np.concatenate([basis[:, :1], basis[:, 2::2] - 1j * basis[:, 1::2]], axis=1)
 
 
-def _by_sines(amplitudes: Array) -> Array:
-    """``_amplitudes`` undone: what goes with 1, sin w t, cos w t, .. (V, d, ...)."""
+def _by_sines(amplitudes: Array, most: int) -> Array:
+    """``_amplitudes`` undone: what goes with 1, sin w t, cos w t, .. (V, d, ...); ``most`` counts the constant, which
+    may be left out where it is zero."""
     V, F = amplitudes.shape[:2]
-    basis = aligned((V, 2 * F - 1, *amplitudes.shape[2:]))
-    basis[:, 0] = np.real(amplitudes[:, 0])
-    basis[:, 1::2], basis[:, 2::2] = -np.imag(amplitudes[:, 1:]), np.real(amplitudes[:, 1:])
+    basis = aligned((V, 2 * most - 1, *amplitudes.shape[2:]))
+    if most == F:
+        basis[:, 0] = np.real(amplitudes[:, 0])
+    waves = amplitudes[:, F - most + 1 :]
+    basis[:, 1::2], basis[:, 2::2] = -np.imag(waves), np.real(waves)
     return basis
 
 

@@ -24,7 +24,7 @@ class Order:
     def __str__(self) -> str:
         if 2.0 * self.interval > WIDEST:
             return "no clear rate"
-        return f"{self.slope:.2f} ± {self.interval:.2f}" if np.isfinite(self.interval) else f"{self.slope:.2f}"
+        return f"{self.slope:.2f} " + (f"± {self.interval:.2f}" if np.isfinite(self.interval) else "(two points)")
 
 
 def observed_order(steps: ArrayLike, errors: ArrayLike) -> Order:

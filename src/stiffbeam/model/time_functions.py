@@ -232,6 +232,7 @@ def load_function(field: str, function: Any, remedy: str = "for example Constant
     for known in (*KNOWN, Sum):
         if isinstance(function, known):
             itself(field, function, known)
+            return function
     if not isinstance(function, TimeFunction) and not callable(function):
         raise InputError(field, function, "be a Harmonic, a Constant or a function of time", remedy)
     if isinstance(function, type):
@@ -244,7 +245,7 @@ def evaluate(function: LoadFunction, t: ArrayLike) -> Array:
     t = np.asarray(t, float)
     remedy = "write it with NumPy functions, for example numpy.where for an if"
     try:
-        given = function.value(t) if isinstance(function, TimeFunction) else function(t)
+        given = function.value(t) if isinstance(function, (*KNOWN, Sum, TimeFunction)) else function(t)
     except InputError:
         raise
     except Exception as error:  # whatever the functions of others raise

@@ -65,7 +65,7 @@ def audit(
         raise SolverFailure(solver, float(np.min(when[~finite])), "the motion is not finite", REMEDY)
     _start(system, solution, t_end, solver, q0)
     kinetic, elastic, _ = system.energies(when, q, v)
-    stops, inside = _stops(system, solution, q, ends, sides)
+    stops, inside, held = _stops(system, solution, q, ends, sides)
     energy = kinetic + elastic + stops
     after, before = slice(0, count), slice(count, 2 * count - 1)
     opening = np.zeros(count + 1)  # at the start, and at the end of every piece
@@ -79,7 +79,7 @@ def audit(
     length = np.sqrt(np.sum(q * (q @ system.mass), axis=1))
     rounding = 2.0 * np.pi / solution.shortest_period * length * np.sqrt(2.0 * energy) + 2.0 * energy
     allowed = np.cumsum(np.append(rounding[after], 0.0) + np.append(0.0, rounding[count:]))
-    largest = np.maximum.accumulate(np.maximum(energy[after], energy[count:]))
+    largest = np.maximum.accumulate(np.max([energy[after], energy[count:], held], axis=0))
     largest = np.append(largest, largest[-1])
     allowed = np.clip(ROUNDINGS * EPS * np.sqrt(system.size) * allowed, SEEN * largest, LOST * largest)
     total = np.cumsum(opening)
@@ -105,12 +105,14 @@ def _start(system: System, solution: Solution, t_end: float, solver: str, q0: Ar
             raise SolverFailure(solver, 0.0, reason, "use method='multiprecision'")
 
 
-def _stops(system: System, solution: Solution, q: Array, ends: Array, sides: NDArray[np.int64]) -> tuple[Array, Array]:
-    """sum_c U_c of the regimes at the starts and then the ends of all pieces, and how much it is wrong in
-    the middle of each."""
+def _stops(
+    system: System, solution: Solution, q: Array, ends: Array, sides: NDArray[np.int64]
+) -> tuple[Array, Array, Array]:
+    """sum_c U_c of the regimes at the starts and then the ends of all pieces, how much it is wrong in the middle of
+    each, and how large it is there: what moving stops press into a body at rest is nothing at every switch."""
     times, count = solution.times, len(ends)
     when, middle = np.concatenate([times, ends]), 0.5 * (times + ends)
-    total, wrong = np.zeros(2 * count), np.zeros(count)
+    total, wrong, held = np.zeros(2 * count), np.zeros(count), np.zeros(count)
     for i, contact in enumerate(system.contacts):
         shift, stops, chi = solution.offset(system, i), contact.stops, sides[:, i]
         stop = np.where(chi > 0, stops.g2, np.where(chi < 0, stops.g1, 0.0))
@@ -118,5 +120,6 @@ def _stops(system: System, solution: Solution, q: Array, ends: Array, sides: NDA
         u = q @ contact.row + shift(when)[0]
         total += np.tile(closed, 2) * (u - np.tile(stop, 2)) ** 2
         u = solution.observed(middle, contact.row)[0] + shift(middle)[0]
+        held += stops.energy(u)
         wrong += np.abs(closed * (u - stop) ** 2 - stops.energy(u))
-    return total, wrong
+    return total, wrong, held
