@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import matplotlib.image
@@ -315,4 +316,6 @@ def test_import_and_help_load_no_heavy_library(code, light, tmp_path):
 
 def test_the_version_is_said(command):
     code, out, _ = command("--version")
-    assert (code, out.split()[0]) == (0, "stiffbeam")
+    stated = tomllib.loads(Path(__file__).parent.with_name("pyproject.toml").read_text())["project"]["version"]
+    assert (code, out.split()) == (0, ["stiffbeam", stated])
+    assert sb.__version__ == stated

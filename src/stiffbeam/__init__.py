@@ -9,6 +9,7 @@ Names are loaded on first use; SUNDIALS, jax and matplotlib only by the function
 from __future__ import annotations
 
 from importlib import import_module
+from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -200,6 +201,8 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        return version("stiffbeam")
     if name not in _MODULE:
         raise AttributeError(f"module 'stiffbeam' has no attribute {name!r}")
     value = getattr(import_module(f".{_MODULE[name]}", __name__), name)
