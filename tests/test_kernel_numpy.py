@@ -15,6 +15,7 @@ CHAOS = 0.05  # time in which rounding grows less than a hundredfold on Table 10
 @pytest.mark.parametrize("scheme", SCHEMES, ids=str)
 @pytest.mark.parametrize("contact", ["implicit", "extrapolated"])
 @pytest.mark.parametrize("viscosity", [0.0, 0.05])
+@pytest.mark.fast(37)
 def test_both_kernels_are_one_march(scheme, contact, viscosity, table10):
     problem = sb.BeamProblem(stiffness=300.0, viscosity=viscosity, stops=sb.Stops(-0.06, 0.05, stiffness=5e6),
                              base=table10.base)  # fmt: skip

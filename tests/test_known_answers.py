@@ -84,7 +84,7 @@ def test_there_are_two_dozen_problems_with_all_that_is_promised():
 
 
 @pytest.mark.parametrize("name", [pytest.param(n, marks=pytest.mark.slow) if n == "hammer-pulse" else n for n in SMALL])
-@pytest.mark.fast(3)
+@pytest.mark.fast(2)
 def test_small_piecewise_linear_motions_to_28_digits(name):
     """Matrix exponentials in mpmath between switches; samples and impact times."""
     from vibro_precise import precise, precise_flow

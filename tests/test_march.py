@@ -69,7 +69,7 @@ DENSE = [(s, c) for s in SCHEMES for c in CONTACTS if c != "conserving" or s.con
 
 
 @pytest.mark.parametrize(("scheme", "contact"), DENSE, ids=str)
-@pytest.mark.fast(6)
+@pytest.mark.fast(4)
 def test_dense_blocks_equal_the_direct_march(scheme, contact, table10_system, monkeypatch):
     """Of a damping that does not decouple, and of the first-order form; tolerances as for the modal blocks."""
     system = with_dashpots(table10_system)

@@ -8,7 +8,7 @@ from importlib import import_module
 
 import numpy as np
 import pytest
-from test_house import ARROWS, MODULES
+from test_house import MODULES, arrows
 
 import stiffbeam as sb
 from stiffbeam.references import METHODS, REFERENCES, registry, solve
@@ -49,11 +49,11 @@ def test_no_other_file_lists_the_solvers():
 def test_the_rooms_of_references_part():
     """Who reads an adaptive solver passes no search for switches, and the exact one needs no adaptive solver."""
     for room, others in (("adaptive", ("exact", "multiprecision")), ("exact", ("adaptive", "multiprecision"))):
-        for module, targets in ARROWS.items():
+        for module, targets in arrows().items():
             if module.startswith(f"references.{room}."):
                 assert not [t for t in targets if t.startswith(tuple(f"references.{other}" for other in others))]
     # The call finds solvers by their names in the registry, which no import shows: none of them may import it.
-    assert not [m for m, targets in ARROWS.items() if m.startswith("references.") and "references" in targets]
+    assert not [m for m, targets in arrows().items() if m.startswith("references.") and "references" in targets]
 
 
 def test_a_method_that_is_added_needs_its_file_and_its_line_only(monkeypatch):

@@ -174,6 +174,7 @@ def test_contacts_that_throw_each_other_off_are_refused():
 
 
 @pytest.mark.parametrize("kind", ["linear", "cubic"])
+@pytest.mark.fast(1)
 def test_sampled_loads_and_a_sampled_stop(kind):
     t = np.linspace(0.0, 2.0, 26)
     load = ([1.0, 0.0], sb.Sampled(t, 20.0 * np.sin(5.0 * t), kind=kind))

@@ -52,6 +52,7 @@ def test_every_scheme(start, end, count, scheme):
 
 @pytest.mark.parametrize("restitution", [0.8, 1.0])
 @pytest.mark.parametrize(("start", "after"), [((1.0, 5.0), True), ((1.0, -5.0), False)])
+@pytest.mark.fast(2)
 def test_rigid_stops(start, after, restitution):
     """The blow at t = 0 is none; the mass leaves with v and is back after (2 pi - 2 atan(v/10))/10."""
     system = mass(*start, stiffness=np.inf, restitution=restitution)
