@@ -108,3 +108,17 @@ def test_runs_with_like_steps_are_not_judged():
     assert score_trajectories(known, runs).entries[0].outcome == TOO_ALIKE
     runs.append((np.linspace(0.0, known.t_end, 1921), np.full(1921, 0.3)))
     assert score_trajectories(known, runs).entries[0].outcome == NOT_FALLING
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["bilinear-gap", "mass-on-a-stop", "two-mass-chain", "hammer-pulse"])
+def test_the_verdict_does_not_hang_on_the_steps(name):
+    """Ten random families of steps: impacts lie elsewhere within them, the schemes are right all the same."""
+    known, rng = sb.problem(name), np.random.default_rng(7)
+    for _ in range(10):
+        near = np.array(known.steps) * rng.uniform(0.7, 1.4, len(known.steps))
+        steps = np.unique(known.samples * np.maximum(1, np.round(near / known.samples)).astype(int))
+        for scheme in (sb.Trapezoidal(), sb.SDIRK(), sb.BDF2()):
+            made = (sb.integrate(known.system, scheme, known.t_end / n, known.t_end) for n in steps)
+            (entry,) = score_trajectories(known, [(run.t, *run.states) for run in made]).entries
+            assert entry.outcome == CONVERGES

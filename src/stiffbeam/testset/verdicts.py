@@ -19,6 +19,7 @@ CONVERGES, NOT_FALLING, LOW_ORDER = "converges", "error does not fall", "order t
 ONE_RUN, TOO_ALIKE = "one run", "steps too alike"
 SPAN = 0.26  # of the longest step, what the shortest is at most where it is judged how errors fall
 FLOOR = 1e-9  # of max |u|: below it rounding hides how an error falls
+ALIKE = 1.25  # what an error that has come to stay may scatter by
 FALL = 0.5  # of an error: what is left of it at a quarter of the step where a method is of order 1/2
 SLACK = 0.5  # of an observed order: where an impact lies within its step scatters the errors
 COARSE = 0.1  # of max |v|: below it the velocity's median error may fall slowly in problems without an order limit
@@ -131,8 +132,8 @@ def _missed(entry: Entry, levels: Array) -> tuple[str, ...]:
 
 def _falls(levels: Array, errors: Array) -> bool:
     """Whether the median of the finest errors is below ``FALL`` times that of steps four times as long, or the order
-    through the finer half of the runs may be 1/2 or more, its 95 % interval included; and so may the order through the
-    finest third.
+    through the finer half of the runs may be 1/2 or more, its 95 % interval included; and the errors of the finest
+    third are not all alike without such an order.
 
     Medians over a third of the runs each. One error may be small by chance, and those of impacts scatter as these lie
     within their steps; an error that has come to stay does neither, however much coarser steps add to it.
@@ -148,7 +149,8 @@ def _falls(levels: Array, errors: Array) -> bool:
         order = observed_order(1.0 / levels[-runs:], np.maximum(errors[-runs:], FLOOR))
         return order.slope + order.interval
 
-    stays = most(max(3, count)) < 0.5
+    last = errors[-max(3, count) :]
+    stays = np.max(last) < ALIKE * np.min(last) and most(len(last)) < 0.5
     return not stays and bool(fine <= FALL * coarse or most(max(4, len(errors) // 2)) >= 0.5)
 
 

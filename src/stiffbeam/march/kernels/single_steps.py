@@ -140,7 +140,7 @@ def account(
         y[j] = old[j]
 
 
-@compiled
+@inlined
 def _settle(
     squares: Array, n: int, y: Array, stops: float, given: float, viscous: float, taken: float, kind: int,
     balance: Array, new: Array,
