@@ -100,7 +100,7 @@ def pressed_at_the_start(system: sb.System) -> sb.System:
 
 
 @pytest.mark.parametrize("seed", [0, 4, 1, 10, 2, 6, 3, 7, 5, 8, 11, 9])  # of the fast ones none is Radau's
-@pytest.mark.fast(6)
+@pytest.mark.fast(2)
 def test_adaptive_solvers_on_every_law(seed):
     system = random_system(seed)
     holds(pressed_at_the_start(system) if seed % 3 == 1 else system, ADAPTIVE[seed % 6], 1e-7)
@@ -108,12 +108,13 @@ def test_adaptive_solvers_on_every_law(seed):
 
 @pytest.mark.parametrize("method", ["exact", "multiprecision"])
 @pytest.mark.parametrize("seed", range(4))
-@pytest.mark.fast(4)
+@pytest.mark.fast(1)
 def test_exact_solutions_on_damped_stops(method, seed):
     system = kelvin_voigt_system(seed)
     holds(pressed_at_the_start(system) if seed % 2 else system, method, 1e-10)
 
 
+@pytest.mark.fast(1)
 @pytest.mark.parametrize("method", ["cvode", "ida"])
 def test_the_ledger_is_as_accurate_as_the_motion_where_a_stop_lets_go(method):
     """A stop that has let go holds energy until the gap opens, of which the motion, whose error steps them, knows

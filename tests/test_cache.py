@@ -128,7 +128,7 @@ def test_what_has_no_key_is_refused_before_any_work(folder, system):
 
 @pytest.mark.parametrize("method", ["multiprecision", "cvode-adams"])
 @pytest.mark.parametrize("damage", ["cut", "flipped bytes", "another problem's file", "empty"])
-@pytest.mark.fast(3)
+@pytest.mark.fast(1)
 def test_a_damaged_file_is_named_and_remade(method, damage, folder, system):
     fresh = sb.cached_reference(system, 0.06, method, TIMES, rtol=1e-6)
     [file] = folder.iterdir()

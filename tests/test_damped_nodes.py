@@ -140,7 +140,7 @@ def _agrees(seed):
 
 
 @pytest.mark.parametrize("seed", range(6))
-@pytest.mark.fast(4)
+@pytest.mark.fast(1)
 def test_a_damped_node_is_a_kelvin_voigt_stop_where_it_has_relaxed(seed):
     _agrees(seed)
 
@@ -152,6 +152,7 @@ def test_more_damped_nodes(seed):
     _agrees(seed)
 
 
+@pytest.mark.slow
 def test_the_node_of_the_witness_is_the_limit_of_stiff_springs():
     """Radau with a spring for the stop: within C/kappa of the reaction that has no spring."""
     system, _ = damped_node(0)
@@ -246,6 +247,7 @@ def test_condensed_damping_leaves_rigid_motions_and_free_flights_as_they_are():
         assert lag < 1e-9 if damping == "relaxed" else lag > 1e-6
 
 
+@pytest.mark.slow
 def test_a_viscous_beam_on_rigid_stops():
     """Its base moves, so that its loads act on the node; every reference and scheme takes the damped stop."""
     wall = sb.Stops(lower=-0.1, upper=0.1, **RIGID)

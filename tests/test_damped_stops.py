@@ -42,7 +42,7 @@ def _agrees(system: sb.System) -> None:
 
 
 @pytest.mark.parametrize("seed", range(8))
-@pytest.mark.fast(3)
+@pytest.mark.fast(1)
 def test_random_systems_against_another_solver(seed):
     _agrees(kelvin_voigt_system(seed))
 
@@ -78,6 +78,7 @@ def test_more_bodies_that_nothing_holds(seed):
     _free_agrees(seed)
 
 
+@pytest.mark.fast(4)
 @pytest.mark.parametrize("method", ["exact", "multiprecision"])
 @pytest.mark.parametrize("zeta", [0.01, 0.1, 0.5, 1.0, 3.0])
 def test_a_free_mass_on_a_kelvin_voigt_wall(method, zeta):

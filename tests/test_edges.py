@@ -241,6 +241,7 @@ def test_a_motion_below_the_rounding_of_its_amplitudes_is_no_solution():
     assert sb.reference(system, 1e-5, "cvode").horizon > 0.0
 
 
+@pytest.mark.fast(4)
 @pytest.mark.parametrize("method", ["exact", "multiprecision"])
 @pytest.mark.parametrize("turn", range(6))
 def test_a_graze_as_deep_as_1e_12_of_the_motion_is_seen(turn, method):

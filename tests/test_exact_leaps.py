@@ -91,7 +91,7 @@ def test_the_error_of_a_leaps_cubic_is_bounded(damped):
 
 @pytest.mark.parametrize("damped", [False, True])
 @pytest.mark.parametrize("m", [1, 3])
-@pytest.mark.fast(2)
+@pytest.mark.fast(1)
 def test_the_first_switch_is_that_of_dense_samples(damped, m):
     rng = np.random.default_rng([7, damped, m])
     found = 0

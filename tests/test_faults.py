@@ -121,6 +121,7 @@ def test_a_flipped_byte_is_found_or_changes_nothing(kind, files, tmp_path):
     assert found > len(positions) // 4
 
 
+@pytest.mark.fast(2)
 @pytest.mark.parametrize("kind", ["saved", "frozen"])
 @pytest.mark.parametrize("part", [0.1, 0.5, 0.9, 0.999])
 def test_a_cut_file_is_found(kind, part, files, tmp_path):
@@ -130,6 +131,7 @@ def test_a_cut_file_is_found(kind, part, files, tmp_path):
         sb.load(cut)
 
 
+@pytest.mark.fast(2)
 @pytest.mark.parametrize(
     ("kind", "attribute", "value", "message"),
     [

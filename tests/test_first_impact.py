@@ -106,6 +106,7 @@ def test_restitution_delivered():
             assert abs(rest.restitution_of(rest.FORMULAS[name](e), 1.0) - value) < 0.51e-5
 
 
+@pytest.mark.slow
 def test_balls_deliver_what_the_closed_forms_say():
     records = study("restitution", CASE, wanted=[0.2, 0.6, 0.95])
     assert not records.failures

@@ -57,6 +57,7 @@ def test_a_motion_that_starts_on_a_stop_and_moves_in_has_a_horizon():
     assert sb.compare(sb.integrate(system, sb.HHT(), 1e-3, 1.0), ref).window == 1.0
 
 
+@pytest.mark.slow
 def test_impulses_and_ledger_know_a_drive_faster_than_every_mode():
     """Peaks and impulses are integrals over panels, which must resolve the drive: against 2e6 samples."""
     stops = sb.Stops(upper=1.0, stiffness=20.0)

@@ -49,7 +49,7 @@ def assert_equal_runs(modal, other, tolerance, march="modal blocks"):
 
 @pytest.mark.parametrize("scheme", SCHEMES, ids=str)
 @pytest.mark.parametrize("contact", ["implicit", "extrapolated"])
-@pytest.mark.fast(12)
+@pytest.mark.fast(6)
 def test_modal_blocks_equal_the_direct_march(scheme, contact, table10_system, monkeypatch):
     """Equal within eps (w_max/w_1)^2 = 1e-10 a step at worst; extrapolated contact amplifies it."""
     modal = sb.integrate(table10_system, scheme, 1e-4, T_SHORT, contact)
@@ -69,7 +69,7 @@ DENSE = [(s, c) for s in SCHEMES for c in CONTACTS if c != "conserving" or s.con
 
 
 @pytest.mark.parametrize(("scheme", "contact"), DENSE, ids=str)
-@pytest.mark.fast(4)
+@pytest.mark.fast(2)
 def test_dense_blocks_equal_the_direct_march(scheme, contact, table10_system, monkeypatch):
     """Of a damping that does not decouple, and of the first-order form; tolerances as for the modal blocks."""
     system = with_dashpots(table10_system)

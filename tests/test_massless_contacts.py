@@ -33,6 +33,7 @@ def test_a_bouncing_bar_meets_the_wall_six_times_in_three_periods():
     assert found.impacts.times[:2] == pytest.approx([1.0, 11.0 / 3.0], abs=5e-3)
 
 
+@pytest.mark.fast(1)
 @pytest.mark.parametrize("kappa", [np.inf, 30.0])
 @pytest.mark.parametrize("scale", [1.0, -2.0])
 def test_the_same_motion_as_of_the_node_held_in_balance(kappa, scale):

@@ -120,7 +120,7 @@ def test_a_text_without_a_folder_has_to_hold_its_matrices():
         parse_case(TEXT, "text")
 
 
-@pytest.mark.fast(5)
+@pytest.mark.fast(2)
 @pytest.mark.parametrize("name", STUDIES)
 def test_every_study_but_that_of_the_grid_takes_a_system(name):
     """Its smoke configuration, over a span with impacts; no point fails, and the picture is drawn."""

@@ -66,6 +66,7 @@ def test_a_changed_number_in_a_frozen_file_is_found(name, frozen, tmp_path):
         sb.load(damaged)
 
 
+@pytest.mark.slow
 def test_a_flipped_byte_or_a_cut_is_found_or_harmless(frozen, tmp_path, many):
     content = frozen.read_bytes()
     rng = np.random.default_rng(3)

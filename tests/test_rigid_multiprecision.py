@@ -167,6 +167,7 @@ def test_random_systems_against_float64(seed):
     agrees(seed)
 
 
+@pytest.mark.slow
 def test_contacts_that_throw_each_other_off_are_refused():
     """Inertia between two contacts: each impact, e = 0, opens the other contact, again and again."""
     with pytest.raises(SolverFailure, match="at one time"):

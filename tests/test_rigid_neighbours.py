@@ -171,7 +171,7 @@ def test_more_random_systems_against_another_solver(seed):
 
 
 @pytest.mark.parametrize("seed", COME_TO_REST)
-@pytest.mark.fast(1)
+@pytest.mark.slow
 def test_contacts_that_throw_each_other_off_come_to_rest(seed):
     """Speeds fall by a factor in every turn, below rounding at one time: then both are held, and the last impact of
     each has what it presses. Moreau and Jean's scheme, of order 1, goes there too."""

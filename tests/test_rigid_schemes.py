@@ -47,6 +47,7 @@ def chain(contacts=1, damping="none", moving=False, e=None):
     return system, loop
 
 
+@pytest.mark.fast(12)
 @pytest.mark.parametrize("name", SCHEMES)
 @pytest.mark.parametrize(
     ("contacts", "damping", "moving"),

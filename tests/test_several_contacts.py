@@ -127,6 +127,7 @@ def test_the_four_panels_zoom_on_every_contact():
     assert all(len(line.get_ydata()) > 2 for line in figure.axes[0].get_lines())
 
 
+@pytest.mark.fast(1)
 @pytest.mark.parametrize("method", ["exact", "multiprecision", "cvode"])
 def test_a_body_that_two_stops_squeeze_from_both_sides_stays_where_it_is(method):
     """Both press 0.1 sin 2t - 0.05 deep, and q = 0: no energy at any switch, 0.25 between them."""

@@ -50,6 +50,7 @@ def test_stage_equation_of_one_contact(seed):
         assert F * r <= 0.0 or F == 0.0
 
 
+@pytest.mark.fast(12)
 @pytest.mark.parametrize("seed", range(30))
 def test_stage_equations_of_several_contacts(seed):
     rng = np.random.default_rng([seed, 6])

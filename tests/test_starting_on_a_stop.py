@@ -52,7 +52,7 @@ def test_every_scheme(start, end, count, scheme):
 
 @pytest.mark.parametrize("restitution", [0.8, 1.0])
 @pytest.mark.parametrize(("start", "after"), [((1.0, 5.0), True), ((1.0, -5.0), False)])
-@pytest.mark.fast(2)
+@pytest.mark.fast(1)
 def test_rigid_stops(start, after, restitution):
     """The blow at t = 0 is none; the mass leaves with v and is back after (2 pi - 2 atan(v/10))/10."""
     system = mass(*start, stiffness=np.inf, restitution=restitution)
@@ -97,6 +97,7 @@ def test_the_lower_stop_is_the_mirror_image():
         assert sb.integrate(system, sb.BDF2(), 1e-3, 0.55).impacts.count == count
 
 
+@pytest.mark.fast(1)
 @pytest.mark.parametrize("damping", [0.0, 0.1])
 def test_a_start_on_a_stop_is_one_however_its_modes_are_rounded(damping):
     """The position is a sum over modes: its distance from the stop is not zero, but 1e-16 to either side."""

@@ -121,6 +121,7 @@ def test_saving_again_replaces_the_file(run, exact, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["one.nc"]
 
 
+@pytest.mark.fast(2)
 @pytest.mark.parametrize("keep", [0, 4, 100, 0.25, 0.5, -1], ids=str)
 def test_a_truncated_file_is_named(run, tmp_path, keep):
     file = run.save(tmp_path / "cut.nc")

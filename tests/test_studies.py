@@ -58,6 +58,7 @@ def test_the_registry_names_every_study_there_is():
     assert found == set(STUDIES)
 
 
+@pytest.mark.fast(4)
 @pytest.mark.parametrize("name", BY_WEIGHT)
 def test_a_study_answers_in_numbers_from_flat_rows(name):
     records = smoke(name)
@@ -91,7 +92,7 @@ def test_a_study_draws_named_axes(name):
     assert figure.get_suptitle()
 
 
-@pytest.mark.fast(4)
+@pytest.mark.fast(1)
 @pytest.mark.parametrize("name", STUDIES)
 def test_a_study_saves_what_it_found(name, tmp_path, monkeypatch):
     write = Figure.savefig
@@ -123,6 +124,7 @@ def variants(rows, keys):
     yield [{k: float("nan") if k in numbers else v for k, v in row.items()} for row in rows]
 
 
+@pytest.mark.fast(3)
 @pytest.mark.parametrize("name", BY_WEIGHT)
 def test_a_picture_survives_failed_missing_and_single_rows(name):
     records = smoke(name)
@@ -140,6 +142,7 @@ def test_an_answer_does_not_need_every_point(name):
         assert replace(records, rows=rows).answer.endswith((".", "evaluated: "))
 
 
+@pytest.mark.fast(3)
 @pytest.mark.parametrize("name", [n for n in STUDIES if not find_study(n).needs_stops])
 def test_a_beam_without_stops_is_studied_too(name):
     case = parse_case(FREE, "free.toml")

@@ -314,6 +314,7 @@ def view(request, table10):
     return system, system.first_order() if request.param == "first order" else system
 
 
+@pytest.mark.fast(20)
 @pytest.mark.parametrize("scheme", list(registered()), ids=str)
 def test_the_ledger_of_every_scheme_and_form_balances(scheme, view):
     system, chosen = view

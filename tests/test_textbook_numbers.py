@@ -104,6 +104,7 @@ def test_the_time_on_power_law_stops(p, time):
     assert run.contacts[0].fraction * 4.0 == pytest.approx(time * depth, rel=1e-12)
 
 
+@pytest.mark.slow
 def test_the_dissipation_that_delivers_a_restitution():
     known = {
         0.95: 0.078926605287415231, 0.9: 0.16648195068530811, 0.7: 0.63482828126641674, 0.5: 1.4327505332713750,
