@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
 from systems import two_contacts
 
 import stiffbeam as sb
+from stiffbeam.basics.validation import InputError
+from stiffbeam.model.semidiscretisation import FORMS
 from stiffbeam.schemes import registered
 from stiffbeam.trajectory.ledger import Ledger, step_ledger
 
@@ -99,3 +101,47 @@ def test_the_ledger_does_not_depend_on_where_stretches_end(table10, monkeypatch)
 @pytest.mark.parametrize("engine", ["numba", "numpy"])
 def test_the_ledger_needs_no_particular_engine(engine, table10):
     assert_the_same_ledger(sb.integrate(sb.semidiscretise(table10, 12), sb.HHT(), 1e-4, 0.2, engine=engine))
+
+
+VIEWS = ("displacement", "velocity-curvature", "first order", "damped")
+
+
+@pytest.fixture(scope="module", params=VIEWS)
+def view(request, table10):
+    """A small beam in contact at once, as each form and march sees it."""
+    problem = replace(table10, stops=sb.Stops(-0.002, 0.002, stiffness=1e5))
+    if request.param == "damped":
+        problem = replace(problem, viscosity=0.01)
+    system = sb.semidiscretise(problem, 5, request.param if request.param in FORMS else "displacement")
+    return system, system.first_order() if request.param == "first order" else system
+
+
+@pytest.mark.fast(20)
+@pytest.mark.parametrize("scheme", list(registered()), ids=str)
+def test_the_ledger_of_every_scheme_and_form_balances(scheme, view):
+    system, chosen = view
+    if scheme.second_order_only and chosen is not system:
+        with pytest.raises(InputError):
+            sb.integrate(chosen, scheme, 1e-3, 0.2)
+        return
+    run = sb.integrate(chosen, scheme, 1e-3, 0.2)
+    ledger, (q, v) = run.energy, run.states
+    assert run.contacts[0].fraction > 0.1
+    assert np.max(ledger.stops) > 0.0
+    scale = np.max(np.abs(ledger.energy)) + np.max(np.abs(ledger.input))
+    rounding = len(run.t) * np.finfo(float).eps * scale
+    total = ledger.kinetic + ledger.elastic + ledger.stops
+    assert np.max(np.abs(total - system.energy(run.t, q, v))) <= rounding
+    balance = ledger.energy - ledger.energy[0] - ledger.input + ledger.viscous + ledger.loss
+    assert np.max(np.abs(balance)) <= rounding
+    assert np.max(np.abs(ledger.loss - ledger.contact - ledger.free)) <= rounding
+    # Input, viscous loss and energy once more, straight from the states of every step.
+    dq, force = np.diff(q, axis=0), np.array([system.load(t) for t in run.t])
+    work = np.cumsum([0.5 * (force[n] + force[n + 1]) @ dq[n] for n in range(len(dq))])
+    viscous = np.cumsum([d @ system.damping @ d / 1e-3 for d in dq])
+    assert np.max(np.abs(ledger.input[1:] - work)) <= 10 * rounding
+    assert np.max(np.abs(ledger.viscous[1:] - viscous)) <= 10 * rounding
+    kinetic = 0.5 * np.einsum("ki,ij,kj->k", v, system.mass, v)
+    assert np.max(np.abs(ledger.kinetic - kinetic)) <= 10 * rounding
+    if system.damped:
+        assert ledger.viscous[-1] > 1e-3 * scale

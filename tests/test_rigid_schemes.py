@@ -1,17 +1,15 @@
-"""Schemes for rigid stops against plain loops, their own energy identities, a known answer, and what is refused."""
+"""Schemes for rigid stops: steps of plain loops, known motions, order; in ensembles, comparisons, cases and files."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 from bouncing_bar import bouncing_bar, pressure
-from rigid_loops import Loop
+from rigid_chain import INF, chain
 
 import stiffbeam as sb
-from stiffbeam import InputError
 from stiffbeam.files.cases import parse_case
 
-INF = float("inf")
 SCHEMES = {
     "moreau_jean": sb.MoreauJean(),
     "paoli_schatzman": sb.PaoliSchatzman(),
@@ -19,32 +17,6 @@ SCHEMES = {
     "nonsmooth_alpha": sb.NonsmoothGeneralisedAlpha(),
     "backward_euler": sb.Theta(1.0),
 }
-
-
-def chain(contacts=1, damping="none", moving=False, e=None):
-    """Four masses in a row, driven, with stops at one or two of them: the System and the same as a Loop."""
-    M, n = np.diag([1.0, 0.7, 1.3, 0.8]), 4
-    K = 40.0 * (2.0 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1))
-    C = {"none": np.zeros((n, n)), "stiffness": 0.004 * K, "coupling": np.diag([0.0, 0.0, 0.0, 1.5])}[damping]
-    B = np.eye(n)[[3, 1][:contacts]]
-    lower, upper = np.array([-0.3, -0.25][:contacts]), np.array([0.2, INF][:contacts])
-    motion = sb.Harmonic(0.03, 5.0, 0.3)
-    load, drive = np.array([0.0, 6.0, 0.0, -3.0]), sb.Harmonic(3.0, 4.0, 1.0)
-    stops = [
-        sb.Stops(lower=lo, upper=None if hi == INF else hi, stiffness=INF, restitution=e)
-        for lo, hi in zip(lower, upper, strict=True)
-    ]
-    offsets = [motion if moving else None, None][:contacts]
-    system = sb.System.from_matrices(
-        M, K, C, loads=[(load, drive)], initial_velocity=[0.0, 0.5, 1.0, -0.5],
-        contacts=[sb.Contact(*x) for x in zip(B, stops, offsets, strict=True)],
-    )  # fmt: skip
-    on = np.array([1.0, 0.0][:contacts]) * moving
-    loop = Loop(
-        M, C, K, B, lower, upper, np.full(contacts, e or 0.0), lambda t: load * float(drive.value(t)),
-        lambda t: on * float(motion.value(t)), lambda t: on * float(motion.rate(t)),
-    )  # fmt: skip
-    return system, loop
 
 
 @pytest.mark.fast(12)
@@ -69,94 +41,6 @@ def test_every_step_is_that_of_a_plain_loop(name, contacts, damping, moving):
         assert contact.impulse == pytest.approx(dt * np.sum(np.abs([x[c] for _, _, x in wanted])), rel=1e-9)
 
 
-def steps_of(system, scheme, dt, steps):
-    """q, v, reactions (steps, contacts), energies, impulses of the load, all of an undamped system at every step."""
-    run = sb.integrate(system, scheme, dt, steps * dt)
-    q, v = run.states
-    R = np.stack([c.force[1:] for c in run.contacts], axis=1)
-    assert np.any(R)
-    return run, q, v, R, system.energy(run.t, q, v)
-
-
-@pytest.mark.parametrize("e", [0.0, 0.3, 1.0])
-@pytest.mark.parametrize("theta", [0.5, 0.6, 1.0])
-def test_the_energy_of_moreau_and_jean(theta, e):
-    """The docstring's identity; its last term where the law of restitution is met with equality."""
-    system, _ = chain(2, e=e)
-    dt = 0.02
-    run, q, v, R, E = steps_of(system, sb.MoreauJean(theta), dt, 400)
-    f = system.load(run.t)
-    dq, dv = np.diff(q, axis=0), np.diff(v, axis=0)
-    work = np.sum(((1.0 - theta) * f[:-1] + theta * f[1:]) * dq, axis=1)
-    squares = np.sum(dv * (dv @ system.mass) + dq * (dq @ system.stiffness), axis=1)
-    U = v @ np.array([c.row for c in system.contacts]).T
-    of_impacts = (1.0 - theta * (1.0 + e)) * np.sum(U[:-1] * dt * R, axis=1)
-    rest = np.diff(E) - work - (0.5 - theta) * squares - of_impacts
-    assert np.max(np.abs(rest)) < 1e-12 * np.max(E)
-
-
-@pytest.mark.parametrize("e", [0.0, 0.5, 1.0])
-def test_the_energy_of_paoli_and_schatzman(e):
-    system, loop = chain(2, e=e)
-    dt, beta = 0.02, 0.3
-    run, q, v, R, _ = steps_of(system, sb.PaoliSchatzman(beta), dt, 400)
-    middle = q[1:] - 0.5 * dt * v[1:]
-    K, M = system.stiffness, system.mass
-    E = 0.5 * np.sum(v[1:] * (v[1:] @ (M + (beta - 0.25) * dt**2 * K)) + middle * (middle @ K), axis=1)
-    across = q[2:] - q[:-2]
-    work = 0.5 * np.sum(system.load(run.t)[1:-1] * across, axis=1)
-    side = np.where(R[1:] < 0.0, loop.upper, loop.lower)
-    with np.errstate(invalid="ignore"):
-        gap = np.where(R[1:] != 0.0, (q @ loop.B.T)[:-2] - side, 0.0)
-    taken = (1.0 + e) * np.sum(R[1:] * gap, axis=1) / 2.0
-    assert np.max(np.abs(np.diff(E) - work + taken)) < 1e-12 * np.max(E)
-
-
-def test_the_energy_of_the_contact_stabilised_scheme():
-    system, _ = chain(2)
-    dt = 0.02
-    run, q, v, R, E = steps_of(system, sb.ContactStabilisedNewmark(), dt, 400)
-    B, f = np.array([c.row for c in system.contacts]), system.load(run.t)
-    dq, a = np.diff(q, axis=0), np.diff(v, axis=0) / dt
-    put_back = (dq - dt * v[:-1] - 0.5 * dt**2 * a) @ system.mass  # B^T nu
-    work = np.sum(0.5 * (f[1:] + f[:-1]) * dq, axis=1)
-    rest = np.diff(E) - work - np.sum(R * (dq @ B.T), axis=1) + np.sum(put_back * a, axis=1)
-    assert np.max(np.abs(rest)) < 1e-12 * np.max(E)
-    assert np.any(np.abs(put_back) > 1e-6)
-    assert np.max(np.abs(np.delete(put_back, [3, 1], axis=1))) < 1e-13  # at the contacts only
-
-
-@pytest.mark.parametrize("e", [0.0, 0.7])
-def test_the_energy_of_the_nonsmooth_generalised_alpha_scheme(e):
-    system, _ = chain(2, e=e)
-    dt = 0.02
-    run, q, v, R, E = steps_of(system, sb.NonsmoothGeneralisedAlpha(1.0), dt, 400)
-    B, f = np.array([c.row for c in system.contacts]), system.load(run.t)
-    dq, mean_q, mean_f = np.diff(q, axis=0), 0.5 * (q[1:] + q[:-1]), 0.5 * (f[1:] + f[:-1])
-    a = np.linalg.solve(system.mass, (mean_f - mean_q @ system.stiffness).T).T
-    nu = ((dq - dt * v[:-1] - 0.5 * dt**2 * a) @ system.mass) @ B.T
-    U, P = 0.5 * (v[1:] + v[:-1]) @ B.T, dt * R
-    rest = np.diff(E) - np.sum(mean_f * dq, axis=1) - np.sum(P * U + (0.5 * dt * P - nu) * (a @ B.T), axis=1)
-    assert np.max(np.abs(rest)) < 1e-12 * np.max(E)
-
-
-@pytest.mark.parametrize("e", [0.0, 0.5, 1.0])
-def test_the_energy_of_moreau_jean_and_bilbao(e):
-    system, _ = chain(2, e=e)
-    dt = 0.02
-    run, q, v, R, _ = steps_of(system, sb.MoreauJeanBilbao(), dt, 400)
-    basis = sb.modes(system)
-    shapes = basis.shapes / np.sqrt(np.sum(basis.shapes * (system.mass @ basis.shapes), axis=0))
-    x, y = (np.linalg.solve(shapes, z[1:].T).T for z in (q, v))
-    w = basis.omega
-    phi = 4.0 * np.sin(0.5 * w * dt) ** 2 / (w * dt) ** 2
-    E = 0.5 * np.sum(y**2 / phi + (w * x) ** 2 - dt * y * w**2 * x, axis=1)
-    mean = 0.5 * (v[2:] + v[1:-1])
-    B = np.array([c.row for c in system.contacts])
-    work = dt * np.sum((system.load(run.t)[1:-1] + R[1:] @ B) * mean, axis=1)
-    assert np.max(np.abs(np.diff(E) - work)) < 1e-12 * np.max(E)
-
-
 @pytest.mark.parametrize("damping", ["none", "stiffness"])
 def test_free_motion_under_a_constant_load_is_exact_for_moreau_jean_and_bilbao(damping):
     system, _ = chain(1, damping, e=0.5)
@@ -166,17 +50,6 @@ def test_free_motion_under_a_constant_load_is_exact_for_moreau_jean_and_bilbao(d
     )
     run = sb.integrate(free, sb.MoreauJeanBilbao(), 0.3, 30.0)
     assert np.max(np.abs(run.tip - sb.reference(free, 30.0, t_eval=run.t).tip)) < 1e-12
-
-
-def test_moreau_and_jean_lose_what_newtons_law_takes_and_nothing_else():
-    system, _ = chain(2, moving=True, e=0.4)
-    still, _ = chain(2, e=0.4)
-    E = sb.integrate(still, sb.MoreauJean(), 0.01, 5.0).energy
-    assert abs(E.loss[-1]) < 1e-12 * np.max(E.energy)
-    assert E.stop_dissipation[-1] > 0.1 * np.max(E.energy)
-    moved = sb.integrate(system, sb.MoreauJean(), 0.001, 5.0).energy  # the stop's work is a sum over steps
-    assert abs(moved.loss[-1]) < 1e-2 * np.max(moved.energy)
-    assert np.all(sb.integrate(chain(2)[0], sb.BDF2(), 0.01, 5.0).energy.stop_dissipation == 0.0)
 
 
 def on_the_bar(scheme, e=None, cells=100):
@@ -261,40 +134,6 @@ def test_through_an_impact_every_scheme_is_of_first_order(scheme):
     assert max(errors[-12:]) < 2.0 * dts[-1]
 
 
-def test_members_are_all_of_one_kind():
-    system, _ = chain(1)
-    soft = sb.System.from_matrices(
-        system.mass, system.stiffness, loads=system.loads,
-        contacts=[sb.Contact(system.contacts[0].row, sb.Stops(lower=-0.3, upper=0.2, stiffness=1e3))],
-    )  # fmt: skip
-    with pytest.raises(InputError, match=r"member|matrices|load"):
-        sb.integrate_ensemble(system, sb.BDF2(), 0.02, 1.0, [system, soft])
-    with pytest.raises(InputError, match="members"):
-        sb.integrate_ensemble(system, sb.BDF2(), 0.02, 1.0, sb.varied(system, stops=[soft.contacts[0].stops]))
-
-
-@pytest.mark.parametrize(
-    ("call", "named"),
-    [
-        (lambda: sb.integrate(chain(1)[0], sb.MoreauJean(), 0.01, 1.0), "restitution"),
-        (lambda: sb.integrate(chain(1, e=0.5)[0], sb.BDF2(), 0.01, 1.0), "restitution"),
-        (lambda: sb.integrate(chain(1)[0], sb.ExponentialFlow(), 0.01, 1.0), "argument"),
-        (lambda: sb.integrate(chain(1)[0], sb.BDF2(), 0.01, 1.0, contact="conserving"), "contact|conserve"),
-        (lambda: sb.integrate(chain(1)[0], sb.BDF2(), 0.01, 1.0, contact="extrapolated"), "contact"),
-        (lambda: sb.integrate(chain(1)[0], sb.BDF2(), 0.01, 1.0, engine="numpy"), "engine"),
-        (lambda: sb.integrate(chain(1)[0].first_order(), sb.BDF2(), 0.01, 1.0), "FirstOrderSystem"),
-        (lambda: sb.integrate(chain(1, "coupling", e=0.5)[0], sb.MoreauJeanBilbao(), 0.01, 1.0), "decouple"),
-        (lambda: sb.reference(chain(1)[0], 1.0, method="cvode"), "finite"),
-        (lambda: sb.reference(chain(1)[0], 1.0, method="multiprecision"), "restitution"),
-        (lambda: sb.lyapunov(chain(1)[0], 1.0), "restitution"),
-        (lambda: chain(1)[0].rhs(0.0, np.zeros(8)), "finite"),
-    ],
-)
-def test_what_is_refused(call, named):
-    with pytest.raises(InputError, match=named):
-        call()
-
-
 def test_a_comparison_pairs_the_impacts_that_each_has_itself():
     system, _ = chain(1, e=0.5)
     run, reference = sb.integrate(system, sb.MoreauJean(), 0.002, 2.0), sb.reference(system, 2.0)
@@ -306,21 +145,6 @@ def test_a_comparison_pairs_the_impacts_that_each_has_itself():
     assert contact.run_totals.impulse == run.contacts[0].impulse
     assert found.tip_error_to(found.matched_until) < 0.02
     assert abs(contact.matching.first_error) < 0.02
-
-
-def test_compliant_stops_and_starts_beyond_rigid_ones_are_refused():
-    compliant = sb.System.from_matrices(
-        [[1.0]], [[1.0]], contacts=[sb.Contact([1.0], sb.Stops(upper=0.1, stiffness=5.0))]
-    )
-    with pytest.raises(InputError, match="Trapezoidal"):
-        sb.integrate(compliant, sb.MoreauJean(), 0.01, 1.0)
-    stops = sb.Stops(upper=0.1, stiffness=INF)
-    beyond = sb.System.from_matrices([[1.0]], [[1.0]], contacts=[sb.Contact([1.0], stops)], initial_displacement=[0.2])
-    with pytest.raises(InputError, match="between"):
-        sb.integrate(beyond, sb.BDF2(), 0.01, 1.0)
-    twice = sb.System.from_matrices([[1.0]], [[1.0]], contacts=[sb.Contact([1.0], stops)] * 2)
-    with pytest.raises(InputError, match="follow"):
-        sb.integrate(twice, sb.BDF2(), 0.01, 1.0)
 
 
 def test_a_case_file_can_have_rigid_stops():

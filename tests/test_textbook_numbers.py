@@ -8,7 +8,7 @@ Those that other tests ask:
     the chain that sticks once a period                  test_rigid_multiprecision (20 digits)
     bars on a wall, in rational numbers                  test_rigid_bar
     what formulas for restitution deliver                test_first_impact
-    cos l cosh l = -1                                    test_study_measures
+    cos l cosh l = -1                                    test_closed_form
     in 28 digits, against the files of problems          test_known_answers
 """
 
