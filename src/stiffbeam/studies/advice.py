@@ -303,8 +303,10 @@ def _probe(
     """The run of these steps, read where the journal has it; None where it is refused."""
     dt, work = t_end / steps, steps * len(scheme.nodes)
     point = {"system": system.fingerprint, "t_end": t_end, "contact": contact, "steps": steps, **criterion.point}
-    if journal is not None and (rows := journal.rows(point := point | {"scheme": label_of(scheme)})):
-        return Probe(scheme, contact, dt, steps, work, **rows[0])
+    if journal is not None:
+        point["scheme"] = label_of(scheme)  # a scheme of one's own need not have one
+        if rows := journal.rows(point):
+            return Probe(scheme, contact, dt, steps, work, **rows[0])
     try:
         errors, seconds = criterion.errors(system, scheme, contact, dt, t_end)
     except Diverged:

@@ -90,7 +90,8 @@ def account(
     balance (9,), see KINETIC..; both are advanced in place. What is lost is the balance of a stretch of steps
     in contact, or of one without, as long as it lasts: between its ends no energy is asked, and outputs do not end it.
     """
-    squares, damping, loads, load_values, offsets = energies[:4] + energies[5:6]
+    squares, damping, offsets = energies.squares, energies.damping, energies.offsets
+    loads, load_values = energies.loads, energies.load_values
     steps, L, m = step[3].shape[0], loads.shape[0], energies.law.shape[0]
     new, old, damped = np.empty(z.size), y, np.any(damping > 0.0)
     force, beyond, last = np.zeros(m), np.zeros(m), np.zeros(m)

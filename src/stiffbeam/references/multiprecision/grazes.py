@@ -25,10 +25,10 @@ from ...model.system import System
 from ...trajectory.trajectory import SolverFailure
 from ..exact.damped_stops import LET_GO
 from ..exact.exact_measures import Solution, path_of
+from ..exact.touching import EPS
 from .modes import Sampler
 from .rational import exact_problem
 
-EPS = float(np.finfo(float).eps)
 PER_PERIOD = 16  # looks at a gap in the shortest period
 AT_ONCE, MOST_LOOKS = 100_000, 30_000_000
 CLOSE = 1e-9  # of the motion: deeper ones float64 sees
@@ -66,8 +66,8 @@ def passed_over(system: System, solution: Solution, sample: Sampler, t_end: floa
     """
     if np.sum(looks(solution, t_end)[0]) > MOST_LOOKS:
         return None
-    contacts = exact_problem(system, Drive.of(system)).contacts
-    turns = [turn for i in range(len(contacts)) for turn in _turns(system, solution, i, t_end)]
+    turns = [turn for i in range(len(system.contacts)) for turn in _turns(system, solution, i, t_end)]
+    contacts = exact_problem(system, Drive.of(system)).contacts if turns else []
     for turn in sorted(turn for turn in turns if turn.t > since):
         t, stop, least = turn.t, contacts[turn.contact].stop(turn.side), arb(0)
         for _ in range(3):  # to the double next to the turn
