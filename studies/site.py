@@ -53,10 +53,9 @@ STYLE = """
 .site h2 { margin-top: 2.2rem; font-size: 1.3rem; }
 pre { overflow-x: auto; padding: .7rem .9rem; border: 1px solid var(--rule); border-radius: 6px; font-size: .84rem;
   line-height: 1.45; }
-code { overflow-wrap: anywhere; } pre code { overflow-wrap: normal; }
+.number { white-space: nowrap; } code { overflow-wrap: anywhere; } pre code { overflow-wrap: normal; }
 table { display: block; overflow-x: auto; min-width: 0; }
 main img { background: #fff; border-radius: 6px; }
-@media (max-width: 46rem) { .site td:last-child { min-width: 15rem; } }
 @media (max-width: 60rem) { .site { grid-template-columns: minmax(0, 1fr); gap: 0; } .site nav { order: 2; } }
 @media print { .site nav { display: none; } .site { display: block; } }
 """
@@ -76,6 +75,7 @@ def markdown(text: str) -> str:
     extras = {"tables": None, "fenced-code-blocks": None, "header-ids": None, "code-friendly": None}
     page = str(markdown2.markdown(text, extras=extras))
     page = re.sub(r"<pre>(?!<span|<code)", "<pre><code>", page)
+    page = re.sub(r"(?<![\w.])(\d[\d.]*e-\d+)(?![^<]*>)", r'<span class="number">\1</span>', page)
     return re.sub(r"<pre([ >])", r'<pre tabindex="0"\1', page).replace(" />", ">")
 
 
@@ -120,7 +120,7 @@ def gallery(names: Iterable[str], out: Path, smoke: bool) -> str:
             f"## {name.replace('_', ' ')}",
             study.question,
             f"    {command}",
-            f"![{study.question}](gallery/{name}.png)",
+            f"[![{study.question}](gallery/{name}.png)](gallery/{name}.png)",  # on a phone it is small
         ]
         if table := records.answer.table:
             heads = list(dict.fromkeys(key for line in table for key in line))
@@ -249,8 +249,18 @@ def build(out: Path, studies: Iterable[str], smoke: bool) -> None:
         file.write_text(page(relinked(body, source, out, pages), source, titles), encoding="utf-8")
     pdoc.render.configure(docformat="markdown", show_source=False, footer_text="stiffbeam")
     pdoc.pdoc("stiffbeam", "!stiffbeam\\.", output_directory=out / "api")
+    _lead_home(out / "api" / "stiffbeam.html")
     if wrong := broken(out):
         raise ValueError("links that lead nowhere:\n" + "\n".join(wrong))
+
+
+def _lead_home(file: Path) -> None:
+    """Pdoc's page gets a way back to the others."""
+    text, heading = file.read_text(encoding="utf-8"), "<h2>API Documentation</h2>"
+    if text.count(heading) != 1:
+        raise ValueError(f"{file.name} has no list of names to put the way home before")
+    home = '<p><a href="../index.html">stiffbeam: all pages</a></p>\n'
+    file.write_text(text.replace(heading, home + heading), encoding="utf-8")
 
 
 def main() -> None:

@@ -14,7 +14,7 @@ from vibro_march import solve
 import stiffbeam as sb
 from stiffbeam.basics.validation import InputError
 from stiffbeam.studies import advice
-from stiffbeam.studies.advice import QUANTITIES, WANT
+from stiffbeam.studies.advice import QUANTITIES, WANT, Probe, _cheapest, _unreached
 from stiffbeam.studies.engine.journal import Journal
 
 
@@ -205,3 +205,13 @@ def test_rigid_stops_with_a_restitution_are_advised():
     )
     with pytest.raises(sb.InputError, match="take the system"):
         sb.advise(system, {"tip": 1e-2}, 3.0, [sb.BDF2()])
+
+
+def test_a_coarse_run_that_is_right_by_chance_is_no_advice():
+    """Two coarse steps meet the want and a finer one does not: the advice begins where all finer ones do."""
+    errors = {64: 0.01, 128: 0.02, 256: 0.3, 512: 0.04, 1024: 0.02, 2048: 0.01}
+    tried = [Probe(sb.BDF2(), "implicit", 1.0 / n, n, n, 0.0, {"peak_force": e}) for n, e in errors.items()]
+    assert _cheapest(tried, {"peak_force": 0.05}).steps == 512
+    assert _cheapest(tried[:4], {"peak_force": 0.05}) is None  # the finest alone has none that confirms it
+    said = _unreached(tried[:3], {"peak_force": 0.05}, 256)["peak_force"]
+    assert said.startswith("from no step on all of 3 runs of up to 256 steps; the best has 0.01")

@@ -12,7 +12,7 @@ from systems import two_contacts
 
 import stiffbeam as sb
 from stiffbeam.basics.validation import InputError
-from stiffbeam.figures.animation import _Film
+from stiffbeam.figures.animation import _Film, animate
 
 
 @pytest.mark.slow
@@ -43,6 +43,18 @@ def test_a_flash_is_where_the_impact_is():
         first = int(np.searchsorted(t, contact.impacts.times[0]))
         assert not np.any(film.flashes[:first, i])
     np.testing.assert_allclose(film.shape[:, 2], run.tip[::100])
+
+
+def test_an_interruption_before_the_first_frame_is_one(tmp_path, table10):
+    """Not the IndexError of a writer that ends a film without frames."""
+    run = sb.integrate(sb.semidiscretise(table10, 8), sb.HHT(), 1e-3, 0.02)
+
+    def interrupt(what: str, done: int, total: int) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        animate([run], tmp_path / "film.gif", seconds=0.2, show=interrupt)
+    assert not list(tmp_path.iterdir())
 
 
 def test_matrices_are_shown_by_their_contacts(tmp_path):

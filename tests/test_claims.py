@@ -82,7 +82,9 @@ def test_a_line_is_its_complex_amplitude_on_the_clock():
 def test_a_sample_is_written_to_the_digits_that_its_spread_leaves():
     assert sample(0.3801, 0.3921, 0.3859).written(100.0, " %") == "38.60 ± 0.60 %"
     assert sample(850.0, 910.0, 790.0).written() == "850 ± 60"
-    assert sample(4.0, 4.0).written() == "4.000"
+    assert sample(4.0, 4.0).written() == "4"  # a count that all members agree on
+    assert sample(1.16e-10, 1.16e-10).written(100.0, " %") == "1.2e-08 %"
+    assert sample(1.0e-8, 3.0e-8).written() == "2.0e-08 ± 1.4e-08"
 
 
 # ---------------------------------------------------------------- judged twice, and never the end of the page
@@ -92,7 +94,7 @@ def test_a_verdict_that_reseeding_changes_is_open():
     check = lambda e: Finding("Measured.", FAILS if e.seeds == (2,) else HOLDS)  # noqa: E731
     found = judge(Claim("5", "words", "rule", check, tables=(10,)), NOTHING)
     assert found.verdict == OPEN
-    assert "seeds 1: holds, seeds 2: does not hold" in found.measured
+    assert "holds with seeds 1; does not hold with seeds 2; holds with both" in found.measured
     same = judge(Claim("5", "words", "rule", lambda e: Finding("Measured.", FAILS), tables=(10,)), NOTHING)
     assert same == Finding("Measured.", FAILS)
 

@@ -167,6 +167,49 @@ def test_output_times_that_are_no_times_are_refused(method, t_eval):
         rigid_limit(system, 1.0, np.array(t_eval))
 
 
+@pytest.mark.parametrize("c", [1e4, 1e6, 1e8, 3e8, 1e9, 1e10])
+def test_a_creep_beside_fast_modes_is_known_to_its_horizon(c):
+    """x'' + c x' + x = 0 from 1: exp(-t/c), but for what is lost of 1/c beside c."""
+    system = sb.System.from_matrices([[1.0]], [[1.0]], [[c]], observe=[1.0], initial_displacement=[1.0])
+    found = sb.reference(system, c)
+    t = np.linspace(0.0, found.horizon, 50)
+    assert np.max(np.abs(found.at(t)[0] - np.exp(-t / c))) < 1e-3
+    assert found.horizon == c or c > 1e7
+
+
+def test_a_small_force_beside_a_large_one_is_felt():
+    """1e-15 pulls a free mass by 1e-15 t^2/2, where 1 holds another by 1e-12."""
+    system = sb.System.from_matrices(
+        np.eye(2),
+        np.diag([1e12, 0.0]),
+        np.diag([1.0, 0.0]),
+        observe=[1.0, 1.0],
+        loads=[([1.0, 1e-15], sb.Constant(1.0))],
+    )
+    assert sb.reference(system, 100.0).tip[-1] == pytest.approx(6e-12, rel=1e-9)
+
+
+@pytest.mark.parametrize("k", [1e-13, 1e-10, 1e-6])
+def test_a_slow_mode_answers_from_rest(k):
+    """f (1 - cos w t)/w^2 is f t^2/2 in so short a time, but the static answer f/w^2 has no digit of it."""
+    stops = sb.Stops(upper=1e3, stiffness=100.0)
+    system = sb.System.from_matrices(
+        np.eye(2), np.diag([1.0, k]), loads=[([0.0, 1.0], sb.Constant(1e-3))], observe=[0.0, 1.0],
+        contacts=[sb.Contact(row, stops) for row in np.eye(2)],
+    )  # fmt: skip
+    found = sb.reference(system, 10.0)
+    assert found.tip[-1] == pytest.approx(0.05 * (1.0 - k * 100.0 / 12.0), rel=1e-11 + (k * 100.0) ** 2)
+
+
+def test_a_stiffness_within_the_rounding_of_a_zero_ends_the_horizon():
+    """det K = 1e-14, which is 45 roundings of its entries and counts as none: w^2 = 5e-15, lost is w^2 t^2/12."""
+    K = np.array([[1.0 + 1e-14, -1.0], [-1.0, 1.0]])
+    system = sb.System.from_matrices(
+        np.eye(2), K, loads=[([1.0, 0.3], sb.Constant(1e-3))], observe=[1.0, 0.0], initial_velocity=[0.1, 0.0]
+    )
+    assert 1e5 < sb.reference(system, 6e6).horizon < (12.0 * 1e-3 / 5e-15) ** 0.5
+
+
 def test_a_span_too_short_for_output_times_is_refused():
     system = one_mass(-10.0, initial_velocity=[1.0])
     with pytest.raises(sb.SolverFailure, match="rounding is as large as the outputs"):

@@ -48,6 +48,17 @@ def members_of(kind: str, system: sb.System) -> sb.Members:
 KINDS = ("perturbed", "frequency", "amplitude", "stops")
 
 
+def test_members_with_laws_of_several_kinds_keep_their_places(system):
+    """They are marched apart, those of one kind together."""
+    linear, hertz = sb.Stops(-0.1, 0.1, stiffness=5e6), sb.Stops(-0.1, 0.1, stiffness=1e7, exponent=1.5)
+    damped = sb.Stops(-0.1, 0.1, stiffness=5e6, damping=100.0)
+    members = sb.varied(system, stops=[hertz, linear, damped, linear, hertz, damped, linear])
+    ensemble = sb.integrate_ensemble(system, sb.HHT(-0.1), 1e-4, 0.3, members, every=10)
+    assert len(set(ensemble.impact_count.tolist())) == 3
+    for i in range(len(members)):
+        assert_same_bits(ensemble, i, sb.integrate(members[i], sb.HHT(-0.1), 1e-4, 0.3, every=10))
+
+
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("scheme", [sb.HHT(-0.1), sb.BDF2(), sb.SDIRK(nystrom=True)], ids=str)
 @pytest.mark.parametrize("contact", ["implicit", "extrapolated"])

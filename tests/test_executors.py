@@ -136,7 +136,7 @@ def test_dask_workers_find_what_one_process_does_and_one_may_be_killed(tmp_path,
     from stiffbeam.studies.engine.scheduler import scheduler
 
     monkeypatch.setenv("STIFFBEAM_TEST_KILLED", str(tmp_path / "killed"))
-    cluster = distributed.LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None)
+    cluster = distributed.LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0")
     with cluster, scheduler(cluster.scheduler_address) as executor:
         study = replace(find_study("sweep"), evaluate=die_once)
         records = run_study(study, TABLE10, tmp_path, executor=executor, **MANY)
@@ -154,7 +154,7 @@ def test_dask_workers_that_keep_dying_are_given_up(tmp_path):
 
     with (
         dask.config.set({"distributed.scheduler.allowed-failures": 0}),
-        distributed.LocalCluster(n_workers=1, threads_per_worker=1, processes=True, dashboard_address=None) as cluster,
+        distributed.LocalCluster(n_workers=1, threads_per_worker=1, processes=True, dashboard_address=":0") as cluster,
         pytest.raises(Unfinished, match="the same command goes on from there"),
         scheduler(cluster.scheduler_address) as executor,
     ):

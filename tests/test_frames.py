@@ -122,7 +122,8 @@ def test_totals_end_where_the_reference_does(table10):
     ref = sb.reference(system, 0.25)
     long, short = (sb.compare(sb.integrate(system, sb.HHT(), 1e-4, end), ref) for end in (0.5, 0.25))
     assert long.contacts[0].run_totals == short.contacts[0].run_totals
-    assert long.totals_energy_lost == short.totals_energy_lost
+    # The ledger passes over whole blocks: the last steps of the shorter run are added up one by one.
+    assert long.totals_energy_lost == pytest.approx(short.totals_energy_lost, rel=1e-11)
 
 
 def test_a_second_writer_and_a_damaged_line_cost_no_finished_point(tmp_path):

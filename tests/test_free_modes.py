@@ -32,7 +32,7 @@ def signal(system: sb.System, late: np.ndarray, decay: np.ndarray, noise: float)
     q, v = (x @ basis.shapes.T for x in (c, rate))
     return Trajectory(
         t=t, tip=q[:, -1], tip_velocity=v[:, -1], contacts=(), work=Work(), provenance={"dt": 0.005}, system=system,
-        pieces=lambda: iter([(t, q, v)]),
+        pieces=lambda: iter([(t, q, v, np.zeros((len(t), 0)))]),
     )  # fmt: skip
 
 

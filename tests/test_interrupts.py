@@ -26,7 +26,7 @@ COMMANDS: dict[str, list[str]] = {
     "compare": ["compare", "table10", "--t-end", "0.2", "--references", "cvode,exact", "--no-cache", "--out", "out"],
     "reference": ["reference", "table10", "--method", "multiprecision", "--t-end", "0.2", "--out", "out/r.nc"],
     "advise": ["advise", "table10", "--t-end", "0.3", "--schemes", "hht(alpha=-0.1)"],
-    "animate": ["animate", "table10", "--t-end", "0.2", "--seconds", "1", "--out", "out/film.gif"],
+    "animate": ["animate", "table10", "--t-end", "0.2", "--seconds", "2", "--out", "out/film.gif"],
     "score": ["score", "hht(alpha=-0.1)", "--problem", "bilinear-gap,bouncing-bar,bilinear-oscillator"],
     "reproduce": ["reproduce", "table", "17", "--out", "out"],
     "studies": ["studies", "table10", "--smoke", "--jobs", "2", "--out", "out"],
@@ -118,3 +118,36 @@ def test_a_second_signal_does_not_wait(tmp_path):
     nobody_left(child.pid)
     assert child.returncode in (130, 143, -signal.SIGTERM)
     assert "Traceback" not in said
+
+
+LOST = """
+import os, signal, time, weakref
+from stiffbeam import cli
+
+class Thing: ...
+
+def dropped(_):
+    os.kill(os.getpid(), signal.{name})
+    for _ in range(10000):  # the exception comes here, where Python drops it
+        pass
+
+def app():
+    thing = Thing()
+    kept = weakref.ref(thing, dropped)
+    del thing
+    try:
+        time.sleep(20)
+    finally:
+        time.sleep(1)
+        print("cleaned up")
+
+cli.app = app
+cli.main()
+"""
+
+
+@pytest.mark.parametrize("number", STATUS)
+def test_a_signal_that_comes_where_python_drops_exceptions_is_heard_all_the_same(number):
+    program = LOST.format(name=number.name)
+    found = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=15, check=False)
+    assert (found.returncode, found.stdout, found.stderr) == (STATUS[number], "cleaned up\n", SAID)

@@ -94,7 +94,7 @@ def test_a_closed_stop_is_no_spring_to_every_scheme(beam):
     assert plan.stepper is not None
     leaper = leap.Leaper(plan.stepper, beam)
     leaper.make(1)
-    found = leaper.tables(4000, 4000)
+    found = leaper.tables(4000, 4000, 0.1)
     assert found is not None
     assert found[1].tolist() == [0, -2]
 
@@ -185,6 +185,29 @@ def test_what_cannot_be_leapt_over_goes_in_blocks(always, system):
     assert np.max(np.abs(leaps.positions - blocks.positions)) <= 1e-8
 
 
+@pytest.mark.parametrize("scheme", [sb.Trapezoidal(), sb.HHT(-0.1), sb.BDF2(), sb.SDIRK()], ids=str)
+@pytest.mark.parametrize("stiffness", [0.0, 1e-14, 1e-11, 1e-8, 1e-4])
+@pytest.mark.fast(8)
+def test_what_drifts_is_not_leapt_over(always, scheme, stiffness):
+    """A free mode is no sum of powers: runs came out as 0 or 1e252. One nearly free loses what it drifts by."""
+    for viscous in (0.0, 1.0):
+        for load in (sb.Harmonic(0.0, 1.0), sb.Constant(0.4), sb.Harmonic(1.0, 20.0)):
+            blocks, leaps = both(oscillator(stiffness, viscous, load), scheme, 1e-4, 100_000, 10)
+            size = np.max(np.abs(blocks.positions))
+            assert np.max(np.abs(leaps.positions - blocks.positions)) <= 1e-8 * size
+
+
+@pytest.mark.parametrize("scheme", SCHEMES, ids=str)
+@pytest.mark.fast(3)
+def test_two_masses_that_nothing_holds_fly_on(scheme):
+    """q_1 + q_2 = t, and q_1 - q_2 swings: 300 units of time in 3e6 steps, far more than leaps begin with."""
+    system = sb.System.from_matrices(
+        np.eye(2), [[100.0, -100.0], [-100.0, 100.0]], observe=[1.0, 1.0], initial_velocity=[1.0, 0.0]
+    )
+    run = sb.integrate(system, scheme, 1e-4, 300.0, every=1000)
+    assert np.max(np.abs(run.tip - run.t)) < 1e-8 * 300.0
+
+
 def test_what_may_leap_and_what_pays(beam):
     fine = Plan.of(beam, sb.HHT(-0.1), 1e-7, 0.1, "implicit", 1, "numba").stepper
     assert fine is not None
@@ -227,3 +250,14 @@ def test_a_beam_without_contacts_leaps_over_its_whole_run(driven):
     assert leaps.kind == leap.LEAPS
     # rounding of 1e6 steps, at most as if it all went one way
     assert np.max(np.abs(blocks.positions - leaps.positions)) < 1e-10 * np.max(np.abs(leaps.positions))
+
+
+def test_a_step_with_two_equal_factors_is_marched(always):
+    """Critical damping at which the eigenvectors of a step are one, to the bit in some: no regime, no traceback."""
+    for index in range(40):
+        omega = 10.0 ** np.random.default_rng(index).uniform(0.0, 2.5)
+        system = sb.System.from_matrices(
+            [[1.0]], [[omega**2]], [[2.0 * omega]], observe=[1.0], initial_displacement=[1.0]
+        )
+        blocks, leaps = both(system, SCHEMES[index % len(SCHEMES)], 0.3 / omega, 3000, 10)
+        assert np.max(np.abs(leaps.positions - blocks.positions)) <= 1e-9

@@ -98,6 +98,34 @@ def test_the_ledger_does_not_depend_on_where_stretches_end(table10, monkeypatch)
     assert_the_same_ledger(run)
 
 
+@pytest.mark.parametrize("scheme", list(registered()), ids=str)
+@pytest.mark.parametrize("every", [1, 50, 64, 307])
+@pytest.mark.fast(8)
+def test_blocks_that_no_contact_meets_are_passed_over_without_a_difference(scheme, every, monkeypatch):
+    """Against the definition; and both ways against each other where outputs lie at the ends of blocks and between."""
+    from stiffbeam.march import free_blocks, replay
+
+    passed = []
+    monkeypatch.setattr(replay, "SHORT", 1)
+    monkeypatch.setattr(replay, "free_block", lambda *given: passed.append(1) or free_blocks.free_block(*given))
+    run = sb.integrate(two_contacts(), scheme, 2e-3, 8.0, every=every)
+    assert_the_same_ledger(run)
+    assert passed
+    monkeypatch.setattr(replay, "SHORT", 10**9)
+    assert_the_same_ledger(sb.integrate(two_contacts(), scheme, 2e-3, 8.0, every=every))
+
+
+@pytest.mark.parametrize("scheme", [sb.HHT(-0.1), sb.BDF2(), sb.SDIRK()], ids=str)
+@pytest.mark.parametrize(
+    "stops", [{"damping": 300.0}, {"damping": 2e3}, {"dissipation": 1.0}, {"exponent": 1.5}], ids=str
+)
+@pytest.mark.fast(4)
+def test_the_ledger_of_a_long_run_on_stops_of_other_laws_is_that_of_the_states(scheme, stops, table10):
+    """A damped stop lets go before the gap opens: it holds energy then, and its block is not one without contact."""
+    problem = replace(table10, stops=sb.Stops(-0.1, 0.1, stiffness=1e6, **stops))
+    assert_the_same_ledger(sb.integrate(sb.semidiscretise(problem, 8), scheme, 1e-4, 1.0, every=1000))
+
+
 @pytest.mark.parametrize("engine", ["numba", "numpy"])
 def test_the_ledger_needs_no_particular_engine(engine, table10):
     assert_the_same_ledger(sb.integrate(sb.semidiscretise(table10, 12), sb.HHT(), 1e-4, 0.2, engine=engine))

@@ -91,7 +91,7 @@ def test_a_search_that_stands_still_ends_and_leaves_float64_as_it_was():
     """Decay rates of 1e70 die out at once, and are no reason to search on; a copy for the horizon meets them too."""
     before = np.geterr()
     for viscosity in (1e25, 1e70):
-        with pytest.raises(sb.SolverFailure, match="stands still") as caught:
+        with pytest.raises(sb.SolverFailure, match=r"stands still|rounding is as large|overflows") as caught:
             sb.reference(beam(viscosity=viscosity), 0.05)
         assert np.geterr() == before  # while the failure, and with it all that stopped, is still held
         assert caught.value.t < 0.05

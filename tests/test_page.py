@@ -19,8 +19,6 @@ import pytest
 
 import stiffbeam as sb
 from stiffbeam import cli
-from stiffbeam.dumont2002 import html as h
-from stiffbeam.dumont2002.table_section import percent, short, written
 from stiffbeam.dumont2002.verdicts import FAILS, HOLDS, NOT_MEASURED, SCHEME_ONLY, UNTESTABLE
 from stiffbeam.files.cases import paper_cases
 
@@ -202,32 +200,6 @@ def test_bad_input_is_refused_with_a_remedy(arguments, words, monkeypatch, capsy
     monkeypatch.chdir(tmp_path)
     assert run(monkeypatch, "reproduce", *arguments) == 2
     assert words in capsys.readouterr().err
-
-
-def test_elements_escape_what_they_hold():
-    assert h.element("p", "a < b & c", class_="x") == '<p class="x">a &lt; b &amp; c</p>'
-    assert h.element("img", src="x", alt='"quoted"') == '<img src="x" alt="&quot;quoted&quot;">'
-    assert h.element("p", h.element("b", "1 > 0")) == "<p><b>1 &gt; 0</b></p>"
-
-
-def test_numbers_of_a_column_stand_on_their_decimal_point():
-    table = h.table(["name", "value"], [["a", "1.25"], ["b", "310"], ["c", "12.5 ± 3"]], "numbers")
-    widths = re.findall(r'class="f" style="width:(\d+)ch"', table)
-    assert widths == ["6", "6", "6"]  # ".5 ± 3"
-    assert 'scope="row">a' in table
-
-
-def test_measured_sentences_are_typeset():
-    narrow = h.NARROW
-    assert h.typeset("3.1e-03 for gamma = -0.6, 4 %") == f"3.1{narrow}×{narrow}10⁻³ for γ = −0.6, 4{narrow}%"
-    assert h.typeset("max |R(iy)| - 1, order 2-3") == "max |R(iy)| - 1, order 2-3"
-    assert h.raised(-12) == "⁻¹²"
-
-
-def test_numbers_are_written_as_the_paper_does():
-    assert [written(x) for x in (300.0, -0.1, 5e6, 1e-4, 2.5e-5)] == ["300", "−0.1", "5 × 10⁶", "10⁻⁴", "2.5 × 10⁻⁵"]
-    assert [short(x) for x in (3904, None, -0.25)] == ["3\u202f904", "–", "−0.25"]
-    assert [percent(x) for x in (0.0398, 0.38, 0.0994)] == ["4 %", "38 %", "9.9 %"]
 
 
 # ---------------------------------------------------------------- a real browser

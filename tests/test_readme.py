@@ -84,6 +84,13 @@ def test_every_link_leads_somewhere(page):
         assert target.startswith("https://") or (page.parent / target).exists(), target
 
 
+def test_every_question_of_the_studies_has_its_answer_below():
+    text = (STUDIES / "README.md").read_text(encoding="utf-8")
+    asked = re.findall(r"^\* \[[^]]*\]\(#([^)]*)\) `", text, re.MULTILINE)
+    answers = re.findall(r"^### (.*)$", text, re.MULTILINE)
+    assert asked == [answer.replace(" ", "-") for answer in answers]
+
+
 @pytest.mark.slow
 def test_the_steel_beam_is_pressed_as_hard_as_printed(tmp_path):
     (block,) = (block.values[0] for block in BLOCKS if "largest contact force" in str(block.values[0]))

@@ -27,7 +27,7 @@ def test_members_are_all_of_one_kind():
     [
         (lambda: sb.integrate(chain(1)[0], sb.MoreauJean(), 0.01, 1.0), "restitution"),
         (lambda: sb.integrate(chain(1, e=0.5)[0], sb.BDF2(), 0.01, 1.0), "restitution"),
-        (lambda: sb.integrate(chain(1)[0], sb.ExponentialFlow(), 0.01, 1.0), "argument"),
+        (lambda: sb.integrate(chain(1)[0], sb.ExponentialFlow(), 0.01, 1.0), "grow"),
         (lambda: sb.integrate(chain(1)[0], sb.BDF2(), 0.01, 1.0, contact="conserving"), "contact|conserve"),
         (lambda: sb.integrate(chain(1)[0], sb.BDF2(), 0.01, 1.0, contact="extrapolated"), "contact"),
         (lambda: sb.integrate(chain(1)[0], sb.BDF2(), 0.01, 1.0, engine="numpy"), "engine"),

@@ -100,7 +100,7 @@ def test_the_count_of_table_10_does_not_depend_on_what_ran_before():
 def test_compare_says_that_it_compiles_and_begins_before_the_references(monkeypatch):
     said, order = [], []
     module = sys.modules[compare_case.__module__]
-    monkeypatch.setattr(module, "compile_beside", lambda: order.append("begun"))
+    monkeypatch.setattr(module, "compile_beside", lambda rehearsal: order.append("begun"))
     monkeypatch.setattr(module, "warm_up", lambda: order.append("waited"))
 
     def solve(*arguments):
@@ -132,8 +132,8 @@ def test_who_compiles_beside_is_waited_for(monkeypatch):
     monkeypatch.setattr(warm, "_beside", None)
     monkeypatch.setattr(warm, "_warm", False)
     monkeypatch.setattr(warm.subprocess, "Popen", Failing)
-    warm.compile_beside()
-    warm.compile_beside()
+    warm.compile_beside("pass")
+    warm.compile_beside("pass")
     warm.warm_up()
     assert len(begun) == 2
     assert begun[1] == "waited"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,6 +12,8 @@ from test_score import moreau_jean, newmark
 import stiffbeam as sb
 from stiffbeam.testset.problem import folder
 from stiffbeam.testset.score import score_trajectories
+from stiffbeam.testset.scorecard import Scorecard
+from stiffbeam.testset.show import reasons
 from stiffbeam.testset.trajectory_file import read_trajectory
 from stiffbeam.testset.verdicts import CONVERGES, FAILED, NOT_FALLING, ONE_RUN, TOO_ALIKE
 
@@ -51,7 +54,11 @@ def test_what_is_wrong_besides_the_displacement_is_found(kind, missed):
     same = score_trajectories("bilinear-gap", [runs[-1]] * 3).entries[0]
     assert same.outcome == ONE_RUN
     fewer = [tuple(np.delete(x, 7) for x in run) for run in runs]
-    assert "impacts are not counted" in str(score_trajectories("bilinear-gap", fewer))
+    told = score_trajectories("bilinear-gap", fewer)
+    assert str(told).count("impacts are not counted") == 1
+    both = Scorecard((told.entries[0], replace(told.entries[0], problem=sb.problem("hertz"))))
+    counted = [line for line in reasons(both) if "not counted" in line]
+    assert counted == ["trajectory on bilinear-gap, hertz: steps of different lengths: impacts are not counted"]
     with pytest.raises(sb.InputError, match="another unit"):
         score_trajectories("bilinear-gap", [(1e3 * runs[0][0], *runs[0][1:])])
 

@@ -51,6 +51,7 @@ def test_the_reference_of_names_holds_every_public_name(site):
     import stiffbeam as sb
 
     text = (site / "api" / "stiffbeam.html").read_text(encoding="utf-8")
+    assert '<a href="../index.html">' in text
     assert [name for name in sb.__all__ if f'id="{name}"' not in text] == []
 
 

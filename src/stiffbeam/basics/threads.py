@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence, Sized
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any, TypeVar
 
 from .validation import InputError
 
-Result = TypeVar("Result")
+Part = TypeVar("Part", bound=Sized)
 
 
 def cores() -> int:
@@ -23,13 +23,13 @@ def cores() -> int:
 
 
 def over_slices(
-    work: Callable[[Any], list[Result]],
+    work: Callable[[Any], Part],
     items: Sequence[Any],
     most: int,
     threads: int,
     progress: Callable[[int], None] | None,
-) -> Iterator[Result]:
-    """``work`` on slices of at most ``most`` items, a result for every item, in order.
+) -> Iterator[Part]:
+    """``work`` on slices of at most ``most`` items, what it makes of each, as long as the slice, in order.
 
     progress: called with the number of items done. Where a slice fails, those not begun are left out.
     """
@@ -43,7 +43,7 @@ def over_slices(
                 done += len(found)
                 if progress is not None:
                     progress(done)
-                yield from found
+                yield found
         finally:
             for part in parts:
                 part.cancel()

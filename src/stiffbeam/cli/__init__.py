@@ -19,6 +19,7 @@ from . import studies as studies
 from .application import app
 
 INTERRUPTED = 130  # the exit status of a program that Ctrl-C has stopped
+AGAIN = 0.2  # s, until it is looked whether an interruption was heard
 
 
 def main() -> None:
@@ -35,7 +36,18 @@ def main() -> None:
         sys.unraisablehook = lambda _: None  # of an object that the compiler had half made
         for name in (signal.SIGINT, signal.SIGTERM):  # a second one does not wait
             signal.signal(name, signal.SIG_DFL)
+        if hasattr(signal, "setitimer"):
+            signal.signal(signal.SIGALRM, again)
+            signal.setitimer(signal.ITIMER_REAL, AGAIN, AGAIN)
         raise KeyboardInterrupt
+
+    def again(_: int, __: object) -> None:
+        """Python drops an exception that comes within a callback of its garbage collection: then it comes again."""
+        here = sys.exception()
+        while here is not None and not isinstance(here, KeyboardInterrupt):
+            here = here.__context__
+        if here is None:
+            raise KeyboardInterrupt
 
     signal.signal(signal.SIGTERM, end)  # as Ctrl-C: what is finished is kept
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # not where a shell has it ignored

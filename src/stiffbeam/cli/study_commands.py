@@ -191,15 +191,21 @@ def _workers(address: str | None) -> AbstractContextManager[Executor | None]:
     return scheduler(address)
 
 
+NAME = 36  # characters of a first column that are not broken
+
+
 def _table(lines: list[dict[str, str]]) -> Table:
     """The lines of an answer under their headings, – where one has nothing to say."""
     from rich import box
     from rich.table import Table
 
     headings = list(dict.fromkeys(key for line in lines for key in line))
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=0)
     for i, name in enumerate(headings):
-        table.add_column(name, justify="right" if i else "left", overflow="fold")
+        cells = [line.get(name, "") for line in lines]
+        number = any(cell[:1] in "+-0123456789" for cell in cells if cell)
+        whole = not i and max(map(len, cells)) <= NAME
+        table.add_column(name, justify="right" if number else "left", overflow="fold", no_wrap=whole)
     for line in lines:
         table.add_row(*(line.get(name, "–") for name in headings))
     return table

@@ -47,8 +47,8 @@ def judge(claim: Claim, evidence: Evidence) -> Finding:
     each = {seed: claim.check(evidence.of(seed)).verdict for seed in SEEDS}
     if set(each.values()) <= {whole.verdict, OPEN}:
         return whole
-    said = ", ".join(f"seeds {seed}: {verdict}" for seed, verdict in each.items())
-    return Finding(f"{whole.measured} Reseeding changes the verdict ({said}).", OPEN)
+    said = "; ".join(f"{verdict} with seeds {seed}" for seed, verdict in each.items())
+    return Finding(f"{whole.measured} The verdict depends on the seeds: {said}; {whole.verdict} with both.", OPEN)
 
 
 def _place(section: str) -> list[float]:

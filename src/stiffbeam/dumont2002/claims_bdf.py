@@ -73,7 +73,7 @@ def _more_impacts(e: Evidence) -> Finding:
         return every(above(IMPACTS.of(e, 2, m), IMPACTS.of(e, 1, m)) for m in motions)
 
     return of_both(
-        f"Table 2, {IMPACTS.sentence(e, 2)}. Table 1, {IMPACTS.sentence(e, 1)}.",
+        f"{IMPACTS.sentence(e, 2, True)}. {IMPACTS.sentence(e, 1, True)}.",
         more(e.runs(2)),
         more(e.forms(2)),
     )

@@ -72,7 +72,7 @@ def _l_stable(e: Evidence) -> Finding:
     inside = max(largest(g) for g in np.linspace(GAMMA_MIN, GAMMA_MAX, 60))
     outside = min(largest(GAMMA_MIN - 0.002), largest(GAMMA_MAX + 0.02))
     return Finding(
-        f"max |R(iy)| - 1 over y: at most {max(inside, 0.0):.0e} inside [{GAMMA_MIN:.5f}, {GAMMA_MAX:.5f}], at least "
+        f"max |R(iy)| − 1 over y: at most {max(inside, 0.0):.0e} inside [{GAMMA_MIN:.5f}, {GAMMA_MAX:.5f}], at least "
         f"{outside:.0e} just outside; R vanishes at infinity.",
         plain_verdict(inside < 1e-12 < outside),
     )

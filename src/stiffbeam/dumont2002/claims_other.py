@@ -79,7 +79,7 @@ def _longer_contact(e: Evidence) -> Finding:
         return every(above(SHARE.of(e, 16, m), SHARE.of(e, 15, m)) for m in motions)
 
     return of_both(
-        f"Table 15, {SHARE.sentence(e, 15)}. Table 16, {SHARE.sentence(e, 16)}.",
+        f"{SHARE.sentence(e, 15, True)}. {SHARE.sentence(e, 16, True)}.",
         longer(e.runs(16)),
         longer(e.forms(16)),
     )
@@ -90,7 +90,7 @@ def _more_regular(e: Evidence) -> Finding:
         return every(below(CHANGE.of(e, 16, m), CHANGE.of(e, 15, m)) for m in motions)
 
     return of_both(
-        f"Table 15, {CHANGE.sentence(e, 15)}. Table 16, {CHANGE.sentence(e, 16)}.",
+        f"{CHANGE.sentence(e, 15, True)}. {CHANGE.sentence(e, 16, True)}.",
         regular(e.runs(16)),
         regular(e.forms(16)),
     )
@@ -168,7 +168,7 @@ def _wide_range(e: Evidence) -> Finding:
 
     for table in (1, 2, 5):
         e.runs(table)
-    said = [f"Table {table}, {BAND.sentence(e, table)}" for table in (1, 2, 5)]
+    said = [BAND.sentence(e, table, True) for table in (1, 2, 5)]
     forms = ("displacement", "velocity-curvature")
     return of_both(f"{'. '.join(said)}.", wider(("(4.13)", "(4.5)", "(4.11)")), wider(forms))
 

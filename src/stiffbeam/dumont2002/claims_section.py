@@ -35,7 +35,7 @@ def claims(judged: Sequence[Mapping[str, str]]) -> h.Html:
     rows = [
         h.element(
             "tr",
-            h.element("th", h.element("a", row["section"], href=f"#claim-{i}"), scope="row"),
+            h.element("th", *_place(row["section"]), " ", h.element("a", f"#{i}", href=f"#claim-{i}"), scope="row"),
             h.element("td", h.typeset(row["claim"])),
             h.element(
                 "td",
@@ -55,7 +55,11 @@ def claims(judged: Sequence[Mapping[str, str]]) -> h.Html:
     head = h.element("tr", *(h.element("th", x, scope="col") for x in columns))
     caption = "Claims and verdicts"
     table = h.element(
-        "table", h.element("caption", caption), h.element("thead", head), h.element("tbody", *rows), class_="claims"
+        "table",
+        h.element("caption", caption),
+        h.element("thead", head),
+        h.element("tbody", *rows),
+        class_="claims cards",
     )
     choices = [("all", f"all {len(judged)}"), *((h.anchor(x), f"{x}, {n}") for x, n in counts.items())]
     buttons = (
@@ -85,6 +89,12 @@ def claims(judged: Sequence[Mapping[str, str]]) -> h.Html:
             class_="filtered",
         ),
     )
+
+
+def _place(section: str) -> list[object]:
+    """The paper's section; its table leads to what is measured there."""
+    section, comma, table = section.partition(", ")
+    return [section, comma, h.element("a", table, href=f"#{h.anchor(table)}")] if table else [section]
 
 
 def _colour(verdict: str) -> str:

@@ -76,7 +76,7 @@ def panels(made: Made) -> list[Panel]:
     if made.number in (15, 16, 17):
         found.append(Panel("c", f"shear stress at the tip to t = {end:.3g}", lambda axis: _stress(axis, made, end)))
     else:
-        found.append(Panel("c", "the first contact", lambda axis: _first_contact(axis, made)))
+        found.append(Panel("c", "the first contacts", lambda axis: _first_contact(axis, made)))
     found.append(Panel("d", f"spectrum of the tip to t = {made.case.t_end:g}", lambda axis: _spectrum(axis, made)))
     return found
 

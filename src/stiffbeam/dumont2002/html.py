@@ -48,24 +48,37 @@ def figure(pictures: Sequence[Html], caption: object, class_: str = "", above: o
     return element("figure", above, grid, element("figcaption", caption))
 
 
-def table(headings: Sequence[str], rows: Sequence[Sequence[object]], caption: str, text: Sequence[int] = (0,)) -> Html:
+def table(
+    headings: Sequence[str], rows: Sequence[Sequence[object]], caption: str, text: Sequence[int] = (0,),
+    cards: bool = False,
+) -> Html:  # fmt: skip
     """Headings over rows; columns not in ``text`` hold numbers and are aligned on the decimal point.
 
     The first cell of a row is its heading. A wide table scrolls inside its own box, and can be had as CSV.
+    cards: on a phone every row is a card of its own, whose cells stand below each other under their headings.
     """
     numeric = [i for i in range(len(headings)) if i not in text]
     behind = {i: max((len(_fraction(str(row[i]))) for row in rows), default=0) for i in numeric}
-    head = element("tr", *(element("th", h, scope="col", class_=_kind(i, text)) for i, h in enumerate(headings)))
+    head = element("tr", *(element("th", whole(h), scope="col", class_=_kind(i, text)) for i, h in enumerate(headings)))
     body = []
     for row in rows:
-        cells = [element("th", row[0], scope="row")]
+        cells = [element("th", whole(row[0]), scope="row")]
         for i, value in enumerate(row[1:], start=1):
-            cells.append(element("td", value if i in text else aligned(str(value), behind[i]), class_=_kind(i, text)))
+            content = value if i in text else aligned(str(value), behind[i])
+            cells.append(element("td", content, class_=_kind(i, text), data_label=headings[i] if cards else None))
         body.append(element("tr", *cells))
     inner = element(
-        "table", element("caption", element("span", caption)), element("thead", head), element("tbody", *body)
-    )
+        "table", element("caption", element("span", caption)), element("thead", head), element("tbody", *body),
+        class_="cards" if cards else None,
+    )  # fmt: skip
     return boxed(inner, caption, [headings, *rows])
+
+
+def whole(name: object) -> object:
+    """A name whose ``3 (4.13)`` or ``|σ|`` no line end divides."""
+    if isinstance(name, Html):
+        return name
+    return re.sub(r"^(\d+) (?=\()", "\\1\u00a0", str(name)).replace("|σ|", "|\u2060σ\u2060|")
 
 
 def boxed(inner: Html, caption: str, rows: Sequence[Sequence[object]]) -> Html:
@@ -127,11 +140,13 @@ def anchor(name: str) -> str:
 
 
 def typeset(text: str) -> str:
-    """Powers of ten, minus signs, per cent and Greek letters as on paper."""
+    """Powers of ten, minus signs, per cent and Greek letters as on paper, and numbers that hold together."""
     text = re.sub(r"(\d(?:\.\d+)?)e([+-]\d+)", lambda m: f"{m[1]}{NARROW}×{NARROW}10{raised(int(m[2]))}", text)
     text = re.sub(r"(?<![\w)])-(?=\d)", "−", text)
     for word, letter in (("gamma", "γ"), ("alpha", "α"), ("lambda", "λ"), ("sigma", "σ")):
         text = re.sub(rf"\b{word}\b", letter, text)
+    text = re.sub(r" (±|×|×/÷) (?=\d)", "\u00a0\\1\u00a0", text)  # no line breaks within a number
+    text = text.replace("×/÷", "×/\u2060÷")
     return text.replace(" %", NARROW + "%")
 
 

@@ -26,7 +26,7 @@ def close_up(made: Made) -> Figure:
     start = 0.9 * float(exact.impacts.times[0])
     end = min(end, float(exact.impacts.times[exact.impacts.stops < 0][0]) - 0.02)  # the first visit to one stop
     t = np.linspace(start, end, 6000)
-    figure = new_figure(3.9, width=7.2)
+    figure = new_figure(3.4, width=5.0)
     axis = figure.subplots()
     axis.plot(t, exact.at(t)[0], color=EXACT["displacement"][0], lw=1.0, label=exact_label(made, "displacement"))
     for equation, run in made.runs.items():
@@ -47,7 +47,7 @@ def shares(numbers: Mapping[int, Mapping[str, Any]]) -> Figure:
     """Share of time in contact, table by table: means and deviations of the ensembles, exact and of every run."""
     from matplotlib.ticker import PercentFormatter
 
-    figure = new_figure(0.32 * len(numbers) + 1.3, width=7.2)
+    figure = new_figure(0.3 * len(numbers) + 1.5, width=5.0)
     axis = figure.subplots()
     rows = sorted(numbers)
     seen: set[str] = set()
@@ -75,7 +75,7 @@ def shares(numbers: Mapping[int, Mapping[str, Any]]) -> Figure:
     axis.xaxis.set_major_formatter(PercentFormatter(1.0, decimals=0))
     axis.set(xlim=(-0.02, 1.02), xlabel="share of time in contact")
     axis.grid(axis="x", color="0.92", lw=0.8)
-    figure.legend(loc="outside lower center", ncols=3, frameon=False, fontsize=9)
+    figure.legend(loc="outside lower center", ncols=2, frameon=False, fontsize=9)
     return figure
 
 

@@ -52,10 +52,11 @@ class Measure:
             text += f" (true to T: {self.scale * row[self.what]:.4g}{self.unit})"
         return text
 
-    def sentence(self, e: Evidence, table: int) -> str:
-        """The measure of every motion of a table, in one sentence."""
+    def sentence(self, e: Evidence, table: int, named: bool = False) -> str:
+        """The measure of every motion of a table, in one sentence, which names the table where it is one of several."""
         motions = [*e.runs(table), *e.forms(table)]
-        return f"{self.label}: " + ", ".join(
+        label = f"Table {table}, {self.label[0].lower()}{self.label[1:]}" if named else self.label
+        return f"{label}: " + ", ".join(
             f"{e.name(table, motion)} {self.written(e, table, motion)}" for motion in motions
         )
 

@@ -34,8 +34,15 @@ class Sample:
         return float(np.std(self.values, ddof=1)) if len(self.values) > 1 else 0.0
 
     def written(self, scale: float = 1.0, unit: str = "") -> str:
-        """Mean ± standard deviation over the members, to the digits that the deviation leaves, four at most."""
+        """Mean ± standard deviation over the members, to the digits that the deviation leaves, four at most.
+
+        The same whole number of all members is written as one, and what is below 1e-4 in powers of ten.
+        """
         mean, sd = scale * self.mean, scale * self.sd
+        if not sd and mean == round(mean):
+            return f"{mean:.0f}{unit}"
+        if _magnitude(mean) < -4:
+            return f"{mean:.1e}" + (f" ± {sd:.1e}" if sd else "") + unit
         places = 3 - _magnitude(mean)
         if sd:
             places = min(places, (0 if sd >= 3.0 else 1) - _magnitude(sd))

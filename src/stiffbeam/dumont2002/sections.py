@@ -30,13 +30,15 @@ def punch_line(numbers: Mapping[int, Numbers], close_up: Path, shares: Path) -> 
     """What the paper could not see."""
     ten = numbers[10]
     exact, runs = ten["exact"]["displacement"], ten["runs"]
+    share = h.typeset(f"{spread(exact, 'fraction', 100.0)} %")
     touched = ", ".join(f"{spread(row, 'fraction', 100.0)} % with {_SCHEME[name]}" for name, row in runs.items())
-    known = f" (the true motion to T for {percent(exact['fraction'])})" if exact["digits"] else ""
+    touched = h.typeset(touched)
+    known = h.typeset(f" (the true motion to T for {percent(exact['fraction'])})") if exact["digits"] else ""
     fast = ", ".join(f"{spread(row, 'fast')} with {_SCHEME[name]}" for name, row in runs.items())
     return h.joined(
         h.paragraph(
-            f"In the motion of Table 10 the beam touches a stop for {spread(exact, 'fraction', 100.0)} % of the time"
-            f"{known}. The schemes of the paper, at its step, touch it for {touched}. Most of what its figures show as "
+            f"In the motion of Table 10 the beam touches a stop for {share} of the time{known}."
+            f" The schemes of the paper, at its step, touch it for {touched}. Most of what its figures show as "
             "resting on the stop is numerical dissipation: the schemes take away the fast motion that throws the tip "
             "off again.",
             class_="lead",
@@ -47,7 +49,7 @@ def punch_line(numbers: Mapping[int, Numbers], close_up: Path, shares: Path) -> 
                     close_up,
                     "Tip displacement of Table 10 near the upper stop, inside the horizon: the exact motion, and the "
                     f"schemes. They touch the stop for {touched} of the time, the exact motion for "
-                    f"{spread(exact, 'fraction', 100.0)} %.",
+                    f"{share}.",
                 )
             ],
             "Table 10 at the upper stop, inside the horizon. Look at the black curve between the stop and 0.09: it "
@@ -279,5 +281,6 @@ def misprints(rows: Sequence[Mapping[str, str]]) -> h.Html:
     """The table of misprints and of their measured effect."""
     cells = [[row["where"], row["printed"], row["right"], h.typeset(row["effect"])] for row in rows]
     return h.table(
-        ["where", "printed", "right", "effect, measured"], cells, "Misprints and their effect", text=(0, 1, 2, 3)
-    )
+        ["where", "printed", "right", "effect, measured"], cells, "Misprints and their effect", text=(0, 1, 2, 3),
+        cards=True,
+    )  # fmt: skip

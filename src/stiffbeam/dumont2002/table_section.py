@@ -49,7 +49,7 @@ def percent(value: float) -> str:
 def spread(row: Numbers, what: str, scale: float = 1.0) -> str:
     """Mean and standard deviation over all members."""
     values = [x for members in row["ensemble"].values() for x in members[what] if x is not None]
-    return Sample(np.array(values)).written(scale).replace("-", MINUS) if values else DASH
+    return h.typeset(Sample(np.array(values)).written(scale)) if values else DASH
 
 
 def title(number: int) -> str:
@@ -147,7 +147,7 @@ def _hex(colour: str) -> str:
 def caption(number: int, numbers: Numbers) -> str:
     """What to look at; every result in it is taken from the numbers."""
     look = _LOOK.get(number, _LOOK_GROUP[_group(number)])
-    return " ".join(part for part in (look, _spectrum_sentence(numbers), _contact_sentence(numbers)) if part)
+    return h.typeset(" ".join((look, _spectrum_sentence(numbers), _contact_sentence(numbers))))
 
 
 def _spectrum_sentence(numbers: Numbers) -> str:
@@ -179,13 +179,14 @@ _LOOK_GROUP = {
     "both": "In (c), compare how the schemes and the exact tip leave the stop.",
     "other": "In (a) and (b), compare the height of the scheme's velocities with the exact ones.",
 }
+_RESONANCE = (
+    "Near resonance: 4.4a = 267 is the first mode of the beam clamped at one end and resting on a stop at the other."
+)
 _LOOK = {
     1: "The stiff beam. In (a), compare the schemes at the stop with the chatter of the exact tip.",
-    4: "Near resonance. In (d), 4.4a = 267 is the first mode of the beam clamped at one end and resting on a stop at "
-    "the other.",
-    12: "Near resonance. In (d), 4.4a = 267 is the first mode of the beam clamped at one end and resting on a stop at "
-    "the other.",
-    14: "One stop. In (b), a periodic motion would be a closed curve; in (d), 6a is near the first mode 60.9.",
+    4: _RESONANCE,
+    12: _RESONANCE,
+    14: "One stop. In (b), a periodic motion would be a closed curve. 6a is near the first mode, 60.9.",
     15: "In (c), compare the blows of the exact stress with the scheme's.",
     16: "In (c), compare the blows of the exact stress with the scheme's.",
     17: "(b) is what the paper prints as delayed: with both coordinates shifted it is the plain portrait. (b′) is "

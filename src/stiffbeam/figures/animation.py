@@ -56,11 +56,14 @@ def animate(
 
     with tempfile.TemporaryDirectory() as folder:  # the writers take names of files only
         made = Path(folder) / f"film{path.suffix}"
-        with writer.saving(figure, str(made), dpi=integer("dpi", dpi, 10)):
-            for k in range(count):
-                show(f"animating {path.name}", k, count)
-                draw(k)
-                writer.grab_frame()
+        try:
+            with writer.saving(figure, str(made), dpi=integer("dpi", dpi, 10)):
+                for k in range(count):
+                    show(f"animating {path.name}", k, count)
+                    draw(k)
+                    writer.grab_frame()
+        except IndexError as error:  # Pillow's writer cannot end a film of no frames, and hides why there are none
+            raise error.__context__ or error from None
         return write_whole(path, made.read_bytes())
 
 

@@ -163,7 +163,8 @@ def line_of(run: Trajectory) -> dict[str, Any]:
 
 
 def first_contact(reference: Reference, system: System, window: float, contact: int = 0) -> tuple[float, float]:
-    """A span around the first group of impacts at a contact: an eighth of the lowest natural period."""
+    """A span around the first group of impacts on one stop of a contact: an eighth of the lowest natural period, less
+    where the group is shorter."""
     from ..model.modes import modes
 
     basis = modes(system)
@@ -171,7 +172,13 @@ def first_contact(reference: Reference, system: System, window: float, contact: 
     length = min(window, 2.0 * np.pi / float(omega[0]) / 8.0) if len(omega) else window / 8.0
     times = reference.contacts[contact].impacts.times if reference.contacts else np.zeros(0)
     first = float(times[0]) if len(times) and times[0] < window else 0.1 * length
-    return max(0.0, first - 0.1 * length), min(window, first + 0.9 * length)
+    start, end = max(0.0, first - 0.1 * length), min(window, first + 0.9 * length)
+    if not len(times):
+        return start, end
+    impacts = reference.contacts[contact].impacts
+    exits = (times + np.nan_to_num(impacts.durations))[(impacts.stops == impacts.stops[0]) & (times <= end)]
+    last = float(np.max(exits, initial=first))
+    return start, min(end, last + 0.3 * (last - first) + 0.1 * length)
 
 
 def zoom_on_stop(axis: Axes, reference: Reference, start: float, end: float, contact: int = 0) -> None:

@@ -112,7 +112,7 @@ def _pieces_of(system: System, notes: dict[str, Any]) -> Pieces | None:
         return None
     given = system.first_order() if notes["form"].endswith("first order") else system
 
-    def pieces() -> Iterator[tuple[Array, Array, Array]]:
+    def pieces() -> Iterator[tuple[Array, Array, Array, Array]]:
         plan = Plan.of(given, scheme, notes["dt"], notes["t_end"], notes["contact"], 1, notes["engine"])
         return plan.states(given)
 

@@ -11,12 +11,27 @@ import numpy as np
 
 from ..basics.arrays import Array, aligned
 from ..model.contact import laws
+from ..model.contact_law import DAMPING
+from ..model.members import Members
 from ..model.stage import LINEAR
 from ..model.system import System
-from ..model.time_functions import offset_rate
+from ..model.time_functions import offset_rate, offset_values
 from ..schemes import Scheme
-from ..trajectory.recorder import Seen, overflow, record, with_ends
-from ..trajectory.sampling import CONTACT, END, EVENT, IMPACT_IMPULSE, IMPACT_PEAK, MEMBER, ROW, SIDE, new_tally
+from ..trajectory.recorder import Seen, forces_at, impacts_of, overflow, record, shares, with_ends
+from ..trajectory.records import Records
+from ..trajectory.sampling import (
+    CONTACT,
+    END,
+    EVENT,
+    IMPACT_IMPULSE,
+    IMPACT_PEAK,
+    IMPULSE,
+    MEMBER,
+    PEAK,
+    ROW,
+    SIDE,
+    new_tally,
+)
 from .build import build
 from .choice import nodes_per_block
 from .coordinates import Coordinates, InModes
@@ -25,7 +40,7 @@ from .kernels import blocks_jax as kernel_jax
 from .kernels import blocks_numpy as kernel_numpy
 from .kernels.layout import Forcing, Kept, Marchers
 from .propagator import Propagator
-from .rules import require_giving_way, rule_of, unsolved
+from .rules import require_giving_way, require_moved, rule_of, unsolved
 
 BLOCKS, DENSE = "modal blocks", "dense blocks"
 STEPS_PER_CALL = 1 << 16  # between two reports of progress
@@ -98,7 +113,7 @@ class Stepper:
 
     def start(self, members: Sequence[System], steps: int, every: int | None, since: int = 0) -> March:
         """The members at t = 0, ready for ``steps`` steps in blocks; contacts are recorded after step ``since``."""
-        return March(self, tuple(members), steps, every, since)
+        return March(self, members, steps, every, since)
 
 
 @dataclass(eq=False)
@@ -106,7 +121,7 @@ class March:
     """Members on their way: they march in step, segment by segment."""
 
     stepper: Stepper
-    members: tuple[System, ...]
+    members: Sequence[System]
     steps: int
     every: int | None  # outputs kept, None for none
     since: int = 0
@@ -114,27 +129,39 @@ class March:
     seconds: float = 0.0
     positions: Array = field(init=False)  # (M, outputs, C)
     velocities: Array = field(init=False)
+    found: Array = field(init=False)  # (M, outputs, m), see Kept; no outputs where no force jumps
     events: Array = field(init=False)  # (impacts, 7), see sampling; by member, in order of time
     state: Marchers = field(init=False)
+    tally: Array = field(init=False)  # (M, m, 8) of the whole run, at the end
     kind: str = ""  # of march; known at the end
     compile_seconds: float = 0.0  # of kernels that only some marches need
 
     def __post_init__(self) -> None:
         system, M = self.stepper.system, len(self.members)
         self.kind = self.stepper.kind
-        self.law = np.stack([laws(member.contacts) for member in self.members])
+        if isinstance(self.members, Members):
+            self._systems, (q0, v0) = self.members.systems(), self.members.starts()
+        else:
+            self._systems = list(self.members)
+            q0, v0 = (np.array([getattr(member, x) for member in self._systems]) for x in ("q0", "v0"))
+        self.law = np.repeat([laws(each.contacts) for each in self._systems], M // len(self._systems), axis=0)
         own = functions(system)
-        self._alike = all(functions(member) == own for member in self.members)
-        u, v = (np.array(x) for x in zip(*(initial_channels(member) for member in self.members), strict=True))
+        self._alike = all(functions(each) == own for each in self._systems)
+        self._begun = u, v = initial_channels(self._systems, q0, v0)
         m = len(system.contacts)
         tally = new_tally(u[:, :m], v[:, :m], self.law, self.since)
-        self.state = Marchers(np.zeros((M, 0)), u, v, tally, np.zeros(M, np.int64))
+        self.state = Marchers(np.zeros((M, 0)), u.copy(), v.copy(), tally, np.zeros(M, np.int64))
         kept = 0 if self.every is None else self.steps // self.every + 1
         self.positions, self.velocities = np.zeros((2, M, kept, u.shape[1]))
+        jumps = bool(np.any(self.law[..., DAMPING] > 0.0))
+        if jumps:
+            for made in filter(None, (self.stepper.starter, self.stepper.block)):
+                require_moved(made.scheme, made.compliances[0])
+        self.found = np.full((M, kept if jumps else 0, m), np.nan)
         if kept:
             self.positions[:, 0], self.velocities[:, 0] = u, v
         self._rows, self.events = 0, np.empty((64 * M, EVENT))
-        self._history = [np.stack([self.stepper.coordinates.start(member) for member in self.members], axis=1)]
+        self._history = [np.stack([self.stepper.coordinates.start(*x) for x in zip(q0, v0, strict=True)], axis=1)]
 
     def advance(self, replayed: Callable[[Segment], None] | None = None) -> Iterator[int]:
         """March to the end; yields the number of steps done after every segment."""
@@ -169,7 +196,7 @@ class March:
 
     def forcing(self, block: Propagator) -> Forcing:
         """What the loads and offsets of the members do to one of the propagators."""
-        return self.stepper.forcing(block) if self._alike else block.forcing(self.members)
+        return self.stepper.forcing(block) if self._alike else block.forcing(self._systems)
 
     def _segment(
         self, block: Propagator, forcing: Forcing, steps: int, replayed: Callable[[Segment], None] | None
@@ -181,7 +208,7 @@ class March:
         rows = len(starts_at) if replayed is not None else 0
         starts = aligned((rows, self.state.z.shape[1]))
         forces = aligned((rows, len(block.block.push)))
-        kept = Kept(self.positions, self.velocities, starts, forces)
+        kept = Kept(self.positions, self.velocities, self.found, starts, forces)
         cursor, march_rule = np.array([0, 0, self._rows]), block.block.rule
         while not self.stepper.run(
             block.block, self.law, forcing, inflow, self.state, kept, self.events, first, steps, dt, self.every or 1,
@@ -199,13 +226,12 @@ class March:
         """Load plus contact force at this time, (members, N)."""
         coordinates, t = self.stepper.coordinates, self.done * self.stepper.dt
         total = np.zeros((len(self.members), coordinates.rows.shape[1]))
-        loaded = self.members[:1] if self._alike else self.members
-        total[:] = [coordinates.load(member, t) for member in loaded]
-        for i, member in enumerate(self.members):
-            if self.stepper.contact != "conserving":  # whose reactions are means over a step, not there at a time
-                for c, contact in enumerate(member.contacts):
-                    force = contact.stops.force(self.state.position[i, c], self.state.velocity[i, c])
-                    total[i] += coordinates.columns[c] * force
+        loaded = self._systems[:1] if self._alike else self._systems
+        total[:] = [coordinates.load(each, t) for each in loaded]
+        if self.stepper.contact != "conserving":  # whose reactions are means over a step, not there at a time
+            forces = forces_at(self.state.position, self.state.velocity, self.law)
+            for c in range(self.law.shape[1]):
+                total += forces[:, c, None] * coordinates.columns[c]
         return total
 
     def seen(self, member: int) -> Seen:
@@ -213,27 +239,48 @@ class March:
         first, last = np.searchsorted(self.events[:, MEMBER], [member, member + 1])
         own = self.events[first:last]
         positions, velocities, tip = self.positions[member], self.velocities[member], self.stepper.system.tip_channel
-        ends = initial_channels(self.members[member]), (self.state.position[member], self.state.velocity[member])
-        means, contacts = self.stepper.contact == "conserving", []
-        for c, contact in enumerate(self.members[member].contacts):
-            begin, end = ((float(u[c]), float(v[c])) for u, v in ends)
-            tally = with_ends(self.state.tally[member, c], contact.stops, self.stepper.dt, begin, end, means)
-            seen = own[own[:, CONTACT] == c]
-            contacts.append(record(contact.stops, positions[:, c], velocities[:, c], tally, seen, self.steps))
-        diverged = int(self.state.diverged[member])
+        contacts = []
+        for c, contact in enumerate(self._systems[min(member, len(self._systems) - 1)].contacts):
+            seen, tally = own[own[:, CONTACT] == c], self.tally[member, c]
+            found = self.found[member, :, c] if self.found.shape[1] else None
+            contacts.append(record(contact.stops, positions[:, c], velocities[:, c], tally, seen, self.steps, found))
+        dt, diverged = self.stepper.dt, int(self.state.diverged[member])
         if diverged < 0:
-            raise unsolved(self.stepper.scheme, -diverged * self.stepper.dt)
-        dt = self.stepper.dt
+            raise unsolved(self.stepper.scheme, -diverged * dt)
         when = diverged * dt if diverged else overflow(contacts, self.steps * dt)
-        return Seen(positions[:, tip].copy(), velocities[:, tip].copy(), tuple(contacts), when)
+        return Seen(positions[:, tip].copy(), velocities[:, tip].copy(), tuple(contacts), when, self.kind)
+
+    def records(self) -> Records:
+        """What all members have seen, at the end."""
+        tally, dt, tip = self.tally, self.stepper.dt, self.stepper.system.tip_channel
+        unsolved_in = np.flatnonzero(self.state.diverged < 0)
+        if len(unsolved_in):
+            raise unsolved(self.stepper.scheme, -int(self.state.diverged[unsolved_in[0]]) * dt)
+        diverged = np.where(self.state.diverged > 0, self.state.diverged * dt, np.nan)
+        for i in np.flatnonzero(~np.all(np.isfinite(tally[..., IMPULSE]), axis=1) & np.isnan(diverged)):
+            diverged[i] = self.seen(int(i)).diverged
+        own = [self.events[self.events[:, CONTACT] == c] for c in range(tally.shape[1])]
+        return Records(
+            tip=self.positions[..., tip].copy(),
+            tip_velocity=self.velocities[..., tip].copy(),
+            fraction=shares(tally, self.steps),
+            peak_force=tally[..., PEAK],
+            impulse=tally[..., IMPULSE],
+            impacts=tuple(impacts_of(events) for events in own),
+            whose=tuple(events[:, MEMBER].astype(np.int64) for events in own),
+            diverged=diverged,
+            marches=frozenset([self.kind]),
+        )
 
     def _finish(self) -> None:
-        """Put the impacts in order, and leave open those that are."""
+        """Put the impacts in order, leave open those that are, and count the start and the end."""
         tally, events = self.state.tally, self.events
         open_rows = tally[..., ROW][(tally[..., SIDE] != 0.0) & (tally[..., ROW] >= 0.0)].astype(int)
         events[open_rows[:, None], [IMPACT_PEAK, IMPACT_IMPULSE, END]] = np.nan
         events = events[: self._rows]
         self.events = events[np.lexsort((np.arange(len(events)), events[:, CONTACT], events[:, MEMBER]))]
+        last, means = (self.state.position, self.state.velocity), self.stepper.contact == "conserving"
+        self.tally = with_ends(tally, self.law, self.stepper.dt, self._begun, last, means)
 
 
 @dataclass(frozen=True, eq=False)
@@ -253,7 +300,12 @@ def functions(system: System) -> list[object]:
     return [*((id(vector), f) for vector, f in system.loads), *(offset for _, offset in system.channels)]
 
 
-def initial_channels(system: System) -> tuple[Array, Array]:
-    """Positions and velocities of the channels at t = 0."""
-    velocities = [system.v0 @ row + offset_rate(offset, 0.0) for row, offset in system.channels]
-    return system.positions(0.0, system.q0), np.array(velocities)
+def initial_channels(systems: Sequence[System], q0: Array, v0: Array) -> tuple[Array, Array]:
+    """Positions and velocities (M, C) of the channels at t = 0 from initial data (M, n); systems: M, or one for all."""
+    shifts = [[(float(offset_values(o, 0.0)), float(offset_rate(o, 0.0))) for _, o in x.channels] for x in systems]
+    u, v = np.empty((2, len(q0), len(systems[0].channels)))
+    for i in range(len(q0)):
+        own = min(i, len(systems) - 1)
+        for c, (row, _) in enumerate(systems[own].channels):
+            u[i, c], v[i, c] = q0[i] @ row + shifts[own][c][0], v0[i] @ row + shifts[own][c][1]
+    return u, v

@@ -29,8 +29,8 @@ class Coordinates:
     rows: Array = field(init=False)
     columns: Array = field(init=False)
 
-    def start(self, member: System) -> Array:
-        """y (order, N) at t = 0 of a system that differs from this one in its initial data."""
+    def start(self, q0: Array, v0: Array) -> Array:
+        """y (order, N) at t = 0 from initial data (n,)."""
         raise NotImplementedError
 
     def loads(self, member: System) -> list[tuple[Array, LoadFunction]]:
@@ -77,9 +77,9 @@ class InModes(Coordinates):
         m = len(self.system.contacts)
         self._set(equation=self.basis.equation, parts=len(self.basis.omega), rows=rows, columns=rows[:m])
 
-    def start(self, member: System) -> Array:
+    def start(self, q0: Array, v0: Array) -> Array:
         """y (order, N) at t = 0."""
-        return self.basis.to_modal(np.stack([member.q0, member.v0]))
+        return self.basis.to_modal(np.array([q0, v0]))
 
     def loads(self, member: System) -> list[tuple[Array, LoadFunction]]:
         """Their vectors (N,) in these coordinates."""
@@ -113,9 +113,9 @@ class Together(Coordinates):
             equation = FirstOrder(given.matrix)
         self._set(equation=equation, parts=1, rows=rows, columns=columns)
 
-    def start(self, member: System) -> Array:
+    def start(self, q0: Array, v0: Array) -> Array:
         """y (order, N) at t = 0."""
-        return np.stack([member.q0, member.v0]) if isinstance(self.given, System) else self.given.y0[None]
+        return np.array([q0, v0]) if isinstance(self.given, System) else self.given.y0[None]
 
     def loads(self, member: System) -> list[tuple[Array, LoadFunction]]:
         """Their vectors (N,) in these coordinates."""

@@ -14,9 +14,11 @@ from ..model.stage import BY_LAW, LINEAR, MEAN, solve_stage
 from ..model.system import System
 from ..model.time_functions import offset_rate, offset_values
 from ..schemes import Scheme
+from .block_march import initial_channels
 from .coordinates import Together
 from .pieces import STEPS_PER_PIECE, Piece
-from .rules import require_giving_way, rule_of, unsolved
+from .probe import ends_there
+from .rules import require_giving_way, require_moved, rule_of, unsolved
 
 
 def direct_pieces(
@@ -28,7 +30,7 @@ def direct_pieces(
     node by node from its positions and the probed compliances, and their responses are added.
     """
     view = Together.of(system)
-    history, done = [view.start(view.system)], 0
+    history, done = [view.start(view.system.q0, view.system.v0)], 0
     starter = scheme.starter
     if starter is not None:
         count = min(steps, scheme.history - 1)
@@ -50,8 +52,12 @@ def _direct_blocks(
     rule, law = rule_of(system.contacts, contact), laws(system.contacts)
     offsets = [offset for _, offset in system.channels]
     t0 = np.asarray(first * dt)
-    at_start = np.array([row @ history[0][0] + offset_values(o, t0) for row, o in zip(view.rows, offsets, strict=True)])
-    moving = view.rows @ equation.velocity(history[0]) + np.array([offset_rate(o, t0) for o in offsets])
+    if first:
+        shift, rate = (np.array([of(o, t0) for o in offsets]) for of in (offset_values, offset_rate))
+        at_start, moving = view.rows @ history[0][0] + shift, view.rows @ equation.velocity(history[0]) + rate
+    else:  # as given: on a stop, rounding would tell the side
+        own = system if isinstance(system, System) else system.system
+        at_start, moving = (x[0] for x in initial_channels([own], own.q0[None], own.v0[None]))
     force = view.load(system, t0)
     if rule != MEAN:  # whose reactions are means over a step, not there at a time
         force = force + sum(
@@ -65,16 +71,20 @@ def _direct_blocks(
     response_z = np.empty((S, m, *z.shape))
     response = np.zeros((S, m, S, m))  # [node, contact] of the force, [node, contact] of the position
     rates = np.zeros((S, m, S, m))  # and of the velocity
+    ends_at_node = True
     for s in range(S):
         for c in range(m):
             reactions = list(none)
             reactions[s] = view.columns[c]
             response_z[s, c], stages = scheme.step(equation, dt, zero, none, reactions)
+            ends_at_node = ends_at_node and ends_there(stages[-1][0], response_z[s, c][0])
             if contact != "extrapolated":
                 response[s, c] = np.array([y[0] for y in stages]) @ view.rows[:m].T
                 rates[s, c] = np.array([equation.velocity(y) for y in stages]) @ view.rows[:m].T
     if rule == BY_LAW:
         require_giving_way(scheme, *(np.array([x[s, :, s].T for s in range(S)]) for x in (response, rates)))
+        if any(stop.damping for stop in stops):
+            require_moved(scheme, np.array([response[s, :, s] for s in range(S)]))
     before = at_start[:m].copy()
 
     for start in range(first, first + steps, length):
@@ -86,7 +96,7 @@ def _direct_blocks(
         shift_rates = (
             np.stack([offset_rate(o, times) for o in offsets[:m]], axis=-1) if rule == BY_LAW else np.zeros_like(shifts)
         )
-        path, means = np.empty((count, *z.shape)), np.zeros((count, m))
+        path, found = np.empty((count, *z.shape)), np.zeros((count, m))
         for k in range(count):
             predicted = scheme.predict(equation, dt, z) if contact == "extrapolated" else None
             z, stages = scheme.step(equation, dt, z, list(loads[k]), none)
@@ -106,7 +116,7 @@ def _direct_blocks(
                         f = stops[0].solve(arguments[s], response[s, 0, s, 0])
                     else:
                         f = solve_several(arguments[s], response[s, :, s].T, stops)
-                    means[k] = f
+                    found[k] = f
                     if np.any(f):
                         arguments = arguments + np.tensordot(f, response[s], 1)
                         if rule == BY_LAW:
@@ -130,7 +140,8 @@ def _direct_blocks(
                 velocities,
                 lambda y=y: view.states(np.moveaxis(y, 1, 0)),
                 seconds,
-                means if rule == MEAN else None,
+                found if rule == MEAN else None,
+                found if rule == BY_LAW and ends_at_node else None,
             ),
             z,
         )

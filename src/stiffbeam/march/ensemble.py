@@ -15,7 +15,7 @@ from ..model.system import System
 from ..schemes import Scheme
 from ..trajectory.ensemble import MEMBERS_PER_SLICE, Ensemble, Progress, gathered, record_from
 from ..trajectory.ledger import Ledger
-from ..trajectory.recorder import Seen
+from ..trajectory.records import Records
 from ..trajectory.trajectory import Work
 from .plan import Plan
 from .warm import warm_up
@@ -62,19 +62,20 @@ def integrate_ensemble(
 
     apart = have_own_records(members)
 
-    def march(part: Members) -> list[Seen]:
+    def march(part: Members) -> Records:
         if apart:
-            return [_alone(plan, member).seen([member], every, passed)[0] for member in part]
-        return plan.seen(part, every, passed)
+            each = [part[i : i + 1] for i in range(len(part))]
+            return Records.joined([_alone(plan, one[0]).records(one, every, passed) for one in each])
+        return plan.records(part, every, passed)
 
-    seen = list(over_slices(march, members, size, threads, report))
+    parts = list(over_slices(march, members, size, threads, report))
     seconds = time.perf_counter() - begun - compile_seconds
     return gathered(
         members,
-        seen,
+        parts,
         np.arange(0, plan.steps + 1, every) * dt if every is not None else np.zeros(0),
         Work(len(members) * plan.steps, seconds, seconds),
-        plan.provenance(every) | _marched(seen) | {"members": len(members), "parameter": members.parameter},
+        plan.provenance(every) | {"members": len(members), "parameter": members.parameter},
         partial(_ledger, plan, members, every or plan.steps, apart),
     )
 
@@ -86,8 +87,3 @@ def _alone(plan: Plan, member: System) -> Plan:
 
 def _ledger(plan: Plan, members: Members, every: int, apart: bool, i: int) -> Ledger:
     return (_alone(plan, members[i]) if apart else plan).ledger(members[i], every)
-
-
-def _marched(seen: list[Seen]) -> dict[str, str]:
-    """How the members were marched, for the provenance; not all need be alike."""
-    return {"march": " and ".join(sorted({one.march for one in seen}))} if seen and seen[0].march else {}

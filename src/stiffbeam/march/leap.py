@@ -20,6 +20,7 @@ import numpy as np
 
 from ..basics.arrays import Array, aligned
 from ..basics.budget import afford
+from ..model.contact_law import G1, G2
 from ..model.stage import LINEAR
 from ..model.system import System
 from ..trajectory.sampling import EVENT, ROW, SIDE
@@ -30,7 +31,8 @@ from .kernels import blocks, leaps
 from .kernels.layout import Marchers
 from .kernels.sums import Regimes
 from .propagator import Propagator
-from .regimes import EXTENDED, NoRegime, Sum, regime, tables
+from .regimes import Sum, regime, tables
+from .step_map import EXTENDED, NoRegime
 
 LEAPS = "modal leaps"
 MOST_CONTACTS = 8
@@ -41,7 +43,7 @@ STATES_AT_ONCE = 1 << 15
 def start(stepper: Stepper, members: Sequence[System], steps: int, every: int | None, since: int = 0) -> March:
     """The members at t = 0, ready for ``steps`` steps; one alone goes in leaps where that can pay."""
     kind = LeapMarch if len(members) == 1 and can_leap(stepper, steps) else March
-    return kind(stepper, tuple(members), steps, every, since)
+    return kind(stepper, members, steps, every, since)
 
 
 def can_leap(stepper: Stepper, steps: int) -> bool:
@@ -102,16 +104,21 @@ class Leaper:
             except NoRegime:
                 self._of[mask] = -2
 
-    def tables(self, steps: int, every: int) -> tuple[Regimes, Array] | None:
-        """All that have been made, and where each is; None where even free march cannot be leapt over."""
+    def tables(self, steps: int, every: int, size: float) -> tuple[Regimes, Array] | None:
+        """All that have been made, and where each is; None where even free march cannot be leapt over in so many
+        steps, see ``Sum.holds``."""
         with self._lock:
-            if not self._made:
+            of = self._of.copy()
+            for i, made in enumerate(self._made):
+                if not made.holds(steps, size):
+                    of[of == i] = -2
+            if of[0] < 0:
                 return None
             given = steps.bit_length(), every, len(self._made)
             if given not in self._tables:
                 nodes, D = len(self.stepper.scheme.nodes), self.one.block.reading.shape[1]
                 self._tables = {given: tables(self._made, steps, every, nodes, D)}
-            return self._tables[given], self._of.copy()
+            return self._tables[given], of
 
 
 _making = Lock()
@@ -159,7 +166,9 @@ class LeapMarch(March):
         stepper, system, begun = self.stepper, self.members[0], time.perf_counter()
         leaper = _leaper(stepper, system)
         one, m, every = leaper.one, len(system.contacts), spacing or self.every or self.steps
-        found = leaper.tables(self.steps, every)
+        ends = self.law[0, :, [G1, G2]]
+        size = float(np.max(np.abs([*ends[np.isfinite(ends)], *self._begun[0][0, :m]]), initial=0.0))
+        found = leaper.tables(self.steps, every, size)
         if found is None:
             return None
         states = aligned((self.steps // spacing + 1 if spacing else 0, one.block.reading.shape[1]))
@@ -186,7 +195,7 @@ class LeapMarch(March):
                 self.events = np.concatenate([self.events, np.empty((len(self.events) + m, EVENT))])
             elif ended == leaps.UNKNOWN:
                 leaper.make(int(np.sum((side != 0.0) << np.arange(m))))
-                found = leaper.tables(self.steps, every)
+                found = leaper.tables(self.steps, every, size)
                 assert found is not None
             elif ended == leaps.PAUSED:
                 if not spacing:  # where there is more to come, that is what takes the time

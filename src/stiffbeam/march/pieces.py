@@ -20,3 +20,4 @@ class Piece:
     states: Callable[[], tuple[Array, Array]]  # q, q' at the ends of the steps, each (k, n)
     seconds: float
     means: Array | None = None  # (k, contacts): the reactions, where they are means over the steps
+    found: Array | None = None  # (k, contacts): the forces that nodes found at the ends of the steps, see found_force

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,9 @@ import numpy as np
 from ..basics.arrays import Array
 from ..basics.budget import afford
 from ..basics.validation import InputError, integer, itself, one_of, positive, step_count
+from ..model.contact import Contact
 from ..model.first_order import FirstOrderSystem
+from ..model.members import Members
 from ..model.modes import modes
 from ..model.system import System
 from ..model.time_functions import covered
@@ -21,6 +23,7 @@ from ..schemes.scheme import require_scheme
 from ..trajectory.ledger import Ledger, reaction_ledger, step_ledger
 from ..trajectory.reactions import Reactions
 from ..trajectory.recorder import SampledImpacts, Seen, overflow, record
+from ..trajectory.records import Records
 from ..trajectory.trajectory import versions
 from .block_march import RUNS, Stepper, initial_channels
 from .choice import pays
@@ -135,10 +138,10 @@ class Plan:
             )
         afford("dt", self.dt, "give a larger dt, or fewer members", seconds=seconds)
 
-    def stepper_for(self, member: System) -> Stepper:
-        """The block march for the stops of a member, whose law may be another kind than the system's."""
+    def stepper_for(self, contacts: Sequence[Contact]) -> Stepper:
+        """The block march for the contacts of a member, whose law may be another kind than the system's."""
         assert self.stepper is not None
-        rule = rule_of(member.contacts, self.contact)
+        rule = rule_of(contacts, self.contact)
         if rule not in self._steppers:
             own = self.stepper
             made = own if rule == own.rule else Stepper.of(
@@ -179,36 +182,37 @@ class Plan:
             return rigid_pieces(system, self.scheme, self.dt, self.steps)
         return direct_pieces(system, self.scheme, self.dt, self.steps, self.contact)
 
-    def seen(self, members: Sequence[System], every: int | None, since: int = 0) -> list[Seen]:
+    def records(self, members: Members, every: int | None, since: int = 0) -> Records:
         """What members of the system have seen at the end, of their contacts after step ``since``; outputs
         where ``every`` is given."""
         if self.stepper is None:
-            return [seen_directly(self, member, every, None, since)[0] for member in members]
-        seen: list[Seen | None] = [None] * len(members)
-        systems = list(members)  # each is made when it is asked for
-        kinds = [self.stepper_for(member) for member in systems]
+            return Records.of([seen_directly(self, member, every, None, since)[0] for member in members])
+        contacts = members.all_contacts()
+        steppers = {key: self.stepper_for(each) for key, each in {id(each): each for each in contacts}.items()}
+        kinds = [steppers[id(each)] for each in contacts]
+        parts, places = [], []
         for stepper in dict.fromkeys(kinds):
             own = [i for i, kind in enumerate(kinds) if kind is stepper]
             for part in [[i] for i in own] if can_leap(stepper, self.steps) else [own]:
-                march = start(stepper, [systems[i] for i in part], self.steps, every, since)
+                march = start(stepper, members.chosen(part), self.steps, every, since)
                 for _ in march.advance():
                     pass
-                for k, i in enumerate(part):
-                    seen[i] = replace(march.seen(k), march=march.kind)
-        return [one for one in seen if one is not None]
+                parts.append(march.records())
+                places += part
+        return Records.joined(parts, places)
 
-    def states(self, system: System | FirstOrderSystem) -> Iterator[tuple[Array, Array, Array]]:
-        """Times, q and q' of a run at every step, piece by piece with shared end points."""
+    def states(self, system: System | FirstOrderSystem) -> Iterator[tuple[Array, Array, Array, Array]]:
+        """See ``Pieces``."""
         parent = system if isinstance(system, System) else system.system
         if self.stepper is not None:
-            return replay(self.stepper_for(parent), parent, self.steps)
+            return replay(self.stepper_for(parent.contacts), parent, self.steps)
         return _states(parent, self.pieces(system), self.dt)
 
     def ledger(self, system: System | FirstOrderSystem, every: int) -> Ledger:
         """The energy ledger of a run, added up at every step and kept at every ``every``-th."""
         parent = system if isinstance(system, System) else system.system
         if self.stepper is not None:
-            return block_ledger(self.stepper_for(parent), parent, self.steps, every)
+            return block_ledger(self.stepper_for(parent.contacts), parent, self.steps, every)
         outputs = np.arange(0, self.steps + 1, every) * self.dt
         if self.rigid:
             impacts = isinstance(self.scheme, RigidScheme) and self.scheme.restitutes
@@ -223,7 +227,7 @@ class Plan:
                 means.append(piece.means if piece.means is not None else np.zeros((0, 0)))
                 yield piece
 
-        for t, q, v in _states(system, noted(), self.dt):
+        for t, q, v, _ in _states(system, noted(), self.dt):
             yield t, q, v, means.pop()
 
 
@@ -236,10 +240,11 @@ def seen_directly(
 ) -> tuple[Seen, float]:
     """The direct march piece by piece, in bounded memory; also the seconds it took."""
     parent = system if isinstance(system, System) else system.system
-    u0, v0 = initial_channels(parent)
+    (u0,), (v0,) = initial_channels([parent], parent.q0[None], parent.v0[None])
     thin = every or plan.steps + 1
     positions, velocities = np.empty((2, plan.steps // thin + 1, len(u0)))
     positions[0], velocities[0] = u0, v0
+    found = np.full((len(positions), len(parent.contacts)), np.nan)
     starts = zip(parent.contacts, u0.tolist(), v0.tolist(), strict=False)
     sampler_of = Reactions if plan.rigid else SampledImpacts
     samplers = [sampler_of(c.stops, plan.dt, u, v, since) for c, u, v in starts]
@@ -254,17 +259,19 @@ def seen_directly(
         here = np.arange(piece.first // thin + 1, done // thin + 1)
         positions[here] = piece.positions[here * thin - piece.first - 1]
         velocities[here] = piece.velocities[here * thin - piece.first - 1]
+        if piece.found is not None:
+            found[here] = piece.found[here * thin - piece.first - 1]
         for i, sampler in enumerate(samplers):
-            means = None if piece.means is None else piece.means[:, i]
-            sampler.feed(piece.positions[:, i], piece.velocities[:, i], means)
+            own = (None if x is None else x[:, i] for x in (piece.means, piece.found))
+            sampler.feed(piece.positions[:, i], piece.velocities[:, i], *own)
         if progress is not None:
             progress(done)
     if every is None:
-        positions, velocities = positions[:0], velocities[:0]
+        positions, velocities, found = positions[:0], velocities[:0], found[:0]
     tip = parent.tip_channel
     contacts = tuple(
         s.record(positions[:, i], velocities[:, i], thin) if isinstance(s, Reactions)
-        else record(s.stops, positions[:, i], velocities[:, i], s.tally, s.events, plan.steps)
+        else record(s.stops, positions[:, i], velocities[:, i], s.tally, s.events, plan.steps, found[:, i])
         for i, s in enumerate(samplers)
     )  # fmt: skip
     diverged = overflow(contacts, plan.t_end) if np.isnan(diverged) else diverged
@@ -278,11 +285,13 @@ def _omega_max(system: System) -> float:
     return float(np.sqrt(max(0.0, squares[-1])))
 
 
-def _states(system: System, pieces: Iterator[Piece], dt: float) -> Iterator[tuple[Array, Array, Array]]:
-    """The run's states at every step, piece by piece with shared end points."""
-    q_last, v_last = system.q0[None], system.v0[None]
+def _states(system: System, pieces: Iterator[Piece], dt: float) -> Iterator[tuple[Array, Array, Array, Array]]:
+    """See ``Pieces``."""
+    none = np.full((1, len(system.contacts)), np.nan)
+    last = system.q0[None], system.v0[None], none
     for piece in pieces:
         q, v = piece.states()
-        q, v = np.concatenate([q_last, q]), np.concatenate([v_last, v])
-        yield (piece.first + np.arange(len(q))) * dt, q, v
-        q_last, v_last = q[-1:], v[-1:]
+        new = q, v, np.repeat(none, len(q), axis=0) if piece.found is None else piece.found
+        q, v, found = (np.concatenate(both) for both in zip(last, new, strict=True))
+        yield (piece.first + np.arange(len(q))) * dt, q, v, found
+        last = q[-1:], v[-1:], found[-1:]

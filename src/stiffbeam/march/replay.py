@@ -16,18 +16,22 @@ from ..model.drive import Drive, Term
 from ..model.system import System
 from ..model.time_functions import evaluate, offset_rate
 from ..trajectory.ledger import Ledger, step_ledger
-from .block_march import Segment, Stepper
+from .block_march import Segment, Stepper, initial_channels
 from .build import build
 from .coordinates import InModes
+from .free_blocks import free_block, no_block
 from .kernels.single_steps import Energies, Step, account
 from .kernels.single_steps import states as states_of
 from .leap import start
 from .propagator import Propagator
 
+SHORT = 3200  # steps that are sooner taken one by one
+STEPS = 32  # that are passed over at once; of longer ones contact meets too many
 
-def step_of(segment: Segment, one: Propagator) -> tuple[Step, Array]:
-    """The steps of a segment with all they are given, and the packed state they start from; ``one``: the
-    scheme's propagator of a single step."""
+
+def step_of(segment: Segment, one: Propagator, apart: int) -> tuple[Step, Array]:
+    """The steps of a segment with all they are given, and the packed states (B, ..) at the start of every ``apart``-th
+    of its blocks; ``one``: the scheme's propagator of a single step."""
     march, dt = segment.march, segment.march.stepper.dt
     times = (segment.first + np.arange(segment.steps)) * dt
     forcing = march.forcing(one)
@@ -42,7 +46,7 @@ def step_of(segment: Segment, one: Propagator) -> tuple[Step, Array]:
         g=Drive(tuple(forcing.frequencies[0])).at_steps(segment.first, segment.steps + 1, dt),
         inflow=one.inflow(times, march.steps * dt).rows[:, of_state],
     )
-    return step, one.pack(segment.block.unpack(segment.starts[:1]))[0]
+    return step, one.pack(segment.block.unpack(segment.starts[::apart]))
 
 
 def _segments(stepper: Stepper, system: System, steps: int) -> Iterator[tuple[Segment, Propagator]]:
@@ -54,17 +58,27 @@ def _segments(stepper: Stepper, system: System, steps: int) -> Iterator[tuple[Se
         yield segment, one if segment.block is not stepper.starter else segment.block
 
 
-def replay(stepper: Stepper, system: System, steps: int) -> Iterator[tuple[Array, Array, Array]]:
-    """Times, q and q' of a run at every step, segment by segment with shared end points."""
-    coordinates, q_last, v_last = stepper.coordinates, system.q0[None], system.v0[None]
+def found_at_ends(segment: Segment, step: Step, contacts: int) -> Array:
+    """The forces (steps, contacts) that nodes found at the ends of the steps; NaN where the last node is not there."""
+    block = segment.block.block
+    if contacts and block.end_first[0] >= len(block.push):
+        return np.full((segment.steps, contacts), np.nan)
+    return np.ascontiguousarray(step.forces[:, step.forces.shape[1] - contacts :])
+
+
+def replay(stepper: Stepper, system: System, steps: int) -> Iterator[tuple[Array, Array, Array, Array]]:
+    """A run at every step, see ``Pieces``."""
+    m = len(system.contacts)
+    coordinates, last = stepper.coordinates, (system.q0[None], system.v0[None], np.full((1, m), np.nan))
     for segment, one in _segments(stepper, system, steps):
-        step, z = step_of(segment, one)
+        step, starts = step_of(segment, one, len(segment.starts))
         out = aligned((segment.steps, one.block.reading.shape[1]))
-        states_of(step, coordinates.parts, z, out)
+        states_of(step, coordinates.parts, starts[0], out)
         q, v = coordinates.states(one.unpack(out)[: coordinates.equation.order])
-        q, v = np.concatenate([q_last, q]), np.concatenate([v_last, v])
-        yield (segment.first + np.arange(len(q))) * stepper.dt, q, v
-        q_last, v_last = q[-1:], v[-1:]
+        new = q, v, found_at_ends(segment, step, m)
+        q, v, found = (np.concatenate(both) for both in zip(last, new, strict=True))
+        yield (segment.first + np.arange(len(q))) * stepper.dt, q, v, found
+        last = q[-1:], v[-1:], found[-1:]
 
 
 def block_ledger(stepper: Stepper, system: System, steps: int, every: int) -> Ledger:
@@ -80,9 +94,10 @@ def block_ledger(stepper: Stepper, system: System, steps: int, every: int) -> Le
     start = np.array(system.energies(0.0, system.q0, system.v0))
     kept[0, :3] = balance[:3] = start
     y = basis.to_modal(np.stack([system.q0, system.v0])).ravel()
+    met = np.concatenate(initial_channels([system], system.q0[None], system.v0[None]))[:, : len(contacts)].copy()
     shared = {
         "squares": basis.omega**2,
-        "damping": basis.damping,
+        "damping": basis.damping if np.any(basis.damping > 0.0) else basis.damping[:0],
         "loads": basis.force(np.array([vector for vector, _ in system.loads]).reshape(-1, system.size)),
         "rows": stepper.coordinates.columns,
         "law": laws(contacts),
@@ -91,14 +106,28 @@ def block_ledger(stepper: Stepper, system: System, steps: int, every: int) -> Le
     units = np.eye(len(system.loads))
     loads = drive.split([(units[k], f) for k, (_, f) in enumerate(system.loads)], len(units))
     offsets = drive.offsets(system)
+    # A damped stop that has let go still holds energy: its block is not one without contact.
+    damped = len(shared["damping"]) or any(contact.stops.dissipative for contact in contacts)
+    closed = steps > SHORT and not (damped or loads[1] or offsets[1])
+    free, last = None, np.full((1, len(contacts)), np.nan)
     for segment, one in _segments(stepper, system, steps):
         t = (segment.first + np.arange(segment.steps + 1)) * dt
-        step, z = step_of(segment, one)
+        K = segment.block.steps
+        apart = max(1, STEPS // K) if closed and K > 1 else len(segment.starts)
+        step, starts = step_of(segment, one, apart)
         o, o_rate = np.zeros((2, 0, len(contacts)))
         if moving:
             o, o_rate = _sum(offsets, step.g, t, evaluate), _sum(offsets, step.g @ drive.derivative().T, t, offset_rate)
-        energies = Energies(**shared, load_values=_sum(loads, step.g, t, evaluate), offsets=o, offset_rates=o_rate)
-        account(step, energies, system.size, z, y, balance, segment.first, every, dt, kept)
+        found = np.concatenate([last, found_at_ends(segment, step, len(contacts))])
+        last = found[-1:]
+        energies = Energies(
+            **shared, found=found, load_values=_sum(loads, step.g, t, evaluate), offsets=o, offset_rates=o_rate
+        )
+        if closed and free is None and K > 1:
+            turn, moved = drive.transition(dt), offsets[0][:, : len(contacts)]
+            free = free_block(one, step, apart * K, turn, energies, loads[0], moved)
+        known = free if free is not None and K > 1 else no_block(len(contacts), len(system.loads))
+        account(step, energies, known, starts, apart * K, system.size, y, met, balance, segment.first, every, dt, kept)
     return Ledger(np.arange(0, steps + 1, every) * dt, *kept.T.copy())
 
 

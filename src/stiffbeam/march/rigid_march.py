@@ -20,7 +20,9 @@ from ..schemes.rigid_scheme import AHEAD, POSITION, RESTITUTED, VELOCITY
 from .kernels.rigid_steps import AT_A_STOP, WHERE_CLOSED, WHERE_PREDICTED, Linear, steps
 from .pieces import STEPS_PER_PIECE, Piece
 
-FREE_STEPS = 200  # after which a free mass has all that one unit force will give it
+FREE = Modal(np.zeros(1), np.zeros(1))  # a free mass
+FREE_STEPS = 200  # after which it has all that one unit force will give it
+GROWTH = 1e-3  # a step, beyond the rounding of a multiple eigenvalue
 
 
 def is_rigid(system: System, scheme: Scheme) -> bool:
@@ -184,6 +186,8 @@ def _probed(
     compliance = by_row[at:].reshape(m, S, S, m).transpose(1, 2, 0, 3)  # [node, later node, reaction, argument]
     if m:
         _require_giving_way(scheme, compliance)
+        if not isinstance(scheme, RigidScheme):
+            _require_lasting_contact(scheme)
     scale = np.array([1.0 + e if kind == RESTITUTED else np.ones(m) for kind in kinds])
     ends = np.array([[s.g1, s.g2] for s in stops]).reshape(m, 2)
     still = np.array([[0.0 if np.isfinite(g) else g for g in own] for own in ends]).reshape(m, 2)
@@ -212,15 +216,31 @@ def _require_giving_way(scheme: Scheme, compliance: Array) -> None:
             raise InputError("scheme", str(scheme), rule, remedy)
 
 
+def _require_lasting_contact(scheme: Scheme) -> None:
+    """Raise InputError where a free mass held on a stop meets reactions that grow from step to step.
+
+    Held, q = 0 at every node: z <- (T - P G^-1 R) z with the responses T, P of the state and R, G of the positions at
+    the nodes. The trapezoidal rule, whose reactions swing about their mean for ever, has the spectral radius 1.
+    """
+    S, a = len(scheme.nodes), len(scheme.initial(FREE, [np.zeros((2, 1))] * scheme.history, np.zeros(1)))
+    z, acting = np.zeros((a, a + S, 1)), np.zeros((S, a + S, 1))
+    z[np.arange(a), np.arange(a)] = acting[np.arange(S), a + np.arange(S)] = 1.0
+    new, at_nodes = scheme.step(FREE, 1.0, z, list(np.zeros_like(acting)), list(acting))
+    state, read = np.asarray(new)[..., 0], np.array([y[0] for y in at_nodes])[..., 0]
+    held = state[:, :a] - state[:, a:] @ np.linalg.solve(read[:, a:], read[:, :a])
+    if np.max(np.abs(np.linalg.eigvals(held))) > 1.0 + GROWTH:
+        rule = "have reactions that do not grow while a contact lasts, for rigid stops"
+        raise InputError("scheme", str(scheme), rule, "use stiffbeam.MoreauJean()")
+
+
 def _weights(scheme: Scheme, dt: float) -> Array:
     """(S,), the momentum over dt that a free mass takes in the end from a unit reaction at each node of a step."""
     S = len(scheme.nodes)
-    free = Modal(np.zeros(1), np.zeros(1))
     acting = np.zeros((S, S, 1))
     acting[np.arange(S), np.arange(S)] = 1.0
-    z = np.zeros((len(scheme.initial(free, [np.zeros((2, 1))] * scheme.history, np.zeros(1))), S, 1))
+    z = np.zeros((len(scheme.initial(FREE, [np.zeros((2, 1))] * scheme.history, np.zeros(1))), S, 1))
     for _ in range(FREE_STEPS):
-        z, _ = scheme.step(free, dt, z, list(np.zeros((S, S, 1))), list(acting))
+        z, _ = scheme.step(FREE, dt, z, list(np.zeros((S, S, 1))), list(acting))
         acting = np.zeros_like(acting)
     return z[1, :, 0] / dt
 

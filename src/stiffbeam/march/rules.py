@@ -56,6 +56,17 @@ def require_giving_way(scheme: Scheme, S: Array, S_rate: Array) -> None:
             raise InputError("scheme", str(scheme), rule, "use another scheme, or stops without damping")
 
 
+def require_moved(scheme: Scheme, S: Array) -> None:
+    """Raise InputError unless a force moves its node, s > 0, for stops with c > 0.
+
+    Their force jumps at the stop. A node that gives way finds one that holds it there; another takes F of a state,
+    and rounding says which. S: (..., m, m).
+    """
+    if not np.all(np.diagonal(S, axis1=-2, axis2=-1) > 0.0):
+        rule = "move every node by the force there, for stops with damping, whose force jumps"
+        raise InputError("scheme", str(scheme), rule, "use another scheme, or stops with dissipation= in place of it")
+
+
 def unsolved(scheme: Scheme, t: float) -> SolverFailure:
     """The forces of several contacts at one node were not found."""
     reason = "the forces of several contacts at once were not found"

@@ -43,15 +43,17 @@ def warm_up() -> float:
     kernel.run(
         Block(row, row, row, row, index[0], index[0], none, none, index[0], 0),
         np.zeros((0, 1, LAW)), Forcing(0.0, z, none, np.zeros((0, 1, 1, 1))), Inflow(z, none),
-        Marchers(z, z, z, np.zeros((0, 1, TALLY)), index[0]), Kept(none, none, z, z), row, 0, 0, 1.0, 1,
+        Marchers(z, z, z, np.zeros((0, 1, TALLY)), index[0]), Kept(none, none, none, z, z), row, 0, 0, 1.0, 1,
         np.zeros(3, np.int64),
     )  # fmt: skip
     _warm = True
     return time.perf_counter() - begun
 
 
-def compile_beside() -> None:
+def compile_beside(rehearsal: str) -> None:
     """Begin to compile in a process beside this one, unless that has been done; ``warm_up`` waits for it.
+
+    rehearsal: lines of Python that run once what will be asked, on a small scale; the march is compiled before them.
 
     Not a thread: numba compiles one function at a time and holds the GIL most of that time, so that the
     exact solver and SUNDIALS, which have functions of their own to compile, would wait.
@@ -59,7 +61,7 @@ def compile_beside() -> None:
     global _beside
     if _beside is not None or compiled():
         return
-    code = "from stiffbeam.march.warm import warm_up; warm_up()"
+    code = f"from stiffbeam.march.warm import warm_up; warm_up(); {rehearsal}"
     paths = os.pathsep.join(path for path in sys.path if path)
     environment = os.environ | {"PYTHONPATH": paths, "STIFFBEAM_CACHE_DIR": str(cache.directory())}
     silent = subprocess.DEVNULL

@@ -24,6 +24,7 @@ from ..trajectory.trajectory import Reference, Trajectory
 from .impacts import ContactStatistics, Matching, match
 from .pair import run_of
 from .phase import PhaseLag, phase_lag
+from .remark import remark
 from .tip_error import relative_error, rms
 from .windows import drive_frequency
 
@@ -63,7 +64,8 @@ class Comparison:
     energy_lost: the ledger's loss over E_0 + input, all energy the system has had. contacts: one for each of the
     system's, in its order. switches: what an adaptive solver does at a switch, "restart" or "through", else "".
     totals_energy_lost: energy_lost to t_end. units: what times, forces and impulses are counted in. missing: what
-    the run does not hold and why; its numbers are NaN, and its impacts -1. pair: the run and the reference.
+    the run does not hold and why; its numbers are NaN, and its impacts -1. remark: that nothing moves or nothing
+    touches, else "". pair: the run and the reference.
     """
 
     label: str
@@ -86,6 +88,7 @@ class Comparison:
     contacts: tuple[ContactComparison, ...]
     totals_energy_lost: float
     missing: tuple[str, ...] = ()
+    remark: str = ""
     error: Array = field(default_factory=lambda: np.zeros(0), compare=False)
     pair: tuple[Trajectory, Reference] | None = field(default=None, compare=False)
 
@@ -219,6 +222,7 @@ def compare(run: Trajectory | Sequence[ArrayLike], reference: Reference) -> Comp
         contacts=contacts,
         totals_energy_lost=float("nan") if energy is None else energy.lost_fraction(len(u_ref) - 1),
         missing=tuple(missing),
+        remark=remark(system, reference),
         pair=(run, reference),
         error=error,
     )
@@ -232,19 +236,16 @@ def _contact(
     if stops.rigid:
         return _rigid_contact(run, reference, system, i, window)
     u, v = reference.at(t, contact=i)
-    true = sampled_impacts(u, v, dt, stops)
+    true, true_force = sampled_impacts(u, v, dt, stops), stops.force(u, v)
     sampled = "dt" in run.provenance
     unknown = own.impacts.kind == "unknown"
     found = own.impacts if sampled else sampled_impacts(own.position, own.velocity, dt, own.stops)
 
-    def statistics(
-        trajectory: Trajectory, impacts: Impacts, position: Array, velocity: Array, end: float
-    ) -> ContactStatistics:
+    def statistics(trajectory: Trajectory, impacts: Impacts, force: Array, end: float) -> ContactStatistics:
         if impacts.kind == "unknown":
             return UNKNOWN
-        steps = slice(0, int(np.floor(end / dt * (1 + 1e-12))) + 1)
-        force = np.abs(stops.force(position[steps], velocity[steps]))
-        pressed = stops.state(position[steps], velocity[steps])[1:] != 0
+        force = np.abs(force[: int(np.floor(end / dt * (1 + 1e-12))) + 1])
+        pressed = force[1:] != 0.0
         measured = ContactStatistics(
             impacts=impacts.until(end).count,
             event_impacts=trajectory.contacts[i].impacts.until(end).count,
@@ -257,12 +258,12 @@ def _contact(
     t_end = min(float(run.t[-1]), float(reference.provenance["t_end"]))
     return ContactComparison(
         place=_place(system, i),
-        run=statistics(run, found, own.position, own.velocity, window),
-        reference=statistics(reference, true, u, v, window),
+        run=statistics(run, found, own.force, window),
+        reference=statistics(reference, true, true_force, window),
         # Where no impact of the run is known, nothing parts and nothing is paired.
         matching=Matching(0, window, np.nan, np.nan) if unknown else match(found, true, window),
-        run_totals=statistics(run, found, own.position, own.velocity, t_end),
-        reference_totals=statistics(reference, true, u, v, t_end),
+        run_totals=statistics(run, found, own.force, t_end),
+        reference_totals=statistics(reference, true, true_force, t_end),
     )
 
 

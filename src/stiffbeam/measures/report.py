@@ -94,7 +94,8 @@ def comparison_tables(
     by_reference = [
         [c for c in comparisons if c.reference == r] for r in dict.fromkeys(c.reference for c in comparisons)
     ]
-    parts: list[RenderableType] = [_inside(own) for own in by_reference]
+    parts: list[RenderableType] = [Text(said) for said in dict.fromkeys(c.remark for c in comparisons) if said]
+    parts += [_inside(own) for own in by_reference]
     if comparisons:
         parts.append(Text(_explanation(comparisons, references), style="dim"))
     for own in by_reference:

@@ -29,6 +29,7 @@ class Law(NamedTuple):
 
 LAW = len(Law._fields)
 KAPPA, G1, G2 = range(3)  # of a row, where the linear law alone is asked
+DAMPING = Law._fields.index("c")
 NEWTON = 200  # iterations, of which a handful are used
 
 
@@ -79,50 +80,50 @@ def stage_force(r: float, stage: float, g1: float, g2: float) -> float:
 # ---------------------------------------------------------------- any law
 
 
-@inlined
+@compiled
 def law_of(law: Array, c: int) -> Law:
     """Row c of an array of laws (m, 6)."""
     return Law(law[c, 0], law[c, 1], law[c, 2], law[c, 3], law[c, 4], law[c, 5])
 
 
-@inlined
+@compiled
 def damps(law: Law) -> bool:
     """Whether F depends on the velocity."""
     return (law.c > 0.0) | (law.lam > 0.0)
 
 
-@inlined
+@compiled
 def is_linear(law: Law) -> bool:
     """Whether F = -kappa d."""
     return law.p == 1.0 and not damps(law)
 
 
-@inlined
+@compiled
 def power(d: float, p: float) -> float:
     """d^p for d > 0, odd in d, so that it goes on smoothly where a root is sought beyond the stop."""
     return d if p == 1.0 else math.copysign(abs(d) ** p, d)
 
 
-@inlined
+@compiled
 def pressure(d: float, rate: float, law: Law) -> float:
     """kappa d^p (1 + lambda d') + c d', not yet cut off at zero."""
     return law.kappa * power(d, law.p) * (1.0 + law.lam * rate) + law.c * rate
 
 
-@inlined
+@compiled
 def slopes(d: float, rate: float, law: Law) -> tuple[float, float]:
     """The derivatives of ``pressure`` by d and by d'; both >= 0 where it is."""
     stiff = law.kappa if law.p == 1.0 else law.kappa * law.p * abs(d) ** (law.p - 1.0)
     return stiff * (1.0 + law.lam * rate), law.kappa * power(d, law.p) * law.lam + law.c
 
 
-@inlined
+@compiled
 def press(d: float, rate: float, law: Law) -> float:
     """|F| at penetration d: the positive part of ``pressure`` where d > 0, else 0."""
     return max(0.0, pressure(d, rate, law)) if d > 0.0 else 0.0
 
 
-@inlined
+@compiled
 def law_state(u: float, v: float, law: Law) -> float:
     """chi: the side on which the stop presses, 0 where it does not. Without damping that is beyond the stop."""
     if u > law.g2:
@@ -132,7 +133,7 @@ def law_state(u: float, v: float, law: Law) -> float:
     return 0.0
 
 
-@inlined
+@compiled
 def law_force(u: float, v: float, law: Law) -> float:
     """F(u, u') on the beam."""
     if u > law.g2:
@@ -142,19 +143,37 @@ def law_force(u: float, v: float, law: Law) -> float:
     return 0.0
 
 
-@inlined
+@compiled
+def found_force(u: float, v: float, found: float, law: Law) -> float:
+    """F at the end of a step whose node found the force ``found``, NaN for none.
+
+    Where c > 0 the force jumps at d = 0. A node may end there, on the stop to rounding, under any force up to c u':
+    its state does not tell which.
+    """
+    return law_force(u, v, law) if math.isnan(found) or law.c == 0.0 else found
+
+
+@compiled
+def found_state(u: float, v: float, found: float, law: Law) -> float:
+    """chi there: where c > 0 the stop presses where a force was found."""
+    if math.isnan(found) or law.c == 0.0:
+        return law_state(u, v, law)
+    return 0.0 if found == 0.0 else math.copysign(1.0, -found)
+
+
+@compiled
 def law_energy(u: float, law: Law) -> float:
     """U(u) = kappa |d|^(p+1)/(p+1)."""
     return law.kappa * abs(depth(u, law.g1, law.g2)) ** (law.p + 1.0) / (law.p + 1.0)
 
 
-@inlined
+@compiled
 def elastic_force(u: float, law: Law) -> float:
     """-U'(u); F less it is what dissipates."""
     return -law.kappa * power(depth(u, law.g1, law.g2), law.p)
 
 
-@inlined
+@compiled
 def side_force(u: float, v: float, chi: float, law: Law) -> float:
     """F of the contact on side chi, +1 upper, -1 lower, 0 free, smooth across the stop and where F = 0."""
     if chi > 0:
@@ -164,7 +183,7 @@ def side_force(u: float, v: float, chi: float, law: Law) -> float:
     return 0.0
 
 
-@inlined
+@compiled
 def pull(d: float, rate: float, length: float, law: Law) -> float:
     """A length with the sign of ``pressure`` at d > 0, smooth across the stop: its root is where a stop lets go."""
     if law.c > 0.0:
@@ -172,7 +191,7 @@ def pull(d: float, rate: float, length: float, law: Law) -> float:
     return length * (1.0 + law.lam * rate)  # kappa d^p, which is zero on the stop itself, left out
 
 
-@inlined
+@compiled
 def side_slopes(u: float, v: float, chi: float, law: Law) -> tuple[float, float]:
     """-dF/du and -dF/du' of ``side_force``."""
     if chi == 0:

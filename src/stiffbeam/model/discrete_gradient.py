@@ -12,11 +12,11 @@ from __future__ import annotations
 
 import math
 
-from ..basics.compiled import compiled, inlined
+from ..basics.compiled import compiled
 from .contact_law import NEWTON, Law, depth, elastic_force, law_energy, power
 
 
-@inlined
+@compiled
 def _mean_power(d0: float, d1: float, p: float) -> float:
     """(d1^(p+1) - d0^(p+1))/((p + 1)(d1 - d0)) of two depths > 0, without cancellation."""
     if p == 1.0:
@@ -93,7 +93,7 @@ def mean_force(r: float, u0: float, s: float, law: Law) -> tuple[float, float]:
     return F, -stiff / (1.0 + s * stiff)
 
 
-@inlined
+@compiled
 def _secant_slope(u: float, u0: float, slope: float, law: Law) -> float:
     """d secant/du, to what Newton's method needs."""
     if abs(u - u0) <= 1e-7 * (abs(u) + abs(u0)):

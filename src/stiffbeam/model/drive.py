@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cached_property
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,6 +19,7 @@ from .time_functions import Constant, Harmonic, LoadFunction, parts, parts_of
 
 Term = tuple[Array, LoadFunction]
 SPAN = 32  # steps from one sine to the next
+_KNOWN: WeakKeyDictionary[System, Drive] = WeakKeyDictionary()
 
 
 @dataclass(frozen=True)
@@ -33,19 +35,21 @@ class Drive:
 
     @classmethod
     def of(cls, system: System) -> Drive:
-        """The drive of all loads and all stop motions of ``system``."""
+        """The drive of all loads and all stop motions of ``system``; made once."""
+        if system in _KNOWN:
+            return _KNOWN[system]
         functions = [f for _, f in system.loads] + [offset for _, offset in system.channels]
         leaves = [leaf for function in functions for leaf in parts_of(function)]
         frequencies = {exact_value(f.frequency): f.frequency for f in leaves if isinstance(f, Harmonic)}
         records = dict.fromkeys(f for f in leaves if isinstance(f, Sampled))
-        return cls(tuple(sorted(frequencies.values())), tuple(records))
+        return _KNOWN.setdefault(system, cls(tuple(sorted(frequencies.values())), tuple(records)))
 
     @property
     def size(self) -> int:
         """d."""
         return 1 + 2 * len(self.frequencies)
 
-    @property
+    @cached_property
     def rates(self) -> Array:
         """The angular frequency of each of the d functions, 0 for the constant."""
         return np.concatenate([[0.0], np.repeat(self.frequencies, 2)])
@@ -165,3 +169,23 @@ class Drive:
             return o, rate
 
         return values
+
+
+def stays_at_rest(system: System) -> bool:
+    """Whether q = 0 at all times: it starts at 0 without velocity, and neither a load nor a stop pushes it.
+
+    A bare callable, whose values are not known, and a stop that moves count as a push.
+    """
+    if np.any(system.q0) or np.any(system.v0) or any(np.any(p) and not _zero(f) for p, f in system.loads):
+        return False
+    return all(_zero(contact.offset) and contact.stops.g1 <= 0.0 <= contact.stops.g2 for contact in system.contacts)
+
+
+def _zero(function: LoadFunction | None) -> bool:
+    return all(
+        factor == 0.0
+        or (isinstance(f, Harmonic) and f.amplitude == 0.0)
+        or (isinstance(f, Constant) and f.level == 0.0)
+        or (isinstance(f, Sampled) and not np.any(f.values))
+        for factor, f in parts(function)
+    )

@@ -56,7 +56,7 @@ def _refined(mass: Array, stiffness: Array, springs: tuple[Any, ...], X: Array) 
         upper = scipy.linalg.cholesky(0.5 * (R + R.T))
         S = scipy.linalg.solve_triangular(upper, S, trans=1)
         S = scipy.linalg.solve_triangular(upper, S.T, trans=1)
-        rounding = 2.0 * EPS * max(len(S), 8) * terms
+        rounding = rounding_of_zero(terms, len(S))
         squares, turned = jacobi(0.5 * (S + S.T), rounding)
         X = X @ scipy.linalg.solve_triangular(upper, turned)
         size = np.sqrt(np.maximum(np.abs(np.diag(S)), rounding))
@@ -65,6 +65,11 @@ def _refined(mass: Array, stiffness: Array, springs: tuple[Any, ...], X: Array) 
     squares[np.abs(squares) < rounding] = 0.0
     order = np.argsort(squares, kind="stable")
     return squares[order], X[:, order]
+
+
+def rounding_of_zero(terms: Array, n: int) -> Array:
+    """Below which squares count as zero: sums of n terms that are ``terms`` large in all."""
+    return 2.0 * EPS * max(n, 8) * terms
 
 
 def congruence(A: Array, X: Array) -> Array:

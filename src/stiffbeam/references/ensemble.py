@@ -19,6 +19,7 @@ from ..trajectory.ensemble import MEMBERS_PER_SLICE, Ensemble, Progress, gathere
 from ..trajectory.impacts import ContactRecord
 from ..trajectory.ledger import Ledger
 from ..trajectory.recorder import Seen
+from ..trajectory.records import Records
 from ..trajectory.trajectory import Reference, Work
 from .exact.audit import audit, within_float64
 from .exact.piecewise import general, observations, solve_exact
@@ -56,15 +57,15 @@ def reference_ensemble(
     def see(tip: Array, velocity: Array, contacts: tuple[ContactRecord, ...]) -> Seen:
         return Seen(tip[: len(times)], velocity[: len(times)], contacts)
 
-    def solve(part: Members) -> list[Seen]:
+    def solve(part: Members) -> Records:
         runs = (_solve(member, t_end, at, known, since) for member in part)
-        return [see(run.tip, run.tip_velocity, run.contacts) for run in runs]
+        return Records.of([see(run.tip, run.tip_velocity, run.contacts) for run in runs])
 
     own = members.system
     if set(members.fields) <= {"q0", "v0"} and not general(own) and not any(c.stops.rigid for c in own.contacts):
         tracer = Tracer(Parts(own, known, t_end))  # one for all
 
-        def solve(part: Members) -> list[Seen]:
+        def solve(part: Members) -> Records:
             found = []
             for i in range(len(part)):
                 start = part.start(i)
@@ -72,17 +73,17 @@ def reference_ensemble(
                     solution = tracer.solve(t_end, start)
                     audit(own, solution, t_end, start=start)
                     found.append(see(*observations(own, solution, at, t_end, since)))
-            return found
+            return Records.of(found)
 
     rest = None if progress is None else lambda done: progress(1 + done)
-    seen = [
-        see(first.tip, first.tip_velocity, first.contacts),
+    parts = [
+        Records.of([see(first.tip, first.tip_velocity, first.contacts)]),
         *over_slices(solve, members[1:], MEMBERS_PER_SLICE, cores(), rest),
     ]
     seconds = time.perf_counter() - begun
     notes = {"members": len(members), "parameter": members.parameter, "horizon": horizon}
     ledger = partial(_ledger, members, t_end, at)
-    return gathered(members, seen, times, Work(0, seconds, seconds), first.provenance | notes, ledger)
+    return gathered(members, parts, times, Work(0, seconds, seconds), first.provenance | notes, ledger)
 
 
 def horizon_of(system: System, t_end: float) -> float:

@@ -7,15 +7,18 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..basics.progress import Show, silent
 from ..basics.validation import InputError
 from ..model.contact import Contact
+from ..model.graded import rounding_of_zero
 from ..model.modes import undamped_modes
 from ..model.system import System
 from ..trajectory.impacts import Impacts
 from ..trajectory.trajectory import Reference, SolverFailure, Trajectory
 from .exact.piecewise import Watched, copies, solve_exact
+from .exact.spectrum import known_until
 from .registry import REFERENCES
 from .request import Steps
 
@@ -113,15 +116,17 @@ def exact_horizon(
     directions. For its error to be twice that of every copy, rounding has to start 2 MARGIN times closer to
     the direction of growth than each of them: a chance of the order of (2 MARGIN)^-COPIES, 2e-4. The margin
     shortens a chaotic horizon by ln(2 MARGIN)/ln(1e-3/eps), a fourteenth. Phases w t are known to eps w t, which
-    no copy shows: the horizon ends where MARGIN times that reaches the tolerance. ``horizon_predicted``:
-    the horizon that the tangent flow predicts.
+    no copy shows: the horizon ends where MARGIN times that reaches the tolerance, and likewise where a mode that counts
+    as free would be held back by a stiffness within the rounding of K, or one that damping makes slow decays at a rate
+    that is lost beside the fast ones. ``horizon_predicted``: the horizon that the tangent flow predicts.
     """
     from .exact.tangent import predicted_horizon
 
     eps = MARGIN * float(np.finfo(float).eps)
     tolerance, solution = time_tolerance(system), reference.solution
     fastest = 2.0 * np.pi / solution.shortest_period
-    horizon = min(t_end, DISPLACEMENT_TOLERANCE / (eps * fastest))
+    horizon = min(t_end, DISPLACEMENT_TOLERANCE / (eps * fastest), _of_free_modes(system))
+    horizon = min(horizon, *(_of_slow_modes(system, sides) for sides in np.unique(solution.sides, axis=0)))
     own = _watched(reference)
     others = copies(system, t_end, reference.t, eps)
     for seed in range(COPIES):
@@ -133,6 +138,27 @@ def exact_horizon(
         "horizon_predicted": predicted_horizon(system, solution, t_end, DISPLACEMENT_TOLERANCE),
         "against": f"{COPIES} copies perturbed by {MARGIN:g} times its rounding, to half the tolerance",
     }
+
+
+def _of_free_modes(system: System) -> float:
+    """omega^2 t^2/12 of a free motion under a constant force is lost where omega^2 is the rounding of a zero."""
+    basis = undamped_modes(system)
+    shapes = basis.shapes[:, basis.omega == 0.0]
+    terms = np.sum(np.abs(shapes) * (np.abs(system.stiffness) @ np.abs(shapes)), axis=0)
+    largest = float(np.max(rounding_of_zero(terms, system.size), initial=0.0))
+    return float(np.sqrt(12.0 * DISPLACEMENT_TOLERANCE / largest)) if largest else np.inf
+
+
+def _of_slow_modes(system: System, sides: NDArray[np.int64]) -> float:
+    """See ``known_until``, while the contacts press on these sides."""
+    closed = [
+        (x.row, *x.stops.spring(1), x.stops.damping) for x, side in zip(system.contacts, sides, strict=False) if side
+    ]
+    C = system.damping + sum(c * np.outer(row, row) for row, _, _, c in closed)
+    if not np.any(C):
+        return np.inf
+    basis = undamped_modes(system, tuple((row, kappa) for row, kappa, _, _ in closed))
+    return known_until(basis.omega, basis.shapes.T @ C @ basis.shapes, 0.5 * DISPLACEMENT_TOLERANCE)
 
 
 def _soon(reference: Reference, system: System, t_end: float, eps: float) -> float:

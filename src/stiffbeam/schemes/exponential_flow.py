@@ -14,12 +14,15 @@ class ExponentialFlow(Scheme):
     phi_1(z) = (e^z - 1)/z, phi_2(z) = (e^z - 1 - z)/z^2. Free motion is exact at any step; loads and reactions
     are interpolated linearly, order 2. Between contacts there is neither period elongation nor dissipation; all errors
     come from the contact. Take contact="conserving": with "implicit" the stops do work on the motion,
-    the largest forces of Table 10 at dt = 1e-4 are twice as large. State: y.
+    the largest forces of Table 10 at dt = 1e-4 are twice as large. State: (y, f), the force carried.
     Source: Hochbruck and Ostermann, Acta Numerica 19 (2010) 209-286.
     """
 
     name = "exponential-flow"
-    nodes = (0.0, 1.0)
+
+    def initial(self, equation: Equation, history: list[Array], force: Array) -> Array:
+        """(y, f) with the force f given."""
+        return np.concatenate([history[0], force[None]])
 
     @property
     def conserving(self) -> Scheme:
@@ -27,9 +30,10 @@ class ExponentialFlow(Scheme):
         return MeanReaction(self, exact)
 
     def step(self, equation: Equation, dt: float, z: Array, loads: list[Array], reactions: list[Array]) -> Step:
-        """No stage is solved; the force at t_n acts too, as that of node 0."""
-        y = equation.flow(dt, z, *(load + reaction for load, reaction in zip(loads, reactions, strict=True)))
-        return y, [z, y]
+        """No stage is solved; the force at t_{n+1} ends this step and begins the next."""
+        force = loads[0] + reactions[0]
+        y = equation.flow(dt, z[:-1], z[-1], force)
+        return np.concatenate([y, force[None]]), [y]
 
     def characteristic(self, x: float, xi: float) -> Array:
         """Degree 1: the root is e^z."""

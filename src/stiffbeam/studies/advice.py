@@ -8,7 +8,8 @@
 of several contacts the largest. Every scheme runs with 2^k n steps, k = 0, 1, ...; a step counts where it and its
 half both meet what is wanted, since errors through contact do not decrease steadily. The cheapest in linear solves
 (steps times stages) is named: whatever solves the system, that is what a step costs. All schemes are refined
-together: no fine run is made of one where a coarse run of another is enough.
+together: no fine run is made of one where a coarse run of another is enough. Where not all that is wanted can be had,
+the rest counts where every finer step meets it too.
 
 Past the horizon one motion has no meaning, so there the means over perturbed members are compared, and a mean is
 right where it and the 95 % interval of the difference lie within what is wanted; the tip has no such mean. The members
@@ -20,6 +21,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import takewhile
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -29,15 +31,17 @@ from ..basics.progress import progress as shown
 from ..basics.validation import InputError, integer, near, one_of, positive
 from ..march.integrate import integrate
 from ..march.rules import CONTACTS
+from ..measures.remark import remark
 from ..measures.tip_error import stays_within
 from ..model.drive import Drive
+from ..model.members import SPREAD
 from ..model.modes import modes, undamped_modes
 from ..model.system import System
 from ..references import reference
 from ..schemes import RIGID, SCHEMES, Scheme, make
 from ..trajectory.tables import table
 from ..trajectory.trajectory import Diverged, Trajectory
-from .advice_criteria import SIZE, Criterion, Motion, Statistics
+from .advice_criteria import Criterion, Motion, Statistics
 from .common import label_of
 
 if TYPE_CHECKING:
@@ -78,9 +82,9 @@ class Probe:
 @dataclass(frozen=True)
 class Advice:
     """What ``advise`` found. chosen: the advised run, None where there is none. cannot: what no run gives, and why; the
-    advised run gives the rest. trusted_until: the time to which its tip stays within the wanted error
-    (without one, 1e-3), at most the horizon. members: of the ensembles, 0 where one motion was compared. scatter: the
-    standard deviation of one exact member, over the mean, by quantity: the deviation of a single run by chance."""
+    advised run gives the rest. trusted_until: the time to which its tip stays within the wanted error (without one,
+    1e-3), at most the horizon. members: of the ensembles, 0 for one motion. scatter: the standard deviation of an exact
+    member, over the mean, by quantity. remark: that nothing moves or nothing touches, else ""."""
 
     want: dict[str, float]
     t_end: float
@@ -92,6 +96,7 @@ class Advice:
     tried: tuple[Probe, ...] = field(repr=False)
     system: System = field(repr=False)
     scatter: dict[str, float] = field(default_factory=dict)
+    remark: str = ""
 
     def run(self, every: int = 1) -> Trajectory:
         """The advised run. Raises InputError where nothing could be advised."""
@@ -109,25 +114,23 @@ class Advice:
         return {
             "measured": ["advised.seconds"], "want": self.want, "t_end": self.t_end, "horizon": self.horizon,
             "members": self.members, "advised": chosen, "cannot": self.cannot, "trusted_until": self.trusted_until,
-            "scatter": self.scatter, "units": str(self.system.units),
+            "scatter": self.scatter, "remark": self.remark, "units": str(self.system.units),
         }  # fmt: skip
 
     def to_dataframe(self) -> pandas.DataFrame:
         """One line for each run that was tried."""
-        columns = {
-            name: [getattr(p, name) for p in self.tried] for name in ("contact", "dt", "steps", "work", "seconds")
-        }
+        columns = {x: [getattr(p, x) for p in self.tried] for x in ("contact", "dt", "steps", "work", "seconds")}
         errors = {f"error_{name}": [p.errors.get(name, np.nan) for p in self.tried] for name in QUANTITIES}
         return table({"scheme": [str(p.scheme) for p in self.tried]} | columns | errors)
 
     def __str__(self) -> str:
         units = self.system.units
         end = units.measure(f"{self.t_end:g}", "time")
-        lines = []
+        lines = [self.remark] if self.remark else []
         if self.chosen is not None:
             p = self.chosen
             met = ", ".join(f"{name} {p.errors[name]:.2g} of {self.want[name]:g}" for name in self.want_met)
-            over = f", means over {self.members} members whose starts differ by {SIZE:g}" if self.members else ""
+            over = f", means over {self.members} members whose starts differ by {SPREAD:g}" if self.members else ""
             dt = units.measure(f"{p.dt:.6g}", "time")
             cost = f"{p.steps} steps to t = {end}, {p.work} linear solves, {p.seconds:.2g} s here"
             lines.append(f"{p.label}, dt = {dt}: {cost}{over}")
@@ -225,6 +228,7 @@ def advise(
         tuple(tried),
         system,
         criterion.scatter,
+        remark(system, exact),
     )
 
 
@@ -321,19 +325,21 @@ def _probe(
 
 
 def _cheapest(tried: list[Probe], want: dict[str, float]) -> Probe | None:
-    """The cheapest run that meets the want, and whose half does."""
-    good = {(p.label, p.steps): p for p in tried if p.meets(want)}
-    return min((p for (label, n), p in good.items() if (label, 2 * n) in good), key=lambda p: p.work, default=None)
+    """The cheapest run that meets the want with all finer ones, one at least; else a coarse run meets it by chance."""
+    good: list[Probe] = []
+    for label in dict.fromkeys(probe.label for probe in tried):
+        finest_first = sorted((p for p in tried if p.label == label), key=lambda p: -p.steps)
+        good += list(takewhile(lambda p: p.meets(want), finest_first))[1:]
+    return min(good, key=lambda p: p.work, default=None)
 
 
 def _unreached(tried: list[Probe], want: dict[str, float], most: int) -> dict[str, str]:
-    """Of the wanted quantities those that no two steps in a row meet; where each is met by some run, the one whose
-    runs cost most."""
+    """Of the wanted quantities those that are met from no step on; where there is none, the one that costs most."""
     alone = {name: _cheapest(tried, {name: x}) for name, x in want.items()}
     found = {}
     for name in [name for name, probe in alone.items() if probe is None]:
         best = min(tried, key=lambda p, name=name: p.errors[name])
-        runs = f"{'no two steps in a row' if best.meets({name: want[name]}) else 'none'} of {len(tried)} runs of up to "
+        runs = f"{'from no step on all' if best.meets({name: want[name]}) else 'none'} of {len(tried)} runs of up to "
         found[name] = f"{runs}{most} steps; the best has {best.errors[name]:.2g}, {best.label} at dt = {best.dt:.3g}"
     if found:
         return found

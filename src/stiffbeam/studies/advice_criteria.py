@@ -10,14 +10,13 @@ from ..basics.arrays import Array
 from ..march.ensemble import integrate_ensemble
 from ..march.integrate import integrate
 from ..measures.tip_error import tip_error
-from ..model.members import perturbed
+from ..model.members import SPREAD, perturbed
 from ..model.system import System
 from ..references.ensemble import reference_ensemble
 from ..schemes import Scheme
 from ..trajectory.trajectory import Diverged, Reference
 from .ensemble import difference
 
-SIZE = 1e-3  # of the perturbations, relative to the motion
 COLUMNS = (("impacts", "impact_count"), ("peak_force", "peak_force"), ("impulse", "impulse"))  # of an ensemble
 
 
@@ -69,7 +68,7 @@ class Statistics(Criterion):
     def __init__(self, system: System, t_end: float, members: int) -> None:
         super().__init__()
         self.point = {"members": members}
-        self.members = perturbed(system, members, SIZE)
+        self.members = perturbed(system, members, SPREAD)
         self.exact = reference_ensemble(system, t_end, self.members)
         self.scatter = {
             name: max((_deviation(getattr(contact, own)) for contact in self.exact.contacts), default=0.0)

@@ -268,6 +268,7 @@ STUDY = Study(
     evaluate=evaluate,
     answer=answer,
     draw=draw,
+    needs_motion=True,
     all_cores=True,
     smoke={"schemes": ["hht(alpha=-0.1)"], "starts": 6},
 )

@@ -25,7 +25,7 @@ from ..files.cases import Case
 from ..march.ensemble import integrate_ensemble
 from ..march.integrate import integrate
 from ..measures.impacts import match
-from ..model.members import perturbed
+from ..model.members import SPREAD, perturbed
 from ..references.ensemble import reference_ensemble
 from ..trajectory.trajectory import Diverged
 from .common import (
@@ -51,7 +51,6 @@ if TYPE_CHECKING:
 
 SIDES = {1: "upper", -1: "lower"}
 LEVELS = np.linspace(0.01, 0.99, 50)  # of the cumulative distribution
-SIZE = 1e-12  # of the perturbations, relative to the motion
 
 
 def points(
@@ -109,7 +108,7 @@ def _pairs(case: Case, point: Point) -> list[Row]:
 def _ensemble(case: Case, point: Point) -> list[Row]:
     """The distribution of durations over all contacts of all members, stop by stop."""
     system, t_end = system_of(case, point["form"]), point["t_end"]
-    members = perturbed(system, point["members"], SIZE)
+    members = perturbed(system, point["members"], SPREAD)
     if point["method"] == "exact":
         many = reference_ensemble(system, t_end, members)
     else:
@@ -151,9 +150,11 @@ def answer(rows: Rows, case: Case) -> str:
         for name in SIDES.values()
         if (said := _answer([row for row in own if row["stop"] == name], case))
     }
+    if not found:
+        nothing = "No contact came to an end."
+        return Answer(nothing, rest=nothing)
     return Answer(
-        " ".join(f"The {name} stop{place}: {said}" for (name, place), said in found.items())
-        or f"No contact came to an end at {len(rows)} points.",
+        " ".join(f"The {name} stop{place}: {said}" for (name, place), said in found.items()),
         [{"stop": f"{name}{place}"} | line for (name, place), said in found.items() for line in said.table],
         " ".join(f"The {name} stop{place}: {said.rest}" for (name, place), said in found.items() if said.rest),
     )
@@ -167,7 +168,7 @@ def _answer(rows: Rows, case: Case) -> Answer:
         median, half = (units.measure(f"{row[name]:.2g}", "time") for name in ("median", "half_time"))
         parts.append(f"{row['method']} {row['contacts']:.4g} contacts a run of median {median}, half of the time "
                      f"in contacts of {half} and longer")  # fmt: skip
-        table.append({"method": row["method"], "contacts a run": f"{row['contacts']:.4g}", "median": median,
+        table.append({"method": short(row["method"]), "contacts a run": f"{row['contacts']:.4g}", "median": median,
                       "half of the time from": half})  # fmt: skip
     paired = sorted((row for row in rows if row["kind"] == "pairs" and row["pairs"]), key=lambda row: -row["dt"])
     finest = {row["method"]: row for row in paired}  # the last of a method
@@ -257,6 +258,7 @@ STUDY = Study(
     evaluate=evaluate,
     answer=answer,
     draw=draw,
+    needs_motion=True,
     smoke={"schemes": ["hht(alpha=-0.1)"], "halvings": 3, "impacts": 2, "members": 3, "t_end": 0.4},
     needs_stops=True,
 )

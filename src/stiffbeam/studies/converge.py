@@ -19,7 +19,7 @@ from ..measures.impacts import matched_until
 from ..measures.regression import Order, observed_order
 from ..measures.smooth_motion import smooth_motion
 from ..measures.tip_error import tip_error
-from ..measures.windows import slowest_period
+from ..measures.windows import impact_times, slowest_period
 from ..model.drive import Drive
 from ..model.modes import modes
 from .common import (
@@ -88,7 +88,7 @@ def points(
 
 
 def evaluate(case: Case, point: Point) -> list[Row]:
-    """One row: the tip error at one step, and why it does not count in the slope, or ""."""
+    """One row: the tip error at one step, why it does not count in the slope, or "", and the exact motion's impacts."""
     system = system_of(case, point["form"])
     if point["kind"] == "smooth":
         system = smooth_motion(system)
@@ -110,7 +110,8 @@ def evaluate(case: Case, point: Point) -> list[Row]:
         left_out = "rounding"
     elif t_end > exact.horizon:
         left_out = "past the horizon"
-    return [{"dt": dt, "error_rms": error.rms, "error_max": error.max, "left_out": left_out}]
+    impacts = int(np.sum(impact_times(exact) <= t_end))
+    return [{"dt": dt, "error_rms": error.rms, "error_max": error.max, "left_out": left_out, "impacts": impacts}]
 
 
 def envelope(rows: Rows) -> tuple[list[float], list[float]]:
@@ -130,13 +131,17 @@ def orders(rows: Rows) -> dict[tuple[str, str], Order]:
     return {key: observed_order(*envelope([r for r in rows if (r["kind"], r["scheme"]) == key])) for key in keys}
 
 
-def answer(rows: Rows, _: Case) -> str:
-    """The observed orders, without contact and through the first impacts."""
-    parts = {
-        "smooth": "Observed orders without contact: ",
-        "contact": "Through the first impacts (worst of each octave): ",
-    }
+def answer(rows: Rows, case: Case) -> str:
+    """The observed orders, without contact and through the first impacts, or as the motion starts without any."""
     found = orders(rows)
+    start = next((row for row in rows if row["kind"] == "contact" and not row["impacts"]), None)
+    through, column = "Through the first impacts", "order through the first impacts"
+    if start is not None:
+        through = (
+            f"No impacts to t = {case.units.measure(format(start['t_end'], 'g'), 'time')}, the motion as it starts"
+        )
+        column = "order without impacts, as it starts"
+    parts = {"smooth": "Observed orders without contact: ", "contact": f"{through} (worst of each octave): "}
     sentences = []
     for kind, head in parts.items():
         own = [f"{scheme} {order}" for (k, scheme), order in found.items() if k == kind and np.isfinite(order.slope)]
@@ -144,13 +149,13 @@ def answer(rows: Rows, _: Case) -> str:
         missing = [f"too few points count for {', '.join(few)}"] if few else []
         if own or few:
             sentences.append(head + "; ".join([", ".join(own)] * bool(own) + missing) + ".")
-    columns = {"smooth": "order without contact", "contact": "order through the first impacts"}
+    columns = {"smooth": "order without contact", "contact": column}
     kinds = [kind for kind in columns if any(k == kind for k, _ in found)]
     table = [
         {"scheme": scheme} | {columns[kind]: _shown(found.get((kind, scheme))) for kind in kinds}
         for scheme in dict.fromkeys(scheme for _, scheme in found)
     ]
-    return Answer(" ".join(sentences), table, "Through impacts: the worst of each octave of steps; ± holds with 95 %.")
+    return Answer(" ".join(sentences), table, f"{through}: the worst of each octave of steps; ± holds with 95 %.")
 
 
 def _shown(order: Order | None) -> str:
@@ -184,7 +189,8 @@ def draw(records: Records) -> Figure:
         log_scale(axis)
         axis.set(xlabel=records.case.units.label(r"step $\Delta t$", "time"), ylabel="tip error, rms, relative")
         axis.grid(color="0.92")
-        axis.set_title(f"({letter}) {TITLES[kind]}", loc="left")
+        through = kind == "smooth" or any(row["impacts"] for row in own)
+        axis.set_title(f"({letter}) {TITLES[kind] if through else 'as it starts, no impacts'}", loc="left")
         if own:
             axis.margins(x=0.06, y=0.04)
             if axis.get_yscale() == "log":

@@ -93,7 +93,10 @@ def answer(rows: Rows, case: Case) -> str:
             exact.append(f"{abs(row['lost_fraction']):.0e} ({row['form']}, to t = {end})")
         elif row["form"] == rows[0]["form"]:
             share = row["lost_in_contact"] / row["loss"] if row["loss"] else float("nan")
-            lost, part = f"{100 * row['lost_fraction']:.2g} %", f"{100 * share:.0f} %"
+            lost = f"{100 * row['lost_fraction']:.2g} %"
+            if not np.isfinite(row["lost_fraction"]):
+                lost = units.measure(f"{row['loss']:.2g}", "energy") + " in all"  # on balance nothing was put in
+            part = f"{100 * share:z.0f} %"
             parts.append(f"{row['scheme']} {lost} ({part} of it in contact)")
             table.append({"scheme": row["scheme"], "energy lost": lost, "of it in contact": part})
     end = units.measure(f"{max(row['t'] for row in rows):g}", "time")
@@ -105,6 +108,7 @@ def answer(rows: Rows, case: Case) -> str:
 
 
 MOST = 120.0  # per cent: longer bars are cut, their numbers stand beside them
+ROUNDING = 1e-9  # of the energy had: less is no loss
 PARTS = (("lost_in_contact", "in contact"), ("lost_free", "between impacts"))
 
 
@@ -142,8 +146,13 @@ def draw(records: Records) -> Figure:
         if not rows:
             say_empty(axis)
         shown = np.concatenate([np.asarray(line.get_ydata(), float) for line in axis.get_lines()])
-        if top := float(np.max(np.abs(shown), initial=0.0, where=np.isfinite(shown))):
+        top = float(np.max(np.abs(shown), initial=0.0, where=np.isfinite(shown)))
+        sizes = [abs(row["energy"]) + abs(row["input"]) for row in rows]
+        had = max((x for x in sizes if np.isfinite(x)), default=0.0)
+        if top > ROUNDING * had:
             signed_log(axis, [shown], 1e-3 * top)
+        elif had:  # on the scale of what could be lost
+            axis.set_ylim(-had, had)
     shared_legend(figure, 4)
     _bars(axes["bars"], runs, units)
     return figure
@@ -202,5 +211,6 @@ STUDY = Study(
     evaluate=evaluate,
     answer=answer,
     draw=draw,
+    needs_motion=True,
     smoke={"schemes": ["hht(alpha=-0.1)", "bdf2"], "t_end": 0.05},
 )

@@ -16,7 +16,7 @@ from ..files.cases import Case
 from ..march.ensemble import integrate_ensemble
 from ..measures.spectrum import amplitude_spectrum, drive_amplitude
 from ..measures.windows import drive_frequency
-from ..model.members import perturbed
+from ..model.members import SPREAD, perturbed
 from ..references.ensemble import reference_ensemble
 from ..trajectory.trajectory import Diverged
 from .common import (
@@ -50,7 +50,7 @@ def points(
     dt: Dt = None,
     t_end: End = None,
     members: Annotated[int, "perturbed runs of each method"] = 200,
-    size: Annotated[float, "of the perturbation, relative to the motion"] = 1e-12,
+    size: Annotated[float, "of the perturbation, relative to the motion"] = SPREAD,
     seed: Annotated[int, "of the perturbations"] = 1,
     contact: Treatment = "implicit",
 ) -> list[Point]:
@@ -293,6 +293,7 @@ STUDY = Study(
     evaluate=evaluate,
     answer=answer,
     draw=draw,
+    needs_motion=True,
     needs_stops=True,
     all_cores=True,
     smoke={"schemes": ["hht(alpha=-0.1)"], "members": 8, "t_end": 0.7},

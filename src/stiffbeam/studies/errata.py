@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any
 
 from ..figures import (
@@ -126,16 +127,19 @@ def answer(rows: Rows, case: Case) -> str:
             f"dt = {coarse} and {last['error_printed'] / last['error']:.3g} times at {fine}"
             + (f", order {printed.slope:.2f} for {right.slope:.2f}" if kind == "smooth" else "")
         )
+        orders = kind == "smooth" and math.isfinite(printed.slope)
         table.append({
-            "error, times the right scheme's": f"{scheme} {reading}, {kind}",
-            f"at dt = {coarse}": f"{first['error_printed'] / first['error']:.3g}",
+            "error, times the right scheme's": f"{short(scheme)} {reading}, {kind}",
+            "at the coarsest dt": f"{first['error_printed'] / first['error']:.3g} ({coarse})",
             "at the finest": f"{last['error_printed'] / last['error']:.3g} ({fine})",
-            "order": f"{printed.slope:.2f} for {right.slope:.2f}" if kind == "smooth" else "–",
+            "order": f"{printed.slope:.2f} for {right.slope:.2f}" if orders else "–",
         })  # fmt: skip
-    return Answer("; ".join(parts) + ".", table)
+    rest = "" if any(kind == "contact" for _, _, kind in groups(rows)) else NO_IMPACTS
+    return Answer("; ".join(parts) + "." + rest, table, rest.strip())
 
 
 EXTRAPOLATED = "extrapolated contact"
+NO_IMPACTS = " No first impacts were compared: what a misprint costs in contact is not known."
 MISPRINTS = [misprint for name in SCHEMES for misprint in forms_of(make(name))]
 
 
@@ -221,5 +225,6 @@ STUDY = Study(
     evaluate=evaluate,
     answer=answer,
     draw=draw,
+    needs_motion=True,
     smoke={"schemes": ["hht(alpha=-0.1)"], "halvings": 3, "impacts": 2},
 )

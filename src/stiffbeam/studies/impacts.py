@@ -35,7 +35,7 @@ from ..files.cases import Case
 from ..march.ensemble import integrate_ensemble
 from ..march.integrate import integrate
 from ..measures.impacts import match
-from ..model.members import perturbed
+from ..model.members import SPREAD, perturbed
 from ..references.ensemble import reference_ensemble
 from ..schemes import HHT, SDIRK
 from ..trajectory.ensemble import Ensemble
@@ -51,7 +51,6 @@ if TYPE_CHECKING:
 
 REFERENCE = "reference"  # in the place of a scheme: the exact motion, sampled
 EXACT = "exact"  # the ensemble of exact solutions
-SIZE = 1e-12  # of the perturbations, relative to the motion
 
 
 def points(
@@ -95,7 +94,7 @@ def evaluate(case: Case, point: Point) -> list[Row]:
     system = system_of(case, point["form"])
     dt, t_end = point["dt"], point["t_end"]
     if point["scheme"] == EXACT:
-        return _statistics(reference_ensemble(system, t_end, perturbed(system, 8 * point["members"], SIZE)))
+        return _statistics(reference_ensemble(system, t_end, perturbed(system, 8 * point["members"], SPREAD)))
     exact = reference_solution(case, point)
     if point["scheme"] == REFERENCE:
         # What a perfect scheme would count with this step: the sampled rule on the exact position.
@@ -106,7 +105,7 @@ def evaluate(case: Case, point: Point) -> list[Row]:
             }
             for i, record in enumerate(exact.contacts)
         ]  # fmt: skip
-    scheme, members = scheme_of(point["scheme"]), perturbed(system, point["members"], SIZE)
+    scheme, members = scheme_of(point["scheme"]), perturbed(system, point["members"], SPREAD)
     many = integrate_ensemble(system, scheme, dt, t_end, members, point["contact"])
     if np.any(np.isfinite(many.diverged)):
         raise Diverged(point["scheme"], float(np.nanmin(many.diverged)), "use contact='implicit' or a smaller dt")
@@ -196,7 +195,7 @@ def _answer(rows: Rows, case: Case) -> str:
         right = f"from {at} on" if found else f"not yet at {at}"
         count, share = f"{row['count']:.4g}", f"{100 * row['fraction']:.2g} %"
         parts.append(f"{row['scheme']} {count} and {share}, right to 5 % {right}")
-        table.append({"scheme": row["scheme"], "impacts": count, "in contact": share, "right to 5 %": right})
+        table.append({"scheme": short(row["scheme"]), "impacts": count, "in contact": share, "right to 5 %": right})
     end, step = (units.measure(f"{x:g}", "time") for x in (rows[0]["t_end"], coarse))
     head = (
         f"{known} has {first['reference_count']} impacts to t = {end}, the exact ensemble "
@@ -207,7 +206,7 @@ def _answer(rows: Rows, case: Case) -> str:
 
 
 def _runs(members: int) -> str:
-    return f"means over {members} perturbed runs" if members > 1 else "one run each"
+    return f"means over {members} runs whose starts differ by {SPREAD:g}" if members > 1 else "one run each"
 
 
 OVER_STEP = (
@@ -344,6 +343,7 @@ STUDY = Study(
     evaluate=evaluate,
     answer=answer,
     draw=draw,
+    needs_motion=True,
     needs_stops=True,
     smoke={"schemes": ["hht(alpha=-0.1)"], "halvings": 2, "t_end": 0.2, "members": 3, "sensitivity": False},
 )

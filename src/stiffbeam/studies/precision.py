@@ -305,6 +305,7 @@ STUDY = Study(
     evaluate=evaluate,
     answer=answer,
     draw=draw,
+    needs_motion=True,
     smoke={
         "schemes": ["bdf2", "sdirk(gamma=0.4359)"],
         "methods": ["exact", "cvode-adams"],

@@ -178,6 +178,7 @@ STUDY = Study(
     evaluate=evaluate,
     answer=answer,
     draw=draw,
+    needs_motion=True,
     needs_stops=True,
     marches=False,
     smoke={"factors": [16.0, 256.0, 4096.0], "impacts": 2},

@@ -224,6 +224,7 @@ STUDY = Study(
     evaluate=evaluate,
     answer=answer,
     draw=draw,
+    needs_motion=True,
     needs_stops=True,
     smoke={"kappas": [1e6], "cells": [6], "divide": [1]},
 )

@@ -82,7 +82,7 @@ def _uncounted(each: Problem, made: Made, run: Run) -> str:
     known = each.answers.get("impacts")
     if run.errors.impacts >= 0 or known is None or not len(known.value) or made.motion.position is None:
         return ""
-    return "steps of different lengths: its impacts are not counted"
+    return "steps of different lengths: impacts are not counted"
 
 
 def _problems(given: Any) -> list[Problem]:

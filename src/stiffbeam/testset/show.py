@@ -123,9 +123,13 @@ def overview(card: Scorecard) -> RenderableType:
 
 
 def reasons(card: Scorecard) -> list[str]:
-    """Every flagged or refused entry in words; refusals of the same field in one line."""
+    """Every flagged or refused entry in words; the same of several problems, and refusals of a field, in one line."""
     lines = [_words(e) for e in card.flagged]
-    lines += [f"{short(e.integrator)} on {e.problem.name}: {e.reason}" for e in card.entries if e.runs and e.reason]
+    told: dict[tuple[str, str], list[str]] = {}  # the problems by integrator and reason
+    for e in card.entries:
+        if e.runs and e.reason:
+            told.setdefault((short(e.integrator), e.reason), []).append(e.problem.name)
+    lines += [f"{who} on {', '.join(names)}: {reason}" for (who, reason), names in told.items()]
     lines += [_words(e) for e in card.entries if not e.flagged and _factor(e)]
     refused: dict[tuple[str, str], list[Entry]] = {}  # by integrator and the field that is refused
     for e in card.entries:

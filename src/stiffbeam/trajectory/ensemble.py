@@ -16,7 +16,7 @@ from ..model.members import Members
 from .ensemble_dataset import ensemble_dataset, save_ensemble
 from .impacts import Impacts
 from .ledger import Ledger
-from .recorder import Seen
+from .records import Records
 from .tables import table
 from .trajectory import Work
 
@@ -150,34 +150,33 @@ class Ensemble:
 
 def gathered(
     members: Members,
-    seen: list[Seen],
+    parts: list[Records],
     t: Array,
     work: Work,
     provenance: dict[str, Any],
     ledger: Callable[[int], Ledger],
 ) -> Ensemble:
-    """The Ensemble of the records ``seen`` of each member, in the order of the members."""
-    contacts = []
-    for records in zip(*(one.contacts for one in seen), strict=True):
-        each = [record.impacts for record in records]
-        contacts.append(
-            ContactStatistics(
-                fraction=np.array([record.fraction for record in records]),
-                peak_force=np.array([record.peak_force for record in records]),
-                impulse=np.array([record.impulse for record in records]),
-                impacts=Impacts.concatenate(each),
-                offsets=np.concatenate([[0], np.cumsum([x.count for x in each])]),
-            )
+    """The Ensemble of the records of its members, ``parts`` in their order."""
+    seen = Records.joined(parts)
+    contacts = [
+        ContactStatistics(
+            fraction=seen.fraction[:, c],
+            peak_force=seen.peak_force[:, c],
+            impulse=seen.impulse[:, c],
+            impacts=seen.impacts[c],
+            offsets=np.concatenate([[0], np.cumsum(np.bincount(whose, minlength=len(seen)))]),
         )
+        for c, whose in enumerate(seen.whose)
+    ]
     return Ensemble(
         members=members,
         contacts=tuple(contacts),
         t=t,
-        tip=np.array([one.tip for one in seen]),
-        tip_velocity=np.array([one.tip_velocity for one in seen]),
-        diverged=np.array([one.diverged for one in seen]),
+        tip=seen.tip,
+        tip_velocity=seen.tip_velocity,
+        diverged=seen.diverged,
         work=work,
-        provenance=provenance,
+        provenance=provenance | ({"march": " and ".join(sorted(seen.marches))} if any(seen.marches) else {}),
         ledger=ledger,
     )
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ..basics.arrays import Array
 from ..model.system import System
 from ..model.time_functions import offset_rate, offset_values
+from .recorder import as_it_starts
 from .tables import table
 
 if TYPE_CHECKING:
@@ -88,22 +89,26 @@ def reaction_ledger(
 
 
 def step_ledger(
-    system: System, pieces: Iterator[tuple[Array, ...]], outputs: Array, impacts: bool | None = None
+    system: System, pieces: Iterator[tuple[Array, Array, Array, Array]], outputs: Array, impacts: bool | None = None
 ) -> Ledger:
-    """The ledger of a run from its states at every step, kept at the times ``outputs``."""
+    """The ledger of a run from its states at every step, see ``Pieces``, kept at the times ``outputs``.
+
+    impacts: as in ``reaction_ledger``, whose pieces hold reactions; None for compliant stops.
+    """
     columns: list[Array] = []
     times: list[Array] = []
     total = np.zeros(6)  # input, viscous, loss, contact, free, stop_dissipation
-    for t, q, v, *reactions in pieces:
+    for t, q, v, forces in pieces:
         energies = np.stack(system.energies(t, q, v))
         load = system.load(t)
         dq = np.diff(q, axis=0)
         if impacts is None:
-            (of_stops, d_stops), touching = _work_of_stops(system, t, q, v), in_contact(system, t, q, v)
+            of_stops, d_stops = _work_of_stops(system, t, q, v, forces)
+            touching = in_contact(system, t, q, v, forces)
             either = touching[1:] | touching[:-1]
         else:
-            of_stops, d_stops = _work_of_reactions(system, t, v, reactions[0], impacts)
-            either = np.any(reactions[0] != 0.0, axis=1)
+            of_stops, d_stops = _work_of_reactions(system, t, v, forces, impacts)
+            either = np.any(forces != 0.0, axis=1)
         d_input = 0.5 * np.sum((load[1:] + load[:-1]) * dq, axis=1) + of_stops
         d_viscous = np.sum(dq * (dq @ system.damping), axis=1) / np.diff(t) if system.damped else 0.0 * d_input
         d_loss = -np.diff(np.sum(energies, axis=0)) + d_input - d_viscous - d_stops
@@ -123,19 +128,21 @@ def step_ledger(
     return Ledger(np.concatenate(times), *data)
 
 
-def _work_of_stops(system: System, t: Array, q: Array, v: Array) -> tuple[Array, Array]:
+def _work_of_stops(system: System, t: Array, q: Array, v: Array, found: Array) -> tuple[Array, Array]:
     """-1/2 (F^n + F^{n+1}) do of the contacts whose stops move, and -1/2 (D^n + D^{n+1}) du of those that damp."""
     work, taken = np.zeros((2, len(t) - 1))
-    for contact in system.contacts:
+    for c, contact in enumerate(system.contacts):
         stops, o = contact.stops, offset_values(contact.offset, t)
         if contact.offset is None and not stops.dissipative:
             continue
-        u = q @ contact.row + o
-        rate = v @ contact.row + offset_rate(contact.offset, t)
-        force = stops.force(u, rate)
+        u, rate = _motion(system, c, t, q, v)
+        beyond, force = stops.dissipated(u, rate), stops.force(u, rate)
+        if stops.damping > 0.0:
+            known = ~np.isnan(found[:, c])
+            beyond[known] += found[known, c] - force[known]
+            force[known] = found[known, c]
         work -= 0.5 * (force[1:] + force[:-1]) * np.diff(o)
         if stops.dissipative:
-            beyond = stops.dissipated(u, rate)
             taken -= 0.5 * (beyond[1:] + beyond[:-1]) * np.diff(u)
     return work, taken
 
@@ -151,10 +158,21 @@ def _work_of_reactions(system: System, t: Array, v: Array, reactions: Array, imp
     return work, taken
 
 
-def in_contact(system: System, t: Array, q: Array, v: Array) -> NDArray[np.bool_]:
-    """Whether any contact is closed at the times t (k,) with the states q, v (k, n)."""
+def _motion(system: System, c: int, t: Array, q: Array, v: Array) -> tuple[Array, Array]:
+    """Position and rate of contact c; those of the given start as given, see ``as_it_starts``."""
+    contact = system.contacts[c]
+    u, rate = q @ contact.row + offset_values(contact.offset, t), v @ contact.row + offset_rate(contact.offset, t)
+    if np.array_equal(q[0], system.q0) and np.array_equal(v[0], system.v0):
+        u, rate = as_it_starts(system, c, t, u, rate)
+    return u, rate
+
+
+def in_contact(system: System, t: Array, q: Array, v: Array, found: Array | None = None) -> NDArray[np.bool_]:
+    """Whether any contact is closed at the times t (k,) with the states q, v (k, n); found: see ``Pieces``."""
     touching = np.zeros(len(t), bool)
-    for contact in system.contacts:
-        u = q @ contact.row + offset_values(contact.offset, t)
-        touching |= contact.stops.state(u, v @ contact.row + offset_rate(contact.offset, t)) != 0
+    for c, contact in enumerate(system.contacts):
+        closed = contact.stops.state(*_motion(system, c, t, q, v)) != 0
+        if found is not None and contact.stops.damping > 0.0:
+            closed = np.where(np.isnan(found[:, c]), closed, found[:, c] != 0.0)
+        touching |= closed
     return touching

@@ -64,7 +64,7 @@ def own_run(
             **notes,
         },
         "system": system,
-        "pieces": None if q is None or v is None else partial(_pieces, times, q, v),
+        "pieces": None if system is None or q is None or v is None else partial(_pieces, system, times, q, v),
         "ledger": None if system is None or q is None or v is None else partial(_ledger, system, times, q, v),
         "fingerprint": "" if system is None else system.fingerprint,
     }
@@ -95,12 +95,12 @@ def _record(stops: Stops, u: Array, w: Array, dt: float) -> ContactRecord:
     return record(stops, u, w, sampler.tally, sampler.events, len(u) - 1)
 
 
-def _pieces(t: Array, q: Array, v: Array) -> Iterator[tuple[Array, Array, Array]]:
-    yield t, q, v
+def _pieces(system: System, t: Array, q: Array, v: Array) -> Iterator[tuple[Array, Array, Array, Array]]:
+    yield t, q, v, np.full((len(t), len(system.contacts)), np.nan)
 
 
 def _ledger(system: System, t: Array, q: Array, v: Array) -> Ledger:
-    return step_ledger(system, _pieces(t, q, v), t)
+    return step_ledger(system, _pieces(system, t, q, v), t)
 
 
 def _spline_rate(t: Array, u: Array) -> Array:

@@ -23,7 +23,7 @@ class Reactions:
         self._closed = bool(u0 <= stops.g1 or u0 >= stops.g2)  # since t = 0
         self._last = -1  # the step in which that contact opens
 
-    def feed(self, u: Array, v: Array, means: Array | None = None) -> None:
+    def feed(self, u: Array, v: Array, means: Array | None = None, found: Array | None = None) -> None:
         """Positions and velocities at the ends of the next steps (k,), and their reactions."""
         assert means is not None
         if self._closed:

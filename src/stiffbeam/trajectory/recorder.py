@@ -8,7 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..basics.arrays import Array
+from ..basics.compiled import compiled
 from ..model.contact import Stops
+from ..model.contact_law import DAMPING, law_force, law_of
 from ..model.system import System
 from ..model.time_functions import offset_rate, offset_values
 from .impacts import ContactRecord, Impacts
@@ -18,6 +20,7 @@ from .sampling import (
     IMPACT_IMPULSE,
     IMPACT_PEAK,
     IMPULSE,
+    LAST,
     PEAK,
     ROW,
     SIDE,
@@ -29,7 +32,7 @@ from .sampling import (
     observe,
 )
 
-Motion = tuple[float, float]  # u and u' at a time
+Motion = tuple[Array, Array]  # u and u' at a time, (M, C), the contacts first
 
 
 def impacts_of(events: Array) -> Impacts:
@@ -39,30 +42,53 @@ def impacts_of(events: Array) -> Impacts:
     return Impacts(times=times, ends=ends, stops=stops.astype(np.int64), peaks=peaks, impulses=impulses, kind="sampled")
 
 
-def with_ends(tally: Array, stops: Stops, dt: float, first: Motion, last: Motion, means: bool) -> Array:
-    """The tally of steps 1 to n as that of a whole run, with (u, u') at t = 0 and at the last step: the largest force
-    may be that at the start, and the impulse is the trapezoidal rule's, but of means. One that begins later stays."""
-    if tally[SINCE]:
-        return tally
-    with np.errstate(over="ignore", invalid="ignore"):
-        begin, end = (float(abs(stops.force(*motion))) for motion in (first, last))
-        tally = tally.copy()
-        tally[PEAK] = max(begin, tally[PEAK])
-        tally[IMPULSE] += 0.0 if means else 0.5 * dt * (begin - end)
+@compiled
+def forces_at(u: Array, v: Array, law: Array) -> Array:
+    """F (M, m) on the bodies at positions and velocities (M, C), the contacts first, under laws (M, m, 6)."""
+    M, m, _ = law.shape
+    out = np.empty((M, m))
+    for i in range(M):
+        for c in range(m):
+            out[i, c] = law_force(u[i, c], v[i, c], law_of(law[i], c))
+    return out
+
+
+def with_ends(tally: Array, law: Array, dt: float, first: Motion, last: Motion, means: bool) -> Array:
+    """The tallies (M, m, 8) of steps 1 to n as those of whole runs, with (u, u') at t = 0 and at the last step: the
+    largest force may be that at the start, and the impulse is the trapezoidal rule's, but of means. What begins later
+    stays."""
+    whole = tally[..., SINCE] == 0.0
+    begin, end = (np.abs(forces_at(*motion, law)) for motion in (first, last))
+    end = np.where(law[..., DAMPING] > 0.0, tally[..., LAST], end)
+    tally = tally.copy()
+    tally[..., PEAK] = np.where(whole, np.fmax(begin, tally[..., PEAK]), tally[..., PEAK])
+    if not means:
+        with np.errstate(over="ignore", invalid="ignore"):
+            tally[..., IMPULSE] += np.where(whole, 0.5 * dt * (begin - end), 0.0)
     return tally
 
 
-def record(stops: Stops, position: Array, velocity: Array, tally: Array, events: Array, steps: int) -> ContactRecord:
-    """With position and velocity at the output times; ``steps`` of the whole run."""
+def shares(tally: Array, steps: int) -> Array:
+    """The share of the steps in contact, of those after SINCE."""
+    return tally[..., TOUCHING] / np.maximum(1.0, steps - tally[..., SINCE])
+
+
+def record(
+    stops: Stops, position: Array, velocity: Array, tally: Array, events: Array, steps: int, found: Array | None = None
+) -> ContactRecord:
+    """With position and velocity at the output times, and the forces there that nodes found, NaN for none, see
+    ``found_force``; ``steps`` of the whole run."""
     with np.errstate(over="ignore", invalid="ignore"):  # of which ``overflow`` tells
         force = stops.force(position, velocity)
+    if found is not None and stops.damping > 0.0:
+        force = np.where(np.isnan(found), force, found)
     return ContactRecord(
         stops=stops,
         position=position,
         velocity=velocity,
         force=force,
         impacts=impacts_of(events),
-        fraction=float(tally[TOUCHING]) / max(1, steps - int(tally[SINCE])),
+        fraction=float(shares(tally, steps)),
         peak_force=float(tally[PEAK]),
         impulse=float(tally[IMPULSE]),
     )
@@ -93,30 +119,33 @@ class SampledImpacts:
 
     def __init__(self, stops: Stops, dt: float, u0: float, v0: float, since: int = 0) -> None:
         self.stops, self.dt, self.steps = stops, dt, 0
-        self._first, self._means = (u0, v0), False
-        self._last = np.array([[u0]]), np.array([[v0]])
+        self._means, self._last = False, (np.array([[u0]]), np.array([[v0]]))
+        self._first = self._last[0].copy(), self._last[1].copy()
         self._tally = new_tally(*self._last, stops.law, since)
         self._events, self._rows = np.empty((64, EVENT)), 0
 
-    def feed(self, u: Array, v: Array, means: Array | None = None) -> None:
-        """Positions u and velocities v at the ends of the next steps, (k,), and the reactions where they are means."""
+    def feed(self, u: Array, v: Array, means: Array | None = None, found: Array | None = None) -> None:
+        """Positions u and velocities v at the ends of the next steps, (k,), the reactions where they are means, and
+        the forces that nodes found where the state does not tell them."""
         self._means = means is not None
-        reactions = np.zeros((0, 0, 0)) if means is None else np.array(means, float).reshape(1, -1, 1)
+        means, found = (
+            np.zeros((0, 0, 0)) if x is None else np.array(x, float).reshape(1, -1, 1) for x in (means, found)
+        )
         if self._rows + len(u) > len(self._events):
             self._events = np.concatenate([self._events, np.empty((len(self._events) + len(u), EVENT))])
         u, v = (np.array(x, float).reshape(1, -1, 1) for x in (u, v))
         law = self.stops.law[None, None]
         never = np.zeros(1, np.int64)
         self._rows = observe(
-            u, v, reactions, law, self.dt, self.steps, *self._last, self._tally, never, self._events, self._rows
+            u, v, means, found, law, self.dt, self.steps, *self._last, self._tally, never, self._events, self._rows
         )
         self.steps += u.shape[1]
 
     @property
     def tally(self) -> Array:
         """What has been counted so far at this contact, a row laid out as in sampling."""
-        last = float(self._last[0][0, 0]), float(self._last[1][0, 0])
-        return with_ends(self._tally[0, 0], self.stops, self.dt, self._first, last, self._means)
+        law = self.stops.law[None, None]
+        return with_ends(self._tally, law, self.dt, self._first, self._last, self._means)[0, 0]
 
     @property
     def events(self) -> Array:

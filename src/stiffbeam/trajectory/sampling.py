@@ -8,12 +8,27 @@ import numpy as np
 
 from ..basics.arrays import Array, BoolArray
 from ..basics.compiled import compiled, inlined
-from ..model.contact_law import G1, G2, Law, damps, is_linear, law_force, law_of, law_state, pressure, state
+from ..model.contact_law import (
+    G1,
+    G2,
+    Law,
+    damps,
+    found_force,
+    found_state,
+    is_linear,
+    law_force,
+    law_of,
+    law_state,
+    pressure,
+    state,
+)
 
 # A tally (..., 8) is what one contact has seen so far.
-SIDE, TOUCHING, PEAK, IMPULSE, ROW, SINCE = range(6)
+SIDE, TOUCHING, PEAK, IMPULSE, ROW, SINCE, LAST = range(7)
 TALLY = 8
-# The steps up to SINCE are passed over; SIDE is followed from the start.
+ON = 1e-14  # of a position: so near a stop a node is on it
+# The steps up to SINCE are passed over; SIDE is followed from the start. LAST is |F| at the last step, of laws that are
+# not linear.
 # An impact is one row of a list of events; ROW is the row of the one that is open, or -1.
 MEMBER, CONTACT, TIME, STOP, IMPACT_PEAK, IMPACT_IMPULSE, END = range(7)
 EVENT = 7
@@ -102,16 +117,17 @@ def scan(
 
 @compiled
 def scan_by_law(
-    u: Array, v: Array, count: int, law: Array, dt: float, tally: Array, i: int, c: int, events: Array, rows: int,
-    first: int,
+    u: Array, v: Array, found: Array, count: int, law: Array, dt: float, tally: Array, i: int, c: int, events: Array,
+    rows: int, first: int,
 ) -> int:  # fmt: skip
-    """``scan`` for any law, with the velocities v (count,) too: contact is where the stop presses."""
+    """``scan`` for any law, with the velocities v (count,) and the forces that nodes found, see ``found_force``:
+    contact is where the stop presses."""
     stop = law_of(law[i], c)
     side = tally[i, c, SIDE]
     row = int(tally[i, c, ROW])
     passed = int(tally[i, c, SINCE]) - first
     for k in range(count):
-        new = law_state(u[k], v[k], stop)
+        new = found_state(u[k], v[k], found[k], stop)
         if new != side:
             if row >= 0:
                 events[row, END] = k
@@ -123,7 +139,7 @@ def scan_by_law(
                 events[row, IMPACT_PEAK] = events[row, IMPACT_IMPULSE] = 0.0
             side = new
         if side != 0.0 and k >= passed:
-            size = abs(law_force(u[k], v[k], stop))
+            size = abs(found_force(u[k], v[k], found[k], stop))
             tally[i, c, TOUCHING] += 1.0
             tally[i, c, PEAK] = max(tally[i, c, PEAK], size)
             tally[i, c, IMPULSE] += size * dt
@@ -132,6 +148,7 @@ def scan_by_law(
                 events[row, IMPACT_IMPULSE] += size * dt
     tally[i, c, SIDE] = side
     tally[i, c, ROW] = row
+    tally[i, c, LAST] = abs(found_force(u[count - 1], v[count - 1], found[count - 1], stop))
     return rows
 
 
@@ -177,12 +194,13 @@ def scan_means(
 
 @compiled
 def observe(
-    u: Array, v: Array, means: Array, law: Array, dt: float, first: int, position: Array, velocity: Array,
-    tally: Array, diverged: BoolArray, events: Array, rows: int,
+    u: Array, v: Array, means: Array, found: Array, law: Array, dt: float, first: int, position: Array,
+    velocity: Array, tally: Array, diverged: BoolArray, events: Array, rows: int,
 ) -> int:  # fmt: skip
     """Take positions u and velocities v (M, steps, C) after step ``first`` of members that have not diverged.
 
-    means: the reactions (M, steps, m) where they are means over the steps, else of no length.
+    means: the reactions (M, steps, m) where they are means over the steps, else of no length. found: the forces
+    (M, steps, m) that nodes found, see ``found_force``, or of no length.
     position, velocity: (M, C) at step ``first``, brought up to date as the tallies (M, m, 8) are. The
     impacts that begin are written to ``events`` from row ``rows`` on, which must have room. Returns the
     first free row.
@@ -201,7 +219,8 @@ def observe(
             elif is_linear(law_of(law[i], c)):
                 new = scan(path, steps, law, dt, tally, i, c, events, rows, first)
             else:
-                new = scan_by_law(path, v[i, :, c].copy(), steps, law, dt, tally, i, c, events, rows, first)
+                forces = found[i, :, c].copy() if found.size else np.full(steps, np.nan)
+                new = scan_by_law(path, v[i, :, c].copy(), forces, steps, law, dt, tally, i, c, events, rows, first)
             # The end of the impact that was open before, then times and ends of the new ones.
             for change in range(2 * rows - 1, 2 * new):
                 row, column = change // 2, END if change % 2 else TIME
@@ -223,15 +242,16 @@ def observe(
     return rows
 
 
-@inlined
+@compiled
 def switch_time(u0: float, v0: float, u1: float, v1: float, side: float, law: Law, dt: float) -> float:
     """When in its step, 0 to 1, contact with the stop on ``side`` begins or ends: the crossing of the stop.
 
-    At a damped stop that is penetrated contact ends, and begins again, where the force changes sign.
+    At a damped stop that is penetrated, or held on to rounding, contact ends, and begins again, where the force
+    changes sign.
     """
     stop = law.g2 if side > 0.0 else law.g1
     share = 0.0
-    if damps(law) and side * (u0 - stop) > 0.0:
+    if damps(law) and side * (u0 - stop) > -ON * max(abs(u0), abs(stop)):
         before = pressure(side * (u0 - stop), side * v0, law)
         after = pressure(side * (u1 - stop), side * v1, law)
         if before * after < 0.0:
@@ -243,14 +263,14 @@ def switch_time(u0: float, v0: float, u1: float, v1: float, side: float, law: La
     return share
 
 
-@inlined
+@compiled
 def crossing(u0: float, v0: float, u1: float, v1: float, stop: float, dt: float) -> float:
     """When in its step, 0 to 1, the cubic Hermite interpolant of (u, u') first reaches a stop beyond u0."""
     sign = 1.0 if u1 > u0 else -1.0
     return first_crossing(sign * (stop - u0), -sign * v0 * dt, sign * (stop - u1), -sign * v1 * dt)
 
 
-@inlined
+@compiled
 def first_crossing(gap0: float, rate0: float, gap1: float, rate1: float) -> float:
     """The least s in (0, 1] at which the cubic Hermite interpolant of a gap reaches zero.
 

@@ -34,8 +34,9 @@ if TYPE_CHECKING:
     from ..model.system import System
     from .ledger import Ledger
 
-# Pieces of a run at every step: times (k + 1,), q (k + 1, n), q' (k + 1, n); pieces share end points.
-Pieces = Callable[[], Iterator[tuple[Array, Array, Array]]]
+# A run at every step in pieces that share end points: times (k + 1,), q (k + 1, n), q' (k + 1, n), and the forces
+# (k + 1, contacts) that nodes found, NaN for none, see contact_law.found_force.
+Pieces = Callable[[], Iterator[tuple[Array, Array, Array, Array]]]
 
 
 @cache
@@ -183,7 +184,7 @@ class Trajectory:
             raise InputError("states", found, "come from a run", "read it with its system: sb.load(file, system)")
         wanted = np.round(self.t / self._step).astype(int)
         q, v, first = [], [], 0
-        for times, q_piece, v_piece in self.pieces():
+        for times, q_piece, v_piece, _ in self.pieces():
             here = wanted[(wanted >= first) & (wanted < first + len(times))] - first
             if first:
                 here = here[here > 0]

@@ -194,14 +194,14 @@ def run(
     constant, frequencies, forced, forced_velocity = forcing
     inflow_rows, inflow_velocity = inflow
     states, position, last_velocity, tally, diverged = marchers
-    positions, velocities, starts, all_forces = kept
+    positions, velocities, found, starts, all_forces = kept
     (R, D), a, N, m = reading.shape, transition.shape[0], push.shape[0], law.shape[1]
     K, C = velocity.shape[0], velocity.shape[1]
     n = (states.shape[1] - D) // max(1, a - 1)
     z, out, forces, g = np.empty(states.shape[1]), np.empty(R + D), np.zeros(N), np.empty(forced.shape[1])
     z_new = out[R:]
     z_last, g_last, forces_last = np.empty(D), np.empty(g.size), np.empty(N)
-    u, v_all, stiff, before = np.empty(K), np.empty(K), np.empty(N), np.empty(m)
+    u, v_all, f_all, stiff, before = np.empty(K), np.empty(K), np.full(K, np.nan), np.empty(N), np.empty(m)
     blocks = (steps + K - 1) // K
     rows = cursor[2]
     for i in range(cursor[0], states.shape[0]):
@@ -267,6 +267,8 @@ def run(
                         velocities[i, o, c] = speed(
                             velocity, velocity_push, forced_velocity, inflow_velocity, v, b, k, c, z, g, forces
                         )
+                        if found.shape[1] and c < m and end_first[c] < N:
+                            found[i, o, c] = forces[end_first[c] + k * end_stride[c]]
                 # What is not at a node may be beyond a stop although no node is.
                 if c < m and (touched or tally[i, c, SIDE] != 0.0 or end_first[c] >= N):
                     for k in range(np.uint64(count)):
@@ -283,7 +285,9 @@ def run(
                             v_all[k] = speed(
                                 velocity, velocity_push, forced_velocity, inflow_velocity, v, b, k, c, z, g, forces
                             )
-                        new = scan_by_law(u, v_all, count, law, dt, tally, i, c, events, rows, at)
+                            if end_first[c] < N:
+                                f_all[k] = forces[entry + k * stride]
+                        new = scan_by_law(u, v_all, f_all, count, law, dt, tally, i, c, events, rows, at)
                     # The end of the impact that was open before, then times and ends of the new ones.
                     for change in range(2 * rows - 1, 2 * new):
                         row, column = change // 2, END if change % 2 else TIME

@@ -20,7 +20,7 @@ from ...model.stage import LINEAR
 from ...trajectory.sampling import SIDE, observe
 from .layout import OVERFLOW, Block, Forcing, Inflow, Kept, Marchers
 
-NO_MEANS = np.zeros((0, 0, 0))  # contact="conserving" is refused
+NONE = np.zeros((0, 0, 0))  # contact="conserving" and other laws than the linear one are refused
 REMEDY = "use engine='numba'"
 NUMBERS_BACK = 1 << 22  # positions and velocities that come back from the device at a time
 
@@ -64,7 +64,7 @@ def run(
                 n = np.arange(at // every + 1, (at + count) // every + 1)
                 kept.positions[:, n], kept.velocities[:, n] = u[:, n * every - at - 1], v[:, n * every - at - 1]
             cursor[2] = observe(
-                u, v, NO_MEANS, law, dt, at, marchers.position, marchers.velocity, marchers.tally, marchers.diverged,
+                u, v, NONE, NONE, law, dt, at, marchers.position, marchers.velocity, marchers.tally, marchers.diverged,
                 events, cursor[2],
             )  # fmt: skip
             marchers.z[:] = np.asarray(z)

@@ -24,6 +24,7 @@ from ...trajectory.sampling import (
     IMPACT_IMPULSE,
     IMPACT_PEAK,
     IMPULSE,
+    LAST,
     MEMBER,
     PEAK,
     ROW,
@@ -74,15 +75,19 @@ def run(
         if block.rule == MEAN:
             means = forces[:, : K * law.shape[1]].reshape(blocks * K, -1)[:steps]
         speeds = velocities(np.arange(steps)) if damped else np.zeros((steps, law.shape[1]))
+        m = law.shape[1]
+        forced = np.full((steps, m), np.nan)  # what the nodes found at the ends of the steps
+        if m and block.end_first[0] < forces.shape[1]:
+            forced = forces[:, ends[:, :m]].reshape(blocks * K, m)[:steps]
         found = [
-            _sample(path[:, c], speeds[:, c], law[i, c], dt, marchers.tally[i, c], first, means[:, c])
-            for c in range(law.shape[1])
+            _sample(path[:, c], speeds[:, c], law[i, c], dt, marchers.tally[i, c], first, means[:, c], forced[:, c])
+            for c in range(m)
         ]
-        if cursor[2] + sum(len(rows) for rows, _, _ in found) > len(events):
+        if cursor[2] + sum(len(rows) for rows, *_ in found) > len(events):
             cursor[0] = i
             return False
 
-        for c, (rows, tally, left) in enumerate(found):
+        for c, (rows, tally, left, carried) in enumerate(found):
             see = partial(_switch, path[:, c], velocities, marchers.velocity[i, c], Law(*law[i, c]), c, dt)
             for row in rows:
                 entered, ended = int(row[TIME]), int(row[END])
@@ -90,8 +95,8 @@ def run(
                 row[END] = (first + see(row[STOP], ended)) * dt if ended >= 0 else -1.0
             open_before = int(marchers.tally[i, c, ROW])
             if open_before >= 0:  # the impact that was open goes on
-                events[open_before, IMPACT_PEAK] = max(events[open_before, IMPACT_PEAK], tally[-2])
-                events[open_before, IMPACT_IMPULSE] += tally[-1]
+                events[open_before, IMPACT_PEAK] = max(events[open_before, IMPACT_PEAK], carried[0])
+                events[open_before, IMPACT_IMPULSE] += carried[1]
                 if left >= 0:
                     events[open_before, END] = (first + see(events[open_before, STOP], left)) * dt
             events[cursor[2] : cursor[2] + len(rows)] = rows
@@ -99,11 +104,13 @@ def run(
                 tally[ROW] += cursor[2]
             elif tally[SIDE] and not len(rows):
                 tally[ROW] = open_before
-            marchers.tally[i, c], marchers.tally[i, c, 6:] = tally, 0.0
+            marchers.tally[i, c] = tally
             cursor[2] += len(rows)
         if kept.positions.shape[1]:
             n = np.arange(first // every + 1, (first + steps) // every + 1)
             kept.positions[i, n], kept.velocities[i, n] = u[n * every - first - 1], velocities(n * every - first - 1)
+            if kept.found.shape[1]:
+                kept.found[i, n] = forced[n * every - first - 1]
         if len(kept.starts):
             kept.starts[:], kept.forces[:] = starts, forces
         marchers.z[i], marchers.position[i] = z, u[-1]
@@ -187,18 +194,20 @@ def _by_law(block: Block, law: Array, before: Array, row: Array, forces: Array) 
 
 
 def _sample(
-    path: Array, v: Array, law: Array, dt: float, before: Array, first: int, means: Array
-) -> tuple[Array, Array, int]:
-    """The impacts that begin in u_1.. of ``path`` (steps + 1,) as rows of events, the tally after, and the
-    step in which the impact that was open before ends, or -1.
+    path: Array, v: Array, law: Array, dt: float, before: Array, first: int, means: Array, found: Array
+) -> tuple[Array, Array, int, tuple[float, float]]:
+    """The impacts that begin in u_1.. of ``path`` (steps + 1,) as rows of events, the tally after, the step in
+    which the impact that was open before ends, or -1, and what of peak and impulse belongs to that one.
 
-    first: the step of path[0]. TIME and END hold the step, ROW the row of the open one among these or -1; the
-    last two numbers of the tally are peak and impulse that belong to the impact that was open before.
+    first: the step of path[0]. TIME and END hold the step, ROW the row of the open one among these or -1. found: the
+    forces of nodes at the ends of the steps, NaN for none.
     """
     stops, u = Stops.of_law(law), path[1:]
-    chi = stops.state(u, v) * 1.0
-    counted = first + np.arange(len(u)) >= before[SINCE]
-    force = np.where(counted, np.abs(stops.force(u, v)), 0.0)
+    chi, force = stops.state(u, v) * 1.0, stops.force(u, v)
+    if stops.damping > 0.0 and np.all(np.isfinite(found)):  # on the stop the state does not tell the force
+        chi, force = -np.sign(found), found
+    last, counted = force[-1], first + np.arange(len(u)) >= before[SINCE]
+    force = np.where(counted, np.abs(force), 0.0)
     pushed = np.where(counted, np.abs(means), 0.0) if np.all(np.isfinite(means)) else force  # what impulses are of
     edges = np.flatnonzero(np.diff(np.concatenate([[before[SIDE]], chi])))  # chi changes with these steps
     spans = np.concatenate([[0], edges, [len(u)]])
@@ -214,8 +223,9 @@ def _sample(
     tally[SIDE] = chi[-1]
     tally[TOUCHING] += np.count_nonzero(chi[counted])
     tally[PEAK], tally[IMPULSE] = max(before[PEAK], np.max(force)), before[IMPULSE] + np.sum(pushed) * dt
+    tally[LAST] = 0.0 if stops.linear or np.all(np.isfinite(means)) else np.abs(last)
     tally[ROW] = len(rows) - 1 if chi[-1] and len(rows) else -1.0
     carried = spans[1]  # the steps of the impact open before, where there is one
     ends_open = pushed is not force and carried < len(u) and chi[carried] == 0.0
-    tally[-2:] = (np.max(force[:carried], initial=0.0), np.sum(pushed[: carried + ends_open]) * dt)
-    return rows, tally, int(edges[0]) if len(edges) else -1
+    before_it = float(np.max(force[:carried], initial=0.0)), float(np.sum(pushed[: carried + ends_open]) * dt)
+    return rows, tally, int(edges[0]) if len(edges) else -1, before_it

@@ -61,5 +61,6 @@ class Kept(NamedTuple):
 
     positions: Array  # (M, outputs, C) at every ``every``-th step
     velocities: Array  # (M, outputs, C)
+    found: Array  # (M, outputs, m): the forces that nodes found, NaN where the end of a step is no node
     starts: Array  # (B, D + (a - 1) n): the state of the only member at the start of each block
     forces: Array  # (B, N)

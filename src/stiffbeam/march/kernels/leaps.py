@@ -68,7 +68,10 @@ def advance(
     n_modes = (z.shape[1] - D) // max(1, a - 1)
     nodes, N = compliance.shape[0] // max(1, m), regimes.powers.shape[3]
     start_of, forces, at = np.empty((1, z.shape[1])), np.zeros((1, one[2].shape[0])), np.zeros(3, np.int64)
-    beside, inflow = Kept(positions, velocities, start_of, forces), Inflow(np.zeros((0, 1)), np.zeros((0, 1, C)))
+    beside, inflow = (
+        Kept(positions, velocities, positions[:, :0], start_of, forces),
+        Inflow(np.zeros((0, 1)), np.zeros((0, 1, C))),
+    )
     y, new, old, size = np.zeros((2, N)), np.zeros((2, N)), np.zeros((2, N)), np.zeros(N)
     work = np.zeros((5, 2, N))
     phase, phase_top = np.zeros((REMEMBERED, 2, N)), np.zeros((REMEMBERED, m))

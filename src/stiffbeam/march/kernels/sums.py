@@ -97,7 +97,7 @@ def error_of(large: Array, bent: Array, r: int, c: int, slow: int, alive: int, s
     return (L * L - 1.0) * (L * L - 1.0) * of_slow + of_fast
 
 
-@inlined
+@compiled
 def cubic(w0: float, d0: float, w1: float, d1: float, L: float) -> tuple[float, float, float]:
     """c1, c2, c3 of p(l) = w0 + c1 l + c2 l^2 + c3 l^3 through w0, w0 + d0, w1, w1 + d1 at l = 0, 1, L, L + 1."""
     mean = (w1 - w0 - d0) / (L - 1.0)
@@ -106,7 +106,7 @@ def cubic(w0: float, d0: float, w1: float, d1: float, L: float) -> tuple[float, 
     return d0 - second + third * L, second - third * (L + 1.0), third
 
 
-@inlined
+@compiled
 def turning_points(c1: float, c2: float, c3: float) -> tuple[float, float]:
     """Where c1 + 2 c2 l + 3 c3 l^2 = 0; NaN or far away where there is none."""
     root = math.sqrt(c2 * c2 - 3.0 * c1 * c3)
@@ -114,7 +114,7 @@ def turning_points(c1: float, c2: float, c3: float) -> tuple[float, float]:
     return q / (3.0 * c3), c1 / q
 
 
-@inlined
+@compiled
 def extent(w0: float, c1: float, c2: float, c3: float, L: float) -> tuple[float, float]:
     """The least and the greatest value of the cubic on [0, L]."""
     end = w0 + L * (c1 + L * (c2 + L * c3))
@@ -129,7 +129,7 @@ def extent(w0: float, c1: float, c2: float, c3: float, L: float) -> tuple[float,
     return low, high
 
 
-@inlined
+@compiled
 def farthest(sign: float, w0: float, c1: float, c2: float, c3: float, last: float) -> float:
     """The greatest sign p(l) at the whole numbers l = 0 .. last."""
     far = max(sign * w0, sign * (w0 + last * (c1 + last * (c2 + last * c3))))
@@ -140,7 +140,7 @@ def farthest(sign: float, w0: float, c1: float, c2: float, c3: float, last: floa
     return far
 
 
-@inlined
+@compiled
 def keeps(side: float, low: float, high: float, error: float, g1: float, g2: float) -> int:
     """Whether positions between ``low`` and ``high`` with an ``error`` are on their side."""
     if side == 0.0:
@@ -153,7 +153,7 @@ def keeps(side: float, low: float, high: float, error: float, g1: float, g2: flo
     return SURE if sure else (CROSSED if crossed else OPEN)
 
 
-@inlined
+@compiled
 def reached(side: float, w0: float, d0: float, w1: float, d1: float, L: float, g1: float, g2: float) -> int:
     """After how many of L steps a position seems to leave its side, at least one; L - 1 where it comes back."""
     if side == 0.0:

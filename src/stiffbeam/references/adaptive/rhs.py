@@ -91,7 +91,9 @@ class RightHandSide:
     def __call__(self, t: float, z: Array, out: Array) -> None:
         """Write f(t, z) into ``out``."""
         shifts, shift_rates = self._offsets(t)
-        right_hand_side(t, z, out, self.states, *self._system, *self._contacts, self.regime, shifts, shift_rates)
+        right_hand_side(
+            t, _fixed(z), out, self.states, *self._system, *self._contacts, self.regime, shifts, shift_rates
+        )
         if self._rest:
             t = self._inside(t)
             y, n = z[: self.states], self.states
@@ -156,10 +158,10 @@ class RightHandSide:
         """
         shifts = self._offsets(t)
         if not self.damped:
-            gaps(t, z, out, self.states, *self._contacts, *shifts)
+            gaps(t, _fixed(z), out, self.states, *self._contacts, *shifts)
             return
         half = len(self.sides)
-        gaps(t, z, out[: 2 * half], self.states, *self._contacts, *shifts)
+        gaps(t, _fixed(z), out[: 2 * half], self.states, *self._contacts, *shifts)
         z_rate = self.rate(t, z)
         for k, (i, side) in enumerate(self.sides):
             rate, stops = out[half + k], self.first_order.contacts[i].contact.stops
@@ -239,3 +241,11 @@ def _at_one_time(function: LoadFunction) -> Callable[[float], float]:
 def _sparse(matrix: Array) -> tuple[Array, Array, Array]:
     sparse = scipy.sparse.csr_matrix(matrix)
     return sparse.indptr.astype(np.int64), sparse.indices.astype(np.int64), sparse.data.astype(np.float64)
+
+
+def _fixed(z: Array) -> Array:
+    """z as SUNDIALS hands states over, read-only: for arrays of another kind the kernels would be compiled again."""
+    if z.flags.writeable:
+        z = z.view()
+        z.setflags(write=False)
+    return z

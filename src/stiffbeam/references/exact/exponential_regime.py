@@ -27,7 +27,7 @@ from .rounding import Perturbation, perturbed_modes, rounded_sum
 from .spectrum import Group, groups
 
 CLOSE = 0.01  # |lambda - i Omega|/(|lambda| + Omega) below which a mode answers a drive from rest
-UNFELT = 1e-14  # of the largest modal force: less is the rounding of none
+UNFELT = 1e-14  # of the terms of a modal force: less is the rounding of none
 Complex = Any  # arrays of complex128
 
 
@@ -109,6 +109,7 @@ def regime_of(
         records = records - kappa * np.outer(moved[:, i], contact.row)
         force[0] += constant * contact.row
     modal_force = phasors(force) @ shapes  # (1 + F, n)
+    terms_of_force = np.abs(phasors(force)) @ np.abs(shapes)
     push = records @ shapes  # (R, n)
     damping = _modal_damping(C, omega, shapes)
     to_modal = shapes.T @ system.mass
@@ -123,7 +124,8 @@ def regime_of(
         to_modal += size * rounded_sum(shapes.T, system.mass) * rng.uniform(-1.0, 1.0, to_modal.shape)
         shapes = shapes * (1.0 + size * rng.uniform(-1.0, 1.0, shapes.shape))
         order = rng.permutation(order)  # the eigenvalue algorithm rounds otherwise
-    ordered = omega[order], shapes[:, order], to_modal[order], modal_force[:, order], push[:, order]
+    forces = modal_force[:, order], terms_of_force[:, order]
+    ordered = omega[order], shapes[:, order], to_modal[order], *forces, push[:, order]
     return _assembled(drive, *ordered, damping[np.ix_(order, order)], span)
 
 
@@ -139,13 +141,17 @@ def _modal_damping(C: Array, omega: Array, shapes: Array) -> Array:
 
 
 def _assembled(
-    drive: Drive, omega: Array, shapes: Array, to_modal: Array, force: Complex, push: Array, damping: Array, span: float
-) -> Regime:
-    """From the modes: force (1 + F, n) of the drives, push (R, n) of the records, both modal."""
+    drive: Drive, omega: Array, shapes: Array, to_modal: Array, force: Complex, terms: Array, push: Array,
+    damping: Array, span: float,
+) -> Regime:  # fmt: skip
+    """From the modes: force (1 + F, n) of the drives, sums of terms of the sizes ``terms``, push (R, n) of the records,
+    all modal."""
     n, rates = len(omega), 1j * np.array([0.0, *drive.frequencies])
     s, found = groups(omega, damping, span)
     begins = np.cumsum([0, *(len(group.T) for group in found)])
-    chains = [_chain(g, np.arange(a, a + len(g.T)), force, rates, span) for g, a in zip(found, begins, strict=False)]
+    chains = [
+        _chain(g, np.arange(a, a + len(g.T)), force, terms, rates, span) for g, a in zip(found, begins, strict=False)
+    ]
     eigenvalues = np.concatenate([np.linalg.eigvals(g.T) for g in found])
     # With or without a force on them: of modes close to a drive the response is not asked for.
     apart = np.abs(eigenvalues[:, None] - rates)
@@ -154,7 +160,7 @@ def _assembled(
     response = np.empty((2 * n, len(rates)), complex)
     for k, rate in enumerate(rates):
         response[:, k] = (
-            _without(found, chains, force[k], rates, k)
+            _without(found, chains, force[k], terms[k], rates, k)
             if k in resonant or np.any(omega == 0.0)
             else _answer(omega, s, damping, force[k], rate)
         )
@@ -173,14 +179,14 @@ def _assembled(
     )
 
 
-def _chain(group: Group, modes: NDArray[np.int64], force: Complex, rates: Complex, span: float) -> Chain:
+def _chain(group: Group, modes: NDArray[np.int64], force: Complex, terms: Array, rates: Complex, span: float) -> Chain:
     """A group with the drives in resonance with it, or the same as it over the span; what nothing holds or damps
     answers every drive."""
     n, values = force.shape[1], np.linalg.eigvals(group.T)
     pull = group.L[:, n:] @ force.T  # (k, 1 + F)
     if group.paired:
         pull = pull / 2.0  # exp(i Omega t) is half of the cosine
-    pulled = np.max(np.abs(pull), axis=0) > UNFELT * np.max(np.abs(force), axis=1, initial=0.0)
+    pulled = np.any(np.abs(pull) > UNFELT * (np.abs(group.L[:, n:]) @ terms.T), axis=0)
     apart = np.min(np.abs(values[:, None] - rates), axis=0)
     near = apart <= CLOSE * (np.min(np.abs(values)) + np.abs(rates))
     if not group.paired:
@@ -198,14 +204,15 @@ def _answer(omega: Array, s: Array, damping: Array, force: Complex, rate: comple
     return np.concatenate([s * eta, rate * eta])
 
 
-def _without(found: list[Group], chains: list[Chain], force: Complex, rates: Complex, k: int) -> Complex:
+def _without(found: list[Group], chains: list[Chain], force: Complex, terms: Array, rates: Complex, k: int) -> Complex:
     """The response to drive k of all groups but those it is in resonance with: -V (T - i Omega)^-1 L force."""
     n, total = len(force), np.zeros(2 * len(force), complex)
     for group, chain in zip(found, chains, strict=True):
         for turned in (False, True) if group.paired else (False,):
             T, V, L = (x.conj() if turned else x for x in (group.T, group.V, group.L))
             pulled = L[:, n:] @ force
-            if (turned or k not in chain.drives) and np.max(np.abs(pulled)) > UNFELT * np.max(np.abs(force)):
+            felt = np.any(np.abs(pulled) > UNFELT * (np.abs(L[:, n:]) @ terms))
+            if (turned or k not in chain.drives) and felt:
                 total -= V @ np.linalg.solve(T - rates[k] * np.eye(len(T)), pulled)
     return total
 

@@ -9,9 +9,12 @@ import numpy as np
 from ...basics.arrays import Array, IntArray
 from ...basics.compiled import compiled
 from .following import Regimes, advance, change, drive, see
-from .oscillation import oscillations
+from .oscillation import oscillation, oscillations
 from .pressing import area, peak
 from .terms import layout
+from .touching import EPS
+
+RUN = 16  # times that are answered from one of them
 
 
 @compiled
@@ -35,26 +38,67 @@ def observe(
     """row . q and its rate at times t inside the given pieces into u and v (k,).
 
     times, sides, h, rate: of all pieces. rows: (2, n), the row in the modes of the free system and of that in contact.
-    waves: (3, d), what it sees of the particular solutions.
+    waves: (3, d), what it sees of the particular solutions. Up to RUN times at equal distances in one piece are
+    answered from the first of them, by the turns that every mode and drive makes until the others; distances are equal
+    where they differ by the rounding of the times, and that difference counts to first order.
     """
-    n = h.shape[1]
+    n, F = h.shape[1], regimes.frequencies.size
     q, w, c, s, versine = np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n)
-    for i in range(t.size):
+    x, y, pull, bend, turned = np.empty((5, n + F))
+    distance = t[1] - t[0] if t.size > 1 and regimes.close.shape[0] == 0 else 0.0
+    turns, known = np.empty((2, RUN, 3, n + F)), np.zeros(2, np.int64)
+    i = 0
+    while i < t.size:
         k = piece[i]
         side = sides[k]
         own = 0 if side == 0 else 1
         advance(regimes, side, h[k], rate[k], times[k], t[i] - times[k], q, w, c, s, versine)
-        position, velocity = waves[side + 1, 0], 0.0
         for j in range(n):
-            position += rows[own, j] * q[j]
-            velocity += rows[own, j] * w[j]
-        for j in range(regimes.frequencies.size):
+            x[j], y[j] = rows[own, j] * q[j], rows[own, j] * w[j]
+        for j in range(F):
             frequency = regimes.frequencies[j]
             sine, cosine = math.sin(frequency * t[i]), math.cos(frequency * t[i])
             a, b = waves[side + 1, 1 + 2 * j], waves[side + 1, 2 + 2 * j]
-            position += a * sine + b * cosine
-            velocity += frequency * (a * cosine - b * sine)
+            x[n + j], y[n + j] = a * sine + b * cosine, frequency * (a * cosine - b * sine)
+        position, velocity = waves[side + 1, 0], 0.0
+        for j in range(n + F):
+            position += x[j]
+            velocity += y[j]
         u[i], v[i] = position, velocity
+        count = 1
+        while distance > 0.0 and count < RUN and i + count < t.size and piece[i + count] == k:
+            if abs(t[i + count] - t[i] - count * distance) > 4.0 * EPS * t[i + count]:
+                break
+            count += 1
+        if count > 1 and known[own] == 0:
+            known[own] = 1
+            for m in range(1, RUN):
+                own_turns = turns[own, m]
+                oscillations(regimes.omegas[own], m * distance, c, s, versine)
+                for j in range(n):
+                    own_turns[0, j], own_turns[1, j], own_turns[2, j] = c[j], s[j], versine[j]
+                for j in range(F):
+                    own_turns[0, n + j], own_turns[1, n + j], own_turns[2, n + j] = oscillation(
+                        regimes.frequencies[j], m * distance
+                    )
+        if count > 1:
+            for j in range(n):
+                pull[j] = rows[own, j] * regimes.levels[side + 1, j]
+                square = regimes.omegas[own, j] ** 2
+                bend[j], turned[j] = pull[j] - square * x[j], -square * y[j]
+            for j in range(n, n + F):
+                square = regimes.frequencies[j - n] ** 2
+                pull[j], bend[j], turned[j] = 0.0, -square * x[j], -square * y[j]
+        for m in range(1, count):
+            position, velocity, acceleration = waves[side + 1, 0], 0.0, 0.0
+            for j in range(n + F):
+                C, S, V = turns[own, m, 0, j], turns[own, m, 1, j], turns[own, m, 2, j]
+                position += x[j] * C + y[j] * S + pull[j] * V
+                velocity += y[j] * C + bend[j] * S
+                acceleration += bend[j] * C + turned[j] * S
+            late = t[i + m] - t[i] - m * distance
+            u[i + m], v[i + m] = position + velocity * late, velocity + acceleration * late
+        i += count
 
 
 @compiled
@@ -93,7 +137,8 @@ def grow(
         for k in range(q.shape[0]):
             if new != own:
                 change(regimes.cross[own], q[k], v[k], x, y)
-                q[k], v[k] = x, y
+                for j in range(n):
+                    q[k, j], v[k, j] = x[j], y[j]
             for j in range(n):
                 w = regimes.omegas[new, j]
                 q[k, j], v[k, j] = q[k, j] * c[j] + v[k, j] * s[j], v[k, j] * c[j] - w * w * s[j] * q[k, j]
@@ -114,12 +159,15 @@ def grow(
 @compiled
 def press(
     regimes: Regimes, times: Array, sides: IntArray, h: Array, rate: Array, starts: Array, ends: Array,
-    deepest: Array, depths: Array,
+    first: IntArray, deepest: Array, depths: Array,
 ) -> None:  # fmt: skip
-    """How far the contact is at most beyond its stop in [starts, ends] (k,), and the integral of how far it is."""
+    """How far the contact is at most beyond its stop in [starts, ends] (k,), and the integral of how far it is.
+
+    first: (k,), the pieces that the starts lie in.
+    """
     speeds, terms, seen, pairs = layout(1, h.shape[1] + regimes.frequencies.size, regimes.close.shape[0])
     for i in range(starts.size):
-        k = np.searchsorted(times, starts[i], side="right") - 1
+        k = first[i]
         while k < times.size and times[k] < ends[i]:
             until = times[k + 1] if k + 1 < times.size else math.inf
             if sides[k] != 0 and until > starts[i]:

@@ -42,16 +42,16 @@ def groups(omega: Array, damping: Array, span: float) -> tuple[Array, list[Group
     """
     n = len(omega)
     damped = np.any(damping != 0.0, axis=0) | np.any(damping != 0.0, axis=1)
-    s = np.where(omega > 0.0, omega, 1.0 / span)
+    s = np.where(omega * span >= 1.0, omega, 1.0 / span)
     found: list[Group] = []
     for j in np.flatnonzero(~damped):
         V = np.zeros((2 * n, 2), complex)
         V[j, 0], V[n + j, 1] = 1.0, 1.0
-        if omega[j] > 0.0:
+        if omega[j] * span >= 1.0:
             left = np.array([[1.0, -1.0j]]) / 2.0
             found.append(Group(np.array([[1j * omega[j]]]), V @ np.array([[1.0], [1.0j]]), left @ V.T, True))
         else:
-            found.append(Group(np.array([[0.0, s[j]], [0.0, 0.0]], complex), V, V.T, False))
+            found.append(Group(np.array([[0.0, s[j]], [-(omega[j] ** 2) / s[j], 0.0]], complex), V, V.T, False))
     here = np.flatnonzero(damped)
     if len(here):
         w, place = omega[here], np.append(here, n + here)
@@ -66,11 +66,13 @@ def groups(omega: Array, damping: Array, span: float) -> tuple[Array, list[Group
 
 
 def _of(A: Array, span: float) -> list[Group]:
-    """The groups of a real matrix of which no conjugate is kept twice."""
+    """The groups of the real matrix A of which no conjugate is kept twice. Those slower than the span are together, in
+    a real basis: their answer to a constant is the small difference of large ones."""
     values, left, right = (x.astype(complex) for x in scipy.linalg.eig(A, left=True))  # type: ignore[misc]
     cosine = np.abs(np.sum(left.conj() * right, axis=0))
     cosine /= np.linalg.norm(left, axis=0) * np.linalg.norm(right, axis=0)
     sensitive = cosine * SENSITIVE < 1.0
+    sensitive |= (np.abs(values) * span < 1.0) & (np.imag(values) != 0.0)
     sets = [[int(j)] for j in np.flatnonzero(~sensitive)] + _together(values, np.flatnonzero(sensitive), span)
     spaces = [right[:, own] if len(own) == 1 else _space(A, values, own) for own in sets]
     basis = np.hstack(spaces)
@@ -93,6 +95,27 @@ def _of(A: Array, span: float) -> list[Group]:
             Group(T, V, L, paired) if paired else Group(np.real(T) + 0j, np.real(V) + 0j, np.real(L) + 0j, False)
         )
     return found
+
+
+def known_until(omega: Array, damping: Array, tolerance: float) -> float:
+    """The time to which every eigenvalue lambda is known: to ``tolerance`` over that time, or over its own 1/|lambda|.
+
+    The algorithm errs by eps |A| in each of them, in those of slow motions too. x^T (lambda^2 + lambda D + Omega^2) x
+    is stationary at an eigenvector x, and a step of Newton's method says how far lambda is from its zero.
+    """
+    if not np.any(damping):
+        return np.inf
+    n, s = len(omega), np.where(omega > 0.0, omega, np.max(omega, initial=0.0) or 1.0)
+    A = np.block([[np.zeros((n, n)), np.diag(s)], [-np.diag(omega**2 / s), -damping]])
+    values, right = (np.asarray(x) for x in scipy.linalg.eig(A)[:2])
+    x = right[:n] / s[:, None]
+    a, b, c = (np.sum(x * (m @ x), axis=0) for m in (np.eye(n), damping, np.diag(omega**2)))
+    with np.errstate(all="ignore"):
+        slope = 2.0 * a * values + b
+        off = -((a * values + b) * values + c) / slope
+        single = np.abs(slope) > 1e-2 * (2.0 * np.abs(a * values) + np.abs(b))  # two that meet are a group, see above
+        lost = single & np.isfinite(off) & (np.abs(off) > tolerance * np.abs(values + off))
+        return float(np.min(tolerance / np.abs(off), where=lost, initial=np.inf))
 
 
 def _together(values: Complex, sensitive: NDArray[np.int64], span: float) -> list[list[int]]:

@@ -22,7 +22,7 @@ import math
 import numpy as np
 
 from ...basics.arrays import Array, IntArray
-from ...basics.compiled import compiled, inlined
+from ...basics.compiled import compiled
 from ...trajectory.trajectory import SolverFailure
 from .cubics import least, reached
 from .terms import (
@@ -65,7 +65,7 @@ SAFELY = 0.9  # of the longest leap that its error would have allowed
 CLEAR, CROSSES, UNKNOWN = 1, -1, 0
 
 
-@inlined
+@compiled
 def side_of(chi: int, side: int) -> int:
     """The sign with which u - stop is the gap of a contact in state ``chi`` from the stop on ``side``, 0 for none."""
     sign = 0

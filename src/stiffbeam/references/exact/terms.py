@@ -20,7 +20,7 @@ import math
 import numpy as np
 
 from ...basics.arrays import Array
-from ...basics.compiled import compiled, inlined
+from ...basics.compiled import compiled
 from .oscillation import oscillations, pair, pair_sizes
 from .touching import ORDER
 
@@ -40,7 +40,7 @@ def layout(m: int, K: int, p: int) -> tuple[Array, Array, Array, Array]:
     return np.zeros((6, K)), np.zeros((m, 9, K)), np.zeros((m, SEEN)), np.zeros((p, 4 + m))
 
 
-@inlined
+@compiled
 def hypotenuse(a: float, b: float) -> float:
     """sqrt(a^2 + b^2), or where that is not safe in float64 the larger |a| + |b|; for vector registers."""
     square = a * a + b * b

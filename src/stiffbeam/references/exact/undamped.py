@@ -151,7 +151,8 @@ class Solution:
     ) -> tuple[Array, Array]:
         """Peak |sigma| and the integral of |sigma| in the spans [starts, ends] (k,) of contact."""
         deepest, depths = np.zeros((2, len(starts)))
-        press(self.stacked, self.times, self.regime, self.h, self.rate, starts, ends, deepest, depths)
+        first = self.piece_at(starts)
+        press(self.stacked, self.times, self.regime, self.h, self.rate, starts, ends, first, deepest, depths)
         kappa = system.contacts[contact].stops.spring(1)[0]
         return kappa * deepest, kappa * depths
 

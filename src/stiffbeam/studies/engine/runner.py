@@ -22,6 +22,7 @@ from ...basics.validation import InputError, integer, near, positive
 from ...files.case import Case, case_of
 from ...files.cases import find_case
 from ...march.warm import COMPILING, compiled, warm_up
+from ...model.drive import stays_at_rest
 from ...model.system import System
 from ...trajectory.trajectory import Diverged, SolverFailure, Unfinished
 from .journal import Journal
@@ -61,6 +62,9 @@ def run_study(
         raise InputError("case", type(case).__name__, "be a case, its name, a case file, or a System", remedy)
     if study.needs_stops and not case.has_stops:
         raise InputError("case", case.name, "have stops", f"{study.command} asks about contact")
+    if study.needs_motion and stays_at_rest(case.system()):
+        remedy = "give it a base motion, a load or initial data"
+        raise InputError("case", f"{case.name}, which starts at rest and which nothing drives", "move", remedy)
     integer("jobs", jobs, 1)
     for name in options:
         if name not in known:

@@ -49,8 +49,8 @@ class Study:
     smoke: options for a run of seconds. measured: columns that are seconds of this machine, so points must not run
     side by side; every other column has the same bits in every run on a machine, interrupted or not.
     marches: some points run a scheme, so the march is compiled before any of them. needs_stops: it asks about
-    contact. all_cores: a point keeps every core busy by itself. named_by: options whose values stand in the
-    names of the command's files.
+    contact. needs_motion: about the case's own motion, so that a case at rest is refused. all_cores: a point keeps
+    every core busy by itself. named_by: options whose values stand in the names of the command's files.
     """
 
     name: str
@@ -63,6 +63,7 @@ class Study:
     measured: tuple[str, ...] = ()
     marches: bool = True
     needs_stops: bool = False
+    needs_motion: bool = False
     all_cores: bool = False
     named_by: tuple[str, ...] = ()
 

@@ -1,0 +1,137 @@
+"""Nodes that a Kelvin-Voigt force holds on the stop, where it jumps and the state does not tell it.
+
+The witness takes the trapezoidal rule in fractions: there a held node is on the stop exactly.
+"""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+import stiffbeam as sb
+from stiffbeam.basics.validation import InputError
+
+G, KAPPA, C, H, LOAD, STEPS = (Fraction(x) for x in ("1/2", "1000", "200", "1/64", "2", "96"))
+
+
+def in_fractions(v: Fraction) -> tuple[list[Fraction], list[Fraction], int]:
+    """q and P >= 0 at every step of q'' + q = 2 - P from q = 0, q' = v; how many nodes are held."""
+    s = H**2 / 4 / (1 + H**2 / 4)  # a force moves its node by -s P, and speeds it up by -2/h s P
+    q, P = [Fraction(0)], [Fraction(0)]
+    held = 0
+    for _ in range(int(STEPS)):
+        a = LOAD - q[-1] - P[-1]
+        free = (q[-1] + H * v + H**2 / 4 * (a + LOAD)) / (1 + H**2 / 4)
+        speed, depth = 2 / H * (free - q[-1]) - v, free - G
+        new = Fraction(0)
+        if depth > 0:
+            new = max(new, (KAPPA * depth + C * speed) / (1 + KAPPA * s + 2 / H * C * s))
+            if s * new > depth:
+                new, held = depth / s, held + 1
+        q.append(free - s * new)
+        v, P = 2 / H * (q[-1] - q[-2]) - v, [*P, new]
+    return q, P, held
+
+
+def mass(v: float = 3.0) -> sb.System:
+    stops = sb.Stops(None, float(G), stiffness=float(KAPPA), damping=float(C))
+    return sb.System.from_matrices(
+        [[1.0]], [[1.0]], loads=[([1.0], sb.Constant(float(LOAD)))], contacts=[sb.Contact([1.0], stops)],
+        initial_velocity=[v],
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("march", ["numba", "numpy", "direct"])
+def test_what_a_held_node_feels_is_what_holds_it(march):
+    total, unseen = 0, 0.0
+    for v in [2 + Fraction(j, 8) for j in range(16)]:
+        q, P, held = in_fractions(v)
+        system = mass(float(v))
+        given, engine = (system.first_order(), "numba") if march == "direct" else (system, march)
+        run = sb.integrate(given, sb.Trapezoidal(), float(H), float(H * STEPS), engine=engine)
+        contact, ledger = run.contacts[0], run.energy
+        # A rounding of the position, 1e-16, is a force of 1e-16 times 4/h^2 + kappa + 2 c/h, and goes on in the run.
+        near = {"rtol": 1e-8, "atol": 1e-8}
+        assert np.allclose(run.tip, np.array(q, float), rtol=0, atol=1e-12)
+        assert np.allclose(-contact.force, np.array(P, float), **near)
+        pressed = np.array([x > 0 for x in P])
+        assert contact.impacts.count == np.count_nonzero(pressed[1:] & ~pressed[:-1])
+        assert contact.fraction == np.mean(pressed[1:])
+        assert np.isclose(contact.peak_force, float(max(P)), **near)
+        assert np.isclose(contact.impulse, float(sum(H * (a + b) / 2 for a, b in pairwise(P))), **near)
+        beyond = [p - KAPPA * max(x - G, 0) for p, x in zip(P, q, strict=True)]
+        taken = sum((a + b) / 2 * (y - x) for (a, b), (x, y) in zip(pairwise(beyond), pairwise(q), strict=True))
+        assert np.isclose(ledger.stop_dissipation[-1], float(taken), **near)
+        total += held
+        unseen += float(sum(p for p, x in zip(P, q, strict=True) if x == G))  # where the state says 0
+    assert total >= 3
+    assert unseen > 10.0
+
+
+class Lagging(sb.Scheme):
+    """The exact flow that takes the force at t_n from the state there, after its node has let go of it."""
+
+    name = "lagging"
+    order = 2
+    nodes = (0.0, 1.0)
+
+    def step(self, equation, dt, z, loads, reactions):
+        y = equation.flow(dt, z, *(load + reaction for load, reaction in zip(loads, reactions, strict=True)))
+        return y, [z, y]
+
+
+@pytest.mark.parametrize("given", [mass(), mass().first_order()], ids=["blocks", "direct"])
+def test_a_scheme_whose_node_no_force_moves_is_refused(given):
+    with pytest.raises(InputError, match="whose force jumps"):
+        sb.integrate(given, Lagging(), 1e-3, 0.1)
+
+
+def test_against_rigid_stops_too():
+    system = sb.System.from_matrices(
+        [[1.0]], [[1.0]], contacts=[sb.Contact([1.0], sb.Stops(None, 0.5, stiffness=np.inf))], initial_velocity=[3.0]
+    )
+    with pytest.raises(InputError, match="move the argument"):
+        sb.integrate(system, Lagging(), 1e-3, 1.0)
+
+
+def coupled(seed: int, on_the_stop: bool, n: int = 5) -> sb.System:
+    """A chain with a Kelvin-Voigt stop, which starts on it to an ulp or comes to be held there."""
+    rng = np.random.default_rng(seed)
+    turn, _ = np.linalg.qr(rng.normal(size=(n, n)))
+    stiffness = turn @ np.diag(rng.uniform(3.0, 60.0, n) ** 2) @ turn.T
+    row = rng.normal(size=n)
+    start = row / (row @ row) * 0.3 if on_the_stop else np.zeros(n)
+    stop = float(row @ start) if on_the_stop else rng.uniform(0.05, 0.2)
+    return sb.System.from_matrices(
+        np.eye(n), 0.5 * (stiffness + stiffness.T), initial_displacement=start,
+        contacts=[sb.Contact(row, sb.Stops(None, stop, stiffness=1e3, damping=200.0))],
+        initial_velocity=row / (row @ row) if on_the_stop else rng.normal(size=n) * 3.0,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("on_the_stop", [True, False])
+def test_marches_agree_where_rounding_would_tell_the_side(on_the_stop):
+    """Forces, impacts and energy of runs in blocks, in NumPy and by matrices, as long as their motions are the same."""
+    compared = 0
+    for seed in range(40):
+        system = coupled(seed, on_the_stop)
+        first, *others = (
+            sb.integrate(given, sb.Trapezoidal(), 0.02, 0.6, engine=engine)
+            for given, engine in ((system, "numba"), (system, "numpy"), (system.first_order(), "numba"))
+        )
+        for other in others:
+            if np.max(np.abs(first.tip - other.tip)) > 1e-9:  # a graze
+                continue
+            one, two = first.contacts[0], other.contacts[0]
+            assert np.allclose(one.force, two.force, rtol=1e-6, atol=1e-6)
+            assert one.impacts.count == two.impacts.count
+            assert np.allclose(one.impacts.times, two.impacts.times, rtol=0, atol=1e-6)
+            assert np.allclose(one.impacts.ends, two.impacts.ends, rtol=0, atol=1e-6, equal_nan=True)
+            for name in ("stop_dissipation", "loss", "contact", "free"):
+                x, y = getattr(first.energy, name), getattr(other.energy, name)
+                assert np.allclose(x, y, rtol=0, atol=1e-7 * np.max(first.energy.energy)), name
+            compared += 1
+    assert compared > 60

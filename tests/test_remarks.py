@@ -1,0 +1,92 @@
+"""What compare, advise and the studies say of a beam that never moves, and of one that never touches."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import stiffbeam as sb
+from stiffbeam.basics.validation import InputError
+from stiffbeam.measures.remark import AT_REST
+from stiffbeam.model.drive import stays_at_rest
+
+STILL = sb.BeamProblem(stiffness=300.0, stops=sb.Stops(lower=-0.1, upper=0.1, stiffness=5e6))
+FAR = replace(STILL, stops=sb.Stops(lower=-1.0, upper=1.0, stiffness=5e6), base=sb.Harmonic(0.2, 10.0))
+NEAR = replace(FAR, stops=STILL.stops)
+PULSE = sb.Sampled([0.0, 0.1, 0.2, 1.0], [0.0, 1.0, 0.0, 0.0])
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {},
+        {"base": sb.Harmonic(0.0, 10.0)},
+        {"loads": sb.PointLoad(position=0.5, time=sb.Constant(0.0))},
+        {"loads": sb.PointLoad(position=0.5, time=sb.Sampled([0.0, 1.0], [0.0, 0.0]))},
+        {"stops": sb.Stops(lower=0.0, upper=0.1, stiffness=5e6)},
+    ],
+)
+def test_what_stays_at_rest_is_known_and_its_exact_motion_is_zero(change: dict[str, object]) -> None:
+    system = sb.semidiscretise(replace(STILL, **change), cells=4)
+    assert stays_at_rest(system)
+    assert not np.any(sb.reference(system, t_end=0.5).tip)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"base": sb.Harmonic(1e-9, 10.0)},
+        {"loads": sb.PointLoad(position=0.5, time=PULSE)},
+        {"initial_velocity": lambda x: 1e-9 + 0 * x},
+        {"stops": sb.Stops(lower=0.01, upper=0.1, stiffness=5e6)},  # pressed at the start
+        {"stops": sb.Stops(lower=-0.1, stiffness=5e6, motion=sb.Harmonic(0.2, 10.0))},
+    ],
+)
+def test_what_moves_does_not_count_as_at_rest(change: dict[str, object]) -> None:
+    system = sb.semidiscretise(replace(STILL, **change), cells=4)
+    assert not stays_at_rest(system)
+    assert np.any(sb.reference(system, t_end=0.5).tip)
+
+
+@pytest.mark.parametrize(
+    ("problem", "said"), [(STILL, AT_REST), (FAR, "No impacts: the motion reaches no stop to t = 0.2."), (NEAR, "")]
+)
+def test_compare_and_advise_say_that_nothing_moves_or_touches(problem: sb.BeamProblem, said: str) -> None:
+    system = sb.semidiscretise(problem, cells=6)
+    reference = sb.reference(system, t_end=0.2)
+    assert bool(sum(len(c.impacts.times) for c in reference.contacts)) == (said == "")
+    found = sb.compare(sb.integrate(system, sb.HHT(alpha=-0.1), dt=1e-3, t_end=0.2), reference)
+    assert found.remark == found.to_dict()["remark"] == said
+    assert " ".join(str(found).split()).startswith(said or "To the horizon")
+    advice = sb.advise(system, want={"tip": 0.5}, t_end=0.2, schemes=[sb.BDF2()])
+    assert advice.remark == advice.to_dict()["remark"] == said
+    assert str(advice).startswith(said or "bdf2")
+
+
+def test_a_study_of_the_motion_refuses_a_system_at_rest_and_others_take_it() -> None:
+    system = sb.semidiscretise(STILL, cells=6)
+    with pytest.raises(InputError, match="must move"):
+        sb.study("energy", system, dt=1e-3, t_end=0.1)
+    assert sb.study("modes", system, dt=1e-3, t_end=0.1, schemes=["bdf2"]).found
+
+
+def test_converge_and_contact_duration_say_that_there_are_no_impacts() -> None:
+    system = sb.semidiscretise(FAR, cells=6)
+    found = sb.study("converge", system, dt=1e-2, t_end=0.2, schemes=["bdf2"], halvings=3)
+    assert "No impacts to t = 0.1, the motion as it starts" in found.answer
+    assert "order without impacts, as it starts" in found.answer.table[0]
+    lasting = sb.study("contact_duration", system, dt=1e-2, t_end=0.2, schemes=["bdf2"], halvings=1, members=2)
+    assert lasting.answer == lasting.answer.rest == "No contact came to an end."
+
+
+def test_the_command_says_it_and_ends_as_before(command, tmp_path) -> None:
+    file = tmp_path / "still.toml"
+    file.write_text(
+        '[[case]]\nname = "still"\ncells = 6\ndt = 1e-3\nt_end = 0.1\n[case.problem]\nstiffness = 300.0\n'
+        "stops = { lower = -0.1, upper = 0.1, stiffness = 5e6 }\n"
+    )
+    code, printed, _ = command("compare", str(file), "--references", "exact", "--out", str(tmp_path / "out"))
+    assert code == 0
+    assert AT_REST in " ".join(printed.split())
