@@ -34,7 +34,10 @@ def pytest_collection():
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Of a test marked ``fast(n)`` n parametrisations, spread evenly, stay in the fast suite; the others are slow."""
+    """Of a test marked ``fast(n)`` n parametrisations, spread evenly, stay in the fast suite; the others are slow.
+
+    Campaigns have no time limit.
+    """
     kinds: dict[str, list[pytest.Item]] = {}
     for item in items:
         if item.get_closest_marker("fast"):
@@ -45,6 +48,9 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         for i, item in enumerate(same):
             if i not in kept:
                 item.add_marker("slow")
+    for item in items:
+        if item.get_closest_marker("campaign"):
+            item.add_marker(pytest.mark.timeout(0))  # they take what they take
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -73,15 +73,18 @@ def interrupted(name: str, folder: Path, number: signal.Signals, phases: int) ->
     def listen(stream=child.stderr) -> None:
         heard.extend(iter(stream.readline, ""))
 
-    listener = threading.Thread(target=listen)
+    listener = threading.Thread(target=listen, daemon=True)
     listener.start()
-    while len(heard) < phases and child.poll() is None:
-        time.sleep(0.02)
-    (os.killpg if number == signal.SIGINT else os.kill)(child.pid, number)  # Ctrl-C goes to all of them
-    child.wait(60)
-    nobody_left(child.pid)
-    listener.join(20)
-    child.stderr.close()
+    try:
+        while len(heard) < phases and child.poll() is None:
+            time.sleep(0.02)
+        (os.killpg if number == signal.SIGINT else os.kill)(child.pid, number)  # Ctrl-C goes to all of them
+        child.wait(60)
+    finally:  # one that does not hear must not hold up the tests behind it
+        child.kill()
+        nobody_left(child.pid)
+        listener.join(20)
+        child.stderr.close()
     text = "".join(heard)
     assert child.returncode == STATUS[number], text
     return text
