@@ -88,11 +88,15 @@ def test_frequencies_beyond_float64_are_refused():
 
 
 def test_a_search_that_stands_still_ends_and_leaves_float64_as_it_was(monkeypatch):
-    """Decay rates of 1e70 die out at once, and are no reason to search on; a copy for the horizon meets them too."""
-    monkeypatch.setenv("STIFFBEAM_SECONDS", "1e300")  # a slow machine would foresee a day of it, and refuse that
-    before = np.geterr()
-    for viscosity in (1e25, 1e70):
-        with pytest.raises(sb.SolverFailure, match=r"stands still|rounding is as large|overflows") as caught:
+    """Decay rates of 1e70 die out at once, and are no reason to search on; a copy for the horizon meets them too.
+
+    Which of the refusals it is depends on rounding: a search that gets on, by 1e-25 a switch, is too long.
+    """
+    monkeypatch.setenv("STIFFBEAM_SECONDS", "20")
+    before, why = np.geterr(), r"stands still|rounding is as large|overflows|take no more than 20 seconds"
+    for viscosity in (1e25, 1e30, 1e50, 1e70):
+        with pytest.raises((sb.SolverFailure, sb.InputError), match=why) as caught:
             sb.reference(beam(viscosity=viscosity), 0.05)
         assert np.geterr() == before  # while the failure, and with it all that stopped, is still held
-        assert caught.value.t < 0.05
+        if isinstance(caught.value, sb.SolverFailure):
+            assert caught.value.t < 0.05
