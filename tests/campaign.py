@@ -24,6 +24,7 @@ from pathlib import Path
 OUTCOMES = ("right", "refused", "short", "open", "wrong", "hang", "exception", "not finite")
 VIOLATIONS = ("wrong", "hang", "exception", "not finite")
 MEMORY = 12 << 30
+START = (-1, "start")  # what a worker does until it says that it is ready
 
 
 def work(pipe, seed: int, only: tuple[str, ...], limit: float) -> None:
@@ -67,7 +68,7 @@ class Worker:
         self.process = context.Process(target=work, args=(theirs, *self.arguments), daemon=True)
         self.process.start()
         theirs.close()
-        self.task, self.own = (-1, "start"), getattr(self, "own", [])
+        self.task, self.own = START, getattr(self, "own", [])
 
     def give(self, task: tuple) -> None:
         self.pipe.send(task)
@@ -85,6 +86,8 @@ class Worker:
             task, self.task = self.task, None
             self.process.join()
             died = self.process.exitcode
+            if task == START:
+                raise RuntimeError("a worker dies before its first system: call judge.warm_up() to see why") from None
             self.start()
             if died == -signal.SIGPROF:
                 return [("hang", str(task[1]), f"over {self.arguments[2]:g} s of processor time")]

@@ -6,12 +6,14 @@ from __future__ import annotations
 import mpmath
 import numpy as np
 import pytest
+import scipy.linalg
 from judge_scheme import system_of
 from vibro_impact import Case, Contact
 from vibro_march import solve
 
 import stiffbeam as sb
 from stiffbeam.references.exact.chains import differences, largest
+from stiffbeam.references.exact.spectrum import groups
 
 
 @pytest.mark.parametrize(
@@ -41,6 +43,24 @@ def test_divided_differences_of_the_exponential_and_their_bounds(nodes, tau):
     scale = np.maximum(np.abs(true), 1e-300)
     spread = max(abs(x - y) for x in nodes for y in nodes) * tau
     assert np.max(np.abs(found - true) / scale) < 1e-15 * (100.0 + 10.0 * spread + abs(own[0]) * tau)
+
+
+def test_the_groups_of_a_spectrum_are_all_of_it():
+    """sum V L = 1 and sum V T L = A, whichever oscillations are together because they are slower than the span."""
+    rng, together = np.random.default_rng(2), 0
+    for _ in range(200):
+        n = int(rng.integers(1, 6))
+        omega, shape = np.sort(rng.uniform(1.0, 3.0, n)), rng.normal(size=(n, rng.integers(1, n + 1)))
+        damping, span = 10.0 ** rng.uniform(-4.0, 1.0) * shape @ shape.T, 10.0 ** rng.uniform(-1.0, 1.0)
+        s, found = groups(omega, damping, span)
+        A = np.block([[np.zeros((n, n)), np.diag(s)], [-np.diag(omega**2 / s), -damping]])
+        for power, true in ((0, np.eye(2 * n)), (1, A)):
+            parts = [g.V @ np.linalg.matrix_power(g.T, power) @ g.L for g in found]
+            total = sum(2.0 * x.real if g.paired else x.real for x, g in zip(parts, found, strict=True))
+            condition = max(np.linalg.norm(g.V) * np.linalg.norm(g.L) for g in found)
+            assert np.max(np.abs(total - true)) < 1e-13 * condition * max(1.0, float(np.max(np.abs(A))))
+        together += any(g.paired and len(g.T) > 1 for g in found)
+    assert together > 5
 
 
 def system(mass, damping, stiffness, contacts=(), loads=(), q0=None, v0=None):
@@ -137,6 +157,15 @@ def test_it_is_the_motion_by_matrix_exponentials(name):
     many = sb.reference(made, t_end, "multiprecision", t_eval=ref.t)
     assert many.horizon == t_end
     assert np.max(np.abs(ref.tip - many.tip)) < 1e-10 * np.max(np.abs(many.tip))
+
+
+def test_two_oscillations_slower_than_the_span():
+    """Together in one group, apart from their conjugates: |lambda| t_end is 0.6 and 0.8, |lambda - lambda*| t_end > 1."""
+    K, D = np.array([[2.0, -0.5], [-0.5, 2.0]]), np.diag([0.1, 0.0])
+    tip = scipy.linalg.expm(np.block([[np.zeros((2, 2)), np.eye(2)], [-K, -D]]) * 0.5)[0, 2]
+    ref = sb.reference(system(np.eye(2), D, K, v0=[1.0, 0.0]), 0.5, t_eval=[0.0, 0.5])
+    assert ref.horizon == 0.5
+    assert np.allclose(ref.tip, [0.0, tip], rtol=0.0, atol=1e-15)
 
 
 def test_critical_damping_under_a_record():

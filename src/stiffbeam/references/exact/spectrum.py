@@ -145,6 +145,6 @@ def _space(A: Array, values: Complex, own: list[int]) -> Complex:
             "change the damping a little or use method='cvode'",
         )  # fmt: skip
     Q = Q[:, :count]
-    if np.any(inside.imag > 0.0) and not np.any(inside.imag < 0.0):
+    if np.all(inside.imag > 0.0) or np.all(inside.imag < 0.0):
         return Q
     return np.linalg.svd(np.hstack([Q.real, Q.imag]))[0][:, :count]
