@@ -1,7 +1,7 @@
 """The site: guide, theory, how-to scripts, gallery of all studies and the reference of the Python names.
 
-    python studies/site.py --out FOLDER              # with every study on Table 10: minutes
-    python studies/site.py --out FOLDER --gallery amplification --smoke
+    python studies/site.py --out FOLDER              # with every study on Table 10 and every script: minutes
+    python studies/site.py --out FOLDER --run amplification,steel_strip --smoke
 
 One source a text: the pages are the Markdown files and scripts of this repository, at the same paths with .html.
 Warnings are errors, and so is a link, a picture or an anchor that leads nowhere.
@@ -10,14 +10,18 @@ Warnings are errors, and so is a link, a picture or an anchor that leads nowhere
 from __future__ import annotations
 
 import argparse
+import ast
 import html
+import io
 import json
 import os
 import re
 import shutil
+import subprocess
 import sys
 import warnings
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from contextlib import redirect_stdout
 from html.parser import HTMLParser
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
@@ -40,6 +44,8 @@ CHAPTERS = {
     ],
     "Reference": ["api/stiffbeam.html", "CONTRIBUTING.md", "CHANGELOG.md"],
 }  # fmt: skip
+SCRIPTS = [Path(source).stem for source in CHAPTERS["How to"]]
+WHERE = {"MPLBACKEND": "agg", "COLUMNS": "80"}
 CURRENT = ' aria-current="page"'
 SWEEP = {"parameter": "frequency", "values": [8.0 + 0.2 * k for k in range(31)]}
 STYLE = """
@@ -79,24 +85,49 @@ def markdown(text: str) -> str:
     return re.sub(r"<pre([ >])", r'<pre tabindex="0"\1', page).replace(" />", ">")
 
 
-def script(path: Path) -> str:
-    """A how-to script as a page: its docstring is the text."""
+def script(path: Path, folder: Path, run: bool) -> str:
+    """A how-to script as a page: its docstring is the text, then what it draws into ``folder`` and prints if it is
+    ``run``, then itself."""
     text = path.read_text(encoding="utf-8")
     words = re.match(r'"""(.*?)"""', text, re.DOTALL)
     if words is None:
         raise ValueError(f"{path} says nothing of itself")
     title, _, rest = words[1].partition("\n")
-    return markdown(f"# {title.strip()}\n{rest}\n\n```python\n{text[words.end() :].strip()}\n```\n")
+    parts = [f"# {title.strip().rstrip('.')}\n{rest}"]
+    if run:
+        folder.mkdir(parents=True, exist_ok=True)
+        command = [sys.executable, "-W", "error", str(path), "--out", str(folder)]
+        done = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True, env=os.environ | WHERE)
+        parts += [f"[![What it draws]({address})]({address})" for address in drawn(folder)]
+        parts += [f"It prints:\n\n```text\n{done.stdout.rstrip()}\n```", "All of it:"]
+    return markdown("\n\n".join([*parts, f"```python\n{text[words.end() :].strip()}\n```\n"]))
 
 
-def notebook(path: Path) -> str:
-    """A notebook as a page: texts, code, and what it printed."""
-    parts = []
-    for cell in json.loads(path.read_text(encoding="utf-8"))["cells"]:
+def drawn(folder: Path) -> list[str]:
+    """The pictures in a folder beside a page, as the page calls them."""
+    return [f"{folder.name}/{picture.name}" for picture in sorted(folder.glob("*.png"))]
+
+
+def notebook(path: Path, folder: Path) -> str:
+    """A notebook as a page: texts, code, what it printed, and into ``folder`` what it draws."""
+    folder.mkdir(parents=True, exist_ok=True)
+    parts, names = [], {}
+    for number, cell in enumerate(json.loads(path.read_text(encoding="utf-8"))["cells"]):
         source = "".join(cell["source"])
-        parts.append(source if cell["cell_type"] == "markdown" else f"```python\n{source}\n```")
-        for output in cell.get("outputs", []):
-            parts.append("```text\n" + "".join(output["text"]).rstrip() + "\n```")
+        if cell["cell_type"] == "markdown":
+            parts.append(source)
+            continue
+        parts.append(f"```python\n{source}\n```")
+        lines = ast.parse(source)
+        last = lines.body.pop() if isinstance(lines.body[-1], ast.Expr) else ast.Expr(ast.Constant(None))
+        with redirect_stdout(io.StringIO()) as said:
+            exec(compile(lines, path, "exec"), names)
+            found = eval(compile(ast.Expression(ast.fix_missing_locations(last).value), path, "eval"), names)
+        if said.getvalue():
+            parts.append(f"```text\n{said.getvalue().rstrip()}\n```")
+        if hasattr(found, "savefig"):
+            found.savefig(folder / f"{number}.png", dpi=100)
+            parts.append(f"[![What it draws]({folder.name}/{number}.png)]({folder.name}/{number}.png)")
     return markdown("\n\n".join(parts))
 
 
@@ -149,7 +180,7 @@ def relinked(body: str, source: str, out: Path, pages: dict[str, str]) -> str:
     def link(found: re.Match[str]) -> str:
         name, address = found[1], html.unescape(found[2])
         parts = urlsplit(address)
-        if parts.scheme or not parts.path or source == "gallery":
+        if parts.scheme or not parts.path or source == "gallery" or (out / here / parts.path).is_file():
             return found[0]
         inside = os.path.normpath(Path(source).parent / unquote(parts.path))
         inside = "README.md" if inside == "." else inside
@@ -219,8 +250,8 @@ def broken(out: Path) -> list[str]:
     return found
 
 
-def build(out: Path, studies: Iterable[str], smoke: bool) -> None:
-    """Write the site into ``out``."""
+def build(out: Path, run: Sequence[str], smoke: bool) -> None:
+    """Write the site into ``out``, with the results of these studies and scripts."""
     import pdoc
     import pdoc.render
 
@@ -233,11 +264,11 @@ def build(out: Path, studies: Iterable[str], smoke: bool) -> None:
     for source in sources:
         path = ROOT / source
         if source == "gallery":
-            bodies[source] = gallery(studies, out, smoke)
+            bodies[source] = gallery([name for name in run if name not in SCRIPTS], out, smoke)
         elif path.suffix == ".py":
-            bodies[source] = script(path)
+            bodies[source] = script(path, (out / source).with_suffix(""), path.stem in run)
         elif path.suffix == ".ipynb":
-            bodies[source] = notebook(path)
+            bodies[source] = notebook(path, (out / source).with_suffix(""))
         else:
             bodies[source] = markdown(path.read_text(encoding="utf-8"))
     titles = {source: shortened(title_of(body)) for source, body in bodies.items()}
@@ -266,13 +297,13 @@ def _lead_home(file: Path) -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, default=Path("stiffbeam-output/site"))
-    parser.add_argument("--gallery", help="studies with commas between them; all by default")
+    parser.add_argument("--run", help="studies and how-to scripts with commas between them; all by default")
     parser.add_argument("--smoke", action="store_true", help="the small configuration of each study")
     given = parser.parse_args()
     from stiffbeam.studies import STUDIES
 
     warnings.simplefilter("error")
-    build(given.out, STUDIES if given.gallery is None else given.gallery.split(","), given.smoke)
+    build(given.out, [*STUDIES, *SCRIPTS] if given.run is None else given.run.split(","), given.smoke)
     print(f"Written: {given.out / 'index.html'}", file=sys.stderr)
 
 

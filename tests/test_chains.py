@@ -160,7 +160,7 @@ def test_it_is_the_motion_by_matrix_exponentials(name):
 
 
 def test_two_oscillations_slower_than_the_span():
-    """Together in one group, apart from their conjugates: |lambda| t_end is 0.6 and 0.8, |lambda - lambda*| t_end > 1."""
+    """One group, apart from its conjugates: |lambda| t_end is 0.6 and 0.8, |lambda - lambda*| t_end more than 1."""
     K, D = np.array([[2.0, -0.5], [-0.5, 2.0]]), np.diag([0.1, 0.0])
     tip = scipy.linalg.expm(np.block([[np.zeros((2, 2)), np.eye(2)], [-K, -D]]) * 0.5)[0, 2]
     ref = sb.reference(system(np.eye(2), D, K, v0=[1.0, 0.0]), 0.5, t_eval=[0.0, 0.5])

@@ -25,11 +25,11 @@ def documented(command: str) -> set[str]:
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
-    """The site as the command builds it; the gallery with one study, in its small configuration."""
+    """The site as the command builds it; with one script, and one study in its small configuration."""
     pytest.importorskip("pdoc")
     out = tmp_path_factory.mktemp("site")
     command = [sys.executable, str(ROOT / "studies" / "site.py"), "--out", str(out)]
-    done = subprocess.run([*command, "--gallery", "amplification", "--smoke"], capture_output=True, text=True)
+    done = subprocess.run([*command, "--run", "amplification,steel_strip", "--smoke"], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     return out
 
@@ -44,6 +44,9 @@ def test_the_site_has_every_page_and_no_link_that_leads_nowhere(site):
         assert "<title>stiffbeam –" not in text, source
     assert "oscillation" in (site / "gallery.html").read_text(encoding="utf-8")
     assert (site / "gallery" / "amplification.png").stat().st_size > 20_000
+    assert "It prints:" in (site / "studies" / "steel_strip.html").read_text(encoding="utf-8")
+    for picture in ("steel_strip/steel_strip.png", "first_beam/7.png"):
+        assert (site / "studies" / picture).stat().st_size > 20_000
 
 
 @pytest.mark.slow

@@ -28,11 +28,13 @@ def number(value: float, digits: int = 3) -> str:
     return DASH if not np.isfinite(value) else f"{value:.{digits}g}"
 
 
-def percent(value: float) -> str:
-    """Per cent to two digits, in powers of ten where that would be a long number."""
-    if not np.isfinite(value):
+def percent(value: float, sign: str = "") -> str:
+    """A fraction in per cent: two digits, all before the point, and a power of ten where that would be long."""
+    hundredths = 100.0 * value
+    if not np.isfinite(hundredths):
         return DASH
-    return f"{100 * value:.0e} %" if not 1e-5 < abs(value) < 1e3 and value else f"{100 * value:.2g} %"
+    form = ".2g" if abs(hundredths) < 99.5 else ".0f"
+    return f"{hundredths:{sign}{form if 1e-4 <= abs(hundredths) < 1e5 or not value else '.0e'}} %"
 
 
 def _names(comparisons: Sequence[Comparison]) -> list[str]:

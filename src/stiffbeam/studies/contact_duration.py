@@ -25,6 +25,7 @@ from ..files.cases import Case
 from ..march.ensemble import integrate_ensemble
 from ..march.integrate import integrate
 from ..measures.impacts import match
+from ..measures.report import percent
 from ..model.members import SPREAD, perturbed
 from ..references.ensemble import reference_ensemble
 from ..trajectory.trajectory import Diverged
@@ -173,7 +174,7 @@ def _answer(rows: Rows, case: Case) -> Answer:
     paired = sorted((row for row in rows if row["kind"] == "pairs" and row["pairs"]), key=lambda row: -row["dt"])
     finest = {row["method"]: row for row in paired}  # the last of a method
     pairs = [
-        f"at most {100 * row['error']:.2g} % with {method} ({row['pairs']} contact{'s' * (row['pairs'] > 1)})"
+        f"at most {percent(row['error'])} with {method} ({row['pairs']} contact{'s' * (row['pairs'] > 1)})"
         for method, row in finest.items()
     ]
     sentences = ["; ".join(parts) + "."] if parts else []

@@ -12,6 +12,7 @@ from ..basics.units import Units
 from ..figures import column, heading, look, new_figure, numeric, say_empty, shared_legend, short, signed_log
 from ..files.cases import Case
 from ..march.integrate import integrate
+from ..measures.report import percent
 from ..trajectory.ledger import Ledger
 from ..trajectory.trajectory import Trajectory
 from .common import Dt, End, Forms, Schemes, Treatment, scheme_labels, scheme_of, solve_once, system_of
@@ -93,7 +94,7 @@ def answer(rows: Rows, case: Case) -> str:
             exact.append(f"{abs(row['lost_fraction']):.0e} ({row['form']}, to t = {end})")
         elif row["form"] == rows[0]["form"]:
             share = row["lost_in_contact"] / row["loss"] if row["loss"] else float("nan")
-            lost = f"{100 * row['lost_fraction']:.2g} %"
+            lost = percent(row["lost_fraction"])
             if not np.isfinite(row["lost_fraction"]):
                 lost = units.measure(f"{row['loss']:.2g}", "energy") + " in all"  # on balance nothing was put in
             part = f"{100 * share:z.0f} %"

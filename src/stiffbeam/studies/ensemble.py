@@ -14,6 +14,7 @@ from ..basics.validation import integer
 from ..figures import column, heading, look, new_figure, numeric, say_empty, shared_legend, short, tip_symbol
 from ..files.cases import Case
 from ..march.ensemble import integrate_ensemble
+from ..measures.report import percent
 from ..measures.spectrum import amplitude_spectrum, drive_amplitude
 from ..measures.windows import drive_frequency
 from ..model.members import SPREAD, perturbed
@@ -161,7 +162,7 @@ def _answer(rows: Rows, case: Case) -> str:
             "lost, %": _spread(100 * lost / np.mean(had)) if len(lost) else "–",
         }
         table.append(line)
-        said = [f"{100 * np.mean(share):.2g} % in contact"]
+        said = [f"{percent(float(np.mean(share)))} in contact"]
         if len(lost):
             energy = units.measure(f"{_spread(lost)} of {np.mean(had):.3g}", "energy")
             said.append(f"energy lost {energy}")
@@ -175,7 +176,7 @@ def _answer(rows: Rows, case: Case) -> str:
     head = (
         f"Over {len(exact)} members perturbed by {first['size']:g} the exact solution has {np.mean(exact):.4g} ± "
         f"{np.std(exact):.2g} impacts to t = {end} (mean ± standard deviation), {rate}, and is in contact "
-        f"{100 * np.mean(share):.2g} % of the time{largest}; at dt = {dt} (difference of means, 95 %)"
+        f"{percent(float(np.mean(share)))} of the time{largest}; at dt = {dt} (difference of means, 95 %)"
     )
     rest = (
         f"Over {len(exact)} members perturbed by {first['size']:g}, to t = {end} at dt = {dt}: mean ± standard "

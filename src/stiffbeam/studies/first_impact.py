@@ -40,6 +40,7 @@ from ..figures import (
 )
 from ..files.cases import Case
 from ..measures.regression import Order, observed_order
+from ..measures.report import percent
 from ..measures.smooth_motion import without_contact
 from ..model.closed_form import natural_frequencies, roots
 from ..model.problem import BeamProblem
@@ -233,7 +234,7 @@ def answer(rows: Rows, case: Case) -> str:
     for form in dict.fromkeys(row["form"] for row in found):
         own = [row for row in found if row["form"] == form and row["start"] == OWN]
         if own:
-            off = [f"{100 * abs(row['speed'] / row['beam_speed'] - 1.0):.2g} % on {row['cells']}" for row in own]
+            off = [f"{percent(abs(row['speed'] / row['beam_speed'] - 1.0))} on {row['cells']}" for row in own]
             sentences.append(f"From rest ({form}) the speed V of the tip is off by {', '.join(off)} cells.")
     return " ".join(sentences) or "Nothing was found."
 

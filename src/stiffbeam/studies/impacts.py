@@ -35,6 +35,7 @@ from ..files.cases import Case
 from ..march.ensemble import integrate_ensemble
 from ..march.integrate import integrate
 from ..measures.impacts import match
+from ..measures.report import percent
 from ..model.members import SPREAD, perturbed
 from ..references.ensemble import reference_ensemble
 from ..schemes import HHT, SDIRK
@@ -193,13 +194,13 @@ def _answer(rows: Rows, case: Case) -> str:
         limit = largest if found else min(r["dt"] for r in steps if r["scheme"] == row["scheme"])
         at = f"dt = {units.measure(format(limit, '.2g'), 'time')}"
         right = f"from {at} on" if found else f"not yet at {at}"
-        count, share = f"{row['count']:.4g}", f"{100 * row['fraction']:.2g} %"
+        count, share = f"{row['count']:.4g}", percent(row["fraction"])
         parts.append(f"{row['scheme']} {count} and {share}, right to 5 % {right}")
         table.append({"scheme": short(row["scheme"]), "impacts": count, "in contact": share, "right to 5 %": right})
     end, step = (units.measure(f"{x:g}", "time") for x in (rows[0]["t_end"], coarse))
     head = (
         f"{known} has {first['reference_count']} impacts to t = {end}, the exact ensemble "
-        f"{exact['count']:.4g} ± {exact['count_spread']:.2g} and {100 * exact['fraction']:.2g} % of the time in "
+        f"{exact['count']:.4g} ± {exact['count_spread']:.2g} and {percent(exact['fraction'])} of the time in "
         f"contact; {_runs(first['members'])} at dt = {step}"
     )
     return Answer(f"{head}: {'; '.join(parts)}.", table, f"{head}.")

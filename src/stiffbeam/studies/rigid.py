@@ -15,6 +15,7 @@ from ..basics.validation import InputError, positive
 from ..figures import COLOURS, MARKERS, column, dashed, heading, log_scale, new_figure, numeric, say_empty
 from ..files.cases import Case
 from ..measures.regression import observed_order
+from ..measures.report import percent
 from ..measures.tip_error import tip_error
 from ..model.members import varied
 from ..references.exact.rigid import rigid_limit
@@ -108,7 +109,7 @@ def answer(rows: Rows, case: Case) -> str:
     return (
         f"The tip approaches that of rigid stops like kappa^-({order}) (theory: 1/2), from kappa = "
         f"{first} on; at {which} = {here} the first {own['rigid_impacts']} rigid "
-        f"impacts are {own['impacts']} and the tip is {100 * own['tip_error']:.2g} % of its largest displacement off."
+        f"impacts are {own['impacts']} and the tip is {percent(own['tip_error'])} of its largest displacement off."
     )
 
 

@@ -12,6 +12,7 @@ from ..files.cases import Case
 from ..march.integrate import integrate
 from ..march.plan import RIGID as BY_REACTIONS
 from ..measures.regression import observed_order
+from ..measures.report import percent
 from ..model.contact import Stops
 from . import bouncing_bar as bar
 from .common import label_of, scheme_of
@@ -143,15 +144,15 @@ def answer(rows: Rows, case: Case) -> str:
         fine = _finest(own)
         table.append({
             "scheme": name,
-            "energy": f"{100 * _middle(fine, 'energy'):+.2g} %",
-            "pressure off": f"{100 * _middle(fine, 'pressure'):.2g} %",
-            "penetration": f"{100 * _middle(fine, 'penetration'):.2g} %",
-            "foot off": f"{100 * _middle(fine, 'foot'):.2g} %",
+            "energy": f"{percent(_middle(fine, 'energy'), '+')}",
+            "pressure off": percent(_middle(fine, 'pressure')),
+            "penetration": percent(_middle(fine, 'penetration')),
+            "foot off": percent(_middle(fine, 'foot')),
             "order": str(_order(own, "foot")),
         })  # fmt: skip
         parts.append(
-            f"{name}: energy {100 * _middle(fine, 'energy'):+.2g} %, pressure {100 * _middle(fine, 'pressure'):.2g} % "
-            f"off, penetration {100 * _middle(fine, 'penetration'):.2g} %, foot {100 * _middle(fine, 'foot'):.2g} % "
+            f"{name}: energy {percent(_middle(fine, 'energy'), '+')}, pressure {percent(_middle(fine, 'pressure'))} "
+            f"off, penetration {percent(_middle(fine, 'penetration'))}, foot {percent(_middle(fine, 'foot'))} "
             f"of the fall off, order {_order(own, 'foot')}"
         )
     if not parts:

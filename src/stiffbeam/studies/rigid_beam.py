@@ -26,6 +26,7 @@ from ..figures import (
 )
 from ..files.cases import Case
 from ..march.integrate import integrate
+from ..measures.report import percent
 from ..measures.smooth_motion import without_contact
 from ..model.closed_form import natural_frequencies
 from ..model.semidiscretisation import semidiscretise
@@ -141,7 +142,7 @@ def answer(rows: Rows, case: Case) -> str:
         finest = min((row["dt"] for row in own if row["dt"]), default=0.0)
         soft = ", ".join(f"{r['impulse']:.3g} at {k:.2g}" for k, r in sorted(exact.items()))
         rigid = ", ".join(
-            f"{name_of(row)} {row['impulse']:.3g} in {row['impacts']:g} impacts, {100 * row['lost']:.2g} % lost"
+            f"{name_of(row)} {row['impulse']:.3g} in {row['impacts']:g} impacts, {percent(row['lost'])} lost"
             for row in own
             if _stiff(row) == np.inf and row["dt"] in (0.0, finest)
         )
