@@ -72,6 +72,11 @@ def rounding_of_zero(terms: Array, n: int) -> Array:
     return 2.0 * EPS * max(n, 8) * terms
 
 
+def rounding_of_congruence(A: Array, X: Array) -> Array:
+    """Below which entries of X^T A X count as zero, (n, n)."""
+    return rounding_of_zero(np.abs(X.T) @ np.abs(A) @ np.abs(X), len(A))
+
+
 def congruence(A: Array, X: Array) -> Array:
     """X^T A X, each entry as if summed with twice the digits and rounded once."""
     shift = np.floor(np.log2(max(float(np.max(np.abs(A))), 1e-300)))  # 2^27 times it has to stay finite

@@ -13,7 +13,7 @@ import scipy.linalg
 from ..basics.arrays import Array
 from ..basics.validation import InputError
 from .equations import Modal
-from .graded import graded_eigenpairs
+from .graded import EPS, graded_eigenpairs, rounding_of_congruence
 from .system import System
 
 
@@ -67,7 +67,8 @@ def uncoupled_modes(system: System) -> Modes:
 
 
 def modes(system: System, springs: tuple[tuple[Array, float], ...] = ()) -> Modes | None:
-    """The modes of ``system`` with extra springs (row, stiffness), or None if damping couples them.
+    """The modes of ``system`` with extra springs (row, stiffness), or None if damping couples them: by more than what
+    rounding each entry of the matrices would do, however small that is beside the damping of other modes.
 
     With the mass M = R^T R and the factor K = G^T G, omega are the singular values of G R^-1, a spring
     (row, kappa) being one more row sqrt(kappa) row of G: the error is eps w_max in each omega. Without
@@ -90,10 +91,24 @@ _DAMPED: WeakKeyDictionary[System, Modes | None] = WeakKeyDictionary()
 def _damped(system: System, springs: tuple[tuple[Array, float], ...] = ()) -> Modes | None:
     found = undamped_modes(system, springs)
     damping = _within_float64("damping", found.shapes.T @ system.damping @ found.shapes)
-    diagonal = np.diag(damping).copy()
-    if np.max(np.abs(damping - np.diag(diagonal))) > 1e-9 * max(np.max(np.abs(diagonal)), 1e-300):
+    felt = np.abs(damping) > rounding_of_congruence(system.damping, found.shapes)
+    if np.any(felt & ~np.eye(system.size, dtype=bool)) and (springs or not _proportional(system)):
         return None
-    return replace(found, damping=diagonal)
+    diagonal = np.diag(damping)
+    return replace(found, damping=np.where((found.omega == 0.0) & ~np.diag(felt), 0.0, diagonal))
+
+
+def _proportional(system: System) -> bool:
+    """Whether the damping is alpha M + beta K to the rounding of every entry: no product with shapes is as sharp."""
+    C, on = system.damping, system.damping != 0.0
+    for parts in ([system.mass], [system.stiffness], [system.mass, system.stiffness]):
+        columns = np.stack([part[on] for part in parts], axis=1) / np.abs(C[on])[:, None]
+        size = np.linalg.norm(columns, axis=0)
+        share = np.linalg.lstsq(columns / np.where(size > 0.0, size, 1.0), np.sign(C[on]))[0]
+        terms = [x / (y or 1.0) * part for x, y, part in zip(share, size, parts, strict=True)]
+        if np.all(np.abs(C - sum(terms)) <= 16.0 * EPS * sum(np.abs(term) for term in terms)):
+            return True
+    return False
 
 
 @np.errstate(over="ignore")  # refused by ``_within_float64``

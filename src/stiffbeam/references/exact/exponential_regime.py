@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from ...basics.arrays import Array
 from ...model.drive import Drive
-from ...model.graded import EPS, congruence
+from ...model.graded import congruence, rounding_of_congruence
 from ...model.modes import undamped_modes
 from ...model.system import System
 from .chains import Chain
@@ -135,8 +135,7 @@ def _modal_damping(C: Array, omega: Array, shapes: Array) -> Array:
     if not np.any(rigid) or not np.any(C):
         return shapes.T @ C @ shapes
     damping = congruence(C, shapes)
-    terms = np.abs(shapes.T) @ np.abs(C) @ np.abs(shapes)
-    lost = np.abs(damping) <= 2.0 * EPS * max(len(omega), 8) * terms
+    lost = np.abs(damping) <= rounding_of_congruence(C, shapes)
     return np.where(lost & (rigid[:, None] | rigid), 0.0, damping)
 
 
