@@ -6,6 +6,7 @@ import dataclasses
 import warnings
 from itertools import pairwise
 
+import mpmath
 import numpy as np
 import pytest
 from edge_systems import KINDS, edge_system, witness
@@ -175,6 +176,27 @@ def test_a_creep_beside_fast_modes_is_known_to_its_horizon(c):
     t = np.linspace(0.0, found.horizon, 50)
     assert np.max(np.abs(found.at(t)[0] - np.exp(-t / c))) < 1e-3
     assert found.horizon == c or c > 1e7
+
+
+@pytest.mark.parametrize("c", [1e6, 1e8, 1.878692e9, 2.442e9])
+def test_what_a_strong_dashpot_holds_is_known_to_its_horizon(c):
+    """q2' = (q1 - q2)/c beside q1'' + 0.167 q1' + q1 - q2 = 0: 1e-9 of the motion, less than eigenvectors hold."""
+    K, D = np.array([[1.0, -1.0], [-1.0, 1.0]]), np.diag([0.167, c])
+    v0 = np.array([0.873, -0.063])
+    system = sb.System.from_matrices(np.eye(2), K, D, observe=[0.0, 1.0], initial_velocity=v0)
+    found = sb.reference(system, 9.0)
+    t = np.linspace(0.0, found.horizon, 30)
+    with mpmath.workdps(60):
+        A = mpmath.zeros(4)
+        A[0, 2] = A[1, 3] = 1
+        for i in range(2):
+            for j in range(2):
+                A[2 + i, j], A[2 + i, 2 + j] = -mpmath.mpf(K[i, j]), -mpmath.mpf(D[i, j])
+        values, left, right = mpmath.eig(A, left=True, right=True)
+        start = mpmath.matrix([0, 0, *map(mpmath.mpf, v0)])
+        parts = [right[1, k] * (left[k, :] * start)[0] / (left[k, :] * right[:, k])[0] for k in range(4)]
+        tip = [float(mpmath.re(sum(p * mpmath.exp(x * s) for p, x in zip(parts, values, strict=True)))) for s in t]
+    assert np.max(np.abs(found.at(t)[0] - tip)) <= 1e-3 * np.max(np.abs(tip))
 
 
 def test_a_small_force_beside_a_large_one_is_felt():

@@ -72,9 +72,9 @@ def rounding_of_zero(terms: Array, n: int) -> Array:
     return 2.0 * EPS * max(n, 8) * terms
 
 
-def rounding_of_congruence(A: Array, X: Array) -> Array:
-    """Below which entries of X^T A X count as zero, (n, n)."""
-    return rounding_of_zero(np.abs(X.T) @ np.abs(A) @ np.abs(X), len(A))
+def rounding_of_congruence(A: Any, X: Array) -> Array:
+    """Below which entries of X^T A X count as zero; A (n, n) dense or sparse, X (n, k)."""
+    return rounding_of_zero(np.abs(X.T) @ (abs(A) @ np.abs(X)), len(X))
 
 
 def congruence(A: Array, X: Array) -> Array:

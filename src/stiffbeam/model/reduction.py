@@ -23,6 +23,7 @@ from numpy.typing import ArrayLike
 from ..basics.arrays import Array
 from ..basics.validation import InputError, integer, non_negative
 from .contact import Contact
+from .graded import rounding_of_congruence
 from .system import System
 from .time_functions import LoadFunction
 
@@ -119,7 +120,7 @@ def reduced(
     system = System.from_matrices(
         np.eye(len(omega2)),
         np.diag(omega2),
-        None if damping is None else _symmetric(T.T @ (scipy.sparse.csc_array(damping, dtype=float) @ T)),
+        None if damping is None else _projected(scipy.sparse.csc_array(damping, dtype=float), T),
         loads=[(T.T @ np.asarray(p, float), f) for p, f in loads],
         contacts=[replace(contact, row=T.T @ contact.row) for contact in contacts],
         observe=None if observe is None else T.T @ np.asarray(observe, float),
@@ -130,8 +131,11 @@ def reduced(
     return Reduced(system, T, kept[:modes], float(kept[modes]), max(lost), M, K, rows)
 
 
-def _symmetric(x: Array) -> Array:
-    return 0.5 * (x + x.T)
+def _projected(C: Any, T: Array) -> Array:
+    """T^T C T; an entry below its rounding is zero, so that what couples no modes couples none here."""
+    found = T.T @ (C @ T)
+    found = np.where(np.abs(found) <= rounding_of_congruence(C, T), 0.0, found)
+    return 0.5 * (found + found.T)
 
 
 def _share(M: Any, part: Array, whole: Array) -> float:

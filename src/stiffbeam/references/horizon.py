@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -125,15 +126,15 @@ def exact_horizon(
     eps = MARGIN * float(np.finfo(float).eps)
     tolerance, solution = time_tolerance(system), reference.solution
     fastest = 2.0 * np.pi / solution.shortest_period
-    horizon = min(t_end, DISPLACEMENT_TOLERANCE / (eps * fastest), _of_free_modes(system))
-    horizon = min(horizon, *(_of_slow_modes(system, sides) for sides in np.unique(solution.sides, axis=0)))
-    own = _watched(reference)
+    unseen = min(t_end, DISPLACEMENT_TOLERANCE / (eps * fastest), _of_free_modes(system))
+    unseen = min(unseen, *(_of_slow_modes(system, sides) for sides in np.unique(solution.sides, axis=0)))
+    horizon, own = unseen, _watched(reference)
     others = copies(system, t_end, reference.t, eps)
     for seed in range(COPIES):
         show(f"exact: copy {seed + 1} of {COPIES} for its horizon", 1 + seed, 1 + COPIES)
         horizon = min(horizon, _agreement(own, next(others), 0.5 * tolerance, 0.5 * DISPLACEMENT_TOLERANCE))
     if horizon == 0.0:
-        horizon = _soon(reference, system, t_end, eps)
+        horizon = min(unseen, _soon(reference, system, t_end, eps))
     return horizon, {
         "horizon_predicted": predicted_horizon(system, solution, t_end, DISPLACEMENT_TOLERANCE),
         "against": f"{COPIES} copies perturbed by {MARGIN:g} times its rounding, to half the tolerance",
@@ -171,8 +172,8 @@ def _soon(reference: Reference, system: System, t_end: float, eps: float) -> flo
     times = np.append(0.0, t_end * 2.0 ** np.arange(-SOON, 1.0))
     solution, scale = solve_exact(system, t_end, times), float(np.max(np.abs(reference.tip)))
     own = _watched(solution)
-    copy = next(copies(system, t_end, times, eps))
-    horizon = _agreement(own, copy, 0.5 * time_tolerance(system), 0.5 * DISPLACEMENT_TOLERANCE, scale)
+    near = 0.5 * time_tolerance(system), 0.5 * DISPLACEMENT_TOLERANCE, scale
+    horizon = min(_agreement(own, copy, *near) for copy in islice(copies(system, t_end, times, eps), COPIES))
     if horizon <= times[1]:
         reason = "rounding is as large as the outputs from the start"
         raise SolverFailure("exact", 0.0, reason, "use method='multiprecision'")

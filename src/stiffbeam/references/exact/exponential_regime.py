@@ -126,27 +126,24 @@ def regime_of(
         order = rng.permutation(order)  # the eigenvalue algorithm rounds otherwise
     forces = modal_force[:, order], terms_of_force[:, order]
     ordered = omega[order], shapes[:, order], to_modal[order], *forces, push[:, order]
-    return _assembled(drive, *ordered, damping[np.ix_(order, order)], span)
+    size = 0.0 if perturbation is None else perturbation.state
+    return _assembled(drive, *ordered, damping[np.ix_(order, order)], span, size, rng)
 
 
 def _modal_damping(C: Array, omega: Array, shapes: Array) -> Array:
-    """shapes^T C shapes; an entry of a rigid-body motion below its rounding is zero."""
-    rigid = omega == 0.0
-    if not np.any(rigid) or not np.any(C):
-        return shapes.T @ C @ shapes
-    damping = congruence(C, shapes)
-    lost = np.abs(damping) <= rounding_of_congruence(C, shapes)
-    return np.where(lost & (rigid[:, None] | rigid), 0.0, damping)
+    """shapes^T C shapes; an entry below its rounding is zero."""
+    damping = congruence(C, shapes) if np.any(omega == 0.0) else shapes.T @ C @ shapes
+    return np.where(np.abs(damping) <= rounding_of_congruence(C, shapes), 0.0, damping)
 
 
 def _assembled(
     drive: Drive, omega: Array, shapes: Array, to_modal: Array, force: Complex, terms: Array, push: Array,
-    damping: Array, span: float,
+    damping: Array, span: float, size: float, rng: np.random.Generator | None,
 ) -> Regime:  # fmt: skip
     """From the modes: force (1 + F, n) of the drives, sums of terms of the sizes ``terms``, push (R, n) of the records,
-    all modal."""
+    all modal. size, rng: as in ``groups``."""
     n, rates = len(omega), 1j * np.array([0.0, *drive.frequencies])
-    s, found = groups(omega, damping, span)
+    s, found = groups(omega, damping, span, size, rng)
     begins = np.cumsum([0, *(len(group.T) for group in found)])
     chains = [
         _chain(g, np.arange(a, a + len(g.T)), force, terms, rates, span) for g, a in zip(found, begins, strict=False)

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import scipy.linalg
+import scipy.sparse.csgraph
 from numpy.typing import NDArray
 
 from ...basics.arrays import Array
@@ -35,13 +36,18 @@ class Group:
     paired: bool
 
 
-def groups(omega: Array, damping: Array, span: float) -> tuple[Array, list[Group]]:
+def groups(
+    omega: Array, damping: Array, span: float, size: float = 0.0, rng: np.random.Generator | None = None
+) -> tuple[Array, list[Group]]:
     """s (n,) and the groups, of undamped frequencies (n,) and ``damping`` (n, n); span: the time of interest.
 
-    Raises InputError where no such bases are well-conditioned.
+    Modes that no damping joins are apart. size: of a random change, relative to the norm of each matrix of which the
+    eigenvalues are taken: what the algorithm loses, in small entries as in large. Raises InputError where no
+    such bases are well-conditioned.
     """
     n = len(omega)
-    damped = np.any(damping != 0.0, axis=0) | np.any(damping != 0.0, axis=1)
+    joined = damping != 0.0
+    damped = np.any(joined, axis=0) | np.any(joined, axis=1)
     s = np.where(omega * span >= 1.0, omega, 1.0 / span)
     found: list[Group] = []
     for j in np.flatnonzero(~damped):
@@ -52,12 +58,13 @@ def groups(omega: Array, damping: Array, span: float) -> tuple[Array, list[Group
             found.append(Group(np.array([[1j * omega[j]]]), V @ np.array([[1.0], [1.0j]]), left @ V.T, True))
         else:
             found.append(Group(np.array([[0.0, s[j]], [-(omega[j] ** 2) / s[j], 0.0]], complex), V, V.T, False))
-    here = np.flatnonzero(damped)
-    if len(here):
-        w, place = omega[here], np.append(here, n + here)
-        A = np.block(
-            [[np.zeros((len(here),) * 2), np.diag(s[here])], [-np.diag(w**2 / s[here]), -damping[np.ix_(here, here)]]]
-        )
+    _, part = scipy.sparse.csgraph.connected_components(joined, directed=False)
+    for k in np.unique(part[damped]):
+        here = np.flatnonzero(part == k)
+        m, w, place = len(here), omega[here], np.append(here, n + here)
+        A = np.block([[np.zeros((m, m)), np.diag(s[here])], [-np.diag(w**2 / s[here]), -damping[np.ix_(here, here)]]])
+        if rng is not None and m > 1:  # of one mode the vectors are its eigenvalues, see ``known_until``
+            A += size * np.linalg.norm(A, 2) * rng.uniform(-1.0, 1.0, A.shape)
         for group in _of(A, span):
             V, L = np.zeros((2 * n, len(group.T)), complex), np.zeros((len(group.T), 2 * n), complex)
             V[place], L[:, place] = group.V, group.L
