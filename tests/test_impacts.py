@@ -57,7 +57,7 @@ def test_a_march_of_single_steps_and_one_in_jax_see_the_same_ends(system):
     assert blocks.count > 5
     assert np.allclose(steps.ends, blocks.ends, atol=1e-9, equal_nan=True)
     pytest.importorskip("jax")
-    members = sb.integrate_ensemble(system, sb.BDF2(), 2e-4, 0.3, sb.perturbed(system, 2), engine="jax")
+    members = sb.integrate_ensemble(system, sb.BDF2(), 2e-4, 0.3, sb.perturbed(system, 2, 1e-12), engine="jax")
     assert np.allclose(members.contacts[0].impacts_of(0).ends, blocks.ends, atol=1e-9, equal_nan=True)
 
 
