@@ -11,14 +11,14 @@ import stiffbeam as sb
 from stiffbeam.model.modes import modes
 
 
-def dragged(c: float, **given) -> sb.System:
+def dragged(c: float) -> sb.System:
     """Mass 1 is dragged along sin t by a dashpot c; mass 2 hangs on mass 1 by a dashpot 0.9."""
     return sb.System.from_matrices(
         np.eye(2),
         np.diag([1.0, 4.0]),
         [[c + 0.9, -0.9], [-0.9, 0.9]],
         loads=[([1.0, 0.0], sb.Harmonic(c, 1.0))],
-        **given,
+        observe=[0.0, 1.0],
     )
 
 
@@ -26,10 +26,19 @@ def dragged(c: float, **given) -> sb.System:
 @pytest.mark.parametrize("scheme", [sb.Trapezoidal(), sb.BDF2(), sb.HHT(), sb.ExponentialFlow()], ids=str)
 def test_a_mass_that_only_a_weak_dashpot_moves_moves(c, scheme):
     """q2'' + 0.9 q2' + 4 q2 = 0.9 sin t to 1/c of it."""
-    run = sb.integrate(dragged(c, observe=[0.0, 1.0]), scheme, 1e-3, 10.0)
+    run = sb.integrate(dragged(c), scheme, 1e-3, 10.0)
     found = solve_ivp(lambda t, y: [y[1], 0.9 * (np.sin(t) - y[1]) - 4.0 * y[0]], (0.0, 10.0), [0.0, 0.0], "DOP853",
                       t_eval=run.t[::500], rtol=1e-11, atol=1e-13)  # fmt: skip
     assert np.max(np.abs(run.tip[::500] - found.y[0])) < 1e-5
+
+
+def test_members_are_perturbed_in_proportion_to_what_a_dashpot_lets_move():
+    """The load c sin t moves mass 1 by 1, not by c."""
+    for c in (1e2, 1e9):
+        members = sb.perturbed(dragged(c), 20, 1e-3)
+        q, v = (np.array(members.fields[name]) for name in ("q0", "v0"))
+        assert 1e-4 < np.max(np.abs(q)) < 1e-2
+        assert 1e-4 < np.max(np.abs(v)) < 1e-2
 
 
 def test_two_viscous_beams_joined_by_a_dashpot():
@@ -76,3 +85,12 @@ def test_a_free_body_with_internal_damping_keeps_its_momentum():
     found = modes(sb.System.from_matrices(np.eye(n), K, 0.3 * K, observe=np.eye(n)[0]))
     assert found is not None
     assert found.omega[0] == found.damping[0] == 0.0
+
+
+@pytest.mark.parametrize("c", [1e3, 1e6, 1e9])
+def test_a_creep_beside_a_strong_dashpot_has_its_own_digits(c):
+    """x'' + (c + 0.9) x' + x = 0.9 y', y'' + 0.9 y' + 4 y = 0.9 x': slowest like exp(-t/c)."""
+    found = sb.modes(dragged(c))
+    assert found.coupled
+    assert found.omega[0] == pytest.approx(1.0 / c, rel=2.0 / c)
+    assert found.damping_ratio[0] == 1.0

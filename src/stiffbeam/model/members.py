@@ -178,8 +178,8 @@ def perturbed(system: System, members: int, size: float = SPREAD, seed: int = 1,
     in undamped modal coordinates with unit mass, eta = shapes^T M q, and omega_1 in place of a smaller
     omega_j. V is the motion's scale, a modal velocity: the largest over the modes of hypot(omega_j
     eta_j, eta_j') at the start, and of the speed that a load can give a mode within a radian, sum_k
-    |shapes_j . p_k| amplitude_k / max(omega_j, frequency_k). So a system that starts at rest at zero is
-    perturbed in proportion to what drives it. ``size``: see SPREAD. ``scale`` sets V; it has to where time
+    |shapes_j . p_k| amplitude_k / max(omega_j, frequency_k, shapes_j . C shapes_j). So a system that starts at rest
+    at zero is perturbed in proportion to what drives it. ``size``: see SPREAD. ``scale`` sets V; it has to where time
     functions are callables and the start is at rest at zero. Reproducible from ``seed``; members k are the
     first k of any larger ensemble.
     """
@@ -192,11 +192,12 @@ def perturbed(system: System, members: int, size: float = SPREAD, seed: int = 1,
     omega = basis.omega
     if scale is None:
         speeds = np.hypot(omega * basis.to_modal(system.q0), basis.to_modal(system.v0))
-        driven = np.zeros(len(omega))
+        driven, held = np.zeros(len(omega)), np.sum(basis.shapes * (system.damping @ basis.shapes), axis=0)
         for vector, function in system.loads:
             amplitude, frequency = _amplitude(function)
             if amplitude:
-                driven += np.abs(basis.force(vector)) * amplitude / np.maximum(omega, max(frequency, 1e-300))
+                fastest = np.maximum(np.maximum(omega, held), max(frequency, 1e-300))
+                driven += np.abs(basis.force(vector)) * amplitude / fastest
         scale = float(max(np.max(speeds), np.max(driven)))
         if not 0.0 < scale < np.inf:
             raise InputError("scale", scale, "be known for a system at rest", "pass scale=, a modal velocity")

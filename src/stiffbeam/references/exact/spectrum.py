@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from ...basics.arrays import Array
 from ...basics.validation import InputError
+from ...model.natural_modes import eigenvalues_off
 
 CONDITION_LIMIT = 1e8  # of the bases: beyond it eight digits are lost
 SENSITIVE = 300.0  # 1/|cosine| between left and right eigenvector: from there on the pair has a partner to be found
@@ -107,22 +108,16 @@ def _of(A: Array, span: float) -> list[Group]:
 def known_until(omega: Array, damping: Array, tolerance: float) -> float:
     """The time to which every eigenvalue lambda is known: to ``tolerance`` over that time, or over its own 1/|lambda|.
 
-    The algorithm errs by eps |A| in each of them, in those of slow motions too. x^T (lambda^2 + lambda D + Omega^2) x
-    is stationary at an eigenvector x, and a step of Newton's method says how far lambda is from its zero.
+    The algorithm errs by eps |A| in each of them, in those of slow motions too; see ``eigenvalues_off``.
     """
     if not np.any(damping):
         return np.inf
     n, s = len(omega), np.where(omega > 0.0, omega, np.max(omega, initial=0.0) or 1.0)
     A = np.block([[np.zeros((n, n)), np.diag(s)], [-np.diag(omega**2 / s), -damping]])
     values, right = (np.asarray(x) for x in scipy.linalg.eig(A)[:2])
-    x = right[:n] / s[:, None]
-    a, b, c = (np.sum(x * (m @ x), axis=0) for m in (np.eye(n), damping, np.diag(omega**2)))
-    with np.errstate(all="ignore"):
-        slope = 2.0 * a * values + b
-        off = -((a * values + b) * values + c) / slope
-        single = np.abs(slope) > 1e-2 * (2.0 * np.abs(a * values) + np.abs(b))  # two that meet are a group, see above
-        lost = single & np.isfinite(off) & (np.abs(off) > tolerance * np.abs(values + off))
-        return float(np.min(tolerance / np.abs(off), where=lost, initial=np.inf))
+    off = eigenvalues_off(values, right[:n] / s[:, None], damping, omega)
+    lost = np.abs(off) > tolerance * np.abs(values + off)
+    return float(tolerance / np.max(np.abs(off[lost]))) if np.any(lost) else np.inf
 
 
 def _together(values: Complex, sensitive: NDArray[np.int64], span: float) -> list[list[int]]:
