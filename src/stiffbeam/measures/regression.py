@@ -21,8 +21,13 @@ class Order:
     constant: float
     points: int
 
+    @property
+    def unclear(self) -> bool:
+        """Whether the interval is too wide to speak of a rate."""
+        return 2.0 * self.interval > WIDEST
+
     def __str__(self) -> str:
-        if 2.0 * self.interval > WIDEST:
+        if self.unclear:
             return "no clear rate"
         return f"{self.slope:.2f} " + (f"± {self.interval:.2f}" if np.isfinite(self.interval) else "(two points)")
 

@@ -47,7 +47,7 @@ from ..model.problem import BeamProblem
 from ..model.semidiscretisation import semidiscretise
 from ..model.time_functions import Harmonic
 from ..references import solve
-from .engine.study import Point, Records, Row, Rows, Study
+from .engine.study import Answer, Point, Records, Row, Rows, Study
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -219,9 +219,12 @@ def orders(rows: Rows) -> dict[str, Order]:
 
 
 def answer(rows: Rows, case: Case) -> str:
-    """The answer in a sentence or two."""
+    """Peak force with the base moving, its order in h, and how far off the speed is from rest on every grid."""
     found = numeric(rows)
-    parts = [f"h^{order} ({form})" for form, order in orders(rows).items() if np.isfinite(order.slope)]
+    parts, table = [], []
+    for form, order in orders(rows).items():
+        if np.isfinite(order.slope):
+            parts.append(f"{'at ' if order.unclear else 'like h^'}{order} ({form})")
     smooth = [row for row in found if row["start"] == SMOOTH]
     sentences = []
     if smooth:
@@ -229,14 +232,18 @@ def answer(rows: Rows, case: Case) -> str:
         sentences.append(
             f"Moving with its base at the start, the beam's first impact has a peak force of {best['share']:.4f} "
             f"V (A^2 kappa)^(1/3) on {best['cells']} cells (theory {largest_penetration():.4f})"
-            + (f", approached like {', '.join(parts)} where h < l." if parts else ".")
+            + (f", approached {', '.join(parts)} where h < l." if parts else ".")
         )
-    for form in dict.fromkeys(row["form"] for row in found):
-        own = [row for row in found if row["form"] == form and row["start"] == OWN]
-        if own:
-            off = [f"{percent(abs(row['speed'] / row['beam_speed'] - 1.0))} on {row['cells']}" for row in own]
-            sentences.append(f"From rest ({form}) the speed V of the tip is off by {', '.join(off)} cells.")
-    return " ".join(sentences) or "Nothing was found."
+    rest = " ".join(sentences)
+    still = [row for row in found if row["start"] == OWN]
+    off = {(row["form"], row["cells"]): percent(abs(row["speed"] / row["beam_speed"] - 1.0)) for row in still}
+    for form in dict.fromkeys(row["form"] for row in still):
+        own = ", ".join(f"{share} on {cells}" for (name, cells), share in off.items() if name == form)
+        sentences.append(f"From rest ({form}) the speed V of the tip is off by {own} cells.")
+    for cells in sorted({row["cells"] for row in still}):
+        line = {form: share for (form, number), share in off.items() if number == cells}
+        table.append({"from rest, V off on": f"{cells} cells"} | line)
+    return Answer(" ".join(sentences) or "Nothing was found.", table, rest)
 
 
 def draw(records: Records) -> Figure:

@@ -27,7 +27,7 @@ from ..model.contact import Contact, Stops
 from ..model.restitution import dissipation_for, restitution_of
 from ..model.system import System
 from ..references import solve
-from .engine.study import Point, Records, Row, Rows, Study
+from .engine.study import Answer, Point, Records, Row, Rows, Study
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -99,15 +99,15 @@ def measured(law: dict[str, Any], delivered: float) -> float:
 
 
 def answer(rows: Rows, case: Case) -> str:
-    """The answer in a sentence or two."""
+    """By how much each formula misses the restitution that is wanted, where it does most."""
     numbers = numeric(rows)
     off = {name: max(own, key=_error) for name in _names(rows) if (own := [r for r in numbers if r["formula"] == name])}
-    parts = [f"{name} {row['delivered'] - row['wanted']:+.2g} at e = {row['wanted']:g}" for name, row in off.items()]
+    parts = [(name, f"{x['delivered'] - x['wanted']:+.2g}", f"{x['wanted']:g}") for name, x in off.items()]
+    table = [{"formula": name, "delivered less wanted": less, "at e": wanted} for name, less, wanted in parts]
+    said = "; ".join(f"{name} {less} at e = {wanted}" for name, less, wanted in parts)
     apart = max((abs(row["measured"] - row["delivered"]) for row in numbers), default=math.nan)
-    return (
-        f"Delivered less wanted, where it is largest: {'; '.join(parts)}. Balls taken through the stops agree with the "
-        f"closed forms to {apart:.1g}."
-    )
+    rest = f"Balls taken through the stops agree with the closed forms to {apart:.1g}."
+    return Answer(f"Delivered less wanted, where it is largest: {said}. {rest}", table, rest)
 
 
 def _error(row: dict[str, Any]) -> float:

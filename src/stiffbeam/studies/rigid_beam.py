@@ -33,7 +33,7 @@ from ..model.semidiscretisation import semidiscretise
 from ..references import solve
 from ..references.exact.rigid_reference import solve_rigid
 from .common import Dt, label_of, scheme_of
-from .engine.study import Point, Records, Row, Rows, Study
+from .engine.study import Answer, Point, Records, Row, Rows, Study
 from .first_impact import LOOK, first_crossing, look_span
 
 if TYPE_CHECKING:
@@ -131,23 +131,29 @@ def _stiff(row: Row) -> float:
 
 
 def answer(rows: Rows, case: Case) -> str:
-    """The answer in a sentence or two."""
-    found = numeric(rows)
-    sentences = []
+    """Impulse of the exact motion at every stiffness; impulse, impacts and loss of all at rigid stops."""
+    found, units = numeric(rows), case.units
+    sentences, table = [], []
+    finest = min((row["dt"] for row in found if row["dt"]), default=0.0)
+    step = f"dt = {units.measure(f'{finest:.2g}', 'time')}"
     for cells in sorted({row["cells"] for row in found}):
         own = [row for row in found if row["cells"] == cells]
         exact = {
             _stiff(row): row for row in own if row["method"] == EXACT and row["node"] == NODE and _stiff(row) < np.inf
         }
-        finest = min((row["dt"] for row in own if row["dt"]), default=0.0)
+        rigid = [row for row in own if _stiff(row) == np.inf and row["dt"] in (0.0, finest)]
         soft = ", ".join(f"{r['impulse']:.3g} at {k:.2g}" for k, r in sorted(exact.items()))
-        rigid = ", ".join(
-            f"{name_of(row)} {row['impulse']:.3g} in {row['impacts']:g} impacts, {percent(row['lost'])} lost"
-            for row in own
-            if _stiff(row) == np.inf and row["dt"] in (0.0, finest)
-        )
-        sentences.append(f"On {cells} cells the impulse is {soft} exactly; at kappa = inf, dt = {finest:.2g}: {rigid}.")
-    return " ".join(sentences)
+        said = [
+            f"{name_of(r)} {r['impulse']:.3g} in {r['impacts']:g} impacts, {percent(r['lost'])} lost" for r in rigid
+        ]
+        head = f"On {cells} cells the impulse is {soft} exactly; at kappa = inf, dt = {finest:.2g}"
+        sentences.append(f"{head}: {', '.join(said)}.")
+        for kappa, row in [*sorted(exact.items()), *((np.inf, row) for row in rigid)]:
+            table.append({
+                "motion": name_of(row), units.label("kappa", "stop stiffness"): f"{kappa:.2g}", "cells": f"{cells}",
+                units.label("impulse", "impulse"): f"{row['impulse']:.3g}", "impacts": f"{row['impacts']:g}", "lost": percent(row["lost"]),
+            })  # fmt: skip
+    return Answer(" ".join(sentences), table, f"Schemes at {step}." if sentences else "")
 
 
 PANELS = (
