@@ -151,7 +151,8 @@ def answer(rows: Rows, case: Case) -> str:
         for kappa, row in [*sorted(exact.items()), *((np.inf, row) for row in rigid)]:
             table.append({
                 "motion": name_of(row), units.label("kappa", "stop stiffness"): f"{kappa:.2g}", "cells": f"{cells}",
-                units.label("impulse", "impulse"): f"{row['impulse']:.3g}", "impacts": f"{row['impacts']:g}", "lost": percent(row["lost"]),
+                units.label("impulse", "impulse"): f"{row['impulse']:.3g}", "impacts": f"{row['impacts']:g}",
+                "lost": percent(row["lost"]),
             })  # fmt: skip
     return Answer(" ".join(sentences), table, f"Schemes at {step}." if sentences else "")
 
