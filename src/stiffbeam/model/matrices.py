@@ -31,8 +31,10 @@ def symmetric_matrix(name: str, matrix: Any, n: int | None = None) -> Array:
         raise InputError(name, "an entry that is not finite", "be finite", "look at what it was computed from")
     if np.array_equal(dense, dense.T):
         return dense
-    if np.max(np.abs(dense - dense.T), initial=0.0) > 1e-12 * np.max(np.abs(dense), initial=0.0):
-        raise InputError(name, "an unsymmetric matrix", "be symmetric to 1e-12", "gyroscopic terms have no place")
+    size = np.sqrt(np.abs(np.diag(dense)))
+    if np.any(np.abs(dense - dense.T) > 1e-12 * np.outer(size, size)):
+        rule = "be symmetric to 1e-12 of its diagonal there"
+        raise InputError(name, "an unsymmetric matrix", rule, "gyroscopic terms have no place")
     return read_only(0.5 * (dense + dense.T))
 
 
@@ -48,24 +50,29 @@ def definite_matrix(name: str, matrix: Array) -> Array:
     """The matrix once it is known to be positive semidefinite, the mass positive definite; looked at once."""
     if _DEFINITE.get((name, id(matrix))) is matrix:
         return matrix
-    diagonal = np.diag(matrix)
-    if np.count_nonzero(matrix) == np.count_nonzero(diagonal):
-        spectrum = np.sort(diagonal)
-    else:
-        spectrum = np.linalg.eigvalsh(matrix)
-    if name == "mass" and not _factorises(matrix, spectrum):
-        remedy = "condense unknowns without mass out of the model first"
-        raise InputError(name, f"least eigenvalue {spectrum[0]:.3g}", "be positive definite", remedy)
-    if spectrum[0] < -1e-10 * max(abs(spectrum[-1]), 1e-300):
-        remedy = "look at its signs"
-        raise InputError(name, f"least eigenvalue {spectrum[0]:.3g}", "be positive semidefinite", remedy)
+    if name == "mass":
+        if not _factorises(matrix):
+            remedy, least = "condense unknowns without mass out of the model first", np.linalg.eigvalsh(matrix)[0]
+            raise InputError(name, f"least eigenvalue {least:.3g}", "be positive definite", remedy)
+    elif (least := _least(matrix)) < -1e-10:
+        rule, remedy = "be positive semidefinite", "look at its signs"
+        raise InputError(name, f"least eigenvalue {least:.3g}, its diagonal scaled to ones", rule, remedy)
     _DEFINITE[name, id(matrix)] = matrix
     return matrix
 
 
-def _factorises(matrix: Array, spectrum: Array) -> bool:
-    if spectrum[-1] <= 0.0:
-        return False
+def _least(matrix: Array) -> float:
+    """The least eigenvalue with the diagonal scaled to ones, which keeps its sign: what is soft may not be hidden
+    by what is stiff."""
+    diagonal = np.diag(matrix)
+    size = np.sqrt(np.abs(diagonal))
+    size = np.where(size > 0.0, size, 1.0)
+    if np.count_nonzero(matrix) == np.count_nonzero(diagonal):
+        return float(np.min(diagonal / size / size))
+    return float(np.linalg.eigvalsh(matrix / size / size[:, None])[0])
+
+
+def _factorises(matrix: Array) -> bool:
     try:
         np.linalg.cholesky(matrix)
     except np.linalg.LinAlgError:

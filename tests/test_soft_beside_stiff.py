@@ -1,4 +1,4 @@
-"""Damping that couples modes is never dropped, however small it is beside that of others; no other couples any."""
+"""What is soft beside what is stiff: damping that couples modes is never dropped, wrong signs are never overlooked."""
 
 from __future__ import annotations
 
@@ -94,3 +94,17 @@ def test_a_creep_beside_a_strong_dashpot_has_its_own_digits(c):
     assert found.coupled
     assert found.omega[0] == pytest.approx(1.0 / c, rel=2.0 / c)
     assert found.damping_ratio[0] == 1.0
+
+
+SOFT = {  # what is wrong with the soft part is 1e-10 of the stiff one, or less
+    "negative": [[1e10, 0.0], [0.0, -0.05]], "negative, coupled": [[1e10, 1.0], [1.0, -0.05]],
+    "indefinite": [[1e10, 1e6], [1e6, 1.0]], "unsymmetric": [[1e12, -0.9], [0.0, 0.9]],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("what", SOFT)
+@pytest.mark.parametrize("name", ["stiffness", "damping"])
+def test_what_is_stiff_does_not_hide_what_is_wrong(name, what):
+    given = {"stiffness": np.diag([1.0, 4.0])} | {name: SOFT[what]}
+    with pytest.raises(sb.InputError, match=f"{name} must be (positive semidefinite|symmetric)"):
+        sb.System.from_matrices(np.eye(2), **given, observe=[0.0, 1.0])
