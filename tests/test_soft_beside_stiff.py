@@ -108,3 +108,13 @@ def test_what_is_stiff_does_not_hide_what_is_wrong(name, what):
     given = {"stiffness": np.diag([1.0, 4.0])} | {name: SOFT[what]}
     with pytest.raises(sb.InputError, match=f"{name} must be (positive semidefinite|symmetric)"):
         sb.System.from_matrices(np.eye(2), **given, observe=[0.0, 1.0])
+
+
+def test_modal_damping_reaches_the_slowest_mode():
+    """C phi_j = 2 zeta omega_j M phi_j where omega_j^2 is 1e-13 of the largest, and where it is 1e-14 of it."""
+    beam = sb.BeamProblem(stiffness=300.0, stops=sb.Stops(-0.1, 0.1, stiffness=5e6), modal_damping=0.02)
+    system = sb.semidiscretise(beam, 300, "hermite")
+    basis = modes(system)
+    assert basis is not None
+    assert np.allclose(basis.damping[:5], 0.04 * basis.omega[:5], rtol=1e-5)
+    assert np.allclose(sb.modal_damping(np.eye(2), np.diag([1e14, 1.0]), 0.02), np.diag([4e5, 0.04]), rtol=1e-12)

@@ -25,18 +25,19 @@ ENOUGH = 1e-10  # of lambda: beyond SMALL those that the solver knows to that mu
 
 
 def graded_eigenpairs(
-    mass: Array, stiffness: Array, springs: tuple[Any, ...], squares: Array, X: Array
+    mass: Array, stiffness: Array, springs: tuple[Any, ...], squares: Array, X: Array, enough: float | None = None
 ) -> tuple[Array, Array]:
     """(lambda ascending (n,), vectors (n, n), vectors^T M vectors = I) from approximate ones, ``squares`` and ``X``.
 
     Of K + sum of kappa row^T row over the ``springs`` (row, kappa), not summed before. An eigenvalue below
     the rounding of the entries of K, seen along its vector, is that of a rigid-body motion, and zero. Where
     S_ij comes near sqrt(S_ii S_jj) the vectors were too far off, and the better ones are the next start.
-    Of more than SMALL unknowns only the slow pairs are refined, within the space that they span.
+    Of more than SMALL unknowns only the slow pairs are refined, within the space that they span. enough: what error of
+    lambda is left as it is; ENOUGH, and none of up to SMALL unknowns, where it is None.
     """
     slow = len(X)
-    if slow > SMALL:
-        slow = int(np.count_nonzero(squares < EPS * len(X) / ENOUGH * squares[-1]))
+    if enough is not None or slow > SMALL:
+        slow = int(np.count_nonzero(squares < EPS * len(X) / (enough or ENOUGH) * squares[-1]))
         if not slow:
             return squares, X
     few, Y = _refined(mass, stiffness, springs, X[:, :slow])

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array
 from ..basics.validation import InputError, non_negative, positive
+from .graded import graded_eigenpairs
 
 
 @dataclass(frozen=True)
@@ -88,8 +89,8 @@ def modal_damping(mass: ArrayLike, stiffness: ArrayLike, ratio: float | Sequence
     """
     ratios = ratios_of(ratio)
     M, K = (np.asarray(x.toarray() if hasattr(x, "toarray") else x, float) for x in (mass, stiffness))  # type: ignore
-    squares, shapes = scipy.linalg.eigh(K, M)
-    squares = np.where(squares > 1e-12 * squares[-1], squares, 0.0)
+    squares, shapes = graded_eigenpairs(M, K, (), *scipy.linalg.eigh(K, M), enough=1e-7)  # damping has fewer digits
+    squares = np.maximum(squares, 0.0)
     zeta = np.zeros(len(squares))
     if isinstance(ratios, tuple):
         if len(ratios) > len(zeta):
