@@ -118,3 +118,14 @@ def test_modal_damping_reaches_the_slowest_mode():
     assert basis is not None
     assert np.allclose(basis.damping[:5], 0.04 * basis.omega[:5], rtol=1e-5)
     assert np.allclose(sb.modal_damping(np.eye(2), np.diag([1e14, 1.0]), 0.02), np.diag([4e5, 0.04]), rtol=1e-12)
+
+
+def test_a_soft_spring_beside_a_stiff_one_holds():
+    load = [([1.0, 1.0], sb.Constant(1.0))]
+    held = sb.System.from_matrices(np.eye(2), np.diag([1e16, 1.0]), loads=load, observe=[0.0, 1.0])
+    assert np.allclose(sb.static_equilibrium(held), [1e-16, 1.0], rtol=1e-14, atol=0.0)
+    free = sb.System.from_matrices(
+        np.eye(3), [[1e16, 0.0, 0.0], [0.0, 1.0, -1.0], [0.0, -1.0, 1.0]], observe=[0.0, 0.0, 1.0]
+    )
+    with pytest.raises(sb.InputError, match="a rigid motion"):
+        sb.static_equilibrium(free)

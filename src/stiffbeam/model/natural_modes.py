@@ -119,8 +119,7 @@ def static_equilibrium(system: System, t: float | None = None) -> Array:
         factor = scipy.linalg.cho_factor(system.stiffness)
     except np.linalg.LinAlgError:
         factor = None
-    rigid = factor is None or np.min(np.diag(factor[0])) ** 2 < 1e-14 * np.max(np.diag(system.stiffness))
-    if factor is None or rigid:
+    if factor is None or np.any(np.diag(factor[0]) ** 2 < 1e-14 * np.diag(system.stiffness)):
         remedy = "support it, or march it to rest with damping"
         raise InputError("stiffness", "a rigid motion", "hold the system without its stops", remedy)
     free = scipy.linalg.cho_solve(factor, load)
