@@ -168,6 +168,21 @@ def test_two_oscillations_slower_than_the_span():
     assert np.allclose(ref.tip, [0.0, tip], rtol=0.0, atol=1e-15)
 
 
+@pytest.mark.parametrize("method", ["exact", "multiprecision"])
+def test_two_bodies_that_only_dashpots_join(method):
+    """Both stay where they come to rest: two eigenvalues are zero, with vectors that nothing tells apart."""
+    K = scipy.linalg.block_diag(1.75740234e6 * np.array([[1, -1], [-1, 1]]), 0.103501745 * np.array([[1, -1], [-1, 1]]))
+    D, M, v0 = np.zeros((4, 4)), np.diag([1.06739444, 1.42537542, 0.04774586, 0.01844781]), [0.0, 0.4535271, 0.7, 0.0]
+    D[np.ix_([1, 3], [1, 3])] = 654.01983123 * np.array([[1.0, -1.0], [-1.0, 1.0]]) + np.diag([0.0, 8.04826245])
+    made = sb.System.from_matrices(M, K, D, observe=np.eye(4)[3], initial_velocity=v0)
+    inverse = np.linalg.inv(M)
+    A = np.block([[np.zeros((4, 4)), np.eye(4)], [-inverse @ K, -inverse @ D]])
+    ref = sb.reference(made, 2.0, method, t_eval=np.linspace(0.0, 2.0, 6))
+    tip = [(scipy.linalg.expm(A * t) @ np.append(np.zeros(4), v0))[3] for t in ref.t]
+    assert ref.horizon == 2.0
+    assert np.allclose(ref.tip, tip, rtol=0.0, atol=1e-9 * max(tip))
+
+
 def test_critical_damping_under_a_record():
     t = np.linspace(0.0, 6.0, 25)
     far = [([1.0], sb.Stops(-0.5, 0.5, stiffness=80.0))]
