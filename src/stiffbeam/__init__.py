@@ -27,13 +27,14 @@ if TYPE_CHECKING:
     from .model.contact import Contact, Stops
     from .model.first_order import FirstOrderSystem
     from .model.members import Members, perturbed, varied
+    from .model.modal_damping import modal_damping
     from .model.natural_modes import NaturalModes, modes, static_equilibrium
     from .model.noise import noise, random_phases
     from .model.problem import BeamProblem, DistributedLoad, PointLoad
     from .model.profiles import PolynomialProfile
     from .model.reduction import Reduced, reduced
     from .model.sampled import Sampled
-    from .model.sections import Section, modal_damping
+    from .model.sections import Section
     from .model.semidiscretisation import semidiscretise
     from .model.system import System
     from .model.time_functions import Constant, Harmonic, Sum, TimeFunction
@@ -97,7 +98,8 @@ _HOME = {
         "Trapezoidal",
     ),
     "model.reduction": ("Reduced", "reduced"),
-    "model.sections": ("Section", "modal_damping"),
+    "model.modal_damping": ("modal_damping",),
+    "model.sections": ("Section",),
     "model.semidiscretisation": ("semidiscretise",),
     "references": ("reference",),
     "references.ensemble": ("reference_ensemble",),

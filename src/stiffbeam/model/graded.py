@@ -21,23 +21,23 @@ GRADED = 0.1  # of sqrt(S_ii S_jj): from there on the Jacobi method has its digi
 SWEEPS = 30  # a graded matrix takes three or four
 SPLIT = 2.0**27 + 1.0  # cuts 53 bits into 26 and 26
 SMALL = 100  # unknowns up to which all pairs are refined, which takes a second at 200 and a minute at 800
+SUMMED = 8.0  # times sqrt(n) eps of its terms: more than twice what sums of n^2 of them have been seen to lose
 ENOUGH = 1e-10  # of lambda: beyond SMALL those that the solver knows to that much are left as they are
 
 
 def graded_eigenpairs(
-    mass: Array, stiffness: Array, springs: tuple[Any, ...], squares: Array, X: Array, enough: float | None = None
+    mass: Array, stiffness: Array, springs: tuple[Any, ...], squares: Array, X: Array
 ) -> tuple[Array, Array]:
     """(lambda ascending (n,), vectors (n, n), vectors^T M vectors = I) from approximate ones, ``squares`` and ``X``.
 
     Of K + sum of kappa row^T row over the ``springs`` (row, kappa), not summed before. An eigenvalue below
     the rounding of the entries of K, seen along its vector, is that of a rigid-body motion, and zero. Where
     S_ij comes near sqrt(S_ii S_jj) the vectors were too far off, and the better ones are the next start.
-    Of more than SMALL unknowns only the slow pairs are refined, within the space that they span. enough: what error of
-    lambda is left as it is; ENOUGH, and none of up to SMALL unknowns, where it is None.
+    Of more than SMALL unknowns only the slow pairs are refined, within the space that they span.
     """
     slow = len(X)
-    if enough is not None or slow > SMALL:
-        slow = int(np.count_nonzero(squares < EPS * len(X) / (enough or ENOUGH) * squares[-1]))
+    if slow > SMALL:
+        slow = int(np.count_nonzero(squares < EPS * len(X) / ENOUGH * squares[-1]))
         if not slow:
             return squares, X
     few, Y = _refined(mass, stiffness, springs, X[:, :slow])
@@ -73,9 +73,13 @@ def rounding_of_zero(terms: Array, n: int) -> Array:
     return 2.0 * EPS * max(n, 8) * terms
 
 
-def rounding_of_congruence(A: Any, X: Array) -> Array:
-    """Below which entries of X^T A X count as zero; A (n, n) dense or sparse, X (n, k)."""
-    return rounding_of_zero(np.abs(X.T) @ (abs(A) @ np.abs(X)), len(X))
+def uncoupled(A: Any, X: Array, found: Array, rigid: Array) -> Array:
+    """``found`` = X^T A X (k, k) without what is the rounding of zero: entries beside the diagonal, and those of rigid
+    motions (k,). Those on the diagonal stay: of slow motions they can be that small. A: (n, n), dense or sparse."""
+    terms, n = np.abs(X.T) @ (abs(A) @ np.abs(X)), len(X)
+    least = np.where(np.eye(len(found), dtype=bool), 0.0, SUMMED * EPS * np.sqrt(n) * terms)
+    least = np.where(rigid[:, None] | rigid, rounding_of_zero(terms, n), least)
+    return np.where(np.abs(found) <= least, 0.0, found)
 
 
 def congruence(A: Array, X: Array) -> Array:

@@ -33,9 +33,11 @@ from .hermite_elements import (
     interpolation,
     shape_functions,
 )
+from .modal_damping import damping_of
+from .modes import undamped_modes
 from .origin import Origin
 from .problem import BeamProblem, PointLoad
-from .sections import element_factors, modal_damping
+from .sections import element_factors
 from .system import System
 from .time_functions import LoadFunction, derivative
 
@@ -81,8 +83,6 @@ def hermite(problem: BeamProblem, M: int) -> System:
         mass = mass + problem.tip_inertia * np.outer(slope, slope)
     stiffness = problem.stiffness / h**3 * bending
     damping = (problem.viscosity / problem.stiffness) * stiffness + problem.mass_damping * mass
-    if problem.modal_damping:
-        damping = damping + modal_damping(mass, stiffness, problem.modal_damping)
     stops = contacts(problem, row)
     phi = 0.0 if problem.base is None else float(problem.base.value(0.0))
     rate = 0.0 if problem.base is None else float(problem.base.rate(0.0))
@@ -98,11 +98,19 @@ def hermite(problem: BeamProblem, M: int) -> System:
         q0=_projected(gram, integral(lambda x: (phi if u0 is None else u0(x)) - phi * (1.0 - (x / L) ** 2))),
         v0=_projected(gram, integral(lambda x: (0.0 if v0 is None else v0(x)) - rate * (1.0 - (x / L) ** 2))),
     )
-    own = {name: getattr(made, name) for name in ("mass", "damping", "stiffness", "loads", "contacts", "q0", "v0")}
-    origin = Origin(
-        problem=problem, form="hermite", cells=M, stiffness_factor=factor, paper_form=_first_order, tip=tip, **own
-    )
-    return replace(made, origin=origin)
+    names = ("mass", "damping", "stiffness", "loads", "contacts", "q0", "v0")
+
+    def known(made: System) -> System:
+        own = {name: getattr(made, name) for name in names}
+        origin = Origin(
+            problem=problem, form="hermite", cells=M, stiffness_factor=factor, paper_form=_first_order, tip=tip, **own
+        )
+        return replace(made, origin=origin)
+
+    if not problem.modal_damping:
+        return known(made)
+    damping = made.damping + damping_of(undamped_modes(known(made)), problem.modal_damping)
+    return known(replace(made, damping=0.5 * (damping + damping.T)))
 
 
 def _projected(gram: Array, moments: Array) -> Array:

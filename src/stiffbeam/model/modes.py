@@ -13,7 +13,7 @@ import scipy.linalg
 from ..basics.arrays import Array
 from ..basics.validation import InputError
 from .equations import Modal
-from .graded import EPS, graded_eigenpairs, rounding_of_congruence
+from .graded import EPS, graded_eigenpairs, uncoupled
 from .system import System
 
 
@@ -91,11 +91,11 @@ _DAMPED: WeakKeyDictionary[System, Modes | None] = WeakKeyDictionary()
 def _damped(system: System, springs: tuple[tuple[Array, float], ...] = ()) -> Modes | None:
     found = undamped_modes(system, springs)
     damping = _within_float64("damping", found.shapes.T @ system.damping @ found.shapes)
-    felt = np.abs(damping) > rounding_of_congruence(system.damping, found.shapes)
-    if np.any(felt & ~np.eye(system.size, dtype=bool)) and (springs or not _proportional(system)):
+    damping = uncoupled(system.damping, found.shapes, damping, found.omega == 0.0)
+    diagonal = np.diag(damping).copy()
+    if np.any(damping != np.diag(diagonal)) and (springs or not _proportional(system)):
         return None
-    diagonal = np.diag(damping)
-    return replace(found, damping=np.where((found.omega == 0.0) & ~np.diag(felt), 0.0, diagonal))
+    return replace(found, damping=diagonal)
 
 
 def _proportional(system: System) -> bool:

@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike
 from ..basics.arrays import Array
 from ..basics.validation import InputError, integer, non_negative
 from .contact import Contact
-from .graded import rounding_of_congruence
+from .graded import uncoupled
 from .system import System
 from .time_functions import LoadFunction
 
@@ -132,9 +132,8 @@ def reduced(
 
 
 def _projected(C: Any, T: Array) -> Array:
-    """T^T C T; an entry below its rounding is zero, so that what couples no modes couples none here."""
-    found = T.T @ (C @ T)
-    found = np.where(np.abs(found) <= rounding_of_congruence(C, T), 0.0, found)
+    """T^T C T without its rounding, so that what couples no modes couples none here."""
+    found = uncoupled(C, T, T.T @ (C @ T), np.zeros(T.shape[1], bool))
     return 0.5 * (found + found.T)
 
 

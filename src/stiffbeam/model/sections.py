@@ -7,12 +7,10 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array
 from ..basics.validation import InputError, non_negative, positive
-from .graded import graded_eigenpairs
 
 
 @dataclass(frozen=True)
@@ -78,26 +76,3 @@ def ratios_of(value: float | Sequence[float]) -> float | tuple[float, ...]:
     if isinstance(value, (list, tuple, np.ndarray)):
         return tuple(non_negative("modal_damping", x) for x in value)
     return non_negative("modal_damping", value)
-
-
-def modal_damping(mass: ArrayLike, stiffness: ArrayLike, ratio: float | Sequence[float]) -> Array:
-    """C = M Phi diag(2 zeta_j omega_j) Phi^T M, Phi^T M Phi = I: damping that leaves the natural modes as they are.
-
-    mass, stiffness: (n, n), dense or SciPy sparse. ratio: zeta of every mode, or of the first ones, 0 of the rest; a
-    rigid motion has none. Returns (n, n), for ``System.from_matrices``. Raises InputError for a negative ratio, or
-    for more of them than modes.
-    """
-    ratios = ratios_of(ratio)
-    M, K = (np.asarray(x.toarray() if hasattr(x, "toarray") else x, float) for x in (mass, stiffness))  # type: ignore
-    squares, shapes = graded_eigenpairs(M, K, (), *scipy.linalg.eigh(K, M), enough=1e-7)  # damping has fewer digits
-    squares = np.maximum(squares, 0.0)
-    zeta = np.zeros(len(squares))
-    if isinstance(ratios, tuple):
-        if len(ratios) > len(zeta):
-            remedy = "leave the last ones out, or take more cells"
-            raise InputError("modal_damping", len(ratios), f"be at most one for each of {len(zeta)} modes", remedy)
-        zeta[: len(ratios)] = ratios
-    else:
-        zeta[:] = ratios
-    weighted = M @ shapes
-    return (weighted * (2.0 * zeta * np.sqrt(squares))) @ weighted.T

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from ...basics.arrays import Array
 from ...model.drive import Drive
-from ...model.graded import congruence, rounding_of_congruence
+from ...model.graded import congruence, uncoupled
 from ...model.modes import undamped_modes
 from ...model.system import System
 from .chains import Chain
@@ -131,9 +131,9 @@ def regime_of(
 
 
 def _modal_damping(C: Array, omega: Array, shapes: Array) -> Array:
-    """shapes^T C shapes; an entry below its rounding is zero."""
-    damping = congruence(C, shapes) if np.any(omega == 0.0) else shapes.T @ C @ shapes
-    return np.where(np.abs(damping) <= rounding_of_congruence(C, shapes), 0.0, damping)
+    """shapes^T C shapes without its rounding beside the diagonal and of rigid-body motions."""
+    rigid = omega == 0.0
+    return uncoupled(C, shapes, congruence(C, shapes) if np.any(rigid) else shapes.T @ C @ shapes, rigid)
 
 
 def _assembled(
