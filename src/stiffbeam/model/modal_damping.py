@@ -18,11 +18,11 @@ def modal_damping(mass: ArrayLike, stiffness: ArrayLike, ratio: float | Sequence
     """C = M Phi diag(2 zeta_j omega_j) Phi^T M, Phi^T M Phi = I: damping that leaves the natural modes as they are.
 
     mass, stiffness: (n, n), dense or SciPy sparse. ratio: zeta of every mode, or of the first ones, 0 of the rest; a
-    rigid motion has none. Returns (n, n), for ``System.from_matrices``. Raises InputError for a negative ratio, or
-    for more of them than modes.
+    rigid motion has none. Returns (n, n), for ``System.from_matrices``. Raises InputError for a negative ratio, for
+    more of them than modes, and for matrices that make no System.
     """
-    M, K = (np.asarray(x.toarray() if hasattr(x, "toarray") else x, float) for x in (mass, stiffness))  # type: ignore
-    return damping_of(undamped_modes(System.from_matrices(M, K, observe=np.zeros(len(M)))), ratio)
+    system = System.from_matrices(mass, stiffness, observe=np.zeros(np.shape(mass)[0]))
+    return damping_of(undamped_modes(system), ratio)
 
 
 def damping_of(basis: Modes, ratio: float | Sequence[float]) -> Array:

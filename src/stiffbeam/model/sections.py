@@ -1,4 +1,4 @@
-"""What varies along a beam or between its modes: sections of other stiffness and mass, damping mode by mode."""
+"""What varies along a beam or between its modes: sections of other stiffness and mass, damping ratios."""
 
 from __future__ import annotations
 

@@ -20,8 +20,8 @@ class Perturbation(NamedTuple):
 
     frequency: of the modes, see ``perturbed_modes``; state: of every initial modal amplitude
     relative to the largest in energy, of every modal force, of the change between modes and at every switch
-    of every amplitude relative to the terms it is made of, and of the time of the switch; seed: of the random
-    signs and sizes.
+    of every amplitude relative to the terms it is made of, of the time of the switch, and relative to its norm of
+    every matrix that damped modes are taken of; seed: of the random signs and sizes.
     """
 
     frequency: float
