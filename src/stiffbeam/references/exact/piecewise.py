@@ -100,11 +100,11 @@ class Watched(NamedTuple):
 
 def copies(system: System, t_end: float, t: Array, size: float) -> Iterator[Watched]:
     """Copies of the exact solution without end, each perturbed by ``size`` in its own way; t: as in ``Watched``."""
-    plain = None if general(system) else Tracer(Parts(system, span=t_end))
+    parts = None if general(system) else Parts(system, span=t_end)
     for seed in count():
         with within_float64("exact", t_end):
             perturbation = Perturbation(size, size, seed)
-            tracer = plain.perturbed(perturbation) if plain else ExponentialTracer(system, perturbation)
+            tracer = Tracer(parts, perturbation) if parts else ExponentialTracer(system, perturbation)
             solution = tracer.solve(t_end)
             tip = path_of(system, solution, t, system.tip_channel)[0]
             impacts = tuple(entries(solution, i, t_end) for i in range(len(system.contacts)))

@@ -61,7 +61,7 @@ def correction(system: System, springs: Sequence[tuple[Array, float]], base: Mod
     between equal ones (Ogita and Aishima). A hard stop mixes the slow modes by eps w_max^2/w_1^2.
     """
     wide = np.longdouble if base.omega.size <= WIDE else np.float64
-    X, factor = base.shapes.astype(wide), system.stiffness_factor
+    X, mass, factor = base.shapes.astype(wide), system.mass, system.stiffness_factor
     sizes = np.abs(base.shapes)
     if factor is not None:
         bent = factor.astype(wide) @ X
@@ -72,7 +72,8 @@ def correction(system: System, springs: Sequence[tuple[Array, float]], base: Mod
         seen = row.astype(wide) @ X
         S = S + wide(kappa) * np.outer(seen, seen)
         terms = terms + kappa * np.outer(np.abs(seen).astype(float), np.abs(row) @ sizes)
-    R = X.T @ (system.mass.astype(wide) @ X)
+    lumped = np.diag(mass)  # n^2 operations for n^3, where the mass is
+    R = X.T @ (lumped[:, None] * X if np.count_nonzero(mass) == np.count_nonzero(lumped) else mass.astype(wide) @ X)
     squares = np.diag(S) / np.diag(R)
     apart = (squares[None, :] - squares[:, None]).astype(float)
     near = np.abs(apart) <= 1e-8 * np.maximum(squares[None, :], squares[:, None]).astype(float)

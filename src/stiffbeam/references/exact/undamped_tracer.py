@@ -22,13 +22,13 @@ QUIET = np.zeros((0, 3, 0))  # no noise
 
 
 class Tracer:
-    """Follows solutions of one system; ``perturbed``: perturbed copies of them, made of the same ``parts``.
+    """Follows solutions of one system, or of a perturbed copy of it, made of the same ``parts``.
 
     ``compile_seconds``: spent compiling.
     """
 
     def __init__(self, parts: Parts, perturbation: Perturbation | None = None) -> None:
-        self.parts, self.system, self.drive, self.perturbation = parts, parts.system, parts.drive, perturbation
+        self.system, self.drive, self.perturbation = parts.system, parts.drive, perturbation
         self.noise = np.random.default_rng(None if perturbation is None else [perturbation.seed, 98])
         self.bases, forces, cross = parts.bases, parts.forces, parts.cross
         if perturbation is not None:
@@ -41,10 +41,6 @@ class Tracer:
         none, index = np.zeros((1, self.system.size)), np.zeros(1, np.int64)
         follow(self.stacked, 0, none[0], none[0], 0.0, 0.0, True, QUIET, 0.0, np.zeros(1), index, none, none)
         self.compile_seconds = time.perf_counter() - compiling
-
-    def perturbed(self, perturbation: Perturbation) -> Tracer:
-        """One that follows a perturbed copy of the solution."""
-        return Tracer(self.parts, perturbation)
 
     def solve(self, t_end: float, start: tuple[Array, Array] | None = None) -> Solution:
         """The solution on [0, t_end] from q, q' at the ``start``, None for the initial data of the system."""
