@@ -127,12 +127,12 @@ def test_large_piecewise_linear_motions_to_the_rounding_of_float64(name):
 
 
 def events(file, force, start, stop, release=None, restitution=None, rtol=1e-13, load=lambda t: 0.0):
-    """One mass, event by event, by DOP853: positions at the sample times, and the times of entry.
+    """One mass, event by event, by DOP853: positions and velocities at the sample times, and the times of entry.
 
     force(d, d'): of the stop pressed to d > 0. release(d, d'): zero where the contact ends. restitution: rigid.
     """
     (m,), (k,) = file["system"]["mass"][0], file["system"]["stiffness"][0]
-    t, y, pressed, entries, u = 0.0, np.array(start, float), False, [], np.full(file["samples"], np.nan)
+    t, y, pressed, entries, path = 0.0, np.array(start, float), False, [], np.full((2, file["samples"]), np.nan)
     grid = times_of(file)
 
     def rhs(t, y):
@@ -145,24 +145,25 @@ def events(file, force, start, stop, release=None, restitution=None, rtol=1e-13,
                         first_step=1e-9 if t > 0.0 else None)  # fmt: skip
         inside = (grid > t) & (grid <= run.t[-1])
         if np.any(inside):
-            u[inside] = run.sol(grid[inside])[0]
+            path[:, inside] = run.sol(grid[inside])
         t, y = float(run.t[-1]), run.y[:, -1]
         if run.status != 1:
-            return u, np.array(entries)
+            return *path, np.array(entries)
         if not pressed:
             entries.append(t)
         if restitution is None:
             pressed = not pressed
         else:
             y = np.array([stop, -restitution * y[1]])
-    return u, np.array(entries)
+    return *path, np.array(entries)
 
 
 def test_a_kelvin_voigt_stop():
     file = FILES["kelvin-voigt"]
     law = lambda d, v: d + 0.2 * v  # noqa: E731
-    u, entries = events(file, law, (-0.5, 1.0), 0.0, release=law)
+    u, v, entries = events(file, law, (-0.5, 1.0), 0.0, release=law)
     assert np.allclose(u, numbers(file, "tip"), rtol=0.0, atol=1e-11)
+    assert np.allclose(v, numbers(file, "tip_velocity"), rtol=0.0, atol=1e-11)
     assert np.allclose(entries, numbers(file, "impacts"), rtol=0.0, atol=1e-12)
 
 
@@ -171,10 +172,11 @@ def test_a_kelvin_voigt_stop():
 )
 def test_power_law_stops(name, lam, start):
     file, contact = FILES[name], CONTACT[name]
-    u, entries = events(
+    u, v, entries = events(
         file, lambda d, v: contact["stiffness"] * max(d, 0.0) ** 1.5 * (1.0 + lam * v), start, 0.0, lambda d, v: d
     )
     assert np.allclose(u, numbers(file, "tip"), rtol=0.0, atol=1e-11 * np.max(np.abs(numbers(file, "tip"))))
+    assert np.allclose(v, numbers(file, "tip_velocity"), rtol=0.0, atol=1e-10)  # of 1
     assert np.allclose(entries, numbers(file, "impacts"), rtol=0.0, atol=1e-12)
 
 
@@ -220,7 +222,7 @@ def test_impacts_of_a_driven_mass(name):
     file = FILES[name]
     data = file["system"]
     drive = data["loads"][0]
-    u, entries = events(
+    u, _, entries = events(
         file, None, (data["initial_displacement"][0], data["initial_velocity"][0]), 0.0, restitution=0.8,
         load=lambda t: drive["amplitude"] * np.sin(drive["frequency"] * t + drive["phase"]),
     )  # fmt: skip

@@ -62,44 +62,41 @@ def hunt_crossley(m: Any, kappa: Any, p: Any, dissipation: Any, u0: Any, v0: Any
     def depth(v: Any) -> Any:
         return max(q * m / kappa * (G(v0) - G(v)), mp.mpf(0)) ** (1 / q)
 
-    def elapsed(v: Any, end: Any) -> Any:
-        """Between the end of the contact with speed ``end``, v0 or -e v0, and speed v.
+    def slope(w: Any, end: Any) -> Any:
+        """dt/dw of v = end -+ w^q, away from the end of the contact with speed ``end``, v0 or -e v0.
 
-        d ~ |end - v|^(1/q) there: v = end -+ w^q makes the integrand smooth.
+        d ~ |end - v|^(1/q) there, so that t is smooth in w.
         """
         toward, loss = mp.sign(end), kappa * (1 + lam * end) / m
+        if w < mp.eps ** (1 / (2 * q)):  # the next term is w^q smaller, and G(v0) - G(v) keeps half the digits
+            return q / (q * m / kappa * abs(end) / (1 + lam * end)) ** (p / q) / loss
+        v = end - toward * w**q
+        return q * w**p * m / (kappa * depth(v) ** p * (1 + lam * v))
 
-        def slope(w: Any) -> Any:
-            if w < mp.eps ** (1 / (2 * q)):  # the next term is w^q smaller, and G(v0) - G(v) keeps half the digits
-                return q / (q * m / kappa * abs(end) / (1 + lam * end)) ** (p / q) / loss
-            s = end - toward * w**q
-            return q * w**p * m / (kappa * depth(s) ** p * (1 + lam * s))
+    def elapsed(w: Any, end: Any) -> Any:
+        return mp.quad(lambda x: slope(x, end), mp.linspace(0, w, 5)) if w else w
 
-        return mp.quad(slope, mp.linspace(0, abs(end - v) ** (1 / q), 5))
-
-    entry, half, rest = -u0 / v0, elapsed(0, v0), elapsed(0, -e * v0)
+    leave = -e * v0
+    entry, half, rest = -u0 / v0, elapsed(v0 ** (1 / q), v0), elapsed(abs(leave) ** (1 / q), leave)
     duration = half + rest
 
     def pressed(s: Any) -> tuple[Any, Any]:
-        def time_at(v: Any) -> Any:
-            return elapsed(v, v0) if s <= half else duration - elapsed(v, -e * v0)
+        end, whole, since = (v0, half, s) if s <= half else (leave, rest, duration - s)
+        w = abs(end) ** (1 / q) * since / whole
+        for _ in range(60):  # Newton's method
+            step = (elapsed(w, end) - since) / slope(w, end)
+            w = max(w - step, mp.mpf(0))
+            if abs(step) <= mp.eps * 1000:
+                v = end - mp.sign(end) * w**q
+                return depth(v), v
+        raise ArithmeticError(f"no speed found at {s} of the contact")
 
-        low, high = (mp.mpf(0), v0) if s <= half else (-e * v0, mp.mpf(0))
-        with mp.workdps(15):
-            for _ in range(12):
-                middle = (low + high) / 2
-                low, high = (middle, high) if time_at(middle) > s else (low, middle)
-        v = mp.mpf((low + high) / 2)
-        for _ in range(4):  # Newton's method: dv/dt is known, and 12 halvings are a start
-            v = v - (s - time_at(v)) * kappa / m * depth(v) ** p * (1 + lam * v)
-        return depth(v), v
-
-    spans = [Span(mp.mpf(0), free(u0, v0)), Span(entry, pressed), Span(entry + duration, free(mp.mpf(0), -e * v0))]
+    spans = [Span(mp.mpf(0), free(u0, v0)), Span(entry, pressed), Span(entry + duration, free(mp.mpf(0), leave))]
     u, rate = from_spans(spans, t_end, samples)
     top = mp.mpf(0)  # the speed at which the force is largest: p v (1 + lambda v) + d lambda v' = 0
     if lam:
         top = mp.findroot(lambda v: p * v - lam * kappa / m * depth(v) ** q, (v0 / 1000, v0), solver="anderson")
-    energy = (m * (e * v0) ** 2 / 2, m * v0**2 / 2, "m v^2/2 of the free mass after the impact")
+    energy = (m * leave**2 / 2, m * v0**2 / 2, "m v^2/2 of the free mass after the impact")
     how = "depth from the first integral of the motion, time by quadrature over the velocity (mpmath)"
     return Truth(how, u, rate, [entry], [entry + duration], kappa * depth(top) ** p * (1 + lam * top), energy, {
         "restitution": (e, "(1 - y)/(lambda v), y = -W0(-(1 + lambda v) exp(-1 - lambda v)), whatever m, kappa and p"

@@ -132,4 +132,5 @@ Continuum values are marked as such. Cite the test set by its version, see [`CIT
 | version | change of answers |
 |---|---|
 | 1.0 | first |
+| 2.0 | hertz, hunt-crossley: the velocity at the first touch, 1 and not 1.00018; their 25th digits |
 """
