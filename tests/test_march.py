@@ -314,3 +314,21 @@ def test_every_one_step_scheme_solves_a_rigid_body_mode():
     for scheme in (sb.HHT(-0.1), sb.SDIRK(), sb.Theta()):
         run = sb.integrate(system, scheme, 0.01, 1.5)
         assert np.isclose(run.tip[-1], exact[0][0].mean(), rtol=1e-4)
+
+
+@pytest.mark.parametrize("damping", [None, [[0.3, 0.1], [0.1, 0.0445]]], ids=["modal", "dense"])
+def test_a_node_beyond_the_step_sees_the_load_there_in_the_last_step_too(damping):
+    """SDIRK(0.3) asks for loads at 2.67 dt: a run that ends at t = 2 is the start of one that goes on."""
+    times = np.arange(0.0, 3.5, 0.5)
+    for load in (sb.Sampled(times, [0.0, 1.0, -1.0, 2.0, 5.0, -20.0, 7.0]), lambda t: np.asarray(t) ** 2):
+        system = sb.System.from_matrices(
+            np.eye(2), [[4.0, -1.0], [-1.0, 3.0]], damping, [([1.0, 0.0], load)], observe=[1.0, 0.0]
+        )
+        with pytest.warns(UserWarning, match="beyond the step"):
+            scheme = sb.SDIRK(0.3)
+        short, long = (sb.integrate(system, scheme, 0.1, t_end) for t_end in (2.0, 2.5))
+        assert np.allclose(short.tip, long.tip[:21], rtol=0.0, atol=1e-13)
+    ends = sb.Sampled(times[:5], [0.0, 1.0, -1.0, 2.0, 5.0])
+    system = sb.System.from_matrices(np.eye(2), np.eye(2), damping, [([1.0, 0.0], ends)], observe=[1.0, 0.0])
+    with pytest.raises(sb.InputError, match="t"):
+        sb.integrate(system, scheme, 0.1, 2.0)

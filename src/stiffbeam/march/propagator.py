@@ -119,22 +119,23 @@ class Propagator:
     def inflow(self, starts: Array, last: float) -> Inflow:
         """What sampled loads and offsets add to the blocks that start at ``starts`` (B,).
 
-        Callables are not asked for times after ``last``: a block may run past the end, its surplus
+        No function is asked for times of steps that start after ``last``: a block may run past the end, its surplus
         steps are dropped.
         """
         (R, D), K, readers = self.block.reading.shape, self.steps, self.one.readers
         if self.harmonic:
             return Inflow(np.zeros((0, R + D)), np.zeros((0, K, readers.channels)))
         values = np.zeros((len(starts), len(self.sample_rows)))
+        begun = np.add.outer(starts, np.arange(K) * self.dt)[..., None]  # (B, K, 1)
+        surplus = begun > last - 0.5 * self.dt
         if self.samples:
-            offsets = np.add.outer(np.arange(K), self.scheme.nodes).ravel() * self.dt
-            times = np.minimum(np.add.outer(starts, offsets), last)
+            times = np.where(surplus, last, begun + np.array(self.scheme.nodes) * self.dt).reshape(len(starts), -1)
             values = np.concatenate([evaluate(f, times) for _, f in self.samples], axis=1)
         rows = values @ self.sample_rows
         velocity = np.tensordot(values, self.sample_velocity, 1)
         if self.offset_samples:
-            times = np.add.outer(starts, np.add.outer(np.arange(K), readers.when) * self.dt)
-            times, moved = np.minimum(times, last), np.zeros(times.shape)  # (B, K, g)
+            times = np.where(surplus, last, begun + readers.when * self.dt)
+            moved = np.zeros(times.shape)  # (B, K, g)
             for unit, function in self.offset_samples:
                 for rates, value in ((False, evaluate), (True, offset_rate)):
                     here = np.flatnonzero((readers.is_rate == rates) & (readers.channel == np.argmax(unit)))

@@ -28,7 +28,8 @@ class SDIRK(Scheme):
     Stiffly accurate and L-stable for gamma in [0.18043, 2.18560]; order 3 for gamma = 0.435866521508459
     (the default, the paper's 0.4359), else 2. The paper prints sigma without its minus sign, which
     costs an order: ``printed("sigma")``. Refused where sigma vanishes or has its pole (a coefficient
-    beyond 1e3, near gamma = 0.25777, 0.29289, 0.60507). gamma > 1 puts nodes beyond the step (Remark 8).
+    beyond 1e3, near gamma = 0.25777, 0.29289, 0.60507). gamma > 1 and gamma in
+    (0.2929, 1/3) put nodes beyond the step (Remark 8).
 
     nystrom=False solves for the rates K_i of y = (q, q') or of a first-order y, (4.10) and (4.12);
     nystrom=True for the accelerations alone with Abar = A A and Bbar = b^T A, (4.14), which needs a
@@ -46,8 +47,6 @@ class SDIRK(Scheme):
             raise InputError("nystrom", nystrom, "be True or False", "for example nystrom=True")
         self.nystrom = bool(nystrom)
         self.order = 3 if self.gamma == GAMMA_THIRD_ORDER else 2
-        if self.gamma > 1.0:
-            warnings.warn(f"gamma = {self.gamma:g} > 1 evaluates forces beyond the step (Remark 8)", stacklevel=2)
         g, s = self.gamma, self.sigma
         b2 = (g**2 - 2.0 * g + 0.5) / s if s else np.inf
         self.A = np.array([[g, 0.0, 0.0], [s, g, 0.0], [1.0 - g - b2, b2, g]])
@@ -55,6 +54,9 @@ class SDIRK(Scheme):
             raise InputError("gamma", gamma, f"give coefficients below {COEFFICIENT_LIMIT:g}", "move gamma by 0.01")
         self.b = self.A[2]
         self.nodes = (g, g + s, 1.0)
+        if max(self.nodes) > 1.0:
+            where = f"{max(self.nodes):.3g} dt, beyond the step (Remark 8)"
+            warnings.warn(f"gamma = {g:g} evaluates forces at {where}", stacklevel=2)
 
     @property
     def sigma(self) -> float:

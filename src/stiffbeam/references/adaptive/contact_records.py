@@ -25,9 +25,9 @@ def contact_record(
 ) -> ContactRecord:
     """Contact ``i``: by its switches where the solver has roots, else sampled at the output times t.
 
-    Impulses are integrals that the solver carries, peaks the gap where its rate is zero: both as
-    accurate as the motion. A peak is NaN where the solver saw no such zero between entry and exit, the impulse
-    where it carries one with a sign and saw no switches.
+    Impulses are integrals that the solver carries, peaks the largest of the forces where the rate of the gap, of a
+    damped stop that of the force, is zero or jumps: both as accurate as the motion. A peak is NaN where the solver saw
+    no such place between entry and exit, the impulse where it carries one with a sign and saw no switches.
     """
     stops = rhs.first_order.contacts[i].contact.stops
     force = stops.force(position, velocity)
@@ -43,28 +43,18 @@ def contact_record(
         )  # fmt: skip
     spans: list[tuple[float, float, int, float, float]] = []  # of impacts: time, end, side, peak, impulse
     closed_time, largest, total = 0.0, 0.0, 0.0
-    buffer = np.empty(rhs.roots)
-
-    def pressing(when: float, z: Array, k: int) -> float:
-        if not stops.linear:
-            return rhs.pressing(when, z, k)
-        rhs.gaps(when, z, buffer)
-        return float(stops.pressure(max(0.0, float(buffer[k]))))
-
     for k, (contact, side) in enumerate(rhs.sides):
         if contact != i:
             continue
-        peaks = [(when, pressing(when, z, k)) for when, z in contacts.peaks[k]]
         exits = contacts.exits[k]
-        for n, (entry, z) in enumerate(contacts.entries[k]):
-            left, z_left = exits[n] if n < len(exits) else (t_end, end)
-            own = max((value for when, value in peaks if entry <= when <= left), default=float("nan"))
-            at_ends = pressing(entry, z, k), pressing(left, z_left, k)
+        for n, (entry, z, at_entry) in enumerate(contacts.entries[k]):
+            left, z_left, at_exit = exits[n] if n < len(exits) else (t_end, end, rhs.pressing(t_end, end, k))
+            own = max((value for when, value in contacts.peaks[k] if entry <= when <= left), default=float("nan"))
             if stops.jumps:  # the force of a stop with c > 0 may be largest where it begins
-                own = float(np.nanmax([own, *at_ends]))
+                own = float(np.nanmax([own, at_entry, at_exit]))
             ended = n < len(exits)
             closed_time += left - entry
-            largest = np.nanmax([largest, own, *at_ends])
+            largest = np.nanmax([largest, own, at_entry, at_exit])
             impulse = side * float(z_left[rhs.states + 2 + i] - z[rhs.states + 2 + i])
             total += impulse
             if entry > 0.0:

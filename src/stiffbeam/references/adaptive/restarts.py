@@ -135,12 +135,14 @@ class Watch:
 
 
 class Contacts:
-    """The closed spans of every side, as the roots tell them."""
+    """The closed spans of every side, as the roots tell them: times, states and |F| at entries and exits; times and |F|
+    at ``peaks``. Forces are taken while the functions of time are asked inside their piece."""
 
-    def __init__(self, count: int) -> None:
-        self.entries: list[list[tuple[float, Array]]] = [[] for _ in range(count)]
-        self.exits: list[list[tuple[float, Array]]] = [[] for _ in range(count)]
-        self.peaks: list[list[tuple[float, Array]]] = [[] for _ in range(count)]
+    def __init__(self, rhs: RightHandSide, count: int) -> None:
+        self.rhs = rhs
+        self.entries: list[list[tuple[float, Array, float]]] = [[] for _ in range(count)]
+        self.exits: list[list[tuple[float, Array, float]]] = [[] for _ in range(count)]
+        self.peaks: list[list[tuple[float, float]]] = [[] for _ in range(count)]
 
     def open(self, side: int) -> bool:
         """Whether the side has been entered and not left."""
@@ -148,7 +150,7 @@ class Contacts:
 
     def switch(self, side: int, t: float, z: Array) -> None:
         """Note that the side is entered, or left where it is open, at t with state z."""
-        (self.exits if self.open(side) else self.entries)[side].append((t, z))
+        (self.exits if self.open(side) else self.entries)[side].append((t, z, self.rhs.pressing(t, z, side)))
 
     def note(self, watch: Watch) -> None:
         """Take over what a phase has seen on its way; a side that is closed is not entered again."""
@@ -156,7 +158,16 @@ class Contacts:
             if (root.sign > 0) != self.open(root.which):
                 self.switch(root.which, root.time, root.z)
         for peak in watch.peaks:
-            self.peaks[peak.which % watch.count].append((peak.time, peak.z))
+            side = peak.which % watch.count
+            self.peaks[side].append((peak.time, self.rhs.pressing(peak.time, peak.z, side)))
+
+    def pass_kink(self, t: float, z: Array) -> None:
+        """Note the forces where a phase begins or ends within a contact: that of a stop that moves or is damped may turn
+        there from rising to falling, and no rate is zero."""
+        for k, entries in enumerate(self.entries):
+            contact = self.rhs.first_order.contacts[self.rhs.sides[k][0]].contact
+            if self.open(k) and entries[-1][0] < t and (contact.offset is not None or contact.stops.dissipative):
+                self.peaks[k].append((t, self.rhs.pressing(t, z, k)))
 
 
 class Path(NamedTuple):
@@ -191,7 +202,7 @@ def follow(
     z = rhs.z0.copy()
     rhs.window = (pieces[0].first, pieces[0].last)
     closed = _closed_at_start(rhs, z) if events else []
-    contacts = Contacts(len(sides))
+    contacts = Contacts(rhs, len(sides))
     for k in np.flatnonzero(closed):
         contacts.switch(int(k), 0.0, z)
     states: list[Array] = [z] if len(t) and t[0] <= 0.0 else []
@@ -210,6 +221,7 @@ def follow(
                 rhs.regime[:] = THROUGH
             end, landing = piece.end, None
             tries = 0
+            contacts.pass_kink(now, z)
             while True:
                 tries += 1
                 watch = Watch(rhs, now, z, closed, fixed, rounding)
@@ -239,6 +251,7 @@ def follow(
             for k in switched:
                 closed[k] = not closed[k]
                 contacts.switch(k, now, z)
+            contacts.pass_kink(now, z)
     counters["restarts"] = counters.pop("starts") - 1
     return Path(np.array(states), contacts if events else None, counters, z)
 
