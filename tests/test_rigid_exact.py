@@ -10,9 +10,9 @@ from scipy.integrate import solve_ivp
 
 import stiffbeam as sb
 from stiffbeam import InputError
+from stiffbeam.references.agreement import agreement
 from stiffbeam.references.exact.impacting import Tracer
 from stiffbeam.references.exact.rigid_reference import _held
-from stiffbeam.references.horizon import agreement
 
 INF = float("inf")
 

@@ -1,4 +1,4 @@
-"""Horizons: how long two solutions agree, and so how long a reference can be trusted."""
+"""Horizons: how long a reference can be trusted, from how long it agrees with another or with copies of itself."""
 
 from __future__ import annotations
 
@@ -16,14 +16,13 @@ from ..model.contact import Contact
 from ..model.graded import rounding_of_zero
 from ..model.modes import undamped_modes
 from ..model.system import System
-from ..trajectory.impacts import Impacts
-from ..trajectory.trajectory import Reference, SolverFailure, Trajectory
-from .exact.piecewise import Watched, copies, solve_exact
+from ..trajectory.trajectory import Reference, SolverFailure
+from .agreement import DISPLACEMENT_TOLERANCE, agree_until, agreement, apart, scales_of, watched
+from .exact.piecewise import copies, solve_exact
 from .exact.spectrum import known_until
 from .registry import REFERENCES
 from .request import Steps
 
-DISPLACEMENT_TOLERANCE = 1e-3  # of max |u|
 COPIES = 4  # of the exact solution, each perturbed in its own way
 SOON = 40  # powers of two below t_end
 WITH_ROOTS = "lsoda"  # the second opinion on a solver that samples its impacts at its outputs, where none is exact
@@ -53,59 +52,6 @@ def _on_its_stop(system: System, contact: Contact) -> float:
     return float(np.sqrt(stops.secant(depth) * contact.row @ np.linalg.solve(system.mass, contact.row)))
 
 
-def agreement(
-    a: Trajectory,
-    b: Trajectory,
-    tolerance: float,
-    displacement_tolerance: float = DISPLACEMENT_TOLERANCE,
-    scale: float | None = None,
-) -> float:
-    """The time to which a and b agree: |du| <= 1e-3 max|u| at output times, impact times to ``tolerance``.
-
-    Impacts are paired in order, see ``impacts_match_until``. Both must have the same output times. ``scale``
-    stands for max|u|, which is that of a's outputs if None.
-    """
-    return _agreement(_watched(a), _watched(b), tolerance, displacement_tolerance, scale)
-
-
-def _watched(run: Trajectory) -> Watched:
-    return Watched(run.t, run.tip, tuple(contact.impacts for contact in run.contacts))
-
-
-def _agreement(
-    a: Watched, b: Watched, tolerance: float, displacement_tolerance: float, scale: float | None = None
-) -> float:
-    scale = float(np.max(np.abs(a.tip))) if scale is None else scale
-    end = float(min(a.t[-1], b.t[-1]))
-    different = np.flatnonzero(~(np.abs(a.tip - b.tip) <= displacement_tolerance * scale))  # NaN is different
-    horizon = min(end, float(a.t[max(0, different[0] - 1)])) if len(different) else end
-    for c, d in zip(a.impacts, b.impacts, strict=True):
-        horizon = min(horizon, impacts_match_until(c, d, tolerance, end))
-    return horizon
-
-
-def impacts_match_until(a: Impacts, b: Impacts, tolerance: float, end: float) -> float:
-    """The time of the first impact that does not match, else ``end``.
-
-    The i-th impacts of a and b match where they are on the same stop with times that differ by ``tolerance``
-    at most. Impacts within the tolerance of the start do not count: a motion that starts on a stop may enter
-    it or be in it already. Nor do those within the tolerance of ``end``, whose partner may come just after.
-    """
-    a, b = (_after(tolerance, x) for x in (a, b))
-    n = min(a.count, b.count)
-    bad = (a.stops[:n] != b.stops[:n]) | (np.abs(a.times[:n] - b.times[:n]) > tolerance)
-    if np.any(bad):
-        k = int(np.argmax(bad))
-        return float(min(a.times[k], b.times[k]))
-    unpaired = np.concatenate([a.times[n:], b.times[n:]])
-    unpaired = unpaired[unpaired < end - tolerance]
-    return float(np.min(unpaired)) if len(unpaired) else end
-
-
-def _after(t: float, impacts: Impacts) -> Impacts:
-    return impacts.take(impacts.times > t)
-
-
 def exact_horizon(
     reference: Reference, system: System, t_end: float, show: Show = silent
 ) -> tuple[float, dict[str, Any]]:
@@ -128,11 +74,11 @@ def exact_horizon(
     fastest = 2.0 * np.pi / solution.shortest_period
     unseen = min(t_end, DISPLACEMENT_TOLERANCE / (eps * fastest), _of_free_modes(system))
     unseen = min(unseen, *(_of_slow_modes(system, sides) for sides in np.unique(solution.sides, axis=0)))
-    horizon, own = unseen, _watched(reference)
+    horizon, own, scales = unseen, watched(reference), scales_of(reference)
     others = copies(system, t_end, reference.t, eps)
     for seed in range(COPIES):
         show(f"exact: copy {seed + 1} of {COPIES} for its horizon", 1 + seed, 1 + COPIES)
-        horizon = min(horizon, _agreement(own, next(others), 0.5 * tolerance, 0.5 * DISPLACEMENT_TOLERANCE))
+        horizon = min(horizon, agree_until(own, next(others), tolerance, scales, part=0.5))
     if horizon == 0.0:
         horizon = min(unseen, _soon(reference, system, t_end, eps))
     return horizon, {
@@ -170,10 +116,9 @@ def _soon(reference: Reference, system: System, t_end: float, eps: float) -> flo
     before all of these too: there rounding is as large as the outputs.
     """
     times = np.append(0.0, t_end * 2.0 ** np.arange(-SOON, 1.0))
-    solution, scale = solve_exact(system, t_end, times), float(np.max(np.abs(reference.tip)))
-    own = _watched(solution)
-    near = 0.5 * time_tolerance(system), 0.5 * DISPLACEMENT_TOLERANCE, scale
-    horizon = min(_agreement(own, copy, *near) for copy in islice(copies(system, t_end, times, eps), COPIES))
+    own, tolerance, scales = watched(solve_exact(system, t_end, times)), time_tolerance(system), scales_of(reference)
+    others = islice(copies(system, t_end, times, eps), COPIES)
+    horizon = min(agree_until(own, copy, tolerance, scales, part=0.5) for copy in others)
     if horizon <= times[1]:
         reason = "rounding is as large as the outputs from the start"
         raise SolverFailure("exact", 0.0, reason, "use method='multiprecision'")
@@ -218,6 +163,7 @@ def with_horizon(
             spacing = reference.provenance.get("loads_scanned_every", 0.0)
             against += f"; loads sampled every {spacing:.2g}" if spacing else ""
         horizon = agreement(reference, other, tolerance)
+    tolerance = min([tolerance, *(apart(c.impacts.count, t_end) for c in reference.contacts)])
     notes |= {
         "horizon": horizon,
         "horizon_against": against,

@@ -15,7 +15,8 @@ from ..basics.plain import plain
 from ..basics.validation import InputError, positive
 from ..measures.windows import impact_times
 from ..references import solve
-from ..references.horizon import agreement, time_tolerance
+from ..references.agreement import agreement
+from ..references.horizon import time_tolerance
 from ..references.registry import EXACT, METHODS, MULTIPRECISION, REFERENCES
 from ..trajectory.trajectory import Reference, SolverFailure
 

@@ -119,6 +119,12 @@ class ContactRecord:
     peak_force: float
     impulse: float
 
+    @property
+    def scale(self) -> float:
+        """What an error of ``position`` is small or large beside: max |position|, or the gap to the nearer stop."""
+        nearer = min((abs(g) for g in (self.stops.g1, self.stops.g2) if np.isfinite(g)), default=0.0)
+        return max(float(np.max(np.abs(self.position))), nearer)
+
     def __repr__(self) -> str:
         return (
             f"<ContactRecord {self.stops}: {self.impacts.count} impacts, in contact {100 * self.fraction:.3g} % of "

@@ -282,9 +282,9 @@ def output_index(t: Array, times: Array, method: str) -> NDArray[np.int64]:
 class Reference(Trajectory):
     """A Trajectory that says to which time it can be trusted, and has values between its outputs where the solver does.
 
-    horizon: the time to which an independent or more precise solution agrees with it, |du| <= 1e-3
-    max|u| and impact times to a thousandth of the longest natural period; NaN where nothing has been
-    compared. provenance["horizon_against"] says with what.
+    horizon: the time to which an independent or more precise solution agrees with it, |du| <= 1e-3 max|u| of the
+    tip and of every contact, and impact times to a thousandth of the longest natural period and to a twentieth of the
+    mean time between them; NaN where nothing has been compared. provenance["horizon_against"] says with what.
     """
 
     horizon: float = float("nan")

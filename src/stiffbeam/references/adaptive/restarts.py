@@ -162,8 +162,8 @@ class Contacts:
             self.peaks[side].append((peak.time, self.rhs.pressing(peak.time, peak.z, side)))
 
     def pass_kink(self, t: float, z: Array) -> None:
-        """Note the forces where a phase begins or ends within a contact: that of a stop that moves or is damped may turn
-        there from rising to falling, and no rate is zero."""
+        """Note the forces where a phase begins or ends within a contact: that of a stop that moves or is damped may
+        turn there from rising to falling, and no rate is zero."""
         for k, entries in enumerate(self.entries):
             contact = self.rhs.first_order.contacts[self.rhs.sides[k][0]].contact
             if self.open(k) and entries[-1][0] < t and (contact.offset is not None or contact.stops.dissipative):

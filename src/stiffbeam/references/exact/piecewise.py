@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from dataclasses import asdict
 from functools import partial
 from itertools import count
-from typing import Any, NamedTuple
+from typing import Any
 
 from ...basics.arrays import Array
 from ...basics.budget import afford
@@ -23,8 +23,9 @@ from ...model.modes import Modes, undamped_modes
 from ...model.sampled import Sampled
 from ...model.system import System
 from ...model.time_functions import covered, parts_of
-from ...trajectory.impacts import ContactRecord, Impacts
+from ...trajectory.impacts import ContactRecord
 from ...trajectory.trajectory import Reference, Work, versions
+from ..agreement import Watched
 from ..request import Request, output_times
 from .audit import audit, within_float64
 from .exact_measures import Solution, entries, exact_ledger, path_of, record_of
@@ -90,14 +91,6 @@ def observations(
     return *seen[system.tip_channel], tuple(contacts)
 
 
-class Watched(NamedTuple):
-    """What the horizon is measured by: the tip at the times t (k,), and when each contact enters which stop."""
-
-    t: Array
-    tip: Array
-    impacts: tuple[Impacts, ...]
-
-
 def copies(system: System, t_end: float, t: Array, size: float) -> Iterator[Watched]:
     """Copies of the exact solution without end, each perturbed by ``size`` in its own way; t: as in ``Watched``."""
     parts = None if general(system) else Parts(system, span=t_end)
@@ -106,9 +99,10 @@ def copies(system: System, t_end: float, t: Array, size: float) -> Iterator[Watc
             perturbation = Perturbation(size, size, seed)
             tracer = Tracer(parts, perturbation) if parts else ExponentialTracer(system, perturbation)
             solution = tracer.solve(t_end)
-            tip = path_of(system, solution, t, system.tip_channel)[0]
+            seen = [path_of(system, solution, t, channel)[0] for channel in range(len(system.channels))]
+            paths = (seen[system.tip_channel], *seen[: len(system.contacts)])
             impacts = tuple(entries(solution, i, t_end) for i in range(len(system.contacts)))
-        yield Watched(t, tip, impacts)  # outside: what float64 raises inside is not for who goes on with it
+        yield Watched(t, paths, impacts)  # outside: what float64 raises inside is not for who goes on with it
 
 
 def general(system: System) -> bool:

@@ -1,0 +1,91 @@
+"""How long two solutions of one system agree, at the tip and at every contact."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from ..basics.arrays import Array
+from ..trajectory.impacts import Impacts
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from ..trajectory.trajectory import Trajectory
+
+DISPLACEMENT_TOLERANCE = 1e-3  # of max |u|
+STILL = 1e-9  # of the tip's motion: that of a contact which stands still is rounding
+
+
+class Watched(NamedTuple):
+    """What the horizon is measured by: positions at the times t (k,), of the tip and then of every contact, and when
+    each contact enters which stop."""
+
+    t: Array
+    paths: tuple[Array, ...]
+    impacts: tuple[Impacts, ...]
+
+
+def agreement(a: Trajectory, b: Trajectory, tolerance: float) -> float:
+    """The time to which a and b agree: |du| <= 1e-3 max|u| at output times, impact times to ``tolerance``.
+
+    u is the position of the tip and, each by itself, of every contact, see ``scales_of``. Impacts are paired in order,
+    see ``impacts_match_until``, and must differ by less than a twentieth of the mean time between those of their
+    contact too. Both must have the same output times; max|u| is of a.
+    """
+    return agree_until(watched(a), watched(b), tolerance, scales_of(a))
+
+
+def watched(run: Trajectory) -> Watched:
+    """What a run tells of it, at its output times."""
+    return Watched(run.t, (run.tip, *(c.position for c in run.contacts)), tuple(c.impacts for c in run.contacts))
+
+
+def scales_of(run: Trajectory) -> list[float]:
+    """What 1e-3 is of, for every path of ``watched``: max|u|, of a contact at least the gap to its nearer stop and
+    STILL of the tip's."""
+    largest = float(np.max(np.abs(run.tip)))
+    return [largest, *(max(c.scale, STILL * largest) for c in run.contacts)]
+
+
+def agree_until(a: Watched, b: Watched, tolerance: float, scales: Sequence[float], part: float = 1.0) -> float:
+    """See ``agreement``; part: of the tolerances."""
+    end = float(min(a.t[-1], b.t[-1]))
+    horizon = end
+    for u, other, scale in zip(a.paths, b.paths, scales, strict=True):
+        close = np.abs(u - other) <= part * DISPLACEMENT_TOLERANCE * scale  # NaN is not
+        if not np.all(close):
+            horizon = min(horizon, float(a.t[max(0, int(np.argmin(close)) - 1)]))
+    for c, d in zip(a.impacts, b.impacts, strict=True):
+        least = min(tolerance, apart(max(c.count, d.count), end))
+        horizon = min(horizon, impacts_match_until(c, d, part * least, end))
+    return horizon
+
+
+def impacts_match_until(a: Impacts, b: Impacts, tolerance: float, end: float) -> float:
+    """The time of the first impact that does not match, else ``end``.
+
+    The i-th impacts of a and b match where they are on the same stop with times that differ by ``tolerance``
+    at most. Impacts within the tolerance of the start do not count: a motion that starts on a stop may enter
+    it or be in it already. Nor do those within the tolerance of ``end``, whose partner may come just after.
+    """
+    a, b = (_after(tolerance, x) for x in (a, b))
+    n = min(a.count, b.count)
+    bad = (a.stops[:n] != b.stops[:n]) | (np.abs(a.times[:n] - b.times[:n]) > tolerance)
+    if np.any(bad):
+        k = int(np.argmax(bad))
+        return float(min(a.times[k], b.times[k]))
+    unpaired = np.concatenate([a.times[n:], b.times[n:]])
+    unpaired = unpaired[unpaired < end - tolerance]
+    return float(np.min(unpaired)) if len(unpaired) else end
+
+
+def _after(t: float, impacts: Impacts) -> Impacts:
+    return impacts.take(impacts.times > t)
+
+
+def apart(count: int, end: float) -> float:
+    """A twentieth of the mean time between ``count`` impacts in [0, end]: two that are to be the same differ by less,
+    however slow the motion is that they are a part of."""
+    return 0.05 * end / max(1, count)

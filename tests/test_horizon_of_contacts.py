@@ -1,0 +1,63 @@
+"""The horizon holds for every contact, not for the tip alone: a fast contact beside a tip that hardly moves.
+
+Witness: the solution in as many digits as it takes. The longest natural period is 62 000 time units, of which a
+thousandth is no tolerance for impacts that follow each other every second.
+"""
+
+import numpy as np
+import pytest
+
+import stiffbeam as sb
+from stiffbeam.references.agreement import agreement, apart
+
+
+def slow_and_fast(observed, **law):
+    stops = [sb.Stops(upper=upper, **law) for upper in (5.0, -0.05)]
+    contacts = [sb.Contact(row, stop) for row, stop in zip(np.eye(2), stops, strict=True)]
+    load = [([0.0, 1.0], sb.Harmonic(amplitude=1.0, frequency=5.2, phase=1.0))]
+    return sb.System.from_matrices(
+        np.eye(2),
+        np.diag([1e-8, 1.0]),
+        None,
+        load,
+        contacts,
+        observe=np.eye(2)[observed],
+        initial_displacement=[1.0, -0.3],
+    )
+
+
+@pytest.mark.parametrize(
+    "law", [{"stiffness": np.inf, "restitution": 1.0}, {"stiffness": 3e4}], ids=["rigid", "compliant"]
+)
+@pytest.mark.slow
+def test_a_fast_contact_beside_a_slow_tip(law):
+    slow, fast = (sb.reference(slow_and_fast(i, **law), 300.0) for i in (0, 1))
+    assert slow.horizon == fast.horizon < 250.0
+    many = sb.reference(slow_and_fast(0, **law), 300.0, "multiprecision", t_eval=slow.t)
+    inside = slow.t <= slow.horizon
+    mine, true = slow.contacts[1], many.contacts[1]
+    off = np.abs(mine.position - true.position)
+    assert np.max(off[inside]) < 1e-3 * mine.scale
+    assert np.max(off) > 0.5 * mine.scale  # what was certified before
+    before = [x.impacts.times[x.impacts.times < slow.horizon - 0.1] for x in (mine, true)]
+    assert np.allclose(*before, rtol=0.0, atol=apart(true.impacts.count, 300.0))
+
+
+def test_a_contact_that_stands_still_does_not_end_it():
+    """Its position is rounding, beside a gap that it does not come near, or a stop that it rests on."""
+    contacts = [sb.Contact([1.0, -1.0], sb.Stops(lower=-0.1, upper=0.1, stiffness=100.0))]
+    load = [([1.0, 1.0], sb.Harmonic(amplitude=1.0, frequency=1.3))]
+    system = sb.System.from_matrices(np.eye(2), [[2.0, -1.0], [-1.0, 2.0]], None, load, contacts, observe=[1.0, 0.0])
+    assert sb.reference(system, 50.0).horizon == 50.0
+    resting = sb.Contact([0.0, 1.0], sb.Stops(upper=0.0, stiffness=np.inf, restitution=0.5))
+    push = [([1.0, 0.0], sb.Harmonic(amplitude=1.0, frequency=1.3)), ([0.0, 1.0], sb.Constant(5.0))]
+    system = sb.System.from_matrices(np.eye(2), np.eye(2), None, push, [resting], observe=[1.0, 0.0])
+    assert sb.reference(system, 50.0).horizon == 50.0
+
+
+def test_impacts_agree_by_their_own_distances():
+    """A missing impact is seen however long the tolerance is that the slowest motion gives."""
+    run = sb.reference(slow_and_fast(1, stiffness=3e4), 30.0)
+    assert agreement(run, run, 60.0) == 30.0
+    other = sb.reference(slow_and_fast(1, stiffness=2.9e4), 30.0)
+    assert agreement(run, other, 60.0) < 30.0
