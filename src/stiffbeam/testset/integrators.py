@@ -88,8 +88,7 @@ def _by_scheme(scheme: Scheme, problem: Problem, steps: float, t_end: float) -> 
         q, v = run.states
         states = q[-1], v[-1]
     record = run.contacts[0]
-    motion = Motion(run.t, run.tip, run.tip_velocity, states, record.position, record.velocity,
-                    peak_force=None if problem.rigid else record.peak_force)  # fmt: skip
+    motion = Motion(run.t, run.tip, run.tip_velocity, states, record.position, record.velocity)
     return Made(steps, steps * len(scheme.nodes), run.work.seconds, motion)
 
 

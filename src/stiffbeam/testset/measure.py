@@ -11,9 +11,10 @@ import numpy as np
 from ..basics.arrays import Array
 from ..basics.validation import InputError
 from ..model.contact import Stops
+from ..model.time_functions import LoadFunction, offset_rate, offset_values
 from ..trajectory.impacts import Impacts
 from ..trajectory.recorder import sampled_impacts
-from .problem import Problem, matrix
+from .problem import Problem, matrix, time_function
 
 PAIRED = 8  # impacts that are held against the known ones
 ALIKE = 0.05  # of a motion: what may be left of it where it is another one but for a factor
@@ -43,7 +44,8 @@ class Errors:
     over max |v_known|, which a jump at a sample does not spoil. impacts: how many. impact_time: the largest error of
     the first ``PAIRED`` impact times, NaN where one is missing. peak_force: relative. energy: at t_end, over the energy
     the system has had; > 0 gained. factor: that of u over u_known, where u is the known motion but for it, NaN where it
-    is 1 or there is none. What the motion does not give is NaN, or -1 impacts.
+    is 1 or there is none. rate: what the tip's velocity has to be multiplied by to be the rate of its position, less 1.
+    What the motion does not give is NaN, or -1 impacts.
     """
 
     tip_rms: float
@@ -54,6 +56,7 @@ class Errors:
     energy: float = float("nan")
     factor: float = float("nan")
     velocity: float = float("nan")
+    rate: float = float("nan")
 
 
 def motion_of(problem: Problem, t: Any, u: Any, v: Any = None, t_end: float | None = None) -> Motion:
@@ -87,12 +90,12 @@ def motion_of(problem: Problem, t: Any, u: Any, v: Any = None, t_end: float | No
         u, v = u[:, None], None if v is None else v[:, None]
     if u.ndim == 2:
         states = None if v is None else (u[last], v[last])
-        position, velocity = u @ first, None if v is None else v @ first
+        offset = offset_of(contacts[0])
+        position = u @ first + offset_values(offset, t)
+        velocity = None if v is None else v @ first + offset_rate(offset, t)
         u, v = u @ row, None if v is None else v @ row
-    elif np.array_equal(row, first):
+    elif np.array_equal(row, first) and "offset" not in contacts[0]:
         position, velocity = u, v
-    if "offset" in contacts[0]:  # the contact point moves against its stops
-        position = velocity = None
     return Motion(t, u, v, states, position, velocity)
 
 
@@ -108,7 +111,7 @@ def errors_of(problem: Problem, motion: Motion) -> Errors:
         peak = _peak(problem, motion)
     rms = float(np.sqrt(np.mean(off**2)))
     return Errors(rms, float(np.max(off)), count, late, peak, _energy_error(problem, motion),
-                  _factor(seen, known), _velocity_error(problem, motion))  # fmt: skip
+                  _factor(seen, known), _velocity_error(problem, motion), _rate(motion))  # fmt: skip
 
 
 def _velocity_error(problem: Problem, motion: Motion) -> float:
@@ -117,6 +120,14 @@ def _velocity_error(problem: Problem, motion: Motion) -> float:
     known = problem.answers["tip_velocity"].value
     seen = _at(problem.times, replace(motion, u=motion.v, v=None))
     return float(np.median(np.abs(seen - known)) / np.max(np.abs(known)))
+
+
+def _rate(motion: Motion) -> float:
+    """a - 1, a of least squares in u(t_k+1) - u(t_k) = a times the trapezoid under v."""
+    if motion.v is None:
+        return float("nan")
+    moved, under = np.diff(motion.u), 0.5 * (motion.v[1:] + motion.v[:-1]) * np.diff(motion.t)
+    return float(moved @ under / (under @ under)) - 1.0 if np.any(under) else float("nan")
 
 
 def _factor(seen: Array, known: Array) -> float:
@@ -146,36 +157,45 @@ def impacts_of(problem: Problem, motion: Motion, t_end: float | None = None) -> 
     u, v, t = motion.position, motion.velocity, motion.t
     if u is None:
         return None
-    if v is None:
-        from scipy.interpolate import CubicSpline
-
-        v = np.asarray(CubicSpline(t, u)(t, 1))
     inside = t <= (problem.t_end if t_end is None else t_end) * (1 + 1e-9)
-    t, u, v = t[inside], u[inside], v[inside]
+    t, u, v = t[inside], u[inside], None if v is None else v[inside]
     contact = problem.data["contacts"][0]
     if problem.rigid:
         return _rebounds(contact, t, u, v)
     dt = np.diff(t)
     if np.max(np.abs(dt - dt[0])) > 1e-6 * dt[0]:
         return None  # the rule is for equidistant steps
+    if v is None:
+        from scipy.interpolate import CubicSpline
+
+        v = np.asarray(CubicSpline(t, u)(t, 1))
     found = sampled_impacts(u, v, float(np.mean(dt)), stops_of(contact))
     return Impacts.at(found.times + t[0], found.stops, "sampled", peaks=found.peaks)
 
 
-def _rebounds(contact: Mapping[str, Any], t: Array, u: Array, v: Array) -> Impacts:
+def _rebounds(contact: Mapping[str, Any], t: Array, u: Array, v: Array | None) -> Impacts:
     """Where a body that comes towards a rigid stop no longer does, within a step of it: an impact by steps.
 
     The time is that at which the body would have been at the stop with the speed before. A millionth of the largest
-    speed is no approach: a body at rest on its stop may move by rounding.
+    speed is no approach: a body at rest on its stop may move by rounding. Where velocities are not given, each side of
+    the jump has differences of its own.
     """
     sign = 1.0 if "upper" in contact else -1.0
-    gap, speed = sign * (contact["upper"] if sign > 0.0 else contact["lower"]) - sign * u, sign * v
-    step = np.diff(t)
-    near = gap[:-1] <= 1.5 * step * np.maximum(speed[:-1], 0.0) + 1e-12
-    least = 1e-6 * np.max(np.abs(v))
-    hit = np.flatnonzero(near & (speed[:-1] > least) & (speed[1:] <= least))
-    when = t[hit] + np.clip(gap[hit] / speed[hit], 0.0, step[hit])
+    gap, step = sign * (contact["upper"] if sign > 0.0 else contact["lower"]) - sign * u, np.diff(t)
+    rates = sign * np.diff(u) / step
+    arriving, leaving = 2 * (sign * v,) if v is not None else (np.append(0.0, rates), np.append(rates, rates[-1]))
+    near = gap[:-1] <= 1.5 * step * np.maximum(arriving[:-1], 0.0) + 1e-12
+    least = 1e-6 * np.max(np.abs(arriving))
+    hit = np.flatnonzero(near & (arriving[:-1] > least) & (leaving[1:] <= least))
+    if v is None:  # the difference across an impact may seem to arrive once more
+        hit = hit[np.diff(hit, prepend=-2) > 1]
+    when = t[hit] + np.clip(gap[hit] / arriving[hit], 0.0, step[hit])
     return Impacts.at(when, np.full(len(hit), int(sign)), "sampled")
+
+
+def offset_of(contact: Mapping[str, Any]) -> LoadFunction | None:
+    """How the contact point of a [[system.contacts]] moves against its stops."""
+    return time_function(contact["offset"]) if "offset" in contact else None
 
 
 def stops_of(contact: Mapping[str, Any]) -> Stops:
@@ -202,7 +222,29 @@ def _peak(problem: Problem, motion: Motion) -> float:
     stops = stops_of(problem.data["contacts"][0])
     if stops.dissipative and motion.velocity is None:
         return float("nan")
-    return float(np.max(np.abs(stops.force(motion.position, motion.velocity)))) / known - 1.0
+    u, v = _between_steps(motion, np.abs(stops.force(motion.position, motion.velocity)))
+    return float(np.max(np.abs(stops.force(u, v)))) / known - 1.0
+
+
+def _between_steps(motion: Motion, force: Array) -> tuple[Array, Array]:
+    """Position and velocity of the contact at the steps, and by cubics where it turns between them and, of damped
+    stops, beside the largest forces.
+
+    The largest of the steps alone is less by up to (w dt)^2/8, and as much again with half the steps where they share
+    the one next to the peak.
+    """
+    from scipy.interpolate import CubicHermiteSpline, CubicSpline
+
+    t, u, v = motion.t, motion.position, motion.velocity
+    assert u is not None
+    spline = CubicSpline(t, u) if v is None else CubicHermiteSpline(t, u, v)
+    high = np.flatnonzero(force >= 0.9 * np.max(force))
+    ends = np.unique(np.clip(np.concatenate([high - 1, high]), 0, len(t) - 2))
+    fine = (t[ends, None] + np.diff(t)[ends, None] * np.linspace(0.0, 1.0, 33)[1:-1]).ravel()
+    turns = spline.derivative().roots(extrapolate=False)
+    fine = np.concatenate([fine, turns[np.isfinite(turns)]])
+    rates = spline(t, 1) if v is None else v
+    return np.concatenate([u, spline(fine)]), np.concatenate([rates, spline(fine, 1)])
 
 
 def _energy_error(problem: Problem, motion: Motion) -> float:

@@ -80,8 +80,10 @@ def score_trajectories(name: str | Problem, runs: Sequence[tuple[Any, ...]], lab
 def _uncounted(each: Problem, made: Made, run: Run) -> str:
     """Why impacts are not judged though the problem has some; empty where they are."""
     known = each.answers.get("impacts")
-    if run.errors.impacts >= 0 or known is None or not len(known.value) or made.motion.position is None:
+    if run.errors.impacts >= 0 or known is None or not len(known.value):
         return ""
+    if made.motion.position is None:
+        return "the contact is not at the tip: give all unknowns, (k, n), or its impacts are not counted"
     return "steps of different lengths: impacts are not counted"
 
 

@@ -23,6 +23,7 @@ ALIKE = 1.25  # what an error that has come to stay may scatter by
 FALL = 0.5  # of an error: what is left of it at a quarter of the step where a method is of order 1/2
 SLACK = 0.5  # of an observed order: where an impact lies within its step scatters the errors
 COARSE = 0.1  # of max |v|: below it the velocity's median error may fall slowly in problems without an order limit
+RATE = 0.02  # what the velocity may be off by as a whole from the rate of the position
 TIMES_TOLERANCE = 1e4  # an adaptive solver through contact stays within so many times its relative tolerance
 NONE = Order(float("nan"), float("nan"), float("nan"), 0)
 
@@ -111,21 +112,27 @@ def verdict(entry: Entry, smooth: float) -> Entry:
 
 
 def _missed(entry: Entry, levels: Array) -> tuple[str, ...]:
-    """What besides the tip does not converge. An impact that the finest run does not have is late by all of t_end."""
+    """What besides the tip does not converge. An impact that a run does not have is late by all of t_end, and so is one
+    that it has where there is none."""
     errors = [run.errors for run in entry.runs]
     known = entry.problem.answers
     late = np.array([e.impact_time for e in errors]) / entry.problem.t_end
-    if "impacts" in known and len(known["impacts"].value):
-        late[np.isnan(late) & (np.array([e.impacts for e in errors]) >= 0)] = 1.0
+    counts = np.array([e.impacts for e in errors])
+    if "impacts" in known:
+        wrong = np.isnan(late) & (counts >= 0) if len(known["impacts"].value) else counts > 0
+        late[wrong] = 1.0
+        late[np.isnan(late) & (counts == 0)] = 0.0  # none, and there is none
     judged = {
         "impact times": late,
         "peak force": np.abs([e.peak_force for e in errors]),
         "energy": np.abs([e.energy for e in errors]),
     }
     found = [name for name, x in judged.items() if np.all(np.isfinite(x)) and not _falls(levels, x)]
-    velocity = np.array([e.velocity for e in errors])
+    velocity, rate = np.array([[e.velocity, abs(e.rate)] for e in errors]).T
     coarse = COARSE if entry.problem.order_limit == 0.0 else 0.0
-    if np.all(np.isfinite(velocity)) and velocity[-1] > coarse and not _falls(levels, velocity):
+    off = [np.all(np.isfinite(x)) and x[-1] > least and not _falls(levels, x)
+           for x, least in ((velocity, coarse), (rate, RATE))]  # fmt: skip
+    if any(off):
         found.append("velocity")
     return tuple(found)
 
