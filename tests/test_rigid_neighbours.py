@@ -71,6 +71,15 @@ def test_a_ball_at_rest_has_no_neighbours():
         sb.lyapunov(ball, 2.0)
 
 
+@pytest.mark.parametrize(("row", "stop"), [(1.0, 0.5), (1.1, 0.55)])
+def test_a_mass_that_is_held_has_no_neighbours(row, stop):
+    """What its projection leaves of them is rounding, whatever the row is: no exponent is made of that."""
+    contact = sb.Contact([row], sb.Stops(upper=stop, stiffness=np.inf, restitution=0.3))
+    system = sb.System.from_matrices([[0.35]], [[4.0]], None, [([1.0], sb.Constant(10.0))], [contact])
+    with pytest.raises(sb.SolverFailure, match="vanish"):
+        sb.lyapunov(system, 8.0)
+
+
 @pytest.mark.slow
 def test_members_have_the_bits_of_their_solo_runs():
     system = system_of(3)

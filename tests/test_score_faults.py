@@ -65,7 +65,14 @@ def test_what_is_wrong_besides_the_displacement_is_found(kind, missed):
 
 def test_columns_are_known_by_their_names(tmp_path):
     file = tmp_path / "run.csv"
-    for header, found in (("v,time,u", [1, 2, 0]), ("t;tip", [0, 1]), ("", [0, 1, 2])):
+    names = [
+        ("v,time,u", [1, 2, 0]),
+        ("t;tip", [0, 1]),
+        ("", [0, 1, 2]),
+        ("# t v u", [0, 2, 1]),
+        ("# my run", [0, 1, 2]),
+    ]
+    for header, found in names:
         width = len(found)
         rows = [",".join(f"{10 * k + column}" for column in range(width)) for k in range(5)]
         file.write_text("\n".join([header, *rows]), encoding="utf-8")

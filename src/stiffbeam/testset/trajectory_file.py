@@ -11,13 +11,15 @@ from ..basics.arrays import Array
 from ..basics.validation import InputError
 
 NAMES = {"t": ("t", "time"), "u": ("u", "tip", "displacement"), "v": ("v", "velocity", "tip_velocity")}
+COLUMNS = (["t", "u"], ["t", "u", "v"])
 
 
 def read_trajectory(file: Path) -> tuple[Array, ...]:
     """(t, u), or (t, u, v) where there is a third column; commas, semicolons, tabs or blanks between them.
 
     A first line may name them, t, u and v (or time, tip or displacement, velocity or tip_velocity) in any order; other
-    names are refused, and without names that is the order. Empty lines and those that begin with # are passed over.
+    names are refused, and without names that is the order. Empty lines and those that begin with # are passed over,
+    but for names behind the # of the last line before the numbers.
     Raises InputError naming file, line and rule for a file that cannot be read, and for lines that are not two or three
     numbers each.
     """
@@ -29,7 +31,12 @@ def read_trajectory(file: Path) -> tuple[Array, ...]:
     names: list[str] = []
     for number, line in enumerate(lines, start=1):
         cells = line.replace(",", " ").replace(";", " ").split()
-        if not cells or line.startswith("#"):
+        if not cells:
+            continue
+        if line.startswith("#"):
+            behind = [_known(cell) for cell in line.lstrip("#").replace(",", " ").replace(";", " ").split()]
+            if not rows and sorted(behind) in COLUMNS:
+                names = behind
             continue
         try:
             row = [float(cell) for cell in cells]
@@ -56,10 +63,15 @@ def read_trajectory(file: Path) -> tuple[Array, ...]:
     return tuple(columns[name] for name in "tuv" if name in columns)
 
 
+def _known(cell: str) -> str:
+    """t, u or v for one of its names, else the cell itself."""
+    return next((x for x, names in NAMES.items() if cell.strip("\"'").lower() in names), cell)
+
+
 def _columns(cells: list[str], where: str) -> list[str]:
     """t, u and v in the order of a line of names."""
-    found = [next((x for x, known in NAMES.items() if cell.strip("\"'").lower() in known), cell) for cell in cells]
-    if sorted(found) not in (["t", "u"], ["t", "u", "v"]):
+    found = [_known(cell) for cell in cells]
+    if sorted(found) not in COLUMNS:
         raise InputError(
             "--trajectory", f"{where}: {' '.join(cells)!r}", "name t, u and perhaps v, each once", "such as t,u,v"
         )

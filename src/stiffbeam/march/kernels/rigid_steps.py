@@ -12,6 +12,7 @@ from ...basics.compiled import compiled
 from ...model.active_set import solve_node
 from ...model.contact_law import G1, G2, KAPPA
 
+ON_STOP = 1e-13  # of the terms of a predicted position: so near a stop it is on it
 AT_A_STOP, WHERE_PREDICTED, WHERE_CLOSED = range(3)  # when a node can press; the first in a position, else a velocity
 
 
@@ -60,9 +61,16 @@ def steps(
                     total += reading[s, c, d] * z[d]
                 r[s, c] = total
         for c in range(m):
-            total = predicted_shifts[k, c]
+            total, size = predicted_shifts[k, c], abs(predicted_shifts[k, c])
             for d in range(D):
-                total += predicting[c, d] * z[d]
+                term = predicting[c, d] * z[d]
+                total += term
+                size += abs(term)
+            # What rounding takes from the sum does not open a contact that rests on its stop.
+            for side in range(2):
+                off = abs(total - stops[c, side])
+                if off < math.inf and off <= ON_STOP * (size + abs(stops[c, side])):
+                    total = stops[c, side]
             r_before[c] = total
         if a:
             for i in range(a):

@@ -20,6 +20,7 @@ from ...basics.arrays import Array
 from .impacting import Solution
 from .taylor import rate, value
 
+ROUNDING = 1e-14  # of a vector, what a projection leaves of one along its own direction
 FELT = 1e-12  # of the largest change of velocity along a row: less is rounding
 
 
@@ -69,5 +70,11 @@ class Neighbours:
         if new:
             rows, back = model.rows[list(after)], model.back[:, list(after)]
             inverse = np.linalg.inv(rows @ back)
-            dq, dv = dq - back @ (inverse @ (rows @ dq)), dv - back @ (inverse @ (rows @ dv))
+            dq, dv = (_left(x - back @ (inverse @ (rows @ x)), x) for x in (dq, dv))
         return dq, dv
+
+
+def _left(projected: Array, before: Array) -> Array:
+    """Vectors (n, k) after a projection, zero where all that is left of them is its rounding."""
+    sizes = np.linalg.norm(projected, axis=0), np.linalg.norm(before, axis=0)
+    return np.where(sizes[0] > ROUNDING * sizes[1], projected, 0.0)
