@@ -1,6 +1,7 @@
 """Rigid stops with Newton's law of restitution, from event to event: impacts, chatter brought to its end, sticking.
 
     u'+ = -e u'-  where a gap closes,   M (q'+ - q'-) = row^T P;  several at once: 0 <= P _|_ U+ + e U- >= 0
+    among those that are approached; one that this drives into its stop is hit after it
     M q'' + C q' + K q = f + row^T R,   u = g while a contact is held; it lets go where R = 0
 
 Between events the motion is a Taylor series (taylor.py); an event is the first zero of a gap or of a reaction in it.
