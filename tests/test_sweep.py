@@ -84,7 +84,7 @@ def by_hand(parameter: str, value: float) -> tuple[sb.System, sb.Scheme, float]:
 RANGES = {
     "frequency": [8.5, 11.0], "amplitude": [0.15, 0.3], "clearance": [0.05, 0.12], "stop-stiffness": [1e6, 2e7],
     "stiffness": [200.0, 400.0], "viscosity": [0.0, 0.02], "dt": [1e-4, 2.3e-4], "alpha": [-0.3, 0.0],
-    "gamma": [0.3, 0.5], "rho": [0.2, 1.0],
+    "gamma": [0.35, 0.5], "rho": [0.2, 1.0],
 }  # fmt: skip
 
 
