@@ -61,3 +61,61 @@ def test_impacts_agree_by_their_own_distances():
     assert agreement(run, run, 60.0) == 30.0
     other = sb.reference(slow_and_fast(1, stiffness=2.9e4), 30.0)
     assert agreement(run, other, 60.0) < 30.0
+
+
+def random_system(seed):
+    """Up to three masses with natural frequencies of five decades, coupled or hardly, observed at one of them."""
+    rng = np.random.default_rng([seed, 77])
+    n = int(rng.integers(1, 4))
+    M, w = np.diag(10.0 ** rng.uniform(-2, 2, n)), 10.0 ** rng.uniform(-4, 1, n)
+    Q = np.eye(n) + (rng.random() < 0.6) * 10.0 ** rng.uniform(-9, 0) * rng.normal(size=(n, n))
+    K = Q.T @ np.diag(w**2 * np.diag(M)) @ Q
+    rigid, q0, contacts = rng.random() < 0.5, 0.3 * rng.normal(size=n), []
+    for c in range(int(rng.integers(1, n + 1))):
+        row = np.eye(n)[c] * 10.0 ** rng.choice([0, 0, -3, 3])
+        g = row[c] * 10.0 ** rng.uniform(-2, 0.5) * rng.choice([1, 1, -0.1])
+        law = {"stiffness": np.inf, "restitution": float(rng.choice([1.0, 0.9, 0.5]))}
+        if not rigid:
+            law = {"stiffness": float(10.0 ** rng.uniform(0, 5) * M[c, c] / row[c] ** 2)}
+        stops = sb.Stops(upper=g, **law) if rng.random() < 0.6 else sb.Stops(lower=-abs(g), upper=abs(g), **law)
+        q0[c] = np.clip(q0[c], (stops.g1 + 0.3 * abs(g)) / row[c], (stops.g2 - 0.3 * abs(g)) / row[c])
+        contacts.append(sb.Contact(row, stops))
+    harmonic = sb.Harmonic(10.0 ** rng.uniform(-1, 1), 10.0 ** rng.uniform(-0.5, 1), rng.uniform(0, 6))
+    loads = [(rng.normal(size=n) * np.diag(M), load) for load in (harmonic, sb.Constant(rng.normal()))]
+    system = sb.System.from_matrices(
+        M, 0.5 * (K + K.T), None, loads[: int(rng.integers(0, 3))], contacts, observe=np.eye(n)[rng.integers(n)],
+        initial_displacement=q0, initial_velocity=rng.normal(size=n) * 10.0 ** rng.uniform(-2, 0.5),
+    )  # fmt: skip
+    return system, float(10.0 ** rng.uniform(0.5, 2.0))
+
+
+def certified(seeds):
+    """How many horizons hold at every contact, in positions and in impacts, against many digits."""
+    held = 0
+    for seed in seeds:
+        system, t_end = random_system(seed)
+        try:
+            run = sb.reference(system, t_end)
+            if max(c.impacts.count for c in run.contacts) > 400:
+                continue
+            many = sb.reference(system, t_end, "multiprecision", t_eval=run.t)
+        except (sb.InputError, sb.SolverFailure):
+            continue
+        inside = run.t <= run.horizon
+        assert np.max(np.abs(run.tip - many.tip)[inside]) <= 1e-3 * np.max(np.abs(run.tip)), seed
+        for mine, true in zip(run.contacts, many.contacts, strict=True):
+            assert np.max(np.abs(mine.position - true.position)[inside]) <= 1e-3 * mine.scale, seed
+            counts = [np.count_nonzero(c.impacts.times < 0.999 * run.horizon) for c in (mine, true)]
+            assert counts[0] == counts[1], seed
+        held += 1
+    return held
+
+
+@pytest.mark.slow
+def test_random_horizons_hold_at_every_contact():
+    assert certified(range(40)) > 30
+
+
+@pytest.mark.campaign
+def test_six_hundred_random_horizons():
+    assert certified(range(600)) > 500
