@@ -48,7 +48,7 @@ def ball(steps):
     return t, u
 
 
-@pytest.mark.parametrize("steps", [600, 1027, 2001, 3840])
+@pytest.mark.parametrize("steps", [700, 1027, 2001, 3840])
 def test_impacts_of_positions_alone_against_a_rigid_stop(steps):
     """Without velocities: no difference is taken across the jump."""
     known = sb.problem("bouncing-ball")
@@ -57,6 +57,13 @@ def test_impacts_of_positions_alone_against_a_rigid_stop(steps):
     errors = errors_of(known, motion_of(known, t, u))
     assert errors.tip_max < 1.0 / steps  # between steps by a cubic, which does not know the jump
     assert errors.impact_time < 5.0 * known.t_end / steps
+
+
+def test_steps_too_long_for_impacts_of_positions_alone():
+    """The eighth impact follows the seventh within a step: they are not counted, and no verdict is made of that."""
+    entry = score_trajectories("bouncing-ball", [ball(steps) for steps in (60, 120, 240)]).entries[0]
+    assert (entry.outcome, entry.missed, entry.best.impacts) == (CONVERGES, (), -1)
+    assert "not counted" in entry.reason
 
 
 @pytest.mark.parametrize("name", ["table10", "aster-beam", "bilinear-gap"])
