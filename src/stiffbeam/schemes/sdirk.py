@@ -28,8 +28,8 @@ class SDIRK(Scheme):
     Stiffly accurate and L-stable for gamma in [0.18043, 2.18560]; order 3 for gamma = 0.435866521508459
     (the default, the paper's 0.4359), else 2. The paper prints sigma without its minus sign, which
     costs an order: ``printed("sigma")``. Refused where sigma vanishes or has its pole (a coefficient
-    beyond 1e3, near gamma = 0.25777, 0.29289, 0.60507). gamma > 1 and gamma in
-    (0.2929, 1/3) put nodes beyond the step (Remark 8).
+    beyond 1e3, near gamma = 0.25777, 0.29289, 0.60507). gamma > 1 puts nodes beyond the step
+    (Remark 8), gamma in (0.2929, 1/3) too.
 
     nystrom=False solves for the rates K_i of y = (q, q') or of a first-order y, (4.10) and (4.12);
     nystrom=True for the accelerations alone with Abar = A A and Bbar = b^T A, (4.14), which needs a

@@ -185,7 +185,9 @@ def _rebounds(contact: Mapping[str, Any], t: Array, u: Array, v: Array | None) -
     sign = 1.0 if "upper" in contact else -1.0
     gap, step = sign * (contact["upper"] if sign > 0.0 else contact["lower"]) - sign * u, np.diff(t)
     rates = sign * np.diff(u) / step
-    arriving, leaving = 2 * (sign * v,) if v is not None else (np.append(0.0, rates), np.append(rates, rates[-1]))
+    arriving, leaving = np.append(0.0, rates), np.append(rates, rates[-1])
+    if v is not None:
+        arriving = leaving = sign * v
     near = gap[:-1] <= 1.5 * step * np.maximum(arriving[:-1], 0.0) + 1e-12
     least = 1e-6 * np.max(np.abs(arriving))
     hit = np.flatnonzero(near & (arriving[:-1] > least) & (leaving[1:] <= least))

@@ -119,9 +119,8 @@ def _missed(entry: Entry, levels: Array) -> tuple[str, ...]:
     late = np.array([e.impact_time for e in errors]) / entry.problem.t_end
     counts = np.array([e.impacts for e in errors])
     if "impacts" in known:
-        wrong = np.isnan(late) & (counts >= 0) if len(known["impacts"].value) else counts > 0
-        late[wrong] = 1.0
-        late[np.isnan(late) & (counts == 0)] = 0.0  # none, and there is none
+        missing = np.isnan(late) & (counts >= 0)
+        late[missing] = 1.0 if len(known["impacts"].value) else counts[missing] > 0
     judged = {
         "impact times": late,
         "peak force": np.abs([e.peak_force for e in errors]),

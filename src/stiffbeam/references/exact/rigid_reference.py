@@ -35,14 +35,13 @@ def solve_rigid(
     """The solution on [0, t_end] with rigid stops and Newton's law of restitution.
 
     Takes any damping, several contacts, moving stops, functions of time made of Harmonic, Constant and Sampled.
-    Contacts are recorded from ``since`` on. Its horizon, not a number unless ``trusted``, is the time to
-    which it agrees with COPIES of itself, made of other stretches from a start whose velocities are off by a few
-    roundings of the largest: in positions of the tip and of every contact to APART of the largest, in impact times
-    likewise and to a fortieth of the mean time between them. Before two contacts that
-    move each other close at one time but for rounding it ends: the order decides what follows. Raises InputError for
-    compliant stops beside rigid ones, for stops without restitution, dependent contacts, other functions of time,
-    more than 200 000 impacts (e = 1 with a lasting load has infinitely many); SolverFailure where it cannot go on,
-    or its energy balance is open.
+    Contacts are recorded from ``since`` on. Its horizon, not a number unless ``trusted``, is the time to which it
+    agrees with COPIES of itself, made of other stretches from a start whose velocities are off by a few roundings of
+    the largest: in positions of the tip and of every contact to APART of the largest, in impact times likewise and to a
+    fortieth of the mean time between them. Before two contacts that move each other close at one time but for rounding
+    it ends: the order decides what follows. Raises InputError for compliant stops beside rigid ones, for stops without
+    restitution, dependent contacts, other functions of time, more than 200 000 impacts (e = 1 with a lasting load has
+    infinitely many); SolverFailure where it cannot go on, or its energy balance is open.
     """
     begun = time.perf_counter()
     positive("t_end", t_end)
