@@ -84,6 +84,15 @@ def test_every_link_leads_somewhere(page):
         assert target.startswith("https://") or (page.parent / target).exists(), target
 
 
+def test_the_paper_has_one_identifier():
+    from stiffbeam.dumont2002.sections import DOI
+
+    assert f"https://doi.org/{DOI}".replace("(", "%28").replace(")", "%29") in README
+    assert f"doi     = {{{DOI}}}" in TEXTS["citing"]
+    cited = (ROOT / "reference" / "problems" / "CITATION.cff").read_text(encoding="utf-8")
+    assert f"    doi: {DOI}\n" in cited
+
+
 def test_every_question_of_the_studies_has_its_answer_below():
     text = (STUDIES / "README.md").read_text(encoding="utf-8")
     asked = re.findall(r"^\* \[[^]]*\]\(#([^)]*)\) `", text, re.MULTILINE)

@@ -20,9 +20,12 @@ from .reading import Reading
 from .rules import lines, named
 from .table_section import DASH, percent, short, spread, written
 
-CITATION = (
+DOI = "10.1016/S0378-4754(02)00003-4"  # by the number printed at the foot of its first page
+CITATION = h.joined(
     "Y. Dumont, Vibrations of a beam between stops: numerical simulations and comparison of several numerical "
-    "schemes, Math. Comput. Simul. 60 (2002) 45–83."
+    "schemes, Math. Comput. Simul. 60 (2002) 45–83, ",
+    h.element("a", f"doi:{DOI}", href=f"https://doi.org/{DOI}"),
+    ".",
 )
 
 
