@@ -87,7 +87,7 @@ def _from_dataset(data: xr.Dataset, path: Path, system: System | None) -> Trajec
         "contacts": tuple(contacts),
         "work": Work(**work),
         "provenance": json.loads(data.attrs["provenance"]),
-        "fingerprint": data.attrs["fingerprint"],
+        "read_for": data.attrs["fingerprint"],
         "system": system,
     }
     if data.attrs["kind"] == "reference":

@@ -75,5 +75,4 @@ def integrate(
         system=plan.system,
         pieces=partial(plan.states, system),
         ledger=partial(plan.ledger, system, every),
-        fingerprint=plan.system.fingerprint,
     )

@@ -66,7 +66,6 @@ def own_run(
         "system": system,
         "pieces": None if system is None or q is None or v is None else partial(_pieces, system, times, q, v),
         "ledger": None if system is None or q is None or v is None else partial(_ledger, system, times, q, v),
-        "fingerprint": "" if system is None else system.fingerprint,
     }
 
 

@@ -106,7 +106,7 @@ class Trajectory:
     system: System | None = field(default=None, repr=False)
     pieces: Pieces | None = field(default=None, repr=False)
     ledger: Callable[[], Ledger] | None = field(default=None, repr=False)  # at the output times
-    fingerprint: str = ""
+    read_for: str = field(default="", repr=False)  # the fingerprint of a system that is not at hand
 
     @classmethod
     def from_arrays(
@@ -175,6 +175,11 @@ class Trajectory:
     def impacts(self) -> Impacts:
         """The impacts at the first contact, by this name's definition; ``contacts[i].impacts`` has every one."""
         return self.contacts[0].impacts if self.contacts else Impacts.none("none")
+
+    @property
+    def fingerprint(self) -> str:
+        """That of the system, see ``System.fingerprint``; empty for arrays without one."""
+        return self.read_for if self.system is None else self.system.fingerprint
 
     @cached_property
     def states(self) -> tuple[Array, Array]:

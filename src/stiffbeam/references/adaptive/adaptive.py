@@ -155,7 +155,6 @@ def reference_from(
         ),
         provenance=provenance,
         system=system,
-        fingerprint=system.fingerprint,
         evaluate=lambda times, channel: tuple(  # type: ignore[return-value]
             x[output_index(t, times, method), channel] for x in (positions, velocities)
         ),

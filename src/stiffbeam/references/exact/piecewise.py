@@ -156,7 +156,6 @@ def reference_of(
             **versions(),
         },
         system=system,
-        fingerprint=system.fingerprint,
         evaluate=partial(path_of, system, solution),
         state_at=solution.states,
         ledger=partial(exact_ledger, system, solution, t),

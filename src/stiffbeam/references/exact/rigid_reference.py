@@ -97,7 +97,6 @@ def _reference(system: System, solution: Solution, t: Array, t_end: float, begun
             "method": "exact", "form": system.form, "units": asdict(system.units), "t_end": float(t_end), **versions(),
         },
         system=system,
-        fingerprint=system.fingerprint,
         evaluate=observed,
         state_at=lambda times: solution.at(np.asarray(times, float))[:2],
         ledger=partial(_ledger, system, solution, t),

@@ -187,7 +187,6 @@ class Solved:
                 **versions(),
             },
             system=system,
-            fingerprint=system.fingerprint,
             evaluate=self.observed,
             state_at=self.states,
             ledger=partial(self.ledger, system, t),
