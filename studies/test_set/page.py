@@ -69,8 +69,8 @@ load is a `vector` times `constant`, or `amplitude` sin(`frequency` t + `phase`)
 `times`. A contact acts where `row` q + `offset` passes `upper` upwards or `lower` downwards by d > 0, with the force
 (`stiffness` d^`exponent` (1 + `dissipation` d') + `damping` d')₊ against it; `stiffness = inf` is a rigid stop with
 Newton's `restitution`. `observe` is the row of the tip u, the first contact's where it is left out. `tip` and
-`tip_velocity` are known at `t_end` k/`samples`, k = 1, 2, …; `impacts` and `releases` of the first contact by events, a
-contact that is there at the start is none.
+`tip_velocity` are known at the times k `t_end`/`samples`, k = 1, 2, …, rounded to doubles; `impacts` and `releases` of
+the first contact by events, a contact that is there at the start is none.
 
 ## Score your integrator
 
@@ -127,11 +127,13 @@ TAIL = """
 `python studies/test_set/make.py` makes every file, picture and this page: closed forms and quadratures in mpmath with
 60 digits, and for piecewise-linear systems the multiprecision solution of stiffbeam (python-flint), twice with
 different precision. `tests/test_known_answers.py` holds each against a second way that shares no code with the first:
-matrix exponentials between switches, in mpmath where the system is small, and Runge-Kutta of order 8 with events.
+matrix exponentials between switches, in mpmath where the system is small, and Runge-Kutta of order 8 with events;
+`tests/test_known_answers_by_series.py` every digit of the piecewise-linear ones against Taylor series in whole numbers.
 Continuum values are marked as such. Cite the test set by its version, see [`CITATION.cff`](CITATION.cff).
 
 | version | change of answers |
 |---|---|
 | 1.0 | first |
 | 2.0 | hertz, hunt-crossley: the velocity at the first touch, 1 and not 1.00018; their 25th digits |
+| 3.0 | times of switches and peak forces of the piecewise-linear problems: up to three of the last of 30 digits |
 """

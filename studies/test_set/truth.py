@@ -78,16 +78,21 @@ def _piecewise(system: sb.System, t_end: float, samples: int, digits: int, guard
         u, v = sample(np.atleast_1d(t), lambda x: mp.mpf(x.mid().str(mp.mp.dps + 5, radius=False)))
         return list(u[:, channel]), list(v[:, channel])
 
-    times = sample_times(t_end, samples)
-    u, v = at(times, tip)
+    def near(t: float) -> tuple[Any, Any, Any]:
+        """Position, velocity and acceleration of the first contact at a double: what is sought is nearer than 1e-16."""
+        beside = t * (1.0 + 2.0**-40)
+        x, w = at([t, beside], 0)
+        return x[0], w[0], (w[1] - w[0]) / (mp.mpf(beside) - mp.mpf(t))
+
+    u, v = at(sample_times(t_end, samples), tip)
     switches: dict[bool, list[Any]] = {True: [], False: []}
     sides = solution.sides[:, 0]
     for k in range(1, len(solution.times)):
         if sides[k] != sides[k - 1] and solution.times[k] > 0.0:  # contact that is there at the start is no impact
             side, t = int(sides[k] or sides[k - 1]), float(solution.times[k])
-            (x,), (w,) = at(t, 0)
-            # The switch is the double next to it and a Newton step, whose error is a square of 1e-16.
-            switches[bool(sides[k])].append(mp.mpf(t) - (x - mp.mpf(stops.g2 if side > 0 else stops.g1)) / w)
+            x, w, a = near(t)
+            s = (x - mp.mpf(stops.g2 if side > 0 else stops.g1)) / w
+            switches[bool(sides[k])].append(mp.mpf(t) - s - a * s**2 / (2 * w))
     edges = np.append(solution.times, t_end)
     peak = mp.mpf(0)
     for k in range(len(solution.times)):
@@ -97,8 +102,9 @@ def _piecewise(system: sb.System, t_end: float, samples: int, digits: int, guard
         rate = np.array([float(x) for x in at(grid, 0)[1]])
         turns = np.flatnonzero(rate[1:] * rate[:-1] < 0.0)
         found = [brentq(lambda t: float(at(t, 0)[1][0]), grid[i], grid[i + 1], xtol=1e-300, rtol=1e-15) for i in turns]
-        for t in [*found, edges[k], edges[k + 1]]:
-            x = at(t, 0)[0][0]
+        tops = [at(edge, 0)[0][0] for edge in edges[k : k + 2]]
+        tops += [x - w**2 / (2 * a) for x, w, a in map(near, found)]
+        for x in tops:
             depth = x - mp.mpf(stops.g2) if sides[k] > 0 else mp.mpf(stops.g1) - x
             peak = max(peak, mp.mpf(float(stops.stiffness)) * depth)
     return Truth("multiprecision (python-flint), twice with different precision", u, v, switches[True], switches[False],

@@ -20,7 +20,7 @@ from ..model.sampled import Sampled
 from ..model.system import System
 from ..model.time_functions import Constant, Harmonic, LoadFunction
 
-VERSION = "2.0"  # of the test set: the first number changes when an answer does, the second when problems are added
+VERSION = "3.0"  # of the test set: the first number changes when an answer does, the second when problems are added
 LAW = ("lower", "upper", "stiffness", "exponent", "damping", "dissipation", "restitution")
 
 
