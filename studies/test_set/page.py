@@ -114,10 +114,10 @@ files with different steps have an order:
 The errors are those of the tip at the sample times over its largest size (rms), of the impact times, of the peak force,
 taken between the steps by cubics, and of the energy at the end. An integrator is flagged where its error does not fall
 as the step does, or more slowly than its order on `free-oscillator` and the kink or jump of the law allow, and where
-its velocity is not the rate of its tip. `stiffbeam score` alone scores this package's
-schemes and solvers in less than a minute; `--out DIR` writes a page with pictures, `--json FILE` records, and
-`--latex --problem NAME` a table for a paper. A test that takes `known_problem`, of the package's pytest plugin, runs
-once for every problem.
+its velocity is not the rate of its tip; where a file has too few digits to tell, the card says so. `stiffbeam score`
+alone scores this package's schemes and solvers in less than a minute; `--out DIR` writes a page with pictures,
+`--json FILE` records, and `--latex --problem NAME` a table for a paper. A test that takes `known_problem`, of the
+package's pytest plugin, runs once for every problem.
 
 """
 

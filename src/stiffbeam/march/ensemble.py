@@ -43,7 +43,8 @@ def integrate_ensemble(
     at every so many steps; None keeps none, and memory does not grow with the steps but for the impacts.
     engine: "numba"; "numpy"; "jax" (at most one contact; on a GPU where JAX has one), equal to rounding.
     progress: called with the number of member-steps done. since: the time, a whole number of steps,
-    after which contacts are recorded; one that is there then is no impact. A member that overflows is
+    after which contacts are recorded; one that is there then is no impact, and impulses are the sum of dt F over the
+    steps after it, without half weights at its ends. A member that overflows is
     marked in ``diverged`` and the others go on. Raises InputError for bad arguments.
     """
     begun = time.perf_counter()

@@ -14,7 +14,7 @@ from ..model.active_set import solve_node
 from ..model.equations import Matrices, Modal
 from ..model.modes import modes
 from ..model.system import System
-from ..model.time_functions import evaluate, offset_rate, offset_values
+from ..model.time_functions import LoadFunction, evaluate, offset_rate, offset_values
 from ..schemes import RigidScheme, Scheme
 from ..schemes.rigid_scheme import AHEAD, POSITION, RESTITUTED, VELOCITY
 from .kernels.rigid_steps import AT_A_STOP, WHERE_CLOSED, WHERE_PREDICTED, Linear, steps
@@ -254,7 +254,7 @@ def _offset_shifts(system: System, kinds: tuple[str, ...], at: Array, nodes: Arr
             if kind == POSITION:
                 shifts[:, s, c] = offset_values(o, nodes[:, s])
             elif kind == RESTITUTED:
-                shifts[:, s, c] = offset_values(o, nodes[:, s]) + e * offset_values(o, np.maximum(at - dt, 0.0))
+                shifts[:, s, c] = offset_values(o, nodes[:, s]) + e * _places_before(o, at, dt)
             else:
                 shifts[:, s, c] = offset_rate(o, nodes[:, s]) + e * offset_rate(o, at)
     return shifts
@@ -278,3 +278,11 @@ def _first_reactions(view: _View, system: System, force: Array) -> Array:
         return np.zeros_like(force)
     compliance = view.equation.solve(0.0, 0.0, rows) @ rows.T
     return solve_node(r, np.ascontiguousarray(compliance), law) @ rows
+
+
+def _places_before(offset: LoadFunction, at: Array, dt: float) -> Array:
+    """o(t - dt); before t = 0 such that (o(dt) - o(-dt))/(2 dt) is the rate there, as a scheme takes the positions."""
+    places = np.array(offset_values(offset, np.maximum(at - dt, 0.0)), float)
+    if at[0] == 0.0:
+        places[0] = float(offset_values(offset, dt)) - 2.0 * dt * float(offset_rate(offset, 0.0))
+    return places

@@ -11,12 +11,13 @@ from ..basics.progress import Show, silent
 from ..basics.progress import progress as shown
 from ..basics.validation import InputError
 from ..trajectory.trajectory import Diverged, SolverFailure
+from .digits import lost_to_digits
 from .integrators import DEFAULT, Integrator, Made, integrator
 from .measure import errors_of, impacts_of, motion_of, stops_of
 from .problem import Problem, problem
 from .problem import problems as all_problems
 from .scorecard import Scorecard
-from .verdicts import FAILED, NOT_TAKEN, Entry, Run, verdict
+from .verdicts import FAILED, NOT_TAKEN, Entry, Run, verdict, with_digits
 
 SMOOTH = "free-oscillator"
 
@@ -65,7 +66,8 @@ def score(
 
 def score_trajectories(name: str | Problem, runs: Sequence[tuple[Any, ...]], label: str = "trajectory") -> Scorecard:
     """The score of runs of one problem, made by any program: each (t, u) or (t, u, v), t (k,), u and v the tip (k,)
-    or all unknowns (k, n). Several runs with different steps have an order; one has its errors only.
+    or all unknowns (k, n). Several runs with different steps have an order; one has its errors only. Errors that do not
+    fall because the numbers have too few digits are told apart.
 
     Raises InputError for arrays that do not fit the problem.
     """
@@ -74,7 +76,8 @@ def score_trajectories(name: str | Problem, runs: Sequence[tuple[Any, ...]], lab
     made = [Made(len(m.t) - 1, len(m.t) - 1, float("nan"), m) for m in motions]
     known = tuple(_run(chosen, one) for one in made)
     reason = next((why for one, run in zip(made, known, strict=True) if (why := _uncounted(chosen, one, run))), "")
-    return Scorecard((verdict(Entry(label, chosen, known, "", reason, float("nan"), False), float("nan")),))
+    entry = verdict(Entry(label, chosen, known, "", reason, float("nan"), False), float("nan"))
+    return Scorecard((with_digits(entry, max(lost_to_digits(chosen, motion) for motion in motions)),))
 
 
 def _uncounted(each: Problem, made: Made, run: Run) -> str:

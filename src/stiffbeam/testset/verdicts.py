@@ -16,7 +16,7 @@ from .problem import Problem
 
 NOT_TAKEN, FAILED = "not taken", "failed"
 CONVERGES, NOT_FALLING, LOW_ORDER = "converges", "error does not fall", "order too low"
-ONE_RUN, TOO_ALIKE = "one run", "steps too alike"
+ONE_RUN, TOO_ALIKE, FEW_DIGITS = "one run", "steps too alike", "too few digits"
 SPAN = 0.26  # of the longest step, what the shortest is at most where it is judged how errors fall
 FLOOR = 1e-9  # of max |u|: below it rounding hides how an error falls
 ALIKE = 1.25  # what an error that has come to stay may scatter by
@@ -24,6 +24,7 @@ FALL = 0.5  # of an error: what is left of it at a quarter of the step where a m
 SLACK = 0.5  # of an observed order: where an impact lies within its step scatters the errors
 COARSE = 0.1  # of max |v|: below it the velocity's median error may fall slowly in problems without an order limit
 RATE = 0.02  # what the velocity may be off by as a whole from the rate of the position
+MAGNIFIED = 100.0  # times what its digits make of the tip may be lost in the rest of a motion
 TIMES_TOLERANCE = 1e4  # an adaptive solver through contact stays within so many times its relative tolerance
 NONE = Order(float("nan"), float("nan"), float("nan"), 0)
 
@@ -160,6 +161,22 @@ def _falls(levels: Array, errors: Array) -> bool:
     return not stays and bool(fine <= FALL * coarse or most(max(4, len(errors) // 2)) >= 0.5)
 
 
+def with_digits(entry: Entry, lost: float) -> Entry:
+    """``entry``, neither praised nor flagged where errors that do not fall are no larger than what the digits of its
+    numbers alone make of the tip, ``lost``."""
+    if entry.outcome != NOT_FALLING or not entry.best:
+        return entry
+    last = entry.best
+    others = {
+        "impact times": last.impact_time / entry.problem.t_end, "peak force": last.peak_force, "energy": last.energy,
+        "velocity": last.velocity,
+    }  # fmt: skip
+    if not (last.tip_rms <= lost and all(abs(others[name]) <= MAGNIFIED * lost for name in entry.missed)):
+        return entry
+    reason = f"the digits of its numbers alone make errors of up to {shown_error(lost)}: write more of them"
+    return replace(entry, outcome=FEW_DIGITS, reason=reason, missed=())
+
+
 def shown_error(x: float) -> str:
     """Two digits, empty where it is not known."""
     return "" if not np.isfinite(x) else "0" if x == 0.0 else f"{x:.1e}"
@@ -167,6 +184,6 @@ def shown_error(x: float) -> str:
 
 def summary(entries: Sequence[Entry]) -> str:
     """How many entries have which outcome."""
-    outcomes = [CONVERGES, ONE_RUN, TOO_ALIKE, LOW_ORDER, NOT_FALLING, FAILED, NOT_TAKEN]
+    outcomes = [CONVERGES, ONE_RUN, TOO_ALIKE, FEW_DIGITS, LOW_ORDER, NOT_FALLING, FAILED, NOT_TAKEN]
     counts = {outcome: sum(entry.outcome == outcome for entry in entries) for outcome in outcomes}
     return ", ".join(f"{count} {outcome}" for outcome, count in counts.items() if count)

@@ -32,6 +32,7 @@ MOST_IMPACTS = 200_000
 NOTHING = 1e-100  # of the fastest impact: contacts that throw each other off by less are at rest
 MOST_AT_ONCE = 10_000
 TOGETHER = 16.0  # roundings of the time: which of two contacts closes first is not known
+ROUNDINGS = 4.0  # of a velocity
 LEFT = 1e-12  # of the distance between a stop and a start, relative: the start is on the stop
 
 
@@ -187,18 +188,28 @@ class Tracer:
                             "initial displacement", u, "lie between rigid stops", "move the stop or the start"
                         )
                     closed[contact] = side
-        going = [c for c, side in closed.items() if side * self._velocity(c) > 0.0]
+        going = [c for c, side in closed.items() if side * self._known_velocity(c) > 0.0]
         if going:
             self._bounce({c: closed[c] for c in going})
         for contact, side in closed.items():
             if contact not in going:
-                speed = -side * self._velocity(contact)
+                speed = -side * self._known_velocity(contact)
                 if speed > 0.0:
                     self.fresh[contact] = (side, 1, speed)
-        self._settle({c: s for c, s in closed.items() if self._velocity(c) == 0.0 and c not in self.fresh})
+        self._settle({c: s for c, s in closed.items() if self._known_velocity(c) == 0.0 and c not in self.fresh})
 
     def _velocity(self, contact: int) -> float:
         return float(self.model.rows[contact] @ self.v + self.model.shift(contact, self.t)[1])
+
+    def _known_velocity(self, contact: int) -> float:
+        """0 where it is no more than its rounding: a body that starts with its stop is at rest on it."""
+        velocity = self._velocity(contact)
+        return velocity if abs(velocity) > self._rounding(contact) else 0.0
+
+    def _rounding(self, contact: int) -> float:
+        """Of ``_velocity``: of a body that moves with its stop a chatter at that speed has no end."""
+        terms = np.abs(self.model.rows[contact]) @ np.abs(self.v) + abs(self.model.shift(contact, self.t)[1])
+        return ROUNDINGS * EPS * float(terms)
 
     def _impact(self, contact: int, side: int) -> None:
         if len(self.found.events) >= MOST_IMPACTS:
@@ -250,7 +261,7 @@ class Tracer:
         gap = self._gap(contact, side, c)
         a, j = -2.0 * gap[2], -6.0 * gap[3]
         short = CHATTER * min(1.0 / self.model.fastest if self.model.fastest else math.inf, max(self.t, 1e-300))
-        if e >= 1.0 or a <= 0.0 or not 2.0 * speed < short * a * (1.0 - e):
+        if e >= 1.0 or a <= 0.0 or not 2.0 * speed < max(short * a * (1.0 - e), 2.0 * self._rounding(contact)):
             return False
         after, v = 0.0, speed  # a sample that comes before bends the rest by less than CHATTER of it
         while v > 1e-18 * speed:

@@ -20,8 +20,9 @@ from ...trajectory.trajectory import Reference, SolverFailure, Work, versions
 from ..agreement import apart, scales_of, watched
 from ..request import output_times
 from ..rigid_stops import require_rigid
-from .audit import within_float64
+from .audit import ROUNDINGS, within_float64
 from .impacting import RADIANS, Solution, Tracer
+from .touching import EPS
 
 COPIES = ((0.7, 4.0), (0.55, -4.0), (0.85, 16.0))  # radians a stretch, and roundings by which the start is faster
 APART = 5e-4  # of the largest displacement, and of a radian of the slowest motion: half the tolerance of a horizon
@@ -110,13 +111,15 @@ def _seen(system: System, t: Array, q: Array, v: Array, channel: int) -> tuple[A
 
 
 def _beyond(system: System, solution: Solution) -> float:
-    """How far the starts of the stretches lie beyond stops, over the largest displacement against them or gap."""
+    """How far the starts of the stretches lie beyond stops, but for rounding, over the largest gap or displacement."""
     times, q = np.array(solution.times), np.array([q for q, _ in solution.states])
     worst = 0.0
     for contact in system.contacts:
-        u, stops = q @ contact.row + offset_values(contact.offset, times), contact.stops
+        shift, stops = offset_values(contact.offset, times), contact.stops
+        u = q @ contact.row + shift
+        rounding = ROUNDINGS * EPS * float(np.max(np.abs(q) @ np.abs(contact.row) + np.abs(shift)))
         sizes = [float(np.max(np.abs(u))), *(abs(g) for g in (stops.g1, stops.g2) if math.isfinite(g)), 1e-300]
-        worst = max(worst, float(np.max(np.abs(stops.penetration(u)))) / max(sizes))
+        worst = max(worst, (float(np.max(np.abs(stops.penetration(u)))) - rounding) / max(sizes))
     return worst
 
 
