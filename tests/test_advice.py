@@ -14,7 +14,7 @@ from vibro_march import solve
 import stiffbeam as sb
 from stiffbeam.basics.validation import InputError
 from stiffbeam.studies import advice
-from stiffbeam.studies.advice import QUANTITIES, WANT, Probe, _cheapest, _unreached
+from stiffbeam.studies.advice import QUANTITIES, WANT, Probe, cheapest, unreached
 from stiffbeam.studies.engine.journal import Journal
 
 
@@ -89,10 +89,26 @@ def test_the_advised_run_meets_the_want_and_its_double_step_does_not():
     assert error == pytest.approx(advice.chosen.errors["tip"], rel=1e-9)
     assert error <= 1e-2
     good = [p for p in advice.tried if p.meets(advice.want) and p.work < advice.chosen.work]
-    halves = {(p.label, p.steps) for p in advice.tried if p.meets(advice.want)}
-    assert not [p for p in good if (p.label, 2 * p.steps) in halves]
+    for p in good:  # each is followed by one that does not meet it, to its half or between the two
+        finer = [x for x in advice.tried if x.label == p.label and p.steps < x.steps <= 2 * p.steps]
+        assert not finer or not all(x.meets(advice.want) for x in finer), p
     assert set(QUANTITIES) <= {name.removeprefix("error_") for name in advice.to_dataframe()}
     assert json.loads(json.dumps(advice.to_dict()))["advised"]["scheme"] == str(advice.chosen.scheme)
+
+
+def test_a_step_that_is_right_by_chance_is_not_advised(monkeypatch):
+    """Errors that swing: right at 64 and 128 steps, not between, and from 512 on at all."""
+
+    def swinging(self, system, scheme, contact, dt, t_end):
+        steps = round(t_end / dt)
+        good = steps >= 512 or steps in (64, 128)
+        return dict.fromkeys(QUANTITIES, 0.01 if good else 0.2), 0.0
+
+    monkeypatch.setattr(advice.Motion, "errors", swinging)
+    found = sb.advise(bouncing_chain(), {"impacts": 0.05}, 6.0, [sb.HHT(alpha=-0.1)])
+    assert found.chosen is not None
+    assert found.chosen.steps >= 512
+    assert any(64 < p.steps < 128 for p in found.tried)
 
 
 def test_what_cannot_be_had_is_said_with_the_best_there_is():
@@ -211,7 +227,7 @@ def test_a_coarse_run_that_is_right_by_chance_is_no_advice():
     """Two coarse steps meet the want and a finer one does not: the advice begins where all finer ones do."""
     errors = {64: 0.01, 128: 0.02, 256: 0.3, 512: 0.04, 1024: 0.02, 2048: 0.01}
     tried = [Probe(sb.BDF2(), "implicit", 1.0 / n, n, n, 0.0, {"peak_force": e}) for n, e in errors.items()]
-    assert _cheapest(tried, {"peak_force": 0.05}).steps == 512
-    assert _cheapest(tried[:4], {"peak_force": 0.05}) is None  # the finest alone has none that confirms it
-    said = _unreached(tried[:3], {"peak_force": 0.05}, 256)["peak_force"]
+    assert cheapest(tried, {"peak_force": 0.05}).steps == 512
+    assert cheapest(tried[:4], {"peak_force": 0.05}) is None  # the finest alone has none that confirms it
+    said = unreached(tried[:3], {"peak_force": 0.05}, 256)["peak_force"]
     assert said.startswith("from no step on all of 3 runs of up to 256 steps; the best has 0.01")

@@ -16,7 +16,7 @@ from ..basics.whole_file import write_whole
 from ..model.system import System
 from ..model.time_functions import offset_values
 from ..trajectory.trajectory import Reference, Trajectory
-from .panels import new_figure, tip_symbol
+from .panels import new_figure, tip_name, tip_symbol
 from .style import look, short
 
 SUFFIXES = (".gif", ".mp4")
@@ -155,7 +155,7 @@ def _stage(system: System, films: list[_Film], t: Array) -> tuple[Any, Any]:
         above.set(xlabel=place, ylabel=moved)
     high = 1.1 * max(float(np.max(np.abs(film.tip))) for film in films) or 1.0
     below.set(xlim=(0.0, t[-1]), ylim=(-high, high))
-    below.set(xlabel=units.label("time $t$", "time"), ylabel=units.label(f"tip {symbol}", "length"))
+    below.set(xlabel=units.label("time $t$", "time"), ylabel=units.label(f"{tip_name(beam)} {symbol}", "length"))
     above.legend(loc="upper left", frameon=False, ncols=len(films))
     clock = above.text(0.99, 0.97, "", transform=above.transAxes, ha="right", va="top")
     cursor = below.axvline(0.0, color="0.5", lw=0.8)

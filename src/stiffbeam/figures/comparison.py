@@ -16,7 +16,7 @@ from ..measures.windows import drive_frequency
 from ..model.contact import Stops
 from ..model.system import System
 from ..trajectory.trajectory import Reference, Trajectory
-from .panels import new_figure, tip_symbol
+from .panels import new_figure, tip_name, tip_symbol
 from .style import look
 
 if TYPE_CHECKING:
@@ -43,7 +43,7 @@ def four_panels(
     system = main.system
     assert system is not None
     units, symbol = system.units, tip_symbol(system.problem)
-    displacement_label = units.label(f"tip displacement {symbol}", "length")
+    displacement_label = units.label(f"{tip_name(system.problem)} displacement {symbol}", "length")
     window = min(main.horizon, float(main.t[-1]))
     zooms = max(1, len(system.contacts))
     lines = (4 + zooms) // 2

@@ -131,10 +131,17 @@ def heading(case: Case, text: str) -> str:
 
 
 def tip_symbol(problem: BeamProblem | None, t: str = "t") -> str:
-    """u(1, t) as in the paper, u(L, t) of a beam that is not of length 1, u(t) of matrices."""
+    """u(1, t) as in the paper, u(L, t) of a beam that is not of length 1, at L/2 where its end is held, u(t) of
+    matrices."""
     if problem is None:
         return f"$u({t})$"
-    return f"$u(1, {t})$" if problem.length == 1.0 and not problem.units.known else f"$u(L, {t})$"
+    end = "1" if problem.length == 1.0 and not problem.units.known else "L"
+    return f"$u({end}, {t})$" if tip_name(problem) == "tip" else f"$u({end}/2, {t})$"
+
+
+def tip_name(problem: BeamProblem | None) -> str:
+    """What is observed: the tip, or the middle of a beam whose end is held."""
+    return "tip" if problem is None or problem.ends[1] == "free" else "mid-span"
 
 
 def save_figure(figure: Figure, file: str | Path) -> Path:

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..trajectory.trajectory import Reference, Trajectory
 from .comparison import draw_stops
-from .panels import new_figure, tip_symbol
+from .panels import new_figure, tip_name, tip_symbol
 from .style import COLOURS, look, short
 
 if TYPE_CHECKING:
@@ -26,8 +26,9 @@ def run_figure(run: Trajectory) -> Figure:
     note = f" ({units.note})" if units.note else ""
     figure = new_figure(7.6, f"{short(method)}, {run.provenance['form']}{note}")
     tip, force, portrait, energy = figure.subplots(2, 2).ravel()
-    symbol = tip_symbol(system.problem if system else None)
-    time, length = units.label("time $t$", "time"), units.label(f"tip displacement {symbol}", "length")
+    beam = system.problem if system else None
+    symbol, name = tip_symbol(beam), tip_name(beam)
+    time, length = units.label("time $t$", "time"), units.label(f"{name} displacement {symbol}", "length")
     style = {"color": look(method)["color"], "lw": 0.9}
     tip.plot(run.t, run.tip, **style)
     portrait.plot(run.tip, run.tip_velocity, **style)
@@ -49,13 +50,22 @@ def run_figure(run: Trajectory) -> Figure:
         force.text(0.5, 0.5, "no contact", transform=force.transAxes, ha="center", color="0.35")
     tip.set(xlabel=time, ylabel=length)
     force.set(xlabel=time, ylabel=units.label(r"contact force $\sigma$", "force"))
-    portrait.set(xlabel=length, ylabel=units.label(f"tip velocity {symbol.replace('u(', 'u_t(')}", "velocity"))
+    portrait.set(xlabel=length, ylabel=units.label(f"{name} velocity {symbol.replace('u(', 'u_t(')}", "velocity"))
     energy.set(xlabel=time, ylabel=units.label("energy", "energy"))
     if run.ledger is not None or "energy" in vars(run):
-        names = ("kinetic", "elastic", "stops", "input", "loss")
-        for name, colour in zip(names, (*COLOURS[:3], "0.35", "black"), strict=True):
-            energy.plot(run.t, getattr(run.energy, name), lw=0.9, color=colour, label=name)
-        energy.legend(frameon=False, fontsize=8.5, ncols=5, loc="upper center", bbox_to_anchor=(0.5, -0.16))
+        names = ["kinetic", "elastic", "stops", "input", "loss"]
+        names += [name for name in ("viscous", "stop_dissipation") if np.any(getattr(run.energy, name))]
+        for name, colour in zip(names, (*COLOURS[:3], "0.35", "black", *COLOURS[3:5]), strict=False):
+            line = "--" if name in ("viscous", "stop_dissipation") else "-"
+            label = name.replace("stop_dissipation", "taken by stops")
+            energy.plot(run.t, getattr(run.energy, name), lw=0.9, ls=line, color=colour, label=label)
+        energy.legend(
+            frameon=False,
+            fontsize=8.5,
+            ncols=4 if len(names) > 5 else 5,
+            loc="upper center",
+            bbox_to_anchor=(0.5, -0.16),
+        )
     else:
         energy.text(0.5, 0.5, "not saved with the run", transform=energy.transAxes, ha="center", color="0.35")
     for axis, title in zip(

@@ -280,7 +280,7 @@ def _first_reactions(view: _View, system: System, force: Array) -> Array:
     return solve_node(r, np.ascontiguousarray(compliance), law) @ rows
 
 
-def _places_before(offset: LoadFunction, at: Array, dt: float) -> Array:
+def _places_before(offset: LoadFunction | None, at: Array, dt: float) -> Array:
     """o(t - dt); before t = 0 such that (o(dt) - o(-dt))/(2 dt) is the rate there, as a scheme takes the positions."""
     places = np.array(offset_values(offset, np.maximum(at - dt, 0.0)), float)
     if at[0] == 0.0:

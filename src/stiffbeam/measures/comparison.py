@@ -59,7 +59,8 @@ class Comparison:
     """A run against a reference on [0, window], window = min(t_end, horizon); totals to t_end apart.
 
     tip_error_rms, tip_error_max: of u_run - u_ref at the run's steps, over max |u_ref|; matched_until: the time to
-    which the impacts match at all contacts, at most the window; tip_error_matched: the rms up to there.
+    which the impacts match at all contacts, at most the window, NaN where the run does not tell of all;
+    tip_error_matched: the rms up to there.
     error: u_run - u_ref over max |u_ref| at every step of the window, (k,); not among the records of ``to_dict``.
     energy_lost: the ledger's loss over E_0 + input, all energy the system has had. contacts: one for each of the
     system's, in its order. switches: what an adaptive solver does at a switch, "restart" or "through", else "".
@@ -172,7 +173,9 @@ def compare(run: Trajectory | Sequence[ArrayLike], reference: Reference) -> Comp
     error = relative_error(run.tip[here], u_ref[here])
 
     contacts = tuple(_contact(run, reference, system, i, t[: len(u_ref)], window) for i in range(len(system.contacts)))
-    matched_until = min((c.matching.matched_until for c in contacts), default=window)
+    together = min((c.matching.matched_until for c in contacts), default=window)
+    unknown = any(contact.impacts.kind == "unknown" for contact in run.contacts)
+    matched_until = float("nan") if unknown else together
     energy = run.energy if run.ledger is not None or "energy" in vars(run) else None
     missing = [
         f"{c.place or 'contact'}: its position is not the tip's, and the run came without states"
@@ -197,7 +200,7 @@ def compare(run: Trajectory | Sequence[ArrayLike], reference: Reference) -> Comp
         run.tip[: len(u_ref)],
         run.tip_velocity[: len(u_ref)],
         lambda times: u_ref[np.round(times / dt).astype(int)],
-        matched_until,
+        together,
         drive_frequency(system),
         float(omega[0]) if len(omega) else 0.0,
     )
@@ -215,7 +218,7 @@ def compare(run: Trajectory | Sequence[ArrayLike], reference: Reference) -> Comp
         t_end=t_end,
         tip_error_rms=rms(error),
         tip_error_max=float(np.max(np.abs(error))),
-        tip_error_matched=rms(error[t[here] <= matched_until]),
+        tip_error_matched=float("nan") if unknown else rms(error[t[here] <= matched_until]),
         matched_until=matched_until,
         phase=lag,
         energy_lost=float("nan") if energy is None else energy.lost_fraction(last),

@@ -70,7 +70,7 @@ def _delay(matching: Matching) -> str:
 
 
 def _matched(until: float, window: float) -> str:
-    return number(until) if until < window else "horizon"
+    return DASH if np.isnan(until) else number(until) if until < window else "horizon"
 
 
 def common_window(comparisons: Sequence[Comparison]) -> float:
@@ -154,7 +154,9 @@ def _inside(comparisons: Sequence[Comparison]) -> Table:
             *_impacts(c, "run"),
         )
         for contact in _several(c):
-            until, delay = _matched(contact.matching.matched_until, c.window), _delay(contact.matching)
+            told = contact.run.impacts >= 0
+            until = _matched(contact.matching.matched_until if told else np.nan, c.window)
+            delay = _delay(contact.matching)
             table.add_row(f"  {contact.place}", until, "", delay, "", *_counts(contact.run))
     return table
 
@@ -186,7 +188,7 @@ def _whole(comparisons: Sequence[Comparison], truth: Reference | None) -> Table:
     method, _, form = first.reference.partition("@")
     units, end = first.units, max(c.t_end for c in comparisons)
     beyond = ": one realisation each, not comparable" if first.window < end * (1 - 1e-9) else ""
-    parted = min(c.matched_until for c in comparisons)
+    parted = min((c.matched_until for c in comparisons if not np.isnan(c.matched_until)), default=first.window)
     if not beyond and parted < first.window:
         beyond = f"; impacts differ from t = {units.measure(number(parted), 'time')} on"
     table = _table(
@@ -234,7 +236,8 @@ def _explanation(comparisons: Sequence[Comparison], references: Sequence[Referen
     ]
     lines += [
         "Tip error: rms over max |u|, as long as the impacts of all runs match. Lag > 0: late; in brackets the "
-        "median impact delay where the phase lag is undefined. Energy lost: of all energy the system has had. "
+        "median impact delay where the phase lag is undefined. Energy lost: by the scheme itself, not by dampers and "
+        "stops, of all energy the system has had. "
         "Impacts: sampled at the run's steps, [by events].",
     ]
     if any(contact.reference_totals.events for c in comparisons for contact in c.contacts):

@@ -5,8 +5,9 @@
     error(peak_force)  |F - F_exact|/F_exact, F the largest contact force to t_end
     error(impulse)     likewise, of the integral of |sigma|
 
-of several contacts the largest. Every scheme runs with 2^k n steps, k = 0, 1, ...; a step counts where it and its
-half both meet what is wanted, since errors through contact do not decrease steadily. The cheapest in linear solves
+of several contacts the largest. Every scheme runs with 2^k n steps, k = 0, 1, ...; a step counts where it, its half
+and BETWEEN steps between the two all meet what is wanted: errors through contact do not decrease steadily, and a count
+or a peak may be right by chance. The cheapest in linear solves
 (steps times stages) is named: whatever solves the system, that is what a step costs. All schemes are refined
 together: no fine run is made of one where a coarse run of another is enough. Where not all that is wanted can be had,
 the rest counts where every finer step meets it too.
@@ -19,9 +20,8 @@ together would all follow one motion of that scheme first, and their mean would 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import takewhile
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -33,50 +33,24 @@ from ..march.integrate import integrate
 from ..march.rules import CONTACTS
 from ..measures.remark import remark
 from ..measures.tip_error import stays_within
-from ..model.drive import Drive
 from ..model.members import SPREAD
-from ..model.modes import modes, undamped_modes
+from ..model.modes import modes
 from ..model.system import System
 from ..references import reference
 from ..schemes import RIGID, SCHEMES, Scheme, make
 from ..trajectory.tables import table
-from ..trajectory.trajectory import Diverged, Trajectory
+from ..trajectory.trajectory import Trajectory
 from .advice_criteria import Criterion, Motion, Statistics
-from .common import label_of
+from .advice_search import QUANTITIES, Probe, Tell, cheapest, search, unreached
 
 if TYPE_CHECKING:
     import pandas
 
     from .engine.journal import Journal
 
-Tell = Callable[[str], None]
-QUANTITIES = ("tip", "impacts", "peak_force", "impulse")
 WANT = {"tip": 1e-3, "impacts": 0.05, "peak_force": 0.05}
-PER_PERIOD = 8  # steps of the coarsest run in the shorter of the lowest natural period and the drive's
 MOST_STEPS, MOST_DIRECT, MOST_MEMBER = 2**20, 2**14, 2**11  # of a run; marched with matrices, a thousand times slower
 PAST = "past the horizon t = {:.4g} no step gives one motion: motions 1e-16 apart have diverged there"
-
-
-@dataclass(frozen=True)
-class Probe:
-    """One run that was tried: its errors by quantity, infinite where it broke off. work: linear solves."""
-
-    scheme: Scheme
-    contact: str
-    dt: float
-    steps: int
-    work: int
-    seconds: float
-    errors: dict[str, float]
-
-    @property
-    def label(self) -> str:
-        """The scheme, and the contact treatment where it is not the implicit one."""
-        return f"{self.scheme}" + (f", {self.contact} contact" if self.contact != "implicit" else "")
-
-    def meets(self, want: Mapping[str, float]) -> bool:
-        """Whether every error is at most the one wanted."""
-        return all(self.errors[name] <= tolerance for name, tolerance in want.items())
 
 
 @dataclass(frozen=True)
@@ -203,16 +177,16 @@ def advise(
     most = most_steps or (direct if modes(system) is None else MOST_STEPS)
     candidates, most = _candidates(schemes, contacts), integer("most_steps", most, 1)
     tried, chosen = (
-        _search(system, t_end, candidates, criterion, left, most, show, tell, journal) if left else ([], None)
+        search(system, t_end, candidates, criterion, left, most, show, tell, journal) if left else ([], None)
     )
     if left and not tried:
         remedy = "pass schemes that take its stops" if system.contacts else "pass other schemes"
         raise InputError("schemes", ", ".join(dict.fromkeys(str(s) for s, _ in candidates)), "take the system", remedy)
     while chosen is None and left:
-        worst = _unreached(tried, left, most)
+        worst = unreached(tried, left, most)
         cannot |= worst
         left = {name: x for name, x in left.items() if name not in worst}
-        chosen = _cheapest(tried, left) if left else None
+        chosen = cheapest(tried, left) if left else None
     until = 0.0
     if chosen is not None:
         run = integrate(system, chosen.scheme, chosen.dt, t_end, chosen.contact)
@@ -257,93 +231,3 @@ def _candidates(schemes: Sequence[Scheme] | None, contacts: Sequence[str]) -> li
         if not isinstance(scheme, Scheme):
             raise InputError("schemes", scheme, "be Scheme objects", "for example stiffbeam.HHT(alpha=-0.1)")
     return [(s, contact) for s in chosen for contact in contacts if contact != "conserving" or s.conserving is not None]
-
-
-def _search(
-    system: System, t_end: float, candidates: list[tuple[Scheme, str]], criterion: Criterion, want: dict[str, float],
-    most: int, show: Show, tell: Tell, journal: Journal | None,
-) -> tuple[list[Probe], Probe | None]:  # fmt: skip
-    """All candidates together from coarse to fine, each until two steps in a row meet the want, or it costs more than
-    the best that does; what is known after every refinement is told."""
-    tried: list[Probe] = []
-    best: Probe | None = None
-    steps = min(most, max(4, int(np.ceil(PER_PERIOD * t_end / _period(system, t_end)))))
-    alive: list[tuple[Scheme, str, Probe | None]] = [(scheme, contact, None) for scheme, contact in candidates]
-    while alive and steps <= most:
-        left, here = [], []
-        for done, (scheme, contact, before) in enumerate(alive):
-            show(f"advise: runs of {steps} steps", done, len(alive))
-            good = before if before is not None and before.meets(want) else None
-            if best is not None and (good.work if good else steps * len(scheme.nodes)) >= best.work:
-                continue
-            probe = _probe(system, t_end, scheme, contact, steps, criterion, journal)
-            if probe is None:
-                continue  # what this scheme or these stops do not take
-            here.append(probe)
-            if good and probe.meets(want):
-                best = good
-                tell(f"cheapest so far: {best.label}, {best.steps} steps, {best.work} linear solves")
-            else:
-                left.append((scheme, contact, probe))
-        if here:
-            least = {name: min(here, key=lambda p, name=name: p.errors[name]) for name in want}
-            words = ", ".join(f"{name} {p.errors[name]:.2g} ({p.label})" for name, p in least.items())
-            tell(f"{steps} steps: {words}")
-        tried, alive, steps = tried + here, left, 2 * steps
-    return tried, best
-
-
-def _period(system: System, t_end: float) -> float:
-    """The shorter of the lowest natural period and the drives'; t_end where nothing swings."""
-    omega = undamped_modes(system).omega
-    rates = [*omega[omega > 0.0][:1].tolist(), *Drive.of(system).frequencies]
-    return min([2.0 * np.pi / rate for rate in rates if rate > 0.0], default=t_end)
-
-
-def _probe(
-    system: System, t_end: float, scheme: Scheme, contact: str, steps: int, criterion: Criterion,
-    journal: Journal | None,
-) -> Probe | None:  # fmt: skip
-    """The run of these steps, read where the journal has it; None where it is refused."""
-    dt, work = t_end / steps, steps * len(scheme.nodes)
-    point = {"system": system.fingerprint, "t_end": t_end, "contact": contact, "steps": steps, **criterion.point}
-    if journal is not None:
-        point["scheme"] = label_of(scheme)  # a scheme of one's own need not have one
-        if rows := journal.rows(point):
-            return Probe(scheme, contact, dt, steps, work, **rows[0])
-    try:
-        errors, seconds = criterion.errors(system, scheme, contact, dt, t_end)
-    except Diverged:
-        errors, seconds = dict.fromkeys(map(str, QUANTITIES), np.inf), 0.0
-    except InputError as error:
-        if error.field != "dt":  # else a step at which it is refused
-            return None
-        errors, seconds = dict.fromkeys(map(str, QUANTITIES), np.inf), 0.0
-    if journal is not None:
-        journal.keep(point, [{"seconds": seconds, "errors": errors}])
-    return Probe(scheme, contact, dt, steps, work, seconds, errors)
-
-
-def _cheapest(tried: list[Probe], want: dict[str, float]) -> Probe | None:
-    """The cheapest run that meets the want with all finer ones, one at least; else a coarse run meets it by chance."""
-    good: list[Probe] = []
-    for label in dict.fromkeys(probe.label for probe in tried):
-        finest_first = sorted((p for p in tried if p.label == label), key=lambda p: -p.steps)
-        good += list(takewhile(lambda p: p.meets(want), finest_first))[1:]
-    return min(good, key=lambda p: p.work, default=None)
-
-
-def _unreached(tried: list[Probe], want: dict[str, float], most: int) -> dict[str, str]:
-    """Of the wanted quantities those that are met from no step on; where there is none, the one that costs most."""
-    alone = {name: _cheapest(tried, {name: x}) for name, x in want.items()}
-    found = {}
-    for name in [name for name, probe in alone.items() if probe is None]:
-        best = min(tried, key=lambda p, name=name: p.errors[name])
-        runs = f"{'from no step on all' if best.meets({name: want[name]}) else 'none'} of {len(tried)} runs of up to "
-        found[name] = f"{runs}{most} steps; the best has {best.errors[name]:.2g}, {best.label} at dt = {best.dt:.3g}"
-    if found:
-        return found
-    name = max(alone, key=lambda n: alone[n].work)  # type: ignore[union-attr]
-    probe = alone[name]
-    assert probe is not None
-    return {name: f"not together with the rest; alone with {probe.label} at dt = {probe.dt:.3g}"}

@@ -19,7 +19,7 @@ import numpy as np
 
 from ..basics.arrays import Array
 from ..basics.validation import InputError, integer, near, number, positive
-from ..figures import COLOURS, column, dashed, heading, look, new_figure, numeric, say_empty, tip_symbol
+from ..figures import COLOURS, column, dashed, heading, look, new_figure, numeric, say_empty, tip_name, tip_symbol
 from ..files.cases import Case
 from ..march.ensemble import integrate_ensemble
 from ..references.ensemble import reference_ensemble
@@ -240,7 +240,7 @@ def _diagram(figure: Figure, points: Rows, contacts: Rows, case: Case) -> None:
     first = next(iter([*points, *contacts]), {"parameter": "parameter", "method": EXACT})
     name, colour = first["parameter"], look(first["method"])["color"]
     colours = [colour, *(other for other in COLOURS if other != colour)]
-    section.set(ylabel=units.label(f"tip {tip_symbol(case.beam, 'nT')}", "length"))
+    section.set(ylabel=units.label(f"{tip_name(case.beam)} {tip_symbol(case.beam, 'nT')}", "length"))
     section.set_title("(a) the tip once in every period $T$ of the drive", loc="left")
     if points:
         # The fainter the more points there are, so that dense bands and single curves can be told apart.

@@ -324,8 +324,7 @@ class Reference(Trajectory):
         return seen if self.system is None else as_it_starts(self.system, channel, t, *seen)
 
     def impacts_sampled(self, dt: float, t_end: float | None = None, contact: int = 0) -> Impacts:
-        """The impacts a perfect scheme with step ``dt`` would count at a contact: the sampled rule on
-        the exact u(n dt)."""
+        """The impacts that a perfect scheme with step ``dt`` would count at a contact: those of the exact u(n dt)."""
         positive("dt", dt)
         end = float(self.provenance["t_end"]) if t_end is None else positive("t_end", t_end)
         size = 3.0 if self.system is None else 2.0 * self.system.size
@@ -346,10 +345,6 @@ class Reference(Trajectory):
     def states(self) -> tuple[Array, Array]:
         """(q, v) at the times t, one row a time; InputError where the solution was loaded without its system."""
         if self.state_at is None:
-            raise InputError(
-                "states",
-                "a loaded file",
-                "come from a run",
-                "an exact one has them with its system: sb.load(file, system)",
-            )
+            remedy = "an exact one has them with its system: sb.load(file, system)"
+            raise InputError("states", "a loaded file", "come from a run", remedy)
         return self.state_at(self.t)

@@ -17,6 +17,7 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...basics.arrays import Array
 from ...basics.validation import InputError
@@ -66,7 +67,7 @@ class Solution:
         t = np.asarray(t, float)
         q, v = np.empty((2, len(t), self.model.system.size))
         R = np.zeros((len(t), len(self.model.rows)))
-        piece = np.maximum(np.searchsorted(self.times, t, side="right") - 1, 0)
+        piece = self.stretch_at(t)
         for k in np.unique(piece):
             here = np.flatnonzero(piece == k)
             start, moving = self.states[k]
@@ -77,6 +78,14 @@ class Solution:
             if len(self.held[k]):
                 R[here[:, None], list(self.held[k])] = powers[:, : len(reactions)] @ reactions
         return q, v, R
+
+    def stretch_at(self, t: Array) -> NDArray[np.int64]:
+        """The stretch that each time (k,) lies in; a switch belongs to the one it begins."""
+        return np.maximum(np.searchsorted(self.times, t, side="right") - 1, 0)
+
+    def is_held(self, t: Array, contact: int) -> NDArray[np.bool_]:
+        """Whether the contact is held at times t (k,)."""
+        return np.array([contact in held for held in self.held])[self.stretch_at(t)]
 
 
 class Tracer:

@@ -75,14 +75,14 @@ def _reference(system: System, solution: Solution, t: Array, t_end: float, begun
 
     def observed(times: Array, channel: int) -> tuple[Array, Array]:
         q, v, _ = solution.at(np.asarray(times, float))
-        return _seen(system, times, q, v, channel)
+        return _seen(solution, np.asarray(times, float), q, v, channel)
 
-    tip, velocity = _seen(system, t, q, v, system.tip_channel)
+    tip, velocity = _seen(solution, t, q, v, system.tip_channel)
     held = _held(solution, t_end, since)
     contacts = tuple(
         ContactRecord(
             contact.stops,
-            *_seen(system, t, q, v, c),
+            *_seen(solution, t, q, v, c),
             R[:, c],
             *_contact(solution, c, held[c], t_end, since),
         )
@@ -105,9 +105,16 @@ def _reference(system: System, solution: Solution, t: Array, t_end: float, begun
     )  # fmt: skip
 
 
-def _seen(system: System, t: Array, q: Array, v: Array, channel: int) -> tuple[Array, Array]:
+def _seen(solution: Solution, t: Array, q: Array, v: Array, channel: int) -> tuple[Array, Array]:
+    """Position and velocity of a channel; of a held contact those of its stop, not what rounding leaves of them."""
+    system = solution.model.system
     row, offset = system.channels[channel]
-    return q @ row + offset_values(offset, t), v @ row + offset_rate(offset, t)
+    u, w = q @ row + offset_values(offset, t), v @ row + offset_rate(offset, t)
+    if channel < len(system.contacts):
+        held, stops = solution.is_held(t, channel), system.contacts[channel].stops
+        stop = np.where(np.abs(u - stops.g2) < np.abs(u - stops.g1), stops.g2, stops.g1)
+        u, w = np.where(held, stop, u), np.where(held, 0.0, w)
+    return u, w
 
 
 def _beyond(system: System, solution: Solution) -> float:
@@ -216,7 +223,7 @@ def _horizon(system: System, found: Reference, t: Array, t_end: float) -> float:
         copy = Tracer(moved, radians).solve(t_end)
         q, v, _ = copy.at(t)
         for channel, path, scale in seen:
-            wrong = np.abs(_seen(system, t, q, v, channel)[0] - path) > APART * scale
+            wrong = np.abs(_seen(copy, t, q, v, channel)[0] - path) > APART * scale
             if np.any(wrong):
                 horizon = min(horizon, float(t[max(0, int(np.argmax(wrong)) - 1)]))
         for c, record in enumerate(found.contacts):
