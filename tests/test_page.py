@@ -19,6 +19,7 @@ import pytest
 
 import stiffbeam as sb
 from stiffbeam import cli
+from stiffbeam.dumont2002.sections import DOI
 from stiffbeam.dumont2002.verdicts import FAILS, HOLDS, NOT_MEASURED, SCHEME_ONLY, UNTESTABLE
 from stiffbeam.files.cases import paper_cases
 
@@ -66,7 +67,9 @@ def check(text: str) -> Page:
     assert text.startswith('<!DOCTYPE html>\n<html lang="en">')
     assert len(set(page.ids)) == len(page.ids)
     assert page.links
-    inside = [link for link in page.links if not link.startswith("data:text/csv;")]
+    paper = f"https://doi.org/{DOI}"
+    assert page.links.count(paper) == 1
+    inside = [link for link in page.links if not link.startswith("data:text/csv;") and link != paper]
     assert all(link.startswith("#") and link[1:] in page.ids for link in inside)
     assert page.images
     for image in page.images:
@@ -74,7 +77,7 @@ def check(text: str) -> Page:
         assert re.match(r"data:image/(svg\+xml|png|gif);base64,", image["src"])
     assert len({image["alt"] for image in page.images}) == len(page.images)
     # Nothing from outside: no address is loaded, no script, no imported style or font.
-    assert all(source.startswith(("#", "data:")) for source in page.sources)
+    assert all(source.startswith(("#", "data:")) for source in page.sources if source != paper)
     assert not {"script", "iframe", "object", "embed", "audio", "video"} & set(page.tags)
     assert "@import" not in text
     assert "url(" not in re.sub(r"base64,[A-Za-z0-9+/=]+", "", text)

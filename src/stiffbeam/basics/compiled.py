@@ -5,8 +5,9 @@ from __future__ import annotations
 import ast
 import gc
 import hashlib
-from collections.abc import Callable
-from contextlib import suppress
+import time
+from collections.abc import Callable, Generator
+from contextlib import contextmanager, suppress
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,7 @@ from . import cache
 
 # Sums may be reassociated and contracted, but NaN and inf stay honest: an overflow must be seen.
 FASTMATH = {"reassoc", "contract"}
+LONG = 1.0  # seconds of compiling, after which there is garbage
 
 
 def compiled(function: Callable[..., Any]) -> Any:
@@ -38,6 +40,32 @@ def inlined(function: Callable[..., Any]) -> Any:
     instructions. Of numbers alone ``compiled`` is as fast.
     """
     return _njit(function, forceinline=True, _nrt=False)
+
+
+class _Clock:
+    """Seconds for which ``clock`` has stood still, how many ask it to, and since when it does."""
+
+    still, stopping, since = 0.0, 0, 0.0
+
+
+def clock() -> float:
+    """The time in seconds, as ``time.perf_counter``, but that it stands still while a kernel is compiled or loaded:
+    what a run takes the second time."""
+    return (_Clock.since if _Clock.stopping else time.perf_counter()) - _Clock.still
+
+
+@contextmanager
+def stopped_clock() -> Generator[None, None, None]:
+    """``clock`` stands still in this context."""
+    if not _Clock.stopping:
+        _Clock.since = time.perf_counter()
+    _Clock.stopping += 1
+    try:
+        yield
+    finally:
+        _Clock.stopping -= 1
+        if not _Clock.stopping:
+            _Clock.still += time.perf_counter() - _Clock.since
 
 
 @lru_cache
@@ -105,13 +133,17 @@ def _without_collections(made: Any) -> Any:
     compile_all = made.compile  # with what it calls, which comes here again
 
     def collecting_after(signature: Any) -> Any:
-        if not gc.isenabled():
-            return compile_all(signature)
-        gc.disable()
-        try:
-            return compile_all(signature)
-        finally:
-            gc.enable()
+        with stopped_clock():
+            if not gc.isenabled():
+                return compile_all(signature)
+            gc.disable()
+            begun = time.perf_counter()
+            try:
+                return compile_all(signature)
+            finally:
+                gc.enable()
+                if time.perf_counter() - begun > LONG:
+                    gc.collect()  # here, and not at the first array of a run
 
     made.compile = collecting_after
     return made

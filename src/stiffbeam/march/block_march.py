@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -10,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..basics.arrays import Array, aligned
+from ..basics.compiled import clock
 from ..model.contact import laws
 from ..model.contact_law import DAMPING
 from ..model.members import Members
@@ -134,7 +134,6 @@ class March:
     state: Marchers = field(init=False)
     tally: Array = field(init=False)  # (M, m, 8) of the whole run, at the end
     kind: str = ""  # of march; known at the end
-    compile_seconds: float = 0.0  # of kernels that only some marches need
 
     def __post_init__(self) -> None:
         system, M = self.stepper.system, len(self.members)
@@ -202,7 +201,7 @@ class March:
         self, block: Propagator, forcing: Forcing, steps: int, replayed: Callable[[Segment], None] | None
     ) -> None:
         first, dt, K = self.done, self.stepper.dt, block.steps
-        begun = time.perf_counter()
+        begun = clock()
         starts_at = (first + K * np.arange(-(-steps // K))) * dt
         inflow = block.inflow(starts_at, self.steps * dt)
         rows = len(starts_at) if replayed is not None else 0
@@ -218,7 +217,7 @@ class March:
             self.events = np.concatenate([self.events, np.empty((longer - len(self.events), EVENT))])
         self._rows = int(cursor[2])
         self.done += steps
-        self.seconds += time.perf_counter() - begun
+        self.seconds += clock() - begun
         if replayed is not None:
             replayed(Segment(self, block, first, steps, starts, forces))
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator
 
 import numpy as np
 
 from ..basics.arrays import Array
+from ..basics.compiled import clock
 from ..model.contact import laws, solve_several
 from ..model.first_order import FirstOrderSystem
 from ..model.stage import BY_LAW, LINEAR, MEAN, solve_stage
@@ -88,7 +88,7 @@ def _direct_blocks(
     before = at_start[:m].copy()
 
     for start in range(first, first + steps, length):
-        begun = time.perf_counter()
+        begun = clock()
         count = min(length, first + steps - start)
         times = (start + np.arange(count))[:, None] * dt + np.array(nodes) * dt
         loads = view.load(system, times)
@@ -124,7 +124,7 @@ def _direct_blocks(
                         z = z + np.tensordot(f, response_z[s], 1)
                 before = arguments[-1].copy()
             path[k] = z
-        seconds = time.perf_counter() - begun
+        seconds = clock() - begun
         y = path[:, :order]
         ends = (start + 1 + np.arange(count)) * dt
         positions = np.stack(

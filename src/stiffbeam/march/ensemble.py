@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
 
+from ..basics.compiled import clock
 from ..basics.threads import cores, over_slices
 from ..basics.validation import InputError, one_of
 from ..model.members import Members, as_members, have_own_records
@@ -47,7 +47,7 @@ def integrate_ensemble(
     steps after it, without half weights at its ends. A member that overflows is
     marked in ``diverged`` and the others go on. Raises InputError for bad arguments.
     """
-    begun = time.perf_counter()
+    begun = clock()
     members = as_members(system, members)
     one_of("engine", engine, ENGINES)
     plan = Plan.of(system, scheme, dt, t_end, contact, 1 if every is None else every, engine)
@@ -56,7 +56,8 @@ def integrate_ensemble(
     if abs(passed * dt - since) > 1e-9 * t_end:
         remedy = f"for example {dt * int(since / dt):.12g}"
         raise InputError("since", since, f"be a whole number of steps dt = {dt:g}", remedy)
-    compile_seconds = warm_up() if plan.engine == "numba" else 0.0
+    if plan.engine == "numba":
+        warm_up()
     # A device is shared by no threads.
     size, threads = (DEVICE_MEMBERS, 1) if engine == "jax" else (MEMBERS_PER_SLICE, cores())
     report = None if progress is None else lambda done: progress(done * plan.steps)
@@ -70,7 +71,7 @@ def integrate_ensemble(
         return plan.records(part, every, passed)
 
     parts = list(over_slices(march, members, size, threads, report))
-    seconds = time.perf_counter() - begun - compile_seconds
+    seconds = clock() - begun
     return gathered(
         members,
         parts,

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from functools import partial
 
 import numpy as np
 
+from ..basics.compiled import clock
 from ..basics.validation import InputError
 from ..model.first_order import FirstOrderSystem
 from ..model.system import System
@@ -46,19 +46,19 @@ def integrate(
     "dense blocks" or "direct"; which does not depend on ``every``. Raises InputError for bad arguments, Diverged
     where the run overflows, and SolverFailure where the forces of several contacts at once are not found.
     """
-    begun = time.perf_counter()
+    begun = clock()
     if isinstance(engine, str) and engine == "jax":
         raise InputError("engine", engine, "be numba or numpy for one run", "use integrate_ensemble")
     plan = Plan.of(system, scheme, dt, t_end, contact, every, engine)
     plan.afford(1, every)
-    compile_seconds = warm_up() if plan.engine == "numba" else 0.0
+    if plan.engine == "numba":
+        warm_up()
     if plan.stepper is not None:
         march = start(plan.stepper, [plan.system], plan.steps, every)
         for done in march.advance():
             if progress is not None and not march.state.diverged[0]:
                 progress(done)
         seen, march_seconds, kind = march.seen(0), march.seconds, march.kind
-        compile_seconds += march.compile_seconds
     else:
         (seen, march_seconds), kind = seen_directly(plan, system, every, progress), plan.kind
     if not np.isnan(seen.diverged):
@@ -70,7 +70,7 @@ def integrate(
         tip=seen.tip,
         tip_velocity=seen.tip_velocity,
         contacts=seen.contacts,
-        work=Work(plan.steps, time.perf_counter() - begun - compile_seconds, march_seconds),
+        work=Work(plan.steps, clock() - begun, march_seconds),
         provenance=plan.provenance(every) | {"march": kind},
         system=plan.system,
         pieces=partial(plan.states, system),

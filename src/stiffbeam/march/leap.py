@@ -11,7 +11,6 @@ contacts do not couple; anything else is marched in blocks, as is what changes r
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import dataclass, field
 from threading import Lock
@@ -20,6 +19,7 @@ import numpy as np
 
 from ..basics.arrays import Array, aligned
 from ..basics.budget import afford
+from ..basics.compiled import clock
 from ..model.contact_law import G1, G2
 from ..model.stage import LINEAR
 from ..model.system import System
@@ -163,7 +163,7 @@ class LeapMarch(March):
 
     def _leap(self, spacing: int) -> Generator[int, None, Array | None]:
         """Leap to the end; the states at every ``spacing``-th step where that is not 0, None where it does not pay."""
-        stepper, system, begun = self.stepper, self.members[0], time.perf_counter()
+        stepper, system, begun = self.stepper, self.members[0], clock()
         leaper = _leaper(stepper, system)
         one, m, every = leaper.one, len(system.contacts), spacing or self.every or self.steps
         ends = self.law[0, :, [G1, G2]]
@@ -184,10 +184,6 @@ class LeapMarch(March):
                 guess, steps, stepper.dt, every, self.since, self.done + max(1 << 16, self.steps // 50), cost,
             )  # fmt: skip
 
-        if not leaps.advance.signatures:
-            begun_compiling = time.perf_counter()
-            leap(0, found)
-            self.compile_seconds += time.perf_counter() - begun_compiling
         while True:
             ended = leap(self.steps, found)
             self.done, self._rows = int(cursor[leaps.STEP]), int(cursor[leaps.FREE_ROW])
@@ -202,7 +198,7 @@ class LeapMarch(March):
                     yield self.done
             else:
                 break
-        self.seconds += time.perf_counter() - begun - self.compile_seconds
+        self.seconds += clock() - begun
         if not spacing and ended != leaps.ABANDONED:
             yield self.done
         return None if ended == leaps.ABANDONED else states

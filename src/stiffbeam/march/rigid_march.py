@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..basics.arrays import Array
+from ..basics.compiled import clock
 from ..basics.validation import InputError
 from ..model.active_set import solve_node
 from ..model.equations import Matrices, Modal
@@ -115,7 +115,7 @@ def _march(
     shape, z = z.shape, np.ascontiguousarray(z.reshape(-1))
     offsets = [offset for _, offset in system.channels]
     for start in range(first, first + count, STEPS_PER_PIECE):
-        begun = time.perf_counter()
+        begun = clock()
         length = min(STEPS_PER_PIECE, first + count - start)
         at = (start + np.arange(length)) * dt
         nodes = at[:, None] + np.array(scheme.nodes) * dt
@@ -125,7 +125,7 @@ def _march(
         predicted = np.array([offset_values(o, at + AHEAD * dt) for o in offsets[:m]]).reshape(m, length).T
         path, reactions = np.empty((length, len(z))), np.empty((length, S, m))
         steps(linear, values @ pulses, shifts, np.ascontiguousarray(predicted), z, path, reactions)
-        seconds = time.perf_counter() - begun
+        seconds = clock() - begun
         states = path.reshape(length, *shape)
         ends = (start + 1 + np.arange(length)) * dt
         positions, velocities = (states[:, i] @ view.rows.T for i in (0, 1))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-import time
 from contextlib import suppress
 from pathlib import Path
 
@@ -13,7 +12,7 @@ import numpy as np
 
 from ..basics import cache
 from ..basics.arrays import LANES
-from ..basics.compiled import directory
+from ..basics.compiled import directory, stopped_clock
 from ..model.contact_law import LAW
 from ..trajectory.sampling import TALLY
 from .kernels import blocks as kernel
@@ -29,14 +28,14 @@ def compiled() -> bool:
     return bool(kernel.run.signatures) or any(directory(Path(kernel.__file__)).rglob("blocks.run-*.nbi"))
 
 
-def warm_up() -> float:
-    """Compile the kernel or load it, or wait for who is compiling it; the seconds it took."""
+def warm_up() -> None:
+    """Compile the kernel or load it, or wait for who is compiling it."""
     global _warm
     if _warm:
-        return 0.0
-    begun = time.perf_counter()
+        return
     if _beside is not None:
-        _beside.wait()  # one that has failed left nothing on disk, and it is compiled here
+        with stopped_clock():
+            _beside.wait()  # one that has failed left nothing on disk, and it is compiled here
     z, index = np.zeros((0, LANES)), np.zeros((1, 1), np.int64)
     row = np.zeros((1, LANES))
     none = np.zeros((0, 1, 1))
@@ -47,7 +46,6 @@ def warm_up() -> float:
         np.zeros(3, np.int64),
     )  # fmt: skip
     _warm = True
-    return time.perf_counter() - begun
 
 
 def compile_beside(rehearsal: str) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
 from functools import partial
 
@@ -10,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array
+from ..basics.compiled import clock
 from ..basics.threads import cores, over_slices
 from ..basics.validation import numbers, positive
 from ..model.members import Members, as_members
@@ -44,7 +44,7 @@ def reference_ensemble(
     that of the first member: past it statistics over the members are all that means anything. Raises
     InputError as ``reference(method="exact")`` does, and SolverFailure where that horizon is zero.
     """
-    begun = time.perf_counter()
+    begun = clock()
     members = as_members(system, members)
     times = np.zeros(0) if t_eval is None else numbers("t_eval", t_eval)
     t_end = positive("t_end", t_end)
@@ -80,7 +80,7 @@ def reference_ensemble(
         Records.of([see(first.tip, first.tip_velocity, first.contacts)]),
         *over_slices(solve, members[1:], MEMBERS_PER_SLICE, cores(), rest),
     ]
-    seconds = time.perf_counter() - begun
+    seconds = clock() - begun
     notes = {"members": len(members), "parameter": members.parameter, "horizon": horizon}
     ledger = partial(_ledger, members, t_end, at)
     return gathered(members, parts, times, Work(0, seconds, seconds), first.provenance | notes, ledger)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from dataclasses import asdict
 from typing import Any, NamedTuple
@@ -11,6 +10,7 @@ import numpy as np
 
 from ...basics.arrays import Array
 from ...basics.budget import afford
+from ...basics.compiled import clock
 from ...basics.validation import InputError, one_of, positive
 from ...model.first_order import FirstOrderSystem
 from ...model.system import System
@@ -61,10 +61,10 @@ def in_phases(method: str, solver: Callable[[RightHandSide, float, Array], Solve
     """The whole solve of a solver that makes one phase."""
 
     def solve(task: Task) -> Solve:
-        begun = time.perf_counter()
+        begun = clock()
         run = solver(task.rhs, task.rtol, task.atol)
         path = follow(method, task.rhs, task.pieces.pieces, task.t, task.switches, task.scales, run, task.events)
-        return Solve(path.states, path.contacts, path.counters, path.end, time.perf_counter() - begun)
+        return Solve(path.states, path.contacts, path.counters, path.end, clock() - begun)
 
     return solve
 
@@ -93,7 +93,7 @@ def reference_from(
         rule = f"be {RESTART!r} for stops with damping = {jumps:g}, whose force jumps"
         raise InputError("switches", switches, rule, "use method='cvode'")
     t = output_times(t_eval, t_end)
-    begun = time.perf_counter()
+    begun = clock()
     pieces = smooth_pieces(system, t_end, steps)  # which asks the functions of time what they are
     rhs = RightHandSide(first_order or system.first_order(), mass)
     scales = scales_of(rhs.first_order, t_end)
@@ -149,7 +149,7 @@ def reference_from(
         ),
         work=Work(
             steps=0,
-            seconds=time.perf_counter() - begun - result.compile_seconds,
+            seconds=clock() - begun - result.compile_seconds,
             march_seconds=result.seconds,
             counters=result.counters,
         ),

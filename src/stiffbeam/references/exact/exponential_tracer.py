@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from typing import Any
 
 import numpy as np
@@ -26,24 +25,12 @@ from .undamped_tracer import EVENTS_PER_CALL, refuse_accumulation
 
 
 class ExponentialTracer:
-    """Follows solutions of one system; its regimes are made as they are met and kept.
-
-    ``compile_seconds``: spent compiling.
-    """
+    """Follows solutions of one system; its regimes are made as they are met and kept."""
 
     def __init__(self, system: System, perturbation: Perturbation | None = None) -> None:
         self.system, self.drive, self.perturbation = system, Drive.of(system), perturbation
         self.gaps = Gaps(system, self.drive)
         self.regimes: dict[tuple[int, ...], Regime] = {}
-        compiling = time.perf_counter()
-        one, none = np.zeros(1), np.zeros((0, 1))
-        index = np.zeros(0, np.int64)
-        nothing = np.zeros((0, 0, 0), complex), np.zeros((0, 0))
-        chains = np.zeros((0, 0), complex), index, np.zeros((0, 0, 0, 0), complex)
-        search(one, one, none, none, index, np.zeros(0), np.zeros(0), index, 0.0, 0.0, one[:0] + 0j, *nothing, *chains)
-        blank, still = layout(1, 1, 0), np.zeros(1, np.int64)
-        leap(*blank, still, one, one, still, 0.0, 0.0)
-        self.compile_seconds = time.perf_counter() - compiling
 
     def solve(self, t_end: float) -> ExponentialSolution:
         """The solution on [0, t_end] from the initial data."""

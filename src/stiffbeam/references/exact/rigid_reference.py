@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from dataclasses import asdict, replace
 from functools import partial
 from typing import Any
@@ -11,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ...basics.arrays import Array
+from ...basics.compiled import clock
 from ...basics.validation import positive
 from ...model.system import System
 from ...model.time_functions import evaluate, offset_rate, offset_values
@@ -44,7 +44,7 @@ def solve_rigid(
     restitution, dependent contacts, other functions of time, more than 200 000 impacts (e = 1 with a lasting load has
     infinitely many); SolverFailure where it cannot go on, or its energy balance is open.
     """
-    begun = time.perf_counter()
+    begun = clock()
     positive("t_end", t_end)
     require_rigid(system, t_end)
     t = output_times(t_eval, t_end)
@@ -70,7 +70,7 @@ def solve_rigid(
 
 
 def _reference(system: System, solution: Solution, t: Array, t_end: float, begun: float, since: float) -> Reference:
-    seconds = time.perf_counter() - begun
+    seconds = clock() - begun
     q, v, R = solution.at(t)
 
     def observed(times: Array, channel: int) -> tuple[Array, Array]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 
 import numpy as np
 
@@ -22,10 +21,7 @@ QUIET = np.zeros((0, 3, 0))  # no noise
 
 
 class Tracer:
-    """Follows solutions of one system, or of a perturbed copy of it, made of the same ``parts``.
-
-    ``compile_seconds``: spent compiling.
-    """
+    """Follows solutions of one system, or of a perturbed copy of it, made of the same ``parts``."""
 
     def __init__(self, parts: Parts, perturbation: Perturbation | None = None) -> None:
         self.system, self.drive, self.perturbation = parts.system, parts.drive, perturbation
@@ -37,10 +33,6 @@ class Tracer:
         self.regimes = parts.regimes(self.bases, forces)
         self.stacked = stacked(self.regimes, cross, self.drive, self.stops)
         self.fastest = max(*(float(b.omega[-1]) for b in self.bases.values()), *self.drive.frequencies, 0.0)
-        compiling = time.perf_counter()
-        none, index = np.zeros((1, self.system.size)), np.zeros(1, np.int64)
-        follow(self.stacked, 0, none[0], none[0], 0.0, 0.0, True, QUIET, 0.0, np.zeros(1), index, none, none)
-        self.compile_seconds = time.perf_counter() - compiling
 
     def solve(self, t_end: float, start: tuple[Array, Array] | None = None) -> Solution:
         """The solution on [0, t_end] from q, q' at the ``start``, None for the initial data of the system."""
