@@ -27,8 +27,8 @@ def run_figure(run: Trajectory) -> Figure:
     figure = new_figure(7.6, f"{short(method)}, {run.provenance['form']}{note}")
     tip, force, portrait, energy = figure.subplots(2, 2).ravel()
     beam = system.problem if system else None
-    symbol, name = tip_symbol(beam), tip_name(beam)
-    time, length = units.label("time $t$", "time"), units.label(f"{name} displacement {symbol}", "length")
+    symbol, place = tip_symbol(beam), tip_name(beam)
+    time, length = units.label("time $t$", "time"), units.label(f"{place} displacement {symbol}", "length")
     style = {"color": look(method)["color"], "lw": 0.9}
     tip.plot(run.t, run.tip, **style)
     portrait.plot(run.tip, run.tip_velocity, **style)
@@ -50,7 +50,7 @@ def run_figure(run: Trajectory) -> Figure:
         force.text(0.5, 0.5, "no contact", transform=force.transAxes, ha="center", color="0.35")
     tip.set(xlabel=time, ylabel=length)
     force.set(xlabel=time, ylabel=units.label(r"contact force $\sigma$", "force"))
-    portrait.set(xlabel=length, ylabel=units.label(f"{name} velocity {symbol.replace('u(', 'u_t(')}", "velocity"))
+    portrait.set(xlabel=length, ylabel=units.label(f"{place} velocity {symbol.replace('u(', 'u_t(')}", "velocity"))
     energy.set(xlabel=time, ylabel=units.label("energy", "energy"))
     if run.ledger is not None or "energy" in vars(run):
         names = ["kinetic", "elastic", "stops", "input", "loss"]

@@ -76,15 +76,14 @@ def search(
             if probe is None:
                 continue  # what this scheme or these stops do not take
             here.append(probe)
-            others: list[Probe] = []
             if good and probe.meets(want):
                 others = _between(good, partial(run, scheme, contact), want) if isinstance(criterion, Motion) else []
                 tried += others
-            if good and probe.meets(want) and all(p.meets(want) for p in others):
-                best = good
-                tell(f"cheapest so far: {best.label}, {best.steps} steps, {best.work} linear solves")
-            else:
-                left.append((scheme, contact, probe))
+                if all(p.meets(want) for p in others):
+                    best = good
+                    tell(f"cheapest so far: {best.label}, {best.steps} steps, {best.work} linear solves")
+                    continue
+            left.append((scheme, contact, probe))
         if here:
             least = {name: min(here, key=lambda p, name=name: p.errors[name]) for name in want}
             words = ", ".join(f"{name} {p.errors[name]:.2g} ({p.label})" for name, p in least.items())
