@@ -17,7 +17,7 @@ SMALL = replace(sb.paper_case(10), cells=8, t_end=0.8)
 
 def test_overdamped_modes_are_listed_with_the_reason_and_the_others_measured():
     case = replace(SMALL, problem=replace(SMALL.problem, viscosity=0.5))
-    records = study("modes", case, schemes=["bdf2"], steps=400)
+    records = study("modes", case, schemes=["bdf2"], steps=1000)
     assert not records.failures
     assert records.refusals
     assert all("does not oscillate" in row["refused"] for row in records.refusals)

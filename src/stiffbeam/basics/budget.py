@@ -6,7 +6,6 @@ STIFFBEAM_MEMORY, in GiB, and STIFFBEAM_SECONDS raise or lower what is allowed.
 from __future__ import annotations
 
 import os
-import time
 from typing import Any
 
 from .validation import InputError
@@ -36,7 +35,9 @@ class Forecast:
     """Work over [0, t_end] whose extent shows only on the way: its first part tells what the whole would take."""
 
     def __init__(self, t_end: float) -> None:
-        self.t_end, self.begun = t_end, time.perf_counter()
+        from .compiled import clock  # numba, which who only asks what something costs can do without
+
+        self.t_end, self._clock, self.begun = t_end, clock, clock()
         self._many = 0.02 * _allowed("STIFFBEAM_MEMORY", MEMORY) * 2**27
         self._early = min(60.0, 0.05 * _allowed("STIFFBEAM_SECONDS", SECONDS))
 
@@ -45,7 +46,7 @@ class Forecast:
         share = max(t / self.t_end, 1e-12)
         if floats > self._many:
             afford("t_end", self.t_end, "shorten t_end", floats=floats / share)
-        elapsed = time.perf_counter() - self.begun
+        elapsed = self._clock() - self.begun
         if elapsed > self._early:
             afford("t_end", self.t_end, "shorten t_end, or loosen rtol", seconds=elapsed / share)
 

@@ -17,9 +17,12 @@ from .output import check_json, default_folder, make_folder, say, write_json
 @app.command()
 def advise(
     case: Case,
-    want: Annotated[str, typer.Option(help="errors that may be, of tip, impacts, peak_force, impulse")] = (
-        "tip=1e-3,impacts=0.05,peak_force=0.05"
-    ),
+    want: Annotated[
+        str | None,
+        typer.Option(
+            help="errors that may be, of tip, impacts, peak_force, impulse; tip=1e-3,impacts=0.05,... if not given"
+        ),
+    ] = None,
     schemes: Annotated[str | None, typer.Option(help="comma-separated, instead of all")] = None,
     form: Annotated[str | None, typer.Option(help="displacement, velocity-curvature or hermite")] = None,
     t_end: Annotated[float | None, typer.Option(help="end time instead of the case's")] = None,
@@ -38,11 +41,11 @@ def advise(
     from ..studies.engine.journal import Journal
 
     chosen = find_case(case)
-    wanted: dict[str, float] = {}
-    for item in filter(None, want.split(",")):
+    wanted: dict[str, float] | None = None if want is None else {}
+    for item in filter(None, (want or "").split(",")):
         name, _, value = (part.strip() for part in item.partition("="))
         try:
-            wanted[name] = float(value)
+            wanted[name] = float(value)  # type: ignore[index]
         except ValueError:
             raise InputError("--want", item, "read quantity=error", "for example tip=1e-3") from None
     given = None if schemes is None else [parse_run(text)[0] for text in split_runs(schemes)]

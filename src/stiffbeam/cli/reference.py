@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from ..basics.progress import Show, progress
-from ..references.registry import METHODS
+from ..references.registry import ADAPTIVE, METHODS, MULTIPRECISION, REFERENCES
 from .application import app
 from .options import Json
 from .output import check_json, console, make_folder, say, write_json
@@ -20,9 +20,11 @@ def reference_command(
     method: Annotated[str, typer.Option(help=f"{', '.join(METHODS)}; all: hold them together")] = "exact",
     form: Annotated[str | None, typer.Option(help="displacement, velocity-curvature or hermite")] = None,
     digits: Annotated[str, typer.Option(help="of multiprecision: a number, or auto")] = "auto",
-    rtol: Annotated[float, typer.Option(help="of the adaptive solvers")] = 1e-10,
+    rtol: Annotated[float | None, typer.Option(help="of the adaptive solvers; 1e-10 if not given")] = None,
     t_end: Annotated[float | None, typer.Option(help="end time instead of the case's")] = None,
-    budget: Annotated[float, typer.Option(help="seconds for --method all; the rest is named as skipped")] = 60.0,
+    budget: Annotated[
+        float | None, typer.Option(help="seconds for --method all, 60 if not given; the rest is named as skipped")
+    ] = None,
     out: Annotated[Path | None, typer.Option(help="netCDF file to write")] = None,
     check: Annotated[Path | None, typer.Option(help="verify a frozen file, or a folder with a manifest")] = None,
     remake: Annotated[Path | None, typer.Option(help="compute what is missing of the paper's references here")] = None,
@@ -60,7 +62,8 @@ def reference_command(
 
 
 def _references(
-    name: str, method: str, form: str | None, digits: str, rtol: float, t_end: float | None, budget: float,
+    name: str, method: str, form: str | None, digits: str, rtol: float | None, t_end: float | None,
+    budget: float | None,
     out: Path | None, cache: bool, doubles: bool, show: Show,
 ) -> list[dict[str, Any]]:  # fmt: skip
     """One reference, saved, or the agreement of all methods."""
@@ -73,6 +76,16 @@ def _references(
     from ..measures.windows import impact_times
     from ..references import reference
 
+    kind = REFERENCES[method].kind if method in REFERENCES else ""
+    used = {
+        "--digits": digits == "auto" or kind == MULTIPRECISION,
+        "--rtol": rtol is None or kind == ADAPTIVE or method == "all",
+        "--budget": budget is None or method == "all",
+    }
+    for option, fits in used.items():
+        if not fits and (kind or method == "all"):
+            raise InputError(option, "with --method " + method, "be left out here", "this method has no use for it")
+    rtol = 1e-10 if rtol is None else rtol
     case = find_case(name)
     if doubles:
         if out is not None:
@@ -85,7 +98,7 @@ def _references(
             raise InputError("--out", str(out), "be left out with --method all", remedy)
         from ..studies.agreement import agree
 
-        return [agree(case, form, end, budget=budget, rtol=rtol, progress=show).to_dict()]
+        return [agree(case, form, end, budget=60.0 if budget is None else budget, rtol=rtol, progress=show).to_dict()]
     if digits != "auto" and not (digits.isascii() and digits.isdigit() and len(digits) < 10):
         raise InputError("--digits", digits, "be a number of digits or auto", "for example 100")
     system = case.system(form)

@@ -41,6 +41,17 @@ def score(
     from ..testset.score import score_trajectories
     from ..testset.trajectory_file import read_trajectory
 
+    # What writes one thing takes no option that would be passed over.
+    alone = "--list" if show else "--latex" if latex else "--trajectory" if trajectory else None
+    others = {
+        "INTEGRATORS": integrators, "--trajectory": trajectory and alone != "--trajectory",
+        "--latex": latex and alone != "--latex",
+        "--out": out if alone in ("--list", "--latex") else None,
+        "--json": json_file if alone in ("--list", "--latex") else None,
+    }  # fmt: skip
+    for name, given in others.items():
+        if alone is not None and given:
+            raise InputError(name, str(given), f"be left out with {alone}", "give one command for each")
     check_json(json_file)
     if out is not None:
         make_folder(out)  # before the work begins

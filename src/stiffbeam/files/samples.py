@@ -26,6 +26,11 @@ def read_samples(file: Path, column: str | None = None) -> tuple[list[float], li
     width = len(names or rows[0][1]) if rows else 0
     if column is not None and column not in names:
         raise InputError("column", column, f"be a name in the first line of {file}", near(column, names))
+    if column is not None and names.count(column) > 1:
+        raise InputError("column", column, f"be the name of one column of {file}", "rename the others")
+    if column is not None and names.index(column) == 0:
+        remedy = f"name {' or '.join(map(repr, names[1:])) or 'another column'}"
+        raise InputError("column", column, f"be a column of values: the first of {file} holds the times", remedy)
     if column is None and width != 2:
         remedy = f"name one: column = {' or '.join(map(repr, names[1:])) or 'a name in a first line'}"
         raise InputError("sampled", f"{file}: {width} columns", "have two columns, times and values", remedy)

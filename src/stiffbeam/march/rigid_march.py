@@ -181,7 +181,7 @@ def _probed(
         for s in range(S):
             acting[int(i >= len(view.loads)), s, i * S + s] = vector
     new, read, _ = taken(np.zeros((a, len(every) * S, n)), *acting)
-    flat, by_row = new.reshape(len(new), -1), np.einsum("sbcj,cj->bsc", read, rows)
+    flat, by_row = new.reshape(len(new), a * n), np.einsum("sbcj,cj->bsc", read, rows)
     at = len(view.loads) * S
     compliance = by_row[at:].reshape(m, S, S, m).transpose(1, 2, 0, 3)  # [node, later node, reaction, argument]
     if m:

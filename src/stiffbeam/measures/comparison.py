@@ -62,7 +62,7 @@ class Comparison:
     which the impacts match at all contacts, at most the window, NaN where the run does not tell of all;
     tip_error_matched: the rms up to there.
     error: u_run - u_ref over max |u_ref| at every step of the window, (k,); not among the records of ``to_dict``.
-    energy_lost: the ledger's loss over E_0 + input, all energy the system has had. contacts: one for each of the
+    energy_lost: the ledger's loss over the most energy given, see ``Ledger.given``. contacts: one for each of the
     system's, in its order. switches: what an adaptive solver does at a switch, "restart" or "through", else "".
     totals_energy_lost: energy_lost to t_end. units: what times, forces and impulses are counted in. missing: what
     the run does not hold and why; its numbers are NaN, and its impacts -1. remark: that nothing moves or nothing

@@ -26,7 +26,8 @@ class ModeErrors:
         damping_ratio      (xi w - s)/hypot(xi w - s, w_d - m)      the exact flow has xi
 
     *_error: the possible error of the fit, 3 max|residual|/(span) for a slope. NaN where the mode is not
-    excited, dies within a few steps or turns by more than half a circle per step against the exact one.
+    excited, dies within a few steps, turns by more than half a circle per step against the exact one or is not followed
+    for half a period: what a scheme adds to z turns like e^{-2 i w t}, and less than one turn of it is taken for slope.
     """
 
     omega: Array
@@ -59,9 +60,9 @@ def free_mode_errors(run: Trajectory) -> ModeErrors:
         ratio = z[:, j] / z[0, j] if abs(z[0, j]) > FLOOR * scale else np.zeros(0)
         alive = int(np.argmin(np.abs(ratio) > FLOOR)) if np.any(~(np.abs(ratio) > FLOOR)) else len(ratio)
         first = int(np.ceil(START * alive))
-        if alive - first < 20 or not omega_d[j]:
-            continue
         t = run.t[first:alive]
+        if len(t) < 20 or not omega_d[j] * (t[-1] - t[0]) >= np.pi:
+            continue
         ratio = ratio[first:alive]
         phase = np.unwrap(np.angle(ratio * np.exp(-1j * omega_d[j] * t)))
         if np.max(np.abs(np.diff(phase))) > 0.9 * np.pi:

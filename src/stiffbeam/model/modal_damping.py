@@ -21,7 +21,7 @@ def modal_damping(mass: ArrayLike, stiffness: ArrayLike, ratio: float | Sequence
     rigid motion has none. Returns (n, n), for ``System.from_matrices``. Raises InputError for a negative ratio, for
     more of them than modes, and for matrices that make no System.
     """
-    system = System.from_matrices(mass, stiffness, observe=np.zeros(np.shape(mass)[0]))
+    system = System.from_matrices(mass, stiffness, observe=np.ones(np.shape(mass)[0]))
     return damping_of(undamped_modes(system), ratio)
 
 

@@ -78,6 +78,8 @@ class System:
             loads.append((finite_vector("loads", load[0], n), load_function("loads", load[1])))
         if self.observe is None and not contacts:
             raise InputError("observe", None, "name the row of .tip where there is no contact", "pass observe=row")
+        if self.observe is not None and not np.any(finite_vector("observe", self.observe, n)):
+            raise InputError("observe", self.observe, "not be all zero", "a one at the unknown to be seen")
         if self.origin is not None:
             itself("origin", self.origin, Origin)
         checked = {

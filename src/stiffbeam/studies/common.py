@@ -111,6 +111,13 @@ def joined(answers: Mapping[str, str]) -> Answer:
     return Answer(all_of(parts), lines, all_of({place: answer.rest for place, answer in parts.items()}))
 
 
+def to_the_end(steps: int, outputs: int) -> int:
+    """Every how many steps to keep, for ``outputs`` or up to twice as many: of these with the last step among them,
+    where the number of steps has such a divisor."""
+    most = max(1, steps // outputs)
+    return next((every for every in range(most, most // 2, -1) if steps % every == 0), most)
+
+
 def solve_once(system: System, t_end: float, method: str = "exact") -> Reference:
     """``reference``, remembered for the next points of the same process."""
     key = (system.fingerprint, t_end, method)

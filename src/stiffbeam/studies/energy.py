@@ -13,9 +13,9 @@ from ..figures import column, heading, look, new_figure, numeric, say_empty, sha
 from ..files.cases import Case
 from ..march.integrate import integrate
 from ..measures.report import percent
-from ..trajectory.ledger import Ledger
+from ..trajectory.ledger import Ledger, given
 from ..trajectory.trajectory import Trajectory
-from .common import Dt, End, Forms, Schemes, Treatment, scheme_labels, scheme_of, solve_once, system_of
+from .common import Dt, End, Forms, Schemes, Treatment, scheme_labels, scheme_of, solve_once, system_of, to_the_end
 from .engine.study import Answer, Point, Records, Row, Rows, Study
 
 if TYPE_CHECKING:
@@ -65,7 +65,7 @@ def evaluate(case: Case, point: Point) -> list[Row]:
     else:
         steps = round(point["t_end"] / point["dt"])
         chosen = system.first_order() if form.endswith(FIRST_ORDER) else system
-        every = max(1, steps // OUTPUTS)
+        every = to_the_end(steps, OUTPUTS)
         run = integrate(chosen, scheme_of(point["scheme"]), point["dt"], point["t_end"], point["contact"], every)
         ledger = run.energy
         keep = np.arange(len(ledger.t))
@@ -85,9 +85,10 @@ def last_rows(rows: Rows) -> list[Row]:
 
 
 def answer(rows: Rows, case: Case) -> str:
-    """What every run has lost at its end, relative to the energy put in, and how much of it in contact."""
+    """What every run has lost at its end, relative to the most energy given, and how much of it in contact."""
     units = case.units
     parts, exact, table = [], [], []
+    ends: list[float] = []  # of the schemes' ledgers
     for row in last_rows(rows):
         if row["scheme"] == "exact":
             end = units.measure(f"{row['t']:.3g}", "time")
@@ -98,18 +99,19 @@ def answer(rows: Rows, case: Case) -> str:
             if not np.isfinite(row["lost_fraction"]):
                 lost = units.measure(f"{row['loss']:.2g}", "energy") + " in all"  # on balance nothing was put in
             part = f"{100 * share:z.0f} %"
+            ends.append(row["t"])
             parts.append(f"{row['scheme']} {lost} ({part} of it in contact)")
             table.append({"scheme": row["scheme"], "energy lost": lost, "of it in contact": part})
-    end = units.measure(f"{max(row['t'] for row in rows):g}", "time")
+    end = units.measure(f"{max(ends or [row['t'] for row in rows]):g}", "time")
     head, tail = (
-        f"Of all energy put in to t = {end}, one realisation each",
+        f"Of the most energy that start and loads have given to t = {end}, one realisation each",
         f"The exact flow closes to {', '.join(exact)}.",
     )
     return Answer(f"{head}, lost: {', '.join(parts)}. {tail}", table, f"{head}. {tail}")
 
 
 MOST = 120.0  # per cent: longer bars are cut, their numbers stand beside them
-ROUNDING = 1e-9  # of the energy had: less is no loss
+ROUNDING = 1e-9  # of the largest energy: less is no loss
 PARTS = (("lost_in_contact", "in contact"), ("lost_free", "between impacts"))
 
 
@@ -121,7 +123,7 @@ def _percent(height: float) -> str:
 
 
 def draw(records: Records) -> Figure:
-    """Energies over time, and in the end their share of all the run has had: E_0 and the work put in."""
+    """Energies over time, and in the end their share of the most energy given."""
     rows = numeric(records.found)
     runs: dict[tuple[str, str], list[Row]] = {}
     for row in rows:
@@ -160,9 +162,9 @@ def draw(records: Records) -> Figure:
 
 
 def _share(own: Sequence[Row], name: str) -> Array:
-    """Per cent of E_0 + input; NaN where that is not positive."""
-    had = column(own, "energy")[0] + column(own, "input")
-    return 100.0 * column(own, name) / np.where(had > 0.0, had, np.nan)
+    """Per cent of the most energy given so far; NaN where that is nothing."""
+    most = given(column(own, "energy")[0], column(own, "input"))
+    return 100.0 * column(own, name) / np.where(most > 0.0, most, np.nan)
 
 
 def _bars(axis: Axes, runs: dict[tuple[str, str], list[Row]], units: Units) -> None:
@@ -196,8 +198,8 @@ def _bars(axis: Axes, runs: dict[tuple[str, str], list[Row]], units: Units) -> N
         place += 1.0
     axis.axhline(0.0, color="0.3", lw=0.8)
     axis.set_xticks(ticks, names, rotation=30, ha="right", fontsize=8.5)
-    axis.set(ylabel="per cent of all energy had")
-    axis.set_title("(c) lost in the end, of initial energy and work put in", loc="left", pad=30)
+    axis.set(ylabel="per cent of the most energy given")
+    axis.set_title("(c) lost in the end, of initial energy and the most work put in", loc="left", pad=30)
     axis.margins(y=0.12)
     if ticks:
         axis.legend(frameon=False, fontsize=9, loc="lower right", bbox_to_anchor=(1.0, 1.1), ncols=2)

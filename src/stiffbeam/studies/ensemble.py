@@ -31,6 +31,7 @@ from .common import (
     scheme_labels,
     scheme_of,
     system_of,
+    to_the_end,
 )
 from .engine.study import Answer, Point, Records, Row, Rows, Study
 
@@ -70,7 +71,7 @@ def evaluate(case: Case, point: Point) -> list[Row]:
     system = system_of(case, point["form"])
     dt, t_end = point["dt"], point["t_end"]
     members = perturbed(system, point["members"], point["size"], point["seed"])
-    every = max(1, round(t_end / dt) // SAMPLES)
+    every = to_the_end(round(t_end / dt), SAMPLES)
     t = np.arange(0, round(t_end / dt) + 1, every) * dt
     if point["method"] == "exact":
         many = reference_ensemble(system, t_end, members, t)
@@ -85,7 +86,7 @@ def evaluate(case: Case, point: Point) -> list[Row]:
     losses = np.full((len(many), 2), np.nan)
     for i in np.flatnonzero(whole)[: LEDGERS if point["method"] != "exact" else 0]:  # the exact flow loses nothing
         ledger = many.ledger(i)
-        losses[i] = ledger.loss[-1], ledger.energy[0] + ledger.input[-1]
+        losses[i] = ledger.loss[-1], ledger.given[-1]
     rows: list[Row] = []
     for number, seen in enumerate(many.contacts, 1):
         response, losses = (x if number == 1 else np.full_like(x, np.nan) for x in (response, losses))  # of the run
@@ -159,7 +160,7 @@ def _answer(rows: Rows, case: Case) -> str:
             "off by": "–" if method == "exact" else f"{float(f'{off:.3g}'):+g} ± {interval:.2g}",
             "contact, %": _spread(100 * share, 2),
             units.label("largest force", "force"): _spread(force, 4) if len(force) else "–",
-            "lost, %": _spread(100 * lost / np.mean(had)) if len(lost) else "–",
+            "lost, %": _spread(100 * lost / np.mean(had)) if len(lost) and np.mean(had) > 0.0 else "–",
         }
         table.append(line)
         said = [f"{percent(float(np.mean(share)))} in contact"]
@@ -180,8 +181,9 @@ def _answer(rows: Rows, case: Case) -> str:
     )
     rest = (
         f"Over {len(exact)} members perturbed by {first['size']:g}, to t = {end} at dt = {dt}: mean ± standard "
-        "deviation. Off by: difference of the means, ± holds with 95 %. Lost: of the energy the system has had. The "
-        "largest force grows with the span. Where all members have the same, it is that of an impact before they part."
+        "deviation. Off by: difference of the means, ± holds with 95 %. Lost: of the most energy that start and loads "
+        "have given. The largest force grows with the span. Where all members have the same, it is that of an impact "
+        "before they part."
     )
     return Answer(f"{head}: {'; '.join(parts)}.", table, rest)
 

@@ -183,8 +183,9 @@ def _answer(rows: Rows, case: Case) -> str:
     exact = next((r for r in rows if r["scheme"] == EXACT), None)
     if not steps or exact is None:
         return f"Without {'schemes' if exact else 'exact members'} there is nothing to compare at {len(rows)} points."
-    coarse, first = max(r["dt"] for r in steps), steps[0]
-    digits = first["reference_digits"]
+    if not any(row["count"] for row in (exact, *steps)):
+        return "No impact, neither of the exact motion nor of a run: there is nothing to count."
+    coarse, first, digits = max(r["dt"] for r in steps), steps[0], steps[0]["reference_digits"]
     float64 = f"in float64{', one realisation,' if exact['count_spread'] else ''}"
     known = f"The exact motion {f'({digits} digits, parameters as written)' if digits else float64}"
     parts, table = [], []
@@ -228,8 +229,7 @@ def draw(records: Records) -> Figure:
     digits = max((row.get("reference_digits", 0) for row in rows), default=0)
     known = f"{digits} digits" if digits else "float64"
     runs = _runs(rows[0]["members"]) if rows else "no runs"
-    title = heading(records.case, f"{span}{runs}; in black the exact motion ({known})")
-    figure = new_figure(7.8 * len(blocks), title)
+    figure = new_figure(7.8 * len(blocks), heading(records.case, f"{span}{runs}; in black the exact motion ({known})"))
     axes = figure.subplots(2 * len(blocks), 3, width_ratios=(1.5, 1.0, 1.0), height_ratios=(1.4, 1.0) * len(blocks))
     for i, (place, own) in enumerate(blocks.items()):
         treated = by_contact([row for row in records.rows if row["purpose"] == "contact"]).get(place, [])

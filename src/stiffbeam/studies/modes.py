@@ -80,6 +80,8 @@ def answer(rows: Rows, _: Case) -> str:
         for r in measured
         for name in ("period_elongation", "damping_ratio")
     ]
+    if not measured:
+        return "No mode is told of: each dies too soon, or is followed for less than half a period. Take more steps."
     parts, table = [], []
     for scheme in dict.fromkeys(r["scheme"] for r in measured):
         own = [r for r in measured if r["scheme"] == scheme]
@@ -89,6 +91,10 @@ def answer(rows: Rows, _: Case) -> str:
     head = (
         f"{sum(inside)} of {len(inside)} measured elongations and damping ratios lie within the fit's error of theory"
     )
+    if len(measured) < len(rows):
+        head += (
+            f"; {len(rows) - len(measured)} are not told of: die too soon, or are followed for less than half a period"
+        )
     return Answer(f"{head}; {'; '.join(parts)}.", table, f"{head}.")
 
 

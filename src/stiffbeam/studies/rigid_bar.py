@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 
-from ..basics.validation import InputError, integer
+from ..basics.validation import InputError, integer, positive
 from ..figures import COLOURS, column, log_scale, new_figure, numeric, say_empty, short
 from ..files.cases import Case
 from ..march.integrate import integrate
 from ..march.plan import RIGID as BY_REACTIONS
-from ..measures.regression import observed_order
+from ..measures.regression import Order, observed_order
 from ..measures.report import percent
 from ..model.contact import Stops
 from . import bouncing_bar as bar
@@ -52,6 +52,7 @@ def points(
     """Every entry of the table on every mesh, at one Courant number; whatever the case is. ``schemes``: only the
     entries of these."""
     integer("starts", starts, 1)
+    positive("courant", courant)
     wanted = None if schemes is None else {label_of(scheme) for scheme in schemes}
     meshes = [25, 50, 100] if cells is None else cells
     for number in meshes:
@@ -131,9 +132,11 @@ def _middle(rows: list[dict[str, Any]], name: str) -> float:
     return float(np.median(values[np.isfinite(values)])) if np.any(np.isfinite(values)) else float("nan")
 
 
-def _order(rows: list[dict[str, Any]], name: str) -> Any:
+def _order(rows: list[dict[str, Any]], name: str) -> Order | None:
+    """The observed order, None where there is one mesh only."""
     kept = [row for row in rows if row[name] > 0.0]
-    kept = kept if len({row["cells"] for row in kept}) > 1 else []
+    if len({row["cells"] for row in kept}) < 2:
+        return None
     return observed_order([1.0 / row["cells"] for row in kept], [row[name] for row in kept])
 
 
@@ -148,12 +151,12 @@ def answer(rows: Rows, case: Case) -> str:
             "pressure off": percent(_middle(fine, 'pressure')),
             "penetration": percent(_middle(fine, 'penetration')),
             "foot off": percent(_middle(fine, 'foot')),
-            "order": str(_order(own, "foot")),
+            "order": str(_order(own, "foot") or "–"),
         })  # fmt: skip
         parts.append(
             f"{name}: energy {percent(_middle(fine, 'energy'), '+')}, pressure {percent(_middle(fine, 'pressure'))} "
             f"off, penetration {percent(_middle(fine, 'penetration'))}, foot {percent(_middle(fine, 'foot'))} "
-            f"of the fall off, order {_order(own, 'foot')}"
+            f"of the fall off, order {_order(own, 'foot') or '–'}"
         )
     if not parts:
         return "Nothing was found."
@@ -199,7 +202,7 @@ def draw(records: Records) -> Figure:
                 )
             if key == "foot":
                 order = _order(entries[name], key)
-                text = f"order {order.slope:.1f}" if np.isfinite(order.slope) else ""
+                text = f"order {order.slope:.1f}" if order else ""
                 axis.annotate(text, (1.02, i), xycoords=("axes fraction", "data"), fontsize=8, va="center")
         log_scale(axis, y=False)
         axis.set(xlabel=words)

@@ -107,7 +107,7 @@ def evaluate(case: Case, point: Point) -> list[Row]:
         treatment = "conserving" if method == CONSERVING else "implicit"
         run = integrate(system, scheme, point["dt"], end, treatment, every=round(end / point["dt"]))
     record, energy = run.contacts[0], run.energy
-    had = float(energy.energy[0] + energy.input[-1])
+    had = float(energy.given[-1])
     return [
         {
             "impulse": record.impulse,

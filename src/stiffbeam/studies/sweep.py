@@ -71,6 +71,8 @@ def points(
     if values is None and parameter == "frequency":
         own = 2.0 * np.pi / drive_period(system_of(case, form))
         values = np.linspace(0.7 * own, 1.3 * own, count).tolist()
+    if second is None and second_values is not None:
+        raise InputError("second_values", second_values, "be left out without second", "name the second parameter")
     axes = {parameter: values} if second is None else {parameter: values, second: second_values}
     if second is not None and not case.has_stops:
         remedy = "vary one parameter only, or give the case stops"
@@ -165,12 +167,13 @@ def sections(rows: Rows) -> dict[float, Array]:
     return {value: np.array(found[value]) for value in sorted(found)}
 
 
-def repeats_after(section: Array, size: float) -> int:
-    """The least p <= LONGEST with u(n + p) = u(n) to SAME of ``size`` all along the section; 0 for none."""
+def repeats_after(section: Array, size: float) -> int | None:
+    """The least p <= LONGEST with u(n + p) = u(n) to SAME of ``size`` all along the section; 0 for none, None where the
+    section has too few points to rule out one."""
     for p in range(1, min(LONGEST, len(section) - 1) + 1):
         if np.max(np.abs(section[p:] - section[:-p])) <= SAME * size:
             return p
-    return 0
+    return 0 if len(section) > LONGEST else None
 
 
 def answer(rows: Rows, case: Case) -> str:
@@ -193,16 +196,21 @@ def answer(rows: Rows, case: Case) -> str:
     if found:
         size = max(float(np.max(np.abs(section))) for section in found.values())
         repeats = [repeats_after(section, size) for section in found.values()]
-        several = sum(p > 1 for p in repeats)
-        parts.append(
+        several, untold = sum(p is not None and p > 1 for p in repeats), repeats.count(None)
+        text = (
             f"the tip repeats itself every period of the drive at {repeats.count(1)} of {len(found)} values, every "
             f"2 to {LONGEST} periods at {several}, and not at {repeats.count(0)} (to {SAME:g} of the largest)"
         )
+        more = f"; {first['periods']} periods are too few to tell at {untold}: {LONGEST + 1} would do"
+        parts.append(text + (more if untold else ""))
     for place, contacts in by_contact([r for r in rows if r["kind"] == "contact"]).items():
         if not contacts:
             continue
         for name, words, scale in (("count", "impacts a period", first["periods"]), ("peak_force", "largest force", 1)):
-            low, high = (pick(contacts, key=lambda r: r[name]) for pick in (min, max))
+            known = [r for r in contacts if np.isfinite(r[name])]  # a rigid stop has impulses, no peak forces
+            if not known:
+                continue
+            low, high = (pick(known, key=lambda r: r[name]) for pick in (min, max))
             least, most = (f"{r[name] / scale:.4g}" for r in (low, high))
             if name == "peak_force":
                 least, most = (units.measure(x, "force") for x in (least, most))

@@ -67,13 +67,23 @@ class Ledger:
         """E = kinetic + elastic + stops."""
         return self.kinetic + self.elastic + self.stops
 
-    def lost_fraction(self, k: int = -1) -> float:
-        """loss/(E_0 + input) at index k: over all energy that the system has had, NaN where that is <= 0.
+    @property
+    def given(self) -> Array:
+        """E_0 + the largest input so far: the most energy that start, loads and moving stops have given the system.
 
-        E_0 is included, since a run may have no input but its initial energy, and the input alone may be negative.
+        Not the input of the moment, which comes back to nothing whenever a load takes out what it has put in.
         """
-        had = self.energy[0] + self.input[k]
-        return float(self.loss[k] / had) if had > 0.0 else float("nan")
+        return given(self.energy[0], self.input)
+
+    def lost_fraction(self, k: int = -1) -> float:
+        """loss/given at index k, NaN where nothing was given."""
+        most = self.given[k]
+        return float(self.loss[k] / most) if most > 0.0 else float("nan")
+
+
+def given(start: float, work: Array) -> Array:
+    """See ``Ledger.given``; start: E_0, work: the input (k,)."""
+    return start + np.maximum.accumulate(np.maximum(work, 0.0))
 
 
 def reaction_ledger(

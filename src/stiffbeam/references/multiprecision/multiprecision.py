@@ -9,7 +9,6 @@ per switch is made at full precision. Digits that the motion has already used up
 from __future__ import annotations
 
 import math
-import time
 from dataclasses import replace
 from typing import Any
 
@@ -18,6 +17,7 @@ import numpy as np
 from flint import ctx
 
 from ...basics.arrays import Array
+from ...basics.compiled import clock
 from ...basics.validation import InputError, positive
 from ...model.system import System
 from ...trajectory.trajectory import Reference, SolverFailure
@@ -64,7 +64,7 @@ def solve(request: Request) -> Reference:
 
         return solve_rigid(request)
     refuse(system, t_end)
-    begun = time.perf_counter()
+    begun = clock()
     wanted, guard = (_estimate(system, t_end) if digits == "auto" else int(digits)), GUARD_BITS
     previous: Reference | None = None
     while True:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from typing import Any
@@ -13,6 +12,7 @@ import numpy as np
 from flint import arb, arb_mat
 
 from ...basics.arrays import Array
+from ...basics.compiled import clock
 from ...basics.validation import InputError
 from ...model.drive import Drive
 from ...model.sampled import Sampled
@@ -50,7 +50,7 @@ def solve_rigid(request: Request) -> Reference:
     system, t_end, digits = request.system, request.t_end, request.digits
     _require_known(system, t_end)
     t = output_times(request.t_eval, t_end)
-    begun, wanted, tries = time.perf_counter(), FIRST if digits == "auto" else int(digits), TRIES
+    begun, wanted, tries = clock(), FIRST if digits == "auto" else int(digits), TRIES
     previous: tuple[Solved, Reference] | None = None
     while True:
         if wanted > LAST:
@@ -168,7 +168,7 @@ class Solved:
             share = motion.held[c] / t_end
             contacts.append(ContactRecord(contact.stops, *seen, R[:, c], impacts, share, peak, motion.pressed[c]))
         tip, velocity = self.observed(t, system.tip_channel)
-        seconds = time.perf_counter() - begun
+        seconds = clock() - begun
         return Reference(
             t=t,
             tip=tip,

@@ -1,0 +1,202 @@
+"""What commands and studies print is so: seconds, shares of the energy, times, verdicts; what they have no use for is
+refused."""
+
+import json
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import stiffbeam as sb
+from stiffbeam.basics.compiled import stopped_clock
+from stiffbeam.files.samples import read_samples
+from stiffbeam.measures.free_modes import free_mode_errors
+from stiffbeam.studies import study
+from stiffbeam.studies.common import to_the_end
+from stiffbeam.studies.rigid_bar import points as bar_points
+from stiffbeam.studies.sweep import repeats_after
+
+OSCILLATOR = """
+[[case]]
+name = "oscillator"
+dt = 2e-3
+t_end = 14.594
+runs = ["trapezoidal"]
+
+[case.system]
+mass = [[1.0]]
+stiffness = [[100.0]]
+loads = [{ row = [1.0], amplitude = 8.0, frequency = 5.0 }]
+
+[[case.system.contacts]]
+row = [1.0]
+upper = 0.05
+stiffness = 1e4
+"""
+
+
+@pytest.fixture
+def case(tmp_path):
+    file = tmp_path / "oscillator.toml"
+    file.write_text(OSCILLATOR)
+    return next(iter(sb.load_cases(str(file)).values()))
+
+
+def trapezoidal_by_hand(dt, steps):
+    """Energy, work of the load and loss of x'' + 100 x + F(x) = 8 sin 5t, every step solved side by side."""
+    kappa, g, x, v, work, most = 1e4, 0.05, 0.0, 0.0, 0.0, 0.0
+
+    def energy(x, v):
+        return 0.5 * v * v + 50.0 * x * x + 0.5 * kappa * max(0.0, x - g) ** 2
+
+    def acceleration(x, t):
+        return 8.0 * np.sin(5.0 * t) - 100.0 * x - kappa * max(0.0, x - g)
+
+    for k in range(steps):
+        a, b = 8.0 * np.sin(5.0 * k * dt), 8.0 * np.sin(5.0 * (k + 1) * dt)
+        # x1 = x + dt v + dt^2/4 (a0 + a1): linear on either side of the stop
+        known = x + dt * v + 0.25 * dt**2 * (acceleration(x, k * dt) + b)
+        free = known / (1.0 + 25.0 * dt**2)
+        x1 = free if free <= g else (known + 0.25 * dt**2 * kappa * g) / (1.0 + 0.25 * dt**2 * (100.0 + kappa))
+        v1 = v + 0.5 * dt * (acceleration(x, k * dt) + acceleration(x1, (k + 1) * dt))
+        work += 0.5 * (a + b) * (x1 - x)
+        x, v, most = x1, v1, max(most, work)
+    return energy(x, v), work, work - energy(x, v), most
+
+
+def test_a_load_that_takes_its_work_back_makes_no_loss_of_any_size(case):
+    """-2e5 % was said to be lost of all energy: at that moment the load had taken back what it had put in."""
+    run = sb.integrate(case.system(), sb.Trapezoidal(), 2e-3, 14.594)
+    energy, work, loss, most = trapezoidal_by_hand(2e-3, 7297)
+    ledger = run.energy
+    assert ledger.energy[-1] == pytest.approx(energy, rel=1e-6)
+    assert ledger.loss[-1] == pytest.approx(loss, rel=1e-6)
+    assert work < 1e-3 * most
+    assert ledger.lost_fraction() == pytest.approx(loss / most, rel=1e-6)
+    assert -0.05 < ledger.lost_fraction() < 0.0
+    assert ledger.given == pytest.approx([np.max(ledger.input[: k + 1]) for k in range(len(ledger.t))])
+
+
+def test_the_energy_study_names_the_time_its_numbers_are_of(case):
+    """7297 steps have no divisor near 36: the last that is kept is not the end."""
+    records = study("energy", case, schemes=["trapezoidal"])
+    last = max(row["t"] for row in records.found if row["scheme"] == "trapezoidal")
+    assert last < 14.594
+    assert f"to t = {last:g}" in records.answer
+    even = study("energy", replace(case, t_end=14.0), schemes=["trapezoidal"])
+    assert max(row["t"] for row in even.found if row["scheme"] == "trapezoidal") == pytest.approx(14.0)
+
+
+@pytest.mark.parametrize(("steps", "outputs"), [(7000, 200), (7297, 200), (150, 200), (10**6, 4000), (2 * 3499, 100)])
+def test_what_is_kept_ends_with_the_run_where_a_divisor_allows(steps, outputs):
+    every = to_the_end(steps, outputs)
+    most = max(1, steps // outputs)
+    assert max(1, most / 2) <= every <= most
+    if any(steps % d == 0 for d in range(most // 2 + 1, most + 1)):
+        assert steps % every == 0
+
+
+def test_multiprecision_takes_no_negative_time(table10):
+    """Its clock began as one that runs on while kernels are compiled and ended as one that does not."""
+    pytest.importorskip("flint")
+    system = sb.semidiscretise(table10, 6)
+    with stopped_clock():
+        sb.reference(system, 1e-3, "multiprecision")
+    run = sb.reference(system, 1e-3, "multiprecision")
+    assert 0.0 < run.work.seconds < 60.0
+
+
+@pytest.mark.parametrize(
+    "scheme",
+    [
+        sb.MoreauJean(), sb.PaoliSchatzman(), sb.NonsmoothGeneralisedAlpha(), sb.ContactStabilisedNewmark(),
+        sb.MoreauJeanBilbao(),
+    ],
+    ids=str,
+)  # fmt: skip
+def test_schemes_for_rigid_stops_take_a_system_that_has_neither_stops_nor_loads(scheme):
+    system = sb.System.from_matrices([[1.0]], [[100.0]], observe=[1.0], initial_displacement=[0.1])
+    errors = []
+    for dt in (2e-3, 1e-3):
+        run = sb.integrate(system, scheme, dt, 1.0)
+        errors.append(float(np.max(np.abs(run.tip - 0.1 * np.cos(10.0 * run.t)))))
+    assert errors[1] < 2e-5
+    assert errors[1] < 0.3 * errors[0] or errors[0] < 1e-13
+
+
+def test_a_section_too_short_to_tell_is_not_called_not_periodic():
+    assert repeats_after(np.array([0.3]), 1.0) is None
+    assert repeats_after(np.array([0.3, 0.1, 0.2, -0.1, 0.4]), 1.0) is None
+    assert repeats_after(np.array([0.3, 0.3]), 1.0) == 1
+    assert repeats_after(np.random.default_rng(0).uniform(-1.0, 1.0, 30), 1.0) == 0
+
+
+def test_a_sweep_on_rigid_stops_prints_no_force_that_is_none(case):
+    stops = sb.Stops(upper=0.05, stiffness=np.inf, restitution=0.8)
+    system = replace(case.system(), contacts=(sb.Contact([1.0], stops),))
+    records = study(
+        "sweep", system, values=[4.5, 5.0], method="moreau-jean", dt=1e-3, t_end=5.0, periods=4, transient=2
+    )
+    assert "nan" not in records.answer
+    assert "largest force" not in records.answer
+    assert "4 periods are too few to tell" in records.answer
+
+
+def test_a_mode_is_not_measured_on_a_part_of_its_period(case):
+    """On a sixth of a period HHT's fit was off by four times its error."""
+    free = sb.System.from_matrices([[1.0]], [[100.0]], observe=[1.0], initial_displacement=[0.1])
+    short = free_mode_errors(sb.integrate(free, sb.HHT(-0.1), 2.5e-4, 0.1))
+    assert np.isnan(short.period_elongation[0])
+    long = free_mode_errors(sb.integrate(free, sb.HHT(-0.1), 2.5e-4, 2.0))
+    theory = sb.amplification(sb.HHT(-0.1), 2.5e-4 * 10.0 / (2.0 * np.pi))
+    for name, error in (("period_elongation", long.elongation_error), ("damping_ratio", long.damping_error)):
+        assert abs(getattr(long, name)[0] - getattr(theory, name)[0]) <= error[0] + 1e-10
+
+
+def test_nothing_is_observed_by_a_row_of_zeros():
+    with pytest.raises(sb.InputError, match="observe must not be all zero"):
+        sb.System.from_matrices(np.eye(2), np.eye(2), observe=[0.0, 0.0])
+
+
+@pytest.mark.parametrize(
+    ("header", "column", "words"),
+    [("t,force,force", "force", "name of one column"), ("t,force,other", "t", "the first of .* holds the times")],
+)
+def test_a_column_of_a_record_is_one_column_of_values(tmp_path, header, column, words):
+    file = tmp_path / "record.csv"
+    file.write_text(f"{header}\n0,1,2\n1,1,3\n")
+    with pytest.raises(sb.InputError, match=words):
+        read_samples(file, column)
+
+
+@pytest.mark.parametrize("courant", [0.0, -1.0, float("nan")])
+def test_a_courant_number_is_positive(case, courant):
+    with pytest.raises(sb.InputError, match="courant"):
+        bar_points(case, courant=courant)
+
+
+REFUSED = [
+    ("score bdf2 --latex --problem bilinear-gap", "INTEGRATORS must be left out with --latex"),
+    ("score --list bdf2", "INTEGRATORS must be left out with --list"),
+    ("score --latex --problem bilinear-gap --json x.json", "--json must be left out with --latex"),
+    ("score bdf2 --problem bilinear-gap --trajectory a.csv", "INTEGRATORS must be left out with --trajectory"),
+    ("reference table10 --method cvode --digits 50", "--digits must be left out"),
+    ("reference table10 --rtol 1e-3", "--rtol must be left out"),
+    ("reference table10 --budget 1", "--budget must be left out"),
+    ("sweep table10 --values 9,10 --second-values 1,2", "second_values must be left out without second"),
+]
+
+
+@pytest.mark.parametrize(("line", "words"), REFUSED, ids=[line for line, _ in REFUSED])
+def test_options_that_would_be_passed_over_are_refused(command, line, words):
+    code, _, said = command(*line.split())
+    assert code == 2
+    assert words in re.sub(r"\s+", " ", said)
+
+
+def test_advice_without_wants_is_asked_of_a_system_without_stops(command, tmp_path):
+    (tmp_path / "free.toml").write_text(OSCILLATOR.partition("[[case.system.contacts]]")[0] + "observe = [1.0]\n")
+    code, found, said = command("advise", "free.toml", "--schemes", "trapezoidal", "--t-end", "2", "--json", "-")
+    assert code == 0, said
+    assert set(json.loads(found)["want"]) == {"tip"}
