@@ -100,8 +100,8 @@ def test_the_count_of_table_10_does_not_depend_on_what_ran_before():
 def test_compare_says_that_it_compiles_and_begins_before_the_references(monkeypatch):
     said, order = [], []
     module = sys.modules[compare_case.__module__]
-    monkeypatch.setattr(module, "compile_beside", lambda rehearsal: order.append("begun"))
-    monkeypatch.setattr(module, "warm_up", lambda: order.append("waited"))
+    monkeypatch.setattr(module, "compile_beside", lambda rehearsal, by_law: order.append("begun"))
+    monkeypatch.setattr(module, "warm_up", lambda by_law: order.append("waited"))
 
     def solve(*arguments):
         order.append("solved")
@@ -130,7 +130,7 @@ def test_who_compiles_beside_is_waited_for(monkeypatch):
 
     monkeypatch.setattr(warm, "compiled", lambda: False)
     monkeypatch.setattr(warm, "_beside", None)
-    monkeypatch.setattr(warm, "_warm", False)
+    monkeypatch.setattr(warm, "_warm", set())
     monkeypatch.setattr(warm.subprocess, "Popen", Failing)
     warm.compile_beside("pass")
     warm.compile_beside("pass")

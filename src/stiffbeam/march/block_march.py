@@ -211,7 +211,7 @@ class March:
         cursor, march_rule = np.array([0, 0, self._rows]), block.block.rule
         while not self.stepper.run(
             block.block, self.law, forcing, inflow, self.state, kept, self.events, first, steps, dt, self.every or 1,
-            cursor, *(() if march_rule == LINEAR else (1,)),
+            cursor, *(() if march_rule == LINEAR else (None, 1)),
         ):  # fmt: skip
             longer = max(2 * len(self.events), cursor[2] + 2 * K * max(1, self.law.shape[1]))
             self.events = np.concatenate([self.events, np.empty((longer - len(self.events), EVENT))])

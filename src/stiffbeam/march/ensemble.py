@@ -18,7 +18,7 @@ from ..trajectory.ledger import Ledger
 from ..trajectory.records import Records
 from ..trajectory.trajectory import Work
 from .plan import Plan
-from .warm import warm_up
+from .warm import wait
 
 ENGINES = ("numba", "numpy", "jax")
 DEVICE_MEMBERS = 1 << 14  # marched by a device in one go
@@ -57,7 +57,7 @@ def integrate_ensemble(
         remedy = f"for example {dt * int(since / dt):.12g}"
         raise InputError("since", since, f"be a whole number of steps dt = {dt:g}", remedy)
     if plan.engine == "numba":
-        warm_up()
+        wait()
     # A device is shared by no threads.
     size, threads = (DEVICE_MEMBERS, 1) if engine == "jax" else (MEMBERS_PER_SLICE, cores())
     report = None if progress is None else lambda done: progress(done * plan.steps)

@@ -15,7 +15,7 @@ from ..schemes import Scheme
 from ..trajectory.trajectory import Diverged, Trajectory, Work
 from .leap import start
 from .plan import Plan, seen_directly
-from .warm import warm_up
+from .warm import wait
 
 
 def integrate(
@@ -52,7 +52,7 @@ def integrate(
     plan = Plan.of(system, scheme, dt, t_end, contact, every, engine)
     plan.afford(1, every)
     if plan.engine == "numba":
-        warm_up()
+        wait()
     if plan.stepper is not None:
         march = start(plan.stepper, [plan.system], plan.steps, every)
         for done in march.advance():

@@ -13,14 +13,16 @@ import numpy as np
 from ..basics import cache
 from ..basics.arrays import LANES
 from ..basics.compiled import directory, stopped_clock
+from ..model.contact import linear as all_linear
 from ..model.contact_law import LAW
+from ..model.system import System
 from ..trajectory.sampling import TALLY
 from .kernels import blocks as kernel
 from .kernels.layout import Block, Forcing, Inflow, Kept, Marchers
 
 COMPILING = "compiling the march, once for this version"  # said while it is waited for
 _beside: subprocess.Popen[bytes] | None = None
-_warm = False  # whether this process has it
+_warm: set[bool] = set()  # the kernels that this process has, by whether they are for any law
 
 
 def compiled() -> bool:
@@ -28,14 +30,23 @@ def compiled() -> bool:
     return bool(kernel.run.signatures) or any(directory(Path(kernel.__file__)).rglob("blocks.run-*.nbi"))
 
 
-def warm_up() -> None:
-    """Compile the kernel or load it, or wait for who is compiling it."""
-    global _warm
-    if _warm:
-        return
+def any_law(system: System, contact: str) -> bool:
+    """Whether runs of the system take the kernel for any law, and not that for linear stops."""
+    return contact == "conserving" or not all_linear(system.contacts)
+
+
+def wait() -> None:
+    """Wait for who is compiling beside this process."""
     if _beside is not None:
         with stopped_clock():
-            _beside.wait()  # one that has failed left nothing on disk, and it is compiled here
+            _beside.wait()  # one that has failed left nothing on disk, and the first run compiles
+
+
+def warm_up(by_law: bool = False) -> None:
+    """Compile the kernel, that for any law or that for linear stops, or load it, or wait for who is compiling it."""
+    if by_law in _warm:
+        return
+    wait()
     z, index = np.zeros((0, LANES)), np.zeros((1, 1), np.int64)
     row = np.zeros((1, LANES))
     none = np.zeros((0, 1, 1))
@@ -43,12 +54,12 @@ def warm_up() -> None:
         Block(row, row, row, row, index[0], index[0], none, none, index[0], 0),
         np.zeros((0, 1, LAW)), Forcing(0.0, z, none, np.zeros((0, 1, 1, 1))), Inflow(z, none),
         Marchers(z, z, z, np.zeros((0, 1, TALLY)), index[0]), Kept(none, none, none, z, z), row, 0, 0, 1.0, 1,
-        np.zeros(3, np.int64),
+        np.zeros(3, np.int64), *((None, 1) if by_law else ()),
     )  # fmt: skip
-    _warm = True
+    _warm.add(by_law)
 
 
-def compile_beside(rehearsal: str) -> None:
+def compile_beside(rehearsal: str, by_law: bool = False) -> None:
     """Begin to compile in a process beside this one, unless that has been done; ``warm_up`` waits for it.
 
     rehearsal: lines of Python that run once what will be asked, on a small scale; the march is compiled before them.
@@ -59,7 +70,7 @@ def compile_beside(rehearsal: str) -> None:
     global _beside
     if _beside is not None or compiled():
         return
-    code = f"from stiffbeam.march.warm import warm_up; warm_up(); {rehearsal}"
+    code = f"from stiffbeam.march.warm import warm_up; warm_up({by_law}); {rehearsal}"
     paths = os.pathsep.join(path for path in sys.path if path)
     environment = os.environ | {"PYTHONPATH": paths, "STIFFBEAM_CACHE_DIR": str(cache.directory())}
     silent = subprocess.DEVNULL

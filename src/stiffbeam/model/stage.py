@@ -40,8 +40,8 @@ def solve_stage(r: Array, w: Array, S: Array, S_rate: Array, u0: Array, rule: in
     if m == 1:
         F[0] = one(r[0], w[0], S[0, 0], S_rate[0, 0], u0[0], rule, law, 0)[0]
         return F
-    tolerance, trial, trial_f = np.zeros(m), np.zeros(m), np.zeros(m)
-    J, J_trial = np.eye(m), np.eye(m)
+    tolerance, trial, trial_f, step = np.zeros(m), np.zeros(m), np.zeros(m), np.zeros(m)
+    J, J_trial = np.zeros((m, m)), np.zeros((m, m))
     merit = _alone(r, w, S, S_rate, u0, rule, law, F, f, tolerance, J)
     for _ in range(ITERATIONS):
         if not np.isfinite(merit):
@@ -52,8 +52,9 @@ def solve_stage(r: Array, w: Array, S: Array, S_rate: Array, u0: Array, rule: in
         if done:
             return f
         lowered, new = False, merit
-        if abs(np.linalg.det(J)) > 1e-300:
-            step = np.linalg.solve(J, F - f)
+        for c in range(m):
+            step[c] = F[c] - f[c]
+        if solve_in_place(J, step):
             share = 1.0
             for _ in range(6):
                 for c in range(m):
@@ -74,9 +75,39 @@ def solve_stage(r: Array, w: Array, S: Array, S_rate: Array, u0: Array, rule: in
                         rate += S_rate[c, e] * trial[e]
                 trial[c] = one(here, rate, S[c, c], S_rate[c, c], u0[c], rule, law, c)[0]
             new = _alone(r, w, S, S_rate, u0, rule, law, trial, trial_f, tolerance, J_trial)
-        F[:], f[:], J[:], merit = trial, trial_f, J_trial, new
-    F[:] = np.nan
+        F, trial, f, trial_f, J, J_trial, merit = trial, F, trial_f, f, J_trial, J, new
+    for c in range(m):
+        F[c] = np.nan
     return F
+
+
+@inlined
+def solve_in_place(A: Array, b: Array) -> bool:
+    """x with A x = b in place of b, by Gaussian elimination with row exchanges in A; False where a pivot is zero.
+
+    Not np.linalg.solve: with its checks and their messages it takes longer to compile than all the rest of this file.
+    """
+    n = b.size
+    for k in range(n):
+        p = k
+        for i in range(k + 1, n):
+            if abs(A[i, k]) > abs(A[p, k]):
+                p = i
+        if not abs(A[p, k]) > 0.0:
+            return False
+        for j in range(k, n):
+            A[k, j], A[p, j] = A[p, j], A[k, j]
+        b[k], b[p] = b[p], b[k]
+        for i in range(k + 1, n):
+            share = A[i, k] / A[k, k]
+            for j in range(k + 1, n):
+                A[i, j] -= share * A[k, j]
+            b[i] -= share * b[k]
+    for i in range(n - 1, -1, -1):
+        for k in range(i + 1, n):
+            b[i] -= A[i, k] * b[k]
+        b[i] /= A[i, i]
+    return True
 
 
 @compiled

@@ -179,14 +179,15 @@ def speed(
 @compiled
 def run(
     block: Block, law: Array, forcing: Forcing, inflow: Inflow, marchers: Marchers, kept: Kept, events: Array,
-    first: int, steps: int, dt: float, every: int, cursor: IntArray, by_law: int | None = None,
+    first: int, steps: int, dt: float, every: int, cursor: IntArray, linear: int | None = 1,
+    by_law: int | None = None,
 ) -> bool:  # fmt: skip
     """``steps`` steps of every member from step ``first``; whether all are done.
 
     law: (M, m, 6), the laws of every contact, see contact_law. events: the list of impacts, see sampling.
     cursor: (member, block, free row of events), advanced in place; where the list may not hold another
-    block's impacts, False is returned and the call can be made again with a longer one. by_law: None for a
-    block of rule LINEAR, 1 for the others, so that each is compiled without what it does not need.
+    block's impacts, False is returned and the call can be made again with a longer one. linear, by_law: 1 and None for
+    a block of rule LINEAR, None and 1 for the others: numba leaves out what stands behind an argument that is None.
     """
     # Fields are taken out once: every use of one would be counted, and no loop with it vectorised.
     reading, transition, push, compliance = block[:4]
@@ -232,12 +233,12 @@ def run(
                 for j in range(out.size):
                     out[j] += inflow_rows[b, j]
             touched = True
-            if by_law is None:
+            if linear is not None:
                 if m == 1:
                     touched = resolve(push, g1, g2, stiff, out, forces)
                 elif m > 1:
                     touched = resolve_several(push, compliance, law[i], out, forces)
-            else:
+            if by_law is not None:
                 for c in range(m):
                     before[c] = position[i, c]
                 solved = resolve_by_law(push, compliance, rates, rule, law[i], before, out, forces)
@@ -274,20 +275,22 @@ def run(
                     for k in range(np.uint64(count)):
                         u[k] = out[entry + k * stride]
                     opened = int(tally[i, c, ROW])
-                    if by_law is None:
+                    new = rows
+                    if linear is not None:
                         new = scan(u, count, law, dt, tally, i, c, events, rows, at)
-                    elif rule == MEAN:
-                        for k in range(count):
-                            v_all[k] = forces[k * m + c]
-                        new = scan_means(u, v_all, count, law, dt, tally, i, c, events, rows, at)
-                    else:
-                        for k in range(count):
-                            v_all[k] = speed(
-                                velocity, velocity_push, forced_velocity, inflow_velocity, v, b, k, c, z, g, forces
-                            )
-                            if end_first[c] < N:
-                                f_all[k] = forces[entry + k * stride]
-                        new = scan_by_law(u, v_all, f_all, count, law, dt, tally, i, c, events, rows, at)
+                    if by_law is not None:
+                        if rule == MEAN:
+                            for k in range(count):
+                                v_all[k] = forces[k * m + c]
+                            new = scan_means(u, v_all, count, law, dt, tally, i, c, events, rows, at)
+                        else:
+                            for k in range(count):
+                                v_all[k] = speed(
+                                    velocity, velocity_push, forced_velocity, inflow_velocity, v, b, k, c, z, g, forces
+                                )
+                                if end_first[c] < N:
+                                    f_all[k] = forces[entry + k * stride]
+                            new = scan_by_law(u, v_all, f_all, count, law, dt, tally, i, c, events, rows, at)
                     # The end of the impact that was open before, then times and ends of the new ones.
                     for change in range(2 * rows - 1, 2 * new):
                         row, column = change // 2, END if change % 2 else TIME

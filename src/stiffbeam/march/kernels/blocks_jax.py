@@ -27,7 +27,8 @@ NUMBERS_BACK = 1 << 22  # positions and velocities that come back from the devic
 
 def run(
     block: Block, law: Array, forcing: Forcing, inflow: Inflow, marchers: Marchers, kept: Kept, events: Array,
-    first: int, steps: int, dt: float, every: int, cursor: Array, by_law: int | None = None,
+    first: int, steps: int, dt: float, every: int, cursor: Array, linear: int | None = 1,
+    by_law: int | None = None,
 ) -> bool:  # fmt: skip
     """See ``kernel.run``; states are not kept."""
     if block.rule != LINEAR:

@@ -40,7 +40,8 @@ from .layout import OVERFLOW, Block, Forcing, Inflow, Kept, Marchers
 
 def run(
     block: Block, law: Array, forcing: Forcing, inflow: Inflow, marchers: Marchers, kept: Kept, events: Array,
-    first: int, steps: int, dt: float, every: int, cursor: Array, by_law: int | None = None,
+    first: int, steps: int, dt: float, every: int, cursor: Array, linear: int | None = 1,
+    by_law: int | None = None,
 ) -> bool:  # fmt: skip
     """See ``kernel.run``."""
     K = block.velocity.shape[0]

@@ -21,7 +21,7 @@ from ...basics.threads import cores
 from ...basics.validation import InputError, integer, near, positive
 from ...files.case import Case, case_of
 from ...files.cases import find_case
-from ...march.warm import COMPILING, compiled, warm_up
+from ...march.warm import COMPILING, any_law, compiled, warm_up
 from ...model.drive import stays_at_rest
 from ...model.system import System
 from ...trajectory.trajectory import Diverged, SolverFailure, Unfinished
@@ -82,10 +82,12 @@ def run_study(
     missing = [point for point in points if journal.rows(point) is None]
     finished = len(points) - len(missing)
     with journal if missing else nullcontext():
-        if missing and study.marches and executor is None:
+        system = case.system(case.forms[0])
+        rigid = any(contact.stops.rigid for contact in system.contacts)  # marched by another kernel
+        if missing and study.marches and executor is None and not rigid:
             if not compiled():
                 progress(f"{study.command}: {COMPILING}", 0, 0)
-            warm_up()  # here, and not in each of the processes
+            warm_up(any_law(system, "implicit"))  # here, and not in each of the processes
         progress(study.command, finished, len(points))
         for point, rows in _evaluate_all(study, case, missing, jobs, executor):
             journal.keep(point, rows)
