@@ -200,3 +200,13 @@ def test_advice_without_wants_is_asked_of_a_system_without_stops(command, tmp_pa
     code, found, said = command("advise", "free.toml", "--schemes", "trapezoidal", "--t-end", "2", "--json", "-")
     assert code == 0, said
     assert set(json.loads(found)["want"]) == {"tip"}
+
+
+def test_figures_of_a_beam_on_rigid_stops_say_how_much_of_them_is_chance():
+    """The trapezoidal rule gains anything: a per cent of the step changes all figures, and one was printed."""
+    records = study("rigid_beam", sb.paper_case(10), kappas=[1e6], cells=[10], divide=[1])
+    rows = [row for row in records.found if row["dt"]]
+    assert all(row[f"{x}_low"] <= row[x] <= row[f"{x}_high"] for row in rows for x in ("impulse", "impacts", "lost"))
+    hard = next(row for row in rows if row["method"] == "trapezoidal" and row["kappa"] is None)
+    assert hard["lost_high"] - hard["lost_low"] > 0.01
+    assert f"{hard['impulse_low']:.3g} to {hard['impulse_high']:.3g}" in records.answer

@@ -8,6 +8,7 @@ contact, and the energy that is lost. Beyond kappa = K_bb, what the grid itself 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -32,6 +33,7 @@ from ..model.closed_form import natural_frequencies
 from ..model.semidiscretisation import semidiscretise
 from ..references import solve
 from ..references.exact.rigid_reference import solve_rigid
+from ..trajectory.trajectory import Trajectory
 from .common import Dt, label_of, scheme_of
 from .engine.study import Answer, Point, Records, Row, Rows, Study
 from .first_impact import LOOK, first_crossing, look_span
@@ -51,6 +53,8 @@ RIGID: tuple[tuple[str, str, float | None], ...] = (
 )  # fmt: skip
 KAPPAS = (1e5, 3e5, 1e6, 5e6, 2e7, 1e8, 1e9)
 WINDOW = 0.01  # after the first touch
+NEARBY = (-0.02, -0.01, 0.01, 0.02)  # shares by which further runs have more steps: what these change is chance
+RANGED = ("impulse", "impacts", "lost")
 
 
 def points(
@@ -102,20 +106,33 @@ def evaluate(case: Case, point: Point) -> list[Row]:
         rigid = any(contact.stops.rigid for contact in system.contacts)
         ends = np.array([0.0, end])
         run = solve_rigid(system, end, ends, trusted=False) if rigid else solve(system, end, EXACT, ends, 0.0, None)
-    else:
-        scheme = scheme_of(method.removesuffix(" conserving"))
-        treatment = "conserving" if method == CONSERVING else "implicit"
-        run = integrate(system, scheme, point["dt"], end, treatment, every=round(end / point["dt"]))
+        return [_found(run, end)]
+    scheme = scheme_of(method.removesuffix(" conserving"))
+    treatment = "conserving" if method == CONSERVING else "implicit"
+    steps = round(end / point["dt"])
+    asked = [steps, *(max(1, round((1.0 + share) * steps)) for share in NEARBY)]
+    rows = [_found(integrate(system, scheme, end / n, end, treatment, every=n), end) for n in asked]
+    ends_of = {f"{name}_{word}": pick(row[name] for row in rows)
+               for name in RANGED for word, pick in (("low", min), ("high", max))}  # fmt: skip
+    return [rows[0] | ends_of]
+
+
+def _found(run: Trajectory, end: float) -> Row:
+    """What a run has done in [0, end]."""
     record, energy = run.contacts[0], run.energy
-    had = float(energy.given[-1])
-    return [
-        {
-            "impulse": record.impulse,
-            "contact_time": record.fraction * end,
-            "impacts": record.impacts.count,
-            "lost": float((energy.loss[-1] + energy.stop_dissipation[-1]) / had) if had > 0.0 else float("nan"),
-        }
-    ]
+    most = float(energy.given[-1])
+    return {
+        "impulse": record.impulse,
+        "contact_time": record.fraction * end,
+        "impacts": record.impacts.count,
+        "lost": float((energy.loss[-1] + energy.stop_dissipation[-1]) / most) if most > 0.0 else float("nan"),
+    }
+
+
+def _ranged(row: Row, name: str, written: Callable[[float], str]) -> str:
+    """A figure of a run, or the range of it where steps nearby give others."""
+    low, high = (written(row.get(f"{name}_{word}", row[name])) for word in ("low", "high"))
+    return written(row[name]) if low == high or "nan" in (low, high) else f"{low} to {high}"
 
 
 def name_of(row: Row) -> str:
@@ -144,17 +161,23 @@ def answer(rows: Rows, case: Case) -> str:
         rigid = [row for row in own if _stiff(row) == np.inf and row["dt"] in (0.0, finest)]
         soft = ", ".join(f"{r['impulse']:.3g} at {k:.2g}" for k, r in sorted(exact.items()))
         said = [
-            f"{name_of(r)} {r['impulse']:.3g} in {r['impacts']:g} impacts, {percent(r['lost'])} lost" for r in rigid
+            f"{name_of(r)} {_ranged(r, 'impulse', '{:.3g}'.format)} in {_ranged(r, 'impacts', '{:g}'.format)} impacts, "
+            f"{_ranged(r, 'lost', percent)} lost"
+            for r in rigid
         ]
         head = f"On {cells} cells the impulse is {soft} exactly; at kappa = inf, dt = {finest:.2g}"
         sentences.append(f"{head}: {', '.join(said)}.")
         for kappa, row in [*sorted(exact.items()), *((np.inf, row) for row in rigid)]:
             table.append({
                 "motion": name_of(row), units.label("kappa", "stop stiffness"): f"{kappa:.2g}", "cells": f"{cells}",
-                units.label("impulse", "impulse"): f"{row['impulse']:.3g}", "impacts": f"{row['impacts']:g}",
-                "lost": percent(row["lost"]),
+                units.label("impulse", "impulse"): _ranged(row, "impulse", "{:.3g}".format),
+                "impacts": _ranged(row, "impacts", "{:g}".format), "lost": _ranged(row, "lost", percent),
             })  # fmt: skip
-    return Answer(" ".join(sentences), table, f"Schemes at {step}." if sentences else "")
+    return Answer(
+        " ".join(sentences),
+        table,
+        f"Schemes at {step}, with the range over steps within 2 % of it." if sentences else "",
+    )
 
 
 PANELS = (
@@ -169,7 +192,8 @@ SMALL, LARGE = 3.0, 5.5  # marks of the finest grid and of the case's
 def draw(records: Records) -> Figure:
     """Above: over the stiffness of the stops, the case's grid; below: rigid stops, an entry a line.
 
-    Black: exact. Filled: the finest step, or none; hollow: the case's. Small: the finest grid, of exact motions only.
+    Black: exact. Filled: the finest step, or none; hollow: the case's; lines: what steps near the finest give.
+    Small: the finest grid, of exact motions only.
     """
     rows, units = numeric(records.found), records.case.units
     title = f"{WINDOW:g} after the first touch; above: compliant stops, below: rigid ones"
@@ -195,6 +219,9 @@ def draw(records: Records) -> Figure:
             hard = [row for row in own if _stiff(row) == np.inf]
             at = [names.index(name_of(row)) for row in hard]
             axes[1, k].plot(column(hard, key), at, **style, ls="")
+            if key in RANGED and whole and method != EXACT:
+                low, high = (column(hard, f"{key}_{word}") for word in ("low", "high"))
+                axes[1, k].hlines(at, low, high, color=style["color"], lw=1.6, alpha=0.5)
         axes[0, k].set(xlabel=units.label("stiffness of the stops κ", "stop stiffness"), ylabel=label)
         axes[1, k].set(xlabel=label)
         if k:
@@ -210,10 +237,11 @@ def draw(records: Records) -> Figure:
     axes[1, 0].set_yticks(range(len(names)), names, fontsize=8)
     axes[1, 0].set_ylim(len(names) - 0.4, -0.6)
     for words, style in (
-        ("finest step", {"marker": "o"}), ("the case's step", {"marker": "o", "mfc": "white"}),
+        ("finest step", {"marker": "o"}), ("steps near it", {"ls": "-", "lw": 1.6, "alpha": 0.5}),
+        ("the case's step", {"marker": "o", "mfc": "white"}),
         (f"{grids[-1]} cells" if grids else "finest grid", {"marker": "o", "ms": SMALL}),
     ):  # fmt: skip
-        axes[0, 0].plot([], [], color="0.4", ls="", **{"ms": LARGE} | style, label=words)
+        axes[0, 0].plot([], [], color="0.4", **{"ls": "", "ms": LARGE} | style, label=words)
     shared_legend(figure, 5, axes[0])
     return figure
 

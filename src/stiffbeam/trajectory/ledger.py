@@ -69,7 +69,7 @@ class Ledger:
 
     @property
     def given(self) -> Array:
-        """E_0 + the largest input so far: the most energy that start, loads and moving stops have given the system.
+        """E_0 + the largest input so far, at these times: the most that start, loads and moving stops have given.
 
         Not the input of the moment, which comes back to nothing whenever a load takes out what it has put in.
         """
