@@ -184,6 +184,8 @@ REFUSED = [
     ("reference table10 --method cvode --digits 50", "--digits must be left out"),
     ("reference table10 --rtol 1e-3", "--rtol must be left out"),
     ("reference table10 --budget 1", "--budget must be left out"),
+    ("reference --check . --rtol 1e-3", "--rtol must be left out with --check"),
+    ("reference --remake x --form hermite", "--form must be left out with --remake"),
     ("sweep table10 --values 9,10 --second-values 1,2", "second_values must be left out without second"),
 ]
 

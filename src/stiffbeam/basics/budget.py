@@ -35,7 +35,7 @@ class Forecast:
     """Work over [0, t_end] whose extent shows only on the way: its first part tells what the whole would take."""
 
     def __init__(self, t_end: float) -> None:
-        from .compiled import clock  # numba, which who only asks what something costs can do without
+        from .compiled import clock  # here, since ``afford`` is asked where numba is not needed
 
         self.t_end, self._clock, self.begun = t_end, clock, clock()
         self._many = 0.02 * _allowed("STIFFBEAM_MEMORY", MEMORY) * 2**27

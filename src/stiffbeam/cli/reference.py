@@ -38,6 +38,15 @@ def reference_command(
     if sum(x is not None for x in (case, check, remake)) != 1:
         remedy = "give exactly one of them"
         raise InputError("reference", "its arguments", "be one of CASE, --check PATH and --remake DIR", remedy)
+    if case is None:
+        given = {
+            "--method": method != "exact", "--form": form, "--digits": digits != "auto", "--rtol": rtol, "--out": out,
+            "--t-end": t_end, "--budget": budget, "--cache": cache, "--doubles": doubles,
+        }  # fmt: skip
+        for option, value in given.items():
+            if value:
+                alone = "--check" if remake is None else "--remake"
+                raise InputError(option, str(value), f"be left out with {alone}", "it is an option of CASE")
     check_json(json_file)
     with progress() as show:
         if check is not None:

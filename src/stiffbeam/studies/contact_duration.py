@@ -97,10 +97,8 @@ def _pairs(case: Case, point: Point) -> list[Row]:
         first = slice(0, match(own.impacts, other.impacts, end).matched)
         found, wanted = own.impacts.take(first), other.impacts.take(first)
         for side, name in SIDES.items():
-            lasting = np.isfinite(found.durations) & (
-                np.nan_to_num(wanted.durations) > 0.0
-            )  # rigid impacts do not last
-            here = (wanted.stops == side) & lasting
+            lasting = np.nan_to_num(wanted.durations) > 0.0  # not so at rigid stops
+            here = (wanted.stops == side) & lasting & np.isfinite(found.durations)
             errors = np.abs(found.durations[here] / wanted.durations[here] - 1.0)
             there = int(np.sum(other.impacts.until(end).stops == side))
             row = {"kind": "pairs", "contact_number": number, "stop": name, "exact": there, "pairs": len(errors)}

@@ -92,9 +92,8 @@ def answer(rows: Rows, _: Case) -> str:
         f"{sum(inside)} of {len(inside)} measured elongations and damping ratios lie within the fit's error of theory"
     )
     if len(measured) < len(rows):
-        head += (
-            f"; {len(rows) - len(measured)} are not told of: die too soon, or are followed for less than half a period"
-        )
+        untold = f"{len(rows) - len(measured)} modes are not told of"
+        head += f"; {untold}, which die too soon or are followed for less than half a period"
     return Answer(f"{head}; {'; '.join(parts)}.", table, f"{head}.")
 
 

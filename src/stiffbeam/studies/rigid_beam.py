@@ -106,15 +106,18 @@ def evaluate(case: Case, point: Point) -> list[Row]:
         rigid = any(contact.stops.rigid for contact in system.contacts)
         ends = np.array([0.0, end])
         run = solve_rigid(system, end, ends, trusted=False) if rigid else solve(system, end, EXACT, ends, 0.0, None)
-        return [_found(run, end)]
+        return [_with_ranges([_found(run, end)])]
     scheme = scheme_of(method.removesuffix(" conserving"))
     treatment = "conserving" if method == CONSERVING else "implicit"
     steps = round(end / point["dt"])
     asked = [steps, *(max(1, round((1.0 + share) * steps)) for share in NEARBY)]
-    rows = [_found(integrate(system, scheme, end / n, end, treatment, every=n), end) for n in asked]
-    ends_of = {f"{name}_{word}": pick(row[name] for row in rows)
-               for name in RANGED for word, pick in (("low", min), ("high", max))}  # fmt: skip
-    return [rows[0] | ends_of]
+    return [_with_ranges([_found(integrate(system, scheme, end / n, end, treatment, every=n), end) for n in asked])]
+
+
+def _with_ranges(found: list[Row]) -> Row:
+    """The first of some runs, and the least and the most that any of them gives."""
+    ends = (("low", min), ("high", max))
+    return found[0] | {f"{name}_{word}": pick(row[name] for row in found) for name in RANGED for word, pick in ends}
 
 
 def _found(run: Trajectory, end: float) -> Row:
@@ -131,7 +134,7 @@ def _found(run: Trajectory, end: float) -> Row:
 
 def _ranged(row: Row, name: str, written: Callable[[float], str]) -> str:
     """A figure of a run, or the range of it where steps nearby give others."""
-    low, high = (written(row.get(f"{name}_{word}", row[name])) for word in ("low", "high"))
+    low, high = (written(row[f"{name}_{word}"]) for word in ("low", "high"))
     return written(row[name]) if low == high or "nan" in (low, high) else f"{low} to {high}"
 
 

@@ -82,12 +82,12 @@ def run_study(
     missing = [point for point in points if journal.rows(point) is None]
     finished = len(points) - len(missing)
     with journal if missing else nullcontext():
-        system = case.system(case.forms[0])
-        rigid = any(contact.stops.rigid for contact in system.contacts)  # marched by another kernel
-        if missing and study.marches and executor is None and not rigid:
-            if not compiled():
-                progress(f"{study.command}: {COMPILING}", 0, 0)
-            warm_up(any_law(system, "implicit"))  # here, and not in each of the processes
+        if missing and study.marches and executor is None:
+            system = case.system(case.forms[0])
+            if not any(contact.stops.rigid for contact in system.contacts):  # which another kernel marches
+                if not compiled():
+                    progress(f"{study.command}: {COMPILING}", 0, 0)
+                warm_up(any_law(system, "implicit"))  # here, and not in each of the processes
         progress(study.command, finished, len(points))
         for point, rows in _evaluate_all(study, case, missing, jobs, executor):
             journal.keep(point, rows)
