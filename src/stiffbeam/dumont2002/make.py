@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import multiprocessing
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from collections.abc import Callable, Generator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, wait
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ from ..figures import save_figure
 from ..files.cases import paper_cases
 from ..march.integrate import integrate
 from ..studies.engine.journal import Journal
-from ..studies.engine.workers import begin_worker, end_workers, undisturbed
+from ..studies.engine.workers import processes, undisturbed
 from .ensembles import EXACT_MEMBERS, MEMBERS, Numbers
 from .figures import panels, picture, save_small, together
 from .film import film
@@ -81,13 +81,17 @@ def make_tables(
             found[number] = _finished(job, rows[0])
         else:
             missing[number] = (job, journal)
-    for number, row in _run({n: job for n, (job, _) in missing.items()}, jobs, len(found), progress):
-        job, journal = missing[number]
-        found[number] = _finished(job, journal.keep(job.point, [row])[0])
+    waiting = {number: job for number, (job, _) in missing.items()}
+    with closing(_run(waiting, jobs, len(found), progress)) as made:  # ends the processes too
+        for number, row in made:
+            job, journal = missing[number]
+            found[number] = _finished(job, journal.keep(job.point, [row])[0])
     return {number: found[number] for number in sorted(found)}
 
 
-def _run(waiting: dict[int, Job], jobs: int, done: int, progress: Progress) -> Iterator[tuple[int, dict[str, Any]]]:
+def _run(
+    waiting: dict[int, Job], jobs: int, done: int, progress: Progress
+) -> Generator[tuple[int, dict[str, Any]], None, None]:
     """(table, row) of every job as it is finished."""
     total = done + len(waiting)
     if jobs == 1 or len(waiting) == 1:
@@ -97,23 +101,17 @@ def _run(waiting: dict[int, Job], jobs: int, done: int, progress: Progress) -> I
             done += 1
         return
     queue = list(waiting.items())
-    # Spawned: a forked process with threads in it may hang.
-    context, threads = multiprocessing.get_context("spawn"), max(1, cores() // jobs)
-    with ProcessPoolExecutor(jobs, context, begin_worker, (threads,)) as pool:
+    with processes(jobs, max(1, cores() // jobs)) as pool:
         running: dict[Future[Any], int] = {}
-        try:
-            while queue or running:
-                while queue and len(running) < jobs:
-                    number, job = queue.pop(0)
-                    with undisturbed():
-                        running[pool.submit(make, job)] = number
-                progress("tables " + ", ".join(map(str, sorted(running.values()))), done, total)
-                for future in wait(running, return_when=FIRST_COMPLETED).done:
-                    done += 1
-                    yield running.pop(future), future.result()
-        except BaseException:
-            end_workers(pool)
-            raise
+        while queue or running:
+            while queue and len(running) < jobs:
+                number, job = queue.pop(0)
+                with undisturbed():
+                    running[pool.submit(make, job)] = number
+            progress("tables " + ", ".join(map(str, sorted(running.values()))), done, total)
+            for future in wait(running, return_when=FIRST_COMPLETED).done:
+                done += 1
+                yield running.pop(future), future.result()
 
 
 def make(job: Job) -> dict[str, Any]:

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import inspect
-import multiprocessing
 import os
 import pickle
 import sys
 import threading
 import time
 from collections.abc import Callable, Generator, Iterator
-from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, as_completed
-from contextlib import nullcontext
+from concurrent.futures import BrokenExecutor, Executor, Future, as_completed
+from contextlib import closing, nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +26,7 @@ from ...model.system import System
 from ...trajectory.trajectory import Diverged, SolverFailure, Unfinished
 from .journal import Journal
 from .study import Point, Records, Row, Study
-from .workers import begin_worker, end_workers, starting
+from .workers import processes, starting
 
 Progress = Callable[[str, int, int], None]
 DEATHS = 3  # of processes without a point in between, until it is given up
@@ -89,17 +88,18 @@ def run_study(
                     progress(f"{study.command}: {COMPILING}", 0, 0)
                 warm_up(any_law(system, "implicit"))  # here, and not in each of the processes
         progress(study.command, finished, len(points))
-        for point, rows in _evaluate_all(study, case, missing, jobs, executor):
-            journal.keep(point, rows)
-            finished += 1
-            progress(study.command, finished, len(points))
+        with closing(_evaluate_all(study, case, missing, jobs, executor)) as found:  # ends the processes too
+            for point, rows in found:
+                journal.keep(point, rows)
+                finished += 1
+                progress(study.command, finished, len(points))
     rows = [row for point in points for row in journal.rows(point) or []]
     return Records(study, case, options, rows, time.perf_counter() - begun)
 
 
 def _evaluate_all(
     study: Study, case: Case, points: list[Point], jobs: int, executor: Executor | None
-) -> Iterator[tuple[Point, list[Row]]]:
+) -> Generator[tuple[Point, list[Row]], None, None]:
     """Here, on the executor, or on processes of our own; points as they are finished."""
     if study.measured or len(points) < 2 or (executor is None and jobs == 1):
         for point in points:
@@ -130,20 +130,14 @@ def _require_portable(study: Study, case: Case) -> None:
 def _on_processes(study: Study, case: Case, points: list[Point], jobs: int) -> Iterator[tuple[Point, list[Row]]]:
     """On processes that share the cores; where one is killed, new ones take what is missing.
 
-    Never threads: SUNDIALS solvers do not share one. Spawned, since a forked jax or numba may hang.
+    Never threads: SUNDIALS solvers do not share one.
     """
-    context = multiprocessing.get_context("spawn")
     deaths = 0
     while points:
         workers = min(jobs, len(points))
         threads = max(1, cores() // workers)
-        pool = ProcessPoolExecutor(workers, context, begin_worker, (threads,))
-        try:
+        with processes(workers, threads) as pool:
             lost = yield from _gather(pool, study, case, points, threads)
-        except BaseException:
-            end_workers(pool)
-            raise
-        pool.shutdown(cancel_futures=True)
         deaths = deaths + 1 if len(lost) == len(points) else 0
         if deaths == DEATHS:
             raise Unfinished(f"a process of {study.name} died {deaths} times in a row: is there enough memory? {GO_ON}")

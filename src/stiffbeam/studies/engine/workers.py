@@ -53,11 +53,26 @@ def undisturbed() -> Generator[None, None, None]:
             signal.raise_signal(number)
 
 
-def end_workers(pool: ProcessPoolExecutor) -> None:
-    """Stop them as they are: what they had not finished is computed again, and nobody waits for it now."""
-    for process in list((pool._processes or {}).values()):
-        process.terminate()
-    pool.shutdown(cancel_futures=True)
+@contextmanager
+def processes(workers: int, threads: int) -> Generator[ProcessPoolExecutor, None, None]:
+    """A pool whose processes begin as they are needed, each with so many threads, and end with the block.
+
+    Spawned, since a forked jax or numba may hang. Where the block fails they are stopped as they are: what they
+    had not finished is computed again, and nobody waits for it now.
+    """
+    pools: list[ProcessPoolExecutor] = []
+    try:
+        with undisturbed():  # half a pool would leave its semaphores behind
+            spawn = multiprocessing.get_context("spawn")
+            pools.append(ProcessPoolExecutor(workers, spawn, begin_worker, (threads,)))
+        yield pools[0]
+        pools[0].shutdown(cancel_futures=True)
+    except BaseException:
+        for pool in pools:
+            for process in list((pool._processes or {}).values()):
+                process.terminate()
+            pool.shutdown(cancel_futures=True)
+        raise
 
 
 def begin_worker(threads: int) -> None:
