@@ -62,11 +62,12 @@ def processes(workers: int, threads: int) -> Generator[ProcessPoolExecutor, None
     """
     pools: list[ProcessPoolExecutor] = []
     try:
-        with undisturbed():  # half a pool would leave its semaphores behind
+        with undisturbed():  # a pool that is half made, or half ended, leaves its semaphores behind
             spawn = multiprocessing.get_context("spawn")
             pools.append(ProcessPoolExecutor(workers, spawn, begin_worker, (threads,)))
         yield pools[0]
-        pools[0].shutdown(cancel_futures=True)
+        with undisturbed():
+            pools[0].shutdown(cancel_futures=True)
     except BaseException:
         for pool in pools:
             for process in list((pool._processes or {}).values()):
