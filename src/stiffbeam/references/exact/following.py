@@ -16,13 +16,16 @@ from .terms import CONSTANT, LEVEL, OMEGA, SQUARE, X, Y, layout
 
 
 class Regimes(NamedTuple):
-    """What differs between the regimes, in arrays: of (free, contact) or of (lower, free, upper).
+    """eta'' + omega^2 eta = level + harmonics,  eta = h + P g(t),  in each of the three contact regimes.
 
-    omegas: (2, n). rows: (2, n), the contact position's modal row. levels: (3, n). particulars: (3, n, d), see
-    ``Regime``. waves: (3, d), what the row sees of these, the offset included; constant: the offset's own. cross:
-    (2, n, n), from the modes of each into those of the other. frequencies: (F,).
-    close: (p, 2), close_forces: (3, p, 2), see ``Regime``. order, speeds: (2, n + F), modes and then drives by their
-    frequency, and that. g1, g2: the stops.
+    Of (free, contact), the stops have one stiffness: omegas (2, n); rows (2, n), the contact position's modal row;
+    cross (2, n, n), from the modes of each into those of the other. Of (free, upper, lower), so that a side is its own
+    index: levels (3, n); particulars (3, n, d), P, d-th drive coefficient to modal amplitude, its constant column zero;
+    waves (3, d), what the row sees of P, the offset included. constant: the offset's own. frequencies: (F,).
+    close: (p, 2), the pairs of a mode and a drive frequency so close that P would be large and h cancel it; P is zero
+    there, and the mode answers that drive from rest at the start of every piece. close_forces: (3, p, 2), the modal
+    force of a pair's sine and cosine. order, speeds: (2, n + F), modes and then drives by their frequency, and that.
+    g1, g2: the stops.
     """
 
     omegas: Array
@@ -57,15 +60,15 @@ def see(
         if j < n:
             row = regimes.rows[own, j]
             terms[0, X, k], terms[0, Y, k] = row * h[j], row * rate[j]
-            terms[0, LEVEL, k] = row * regimes.levels[regime + 1, j]
+            terms[0, LEVEL, k] = row * regimes.levels[regime, j]
         else:
-            a, b = regimes.waves[regime + 1, 1 + 2 * (j - n)], regimes.waves[regime + 1, 2 + 2 * (j - n)]
+            a, b = regimes.waves[regime, 1 + 2 * (j - n)], regimes.waves[regime, 2 + 2 * (j - n)]
             s, c = math.sin(w * start), math.cos(w * start)
             terms[0, X, k], terms[0, Y, k], terms[0, LEVEL, k] = a * s + b * c, w * (a * c - b * s), 0.0
     for i in range(regimes.close.shape[0]):
         j = regimes.close[i, 0]
         pairs[i, 0], pairs[i, 1] = regimes.omegas[own, j], regimes.frequencies[regimes.close[i, 1]]
-        pairs[i, 2], pairs[i, 3] = regimes.close_forces[regime + 1, i, 0], regimes.close_forces[regime + 1, i, 1]
+        pairs[i, 2], pairs[i, 3] = regimes.close_forces[regime, i, 0], regimes.close_forces[regime, i, 1]
         pairs[i, 4] = regimes.rows[own, j]
 
 
@@ -76,7 +79,7 @@ def advance(
 ) -> None:  # fmt: skip
     """The homogeneous part and the answers of close pairs at start + tau into q, v (n,); c, s, versine: work, (n,)."""
     own = 0 if regime == 0 else 1
-    omega, level = regimes.omegas[own], regimes.levels[regime + 1]
+    omega, level = regimes.omegas[own], regimes.levels[regime]
     oscillations(omega, tau, c, s, versine)
     for j in range(h.size):
         q[j] = h[j] * c[j] + rate[j] * s[j] + level[j] * versine[j]
@@ -84,7 +87,7 @@ def advance(
         v[j] = rate[j] * c[j] + (level[j] - omega[j] * omega[j] * h[j]) * s[j]
     for i in range(regimes.close.shape[0]):
         j = regimes.close[i, 0]
-        force = regimes.close_forces[regime + 1, i]
+        force = regimes.close_forces[regime, i]
         eta, eta_rate, _ = pair(omega[j], regimes.frequencies[regimes.close[i, 1]], force[0], force[1], start, tau)
         q[j] += eta
         v[j] += eta_rate
@@ -93,7 +96,7 @@ def advance(
 @compiled
 def drive(regimes: Regimes, regime: int, t: float, sign: float, q: Array, v: Array) -> None:
     """Add the particular solution, ``sign`` times, to q and v (n,)."""
-    particular = regimes.particulars[regime + 1]
+    particular = regimes.particulars[regime]
     for k in range(regimes.frequencies.size):
         w = regimes.frequencies[k]
         s, c = sign * math.sin(w * t), sign * math.cos(w * t)
@@ -127,7 +130,7 @@ def unsettle(
     noise: (3, n)."""
     n = h.size
     own, other = (0, 1) if old == 0 else (1, 0)
-    omega, level, particular = regimes.omegas[own], regimes.levels[old + 1], regimes.particulars[old + 1]
+    omega, level, particular = regimes.omegas[own], regimes.levels[old], regimes.particulars[old]
     place, speed = np.empty(n), np.empty(n)
     for j in range(n):
         w = omega[j]
@@ -139,7 +142,7 @@ def unsettle(
             place[j] += driven
             speed[j] += regimes.frequencies[k] * driven
     late = size * noise[0, 0] * t
-    new_level, new_omega = regimes.levels[new + 1], regimes.omegas[other]
+    new_level, new_omega = regimes.levels[new], regimes.omegas[other]
     for j in range(n):
         a = 0.0
         b = 0.0

@@ -58,9 +58,9 @@ def observe(
         for j in range(F):
             frequency = regimes.frequencies[j]
             sine, cosine = math.sin(frequency * t[i]), math.cos(frequency * t[i])
-            a, b = waves[side + 1, 1 + 2 * j], waves[side + 1, 2 + 2 * j]
+            a, b = waves[side, 1 + 2 * j], waves[side, 2 + 2 * j]
             x[n + j], y[n + j] = a * sine + b * cosine, frequency * (a * cosine - b * sine)
-        position, velocity = waves[side + 1, 0], 0.0
+        position, velocity = waves[side, 0], 0.0
         for j in range(n + F):
             position += x[j]
             velocity += y[j]
@@ -83,14 +83,14 @@ def observe(
                     )
         if count > 1:
             for j in range(n):
-                pull[j] = rows[own, j] * regimes.levels[side + 1, j]
+                pull[j] = rows[own, j] * regimes.levels[side, j]
                 square = regimes.omegas[own, j] ** 2
                 bend[j], turned[j] = pull[j] - square * x[j], -square * y[j]
             for j in range(n, n + F):
                 square = regimes.frequencies[j - n] ** 2
                 pull[j], bend[j], turned[j] = 0.0, -square * x[j], -square * y[j]
         for m in range(1, count):
-            position, velocity, acceleration = waves[side + 1, 0], 0.0, 0.0
+            position, velocity, acceleration = waves[side, 0], 0.0, 0.0
             for j in range(n + F):
                 C, S, V = turns[own, m, 0, j], turns[own, m, 1, j], turns[own, m, 2, j]
                 position += x[j] * C + y[j] * S + pull[j] * V

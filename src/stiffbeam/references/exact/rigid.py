@@ -77,7 +77,7 @@ def _solve(system: System, t_end: float, t_eval: Array | None, begun: float) -> 
     if system.contacts[0].stops.state(row @ q):
         remedy = "start the contact point inside the gap"
         raise InputError("initial displacement", float(row @ q), "lie between rigid stops", remedy)
-    drive, law, basis = tracer.drive, tracer.regimes[0], tracer.bases[0]
+    drive, P, basis = tracer.drive, tracer.regimes.particulars[0], tracer.bases[0]
     pieces: list[tuple[float, Array, Array]] = []  # start, h, h'
     sides: list[int] = []
     impulses: list[float] = []
@@ -85,12 +85,12 @@ def _solve(system: System, t_end: float, t_eval: Array | None, begun: float) -> 
     when, side, unused = np.empty(1), np.empty(1, np.int64), np.empty((1, system.size))
     while True:
         g = drive.coefficients(t)
-        h = basis.to_modal(q) - law.particular @ g
-        rate = basis.to_modal(v) - law.particular @ (drive.derivative() @ g)
+        h = basis.to_modal(q) - P @ g
+        rate = basis.to_modal(v) - P @ (drive.derivative() @ g)
         pieces.append((t, h.copy(), rate.copy()))
         at_switch = len(pieces) > 1
         count, used = follow(
-            tracer.stacked, 0, h, rate, t, t_end, at_switch, QUIET, 0.0, when, side, unused, unused.copy()
+            tracer.regimes, 0, h, rate, t, t_end, at_switch, QUIET, 0.0, when, side, unused, unused.copy()
         )
         evaluations += used
         if not count:
@@ -122,4 +122,4 @@ def _solve(system: System, t_end: float, t_eval: Array | None, begun: float) -> 
 def _solution(tracer: Tracer, pieces: list[tuple[float, Array, Array]], evaluations: int) -> Solution:
     times, h, rate = (np.array(x) for x in zip(*pieces, strict=True))
     free = np.zeros(len(times), np.int64)
-    return Solution(tracer.drive, tracer.bases, tracer.regimes, tracer.stacked, times, free, h, rate, evaluations)
+    return Solution(tracer.drive, tracer.bases, tracer.regimes, times, free, h, rate, evaluations)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,36 +22,17 @@ from .oscillation import oscillations
 from .pieces import amplitudes, grow, observe, press
 
 
-class Regime(NamedTuple):
-    """eta'' + omega^2 eta = c + harmonics, eta = h + P g(t), in one contact regime.
-
-    omega: (n,). level: c (n,). particular: P (n, d), d-th drive coefficient to modal amplitude, its
-    constant column zero. row: (n,) the contact position's modal row; offset: (d,) its offset in g.
-    close: (p, 2), the pairs of a mode and a drive frequency so close that P would be large and h cancel
-    it; P is zero there, and the mode answers that drive from rest at the start of every piece. close_force:
-    (p, 2), the modal force of a pair's sine and cosine.
-    """
-
-    omega: Array
-    level: Array
-    particular: Array
-    row: Array
-    offset: Array
-    close: NDArray[np.int64]
-    close_force: Array
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class Solution:
     """The pieces: at times[i] regime[i] begins with the homogeneous part h, h' of rows i.
 
-    regime: 0 free, +1 upper, -1 lower. h, rate: (pieces, n) in the modes of that regime.
+    regime: 0 free, +1 upper, -1 lower. h, rate: (pieces, n) in the modes of that regime. bases: the modes without
+    contact and on a stop.
     """
 
     drive: Drive
-    bases: dict[int, Modes]
-    regimes: dict[int, Regime]
-    stacked: Regimes
+    bases: tuple[Modes, Modes]
+    regimes: Regimes
     times: Array
     regime: NDArray[np.int64]
     h: Array
@@ -92,13 +72,12 @@ class Solution:
     @property
     def shortest_period(self) -> float:
         """Of the modes of all regimes and of the drive."""
-        fastest = [float(r.omega[-1]) for r in self.regimes.values()]
-        return 2.0 * np.pi / max(*fastest, *self.drive.frequencies, 1e-300)
+        return 2.0 * np.pi / max(float(np.max(self.regimes.omegas)), *self.drive.frequencies, 1e-300)
 
     @property
     def periods(self) -> Array:
         """The shortest of every piece's modes and of the drive, (pieces,)."""
-        fastest = np.array([self.regimes[side].omega[-1] for side in self.regime.tolist()])
+        fastest = self.regimes.omegas[np.abs(self.regime), -1]
         return 2.0 * np.pi / np.maximum(fastest, max(*self.drive.frequencies, 0.0, 1e-300))
 
     @property
@@ -139,10 +118,9 @@ class Solution:
     def states_in(self, t: Array, piece: NDArray[np.int64]) -> tuple[Array, Array]:
         """q, q' (k, n) as the given pieces have them at times t, which may be the ends of those."""
         t, own, modal = np.array(t, float), self.regime[piece], np.empty((2, len(t), self.h.shape[1]))
-        amplitudes(self.stacked, self.times, self.regime, self.h, self.rate, t, piece, *modal)
+        amplitudes(self.regimes, self.times, self.regime, self.h, self.rate, t, piece, *modal)
         q, v = np.empty_like(modal)
-        for regime, basis in self.bases.items():
-            here = own == regime
+        for basis, here in zip(self.bases, (own == 0, own != 0), strict=True):
             q[here], v[here] = basis.to_nodal(modal[0, here]), basis.to_nodal(modal[1, here])
         return q, v
 
@@ -152,7 +130,7 @@ class Solution:
         """Peak |sigma| and the integral of |sigma| in the spans [starts, ends] (k,) of contact."""
         deepest, depths = np.zeros((2, len(starts)))
         first = self.piece_at(starts)
-        press(self.stacked, self.times, self.regime, self.h, self.rate, starts, ends, first, deepest, depths)
+        press(self.regimes, self.times, self.regime, self.h, self.rate, starts, ends, first, deepest, depths)
         kappa = system.contacts[contact].stops.spring(1)[0]
         return kappa * deepest, kappa * depths
 
@@ -163,7 +141,7 @@ class Solution:
         basis = self.bases[int(self.regime[piece[0]])]
         q, v = (np.ascontiguousarray(basis.to_modal(x.T)) for x in (dq, dv))
         logs = np.zeros((len(edges), dq.shape[1]))
-        return grow(self.stacked, self.regime, piece, np.diff(edges), q, v, enough, logs), logs
+        return grow(self.regimes, self.regime, piece, np.diff(edges), q, v, enough, logs), logs
 
     def offset(self, system: System, channel: int) -> Callable[[Array], tuple[Array, Array]]:
         """o(t) and o'(t) of a channel."""
@@ -172,12 +150,7 @@ class Solution:
     def observed(self, t: Array, row: Array) -> tuple[Array, Array]:
         """row @ q and its rate at any times, (k,)."""
         t, (u, v) = np.array(t, float), np.empty((2, len(t)))
-        laws = self.regimes
-        rows = [self.bases[side].force(row) for side in (0, 1) if side in laws]
-        own = [(laws.get(-1, laws[0]), rows[-1]), (laws[0], rows[0]), (laws.get(1, laws[0]), rows[-1])]
-        waves = np.stack([seen @ law.particular for law, seen in own])
-        rows = np.stack([rows[0], rows[-1]])
-        observe(
-            self.stacked, self.times, self.regime, self.h, self.rate, rows, waves, t, self.piece_at(t), u, v
-        )  # fmt: skip
+        rows = np.stack([basis.force(row) for basis in self.bases])
+        waves = np.stack([rows[abs(side)] @ self.regimes.particulars[side] for side in (0, 1, -1)])
+        observe(self.regimes, self.times, self.regime, self.h, self.rate, rows, waves, t, self.piece_at(t), u, v)
         return u, v

@@ -11,12 +11,13 @@ import numpy as np
 from flint import arb, arb_mat, ctx
 
 from ...basics.budget import Forecast
+from ...model.contact import Stops
 from ...model.drive import Drive
 from ...model.modes import Modes
 from ...model.system import System
-from ..exact.following import follow
-from ..exact.undamped import Regime, Solution
-from ..exact.undamped_regimes import Parts, stacked
+from ..exact.following import Regimes, follow
+from ..exact.undamped import Solution
+from ..exact.undamped_regimes import SIDES, Parts, assembled
 from ..exact.undamped_tracer import QUIET, Tracer
 from .grazes import Switch
 from .modes import Sampler, UndampedPencil, channels, dot, double, locate, precision_at, refine, sampler
@@ -28,7 +29,7 @@ class PreciseRegime:
     """Modes of one regime at full precision: omega, omega^2 (n,), X (n, n), level (n,), P (n, d); the
     contact's row in them (n,), and row P + offset (d,). channels: (channels, n) and (channels, d), the same
     of every observed row. close: mode, drive frequency and modal force of sine and cosine of the pairs
-    that answer from rest, see ``undamped.Regime``."""
+    that answer from rest, see ``following.Regimes``."""
 
     omega: list[Any]
     squares: list[Any]
@@ -63,18 +64,16 @@ def precise_undamped(
     problem = exact_problem(system, drive)
     frequencies = [arb(number(f)) for f in drive.frequencies]
     start = Tracer(Parts(system, span=t_end))  # refuses what float64 refuses
-    bases, close = start.bases, start.regimes[0].close
+    bases, close = start.bases, start.regimes.close
     regimes: dict[int, PreciseRegime] = {}
     for side in (0, 1, -1) if system.contacts else (0,):
         regimes[side] = _regime(bases[side], problem, system, drive, frequencies, close, side, regimes.get(1))
     cross = None
     if 1 in regimes:
         cross = regimes[0].shapes.transpose() * problem.mass * regimes[1].shapes  # eta_free = cross eta_contact
-    rounded = {side: _rounded(regime, problem, drive, close) for side, regime in regimes.items()}
-    n = system.size
-    stops = system.contacts[0].stops if system.contacts else None
-    args = stacked(rounded, double(cross) if cross is not None else np.eye(n), drive, stops)
-    fastest = max(1e-300, *(float(r.omega[-1]) for r in rounded.values()))
+    n, stops = system.size, system.contacts[0].stops if system.contacts else None
+    args = _rounded([regimes.get(side, regimes[0]) for side in SIDES], cross, problem, drive, close, stops)
+    fastest = max(1e-300, float(np.max(args.omegas)))
     shortest = 2.0 * np.pi / max(fastest, *drive.frequencies, 0.0)
     mass_shapes = problem.mass * regimes[0].shapes
     eta, rate = ((arb_mat([values]) * mass_shapes).tolist()[0] for values in (problem.q0, problem.v0))
@@ -119,9 +118,12 @@ def precise_undamped(
         sides.append(side)
         hs.append(_doubles(h))
         rates.append(_doubles(h_rate))
-    bases = {k: Modes(rounded[k].omega, double(r.shapes), np.zeros(n), system.mass) for k, r in regimes.items()}
+    free, contact = (
+        Modes(args.omegas[side], double(regimes.get(side, regimes[0]).shapes), np.zeros(n), system.mass)
+        for side in (0, 1)
+    )
     solution = Solution(
-        drive, bases, rounded, args, np.array(times), np.array(sides, np.int64), np.array(hs), np.array(rates),
+        drive, (free, contact), args, np.array(times), np.array(sides, np.int64), np.array(hs), np.array(rates),
         evaluations,
     )  # fmt: skip
     return solution, sampler(times, pieces, partial(_sample, regimes, frequencies)), solution
@@ -181,12 +183,23 @@ def _seen(row: list[Any], offset: list[Any], shapes: Any, particular: list[list[
     return modal, [(a + b).mid() for a, b in zip(moved, offset, strict=True)]
 
 
-def _rounded(regime: PreciseRegime, problem: Exact, drive: Drive, close: Any) -> Regime:
-    particular = np.array([_doubles(line) for line in regime.particular]).reshape(len(regime.omega), drive.size)
-    offset = _doubles(problem.contacts[0].offset) if problem.contacts else np.zeros(drive.size)
-    close_force = np.array([_doubles(pair[2:]) for pair in regime.close]).reshape(len(close), 2)
-    row = _doubles(regime.row) if problem.contacts else np.zeros(len(regime.omega))
-    return Regime(_doubles(regime.omega), _doubles(regime.level), particular, row, offset, close, close_force)
+def _rounded(
+    three: list[PreciseRegime], cross: Any, problem: Exact, drive: Drive, close: Any, stops: Stops | None
+) -> Regimes:
+    """The regimes in float64, from those in the order of SIDES."""
+    n, d = len(three[0].omega), drive.size
+    return assembled(
+        omegas=np.stack([_doubles(regime.omega) for regime in three[:2]]),
+        rows=np.stack([_doubles(regime.row) if stops else np.zeros(n) for regime in three[:2]]),
+        levels=np.stack([_doubles(regime.level) for regime in three]),
+        particulars=np.stack([np.array([_doubles(line) for line in x.particular]).reshape(n, d) for x in three]),
+        close=close,
+        close_forces=np.stack([np.array([_doubles(pair[2:]) for pair in x.close]).reshape(-1, 2) for x in three]),
+        cross=np.eye(n) if cross is None else double(cross),
+        offset=_doubles(problem.contacts[0].offset) if stops else np.zeros(d),
+        drive=drive,
+        stops=stops,
+    )
 
 
 def _doubles(values: Sequence[Any]) -> Any:
