@@ -44,7 +44,8 @@ from .rules import require_giving_way, require_moved, rule_of, unsolved
 
 BLOCKS, DENSE = "modal blocks", "dense blocks"
 STEPS_PER_CALL = 1 << 16  # between two reports of progress
-STEPS_REPLAYED = 4096  # held in memory at once where states, or sampled loads, are wanted
+STEPS_REPLAYED = 1 << 14  # held in memory at once where states, or sampled loads, are wanted
+NUMBERS_REPLAYED = 1 << 23  # of their states
 
 
 RUNS = {"numba": kernel.run, "numpy": kernel_numpy.run, "jax": kernel_jax.run}
@@ -187,7 +188,9 @@ class March:
         block = self.stepper.block
         forcing = self.forcing(block)
         bounded = replayed is not None or not block.harmonic
-        most = STEPS_REPLAYED if bounded else max(STEPS_REPLAYED, STEPS_PER_CALL // len(self.members))
+        most = STEPS_PER_CALL // min(16, len(self.members))
+        if bounded:
+            most = min(STEPS_REPLAYED, NUMBERS_REPLAYED // self.state.z.shape[1])
         most = max(1, most // block.steps) * block.steps  # the blocks of a run do not depend on the company
         while self.done < self.steps:
             self._segment(block, forcing, min(most, self.steps - self.done), replayed)

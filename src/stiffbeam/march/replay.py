@@ -128,7 +128,7 @@ def block_ledger(stepper: Stepper, system: System, steps: int, every: int) -> Le
             free = free_block(one, step, apart * K, turn, energies, loads[0], moved)
         known = free if free is not None and K > 1 else no_block(len(contacts), len(system.loads))
         account(step, energies, known, starts, apart * K, system.size, y, met, balance, segment.first, every, dt, kept)
-    return Ledger(np.arange(0, steps + 1, every) * dt, *kept.T.copy())
+    return Ledger(np.arange(0, steps + 1, every) * dt, *kept.T)
 
 
 def _sum(terms: tuple[Array, list[Term]], g: Array, t: Array, value: Callable[..., Array]) -> Array:

@@ -6,7 +6,7 @@ import pickle
 import platform
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, fields
-from functools import cache, cached_property
+from functools import cache, cached_property, reduce
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -210,7 +210,7 @@ class Trajectory:
             found = NO_STATES if self.provenance.get("source") == "arrays" else "a loaded file"
             raise InputError("energy", found, "have been saved with the run", "run it again, with its states")
         found = self.ledger()
-        beyond = ~np.all(np.isfinite([getattr(found, entry.name) for entry in fields(found)]), axis=0)
+        beyond = ~reduce(np.logical_and, (np.isfinite(getattr(found, entry.name)) for entry in fields(found)))
         if np.any(beyond):
             remedy = "an energy is beyond float64; count in other units"
             raise Diverged(str(self.provenance["method"]), float(found.t[np.argmax(beyond)]), remedy)
