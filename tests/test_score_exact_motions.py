@@ -3,6 +3,8 @@
 The motions are closed forms written here, or the exact solution at the asked steps.
 """
 
+import re
+
 import numpy as np
 import pytest
 
@@ -27,6 +29,20 @@ def test_exact_motions_at_halved_steps(name, steps):
     """Halved steps share the one next to the peak of the force: its error there does not fall."""
     entry = score_trajectories(name, [sampled(name, k * steps) for k in (1, 2, 4)]).entries[0]
     assert (entry.outcome, entry.missed) == (CONVERGES, ())
+
+
+@pytest.mark.parametrize("name", ["mass-on-a-stop", "elastic-bar", "bilinear-gap", "table10"])
+@pytest.mark.parametrize(
+    ("steps", "clock", "velocity", "says"),
+    [(60, 1.0, 1.0, None), (400, 1.0, 1.0, None), (6000, 1e3, 1e-3, r"times are 1000 times as long: units\?"),
+     (400, 1.0, -1.0, r"rate of the position over -(1(\.\d+)?|0\.9\d*): signs\?"),
+     (400, 1.0, 1e-3, r"rate of the position over (1\d{3}(\.\d)?|9\d\d\.\d): units\?")],
+)  # fmt: skip
+def test_what_is_known_but_for_its_clock_or_its_velocity_is_told_so(name, steps, clock, velocity, says):
+    """Milliseconds for seconds, a velocity the other way round; and nothing of what is right, coarse or fine."""
+    t, u, v = sampled(name, steps)
+    said = " ".join(str(score_trajectories(name, [(clock * t, u, velocity * v)])).split())
+    assert "?" not in said if says is None else re.search(says, said), said
 
 
 def ball(steps):

@@ -18,6 +18,7 @@ from .problem import Problem, matrix, time_function
 
 PAIRED = 8  # impacts that are held against the known ones
 ALIKE = 0.05  # of a motion: what may be left of it where it is another one but for a factor
+CLOCKS = (1e3, 1e6, 1e9)  # milliseconds, microseconds, nanoseconds in place of seconds
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +45,8 @@ class Errors:
     over max |v_known|, which a jump at a sample does not spoil. impacts: how many. impact_time: the largest error of
     the first ``PAIRED`` impact times, NaN where one is missing. peak_force: relative. energy: at t_end, over the energy
     the system has had; > 0 gained. factor: that of u over u_known, where u is the known motion but for it, NaN where it
-    is 1 or there is none. rate: what the tip's velocity has to be multiplied by to be the rate of its position, less 1.
+    is 1 or there is none. clock: its times over those of the known motion, where it is that but for them, NaN else.
+    rate: what the tip's velocity has to be multiplied by to be the rate of its position, less 1.
     What the motion does not give is NaN, or -1 impacts.
     """
 
@@ -57,6 +59,7 @@ class Errors:
     factor: float = float("nan")
     velocity: float = float("nan")
     rate: float = float("nan")
+    clock: float = float("nan")
 
 
 def motion_of(problem: Problem, t: Any, u: Any, v: Any = None, t_end: float | None = None) -> Motion:
@@ -111,7 +114,8 @@ def errors_of(problem: Problem, motion: Motion) -> Errors:
         peak = _peak(problem, motion)
     rms = float(np.sqrt(np.mean(off**2)))
     return Errors(rms, float(np.max(off)), count, late, peak, _energy_error(problem, motion),
-                  _factor(seen, known), _velocity_error(problem, motion), _rate(motion))  # fmt: skip
+                  _factor(seen, known), _velocity_error(problem, motion), _rate(motion),
+                  _clock(problem, motion) if rms > ALIKE else float("nan"))  # fmt: skip
 
 
 def _velocity_error(problem: Problem, motion: Motion) -> float:
@@ -135,6 +139,17 @@ def _factor(seen: Array, known: Array) -> float:
     a = float(seen @ known / (known @ known))
     alike = np.linalg.norm(seen - a * known) < ALIKE * np.linalg.norm(seen)
     return a if alike and abs(a - 1.0) > 2.0 * ALIKE else float("nan")
+
+
+def _clock(problem: Problem, motion: Motion) -> float:
+    """The c of CLOCKS for which u(c t) is the known motion but for less than ``ALIKE``; NaN where there is none."""
+    known = problem.answers["tip"].value
+    for c in CLOCKS:
+        if motion.t[0] <= c * problem.times[0] and c * problem.times[-1] <= motion.t[-1] * (1.0 + 1e-9):
+            off = _at(c * problem.times, replace(motion, v=None)) - known
+            if np.sqrt(np.mean(off**2)) < ALIKE * np.max(np.abs(known)):
+                return c
+    return float("nan")
 
 
 def _at(times: Array, motion: Motion) -> Array:

@@ -22,6 +22,7 @@ LEGEND = (
     "not fall with the step, or misses the tolerance; < of too low an order; – not taken"
 )
 PAST_TITLE = "Past the horizon: one run, off by so many standard deviations of the exact motions"
+ODD = 0.1  # of a velocity: what it is off by where more than the step is wrong with it
 COLUMNS = (
     "problem",
     "error, coarsest",
@@ -130,7 +131,7 @@ def reasons(card: Scorecard) -> list[str]:
         if e.runs and e.reason:
             told.setdefault((short(e.integrator), e.reason), []).append(e.problem.name)
     lines += [f"{who} on {', '.join(names)}: {reason}" for (who, reason), names in told.items()]
-    lines += [_words(e) for e in card.entries if not e.flagged and _factor(e)]
+    lines += [_words(e) for e in card.entries if not e.flagged and _remark(e)]
     refused: dict[tuple[str, str], list[Entry]] = {}  # by integrator and the field that is refused
     for e in card.entries:
         if e.outcome == NOT_TAKEN:
@@ -150,20 +151,28 @@ def _words(e: Entry) -> str:
         return f"{where} failed: {e.reason}"
     if e.outcome == LOW_ORDER:
         return f"{where}: order {e.order}, {e.expected:.3g} expected"
-    if _factor(e):
-        return f"{where}: {_factor(e)}"
+    if _remark(e):
+        return f"{where}: {_remark(e)}"
     if e.missed:
         return f"{where}: the tip converges, but not {', '.join(e.missed)}"
     first, last = (shown_error(run.errors.tip_rms) for run in (e.runs[0], e.runs[-1]))
     return f"{where}: the error does not fall, {first} to {last}"
 
 
-def _factor(e: Entry) -> str:
-    """What to look for where the finest run is the known motion but for a factor."""
-    a = e.runs[-1].errors.factor if e.runs else float("nan")
-    if not np.isfinite(a):
+def _remark(e: Entry) -> str:
+    """What to look for where the finest run is the known motion but for a factor, of it, its times or its velocity."""
+    if not e.runs:
         return ""
-    return f"the known motion but for a constant factor of {a:.4g}: " + ("units?" if a > 0.0 else "signs?")
+    errors = e.runs[-1].errors
+    if np.isfinite(errors.factor):
+        sort = "units?" if errors.factor > 0.0 else "signs?"
+        return f"the known motion but for a constant factor of {errors.factor:.4g}: {sort}"
+    if np.isfinite(errors.clock):
+        return f"the known motion, but that its times are {errors.clock:g} times as long: units?"
+    if abs(errors.rate) > ODD and errors.velocity > ODD > errors.tip_rms:
+        sort = "units?" if errors.rate > -1.0 else "signs?"
+        return f"the velocity is the rate of the position over {1.0 + errors.rate:.4g}: {sort}"
+    return ""
 
 
 def _table(title: str, headings: Sequence[str], rows: list[list[str]]) -> Table:
