@@ -36,6 +36,7 @@ from .step_map import EXTENDED, NoRegime
 
 LEAPS = "modal leaps"
 MOST_CONTACTS = 8
+SPACING = 4096  # steps, at least, between two states that blocks start from anew: what these stray is of no more
 DENSE = 8  # outputs closer than so many steps are made in blocks, from states that the leaps pass through
 STATES_AT_ONCE = 1 << 15
 
@@ -150,7 +151,7 @@ class LeapMarch(March):
         start = Marchers(*(x.copy() for x in self.state))
         events, rows, done = self.events.copy(), self._rows, self.done
         dense = self.every is not None and self.every < DENSE
-        spacing = max(STEPS_REPLAYED, self.steps // STATES_AT_ONCE) if dense or replayed is not None else 0
+        spacing = max(SPACING, self.steps // STATES_AT_ONCE) if dense or replayed is not None else 0
         states = yield from self._leap(spacing)
         if states is None:  # the same from the start, in blocks
             self.kind = BLOCKS
