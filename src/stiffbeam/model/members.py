@@ -178,7 +178,8 @@ def perturbed(system: System, members: int, size: float = SPREAD, seed: int = 1,
     in undamped modal coordinates with unit mass, eta = shapes^T M q, and omega_1 in place of a smaller
     omega_j. V is the motion's scale, a modal velocity: the largest over the modes of hypot(omega_j
     eta_j, eta_j') at the start, and of the speed that a load can give a mode within a radian, sum_k
-    |shapes_j . p_k| amplitude_k / max(omega_j, frequency_k, shapes_j . C shapes_j). So a system that starts at rest
+    |shapes_j . p_k| amplitude_k / max(omega_j, frequency_k, shapes_j . C shapes_j), or of samples the integral of their
+    size where that is less. So a system that starts at rest
     at zero is perturbed in proportion to what drives it. ``size``: see SPREAD. ``scale`` sets V; it has to where time
     functions are callables and the start is at rest at zero. Reproducible from ``seed``; members k are the
     first k of any larger ensemble.
@@ -194,10 +195,10 @@ def perturbed(system: System, members: int, size: float = SPREAD, seed: int = 1,
         speeds = np.hypot(omega * basis.to_modal(system.q0), basis.to_modal(system.v0))
         driven, held = np.zeros(len(omega)), np.sum(basis.shapes * (system.damping @ basis.shapes), axis=0)
         for vector, function in system.loads:
-            amplitude, frequency = _amplitude(function)
+            amplitude, frequency, impulse = _amplitude(function)
             if amplitude:
                 fastest = np.maximum(np.maximum(omega, held), max(frequency, 1e-300))
-                driven += np.abs(basis.force(vector)) * amplitude / fastest
+                driven += np.abs(basis.force(vector)) * np.minimum(amplitude / fastest, impulse)
         scale = float(max(np.max(speeds), np.max(driven)))
         if not 0.0 < scale < np.inf:
             raise InputError("scale", scale, "be known for a system at rest", "pass scale=, a modal velocity")
@@ -313,13 +314,15 @@ def _with_base(problem: BeamProblem, new: Harmonic, old: Harmonic) -> Profile | 
     return given
 
 
-def _amplitude(function: LoadFunction) -> tuple[float, float]:
-    """Largest value and least angular frequency; (0, 0) where they are not known."""
+def _amplitude(function: LoadFunction) -> tuple[float, float, float]:
+    """Largest value, least angular frequency, and the most that its integral can be; 0, 0 and 0 where not known."""
     if isinstance(function, Sum):
         known = [(abs(factor), *_amplitude(f)) for factor, f in parts(function)]
-        return sum(factor * amplitude for factor, amplitude, _ in known), min(frequency for *_, frequency in known)
+        largest, impulse = (sum(each[0] * each[k] for each in known) for k in (1, 3))
+        return largest, min(frequency for _, _, frequency, _ in known), impulse
     if isinstance(function, Sampled):
-        return float(np.max(np.abs(function.value(function.t)))), 0.0
+        sizes = np.abs(function.value(function.t))
+        return float(np.max(sizes)), 0.0, float(np.trapezoid(sizes, function.t))
     if isinstance(function, Harmonic):
-        return abs(function.amplitude), function.frequency
-    return (abs(function.level), 0.0) if isinstance(function, Constant) else (0.0, 0.0)
+        return abs(function.amplitude), function.frequency, np.inf
+    return (abs(function.level), 0.0, np.inf) if isinstance(function, Constant) else (0.0, 0.0, 0.0)

@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 LINEAR = 1e-4  # of the motion's size: a pair farther apart no longer grows in proportion
+ROUNDED = 1e-13  # of it: the distance of a closer pair is rounding
 SEGMENTS = 20  # of the span, for the scatter of the tangent flow's rate
 PORTRAIT = 6000  # samples of the delayed portrait
 
@@ -90,7 +91,11 @@ def _pairs(case: Case, point: Point) -> list[Row]:
     distance = _distance(many, point["starts"], omega)
     largest = float(np.max(omega * np.abs(many.tip)))
     rows: list[Row] = [
-        {"pair": k, "start": float(times[k]), "exponent": growth(many.t, distance[k], LINEAR * largest)}
+        {
+            "pair": k,
+            "start": float(times[k]),
+            "exponent": growth(many.t, distance[k], ROUNDED * largest, LINEAR * largest),
+        }
         for k in range(point["starts"])
     ]
     keep = np.unique(np.linspace(1, steps, 100).astype(int))
@@ -131,11 +136,13 @@ def _distance(many: Ensemble, pairs: int, omega: float) -> Array:
     return np.hypot(omega * du, dv)
 
 
-def growth(t: Array, distance: Array, limit: float) -> float:
-    """The slope of ln distance over t while it stays below ``limit``; NaN where that is too short."""
-    beyond = distance > limit
-    end = int(np.argmax(beyond)) if np.any(beyond) else len(t)
-    here = np.flatnonzero(distance[:end] > 0.0)
+def growth(t: Array, distance: Array, least: float, limit: float) -> float:
+    """The slope of ln distance over t until it is above ``limit``, or has been above ``least`` and is not any more; NaN
+    where that is too short."""
+    seen = distance > least
+    over = (distance > limit) | (np.logical_or.accumulate(seen) & ~seen)
+    end = int(np.argmax(over)) if np.any(over) else len(t)
+    here = np.flatnonzero(seen[:end])
     return float(np.polyfit(t[here], np.log(distance[here]), 1)[0]) if len(here) >= 10 else float("nan")
 
 

@@ -67,6 +67,10 @@ def points(
     """Every method at every stiffness and at inf, to the same time, which every step divides."""
     if case.beam is None or len(case.problem.all_stops) != 1:
         raise InputError("case", case.name, "be a beam with stops at one place", "for example table10")
+    stops = case.problem.all_stops[0]
+    if stops.motion is not None or stops.position not in (None, case.problem.length):
+        remedy = "move them to the tip and leave their motion out"
+        raise InputError("case", case.name, "have stops at rest at the tip", remedy)
     natural_frequencies(case.problem, 1)
     dt = case.dt if dt is None else positive("dt", dt)
     values = KAPPAS if kappas is None else [positive("kappas", kappa) for kappa in kappas]

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...basics.arrays import Array
-from .impacting import Solution
+from .impacted import Solution
 from .taylor import rate, value
 
 ROUNDING = 1e-14  # of a vector, what a projection leaves of one along its own direction

@@ -14,16 +14,17 @@ radians, the rest of the series is summed with a and a' as they are, the speed t
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from fractions import Fraction
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...basics.arrays import Array
+from ...basics.exact_float import exact_value
 from ...basics.validation import InputError
 from ...model.active_set import solve_node
 from ...model.system import System
 from ...trajectory.trajectory import SolverFailure
+from .impacted import Event, Solution
 from .taylor import Model, first_zero, rate, value
 from .touching import EPS
 
@@ -35,57 +36,6 @@ MOST_AT_ONCE = 10_000
 TOGETHER = 16.0  # roundings of the time: which of two contacts closes first is not known
 ROUNDINGS = 4.0  # of a velocity
 LEFT = 1e-12  # of the distance between a stop and a start, relative: the start is on the stop
-
-
-@dataclass(eq=False)
-class Event:
-    """An impact on ``side`` of a contact; ``end`` > ``time`` where the contact is then held."""
-
-    contact: int
-    side: int
-    time: float
-    impulse: float
-    end: float = math.nan
-
-
-@dataclass(eq=False)
-class Solution:
-    """Stretches from times (k,) on, with states and the contacts held in each; what impacts took."""
-
-    model: Model
-    times: list[float] = field(default_factory=list)
-    states: list[tuple[Array, Array]] = field(default_factory=list)
-    held: list[tuple[int, ...]] = field(default_factory=list)
-    events: list[Event] = field(default_factory=list)
-    struck: list[tuple[float, int, float]] = field(default_factory=list)  # time, contact, impulse that is no event's
-    taken: list[tuple[float, float, float]] = field(default_factory=list)  # time, energy taken, put in by stops moving
-    stuck: list[tuple[float, int]] = field(default_factory=list)  # where a contact's impacts ended, and which
-    tie: float = math.inf  # where two contacts first close together but for rounding, and the order matters
-
-    def at(self, t: Array) -> tuple[Array, Array, Array]:
-        """q, q' (k, n) and reactions (k, m), of held contacts only, at times in any order."""
-        t = np.asarray(t, float)
-        q, v = np.empty((2, len(t), self.model.system.size))
-        R = np.zeros((len(t), len(self.model.rows)))
-        piece = self.stretch_at(t)
-        for k in np.unique(piece):
-            here = np.flatnonzero(piece == k)
-            start, moving = self.states[k]
-            c, reactions = self.model.stretch(self.times[k], start, moving, self.held[k])
-            powers = (t[here] - self.times[k])[:, None] ** np.arange(len(c))
-            q[here] = powers @ c
-            v[here] = powers[:, :-1] @ (np.arange(1, len(c))[:, None] * c[1:])
-            if len(self.held[k]):
-                R[here[:, None], list(self.held[k])] = powers[:, : len(reactions)] @ reactions
-        return q, v, R
-
-    def stretch_at(self, t: Array) -> NDArray[np.int64]:
-        """The stretch that each time (k,) lies in; a switch belongs to the one it begins."""
-        return np.maximum(np.searchsorted(self.times, t, side="right") - 1, 0)
-
-    def is_held(self, t: Array, contact: int) -> NDArray[np.bool_]:
-        """Whether the contact is held at times t (k,)."""
-        return np.array([contact in held for held in self.held])[self.stretch_at(t)]
 
 
 class Tracer:
@@ -197,15 +147,30 @@ class Tracer:
                             "initial displacement", u, "lie between rigid stops", "move the stop or the start"
                         )
                     closed[contact] = side
-        going = [c for c, side in closed.items() if side * self._known_velocity(c) > 0.0]
+        resting = {c: side for c, side in closed.items() if self._known_velocity(c) == 0.0}
+        going = {c: side for c, side in closed.items() if side * self._known_velocity(c) > 0.0}
+        for contact in closed.keys() - resting.keys() - going.keys():
+            self.fresh[contact] = (closed[contact], 1, abs(self._velocity(contact)))
         if going:
-            self._bounce({c: closed[c] for c in going})
-        for contact, side in closed.items():
-            if contact not in going:
-                speed = -side * self._known_velocity(contact)
-                if speed > 0.0:
-                    self.fresh[contact] = (side, 1, speed)
-        self._settle({c: s for c, s in closed.items() if self._known_velocity(c) == 0.0 and c not in self.fresh})
+            self.held = dict(resting)
+            self._bounce({**resting, **going})
+            if self._together(closed, going):
+                self.found.tie = 0.0
+        self._settle({c: side for c, side in closed.items() if c not in self.fresh})
+
+    def _together(self, closed: dict[int, int], going: dict[int, int]) -> bool:
+        """Whether contacts that move each other start on their stops but for rounding, so that who is hit first is not
+        known."""
+        joined = {c for c in closed for x in going if c != x and self.compliance[c, x]}
+        return any(self._off(c, closed[c]) for c in joined | (going.keys() if joined else set()))
+
+    def _off(self, contact: int, side: int) -> bool:
+        """Whether the start, as it is written, is not exactly on the stop."""
+        each = self.system.contacts[contact]
+        ratio, pi = exact_value(each.stops.upper if side > 0 else each.stops.lower)  # type: ignore[arg-type]
+        terms = zip(self.model.rows[contact].tolist(), self.system.q0.tolist(), strict=True)
+        shifted = self.model.shift(contact, 0.0)[0] != 0.0
+        return pi or shifted or sum(Fraction(row) * Fraction(q) for row, q in terms) != ratio
 
     def _velocity(self, contact: int) -> float:
         return float(self.model.rows[contact] @ self.v + self.model.shift(contact, self.t)[1])
@@ -313,8 +278,9 @@ class Tracer:
             law[contact, 1] = 0.0 if everyone.get(contact) == -1 and contact != leaving else -np.inf
             law[contact, 2] = 0.0 if everyone.get(contact) == 1 and contact != leaving else np.inf
         R = solve_node(r, self.compliance, law)
+        c, _ = self.model.stretch(self.t, self.q, self.v, tuple(sorted(x for x in everyone if R[x])))
         for contact, side in everyone.items():
-            if R[contact]:
+            if R[contact] or (contact != leaving and self._stays(self._gap(contact, side, c)[2:])):
                 self.held[contact] = side
             else:
                 self.held.pop(contact, None)
@@ -324,6 +290,13 @@ class Tracer:
         if at:  # on the stop but for rounding
             off = np.array([self._beyond(c, self.held[c]) for c in at])
             self.q = self.q - self.model.back[:, at] @ np.linalg.solve(self.compliance[np.ix_(at, at)], off)
+
+    @staticmethod
+    def _stays(acceleration: Array) -> bool:
+        """Whether a gap at rest, of which nothing presses now, does not open: a load on it rises from zero, or none
+        ever comes."""
+        later = acceleration[acceleration != 0.0]
+        return acceleration[0] == 0.0 and not (len(later) and later[0] > 0.0)
 
     def _beyond(self, contact: int, side: int) -> float:
         """u - g."""

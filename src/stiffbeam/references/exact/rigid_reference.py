@@ -21,7 +21,8 @@ from ..agreement import apart, scales_of, watched
 from ..request import output_times
 from ..rigid_stops import require_rigid
 from .audit import ROUNDINGS, within_float64
-from .impacting import RADIANS, Solution, Tracer
+from .impacted import Solution
+from .impacting import RADIANS, Tracer
 from .touching import EPS
 
 COPIES = ((0.7, 4.0), (0.55, -4.0), (0.85, 16.0))  # radians a stretch, and roundings by which the start is faster
@@ -228,8 +229,10 @@ def _horizon(system: System, found: Reference, t: Array, t_end: float) -> float:
                 horizon = min(horizon, float(t[max(0, int(np.argmax(wrong)) - 1)]))
         for c, record in enumerate(found.contacts):
             mine = record.impacts.times
-            theirs = np.array([e.time for e in copy.events if e.contact == c and e.time > 0.0])
+            theirs = np.array([e.time for e in copy.events if e.contact == c])
             tolerance = min(longest, 0.5 * apart(max(len(mine), len(theirs)), t_end))
+            # A copy of what starts at rest on a stop is thrown off it by its rounding of the speed.
+            mine, theirs = mine[mine > tolerance], theirs[theirs > tolerance]
             n = min(len(mine), len(theirs))
             bad = np.flatnonzero(np.abs(mine[:n] - theirs[:n]) > tolerance)
             if len(bad):

@@ -167,11 +167,12 @@ def _real_roots(c: Array) -> Array:
 def first_zero(gap: Array, length: float, zeros: int) -> float | None:
     """Where a series that is positive at once, after a zero of multiplicity ``zeros`` at 0, next turns negative.
 
-    None if not in (0, length]; 0.0 where it is negative from the start.
+    None if not in (0, length]; 0.0 where it is negative from the start. One that is zero throughout never does.
     """
     c = gap[zeros:]
-    if c[0] == 0.0 and len(c) > 1 and c[1] > 0.0:
-        c = c[1:]
+    if not np.any(c):
+        return None
+    c = c[np.argmax(c != 0.0) :]
     if c[0] <= 0.0:
         return 0.0
     scaled = c * length ** np.arange(len(c))

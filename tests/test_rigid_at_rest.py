@@ -1,0 +1,101 @@
+"""Bodies that start at rest on rigid stops, are hit there, or stay there: closed forms, Newton's law by hand, and
+multiprecision, which shares no code with the exact solution of rigid stops."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import stiffbeam as sb
+
+COUPLED = np.linalg.inv([[1.0, 0.5], [0.5, 1.0]])  # M of which the inverse is this
+BOTH = ["exact", "multiprecision"]
+
+
+def stop(row, restitution=0.5, **where):
+    return sb.Contact(row=row, stops=sb.Stops(stiffness=np.inf, restitution=restitution, **where))
+
+
+@pytest.mark.parametrize("method", BOTH)
+@pytest.mark.parametrize("upper", [0.0, 0.5])
+def test_a_body_at_rest_on_its_stop_takes_its_part_in_a_blow(method, upper):
+    """A rests on a lower stop, B hits an upper one with speed 1: 0 <= P_A _|_ U_A+ >= 0 and U_B+ = -1/2.
+
+    P_B - P_A/2 = 3/2 and P_A = P_B/2: P = (1, 2), after which A stays and B leaves with 1/2, a quarter of the energy.
+    """
+    contacts = [stop([1.0, 0.0], lower=0.0), stop([0.0, 1.0], upper=upper)]
+    system = sb.System.from_matrices(COUPLED, np.zeros((2, 2)), contacts=contacts, initial_velocity=[0.0, 1.0])
+    t_end = upper + 1.0
+    run = sb.reference(system, t_end, method)
+    assert [c.impulse for c in run.contacts] == pytest.approx([1.0, 2.0], rel=1e-12)
+    assert run.contacts[0].position[-1] == pytest.approx(0.0, abs=1e-12)
+    assert run.contacts[1].position[-1] == pytest.approx(upper - 0.5, abs=1e-12)
+    energy = 0.5 * COUPLED[1, 1]
+    assert run.energy.stop_dissipation[-1] == pytest.approx(0.75 * energy, rel=1e-12)
+
+
+@pytest.mark.parametrize("written", ["decimals", "moving stop"])
+def test_two_that_start_on_their_stops_but_for_rounding_have_no_order(written):
+    """A stop at the decimal 0.3 and a start at the double next to it: who is hit first is not known in float64."""
+    q0 = [0.3, 0.1]
+    contacts = [stop([1.0, 0.0], upper="0.3"), stop([0.0, 1.0], upper="0.1")]
+    if written == "moving stop":
+        motion = sb.Harmonic(0.02, 9.0, 1.0)
+        moved = sb.Stops(upper=0.1 + float(motion.value(0.0)), stiffness=np.inf, restitution=0.5)
+        contacts[1] = sb.Contact(row=[0.0, 1.0], stops=moved, offset=motion)
+    given = {"initial_displacement": q0, "initial_velocity": [1.0, 1.3]}
+    system = sb.System.from_matrices(COUPLED, 5.0 * np.eye(2), contacts=contacts, **given)
+    assert sb.reference(system, 1.0).horizon == 0.0
+    exactly = [stop([1.0, 0.0], upper=0.3), stop([0.0, 1.0], upper=0.1)]
+    known = sb.System.from_matrices(COUPLED, 5.0 * np.eye(2), contacts=exactly, **given)
+    runs = [sb.reference(known, 1.0, method) for method in BOTH]
+    assert runs[0].horizon == 1.0
+    assert [c.impulse for c in runs[0].contacts] == pytest.approx([c.impulse for c in runs[1].contacts], rel=1e-10)
+
+
+@pytest.mark.parametrize("method", BOTH)
+@pytest.mark.parametrize("size", [1, 2, 3])
+def test_a_plastic_impact_of_a_free_body(method, size):
+    """It stays where it is hit: P = v/(row M^-1 row), and nothing presses it."""
+    rng = np.random.default_rng(size)
+    A = rng.standard_normal((size, size))
+    mass, row, v0 = A @ A.T + np.eye(size), np.eye(size)[0], np.append(0.3, np.full(size - 1, 0.7))
+    contact = stop(row, 0.0, upper=0.1)
+    system = sb.System.from_matrices(mass, np.zeros((size, size)), contacts=[contact], initial_velocity=v0)
+    run = sb.reference(system, 1.0, method)
+    assert run.horizon == 1.0
+    assert run.impacts.count == 1
+    assert run.impacts.times[0] == pytest.approx(1.0 / 3.0, rel=1e-12)
+    assert run.contacts[0].impulse == pytest.approx(0.3 / np.linalg.inv(mass)[0, 0], rel=1e-10)
+    assert run.contacts[0].position[-1] == pytest.approx(0.1, rel=1e-12)
+
+
+@pytest.mark.parametrize("load", ["sine", "ramp", "chain"])
+def test_a_load_that_rises_from_zero_presses_a_body_on_its_stop(load):
+    """J = int f dt while it presses; that on the other mass of a chain reaches the stop through its spring only."""
+    sine, ramp = sb.Harmonic(1.0, 2.8), sb.Sampled([0.0, 1.0, 2.0], [0.0, 1.0, 2.0], "linear")
+    n = 2 if load == "chain" else 1
+    K = np.array([[2.0, -2.0], [-2.0, 2.0]]) if n == 2 else np.zeros((1, 1))
+    contact = stop(np.eye(n)[0], 0.8, upper=0.0)
+    f = ramp if load == "ramp" else sine
+    system = sb.System.from_matrices(np.eye(n), K, loads=[(np.eye(n)[-1], f)], contacts=[contact])
+    runs = [sb.reference(system, 1.0, method) for method in BOTH]
+    for run in runs:
+        assert run.contacts[0].position == pytest.approx(0.0, abs=1e-15)
+        if n == 1:
+            assert run.horizon == 1.0
+            known = 0.5 if load == "ramp" else (1.0 - np.cos(2.8)) / 2.8
+            assert run.contacts[0].impulse == pytest.approx(known, rel=1e-10)
+    assert runs[0].contacts[0].impulse == pytest.approx(runs[1].contacts[0].impulse, rel=1e-10)
+
+
+def test_the_horizon_of_what_starts_at_rest_on_a_stop():
+    """Its copies are off by a rounding of their speeds, and thrown off the stop by that."""
+    load = sb.Harmonic(1.0, 2.8, np.pi / 2.0)
+    system = sb.System.from_matrices([[1.0]], [[1.0]], damping=[[0.05]], loads=[([1.0], load)],
+                                     contacts=[stop([1.0], 0.8, upper=0.0)])  # fmt: skip
+    t = np.linspace(0.0, 5.0, 501)
+    run, known = (sb.reference(system, 5.0, method, t_eval=t) for method in BOTH)
+    assert run.horizon == 5.0
+    assert run.impacts.count == 1
+    assert np.max(np.abs(run.tip - known.tip)) < 1e-13
