@@ -212,3 +212,46 @@ def test_figures_of_a_beam_on_rigid_stops_say_how_much_of_them_is_chance():
     hard = next(row for row in rows if row["method"] == "trapezoidal" and row["kappa"] is None)
     assert hard["lost_high"] - hard["lost_low"] > 0.01
     assert f"{hard['impulse_low']:.3g} to {hard['impulse_high']:.3g}" in records.answer
+
+
+def test_chaos_fits_no_distances_that_are_rounding():
+    """Neighbours of q'' + 2 q' + 25 q = sin t converge with the exponent -1, and soon differ by rounding only."""
+    contact = sb.Contact([1.0], sb.Stops(upper=1e3, stiffness=1e3))
+    system = sb.System.from_matrices(
+        [[1.0]], [[25.0]], damping=[[2.0]], loads=[([1.0], sb.Harmonic(1.0, 1.0))], contacts=[contact],
+        initial_displacement=[1.0],
+    )  # fmt: skip
+    found = sb.study("chaos", system, dt=1e-2, t_end=60.0, span=25.0, starts=12, schemes=["trapezoidal", "bdf2"])
+    exponents = [row["exponent"] for row in found.rows if row.get("exponent") is not None and "pair" in row]
+    assert len(exponents) >= 36
+    assert np.mean(exponents) == pytest.approx(-1.0, abs=0.05)
+
+
+def test_a_short_blow_perturbs_by_the_motion_it_makes():
+    """An impulse of 4e-3 in 2e-5 on a unit mass: its speed is 4e-3, not 400 over a radian."""
+    blow = sb.Sampled([0.0, 1e-5, 2e-5, 9.0], [0.0, 400.0, 0.0, 0.0], "linear")
+    contact = sb.Contact([1.0], sb.Stops(upper=1.0, stiffness=1e3))
+    system = sb.System.from_matrices([[1.0]], [[100.0]], loads=[([1.0], blow)], contacts=[contact])
+    members = sb.perturbed(system, 200)
+    speeds = np.array([member.v0[0] for member in members])
+    assert 0.9e-3 * 4e-3 < np.max(np.abs(speeds)) <= 1e-3 * 4e-3
+
+
+def test_rigid_beam_asks_stops_at_rest_at_the_tip(command, tmp_path):
+    for where in ("position = 0.5", "motion = { amplitude = 0.1, frequency = 3.0 }"):
+        (tmp_path / "own.toml").write_text(f"""
+[[case]]
+name = "own"
+title = "own"
+cells = 10
+dt = 1e-4
+t_end = 0.1
+runs = ["trapezoidal@displacement"]
+[case.problem]
+stiffness = 300.0
+stops = {{ lower = -0.1, upper = 0.1, stiffness = 5.0e6, {where} }}
+base = {{ amplitude = 0.2, frequency = 10.0 }}
+""")
+        code, _, error = command("rigid-beam", str(tmp_path / "own.toml"))
+        assert code == 2
+        assert "must have stops at rest at the tip" in error

@@ -90,7 +90,7 @@ def block_ledger(stepper: Stepper, system: System, steps: int, every: int) -> Le
         return step_ledger(system, replay(stepper, system, steps), np.arange(0, steps + 1, every) * stepper.dt)
     basis, contacts, dt = stepper.coordinates.basis, system.contacts, stepper.dt
     moving = any(contact.offset is not None for contact in contacts)
-    kept, balance = np.zeros((steps // every + 1, 9)), np.zeros(9)
+    kept, balance = np.zeros((steps // every + 1, 10)), np.zeros(10)
     start = np.array(system.energies(0.0, system.q0, system.v0))
     kept[0, :3] = balance[:3] = start
     y = basis.to_modal(np.stack([system.q0, system.v0])).ravel()

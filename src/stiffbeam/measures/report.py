@@ -237,8 +237,8 @@ def _explanation(comparisons: Sequence[Comparison], references: Sequence[Referen
     lines += [
         "Tip error: rms over max |u|, as long as the impacts of all runs match. Lag > 0: late; in brackets the "
         "median impact delay where the phase lag is undefined. Energy lost: by the scheme itself, not by dampers and "
-        "stops, of the most energy that start and loads have given. "
-        "Impacts: sampled at the run's steps, [by events].",
+        "stops, of the most energy that start and loads have given; – where the step does not resolve what dampers "
+        "take. Impacts: sampled at the run's steps, [by events].",
     ]
     if any(contact.reference_totals.events for c in comparisons for contact in c.contacts):
         lines.append("Contact, peak force and impulse of the reference: by events, between the steps too.")

@@ -12,7 +12,7 @@ from ..basics.units import Units
 from ..figures import column, heading, look, new_figure, numeric, say_empty, shared_legend, short, signed_log
 from ..files.cases import Case
 from ..march.integrate import integrate
-from ..measures.report import percent
+from ..measures.report import DASH, percent
 from ..trajectory.ledger import Ledger, given
 from ..trajectory.trajectory import Trajectory
 from .common import Dt, End, Forms, Schemes, Treatment, scheme_labels, scheme_of, solve_once, system_of, to_the_end
@@ -73,10 +73,12 @@ def evaluate(case: Case, point: Point) -> list[Row]:
 
 
 def _row(ledger: Ledger, k: int) -> Row:
-    names = ("t", "kinetic", "elastic", "stops", "energy", "input", "viscous", "loss")
+    names = ("t", "kinetic", "elastic", "stops", "energy", "input", "viscous", "viscous_spread", "loss")
     row = {name: float(getattr(ledger, name)[k]) for name in names}
-    row |= {"lost_in_contact": float(ledger.contact[k]), "lost_free": float(ledger.free[k])}
-    return row | {"lost_fraction": ledger.lost_fraction(k)}
+    sure = ledger.sure(k)
+    parts = {"lost_in_contact": ledger.contact[k], "lost_free": ledger.free[k]}
+    row |= {name: float(x) if sure else float("nan") for name, x in parts.items()}
+    return row | {"sure": sure, "lost_fraction": ledger.lost_fraction(k)}
 
 
 def last_rows(rows: Rows) -> list[Row]:
@@ -96,9 +98,11 @@ def answer(rows: Rows, case: Case) -> str:
         elif row["form"] == rows[0]["form"]:
             share = row["lost_in_contact"] / row["loss"] if row["loss"] else float("nan")
             lost = percent(row["lost_fraction"])
-            if not np.isfinite(row["lost_fraction"]):
+            if not row["sure"]:
+                lost = UNKNOWN
+            elif not np.isfinite(row["lost_fraction"]):
                 lost = units.measure(f"{row['loss']:.2g}", "energy") + " in all"  # on balance nothing was put in
-            part = f"{100 * share:z.0f} %"
+            part = f"{100 * share:z.0f} %" if row["sure"] else DASH
             ends.append(row["t"])
             parts.append(f"{row['scheme']} {lost} ({part} of it in contact)")
             table.append({"scheme": row["scheme"], "energy lost": lost, "of it in contact": part})
@@ -107,10 +111,16 @@ def answer(rows: Rows, case: Case) -> str:
         f"Of the most energy that start and loads have given to t = {end}, one realisation each",
         f"The exact flow closes to {', '.join(exact)}.",
     )
+    if any(UNKNOWN in part for part in parts):
+        tail += (
+            f" {UNKNOWN.capitalize()}: these steps do not resolve the damping, and leave open what the dashpots took."
+        )
     return Answer(f"{head}, lost: {', '.join(parts)}. {tail}", table, f"{head}. {tail}")
 
 
+UNKNOWN = "not known"
 MOST = 120.0  # per cent: longer bars are cut, their numbers stand beside them
+LEAST = 0.05  # per cent, of the axis
 ROUNDING = 1e-9  # of the largest energy: less is no loss
 PARTS = (("lost_in_contact", "in contact"), ("lost_free", "between impacts"))
 
@@ -185,6 +195,9 @@ def _bars(axis: Axes, runs: dict[tuple[str, str], list[Row]], units: Units) -> N
             axis.text(at, 1.02, f"{words}to t = {end}", fontsize=9, color="0.25", ha=side,
                       transform=axis.get_xaxis_transform())  # fmt: skip
         last_form = form
+        if not own[-1]["sure"]:
+            axis.text(place, 0.02, UNKNOWN, rotation=90, fontsize=8, color="0.25", ha="center", va="bottom",
+                      transform=axis.get_xaxis_transform())  # fmt: skip
         for k, ((name, words), colour, hatch) in enumerate(zip(PARTS, ("0.3", "0.75"), ("", "///"), strict=True)):
             height = _share(own, name)[-1]
             axis.bar(place + 0.4 * k - 0.2, np.clip(height, -MOST, MOST), 0.38, color=colour, hatch=hatch,
@@ -202,6 +215,9 @@ def _bars(axis: Axes, runs: dict[tuple[str, str], list[Row]], units: Units) -> N
     axis.set_title("(c) lost in the end, of initial energy and the most work put in", loc="left", pad=30)
     axis.margins(y=0.12)
     if ticks:
+        axis.set_xlim(-0.6, place - 0.4)
+        low, high = axis.get_ylim()
+        axis.set_ylim(min(low, -LEAST), max(high, LEAST))
         axis.legend(frameon=False, fontsize=9, loc="lower right", bbox_to_anchor=(1.0, 1.1), ncols=2)
     else:
         say_empty(axis)

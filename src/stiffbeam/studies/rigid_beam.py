@@ -132,7 +132,9 @@ def _found(run: Trajectory, end: float) -> Row:
         "impulse": record.impulse,
         "contact_time": record.fraction * end,
         "impacts": record.impacts.count,
-        "lost": float((energy.loss[-1] + energy.stop_dissipation[-1]) / most) if most > 0.0 else float("nan"),
+        "lost": float((energy.loss[-1] + energy.stop_dissipation[-1]) / most)
+        if most > 0.0 and energy.sure()
+        else float("nan"),
     }
 
 

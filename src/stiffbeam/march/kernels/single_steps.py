@@ -13,8 +13,8 @@ from ...model.contact_law import energy as linear_energy
 from ...model.contact_law import force as linear_force
 from .blocks import advance
 
-# What the ledger has added up, in the order of Ledger's fields after t: three energies, six sums.
-KINETIC, ELASTIC, STOPS, INPUT, VISCOUS, LOSS, CONTACT, FREE, TAKEN = range(9)
+# What the ledger has added up, in the order of Ledger's fields after t: three energies, seven sums.
+KINETIC, ELASTIC, STOPS, INPUT, VISCOUS, LOSS, CONTACT, FREE, TAKEN, SPREAD = range(10)
 
 
 class Step(NamedTuple):
@@ -143,13 +143,13 @@ def account(
     step: Step, energies: Energies, free: FreeBlock, starts: Array, block: int, n: int, y: Array, met: Array,
     balance: Array, first: int, every: int, dt: float, kept: Array,
 ) -> None:  # fmt: skip
-    """The ledger over ``steps`` steps from step ``first``; rows of ``kept`` (outputs, 9) at every ``every``-th.
+    """The ledger over ``steps`` steps from step ``first``; rows of ``kept`` (outputs, 10) at every ``every``-th.
 
     starts: (B, ..), the z of ``states`` at the starts of blocks of ``block`` steps. Those that ``free`` knows, it has
     no rows where it does not, and no contact meets nor output divides are passed over in one, the others step by step.
     y (2 n,) = (q, q') at the start, which a z that goes on as the run does need not begin with. met (2, m): positions
     and rates of the contacts there, as given at t = 0, where rounding would tell the side of a stop.
-    balance (9,), see KINETIC..; all three are advanced in place. What is lost is the balance of a stretch of steps
+    balance (10,), see KINETIC..; all three are advanced in place. What is lost is the balance of a stretch of steps
     in contact, or of one without, as long as it lasts: between its ends no energy is asked, and outputs do not end it.
     """
     squares, damping, offsets = energies.squares, energies.damping, energies.offsets
@@ -221,9 +221,12 @@ def account(
             given += 0.5 * (load_values[k, e] + load_values[k + 1, e]) * work
         if damping.size:
             lost = 0.0
+            again = 0.0
             for j in range(n):
                 lost += damping[j] * (new[j] - old[j]) * (new[j] - old[j])
+                again += damping[j] * (new[n + j] + old[n + j]) * (new[n + j] + old[n + j])
             viscous += lost / dt
+            balance[SPREAD] += abs(lost / dt - 0.25 * dt * again)
         z, new = new, z
         old = z
         at = first + k + 1
