@@ -109,6 +109,35 @@ def test_a_small_store_is_made_checked_and_completed(tmp_path, monkeypatch):
     assert remake(tmp_path) == ["table14-displacement.nc"]
 
 
+@pytest.mark.slow
+def test_what_a_manifest_says_that_is_not_so_is_found_and_remade(tmp_path, monkeypatch):
+    from stiffbeam.dumont2002 import references
+
+    monkeypatch.setattr(references, "wanted", lambda: [("table14", "displacement", ["table14"])])
+    short = dataclasses.replace(paper_cases()["table14"], t_end=0.1)
+    monkeypatch.setattr(references, "paper_cases", lambda: {"table14": short})
+    assert remake(tmp_path) == ["table14-displacement.nc"]
+    manifest = tmp_path / "MANIFEST.json"
+    good = json.loads(manifest.read_text(encoding="utf-8"))
+    wrong = {"t_end": 20.0, "digits": 16, "impacts": 1, "peak_force": 1.0, "hash": "00", "bound": 1e-15,
+             "tables": ["table1"], "contact_fraction": 0.9, "confirmed_with": 3, "form": "hermite"}  # fmt: skip
+    assert {*wrong, "file", "seconds"} == {*good["references"][0]}
+    for name, value in wrong.items():
+        manifest.write_text(json.dumps({"references": [good["references"][0] | {name: value}]}), encoding="utf-8")
+        (record,) = check(tmp_path)
+        assert "the manifest says" in record["problem"], name
+    assert remake(tmp_path) == ["table14-displacement.nc"]
+    for text in (json.dumps({"references": []}), "{", None):
+        manifest.unlink() if text is None else manifest.write_text(text, encoding="utf-8")
+        if text and text != "{":
+            assert [r["problem"] for r in check(tmp_path)] == ["the manifest does not list it"]
+        assert remake(tmp_path) == ["table14-displacement.nc"]
+        assert [r["problem"] for r in check(tmp_path)] == [""]
+    (tmp_path / "none").mkdir()
+    (tmp_path / "none" / "MANIFEST.json").write_text(json.dumps({"references": []}), encoding="utf-8")
+    assert check(tmp_path / "none")[0]["problem"] == "it lists no references"
+
+
 def test_every_table_of_the_paper_has_a_job_and_tables_with_one_physics_share_it():
     jobs = wanted()
     assert {table for _, _, tables in jobs for table in tables} == {f"table{i}" for i in range(1, 18)}

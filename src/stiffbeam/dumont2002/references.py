@@ -10,7 +10,7 @@ from ..files.cases import case_text, paper_cases
 from ..files.frozen import freeze
 from ..references import reference
 from ..studies.common import system_of
-from ..studies.references import is_whole, note
+from ..studies.references import note, whole
 
 Progress = Callable[[str, int, int], None]
 
@@ -31,19 +31,19 @@ def remake(
 ) -> list[str]:
     """Compute and freeze what is missing in ``folder``; returns the files written.
 
-    A file that is whole and of this version is kept: interrupted work goes on where it stopped, and
-    deleting a file remakes it. ``only``: names of tables. All of them take about a quarter of an hour.
+    A file that is whole, of this version and what the manifest says is kept: interrupted work goes on where it
+    stopped, and deleting a file remakes it. ``only``: names of tables. All of them take about a quarter of an hour.
     """
     jobs = [job for job in wanted() if only is None or set(only) & set(job[2])]
     if not jobs:
         raise InputError("only", only, "name tables of the paper", "for example table10")
-    written = []
+    written, kept = [], whole(folder, progress)
     for done, (name, form, tables) in enumerate(jobs):
         progress(f"{name}@{form}", done, len(jobs))
         file = folder / f"{name}-{form}.nc"
-        if is_whole(file):
-            continue
         case = paper_cases()[name]
+        if kept.get(file.name) == case.t_end:
+            continue
         solution = reference(system_of(case, form), case.t_end, "multiprecision")
         entry = freeze(solution, case_text(name), file) | {"tables": tables}
         note(folder, entry)

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from ..basics.validation import InputError
 from ..basics.whole_file import write_whole
-from ..files.cases import Case
+from ..files.cases import Case, paper_cases
 from ..files.store import load
-from ..trajectory.trajectory import Reference
+from ..trajectory.trajectory import Reference, Trajectory
 from .common import system_of
 
 MANIFEST = "MANIFEST.json"
@@ -27,27 +28,59 @@ def shipped() -> Path | None:
 
 
 def check(target: Path, progress: Progress = lambda what, done, total: None) -> list[dict[str, Any]]:
-    """Read a frozen file, or every file of a folder's manifest, and hold it against hash, system and
-    switches. Returns one record a file; ``problem`` is empty for a good one."""
-    files = [target]
-    known: dict[str, Any] = {}
-    if target.is_dir():
-        known = {entry["file"]: entry for entry in _entries(target)}
-        files = [target / name for name in known]
+    """Read a frozen file, or every file of a folder and of its manifest, and hold it against hash, system and
+    switches, and against what the manifest says of it. Returns one record a file; ``problem`` is empty for a good one.
+    """
+    if not target.is_dir():
+        return [_checked(target, None)]
+    known = {entry["file"]: entry for entry in _entries(target)}
+    files = sorted({target / name for name in known} | {*target.glob("*.nc")})
     records = []
     for done, file in enumerate(files):
         progress(file.name, done, len(files))
-        record: dict[str, Any] = {"file": file.name, "problem": ""}
-        try:
-            found = load(file)
-            record |= {"impacts": found.impacts.count, "t_end": found.provenance["t_end"]}
-            entry = known.get(file.name)
-            if entry is not None and entry["impacts"] != found.impacts.count:
-                record["problem"] = f"the manifest says {entry['impacts']} impacts"
-        except InputError as error:
-            record["problem"] = str(error)
+        record = _checked(file, known.get(file.name))
+        if file.name not in known and not record["problem"]:
+            record["problem"] = "the manifest does not list it"
         records.append(record)
-    return records
+    return records or [{"file": MANIFEST, "problem": "it lists no references"}]
+
+
+def _checked(file: Path, entry: dict[str, Any] | None) -> dict[str, Any]:
+    record: dict[str, Any] = {"file": file.name, "problem": ""}
+    try:
+        found = load(file)
+        record |= {"impacts": found.impacts.count, "t_end": found.provenance["t_end"]}
+        if entry is not None:
+            record["problem"] = _contradicted(file, found, entry)
+    except InputError as error:
+        record["problem"] = str(error)
+    return record
+
+
+def _contradicted(file: Path, found: Trajectory, entry: dict[str, Any]) -> str:
+    """What the manifest says of a file that is not so; empty where all of it is."""
+    import xarray as xr
+
+    with xr.open_dataset(file, engine="h5netcdf", decode_times=False) as data:
+        written = data.attrs.get("hash"), data.attrs.get("bound")
+    notes, contacts = found.provenance, found.contacts
+    facts = {
+        "impacts": sum(contact.impacts.count for contact in contacts), "t_end": notes["t_end"], "form": notes["form"],
+        "digits": notes.get("digits"), "confirmed_with": notes.get("digits_confirmed_with"),
+        "contact_fraction": max((contact.fraction for contact in contacts), default=0.0),
+        "peak_force": max((contact.peak_force for contact in contacts), default=0.0),
+        "hash": written[0], "bound": written[1],
+    }  # fmt: skip
+    for name, fact in facts.items():
+        said = entry.get(name)
+        same = math.isclose(said, fact, rel_tol=1e-6) if isinstance(said, float) and fact is not None else said == fact
+        if not same:
+            return f"the manifest says {said} {name.replace('_', ' ')}, and not {fact}"
+    for table in entry.get("tables", ()):
+        case = paper_cases().get(table)
+        if case is None or system_of(case, entry["form"]).fingerprint != found.fingerprint:
+            return f"the manifest says it is of {table}, which is another system"
+    return ""
 
 
 def frozen(folder: Path, case: Case, form: str, t_end: float) -> Reference | None:
@@ -63,13 +96,13 @@ def frozen(folder: Path, case: Case, form: str, t_end: float) -> Reference | Non
     return None
 
 
-def is_whole(file: Path) -> bool:
-    """Whether a frozen file can be read and is of this version."""
+def whole(folder: Path, progress: Progress = lambda what, done, total: None) -> dict[str, float]:
+    """Names and t_end of the frozen files that can be read, are of this version, and what the manifest says."""
     try:
-        load(file)
+        _entries(folder)
     except InputError:
-        return False
-    return True
+        return {}
+    return {record["file"]: record["t_end"] for record in check(folder, progress) if not record["problem"]}
 
 
 def _entries(folder: Path) -> list[dict[str, Any]]:
@@ -84,7 +117,10 @@ def _entries(folder: Path) -> list[dict[str, Any]]:
 
 def note(folder: Path, entry: dict[str, Any]) -> None:
     """Put an entry into the manifest, in the order of the tables."""
-    entries = {e["file"]: e for e in (_entries(folder) if (folder / MANIFEST).is_file() else [])}
+    try:
+        entries = {e["file"]: e for e in _entries(folder)}
+    except InputError:  # there is none, or it cannot be read
+        entries = {}
     entries[entry["file"]] = entry
     ordered = sorted(entries.values(), key=lambda e: (int(e["tables"][0].removeprefix("table")), e["form"]))
     text = json.dumps({"parameters": PARAMETERS, "references": ordered}, indent=2)
