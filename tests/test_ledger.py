@@ -72,6 +72,18 @@ def test_a_loss_that_unresolved_dashpots_leave_open_is_not_told(scheme):
             assert abs(off) < 1e-3
 
 
+@pytest.mark.parametrize("law", [{"damping": 30.0}, {"dissipation": 1.0}], ids=str)
+def test_a_loss_that_unresolved_damped_stops_leave_open_is_not_told(law):
+    """The trapezoidal rule at 28 and 2800 steps a contact: what is said to be lost is what the stop takes."""
+    contact = sb.Contact([1.0], sb.Stops(upper=0.1, stiffness=1e4, **law))
+    system = sb.System.from_matrices([[1.0]], [[25.0]], contacts=[contact], initial_velocity=[2.0])
+    coarse, fine = (sb.integrate(system, sb.Trapezoidal(), dt, 3.0).energy for dt in (1e-3, 1e-5))
+    assert not coarse.sure()
+    assert fine.sure()
+    assert abs(fine.lost_fraction()) < 1e-4 < coarse.loss[-1] / coarse.given[-1]
+    assert abs(coarse.stop_dissipation[-1] - fine.stop_dissipation[-1]) < coarse.spread[-1]
+
+
 def assert_the_same_ledger(run: sb.Trajectory) -> None:
     """The run's own, compiled and in modal coordinates, and that of its states by the definition.
 

@@ -73,7 +73,7 @@ def evaluate(case: Case, point: Point) -> list[Row]:
 
 
 def _row(ledger: Ledger, k: int) -> Row:
-    names = ("t", "kinetic", "elastic", "stops", "energy", "input", "viscous", "viscous_spread", "loss")
+    names = ("t", "kinetic", "elastic", "stops", "energy", "input", "viscous", "spread", "loss")
     row = {name: float(getattr(ledger, name)[k]) for name in names}
     sure = ledger.sure(k)
     parts = {"lost_in_contact": ledger.contact[k], "lost_free": ledger.free[k]}
@@ -112,9 +112,7 @@ def answer(rows: Rows, case: Case) -> str:
         f"The exact flow closes to {', '.join(exact)}.",
     )
     if any(UNKNOWN in part for part in parts):
-        tail += (
-            f" {UNKNOWN.capitalize()}: these steps do not resolve the damping, and leave open what the dashpots took."
-        )
+        tail += f" {UNKNOWN.capitalize()}: the steps do not resolve the damping, and leave open what it took."
     return Answer(f"{head}, lost: {', '.join(parts)}. {tail}", table, f"{head}. {tail}")
 
 

@@ -33,7 +33,7 @@ LEDGER = {
     "contact": "numerical loss in steps with contact",
     "free": "numerical loss in steps without contact",
     "stop_dissipation": "energy that damped stops took since t = 0",
-    "viscous_spread": "difference of two rules for the viscous loss since t = 0",
+    "spread": "difference of two rules for what dampers and stops took since t = 0",
 }
 
 

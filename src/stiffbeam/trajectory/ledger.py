@@ -30,13 +30,14 @@ class Ledger:
         input    sum over steps of 1/2 (F^n + F^{n+1}) . dq,  F the load vector; a stop that moves
                  against its contact by do_c puts in -1/2 (F_c^n + F_c^{n+1}) do_c
         viscous  sum over steps of dq^T C dq / dt
-        viscous_spread     sum over steps of |dq^T C dq / dt - dt v^T C v|, v = (q'^n + q'^{n+1})/2: by how much two
-                 rules for what dashpots take differ; large where a step does not resolve a damped motion, and what
-                 dashpots take then counts as loss, or loss as that
         stop_dissipation   sum over steps of -1/2 (D^n + D^{n+1}) du, D = F + U' what a damped stop takes beyond
                  the force of its energy U; the energy left in it when the contact ends counts as dissipated while the
                  gap opens;
                  of rigid stops what impacts take, see ``reaction_ledger``
+        spread   by how much two rules for what dashpots and damped stops take differ, sum over steps of
+                 |dq^T C dq / dt - dt v^T C v|, v = (q'^n + q'^{n+1})/2, and of |(D^n + D^{n+1}) du - dt (D u'|^n +
+                 D u'|^{n+1})|/2, of a step in which D begins or ends all of it; large where a step does not resolve
+                 them, and what they take then counts as loss, or loss as that
         loss     E_n - E_{n+1} + d_input - d_viscous - d_stop_dissipation, summed; > 0: lost by the scheme
         contact, free   the part of ``loss`` in steps with a contact at either end, and without
 
@@ -53,10 +54,10 @@ class Ledger:
     contact: Array
     free: Array
     stop_dissipation: Array = None  # type: ignore[assignment]  # zero unless given
-    viscous_spread: Array = None  # type: ignore[assignment]  # likewise
+    spread: Array = None  # type: ignore[assignment]  # likewise
 
     def __post_init__(self) -> None:
-        for name in ("stop_dissipation", "viscous_spread"):
+        for name in ("stop_dissipation", "spread"):
             if getattr(self, name) is None:
                 object.__setattr__(self, name, np.zeros_like(self.t))
 
@@ -84,9 +85,9 @@ class Ledger:
         return given(self.energy[0], self.input)
 
     def sure(self, k: int = -1) -> bool:
-        """Whether the ``viscous_spread`` leaves the loss at index k known: to a thousandth of the energy given, or to a
+        """Whether the ``spread`` leaves the loss at index k known: to a thousandth of the energy given, or to a
         tenth of itself."""
-        return bool(self.viscous_spread[k] <= max(SURE * self.given[k], 0.1 * abs(self.loss[k])))
+        return bool(self.spread[k] <= max(SURE * self.given[k], 0.1 * abs(self.loss[k])))
 
     def lost_fraction(self, k: int = -1) -> float:
         """loss/given at index k; NaN where nothing was given, or the loss is not ``sure``."""
@@ -120,24 +121,25 @@ def step_ledger(
     """
     columns: list[Array] = []
     times: list[Array] = []
-    total = np.zeros(7)  # input, viscous, loss, contact, free, stop_dissipation, viscous_spread
+    total = np.zeros(7)  # input, viscous, loss, contact, free, stop_dissipation, spread
     for t, q, v, forces in pieces:
         energies = np.stack(system.energies(t, q, v))
         load = system.load(t)
         dq = np.diff(q, axis=0)
         if impacts is None:
-            of_stops, d_stops = _work_of_stops(system, t, q, v, forces)
+            of_stops, d_stops, d_spread = _work_of_stops(system, t, q, v, forces)
             touching = in_contact(system, t, q, v, forces)
             either = touching[1:] | touching[:-1]
         else:
             of_stops, d_stops = _work_of_reactions(system, t, v, forces, impacts)
+            d_spread = np.zeros(len(dq))
             either = np.any(forces != 0.0, axis=1)
         d_input = 0.5 * np.sum((load[1:] + load[:-1]) * dq, axis=1) + of_stops
-        d_viscous, d_spread = np.zeros((2, len(dq)))
+        d_viscous = np.zeros(len(dq))
         if system.damped:
             mean, dt = 0.5 * (v[1:] + v[:-1]), np.diff(t)
             d_viscous = np.sum(dq * (dq @ system.damping), axis=1) / dt
-            d_spread = np.abs(d_viscous - dt * np.sum(mean * (mean @ system.damping), axis=1))
+            d_spread += np.abs(d_viscous - dt * np.sum(mean * (mean @ system.damping), axis=1))
         d_loss = -np.diff(np.sum(energies, axis=0)) + d_input - d_viscous - d_stops
         parts = (np.where(either, d_loss, 0.0), np.where(either, 0.0, d_loss))
         steps = np.stack([d_input, d_viscous, d_loss, *parts, d_stops, d_spread])
@@ -155,9 +157,10 @@ def step_ledger(
     return Ledger(np.concatenate(times), *data)
 
 
-def _work_of_stops(system: System, t: Array, q: Array, v: Array, found: Array) -> tuple[Array, Array]:
-    """-1/2 (F^n + F^{n+1}) do of the contacts whose stops move, and -1/2 (D^n + D^{n+1}) du of those that damp."""
-    work, taken = np.zeros((2, len(t) - 1))
+def _work_of_stops(system: System, t: Array, q: Array, v: Array, found: Array) -> tuple[Array, Array, Array]:
+    """-1/2 (F^n + F^{n+1}) do of the contacts whose stops move, -1/2 (D^n + D^{n+1}) du of those that damp, and the
+    spread of that."""
+    work, taken, spread = np.zeros((3, len(t) - 1))
     for c, contact in enumerate(system.contacts):
         stops, o = contact.stops, offset_values(contact.offset, t)
         if contact.offset is None and not stops.dissipative:
@@ -170,8 +173,11 @@ def _work_of_stops(system: System, t: Array, q: Array, v: Array, found: Array) -
             force[known] = found[known, c]
         work -= 0.5 * (force[1:] + force[:-1]) * np.diff(o)
         if stops.dissipative:
-            taken -= 0.5 * (beyond[1:] + beyond[:-1]) * np.diff(u)
-    return work, taken
+            own, power = 0.5 * (beyond[1:] + beyond[:-1]) * np.diff(u), beyond * rate
+            taken -= own
+            at_ends = (beyond[1:] == 0.0) != (beyond[:-1] == 0.0)
+            spread += np.abs(own - np.where(at_ends, 0.0, 0.5 * np.diff(t) * (power[1:] + power[:-1])))
+    return work, taken, spread
 
 
 def _work_of_reactions(system: System, t: Array, v: Array, reactions: Array, impacts: bool) -> tuple[Array, Array]:

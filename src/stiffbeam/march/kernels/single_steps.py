@@ -157,11 +157,12 @@ def account(
     steps, L, m = step[3].shape[0], loads.shape[0], energies.law.shape[0]
     size, old = starts.shape[1], y
     z, new, spare = np.empty(size), np.empty(size), np.empty(size)
-    force, beyond, last, ends = np.zeros(m), np.zeros(m), np.zeros(m), np.zeros(m)
+    force, beyond, last, power, ends = np.zeros(m), np.zeros(m), np.zeros(m), np.zeros(m), np.zeros(m)
     stops, touching = 0.0, 0
     for c in range(m):
         last[c] = met[0, c]
         force[c], beyond[c], held, pressed = _at_stop(energies, c, 0, met[0, c], met[1, c])
+        power[c] = beyond[c] * met[1, c]
         stops += held
         touching += pressed
     within, given, viscous, taken = CONTACT, 0.0, 0.0, 0.0
@@ -183,7 +184,7 @@ def account(
                 old = z
                 left = -left
                 for c in range(m):
-                    force[c], beyond[c], last[c] = 0.0, 0.0, ends[c]
+                    force[c], beyond[c], power[c], last[c] = 0.0, 0.0, 0.0, ends[c]
             else:
                 z, spare = spare, z  # which ``old`` may be
                 for j in range(z.size):
@@ -204,10 +205,14 @@ def account(
             new_force, new_beyond, held, pressed = _at_stop(energies, c, k + 1, u, rate)
             stops += held
             touching += pressed
-            dissipated -= 0.5 * (beyond[c] + new_beyond) * (u - last[c])
+            own = 0.5 * (beyond[c] + new_beyond) * (u - last[c])
+            dissipated -= own
+            if (beyond[c] == 0.0) == (new_beyond == 0.0):
+                own -= 0.5 * dt * (power[c] + new_beyond * rate)
+            balance[SPREAD] += abs(own)
             if offsets.shape[0]:
                 moved -= 0.5 * (force[c] + new_force) * (offsets[k + 1, c] - offsets[k, c])
-            force[c], beyond[c], last[c] = new_force, new_beyond, u
+            force[c], beyond[c], power[c], last[c] = new_force, new_beyond, new_beyond * rate, u
         kind = CONTACT if touched + touching else FREE
         if kind != within:
             _settle(squares, n, old, held_before, given, viscous, taken, within, balance, balance)
