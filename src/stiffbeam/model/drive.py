@@ -10,7 +10,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import Array
+from ..basics.arrays import Array, read_only
 from ..basics.exact_float import exact_value
 from ..basics.validation import InputError
 from .sampled import Sampled, moved
@@ -20,6 +20,7 @@ from .time_functions import Constant, Harmonic, LoadFunction, parts, parts_of
 Term = tuple[Array, LoadFunction]
 SPAN = 32  # steps from one sine to the next
 _KNOWN: WeakKeyDictionary[System, Drive] = WeakKeyDictionary()
+_SPLIT: WeakKeyDictionary[System, dict[tuple[Drive, str], tuple[Array, list[Term]]]] = WeakKeyDictionary()
 
 
 @dataclass(frozen=True)
@@ -108,11 +109,26 @@ class Drive:
                 rest.append((vector, function))
         return basis, rest
 
+    def loads(self, system: System) -> tuple[Array, list[Term]]:
+        """The loads of the system as ``split``: basis (d, n)."""
+        return self._once(system, "loads", lambda: self.split(system.loads, system.size))
+
     def offsets(self, system: System) -> tuple[Array, list[Term]]:
         """The channel offsets o_c(t) as ``split``: basis (d, channels)."""
-        units = np.eye(len(system.channels))
-        terms = [(units[c], o) for c, (_, o) in enumerate(system.channels) if o is not None]
-        return self.split(terms, len(system.channels))
+
+        def found() -> tuple[Array, list[Term]]:
+            units = np.eye(len(system.channels))
+            terms = [(units[c], o) for c, (_, o) in enumerate(system.channels) if o is not None]
+            return self.split(terms, len(system.channels))
+
+        return self._once(system, "offsets", found)
+
+    def _once(self, system: System, what: str, find: Callable[[], tuple[Array, list[Term]]]) -> tuple[Array, list[Term]]:
+        known = _SPLIT.setdefault(system, {})
+        if (self, what) not in known:
+            basis, rest = find()
+            known[self, what] = read_only(basis), rest
+        return known[self, what]
 
     def recorded(self, rest: Iterable[Term], width: int) -> Array:
         """The rest of ``split`` as amplitudes of the records, (R, width). Raises InputError for a term that is none."""

@@ -213,10 +213,14 @@ class System:
 
     def energies(self, t: ArrayLike, q: Array, v: Array) -> tuple[Array, Array, Array]:
         """(1/2 q'^T M q', 1/2 q^T K q, sum_c U_c), each t.shape; q, v of shape t.shape + (n,)."""
+        return *self.free_energies(q, v), self.contact_energy(t, q)
+
+    def free_energies(self, q: Array, v: Array) -> tuple[Array, Array]:
+        """(1/2 q'^T M q', 1/2 q^T K q), the energies without the contacts'."""
         kinetic = 0.5 * np.sum(v * (v @ self.mass), axis=-1)
         strain = q @ self.stiffness_factor.T if self.stiffness_factor is not None else None
         elastic = np.sum(strain**2, axis=-1) if strain is not None else np.sum(q * (q @ self.stiffness), axis=-1)
-        return kinetic, 0.5 * elastic, self.contact_energy(t, q)
+        return kinetic, 0.5 * elastic
 
     def energy(self, t: ArrayLike, q: Array, v: Array) -> Array:
         """E, the sum of ``energies``."""

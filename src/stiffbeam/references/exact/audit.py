@@ -13,8 +13,9 @@ there the observed positions do not start where they should.
 
 from __future__ import annotations
 
-from collections.abc import Generator
+from collections.abc import Generator, Iterator
 from contextlib import contextmanager
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,26 +61,26 @@ def audit(
     count, ends = len(times), np.append(times[1:], t_end)
     pieces, when = np.arange(count), np.concatenate([times, ends])
     q, v = solution.states_in(when, np.concatenate([pieces, pieces]))
-    finite = np.all(np.isfinite(q) & np.isfinite(v), axis=1)
-    if not np.all(finite):
-        raise SolverFailure(solver, float(np.min(when[~finite])), "the motion is not finite", REMEDY)
-    _start(system, solution, t_end, solver, q0)
-    kinetic, elastic, _ = system.energies(when, q, v)
-    stops, inside, held = _stops(system, solution, q, ends, sides)
-    energy = kinetic + elastic + stops
+    finite = np.isfinite(q) & np.isfinite(v)
+    if not finite.all():
+        raise SolverFailure(solver, float(np.min(when[~finite.all(axis=1)])), "the motion is not finite", REMEDY)
+    _start(system, solution, t_end, solver, q0, (when, q))
     after, before = slice(0, count), slice(count, 2 * count - 1)
+    # The states, the jumps at the switches, and the start that is given.
+    free = sum(system.free_energies(*(np.vstack([x, x[1:count] - x[before], x0]) for x, x0 in ((q, q0), (v, v0)))))
+    stops, inside, held = _stops(system, solution, q, ends, sides)
+    energy = free[: 2 * count] + stops
     opening = np.zeros(count + 1)  # at the start, and at the end of every piece
     if times[0] == 0.0:
-        opening[0] = abs(energy[0] - system.energy(times[:1], q0[None], v0[None])[0])
+        opening[0] = abs(energy[0] - free[-1] - system.contact_energy(times[:1], q0[None])[0])
     opening[1:-1] = np.abs(energy[after][1:] - energy[before])
     if solver != "rigid":
-        jump, turn, _ = system.energies(times[1:], q[after][1:] - q[before], v[after][1:] - v[before])
-        opening[1:-1] += jump + turn
+        opening[1:-1] += free[2 * count : -1]
         opening[1:] += inside
     length = np.sqrt(np.sum(q * (q @ system.mass), axis=1))
     rounding = 2.0 * np.pi / solution.shortest_period * length * np.sqrt(2.0 * energy) + 2.0 * energy
     allowed = np.cumsum(np.append(rounding[after], 0.0) + np.append(0.0, rounding[count:]))
-    largest = np.maximum.accumulate(np.max([energy[after], energy[count:], held], axis=0))
+    largest = np.maximum.accumulate(np.maximum(np.maximum(energy[after], energy[count:]), held))
     largest = np.append(largest, largest[-1])
     allowed = np.clip(ROUNDINGS * EPS * np.sqrt(system.size) * allowed, SEEN * largest, LOST * largest)
     total = np.cumsum(opening)
@@ -91,21 +92,31 @@ def audit(
         raise SolverFailure(solver, float(np.append(0.0, ends)[k]), reason, REMEDY)
 
 
-def _start(system: System, solution: Solution, t_end: float, solver: str, q0: Array) -> None:
-    """Raise SolverFailure where an observed position starts off by more than START of its largest value."""
+def _start(
+    system: System, solution: Solution, t_end: float, solver: str, q0: Array, ends: tuple[Array, Array]
+) -> None:
+    """Raise SolverFailure where an observed position starts off by more than START of its largest value; ends: the
+    times (k,) and q (k, n) of the ends of all pieces, the start first."""
     if solution.times[0] != 0.0:
         return
-    t = np.linspace(0.0, t_end, 33)
-    early = np.append(0.0, np.geomspace(min(solution.shortest_period, t_end) / 8.0, t_end, 64))  # of what soon dies out
     for channel, (row, _) in enumerate(system.channels):
-        given = float(row @ q0 + solution.offset(system, channel)(t[:1])[0][0])
-        for times in (t, early):
-            u = solution.observed(times, row)[0] + solution.offset(system, channel)(times)[0]
-            if abs(u[0] - given) <= START * max(abs(given), float(np.max(np.abs(u)))):
-                break
-        else:
+        given = float(row @ q0 + solution.offset(system, channel)(np.zeros(1))[0][0])
+        positions = _looks(system, solution, t_end, channel, ends)
+        if all(abs(u[0] - given) > START * max(abs(given), float(np.max(np.abs(u)))) for u in positions):
             reason = "the motion is smaller than the rounding of the amplitudes it is the difference of"
             raise SolverFailure(solver, 0.0, reason, "use method='multiprecision'")
+
+
+def _looks(
+    system: System, solution: Solution, t_end: float, channel: int, ends: tuple[Array, Array]
+) -> Iterator[Array]:
+    """Positions of a channel, its start first: at the switches, between them, and of what soon dies out."""
+    row, shift = system.channels[channel][0], solution.offset(system, channel)
+    yield ends[1] @ row + shift(ends[0])[0]
+    soon = min(solution.shortest_period, t_end) / 8.0
+    for times in (partial(np.linspace, 0.0, t_end, 33), lambda: np.append(0.0, np.geomspace(soon, t_end, 64))):
+        t = times()
+        yield solution.observed(t, row)[0] + shift(t)[0]
 
 
 def _stops(

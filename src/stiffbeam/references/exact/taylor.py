@@ -39,17 +39,18 @@ def coefficients(
             for j in range(n):
                 total -= stiff[i, j] * c[k, j] + (k + 1) * damp[i, j] * c[k + 1, j]
             c[k + 2, i] = down * total
-        for a in range(h):
-            y[a] = shifts[k + 2, a]
-            for i in range(n):
-                y[a] += rows[a, i] * c[k + 2, i]
-        for a in range(h):
-            total = 0.0
-            for b in range(h):
-                total -= held[a, b] * y[b]
-            R[k, a] = total / down
-            for i in range(n):
-                c[k + 2, i] += total * back[i, a]
+        for _ in range(2 if h else 0):  # what rounding leaves of forces that cancel would move a body at rest
+            for a in range(h):
+                y[a] = shifts[k + 2, a]
+                for i in range(n):
+                    y[a] += rows[a, i] * c[k + 2, i]
+            for a in range(h):
+                total = 0.0
+                for b in range(h):
+                    total -= held[a, b] * y[b]
+                R[k, a] += total / down
+                for i in range(n):
+                    c[k + 2, i] += total * back[i, a]
     return c, R
 
 

@@ -177,6 +177,20 @@ class LinearFlow:
             lines.append(z.entries())
         return Series(arb_mat(lines), length, self.bits)
 
+    def terms(self, z: Any, length: Any) -> Array:
+        """(N,): how large the terms of z are over ``length``, were no contact held: a load that rises from zero as a
+        cubic does moves q by its fifth integral. What holds a contact takes them away but for their rounding."""
+        G, rate = self._sizes * float(length), np.abs(np.array(z.entries(), float))
+        total = rate
+        for k in range(1, 2 + DERIVATIVES):
+            rate = G @ rate / k
+            total = total + rate
+        return total
+
+    @cached_property
+    def _sizes(self) -> Array:
+        return np.abs(np.array(self.G.tolist(), float))
+
     def next_edge(self, t: Any, t_end: float) -> Any:
         """The first sample after t, or t_end where that comes before."""
         edges = self.drive.edges

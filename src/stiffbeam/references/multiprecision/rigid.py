@@ -89,7 +89,7 @@ def _require_known(system: System, t_end: float) -> None:
             rule = "have a velocity at its samples, where it moves a rigid stop"
             raise InputError("contact.offset", contact.offset, rule, "take kind='cubic'")
     drive = Drive.of(system)
-    drive.recorded(drive.split(system.loads, system.size)[1], system.size)
+    drive.recorded(drive.loads(system)[1], system.size)
     drive.recorded(drive.offsets(system)[1], len(system.channels))
 
 
@@ -111,19 +111,23 @@ class Solved:
         return cls(motion, digits, bits, np.array([float(x.t) for x in motion.stretches]))
 
     def at(self, t: Array, forms: list[Any]) -> Array:
-        """Forms (k, 1, N) of z at times in any order, (times, k), rounded once."""
+        """Forms (k, 1, N) of z at times in any order, (times, k), rounded once; 0 where that is all that rounding tells:
+        a body at rest on its stop would move by other amounts with other digits."""
         found = np.empty((len(t), len(forms)))
         piece = np.maximum(np.searchsorted(self.times, t, side="right") - 1, 0)
         with carried(self.bits + SPARE):
             rows = arb_mat([form.entries() for form in forms]).transpose()
+            weights = np.abs(np.array(rows.tolist(), float))
             for k in np.unique(piece).tolist():
                 here, stretch = np.flatnonzero(piece == k), self.motion.stretches[k]
                 series = self.motion.flow.series(stretch.regime, stretch.z, stretch.length)
                 coefficients = (series.coefficients * rows).mid()
+                rounding = self.motion.flow.terms(stretch.z, stretch.length) @ weights * 2.0**-self.bits
                 for i, when in zip(here.tolist(), t[here].tolist(), strict=True):
                     x = (arb(when) - stretch.t) / stretch.length
                     values = arb_mat([series.powers(x)]) * coefficients
                     found[i] = [float(y.mid()) for y in values.entries()]
+                found[here] = np.where(np.abs(found[here]) <= rounding, 0.0, found[here])
         return found
 
     def observed(self, t: Array, channel: int) -> tuple[Array, Array]:
