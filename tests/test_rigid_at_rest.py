@@ -130,3 +130,21 @@ def test_a_body_that_is_pressed_on_its_stop_stays_there(name, load):
             assert [c.impulse for c in run.contacts] == pytest.approx(known, rel=1e-12)
     assert [c.impulse for c in runs[0].contacts] == pytest.approx([c.impulse for c in runs[1].contacts], rel=1e-10)
     np.testing.assert_allclose(runs[0].states[0], runs[1].states[0], rtol=0.0, atol=1e-14)
+
+
+def test_two_contacts_that_one_load_lets_go_at_one_time():
+    """Both are pressed by sin(w t) until pi/w, J = 2 p/w, and leave together, one of which e = 0 would hold."""
+    M = [[2.54746271394026, 0.1804747787178271], [0.1804747787178271, 1.3246032388081606]]
+    K = [[1.0841625601336173, -3.446087395232882], [-3.446087395232882, 18.62082480214387]]
+    p = [1.0333753457626227, 0.9078343846283474]
+    contacts = [stop([1.0, 0.0], 0.5, upper=0.0), stop([0.0, 1.0], 0.0, upper=0.0)]
+    system = sb.System.from_matrices(M, K, loads=[(p, sb.Harmonic(1.0, 2.8))], contacts=contacts)
+    t = np.linspace(0.0, 1.5, 31)
+    runs = [sb.reference(system, 1.5, method, t_eval=t) for method in BOTH]
+    for run in runs:
+        assert run.horizon == 1.5
+        assert [c.impulse for c in run.contacts] == pytest.approx(2.0 / 2.8 * np.array(p), rel=1e-12)
+        assert run.contacts[0].fraction == pytest.approx(np.pi / 2.8 / 1.5, rel=1e-12)
+    for mine, known in zip(*(run.contacts for run in runs), strict=True):
+        assert np.max(np.abs(mine.position - known.position)) < 1e-14
+        assert known.position[-1] < -1e-3

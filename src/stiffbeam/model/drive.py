@@ -18,9 +18,10 @@ from .system import System
 from .time_functions import Constant, Harmonic, LoadFunction, parts, parts_of
 
 Term = tuple[Array, LoadFunction]
+Split = tuple[Array, list[Term]]
 SPAN = 32  # steps from one sine to the next
 _KNOWN: WeakKeyDictionary[System, Drive] = WeakKeyDictionary()
-_SPLIT: WeakKeyDictionary[System, dict[tuple[Drive, str], tuple[Array, list[Term]]]] = WeakKeyDictionary()
+_SPLIT: WeakKeyDictionary[System, dict[tuple[Drive, str], Split]] = WeakKeyDictionary()
 
 
 @dataclass(frozen=True)
@@ -92,7 +93,7 @@ class Drive:
             D[k, k + 1], D[k + 1, k] = frequency, -frequency
         return D
 
-    def split(self, terms: Iterable[Term], width: int) -> tuple[Array, list[Term]]:
+    def split(self, terms: Iterable[Term], width: int) -> Split:
         """sum_k p_k f_k(t) = g(t) @ basis + sum over the rest; basis is (d, width).
 
         A Sum is taken term by term. The rest are the terms that are neither Harmonic nor Constant.
@@ -109,21 +110,21 @@ class Drive:
                 rest.append((vector, function))
         return basis, rest
 
-    def loads(self, system: System) -> tuple[Array, list[Term]]:
+    def loads(self, system: System) -> Split:
         """The loads of the system as ``split``: basis (d, n)."""
         return self._once(system, "loads", lambda: self.split(system.loads, system.size))
 
-    def offsets(self, system: System) -> tuple[Array, list[Term]]:
+    def offsets(self, system: System) -> Split:
         """The channel offsets o_c(t) as ``split``: basis (d, channels)."""
 
-        def found() -> tuple[Array, list[Term]]:
+        def found() -> Split:
             units = np.eye(len(system.channels))
             terms = [(units[c], o) for c, (_, o) in enumerate(system.channels) if o is not None]
             return self.split(terms, len(system.channels))
 
         return self._once(system, "offsets", found)
 
-    def _once(self, system: System, what: str, find: Callable[[], tuple[Array, list[Term]]]) -> tuple[Array, list[Term]]:
+    def _once(self, system: System, what: str, find: Callable[[], Split]) -> Split:
         known = _SPLIT.setdefault(system, {})
         if (self, what) not in known:
             basis, rest = find()

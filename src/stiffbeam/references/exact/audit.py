@@ -67,7 +67,8 @@ def audit(
     _start(system, solution, t_end, solver, q0, (when, q))
     after, before = slice(0, count), slice(count, 2 * count - 1)
     # The states, the jumps at the switches, and the start that is given.
-    free = sum(system.free_energies(*(np.vstack([x, x[1:count] - x[before], x0]) for x, x0 in ((q, q0), (v, v0)))))
+    kinetic, elastic = system.free_energies(*(np.vstack([x, x[1:count] - x[before], y]) for x, y in ((q, q0), (v, v0))))
+    free = kinetic + elastic
     stops, inside, held = _stops(system, solution, q, ends, sides)
     energy = free[: 2 * count] + stops
     opening = np.zeros(count + 1)  # at the start, and at the end of every piece
@@ -92,9 +93,7 @@ def audit(
         raise SolverFailure(solver, float(np.append(0.0, ends)[k]), reason, REMEDY)
 
 
-def _start(
-    system: System, solution: Solution, t_end: float, solver: str, q0: Array, ends: tuple[Array, Array]
-) -> None:
+def _start(system: System, solution: Solution, t_end: float, solver: str, q0: Array, ends: tuple[Array, Array]) -> None:
     """Raise SolverFailure where an observed position starts off by more than START of its largest value; ends: the
     times (k,) and q (k, n) of the ends of all pieces, the start first."""
     if solution.times[0] != 0.0:

@@ -75,7 +75,9 @@ class Tracer:
             if still > MOST_AT_ONCE:
                 raise SolverFailure("exact", now, f"{MOST_AT_ONCE} events at one time", "use integrate")
             self.t = edge if event is None and longest == edge - self.t else now
-            self.fresh = {}
+            # Contacts that are let go at one time but for rounding leave together.
+            if event is None or not event[3] or s > TOGETHER * EPS * now:
+                self.fresh = {}
             if event is not None:
                 _, contact, side, lets_go = event
                 (self._let_go if lets_go else self._impact)(contact, side)

@@ -111,8 +111,8 @@ class Solved:
         return cls(motion, digits, bits, np.array([float(x.t) for x in motion.stretches]))
 
     def at(self, t: Array, forms: list[Any]) -> Array:
-        """Forms (k, 1, N) of z at times in any order, (times, k), rounded once; 0 where that is all that rounding tells:
-        a body at rest on its stop would move by other amounts with other digits."""
+        """Forms (k, 1, N) of z at times in any order, (times, k), rounded once; 0 where all of it is rounding, as of a
+        body at rest on its stop."""
         found = np.empty((len(t), len(forms)))
         piece = np.maximum(np.searchsorted(self.times, t, side="right") - 1, 0)
         with carried(self.bits + SPARE):
