@@ -148,3 +148,59 @@ def test_two_contacts_that_one_load_lets_go_at_one_time():
     for mine, known in zip(*(run.contacts for run in runs), strict=True):
         assert np.max(np.abs(mine.position - known.position)) < 1e-14
         assert known.position[-1] < -1e-3
+
+
+@pytest.mark.parametrize("method", BOTH)
+def test_a_contact_that_leaves_is_driven_back_by_a_blow_on_another(method):
+    """Both start on lower stops, A leaves with 0.2, B hits with 1: P_B = 3/2 turns A to 0.2 - 3/4, and that is hit
+    after it, P_A = 3/2 (3/4 - 0.2), which takes half of that from B."""
+    contacts = [stop([1.0, 0.0], lower=0.0), stop([0.0, 1.0], lower=0.0)]
+    M = np.linalg.inv([[1.0, -0.5], [-0.5, 1.0]])
+    system = sb.System.from_matrices(M, np.zeros((2, 2)), contacts=contacts, initial_velocity=[0.2, -1.0])
+    run = sb.reference(system, 1.0, method)
+    P = 1.5 * 0.55
+    # B leaves with 1/2 - P/2 > 0: no more blows.
+    assert [c.impulse for c in run.contacts] == pytest.approx([P, 1.5], rel=1e-12)
+    assert [c.position[-1] for c in run.contacts] == pytest.approx([0.5 * 0.55, 0.5 - 0.5 * P], rel=1e-12)
+
+
+@pytest.mark.parametrize("name", ["constant", "cosine"])
+def test_the_copies_of_what_is_written_as_at_rest_are_at_rest(name):
+    """A copy that is off by a rounding of a speed hit its stop and another contact in turns without end."""
+    if name == "constant":
+        M, K = (
+            [[4.629094976755292, 2.629328087933236], [2.629328087933236, 2.1743132421609435]],
+            [[14.9, 4.8], [4.8, 5.9]],
+        )
+        contacts = [stop([1.0, 0.0], 0.8, lower=0.0), stop([0.0, 1.0], 0.5, lower=0.0)]
+        p, f, v0 = [0.578, 0.329], sb.Constant(1.0), [-1.0146, 0.0]
+    else:
+        M, K = [[0.6275798, 0.6821689], [0.6821689, 7.0349688]], [[6.6, -16.0], [-16.0, 40.3]]
+        contacts = [stop([1.0, 0.0], 0.5, lower=0.0), stop([0.0, 1.0], 0.0, upper=0.0)]
+        p, f, v0 = [-0.00628799629256378, 0.7877514569336045], sb.Harmonic(1.0, 2.8, np.pi / 2.0), [0.0, 0.0]
+    system = sb.System.from_matrices(M, K, loads=[(p, f)], contacts=contacts, initial_velocity=v0)
+    t = np.linspace(0.0, 1.5, 31)
+    run, known = (sb.reference(system, 1.5, method, t_eval=t) for method in BOTH)
+    assert run.horizon == 1.5
+    assert [c.impacts.count for c in run.contacts] == [c.impacts.count for c in known.contacts]
+    assert np.max(np.abs(run.tip - known.tip)) < 1e-11 * np.max(np.abs(known.tip))
+    assert [c.impulse for c in run.contacts] == pytest.approx([c.impulse for c in known.contacts], rel=1e-10)
+
+
+@pytest.mark.parametrize("load", ["sine", "ramp"])
+def test_two_contacts_at_rest_under_a_load_that_rises_from_zero(load):
+    """Who is pressed and who leaves is one question of both, asked of the first derivative that does not vanish."""
+    f = sb.Harmonic(1.0, 2.8) if load == "sine" else sb.Sampled([0.0, 1.0, 9.0], [0.0, 1.0, -3.0], "linear")
+    if load == "sine":
+        M, K, p = [[7.56, 3.98], [3.98, 5.2]], [[0.04, 0.05], [0.05, 1.76]], [-0.213, -1.265]
+        contacts = [stop([1.0, 0.0], lower=0.0), stop([0.0, 1.0], lower=0.0)]
+    else:
+        M, K, p = [[1.01, -0.14], [-0.14, 3.08]], [[7.53, 3.52], [3.52, 2.04]], [-0.0163, 0.677]
+        contacts = [stop([1.0, 0.0], 0.0, lower=0.0), stop([0.0, 1.0], 0.8, upper=0.0)]
+    system = sb.System.from_matrices(M, K, loads=[(p, f)], contacts=contacts)
+    t = np.linspace(0.0, 1.5, 31)
+    run, known = (sb.reference(system, 1.5, method, t_eval=t) for method in BOTH)
+    assert run.horizon >= (1.12 if load == "sine" else 1.5)  # where the sine turns, who leaves is close
+    for mine, other in zip(run.contacts, known.contacts, strict=True):
+        assert np.max(np.abs(mine.position - other.position)) <= 1e-11
+    assert [c.impulse for c in run.contacts] == pytest.approx([c.impulse for c in known.contacts], rel=1e-8)

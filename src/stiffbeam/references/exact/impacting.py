@@ -149,16 +149,23 @@ class Tracer:
                             "initial displacement", u, "lie between rigid stops", "move the stop or the start"
                         )
                     closed[contact] = side
-        resting = {c: side for c, side in closed.items() if self._known_velocity(c) == 0.0}
-        going = {c: side for c, side in closed.items() if side * self._known_velocity(c) > 0.0}
-        for contact in closed.keys() - resting.keys() - going.keys():
-            self.fresh[contact] = (closed[contact], 1, abs(self._velocity(contact)))
+        speeds = {c: side * self._known_velocity(c) for c, side in closed.items()}
+        resting = {c: side for c, side in closed.items() if speeds[c] == 0.0}
+        going = {c: side for c, side in closed.items() if speeds[c] > 0.0}
         if going:
             self.held = dict(resting)
             self._bounce({**resting, **going})
             if self._together(closed, going):
                 self.found.tie = 0.0
-        self._settle({c: side for c, side in closed.items() if c not in self.fresh})
+        at_rest = {c: side for c, side in {**resting, **going}.items() if c not in self.fresh}
+        for contact in closed.keys() - resting.keys() - going.keys():
+            side = closed[contact]
+            left = -side * self._known_velocity(contact)  # after the blows, which may drive it into its stop
+            if left > 0.0:
+                self.fresh[contact] = (side, 1, left)
+            elif left == 0.0:
+                at_rest[contact] = side
+        self._settle(at_rest)
 
     def _together(self, closed: dict[int, int], going: dict[int, int]) -> bool:
         """Whether contacts that move each other start on their stops but for rounding, so that who is hit first is not
@@ -173,6 +180,16 @@ class Tracer:
         terms = zip(self.model.rows[contact].tolist(), self.system.q0.tolist(), strict=True)
         shifted = self.model.shift(contact, 0.0)[0] != 0.0
         return pi or shifted or sum(Fraction(row) * Fraction(q) for row, q in terms) != ratio
+
+    def resting(self) -> list[int]:
+        """Contacts that start at rest on their stops as they are written, not but for rounding."""
+        found = []
+        for contact, each in enumerate(self.system.contacts):
+            still = each.offset is None and not np.any(self.model.rows[contact] * self.system.v0)
+            sides = [side for side, g in ((1, each.stops.g2), (-1, each.stops.g1)) if math.isfinite(g)]
+            if still and not all(self._off(contact, side) for side in sides):
+                found.append(contact)
+        return found
 
     def _velocity(self, contact: int) -> float:
         return float(self.model.rows[contact] @ self.v + self.model.shift(contact, self.t)[1])
@@ -265,7 +282,7 @@ class Tracer:
         # The series brings less than holding the contact that long, and shakes those that are held already.
         self.found.struck += [(self.t, x, -self.held[x] * float(p)) for p, x in zip(P, at, strict=True)]
         self._record(together)
-        self.t, self.q, self.v = self.t + after, value(c, after), rate(c, after)
+        self.t, self.q, self.v, self.fresh = self.t + after, value(c, after), rate(c, after), {}
         return True
 
     def _settle(self, closed: dict[int, int], leaving: int | None = None) -> None:
@@ -274,9 +291,11 @@ class Tracer:
         if not everyone:
             return
         c, _ = self.model.stretch(self.t, self.q, self.v, ())
-        law, r = np.full((self.m, 3), np.inf), np.empty(self.m)
+        law, moved = np.full((self.m, 3), np.inf), c @ self.model.rows.T
+        moved += np.array([self.model.shift(contact, self.t) for contact in range(self.m)]).T
+        # Loads that all rise from zero press by their first derivative that does not vanish.
+        r = next((line for line in moved[2:] if np.any(line[list(everyone)])), moved[2])
         for contact in range(self.m):
-            r[contact] = 2.0 * float(self.model.rows[contact] @ c[2] + self.model.shift(contact, self.t)[2])
             law[contact, 1] = 0.0 if everyone.get(contact) == -1 and contact != leaving else -np.inf
             law[contact, 2] = 0.0 if everyone.get(contact) == 1 and contact != leaving else np.inf
         R = solve_node(r, self.compliance, law)

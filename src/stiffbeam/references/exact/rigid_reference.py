@@ -39,11 +39,12 @@ def solve_rigid(
     Takes any damping, several contacts, moving stops, functions of time made of Harmonic, Constant and Sampled.
     Contacts are recorded from ``since`` on. Its horizon, not a number unless ``trusted``, is the time to which it
     agrees with COPIES of itself, made of other stretches from a start whose velocities are off by a few roundings of
-    the largest: in positions of the tip and of every contact to APART of the largest, in impact times likewise and to a
-    fortieth of the mean time between them. Before two contacts that move each other close at one time but for rounding
-    it ends: the order decides what follows. Raises InputError for compliant stops beside rigid ones, for stops without
-    restitution, dependent contacts, other functions of time, more than 200 000 impacts (e = 1 with a lasting load has
-    infinitely many); SolverFailure where it cannot go on, or its energy balance is open.
+    the largest, but for contacts that are written as at rest on their stops: in positions of the tip and of every
+    contact to APART of the largest, in impact times likewise and to a fortieth of the mean time between them. Before
+    two contacts that move each other close at one time but for rounding it ends: the order decides what follows.
+    Raises InputError for compliant stops beside rigid ones, for stops without restitution, dependent contacts, other
+    functions of time, more than 200 000 impacts (e = 1 with a lasting load has infinitely many); SolverFailure where
+    it cannot go on, or its energy balance is open.
     """
     begun = clock()
     positive("t_end", t_end)
@@ -232,9 +233,13 @@ def _horizon(system: System, found: Reference, t: Array, t_end: float) -> float:
     slowest = slowest[slowest > 1e-6 * np.max(slowest, initial=0.0)]
     longest = APART * 2.0 * np.pi / float(np.min(slowest)) if len(slowest) else APART * t_end
     fastest = float(np.max(np.abs(found.states[1])))
+    tracer = Tracer(system)
+    rows, back = (x[tracer.resting()] for x in (tracer.model.rows, tracer.model.back.T))
     for radians, roundings in COPIES:
-        off = roundings * eps * fastest * (-1.0) ** np.arange(system.size)
-        moved = replace(system, v0=system.v0 + off)
+        off = (-1.0) ** np.arange(system.size)
+        off -= back.T @ np.linalg.solve(rows @ back.T, rows @ off)  # what is written as at rest is at rest
+        off[np.abs(off) < 16.0 * eps] = 0.0
+        moved = replace(system, v0=system.v0 + roundings * eps * fastest * off)
         copy = Tracer(moved, radians).solve(t_end)
         q, v, _ = copy.at(t)
         for channel, path, scale in seen:
