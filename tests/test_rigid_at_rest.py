@@ -204,3 +204,18 @@ def test_two_contacts_at_rest_under_a_load_that_rises_from_zero(load):
     for mine, other in zip(run.contacts, known.contacts, strict=True):
         assert np.max(np.abs(mine.position - other.position)) <= 1e-11
     assert [c.impulse for c in run.contacts] == pytest.approx([c.impulse for c in known.contacts], rel=1e-8)
+
+
+def test_more_blows_with_more_digits_are_the_same_motion():
+    """Two contacts hit each other in turns until they rest, infinitely often: with more digits that goes on longer."""
+    M = [[6.86, 1.77, -0.54, -2.88], [1.77, 1.48, 0.17, -1.07], [-0.54, 0.17, 1.55, -0.78], [-2.88, -1.07, -0.78, 3.19]]
+    K = [[28.8, 9.4, 32.3, 7.8], [9.4, 22.1, 3.3, 1.5], [32.3, 3.3, 56.9, 1.9], [7.8, 1.5, 1.9, 29.6]]
+    contacts = [stop(np.eye(4)[0], 0.5, upper=0.0), stop(np.eye(4)[1], 0.0, upper=0.0)]
+    loads = [([-0.596, 0.1236, -1.968, -0.3668], sb.Harmonic(1.0, 2.8))]
+    system = sb.System.from_matrices(M, K, loads=loads, contacts=contacts)
+    t = np.linspace(0.0, 1.5, 31)
+    known, run = (sb.reference(system, 1.5, method, t_eval=t) for method in ("multiprecision", "exact"))
+    assert known.provenance["digits"] < 100
+    assert run.horizon == known.horizon == 1.5
+    assert np.max(np.abs(run.tip - known.tip)) < 1e-14
+    assert [c.impulse for c in run.contacts] == pytest.approx([c.impulse for c in known.contacts], rel=1e-10)

@@ -24,7 +24,7 @@ from ...trajectory.trajectory import Reference, SolverFailure, Work, versions
 from ..request import Request, output_times
 from ..rigid_stops import require_rigid
 from .first_zero import Undecided
-from .impacting import March, Motion
+from .impacting import Impact, March, Motion
 from .rational import carried
 
 FIRST = 40  # digits to begin with
@@ -226,13 +226,25 @@ class Solved:
 
 def _agreement(a: Solved, b: Solved, t_end: float) -> float:
     """The time to which the impacts of two solutions agree."""
-    mine, theirs = a.motion.impacts, b.motion.impacts
+    mine, theirs = _apart(a.motion.impacts), _apart(b.motion.impacts)
     for x, y in zip(mine, theirs, strict=False):
         same = (x.contact, x.side) == (y.contact, y.side)
         if not same or not abs(x.time - y.time) <= AGREEMENT * y.time:
             return min(float(x.time), float(y.time))
     n = min(len(mine), len(theirs))
     return min([t_end, *(float(x.time) for x in (*mine[n:], *theirs[n:]))])
+
+
+def _apart(impacts: list[Impact]) -> list[Impact]:
+    """Without those that come within AGREEMENT after another of their contact: two contacts that hit each other in
+    turns until they rest do so more often with more digits."""
+    found: list[Impact] = []
+    before: dict[int, Any] = {}
+    for x in impacts:
+        if x.contact not in before or x.time - before[x.contact] > AGREEMENT * x.time:
+            found.append(x)
+        before[x.contact] = x.time
+    return found
 
 
 def _outputs(a: Reference, b: Reference) -> float:
