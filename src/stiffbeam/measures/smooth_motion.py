@@ -43,7 +43,7 @@ def steady_state(system: System) -> tuple[Array, Array]:
     """
     basis = uncoupled_modes(system)
     drive = Drive.of(system)
-    unit, samples = drive.loads(system)
+    unit, samples = drive.split(system.loads, system.size)
     if samples:
         remedy = "replace the samples by a Harmonic"
         raise InputError("loads", "a sampled load", "be harmonic or constant for the steady motion", remedy)

@@ -10,7 +10,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import Array, read_only
+from ..basics.arrays import Array
 from ..basics.exact_float import exact_value
 from ..basics.validation import InputError
 from .sampled import Sampled, moved
@@ -18,10 +18,8 @@ from .system import System
 from .time_functions import Constant, Harmonic, LoadFunction, parts, parts_of
 
 Term = tuple[Array, LoadFunction]
-Split = tuple[Array, list[Term]]
 SPAN = 32  # steps from one sine to the next
 _KNOWN: WeakKeyDictionary[System, Drive] = WeakKeyDictionary()
-_SPLIT: WeakKeyDictionary[System, dict[tuple[Drive, str], Split]] = WeakKeyDictionary()
 
 
 @dataclass(frozen=True)
@@ -93,7 +91,7 @@ class Drive:
             D[k, k + 1], D[k + 1, k] = frequency, -frequency
         return D
 
-    def split(self, terms: Iterable[Term], width: int) -> Split:
+    def split(self, terms: Iterable[Term], width: int) -> tuple[Array, list[Term]]:
         """sum_k p_k f_k(t) = g(t) @ basis + sum over the rest; basis is (d, width).
 
         A Sum is taken term by term. The rest are the terms that are neither Harmonic nor Constant.
@@ -110,26 +108,11 @@ class Drive:
                 rest.append((vector, function))
         return basis, rest
 
-    def loads(self, system: System) -> Split:
-        """The loads of the system as ``split``: basis (d, n)."""
-        return self._once(system, "loads", lambda: self.split(system.loads, system.size))
-
-    def offsets(self, system: System) -> Split:
+    def offsets(self, system: System) -> tuple[Array, list[Term]]:
         """The channel offsets o_c(t) as ``split``: basis (d, channels)."""
-
-        def found() -> Split:
-            units = np.eye(len(system.channels))
-            terms = [(units[c], o) for c, (_, o) in enumerate(system.channels) if o is not None]
-            return self.split(terms, len(system.channels))
-
-        return self._once(system, "offsets", found)
-
-    def _once(self, system: System, what: str, find: Callable[[], Split]) -> Split:
-        known = _SPLIT.setdefault(system, {})
-        if (self, what) not in known:
-            basis, rest = find()
-            known[self, what] = read_only(basis), rest
-        return known[self, what]
+        units = np.eye(len(system.channels))
+        terms = [(units[c], o) for c, (_, o) in enumerate(system.channels) if o is not None]
+        return self.split(terms, len(system.channels))
 
     def recorded(self, rest: Iterable[Term], width: int) -> Array:
         """The rest of ``split`` as amplitudes of the records, (R, width). Raises InputError for a term that is none."""

@@ -15,7 +15,6 @@ from __future__ import annotations
 
 from collections.abc import Generator, Iterator
 from contextlib import contextmanager
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -112,10 +111,10 @@ def _looks(
     """Positions of a channel, its start first: at the switches, between them, and of what soon dies out."""
     row, shift = system.channels[channel][0], solution.offset(system, channel)
     yield ends[1] @ row + shift(ends[0])[0]
-    soon = min(solution.shortest_period, t_end) / 8.0
-    for times in (partial(np.linspace, 0.0, t_end, 33), lambda: np.append(0.0, np.geomspace(soon, t_end, 64))):
-        t = times()
-        yield solution.observed(t, row)[0] + shift(t)[0]
+    t = np.linspace(0.0, t_end, 33)
+    yield solution.observed(t, row)[0] + shift(t)[0]
+    t = np.append(0.0, np.geomspace(min(solution.shortest_period, t_end) / 8.0, t_end, 64))
+    yield solution.observed(t, row)[0] + shift(t)[0]
 
 
 def _stops(

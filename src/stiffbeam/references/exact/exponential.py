@@ -153,7 +153,7 @@ class ExponentialSolution:
         """
         if self.drive.records or any(regime.chains for regime in self.regimes.values()):
             return measured_work(self, system, edges)
-        force = phasors(self.drive.loads(system)[0])  # (1 + F, n)
+        force = phasors(self.drive.split(system.loads, system.size)[0])  # (1 + F, n)
         offsets = phasors(self.drive.offsets(system)[0])  # (1 + F, channels)
         drive_rates = 1j * np.array([0.0, *self.drive.frequencies])
         piece = self.piece_at(edges[:-1])

@@ -96,7 +96,7 @@ def regime_of(
         rng = np.random.default_rng([perturbation.seed, *(side + 1 for side in chi)])
         basis = perturbed_modes(system, springs, basis, perturbation.frequency, rng)
     omega, shapes = np.where(rigid, 0.0, basis.omega), basis.shapes  # what strains nothing does so in every copy
-    force, rest = drive.loads(system)
+    force, rest = drive.split(system.loads, system.size)
     offsets, moving = drive.offsets(system)
     records, moved = drive.recorded(rest, system.size), drive.recorded(moving, offsets.shape[1])
     C = system.damping.copy()

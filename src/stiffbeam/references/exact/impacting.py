@@ -186,8 +186,8 @@ class Tracer:
         found = []
         for contact, each in enumerate(self.system.contacts):
             still = each.offset is None and not np.any(self.model.rows[contact] * self.system.v0)
-            sides = [side for side, g in ((1, each.stops.g2), (-1, each.stops.g1)) if math.isfinite(g)]
-            if still and not all(self._off(contact, side) for side in sides):
+            stops = (1, each.stops.g2), (-1, each.stops.g1)
+            if still and any(math.isfinite(g) and not self._off(contact, side) for side, g in stops):
                 found.append(contact)
         return found
 

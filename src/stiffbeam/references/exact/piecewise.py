@@ -179,6 +179,6 @@ def refuse(system: System, t_end: float) -> None:
             rule, remedy = "be made of Harmonic and Constant where the stop is damped", "use method='cvode'"
             raise InputError("contact.offset", contact.offset, rule, remedy)
     drive = Drive.of(system)
-    drive.recorded(drive.loads(system)[1], system.size)
+    drive.recorded(drive.split(system.loads, system.size)[1], system.size)
     drive.recorded(drive.offsets(system)[1], len(system.channels))
     covered([*(f for _, f in system.loads), *(offset for _, offset in system.channels)], t_end)

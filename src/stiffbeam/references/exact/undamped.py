@@ -92,7 +92,7 @@ class Solution:
         """
         nodes, weights = np.polynomial.legendre.leggauss(10)
         index, left, width = panels(self.shortest_period, edges[:-1], edges[1:])
-        basis, _ = self.drive.loads(system)
+        basis, _ = self.drive.split(system.loads, system.size)
         moving = [(c, self.offset(system, i)) for i, c in enumerate(system.contacts) if c.offset is not None]
         work = np.zeros(len(left))
         for part in np.array_split(np.arange(len(left)), max(1, len(left) // 20_000)):

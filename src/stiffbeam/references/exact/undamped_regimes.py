@@ -39,7 +39,7 @@ class Parts:
     def __init__(self, system: System, known: dict[float, Modes] | None = None, span: float = math.inf) -> None:
         known = _KNOWN.setdefault(system, {}) if known is None else known
         self.system, self.drive = system, Drive.of(system)
-        basis, _ = self.drive.loads(system)
+        basis, _ = self.drive.split(system.loads, system.size)
         offsets, _ = self.drive.offsets(system)
         self.row, self.offset = system.channels[0][0], offsets[:, 0]
         self.springs: list[tuple[tuple[Array, float], ...]] = [()]

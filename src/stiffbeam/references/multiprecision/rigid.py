@@ -89,7 +89,7 @@ def _require_known(system: System, t_end: float) -> None:
             rule = "have a velocity at its samples, where it moves a rigid stop"
             raise InputError("contact.offset", contact.offset, rule, "take kind='cubic'")
     drive = Drive.of(system)
-    drive.recorded(drive.loads(system)[1], system.size)
+    drive.recorded(drive.split(system.loads, system.size)[1], system.size)
     drive.recorded(drive.offsets(system)[1], len(system.channels))
 
 
@@ -226,7 +226,7 @@ class Solved:
 
 def _agreement(a: Solved, b: Solved, t_end: float) -> float:
     """The time to which the impacts of two solutions agree."""
-    mine, theirs = _apart(a.motion.impacts), _apart(b.motion.impacts)
+    mine, theirs = _distinct(a.motion.impacts), _distinct(b.motion.impacts)
     for x, y in zip(mine, theirs, strict=False):
         same = (x.contact, x.side) == (y.contact, y.side)
         if not same or not abs(x.time - y.time) <= AGREEMENT * y.time:
@@ -235,7 +235,7 @@ def _agreement(a: Solved, b: Solved, t_end: float) -> float:
     return min([t_end, *(float(x.time) for x in (*mine[n:], *theirs[n:]))])
 
 
-def _apart(impacts: list[Impact]) -> list[Impact]:
+def _distinct(impacts: list[Impact]) -> list[Impact]:
     """Without those that come within AGREEMENT after another of their contact: two contacts that hit each other in
     turns until they rest do so more often with more digits."""
     found: list[Impact] = []
