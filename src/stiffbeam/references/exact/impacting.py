@@ -14,17 +14,16 @@ radians, the rest of the series is summed with a and a' as they are, the speed t
 from __future__ import annotations
 
 import math
-from fractions import Fraction
 
 import numpy as np
 
 from ...basics.arrays import Array
-from ...basics.exact_float import exact_value
 from ...basics.validation import InputError
 from ...model.active_set import solve_node
 from ...model.system import System
 from ...trajectory.trajectory import SolverFailure
 from .impacted import Event, Solution
+from .starting import off_stop, on_stops
 from .taylor import Model, first_zero, rate, value
 from .touching import EPS
 
@@ -34,8 +33,9 @@ MOST_IMPACTS = 200_000
 NOTHING = 1e-100  # of the fastest impact: contacts that throw each other off by less are at rest
 MOST_AT_ONCE = 10_000
 TOGETHER = 16.0  # roundings of the time: which of two contacts closes first is not known
+SLOW = 1e-12  # of the fastest impact: of two that are so slow it does not matter which comes first
 ROUNDINGS = 4.0  # of a velocity
-LEFT = 1e-12  # of the distance between a stop and a start, relative: the start is on the stop
+RELEASED = 3  # zeros of the gap of a contact that presses no more
 
 
 class Tracer:
@@ -43,6 +43,7 @@ class Tracer:
 
     def __init__(self, system: System, radians: float = RADIANS) -> None:
         self.system, self.model, self.radians = system, Model.of(system), radians
+        self.radian = 1.0 / self.model.fastest if self.model.fastest else math.inf  # of the fastest motion, a time
         self.m = len(system.contacts)
         self.e = np.array([contact.stops.restitution for contact in system.contacts], float)
         self.compliance = np.ascontiguousarray(self.model.rows @ self.model.back)
@@ -54,7 +55,8 @@ class Tracer:
         self.found = Solution(model)
         self.held: dict[int, int] = {}
         self.fastest = 0.0  # speed of an impact so far
-        self.fresh: dict[int, tuple[int, int, float]] = {}  # contact at its stop: side, zeros of its gap, its speed
+        # A contact at its stop: side, zeros of its gap or, where it is held, of its reaction, and its speed.
+        self.fresh: dict[int, tuple[int, int, float]] = {}
         self._start()
         still = 0
         while self.t < t_end:
@@ -62,10 +64,9 @@ class Tracer:
             c, R = model.stretch(self.t, self.q, self.v, held)
             self._record(held)
             edge = model.next_edge(self.t, t_end)
-            longest = min(edge - self.t, self.radians / model.fastest if model.fastest else math.inf)
+            longest = min(edge - self.t, self.radians * self.radian)
             events = self._next(c, R, held, longest)
             event = events[0] if events else None
-            self._note_tie(events)
             s = longest if event is None else event[0]
             if not s > 0.0 and event is None:
                 raise SolverFailure("exact", self.t, "time does not go on in float64", "use integrate")
@@ -75,12 +76,14 @@ class Tracer:
             if still > MOST_AT_ONCE:
                 raise SolverFailure("exact", now, f"{MOST_AT_ONCE} events at one time", "use integrate")
             self.t = edge if event is None and longest == edge - self.t else now
-            # Contacts that are let go at one time but for rounding leave together.
-            if event is None or not event[3] or s > TOGETHER * EPS * now:
-                self.fresh = {}
-            if event is not None:
-                _, contact, side, lets_go = event
-                (self._let_go if lets_go else self._impact)(contact, side)
+            near = TOGETHER * EPS * now
+            self._note_tie(events, s)
+            before, self.fresh = (self.fresh if s <= near else {}), {}
+            if event is not None and event[3]:
+                released = {x: side for x, (side, zeros, _) in before.items() if zeros == RELEASED}
+                self._let_go(released | {x: side for after, x, side, ends in events if ends and after - s <= near})
+            elif event is not None:
+                self._impact({x: side for after, x, side, ends in events if not ends and after - s <= near})
         for event in self.found.events:
             if math.isnan(event.end) and event.contact in self.held and event is self._last(event.contact):
                 continue  # still held
@@ -111,7 +114,9 @@ class Tracer:
         of time."""
         events: list[tuple[float, int, int, bool]] = []
         for i, contact in enumerate(held):
-            s = first_zero(-self.held[contact] * R[:, i], longest, 0)
+            reaction, zeros = -self.held[contact] * R[:, i], int(contact in self.fresh)
+            reaction[:zeros] = 0.0
+            s = first_zero(reaction, longest, zeros)
             if s is not None:
                 events.append((s, contact, self.held[contact], True))
         for contact in range(self.m):
@@ -130,25 +135,18 @@ class Tracer:
                     events.append((s, contact, side, False))
         return sorted(events, key=lambda event: event[0])
 
-    def _note_tie(self, events: list[tuple[float, int, int, bool]]) -> None:
-        """Two contacts that close within TOGETHER roundings of the time, each of which moves the other."""
-        if len(events) > 1 and not any(event[3] or event[1] in self.fresh for event in events[:2]):
-            (s, a, *_), (later, b, *_) = events[:2]
-            if later - s <= TOGETHER * EPS * (self.t + s) and self.compliance[a, b]:
-                self.found.tie = min(self.found.tie, self.t + s)
+    def _note_tie(self, events: list[tuple[float, int, int, bool]], s: float) -> None:
+        """Now, after s: two contacts that move each other, of which one is hit and which comes first is not known."""
+        if len(events) > 1 and not (events[0][3] and events[1][3]):
+            (_, a, _, _), (later, b, _, _) = events[:2]
+            known = s if {a, b} <= self.fresh.keys() else self.t  # what the times are known relative to
+            speed = min(abs(self._velocity(x)) for _, x, _, ends in events[:2] if not ends)
+            if later - s <= TOGETHER * EPS * known and self.compliance[a, b] and speed > SLOW * self.fastest:
+                self.found.tie = min(self.found.tie, self.t)
 
     def _start(self) -> None:
         """Contacts on their stops at t = 0."""
-        closed = {}
-        for contact, each in enumerate(self.system.contacts):
-            u = float(self.model.rows[contact] @ self.q + self.model.shift(contact, 0.0)[0])
-            for side, g in ((1, each.stops.g2), (-1, each.stops.g1)):
-                if math.isfinite(g) and side * (u - g) >= -LEFT * abs(g):
-                    if side * (u - g) > LEFT * abs(g):
-                        raise InputError(
-                            "initial displacement", u, "lie between rigid stops", "move the stop or the start"
-                        )
-                    closed[contact] = side
+        closed = on_stops(self.model)
         speeds = {c: side * self._known_velocity(c) for c, side in closed.items()}
         resting = {c: side for c, side in closed.items() if speeds[c] == 0.0}
         going = {c: side for c, side in closed.items() if speeds[c] > 0.0}
@@ -171,25 +169,7 @@ class Tracer:
         """Whether contacts that move each other start on their stops but for rounding, so that who is hit first is not
         known."""
         joined = {c for c in closed for x in going if c != x and self.compliance[c, x]}
-        return any(self._off(c, closed[c]) for c in joined | (going.keys() if joined else set()))
-
-    def _off(self, contact: int, side: int) -> bool:
-        """Whether the start, as it is written, is not exactly on the stop."""
-        each = self.system.contacts[contact]
-        ratio, pi = exact_value(each.stops.upper if side > 0 else each.stops.lower)  # type: ignore[arg-type]
-        terms = zip(self.model.rows[contact].tolist(), self.system.q0.tolist(), strict=True)
-        shifted = self.model.shift(contact, 0.0)[0] != 0.0
-        return pi or shifted or sum(Fraction(row) * Fraction(q) for row, q in terms) != ratio
-
-    def resting(self) -> list[int]:
-        """Contacts that start at rest on their stops as they are written, not but for rounding."""
-        found = []
-        for contact, each in enumerate(self.system.contacts):
-            still = each.offset is None and not np.any(self.model.rows[contact] * self.system.v0)
-            stops = (1, each.stops.g2), (-1, each.stops.g1)
-            if still and any(math.isfinite(g) and not self._off(contact, side) for side, g in stops):
-                found.append(contact)
-        return found
+        return any(off_stop(self.model, c, closed[c]) for c in joined | (going.keys() if joined else set()))
 
     def _velocity(self, contact: int) -> float:
         return float(self.model.rows[contact] @ self.v + self.model.shift(contact, self.t)[1])
@@ -204,18 +184,19 @@ class Tracer:
         terms = np.abs(self.model.rows[contact]) @ np.abs(self.v) + abs(self.model.shift(contact, self.t)[1])
         return ROUNDINGS * EPS * float(terms)
 
-    def _impact(self, contact: int, side: int) -> None:
+    def _impact(self, hits: dict[int, int]) -> None:
         if len(self.found.events) >= MOST_IMPACTS:
             rule = f"hold at most {MOST_IMPACTS} impacts"
             raise InputError("t_end", self.t, rule, f"end before t = {self.t:.6g}, or take e < 1")
-        others, now = dict(self.held), self.t
-        self._bounce({**others, contact: side})
-        self._settle({c: s for c, s in {**others, contact: side}.items() if c not in self.fresh})
-        if contact in self.fresh and self._complete(contact, side):
-            self._settle({})
-        last = self._last(contact)
-        if contact in self.held and (last is None or not math.isnan(last.end)):  # it came to be held without a blow
-            self.found.events.append(Event(contact, side, now, 0.0))
+        closed, now = {**self.held, **hits}, self.t
+        self._bounce(closed)
+        self._settle({c: side for c, side in closed.items() if c not in self.fresh})
+        for contact, side in hits.items():
+            if contact in self.fresh and self._complete(contact, side):
+                self._settle({})
+            last = self._last(contact)
+            if contact in self.held and (last is None or not math.isnan(last.end)):  # it came to be held without a blow
+                self.found.events.append(Event(contact, side, now, 0.0))
 
     def _bounce(self, closed: dict[int, int]) -> None:
         """Newton's law at the contacts ``closed``: those that leave are fresh, the others are held no more and
@@ -223,11 +204,7 @@ class Tracer:
         before = np.array([self._velocity(c) for c in range(self.m)])
         before[[c for c in closed if c in self.held]] = 0.0
         self.fastest = max(self.fastest, float(np.max(np.abs(before))))
-        law = np.full((self.m, 3), np.inf)
-        for c in range(self.m):
-            law[c, 1] = 0.0 if closed.get(c) == -1 else -np.inf
-            law[c, 2] = 0.0 if closed.get(c) == 1 else np.inf
-        P = solve_node((1.0 + self.e) * before, self.compliance, law)
+        P = solve_node((1.0 + self.e) * before, self.compliance, self._law(closed))
         energy = self._kinetic()
         self.v = self.v + self.model.back @ P
         after = before + self.compliance @ P
@@ -246,6 +223,14 @@ class Tracer:
             if leaves:
                 self.fresh[c] = (side, 1, float(-side * after[c]))
 
+    def _law(self, closed: dict[int, int], firm: frozenset[int] = frozenset()) -> Array:
+        """Stops (m, 3) at 0 for ``solve_node``: on the sides where contacts are closed, on both of those that stay."""
+        law = np.full((self.m, 3), np.inf)
+        for c in range(self.m):
+            law[c, 1] = 0.0 if c in firm or closed.get(c) == -1 else -np.inf
+            law[c, 2] = 0.0 if c in firm or closed.get(c) == 1 else np.inf
+        return law
+
     def _complete(self, contact: int, side: int) -> bool:
         """Where the impacts to come are over within CHATTER radians: take the speed and hold. Whether that is so."""
         e, speed = float(self.e[contact]), self.fresh[contact][2]
@@ -253,7 +238,7 @@ class Tracer:
         c, _ = self.model.stretch(self.t, self.q, self.v, held)
         gap = self._gap(contact, side, c)
         a, j = -2.0 * gap[2], -6.0 * gap[3]
-        short = CHATTER * min(1.0 / self.model.fastest if self.model.fastest else math.inf, max(self.t, 1e-300))
+        short = CHATTER * min(self.radian, max(self.t, 1e-300))
         if e >= 1.0 or a <= 0.0 or not 2.0 * speed < max(short * a * (1.0 - e), 2.0 * self._rounding(contact)):
             return False
         after, v = 0.0, speed  # a sample that comes before bends the rest by less than CHATTER of it
@@ -272,7 +257,8 @@ class Tracer:
         c, R = self.model.stretch(self.t, self.q, self.v, together)
         fresh = self.fresh.pop(contact)
         events = self._next(c, R, together, after)
-        if events and not events[0][3] and self.t + after > self.t:  # another impact comes first
+        another = bool(events) and not events[0][3] and self.t + after > self.t  # an impact that comes before the last
+        if another and np.count_nonzero(self.compliance[contact]) > 1:
             self.v, self.fresh[contact] = before[0], fresh
             del self.held[contact]
             return False
@@ -281,31 +267,29 @@ class Tracer:
         self.found.stuck.append((self.t + after, contact))
         # The series brings less than holding the contact that long, and shakes those that are held already.
         self.found.struck += [(self.t, x, -self.held[x] * float(p)) for p, x in zip(P, at, strict=True)]
-        self._record(together)
-        self.t, self.q, self.v, self.fresh = self.t + after, value(c, after), rate(c, after), {}
+        if not another:
+            self._record(together)
+            self.t, self.q, self.v, self.fresh = self.t + after, value(c, after), rate(c, after), {}
         return True
 
-    def _settle(self, closed: dict[int, int], leaving: int | None = None) -> None:
+    def _settle(self, closed: dict[int, int]) -> None:
         """Contacts at rest on their stops, the held ones with them: held where they press, else they leave."""
         everyone = {**self.held, **closed}
         if not everyone:
             return
         c, _ = self.model.stretch(self.t, self.q, self.v, ())
-        law, moved = np.full((self.m, 3), np.inf), c @ self.model.rows.T
+        moved = c @ self.model.rows.T
         moved += np.array([self.model.shift(contact, self.t) for contact in range(self.m)]).T
         # Loads that all rise from zero press by their first derivative that does not vanish.
         r = next((line for line in moved[2:] if np.any(line[list(everyone)])), moved[2])
-        for contact in range(self.m):
-            law[contact, 1] = 0.0 if everyone.get(contact) == -1 and contact != leaving else -np.inf
-            law[contact, 2] = 0.0 if everyone.get(contact) == 1 and contact != leaving else np.inf
-        R = solve_node(r, self.compliance, law)
+        R = solve_node(r, self.compliance, self._law(everyone))
         c, _ = self.model.stretch(self.t, self.q, self.v, tuple(sorted(x for x in everyone if R[x])))
         for contact, side in everyone.items():
-            if R[contact] or (contact != leaving and self._stays(self._gap(contact, side, c)[2:])):
+            if R[contact] or self._stays(self._gap(contact, side, c)[2:]):
                 self.held[contact] = side
             else:
                 self.held.pop(contact, None)
-                self.fresh[contact] = (side, 3 if contact == leaving else 2, 0.0)
+                self.fresh[contact] = (side, 2, 0.0)
                 self._end(contact)
         at = sorted(self.held)
         if at:  # on the stop but for rounding
@@ -325,8 +309,25 @@ class Tracer:
         u = float(self.model.rows[contact] @ self.q + self.model.shift(contact, self.t)[0])
         return u - (stops.g2 if side > 0 else stops.g1)
 
-    def _let_go(self, contact: int, side: int) -> None:
-        self._settle({}, contact)
+    def _let_go(self, sides: dict[int, int]) -> None:
+        """Contacts that press no more, at one time but for rounding: by the first derivative of the reactions those go
+        on that the others that leave press on their stops again."""
+        everyone = {**self.held, **sides}
+        at = sorted(everyone)
+        _, R = self.model.stretch(self.t, self.q, self.v, tuple(at))
+        firm = frozenset(everyone.keys() - sides.keys())
+        slopes = solve_node(-self.compliance[:, at] @ R[1], self.compliance, self._law(everyone, firm))
+        for contact, side in sides.items():
+            last = self._last(contact)
+            if slopes[contact]:
+                if contact not in self.held and last is not None:
+                    last.end = math.nan  # it had left at this time
+                self.held[contact] = side
+                self.fresh[contact] = (side, 1, 0.0)
+            else:
+                self.held.pop(contact, None)
+                self.fresh[contact] = (side, RELEASED, 0.0)
+                self._end(contact)
 
     def _end(self, contact: int) -> None:
         last = self._last(contact)

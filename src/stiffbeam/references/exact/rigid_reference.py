@@ -23,6 +23,8 @@ from ..rigid_stops import require_rigid
 from .audit import ROUNDINGS, within_float64
 from .impacted import Solution
 from .impacting import RADIANS, Tracer
+from .starting import at_rest
+from .taylor import Model
 from .touching import EPS
 
 COPIES = ((0.7, 4.0), (0.55, -4.0), (0.85, 16.0))  # radians a stretch, and roundings by which the start is faster
@@ -42,6 +44,8 @@ def solve_rigid(
     the largest, but for contacts that are written as at rest on their stops: in positions of the tip and of every
     contact to APART of the largest, in impact times likewise and to a fortieth of the mean time between them. Before
     two contacts that move each other close at one time but for rounding it ends: the order decides what follows.
+    Impacts that two contacts deal each other without end are counted as far as float64 tells them apart: how many is
+    not a number of the motion.
     Raises InputError for compliant stops beside rigid ones, for stops without restitution, dependent contacts, other
     functions of time, more than 200 000 impacts (e = 1 with a lasting load has infinitely many); SolverFailure where
     it cannot go on, or its energy balance is open.
@@ -233,8 +237,8 @@ def _horizon(system: System, found: Reference, t: Array, t_end: float) -> float:
     slowest = slowest[slowest > 1e-6 * np.max(slowest, initial=0.0)]
     longest = APART * 2.0 * np.pi / float(np.min(slowest)) if len(slowest) else APART * t_end
     fastest = float(np.max(np.abs(found.states[1])))
-    tracer = Tracer(system)
-    rows, back = (x[tracer.resting()] for x in (tracer.model.rows, tracer.model.back.T))
+    model: Model = found.solution.model
+    rows, back = (x[at_rest(model)] for x in (model.rows, model.back.T))
     for radians, roundings in COPIES:
         off = (-1.0) ** np.arange(system.size)
         off -= back.T @ np.linalg.solve(rows @ back.T, rows @ off)  # what is written as at rest is at rest
