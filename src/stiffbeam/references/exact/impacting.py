@@ -23,8 +23,8 @@ from ...model.active_set import solve_node
 from ...model.system import System
 from ...trajectory.trajectory import SolverFailure
 from .impacted import Event, Solution
-from .starting import off_stop, on_stops
-from .taylor import Model, first_zero, rate, value
+from .starting import on_stops, together_but_for_rounding
+from .taylor import Model, first_zero, rate, stays, value
 from .touching import EPS
 
 RADIANS = 1.0  # of the fastest motion, in one stretch
@@ -32,6 +32,7 @@ CHATTER = 1e-6
 MOST_IMPACTS = 200_000
 NOTHING = 1e-100  # of the fastest impact: contacts that throw each other off by less are at rest
 MOST_AT_ONCE = 10_000
+TURNS = 100  # events at one time, after which contacts that are SLOW come to rest
 TOGETHER = 16.0  # roundings of the time: which of two contacts closes first is not known
 SLOW = 1e-12  # of the fastest impact: of two that are so slow it does not matter which comes first
 ROUNDINGS = 4.0  # of a velocity
@@ -58,7 +59,7 @@ class Tracer:
         # A contact at its stop: side, zeros of its gap or, where it is held, of its reaction, and its speed.
         self.fresh: dict[int, tuple[int, int, float]] = {}
         self._start()
-        still = 0
+        still, turns = 0, dict[int, int]()  # events at one time, and the contacts hit in them
         while self.t < t_end:
             held = tuple(sorted(self.held))
             c, R = model.stretch(self.t, self.q, self.v, held)
@@ -72,7 +73,7 @@ class Tracer:
                 raise SolverFailure("exact", self.t, "time does not go on in float64", "use integrate")
             now = self.t + s
             self.q, self.v = value(c, s), rate(c, s)
-            still = 0 if now > self.t else still + 1
+            still, turns = (0, {}) if now > self.t else (still + 1, turns)
             if still > MOST_AT_ONCE:
                 raise SolverFailure("exact", now, f"{MOST_AT_ONCE} events at one time", "use integrate")
             self.t = edge if event is None and longest == edge - self.t else now
@@ -83,7 +84,10 @@ class Tracer:
                 released = {x: side for x, (side, zeros, _) in before.items() if zeros == RELEASED}
                 self._let_go(released | {x: side for after, x, side, ends in events if ends and after - s <= near})
             elif event is not None:
-                self._impact({x: side for after, x, side, ends in events if not ends and after - s <= near})
+                hits = {x: side for after, x, side, ends in events if not ends and after - s <= near}
+                turns |= hits
+                if still < TURNS or not self._rest(turns):
+                    self._impact(hits)
         for event in self.found.events:
             if math.isnan(event.end) and event.contact in self.held and event is self._last(event.contact):
                 continue  # still held
@@ -130,6 +134,8 @@ class Tracer:
                     gap[:zeros] = 0.0
                     if zeros == 1:
                         gap[1] = speed
+                elif gap[0] <= 0.0 < gap[1]:  # beyond the stop by its rounding, and leaving
+                    gap[0], zeros = 0.0, 1
                 s = first_zero(gap, longest, zeros)
                 if s is not None:
                     events.append((s, contact, side, False))
@@ -153,7 +159,7 @@ class Tracer:
         if going:
             self.held = dict(resting)
             self._bounce({**resting, **going})
-            if self._together(closed, going):
+            if together_but_for_rounding(self.model, self.compliance, closed, going):
                 self.found.tie = 0.0
         at_rest = {c: side for c, side in {**resting, **going}.items() if c not in self.fresh}
         for contact in closed.keys() - resting.keys() - going.keys():
@@ -164,12 +170,6 @@ class Tracer:
             elif left == 0.0:
                 at_rest[contact] = side
         self._settle(at_rest)
-
-    def _together(self, closed: dict[int, int], going: dict[int, int]) -> bool:
-        """Whether contacts that move each other start on their stops but for rounding, so that who is hit first is not
-        known."""
-        joined = {c for c in closed for x in going if c != x and self.compliance[c, x]}
-        return any(off_stop(self.model, c, closed[c]) for c in joined | (going.keys() if joined else set()))
 
     def _velocity(self, contact: int) -> float:
         return float(self.model.rows[contact] @ self.v + self.model.shift(contact, self.t)[1])
@@ -194,9 +194,12 @@ class Tracer:
         for contact, side in hits.items():
             if contact in self.fresh and self._complete(contact, side):
                 self._settle({})
-            last = self._last(contact)
-            if contact in self.held and (last is None or not math.isnan(last.end)):  # it came to be held without a blow
-                self.found.events.append(Event(contact, side, now, 0.0))
+            self._note_held(contact, side, now)
+
+    def _note_held(self, contact: int, side: int, now: float) -> None:
+        last = self._last(contact)
+        if contact in self.held and (last is None or not math.isnan(last.end)):  # it came to be held without a blow
+            self.found.events.append(Event(contact, side, now, 0.0))
 
     def _bounce(self, closed: dict[int, int]) -> None:
         """Newton's law at the contacts ``closed``: those that leave are fresh, the others are held no more and
@@ -247,29 +250,44 @@ class Tracer:
             v = e * (a * s + 0.5 * j * s * s - v)
             a += j * s
             after += s
-        # What holding the contact would do in that time, where nothing else happens in it.
-        before = self.v, self._kinetic()
+        # What holding the contact would do in that time, where nothing else happens in it. The series brings less than
+        # that, and shakes those that are held already.
+        before = self.v
         self.held[contact] = side
         together = tuple(sorted(self.held))
-        at = list(together)
-        P = -np.linalg.solve(self.compliance[np.ix_(at, at)], [self._velocity(x) for x in at])
-        self.v = self.v + self.model.back[:, at] @ P
+        self._stop(self.held)
         c, R = self.model.stretch(self.t, self.q, self.v, together)
         fresh = self.fresh.pop(contact)
         events = self._next(c, R, together, after)
         another = bool(events) and not events[0][3] and self.t + after > self.t  # an impact that comes before the last
         if another and np.count_nonzero(self.compliance[contact]) > 1:
-            self.v, self.fresh[contact] = before[0], fresh
-            del self.held[contact]
+            self.v, self.fresh[contact] = before, fresh
+            del self.held[contact], self.found.taken[-1], self.found.struck[-len(together) :]
             return False
-        moved = -float(sum(p * self.model.shift(x, self.t)[1] for p, x in zip(P, at, strict=True)))
-        self.found.taken.append((self.t, before[1] - self._kinetic() + moved, moved))
         self.found.stuck.append((self.t + after, contact))
-        # The series brings less than holding the contact that long, and shakes those that are held already.
-        self.found.struck += [(self.t, x, -self.held[x] * float(p)) for p, x in zip(P, at, strict=True)]
         if not another:
             self._record(together)
             self.t, self.q, self.v, self.fresh = self.t + after, value(c, after), rate(c, after), {}
+        return True
+
+    def _stop(self, closed: dict[int, int]) -> None:
+        """Take the speeds of contacts at once."""
+        at, energy = sorted(closed), self._kinetic()
+        P = -np.linalg.solve(self.compliance[np.ix_(at, at)], [self._velocity(x) for x in at])
+        self.v = self.v + self.model.back[:, at] @ P
+        moved = -float(sum(p * self.model.shift(x, self.t)[1] for p, x in zip(P, at, strict=True)))
+        self.found.taken.append((self.t, energy - self._kinetic() + moved, moved))
+        self.found.struck += [(self.t, x, -closed[x] * float(p)) for p, x in zip(P, at, strict=True)]
+
+    def _rest(self, sides: dict[int, int]) -> bool:
+        """Contacts that throw each other off without end come to rest, where they are SLOW. Whether that is so."""
+        closed = {**self.held, **sides}
+        if max(abs(self._velocity(c)) for c in closed) > SLOW * self.fastest:
+            return False
+        self._stop(closed)
+        self._settle(closed)
+        for contact, side in sides.items():
+            self._note_held(contact, side, self.t)
         return True
 
     def _settle(self, closed: dict[int, int]) -> None:
@@ -285,7 +303,7 @@ class Tracer:
         R = solve_node(r, self.compliance, self._law(everyone))
         c, _ = self.model.stretch(self.t, self.q, self.v, tuple(sorted(x for x in everyone if R[x])))
         for contact, side in everyone.items():
-            if R[contact] or self._stays(self._gap(contact, side, c)[2:]):
+            if R[contact] or stays(self._gap(contact, side, c)[2:]):
                 self.held[contact] = side
             else:
                 self.held.pop(contact, None)
@@ -295,13 +313,6 @@ class Tracer:
         if at:  # on the stop but for rounding
             off = np.array([self._beyond(c, self.held[c]) for c in at])
             self.q = self.q - self.model.back[:, at] @ np.linalg.solve(self.compliance[np.ix_(at, at)], off)
-
-    @staticmethod
-    def _stays(acceleration: Array) -> bool:
-        """Whether a gap at rest, of which nothing presses now, does not open: a load on it rises from zero, or none
-        ever comes."""
-        later = acceleration[acceleration != 0.0]
-        return acceleration[0] == 0.0 and not (len(later) and later[0] > 0.0)
 
     def _beyond(self, contact: int, side: int) -> float:
         """u - g."""

@@ -7,6 +7,7 @@ from fractions import Fraction
 
 import numpy as np
 
+from ...basics.arrays import Array
 from ...basics.exact_float import exact_value
 from ...basics.validation import InputError
 from .taylor import Model
@@ -35,6 +36,13 @@ def off_stop(model: Model, contact: int, side: int) -> bool:
     terms = zip(model.rows[contact].tolist(), model.system.q0.tolist(), strict=True)
     shifted = model.shift(contact, 0.0)[0] != 0.0
     return pi or shifted or sum(Fraction(row) * Fraction(q) for row, q in terms) != ratio
+
+
+def together_but_for_rounding(model: Model, compliance: Array, closed: dict[int, int], going: dict[int, int]) -> bool:
+    """Whether contacts that move each other start on their stops but for rounding, so that who is hit first is not
+    known."""
+    joined = {c for c in closed for x in going if c != x and compliance[c, x]}
+    return any(off_stop(model, c, closed[c]) for c in joined | (going.keys() if joined else set()))
 
 
 def at_rest(model: Model) -> list[int]:

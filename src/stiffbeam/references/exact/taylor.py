@@ -189,3 +189,10 @@ def first_zero(gap: Array, length: float, zeros: int) -> float | None:
         if float(rate(c, s)) <= 0.0:
             return s
     return None
+
+
+def stays(acceleration: Array) -> bool:
+    """Whether a gap at rest, of which nothing presses now, does not open, by the series of its acceleration: a load on
+    it rises from zero, or none ever comes."""
+    later = acceleration[acceleration != 0.0]
+    return acceleration[0] == 0.0 and not (len(later) and later[0] > 0.0)
