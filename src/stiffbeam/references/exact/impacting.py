@@ -79,9 +79,10 @@ class Tracer:
             self.t = edge if event is None and longest == edge - self.t else now
             near = TOGETHER * EPS * now
             self._note_tie(events, s)
-            before, self.fresh = (self.fresh if s <= near else {}), {}
-            if event is not None and event[3]:
-                released = {x: side for x, (side, zeros, _) in before.items() if zeros == RELEASED}
+            lets_go = event is not None and event[3]
+            self.fresh = self.fresh if lets_go and s <= near else {}
+            if event is not None and lets_go:
+                released = {x: side for x, (side, zeros, _) in self.fresh.items() if zeros == RELEASED}
                 self._let_go(released | {x: side for after, x, side, ends in events if ends and after - s <= near})
             elif event is not None:
                 hits = {x: side for after, x, side, ends in events if not ends and after - s <= near}
