@@ -137,17 +137,17 @@ def test_max_step_is_held_and_what_makes_no_sense_is_refused():
 def test_peaks_impulses_and_contact_time_are_those_of_the_exact_solution(make, method, switches):
     system, t = make(), np.linspace(0.0, 4.0, 33)
     exact = solve(system, 4.0, "exact", t, 0.0, None)
-    other = solve(system, 4.0, method, t, 1e-9, None, steps=Steps(switches=switches))
+    other = solve(system, 4.0, method, t, 1e-10, None, steps=Steps(switches=switches))
     assert other.provenance["switches"] == switches
     assert (other.work.counters["restarts"] > 0) == (switches == "restart")
     for a, b in zip(exact.contacts, other.contacts, strict=True):
         assert a.impacts.count == b.impacts.count > 3
         assert np.array_equal(np.isnan(a.impacts.peaks), np.isnan(b.impacts.peaks))
         assert np.array_equal(a.impacts.stops, b.impacts.stops)
-        # rtol 1e-9 is amplified by a thousand in four time units.
-        assert np.nanmax(np.abs(a.impacts.peaks - b.impacts.peaks)) < 2e-5 * a.peak_force
-        assert np.nanmax(np.abs(a.impacts.impulses - b.impacts.impulses)) < 2e-5 * a.impulse
-        assert np.allclose([a.fraction, a.peak_force, a.impulse], [b.fraction, b.peak_force, b.impulse], rtol=2e-5)
+        # rtol 1e-10 is amplified by a thousand in four time units, twenty times as much through switches.
+        assert np.nanmax(np.abs(a.impacts.peaks - b.impacts.peaks)) < 5e-6 * a.peak_force
+        assert np.nanmax(np.abs(a.impacts.impulses - b.impacts.impulses)) < 5e-6 * a.impulse
+        assert np.allclose([a.fraction, a.peak_force, a.impulse], [b.fraction, b.peak_force, b.impulse], rtol=5e-6)
 
 
 @pytest.mark.parametrize("method", ["cvode-adams", "dop853"])

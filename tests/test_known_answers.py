@@ -294,17 +294,27 @@ def test_an_adaptive_reference_meets_the_others(name, how):
     assert np.max(np.abs(run.tip[1:] - tip)) < 1e-12 * np.max(np.abs(tip))
 
 
+NUMBER = r"-?\d+\.\d+(?:e[-+]?\d+)?"
+
+
 @pytest.mark.slow
 def test_the_generator_makes_the_files_that_are_there(tmp_path):
-    """Those that take seconds, remade beside the files."""
+    """Those that take seconds, remade beside the files; to rounding where the data are an eigenvector."""
     script = FOLDER.parents[1] / "studies" / "test_set" / "make.py"
     code = (
-        f"import sys; sys.path.insert(0, {str(script.parent)!r})\n"
+        f"import re, sys; sys.path.insert(0, {str(script.parent)!r})\n"
         "import make\n"
+        f"number = {NUMBER!r}\n"
+        "parts = lambda x: (re.sub(number, '', x), [float(y) for y in re.findall(number, x)])\n"
         "for k, d in enumerate(make.DEFINITIONS, start=1):\n"
         "    if d.name not in ('hertz', 'hunt-crossley') and not d.name.startswith('table'):\n"
         "        text = make.file_text(k, d, d.truth(make.problem_of(d)))\n"
-        "        assert text == (make.FOLDER / f'{d.name}.toml').read_text(encoding='utf-8'), d.name\n"
+        "        there = (make.FOLDER / f'{d.name}.toml').read_text(encoding='utf-8')\n"
+        "        if d.name == 'stop-along-the-beam':\n"  # it starts in an eigenvector, rounded as the processor does
+        "            (words, a), (others, b) = (parts(x) for x in (text, there))\n"
+        "            assert words == others and max(abs(x - y) / (abs(y) or 1) for x, y in zip(a, b)) < 1e-13, d.name\n"
+        "        else:\n"
+        "            assert text == there, d.name\n"
         "import page, stiffbeam\n"
         "made = page.page_text(list(stiffbeam.problems().values()))\n"
         "assert made == (make.FOLDER / 'README.md').read_text(encoding='utf-8')\n"

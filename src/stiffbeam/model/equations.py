@@ -259,8 +259,11 @@ class FirstOrder(Equation):
         if c not in self._factors:
             self._factors[c] = scipy.linalg.lu_factor(np.eye(len(self._matrix)) - c * self._matrix)
         right = self.rate(r, force)
-        flat = right.reshape(-1, right.shape[-1]).T
-        return scipy.linalg.lu_solve(self._factors[c], flat, check_finite=False).T.reshape(right.shape)
+        # One at a time: LAPACK rounds several differently on one thread than on two.
+        solved = [
+            scipy.linalg.lu_solve(self._factors[c], x, check_finite=False) for x in right.reshape(-1, len(self._matrix))
+        ]
+        return np.array(solved).reshape(right.shape)
 
 
 def responses(A: Array, B: Array, t: float) -> tuple[Array, Array, Array]:
