@@ -8,7 +8,7 @@
     probe, powers, build   a scheme's own step, taken once with unit inputs, raised to powers, arranged as a block
     propagator, layout     what comes out: a map and its arrays
     kernels                the loops over them, compiled; blocks_numpy and blocks_jax do the same
-    replay, single_steps   what blocks pass over, when it is asked for: states and energies
+    replay, free_blocks    what blocks pass over, when it is asked for: states and energies
 
 A run is a function of its arguments: made again, it has the same bits.
 """

@@ -116,25 +116,30 @@ class Propagator:
         """Whether every load and offset is in the drive, so that there is no inflow."""
         return not self.samples and not self.offset_samples
 
-    def inflow(self, starts: Array, last: float) -> Inflow:
-        """What sampled loads and offsets add to the blocks that start at ``starts`` (B,).
+    def samples_at(self, starts: Array, last: float) -> Array:
+        """What the sampled loads are at the nodes of blocks that start at ``starts`` (B,), (B, loads K S).
 
         No function is asked for times of steps that start after ``last``: a block may run past the end, its surplus
         steps are dropped.
         """
+        if not self.samples:
+            return np.zeros((len(starts), 0))
+        begun = np.add.outer(starts, np.arange(self.steps) * self.dt)[..., None]  # (B, K, 1)
+        surplus = begun > last - 0.5 * self.dt
+        times = np.where(surplus, last, begun + np.array(self.scheme.nodes) * self.dt).reshape(len(starts), -1)
+        return np.concatenate([evaluate(f, times) for _, f in self.samples], axis=1)
+
+    def inflow(self, starts: Array, last: float) -> Inflow:
+        """What sampled loads and offsets add to the blocks that start at ``starts`` (B,), see ``samples_at``."""
         (R, D), K, readers = self.block.reading.shape, self.steps, self.one.readers
         if self.harmonic:
             return Inflow(np.zeros((0, R + D)), np.zeros((0, K, readers.channels)))
-        values = np.zeros((len(starts), len(self.sample_rows)))
-        begun = np.add.outer(starts, np.arange(K) * self.dt)[..., None]  # (B, K, 1)
-        surplus = begun > last - 0.5 * self.dt
-        if self.samples:
-            times = np.where(surplus, last, begun + np.array(self.scheme.nodes) * self.dt).reshape(len(starts), -1)
-            values = np.concatenate([evaluate(f, times) for _, f in self.samples], axis=1)
+        values = self.samples_at(starts, last)
         rows = values @ self.sample_rows
         velocity = np.tensordot(values, self.sample_velocity, 1)
         if self.offset_samples:
-            times = np.where(surplus, last, begun + readers.when * self.dt)
+            begun = np.add.outer(starts, np.arange(K) * self.dt)[..., None]  # (B, K, 1)
+            times = np.where(begun > last - 0.5 * self.dt, last, begun + readers.when * self.dt)
             moved = np.zeros(times.shape)  # (B, K, g)
             for unit, function in self.offset_samples:
                 for rates, value in ((False, evaluate), (True, offset_rate)):

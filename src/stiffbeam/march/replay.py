@@ -10,43 +10,58 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from ..basics.arrays import Array, aligned
+from ..basics.arrays import Array, IntArray, aligned, padded
 from ..model.contact import laws
 from ..model.drive import Drive, Term
 from ..model.system import System
-from ..model.time_functions import evaluate, offset_rate
+from ..model.time_functions import Constant, evaluate, offset_rate
 from ..trajectory.ledger import Ledger, step_ledger
 from .block_march import Segment, Stepper, initial_channels
 from .build import build
 from .coordinates import InModes
 from .free_blocks import free_block, no_block
-from .kernels.single_steps import Energies, Step, account
+from .kernels.accounts import Energies, account
+from .kernels.single_steps import Step
 from .kernels.single_steps import states as states_of
 from .leap import start
 from .propagator import Propagator
 
 SHORT = 3200  # steps that are sooner taken one by one
-STEPS = 32  # that are passed over at once; of longer ones contact meets too many
+STEPS = 32  # that are taken at once; of longer ones contact meets too many
 
 
-def step_of(segment: Segment, one: Propagator, apart: int) -> tuple[Step, Array]:
-    """The steps of a segment with all they are given, and the packed states (B, ..) at the start of every ``apart``-th
-    of its blocks; ``one``: the scheme's propagator of a single step."""
-    march, dt = segment.march, segment.march.stepper.dt
+def step_of(segment: Segment, one: Propagator, apart: int) -> tuple[Step, IntArray, Array]:
+    """The steps of a segment with all they are given, and the states (B, ..) at the start of every ``apart``-th of its
+    blocks, with the places of their components; ``one``: the scheme's propagator of a single step."""
+    march, block, dt = segment.march, segment.block, segment.march.stepper.dt
     times = (segment.first + np.arange(segment.steps)) * dt
     forcing = march.forcing(one)
-    nodes = len(segment.block.block.compliance)
-    by_step = segment.forces[:, :nodes].reshape(len(segment.forces) * segment.block.steps, -1)[: segment.steps]
-    of_state = slice(one.block.reading.shape[0], None)
+    nodes = len(block.block.compliance)
+    by_step = segment.forces[:, :nodes].reshape(len(segment.forces) * block.steps, -1)[: segment.steps]
+    n, of_state = one.coordinates.parts, one.block.reading.shape[0]
+    a, P = one.used // n, _stride(n)
+
+    def laid_out(rows: Array) -> Array:
+        """Rows of a packed state -> rows (.., a P), see Step."""
+        out = aligned((*rows.shape[:-1], a, P))
+        out[..., :n] = rows[..., : a * n].reshape(*rows.shape[:-1], a, n)
+        return out.reshape(*rows.shape[:-1], a * P)
+
+    N = one.coordinates.rows.shape[1]
+    place = (block.keep[:, None] * (N // n) + np.arange(N // n)).ravel()
     step = Step(
-        transition=one.block.transition,
-        push=np.ascontiguousarray(one.block.push[:, of_state]),
-        driven=np.ascontiguousarray(forcing.rows[0][0 if forcing.constant else 1 :, of_state]),
-        forces=by_step,
+        transition=laid_out(np.pad(one.block.transition, ((0, a % 2), (0, 0)))),
+        push=laid_out(np.concatenate([one.block.push[: by_step.shape[1], of_state:], one.sample_rows[:, of_state:]])),
+        driven=laid_out(forcing.rows[0][:, of_state:]),
+        forces=np.concatenate([by_step, one.samples_at(times, march.steps * dt)], axis=1),
         g=Drive(tuple(forcing.frequencies[0])).at_steps(segment.first, segment.steps + 1, dt),
-        inflow=one.inflow(times, march.steps * dt).rows[:, of_state],
     )
-    return step, one.pack(segment.block.unpack(segment.starts[::apart]))
+    return step, place, np.ascontiguousarray(segment.starts[::apart])
+
+
+def _stride(n: int) -> int:
+    """P of n parts, see Step."""
+    return padded(n) if n > 1 else 1
 
 
 def _segments(stepper: Stepper, system: System, steps: int) -> Iterator[tuple[Segment, Propagator]]:
@@ -63,7 +78,8 @@ def found_at_ends(segment: Segment, step: Step, contacts: int) -> Array:
     block = segment.block.block
     if contacts and block.end_first[0] >= len(block.push):
         return np.full((segment.steps, contacts), np.nan)
-    return np.ascontiguousarray(step.forces[:, step.forces.shape[1] - contacts :])
+    last = len(block.compliance) // segment.block.steps
+    return np.ascontiguousarray(step.forces[:, last - contacts : last])
 
 
 def replay(stepper: Stepper, system: System, steps: int) -> Iterator[tuple[Array, Array, Array, Array]]:
@@ -71,10 +87,12 @@ def replay(stepper: Stepper, system: System, steps: int) -> Iterator[tuple[Array
     m = len(system.contacts)
     coordinates, last = stepper.coordinates, (system.q0[None], system.v0[None], np.full((1, m), np.nan))
     for segment, one in _segments(stepper, system, steps):
-        step, starts = step_of(segment, one, len(segment.starts))
-        out = aligned((segment.steps, one.block.reading.shape[1]))
-        states_of(step, coordinates.parts, starts[0], out)
-        q, v = coordinates.states(one.unpack(out)[: coordinates.equation.order])
+        step, place, starts = step_of(segment, one, len(segment.starts))
+        n, N = coordinates.parts, coordinates.rows.shape[1]
+        out = aligned((segment.steps, step.transition.shape[1]))
+        states_of(step, n, _stride(n), starts[0], place, out)
+        z = out.reshape(segment.steps, -1, _stride(n))[..., :n].reshape(segment.steps, -1, N)
+        q, v = coordinates.states(np.moveaxis(z, 1, 0)[: coordinates.equation.order])
         new = q, v, found_at_ends(segment, step, m)
         q, v, found = (np.concatenate(both) for both in zip(last, new, strict=True))
         yield (segment.first + np.arange(len(q))) * stepper.dt, q, v, found
@@ -89,6 +107,7 @@ def block_ledger(stepper: Stepper, system: System, steps: int, every: int) -> Le
     if not isinstance(stepper.coordinates, InModes):
         return step_ledger(system, replay(stepper, system, steps), np.arange(0, steps + 1, every) * stepper.dt)
     basis, contacts, dt = stepper.coordinates.basis, system.contacts, stepper.dt
+    loaded = system.loads or [(np.zeros(system.size), Constant(0.0))]
     moving = any(contact.offset is not None for contact in contacts)
     kept, balance = np.zeros((steps // every + 1, 10)), np.zeros(10)
     start = np.array(system.energies(0.0, system.q0, system.v0))
@@ -98,23 +117,22 @@ def block_ledger(stepper: Stepper, system: System, steps: int, every: int) -> Le
     shared = {
         "squares": basis.omega**2,
         "damping": basis.damping if np.any(basis.damping > 0.0) else basis.damping[:0],
-        "loads": basis.force(np.array([vector for vector, _ in system.loads]).reshape(-1, system.size)),
+        "loads": basis.force(np.array([vector for vector, _ in loaded]).reshape(-1, system.size)),
         "rows": stepper.coordinates.columns,
         "law": laws(contacts),
     }
     drive = Drive.of(system)
-    units = np.eye(len(system.loads))
-    loads = drive.split([(units[k], f) for k, (_, f) in enumerate(system.loads)], len(units))
+    units = np.eye(len(loaded))
+    loads = drive.split([(units[k], f) for k, (_, f) in enumerate(loaded)], len(units))
     offsets = drive.offsets(system)
-    # A damped stop that has let go still holds energy: its block is not one without contact.
-    damped = len(shared["damping"]) or any(contact.stops.dissipative for contact in contacts)
-    closed = steps > SHORT and not (damped or loads[1] or offsets[1])
-    free, last = None, np.full((1, len(contacts)), np.nan)
+    last, n, P = np.full((1, len(contacts)), np.nan), len(basis.omega), _stride(len(basis.omega))
+    free = None
     for segment, one in _segments(stepper, system, steps):
         t = (segment.first + np.arange(segment.steps + 1)) * dt
         K = segment.block.steps
-        apart = max(1, STEPS // K) if closed and K > 1 else len(segment.starts)
-        step, starts = step_of(segment, one, apart)
+        passed = K > 1 and steps > SHORT and not loads[1]
+        apart = max(1, STEPS // K) if passed else len(segment.starts)
+        step, place, starts = step_of(segment, one, apart)
         o, o_rate = np.zeros((2, 0, len(contacts)))
         if moving:
             o, o_rate = _sum(offsets, step.g, t, evaluate), _sum(offsets, step.g @ drive.derivative().T, t, offset_rate)
@@ -123,11 +141,10 @@ def block_ledger(stepper: Stepper, system: System, steps: int, every: int) -> Le
         energies = Energies(
             **shared, found=found, load_values=_sum(loads, step.g, t, evaluate), offsets=o, offset_rates=o_rate
         )
-        if closed and free is None and K > 1:
-            turn, moved = drive.transition(dt), offsets[0][:, : len(contacts)]
-            free = free_block(one, step, apart * K, turn, energies, loads[0], moved)
-        known = free if free is not None and K > 1 else no_block(len(contacts), len(system.loads))
-        account(step, energies, known, starts, apart * K, system.size, y, met, balance, segment.first, every, dt, kept)
+        if passed and free is None:
+            free = free_block(step, place, n, P, apart * K, drive.transition(dt))
+        known = free if passed and free is not None else no_block()
+        account(step, energies, known, place, starts, apart * K, P, y, met, balance, segment.first, every, dt, kept)
     return Ledger(np.arange(0, steps + 1, every) * dt, *kept.T)
 
 

@@ -1,0 +1,313 @@
+"""The compiled energy ledger of a block march: step by step, and all steps at once of blocks without forces."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ...basics.arrays import Array, IntArray
+from ...basics.compiled import compiled, inlined
+from ...model.contact_law import elastic_force, found_force, found_state, is_linear, law_energy, law_of, state
+from ...model.contact_law import energy as linear_energy
+from ...model.contact_law import force as linear_force
+from .single_steps import Step, begin, take_step
+
+# What the ledger has added up, in the order of Ledger's fields after t: three energies, seven sums.
+KINETIC, ELASTIC, STOPS, INPUT, VISCOUS, LOSS, CONTACT, FREE, TAKEN, SPREAD = range(10)
+
+
+class Energies(NamedTuple):
+    """What the ledger of a system with unit modal masses is made of; values at k = 0..steps."""
+
+    squares: Array  # (n,): omega_j^2
+    damping: Array  # (n,), or none
+    loads: Array  # (L, n), L > 0, zero where there are none
+    load_values: Array  # (steps + 1, L)
+    rows: Array  # (m, n), of the contacts
+    offsets: Array  # (steps + 1, m), or no rows
+    offset_rates: Array  # (steps + 1, m), or no rows
+    law: Array  # (m, 6), see contact_law
+    found: Array  # (steps + 1, m): the forces that nodes found, see found_force
+
+
+class FreeBlock(NamedTuple):
+    """All K steps of a block of n modes without forces, from its state of k components and the drive at its start."""
+
+    paths: Array  # (2 n T, K), row (2 j + i) T + t: q (i = 0) or q' of mode j at the ends of the steps, of a unit of
+    # component t, then of a function of the drive; T = k + acting.size made even by zeros
+    acting: IntArray  # the functions of the drive that do anything
+
+
+class Work(NamedTuple):
+    """Memory of ``account``."""
+
+    z: Array  # (2 a P,), see Step
+    new: Array
+    ends: Array  # (2 n,): q and q'
+    sums: Array  # (4 + m + m + L, K), see _pass_free
+    q: Array  # (K,), of a mode
+    v: Array
+    x: Array  # (T,)
+    force: Array  # (m,), of every contact at the last step: its force,
+    beyond: Array  # what of it is not from the energy,
+    power: Array  # that times its velocity,
+    last: Array  # and its position
+    pulled: Array  # (L,): what the loads see of q
+
+
+@compiled
+def account(
+    step: Step, energies: Energies, free: FreeBlock, place: IntArray, starts: Array, block: int, P: int, y: Array,
+    met: Array, balance: Array, first: int, every: int, dt: float, kept: Array,
+) -> None:  # fmt: skip
+    """The ledger over a stretch of steps from step ``first``; rows of ``kept`` (outputs, 10) at every ``every``-th.
+
+    starts: (B, ..), the state at the starts of blocks of ``block`` steps, in its ``place``, see ``begin``. Those that
+    ``free`` knows and no force meets are taken at once, the others step by step.
+    y (2 n,) = (q, q') at the start, which a state that goes on as the run does need not begin with. met (2, m):
+    positions and rates of the contacts there, as given at t = 0, where rounding would tell the side of a stop.
+    balance (10,), see KINETIC..; all three are advanced in place. What is lost is the balance of a stretch of steps
+    in contact, or of one without, as long as it lasts: between its ends no energy is asked, and outputs do not end it.
+    """
+    n, m, L, size = energies.squares.size, energies.law.shape[0], energies.loads.shape[0], 2 * step.transition.shape[1]
+    K = free.paths.shape[1]
+    work = Work(
+        np.empty(size), np.empty(size), np.empty(2 * n), np.empty((4 + 2 * m + L, K)), np.empty(K), np.empty(K),
+        np.zeros(free.paths.shape[0] // max(1, 2 * n)), np.zeros(m), np.zeros(m), np.zeros(m), np.zeros(m), np.zeros(L),
+    )  # fmt: skip
+    _account(step, energies, free, place, starts, block, P, y, met, balance, first, every, dt, kept, work)
+
+
+@inlined
+def _account(
+    step: Step, energies: Energies, free: FreeBlock, place: IntArray, starts: Array, block: int, P: int, y: Array,
+    met: Array, balance: Array, first: int, every: int, dt: float, kept: Array, work: Work,
+) -> None:  # fmt: skip
+    """``account`` with its memory, so that no array is counted."""
+    transition, push, driven, forces, g = step
+    squares, damping, loads, load_values, rows, offsets, offset_rates, law, found = energies
+    paths, acting = free
+    z, new, ends, sums, q, v, x, force, beyond, power, last, pulled = work
+    n, m, L, steps = squares.size, law.shape[0], loads.shape[0], forces.shape[0]
+    stops, touching, rated = 0.0, 0, False
+    for c in range(m):
+        rated |= not is_linear(law_of(law, c))
+        last[c] = met[0, c]
+        force[c], beyond[c], held, pressed = _at_stop(law, found, c, 0, met[0, c], met[1, c])
+        power[c] = beyond[c] * met[1, c]
+        stops += held
+        touching += pressed
+    for e in range(L):
+        pulled[e] = _seen(loads, e, y, 0, n)
+    kinetic, elastic = _of_modes(squares, n, y)
+    within, given, viscous, taken = CONTACT, 0.0, 0.0, 0.0
+    until = every - first % every  # steps to the next output
+    row = first // every
+    for b in range(starts.shape[0]):
+        begun = b * block
+        count = min(block, steps - begun)
+        quiet = paths.shape[1] > 0
+        for i in range(begun, begun + count):
+            for f in range(forces.shape[1]):
+                quiet = quiet and forces[i, f] == 0.0
+        if quiet:
+            _pass_free(
+                paths, acting, squares, damping, loads, rows, rated, starts, b, place.size, g, begun, y, sums, q, v, x,
+                ends, count,
+            )  # fmt: skip
+            for j in range(2 * n):
+                y[j] = ends[j]
+        else:
+            begin(starts[b], place, n, P, z)
+        for i in range(count):
+            at = begun + i
+            k = at + 1
+            lost = again = 0.0
+            if quiet:
+                new_kinetic, new_elastic = 0.5 * sums[0, i], 0.5 * sums[1, i]
+                lost, again = sums[2, i], sums[3, i]
+            else:
+                take_step(transition, push, driven, forces, g, at, P, z, new)
+                new_kinetic = new_elastic = 0.0
+                for j in range(np.uint64(n)):
+                    new_elastic += squares[j] * new[j] * new[j]
+                for j in range(np.uint64(n)):
+                    new_kinetic += new[P + j] * new[P + j]
+                new_kinetic, new_elastic = 0.5 * new_kinetic, 0.5 * new_elastic
+                if damping.size:
+                    for j in range(n):
+                        lost += damping[j] * (new[j] - y[j]) * (new[j] - y[j])
+                        again += damping[j] * (new[P + j] + y[n + j]) * (new[P + j] + y[n + j])
+            held_before, touched = stops, touching
+            stops, touching = 0.0, 0
+            moved = dissipated = rate = 0.0
+            for c in range(m):
+                u = sums[4 + c, i] if quiet else _seen(rows, c, new, 0, n)
+                if offsets.shape[0]:
+                    u += offsets[k, c]
+                if rated:
+                    rate = sums[4 + m + c, i] if quiet else _seen(rows, c, new, P, n)
+                    if offset_rates.shape[0]:
+                        rate += offset_rates[k, c]
+                new_force, new_beyond, held, pressed = _at_stop(law, found, c, k, u, rate)
+                stops += held
+                touching += pressed
+                own = 0.5 * (beyond[c] + new_beyond) * (u - last[c])
+                dissipated -= own
+                if (beyond[c] == 0.0) == (new_beyond == 0.0):
+                    own -= 0.5 * dt * (power[c] + new_beyond * rate)
+                balance[SPREAD] += abs(own)
+                if offsets.shape[0]:
+                    moved -= 0.5 * (force[c] + new_force) * (offsets[k, c] - offsets[k - 1, c])
+                force[c], beyond[c], power[c], last[c] = new_force, new_beyond, new_beyond * rate, u
+            kind = CONTACT if touched + touching else FREE
+            if kind != within:
+                _settle(balance, kinetic, elastic, held_before, given, viscous, taken, within)
+                within, given, viscous, taken = kind, 0.0, 0.0, 0.0
+            given += moved
+            taken += dissipated
+            for e in range(L):
+                now = sums[4 + 2 * m + e, i] if quiet else _seen(loads, e, new, 0, n)
+                given += 0.5 * (load_values[at, e] + load_values[k, e]) * (now - pulled[e])
+                pulled[e] = now
+            if damping.size:
+                viscous += lost / dt
+                balance[SPREAD] += abs(lost / dt - 0.25 * dt * again)
+            kinetic, elastic = new_kinetic, new_elastic
+            if not quiet:
+                if damping.size or i == count - 1:
+                    for j in range(n):
+                        y[j] = new[j]
+                        y[n + j] = new[P + j]
+                z, new = new, z
+            until -= 1
+            if until == 0:
+                until = every
+                row += 1
+                lost = _lost(balance, kinetic, elastic, stops, given, viscous, taken)
+                kept[row, KINETIC], kept[row, ELASTIC], kept[row, STOPS] = kinetic, elastic, stops
+                kept[row, INPUT], kept[row, VISCOUS] = balance[INPUT] + given, balance[VISCOUS] + viscous
+                kept[row, LOSS], kept[row, TAKEN] = balance[LOSS] + lost, balance[TAKEN] + taken
+                kept[row, CONTACT], kept[row, FREE] = balance[CONTACT], balance[FREE]
+                kept[row, within] += lost
+                kept[row, SPREAD] = balance[SPREAD]
+    _settle(balance, kinetic, elastic, stops, given, viscous, taken, within)
+    for c in range(m):
+        met[0, c], met[1, c] = last[c], _seen(rows, c, y, n, n)
+        if offset_rates.shape[0]:
+            met[1, c] += offset_rates[steps, c]
+
+
+@inlined
+def _pass_free(
+    paths: Array, acting: IntArray, squares: Array, damping: Array, loads: Array, rows: Array, rated: bool,
+    starts: Array, b: int, carried: int, g: Array, at: int, y: Array, sums: Array, q: Array, v: Array, x: Array,
+    ends: Array, count: int,
+) -> None:  # fmt: skip
+    """Sums over the modes at the ends of all steps of block b, which begins at step ``at`` with y = (q, q').
+
+    sums: q'^2, omega^2 q^2, damping times the square of what q moves in the step and of q' before and after, what
+    every contact sees of q, where its force depends on it of q', and every load of q. ends: y after ``count`` steps.
+    """
+    n, m, T = squares.size, rows.shape[0], x.size
+    K = np.uint64(paths.shape[1])
+    for r in range(sums.shape[0]):
+        for i in range(K):
+            sums[r, i] = 0.0
+    for e in range(acting.size):
+        x[carried + e] = g[at, acting[e]]
+    for j in range(n):
+        for t in range(carried):
+            x[t] = starts[b, t * n + j]
+        of_q, of_v, one, two = 2 * j * T, (2 * j + 1) * T, x[0], x[1]
+        for i in range(K):
+            q[i] = one * paths[of_q, i] + two * paths[of_q + 1, i]
+            v[i] = one * paths[of_v, i] + two * paths[of_v + 1, i]
+        for t in range(2, T, 2):
+            at_q, at_v, one, two = of_q + t, of_v + t, x[t], x[t + 1]
+            for i in range(K):
+                q[i] += one * paths[at_q, i] + two * paths[at_q + 1, i]
+                v[i] += one * paths[at_v, i] + two * paths[at_v + 1, i]
+        square, load, first = squares[j], loads[0, j], 4 + 2 * m
+        for i in range(K):
+            sums[0, i] += v[i] * v[i]
+            sums[1, i] += square * q[i] * q[i]
+            sums[first, i] += load * q[i]
+        for e in range(1, loads.shape[0]):
+            load = loads[e, j]
+            for i in range(K):
+                sums[first + e, i] += load * q[i]
+        for c in range(m):
+            row = rows[c, j]
+            for i in range(K):
+                sums[4 + c, i] += row * q[i]
+            if rated:
+                for i in range(K):
+                    sums[4 + m + c, i] += row * v[i]
+        if damping.size:
+            sums[2, 0] += damping[j] * (q[0] - y[j]) ** 2
+            sums[3, 0] += damping[j] * (v[0] + y[n + j]) ** 2
+            for i in range(1, paths.shape[1]):
+                sums[2, i] += damping[j] * (q[i] - q[i - 1]) ** 2
+                sums[3, i] += damping[j] * (v[i] + v[i - 1]) ** 2
+        ends[j], ends[n + j] = q[count - 1], v[count - 1]
+
+
+@inlined
+def _of_modes(squares: Array, n: int, y: Array) -> tuple[float, float]:
+    """Kinetic and elastic energy of y = (q, q')."""
+    kinetic = elastic = 0.0
+    for j in range(n):
+        kinetic += y[n + j] * y[n + j]
+        elastic += squares[j] * y[j] * y[j]
+    return 0.5 * kinetic, 0.5 * elastic
+
+
+@inlined
+def _lost(
+    balance: Array, kinetic: float, elastic: float, stops: float, given: float, viscous: float, taken: float
+) -> float:
+    """What is lost in a stretch that begins with ``balance`` and ends with these energies."""
+    before = balance[KINETIC] + balance[ELASTIC] + balance[STOPS]
+    return before - (kinetic + elastic + stops) + given - viscous - taken
+
+
+@inlined
+def _settle(
+    balance: Array, kinetic: float, elastic: float, stops: float, given: float, viscous: float, taken: float, kind: int
+) -> None:
+    """The balance at the end of a stretch of one kind, with what was given and taken in it."""
+    lost = _lost(balance, kinetic, elastic, stops, given, viscous, taken)
+    balance[KINETIC], balance[ELASTIC], balance[STOPS] = kinetic, elastic, stops
+    balance[INPUT] += given
+    balance[VISCOUS] += viscous
+    balance[LOSS] += lost
+    balance[TAKEN] += taken
+    balance[kind] += lost
+
+
+@inlined
+def _at_stop(law: Array, found: Array, c: int, k: int, u: float, rate: float) -> tuple[float, float, float, bool]:
+    """Force, what of it is not from the energy, the energy, and whether the stop presses."""
+    stop = law_of(law, c)
+    if is_linear(stop):
+        kappa, g1, g2 = stop[:3]
+        force, beyond, held = linear_force(u, kappa, g1, g2), 0.0, linear_energy(u, kappa, g1, g2)
+        pressed = state(u, g1, g2) != 0.0
+    else:
+        at_node = found[k, c]
+        force, held = found_force(u, rate, at_node, stop), law_energy(u, stop)
+        beyond = force - elastic_force(u, stop)
+        pressed = found_state(u, rate, at_node, stop) != 0.0
+    return force, beyond, held, pressed
+
+
+@inlined
+def _seen(rows: Array, c: int, z: Array, at: int, n: int) -> float:
+    """row_c of z[at : at + n]."""
+    total = 0.0
+    shift = np.uint64(at)
+    for j in range(np.uint64(n)):
+        total += rows[c, j] * z[shift + j]
+    return total
