@@ -30,6 +30,7 @@ def free_block(step: Step, place: IntArray, n: int, P: int, K: int, T: Array) ->
     harmonics = step.driven.copy()
     harmonics[0] = 0.0  # the constant drives by itself, in every step
     T_rows = carried + len(acting)
+    memory = np.empty((2, 2 * width))
     made = np.zeros((T_rows + T_rows % 2, K, width))
     for t in range(T_rows):
         start, driven, own = np.zeros(carried * n), undriven, np.zeros((K + 1, d))
@@ -39,7 +40,7 @@ def free_block(step: Step, place: IntArray, n: int, P: int, K: int, T: Array) ->
             e = acting[t - carried]
             driven, own = (harmonics, np.ascontiguousarray(g[:, :, e])) if e else (step.driven, own)
         quiet = step._replace(driven=driven, g=own, forces=np.zeros((K, len(step.push))))
-        states_of(quiet, n, P, start, place, made[t])
+        states_of(quiet, n, P, start, place, *memory, made[t])
     paths = aligned((n, 2, len(made), K))
     paths[:] = made[:, :, : 2 * P].reshape(len(made), K, 2, P)[..., :n].transpose(3, 2, 0, 1)
     return FreeBlock(paths.reshape(-1, K), acting)

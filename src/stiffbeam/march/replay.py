@@ -20,7 +20,7 @@ from .block_march import Segment, Stepper, initial_channels
 from .build import build
 from .coordinates import InModes
 from .free_blocks import free_block, no_block
-from .kernels.accounts import Energies, account
+from .kernels.accounts import Energies, account, work_for
 from .kernels.single_steps import Step
 from .kernels.single_steps import states as states_of
 from .leap import start
@@ -90,7 +90,7 @@ def replay(stepper: Stepper, system: System, steps: int) -> Iterator[tuple[Array
         step, place, starts = step_of(segment, one, len(segment.starts))
         n, N = coordinates.parts, coordinates.rows.shape[1]
         out = aligned((segment.steps, step.transition.shape[1]))
-        states_of(step, n, _stride(n), starts[0], place, out)
+        states_of(step, n, _stride(n), starts[0], place, *np.empty((2, 2 * out.shape[1])), out)
         z = out.reshape(segment.steps, -1, _stride(n))[..., :n].reshape(segment.steps, -1, N)
         q, v = coordinates.states(np.moveaxis(z, 1, 0)[: coordinates.equation.order])
         new = q, v, found_at_ends(segment, step, m)
@@ -144,7 +144,10 @@ def block_ledger(stepper: Stepper, system: System, steps: int, every: int) -> Le
         if passed and free is None:
             free = free_block(step, place, n, P, apart * K, drive.transition(dt))
         known = free if passed and free is not None else no_block()
-        account(step, energies, known, place, starts, apart * K, P, y, met, balance, segment.first, every, dt, kept)
+        account(
+            step, energies, known, place, starts, apart * K, P, y, met, balance, segment.first, every, dt, kept,
+            work_for(step, energies, known),
+        )  # fmt: skip
     return Ledger(np.arange(0, steps + 1, every) * dt, *kept.T)
 
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...basics.arrays import Array, IntArray
-from ...basics.compiled import compiled, inlined
+from ...basics.compiled import inlined
 from ...model.contact_law import elastic_force, found_force, found_state, is_linear, law_energy, law_of, state
 from ...model.contact_law import energy as linear_energy
 from ...model.contact_law import force as linear_force
@@ -56,10 +56,18 @@ class Work(NamedTuple):
     pulled: Array  # (L,): what the loads see of q
 
 
-@compiled
+def work_for(step: Step, energies: Energies, free: FreeBlock) -> Work:
+    """Memory for as many unknowns, contacts, loads and steps."""
+    n, m, L, size = len(energies.squares), len(energies.law), len(energies.loads), 2 * step.transition.shape[1]
+    terms, K = len(free.paths) // (2 * n), free.paths.shape[1]
+    shapes = (size, size, 2 * n, (4 + 2 * m + L, K), K, K, terms, m, m, m, m, L)
+    return Work(*(np.zeros(shape) for shape in shapes))
+
+
+@inlined
 def account(
     step: Step, energies: Energies, free: FreeBlock, place: IntArray, starts: Array, block: int, P: int, y: Array,
-    met: Array, balance: Array, first: int, every: int, dt: float, kept: Array,
+    met: Array, balance: Array, first: int, every: int, dt: float, kept: Array, work: Work,
 ) -> None:  # fmt: skip
     """The ledger over a stretch of steps from step ``first``; rows of ``kept`` (outputs, 10) at every ``every``-th.
 
@@ -70,21 +78,6 @@ def account(
     balance (10,), see KINETIC..; all three are advanced in place. What is lost is the balance of a stretch of steps
     in contact, or of one without, as long as it lasts: between its ends no energy is asked, and outputs do not end it.
     """
-    n, m, L, size = energies.squares.size, energies.law.shape[0], energies.loads.shape[0], 2 * step.transition.shape[1]
-    K = free.paths.shape[1]
-    work = Work(
-        np.empty(size), np.empty(size), np.empty(2 * n), np.empty((4 + 2 * m + L, K)), np.empty(K), np.empty(K),
-        np.zeros(free.paths.shape[0] // max(1, 2 * n)), np.zeros(m), np.zeros(m), np.zeros(m), np.zeros(m), np.zeros(L),
-    )  # fmt: skip
-    _account(step, energies, free, place, starts, block, P, y, met, balance, first, every, dt, kept, work)
-
-
-@inlined
-def _account(
-    step: Step, energies: Energies, free: FreeBlock, place: IntArray, starts: Array, block: int, P: int, y: Array,
-    met: Array, balance: Array, first: int, every: int, dt: float, kept: Array, work: Work,
-) -> None:  # fmt: skip
-    """``account`` with its memory, so that no array is counted."""
     transition, push, driven, forces, g = step
     squares, damping, loads, load_values, rows, offsets, offset_rates, law, found = energies
     paths, acting = free

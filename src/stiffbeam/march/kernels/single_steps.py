@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...basics.arrays import Array, IntArray
-from ...basics.compiled import compiled, inlined
+from ...basics.compiled import inlined
 
 
 class Step(NamedTuple):
@@ -66,7 +66,8 @@ def take_step(
 
 
 @inlined
-def _states(step: Step, n: int, P: int, start: Array, place: IntArray, z: Array, new: Array, out: Array) -> None:
+def states(step: Step, n: int, P: int, start: Array, place: IntArray, z: Array, new: Array, out: Array) -> None:
+    """The states (steps, a P) at the ends of the steps from ``start``, see ``begin``. z, new: memory, (2 a P,)."""
     transition, push, driven, forces, g = step
     begin(start, place, n, P, z)
     for k in range(out.shape[0]):
@@ -74,10 +75,3 @@ def _states(step: Step, n: int, P: int, start: Array, place: IntArray, z: Array,
         for j in range(np.uint64(out.shape[1])):
             out[k, j] = new[j]
         z, new = new, z
-
-
-@compiled
-def states(step: Step, n: int, P: int, start: Array, place: IntArray, out: Array) -> None:
-    """The states (steps, a P) at the ends of the steps from ``start``, see ``begin``."""
-    size = 2 * step.transition.shape[1]
-    _states(step, n, P, start, place, np.empty(size), np.empty(size), out)
