@@ -176,6 +176,47 @@ def speed(
     return total
 
 
+@inlined
+def eight_speeds(
+    velocity: Array, velocity_push: Array, forced: Array, inflow: Array, v: int, b: int, first: int, c: int, z: Array,
+    g: Array, forces: Array, touched: bool, speeds: Array,
+) -> None:  # fmt: skip
+    """``speed`` at the ends of eight steps from ``first`` on, beyond the block its last one."""
+    end = velocity.shape[0] - 1
+    k0, k1, k2, k3 = min(first, end), min(first + 1, end), min(first + 2, end), min(first + 3, end)
+    k4, k5, k6, k7 = min(first + 4, end), min(first + 5, end), min(first + 6, end), min(first + 7, end)
+    s0 = s1 = s2 = s3 = s4 = s5 = s6 = s7 = 0.0
+    for d in range(velocity.shape[2]):
+        x = z[d]
+        s0 += x * velocity[k0, c, d]
+        s1 += x * velocity[k1, c, d]
+        s2 += x * velocity[k2, c, d]
+        s3 += x * velocity[k3, c, d]
+        s4 += x * velocity[k4, c, d]
+        s5 += x * velocity[k5, c, d]
+        s6 += x * velocity[k6, c, d]
+        s7 += x * velocity[k7, c, d]
+    if touched:
+        for i in range(forces.size):
+            f = forces[i]
+            s0 += f * velocity_push[k0, c, i]
+            s1 += f * velocity_push[k1, c, i]
+            s2 += f * velocity_push[k2, c, i]
+            s3 += f * velocity_push[k3, c, i]
+            s4 += f * velocity_push[k4, c, i]
+            s5 += f * velocity_push[k5, c, i]
+            s6 += f * velocity_push[k6, c, i]
+            s7 += f * velocity_push[k7, c, i]
+    speeds[0], speeds[1], speeds[2], speeds[3] = s0, s1, s2, s3
+    speeds[4], speeds[5], speeds[6], speeds[7] = s4, s5, s6, s7
+    for j in range(8):
+        k = min(first + j, end)
+        for e in range(g.size):
+            speeds[j] += g[e] * forced[v, k, c, e]
+        if inflow.shape[0]:
+            speeds[j] += inflow[b, k, c]
+
+
 @compiled
 def run(
     block: Block, law: Array, forcing: Forcing, inflow: Inflow, marchers: Marchers, kept: Kept, events: Array,
@@ -203,6 +244,7 @@ def run(
     z_new = out[R:]
     z_last, g_last, forces_last = np.empty(D), np.empty(g.size), np.empty(N)
     u, v_all, f_all, stiff, before = np.empty(K), np.empty(K), np.full(K, np.nan), np.empty(N), np.empty(m)
+    speeds = np.empty(8)
     blocks = (steps + K - 1) // K
     rows = cursor[2]
     for i in range(cursor[0], states.shape[0]):
@@ -262,12 +304,17 @@ def run(
                     finite = False
                     break
                 if positions.shape[1]:
+                    eight = -8
                     for o in range(at // every + 1, (at + count) // every + 1):
                         k = o * every - at - 1
                         positions[i, o, c] = out[end_first[c] + k * end_stride[c]]
-                        velocities[i, o, c] = speed(
-                            velocity, velocity_push, forced_velocity, inflow_velocity, v, b, k, c, z, g, forces
-                        )
+                        if k >= eight + 8:
+                            eight = k - k % 8
+                            eight_speeds(
+                                velocity, velocity_push, forced_velocity, inflow_velocity, v, b, eight, c, z, g, forces,
+                                touched, speeds,
+                            )  # fmt: skip
+                        velocities[i, o, c] = speeds[k - eight]
                         if found.shape[1] and c < m and end_first[c] < N:
                             found[i, o, c] = forces[end_first[c] + k * end_stride[c]]
                 # What is not at a node may be beyond a stop although no node is.
