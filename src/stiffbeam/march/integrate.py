@@ -65,8 +65,10 @@ def integrate(
         remedy = "use contact='implicit' or a smaller dt" if contact == "extrapolated" else "use a smaller dt"
         hint = f"{remedy} (omega_max dt is {plan.omega_max * dt:.3g})"
         raise Diverged(str(scheme), seen.diverged, hint)
+    t = np.arange(0.0, plan.steps + 1, every)
+    t *= dt
     return Trajectory(
-        t=np.arange(0, plan.steps + 1, every) * dt,
+        t=t,
         tip=seen.tip,
         tip_velocity=seen.tip_velocity,
         contacts=seen.contacts,

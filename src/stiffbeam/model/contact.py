@@ -218,9 +218,9 @@ class Stops:
 
     def force_in(self, xp: Any, v: Any, velocity: Any = None) -> Any:
         """``force`` by the functions of ``xp``."""
-        inside = v - xp.clip(v, self.g1, self.g2)
         if self.linear:
-            return -self.stiffness * inside
+            return self.stiffness * (xp.clip(v, self.g1, self.g2) - v)
+        inside = v - xp.clip(v, self.g1, self.g2)
         rate = None if velocity is None else xp.sign(inside) * velocity
         return -xp.sign(inside) * self.pressure_in(xp, xp.abs(inside), rate)
 
