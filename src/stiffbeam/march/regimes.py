@@ -174,7 +174,7 @@ def tables(sums: Sequence[Sum], steps: int, every: int, nodes: int, D: int) -> R
     slow, alive = np.zeros((2, R, levels), np.int64)
     at_nodes, steps_of, ends, rates = pair(nodes * m, N), pair(nodes * m, N), pair(C, N), pair(C, N)
     large, bent = aligned((R, m, N)), aligned((R, m, N))
-    enter, held, leave = pair(N, D), pair(N, padded(sums[0].held.shape[1])), pair(D, N)
+    enter, held, leave = pair(N, D), pair(N, padded(sums[0].held.shape[1])), pair(N, D)
 
     def put(where: Array, r: int, values: Any) -> None:
         index = (r, *(slice(0, size) for size in values.shape))
@@ -200,6 +200,6 @@ def tables(sums: Sequence[Sum], steps: int, every: int, nodes: int, D: int) -> R
         alive[r] = len(shift) - np.argmax(living[:, ::-1], axis=1)
         for where, values in ((at_nodes, x.nodes), (steps_of, x.nodes * x.shift), (ends, x.ends), (rates, x.rates)):
             put(where, r, values)
-        for where, values in ((enter, x.enter), (held, x.held), (leave, x.leave)):
+        for where, values in ((enter, x.enter), (held, x.held), (leave, x.leave.T)):
             put(where, r, values)
     return Regimes(slow, alive, powers, geometric, at_nodes, steps_of, large, bent, ends, rates, enter, held, leave)

@@ -33,6 +33,7 @@ from .sums import (
     turn,
     value,
     walk,
+    whole_level,
 )
 
 # How a call ended.
@@ -108,18 +109,23 @@ def advance(
             sizes(y, size, N)
             start, last, stored = n, -1, 0
             # It is known to cross at ``wall``; ``near`` is where the cubic says that it does.
-            q, grows, wall, near = guess[r], True, steps + 1, steps + 1
+            q, grows, wall, near, rest, first = guess[r], True, steps + 1, steps + 1, 0, True
             for c in range(m):
                 depth[c] = 0.0
             while n < steps:
                 stop = since if n < since else steps
-                if n >= near:
-                    near = wall
-                while q > 0 and (n + (1 << q) > stop or n + (1 << q) >= wall or n + (1 << q) > near):
-                    q -= 1
-                L = float(1 << q)
-                slow = min(alive, regimes.slow[r, q])
-                turn(regimes.powers, r, q, y, new, alive)
+                if n >= wall:  # it came back between two steps
+                    near = wall = steps + 1
+                if n >= near:  # from here on over no more steps than twice those that seem to be left
+                    near, q, grows = wall, min(q, whole_level(2 * rest) if rest > 2 else 0), False
+                # As many steps as that, and no more than to where it is known or thought to end.
+                count = max(1, min(1 << q, stop - n, wall - 1 - n, near - n))
+                level = whole_level(count)
+                L = float(count)
+                slow = min(alive, regimes.slow[r, level])
+                turn(regimes.powers, r, level, y, new, alive)
+                if count > 1 << level:
+                    walk(regimes.powers, r, count - (1 << level), new, work[0], alive)
                 verdict = SURE
                 tried += 1
                 for k in range(nodes * m):
@@ -128,7 +134,7 @@ def advance(
                     low = high = w0
                     error = c1 = c2 = c3 = d0 = d1 = 0.0
                     at_end = w0
-                    if q > 0:
+                    if count > 1:
                         error = error_of(regimes.large, regimes.bent, r, c, slow, alive, size, L)
                         d0 = value(regimes.steps, r, k, y, 0, slow)
                         at_end = value(regimes.nodes, r, k, new, 0, slow)
@@ -137,62 +143,70 @@ def advance(
                         low, high = extent(w0, c1, c2, c3, L)
                     verdict = max(verdict, keeps(side[c], low, high, error, law[0, c, G1], law[0, c, G2]))
                     if verdict != SURE:
-                        if verdict == CROSSED and q > 0:
-                            wall = min(wall, n + (1 << q))
-                            near = n + reached(side[c], w0, d0, at_end, d1, L, law[0, c, G1], law[0, c, G2])
+                        if verdict == CROSSED and count > 1:
+                            wall = min(wall, n + count)
+                            ahead, beyond = reached(side[c], w0, d0, at_end, d1, L, error, law[0, c, G1], law[0, c, G2])
+                            near, rest = n + ahead, beyond - ahead
                         break
                     if side[c] != 0.0 and k >= (nodes - 1) * m:
                         sign, place = side[c], law[0, c, G2] if side[c] > 0.0 else law[0, c, G1]
                         low_end[c] = sign * (w0 - place) - error
-                        if q > 0:
+                        if count > 1:
                             low_end[c] = farthest(sign, w0, c1, c2, c3, L - 1.0) - sign * place - error
                         high_end[c] = (high if sign > 0.0 else -low) + error - sign * place
                 if verdict != SURE:
-                    if q == 0:
+                    first = False
+                    if count == 1:
                         break
                     grows = False
-                    q -= 1
+                    q = whole_level(near - n) + 1 if verdict == CROSSED else whole_level(count - 1)
                     continue
                 if last < 0:
-                    guess[r] = q
-                if positions.shape[1] or states.shape[0]:
-                    emit(regimes, r, n, 1 << q, every, y, alive, work, kept)
-                if n >= since:
-                    closed = False
-                    for c in range(m):
-                        if side[c] != 0.0:
-                            closed = True
-                            place, kappa = law[0, c, G2] if side[c] > 0.0 else law[0, c, G1], law[0, c, KAPPA]
-                            k = (nodes - 1) * m + c
-                            total = 0.0
-                            for i in range(alive):
-                                gr, gi = regimes.geometric[0, r, q, i], regimes.geometric[1, r, q, i]
-                                cr, ci = regimes.nodes[0, r, k, i], regimes.nodes[1, r, k, i]
-                                total += (cr * gr - ci * gi) * y[0, i] - (cr * gi + ci * gr) * y[1, i]
-                            impulse = kappa * side[c] * (total - L * place) * dt
-                            tally[0, c, TOUCHING] += L
-                            tally[0, c, IMPULSE] += impulse
-                            row = int(tally[0, c, ROW])
-                            if row >= 0:
-                                events[row, IMPACT_IMPULSE] += impulse
-                            depth[c] = max(depth[c], low_end[c])
-                            phase_top[stored, c] = high_end[c]
-                    if closed:
-                        for i in range(N):
-                            phase[stored, 0, i], phase[stored, 1, i] = y[0, i], y[1, i]
-                        phase_level[stored], phase_alive[stored] = q, alive
-                        stored += 1
-                        if stored == REMEMBERED:
-                            look_deeper(
-                                regimes, r, nodes, side, law, tally, events, phase, phase_level, phase_alive, phase_top,
-                                stored, depth, work,
-                            )  # fmt: skip
-                            stored = 0
-                last, before = q, alive
-                old, y, new = y, new, old
-                alive = min(alive, regimes.alive[r, q])
+                    guess[r] = min(level + 1, levels - 1) if first else level
+                left = count
+                while left > 0:  # in parts of 2^p steps, whose sums are known
+                    p = whole_level(left)
+                    if positions.shape[1] or states.shape[0]:
+                        emit(regimes, r, n, 1 << p, every, y, alive, work, kept)
+                    if n >= since:
+                        closed = False
+                        for c in range(m):
+                            if side[c] != 0.0:
+                                closed = True
+                                place, kappa = law[0, c, G2] if side[c] > 0.0 else law[0, c, G1], law[0, c, KAPPA]
+                                k = (nodes - 1) * m + c
+                                total = 0.0
+                                for i in range(alive):
+                                    gr, gi = regimes.geometric[0, r, p, i], regimes.geometric[1, r, p, i]
+                                    cr, ci = regimes.nodes[0, r, k, i], regimes.nodes[1, r, k, i]
+                                    total += (cr * gr - ci * gi) * y[0, i] - (cr * gi + ci * gr) * y[1, i]
+                                impulse = kappa * side[c] * (total - float(1 << p) * place) * dt
+                                tally[0, c, TOUCHING] += float(1 << p)
+                                tally[0, c, IMPULSE] += impulse
+                                row = int(tally[0, c, ROW])
+                                if row >= 0:
+                                    events[row, IMPACT_IMPULSE] += impulse
+                                depth[c] = max(depth[c], low_end[c])
+                                phase_top[stored, c] = high_end[c]
+                        if closed:
+                            for i in range(N):
+                                phase[stored, 0, i], phase[stored, 1, i] = y[0, i], y[1, i]
+                            phase_level[stored], phase_alive[stored] = p, alive
+                            stored += 1
+                            if stored == REMEMBERED:
+                                look_deeper(
+                                    regimes, r, nodes, side, law, tally, events, phase, phase_level, phase_alive,
+                                    phase_top, stored, depth, work,
+                                )  # fmt: skip
+                                stored = 0
+                    if count > 1 << level:
+                        turn(regimes.powers, r, p, y, new, alive)
+                    last, before = p, alive
+                    old, y, new = y, new, old
+                    alive = min(alive, regimes.alive[r, p])
+                    n += 1 << p
+                    left -= 1 << p
                 sizes(y, size, alive)
-                n += 1 << q
                 if grows and q + 1 < levels:
                     q += 1
                 grows = True
@@ -245,7 +259,11 @@ def look_deeper(
         if side[c] != 0.0:
             place = law[0, c, G2] if side[c] > 0.0 else law[0, c, G1]
             best = depth[c]
+            first = 0  # the one that may go deepest: after it most of the others need no look
             for s in range(stored):
+                first = s if phase_top[s, c] > phase_top[first, c] else first
+            for turned in range(stored):
+                s = (first + turned) % stored
                 if phase_top[s, c] > best:
                     k = (nodes - 1) * m + c
                     best = deepest(

@@ -19,6 +19,8 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+import numpy as np
+
 from ...basics.arrays import Array
 from ...basics.compiled import compiled, inlined
 from ...model.contact_law import G1, G2
@@ -46,7 +48,7 @@ class Regimes(NamedTuple):
     rates: Array  # (2, R, C, N): of their velocities
     enter: Array  # (2, R, N, D): y = enter z + held g,
     held: Array  # (2, R, N, d): g = (1, places of closed stops, cosines, sines)
-    leave: Array  # (2, R, D, N): z = Re leave y
+    leave: Array  # (2, R, N, D): z = Re leave^T y
 
 
 @inlined
@@ -154,16 +156,34 @@ def keeps(side: float, low: float, high: float, error: float, g1: float, g2: flo
 
 
 @compiled
-def reached(side: float, w0: float, d0: float, w1: float, d1: float, L: float, g1: float, g2: float) -> int:
-    """After how many of L steps a position seems to leave its side, at least one; L - 1 where it comes back."""
+def whole_level(count: int) -> int:
+    """The largest q with 2^q <= count, 0 for count < 1."""
+    q = 0
+    while count > 1:
+        count >>= 1
+        q += 1
+    return q
+
+
+@compiled
+def reached(
+    side: float, w0: float, d0: float, w1: float, d1: float, L: float, error: float, g1: float, g2: float
+) -> tuple[int, int]:
+    """After how many of L steps a position comes as near to leaving its side as its ``error``, or half as near as it
+    is, at least one, and after how many it leaves; none where it has left, half of them where it comes back."""
     if side == 0.0:
         sign, stop = (1.0, g2) if w1 > g2 else (-1.0, g1)
     else:
         sign, stop = (-1.0, g2) if side > 0.0 else (1.0, g1)
     gap0, gap1 = sign * (stop - w0), sign * (stop - w1)
+    if gap0 < -error:
+        return 0, 0
+    near = min(error, 0.5 * gap0)  # closer than its error, which is less over fewer steps, nothing can be shown
     if not (gap0 > 0.0 and gap1 <= 0.0):
-        return int(L) - 1
-    return max(1, math.ceil(L * first_crossing(gap0, -sign * d0 * L, gap1, -sign * d1 * L)) - 1)
+        return max(1, int(L) // 2), int(L)
+    v0, v1 = -sign * d0 * L, -sign * d1 * L
+    ahead = math.ceil(L * first_crossing(gap0 - near, v0, gap1 - near, v1)) - 1
+    return max(1, ahead), max(1, ahead, math.ceil(L * first_crossing(gap0, v0, gap1, v1)))
 
 
 @compiled
@@ -213,8 +233,13 @@ def deepest(
 @inlined
 def leave(regimes: Regimes, r: int, y: Array, alive: int, z: Array) -> None:
     """The packed state of coordinates y, its first D numbers."""
-    for d in range(regimes.leave.shape[2]):
-        z[d] = value(regimes.leave, r, d, y, 0, alive)
+    D = np.uint64(regimes.leave.shape[3])
+    for d in range(D):
+        z[d] = 0.0
+    for i in range(alive):
+        real, imag = y[0, i], y[1, i]
+        for d in range(D):
+            z[d] += real * regimes.leave[0, r, i, d] - imag * regimes.leave[1, r, i, d]
 
 
 @compiled
