@@ -250,10 +250,8 @@ class March:
         if diverged < 0:
             raise unsolved(self.stepper.scheme, -diverged * dt)
         when = diverged * dt if diverged else overflow(contacts, self.steps * dt)
-        at_tip = (
-            np.ascontiguousarray(x[:, tip]) for x in (positions, velocities)
-        )  # a lone contact's own are not copied
-        return Seen(*at_tip, tuple(contacts), when, self.kind)
+        u, v = np.ascontiguousarray(positions[:, tip]), np.ascontiguousarray(velocities[:, tip])  # of one contact views
+        return Seen(u, v, tuple(contacts), when, self.kind)
 
     def records(self) -> Records:
         """What all members have seen, at the end."""
