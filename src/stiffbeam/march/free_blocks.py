@@ -11,7 +11,7 @@ from .kernels.single_steps import states as states_of
 
 
 def no_block() -> FreeBlock:
-    """Where no block is passed over."""
+    """Where every block goes step by step."""
     return FreeBlock(np.zeros((0, 0)), np.zeros(0, np.int64))
 
 

@@ -44,7 +44,6 @@ class Work(NamedTuple):
 
     z: Array  # (2 a P,), see Step
     new: Array
-    ends: Array  # (2 n,): q and q'
     sums: Array  # (4 + m + m + L, K), see _pass_free
     q: Array  # (K,), of a mode
     v: Array
@@ -60,7 +59,7 @@ def work_for(step: Step, energies: Energies, free: FreeBlock) -> Work:
     """Memory for as many unknowns, contacts, loads and steps."""
     n, m, L, size = len(energies.squares), len(energies.law), len(energies.loads), 2 * step.transition.shape[1]
     terms, K = len(free.paths) // (2 * n), free.paths.shape[1]
-    shapes = (size, size, 2 * n, (4 + 2 * m + L, K), K, K, terms, m, m, m, m, L)
+    shapes = (size, size, (4 + 2 * m + L, K), K, K, terms, m, m, m, m, L)
     return Work(*(np.zeros(shape) for shape in shapes))
 
 
@@ -81,7 +80,7 @@ def account(
     transition, push, driven, forces, g = step
     squares, damping, loads, load_values, rows, offsets, offset_rates, law, found = energies
     paths, acting = free
-    z, new, ends, sums, q, v, x, force, beyond, power, last, pulled = work
+    z, new, sums, q, v, x, force, beyond, power, last, pulled = work
     n, m, L, steps = squares.size, law.shape[0], loads.shape[0], forces.shape[0]
     stops, touching, rated = 0.0, 0, False
     for c in range(m):
@@ -93,7 +92,7 @@ def account(
         touching += pressed
     for e in range(L):
         pulled[e] = _seen(loads, e, y, 0, n)
-    kinetic, elastic = _of_modes(squares, n, y)
+    kinetic, elastic = _of_modes(squares, y, n)
     within, given, viscous, taken = CONTACT, 0.0, 0.0, 0.0
     until = every - first % every  # steps to the next output
     row = first // every
@@ -107,10 +106,8 @@ def account(
         if quiet:
             _pass_free(
                 paths, acting, squares, damping, loads, rows, rated, starts, b, place.size, g, begun, y, sums, q, v, x,
-                ends, count,
+                count,
             )  # fmt: skip
-            for j in range(2 * n):
-                y[j] = ends[j]
         else:
             begin(starts[b], place, n, P, z)
         for i in range(count):
@@ -122,12 +119,7 @@ def account(
                 lost, again = sums[2, i], sums[3, i]
             else:
                 take_step(transition, push, driven, forces, g, at, P, z, new)
-                new_kinetic = new_elastic = 0.0
-                for j in range(np.uint64(n)):
-                    new_elastic += squares[j] * new[j] * new[j]
-                for j in range(np.uint64(n)):
-                    new_kinetic += new[P + j] * new[P + j]
-                new_kinetic, new_elastic = 0.5 * new_kinetic, 0.5 * new_elastic
+                new_kinetic, new_elastic = _of_modes(squares, new, P)
                 if damping.size:
                     for j in range(n):
                         lost += damping[j] * (new[j] - y[j]) * (new[j] - y[j])
@@ -196,12 +188,13 @@ def account(
 def _pass_free(
     paths: Array, acting: IntArray, squares: Array, damping: Array, loads: Array, rows: Array, rated: bool,
     starts: Array, b: int, carried: int, g: Array, at: int, y: Array, sums: Array, q: Array, v: Array, x: Array,
-    ends: Array, count: int,
+    count: int,
 ) -> None:  # fmt: skip
-    """Sums over the modes at the ends of all steps of block b, which begins at step ``at`` with y = (q, q').
+    """Sums over the modes at the ends of all steps of block b, which begins at step ``at``.
 
     sums: q'^2, omega^2 q^2, damping times the square of what q moves in the step and of q' before and after, what
-    every contact sees of q, where its force depends on it of q', and every load of q. ends: y after ``count`` steps.
+    every contact sees of q, where its force depends on it of q', and every load of q.
+    y = (q, q') at the start goes to the end of ``count`` steps.
     """
     n, m, T = squares.size, rows.shape[0], x.size
     K = np.uint64(paths.shape[1])
@@ -244,16 +237,18 @@ def _pass_free(
             for i in range(1, paths.shape[1]):
                 sums[2, i] += damping[j] * (q[i] - q[i - 1]) ** 2
                 sums[3, i] += damping[j] * (v[i] + v[i - 1]) ** 2
-        ends[j], ends[n + j] = q[count - 1], v[count - 1]
+        y[j], y[n + j] = q[count - 1], v[count - 1]
 
 
 @inlined
-def _of_modes(squares: Array, n: int, y: Array) -> tuple[float, float]:
-    """Kinetic and elastic energy of y = (q, q')."""
+def _of_modes(squares: Array, z: Array, at: int) -> tuple[float, float]:
+    """Kinetic and elastic energy of q and, from ``at`` on, q' in z."""
     kinetic = elastic = 0.0
+    n, shift = np.uint64(squares.size), np.uint64(at)
     for j in range(n):
-        kinetic += y[n + j] * y[n + j]
-        elastic += squares[j] * y[j] * y[j]
+        elastic += squares[j] * z[j] * z[j]
+    for j in range(n):
+        kinetic += z[shift + j] * z[shift + j]
     return 0.5 * kinetic, 0.5 * elastic
 
 
