@@ -184,7 +184,7 @@ def tables(sums: Sequence[Sum], steps: int, every: int, nodes: int, D: int) -> R
         shift, total = x.shift, np.ones_like(x.shift)
         own, levelled = np.zeros_like(shift), np.empty((2, levels, len(shift)), Complex)
         size = np.abs(x.nodes.reshape(nodes, m, len(shift))).max(axis=0)
-        fourth = np.abs(x.shift) ** 4 / 384.0
+        fourth = np.abs(x.shift) ** 4 / 96.0
         large[r, :, : len(shift)], bent[r, :, : len(shift)] = size, size * fourth
         for q in range(levels):
             levelled[:, q] = 1.0 + shift, total
@@ -194,7 +194,7 @@ def tables(sums: Sequence[Sum], steps: int, every: int, nodes: int, D: int) -> R
         put(powers, r, np.concatenate([levelled[0], 1.0 + own[None]]))
         put(geometric, r, levelled[1])
         # Level 0 is exact; at the others the cubic holds the coordinates it is good for.
-        good = fourth * (4.0 ** np.arange(levels)[:, None] - 1.0) ** 2 <= 1.0
+        good = 0.25 * fourth * 16.0 ** np.arange(levels)[:, None] <= 1.0
         slow[r] = np.where(good.all(axis=1), len(shift), np.argmin(good, axis=1))
         living = np.abs(levelled[0]) > DAMPED
         alive[r] = len(shift) - np.argmax(living[:, ::-1], axis=1)

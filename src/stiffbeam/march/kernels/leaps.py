@@ -17,19 +17,22 @@ from .blocks import run
 from .layout import Block, Forcing, Inflow, Kept, Marchers
 from .sums import (
     CROSSED,
+    OPEN,
+    OVER,
     SURE,
+    Cubic,
     Regimes,
-    cubic,
+    bounds,
     deepest,
     emit,
     enter,
-    error_of,
-    extent,
-    farthest,
+    greatest,
+    judge,
     keeps,
     leave,
-    reached,
     sizes,
+    slow_part,
+    summed,
     turn,
     value,
     walk,
@@ -76,8 +79,8 @@ def advance(
     y, new, old, size = np.zeros((2, N)), np.zeros((2, N)), np.zeros((2, N)), np.zeros(N)
     work = np.zeros((5, 2, N))
     phase, phase_top = np.zeros((REMEMBERED, 2, N)), np.zeros((REMEMBERED, m))
-    phase_level, phase_alive = np.zeros(REMEMBERED, np.int64), np.zeros(REMEMBERED, np.int64)
-    depth, low_end, high_end = np.zeros(m), np.zeros(m), np.zeros(m)
+    phase_count, phase_alive = np.zeros(REMEMBERED, np.int64), np.zeros(REMEMBERED, np.int64)
+    depth, begun, top, low, high = np.zeros(m), np.zeros(m), np.zeros(m), np.zeros(m), np.zeros(m)
     levels = regimes.powers.shape[2] - 1
     n, rows = cursor[STEP], cursor[FREE_ROW]
     settled, tried, ordinary = cursor[SETTLED] != 0, cursor[TRIED], cursor[ORDINARY]
@@ -108,21 +111,21 @@ def advance(
             alive = before = N
             sizes(y, size, N)
             start, last, stored = n, -1, 0
-            # It is known to cross at ``wall``; ``near`` is where the cubic says that it does.
-            q, grows, wall, near, rest, first = guess[r], True, steps + 1, steps + 1, 0, True
+            # It leaves its side at ``wall``, and not before ``near``, ``rest`` steps before it is thought to.
+            q, grows, wall, near, rest = guess[r], True, steps + 1, steps + 1, 0
+            closed = False
             for c in range(m):
+                closed |= side[c] != 0.0
                 depth[c] = 0.0
-            while n < steps:
+                low[c], high[c] = keeps(side[c], law[0, c, G1], law[0, c, G2])
+            while n < steps and n < wall:
                 stop = since if n < since else steps
-                if n >= wall:  # it came back between two steps
-                    near = wall = steps + 1
-                if n >= near:  # from here on over no more steps than twice those that seem to be left
-                    near, q, grows = wall, min(q, whole_level(2 * rest) if rest > 2 else 0), False
-                # As many steps as that, and no more than to where it is known or thought to end.
-                count = max(1, min(1 << q, stop - n, wall - 1 - n, near - n))
+                if n >= near:
+                    near, rest = n + rest if rest > 0 else wall, 0
+                count = max(1, min(1 << q, stop - n, near - n))
                 level = whole_level(count)
                 L = float(count)
-                slow = min(alive, regimes.slow[r, level])
+                slow = min(alive, regimes.slow[r, level]) if count > 1 else 0
                 turn(regimes.powers, r, level, y, new, alive)
                 if count > 1 << level:
                     walk(regimes.powers, r, count - (1 << level), new, work[0], alive)
@@ -130,96 +133,74 @@ def advance(
                 tried += 1
                 for k in range(nodes * m):
                     c = k % m
-                    w0 = value(regimes.nodes, r, k, y, 0, slow)
-                    low = high = w0
-                    error = c1 = c2 = c3 = d0 = d1 = 0.0
-                    at_end = w0
+                    now = value(regimes.nodes, r, k, y, slow, alive)
+                    then, bend, flat, p = now, 0.0, 0.0, Cubic(now, 0.0, 0.0, 0.0)
                     if count > 1:
-                        error = error_of(regimes.large, regimes.bent, r, c, slow, alive, size, L)
-                        d0 = value(regimes.steps, r, k, y, 0, slow)
-                        at_end = value(regimes.nodes, r, k, new, 0, slow)
-                        d1 = value(regimes.steps, r, k, new, 0, slow)
-                        c1, c2, c3 = cubic(w0, d0, at_end, d1, L)
-                        low, high = extent(w0, c1, c2, c3, L)
-                    verdict = max(verdict, keeps(side[c], low, high, error, law[0, c, G1], law[0, c, G2]))
+                        bend, flat = bounds(regimes.large, regimes.bent, r, c, slow, alive, size, L)
+                        p, then = slow_part(regimes, r, k, y, new, slow, L)
+                        now += p.w0
+                        then += value(regimes.nodes, r, k, new, slow, alive)
+                    verdict, ahead, left = judge(low[c], high[c], now, then, p, bend, flat, L)
+                    if left > 0:
+                        wall = min(wall, n + count)
                     if verdict != SURE:
-                        if verdict == CROSSED and count > 1:
-                            wall = min(wall, n + count)
-                            ahead, beyond = reached(side[c], w0, d0, at_end, d1, L, error, law[0, c, G1], law[0, c, G2])
-                            near, rest = n + ahead, beyond - ahead
+                        if verdict == CROSSED:
+                            near, rest = n + ahead, left - ahead
                         break
                     if side[c] != 0.0 and k >= (nodes - 1) * m:
-                        sign, place = side[c], law[0, c, G2] if side[c] > 0.0 else law[0, c, G1]
-                        low_end[c] = sign * (w0 - place) - error
-                        if count > 1:
-                            low_end[c] = farthest(sign, w0, c1, c2, c3, L - 1.0) - sign * place - error
-                        high_end[c] = (high if sign > 0.0 else -low) + error - sign * place
+                        place = side[c] * (law[0, c, G2] if side[c] > 0.0 else law[0, c, G1])
+                        begun[c] = side[c] * now - place
+                        top[c] = greatest(side[c], p, bend, L, 0.0, L - 1.0) + flat - place
+                if verdict == OVER:
+                    break
+                if last < 0 and grows:
+                    guess[r] = max(0, min(q + 1 if verdict == SURE else q - 1 if verdict == OPEN else q, levels - 1))
                 if verdict != SURE:
-                    first = False
-                    if count == 1:
-                        break
                     grows = False
-                    q = whole_level(near - n) + 1 if verdict == CROSSED else whole_level(count - 1)
+                    q = whole_level(max(near - n, rest)) + 1 if verdict == CROSSED else whole_level(count - 1)
                     continue
-                if last < 0:
-                    guess[r] = min(level + 1, levels - 1) if first else level
-                left = count
-                while left > 0:  # in parts of 2^p steps, whose sums are known
-                    p = whole_level(left)
-                    if positions.shape[1] or states.shape[0]:
-                        emit(regimes, r, n, 1 << p, every, y, alive, work, kept)
-                    if n >= since:
-                        closed = False
-                        for c in range(m):
-                            if side[c] != 0.0:
-                                closed = True
-                                place, kappa = law[0, c, G2] if side[c] > 0.0 else law[0, c, G1], law[0, c, KAPPA]
-                                k = (nodes - 1) * m + c
-                                total = 0.0
-                                for i in range(alive):
-                                    gr, gi = regimes.geometric[0, r, p, i], regimes.geometric[1, r, p, i]
-                                    cr, ci = regimes.nodes[0, r, k, i], regimes.nodes[1, r, k, i]
-                                    total += (cr * gr - ci * gi) * y[0, i] - (cr * gi + ci * gr) * y[1, i]
-                                impulse = kappa * side[c] * (total - float(1 << p) * place) * dt
-                                tally[0, c, TOUCHING] += float(1 << p)
-                                tally[0, c, IMPULSE] += impulse
-                                row = int(tally[0, c, ROW])
-                                if row >= 0:
-                                    events[row, IMPACT_IMPULSE] += impulse
-                                depth[c] = max(depth[c], low_end[c])
-                                phase_top[stored, c] = high_end[c]
-                        if closed:
-                            for i in range(N):
-                                phase[stored, 0, i], phase[stored, 1, i] = y[0, i], y[1, i]
-                            phase_level[stored], phase_alive[stored] = p, alive
-                            stored += 1
-                            if stored == REMEMBERED:
-                                look_deeper(
-                                    regimes, r, nodes, side, law, tally, events, phase, phase_level, phase_alive,
-                                    phase_top, stored, depth, work,
-                                )  # fmt: skip
-                                stored = 0
-                    if count > 1 << level:
-                        turn(regimes.powers, r, p, y, new, alive)
-                    last, before = p, alive
-                    old, y, new = y, new, old
-                    alive = min(alive, regimes.alive[r, p])
-                    n += 1 << p
-                    left -= 1 << p
+                if positions.shape[1] or states.shape[0]:
+                    emit(regimes, r, n, count, every, y, alive, work, kept)
+                if closed and n >= since:
+                    for c in range(m):
+                        if side[c] != 0.0:
+                            place, kappa = law[0, c, G2] if side[c] > 0.0 else law[0, c, G1], law[0, c, KAPPA]
+                            total = summed(regimes, r, (nodes - 1) * m + c, count, y, alive, work)
+                            impulse = kappa * side[c] * (total - L * place) * dt
+                            tally[0, c, TOUCHING] += L
+                            tally[0, c, IMPULSE] += impulse
+                            row = int(tally[0, c, ROW])
+                            if row >= 0:
+                                events[row, IMPACT_IMPULSE] += impulse
+                            depth[c] = max(depth[c], begun[c])
+                            phase_top[stored, c] = top[c]
+                    for i in range(alive):
+                        phase[stored, 0, i], phase[stored, 1, i] = y[0, i], y[1, i]
+                    phase_count[stored], phase_alive[stored] = count, alive
+                    stored += 1
+                    if stored == REMEMBERED:
+                        look_deeper(
+                            regimes, r, nodes, side, law, tally, events, phase, phase_count, phase_alive, phase_top,
+                            stored, depth, work,
+                        )  # fmt: skip
+                        stored = 0
+                last, before, n = count, alive, n + count
+                old, y, new = y, new, old
+                alive = min(alive, regimes.alive[r, level])
                 sizes(y, size, alive)
                 if grows and q + 1 < levels:
                     q += 1
                 grows = True
             if stored:
                 look_deeper(
-                    regimes, r, nodes, side, law, tally, events, phase, phase_level, phase_alive, phase_top,
+                    regimes, r, nodes, side, law, tally, events, phase, phase_count, phase_alive, phase_top,
                     stored, depth, work,
                 )  # fmt: skip
             if n > start:
                 leave(regimes, r, y, alive, z[0])
                 for e in range((a - 1) * n_modes):
                     z[0, a * n_modes + e] = z[0, e]
-                walk(regimes.powers, r, (1 << last) - 1, old, work[0], before)  # to the step before this
+                walk(regimes.powers, r, last - 1, old, work[0], before)  # to the step before this
                 for c in range(C):
                     position[0, c] = value(regimes.ends, r, c, old, 0, before)
                     last_velocity[0, c] = value(regimes.rates, r, c, old, 0, before)
@@ -251,7 +232,7 @@ def advance(
 @compiled
 def look_deeper(
     regimes: Regimes, r: int, nodes: int, side: Array, law: Array, tally: Array, events: Array, phase: Array,
-    phase_level: IntArray, phase_alive: IntArray, phase_top: Array, stored: int, depth: Array, work: Array,
+    phase_count: IntArray, phase_alive: IntArray, phase_top: Array, stored: int, depth: Array, work: Array,
 ) -> None:  # fmt: skip
     """Bring the greatest depths of the closed contacts up to date with the leaps remembered."""
     m = side.size
@@ -267,7 +248,7 @@ def look_deeper(
                 if phase_top[s, c] > best:
                     k = (nodes - 1) * m + c
                     best = deepest(
-                        regimes, r, k, c, side[c], place, phase[s], phase_level[s], phase_alive[s], best, work
+                        regimes, r, k, c, side[c], place, phase[s], phase_count[s], phase_alive[s], best, work
                     )
             depth[c] = best
             force = law[0, c, KAPPA] * best

@@ -2,16 +2,17 @@
 
     w(l) = Re sum_i c_i y_i lambda_i^l,     |lambda_i| <= 1,
 
-is the position at a node of step l of a stretch, see regimes. For 1 <= l <= L
+is the position at a node of step l of a stretch, see regimes. For whole l from 0 to L
 
-    |w(l) - p(l)| <= (L^2 - 1)^2/384 sum_{i slow} |c_i y_i| |lambda_i - 1|^4  +  sum_{i fast} |c_i y_i|
+    |w(l) - p(l)| <= bend l (L - l) + flat
+    bend = L^2/96 sum_{i slow} |c_i y_i| |lambda_i - 1|^4,    flat = sum_{i fast} |c_i y_i|
 
 with p the cubic through the slow part of w at l = 0, 1, L, L + 1. By Newton's formula the error of p is
 l (l - 1)(l - L)(l - L - 1) times a fourth divided difference of the slow part, which is a mean of its fourth
-differences over 24; the fourth difference of c y lambda^l is c y (lambda - 1)^4 lambda^l, and the product is at
-most (L^2 - 1)^2/16. At l = 0 p is the slow part itself. A coordinate is fast where its whole amplitude is less
-than its share of the first sum would be. The least and the greatest value of p, the bound added, say what no step
-in between does.
+differences over 24; the fourth difference of c y lambda^l is c y (lambda - 1)^4 lambda^l, and (l - 1)(L + 1 - l) is at
+most L^2/4. A coordinate is fast where its whole amplitude is less than its share in the middle would be, L^4/384 times
+its fourth difference. p less its bound is a cubic again, and so is p with it: their least and their greatest value say
+what no step in between does. Both meet p at its ends, so that a stretch may begin and end beside a stop.
 """
 
 from __future__ import annotations
@@ -26,7 +27,8 @@ from ...basics.compiled import compiled, inlined
 from ...model.contact_law import G1, G2
 from ...trajectory.sampling import first_crossing
 
-SURE, OPEN, CROSSED = range(3)
+# Of a leap: all of it is on its side, that is not known, it ends beyond, its first step is beyond.
+SURE, OPEN, CROSSED, OVER = range(4)
 TINY = 2e-15  # rounding of a position, relative
 
 
@@ -43,7 +45,7 @@ class Regimes(NamedTuple):
     nodes: Array  # (2, R, S m, N): c of the contacts at the nodes
     steps: Array  # (2, R, S m, N): c (lambda - 1)
     large: Array  # (R, m, N): the greatest |c| at a node
-    bent: Array  # (R, m, N): that times |lambda - 1|^4/384
+    bent: Array  # (R, m, N): that times |lambda - 1|^4/96
     ends: Array  # (2, R, C, N): c of the channels at the ends of the steps
     rates: Array  # (2, R, C, N): of their velocities
     enter: Array  # (2, R, N, D): y = enter z + held g,
@@ -51,11 +53,20 @@ class Regimes(NamedTuple):
     leave: Array  # (2, R, N, D): z = Re leave^T y
 
 
+class Cubic(NamedTuple):
+    """p(l) = w0 + c1 l + c2 l^2 + c3 l^3."""
+
+    w0: float
+    c1: float
+    c2: float
+    c3: float
+
+
 @inlined
 def value(c: Array, r: int, k: int, y: Array, first: int, last: int) -> float:
     """Re sum c y over coordinates first to last."""
     total = 0.0
-    for i in range(first, last):
+    for i in range(np.uint64(first), np.uint64(last)):  # an index that might be negative is read by gathers
         total += c[0, r, k, i] * y[0, i] - c[1, r, k, i] * y[1, i]
     return total
 
@@ -81,6 +92,25 @@ def walk(powers: Array, r: int, count: int, y: Array, other: Array, alive: int) 
         q += 1
 
 
+@compiled
+def summed(regimes: Regimes, r: int, k: int, count: int, y: Array, alive: int, work: Array) -> float:
+    """Position k summed over ``count`` steps from y, in parts of 2^q whose sums are known."""
+    here, other, total = work[0], work[1], 0.0
+    for i in range(alive):
+        here[0, i], here[1, i] = y[0, i], y[1, i]
+    while True:
+        q = whole_level(count)
+        for i in range(alive):
+            gr, gi = regimes.geometric[0, r, q, i], regimes.geometric[1, r, q, i]
+            cr, ci = regimes.nodes[0, r, k, i], regimes.nodes[1, r, k, i]
+            total += (cr * gr - ci * gi) * here[0, i] - (cr * gi + ci * gr) * here[1, i]
+        count -= 1 << q
+        if count == 0:
+            return total
+        turn(regimes.powers, r, q, here, other, alive)
+        here, other = other, here
+
+
 @inlined
 def sizes(y: Array, size: Array, alive: int) -> None:
     """|y|."""
@@ -89,23 +119,27 @@ def sizes(y: Array, size: Array, alive: int) -> None:
 
 
 @inlined
-def error_of(large: Array, bent: Array, r: int, c: int, slow: int, alive: int, size: Array, L: float) -> float:
-    """The bound of the module's docstring."""
-    of_slow = of_fast = 0.0
+def bounds(
+    large: Array, bent: Array, r: int, c: int, slow: int, alive: int, size: Array, L: float
+) -> tuple[float, float]:
+    """bend and flat of the module's docstring."""
+    bend = flat = 0.0
     for i in range(slow):
-        of_slow += bent[r, c, i] * size[i]
-    for i in range(slow, alive):
-        of_fast += large[r, c, i] * size[i]
-    return (L * L - 1.0) * (L * L - 1.0) * of_slow + of_fast
+        bend += bent[r, c, i] * size[i]
+    for i in range(np.uint64(slow), np.uint64(alive)):
+        flat += large[r, c, i] * size[i]
+    return L * L * bend, flat
 
 
-@compiled
-def cubic(w0: float, d0: float, w1: float, d1: float, L: float) -> tuple[float, float, float]:
-    """c1, c2, c3 of p(l) = w0 + c1 l + c2 l^2 + c3 l^3 through w0, w0 + d0, w1, w1 + d1 at l = 0, 1, L, L + 1."""
+@inlined
+def slow_part(regimes: Regimes, r: int, k: int, y: Array, new: Array, slow: int, L: float) -> tuple[Cubic, float]:
+    """p of the module's docstring, of position k from y to ``new``, L > 1 steps later, and p(L)."""
+    w0, d0 = value(regimes.nodes, r, k, y, 0, slow), value(regimes.steps, r, k, y, 0, slow)
+    w1, d1 = value(regimes.nodes, r, k, new, 0, slow), value(regimes.steps, r, k, new, 0, slow)
     mean = (w1 - w0 - d0) / (L - 1.0)
     second = (mean - d0) / L
     third = ((d1 - mean) / L - second) / (L + 1.0)
-    return d0 - second + third * L, second - third * (L + 1.0), third
+    return Cubic(w0, d0 - second + third * L, second - third * (L + 1.0), third), w1
 
 
 @compiled
@@ -117,42 +151,69 @@ def turning_points(c1: float, c2: float, c3: float) -> tuple[float, float]:
 
 
 @compiled
-def extent(w0: float, c1: float, c2: float, c3: float, L: float) -> tuple[float, float]:
-    """The least and the greatest value of the cubic on [0, L]."""
-    end = w0 + L * (c1 + L * (c2 + L * c3))
-    low, high = min(w0, end), max(w0, end)
-    one, two = turning_points(c1, c2, c3)
-    if one > 0.0 and one < L:
-        there = w0 + one * (c1 + one * (c2 + one * c3))
-        low, high = min(low, there), max(high, there)
-    if two > 0.0 and two < L:
-        there = w0 + two * (c1 + two * (c2 + two * c3))
-        low, high = min(low, there), max(high, there)
-    return low, high
+def greatest(sign: float, p: Cubic, bend: float, L: float, first: float, last: float) -> float:
+    """The greatest value of sign p(l) + bend l (L - l) on [first, last]."""
+    w0, c1, c2, c3 = sign * p.w0, sign * p.c1 + bend * L, sign * p.c2 - bend, sign * p.c3
+    most = max(w0 + first * (c1 + first * (c2 + first * c3)), w0 + last * (c1 + last * (c2 + last * c3)))
+    for point in turning_points(c1, c2, c3):
+        if point > first and point < last:
+            most = max(most, w0 + point * (c1 + point * (c2 + point * c3)))
+    return most
 
 
 @compiled
-def farthest(sign: float, w0: float, c1: float, c2: float, c3: float, last: float) -> float:
+def farthest(sign: float, p: Cubic, last: float) -> float:
     """The greatest sign p(l) at the whole numbers l = 0 .. last."""
-    far = max(sign * w0, sign * (w0 + last * (c1 + last * (c2 + last * c3))))
-    for point in turning_points(c1, c2, c3):
+    far = max(sign * p.w0, sign * (p.w0 + last * (p.c1 + last * (p.c2 + last * p.c3))))
+    for point in turning_points(p.c1, p.c2, p.c3):
         if point > 0.0 and point < last:
             for at in (math.floor(point), math.ceil(point)):
-                far = max(far, sign * (w0 + at * (c1 + at * (c2 + at * c3))))
+                far = max(far, sign * (p.w0 + at * (p.c1 + at * (p.c2 + at * p.c3))))
     return far
 
 
 @compiled
-def keeps(side: float, low: float, high: float, error: float, g1: float, g2: float) -> int:
-    """Whether positions between ``low`` and ``high`` with an ``error`` are on their side."""
+def keeps(side: float, g1: float, g2: float) -> tuple[float, float]:
+    """Between which numbers, themselves included, a contact on ``side`` is as long as it stays there."""
     if side == 0.0:
-        sure = low - error >= g1 and high + error <= g2
-        crossed = high - error > g2 or low + error < g1
-    elif side > 0.0:
-        sure, crossed = low - error > g2, low + error <= g2
-    else:
-        sure, crossed = high + error < g1, high - error >= g1
-    return SURE if sure else (CROSSED if crossed else OPEN)
+        return g1, g2
+    return (np.nextafter(g2, np.inf), np.inf) if side > 0.0 else (-np.inf, np.nextafter(g1, -np.inf))
+
+
+@compiled
+def judge(
+    low: float, high: float, now: float, then: float, p: Cubic, bend: float, flat: float, L: float
+) -> tuple[int, int, int]:
+    """Whether a position that is ``now`` stays between ``low`` and ``high`` for L steps, after which it is ``then``.
+
+    With it over how many of them it should be possible to show, and after how many it seems to leave, 0 for not in L.
+    """
+    verdict, ahead, left = SURE, 0, 0
+    for sign, stop in ((-1.0, low), (1.0, high)):
+        if not math.isinf(stop):
+            gap0, gap1 = sign * (stop - now), sign * (stop - then)
+            if not gap0 >= 0.0:
+                return OVER, 0, 0
+            if gap1 < 0.0:
+                left = int(L)
+            if not greatest(sign, p, bend, L, 0.0, L - 1.0) + flat <= sign * stop:
+                if gap1 < 0.0:
+                    ahead, left = reached(sign, p, gap0, gap1, bend, flat, L)
+                    return CROSSED, ahead, left
+                verdict = OPEN
+    return verdict, ahead, left
+
+
+@compiled
+def reached(sign: float, p: Cubic, gap0: float, gap1: float, bend: float, flat: float, L: float) -> tuple[int, int]:
+    """ahead and left of ``judge``, where it crosses: the cubic's, and its bound's as far as that, which is less."""
+    rate0, rate1 = -sign * p.c1, -sign * (p.c1 + L * (2.0 * p.c2 + L * 3.0 * p.c3))
+    left = L * first_crossing(gap0, rate0 * L, gap1, rate1 * L)
+    rate1 = -sign * (p.c1 + left * (2.0 * p.c2 + left * 3.0 * p.c3))
+    slope = bend * (left / L) ** 2 * left
+    kept = max(gap0 - flat, 0.5 * gap0)
+    ahead = left * first_crossing(kept, (rate0 - slope) * left, -flat, (rate1 + slope) * left)
+    return max(1, int(min(math.ceil(ahead), 0.75 * L))), max(1, int(math.ceil(left)))
 
 
 @compiled
@@ -166,67 +227,66 @@ def whole_level(count: int) -> int:
 
 
 @compiled
-def reached(
-    side: float, w0: float, d0: float, w1: float, d1: float, L: float, error: float, g1: float, g2: float
-) -> tuple[int, int]:
-    """After how many of L steps a position comes as near to leaving its side as its ``error``, or half as near as it
-    is, at least one, and after how many it leaves; none where it has left, half of them where it comes back."""
-    if side == 0.0:
-        sign, stop = (1.0, g2) if w1 > g2 else (-1.0, g1)
-    else:
-        sign, stop = (-1.0, g2) if side > 0.0 else (1.0, g1)
-    gap0, gap1 = sign * (stop - w0), sign * (stop - w1)
-    if gap0 < -error:
-        return 0, 0
-    near = min(error, 0.5 * gap0)  # closer than its error, which is less over fewer steps, nothing can be shown
-    if not (gap0 > 0.0 and gap1 <= 0.0):
-        return max(1, int(L) // 2), int(L)
-    v0, v1 = -sign * d0 * L, -sign * d1 * L
-    ahead = math.ceil(L * first_crossing(gap0 - near, v0, gap1 - near, v1)) - 1
-    return max(1, ahead), max(1, ahead, math.ceil(L * first_crossing(gap0, v0, gap1, v1)))
+def around_top(sign: float, p: Cubic, error: float, last: float) -> tuple[int, int]:
+    """From which step to which of 0 .. last sign p(l) may be within twice its error of its top: a guess."""
+    top = height = 0.0
+    one, two = turning_points(p.c1, p.c2, p.c3)
+    for point in (last, one, two):
+        if point > 0.0 and point <= last and sign * point * (p.c1 + point * (p.c2 + point * p.c3)) > height:
+            top, height = point, sign * point * (p.c1 + point * (p.c2 + point * p.c3))
+    slope, bent = abs(p.c1 + top * (2.0 * p.c2 + top * 3.0 * p.c3)), abs(p.c2 + top * 3.0 * p.c3)
+    # slope x + bent x^2 = 2 error, and a step more
+    wide = 1.0 + 4.0 * error / (slope + math.sqrt(slope * slope + 8.0 * bent * error))
+    return int(max(0.0, math.floor(top - wide))), int(min(last, math.ceil(top + wide)))
 
 
 @compiled
 def deepest(
-    regimes: Regimes, r: int, k: int, c: int, side: float, g: float, y: Array, q: int, alive: int, best: float,
+    regimes: Regimes, r: int, k: int, c: int, side: float, g: float, y: Array, steps: int, alive: int, best: float,
     work: Array,
 ) -> float:  # fmt: skip
-    """The greatest depth of position k in the 2^q steps from y, or ``best`` where that is greater.
+    """The greatest depth of position k in ``steps`` steps from y, or ``best`` where that is greater.
 
-    Halves the stretch until the cubic's bound says that a part holds nothing deeper, or is one to rounding.
+    The cubic and its bound leave few steps at which that can be; over those the bound is less by the fourth power of
+    how many they are, and is soon rounding. Where they leave more than half of a stretch, it is halved.
     """
-    here, new, size = work[0], work[1], work[2, 0]
+    here, new, size, stop = work[0], work[1], work[2, 0], side * g
     for i in range(alive):
         here[0, i], here[1, i] = y[0, i], y[1, i]
-    at, level, total = 0, q, 1 << q
+    at, total, part = 0, steps, steps
     while at < total:
-        w0 = value(regimes.nodes, r, k, here, 0, alive)
-        best = max(best, side * (w0 - g))
-        if level > 0:
-            L = float(1 << level)
+        count = min(part, total - at)
+        now = value(regimes.nodes, r, k, here, 0, alive)
+        best = max(best, side * now - stop)
+        if count > 1:
+            L, level = float(count), whole_level(count)
             slow = min(alive, regimes.slow[r, level])
             sizes(here, size, alive)
-            error = error_of(regimes.large, regimes.bent, r, c, slow, alive, size, L)
+            bend, flat = bounds(regimes.large, regimes.bent, r, c, slow, alive, size, L)
             turn(regimes.powers, r, level, here, new, alive)
-            s0 = value(regimes.nodes, r, k, here, 0, slow)
-            d0 = value(regimes.steps, r, k, here, 0, slow)
-            s1 = value(regimes.nodes, r, k, new, 0, slow)
-            d1 = value(regimes.steps, r, k, new, 0, slow)
-            c1, c2, c3 = cubic(s0, d0, s1, d1, L)
-            low, high = extent(s0, c1, c2, c3, L - 1.0)
-            top, rounding = (high if side > 0.0 else -low) + error - side * g, TINY * abs(w0)
-            if top > best + rounding:
-                far = farthest(side, s0, c1, c2, c3, L - 1.0) - side * g
+            walk(regimes.powers, r, count - (1 << level), new, work[3], alive)
+            p, _ = slow_part(regimes, r, k, here, new, slow, L)
+            rounding, error = TINY * abs(now), 0.25 * bend * L * L + flat
+            if greatest(side, p, bend, L, 0.0, L - 1.0) + flat - stop > best + rounding:
+                far = farthest(side, p, L - 1.0) - stop
                 best = max(best, far if error <= rounding else far - error)
-                if top > best + rounding and error > rounding:
-                    level -= 1
+                known = stop - flat + best + rounding  # what is less goes no deeper
+                if error > rounding and greatest(side, p, bend, L, 0.0, L - 1.0) > known:
+                    first, last = around_top(side, p, error, L - 1.0)
+                    if at + count == total and greatest(side, p, bend, L, float(last), L - 1.0) <= known:
+                        total = at + last
+                    if first > 0 and greatest(side, p, bend, L, 0.0, float(first)) <= known:
+                        walk(regimes.powers, r, first, here, work[3], alive)
+                        at += first
+                    else:
+                        first = 0
+                    part = min(last - first, (count + 1) // 2)
                     continue
         else:
             turn(regimes.powers, r, 0, here, new, alive)
         here, new = new, here
-        at += 1 << level
-        while level < q and at & ((1 << (level + 1)) - 1) == 0:
-            level += 1
+        at += count
+        part = total - at
     return best
 
 
