@@ -12,6 +12,7 @@ from leaping import SCHEMES, both, campaign
 
 import stiffbeam as sb
 from stiffbeam.march import leap
+from stiffbeam.march.kernels import depths
 from stiffbeam.march.kernels import sums as kernel
 from stiffbeam.march.plan import Plan
 
@@ -23,33 +24,105 @@ def always(monkeypatch):
     monkeypatch.setattr(leap, "costs", lambda stepper: np.array([0.0, 0.0, 1.0]))
 
 
-def test_the_bound_holds_at_every_step():
-    """Against sums of powers evaluated step by step: slow and fast, undamped, damped and alternating."""
-    rng, worst = np.random.default_rng(0), 0.0
-    for _ in range(300):
-        N, L = int(rng.integers(1, 6)), 2 ** int(rng.integers(1, 8))
+def sums_of_powers(cases: int):
+    """Random sums of powers, slow and fast, undamped, damped and alternating, as a leap sees them, and their values.
+
+    Yields (regimes, y, slow, w): one position of one regime, where it starts, how many coordinates the cubic holds,
+    and w(l) for l = 0 .. L.
+    """
+    rng = np.random.default_rng(0)
+    for _ in range(cases):
+        N, L = int(rng.integers(1, 6)), int(rng.integers(2, 200))
         size = np.exp(-(10.0 ** rng.uniform(-6.0, 1.0, N)) * rng.integers(0, 2, N))
         powers = size * np.exp(1j * np.pi * 10.0 ** rng.uniform(-4.0, 0.0, N))
-        order = np.argsort(np.abs(powers - 1.0))
-        powers, c = powers[order], rng.normal(size=N) + 1j * rng.normal(size=N)
-        y = 10.0 ** rng.uniform(-6.0, 0.0, N) * np.exp(2j * np.pi * rng.random(N))
+        powers = powers[np.argsort(np.abs(powers - 1.0))]
+        c, y = rng.normal(size=N) + 1j * rng.normal(size=N), np.exp(2j * np.pi * rng.random(N))
+        y *= 10.0 ** rng.uniform(-6.0, 0.0, N)
         slow = int(rng.integers(0, N + 1))
-        w = [np.sum((c * y * powers**n).real) for n in range(L + 1)]
-        read = [c[:slow] * y[:slow] * powers[:slow] ** n * (powers[:slow] - 1.0) ** k for n, k in np.ndindex(L + 1, 2)]
-        w0, d0, w1, d1 = (float(np.sum(read[i].real)) for i in (0, 1, 2 * L, 2 * L + 1))
-        c1, c2, c3 = kernel.cubic(w0, d0, w1, d1, float(L))
+        levels = np.array([powers ** (2.0**q) for q in range(9)])
         large = np.abs(c)[None, None]
-        bent = large * np.abs(powers - 1.0) ** 4 / 384.0
-        error = kernel.error_of(large, bent, 0, 0, slow, N, np.abs(y), float(L))
-        n = np.arange(L + 1)
-        low, high = kernel.extent(w0, c1, c2, c3, float(L))
-        p = w0 + n * (c1 + n * (c2 + n * c3))
-        rounding = 1e-13 * np.sum(np.abs(c * y))
-        assert low - rounding <= np.min(p) <= np.max(p) <= high + rounding
-        found = np.max(np.abs(w - p))
-        assert found <= error + rounding
-        worst = max(worst, found / (error + rounding))
+        nothing = np.zeros((2, 1, 1, N))
+        regimes = kernel.Regimes(
+            slow=np.full((1, 9), slow), alive=np.full((1, 9), N), powers=pair(levels), geometric=nothing,
+            nodes=pair(c[None]), steps=pair((c * (powers - 1.0))[None]), large=large,
+            bent=large * np.abs(powers - 1.0) ** 4 / 96.0, ends=nothing, rates=nothing, enter=nothing, held=nothing,
+            leave=nothing,
+        )  # fmt: skip
+        yield regimes, y, slow, (powers ** np.arange(L + 1)[:, None] @ (c * y)).real
+
+
+def pair(values: np.ndarray) -> np.ndarray:
+    """(2, 1, ..): real and imaginary parts of one regime's."""
+    return np.stack([values.real, values.imag])[:, None]
+
+
+def coordinates(y: np.ndarray) -> np.ndarray:
+    return np.stack([y.real, y.imag])
+
+
+def leap_over(regimes: kernel.Regimes, y: np.ndarray, slow: int, L: int):
+    """(p, bend, flat) of L steps, see the kernel's docstring, and the size that rounding is relative to."""
+    after = y * (regimes.powers[0, 0, 0] + 1j * regimes.powers[1, 0, 0]) ** L
+    p, _ = kernel.slow_part(regimes, 0, 0, coordinates(y), coordinates(after), slow, float(L))
+    bend, flat = kernel.bounds(regimes.large, regimes.bent, 0, 0, slow, y.size, np.abs(y), float(L))
+    return p, bend, flat, np.sum(regimes.large[0, 0] * np.abs(y))
+
+
+def test_the_bound_holds_at_every_step():
+    """Against sums of powers evaluated step by step."""
+    worst = 0.0
+    for regimes, y, slow, w in sums_of_powers(400):
+        L = len(w) - 1
+        p, bend, flat, size = leap_over(regimes, y, slow, L)
+        n, rounding = np.arange(L + 1), 1e-13 * size
+        found, bound = np.abs(w - np.polyval(p[::-1], n)), bend * n * (L - n) + flat
+        assert np.all(found <= bound + rounding)
+        for sign in (1.0, -1.0):
+            highest = kernel.greatest(sign, p, bend, float(L), 0.0, float(L - 1)) + flat
+            assert np.max(sign * w[:-1]) <= highest + rounding
+        worst = max(worst, np.max(found / (bound + rounding)))
     assert worst > 0.3  # it is a bound, and not a generous one
+
+
+def test_what_is_said_of_a_leap_is_so_at_every_step():
+    """On its side at all of them where that is said, beyond at its end or at its start where that is."""
+    rng, seen = np.random.default_rng(1), np.zeros(4, int)
+    for regimes, y, slow, w in sums_of_powers(2000):
+        L = len(w) - 1
+        p, bend, flat, size = leap_over(regimes, y, slow, L)
+        low, high = w[0] + np.array([-1.0, 1.0]) * size * 10.0 ** rng.uniform(-4.0, 0.5, 2)
+        if rng.random() < 0.2:
+            low, high = rng.choice([(-np.inf, high), (low, np.inf), (w[0] + 1e-3 * size, high)])
+        verdict, ahead, left = kernel.judge(low, high, w[0], w[L], p, bend, flat, float(L))
+        seen[verdict] += 1
+        inside, rounding = (low <= w) & (w <= high), 1e-13 * size
+        if verdict == kernel.SURE:
+            assert np.all((low - rounding <= w[:-1]) & (w[:-1] <= high + rounding))
+            assert left == (0 if inside[-1] else L)
+        if verdict == kernel.CROSSED:
+            assert inside[0]
+            assert not inside[-1]
+            assert 1 <= ahead < L
+            assert 1 <= left <= L
+        assert (verdict == kernel.OVER) == (not inside[0])
+    assert np.all(seen > 50)
+
+
+def test_the_greatest_depth_is_that_of_all_steps():
+    """Against all of them; and no other than ``best`` where none goes deeper."""
+    rng, deeper = np.random.default_rng(2), 0
+    work = np.zeros((5, 2, 8))
+    for regimes, y, _, w in sums_of_powers(600):
+        side, steps, size = rng.choice([-1.0, 1.0]), len(w) - 1, np.sum(regimes.large[0, 0] * np.abs(y))
+        g = w[0] - side * size * rng.uniform(0.0, 1.0)
+        truth = np.max(side * (w[:-1] - g))
+        best = truth + size * rng.choice([-1.0, -1e-3, 0.0, 1e-3])
+        found = depths.deepest(
+            regimes, 0, 0, 0, side, g, coordinates(y), steps, y.size, best, work[:, :, : y.size].copy()
+        )  # fmt: skip
+        assert found == pytest.approx(max(best, truth), abs=1e-13 * size)
+        deeper += truth > best
+    assert deeper > 100
 
 
 @pytest.mark.slow

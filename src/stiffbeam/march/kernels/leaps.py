@@ -11,9 +11,10 @@ import numpy as np
 
 from ...basics.arrays import Array, IntArray
 from ...basics.compiled import compiled
-from ...model.contact_law import G1, G2, KAPPA
-from ...trajectory.sampling import IMPACT_IMPULSE, IMPACT_PEAK, IMPULSE, PEAK, ROW, SIDE, TOUCHING
+from ...model.contact_law import G1, G2
+from ...trajectory.sampling import SIDE
 from .blocks import run
+from .depths import REMEMBERED, Phase, look_deeper, remember
 from .layout import Block, Forcing, Inflow, Kept, Marchers
 from .sums import (
     CROSSED,
@@ -23,7 +24,6 @@ from .sums import (
     Cubic,
     Regimes,
     bounds,
-    deepest,
     emit,
     enter,
     greatest,
@@ -32,7 +32,6 @@ from .sums import (
     leave,
     sizes,
     slow_part,
-    summed,
     turn,
     value,
     walk,
@@ -43,7 +42,6 @@ from .sums import (
 DONE, PAUSED, FULL, UNKNOWN, ABANDONED, OVERFLOWED = range(6)
 # cursor: the step, the free row of events, whether the last step had one regime, leaps tried, ordinary steps.
 STEP, FREE_ROW, SETTLED, TRIED, ORDINARY = range(5)
-REMEMBERED = 64  # leaps of a contact phase whose greatest depth is looked for at its end
 PATIENCE = 3e5  # ns spent before it is asked whether leaping pays
 
 
@@ -78,9 +76,11 @@ def advance(
     )
     y, new, old, size = np.zeros((2, N)), np.zeros((2, N)), np.zeros((2, N)), np.zeros(N)
     work = np.zeros((5, 2, N))
-    phase, phase_top = np.zeros((REMEMBERED, 2, N)), np.zeros((REMEMBERED, m))
-    phase_count, phase_alive = np.zeros(REMEMBERED, np.int64), np.zeros(REMEMBERED, np.int64)
-    depth, begun, top, low, high = np.zeros(m), np.zeros(m), np.zeros(m), np.zeros(m), np.zeros(m)
+    phase = Phase(
+        np.zeros((REMEMBERED, 2, N)), np.zeros((REMEMBERED, m)), np.zeros(REMEMBERED, np.int64),
+        np.zeros(REMEMBERED, np.int64), np.zeros(m),
+    )  # fmt: skip
+    begun, top, low, high = np.zeros(m), np.zeros(m), np.zeros(m), np.zeros(m)
     levels = regimes.powers.shape[2] - 1
     n, rows = cursor[STEP], cursor[FREE_ROW]
     settled, tried, ordinary = cursor[SETTLED] != 0, cursor[TRIED], cursor[ORDINARY]
@@ -116,7 +116,7 @@ def advance(
             closed = False
             for c in range(m):
                 closed |= side[c] != 0.0
-                depth[c] = 0.0
+                phase.depth[c] = 0.0
                 low[c], high[c] = keeps(side[c], law[0, c, G1], law[0, c, G2])
             while n < steps and n < wall:
                 stop = since if n < since else steps
@@ -162,27 +162,13 @@ def advance(
                 if positions.shape[1] or states.shape[0]:
                     emit(regimes, r, n, count, every, y, alive, work, kept)
                 if closed and n >= since:
-                    for c in range(m):
-                        if side[c] != 0.0:
-                            place, kappa = law[0, c, G2] if side[c] > 0.0 else law[0, c, G1], law[0, c, KAPPA]
-                            total = summed(regimes, r, (nodes - 1) * m + c, count, y, alive, work)
-                            impulse = kappa * side[c] * (total - L * place) * dt
-                            tally[0, c, TOUCHING] += L
-                            tally[0, c, IMPULSE] += impulse
-                            row = int(tally[0, c, ROW])
-                            if row >= 0:
-                                events[row, IMPACT_IMPULSE] += impulse
-                            depth[c] = max(depth[c], begun[c])
-                            phase_top[stored, c] = top[c]
-                    for i in range(alive):
-                        phase[stored, 0, i], phase[stored, 1, i] = y[0, i], y[1, i]
-                    phase_count[stored], phase_alive[stored] = count, alive
+                    remember(
+                        regimes, r, nodes, side, law, tally, events, phase, stored, y, count, alive, begun, top, dt,
+                        work,
+                    )  # fmt: skip
                     stored += 1
                     if stored == REMEMBERED:
-                        look_deeper(
-                            regimes, r, nodes, side, law, tally, events, phase, phase_count, phase_alive, phase_top,
-                            stored, depth, work,
-                        )  # fmt: skip
+                        look_deeper(regimes, r, nodes, side, law, tally, events, phase, stored, work)
                         stored = 0
                 last, before, n = count, alive, n + count
                 old, y, new = y, new, old
@@ -192,10 +178,7 @@ def advance(
                     q += 1
                 grows = True
             if stored:
-                look_deeper(
-                    regimes, r, nodes, side, law, tally, events, phase, phase_count, phase_alive, phase_top,
-                    stored, depth, work,
-                )  # fmt: skip
+                look_deeper(regimes, r, nodes, side, law, tally, events, phase, stored, work)
             if n > start:
                 leave(regimes, r, y, alive, z[0])
                 for e in range((a - 1) * n_modes):
@@ -227,32 +210,3 @@ def advance(
     cursor[STEP], cursor[FREE_ROW], cursor[TRIED], cursor[ORDINARY] = n, rows, tried, ordinary
     cursor[SETTLED] = 1 if settled else 0
     return ended
-
-
-@compiled
-def look_deeper(
-    regimes: Regimes, r: int, nodes: int, side: Array, law: Array, tally: Array, events: Array, phase: Array,
-    phase_count: IntArray, phase_alive: IntArray, phase_top: Array, stored: int, depth: Array, work: Array,
-) -> None:  # fmt: skip
-    """Bring the greatest depths of the closed contacts up to date with the leaps remembered."""
-    m = side.size
-    for c in range(m):
-        if side[c] != 0.0:
-            place = law[0, c, G2] if side[c] > 0.0 else law[0, c, G1]
-            best = depth[c]
-            first = 0  # the one that may go deepest: after it most of the others need no look
-            for s in range(stored):
-                first = s if phase_top[s, c] > phase_top[first, c] else first
-            for turned in range(stored):
-                s = (first + turned) % stored
-                if phase_top[s, c] > best:
-                    k = (nodes - 1) * m + c
-                    best = deepest(
-                        regimes, r, k, c, side[c], place, phase[s], phase_count[s], phase_alive[s], best, work
-                    )
-            depth[c] = best
-            force = law[0, c, KAPPA] * best
-            tally[0, c, PEAK] = max(tally[0, c, PEAK], force)
-            row = int(tally[0, c, ROW])
-            if row >= 0:
-                events[row, IMPACT_PEAK] = max(events[row, IMPACT_PEAK], force)

@@ -178,7 +178,7 @@ def cubic(
     u0, u1, v0, v1 = seen[i, U + end], seen[i, U + 1 - end], seen[i, RATE + end], seen[i, RATE + 1 - end]
     for k in range(slow):
         bend += terms[i, BENT, k]
-    for k in range(slow, speeds.shape[1]):
+    for k in range(np.uint64(slow), np.uint64(speeds.shape[1])):  # an index that might be negative is read by gathers
         sigma, square = speeds[SIGMA, k], speeds[SQUARE, k]
         level = terms[i, LEVEL, k] / (square if square > 0.0 else 1.0)
         rest += terms[i, LARGE, k]
