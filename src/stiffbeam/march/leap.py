@@ -70,7 +70,7 @@ def setup(stepper: Stepper) -> float:
 def costs(stepper: Stepper) -> Array:
     """ns of a leap tried, of an ordinary step with the change of regime, and of a step of the block march."""
     (R, D), K = stepper.block.block.reading.shape, stepper.block.steps
-    return np.array([60.0 + 3.0 * D, 300.0 + 0.36 * D * D, 2.0 + 0.12 * R * D / K])
+    return np.array([600.0 + 1.2 * D, 300.0 + 0.36 * D * D, 2.0 + 0.12 * R * D / K])
 
 
 @dataclass(eq=False)
