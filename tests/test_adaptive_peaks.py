@@ -8,7 +8,8 @@ import pytest
 
 import stiffbeam as sb
 
-METHODS = ["cvode", "cvode-adams", "ida", "dop853", "radau", "lsoda"]
+SLOW = pytest.param("radau", marks=pytest.mark.slow)  # in Python throughout
+METHODS = ["cvode", "cvode-adams", "ida", "dop853", SLOW, "lsoda"]
 T = np.linspace(0.0, 3.0, 6001)
 RECORD = sb.Sampled(np.linspace(0.0, 3.0, 7), [0.0, 1.0, -1.0, 2.0, 0.0, 1.0, 0.0])
 

@@ -150,6 +150,7 @@ cli.main()
 
 
 @pytest.mark.parametrize("number", STATUS)
+@pytest.mark.fast(1)
 def test_a_signal_that_comes_where_python_drops_exceptions_is_heard_all_the_same(number):
     program = LOST.format(name=number.name)
     found = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=15, check=False)

@@ -17,7 +17,7 @@ def stop(row, restitution=0.5, **where):
 
 
 @pytest.mark.parametrize("method", BOTH)
-@pytest.mark.parametrize("upper", [0.0, 0.5])
+@pytest.mark.parametrize("upper", [0.0, pytest.param(0.5, marks=pytest.mark.slow)])
 def test_a_body_at_rest_on_its_stop_takes_its_part_in_a_blow(method, upper):
     """A rests on a lower stop, B hits an upper one with speed 1: 0 <= P_A _|_ U_A+ >= 0 and U_B+ = -1/2.
 

@@ -57,6 +57,7 @@ ROCKING = [
 
 
 @pytest.mark.parametrize("case", FLAT + ROCKING, ids=str)
+@pytest.mark.fast(2)
 def test_a_bar_that_rocks_comes_to_rest(case):
     """Infinitely many impacts of both ends in turns. At rest at first and at last: the impulses are the weight's."""
     inertia, restitution, q0, weight, spring = case
