@@ -314,6 +314,13 @@ def test_import_and_help_load_no_heavy_library(code, light, tmp_path):
     assert not [name for name in HEAVY if f"'{name}'" in loaded]
 
 
+def test_kernels_that_may_not_be_compiled_are_refused(tmp_path, monkeypatch):
+    monkeypatch.setenv("NUMBA_DISABLE_JIT", "1")
+    done = shell("compare", "table10", cwd=tmp_path)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.startswith("stiffbeam: NUMBA_DISABLE_JIT must be unset or 0, got 1: ")
+
+
 def test_the_version_is_said(command):
     code, out, _ = command("--version")
     stated = tomllib.loads(Path(__file__).parent.with_name("pyproject.toml").read_text())["project"]["version"]

@@ -16,6 +16,7 @@ import numba
 from numba import types
 
 from . import cache
+from .validation import InputError
 
 # Sums may be reassociated and contracted, but NaN and inf stay honest: an overflow must be seen.
 FASTMATH = {"reassoc", "contract"}
@@ -150,6 +151,9 @@ def _without_collections(made: Any) -> Any:
 
 
 def _njit(function: Callable[..., Any], **options: Any) -> Any:
+    disabled = numba.config.DISABLE_JIT  # type: ignore[attr-defined]
+    if disabled:  # in Python a division by zero would raise where a kernel goes on with inf
+        raise InputError("NUMBA_DISABLE_JIT", disabled, "be unset or 0", "numba compiles stiffbeam's kernels")
     before = numba.config.CACHE_DIR  # type: ignore[attr-defined]
     numba.config.CACHE_DIR = str(directory(Path(function.__code__.co_filename)))  # type: ignore[attr-defined]
     try:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import sys
+from typing import NoReturn
 
 # In the order of the help.
 from . import advise as advise
@@ -27,7 +28,11 @@ def main() -> None:
     if "OMP_NUM_THREADS" not in os.environ:  # before NumPy is there: on small matrices BLAS threads only wait
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from ..basics.validation import InputError
-    from ..trajectory.trajectory import Diverged, SolverFailure, Unfinished
+
+    try:
+        from ..trajectory.trajectory import Diverged, SolverFailure, Unfinished
+    except InputError as error:  # of the environment, see basics.compiled
+        _fail(error, 2)
 
     stopped: list[int] = []
 
@@ -55,11 +60,9 @@ def main() -> None:
     try:
         app()
     except InputError as error:
-        print(f"stiffbeam: {error}", file=sys.stderr)
-        raise SystemExit(2) from None
+        _fail(error, 2)
     except (Diverged, SolverFailure, Unfinished) as error:
-        print(f"stiffbeam: {error}", file=sys.stderr)
-        raise SystemExit(1) from None
+        _fail(error, 1)
     except (KeyboardInterrupt, SystemExit) as stop:
         if isinstance(stop, SystemExit) and stop.code != INTERRUPTED:
             raise
@@ -69,6 +72,11 @@ def main() -> None:
             sys.stderr.flush()
             os._exit(128 + stopped[0])
         raise SystemExit(INTERRUPTED) from None
+
+
+def _fail(error: Exception, status: int) -> NoReturn:
+    print(f"stiffbeam: {error}", file=sys.stderr)
+    raise SystemExit(status) from None
 
 
 __all__ = ["app", "main"]

@@ -22,7 +22,7 @@ class Phase(NamedTuple):
 
     y: Array  # (REMEMBERED, 2, N): coordinates at their starts
     top: Array  # (REMEMBERED, m): what no contact goes deeper than
-    count: IntArray  # (REMEMBERED,): their steps
+    steps: IntArray  # (REMEMBERED,): how many they take
     alive: IntArray  # (REMEMBERED,): see Regimes
     depth: Array  # (m,): the greatest known
 
@@ -49,7 +49,7 @@ def remember(
             phase.depth[c], phase.top[stored, c] = max(phase.depth[c], begun[c]), top[c]
     for i in range(alive):
         phase.y[stored, 0, i], phase.y[stored, 1, i] = y[0, i], y[1, i]
-    phase.count[stored], phase.alive[stored] = count, alive
+    phase.steps[stored], phase.alive[stored] = count, alive
 
 
 @compiled
@@ -89,7 +89,7 @@ def look_deeper(
                 s = (first + turned) % stored
                 if phase.top[s, c] > best:
                     best = deepest(
-                        regimes, r, (nodes - 1) * m + c, c, side[c], place, phase.y[s], phase.count[s],
+                        regimes, r, (nodes - 1) * m + c, c, side[c], place, phase.y[s], phase.steps[s],
                         phase.alive[s], best, work,
                     )  # fmt: skip
             phase.depth[c] = best
