@@ -2,7 +2,8 @@
 
 The step in which a contact closes or opens, at whichever node, is an ordinary one, that of the block march with
 one step to a block. Between them as many steps are taken at once as can be shown to leave every position at every
-node on its side, see sums: twice as many after every success, half as many where that is not shown.
+node on its side, see sums: twice as many after every success, half as many where that is not shown, and where one
+ends on the other side as many as its cubic says that it keeps its own.
 """
 
 from __future__ import annotations
@@ -55,7 +56,7 @@ def advance(
 
     one: the block of a single step. law: (1, m, 6). regime_of: (2^m,), by the closed contacts as bits, -1 for one
     that has not been made, -2 for none. side: (m,), those of the last step; guess: (2^m,), the level at which a
-    regime was last leapt in first. kept: positions, velocities (1, outputs, C) and packed states (outputs, D) at
+    regime is leapt in first. kept: positions, velocities (1, outputs, C) and packed states (outputs, D) at
     every ``every``-th step, or no outputs.
 
     It pauses at ``limit``, is full where the events may not hold another step's, and asks for the regime of ``side``
@@ -111,7 +112,7 @@ def advance(
             alive = before = N
             sizes(y, size, N)
             start, last, stored = n, -1, 0
-            # It leaves its side at ``wall``, and not before ``near``, ``rest`` steps before it is thought to.
+            # A position is on the other side at step ``wall``, and seems to be ``rest`` steps after ``near``.
             q, grows, wall, near, rest = guess[r], True, steps + 1, steps + 1, 0
             closed = False
             for c in range(m):
