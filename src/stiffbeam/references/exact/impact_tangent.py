@@ -13,6 +13,7 @@ M-orthogonal to M^-1 row^T: impulses along the row do not touch it. Source: Muel
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -29,6 +30,14 @@ class Neighbours:
     """What ``tangent.growth`` asks of a motion, here one with impacts."""
 
     solution: Solution
+
+    @cached_property
+    def blows(self) -> dict[int, set[int]]:
+        """The contacts that are hit at the start of a stretch."""
+        found: dict[int, set[int]] = {}
+        for stretch, contact in self.solution.blows:
+            found.setdefault(stretch, set()).add(contact)
+        return found
 
     @property
     def times(self) -> Array:
@@ -51,7 +60,7 @@ class Neighbours:
         turned = np.linalg.solve(model.rows @ model.back, model.rows @ (v_after - v_before))  # P
         new = [x for x in after if x not in before]
         felt = np.abs(turned) * np.diag(model.rows @ model.back) > FELT * np.max(np.abs(v_before), initial=0.0)
-        hit = [x for x in np.flatnonzero(felt).tolist() if x not in before]
+        hit = [x for x in np.flatnonzero(felt).tolist() if x not in before and x in self.blows.get(stretch, ())]
         if hit:
             hit += [x for x in before if x in after]  # held on, they take their part
             rows, back = model.rows[hit], model.back[:, hit]

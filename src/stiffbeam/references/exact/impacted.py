@@ -33,6 +33,7 @@ class Solution:
     held: list[tuple[int, ...]] = field(default_factory=list)
     events: list[Event] = field(default_factory=list)
     struck: list[tuple[float, int, float]] = field(default_factory=list)  # time, contact, impulse that is no event's
+    blows: list[tuple[int, int]] = field(default_factory=list)  # stretch at whose start it is, contact
     taken: list[tuple[float, float, float]] = field(default_factory=list)  # time, energy taken, put in by stops moving
     stuck: list[tuple[float, int]] = field(default_factory=list)  # where a contact's impacts ended, and which
     tie: float = math.inf  # where two contacts first close together but for rounding, and the order matters

@@ -214,6 +214,7 @@ class Tracer:
         after = before + self.compliance @ P
         moved = -float(sum(P[c] * self.model.shift(c, self.t)[1] for c in closed))
         self.found.taken.append((self.t, energy - self._kinetic() + moved, moved))
+        self.found.blows += [(len(self.found.times), c) for c in closed if P[c]]
         for c, side in closed.items():
             if P[c] and c not in self.held:
                 self.found.events.append(Event(c, side, self.t, abs(float(P[c]))))
@@ -263,7 +264,8 @@ class Tracer:
         another = bool(events) and not events[0][3] and self.t + after > self.t  # an impact that comes before the last
         if another and np.count_nonzero(self.compliance[contact]) > 1:
             self.v, self.fresh[contact] = before, fresh
-            del self.held[contact], self.found.taken[-1], self.found.struck[-len(together) :]
+            del self.held[contact], self.found.taken[-1]
+            del self.found.struck[-len(together) :], self.found.blows[-len(together) :]
             return False
         self.found.stuck.append((self.t + after, contact))
         if not another:
@@ -279,6 +281,7 @@ class Tracer:
         moved = -float(sum(p * self.model.shift(x, self.t)[1] for p, x in zip(P, at, strict=True)))
         self.found.taken.append((self.t, energy - self._kinetic() + moved, moved))
         self.found.struck += [(self.t, x, -closed[x] * float(p)) for p, x in zip(P, at, strict=True)]
+        self.found.blows += [(len(self.found.times), x) for x in at]
 
     def _rest(self, sides: dict[int, int]) -> bool:
         """Contacts that throw each other off without end come to rest, where they are SLOW. Whether that is so."""
