@@ -70,6 +70,10 @@ def test_the_cheapest_method_is_found_between_its_points():
     assert at_once == (0.5, "at once at most")  # its cheapest point is below the error already
     assert first == (pytest.approx(10.0), "fast")  # half-way in both logarithms
     assert second == (pytest.approx(50.0 * 10 ** (2 / 3)), "slow")
+    # One that is right at a coarse step by chance costs what all finer ones keep.
+    chance = [row("chance", cost, e) for cost, e in ((1.0, 1e-2), (2.0, 1e-5), (4.0, 1e-3), (8.0, 1e-5), (16.0, 1e-6))]
+    assert precision.cheapest(chance, 1e-4, "seconds") == [(pytest.approx(4.0 * 2**0.5), "chance")]
+    assert precision.cheapest(chance[:3], 1e-4, "seconds") == []
     cheap = {"fast at most", "slow at most", "never at most", "at once at most"}
     assert {name for _, name in precision.cheapest(rows, 1e-2, "seconds")} == cheap
 

@@ -65,6 +65,9 @@ def test_matching_pairs_impacts_in_order_until_the_first_that_does_not_fit():
     assert match(impacts([1.0, 2.0], [1, -1]), reference, 5.0).matched_until == 2.4  # one is missing
     assert match(impacts([1, 2, 2.4, 4, 4.5], [1, -1, 1, -1, 1]), reference, 5.0).matched_until == 4.5  # one too many
     assert match(impacts([1, 2, 2.4, 4, 4.5], [1, -1, 1, -1, 1]), reference, 3.0).matched_until == 3.0
+    # A single one has no neighbour: what is later than a quarter of the longest natural period follows nothing.
+    assert match(impacts([18.2], [1]), impacts([2.65], [1]), 40.0).matched_until == 40.0
+    assert match(impacts([18.2], [1]), impacts([2.65], [1]), 40.0, longest=np.pi / 2).matched_until == 2.65
     nothing = match(impacts([], []), impacts([], []), 2.0)
     assert (nothing.matched, nothing.matched_until) == (0, 2.0)
     assert np.isnan(nothing.first_error)

@@ -12,7 +12,7 @@ import stiffbeam as sb
 from stiffbeam.basics.compiled import stopped_clock
 from stiffbeam.files.samples import read_samples
 from stiffbeam.measures.free_modes import free_mode_errors
-from stiffbeam.studies import study
+from stiffbeam.studies import chaos, study
 from stiffbeam.studies.common import to_the_end
 from stiffbeam.studies.rigid_bar import points as bar_points
 from stiffbeam.studies.sweep import repeats_after
@@ -225,6 +225,64 @@ def test_chaos_fits_no_distances_that_are_rounding():
     exponents = [row["exponent"] for row in found.rows if row.get("exponent") is not None and "pair" in row]
     assert len(exponents) >= 36
     assert np.mean(exponents) == pytest.approx(-1.0, abs=0.05)
+
+
+def one(stiffness, restitution=None, speed=0.0, start=0.0):
+    """u'' + u = 0 below a stop at 0.3: no motion of it is chaotic."""
+    stop = sb.Stops(upper=0.3, stiffness=stiffness, restitution=restitution)
+    return sb.System.from_matrices(
+        [[1.0]], [[1.0]], contacts=[sb.Contact([1.0], stop)], initial_displacement=[start], initial_velocity=[speed]
+    )
+
+
+PAIR = sb.System.from_matrices(
+    np.eye(2), [[1.0, -1.0], [-1.0, 1.0]], observe=[1.0, 0.0], initial_displacement=[1.0, 0.2]
+)
+BALL = sb.System.from_matrices(
+    [[1.0]], [[0.0]], initial_displacement=[1.0], initial_velocity=[-1.0],
+    contacts=[sb.Contact([1.0], sb.Stops(lower=0.0, upper=2.0, stiffness=np.inf, restitution=1.0))],
+)  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("system", "t_end", "scheme"),
+    [
+        (PAIR, 5.0, "trapezoidal"),  # two free masses drift apart like t
+        (PAIR, 500.0, "trapezoidal"),
+        (one(100.0, speed=1.0), 50.0, "trapezoidal"),  # its period hangs on its energy: like t
+        (one(100.0, speed=1.0), 200.0, "trapezoidal"),
+        pytest.param(one(np.inf, 1.0, start=-1.0), 50.0, "moreau-jean", marks=pytest.mark.slow),
+        (one(np.inf, 0.0, start=-1.0), 50.0, "moreau-jean"),  # parts once, where one grazes
+        pytest.param(BALL, 50.0, "moreau-jean", marks=pytest.mark.slow),
+    ],
+)
+def test_neighbours_that_part_like_a_power_of_time_have_no_exponent(system, t_end, scheme):
+    found = sb.study("chaos", system, dt=t_end / 20000, t_end=t_end, schemes=[scheme], jobs=1)
+    methods = {row["method"] for row in found.rows if "exponent" in row}
+    assert methods == {"exact", "tangent flow", next(m for m in methods if m.startswith(scheme))}
+    assert set(chaos.exponents(found.rows).values()) == {None}
+    assert found.answer.startswith("No exponential change of the distance is seen for exact, ")
+
+
+@pytest.mark.parametrize("options", [{"span": np.nan}, {"span": -3.0}, {"dt": 5.0}, {"size": np.nan}, {"size": -1e-11}])
+def test_options_of_chaos_are_checked(options):
+    (name,) = options
+    with pytest.raises(sb.InputError, match=f"^{name} must "):
+        sb.study(
+            "chaos", one(100.0, speed=1.0), t_end=40.0, schemes=["trapezoidal"], jobs=1, **({"dt": 1e-2} | options)
+        )
+
+
+def test_precision_says_of_no_impact_that_it_is_followed_where_it_is_not():
+    """The one impact is at 2.65; with dt = 5 the trapezoidal rule has its own at 18. And a stop out of reach."""
+    for upper in (0.75, 3.0):
+        contact = sb.Contact([1.0], sb.Stops(upper=upper, stiffness=1.0))
+        system = sb.System.from_matrices(
+            [[1.0]], [[1.0]], [[0.1]], observe=[1.0], initial_displacement=[-1.0], contacts=[contact]
+        )
+        options = {"dt": 10.0, "t_end": 40.0, "schemes": ["trapezoidal"], "methods": ["exact"], "halvings": 1}
+        said = sb.study("precision", system, **options, jobs=1).answer
+        assert "trapezoidal to t = 2.65 with" in said if upper == 0.75 else "followed" not in said
 
 
 def test_a_short_blow_perturbs_by_the_motion_it_makes():

@@ -21,7 +21,7 @@ from ..trajectory.impacts import Impacts
 from ..trajectory.recorder import sampled_impacts
 from ..trajectory.tables import table
 from ..trajectory.trajectory import Reference, Trajectory
-from .impacts import ContactStatistics, Matching, match
+from .impacts import ContactStatistics, Matching, longest_delay, match
 from .pair import run_of
 from .phase import PhaseLag, phase_lag
 from .remark import remark
@@ -264,7 +264,7 @@ def _contact(
         run=statistics(run, found, own.force, window),
         reference=statistics(reference, true, true_force, window),
         # Where no impact of the run is known, nothing parts and nothing is paired.
-        matching=Matching(0, window, np.nan, np.nan) if unknown else match(found, true, window),
+        matching=Matching(0, window, np.nan, np.nan) if unknown else match(found, true, window, longest_delay(system)),
         run_totals=statistics(run, found, own.force, t_end),
         reference_totals=statistics(reference, true, true_force, t_end),
     )
@@ -288,7 +288,7 @@ def _rigid_contact(run: Trajectory, reference: Reference, system: System, i: int
         place=_place(system, i),
         run=statistics(run, window),
         reference=statistics(reference, window),
-        matching=match(run.contacts[i].impacts, reference.contacts[i].impacts, window),
+        matching=match(run.contacts[i].impacts, reference.contacts[i].impacts, window, longest_delay(system)),
         run_totals=statistics(run, t_end),
         reference_totals=statistics(reference, t_end),
     )

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..model.system import System
+from ..references.horizon import time_tolerance
 from ..trajectory.impacts import Impacts
 from ..trajectory.trajectory import Trajectory
 
@@ -29,9 +31,10 @@ class Matching:
     """The i-th impact of a run paired with the i-th of the reference, both sampled, up to ``window``.
 
     A pair holds if both hit the same stop and |t_run - t_ref| is less than half the smaller gap to the
-    neighbouring reference impacts. matched_until: the reference time of the first pair that does not
-    hold (of an impact without a partner: its own time), else the window. first_error: t_run - t_ref of
-    the first pair; median_delay: of all pairs that hold; > 0 means late, NaN where there is no pair.
+    neighbouring reference impacts, and no more than ``longest_delay``. matched_until: the reference time of
+    the first pair that does not hold (of an impact without a partner: its own time), else the window.
+    first_error: t_run - t_ref of the first pair; median_delay: of all pairs that hold; > 0 means late, NaN
+    where there is no pair.
     """
 
     matched: int
@@ -40,8 +43,13 @@ class Matching:
     median_delay: float
 
 
-def match(run: Impacts, reference: Impacts, window: float) -> Matching:
-    """Pair two impact sequences; both may reach past ``window``."""
+def longest_delay(system: System) -> float:
+    """A quarter of the longest natural period: what is later than that follows nothing."""
+    return 250.0 * time_tolerance(system)
+
+
+def match(run: Impacts, reference: Impacts, window: float, longest: float = np.inf) -> Matching:
+    """Pair two impact sequences; both may reach past ``window``. longest: see ``longest_delay``."""
     n = min(run.count, reference.count)
     times = reference.times
     gaps = np.diff(times)
@@ -49,6 +57,7 @@ def match(run: Impacts, reference: Impacts, window: float) -> Matching:
     before = np.insert(gaps, 0, np.inf)[: len(times)]
     tolerance = np.minimum(before, after) / 2.0
     tolerance[np.isinf(tolerance)] = window / 2.0  # a single impact has no neighbour
+    tolerance = np.minimum(tolerance, longest)
     delay = run.times[:n] - times[:n]
     fails = (run.stops[:n] != reference.stops[:n]) | ~(np.abs(delay) < tolerance[:n])
     matched = int(np.argmax(fails)) if np.any(fails) else n
@@ -70,4 +79,5 @@ def match(run: Impacts, reference: Impacts, window: float) -> Matching:
 def matched_until(run: Trajectory, reference: Trajectory, window: float) -> float:
     """The time to which the impacts at every contact match, see Matching; ``window`` without contacts."""
     pairs = zip(run.contacts, reference.contacts, strict=True)
-    return min((match(a.impacts, b.impacts, window).matched_until for a, b in pairs), default=window)
+    longest = np.inf if reference.system is None else longest_delay(reference.system)
+    return min((match(a.impacts, b.impacts, window, longest).matched_until for a, b in pairs), default=window)

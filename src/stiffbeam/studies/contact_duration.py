@@ -24,7 +24,7 @@ from ..figures import column, heading, log_scale, look, new_figure, numeric, say
 from ..files.cases import Case
 from ..march.ensemble import integrate_ensemble
 from ..march.integrate import integrate
-from ..measures.impacts import match
+from ..measures.impacts import longest_delay, match
 from ..measures.report import percent
 from ..model.members import SPREAD, perturbed
 from ..references.ensemble import reference_ensemble
@@ -94,7 +94,7 @@ def _pairs(case: Case, point: Point) -> list[Row]:
     run = integrate(system, scheme_of(point["method"]), point["dt"], end, every=round(end / point["dt"]))
     rows = []
     for number, (own, other) in enumerate(zip(run.contacts, exact.contacts, strict=True), 1):
-        first = slice(0, match(own.impacts, other.impacts, end).matched)
+        first = slice(0, match(own.impacts, other.impacts, end, longest_delay(system)).matched)
         found, wanted = own.impacts.take(first), other.impacts.take(first)
         for side, name in SIDES.items():
             lasting = np.nan_to_num(wanted.durations) > 0.0  # not so at rigid stops

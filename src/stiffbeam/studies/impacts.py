@@ -34,7 +34,7 @@ from ..figures import (
 from ..files.cases import Case
 from ..march.ensemble import integrate_ensemble
 from ..march.integrate import integrate
-from ..measures.impacts import match
+from ..measures.impacts import longest_delay, match
 from ..measures.report import percent
 from ..model.members import SPREAD, perturbed
 from ..references.ensemble import reference_ensemble
@@ -115,7 +115,7 @@ def evaluate(case: Case, point: Point) -> list[Row]:
     run = integrate(system, scheme, dt, steps * dt, point["contact"], every=steps)
     rows = _statistics(many)
     for row, own, record in zip(rows, run.contacts, exact.contacts, strict=True):
-        row |= asdict(match(own.impacts, record.impacts, horizon))
+        row |= asdict(match(own.impacts, record.impacts, horizon, longest_delay(system)))
         row |= {
             "horizon": horizon,
             "reference_count": record.impacts.until(t_end).count,
