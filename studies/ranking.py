@@ -24,7 +24,7 @@ if __name__ == "__main__":
         for error in ERRORS:
             ranked = cheapest(schemes, error, "seconds")
             print(f"{table}, error {error:g}: " + ", ".join(f"{name} {1e3 * cost:.2g} ms" for cost, name in ranked))
-            first += [name for _, name in ranked[:1]]
+            first += [name.removesuffix(" at most") for _, name in ranked[:1]]
         tracked = {row["method"]: row["tracked"] for row in schemes}  # the finest step is the last
         best = max(tracked, key=lambda name: tracked[name] if np.isfinite(tracked[name]) else 0.0)
         print(f"{table}, longest: {best} to t = {tracked[best]:.3g} of {schemes[0]['horizon']:.3g}")

@@ -75,7 +75,8 @@ the first contact by events, a contact that is there at the start is none.
 ## Score your integrator
 
 In Python, a function of the system (`.mass`, `.damping`, `.stiffness`, `.q0`, `.v0`, `.load(t)`, `.contacts[i].row`,
-`.contacts[i].stops`) with a fixed step, that returns times and tip, or times, positions and velocities of all unknowns:
+`.contacts[i].stops` and, where what a contact sees is not row q alone, `.contacts[i].offset`) with a fixed step, that
+returns times and tip, or times, positions and velocities of all unknowns:
 
 ```python
 import numpy as np
@@ -87,8 +88,11 @@ def central_differences(system, dt, t_end):
     inverse, q, v = np.linalg.inv(system.mass), system.q0, system.v0
 
     def acceleration(t, q, v):
-        reactions = sum(c.row * c.stops.force(c.row @ q, c.row @ v) for c in system.contacts)
-        return inverse @ (system.load(t) - system.damping @ v - system.stiffness @ q + reactions)
+        forces = system.load(t) - system.damping @ v - system.stiffness @ q
+        for c in system.contacts:
+            moved, rate = (0.0, 0.0) if c.offset is None else (c.offset.value(t), c.offset.rate(t))
+            forces = forces + c.row * c.stops.force(c.row @ q + moved, c.row @ v + rate)
+        return inverse @ forces
 
     positions, velocities = [q], [v]
     for k in range(len(t) - 1):
@@ -100,7 +104,8 @@ def central_differences(system, dt, t_end):
     return t, np.array(positions), np.array(velocities)
 
 
-print(sb.score(central_differences, ["free-oscillator", "bilinear-oscillator", "bilinear-gap", "two-mass-chain"]))
+problems = ["free-oscillator", "bilinear-oscillator", "bilinear-gap", "two-mass-chain", "stop-along-the-beam"]
+print(sb.score(central_differences, problems))
 ```
 
 Any other program writes a CSV file with the columns t, u and, if it knows it, v, with equal steps to `t_end`; several
