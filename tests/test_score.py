@@ -295,7 +295,7 @@ def test_the_page_runs_as_written(tmp_path):
     (block,) = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
     done = subprocess.run([sys.executable, "-W", "error", "-c", block], cwd=tmp_path, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    assert "4 converges" in done.stdout
+    assert "5 converges" in done.stdout
     for name in sb.problems():
         assert f"## {name}\n" in PAGE
         assert (ROOT / "reference" / "problems" / f"{name}.png").is_file()
