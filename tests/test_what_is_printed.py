@@ -273,6 +273,14 @@ def test_options_of_chaos_are_checked(options):
         )
 
 
+def test_pairs_are_followed_for_ten_steps_where_the_horizon_is_shorter():
+    """Half of 1.0 is five steps."""
+    system = one(100.0, speed=1.0)
+    found = sb.study("chaos", system, dt=0.1, t_end=1.0, schemes=["trapezoidal"], starts=4, jobs=1)
+    assert not found.failures
+    assert max(row["t"] for row in found.rows if "distance" in row) == pytest.approx(1.0)
+
+
 def test_precision_says_of_no_impact_that_it_is_followed_where_it_is_not():
     """The one impact is at 2.65; with dt = 5 the trapezoidal rule has its own at 18. And a stop out of reach."""
     for upper in (0.75, 3.0):

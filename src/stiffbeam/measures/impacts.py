@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..model.system import System
-from ..references.horizon import time_tolerance
+from ..references.horizon import longest_period
 from ..trajectory.impacts import Impacts
 from ..trajectory.trajectory import Trajectory
 
@@ -45,7 +45,7 @@ class Matching:
 
 def longest_delay(system: System) -> float:
     """A quarter of the longest natural period: what is later than that follows nothing."""
-    return 250.0 * time_tolerance(system)
+    return 0.25 * longest_period(system)
 
 
 def match(run: Impacts, reference: Impacts, window: float, longest: float = np.inf) -> Matching:

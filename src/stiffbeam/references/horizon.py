@@ -32,14 +32,18 @@ MARGIN = 4.0  # times the rounding, for the perturbed copies
 def time_tolerance(system: System) -> float:
     """How far impact times may differ inside the horizon: a thousandth of the longest natural period.
 
-    That is 1.0e-4 time units for the paper's k^2 = 300. A system that swings on its stops only has the
-    period of the softest of them.
+    That is 1.0e-4 time units for the paper's k^2 = 300.
     """
+    return 1e-3 * longest_period(system)
+
+
+def longest_period(system: System) -> float:
+    """The longest natural one; of a system that swings on its stops only that of the softest of them, inf of none."""
     omega = undamped_modes(system).omega
     if not np.any(omega):
         omega = np.array([_on_its_stop(system, contact) for contact in system.contacts])
     first = omega[omega > 0.0]
-    return 1e-3 * 2.0 * np.pi / float(np.min(first)) if len(first) else np.inf
+    return 2.0 * np.pi / float(np.min(first)) if len(first) else np.inf
 
 
 def _on_its_stop(system: System, contact: Contact) -> float:

@@ -59,9 +59,11 @@ def points(
     positive("size", size)
     exact = solve_once(system_of(case, form), case.t_end)
     dt = case.dt if dt is None else dt
-    span = min(exact.horizon, case.t_end) / 2.0 if span is None else positive("span", span)
-    if not dt <= span / STEPS:
-        raise InputError("dt", dt, f"be at most {span / STEPS:.3g}, for {STEPS} steps of a span", "take a smaller one")
+    most = (case.t_end if span is None else positive("span", span)) / STEPS
+    if not dt <= most:
+        raise InputError("dt", dt, f"be at most {most:.3g}, for {STEPS} steps of a span", "take a smaller one")
+    if span is None:  # a horizon may be shorter than some steps, or 0
+        span = max(min(exact.horizon, case.t_end) / 2.0, STEPS * dt)
     rest = {"form": form, "dt": dt, "starts": starts, "size": size, "span": dt * round(span / dt)}
     pairs = [{"kind": "pairs", "method": method} | rest for method in ["exact", *scheme_labels(case, schemes)]]
     drive = drive_frequency(system_of(case, form))
