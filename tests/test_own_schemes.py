@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import stiffbeam as sb
-from stiffbeam.files.cases import parse_run
+from stiffbeam.schemes.labels import parse_run
 from stiffbeam.studies.common import label_of, scheme_of
 
 

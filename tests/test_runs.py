@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import stiffbeam as sb
-from stiffbeam.files.cases import parse_run, split_runs
 from stiffbeam.schemes import GAMMA_THIRD_ORDER, registered
+from stiffbeam.schemes.labels import parse_run, split_runs
 from stiffbeam.schemes.sdirk import GAMMA_MIN
 
 PRINTED = [sb.HHT(-0.2).printed(), sb.SDIRK().printed("sigma"), sb.SDIRK(1.0, nystrom=True).printed("stage-matrix")]

@@ -20,7 +20,7 @@ import stiffbeam as sb
 from stiffbeam.basics import budget
 from stiffbeam.basics.words import printable, shown
 from stiffbeam.cli import app
-from stiffbeam.files.cases import parse_run
+from stiffbeam.schemes.labels import parse_run
 
 HUGE = 10**400
 STOPS = sb.Stops(-0.1, 0.1, stiffness=1e4)

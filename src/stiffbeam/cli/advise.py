@@ -36,7 +36,8 @@ def advise(
     After every refinement a line on stderr says the least errors so far; a search that was stopped goes on.
     """
     from ..basics.validation import InputError
-    from ..files.cases import find_case, parse_run, split_runs
+    from ..files.cases import find_case
+    from ..schemes.labels import parse_run, split_runs
     from ..studies.advice import advise as find
     from ..studies.engine.journal import Journal
 

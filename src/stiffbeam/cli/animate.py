@@ -26,9 +26,10 @@ def animate(
     """A film: the beam between its stops, schemes beside the exact motion, impacts flashing."""
     from ..basics.validation import InputError
     from ..figures.animation import animate as film
-    from ..files.cases import find_case, parse_run, split_runs
+    from ..files.cases import find_case
     from ..march.integrate import integrate
     from ..references import reference
+    from ..schemes.labels import parse_run, split_runs
     from ..trajectory.trajectory import Trajectory
 
     check_json(json_file)

@@ -54,9 +54,10 @@ def compare(
     """Run schemes beside SUNDIALS and the exact solution: table, picture, trajectories."""
     from ..basics.validation import InputError, positive
     from ..dumont2002.table import default_runs
-    from ..files.cases import find_case, parse_run, split_runs
+    from ..files.cases import find_case
     from ..files.reference_cache import cached_reference
     from ..references import reference
+    from ..schemes.labels import parse_run, split_runs
     from ..studies.comparison import compare_case
 
     chosen = find_case(case)

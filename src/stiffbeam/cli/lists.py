@@ -8,7 +8,7 @@ from typing import Any
 
 def labels(text: str | None) -> list[str] | None:
     """Words or runs with commas between them; those inside parentheses belong to a run."""
-    from ..files.cases import split_runs
+    from ..schemes.labels import split_runs
 
     return None if text is None else [part.strip() for part in split_runs(text)]
 

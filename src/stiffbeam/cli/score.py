@@ -34,7 +34,7 @@ def score(
     Exit status 0: nothing is flagged; 1: an error does not fall with the step, or too slowly, or a run failed.
     """
     from ..basics.validation import InputError
-    from ..files.cases import split_runs
+    from ..schemes.labels import split_runs
     from ..testset.problem import folder, problems
     from ..testset.problem import problem as find
     from ..testset.score import score as score_all

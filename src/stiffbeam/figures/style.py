@@ -5,26 +5,22 @@ from __future__ import annotations
 from typing import Any
 from zlib import crc32
 
-from ..measures.names import scheme_of, short
+from ..measures.names import short
 from ..references.registry import REFERENCES
-from ..schemes import make
+from ..schemes import RIGID, SCHEMES, make
+from ..schemes.labels import scheme_of
 
 # Okabe and Ito's palette, distinguishable with any colour vision, and two more; black is the exact motion.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#5E3C99", "#7F5A1D")
-# Thirteen, one for each scheme in LOOKS, so that they can be told apart in grey.
+# Thirteen, one for each scheme of the package, so that they can be told apart in grey.
 DASHES = (
     (), (5, 1.5), (1.5, 1.2), (6, 1.5, 1.5, 1.5), (3, 1), (8, 2), (1, 3), (6, 1.5, 1.5, 1.5, 1.5, 1.5),
     (4, 4), (10, 2, 3, 2), (3, 1, 1, 1, 1, 1, 1, 1), (8, 5), (3, 3, 1, 3),
 )  # fmt: skip
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 EXACT = ("exact", "multiprecision", "reference", "tangent flow")  # what stands for the exact motion
-# Colour, dashes and marker of a scheme with its default parameters; any other name takes one of the free pairs.
-LOOKS = {
-    "bdf2": (0, 0, 0), "sdirk": (1, 1, 1), "hht": (2, 2, 2), "generalised-alpha": (3, 3, 3), "trapezoidal": (4, 4, 4),
-    "bathe": (5, 5, 5), "theta": (7, 8, 6), "exponential-flow": (6, 7, 6),
-    "moreau-jean": (1, 6, 3), "moreau-jean-bilbao": (5, 9, 6), "paoli-schatzman": (4, 10, 2),
-    "contact-stabilised": (2, 11, 5), "nonsmooth-alpha": (3, 12, 1),
-}  # fmt: skip
+# Colour, dashes and marker of the schemes that state them; any other name takes one of the free pairs.
+LOOKS = {name: scheme.look for name, scheme in (SCHEMES | RIGID).items() if scheme.look is not None}
 _TAKEN = {(dashes, marker) for _, dashes, marker in LOOKS.values()}
 _FREE = [(d, m) for d in range(len(DASHES)) for m in range(len(MARKERS)) if (d, m) not in _TAKEN]
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import re
 import tomllib
 from functools import cache
@@ -15,15 +14,12 @@ from ..basics.units import Units
 from ..basics.validation import InputError, file_path, integer, near, positive, step_count
 from ..model.problem import BeamProblem, DistributedLoad, Load, PointLoad
 from ..model.sections import Section
-from ..model.semidiscretisation import ALL_FORMS
-from ..schemes import Scheme, make
+from ..schemes.labels import parse_run
 from .case import Case, SystemCase
 from .reader import Reader
 from .system_reader import SystemReader
 
-LONGEST_RUN = 200  # letters
 MOST_BYTES, MOST_LINE, MOST_DOTS = 1 << 20, 1 << 16, 50  # of a case file, a line and a key in it
-KNOWN_FORMS = (*ALL_FORMS, "matrices")
 
 
 def paper_case(table: int) -> Case:
@@ -119,50 +115,6 @@ def _bounded(file: Path) -> str:
         if key.count(b".") > MOST_DOTS:
             raise InputError(f"{file}: line {number}", "a key of many dots", f"have at most {MOST_DOTS}", "use tables")
     return content.decode("utf-8").replace("\r\n", "\n")
-
-
-def parse_run(text: str, default_form: str = "displacement") -> tuple[Scheme, str]:
-    """``name(parameter=value, ...)[.printed[(erratum)]][@form]`` as (scheme, form).
-
-    For example ``bdf2``, ``hht(alpha=-0.1)@displacement``, ``sdirk(gamma=0.4359, nystrom=true)``,
-    ``sdirk.printed(sigma)@velocity-curvature``, ``mymodule:Central(theta=0.5)`` for a class of one's own.
-    """
-    if not isinstance(text, str) or len(text) > LONGEST_RUN:
-        remedy = "e.g. hht(alpha=-0.1)@displacement"
-        raise InputError("scheme", text, f"be a text of at most {LONGEST_RUN} letters", remedy)
-    pattern = (
-        r"\s*(?P<name>[\w.]+:\w+|[\w-]+)\s*(\((?P<args>[^()]*)\))?"
-        r"\s*(?P<printed>\.printed(\((?P<errata>[^()]*)\))?)?"
-        r"\s*(@\s*(?P<form>[\w-]+))?\s*"
-    )
-    match = re.fullmatch(pattern, text)
-    if not match:
-        raise InputError("scheme", text, "read name(parameter=value, ...)@form", "e.g. hht(alpha=-0.1)@displacement")
-    parameters: dict[str, Any] = {}
-    for item in filter(None, (match["args"] or "").split(",")):
-        key, equals, value = (part.strip() for part in item.partition("="))
-        if not equals:
-            raise InputError("scheme", text, "name every parameter", "for example hht(alpha=-0.1)")
-        if key in parameters:
-            raise InputError("scheme", text, f"give {key} once", "leave one of them out")
-        try:
-            truth = {"true": True, "false": False}
-            parameters[key] = truth[value.lower()] if value.lower() in truth else ast.literal_eval(value)
-        except (ValueError, SyntaxError, TypeError, RecursionError, MemoryError):
-            remedy = "for example hht(alpha=-0.1)"
-            raise InputError("scheme", text, f"give {key} a number, true or false", remedy) from None
-    scheme = make(match["name"], **parameters)
-    if match["printed"]:
-        scheme = scheme.printed(*filter(None, (e.strip() for e in (match["errata"] or "").split(","))))
-    form = match["form"] or default_form
-    if form not in KNOWN_FORMS:
-        raise InputError("form", form, "be one that there is", near(form, KNOWN_FORMS))
-    return scheme, form
-
-
-def split_runs(text: str) -> list[str]:
-    """A comma-separated list of runs; commas inside parentheses belong to the run."""
-    return [part for part in re.split(r",(?![^(]*\))", text) if part.strip()]
 
 
 # ---------------------------------------------------------------- the file's form

@@ -19,6 +19,9 @@ class Bathe(Scheme):
     """
 
     name = "bathe"
+    abbreviation = "Bathe"
+    look = (5, 5, 5)
+    variants = ({"split": 2.0 - 2.0**0.5},)
 
     def __init__(self, split: float = 0.5) -> None:
         self.split = in_interval("split", split, 0.01, 0.99)

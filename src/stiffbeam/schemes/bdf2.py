@@ -18,6 +18,8 @@ class BDF2(Scheme):
 
     name = "bdf2"
     paper = "(4.5), (4.11)"
+    abbreviation = "BDF2"
+    look = (0, 0, 0)
     history = 2
 
     @property

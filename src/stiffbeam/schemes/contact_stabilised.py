@@ -24,6 +24,8 @@ class ContactStabilisedNewmark(RigidScheme):
     """
 
     name = "contact-stabilised"
+    abbreviation = "stabilised"
+    look = (2, 11, 5)
     nodes = (1.0, 1.0)
     conditions = (POSITION, POSITION)
 

@@ -19,6 +19,8 @@ class ExponentialFlow(Scheme):
     """
 
     name = "exponential-flow"
+    abbreviation = "exponential"
+    look = (6, 7, 6)
 
     def initial(self, equation: Equation, history: list[Array], force: Array) -> Array:
         """(y, f) with the force f given."""

@@ -18,6 +18,9 @@ class GeneralisedAlpha(WeightedNewmark):
     """
 
     name = "generalised-alpha"
+    abbreviation = "gen.-α"
+    look = (3, 3, 3)
+    variants = ({"rho": 0.0}, {"rho": 1.0})
 
     def __init__(self, rho: float = 0.8) -> None:
         self.rho = in_interval("rho", rho, 0.0, 1.0)

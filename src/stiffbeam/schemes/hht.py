@@ -23,6 +23,9 @@ class HHT(WeightedNewmark):
 
     name = "hht"
     paper = "(4.13)"
+    abbreviation = "HHT"
+    look = (2, 2, 2)
+    variants = ({"alpha": 0.0}, {"alpha": -0.3})
 
     def __init__(self, alpha: float = -0.1) -> None:
         self.alpha = in_interval(

@@ -24,6 +24,8 @@ class MoreauJean(RigidScheme):
     """
 
     name = "moreau-jean"
+    abbreviation = "Moreau-Jean"
+    look = (1, 6, 3)
     conditions = (VELOCITY,)
 
     def __init__(self, theta: float = 0.5) -> None:

@@ -25,6 +25,8 @@ class PaoliSchatzman(RigidScheme):
     """
 
     name = "paoli-schatzman"
+    abbreviation = "Paoli-Sch."
+    look = (4, 10, 2)
     conditions = (RESTITUTED,)
 
     def __init__(self, beta: float = 0.25) -> None:

@@ -12,20 +12,27 @@ from ..basics.validation import InputError, one_of
 from ..model.equations import Equation
 
 Step = tuple[Array, list[Array]]  # z at t_{n+1}, and y at the nodes
+FACTS: dict[str, Any] = {"name": "", "abbreviation": "", "paper": "", "look": None, "variants": ()}  # not inherited
 
 
 class Scheme(ABC):
     """A fixed-step scheme on M q'' + C q' + K q = f, or on y' = A y + f.
 
-    ``nodes`` are the c_i in t_n + c_i dt at which the scheme asks for the force. ``step`` must be
-    linear in (state, loads, reactions), the same for the same input, and what it says of node i must not
-    depend on a force at a later node; ``integrate`` checks this. The state z has shape (components, ...,
-    n) and starts with y (see equations). A subclass with ``nodes`` and ``step`` can be given to
-    ``integrate`` as it is; its name is the class's in small letters unless it states one: it never inherits a name.
+    ``nodes`` are the c_i in t_n + c_i dt at which the scheme needs the force. ``step`` must be linear in (state, loads,
+    reactions) and give the same result for the same input. The state at node i must not depend on a force at a later
+    node; ``integrate`` checks this. The state z has shape (components, ..., n) and starts with y (see equations).
+
+    ``integrate`` accepts any subclass with ``nodes`` and ``step``. A subclass inherits none of the FACTS below: its
+    name, unless it states one, is the name of its class in small letters.
     """
 
     name: ClassVar[str] = ""
+    abbreviation: ClassVar[str] = ""  # in tables and legends; the name where it is empty
     paper: ClassVar[str] = ""  # the paper's equation numbers
+    look: ClassVar[tuple[int, int, int] | None] = (
+        None  # colour, dashes and marker in every picture, see figures/style.py
+    )
+    variants: ClassVar[tuple[dict[str, Any], ...]] = ()  # parameters that tests and studies try beside the defaults
     erratum: ClassVar[str] = ""  # the name of the misprint, for a printed form
     at_any_step: ClassVar[bool] = False  # whether that form runs at any step
     nodes: tuple[float, ...] = (1.0,)
@@ -35,8 +42,11 @@ class Scheme(ABC):
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
-        if "name" not in cls.__dict__ and "erratum" not in cls.__dict__:
-            cls.name = cls.__name__.lower()
+        if "erratum" in cls.__dict__:  # a printed form shares the facts of the scheme that it misprints
+            return
+        for fact, default in FACTS.items():
+            setattr(cls, fact, cls.__dict__.get(fact, default))
+        cls.name = cls.name or cls.__name__.lower()
 
     @property
     def starter(self) -> Scheme | None:

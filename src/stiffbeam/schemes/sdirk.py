@@ -38,6 +38,9 @@ class SDIRK(Scheme):
     """
 
     name = "sdirk"
+    abbreviation = "SDIRK"
+    look = (1, 1, 1)
+    variants = ({"nystrom": True}, {"gamma": 1.0}, {"gamma": 1.0, "nystrom": True})
 
     def __init__(self, gamma: float = GAMMA_THIRD_ORDER, nystrom: bool = False) -> None:
         gamma = in_interval("gamma", gamma, GAMMA_MIN, GAMMA_MAX, "outside it the scheme is not L-stable")

@@ -17,6 +17,8 @@ class Theta(Scheme):
 
     name = "theta"
     paper = "Section 5.2.1"
+    abbreviation = "θ"
+    look = (7, 8, 6)
 
     def __init__(self, theta: float = 0.5) -> None:
         self.theta = in_interval("theta", theta, 0.5, 1.0)

@@ -13,7 +13,7 @@ class Trapezoidal(Theta):
     """
 
     name = "trapezoidal"
-    paper = ""
+    look = (4, 4, 4)
 
     def __init__(self) -> None:
         super().__init__(0.5)

@@ -7,12 +7,12 @@ from typing import Annotated
 
 from ..basics.budget import afford
 from ..basics.validation import InputError, integer, sequence
-from ..files.cases import Case, parse_run
+from ..files.cases import Case
 from ..measures.windows import first_impacts_end
 from ..model.system import System
 from ..references import reference
 from ..schemes import RIGID, SCHEMES, Scheme, make
-from ..schemes.own import own_label
+from ..schemes.labels import parse_run, user_label
 from ..trajectory.trajectory import Reference
 from .engine.study import Answer, Row, Rows
 
@@ -62,7 +62,7 @@ def label_of(scheme: str | Scheme) -> str:
         made = scheme_of(label)
     except InputError:
         made = None
-    return label if type(made) is type(scheme) else own_label(scheme)
+    return label if type(made) is type(scheme) else user_label(scheme)
 
 
 def afford_halvings(case: Case, halvings: int, dt: float | None, t_end: float | None) -> None:

@@ -11,22 +11,18 @@ import numpy as np
 
 from ..basics.compiled import clock
 from ..basics.validation import InputError
-from ..files.cases import parse_run
 from ..march.integrate import integrate
 from ..references import solve
 from ..references.registry import ADAPTIVE, REFERENCES
 from ..schemes import RIGID, SCHEMES, Scheme
-from ..schemes.own import own_function
+from ..schemes.labels import parse_run, user_function
 from ..trajectory.trajectory import Diverged, Trajectory
 from .measure import Motion, motion_of
 from .problem import Problem
 
 TOLERANCES = (1e-4, 1e-6, 1e-8)
-PREFERRED = (
-    "bdf2", "sdirk", "hht", "generalised-alpha", "trapezoidal", "bathe", "exponential-flow", "moreau-jean", "exact",
-    "cvode-adams", "dop853",
-)  # fmt: skip
-DEFAULT = tuple(name for name in PREFERRED if name in SCHEMES | RIGID or name in REFERENCES)
+SOLVERS = ("exact", "cvode-adams", "dop853")  # one of each kind; others by name
+DEFAULT = (*SCHEMES, *RIGID, *SOLVERS)
 
 
 @dataclass(frozen=True)
@@ -67,7 +63,7 @@ def integrator(given: Any, order: float | None = None) -> Integrator:
     if isinstance(given, str):
         if given in REFERENCES:
             return Integrator(given, float("nan"), True, lambda *args: _by_solver(given, *args))
-        own = own_function(given) if re.fullmatch(r"[\w.]+:\w+", given) else None
+        own = user_function(given) if re.fullmatch(r"[\w.]+:\w+", given) else None
         given = parse_run(given)[0] if own is None else own
     if isinstance(given, Scheme):
         own = float(given.order if order is None else order)

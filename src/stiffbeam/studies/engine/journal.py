@@ -18,7 +18,7 @@ except ImportError:  # where there is no such lock
 from ...basics.cache import source_hash
 from ...basics.validation import InputError
 from ...files.cases import Case
-from ...schemes.own import own_source
+from ...schemes.labels import user_source
 from .study import Point, Row
 
 
@@ -113,7 +113,7 @@ def _key(point: Point) -> str:
 
 def _source(point: Point) -> str:
     """Of the schemes of one's own in a point, what their modules hold."""
-    return "".join(own_source(value) for value in point.values())
+    return "".join(user_source(value) for value in point.values())
 
 
 def _number(value: Any) -> Any:

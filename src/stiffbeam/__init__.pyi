@@ -1,0 +1,73 @@
+"""The public names: the one list of them, which ``__init__.py`` reads too."""
+
+from .basics.units import Units as Units
+from .basics.validation import InputError as InputError
+from .figures.mode_shapes import mode_shapes as mode_shapes
+from .files.cases import Case as Case
+from .files.cases import load_cases as load_cases
+from .files.cases import paper_case as paper_case
+from .files.reference_cache import cached_reference as cached_reference
+from .files.store import load as load
+from .march.ensemble import integrate_ensemble as integrate_ensemble
+from .march.integrate import integrate as integrate
+from .measures.amplification import Amplification as Amplification
+from .measures.amplification import amplification as amplification
+from .measures.comparison import Comparison as Comparison
+from .measures.comparison import compare as compare
+from .measures.tip_error import stays_within as stays_within
+from .model.contact import Contact as Contact
+from .model.contact import Stops as Stops
+from .model.first_order import FirstOrderSystem as FirstOrderSystem
+from .model.members import Members as Members
+from .model.members import perturbed as perturbed
+from .model.members import varied as varied
+from .model.modal_damping import modal_damping as modal_damping
+from .model.natural_modes import NaturalModes as NaturalModes
+from .model.natural_modes import modes as modes
+from .model.natural_modes import static_equilibrium as static_equilibrium
+from .model.noise import noise as noise
+from .model.noise import random_phases as random_phases
+from .model.problem import BeamProblem as BeamProblem
+from .model.problem import DistributedLoad as DistributedLoad
+from .model.problem import PointLoad as PointLoad
+from .model.profiles import PolynomialProfile as PolynomialProfile
+from .model.reduction import Reduced as Reduced
+from .model.reduction import reduced as reduced
+from .model.sampled import Sampled as Sampled
+from .model.sections import Section as Section
+from .model.semidiscretisation import semidiscretise as semidiscretise
+from .model.system import System as System
+from .model.time_functions import Constant as Constant
+from .model.time_functions import Harmonic as Harmonic
+from .model.time_functions import Sum as Sum
+from .model.time_functions import TimeFunction as TimeFunction
+from .references import reference as reference
+from .references.ensemble import reference_ensemble as reference_ensemble
+from .references.exact.rigid import rigid_limit as rigid_limit
+from .references.exact.tangent import Growth as Growth
+from .references.exact.tangent import lyapunov as lyapunov
+from .schemes.registry import *  # noqa: F403
+from .studies import study as study
+from .studies.advice import Advice as Advice
+from .studies.advice import advise as advise
+from .testset.problem import Problem as Problem
+from .testset.problem import problem as problem
+from .testset.problem import problems as problems
+from .testset.score import score as score
+from .testset.scorecard import Scorecard as Scorecard
+from .trajectory.ensemble import Ensemble as Ensemble
+from .trajectory.impacts import Impacts as Impacts
+from .trajectory.trajectory import (
+    Diverged as Diverged,
+)
+from .trajectory.trajectory import (
+    Reference as Reference,
+)
+from .trajectory.trajectory import (
+    SolverFailure as SolverFailure,
+)
+from .trajectory.trajectory import (
+    Trajectory as Trajectory,
+)
+
+__version__: str

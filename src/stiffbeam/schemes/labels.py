@@ -1,0 +1,182 @@
+"""Schemes as text: ``hht(alpha=-0.1)@displacement``; ``mymodule:Central(theta=0.5)`` is a class of a user's module."""
+
+from __future__ import annotations
+
+import ast
+import hashlib
+import importlib
+import inspect
+import os
+import re
+import sys
+from collections.abc import Callable, Iterator
+from inspect import signature
+from typing import Any
+
+from ..basics.validation import InputError, near
+from ..model.semidiscretisation import ALL_FORMS
+from .registry import RIGID, SCHEMES
+from .scheme import Scheme
+
+LONGEST_RUN = 200  # letters
+KNOWN_FORMS = (*ALL_FORMS, "matrices")
+
+
+def make(name: str, **parameters: Any) -> Scheme:
+    """The registered scheme ``name``, or the one that ``module:Class`` names, with its parameters."""
+    known = SCHEMES | RIGID
+    if name not in known and ":" not in name:
+        raise InputError("scheme", name, "be a registered scheme", near(name, known))
+    kind = known.get(name) or user_class(name)
+    own = [p for p in signature(kind).parameters if p not in ("args", "kwargs")]
+    for parameter in parameters:
+        if parameter not in own:
+            remedy = near(parameter, own) if own else "it has none"
+            raise InputError(f"{name}'s parameter", parameter, "be one of its own", remedy)
+    return kind(**parameters)
+
+
+def registered() -> Iterator[Scheme]:
+    """Every registered scheme: its defaults, then its variants."""
+    for scheme in SCHEMES.values():
+        for parameters in ({}, *scheme.variants):
+            yield scheme(**parameters)
+
+
+def parse_run(text: str, default_form: str = "displacement") -> tuple[Scheme, str]:
+    """``name(parameter=value, ...)[.printed[(erratum)]][@form]`` as (scheme, form).
+
+    For example ``bdf2``, ``hht(alpha=-0.1)@displacement``, ``sdirk(gamma=0.4359, nystrom=true)``,
+    ``sdirk.printed(sigma)@velocity-curvature``, ``mymodule:Central(theta=0.5)`` for a class of one's own.
+    """
+    if not isinstance(text, str) or len(text) > LONGEST_RUN:
+        remedy = "e.g. hht(alpha=-0.1)@displacement"
+        raise InputError("scheme", text, f"be a text of at most {LONGEST_RUN} letters", remedy)
+    pattern = (
+        r"\s*(?P<name>[\w.]+:\w+|[\w-]+)\s*(\((?P<args>[^()]*)\))?"
+        r"\s*(?P<printed>\.printed(\((?P<errata>[^()]*)\))?)?"
+        r"\s*(@\s*(?P<form>[\w-]+))?\s*"
+    )
+    match = re.fullmatch(pattern, text)
+    if not match:
+        raise InputError("scheme", text, "read name(parameter=value, ...)@form", "e.g. hht(alpha=-0.1)@displacement")
+    parameters: dict[str, Any] = {}
+    for item in filter(None, (match["args"] or "").split(",")):
+        key, equals, value = (part.strip() for part in item.partition("="))
+        if not equals:
+            raise InputError("scheme", text, "name every parameter", "for example hht(alpha=-0.1)")
+        if key in parameters:
+            raise InputError("scheme", text, f"give {key} once", "leave one of them out")
+        try:
+            truth = {"true": True, "false": False}
+            parameters[key] = truth[value.lower()] if value.lower() in truth else ast.literal_eval(value)
+        except (ValueError, SyntaxError, TypeError, RecursionError, MemoryError):
+            remedy = "for example hht(alpha=-0.1)"
+            raise InputError("scheme", text, f"give {key} a number, true or false", remedy) from None
+    scheme = make(match["name"], **parameters)
+    if match["printed"]:
+        scheme = scheme.printed(*filter(None, (e.strip() for e in (match["errata"] or "").split(","))))
+    form = match["form"] or default_form
+    if form not in KNOWN_FORMS:
+        raise InputError("form", form, "be one that there is", near(form, KNOWN_FORMS))
+    return scheme, form
+
+
+def split_runs(text: str) -> list[str]:
+    """A comma-separated list of runs; commas inside parentheses belong to the run."""
+    return [part for part in re.split(r",(?![^(]*\))", text) if part.strip()]
+
+
+def scheme_of(label: str) -> Scheme | None:
+    """The scheme that a label names; None where the label names no scheme."""
+    try:
+        return parse_run(label)[0]
+    except InputError:
+        return None
+
+
+def abbreviated(scheme: Scheme, label: str = "") -> str:
+    """Short name of a scheme: ``sdirk(gamma=0.4359, nystrom=true)`` is SDIRK(0.4359). label: names a user's class."""
+    values = [f"{v:.4g}" for v in scheme.parameters.values() if not isinstance(v, bool)]
+    user_class = label.partition(":")[2].partition("(")[0]
+    name = (user_class or scheme.abbreviation or scheme.name) + (f"({', '.join(values)})" if values else "")
+    return f"{name} printed({scheme.erratum})" if scheme.erratum else name
+
+
+# ---------------------------------------------------------------- classes of a user's module
+
+
+def user_class(name: str) -> type[Scheme]:
+    """The Scheme class that ``module:Class`` names; the module is looked for in the current folder too.
+
+    Raises InputError for a module that cannot be imported and for what is no Scheme class in it.
+    """
+    place, _, wanted = name.partition(":")
+    module = _module(place, name)
+    found = getattr(module, wanted, None)
+    if not isinstance(found, type) or not issubclass(found, Scheme):
+        classes = [x for x, value in vars(module).items() if isinstance(value, type) and issubclass(value, Scheme)]
+        function = callable(found) and not isinstance(found, type)
+        remedy = "it is a function: stiffbeam score takes these" if function else near(wanted, classes)
+        raise InputError("scheme", name, f"name a Scheme class of {place}", remedy)
+    return found
+
+
+def user_function(name: str) -> Callable[..., Any] | None:
+    """The function that ``module:function`` names, None where that is something else. Raises InputError as above."""
+    place, _, wanted = name.partition(":")
+    found = getattr(_module(place, name), wanted, None)
+    return found if callable(found) and not isinstance(found, type) else None
+
+
+def _module(place: str, name: str) -> Any:
+    try:
+        return importlib.import_module(place)
+    except ModuleNotFoundError:
+        return _from_here(place, name)
+    except Exception as error:  # whatever a module of others raises
+        raise InputError("scheme", name, "name a module that can be imported", repr(error)) from None
+
+
+def _from_here(place: str, name: str) -> Any:
+    sys.path.append(os.getcwd())
+    try:
+        return importlib.import_module(place)
+    except Exception as error:
+        raise InputError("scheme", name, "name a module that can be imported", repr(error)) from None
+    finally:
+        sys.path.pop()
+
+
+def user_label(scheme: Scheme) -> str:
+    """``module:Class(parameter=value, ...)``, from which another process makes an equal scheme.
+
+    Raises InputError for a class that is not at the top of a module, and where ``parameters`` does not say
+    all that the scheme was made with.
+    """
+    kind, label = type(scheme), str(scheme)
+    if "." in kind.__qualname__ or scheme.erratum:
+        remedy = "move its class to the top of a module, or use integrate and compare"
+        rule = "be registered, or be found in a module, for a study"
+        raise InputError("schemes", f"a {kind.__qualname__} called {label}", rule, remedy)
+    name, given = f"{kind.__module__}:{kind.__qualname__}", label.removeprefix(scheme.name)
+    found = user_class(name)
+    try:
+        again = found is kind and vars(kind(**scheme.parameters)) == vars(scheme)
+    except (TypeError, ValueError):  # other arguments; arrays, which are not simply equal
+        again = False
+    if not again:
+        remedy = "let its property `parameters` give all arguments of its class, as plain numbers"
+        raise InputError("schemes", label, f"be made again by {name}{given} for a study", remedy)
+    return name + given
+
+
+def user_source(label: str) -> str:
+    """A hash of the module that a label ``module:Class(...)`` names, "" for a registered scheme."""
+    if not isinstance(label, str) or ":" not in label:
+        return ""
+    try:
+        module = sys.modules[user_class(label.partition("(")[0]).__module__]
+        return hashlib.sha256(inspect.getsource(module).encode()).hexdigest()
+    except (InputError, OSError, TypeError, KeyError):
+        return ""

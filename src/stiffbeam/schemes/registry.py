@@ -1,0 +1,29 @@
+"""The registry of schemes. A new scheme is one file, and here one import and one name in a tuple."""
+
+from __future__ import annotations
+
+from .bathe import Bathe as Bathe
+from .bdf2 import BDF2 as BDF2
+from .contact_stabilised import ContactStabilisedNewmark as ContactStabilisedNewmark
+from .exponential_flow import ExponentialFlow as ExponentialFlow
+from .generalised_alpha import GeneralisedAlpha as GeneralisedAlpha
+from .hht import HHT as HHT
+from .moreau_jean import MoreauJean as MoreauJean
+from .moreau_jean_bilbao import MoreauJeanBilbao as MoreauJeanBilbao
+from .nonsmooth_alpha import NonsmoothGeneralisedAlpha as NonsmoothGeneralisedAlpha
+from .paoli_schatzman import PaoliSchatzman as PaoliSchatzman
+from .rigid_scheme import RigidScheme as RigidScheme
+from .scheme import Scheme as Scheme
+from .sdirk import SDIRK as SDIRK
+from .theta import Theta as Theta
+from .trapezoidal import Trapezoidal as Trapezoidal
+
+SCHEMES: dict[str, type[Scheme]] = {
+    scheme.name: scheme for scheme in (BDF2, SDIRK, HHT, GeneralisedAlpha, Trapezoidal, Bathe, Theta, ExponentialFlow)
+}
+
+# For stops with stiffness=inf only; the schemes in SCHEMES take these stops too.
+RIGID: dict[str, type[RigidScheme]] = {
+    scheme.name: scheme
+    for scheme in (MoreauJean, PaoliSchatzman, ContactStabilisedNewmark, NonsmoothGeneralisedAlpha, MoreauJeanBilbao)
+}
