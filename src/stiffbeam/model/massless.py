@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.linalg
+from numpy.typing import NDArray
 
 from ..basics.arrays import Array
 from ..basics.validation import InputError, integer, one_of, sequence
@@ -46,7 +47,8 @@ def massless_contacts(
     ``stops.penetration`` less, on the stop while it is pressed. No impact law is needed: stops have no restitution.
     A row may read one node (a body and a wall), two (rod on rod: two springs in series) or more (a point between
     nodes), and unknowns that keep their mass (a ball on a rod). Neighbouring nodes have a G that is not diagonal:
-    their forces solve a linear complementarity problem, which is no law of scalar stops, and they are refused.
+    their forces solve a linear complementarity problem, which is no law of scalar stops, and they are refused. An
+    obstacle along a string, a rod or a surface has contacts at every second node: they meet only over nodes with mass.
 
     nodes: the unknowns without mass. None: all that contacts read and that stiffness couples to others; an unknown
     coupled to no other is a body of its own and keeps its mass. Contacts that read none of them stay as they are.
@@ -90,7 +92,11 @@ def massless_contacts(
     to_inner = -np.linalg.solve(held, K[np.ix_(massless, inner)])  # q_b from q_i, (b, i)
     lever = np.linalg.solve(held, rows[:, massless].T).T  # S
     compliance = lever @ rows[:, massless].T  # G
-    _require_independent(compliance)
+    light = np.abs(rows[:, massless])
+    _require_independent(compliance, light @ np.abs(held) @ light.T > 0.0)
+    if not inner:
+        remedy = "refine the grid, or pass nodes= of one side of the contact"
+        raise InputError("contacts", "all unknowns", "leave unknowns with mass", remedy)
     C, late = _damping(system, rows, massless, damping)
     mass = (_to_neighbours if redistribute == "neighbour" else _nearest)(system, massless)
     loads = [(p[massless], f) for p, f in system.loads]
@@ -130,9 +136,6 @@ def _nodes(system: System, rows: Array, nodes: Sequence[int] | None) -> list[int
         massless = sorted({integer("nodes", b, 0) for b in sequence("nodes", nodes, rule)})
         if not massless or not set(massless) <= set(able):
             raise InputError("nodes", nodes, rule, f"choose among {able}")
-    if len(massless) == system.size:
-        remedy = "refine the grid, or pass nodes= of one side of the contact"
-        raise InputError("contacts", "all unknowns", "leave unknowns with mass", remedy)
     return massless
 
 
@@ -167,19 +170,27 @@ def _held(system: System, nodes: list[int]) -> Array:
     size = np.sqrt(np.diag(held))
     if not np.linalg.eigvalsh(held / np.outer(size, size))[0] > ROUNDING * len(nodes):
         rule = "hold the nodes without mass by unknowns that have mass"
-        raise InputError(f"stiffness of the nodes {nodes}", "a motion without force", rule, "refine the grid there")
+        raise InputError(
+            f"stiffness of the nodes {nodes}", "a motion without force", rule, "take contacts at every second node"
+        )
     return held
 
 
-def _require_independent(compliance: Array) -> None:
-    """Refuse contacts that move each other: G must be diagonal."""
+def _require_independent(compliance: Array, linked: NDArray[np.bool_]) -> None:
+    """Refuse contacts that move each other, for which G is not diagonal; linked (contacts, contacts): whose nodes are
+    coupled or the same."""
     size = np.sqrt(np.diag(compliance))
-    beside = np.argwhere(np.triu(np.abs(compliance) > ROUNDING * np.outer(size, size), 1))
-    if len(beside):
-        c, e = (int(x) for x in beside[0])
-        rule = "be at nodes of their own that are not coupled: a force at one moves the other"
-        remedy = "join stops of one row, refine the grid between the nodes, or keep the mass: restitution=0"
-        raise InputError(f"contacts {c} and {e}", "one beside the other", rule, remedy)
+    pairs = np.argwhere(np.triu(np.abs(compliance) > ROUNDING * np.outer(size, size), 1))
+    if not len(pairs):
+        return
+    apart: list[int] = []
+    for c in range(len(compliance)):
+        if not np.any(linked[c, apart]):
+            apart.append(c)
+    listed = ", ".join(map(str, apart[:4])) + (", ..." if len(apart) > 4 else "")
+    rule = "be at nodes of their own that are not coupled: a force at one moves the other"
+    remedy = f"take contacts at every second node (here {listed}), or join stops of one row"
+    raise InputError(f"contacts {pairs[0, 0]} and {pairs[0, 1]}", "one beside the other", rule, remedy)
 
 
 def _damping(system: System, rows: Array, nodes: list[int], damping: str) -> tuple[Array, Array]:
