@@ -214,7 +214,7 @@ def test_a_string_on_a_point_obstacle(engine):
 @pytest.mark.parametrize("engine", ["exact", "conserving"])
 def test_a_string_on_a_flat_obstacle(engine):
     """It turns round at t = 1/2, u = sin(pi x) |cos(pi t)|, by an impulse of 2 pi sin(pi x), 4 in all."""
-    with pytest.raises(InputError, match=r"every second node \(here 0, 2, 4, 6, ...\)"):
+    with pytest.raises(InputError, match=r"not coupled, here 0, 2, 4, 6, \.\.\., or"):
         string(20, range(19)).massless_contacts()
     errors = []
     for cells in (20, 40):
@@ -233,8 +233,8 @@ def test_a_string_on_a_flat_obstacle(engine):
 class Balance:
     """Nodes in balance under contacts of any rows: the active set that is consistent, of all that there are."""
 
-    def __init__(self, system, nodes):
-        self.system, self.b = system, nodes
+    def __init__(self, system, nodes, mass):
+        self.system, self.b, self.mass = system, nodes, mass
         self.i = [x for x in range(system.size) if x not in nodes]
         self.W = np.array([c.row for c in system.contacts])
         self.held = system.stiffness[np.ix_(nodes, nodes)]
@@ -280,8 +280,8 @@ def two_bodies(seed):
     rng = np.random.default_rng([seed, 33])
     stiffness = np.diag(rng.uniform(1.0, 5.0, 8))
     for i, j in ((0, 1), (1, 2), (3, 4), (4, 5), (4, 6), (5, 6), (1, 4)):
-        spring = rng.uniform(10.0, 40.0) * np.outer(*2 * [np.eye(8)[i] - np.eye(8)[j]])
-        stiffness += spring
+        stretch = np.eye(8)[i] - np.eye(8)[j]
+        stiffness += rng.uniform(10.0, 40.0) * np.outer(stretch, stretch)
     meet = np.r_[0.0, 0.0, 1.0, -2.0, 0.0, 0.0, 0.0, 0.0]
     between = np.r_[np.zeros(5), 0.3, 0.7, -1.0]
     contacts = [
@@ -300,11 +300,11 @@ def test_the_same_motion_as_of_nodes_of_two_bodies_in_balance(seed, nodes):
     system = two_bodies(seed)
     if nodes is None:
         ground = np.array(system.stiffness)
-        ground[7, 7] = 3.0  # a ball on a spring of its own
+        ground[7, 7] = 3.0  # a ball on a spring of its own, coupled to others by rounding only
+        ground[7, 0] = ground[0, 7] = 1e-15
         system = replace(system, stiffness=ground)
     condensed = system.massless_contacts(nodes=nodes)
-    balance = Balance(system, [2, 3, 5, 6] if nodes is None else nodes)
-    balance.mass = np.diag(condensed.mass)
+    balance = Balance(system, [2, 3, 5, 6] if nodes is None else nodes, np.diag(condensed.mass))
     assert np.sum(balance.mass) == pytest.approx(np.trace(system.mass), rel=1e-13)
     t, start = np.linspace(0.0, 3.0, 301), np.r_[condensed.q0, condensed.v0]
     wanted = solve_ivp(balance.right, (0.0, 3.0), start, "DOP853", t, rtol=1e-10, atol=1e-11, max_step=2e-2).y

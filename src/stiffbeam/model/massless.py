@@ -123,9 +123,9 @@ def massless_contacts(
 
 def _nodes(system: System, rows: Array, nodes: Sequence[int] | None) -> list[int]:
     """The unknowns without mass, in increasing order."""
-    read = np.any(rows != 0.0, axis=0)
-    coupled = (np.diag(system.stiffness) > 0.0) & (np.count_nonzero(system.stiffness, axis=1) > 1)
-    able = np.flatnonzero(read & coupled).tolist()
+    size = np.sqrt(np.diag(system.stiffness).clip(0.0))
+    coupled = np.count_nonzero(np.abs(system.stiffness) > ROUNDING * np.outer(size, size), axis=1) > 1
+    able = np.flatnonzero(np.any(rows != 0.0, axis=0) & (size > 0.0) & coupled).tolist()
     if not able:
         rule = "read an unknown that is coupled to others in stiffness and held by them"
         remedy = "put the stop at a node of the structure; a body of one unknown keeps its mass: restitution=e"
@@ -157,7 +157,8 @@ def _require_unseen(system: System, nodes: list[int]) -> None:
     """Refuse an ``observe`` and loads for which the position of a node would have to be known."""
     if system.observe is not None and np.any(system.observe[nodes]):
         rule = "not read a massless contact node, which is no linear function of the others"
-        raise InputError("observe", system.observe, rule, "leave it out: .tip is then the first contact's position")
+        remedy = "dataclasses.replace(system, observe=None) makes .tip the first contact's position"
+        raise InputError("observe", f"a row on {np.count_nonzero(system.observe)} unknowns", rule, remedy)
     for vector, function in system.loads:
         if np.any(vector[nodes]) and not in_closed_form(function):
             rule = "be made of Harmonic, Constant and Sampled where it acts on a massless contact"
@@ -189,7 +190,7 @@ def _require_independent(compliance: Array, linked: NDArray[np.bool_]) -> None:
             apart.append(c)
     listed = ", ".join(map(str, apart[:4])) + (", ..." if len(apart) > 4 else "")
     rule = "be at nodes of their own that are not coupled: a force at one moves the other"
-    remedy = f"take contacts at every second node (here {listed}), or join stops of one row"
+    remedy = f"take contacts whose nodes are not coupled, here {listed}, or join stops of one row"
     raise InputError(f"contacts {pairs[0, 0]} and {pairs[0, 1]}", "one beside the other", rule, remedy)
 
 
