@@ -9,6 +9,7 @@ from math import cos, sin
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.linalg import block_diag
 
 import stiffbeam as sb
 from stiffbeam import InputError
@@ -287,3 +288,51 @@ def test_two_damped_nodes_of_a_symmetric_chain_move_as_the_one_of_its_half():
     assert len(seen) == 3
     assert np.max(np.abs(seen[0] - seen[1])) < 1e-12
     assert np.max(np.abs(seen[0] - seen[2])) < 1e-12
+
+
+def two_chains(multiples):
+    """Three unknowns each, whose damping is a multiple of their stiffness; 2 and 3 meet."""
+    chain = np.array([[60.0, -30.0, 0.0], [-30.0, 55.0, -20.0], [0.0, -20.0, 25.0]])
+    parts = chain, 1.3 * chain[::-1, ::-1]
+    stiffness, damping = block_diag(*parts), block_diag(*(m * K for m, K in zip(multiples, parts, strict=True)))
+    return sb.System.from_matrices(
+        np.diag([1.0, 1.0, 0.2, 0.2, 1.5, 1.5]),
+        stiffness,
+        damping,
+        contacts=[sb.Contact([0.0, 0.0, 1.0, -1.0, 0.0, 0.0], sb.Stops(upper=0.05, **RIGID))],
+        initial_velocity=[1.0, 1.0, 0.0, 0.0, -1.0, 0.0],
+    )
+
+
+def test_damped_nodes_of_two_bodies_are_one_kelvin_voigt_stop():
+    """Against implicit steps of the nodes' first-order equations under one unilateral force."""
+    beta, h, t_end = 5e-3, 5e-5, 2.0
+    system = two_chains((beta, beta))
+    condensed = system.massless_contacts(damping="relaxed")
+    b, i, row = [2, 3], [0, 1, 4, 5], np.array([1.0, -1.0])
+    K, C = system.stiffness, system.damping
+    of_nodes = np.linalg.inv(C[np.ix_(b, b)] / h + K[np.ix_(b, b)])
+    lag, to_inner, to_nodes = C[np.ix_(b, b)] / h, K[np.ix_(i, b)], of_nodes @ row
+    give, inverse = row @ to_nodes, 1.0 / np.diag(condensed.mass)
+    q, v, nodes = np.zeros(4), np.array([1.0, 1.0, -1.0, 0.0]), np.zeros(2)
+    path = [q]
+    for k in range(round(t_end / h)):
+        q = q + 0.5 * h * v
+        pull = K[np.ix_(i, i)] @ q + C[np.ix_(i, i)] @ v
+        after = of_nodes @ (lag @ nodes - to_inner.T @ q - C[np.ix_(b, i)] @ v)
+        after = after + to_nodes * min(0.0, (0.05 - row @ after) / give)
+        v = v - h * inverse * (pull + to_inner @ after + C[np.ix_(i, b)] @ (after - nodes) / h)
+        q, nodes = q + 0.5 * h * v, after
+        if (k + 1) % 400 == 0:
+            path.append(q)
+    found = sb.reference(condensed, t_end, t_eval=np.linspace(0.0, t_end, len(path)))
+    assert found.contacts[0].impacts.count >= 2
+    assert np.max(np.abs(found.states[0] - path)) < 1e-3 * np.max(np.abs(path))
+
+
+def test_a_contact_has_one_relaxation_time():
+    with pytest.raises(InputError, match="same multiple"):
+        two_chains((5e-3, 4e-3)).massless_contacts(damping="relaxed")
+    assert two_chains((5e-3, 4e-3)).massless_contacts(damping="condensed").contacts[0].stops.damping == 0.0
+    one_sided = two_chains((5e-3, 4e-3)).massless_contacts(damping="relaxed", nodes=[2])
+    assert one_sided.contacts[0].stops.damping == pytest.approx(5e-3 * 25.0, rel=1e-13)

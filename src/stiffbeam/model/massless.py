@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.linalg
+from numpy.typing import NDArray
 
 from ..basics.arrays import Array
-from ..basics.validation import InputError, one_of
+from ..basics.validation import InputError, integer, one_of, sequence
 from .contact import Contact
 from .offsets import combined
 from .time_functions import Constant, Harmonic, LoadFunction, in_closed_form, parts, parts_of
@@ -21,34 +23,48 @@ if TYPE_CHECKING:
 REDISTRIBUTIONS = ("neighbour", "renard")
 DAMPINGS = ("none", "relaxed", "condensed")
 ROUNDING = 1e-12  # of a sum of entries, relative to the largest
+CONDENSE = "pass damping='condensed', which leaves it out of the contact"
 
 
-def massless_contacts(system: System, redistribute: str = "neighbour", damping: str = "none") -> System:
+def massless_contacts(
+    system: System, redistribute: str = "neighbour", damping: str = "none", nodes: Sequence[int] | None = None
+) -> System:
     """The system whose contact nodes b have no mass, condensed to its other unknowns i.
 
-        K_bb q_b + K_bi q_i = f_b + s F,  u = s q_b + o between the stops, F only where it is at one   (row = s e_b)
+        K_bb q_b + K_bi q_i = f_b + W_b^T F,  u = W_b q_b + W_i q_i + o between the stops, F only where u is at one
 
-    The node is at rest under its forces, so u = u_f + s^2 F/K_bb with u_f = s (f_b - K_bi q_i)/K_bb + o, and F is
-    that of a stop of stiffness kappa = K_bb/s^2 met by u_f; in series with the stop's own, 1/kappa_b = s^2/K_bb +
-    1/kappa, where that is finite:
+    W has the rows of the contacts. The nodes are at rest under their forces, so that
 
-        M_ii q_i'' + C_ii q_i' + (K_ii - K_ib K_bi/K_bb) q_i = f_i - K_ib f_b/K_bb + r^T F(r q_i + o + s f_b/K_bb),
-        r = -s K_bi/K_bb.
+        u = u_f + G F,  u_f = (W_i - S K_bi) q_i + S f_b + o,  S = W_b K_bb^-1,  G = S W_b^T.
 
-    So a contact's position is u_f, what the node would have without the stop; the node itself is at
+    G is the compliance of the nodes. Where it is diagonal, no contact moves another, and F_c is the force of a stop of
+    stiffness 1/G_cc that u_f meets; where the stop's own kappa is finite, both are in series, 1/(G_cc + 1/kappa):
+
+        M_ii q_i'' + C_ii q_i' + (K_ii - K_ib K_bb^-1 K_bi) q_i = f_i - K_ib K_bb^-1 f_b + r^T F(r q_i + S f_b + o),
+        r = W_i - S K_bi.
+
+    So a contact's position is u_f, the position that it would have without the stop; the nodes themselves are at
     ``stops.penetration`` less, on the stop while it is pressed. No impact law is needed: stops have no restitution.
+    A row may read one node (a body and a wall), two (rod on rod: two springs in series) or more (a point between
+    nodes), and unknowns that keep their mass (a ball on a rod). Neighbouring nodes have a G that is not diagonal:
+    their forces solve a linear complementarity problem, which is no law of scalar stops, and they are refused. An
+    obstacle along a string, a rod or a surface has contacts at every second node: they meet only over nodes with mass.
+
+    nodes: the unknowns without mass. None: all that contacts read and that stiffness couples to others; an unknown
+    coupled to no other is a body of its own and keeps its mass. Contacts that read none of them stay as they are.
 
     redistribute: where the mass of the nodes goes. "neighbour": to the unknown that each is coupled to most,
     M_jj + M_bb, for a mass matrix without coupling at b. "renard": the matrix M~ with the entries of M, none at b,
     that is nearest to M (sum of squares) among those with X^T M~ X = X^T M X, X = (1, x) for a beam, so that mass,
     centre and inertia are kept, and the motions without strain for matrices.
 
-    damping: what acts on the nodes. "none": nothing. With C_bb > 0 a node has a first-order equation, and between
-    contacts a state of its own, for which a System has no place. Where it is that of a material, C_b = beta K_b with
-    beta = C_bb/K_bb, the node moves the others by F alone, and that is the force of a Kelvin-Voigt stop:
+    damping: the damping that acts on the nodes. "none": nothing. With C_bb > 0 a node has a first-order equation, and
+    between contacts a state of its own, for which a System has no place. Where C_b = beta K_b, with one beta for all
+    nodes of a contact, as in a body of one material, the nodes move the others by F alone, and that is the force of a
+    Kelvin-Voigt stop:
 
-        u + beta u' = u_f + beta u_f' + s^2 F/K_bb      free: u - u_f decays with exp(-t/beta)
-        F = -(kappa d + c d')_+,   d = u_f - g,   kappa = K_bb/s^2,   c = C_bb/s^2,   C_ii - C_ib C_bi/C_bb for C_ii
+        u + beta u' = u_f + beta u_f' + G F      free: u - u_f decays with exp(-t/beta)
+        F = -(kappa d + c d')_+,   d = u_f - g,   kappa = 1/G_cc,   c = beta/G_cc,   C_ii - C_ib C_bb^-1 C_bi for C_ii
 
     "relaxed": these stops, met by u_f. It is exact but for exp(-flight/beta), flight the time from the start or from a
     contact to the next one, ``impacts.times[1:] - impacts.ends[:-1]``; for rigid stops, and Harmonic and Constant
@@ -56,33 +72,47 @@ def massless_contacts(system: System, redistribute: str = "neighbour", damping: 
     error is of first order in that mass. "condensed": no c, so that a contact is without the node's damping; what is
     between contacts stays; for any damping of the node.
 
-    Raises InputError for a contact that is not at one unknown of its own; damping of the node that ``damping`` does
-    not take; contact nodes beside each other; stops with a law that is not linear, or with restitution; a load on the
-    node that is a bare callable; a mass that cannot be moved; and where ``observe`` reads the node.
+    Raises InputError for contacts whose nodes move each other (neighbours, and several contacts at one node); a rigid
+    stop on no node; damping of the node that ``damping`` does not take; stops with a law that is not linear, or with
+    restitution; a load on the node that is a bare callable; a mass that cannot be moved; and where ``observe`` reads
+    the node.
     Source: Khenous, Laborde and Renard, Eur. J. Mech. A 27 (2008) 918-932; the condensation is this module's own.
     """
     one_of("redistribute", redistribute, REDISTRIBUTIONS)
     one_of("damping", damping, DAMPINGS)
     if not system.contacts:
         raise InputError("system", "no contact", "have contacts for massless ones", "give the problem stops")
-    nodes = [_node(contact) for contact in system.contacts]
-    for b in nodes:
-        _require_condensable(system, nodes, b)
-    C, drag = _drag(system, nodes, damping)
-    mass = (_to_neighbours if redistribute == "neighbour" else _nearest)(system, nodes)
-    inner = [i for i in range(system.size) if i not in nodes]
-    K, held = system.stiffness, system.stiffness[nodes, nodes]
-    to_inner = -K[np.ix_(nodes, inner)] / held[:, None]  # q_b from q_i, (contacts, inner)
+    rows = np.array([contact.row for contact in system.contacts])
+    massless = _nodes(system, rows, nodes)
+    inner = [i for i in range(system.size) if i not in massless]
+    for c, contact in enumerate(system.contacts):
+        _require_condensable(contact, c, bool(np.any(rows[c, massless])))
+    _require_unseen(system, massless)
+    K, held = system.stiffness, _held(system, massless)
+    to_inner = -np.linalg.solve(held, K[np.ix_(massless, inner)])  # q_b from q_i, (b, i)
+    lever = np.linalg.solve(held, rows[:, massless].T).T  # S
+    compliance = lever @ rows[:, massless].T  # G
+    light = np.abs(rows[:, massless])
+    _require_independent(compliance, light @ np.abs(held) @ light.T > 0.0)
+    if not inner:
+        remedy = "refine the grid, or pass nodes= of one side of the contact"
+        raise InputError("contacts", "all unknowns", "leave unknowns with mass", remedy)
+    C, late = _damping(system, rows, massless, damping)
+    mass = (_to_neighbours if redistribute == "neighbour" else _nearest)(system, massless)
+    loads = [(p[massless], f) for p, f in system.loads]
+    follow = rows[:, inner] + rows[:, massless] @ to_inner  # r
     contacts = tuple(
-        _condensed(system, contact, b, float(c), follow)
-        for contact, b, c, follow in zip(system.contacts, nodes, drag, to_inner, strict=True)
+        _condensed(contact, row, to_node, float(own), float(beta), loads) if own else replace(contact, row=row)
+        for contact, row, to_node, own, beta in zip(
+            system.contacts, follow, lever, np.diag(compliance), late, strict=True
+        )
     )
     return replace(
         system,
         mass=mass[np.ix_(inner, inner)],
         damping=C[np.ix_(inner, inner)],
-        stiffness=K[np.ix_(inner, inner)] - to_inner.T @ (held[:, None] * to_inner),
-        loads=tuple((p[inner] + p[nodes] @ to_inner, f) for p, f in system.loads),
+        stiffness=K[np.ix_(inner, inner)] - to_inner.T @ (held @ to_inner),
+        loads=tuple((p[inner] + p[massless] @ to_inner, f) for p, f in system.loads),
         contacts=contacts,
         observe=None if system.observe is None else system.observe[inner],
         q0=system.q0[inner],
@@ -91,74 +121,120 @@ def massless_contacts(system: System, redistribute: str = "neighbour", damping: 
     )
 
 
-def _node(contact: Contact) -> int:
-    """The one unknown that a contact's row reads."""
-    at = np.flatnonzero(contact.row)
-    if len(at) != 1:
-        remedy = "put the stop at a node of the grid, or change the unknowns so that the contact point is one"
-        raise InputError("contact.row", contact.row, "read one unknown for a massless contact", remedy)
-    return int(at[0])
+def _nodes(system: System, rows: Array, nodes: Sequence[int] | None) -> list[int]:
+    """The unknowns without mass, in increasing order."""
+    size = np.sqrt(np.diag(system.stiffness).clip(0.0))
+    coupled = np.count_nonzero(np.abs(system.stiffness) > ROUNDING * np.outer(size, size), axis=1) > 1
+    able = np.flatnonzero(np.any(rows != 0.0, axis=0) & (size > 0.0) & coupled).tolist()
+    if not able:
+        rule = "read an unknown that is coupled to others in stiffness and held by them"
+        remedy = "put the stop at a node of the structure; a body of one unknown keeps its mass: restitution=e"
+        raise InputError("contacts", "none that does", rule, remedy)
+    massless = able
+    if nodes is not None:
+        rule = "hold unknowns that contacts read and stiffness couples to others"
+        massless = sorted({integer("nodes", b, 0) for b in sequence("nodes", nodes, rule)})
+        if not massless or not set(massless) <= set(able):
+            raise InputError("nodes", nodes, rule, f"choose among {able}")
+    return massless
 
 
-def _require_condensable(system: System, nodes: list[int], b: int) -> None:
-    contact = system.contacts[nodes.index(b)]
-    stops, others = contact.stops, np.arange(system.size) != b
-    if stops.restitution is not None:
+def _require_condensable(contact: Contact, c: int, light: bool) -> None:
+    """Refuse contact ``c``, ``light`` where it reads a node without mass, for the law of its stops."""
+    stops = contact.stops
+    if light and stops.restitution is not None:
         rule = "be left out for a massless contact, which has no velocity to turn round"
         raise InputError("stops.restitution", stops.restitution, rule, "leave restitution out of the Stops")
-    if not stops.rigid:
+    if not light and stops.rigid:
+        rule = "be finite where the contact reads no node without mass"
+        remedy = "name one of its unknowns in nodes=, or give it a compliant stop"
+        raise InputError(f"contacts[{c}].stops.stiffness", float(stops.stiffness), rule, remedy)
+    if light and not stops.rigid:
         stops.require_linear("a massless contact")
-    if nodes.count(b) > 1:
-        remedy = "join their stops into one"
-        raise InputError("contacts", f"several at unknown {b}", "be at unknowns of their own", remedy)
-    if np.any(system.stiffness[b, [x for x in nodes if x != b]]):
-        rule = "have no other contact node coupled to it in stiffness"
-        raise InputError(f"unknown {b}", "a contact node beside another", rule, "refine the grid between the contacts")
-    if not system.stiffness[b, b] > 0.0:
-        remedy = "add stiffness at the node"
-        raise InputError(f"stiffness[{b}, {b}]", float(system.stiffness[b, b]), "be > 0: the node must be held", remedy)
-    if system.observe is not None and system.observe[b]:
+
+
+def _require_unseen(system: System, nodes: list[int]) -> None:
+    """Refuse an ``observe`` and loads for which the position of a node would have to be known."""
+    if system.observe is not None and np.any(system.observe[nodes]):
         rule = "not read a massless contact node, which is no linear function of the others"
-        raise InputError("observe", system.observe, rule, "leave it out: .tip is then the first contact's position")
+        remedy = "dataclasses.replace(system, observe=None) makes .tip the first contact's position"
+        raise InputError("observe", f"a row on {np.count_nonzero(system.observe)} unknowns", rule, remedy)
     for vector, function in system.loads:
-        if vector[b] and not in_closed_form(function):
+        if np.any(vector[nodes]) and not in_closed_form(function):
             rule = "be made of Harmonic, Constant and Sampled where it acts on a massless contact"
             raise InputError("loads", function, rule, "sample it: stiffbeam.Sampled(t, values)")
-    if not np.any(system.stiffness[b, others]):
-        remedy = "put the contact on a node of the structure"
-        raise InputError(f"unknown {b}", "a node coupled to nothing", "be coupled to others in stiffness", remedy)
 
 
-def _drag(system: System, nodes: list[int], damping: str) -> tuple[Array, Array]:
-    """C (n, n) with nothing in the rows of the nodes, and the damping of each node's stop (contacts,)."""
-    C, drag = np.array(system.damping), np.zeros(len(nodes))
-    for i, (b, contact) in enumerate(zip(nodes, system.contacts, strict=True)):
-        if np.any(system.damping[b]):
-            if damping != "condensed":
-                _require_a_material(system, b, contact, damping)
-                drag[i] = system.damping[b, b]
-            if C[b, b] > ROUNDING * system.damping[b, b]:
-                C -= np.outer(C[b], C[b]) / C[b, b]
-    return C, drag
+def _held(system: System, nodes: list[int]) -> Array:
+    """K_bb, where the others hold the nodes."""
+    held = system.stiffness[np.ix_(nodes, nodes)]
+    size = np.sqrt(np.diag(held))
+    if not np.linalg.eigvalsh(held / np.outer(size, size))[0] > ROUNDING * len(nodes):
+        rule = "hold the nodes without mass by unknowns that have mass"
+        raise InputError(
+            f"stiffness of the nodes {nodes}", "a motion without force", rule, "take contacts at every second node"
+        )
+    return held
 
 
-def _require_a_material(system: System, b: int, contact: Contact, damping: str) -> None:
+def _require_independent(compliance: Array, linked: NDArray[np.bool_]) -> None:
+    """Refuse contacts that move each other, for which G is not diagonal; linked (contacts, contacts): whose nodes are
+    coupled or the same."""
+    size = np.sqrt(np.diag(compliance))
+    pairs = np.argwhere(np.triu(np.abs(compliance) > ROUNDING * np.outer(size, size), 1))
+    if not len(pairs):
+        return
+    apart: list[int] = []
+    for c in range(len(compliance)):
+        if not np.any(linked[c, apart]):
+            apart.append(c)
+    listed = ", ".join(map(str, apart[:4])) + (", ..." if len(apart) > 4 else "")
+    rule = "be at nodes of their own that are not coupled: a force at one moves the other"
+    remedy = f"take contacts whose nodes are not coupled, here {listed}, or join stops of one row"
+    raise InputError(f"contacts {pairs[0, 0]} and {pairs[0, 1]}", "one beside the other", rule, remedy)
+
+
+def _damping(system: System, rows: Array, nodes: list[int], damping: str) -> tuple[Array, Array]:
+    """C (n, n) with nothing in the rows of the nodes, and beta (contacts,)."""
+    C, beta = np.array(system.damping), np.zeros(system.size)
+    for b in nodes:
+        if damping != "condensed" and np.any(system.damping[b]):
+            beta[b] = _relaxation_time(system, b, damping)
+        if C[b, b] > ROUNDING * system.damping[b, b]:
+            C -= np.outer(C[b], C[b]) / C[b, b]
+    late = [_common(contact, beta[[b for b in nodes if contact.row[b]]]) for contact in system.contacts]
+    return C, np.array(late)
+
+
+def _relaxation_time(system: System, b: int, damping: str) -> float:
+    """beta, with C_b = beta K_b at node b."""
     C, K = system.damping[b], system.stiffness[b]
-    beta, condense = float(C[b] / K[b]), "pass damping='condensed', which leaves it out of the contact"
+    beta = float(C[b] / K[b])
     if np.max(np.abs(C - beta * K)) > ROUNDING * np.max(np.abs(C)):
         rule = "be 0 in the row of a massless contact, or a multiple of the stiffness"
-        raise InputError(f"damping[{b}]", float(C[b]), rule, condense)
+        raise InputError(f"damping[{b}]", float(C[b]), rule, CONDENSE)
     if damping == "none":
         rule = "be 0 in the row of a massless contact, or be asked for"
         relax = f"pass damping='relaxed' where the flights between contacts are long against {beta:.3g}, or"
-        raise InputError(f"damping[{b}]", float(C[b]), rule, f"{relax} {condense}")
-    if not contact.stops.rigid:
-        rule = "be inf at a massless contact whose node is damped"
-        raise InputError("stops.stiffness", float(contact.stops.stiffness), rule, condense)
+        raise InputError(f"damping[{b}]", float(C[b]), rule, f"{relax} {CONDENSE}")
     for vector, function in system.loads:
         if vector[b] and not all(isinstance(part, (Harmonic, Constant)) for part in parts_of(function)):
             rule = "be made of Harmonic and Constant where it acts on a damped massless contact"
-            raise InputError("loads", function, rule, condense)
+            raise InputError("loads", function, rule, CONDENSE)
+    return beta
+
+
+def _common(contact: Contact, beta: Array) -> float:
+    """The one beta of the nodes that a contact reads."""
+    if not np.any(beta):
+        return 0.0
+    if np.ptp(beta) > ROUNDING * np.max(beta):
+        rule = "be the same multiple of the stiffness at all nodes of a massless contact"
+        raise InputError("damping", f"multiples {beta.min():.3g} and {beta.max():.3g}", rule, CONDENSE)
+    if not contact.stops.rigid:
+        rule = "be inf at a massless contact whose node is damped"
+        raise InputError("stops.stiffness", float(contact.stops.stiffness), rule, CONDENSE)
+    return float(beta[0])
 
 
 def _late(part: LoadFunction, beta: float) -> LoadFunction:
@@ -181,6 +257,10 @@ def _to_neighbours(system: System, nodes: list[int]) -> Array:
             remedy = "use redistribute='renard' or lump the mass"
             raise InputError(f"mass[{b}]", float(np.max(np.abs(others))), rule, remedy)
         j = int(np.argmax(coupling))
+        if not coupling[j]:
+            rule = "be coupled to an unknown with mass in stiffness, for redistribute='neighbour'"
+            remedy = "refine the grid there, or pass nodes= of one side of the contact"
+            raise InputError(f"unknown {b}", "a node coupled to other contact nodes only", rule, remedy)
         mass[j, j] += mass[b, b]
         mass[b, b] = 0.0
     return mass
@@ -189,6 +269,9 @@ def _to_neighbours(system: System, nodes: list[int]) -> Array:
 def _nearest(system: System, nodes: list[int]) -> Array:
     """M~ = M - M_b + sum of P (X L X^T), P the entries of M that are left: the least change that keeps X^T M X."""
     X = _rigid_motions(system)
+    if not np.all(np.any(np.abs(X[nodes]) > 1e-6 / math.sqrt(system.size), axis=1)):
+        rule = "let every contact node move without strain: redistribute='renard' keeps that motion's inertia"
+        raise InputError("stiffness", "a body that is held", rule, "use redistribute='neighbour'")
     kept = np.array(system.mass)
     kept[nodes], kept[:, nodes] = 0.0, 0.0
     pattern = (kept != 0.0).astype(float)
@@ -211,17 +294,22 @@ def _rigid_motions(system: System) -> Array:
         return np.stack([np.ones_like(x), x], axis=1)
     squares, vectors = scipy.linalg.eigh(system.stiffness)
     X = vectors[:, squares <= ROUNDING * system.size * squares[-1]]
-    if not X.shape[1]:
-        rule = "have motions without strain, whose inertia redistribute='renard' keeps"
-        raise InputError("stiffness", "a system that is held", rule, "use redistribute='neighbour'")
     return X
 
 
-def _condensed(system: System, contact: Contact, b: int, drag: float, follow: Array) -> Contact:
-    s, held = float(contact.row[b]), float(system.stiffness[b, b])
+def _condensed(
+    contact: Contact,
+    row: Array,
+    to_node: Array,
+    compliance: float,
+    beta: float,
+    loads: list[tuple[Array, LoadFunction]],
+) -> Contact:
+    """The contact at u_f = row q + offset, ``to_node`` its row of S; loads: on the nodes, with their functions."""
     own = 0.0 if contact.stops.rigid else 1.0 / float(contact.stops.stiffness)
-    stops = replace(contact.stops, stiffness=1.0 / (s * s / held + own), damping=drag / (s * s))
+    stops = replace(contact.stops, stiffness=1.0 / (compliance + own), damping=beta / compliance)
     terms: list[tuple[float, LoadFunction | None]] = [(1.0, contact.offset)]
-    for p, f in ((p, f) for p, f in system.loads if p[b]):
-        terms += [(s * float(p[b]) / held * factor, _late(part, drag / held)) for factor, part in parts(f)]
-    return Contact(s * follow, stops, combined(*terms))
+    for vector, function in loads:
+        if moved := float(to_node @ vector):
+            terms += [(moved * factor, _late(part, beta)) for factor, part in parts(function)]
+    return Contact(row, stops, combined(*terms))

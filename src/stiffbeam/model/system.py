@@ -134,17 +134,19 @@ class System:
     def __repr__(self) -> str:
         return f"<System, {self.form}: {self.size} unknowns, {len(self.loads)} loads, {len(self.contacts)} contacts>"
 
-    def massless_contacts(self, redistribute: str = "neighbour", damping: str = "none") -> System:
+    def massless_contacts(
+        self, redistribute: str = "neighbour", damping: str = "none", nodes: Sequence[int] | None = None
+    ) -> System:
         """Rigid stops on contact nodes without mass: an ordinary system with stops of the nodes' own stiffness.
 
         redistribute: "neighbour" or "renard", where their mass goes. damping: "relaxed" for the damping of a material,
         exact where the flights between contacts are long against C_bb/K_bb of the node, or "condensed", which leaves
-        the node's out of the contact. For conditions and sources see ``model.massless``; raises InputError where they
-        do not hold.
+        the node's out of the contact. nodes: the unknowns without mass, None for all that contacts read and stiffness
+        couples to others. For conditions and sources see ``model.massless``; raises InputError where they do not hold.
         """
         from .massless import massless_contacts
 
-        return massless_contacts(self, redistribute, damping)
+        return massless_contacts(self, redistribute, damping, nodes)
 
     @property
     def size(self) -> int:
