@@ -255,8 +255,6 @@ def build(out: Path, run: Sequence[str], smoke: bool) -> None:
     import pdoc
     import pdoc.render
 
-    from stiffbeam.dumont2002.page import page_style
-
     out.mkdir(parents=True, exist_ok=True)
     sources = [source for chapter in CHAPTERS.values() for source in chapter if not source.startswith("api/")]
     pages = {source: target_of(source) for source in sources}
@@ -273,7 +271,9 @@ def build(out: Path, run: Sequence[str], smoke: bool) -> None:
             bodies[source] = markdown(path.read_text(encoding="utf-8"))
     titles = {source: shortened(title_of(body)) for source, body in bodies.items()}
     titles |= {"README.md": "stiffbeam", "api/stiffbeam.html": "All Python names"}
-    (out / "style.css").write_text(page_style() + STYLE, encoding="utf-8")
+    (out / "style.css").write_text(
+        (ROOT / "studies" / "dumont2002" / "style.css").read_text(encoding="utf-8") + STYLE, encoding="utf-8"
+    )
     for source, body in bodies.items():
         file = out / target_of(source)
         file.parent.mkdir(parents=True, exist_ok=True)

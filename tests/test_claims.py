@@ -8,18 +8,18 @@ import numpy as np
 import pytest
 
 import stiffbeam as sb
-from stiffbeam.dumont2002 import claims as judging
-from stiffbeam.dumont2002.claims import judge, judged
-from stiffbeam.dumont2002.claims_pair import _damping_avoids
-from stiffbeam.dumont2002.costs import ERRORS, steps_needed
-from stiffbeam.dumont2002.ensembles import add_ensembles, elsewhere, lines
-from stiffbeam.dumont2002.evidence import Evidence, NotMeasured
-from stiffbeam.dumont2002.figures import panels
-from stiffbeam.dumont2002.reading import Reading
-from stiffbeam.dumont2002.rules import elongation, similar
-from stiffbeam.dumont2002.sample import Sample, above, below, coherent, every, no, some
-from stiffbeam.dumont2002.table import make_table
-from stiffbeam.dumont2002.verdicts import FAILS, HOLDS, NOT_MEASURED, OPEN, VERDICTS, Claim, Finding
+from dumont2002 import claims as judging
+from dumont2002.claims import judge, judged
+from dumont2002.claims_pair import _damping_avoids
+from dumont2002.costs import ERRORS, steps_needed
+from dumont2002.ensembles import add_ensembles, elsewhere, lines
+from dumont2002.evidence import Evidence, NotMeasured
+from dumont2002.figures import panels
+from dumont2002.reading import Reading
+from dumont2002.rules import elongation, similar
+from dumont2002.sample import Sample, above, below, coherent, every, no, some
+from dumont2002.table import make_table
+from dumont2002.verdicts import FAILS, HOLDS, NOT_MEASURED, OPEN, VERDICTS, Claim, Finding
 from stiffbeam.model.closed_form import natural_frequencies
 from stiffbeam.trajectory.trajectory import Diverged
 

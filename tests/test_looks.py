@@ -7,7 +7,7 @@ import pytest
 from matplotlib.colors import rgb_to_hsv, to_rgb
 
 import stiffbeam as sb
-from stiffbeam.dumont2002 import figures as page
+from dumont2002 import figures as page
 from stiffbeam.figures import EXACT, look, style
 from stiffbeam.figures.comparison import four_panels
 from stiffbeam.schemes import RIGID, SCHEMES, registered

@@ -7,10 +7,10 @@ import re
 import numpy as np
 
 import stiffbeam as sb
-from stiffbeam.dumont2002 import html as h
-from stiffbeam.dumont2002.claims_section import claims
-from stiffbeam.dumont2002.table_section import _LOOK, _LOOK_GROUP, percent, short, written
-from stiffbeam.dumont2002.verdicts import HOLDS
+from dumont2002 import html as h
+from dumont2002.claims_section import claims
+from dumont2002.table_section import _LOOK, _LOOK_GROUP, percent, short, written
+from dumont2002.verdicts import HOLDS
 from stiffbeam.figures.comparison import first_contact
 from stiffbeam.files.cases import paper_cases
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from stiffbeam.dumont2002 import make as making
-from stiffbeam.dumont2002.make import make_tables
-from stiffbeam.dumont2002.reading import Reading
+from dumont2002 import make as making
+from dumont2002.make import make_tables
+from dumont2002.reading import Reading
 
 
 @pytest.fixture

@@ -8,11 +8,12 @@ from statistics import median
 
 import numpy as np
 
-from ..files.cases import paper_case
-from ..march.integrate import integrate
-from ..model.members import perturbed
-from ..model.semidiscretisation import semidiscretise
-from ..schemes import HHT, SDIRK, Trapezoidal
+from stiffbeam.files.cases import paper_case
+from stiffbeam.march.integrate import integrate
+from stiffbeam.model.members import perturbed
+from stiffbeam.model.semidiscretisation import semidiscretise
+from stiffbeam.schemes import HHT, SDIRK, Trapezoidal
+
 from .claims_bdf import LONGER, LONGER_RULE
 from .costs import ERRORS, RUNGS, ratios, steps_needed, written_ratios
 from .ensembles import PERTURBATION, elsewhere

@@ -9,11 +9,12 @@ from itertools import combinations
 
 import numpy as np
 
-from ..files.cases import paper_case
-from ..measures.amplification import amplification
-from ..measures.peaks import EXCITED
-from ..model.closed_form import natural_frequencies
-from ..schemes import Scheme
+from stiffbeam.files.cases import paper_case
+from stiffbeam.measures.amplification import amplification
+from stiffbeam.measures.peaks import EXCITED
+from stiffbeam.model.closed_form import natural_frequencies
+from stiffbeam.schemes import Scheme
+
 from .evidence import Evidence
 from .sample import Sample, above, below, coherent, every, some
 from .table import equation_of

@@ -5,15 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from ..files.cases import Case, paper_cases
-from ..march.integrate import integrate
-from ..model.semidiscretisation import semidiscretise
-from ..model.system import System
-from ..model.time_functions import Harmonic
-from ..references import reference
-from ..schemes import BDF2, HHT, SDIRK, Scheme
-from ..studies.references import frozen
-from ..trajectory.trajectory import Diverged, Reference, Trajectory
+from stiffbeam.files.cases import Case
+from stiffbeam.march.integrate import integrate
+from stiffbeam.model.semidiscretisation import semidiscretise
+from stiffbeam.model.system import System
+from stiffbeam.model.time_functions import Harmonic
+from stiffbeam.references import reference
+from stiffbeam.schemes import SDIRK, Scheme
+from stiffbeam.studies.references import frozen
+from stiffbeam.trajectory.trajectory import Diverged, Reference, Trajectory
+
 from .reading import Reading
 
 LONGEST_HORIZON = 1.0  # no table's float64 horizon reaches half of it
@@ -96,15 +97,3 @@ def exact_solution(case: Case, form: str, system: System, reading: Reading) -> t
             return found, reference(system, min(case.t_end, LONGEST_HORIZON)).horizon
     exact = reference(system, case.t_end)
     return exact, exact.horizon
-
-
-def default_runs(case: Case) -> list[tuple[Scheme, str]]:
-    """The case's own runs; for a table of the paper also whichever of its three schemes is missing."""
-    runs = list(case.runs)
-    if case.name not in paper_cases() or case.runs != paper_cases()[case.name].runs:
-        return runs
-    names = {scheme.name for scheme, _ in runs}
-    for scheme in (BDF2(), SDIRK(nystrom=True), HHT()):
-        if scheme.name not in names:
-            runs.append((scheme, "displacement"))
-    return runs

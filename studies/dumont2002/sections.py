@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from ..files.cases import paper_cases
-from ..measures.peaks import EXCITED
-from ..schemes import Scheme
+from stiffbeam.files.cases import paper_cases
+from stiffbeam.measures.peaks import EXCITED
+from stiffbeam.schemes import Scheme
+
 from . import html as h
 from .costs import CPU_TABLES
 from .ensembles import PERIODS, PERTURBATION, Numbers

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..files.cases import paper_case
-from ..march.integrate import integrate
-from ..measures.tip_error import tip_error
-from ..model.semidiscretisation import semidiscretise
-from ..references import reference
-from ..schemes import SDIRK
+from stiffbeam.files.cases import paper_case
+from stiffbeam.march.integrate import integrate
+from stiffbeam.measures.tip_error import tip_error
+from stiffbeam.model.semidiscretisation import semidiscretise
+from stiffbeam.references import reference
+from stiffbeam.schemes import SDIRK
+
 from .claims_bdf import LITTLE_RULE, ODD_RULE, WIDE, WIDE_RULE
 from .costs import ratios, written_ratios
 from .ensembles import elsewhere

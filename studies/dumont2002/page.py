@@ -6,10 +6,10 @@ import platform
 from collections.abc import Mapping, Sequence
 from datetime import date
 from importlib.metadata import version
-from importlib.resources import files
 from pathlib import Path
 
-from ..basics.whole_file import write_whole
+from stiffbeam.basics.whole_file import write_whole
+
 from . import html as h
 from .claims_section import filters
 from .make import Finished
@@ -88,7 +88,7 @@ def _described(tables: Mapping[int, Finished], judged: bool) -> tuple[str, str]:
 
 def page_style() -> str:
     """The style sheet that is put into the page."""
-    return files("stiffbeam.dumont2002").joinpath("style.css").read_text(encoding="utf-8")
+    return Path(__file__).with_name("style.css").read_text(encoding="utf-8")
 
 
 def contents(parts: Sequence[Section], tables: Mapping[int, Finished], tables_heading: str) -> h.Html:

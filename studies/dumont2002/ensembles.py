@@ -13,15 +13,16 @@ from typing import Any
 
 import numpy as np
 
-from ..basics.arrays import Array
-from ..files.cases import paper_case, parse_run
-from ..march.ensemble import integrate_ensemble
-from ..measures.spectrum import whole_periods
-from ..model.members import perturbed
-from ..model.semidiscretisation import semidiscretise
-from ..references.ensemble import reference_ensemble
-from ..schemes import Scheme
-from ..trajectory.ensemble import Ensemble
+from stiffbeam.basics.arrays import Array
+from stiffbeam.files.cases import paper_case, parse_run
+from stiffbeam.march.ensemble import integrate_ensemble
+from stiffbeam.measures.spectrum import whole_periods
+from stiffbeam.model.members import perturbed
+from stiffbeam.model.semidiscretisation import semidiscretise
+from stiffbeam.references.ensemble import reference_ensemble
+from stiffbeam.schemes import Scheme
+from stiffbeam.trajectory.ensemble import Ensemble
+
 from .motion import motion
 from .reading import Reading
 from .table import Made, equation_of

@@ -6,10 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from ..basics.arrays import Array
-from ..measures.peaks import band, even_over_odd, find_peaks, multiple_amplitudes, share_off_multiples
-from ..measures.spectrum import amplitude_spectrum
-from ..model.closed_form import natural_frequencies
+from stiffbeam.basics.arrays import Array
+from stiffbeam.measures.peaks import band, even_over_odd, find_peaks, multiple_amplitudes, share_off_multiples
+from stiffbeam.measures.spectrum import amplitude_spectrum
+from stiffbeam.model.closed_form import natural_frequencies
+
 from .table import Made
 
 

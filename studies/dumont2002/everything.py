@@ -8,22 +8,25 @@ from typing import Any
 
 import numpy as np
 
-from ..basics.plain import plain
-from ..basics.validation import InputError
-from ..figures import save_figure
-from ..files.cases import paper_case
-from ..studies.engine.journal import Journal
+from stiffbeam.basics.plain import plain
+from stiffbeam.basics.validation import InputError
+from stiffbeam.figures import save_figure
+from stiffbeam.files.cases import paper_case
+from stiffbeam.studies.engine.journal import Journal
+
 from . import claims_section, sections
 from .claims import judged
 from .costs import costs
 from .ensembles import EXACT_MEMBERS, MEMBERS
 from .evidence import Evidence
 from .html import Html
-from .make import TABLES, Finished, Progress, make_tables
+from .make import SOURCE, TABLES, Finished, Progress, make_tables
 from .misprints import measured
 from .no_contact import error_curves, in_time, whole
+from .numbers import exact_name as exact_name
 from .page import Section, write_page
 from .reading import Reading
+from .reading import reading as reading
 from .resting import shares
 
 PAGE = "index.html"
@@ -83,7 +86,7 @@ class _Across:
 
     def __init__(self, folder: Path, reading: Reading, options: dict[str, Any], progress: Progress) -> None:
         self.folder, self.reading, self.options, self.progress = folder, reading, options, progress
-        self.journal = Journal(folder / "journal", "reproduce-across", paper_case(10))
+        self.journal = Journal(folder / "journal", f"reproduce-across-{SOURCE}", paper_case(10))
 
     def rows(self, part: str, make: Callable[[], list[dict[str, Any]]]) -> list[dict[str, Any]]:
         """The rows of a finished ``part``, else those that ``make`` gives."""

@@ -8,13 +8,14 @@ from functools import lru_cache
 
 import numpy as np
 
-from ..files.cases import paper_cases
-from ..march.ensemble import integrate_ensemble
-from ..model.members import perturbed
-from ..model.semidiscretisation import semidiscretise
-from ..model.system import System
-from ..references.exact.tangent import lyapunov
-from ..trajectory.ensemble import Ensemble
+from stiffbeam.files.cases import paper_cases
+from stiffbeam.march.ensemble import integrate_ensemble
+from stiffbeam.model.members import perturbed
+from stiffbeam.model.semidiscretisation import semidiscretise
+from stiffbeam.model.system import System
+from stiffbeam.references.exact.tangent import lyapunov
+from stiffbeam.trajectory.ensemble import Ensemble
+
 from .claims_bdf import LONGER, LONGER_RULE, PERIODIC_RULE, WIDE, WIDE_RULE
 from .ensembles import PERTURBATION
 from .evidence import Evidence

@@ -10,14 +10,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..basics.arrays import Array
-from ..basics.whole_file import write_whole
-from ..figures.comparison import draw_stops, first_contact, zoom_on_stop
-from ..figures.panels import new_figure
-from ..figures.style import COLOURS, DASHES, look_of_name
-from ..measures.peaks import MULTIPLES
-from ..measures.spectrum import amplitude_spectrum
-from ..trajectory.trajectory import Reference, Trajectory
+from stiffbeam.basics.arrays import Array
+from stiffbeam.basics.whole_file import write_whole
+from stiffbeam.figures.comparison import draw_stops, first_contact, zoom_on_stop
+from stiffbeam.figures.panels import new_figure
+from stiffbeam.figures.style import COLOURS, DASHES, look_of_name
+from stiffbeam.measures.peaks import MULTIPLES
+from stiffbeam.measures.spectrum import amplitude_spectrum
+from stiffbeam.trajectory.trajectory import Reference, Trajectory
+
 from .table import Made
 
 if TYPE_CHECKING:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from ..basics.validation import InputError
-from ..trajectory.trajectory import Diverged, SolverFailure
+from stiffbeam.basics.validation import InputError
+from stiffbeam.trajectory.trajectory import Diverged, SolverFailure
+
 from . import claims_bdf, claims_linear, claims_other, claims_pair, claims_sdirk
 from .ensembles import SEEDS
 from .evidence import Evidence, NotMeasured

@@ -6,11 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..basics.arrays import Array
-from ..basics.plain import plain
-from ..march.integrate import integrate
-from ..measures.comparison import compare
-from ..trajectory.trajectory import Diverged, Reference, Trajectory
+from stiffbeam.basics.arrays import Array
+from stiffbeam.basics.plain import plain
+from stiffbeam.march.integrate import integrate
+from stiffbeam.measures.comparison import compare
+from stiffbeam.trajectory.trajectory import Diverged, Reference, Trajectory
+
 from .ensembles import EXACT_MEMBERS, MEMBERS, Numbers, add_ensembles
 from .motion import motion
 from .reading import Reading

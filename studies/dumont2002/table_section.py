@@ -6,10 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from ..files.cases import Case, paper_cases
-from ..model.problem import PointLoad
-from ..model.time_functions import Harmonic
-from ..schemes import HHT, SDIRK
+from stiffbeam.files.cases import Case, paper_cases
+from stiffbeam.model.problem import PointLoad
+from stiffbeam.model.time_functions import Harmonic
+from stiffbeam.schemes import HHT, SDIRK
+
 from . import html as h
 from .ensembles import Numbers
 from .figures import EXACT, ONE, STYLE

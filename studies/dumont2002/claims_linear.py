@@ -6,14 +6,15 @@ from itertools import pairwise
 
 import numpy as np
 
-from ..files.cases import paper_case
-from ..measures.amplification import amplification
-from ..measures.regression import observed_order
-from ..model.semidiscretisation import semidiscretise
-from ..schemes import BDF2, HHT, SDIRK
-from ..schemes.newmark import WeightedNewmark
-from ..schemes.sdirk import GAMMA_MAX, GAMMA_MIN
-from ..studies import space
+from stiffbeam.files.cases import paper_case
+from stiffbeam.measures.amplification import amplification
+from stiffbeam.measures.regression import observed_order
+from stiffbeam.model.semidiscretisation import semidiscretise
+from stiffbeam.schemes import BDF2, HHT, SDIRK
+from stiffbeam.schemes.newmark import WeightedNewmark
+from stiffbeam.schemes.sdirk import GAMMA_MAX, GAMMA_MIN
+from stiffbeam.studies import space
+
 from .evidence import Evidence
 from .misprints import forced_order
 from .no_contact import GRIDS, error_curves

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-from ..basics.arrays import Array
+from stiffbeam.basics.arrays import Array
 
 CHANCE = 0.00135  # one-sided: three standard deviations of a normal distribution
 

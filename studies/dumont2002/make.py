@@ -9,12 +9,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..basics.threads import cores
-from ..figures import save_figure
-from ..files.cases import paper_cases
-from ..march.integrate import integrate
-from ..studies.engine.journal import Journal
-from ..studies.engine.workers import processes, undisturbed
+from stiffbeam.basics.cache import source_hash
+from stiffbeam.basics.threads import cores
+from stiffbeam.figures import save_figure
+from stiffbeam.files.cases import paper_cases
+from stiffbeam.march.integrate import integrate
+from stiffbeam.studies.engine.journal import Journal
+from stiffbeam.studies.engine.workers import processes, undisturbed
+
 from .ensembles import EXACT_MEMBERS, MEMBERS, Numbers
 from .figures import panels, picture, save_small, together
 from .film import film
@@ -25,6 +27,7 @@ from .table import Made, equation_of, make_table
 
 TABLES = tuple(range(1, 18))
 FILM = "film.gif"
+SOURCE = source_hash(Path(__file__).parent)[:12]  # a table of other code is made again
 STORED_STEPS = 20_000  # at most, of a trajectory in the store
 # The longest first, so that no process is left alone with one of them.
 LONGEST_FIRST = (1, 3, 4, 11, 8, 12, 7, 9, 5, 13, 16, 15, 6, 2, 10, 14, 17)
@@ -75,7 +78,7 @@ def make_tables(
     missing: dict[int, tuple[Job, Journal]] = {}
     for number in sorted(tables, key=LONGEST_FIRST.index):
         job = Job(number, reading, store / f"table{number}", members, exact_members)
-        journal = Journal(store / "journal", "reproduce", paper_cases()[f"table{number}"])
+        journal = Journal(store / "journal", f"reproduce-{SOURCE}", paper_cases()[f"table{number}"])
         rows = journal.rows(job.point)
         if rows is not None and all((job.folder / name).is_file() for name in rows[0]["files"]):
             found[number] = _finished(job, rows[0])

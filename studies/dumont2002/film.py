@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ..figures.animation import animate
-from ..references import reference
+from stiffbeam.figures.animation import animate
+from stiffbeam.references import reference
+
 from .table import Made
 
 FORM = "displacement"

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..figures.comparison import draw_stops
-from ..figures.panels import new_figure
+from stiffbeam.figures.comparison import draw_stops
+from stiffbeam.figures.panels import new_figure
+
 from .figures import EXACT, STYLE, exact_label
 from .sample import Sample
 from .table import Made
