@@ -9,7 +9,8 @@ import numpy as np
 import stiffbeam as sb
 from dumont2002 import html as h
 from dumont2002.claims_section import claims
-from dumont2002.table_section import _LOOK, _LOOK_GROUP, percent, short, written
+from dumont2002.table_section import _LOOK, _LOOK_GROUP
+from dumont2002.typeset import NARROW, percent, raised, short, typeset, written
 from dumont2002.verdicts import HOLDS
 from stiffbeam.figures.comparison import first_contact
 from stiffbeam.files.cases import paper_cases
@@ -29,14 +30,14 @@ def test_numbers_of_a_column_stand_on_their_decimal_point():
 
 
 def test_measured_sentences_are_typeset():
-    narrow = h.NARROW
-    assert h.typeset("3.1e-03 for gamma = -0.6, 4 %") == f"3.1{narrow}×{narrow}10⁻³ for γ = −0.6, 4{narrow}%"
-    assert h.typeset("max |R(iy)| - 1, order 2-3") == "max |R(iy)| - 1, order 2-3"
+    narrow = NARROW
+    assert typeset("3.1e-03 for gamma = -0.6, 4 %") == f"3.1{narrow}×{narrow}10⁻³ for γ = −0.6, 4{narrow}%"
+    assert typeset("max |R(iy)| - 1, order 2-3") == "max |R(iy)| - 1, order 2-3"
     assert (
-        h.typeset("55 ± 38 %, 2 × 16, 1.4 ×/÷ 1.2")
+        typeset("55 ± 38 %, 2 × 16, 1.4 ×/÷ 1.2")
         == "55\u00a0±\u00a038\u202f%, 2\u00a0×\u00a016, 1.4\u00a0×/\u2060÷\u00a01.2"
     )
-    assert h.raised(-12) == "⁻¹²"
+    assert raised(-12) == "⁻¹²"
 
 
 def test_a_table_of_words_names_every_cell_for_a_phone():
@@ -82,4 +83,4 @@ def test_no_line_ends_within_a_name_or_a_ratio():
     table = h.table(["table, scheme", "peak |σ|"], [["3 (4.13)", "1"]], "whole")
     assert "3\u00a0(4.13)" in table
     assert "peak |\u2060σ\u2060|" in table
-    assert h.typeset("1.5 ×/÷ 1.2") == "1.5\u00a0×/\u2060÷\u00a01.2"
+    assert typeset("1.5 ×/÷ 1.2") == "1.5\u00a0×/\u2060÷\u00a01.2"

@@ -1,22 +1,52 @@
-"""The paper's statements that can be tested: where they stand, how they are measured, whether they hold."""
+"""The paper's statements that can be tested, read from claims.toml, and what became of each."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import tomllib
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 from stiffbeam.basics.validation import InputError
 from stiffbeam.trajectory.trajectory import Diverged, SolverFailure
 
-from . import claims_bdf, claims_linear, claims_other, claims_pair, claims_sdirk
+from . import judges_linear, judges_motions, judges_runs  # noqa: F401, their functions enter JUDGES
 from .ensembles import SEEDS
 from .evidence import Evidence, NotMeasured
-from .verdicts import NOT_MEASURED, OPEN, Claim, Finding
+from .verdicts import JUDGES, NOT_MEASURED, OPEN, Finding
+
+
+@dataclass(frozen=True)
+class Claim:
+    """A statement of claims.toml, whose head explains the entries. check: its judge with tables and arguments."""
+
+    section: str
+    words: str
+    rule: str
+    check: Callable[[Evidence], Finding]
+    tables: tuple[int, ...] = ()
+    evidence: str = ""
+
+    @property
+    def name(self) -> str:
+        """Section and words."""
+        return f"{self.section}: {self.words}"
 
 
 def claims() -> list[Claim]:
-    """All of them in the paper's order."""
-    files = (claims_linear, claims_bdf, claims_sdirk, claims_pair, claims_other)
-    return sorted((claim for file in files for claim in file.CLAIMS), key=lambda claim: _place(claim.section))
+    """All claims in the paper's order."""
+    sections = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
+    rules = sections.pop("rules")
+    return [_claim(section, entry, rules) for section, entries in sections.items() for entry in entries]
+
+
+def _claim(section: str, entry: dict[str, Any], rules: dict[str, dict[str, Any]]) -> Claim:
+    entry = rules.get(entry.pop("like", ""), {}) | entry
+    words, rule, function = entry.pop("claim"), entry.pop("rule"), JUDGES[entry.pop("judge")]
+    evidence, number = entry.pop("evidence", ""), section.partition(", Table ")[2]
+    tables = tuple(entry.pop("tables", [int(number)] if number and not evidence else []))
+    return Claim(section, words, rule, lambda e: function(e, *tables, **entry), tables, evidence)
 
 
 def judged(evidence: Evidence) -> Iterator[dict[str, str]]:
@@ -50,10 +80,3 @@ def judge(claim: Claim, evidence: Evidence) -> Finding:
         return whole
     said = "; ".join(f"{verdict} with seeds {seed}" for seed, verdict in each.items())
     return Finding(f"{whole.measured} The verdict depends on the seeds: {said}; {whole.verdict} with both.", OPEN)
-
-
-def _place(section: str) -> list[float]:
-    """Sections and then tables in reading order: ``5.2, Table 3`` after ``5.2, Table 2``."""
-    section, _, table = section.partition(", Table ")
-    parts = [float(x) for x in section.split(".")]
-    return [*parts, *[0.0] * (4 - len(parts)), float(table or 0)]

@@ -5,12 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from . import html as h
-from .verdicts import FAILS, HOLDS, NOT_MEASURED, OPEN, PARTLY, SCHEME_ONLY, UNTESTABLE
-
-PLURAL = {
-    HOLDS: "hold", FAILS: "do not hold", PARTLY: "hold in part", SCHEME_ONLY: "hold of the schemes only",
-    OPEN: "stay open", NOT_MEASURED: "could not be measured", UNTESTABLE: "cannot be tested here",
-}  # fmt: skip
+from .typeset import anchor, typeset
+from .verdicts import FAILS, HOLDS, NOT_MEASURED, OPEN, PLURAL, SCHEME_ONLY, UNTESTABLE
 
 
 def totals(judged: Sequence[Mapping[str, str]]) -> h.Html:
@@ -36,17 +32,15 @@ def claims(judged: Sequence[Mapping[str, str]]) -> h.Html:
         h.element(
             "tr",
             h.element("th", *_place(row["section"]), " ", h.element("a", f"#{i}", href=f"#claim-{i}"), scope="row"),
-            h.element("td", h.typeset(row["claim"])),
+            h.element("td", typeset(row["claim"])),
             h.element(
                 "td",
-                h.typeset(row["measured"]),
-                h.element(
-                    "div", "Holds if ", h.typeset(row["rule"]), ". ", h.typeset(row["evidence"]), ".", class_="rule"
-                ),
+                typeset(row["measured"]),
+                h.element("div", "Holds if ", typeset(row["rule"]), ". ", typeset(row["evidence"]), ".", class_="rule"),
             ),
             h.element("td", h.element("span", row["verdict"], class_=f"verdict {_colour(row['verdict'])}")),
             id=f"claim-{i}",
-            class_=f"is-{h.anchor(row['verdict'])}",
+            class_=f"is-{anchor(row['verdict'])}",
         )
         for i, row in enumerate(judged, start=1)
     ]
@@ -61,7 +55,7 @@ def claims(judged: Sequence[Mapping[str, str]]) -> h.Html:
         h.element("tbody", *rows),
         class_="claims cards",
     )
-    choices = [("all", f"all {len(judged)}"), *((h.anchor(x), f"{x}, {n}") for x, n in counts.items())]
+    choices = [("all", f"all {len(judged)}"), *((anchor(x), f"{x}, {n}") for x, n in counts.items())]
     buttons = (
         h.element(
             "label",
@@ -94,7 +88,7 @@ def claims(judged: Sequence[Mapping[str, str]]) -> h.Html:
 def _place(section: str) -> list[object]:
     """The paper's section; its table leads to what is measured there."""
     section, comma, table = section.partition(", ")
-    return [section, comma, h.element("a", table, href=f"#{h.anchor(table)}")] if table else [section]
+    return [section, comma, h.element("a", table, href=f"#{anchor(table)}")] if table else [section]
 
 
 def _colour(verdict: str) -> str:
@@ -106,6 +100,6 @@ def _colour(verdict: str) -> str:
 def filters() -> str:
     """Which rows are shown is decided by the style sheet alone."""
     return "\n".join(
-        f'.filtered:has(input[value="{h.anchor(x)}"]:checked) tbody tr:not(.is-{h.anchor(x)}) {{ display: none; }}'
+        f'.filtered:has(input[value="{anchor(x)}"]:checked) tbody tr:not(.is-{anchor(x)}) {{ display: none; }}'
         for x in PLURAL
     )

@@ -9,7 +9,7 @@ import numpy as np
 
 from .ensembles import SEEDS, Numbers
 from .reading import Reading
-from .sample import Sample, coherent
+from .sample import Sample
 
 FORM_OF = {"displacement": "(3.5)", "velocity-curvature": "(3.12)"}
 
@@ -75,12 +75,6 @@ class Evidence:
         if not values:
             raise NotMeasured(f"no members of {a} and {b} on Table {table} went through")
         return Sample(np.array(values))
-
-    def lines(self, table: int, motion: str, highest: int = 9) -> list[int]:
-        """The multiples of the drive from 2 to ``highest`` at which the members have a line in common."""
-        pairs = self.values(table, motion, "lines")
-        found = coherent(pairs[..., 0] + 1j * pairs[..., 1])
-        return [k for k in range(2, highest + 1) if found[k - 1]]
 
     def name(self, table: int, motion: str) -> str:
         """(4.13) for a run; exact, with its form where the table has two, for the exact motion."""

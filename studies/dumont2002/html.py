@@ -10,8 +10,9 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
+from .typeset import anchor
+
 VOID = {"img", "input", "link", "meta"}
-NARROW = "\u202f"  # a narrow space at which no line breaks
 
 
 class Html(str):
@@ -132,24 +133,3 @@ def paragraph(*content: object, class_: str | None = None) -> Html:
 def code(text: str) -> Html:
     """A <code> element."""
     return element("code", text)
-
-
-def anchor(name: str) -> str:
-    """``Table 10`` as ``table-10``."""
-    return re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-")
-
-
-def typeset(text: str) -> str:
-    """Powers of ten, minus signs, per cent and Greek letters as on paper, and numbers that hold together."""
-    text = re.sub(r"(\d(?:\.\d+)?)e([+-]\d+)", lambda m: f"{m[1]}{NARROW}×{NARROW}10{raised(int(m[2]))}", text)
-    text = re.sub(r"(?<![\w)])-(?=\d)", "−", text)
-    for word, letter in (("gamma", "γ"), ("alpha", "α"), ("lambda", "λ"), ("sigma", "σ")):
-        text = re.sub(rf"\b{word}\b", letter, text)
-    text = re.sub(r" (±|×|×/÷) (?=\d)", "\u00a0\\1\u00a0", text)  # no line breaks within a number
-    text = text.replace("×/÷", "×/\u2060÷")
-    return text.replace(" %", NARROW + "%")
-
-
-def raised(exponent: int) -> str:
-    """``exponent`` in superior figures."""
-    return str(exponent).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))

@@ -16,6 +16,7 @@ from .make import Finished
 from .reading import Reading
 from .sections import CITATION
 from .table_section import section, title
+from .typeset import anchor
 
 TITLE = "Vibrations of a beam between stops"
 Section = tuple[str, h.Html]  # heading, content
@@ -39,7 +40,7 @@ def write_page(
     made = h.joined(*(section(finished) for finished in tables.values()))
     parts: list[Section] = [*before, (tables_heading, made), *after]
     sections = [
-        h.element("section", h.element("h2", heading), content, id=h.anchor(heading), aria_label=heading)
+        h.element("section", h.element("h2", heading), content, id=anchor(heading), aria_label=heading)
         for heading, content in parts
     ]
     body = h.joined(
@@ -95,11 +96,11 @@ def contents(parts: Sequence[Section], tables: Mapping[int, Finished], tables_he
     """The list of contents, tables below their heading."""
     items = []
     for heading, _ in parts:
-        link = h.element("a", heading, href=f"#{h.anchor(heading)}")
+        link = h.element("a", heading, href=f"#{anchor(heading)}")
         inner: h.Html | str = ""
         if heading == tables_heading:
             entries = (
-                h.element("li", h.element("a", title(number), href=f"#{h.anchor(f'table {number}')}"))
+                h.element("li", h.element("a", title(number), href=f"#{anchor(f'table {number}')}"))
                 for number in tables
             )
             inner = h.element("ol", *entries)

@@ -16,10 +16,11 @@ from . import html as h
 from .costs import CPU_TABLES
 from .ensembles import PERIODS, PERTURBATION, Numbers
 from .evidence import Evidence
+from .judges_motions import lines, named
 from .no_contact import CELLS, DT, STIFFNESS, T_END
 from .reading import Reading
-from .rules import lines, named
-from .table_section import DASH, percent, short, spread, written
+from .table_section import spread
+from .typeset import DASH, percent, short, typeset, written
 
 DOI = "10.1016/S0378-4754(02)00003-4"  # by the number printed at the foot of its first page
 CITATION = h.joined(
@@ -34,10 +35,10 @@ def punch_line(numbers: Mapping[int, Numbers], close_up: Path, shares: Path) -> 
     """What the paper could not see."""
     ten = numbers[10]
     exact, runs = ten["exact"]["displacement"], ten["runs"]
-    share = h.typeset(f"{spread(exact, 'fraction', 100.0)} %")
+    share = typeset(f"{spread(exact, 'fraction', 100.0)} %")
     touched = ", ".join(f"{spread(row, 'fraction', 100.0)} % with {_SCHEME[name]}" for name, row in runs.items())
-    touched = h.typeset(touched)
-    known = h.typeset(f" (the true motion to T for {percent(exact['fraction'])})") if exact["digits"] else ""
+    touched = typeset(touched)
+    known = typeset(f" (the true motion to T for {percent(exact['fraction'])})") if exact["digits"] else ""
     fast = ", ".join(f"{spread(row, 'fast')} with {_SCHEME[name]}" for name, row in runs.items())
     return h.joined(
         h.paragraph(
@@ -142,7 +143,7 @@ def how_read(reading: Reading) -> h.Html:
 def no_contact(pictures: Sequence[Path], curves: Mapping[str, Mapping[str, float]]) -> h.Html:
     """The section of errors without contact: pictures and a table."""
     rows = [
-        [name, h.typeset(f"{row['error']:.1e}"), h.typeset(f"{row['in_time']:.1e}") if row["in_time"] else "–"]
+        [name, typeset(f"{row['error']:.1e}"), typeset(f"{row['in_time']:.1e}") if row["in_time"] else "–"]
         for name, row in curves.items()
     ]
     return h.joined(
@@ -283,7 +284,7 @@ def spectra(numbers: Mapping[int, Numbers]) -> h.Html:
 
 def misprints(rows: Sequence[Mapping[str, str]]) -> h.Html:
     """The table of misprints and of their measured effect."""
-    cells = [[row["where"], row["printed"], row["right"], h.typeset(row["effect"])] for row in rows]
+    cells = [[row["where"], row["printed"], row["right"], typeset(row["effect"])] for row in rows]
     return h.table(
         ["where", "printed", "right", "effect, measured"], cells, "Misprints and their effect", text=(0, 1, 2, 3),
         cards=True,

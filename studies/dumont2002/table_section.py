@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from stiffbeam.files.cases import Case, paper_cases
@@ -18,39 +16,13 @@ from .make import Finished
 from .numbers import exact_name
 from .sample import Sample
 from .table import drive_of
-
-MINUS, DASH = "−", "–"
-
-
-def short(value: Any, digits: int = 4) -> str:
-    """A number in few digits, thousands apart; a dash for none."""
-    if value is None:
-        return DASH
-    if isinstance(value, int):
-        return f"{value:,}".replace(",", "\u202f")
-    return f"{value:.{digits}g}".replace("-", MINUS)
-
-
-def written(value: float) -> str:
-    """As the paper writes it: 300, 0.04, −0.1, 5 × 10⁶, 10⁻⁴."""
-    size = abs(value)
-    if 0.001 <= size < 1e5:
-        return f"{value:g}".replace("-", MINUS)
-    digits, _, exponent = f"{value:e}".partition("e")
-    power = "10" + h.raised(int(exponent))
-    factor = f"{float(digits):g}".replace("-", MINUS)
-    return power if factor == "1" else f"{factor} × {power}"
-
-
-def percent(value: float) -> str:
-    """A fraction in per cent, with two digits below 10 %."""
-    return f"{100 * value:.2g} %" if value < 0.0995 else f"{100 * value:.0f} %"
+from .typeset import DASH, MINUS, anchor, percent, short, typeset, written
 
 
 def spread(row: Numbers, what: str, scale: float = 1.0) -> str:
     """Mean and standard deviation over all members."""
     values = [x for members in row["ensemble"].values() for x in members[what] if x is not None]
-    return h.typeset(Sample(np.array(values)).written(scale)) if values else DASH
+    return typeset(Sample(np.array(values)).written(scale)) if values else DASH
 
 
 def title(number: int) -> str:
@@ -74,7 +46,7 @@ def section(finished: Finished) -> h.Html:
         *failed,
         *_film(finished),
         _numbers_table(number, finished.numbers),
-        id=h.anchor(f"table {number}"),
+        id=anchor(f"table {number}"),
     )
 
 
@@ -148,7 +120,7 @@ def _hex(colour: str) -> str:
 def caption(number: int, numbers: Numbers) -> str:
     """What to look at; every result in it is taken from the numbers."""
     look = _LOOK.get(number, _LOOK_GROUP[_group(number)])
-    return h.typeset(" ".join((look, _spectrum_sentence(numbers), _contact_sentence(numbers))))
+    return typeset(" ".join((look, _spectrum_sentence(numbers), _contact_sentence(numbers))))
 
 
 def _spectrum_sentence(numbers: Numbers) -> str:

@@ -1,11 +1,9 @@
-"""What a claim is, what is found of it, and the verdicts there are."""
+"""Verdicts on claims, and the functions that reach them."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-
-from .evidence import Evidence
 
 HOLDS = "holds"
 PARTLY = "holds in part"
@@ -14,52 +12,41 @@ SCHEME_ONLY = "of the schemes only"  # of the paper's computation, and not of th
 OPEN = "open"  # the spread of the members leaves it undecided, or other members decide it otherwise
 UNTESTABLE = "cannot be tested here"
 NOT_MEASURED = "not measured"
-VERDICTS = (HOLDS, PARTLY, FAILS, SCHEME_ONLY, OPEN, UNTESTABLE, NOT_MEASURED)
+PLURAL = {
+    HOLDS: "hold", PARTLY: "hold in part", FAILS: "do not hold", SCHEME_ONLY: "hold of the schemes only",
+    OPEN: "stay open", UNTESTABLE: "cannot be tested here", NOT_MEASURED: "could not be measured",
+}  # fmt: skip
+VERDICTS = tuple(PLURAL)
 
 
 @dataclass(frozen=True)
 class Finding:
-    """What was measured, in a sentence with numbers, and the verdict."""
+    """Measurement as a sentence with numbers, and the verdict."""
 
     measured: str
     verdict: str
 
 
-@dataclass(frozen=True)
-class Claim:
-    """section: where the paper says it. words: what it says, quoted where the quotation is short.
+JUDGES: dict[str, Callable[..., Finding]] = {}
 
-    rule: when it holds, and where a threshold comes from. check: measures it. tables: those whose
-    ensembles are the evidence; such a claim is judged once with each set of seeds. evidence: what else it
-    stands on.
-    """
 
-    section: str
-    words: str
-    rule: str
-    check: Callable[[Evidence], Finding]
-    tables: tuple[int, ...] = ()
-    evidence: str = ""
-
-    @property
-    def name(self) -> str:
-        """An id that stays: section and words."""
-        return f"{self.section}: {self.words}"
+def judge(function: Callable[..., Finding]) -> Callable[..., Finding]:
+    """Enter a function of (evidence, *tables, **arguments) under the name that claims.toml calls it by."""
+    JUDGES[function.__name__] = function
+    return function
 
 
 def of_both(measured: str, of_runs: bool | None, of_beam: bool | None) -> Finding:
-    """A finding about the motion; where it is open, what of it is."""
+    """Finding on a statement about the motion; an open one says which part is open."""
     found = verdict(of_runs, of_beam)
     if found == OPEN:
-        measured += f" Of the runs it {_SAID[of_runs]}, of the exact motion it {_SAID[of_beam]}."
+        words = {True: "holds", False: "does not hold", None: "is open"}
+        measured += f" Of the runs it {words[of_runs]}, of the exact motion it {words[of_beam]}."
     return Finding(measured, found)
 
 
-_SAID = {True: "holds", False: "does not hold", None: "is open"}
-
-
 def verdict(of_runs: bool | None, of_beam: bool | None) -> str:
-    """Of a statement about the motion, from whether the paper's runs and the exact motion have it."""
+    """Verdict on a statement about the motion, from the paper's runs and the exact motion."""
     if of_runs is None or of_beam is None:
         return OPEN
     if of_beam:
@@ -68,5 +55,10 @@ def verdict(of_runs: bool | None, of_beam: bool | None) -> str:
 
 
 def plain_verdict(statement: bool | None) -> str:
-    """Of a statement that holds or not."""
+    """Verdict on a statement that holds, fails or stays open."""
     return OPEN if statement is None else HOLDS if statement else FAILS
+
+
+def shared_verdict(all_of: bool | None, any_of: bool | None) -> str:
+    """HOLDS where all cases agree, PARTLY where some do."""
+    return HOLDS if all_of else OPEN if all_of is None else PARTLY if any_of else FAILS
