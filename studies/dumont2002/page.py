@@ -1,127 +1,117 @@
-"""The page: one HTML file with everything in it, written whole or not at all."""
+"""The page: one HTML file with everything in it, page.html filled in, written whole or not at all."""
 
 from __future__ import annotations
 
+import base64
+import csv
+import io
 import platform
+import re
 from collections.abc import Mapping, Sequence
 from datetime import date
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from markupsafe import Markup
 
 from stiffbeam.basics.whole_file import write_whole
+from stiffbeam.files.cases import paper_cases
+from stiffbeam.measures.peaks import EXCITED
 
-from . import html as h
-from .claims_section import filters
+from . import no_contact, rows
+from .ensembles import PERIODS, PERTURBATION
 from .make import Finished
 from .reading import Reading
-from .sections import CITATION
-from .table_section import section, title
-from .typeset import anchor
+from .table import drive_of
+from .typeset import anchor, percent, typeset, written
+from .verdicts import FAILS, HOLDS, NOT_MEASURED, OPEN, PARTLY, PLURAL, SCHEME_ONLY, UNTESTABLE
 
-TITLE = "Vibrations of a beam between stops"
-Section = tuple[str, h.Html]  # heading, content
+DOI = "10.1016/S0378-4754(02)00003-4"  # by the number printed at the foot of its first page
+HERE = Path(__file__).parent
+COLOURS = {HOLDS: "holds", PARTLY: "partly", FAILS: "fails", SCHEME_ONLY: "fails"} | dict.fromkeys(
+    (OPEN, UNTESTABLE, NOT_MEASURED), "open"
+)
+KINDS = {".svg": "image/svg+xml", ".png": "image/png", ".gif": "image/gif"}
 
 
 def write_page(
     file: Path,
     tables: Mapping[int, Finished],
     reading: Reading,
-    before: Sequence[Section],
-    after: Sequence[Section],
     command: str,
-    totals: h.Html | str = "",
+    across: Mapping[str, Any] | None = None,
 ) -> Path:
-    """``before`` the tables, the tables, ``after`` them, and the provenance at the foot.
+    """Tables, what is measured of them, and where it comes from; ``across`` all of them where they are all made.
 
-    totals: the verdicts counted, at the head. The first section stands above the contents where they are given.
+    across: the rows of claims, misprints, costs and errors without contact, and the pictures of curves, close_up
+    and contact_shares.
     """
-    tables_heading = "Tables and figures 1 to 17" if len(tables) == 17 else "Tables and figures"
-    heading, lead = _described(tables, bool(totals))
-    made = h.joined(*(section(finished) for finished in tables.values()))
-    parts: list[Section] = [*before, (tables_heading, made), *after]
-    sections = [
-        h.element("section", h.element("h2", heading), content, id=anchor(heading), aria_label=heading)
-        for heading, content in parts
-    ]
-    body = h.joined(
-        h.element("a", "To the content", href="#content", class_="skip"),
-        h.element(
-            "header",
-            h.element("h1", heading),
-            h.paragraph(CITATION, class_="cited"),
-            h.paragraph(lead, class_="lead"),
-            totals,
-        ),
-        h.element(
-            "main",
-            *sections[: 1 if totals else 0],
-            contents(parts, tables, tables_heading),
-            *sections[1 if totals else 0 :],
-            id="content",
-        ),
-        provenance(reading, command),
-    )
-    head = h.joined(
-        h.element("meta", charset="utf-8"),
-        h.element("meta", name="viewport", content="width=device-width, initial-scale=1"),
-        h.element("link", rel="icon", href="data:,"),
-        h.element("title", heading),
-        h.element("style", h.Html(page_style() + filters())),
-    )
-    document = h.element("html", h.element("head", head), h.element("body", body), lang="en")
-    text = f"<!DOCTYPE html>\n{document}\n"
-    return write_whole(file, text)
-
-
-def _described(tables: Mapping[int, Finished], judged: bool) -> tuple[str, str]:
-    """What the page is called and holds."""
-    if judged:
-        lead = "Every table and figure remade beside the exact motion of the same equations; every claim that can be "
-        return f"{TITLE}, reproduced and judged", lead + "tested, tested."
-    numbers = ", ".join(map(str, tables))
-    name = f"Table{'s' * (len(tables) > 1)} {numbers}"
-    lead = (
-        f"{name} and Fig{'s' * (len(tables) > 1)}. {numbers}, remade beside the exact motion of the same equations. "
-        "The paper's claims need all its tables: stiffbeam reproduce all."
-    )
-    return f"{TITLE}: {name} reproduced", lead
-
-
-def page_style() -> str:
-    """The style sheet that is put into the page."""
-    return Path(__file__).with_name("style.css").read_text(encoding="utf-8")
-
-
-def contents(parts: Sequence[Section], tables: Mapping[int, Finished], tables_heading: str) -> h.Html:
-    """The list of contents, tables below their heading."""
-    items = []
-    for heading, _ in parts:
-        link = h.element("a", heading, href=f"#{anchor(heading)}")
-        inner: h.Html | str = ""
-        if heading == tables_heading:
-            entries = (
-                h.element("li", h.element("a", title(number), href=f"#{anchor(f'table {number}')}"))
-                for number in tables
-            )
-            inner = h.element("ol", *entries)
-        items.append(h.element("li", link, inner))
-    return h.element("nav", h.element("h2", "Contents"), h.element("ol", *items), aria_label="Contents")
-
-
-def provenance(reading: Reading, command: str) -> h.Html:
-    """Versions, options and date."""
+    numbers = {number: finished.numbers for number, finished in tables.items()}
+    exact = [row for found in numbers.values() for row in found["exact"].values()]
     packages = ", ".join(f"{name} {version(name)}" for name in ("stiffbeam", "numpy", "scipy", "numba", "matplotlib"))
-    return h.element(
-        "footer",
-        h.element("h2", "Provenance"),
-        h.paragraph("Made with ", h.code(command), f" on {date.today().isoformat()}."),
-        h.paragraph(f"{packages}; Python {platform.python_version()}, {platform.machine()}."),
-        h.paragraph(
-            f"Contact {reading.contact}, schemes {'as printed' if reading.printed else 'corrected'}, references "
-            f"{'frozen multiprecision solutions' if reading.references else 'the exact solution in float64'}; "
-            "parameters read as decimals, ensembles with the doubles next to them. Past "
-            "the horizon every count and every curve of a run is one realisation of a chaotic motion. All "
-            "quantities are non-dimensional, as the paper's; seconds are those of computing."
-        ),
-        id="provenance",
-    )
+    context: dict[str, Any] = {
+        "tables": tables, "numbers": numbers, "reading": reading, "command": command, "whole": across is not None,
+        "known": any(row["digits"] for row in exact), "today": date.today().isoformat(),
+        "versions": f"{packages}; Python {platform.python_version()}, {platform.machine()}",
+        "style": Markup((HERE / "style.css").read_text(encoding="utf-8")),
+    }  # fmt: skip
+    if across is not None:
+        found = [row["verdict"] for row in across["claims"]]
+        shares = [100 * float(np.mean(rows.members(row, "fraction"))) for row in exact]
+        columns = ("section", "claim", "measured", "verdict")
+        context |= across | {
+            "counts": {x: found.count(x) for x in sorted(set(found), key=lambda x: (-found.count(x), x))},
+            "claims_csv": [["section", "the paper says", "measured", "verdict"],
+                           *([row[x] for x in columns] for row in across["claims"])],
+            "extremes": tuple(f"{which(shares):.2g}" for which in (min, max)),
+        }  # fmt: skip
+    return write_whole(file, environment().get_template("page.html").render(context).lstrip())
+
+
+def environment() -> Environment:
+    """Templates of this folder with the page's functions and filters."""
+    made = Environment(
+        loader=FileSystemLoader(HERE), autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=StrictUndefined,
+        keep_trailing_newline=True,
+    )  # fmt: skip
+    made.filters |= {
+        "anchor": anchor, "typeset": typeset, "whole": whole, "parts": rows.parts, "line": line, "data_uri": data_uri,
+        "csv_uri": csv_uri,
+    }  # fmt: skip
+    made.globals |= {
+        "rows": rows, "spread": rows.spread, "parameters": rows.parameters, "legend": rows.legend, "percent": percent,
+        "written": written, "title": title, "drive": lambda number: drive_of(paper_cases()[f"table{number}"]),
+        "without_contact": no_contact, "PERIODS": PERIODS, "PERTURBATION": PERTURBATION, "EXCITED": EXCITED,
+        "PLURAL": PLURAL, "COLOURS": COLOURS, "DOI": DOI,
+    }  # fmt: skip
+    return made
+
+
+def title(number: int) -> str:
+    """Heading of a table and of its figure."""
+    return f"Table {number}, Fig. {number}: {paper_cases()[f'table{number}'].title}"
+
+
+def line(text: str) -> str:
+    """Text in one line."""
+    return type(text)(re.sub(r"[ \n]+", " ", text).strip())
+
+
+def whole(name: str) -> str:
+    """A name whose ``3 (4.13)`` or ``|σ|`` no line end divides."""
+    return re.sub(r"^(\d+) (?=\()", "\\1\u00a0", name).replace("|σ|", "|\u2060σ\u2060|")
+
+
+def data_uri(file: Path) -> str:
+    """A picture as an address that holds it."""
+    return f"data:{KINDS[file.suffix]};base64,{base64.b64encode(file.read_bytes()).decode()}"
+
+
+def csv_uri(lines: Sequence[Sequence[str]]) -> str:
+    """Rows as an address that holds them as CSV."""
+    stream = io.StringIO()
+    csv.writer(stream, lineterminator="\n").writerows(lines)
+    return f"data:text/csv;charset=utf-8;base64,{base64.b64encode(stream.getvalue().encode()).decode()}"

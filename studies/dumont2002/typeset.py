@@ -11,13 +11,14 @@ MINUS, DASH = "−", "–"
 
 def typeset(text: str) -> str:
     """Powers of ten, minus signs, per cent and Greek letters as on paper, and numbers that hold together."""
+    kind = type(text)  # markup stays markup
     text = re.sub(r"(\d(?:\.\d+)?)e([+-]\d+)", lambda m: f"{m[1]}{NARROW}×{NARROW}10{raised(int(m[2]))}", text)
     text = re.sub(r"(?<![\w)])-(?=\d)", "−", text)
     for word, letter in (("gamma", "γ"), ("alpha", "α"), ("lambda", "λ"), ("sigma", "σ")):
         text = re.sub(rf"\b{word}\b", letter, text)
     text = re.sub(r" (±|×|×/÷) (?=\d)", "\u00a0\\1\u00a0", text)  # no line breaks within a number
     text = text.replace("×/÷", "×/\u2060÷")
-    return text.replace(" %", NARROW + "%")
+    return kind(text.replace(" %", NARROW + "%"))
 
 
 def raised(exponent: int) -> str:

@@ -70,7 +70,7 @@ def _paper() -> Any:
         raise InputError("reproduce", str(package), rule, "in a checkout, pip install -e . and repeat it")
     if str(studies) not in sys.path:
         sys.path.append(str(studies))  # at the end: site.py there is not Python's
-    return importlib.import_module("dumont2002.everything")
+    return importlib.import_module("dumont2002.reproduce")
 
 
 def _tables(what: str, number: int | None) -> list[int] | None:
