@@ -97,12 +97,13 @@ def test_every_claim_of_the_file_fits_its_judge_and_every_judge_has_a_claim():
     """An entry that no judge takes, or a judge that lacks one, would be found only after minutes of computing."""
     sections = tomllib.loads(Path(judging.__file__).with_suffix(".toml").read_text(encoding="utf-8"))
     rules, used = sections.pop("rules"), set()
-    for entry in (rules.get(entry.get("like"), {}) | entry for entries in sections.values() for entry in entries):
-        used.add(entry["judge"])
-        arguments = {*entry} - {"claim", "rule", "like", "judge", "tables", "evidence"}
-        inspect.signature(JUDGES[entry["judge"]]).bind(
-            NOTHING, *entry.get("tables", [] if "evidence" in entry else [1]), **dict.fromkeys(arguments)
-        )
+    for entry in (entry for entries in sections.values() for entry in entries):
+        base = rules.get(entry.get("like"), {})
+        assert {*entry} <= {"claim", "rule", "like", "judge", "tables", "evidence", "arguments"}
+        arguments = base.get("arguments", {}) | entry.get("arguments", {})
+        judge_of = JUDGES[(base | entry)["judge"]]
+        inspect.signature(judge_of).bind(NOTHING, *entry.get("tables", [] if "evidence" in entry else [1]), **arguments)
+        used.add(judge_of.__name__)
     assert used == {*JUDGES}
     assert {entry.get("like") for entries in sections.values() for entry in entries} - {None} == {*rules}
 

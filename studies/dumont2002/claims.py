@@ -42,11 +42,13 @@ def claims() -> list[Claim]:
 
 
 def _claim(section: str, entry: dict[str, Any], rules: dict[str, dict[str, Any]]) -> Claim:
-    entry = rules.get(entry.pop("like", ""), {}) | entry
-    words, rule, function = entry.pop("claim"), entry.pop("rule"), JUDGES[entry.pop("judge")]
-    evidence, number = entry.pop("evidence", ""), section.partition(", Table ")[2]
-    tables = tuple(entry.pop("tables", [int(number)] if number and not evidence else []))
-    return Claim(section, words, rule, lambda e: function(e, *tables, **entry), tables, evidence)
+    base = rules.get(entry.get("like", ""), {})
+    arguments = base.get("arguments", {}) | entry.get("arguments", {})
+    whole = base | entry
+    evidence, number = entry.get("evidence", ""), section.partition(", Table ")[2]
+    tables = tuple(entry.get("tables", [int(number)] if number and not evidence else []))
+    function = JUDGES[whole["judge"]]
+    return Claim(section, entry["claim"], whole["rule"], lambda e: function(e, *tables, **arguments), tables, evidence)
 
 
 def judged(evidence: Evidence) -> Iterator[dict[str, str]]:

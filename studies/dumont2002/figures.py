@@ -1,8 +1,8 @@
-"""The paper's figures: its four panels, one picture each, with the exact solution and the horizon drawn in."""
+"""Pictures: the paper's panels with exact motion and horizon, contact in close-up, shares of contact, the film."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
@@ -12,13 +12,16 @@ import numpy as np
 
 from stiffbeam.basics.arrays import Array
 from stiffbeam.basics.whole_file import write_whole
+from stiffbeam.figures.animation import animate
 from stiffbeam.figures.comparison import draw_stops, first_contact, zoom_on_stop
 from stiffbeam.figures.panels import new_figure
 from stiffbeam.figures.style import COLOURS, DASHES, look_of_name
 from stiffbeam.measures.peaks import MULTIPLES
 from stiffbeam.measures.spectrum import amplitude_spectrum
+from stiffbeam.references import reference
 from stiffbeam.trajectory.trajectory import Reference, Trajectory
 
+from .sample import of_members
 from .table import Made
 
 if TYPE_CHECKING:
@@ -28,27 +31,50 @@ if TYPE_CHECKING:
 Look = tuple[str, tuple[float, ...]]  # colour and dashes
 EXACT: dict[str, Look] = {"displacement": ("black", ()), "velocity-curvature": ("black", (4, 1.5))}
 ONE: dict[str, Any] = {"color": "0.55", "dashes": (1, 1.5), "alpha": 0.8}  # what float64 makes of it past the horizon
-# A scheme has the colour it has everywhere; on another discretisation it has the same hue, darker or lighter.
-SCHEME_OF = {
-    "(4.13)": ("hht", 0), "(4.11)": ("bdf2", 0), "(4.5)": ("bdf2", 1), "(4.14)": ("sdirk", 0), "(4.10)": ("sdirk", 1),
-    "(4.12)": ("sdirk", 2),
-}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Equation:
+    """scheme: its name in the registry. shade: one for each discretisation. label, marker: in a legend of all six."""
+
+    scheme: str
+    shade: int
+    label: str
+    marker: str
+
+
+EQUATIONS = {
+    "(4.13)": Equation("hht", 0, "HHT", "o"),
+    "(4.11)": Equation("bdf2", 0, "BDF2 on (3.5)", "^"),
+    "(4.5)": Equation("bdf2", 1, "BDF2 on (3.12)", "s"),
+    "(4.14)": Equation("sdirk", 0, "SDIRK (4.14)", "X"),
+    "(4.10)": Equation("sdirk", 1, "SDIRK on (3.12)", "P"),
+    "(4.12)": Equation("sdirk", 2, "SDIRK on (3.5)", "v"),
+}
 SHADES = ((1.0, 0.0), (0.55, 0.0), (0.6, 0.4))  # share of the colour, share of white
 
 
 def look_of(equation: str) -> Look:
-    """Colour and dashes of one of the paper's equations, those of its scheme."""
-    name, variant = SCHEME_OF[equation]
-    colour, dashes, _ = look_of_name(name)
-    own, white = SHADES[variant]
+    """Colour and dashes of an equation: its scheme has the colour it has everywhere, each discretisation a shade."""
+    scheme, shade = EQUATIONS[equation].scheme, EQUATIONS[equation].shade
+    colour, dashes, _ = look_of_name(scheme)
+    share, white = SHADES[shade]
     channels = (int(COLOURS[colour][k : k + 2], 16) for k in (1, 3, 5))
-    shaded = "".join(f"{round(own * channel + white * 255):02X}" for channel in channels)
-    return f"#{shaded}", DASHES[(dashes + 2 * variant) % len(DASHES)]
+    shaded = "".join(f"{round(share * channel + white * 255):02X}" for channel in channels)
+    return f"#{shaded}", DASHES[(dashes + 2 * shade) % len(DASHES)]
 
 
-STYLE = {equation: look_of(equation) for equation in SCHEME_OF}
+def name_of(equation: str) -> str:
+    """Name of an equation in a sentence: HHT, of which there is one, or such as BDF2 (4.5)."""
+    scheme = EQUATIONS[equation].scheme.upper()
+    return scheme if scheme == "HHT" else f"{scheme} {equation}"
+
+
+STYLE = {equation: look_of(equation) for equation in EQUATIONS}
 PERIODS = 2.0  # of the drive that panels a and b show; three near resonance, where they are short
 DPI, PALETTE = 200, 48
+PAST = 1.25  # horizons: long enough to see where the exact motion is one among many
+SECONDS, FRAMES_PER_SECOND, FILM_DPI = 8.0, 10, 60  # about a megabyte
 
 
 @dataclass(frozen=True)
@@ -273,3 +299,71 @@ def _spectrum(axis: Axes, made: Made) -> None:
         xlim=(0.0, MULTIPLES + 0.5), yscale="log", ylim=(top * 1e-4, top * 2.0),
         xlabel=f"angular frequency, a = {made.drive:g}", ylabel="amplitude of $u(1, t)$",
     )  # fmt: skip
+
+
+def close_up(made: Made) -> Figure:
+    """The tip at its stop, to the horizon: the exact motion bounces where the schemes rest."""
+    exact = made.references["displacement"]
+    end = made.horizons["displacement"]
+    start = 0.9 * float(exact.impacts.times[0])
+    end = min(end, float(exact.impacts.times[exact.impacts.stops < 0][0]) - 0.02)  # the first visit to one stop
+    t = np.linspace(start, end, 6000)
+    figure = new_figure(3.4, width=5.0)
+    axis = figure.subplots()
+    axis.plot(t, exact.at(t)[0], color=EXACT["displacement"][0], lw=1.0, label=exact_label(made, "displacement"))
+    for equation, run in made.runs.items():
+        here = (run.t >= start) & (run.t <= end)
+        label = f"{EQUATIONS[equation].scheme.upper()} {equation}"
+        axis.plot(run.t[here], run.tip[here], color=STYLE[equation][0], lw=1.6, label=label)
+    stops = made.case.problem.one_stops("case")
+    draw_stops(axis, stops, horizontal=True)
+    axis.set(
+        xlim=(start, end), ylim=(0.6 * stops.g2, 1.03 * stops.g2), xlabel="time $t$",
+        ylabel="tip displacement $u(1, t)$",
+    )  # fmt: skip
+    axis.annotate("stop", (end, stops.g2), xytext=(-2, 3), textcoords="offset points", ha="right", fontsize=8)
+    axis.legend(loc="lower center", frameon=False, fontsize=9)
+    return figure
+
+
+def shares(numbers: Mapping[int, Mapping[str, Any]]) -> Figure:
+    """Share of time in contact, table by table: means and deviations of the ensembles, exact and of every run."""
+    from matplotlib.ticker import PercentFormatter
+
+    figure = new_figure(0.3 * len(numbers) + 1.5, width=5.0)
+    axis = figure.subplots()
+    rows = sorted(numbers)
+    seen: set[str] = set()
+    for y, table in enumerate(rows):
+        drawn = []
+        for name, row in (*numbers[table]["exact"].items(), *numbers[table]["runs"].items()):
+            if not row["ensemble"]:
+                continue
+            exact, hollow = name in EXACT, name == "velocity-curvature"
+            label = f"exact{', velocity-curvature form' * hollow}" if exact else EQUATIONS[name].label
+            found, colour = of_members(row, "fraction"), EXACT[name][0] if exact else STYLE[name][0]
+            marker, size = ("D", 6) if exact else (EQUATIONS[name].marker, 6.5)
+            axis.errorbar(
+                found.mean, y, xerr=found.sd, fmt=marker, ms=size, color=colour,
+                mfc="white" if hollow else None, mec=colour if exact else "white", mew=1.0 if exact else 0.5,
+                elinewidth=1.0, zorder=3 if exact else 2, label=None if label in seen else label,
+            )  # fmt: skip
+            seen.add(label)
+            drawn.append(found.mean)
+        if drawn:
+            axis.plot([min(drawn), max(drawn)], [y, y], color="0.85", lw=3, zorder=0, solid_capstyle="round")
+    axis.set_yticks(range(len(rows)), [f"Table {table}" for table in rows])
+    axis.invert_yaxis()
+    axis.xaxis.set_major_formatter(PercentFormatter(1.0, decimals=0))
+    axis.set(xlim=(-0.02, 1.02), xlabel="share of time in contact")
+    axis.grid(axis="x", color="0.92", lw=0.8)
+    figure.legend(loc="outside lower center", ncols=2, frameon=False, fontsize=9)
+    return figure
+
+
+def film(made: Made, file: Path) -> Path:
+    """Write the film of the runs on the displacement form beside the exact motion, to a quarter past the horizon."""
+    system = made.systems["displacement"]
+    end = min(made.case.t_end, PAST * made.horizons["displacement"])
+    runs = [run for run in made.runs.values() if run.fingerprint == system.fingerprint]
+    return animate([reference(system, end), *runs], file, SECONDS, FRAMES_PER_SECOND, end, dpi=FILM_DPI)

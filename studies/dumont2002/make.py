@@ -18,11 +18,9 @@ from stiffbeam.studies.engine.journal import Journal
 from stiffbeam.studies.engine.workers import processes, undisturbed
 
 from .ensembles import EXACT_MEMBERS, MEMBERS, Numbers
-from .figures import panels, picture, save_small, together
-from .film import film
+from .figures import close_up, film, panels, picture, save_small, together
 from .numbers import numbers_of
 from .reading import Reading
-from .resting import close_up
 from .table import Made, equation_of, make_table
 
 TABLES = tuple(range(1, 18))

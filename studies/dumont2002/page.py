@@ -13,7 +13,6 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
@@ -23,8 +22,10 @@ from stiffbeam.measures.peaks import EXCITED
 
 from . import no_contact, rows
 from .ensembles import PERIODS, PERTURBATION
+from .figures import name_of
 from .make import Finished
 from .reading import Reading
+from .sample import of_members
 from .table import drive_of
 from .typeset import anchor, percent, typeset, written
 from .verdicts import FAILS, HOLDS, NOT_MEASURED, OPEN, PARTLY, PLURAL, SCHEME_ONLY, UNTESTABLE
@@ -60,7 +61,7 @@ def write_page(
     }  # fmt: skip
     if across is not None:
         found = [row["verdict"] for row in across["claims"]]
-        shares = [100 * float(np.mean(rows.members(row, "fraction"))) for row in exact]
+        shares = [100 * of_members(row, "fraction").mean for row in exact]
         columns = ("section", "claim", "measured", "verdict")
         context |= across | {
             "counts": {x: found.count(x) for x in sorted(set(found), key=lambda x: (-found.count(x), x))},
@@ -85,7 +86,7 @@ def environment() -> Environment:
         "rows": rows, "spread": rows.spread, "parameters": rows.parameters, "legend": rows.legend, "percent": percent,
         "written": written, "title": title, "drive": lambda number: drive_of(paper_cases()[f"table{number}"]),
         "without_contact": no_contact, "PERIODS": PERIODS, "PERTURBATION": PERTURBATION, "EXCITED": EXCITED,
-        "PLURAL": PLURAL, "COLOURS": COLOURS, "DOI": DOI,
+        "PLURAL": PLURAL, "name_of": name_of, "COLOURS": COLOURS, "DOI": DOI,
     }  # fmt: skip
     return made
 

@@ -18,6 +18,7 @@ from .claims import judged
 from .costs import costs
 from .ensembles import EXACT_MEMBERS, MEMBERS
 from .evidence import Evidence
+from .figures import shares
 from .make import SOURCE, TABLES, Finished, Progress, make_tables
 from .misprints import measured
 from .no_contact import error_curves, in_time, whole
@@ -25,7 +26,6 @@ from .numbers import exact_name as exact_name
 from .page import write_page
 from .reading import Reading
 from .reading import reading as reading
-from .resting import shares
 
 PAGE = "index.html"
 

@@ -7,8 +7,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from stiffbeam.files.cases import paper_cases
 from stiffbeam.model.problem import PointLoad
 from stiffbeam.model.time_functions import Harmonic
@@ -21,7 +19,7 @@ from .figures import EXACT, ONE, STYLE
 from .judges_motions import lines, named
 from .numbers import exact_name
 from .reading import Reading
-from .sample import Sample
+from .sample import of_members
 from .table import equation_of
 from .typeset import DASH, MINUS, short, typeset, written
 
@@ -53,15 +51,10 @@ def parts(number: str) -> tuple[str, str]:
     return number[:end], number[end:].replace(" ", "\u00a0")
 
 
-def members(row: Numbers, what: str) -> list[float]:
-    """Measure of all members of a row of numbers."""
-    return [x for one in row["ensemble"].values() for x in one[what] if x is not None]
-
-
 def spread(row: Numbers, what: str, scale: float = 1.0) -> str:
     """Mean and standard deviation over all members."""
-    values = members(row, what)
-    return typeset(Sample(np.array(values)).written(scale)) if values else DASH
+    sample = of_members(row, what)
+    return typeset(sample.written(scale)) if len(sample.values) else DASH
 
 
 def decimals(value: float | None, scale: float, places: int) -> str:

@@ -6,8 +6,9 @@ difference is outside what the spread of the members explains in all but CHANCE 
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy import stats
@@ -49,6 +50,11 @@ class Sample:
         places = max(0, places)
         spread = f"{sd:.{places}f}"
         return f"{mean:.{places}f}" + (f" ± {spread}" if float(spread) else "") + unit
+
+
+def of_members(row: Mapping[str, Any], what: str) -> Sample:
+    """Measure of all members of a row of numbers, of every set of seeds."""
+    return Sample(np.array([x for members in row["ensemble"].values() for x in members[what] if x is not None]))
 
 
 def _magnitude(value: float) -> int:
