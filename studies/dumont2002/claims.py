@@ -11,7 +11,10 @@ from typing import Any
 from stiffbeam.basics.validation import InputError
 from stiffbeam.trajectory.trajectory import Diverged, SolverFailure
 
-from . import judges_linear, judges_motions, judges_runs  # noqa: F401, their functions enter JUDGES
+# Their functions enter JUDGES.
+from . import judges_linear as judges_linear
+from . import judges_motions as judges_motions
+from . import judges_runs as judges_runs
 from .ensembles import SEEDS
 from .evidence import Evidence, NotMeasured
 from .verdicts import JUDGES, NOT_MEASURED, OPEN, Finding

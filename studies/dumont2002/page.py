@@ -63,7 +63,8 @@ def write_page(
         found = [row["verdict"] for row in across["claims"]]
         shares = [100 * of_members(row, "fraction").mean for row in exact]
         columns = ("section", "claim", "measured", "verdict")
-        context |= across | {
+        context |= {
+            **across,
             "counts": {x: found.count(x) for x in sorted(set(found), key=lambda x: (-found.count(x), x))},
             "claims_csv": [["section", "the paper says", "measured", "verdict"],
                            *([row[x] for x in columns] for row in across["claims"])],
@@ -78,16 +79,18 @@ def environment() -> Environment:
         loader=FileSystemLoader(HERE), autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=StrictUndefined,
         keep_trailing_newline=True,
     )  # fmt: skip
-    made.filters |= {
+    functions: dict[str, Any] = {
+        "rows": rows, "spread": rows.spread, "parameters": rows.parameters, "legend": rows.legend, "percent": percent,
+        "written": written, "title": title, "drive": lambda number: drive_of(paper_cases()[f"table{number}"]),
+        "name_of": name_of, "without_contact": no_contact, "PERIODS": PERIODS, "PERTURBATION": PERTURBATION,
+        "EXCITED": EXCITED, "PLURAL": PLURAL, "COLOURS": COLOURS, "DOI": DOI,
+    }  # fmt: skip
+    filters: dict[str, Any] = {
         "anchor": anchor, "typeset": typeset, "whole": whole, "parts": rows.parts, "line": line, "data_uri": data_uri,
         "csv_uri": csv_uri,
     }  # fmt: skip
-    made.globals |= {
-        "rows": rows, "spread": rows.spread, "parameters": rows.parameters, "legend": rows.legend, "percent": percent,
-        "written": written, "title": title, "drive": lambda number: drive_of(paper_cases()[f"table{number}"]),
-        "without_contact": no_contact, "PERIODS": PERIODS, "PERTURBATION": PERTURBATION, "EXCITED": EXCITED,
-        "PLURAL": PLURAL, "name_of": name_of, "COLOURS": COLOURS, "DOI": DOI,
-    }  # fmt: skip
+    made.globals.update(functions)
+    made.filters.update(filters)
     return made
 
 

@@ -70,6 +70,7 @@ def parameters(number: int) -> Iterator[tuple[str, str]]:
     if problem.loads:
         load = problem.loads[0]
         assert isinstance(load, PointLoad)
+        assert isinstance(load.time, Harmonic)
         yield "w", written(load.time.frequency)
         yield "x_d", written(load.position)
         yield "E", written(load.time.amplitude)
