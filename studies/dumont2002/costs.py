@@ -1,4 +1,4 @@
-"""What the schemes cost, as ratios within a table beside the ratios of the paper's CPU seconds."""
+"""Costs of the schemes: ratios within a table, beside those of the paper's CPU seconds."""
 
 from __future__ import annotations
 

@@ -31,7 +31,7 @@ class Evidence:
     seeds: tuple[int, ...] = SEEDS
 
     def of(self, *seeds: int) -> Evidence:
-        """The same evidence, of these sets of members only."""
+        """Evidence of these sets of members alone."""
         return replace(self, seeds=seeds)
 
     def runs(self, table: int) -> list[str]:
@@ -68,7 +68,7 @@ class Evidence:
         return Sample(self.values(table, motion, what))
 
     def apart(self, table: int, a: str, b: str) -> Sample:
-        """How far two motions are apart, see ``add_ensembles``; with a = b, two members of one."""
+        """Difference of two motions, see ``add_ensembles``; with a = b, of two members of one."""
         found = self.tables[table]["apart"]
         by_seed = found.get(f"{a} | {b}") or found.get(f"{b} | {a}") or {}
         values = [x for seed in self.seeds for x in by_seed.get(str(seed), [])]
@@ -83,7 +83,7 @@ class Evidence:
         return f"exact on {FORM_OF[motion]}" if len(self.forms(table)) > 1 else "exact"
 
     def span(self, table: int) -> str:
-        """What the ensembles of a table are."""
+        """Length and members of the ensembles of a table, as a text."""
         found = self.tables[table]["span"]
         return (
             f"Table {table}: {found['periods']} drive periods, {len(self.seeds)} × {found['members']} members a "

@@ -164,7 +164,7 @@ def _curves(made: Made, end: float, start: float = 0.0) -> Iterator[tuple[str, d
 
 
 def exact_label(made: Made, form: str) -> str:
-    """True where the whole span is known, else exact."""
+    """Label of the exact motion: true where it is known over the whole span."""
     return f"{'true' if made.known(form) else 'exact to the horizon'}, {form}"
 
 

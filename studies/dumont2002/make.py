@@ -44,7 +44,7 @@ class Finished:
 
 @dataclass(frozen=True)
 class Job:
-    """What a process needs to make one table."""
+    """Instructions for the process that makes one table."""
 
     number: int
     reading: Reading

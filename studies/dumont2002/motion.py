@@ -15,7 +15,7 @@ from .table import Made
 
 
 def motion(t: Array, u: Array, v: Array, made: Made) -> dict[str, Any]:
-    """Of a tip u and its velocity v at equally spaced times, over whole drive periods.
+    """Measures of a tip u and its velocity v at equally spaced times, over whole drive periods.
 
     aperiodicity: rms of u(t + T) - u(t) over sqrt(2) times the rms of u about its mean, over the second
     half, T the drive's period: 0 for a periodic motion, about 1 where nothing is left of it; rate_ and

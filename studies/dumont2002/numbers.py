@@ -40,7 +40,7 @@ def numbers_of(made: Made, members: int = MEMBERS, exact_members: int = EXACT_ME
 
 
 def of_run(run: Trajectory, exact: Reference, made: Made) -> Numbers:
-    """What a run counts over its whole span, and its errors inside the horizon of ``exact``."""
+    """Counts and measures of a run over its whole span, and its errors inside the horizon of ``exact``."""
     held = compare(run, exact)
     return {
         "scheme": run.provenance["method"],
@@ -59,7 +59,7 @@ def of_run(run: Trajectory, exact: Reference, made: Made) -> Numbers:
 
 
 def of_exact(exact: Reference, made: Made) -> Numbers:
-    """The same of the exact motion. impacts: by events; sampled: those that the table's step would see.
+    """Counts and measures of the exact motion. impacts: by events; sampled: those that the table's step would see.
 
     digits: of the frozen multiprecision solution, whose row is the truth over the whole span; None in
     float64, whose row is one realisation past the horizon.
@@ -80,7 +80,7 @@ def of_exact(exact: Reference, made: Made) -> Numbers:
 
 
 def exact_name(form: str, row: Numbers) -> str:
-    """What a row of ``of_exact`` is called: true over the whole span, or exact to the horizon of float64."""
+    """Name of a row of ``of_exact``: true over the whole span, or exact to the horizon of float64."""
     if row["digits"]:
         return f"true, {form}"
     return f"exact, {form}; one realisation past {row['horizon']:.2g}"

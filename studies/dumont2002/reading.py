@@ -1,4 +1,4 @@
-"""How the paper is read where it is silent or in error."""
+"""Reading of the paper where it is silent or in error."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Reading:
         return f"{self.contact}-{'printed' if self.printed else 'corrected'}"
 
     def to_dict(self) -> dict[str, Any]:
-        """What tells a finished table of this reading from others."""
+        """Entries that tell a finished table of this reading from others."""
         return {"contact": self.contact, "printed": self.printed, "references": self.references}
 
 

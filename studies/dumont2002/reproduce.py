@@ -62,7 +62,7 @@ def reproduce(
 def _across(
     made: dict[int, Finished], reading: Reading, folder: Path, options: dict[str, Any], progress: Progress
 ) -> dict[str, Any]:
-    """What ``write_page`` needs of all tables together, journalled part by part."""
+    """Measurements of all tables together for ``write_page``, journalled part by part."""
     journal = Journal(folder / "journal", f"reproduce-across-{SOURCE}", paper_case(10))
     numbers = {number: finished.numbers for number, finished in made.items()}
     pictures = [folder / name for name in ("no-contact-error.svg", "no-contact-in-time.svg")]

@@ -63,7 +63,7 @@ def _magnitude(value: float) -> int:
 
 
 def above(a: Sample, b: Sample | float) -> bool | None:
-    """Whether the mean of ``a`` is above that of ``b``, or above a number; None where the spread decides nothing."""
+    """Compare means: True where that of ``a`` is above ``b``, None where the spread decides nothing."""
     if isinstance(b, Sample):
         error = np.hypot(a.sd / np.sqrt(len(a.values)), b.sd / np.sqrt(len(b.values)))
         gap, freedom = a.mean - b.mean, len(a.values) + len(b.values) - 2
@@ -77,7 +77,7 @@ def above(a: Sample, b: Sample | float) -> bool | None:
 
 
 def below(a: Sample, b: Sample | float) -> bool | None:
-    """Whether the mean of ``a`` is below ``b``; None where the spread decides nothing."""
+    """Compare means: True where that of ``a`` is below ``b``, None where the spread decides nothing."""
     return no(above(a, b))
 
 
@@ -87,18 +87,18 @@ def no(statement: bool | None) -> bool | None:
 
 
 def every(statements: Iterable[bool | None]) -> bool | None:
-    """True where all hold, False where one fails."""
+    """Conjunction: True if all hold, False if one fails, else None."""
     found = list(statements)
     return False if False in found else None if None in found else True
 
 
 def some(statements: Iterable[bool | None]) -> bool | None:
-    """True where one holds, False where all fail."""
+    """Disjunction: True if one holds, False if all fail, else None."""
     return no(every(map(no, statements)))
 
 
 def coherent(lines: Array) -> Array:
-    """Which complex amplitudes (members, k) have a mean that is no chance of their scatter, (k,).
+    """Return where the mean of complex amplitudes (members, k) is no chance of their scatter, (k,).
 
     With |mean|^2 over the variance of the mean F-distributed with 2 and 2 (n - 1) degrees of freedom for
     n members without a common line, F > (n - 1)(CHANCE^(-1/(n - 1)) - 1) in CHANCE of the cases.

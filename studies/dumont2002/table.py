@@ -40,7 +40,7 @@ class Made:
         return drive_of(self.case)
 
     def known(self, form: str) -> bool:
-        """Whether the reference of ``form`` is the true motion over the whole span: a multiprecision solution."""
+        """Return True if the reference of ``form`` is true over the whole span: a multiprecision solution."""
         return self.references[form].provenance["method"] == "multiprecision"
 
     @property
