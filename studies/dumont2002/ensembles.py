@@ -25,7 +25,7 @@ from stiffbeam.trajectory.ensemble import Ensemble
 
 from .motion import motion
 from .reading import Reading
-from .table import Made, equation_of
+from .table import Made
 
 SEEDS = (1, 2)
 MEMBERS, EXACT_MEMBERS = 16, 6  # of each seed; an exact member costs up to a hundred times a run
@@ -75,7 +75,7 @@ def _drawn(made: Made, name: str, members: int, seed: int, end: float, every: in
     if name in made.systems:
         system = made.systems[name]
         return reference_ensemble(system, end, perturbed(system, members, PERTURBATION, seed), t)
-    scheme, form = next(run for run in made.case.runs if equation_of(*run) == name)
+    scheme, form = made.equations[name]
     return _marched(made, scheme, form, members, seed, end, every)
 
 

@@ -21,7 +21,7 @@ from .ensembles import EXACT_MEMBERS, MEMBERS, Numbers
 from .figures import close_up, film, panels, picture, save_small, together
 from .numbers import numbers_of
 from .reading import Reading
-from .table import Made, equation_of, make_table
+from .table import Made, make_table
 
 TABLES = tuple(range(1, 18))
 FILM = "film.gif"
@@ -135,16 +135,12 @@ def make(job: Job) -> dict[str, Any]:
 
 def _store(made: Made, job: Job) -> list[str]:
     """The trajectories as netCDF, thinned to STORED_STEPS; impacts and energy have seen every step."""
-    steps = round(made.case.t_end / made.case.dt)
-    names = []
-    for scheme, form in made.case.runs:
-        equation = equation_of(scheme, form)
-        if equation not in made.runs:
-            continue
-        every = -(-steps // STORED_STEPS)
-        thin = integrate(
-            made.systems[form], job.reading.scheme(scheme), made.case.dt, made.case.t_end, job.reading.contact, every
-        )
+    case, names = made.case, []
+    every = -(-round(case.t_end / case.dt) // STORED_STEPS)
+    for equation in made.runs:
+        scheme, form = made.equations[equation]
+        chosen = job.reading.scheme(scheme)
+        thin = integrate(made.systems[form], chosen, case.dt, case.t_end, job.reading.contact, every)
         names.append(thin.save(job.folder / f"run-{equation.strip('()')}.nc").name)
     return names
 

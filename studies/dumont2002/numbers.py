@@ -15,7 +15,7 @@ from stiffbeam.trajectory.trajectory import Diverged, Reference, Trajectory
 from .ensembles import EXACT_MEMBERS, MEMBERS, Numbers, add_ensembles
 from .motion import motion
 from .reading import Reading
-from .table import Made, equation_of
+from .table import Made
 
 
 def numbers_of(made: Made, members: int = MEMBERS, exact_members: int = EXACT_MEMBERS) -> Numbers:
@@ -25,14 +25,10 @@ def numbers_of(made: Made, members: int = MEMBERS, exact_members: int = EXACT_ME
     ``add_ensembles``.
     """
     found: Numbers = {"runs": {}, "exact": {}, "failures": made.failures}
-    for scheme, form in made.case.runs:
-        equation = equation_of(scheme, form)
-        if equation not in made.runs:
-            continue
-        run, exact = made.runs[equation], made.references[form]
-        row = of_run(run, replace(exact, horizon=made.horizons[form]), made)
-        row["other contact"] = _other_contact(made, equation)
-        found["runs"][equation] = row
+    for equation, run in made.runs.items():
+        _, form = made.equations[equation]
+        exact = replace(made.references[form], horizon=made.horizons[form])
+        found["runs"][equation] = of_run(run, exact, made) | {"other contact": _other_contact(made, equation)}
     for form, exact in made.references.items():
         found["exact"][form] = of_exact(exact, made) | {"horizon": made.horizons[form]}
     add_ensembles(found, made, members, exact_members)
@@ -95,13 +91,10 @@ def _penetration(u: Array, made: Made) -> float:
 def _other_contact(made: Made, equation: str) -> Numbers:
     """Impacts and share of contact with the contact read the other way; ``failed`` where that overflows."""
     other = Reading("extrapolated" if made.reading.contact == "implicit" else "implicit", made.reading.printed)
-    for scheme, form in made.case.runs:
-        if equation_of(scheme, form) == equation:
-            try:
-                run = integrate(
-                    made.systems[form], other.scheme(scheme), made.case.dt, made.case.t_end, other.contact, every=1000
-                )
-            except Diverged as error:
-                return {"contact": other.contact, "failed": str(error)}
-            return {"contact": other.contact, "impacts": run.impacts.count, "fraction": run.contacts[0].fraction}
-    raise AssertionError(equation)
+    scheme, form = made.equations[equation]
+    case = made.case
+    try:
+        run = integrate(made.systems[form], other.scheme(scheme), case.dt, case.t_end, other.contact, every=1000)
+    except Diverged as error:
+        return {"contact": other.contact, "failed": str(error)}
+    return {"contact": other.contact, "impacts": run.impacts.count, "fraction": run.contacts[0].fraction}

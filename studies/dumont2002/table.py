@@ -35,6 +35,11 @@ class Made:
     failures: dict[str, str] = field(default_factory=dict)
 
     @property
+    def equations(self) -> dict[str, tuple[Scheme, str]]:
+        """Scheme and form of every run of the case, by the paper's equation number."""
+        return {equation_of(*run): run for run in self.case.runs}
+
+    @property
     def drive(self) -> float:
         """The angular frequency of the base, or of the load where the base rests."""
         return drive_of(self.case)
@@ -74,8 +79,7 @@ def make_table(case: Case, reading: Reading) -> Made:
     made = Made(case, reading, {form: semidiscretise(case.problem, case.cells, form) for form in forms})
     for form, system in made.systems.items():
         made.references[form], made.horizons[form] = exact_solution(case, form, system, reading)
-    for scheme, form in case.runs:
-        equation = equation_of(scheme, form)
+    for equation, (scheme, form) in made.equations.items():
         try:
             made.runs[equation] = integrate(
                 made.systems[form], reading.scheme(scheme), case.dt, case.t_end, reading.contact
