@@ -100,7 +100,7 @@ def elsewhere(table: int, run: str, reading: Reading, members: int, seed: int) -
 
 def _measured(made: Made, ensemble: Ensemble, alive: Array, t: Array) -> dict[str, list[Any]]:
     """One value a member. impacts: to the table's T. depth: of the deepest visit, over the clearance."""
-    stops = made.case.problem.one_stops("case")
+    stops = made.stops
     clearance = min(abs(stop) for stop in (stops.lower, stops.upper) if stop is not None)
     found: dict[str, list[Any]] = {
         "impacts": [int(np.sum(ensemble.contact.impacts_of(i).times <= made.case.t_end)) for i in alive],

@@ -73,6 +73,7 @@ def name_of(equation: str) -> str:
 STYLE = {equation: look_of(equation) for equation in EQUATIONS}
 PERIODS = 2.0  # of the drive that panels a and b show; three near resonance, where they are short
 DPI, PALETTE = 200, 48
+TIP = "tip displacement $u(1, t)$"
 PAST = 1.25  # horizons: long enough to see where the exact motion is one among many
 SECONDS, FRAMES_PER_SECOND, FILM_DPI = 8.0, 10, 60  # about a megabyte
 
@@ -85,6 +86,11 @@ class Panel:
     title: str
     draw: Callable[[Axes], None]
 
+    def on(self, axis: Axes) -> None:
+        """Draw it with its title."""
+        self.draw(axis)
+        axis.set_title(f"({self.letter}) {self.title}", loc="left", fontsize=10)
+
 
 def panels(made: Made) -> list[Panel]:
     """The panels of the figure that belongs to a table, in the paper's order.
@@ -94,9 +100,13 @@ def panels(made: Made) -> list[Panel]:
     """
     periods = PERIODS + (made.drive > 30.0)
     end = min(made.case.t_end, periods * 2.0 * np.pi / made.drive)
+    # The portrait of a single run is that of its last periods, where the start has died away.
+    start = made.case.t_end - end if len(made.case.runs) == 1 else 0.0
+    portrait = f"phase portrait, t in [{start:.3g}, {start + end:.3g}]"
     found = [
-        Panel("a", f"tip displacement to t = {end:.3g}", lambda axis: _displacement(axis, made, end)),
-        Panel("b", _portrait_title(made, end), lambda axis: _portrait(axis, made, end)),
+        # Thin lines: the exact motion is fast.
+        Panel("a", f"tip displacement to t = {end:.3g}", lambda axis: _over_time(axis, made, (0.0, end), lw=0.8)),
+        Panel("b", portrait, lambda axis: _portrait(axis, made, start, start + end)),
     ]
     if made.number == 17:
         found.append(Panel("b′", "delayed by one drive period T", lambda axis: _delayed(axis, made)))
@@ -111,9 +121,7 @@ def panels(made: Made) -> list[Panel]:
 def picture(panel: Panel) -> Figure:
     """One panel as a picture of its own, of a size that a phone shows without shrinking."""
     figure = new_figure(3.5, width=5.0)
-    axis = figure.subplots()
-    panel.draw(axis)
-    axis.set_title(f"({panel.letter}) {panel.title}", loc="left", fontsize=10)
+    panel.on(figure.subplots())
     return figure
 
 
@@ -134,8 +142,7 @@ def together(made: Made) -> Figure:
     figure = new_figure(3.7 * rows + 0.5, width=10.5)
     axes = figure.subplots(rows, 2).ravel()
     for axis, panel in zip(axes, parts, strict=False):
-        panel.draw(axis)
-        axis.set_title(f"({panel.letter}) {panel.title}", loc="left", fontsize=10)
+        panel.on(axis)
     for axis in axes[len(parts) :]:
         axis.set_visible(False)
     figure.suptitle(f"Table {made.number}: {made.case.title}")
@@ -144,14 +151,14 @@ def together(made: Made) -> Figure:
     return figure
 
 
-def _curves(made: Made, end: float, start: float = 0.0) -> Iterator[tuple[str, dict[str, Any], Array, Array, Array]]:
+def _curves(made: Made, start: float, end: float) -> Iterator[tuple[str, dict[str, Any], Array, Array, Array]]:
     """(label, style, t, u, v) of the exact motions, then of the runs, over [start, end].
 
     A motion that is known to its horizon only goes on from there as dots: one realisation.
     """
     fine = np.linspace(start, end, 8000)
     for form, exact in made.references.items():
-        style = _exact_style(form) | {"alpha": 0.5, "lw": 1.6, "zorder": 1}
+        style = _style(EXACT[form], alpha=0.5, lw=1.6, zorder=1)
         horizon = end if made.known(form) else made.horizons[form]
         known, past = fine[fine <= horizon], fine[fine > horizon]
         if len(known):
@@ -160,7 +167,8 @@ def _curves(made: Made, end: float, start: float = 0.0) -> Iterator[tuple[str, d
             yield f"one realisation, {form}", style | ONE | {"lw": 1.0}, past, *exact.at(past)
     for order, (equation, run) in enumerate(made.runs.items()):
         here = (run.t >= start) & (run.t <= end)
-        yield f"{equation} {run.label}", _style(equation, order), run.t[here], run.tip[here], run.tip_velocity[here]
+        style = _style(STYLE[equation], lw=1.0, zorder=2 + order)
+        yield f"{equation} {run.label}", style, run.t[here], run.tip[here], run.tip_velocity[here]
 
 
 def exact_label(made: Made, form: str) -> str:
@@ -168,26 +176,35 @@ def exact_label(made: Made, form: str) -> str:
     return f"{'true' if made.known(form) else 'exact to the horizon'}, {form}"
 
 
-def _exact_style(form: str) -> dict[str, Any]:
-    colour, dashes = EXACT[form]
-    return {"color": colour, "dashes": dashes or (None, None)}
+def _style(look: Look, **more: Any) -> dict[str, Any]:
+    """Keywords of ``plot`` for a look."""
+    return {"color": look[0], "dashes": look[1] or (None, None), **more}
 
 
-def _style(equation: str, order: int) -> dict[str, Any]:
-    colour, dashes = STYLE[equation]
-    return {"color": colour, "dashes": dashes or (None, None), "lw": 1.0, "zorder": 2 + order}
+def _over_time(
+    axis: Axes, made: Made, span: tuple[float, float], of: Callable[[Array], Array] | None = None, **changes: Any
+) -> None:
+    """The tip between its stops, or a function of it, with the horizon."""
+    for label, style, t, u, _ in _curves(made, *span):
+        axis.plot(t, u if of is None else of(u), label=label, **style | changes)
+    if of is None:
+        draw_stops(axis, made.stops, horizontal=True)
+    _horizon(axis, made, span[1])
+    axis.set(xlabel="time $t$", ylabel=TIP, xlim=span)
 
 
-def _line(axis: Axes, x: Array, y: Array, label: str, style: dict[str, Any]) -> None:
-    axis.plot(x, y, label=label, **style)
+def _first_contact(axis: Axes, made: Made) -> None:
+    main = next(iter(made.references.values()))
+    assert main.system is not None
+    span = first_contact(main, main.system, made.case.t_end)
+    _over_time(axis, made, span)
+    zoom_on_stop(axis, main, *span)
 
 
-def _displacement(axis: Axes, made: Made, end: float) -> None:
-    for label, style, t, u, _ in _curves(made, end):
-        _line(axis, t, u, label, style | {"lw": 0.8})  # thin: the exact motion is fast
-    _stops(axis, made, horizontal=True)
-    _horizon(axis, made, end)
-    axis.set(xlabel="time $t$", ylabel="tip displacement $u(1, t)$", xlim=(0.0, end))
+def _stress(axis: Axes, made: Made, end: float) -> None:
+    """sigma(1, t) = -kappa [(u - g2)_+ - (g1 - u)_+] of the exact motion and of the runs."""
+    _over_time(axis, made, (0.0, end), made.stops.force, lw=0.9)
+    axis.set_ylabel(r"shear stress $\sigma(1, t)$")
 
 
 def _horizon(axis: Axes, made: Made, end: float) -> None:
@@ -204,25 +221,14 @@ def _horizon(axis: Axes, made: Made, end: float) -> None:
     )  # fmt: skip
 
 
-def _portrait_span(made: Made, end: float) -> tuple[float, float]:
-    """The first periods; of the single runs the last ones, where the start has died away."""
-    return (made.case.t_end - end, made.case.t_end) if len(made.case.runs) == 1 else (0.0, end)
-
-
-def _portrait_title(made: Made, end: float) -> str:
-    start, end = _portrait_span(made, end)
-    return f"phase portrait, t in [{start:.3g}, {end:.3g}]"
-
-
-def _portrait(axis: Axes, made: Made, end: float) -> None:
-    start, end = _portrait_span(made, end)
-    for label, style, _, u, v in _curves(made, end, start):
-        thin = style | {"lw": 0.5, "alpha": 0.3 if style["zorder"] == 1 else 0.85}
+def _portrait(axis: Axes, made: Made, start: float, end: float) -> None:
+    for label, style, _, u, v in _curves(made, start, end):
+        thin: dict[str, Any] = style | {"lw": 0.5, "alpha": 0.3 if style["zorder"] == 1 else 0.85}
         if not label.startswith("one realisation"):
             thin["dashes"] = (None, None)
-        _line(axis, u, v, label, thin)
-    _stops(axis, made, horizontal=False)
-    axis.set(xlabel="tip displacement $u(1, t)$", ylabel="tip velocity $u_t(1, t)$")
+        axis.plot(u, v, label=label, **thin)
+    draw_stops(axis, made.stops, horizontal=False)
+    axis.set(xlabel=TIP, ylabel="tip velocity $u_t(1, t)$")
     axis.locator_params(axis="x", nbins=6)
 
 
@@ -238,8 +244,8 @@ def _delayed(axis: Axes, made: Made) -> None:
         motions.append((f"{equation} {run.label}", {"color": STYLE[equation][0], "zorder": 2}, _tip_of(run)))
     for label, style, tip in motions:
         axis.plot(tip(t), tip(t + period), ".", ms=1.6, mew=0, label=label, **style)
-    _stops(axis, made, horizontal=False)
-    _stops(axis, made, horizontal=True)
+    for horizontal in (False, True):
+        draw_stops(axis, made.stops, horizontal)
     axis.set(xlabel="$u(1, t)$", ylabel="$u(1, t + T)$", aspect="equal")
 
 
@@ -249,49 +255,24 @@ def _tip_of(run: Trajectory) -> Callable[[Array], Array]:
     return lambda t: np.interp(t, run.t, run.tip)
 
 
-def _stress(axis: Axes, made: Made, end: float) -> None:
-    """sigma(1, t) = -kappa [(u - g2)_+ - (g1 - u)_+] of the exact motion and of the runs."""
-    stops = made.case.problem.one_stops("case")
-    for label, style, t, u, _ in _curves(made, end):
-        _line(axis, t, stops.force(u), label, style | {"lw": 0.9})
-    _horizon(axis, made, end)
-    axis.set(xlabel="time $t$", ylabel=r"shear stress $\sigma(1, t)$", xlim=(0.0, end))
-
-
-def _first_contact(axis: Axes, made: Made) -> None:
-    main = next(iter(made.references.values()))
-    assert main.system is not None
-    start, end = first_contact(main, main.system, made.case.t_end)
-    for label, style, t, u, _ in _curves(made, end, start):
-        _line(axis, t, u, label, style)
-    draw_stops(axis, main.contacts[0].stops, horizontal=True)
-    zoom_on_stop(axis, main, start, end)
-    _horizon(axis, made, end)
-    axis.set(xlabel="time $t$", ylabel="tip displacement $u(1, t)$", xlim=(start, end))
-
-
-def _stops(axis: Axes, made: Made, horizontal: bool) -> None:
-    draw_stops(axis, made.case.problem.one_stops("case"), horizontal)
-
-
 def _spectrum(axis: Axes, made: Made) -> None:
     """Amplitudes over the multiples of the drive; of the exact motion at the same instants as of the runs."""
     t = np.arange(round(made.case.t_end / made.case.dt) + 1) * made.case.dt
     lines = []
     for form, exact in made.references.items():
-        style = _exact_style(form) | {"alpha": 0.45, "lw": 2.0, "zorder": 1}
+        style = _style(EXACT[form], alpha=0.45, lw=2.0, zorder=1)
         label = exact_label(made, form)
         if not made.known(form):
             label, style = f"one realisation, {form}", style | ONE | {"lw": 1.2}
         lines.append((label, style, exact.at(t)[0]))
     for order, (equation, run) in enumerate(made.runs.items()):
-        lines.append((f"{equation} {run.label}", _style(equation, order) | {"lw": 0.9}, run.tip))
+        lines.append((f"{equation} {run.label}", _style(STYLE[equation], lw=0.9, zorder=2 + order), run.tip))
     top = 0.0
     for label, style, u in lines:
         omega, amplitude = amplitude_spectrum(t, u, made.drive)
         multiple = omega / made.drive
         here = (multiple > 0.0) & (multiple <= MULTIPLES + 0.5)
-        _line(axis, multiple[here], amplitude[here], label, style)
+        axis.plot(multiple[here], amplitude[here], label=label, **style)
         top = max(top, float(np.max(amplitude[here])))
     ticks = range(1, MULTIPLES + 1, 2)
     axis.set_xticks(list(ticks), [f"{k}a" if k > 1 else "a" for k in ticks])
@@ -315,13 +296,10 @@ def close_up(made: Made) -> Figure:
         here = (run.t >= start) & (run.t <= end)
         label = f"{EQUATIONS[equation].scheme.upper()} {equation}"
         axis.plot(run.t[here], run.tip[here], color=STYLE[equation][0], lw=1.6, label=label)
-    stops = made.case.problem.one_stops("case")
-    draw_stops(axis, stops, horizontal=True)
-    axis.set(
-        xlim=(start, end), ylim=(0.6 * stops.g2, 1.03 * stops.g2), xlabel="time $t$",
-        ylabel="tip displacement $u(1, t)$",
-    )  # fmt: skip
-    axis.annotate("stop", (end, stops.g2), xytext=(-2, 3), textcoords="offset points", ha="right", fontsize=8)
+    draw_stops(axis, made.stops, horizontal=True)
+    stop = made.stops.g2
+    axis.set(xlim=(start, end), ylim=(0.6 * stop, 1.03 * stop), xlabel="time $t$", ylabel=TIP)
+    axis.annotate("stop", (end, stop), xytext=(-2, 3), textcoords="offset points", ha="right", fontsize=8)
     axis.legend(loc="lower center", frameon=False, fontsize=9)
     return figure
 

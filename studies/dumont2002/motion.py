@@ -33,7 +33,7 @@ def motion(t: Array, u: Array, v: Array, made: Made) -> dict[str, Any]:
     def rms(chosen: Array) -> float:
         return float(np.sqrt(np.sum(speed[chosen] ** 2) / 2.0))
 
-    fast, stops = rms(rates > second), made.case.problem.one_stops("case")
+    fast = rms(rates > second)
     return {
         "peaks": [
             {"name": p.name, "multiple": p.multiple, "amplitude": p.amplitude, "above": p.above}
@@ -45,7 +45,7 @@ def motion(t: Array, u: Array, v: Array, made: Made) -> dict[str, Any]:
         "off_multiples": share_off_multiples(omega, amplitude, drive),
         "aperiodicity": _change(t, u, drive),
         "rate_aperiodicity": _change(t, v, drive),
-        "stress_aperiodicity": _change(t, stops.force(u), drive),
+        "stress_aperiodicity": _change(t, made.stops.force(u), drive),
         "rms": float(np.sqrt(np.mean(u**2))),
         "fast": fast,
         "resolved": rms((rates > second) & (rates <= limit)),

@@ -84,8 +84,7 @@ def exact_name(form: str, row: Numbers) -> str:
 
 def _penetration(u: Array, made: Made) -> float:
     """The farthest the tip gets into a stop."""
-    stops = made.case.problem.one_stops("case")
-    return float(max(0.0, np.max(u) - stops.g2, stops.g1 - np.min(u)))
+    return float(max(0.0, np.max(u) - made.stops.g2, made.stops.g1 - np.min(u)))
 
 
 def _other_contact(made: Made, equation: str) -> Numbers:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from stiffbeam.files.cases import Case
 from stiffbeam.march.integrate import integrate
+from stiffbeam.model.contact import Stops
 from stiffbeam.model.semidiscretisation import semidiscretise
 from stiffbeam.model.system import System
 from stiffbeam.model.time_functions import Harmonic
@@ -38,6 +39,11 @@ class Made:
     def equations(self) -> dict[str, tuple[Scheme, str]]:
         """Scheme and form of every run of the case, by the paper's equation number."""
         return {equation_of(*run): run for run in self.case.runs}
+
+    @property
+    def stops(self) -> Stops:
+        """The stops of the tip."""
+        return self.case.problem.one_stops("case")
 
     @property
     def drive(self) -> float:
