@@ -215,6 +215,7 @@ def test_an_installed_package_says_where_the_page_is_made(tmp_path, command, mon
     assert "must run from a checkout, whose studies/dumont2002" in line
     assert str(installed.parents[1]) in line
     assert "pip install -e ." in line
+    assert not list(tmp_path.iterdir())
 
 
 def test_the_package_imports_no_study():

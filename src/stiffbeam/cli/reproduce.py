@@ -35,12 +35,12 @@ def reproduce(
     jobs: Jobs = None,
     json_file: Json = None,
 ) -> None:
-    """Remake Dumont (2002): tables, figures, claims and misprints on one page."""
+    """Remake Dumont (2002) in a checkout: tables, figures, claims and misprints on one page."""
     from ..basics.threads import cores
 
     tables = _tables(what, number)
-    _check(out, jobs, json_file)
     paper = _paper()
+    _check(out, jobs, json_file)
     chosen = paper.reading(contact, printed, references)
     with progress() as show:
         page, made = paper.reproduce(tables, chosen, out, jobs or cores(), progress=show, command=_command())

@@ -41,7 +41,7 @@ def save_page(card: Scorecard, folder: Path) -> list[Path]:
     return [page, write_whole(folder / "score.json", records), *pictures]
 
 
-def _filled(card: Scorecard, sections: Sequence[dict[str, Any]] = ()) -> str:
+def _filled(card: Scorecard, sections: Sequence[dict[str, Any]] | None = None) -> str:
     """page.html with the numbers of the scorecard; its tables alone without ``sections``."""
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
