@@ -46,25 +46,7 @@ CHAPTERS = {
 }  # fmt: skip
 SCRIPTS = [Path(source).stem for source in CHAPTERS["How to"]]
 WHERE = {"MPLBACKEND": "agg", "COLUMNS": "80"}
-CURRENT = ' aria-current="page"'
 SWEEP = {"parameter": "frequency", "values": [8.0 + 0.2 * k for k in range(31)]}
-STYLE = """
-.site { display: grid; grid-template-columns: 15rem minmax(0, 1fr); gap: 2rem;
-  max-width: 80rem;
-  margin: 0 auto; padding: 0 1.25rem; }
-.site nav { font-size: .9rem; padding: 1.5rem 0; }
-.site nav h2 { font-size: .8rem; border: 0; margin: 1rem 0 .2rem; padding: 0; }
-.site nav ul { list-style: none; padding: 0; margin: 0; } .site nav a[aria-current] { font-weight: 650; }
-.site main { max-width: 56rem; padding: 1.5rem 0 4rem; margin: 0; }
-.site h2 { margin-top: 2.2rem; font-size: 1.3rem; }
-pre { overflow-x: auto; padding: .7rem .9rem; border: 1px solid var(--rule); border-radius: 6px; font-size: .84rem;
-  line-height: 1.45; }
-.number { white-space: nowrap; } code { overflow-wrap: anywhere; } pre code { overflow-wrap: normal; }
-table { display: block; overflow-x: auto; min-width: 0; }
-main img { background: #fff; border-radius: 6px; }
-@media (max-width: 60rem) { .site { grid-template-columns: minmax(0, 1fr); gap: 0; } .site nav { order: 2; } }
-@media print { .site nav { display: none; } .site { display: block; } }
-"""
 
 
 def target_of(source: str) -> str:
@@ -201,22 +183,14 @@ def relinked(body: str, source: str, out: Path, pages: dict[str, str]) -> str:
 
 def page(body: str, source: str, titles: dict[str, str]) -> str:
     """The whole page, with the way to all others."""
+    from jinja2 import Environment, FileSystemLoader
+
     here = Path(target_of(source)).parent
-    ways = []
-    for chapter, sources in CHAPTERS.items():
-        items = "".join(
-            f'<li><a href="{os.path.relpath(target_of(s), here)}"{CURRENT if s == source else ""}>'
-            f"{titles[s]}</a></li>"
-            for s in sources
-        )  # fmt: skip
-        ways.append(f"<h2>{chapter}</h2><ul>{items}</ul>")
-    sheet = os.path.relpath("style.css", here)
-    return (
-        f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>{title_of(body)} – stiffbeam</title>'
-        f'<meta name="viewport" content="width=device-width, initial-scale=1"><link rel="stylesheet" href="{sheet}">'
-        f'</head><body><div class="site"><nav aria-label="All pages">{"".join(ways)}</nav>'
-        f"<main>{body}</main></div></body></html>\n"
-    )
+    environment = Environment(loader=FileSystemLoader(Path(__file__).parent), trim_blocks=True, lstrip_blocks=True)
+    return environment.get_template("site.html").render(
+        body=body, source=source, title=title_of(body), titles=titles, chapters=CHAPTERS,
+        way=lambda target: os.path.relpath(target, here), target_of=target_of,
+    ).lstrip()  # fmt: skip
 
 
 class _Links(HTMLParser):
@@ -255,8 +229,6 @@ def build(out: Path, run: Sequence[str], smoke: bool) -> None:
     import pdoc
     import pdoc.render
 
-    from stiffbeam.dumont2002.page import page_style
-
     out.mkdir(parents=True, exist_ok=True)
     sources = [source for chapter in CHAPTERS.values() for source in chapter if not source.startswith("api/")]
     pages = {source: target_of(source) for source in sources}
@@ -273,7 +245,8 @@ def build(out: Path, run: Sequence[str], smoke: bool) -> None:
             bodies[source] = markdown(path.read_text(encoding="utf-8"))
     titles = {source: shortened(title_of(body)) for source, body in bodies.items()}
     titles |= {"README.md": "stiffbeam", "api/stiffbeam.html": "All Python names"}
-    (out / "style.css").write_text(page_style() + STYLE, encoding="utf-8")
+    sheets = (ROOT / "studies" / name for name in ("dumont2002/style.css", "site.css"))
+    (out / "style.css").write_text("\n".join(sheet.read_text(encoding="utf-8") for sheet in sheets), encoding="utf-8")
     for source, body in bodies.items():
         file = out / target_of(source)
         file.parent.mkdir(parents=True, exist_ok=True)

@@ -23,6 +23,7 @@ SERVES = {
     "multiprecision": ("python-flint",),
     "netCDF files, DataFrames": ("xarray", "h5netcdf", "h5py", "pandas", "python-dateutil", "tzdata", "packaging"),
     "pictures": ("matplotlib", "pillow", "fonttools", "contourpy", "kiwisolver", "cycler", "pyparsing"),
+    "pages": ("jinja2", "markupsafe"),
     "the command": ("typer", "rich", "click", "pygments", "markdown-it-py", "mdurl", "shellingham", "platformdirs"),
 }  # fmt: skip
 MOMENTS = {

@@ -2,24 +2,27 @@
 
 from __future__ import annotations
 
+import inspect
+import tomllib
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import stiffbeam as sb
-from stiffbeam.dumont2002 import claims as judging
-from stiffbeam.dumont2002.claims import judge, judged
-from stiffbeam.dumont2002.claims_pair import _damping_avoids
-from stiffbeam.dumont2002.costs import ERRORS, steps_needed
-from stiffbeam.dumont2002.ensembles import add_ensembles, elsewhere, lines
-from stiffbeam.dumont2002.evidence import Evidence, NotMeasured
-from stiffbeam.dumont2002.figures import panels
-from stiffbeam.dumont2002.reading import Reading
-from stiffbeam.dumont2002.rules import elongation, similar
-from stiffbeam.dumont2002.sample import Sample, above, below, coherent, every, no, some
-from stiffbeam.dumont2002.table import make_table
-from stiffbeam.dumont2002.verdicts import FAILS, HOLDS, NOT_MEASURED, OPEN, VERDICTS, Claim, Finding
+from dumont2002 import claims as judging
+from dumont2002.claims import Claim, judge, judged
+from dumont2002.costs import ERRORS, steps_needed
+from dumont2002.ensembles import add_ensembles, elsewhere, lines
+from dumont2002.evidence import Evidence, NotMeasured
+from dumont2002.figures import panels
+from dumont2002.judges_motions import similar
+from dumont2002.judges_runs import damping_avoids
+from dumont2002.reading import Reading
+from dumont2002.sample import Sample, above, below, coherent, every, no, some
+from dumont2002.table import make_table
+from dumont2002.verdicts import FAILS, HOLDS, JUDGES, NOT_MEASURED, OPEN, VERDICTS, Finding
 from stiffbeam.model.closed_form import natural_frequencies
 from stiffbeam.trajectory.trajectory import Diverged
 
@@ -87,6 +90,24 @@ def test_a_sample_is_written_to_the_digits_that_its_spread_leaves():
     assert sample(1.0e-8, 3.0e-8).written() == "2.0e-08 ± 1.4e-08"
 
 
+# ---------------------------------------------------------------- data and judges
+
+
+def test_every_claim_of_the_file_fits_its_judge_and_every_judge_has_a_claim():
+    """An entry that no judge takes, or a judge that lacks one, would be found only after minutes of computing."""
+    sections = tomllib.loads(Path(judging.__file__).with_suffix(".toml").read_text(encoding="utf-8"))
+    rules, used = sections.pop("rules"), set()
+    for entry in (entry for entries in sections.values() for entry in entries):
+        base = rules.get(entry.get("like"), {})
+        assert {*entry} <= {"claim", "rule", "like", "judge", "tables", "evidence", "arguments"}
+        arguments = base.get("arguments", {}) | entry.get("arguments", {})
+        judge_of = JUDGES[(base | entry)["judge"]]
+        inspect.signature(judge_of).bind(NOTHING, *entry.get("tables", [] if "evidence" in entry else [1]), **arguments)
+        used.add(judge_of.__name__)
+    assert used == {*JUDGES}
+    assert {entry.get("like") for entries in sections.values() for entry in entries} - {None} == {*rules}
+
+
 # ---------------------------------------------------------------- judged twice, and never the end of the page
 
 
@@ -130,7 +151,7 @@ def test_hht_without_damping_overflows_with_extrapolated_contact_and_the_claim_g
     assert elsewhere(10, "hht(alpha=0.0)@displacement", reading, 2, 1) == {}
     row = {"ensemble": {"1": {"impacts": [860, 900]}, "2": {"impacts": [870, 840]}}, "digits": None}
     table = NOTHING.tables[10] | {"exact": {"displacement": row}}
-    found = _damping_avoids(replace(NOTHING, reading=reading, tables=NOTHING.tables | {10: table}))
+    found = damping_avoids(replace(NOTHING, reading=reading, tables=NOTHING.tables | {10: table}), 10)
     assert "overflow at alpha = 0" in found.measured
 
 
@@ -172,7 +193,7 @@ def test_curves_are_similar_when_they_differ_by_little_or_by_no_more_than_member
             "(4.13) | displacement": own,
         }
         table = NOTHING.tables[10] | {"runs": rows, "failures": {}, "apart": {k: {"1": x} for k, x in apart.items()}}
-        return similar(10)(Evidence({10: table}, [], Reading())).verdict
+        return similar(Evidence({10: table}, [], Reading()), 10).verdict
 
     assert judged_with([0.02, 0.021, 0.019], [0.001, 0.0012, 0.001]) == HOLDS  # little
     assert judged_with([0.50, 0.55, 0.45], [0.49, 0.56, 0.46]) == HOLDS  # like members
@@ -189,7 +210,9 @@ def test_the_schemes_hardly_lengthen_the_first_mode():
     )
     found = omega * dt * steps / angle - 1.0
     # tip and velocity turn a phase (w dt)^2 apart, the same at both ends: 4e-5 of 1218 rad.
-    assert elongation(sb.HHT(-0.1), np.array([omega * dt]))[0] == pytest.approx(found, abs=1e-7)
+    assert sb.amplification(sb.HHT(-0.1), [omega * dt / (2.0 * np.pi)]).period_elongation[0] == pytest.approx(
+        found, abs=1e-7
+    )
     assert found == pytest.approx(4e-6, rel=0.1)
 
 

@@ -17,7 +17,7 @@ PACKAGE = Path(stiffbeam.__file__).parent
 # A room imports from rooms to its left only; march and references do not know each other.
 ROOMS = (
     "basics", "model", "schemes", "trajectory", "march", "references", "files", "measures", "figures", "testset",
-    "studies", "dumont2002", "cli",
+    "studies", "cli",
 )  # fmt: skip
 STRANGERS = {("march", "references"), ("references", "march")}
 ENTRANCES = {"", "__main__", "pytest_plugin"}  # what users import; nothing in a room does

@@ -7,7 +7,7 @@ import pytest
 from matplotlib.colors import rgb_to_hsv, to_rgb
 
 import stiffbeam as sb
-from stiffbeam.dumont2002 import figures as page
+from dumont2002 import figures as page
 from stiffbeam.figures import EXACT, look, style
 from stiffbeam.figures.comparison import four_panels
 from stiffbeam.schemes import RIGID, SCHEMES, registered
@@ -46,11 +46,11 @@ def test_a_scheme_has_its_colour_and_dashes_on_the_page_too():
         assert colour == look(label)["color"]
         assert look(label)["linestyle"] == ((0, dashes) if dashes else "-")
     # Other discretisations of the same scheme are shades of its colour, each with dashes of its own.
-    for equation, (name, _) in page.SCHEME_OF.items():
+    for equation, its in page.EQUATIONS.items():
         hue = rgb_to_hsv(to_rgb(page.STYLE[equation][0]))[0]
-        assert hue == pytest.approx(rgb_to_hsv(to_rgb(look(name)["color"]))[0], abs=0.02)
+        assert hue == pytest.approx(rgb_to_hsv(to_rgb(look(its.scheme)["color"]))[0], abs=0.02)
     for name in ("bdf2", "sdirk"):
-        own = [page.STYLE[equation] for equation, (scheme, _) in page.SCHEME_OF.items() if scheme == name]
+        own = [page.STYLE[equation] for equation, its in page.EQUATIONS.items() if its.scheme == name]
         assert len({colour for colour, _ in own}) == len({dashes for _, dashes in own}) == len(own)
 
 

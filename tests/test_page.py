@@ -18,9 +18,9 @@ import numpy as np
 import pytest
 
 import stiffbeam as sb
+from dumont2002.page import DOI
+from dumont2002.verdicts import FAILS, HOLDS, NOT_MEASURED, SCHEME_ONLY, UNTESTABLE
 from stiffbeam import cli
-from stiffbeam.dumont2002.sections import DOI
-from stiffbeam.dumont2002.verdicts import FAILS, HOLDS, NOT_MEASURED, SCHEME_ONLY, UNTESTABLE
 from stiffbeam.files.cases import paper_cases
 
 STORE = Path(__file__).parent.parent / "reference"
@@ -174,7 +174,7 @@ def test_the_figure_is_a_picture_of_its_own(made):
 
 @pytest.mark.slow
 def test_a_second_run_takes_the_table_from_the_store(made, monkeypatch):
-    from stiffbeam.dumont2002 import make as making
+    from dumont2002 import make as making
 
     def refuse(job):
         raise AssertionError("made again")
@@ -203,6 +203,25 @@ def test_bad_input_is_refused_with_a_remedy(arguments, words, monkeypatch, capsy
     monkeypatch.chdir(tmp_path)
     assert run(monkeypatch, "reproduce", *arguments) == 2
     assert words in capsys.readouterr().err
+
+
+def test_an_installed_package_says_where_the_page_is_made(tmp_path, command, monkeypatch):
+    """``pip install`` takes the package alone: one line names the checkout that the page needs."""
+    installed = tmp_path / "lib" / "python3" / "site-packages" / "stiffbeam" / "cli" / "reproduce.py"
+    monkeypatch.setattr("stiffbeam.cli.reproduce.__file__", str(installed))
+    code, out, err = command("reproduce", "table", "10")
+    assert (code, out) == (2, "")
+    (line,) = err.splitlines()
+    assert "must run from a checkout, whose studies/dumont2002" in line
+    assert str(installed.parents[1]) in line
+    assert "pip install -e ." in line
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_package_imports_no_study():
+    """The paper's page is found by its path when it is asked for, and by nothing else."""
+    code = "import sys; from stiffbeam.cli import app; sys.exit(any('dumont2002' in name for name in sys.modules))"
+    assert subprocess.run([sys.executable, "-c", code]).returncode == 0
 
 
 # ---------------------------------------------------------------- a real browser
@@ -272,8 +291,8 @@ def test_a_browser_shows_every_figure_and_follows_every_link(made, tmp_path, wid
 @pytest.mark.slow
 def test_the_whole_reproduction(tmp_path):
     """Every table, claim and misprint on one page; small ensembles, for time."""
-    from stiffbeam.dumont2002.everything import reproduce
-    from stiffbeam.dumont2002.reading import Reading
+    from dumont2002.reading import Reading
+    from dumont2002.reproduce import reproduce
 
     file, tables = reproduce(None, Reading(references=str(STORE)), tmp_path, jobs=2, members=6, exact_members=2)
     assert list(tables) == list(range(1, 18))
@@ -282,7 +301,9 @@ def test_the_whole_reproduction(tmp_path):
     assert len(page.images) == 17 * 4 + 1 + 2 + 2 + 1  # panels, the delayed one, Section 5.1, contact, the film
     assert {f"table-{n}" for n in range(1, 18)} <= set(page.ids)
     assert not any(finished.numbers["failures"] for finished in tables.values())
-    row = r'<td>([^<]*)</td><td>[^<]*<div class="rule">[^<]*</div></td><td><span class="verdict \w+">([^<]*)</span>'
+    row = (
+        r'<td>([^<]*)</td>\s*<td>[^<]*<div class="rule">[^<]*</div></td>\s*<td><span class="verdict \w+">([^<]*)</span>'
+    )
     verdicts = dict(re.findall(row, text))
     assert len(verdicts) > 60
     assert NOT_MEASURED not in verdicts.values()
@@ -306,17 +327,17 @@ def test_the_whole_reproduction(tmp_path):
 @pytest.mark.slow
 def test_a_reading_in_which_runs_overflow_has_its_page(tmp_path, monkeypatch):
     """Extrapolated contact without frozen references, over two periods: HHT(0) overflows, and the page says so."""
-    from stiffbeam.dumont2002.everything import reproduce
-    from stiffbeam.dumont2002.reading import Reading
-    from stiffbeam.dumont2002.table import drive_of
+    from dumont2002.reading import Reading
+    from dumont2002.reproduce import reproduce
+    from dumont2002.table import drive_of
 
     def shorter(case):
         return replace(case, t_end=min(case.t_end, round(4.0 * np.pi / drive_of(case) / case.dt + 1) * case.dt))
 
     shortened = {name: shorter(case) for name, case in paper_cases().items()}
-    monkeypatch.setattr("stiffbeam.dumont2002.make.paper_cases", lambda: shortened)
-    monkeypatch.setattr("stiffbeam.dumont2002.ensembles.PERIODS", 2)
-    monkeypatch.setattr("stiffbeam.dumont2002.costs.REPEATS", 1)
+    monkeypatch.setattr("dumont2002.make.paper_cases", lambda: shortened)
+    monkeypatch.setattr("dumont2002.ensembles.PERIODS", 2)
+    monkeypatch.setattr("dumont2002.costs.REPEATS", 1)
     page, tables = reproduce(None, Reading("extrapolated"), tmp_path, jobs=1, members=2, exact_members=2)
     text = page.read_text(encoding="utf-8")
     check(text)

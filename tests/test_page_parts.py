@@ -7,55 +7,67 @@ import re
 import numpy as np
 
 import stiffbeam as sb
-from stiffbeam.dumont2002 import html as h
-from stiffbeam.dumont2002.claims_section import claims
-from stiffbeam.dumont2002.table_section import _LOOK, _LOOK_GROUP, percent, short, written
-from stiffbeam.dumont2002.verdicts import HOLDS
+from dumont2002.page import environment
+from dumont2002.rows import Table, parts
+from dumont2002.typeset import NARROW, percent, raised, short, typeset, written
+from dumont2002.verdicts import HOLDS
 from stiffbeam.figures.comparison import first_contact
 from stiffbeam.files.cases import paper_cases
 
+MACROS = environment().get_template("macros.html").module
 
-def test_elements_escape_what_they_hold():
-    assert h.element("p", "a < b & c", class_="x") == '<p class="x">a &lt; b &amp; c</p>'
-    assert h.element("img", src="x", alt='"quoted"') == '<img src="x" alt="&quot;quoted&quot;">'
-    assert h.element("p", h.element("b", "1 > 0")) == "<p><b>1 &gt; 0</b></p>"
+
+def table(headings: list[str], rows: list[list[str]], caption: str, **options) -> str:
+    return str(MACROS.table(Table(caption, headings, rows, **options)))
+
+
+def test_what_is_put_into_the_page_is_escaped():
+    made = table(["a < b"], [["c & d"]], '"quoted"')
+    assert "a &lt; b" in made
+    assert "c &amp; d" in made
+    assert 'aria-label="&#34;quoted&#34;"' in made
 
 
 def test_numbers_of_a_column_stand_on_their_decimal_point():
-    table = h.table(["name", "value"], [["a", "1.25"], ["b", "310"], ["c", "12.5 ± 3"]], "numbers")
-    widths = re.findall(r'class="f" style="width:(\d+)ch"', table)
+    made = table(["name", "value"], [["a", "1.25"], ["b", "310"], ["c", "12.5 ± 3"]], "numbers")
+    widths = re.findall(r'class="f" style="width:(\d+)ch"', made)
     assert widths == ["6", "6", "6"]  # ".5 ± 3"
-    assert 'scope="row">a' in table
+    assert 'scope="row">a' in made
+    assert parts("1\u202f234.5 ± 3") == ("1\u202f234", ".5\u00a0±\u00a03")
+    assert parts("overflow") == ("overflow", "")
 
 
 def test_measured_sentences_are_typeset():
-    narrow = h.NARROW
-    assert h.typeset("3.1e-03 for gamma = -0.6, 4 %") == f"3.1{narrow}×{narrow}10⁻³ for γ = −0.6, 4{narrow}%"
-    assert h.typeset("max |R(iy)| - 1, order 2-3") == "max |R(iy)| - 1, order 2-3"
+    narrow = NARROW
+    assert typeset("3.1e-03 for gamma = -0.6, 4 %") == f"3.1{narrow}×{narrow}10⁻³ for γ = −0.6, 4{narrow}%"
+    assert typeset("max |R(iy)| - 1, order 2-3") == "max |R(iy)| - 1, order 2-3"
     assert (
-        h.typeset("55 ± 38 %, 2 × 16, 1.4 ×/÷ 1.2")
+        typeset("55 ± 38 %, 2 × 16, 1.4 ×/÷ 1.2")
         == "55\u00a0±\u00a038\u202f%, 2\u00a0×\u00a016, 1.4\u00a0×/\u2060÷\u00a01.2"
     )
-    assert h.raised(-12) == "⁻¹²"
+    assert raised(-12) == "⁻¹²"
 
 
 def test_a_table_of_words_names_every_cell_for_a_phone():
-    made = h.table(["where", "right"], [["(3.3)", "+f"]], "Misprints", text=(0, 1), cards=True)
+    made = table(["where", "right"], [["(3.3)", "+f"]], "Misprints", text=(0, 1), cards=True)
     assert 'class="cards"' in made
     assert '<td data-label="right">+f</td>' in made
-    assert "cards" not in h.table(["where", "right"], [["(3.3)", "+f"]], "Misprints", text=(0, 1))
+    assert "cards" not in table(["where", "right"], [["(3.3)", "+f"]], "Misprints", text=(0, 1))
 
 
 def test_a_claim_links_to_its_table_and_to_itself():
     row = {"section": "5.2, Table 3", "claim": "c", "measured": "m", "rule": "r", "evidence": "e", "verdict": HOLDS}
-    first, second = re.findall(r'<th scope="row">(.*?)</th>', claims([row, row | {"section": "6"}]))
+    made = MACROS.claim(row, 1) + MACROS.claim(row | {"section": "6"}, 2)
+    first, second = re.findall(r'<th scope="row">(.*?)</th>', made)
     assert first == '5.2, <a href="#table-3">Table 3</a> <a href="#claim-1">#1</a>'
     assert second == '6 <a href="#claim-2">#2</a>'
 
 
 def test_no_caption_points_twice_to_one_panel():
     """The sentence on (d), which follows what is to be looked at, says so itself."""
-    assert not any("In (d)" in look for look in (*_LOOK.values(), *_LOOK_GROUP.values()))
+    looks = environment().get_template("captions.html").module.LOOKS
+    assert len(looks) == 10
+    assert not any("In (d)" in look for look in looks.values())
 
 
 def test_the_close_up_ends_where_the_first_contacts_do():
@@ -79,7 +91,7 @@ def test_numbers_are_written_as_the_paper_does():
 
 
 def test_no_line_ends_within_a_name_or_a_ratio():
-    table = h.table(["table, scheme", "peak |σ|"], [["3 (4.13)", "1"]], "whole")
-    assert "3\u00a0(4.13)" in table
-    assert "peak |\u2060σ\u2060|" in table
-    assert h.typeset("1.5 ×/÷ 1.2") == "1.5\u00a0×/\u2060÷\u00a01.2"
+    made = table(["table, scheme", "peak |σ|"], [["3 (4.13)", "1"]], "whole")
+    assert "3\u00a0(4.13)" in made
+    assert "peak |\u2060σ\u2060|" in made
+    assert typeset("1.5 ×/÷ 1.2") == "1.5\u00a0×/\u2060÷\u00a01.2"

@@ -85,7 +85,7 @@ def test_every_link_leads_somewhere(page):
 
 
 def test_the_paper_has_one_identifier():
-    from stiffbeam.dumont2002.sections import DOI
+    from dumont2002.page import DOI
 
     assert f"https://doi.org/{DOI}".replace("(", "%28").replace(")", "%29") in README
     assert f"doi     = {{{DOI}}}" in TEXTS["citing"]

@@ -15,12 +15,11 @@ import pytest
 
 import stiffbeam as sb
 from stiffbeam.basics import cache
-from stiffbeam.dumont2002.references import remake, wanted
 from stiffbeam.files.cases import case_text, paper_cases
 from stiffbeam.files.frozen import BOUND, freeze
 from stiffbeam.references import solve
 from stiffbeam.studies.agreement import agree
-from stiffbeam.studies.references import check
+from stiffbeam.studies.references import check, remake, wanted
 from stiffbeam.trajectory.trajectory import Work
 
 STORE = Path(__file__).parent.parent / "reference"
@@ -96,7 +95,7 @@ def test_only_a_confirmed_reference_is_frozen(many, tmp_path):
 
 @pytest.mark.slow
 def test_a_small_store_is_made_checked_and_completed(tmp_path, monkeypatch):
-    from stiffbeam.dumont2002 import references
+    from stiffbeam.studies import references
 
     monkeypatch.setattr(references, "wanted", lambda: [("table14", "displacement", ["table14"])])
     short = dataclasses.replace(paper_cases()["table14"], t_end=0.1)
@@ -111,7 +110,7 @@ def test_a_small_store_is_made_checked_and_completed(tmp_path, monkeypatch):
 
 @pytest.mark.slow
 def test_what_a_manifest_says_that_is_not_so_is_found_and_remade(tmp_path, monkeypatch):
-    from stiffbeam.dumont2002 import references
+    from stiffbeam.studies import references
 
     monkeypatch.setattr(references, "wanted", lambda: [("table14", "displacement", ["table14"])])
     short = dataclasses.replace(paper_cases()["table14"], t_end=0.1)

@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 
 import stiffbeam as sb
-from stiffbeam.dumont2002.claims import claims
-from stiffbeam.dumont2002.make import LONGEST_FIRST, TABLES
-from stiffbeam.dumont2002.misprints import MISPRINTS, measured
-from stiffbeam.dumont2002.motion import motion
-from stiffbeam.dumont2002.no_contact import GRIDS, error_curves, problem, tip_exact
-from stiffbeam.dumont2002.reading import Reading, reading
-from stiffbeam.dumont2002.table import drive_of, equation_of, make_table
-from stiffbeam.dumont2002.verdicts import FAILS, HOLDS, OPEN, PARTLY, SCHEME_ONLY, verdict
+from dumont2002.claims import claims
+from dumont2002.make import LONGEST_FIRST, TABLES
+from dumont2002.misprints import MISPRINTS, measured
+from dumont2002.motion import motion
+from dumont2002.no_contact import GRIDS, error_curves, problem, tip_exact
+from dumont2002.reading import Reading, reading
+from dumont2002.table import drive_of, equation_of, make_table
+from dumont2002.verdicts import FAILS, HOLDS, OPEN, PARTLY, SCHEME_ONLY, verdict
 from stiffbeam.measures.peaks import even_over_odd, find_peaks, multiple_amplitudes, share_off_multiples
 from stiffbeam.measures.spectrum import amplitude_spectrum
 from stiffbeam.model.closed_form import mode, roots
@@ -51,7 +51,7 @@ FORMS = {"(4.5)": "velocity-curvature", "(4.10)": "velocity-curvature"}
 
 @pytest.mark.parametrize("table", TABLES)
 def test_the_runs_of_a_table_are_the_papers(table, monkeypatch):
-    monkeypatch.setattr("stiffbeam.dumont2002.table.exact_solution", lambda *_: (None, np.nan))  # the runs alone
+    monkeypatch.setattr("dumont2002.table.exact_solution", lambda *_: (None, np.nan))  # the runs alone
     k2, frequency, h, dt, g1, g2, kappa, size, alpha, gamma, equations = PAPER[table]
     case = sb.paper_case(table)
     short = replace(case, t_end=200 * dt)

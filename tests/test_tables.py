@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 import stiffbeam as sb
-from stiffbeam.files.cases import load_cases, paper_cases, paper_text, parse_run
+from stiffbeam.files.cases import load_cases, paper_cases, paper_text
 from stiffbeam.schemes import GAMMA_THIRD_ORDER
+from stiffbeam.schemes.labels import parse_run
 
 
 def test_all_seventeen_tables_load_in_order():

@@ -54,9 +54,9 @@ def _require_own(folder: Path) -> None:
 
 
 @cache
-def source_hash() -> str:
-    """A hash of the package's own files: results of an edited package are not those of this one."""
+def source_hash(folder: Path = Path(__file__).parents[1]) -> str:
+    """Hash of the code and data in a folder, the package's by default: results of an edited one are not those of it."""
     digest = hashlib.sha256()
-    for file in sorted(Path(__file__).parents[1].rglob("*.py")):
+    for file in sorted({*folder.rglob("*.py"), *folder.rglob("*.toml")}):
         digest.update(file.read_bytes())
     return digest.hexdigest()

@@ -53,8 +53,7 @@ def compare(
 ) -> None:
     """Run schemes beside SUNDIALS and the exact solution: table, picture, trajectories."""
     from ..basics.validation import InputError, positive
-    from ..dumont2002.table import default_runs
-    from ..files.cases import find_case
+    from ..files.cases import compared_runs, find_case
     from ..files.reference_cache import cached_reference
     from ..references import reference
     from ..schemes.labels import parse_run, split_runs
@@ -64,7 +63,7 @@ def compare(
     for name, value in (("--dt", dt), ("--t-end", t_end)):
         if value is not None:
             positive(name, value)
-    runs = default_runs(chosen)
+    runs = compared_runs(chosen)
     if schemes is not None:
         runs = [_like_case(parse_run(text, chosen.forms[0]), text, chosen) for text in split_runs(schemes)]
     names = None if references is None else [name.strip() for name in references.split(",") if name.strip()]

@@ -55,7 +55,7 @@ def reference_command(
             records = check_files(check, show)
             failed = any(r["problem"] for r in records)
         elif remake is not None:
-            from ..dumont2002.references import remake as remake_files
+            from ..studies.references import remake as remake_files
 
             make_folder(remake, "--remake")
             records = [{"file": name, "written": True} for name in remake_files(remake, None, show)]

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import importlib
 import shlex
 import shutil
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -33,26 +35,42 @@ def reproduce(
     jobs: Jobs = None,
     json_file: Json = None,
 ) -> None:
-    """Remake Dumont (2002): tables, figures, claims and misprints on one page."""
+    """Remake Dumont (2002) in a checkout: tables, figures, claims and misprints on one page."""
     from ..basics.threads import cores
-    from ..dumont2002.everything import reproduce as remake
-    from ..dumont2002.reading import reading
 
     tables = _tables(what, number)
+    paper = _paper()
     _check(out, jobs, json_file)
-    chosen = reading(contact, printed, references)
+    chosen = paper.reading(contact, printed, references)
     with progress() as show:
-        page, made = remake(tables, chosen, out, jobs or cores(), progress=show, command=_command())
+        page, made = paper.reproduce(tables, chosen, out, jobs or cores(), progress=show, command=_command())
     written = [page]
     if what == "figure":
         drawn = out / chosen.name / f"table{number}" / f"figure{number}.png"
         written.insert(0, Path(shutil.copy2(drawn, out)))
     records = {f"table{n}": finished.numbers for n, finished in made.items()}
     if not write_json("reproduce", {"tables": records}, json_file):
-        _print(records)
+        _print(records, paper.exact_name)
         say("Written: " + ", ".join(str(file) for file in written))
     if any(record["failures"] for record in records.values()):
         raise typer.Exit(1)
+
+
+def _paper() -> Any:
+    """The package ``studies/dumont2002`` of the checkout that this package runs from.
+
+    Its processes find it by the path as well. InputError where an installed package has no checkout around it.
+    """
+    from ..basics.validation import InputError
+
+    package = Path(__file__).parents[1]
+    studies = package.parents[1] / "studies"
+    if not (studies / "dumont2002" / "__init__.py").is_file():
+        rule = "run from a checkout, whose studies/dumont2002 makes the paper's page"
+        raise InputError("reproduce", str(package), rule, "in a checkout, pip install -e . and repeat it")
+    if str(studies) not in sys.path:
+        sys.path.append(str(studies))  # at the end: site.py there is not Python's
+    return importlib.import_module("dumont2002.reproduce")
 
 
 def _tables(what: str, number: int | None) -> list[int] | None:
@@ -80,11 +98,10 @@ def _command() -> str:
     return shlex.join(["stiffbeam", *sys.argv[1:]])
 
 
-def _print(records: dict[str, Any]) -> None:
+def _print(records: dict[str, Any], exact_name: Callable[[str, dict[str, Any]], str]) -> None:
     from rich import box
     from rich.table import Table
 
-    from ..dumont2002.numbers import exact_name
     from ..measures.report import WIDTH, percent
 
     table = Table(box=box.SIMPLE_HEAD, caption="One run each; impacts of the exact motion are counted by events.")

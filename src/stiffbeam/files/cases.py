@@ -14,6 +14,7 @@ from ..basics.units import Units
 from ..basics.validation import InputError, file_path, integer, near, positive, step_count
 from ..model.problem import BeamProblem, DistributedLoad, Load, PointLoad
 from ..model.sections import Section
+from ..schemes import BDF2, HHT, SDIRK, Scheme
 from ..schemes.labels import parse_run
 from .case import Case, SystemCase
 from .reader import Reader
@@ -115,6 +116,17 @@ def _bounded(file: Path) -> str:
         if key.count(b".") > MOST_DOTS:
             raise InputError(f"{file}: line {number}", "a key of many dots", f"have at most {MOST_DOTS}", "use tables")
     return content.decode("utf-8").replace("\r\n", "\n")
+
+
+def compared_runs(case: Case) -> list[tuple[Scheme, str]]:
+    """Runs of a comparison: those of the case, and on a table of the paper each of its three schemes."""
+    runs = list(case.runs)
+    table = paper_cases().get(case.name)
+    if table is not None and case.runs == table.runs:
+        names = {scheme.name for scheme, _ in runs}
+        three = (BDF2(), SDIRK(nystrom=True), HHT())
+        runs += [(scheme, "displacement") for scheme in three if scheme.name not in names]
+    return runs
 
 
 # ---------------------------------------------------------------- the file's form

@@ -17,11 +17,11 @@ from ..march.plan import Plan
 from ..model.contact import Stops
 from ..model.system import System, require_system
 from ..references import solve
+from ..schemes.labels import parse_run
 from ..trajectory.dataset import FORMAT, HASHED, LEDGER
 from ..trajectory.impacts import COLUMNS, ContactRecord, Impacts
 from ..trajectory.ledger import Ledger
 from ..trajectory.trajectory import Pieces, Reference, Trajectory, Work, output_index
-from .cases import parse_run
 from .frozen import load_frozen
 
 

@@ -1,4 +1,4 @@
-"""Frozen references in a folder with a manifest: find, check and list them."""
+"""Frozen references in a folder with a manifest: find, check, list and remake them."""
 
 from __future__ import annotations
 
@@ -10,8 +10,9 @@ from typing import Any
 
 from ..basics.validation import InputError
 from ..basics.whole_file import write_whole
-from ..files.cases import Case, paper_cases
+from ..files.cases import Case, case_text, paper_cases
 from ..files.store import load
+from ..references import reference
 from ..trajectory.trajectory import Reference, Trajectory
 from .common import system_of
 
@@ -125,3 +126,43 @@ def note(folder: Path, entry: dict[str, Any]) -> None:
     ordered = sorted(entries.values(), key=lambda e: (int(e["tables"][0].removeprefix("table")), e["form"]))
     text = json.dumps({"parameters": PARAMETERS, "references": ordered}, indent=2)
     write_whole(folder / MANIFEST, text + "\n")
+
+
+def wanted() -> list[tuple[str, str, list[str]]]:
+    """Return (first table, form, all tables) of every distinct system among the paper's runs.
+
+    Tables with the same physics, grid and time span share one reference.
+    """
+    found: dict[tuple[str, float], tuple[str, str, list[str]]] = {}
+    for case in paper_cases().values():
+        for form in ["displacement", *sorted({form for _, form in case.runs} - {"displacement"})]:
+            key = (system_of(case, form).fingerprint, case.t_end)
+            found.setdefault(key, (case.name, form, []))[2].append(case.name)
+    return list(found.values())
+
+
+def remake(
+    folder: Path, only: list[str] | None = None, progress: Progress = lambda what, done, total: None
+) -> list[str]:
+    """Compute and freeze what is missing in ``folder``; returns the files written.
+
+    A file that is whole, of this version and what the manifest says is kept: interrupted work goes on where it
+    stopped, and deleting a file remakes it. ``only``: names of tables. All of them take about a quarter of an hour.
+    """
+    from ..files.frozen import freeze
+
+    jobs = [job for job in wanted() if only is None or set(only) & set(job[2])]
+    if not jobs:
+        raise InputError("only", only, "name tables of the paper", "for example table10")
+    written, kept = [], whole(folder, progress)
+    for done, (name, form, tables) in enumerate(jobs):
+        progress(f"{name}@{form}", done, len(jobs))
+        file = folder / f"{name}-{form}.nc"
+        case = paper_cases()[name]
+        if kept.get(file.name) == case.t_end:
+            continue
+        solution = reference(system_of(case, form), case.t_end, "multiprecision")
+        entry = freeze(solution, case_text(name), file) | {"tables": tables}
+        note(folder, entry)
+        written.append(file.name)
+    return written

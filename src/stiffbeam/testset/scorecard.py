@@ -77,11 +77,11 @@ class Scorecard:
 
     @property
     def width(self) -> int:
-        """Of what is printed, in characters."""
+        """Width of the printed table, in characters."""
         return max(150, 24 + 13 * len(self.integrators))
 
     def tables(self) -> RenderableType:
-        """What is printed: one integrator in detail, several beside each other."""
+        """Tables to print: one integrator in detail, several beside each other."""
         return show.detail(self) if len(self.integrators) == 1 else show.overview(self)
 
     def _repr_html_(self) -> str:

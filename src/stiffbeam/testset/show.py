@@ -67,7 +67,7 @@ def _expected(e: Entry) -> str:
 
 
 def _known(e: Entry) -> str:
-    """Of how many: those that the file lists may be the first of infinitely many."""
+    """Number of impacts that the file lists, infinite where they are the first of infinitely many."""
     if "impacts" not in e.problem.answers:
         return ""
     return " of ∞" if "accumulation" in e.problem.answers else f" of {len(e.problem.answers['impacts'].digits)}"
@@ -77,7 +77,7 @@ PAST = ("integrator", "problem", "to t =", "steps", "impacts", "contact fraction
 
 
 def past_rows(card: Scorecard) -> list[list[str]]:
-    """What each integrator makes of the statistics: standard deviations of the exact motions that it is off."""
+    """Errors of each integrator's statistics, in standard deviations of the exact motions."""
     return [
         [short(e.integrator), e.problem.name, f"{e.problem.statistics.t_end:g}", f"{row['steps']:.0f}",
          *(f"{row[name]:+.1f}" for name in e.problem.statistics.values)]
@@ -115,7 +115,7 @@ def overview_rows(card: Scorecard) -> tuple[list[str], list[list[str]]]:
 
 
 def overview(card: Scorecard) -> RenderableType:
-    """Several integrators beside each other; what they are past the horizon is on the page."""
+    """Several integrators beside each other; the page has their statistics past the horizon."""
     from rich.console import Group
 
     headings, rows = overview_rows(card)
@@ -160,7 +160,7 @@ def _words(e: Entry) -> str:
 
 
 def _remark(e: Entry) -> str:
-    """What to look for where the finest run is the known motion but for a factor, of it, its times or its velocity."""
+    """Hint where the finest run is the known motion but for a factor, of it, its times or its velocity."""
     if not e.runs:
         return ""
     errors = e.runs[-1].errors

@@ -5,15 +5,17 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from ..files.cases import Case, paper_cases
-from ..march.integrate import integrate
-from ..model.semidiscretisation import semidiscretise
-from ..model.system import System
-from ..model.time_functions import Harmonic
-from ..references import reference
-from ..schemes import BDF2, HHT, SDIRK, Scheme
-from ..studies.references import frozen
-from ..trajectory.trajectory import Diverged, Reference, Trajectory
+from stiffbeam.files.cases import Case
+from stiffbeam.march.integrate import integrate
+from stiffbeam.model.contact import Stops
+from stiffbeam.model.semidiscretisation import semidiscretise
+from stiffbeam.model.system import System
+from stiffbeam.model.time_functions import Harmonic
+from stiffbeam.references import reference
+from stiffbeam.schemes import SDIRK, Scheme
+from stiffbeam.studies.references import frozen
+from stiffbeam.trajectory.trajectory import Diverged, Reference, Trajectory
+
 from .reading import Reading
 
 LONGEST_HORIZON = 1.0  # no table's float64 horizon reaches half of it
@@ -34,12 +36,22 @@ class Made:
     failures: dict[str, str] = field(default_factory=dict)
 
     @property
+    def equations(self) -> dict[str, tuple[Scheme, str]]:
+        """Scheme and form of every run of the case, by the paper's equation number."""
+        return {equation_of(*run): run for run in self.case.runs}
+
+    @property
+    def stops(self) -> Stops:
+        """The stops of the tip."""
+        return self.case.problem.one_stops("case")
+
+    @property
     def drive(self) -> float:
         """The angular frequency of the base, or of the load where the base rests."""
         return drive_of(self.case)
 
     def known(self, form: str) -> bool:
-        """Whether the reference of ``form`` is the true motion over the whole span: a multiprecision solution."""
+        """Return True if the reference of ``form`` is true over the whole span: a multiprecision solution."""
         return self.references[form].provenance["method"] == "multiprecision"
 
     @property
@@ -73,8 +85,7 @@ def make_table(case: Case, reading: Reading) -> Made:
     made = Made(case, reading, {form: semidiscretise(case.problem, case.cells, form) for form in forms})
     for form, system in made.systems.items():
         made.references[form], made.horizons[form] = exact_solution(case, form, system, reading)
-    for scheme, form in case.runs:
-        equation = equation_of(scheme, form)
+    for equation, (scheme, form) in made.equations.items():
         try:
             made.runs[equation] = integrate(
                 made.systems[form], reading.scheme(scheme), case.dt, case.t_end, reading.contact
@@ -96,15 +107,3 @@ def exact_solution(case: Case, form: str, system: System, reading: Reading) -> t
             return found, reference(system, min(case.t_end, LONGEST_HORIZON)).horizon
     exact = reference(system, case.t_end)
     return exact, exact.horizon
-
-
-def default_runs(case: Case) -> list[tuple[Scheme, str]]:
-    """The case's own runs; for a table of the paper also whichever of its three schemes is missing."""
-    runs = list(case.runs)
-    if case.name not in paper_cases() or case.runs != paper_cases()[case.name].runs:
-        return runs
-    names = {scheme.name for scheme, _ in runs}
-    for scheme in (BDF2(), SDIRK(nystrom=True), HHT()):
-        if scheme.name not in names:
-            runs.append((scheme, "displacement"))
-    return runs

@@ -1,4 +1,4 @@
-"""How the paper is read where it is silent or in error."""
+"""Reading of the paper where it is silent or in error."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..basics.validation import InputError, one_of
-from ..march.rules import CONTACTS
-from ..schemes import Scheme
-from ..schemes.misprints import forms_of
+from stiffbeam.basics.validation import InputError, one_of
+from stiffbeam.march.rules import CONTACTS
+from stiffbeam.schemes import Scheme
+from stiffbeam.schemes.misprints import forms_of
 
 
 @dataclass(frozen=True)
@@ -36,13 +36,13 @@ class Reading:
         return f"{self.contact}-{'printed' if self.printed else 'corrected'}"
 
     def to_dict(self) -> dict[str, Any]:
-        """What tells a finished table of this reading from others."""
+        """Entries that tell a finished table of this reading from others."""
         return {"contact": self.contact, "printed": self.printed, "references": self.references}
 
 
 def reading(contact: str, printed: bool, references: Path | None) -> Reading:
     """A Reading whose references are ``references``, or those that are there, see ``shipped``."""
-    from ..studies.references import MANIFEST, shipped
+    from stiffbeam.studies.references import MANIFEST, shipped
 
     if references is not None and not (references / MANIFEST).is_file():
         raise InputError("--references", str(references), f"hold a {MANIFEST}", "make it with stiffbeam reference")

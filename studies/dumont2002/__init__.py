@@ -2,5 +2,5 @@
 
     reading -> table (runs beside their references) -> numbers, figures -> claims, misprints -> page
 
-One table is made by one process; what it found stands in a journal, so that a second run takes it from there.
+One table is made by one process; its numbers stand in a journal, so that a second run takes them from there.
 """

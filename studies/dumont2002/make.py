@@ -9,22 +9,23 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..basics.threads import cores
-from ..figures import save_figure
-from ..files.cases import paper_cases
-from ..march.integrate import integrate
-from ..studies.engine.journal import Journal
-from ..studies.engine.workers import processes, undisturbed
+from stiffbeam.basics.cache import source_hash
+from stiffbeam.basics.threads import cores
+from stiffbeam.figures import save_figure
+from stiffbeam.files.cases import paper_cases
+from stiffbeam.march.integrate import integrate
+from stiffbeam.studies.engine.journal import Journal
+from stiffbeam.studies.engine.workers import processes, undisturbed
+
 from .ensembles import EXACT_MEMBERS, MEMBERS, Numbers
-from .figures import panels, picture, save_small, together
-from .film import film
+from .figures import close_up, film, panels, picture, save_small, together
 from .numbers import numbers_of
 from .reading import Reading
-from .resting import close_up
-from .table import Made, equation_of, make_table
+from .table import Made, make_table
 
 TABLES = tuple(range(1, 18))
 FILM = "film.gif"
+SOURCE = source_hash(Path(__file__).parent)[:12]  # a table of other code is made again
 STORED_STEPS = 20_000  # at most, of a trajectory in the store
 # The longest first, so that no process is left alone with one of them.
 LONGEST_FIRST = (1, 3, 4, 11, 8, 12, 7, 9, 5, 13, 16, 15, 6, 2, 10, 14, 17)
@@ -43,7 +44,7 @@ class Finished:
 
 @dataclass(frozen=True)
 class Job:
-    """What a process needs to make one table."""
+    """Instructions for the process that makes one table."""
 
     number: int
     reading: Reading
@@ -75,7 +76,7 @@ def make_tables(
     missing: dict[int, tuple[Job, Journal]] = {}
     for number in sorted(tables, key=LONGEST_FIRST.index):
         job = Job(number, reading, store / f"table{number}", members, exact_members)
-        journal = Journal(store / "journal", "reproduce", paper_cases()[f"table{number}"])
+        journal = Journal(store / "journal", f"reproduce-{SOURCE}", paper_cases()[f"table{number}"])
         rows = journal.rows(job.point)
         if rows is not None and all((job.folder / name).is_file() for name in rows[0]["files"]):
             found[number] = _finished(job, rows[0])
@@ -134,16 +135,12 @@ def make(job: Job) -> dict[str, Any]:
 
 def _store(made: Made, job: Job) -> list[str]:
     """The trajectories as netCDF, thinned to STORED_STEPS; impacts and energy have seen every step."""
-    steps = round(made.case.t_end / made.case.dt)
-    names = []
-    for scheme, form in made.case.runs:
-        equation = equation_of(scheme, form)
-        if equation not in made.runs:
-            continue
-        every = -(-steps // STORED_STEPS)
-        thin = integrate(
-            made.systems[form], job.reading.scheme(scheme), made.case.dt, made.case.t_end, job.reading.contact, every
-        )
+    case, names = made.case, []
+    every = -(-round(case.t_end / case.dt) // STORED_STEPS)
+    for equation in made.runs:
+        scheme, form = made.equations[equation]
+        chosen = job.reading.scheme(scheme)
+        thin = integrate(made.systems[form], chosen, case.dt, case.t_end, job.reading.contact, every)
         names.append(thin.save(job.folder / f"run-{equation.strip('()')}.nc").name)
     return names
 

@@ -6,15 +6,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..basics.arrays import Array
-from ..basics.plain import plain
-from ..march.integrate import integrate
-from ..measures.comparison import compare
-from ..trajectory.trajectory import Diverged, Reference, Trajectory
+from stiffbeam.basics.arrays import Array
+from stiffbeam.basics.plain import plain
+from stiffbeam.march.integrate import integrate
+from stiffbeam.measures.comparison import compare
+from stiffbeam.trajectory.trajectory import Diverged, Reference, Trajectory
+
 from .ensembles import EXACT_MEMBERS, MEMBERS, Numbers, add_ensembles
 from .motion import motion
 from .reading import Reading
-from .table import Made, equation_of
+from .table import Made
 
 
 def numbers_of(made: Made, members: int = MEMBERS, exact_members: int = EXACT_MEMBERS) -> Numbers:
@@ -24,14 +25,10 @@ def numbers_of(made: Made, members: int = MEMBERS, exact_members: int = EXACT_ME
     ``add_ensembles``.
     """
     found: Numbers = {"runs": {}, "exact": {}, "failures": made.failures}
-    for scheme, form in made.case.runs:
-        equation = equation_of(scheme, form)
-        if equation not in made.runs:
-            continue
-        run, exact = made.runs[equation], made.references[form]
-        row = of_run(run, replace(exact, horizon=made.horizons[form]), made)
-        row["other contact"] = _other_contact(made, equation)
-        found["runs"][equation] = row
+    for equation, run in made.runs.items():
+        _, form = made.equations[equation]
+        exact = replace(made.references[form], horizon=made.horizons[form])
+        found["runs"][equation] = of_run(run, exact, made) | {"other contact": _other_contact(made, equation)}
     for form, exact in made.references.items():
         found["exact"][form] = of_exact(exact, made) | {"horizon": made.horizons[form]}
     add_ensembles(found, made, members, exact_members)
@@ -39,7 +36,7 @@ def numbers_of(made: Made, members: int = MEMBERS, exact_members: int = EXACT_ME
 
 
 def of_run(run: Trajectory, exact: Reference, made: Made) -> Numbers:
-    """What a run counts over its whole span, and its errors inside the horizon of ``exact``."""
+    """Counts and measures of a run over its whole span, and its errors inside the horizon of ``exact``."""
     held = compare(run, exact)
     return {
         "scheme": run.provenance["method"],
@@ -58,7 +55,7 @@ def of_run(run: Trajectory, exact: Reference, made: Made) -> Numbers:
 
 
 def of_exact(exact: Reference, made: Made) -> Numbers:
-    """The same of the exact motion. impacts: by events; sampled: those that the table's step would see.
+    """Counts and measures of the exact motion. impacts: by events; sampled: those that the table's step would see.
 
     digits: of the frozen multiprecision solution, whose row is the truth over the whole span; None in
     float64, whose row is one realisation past the horizon.
@@ -79,7 +76,7 @@ def of_exact(exact: Reference, made: Made) -> Numbers:
 
 
 def exact_name(form: str, row: Numbers) -> str:
-    """What a row of ``of_exact`` is called: true over the whole span, or exact to the horizon of float64."""
+    """Name of a row of ``of_exact``: true over the whole span, or exact to the horizon of float64."""
     if row["digits"]:
         return f"true, {form}"
     return f"exact, {form}; one realisation past {row['horizon']:.2g}"
@@ -87,20 +84,16 @@ def exact_name(form: str, row: Numbers) -> str:
 
 def _penetration(u: Array, made: Made) -> float:
     """The farthest the tip gets into a stop."""
-    stops = made.case.problem.one_stops("case")
-    return float(max(0.0, np.max(u) - stops.g2, stops.g1 - np.min(u)))
+    return float(max(0.0, np.max(u) - made.stops.g2, made.stops.g1 - np.min(u)))
 
 
 def _other_contact(made: Made, equation: str) -> Numbers:
     """Impacts and share of contact with the contact read the other way; ``failed`` where that overflows."""
     other = Reading("extrapolated" if made.reading.contact == "implicit" else "implicit", made.reading.printed)
-    for scheme, form in made.case.runs:
-        if equation_of(scheme, form) == equation:
-            try:
-                run = integrate(
-                    made.systems[form], other.scheme(scheme), made.case.dt, made.case.t_end, other.contact, every=1000
-                )
-            except Diverged as error:
-                return {"contact": other.contact, "failed": str(error)}
-            return {"contact": other.contact, "impacts": run.impacts.count, "fraction": run.contacts[0].fraction}
-    raise AssertionError(equation)
+    scheme, form = made.equations[equation]
+    case = made.case
+    try:
+        run = integrate(made.systems[form], other.scheme(scheme), case.dt, case.t_end, other.contact, every=1000)
+    except Diverged as error:
+        return {"contact": other.contact, "failed": str(error)}
+    return {"contact": other.contact, "impacts": run.impacts.count, "fraction": run.contacts[0].fraction}

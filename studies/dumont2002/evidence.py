@@ -9,7 +9,7 @@ import numpy as np
 
 from .ensembles import SEEDS, Numbers
 from .reading import Reading
-from .sample import Sample, coherent
+from .sample import Sample
 
 FORM_OF = {"displacement": "(3.5)", "velocity-curvature": "(3.12)"}
 
@@ -31,7 +31,7 @@ class Evidence:
     seeds: tuple[int, ...] = SEEDS
 
     def of(self, *seeds: int) -> Evidence:
-        """The same evidence, of these sets of members only."""
+        """Evidence of these sets of members alone."""
         return replace(self, seeds=seeds)
 
     def runs(self, table: int) -> list[str]:
@@ -68,19 +68,13 @@ class Evidence:
         return Sample(self.values(table, motion, what))
 
     def apart(self, table: int, a: str, b: str) -> Sample:
-        """How far two motions are apart, see ``add_ensembles``; with a = b, two members of one."""
+        """Difference of two motions, see ``add_ensembles``; with a = b, of two members of one."""
         found = self.tables[table]["apart"]
         by_seed = found.get(f"{a} | {b}") or found.get(f"{b} | {a}") or {}
         values = [x for seed in self.seeds for x in by_seed.get(str(seed), [])]
         if not values:
             raise NotMeasured(f"no members of {a} and {b} on Table {table} went through")
         return Sample(np.array(values))
-
-    def lines(self, table: int, motion: str, highest: int = 9) -> list[int]:
-        """The multiples of the drive from 2 to ``highest`` at which the members have a line in common."""
-        pairs = self.values(table, motion, "lines")
-        found = coherent(pairs[..., 0] + 1j * pairs[..., 1])
-        return [k for k in range(2, highest + 1) if found[k - 1]]
 
     def name(self, table: int, motion: str) -> str:
         """(4.13) for a run; exact, with its form where the table has two, for the exact motion."""
@@ -89,7 +83,7 @@ class Evidence:
         return f"exact on {FORM_OF[motion]}" if len(self.forms(table)) > 1 else "exact"
 
     def span(self, table: int) -> str:
-        """What the ensembles of a table are."""
+        """Length and members of the ensembles of a table, as a text."""
         found = self.tables[table]["span"]
         return (
             f"Table {table}: {found['periods']} drive periods, {len(self.seeds)} × {found['members']} members a "

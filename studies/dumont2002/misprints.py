@@ -8,17 +8,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.integrate
 
-from ..files.cases import paper_case
-from ..march.integrate import integrate
-from ..measures.amplification import amplification
-from ..measures.regression import Order, observed_order
-from ..model.closed_form import mode, natural_frequencies, roots
-from ..model.problem import PointLoad
-from ..model.semidiscretisation import semidiscretise
-from ..model.system import System
-from ..model.time_functions import Harmonic
-from ..references import reference
-from ..schemes import HHT, SDIRK, Scheme
+from stiffbeam.files.cases import paper_case
+from stiffbeam.march.integrate import integrate
+from stiffbeam.measures.amplification import amplification
+from stiffbeam.measures.regression import Order, observed_order
+from stiffbeam.model.closed_form import mode, natural_frequencies, roots
+from stiffbeam.model.problem import PointLoad
+from stiffbeam.model.semidiscretisation import semidiscretise
+from stiffbeam.model.system import System
+from stiffbeam.model.time_functions import Harmonic
+from stiffbeam.references import reference
+from stiffbeam.schemes import HHT, SDIRK, Scheme
 
 
 @dataclass(frozen=True)
@@ -178,7 +178,7 @@ def _bdf2_root(z: complex) -> complex:
 def _time_step() -> str:
     case = paper_case(11)
     system = semidiscretise(case.problem, case.cells)
-    from ..trajectory.trajectory import Diverged
+    from stiffbeam.trajectory.trajectory import Diverged
 
     outcomes = []
     for dt in (2.5e-4, 2.5e-5):

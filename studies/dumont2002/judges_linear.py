@@ -1,4 +1,4 @@
-"""Claims of Sections 3, 4 and 5.1: discretisations and schemes without contact."""
+"""Judges of statements about discretisations and schemes without contact: Sections 3, 4 and 5.1."""
 
 from __future__ import annotations
 
@@ -6,24 +6,23 @@ from itertools import pairwise
 
 import numpy as np
 
-from ..files.cases import paper_case
-from ..measures.amplification import amplification
-from ..measures.regression import observed_order
-from ..model.semidiscretisation import semidiscretise
-from ..schemes import BDF2, HHT, SDIRK
-from ..schemes.newmark import WeightedNewmark
-from ..schemes.sdirk import GAMMA_MAX, GAMMA_MIN
-from ..studies import space
+from stiffbeam.files.cases import paper_case
+from stiffbeam.measures.amplification import amplification
+from stiffbeam.measures.regression import observed_order
+from stiffbeam.model.semidiscretisation import semidiscretise
+from stiffbeam.schemes import BDF2, HHT, SDIRK
+from stiffbeam.schemes.newmark import WeightedNewmark
+from stiffbeam.schemes.sdirk import GAMMA_MAX, GAMMA_MIN
+from stiffbeam.studies import space
+
 from .evidence import Evidence
 from .misprints import forced_order
 from .no_contact import GRIDS, error_curves
-from .table_section import percent
-from .verdicts import FAILS, HOLDS, PARTLY, Claim, Finding, plain_verdict
+from .typeset import percent
+from .verdicts import Finding, judge, plain_verdict, shared_verdict
 
 GAMMAS = (0.18043, 0.2, 0.35, 0.4359, 0.7, 0.8, 1.0)  # away from the poles of the tableau
 ALPHAS = (0.0, -0.05, -0.1, -0.2, -0.3, -1.0 / 3.0)
-ORDER_RULE = "the observed order is the stated one to 0.1, what is left of the next order on the grids used"
-STABLE_RULE = "no spectral radius exceeds 1 by more than rounding, at any step"
 
 
 class FirstOrderNewmark(WeightedNewmark):
@@ -36,7 +35,9 @@ class FirstOrderNewmark(WeightedNewmark):
         self.gamma, self.beta = gamma, (gamma + 0.5) ** 2 / 4.0
 
 
-def _space_order(e: Evidence) -> Finding:
+@judge
+def order_in_space(e: Evidence) -> Finding:
+    """Both discretisations in space are of second order."""
     case, grids, parts, orders = paper_case(2), (20, 28, 40, 56, 80, 112), [], []
     for form, name in (("displacement", "(3.5)"), ("velocity-curvature", "(3.12)")):
         errors = [space.evaluate(case, {"kind": "response", "form": form, "cells": n})[0]["error"] for n in grids]
@@ -46,7 +47,9 @@ def _space_order(e: Evidence) -> Finding:
     return Finding(f"Order in h: {', '.join(parts)}.", plain_verdict(all(abs(slope - 2.0) < 0.1 for slope in orders)))
 
 
-def _imaginary(e: Evidence) -> Finding:
+@judge
+def imaginary_eigenvalues(e: Evidence) -> Finding:
+    """The matrix of (3.12) has imaginary eigenvalues only."""
     system = semidiscretise(paper_case(2).problem, 25, "velocity-curvature").first_order()
     values = np.linalg.eigvals(system.matrix)
     values = values[np.abs(values) > 1.0]
@@ -54,14 +57,18 @@ def _imaginary(e: Evidence) -> Finding:
     return Finding(f"Largest |Re|/|lambda|, h = 0.04: {share:.1e}.", plain_verdict(share < 1e-6))
 
 
-def _higher_gamma(e: Evidence) -> Finding:
+@judge
+def higher_gamma(e: Evidence) -> Finding:
+    """The spectral radius of a fast oscillation falls with every gamma."""
     # R(z) at z = 10 i: an oscillation with 10/(2 pi) steps a radian.
     radii = [float(amplification(SDIRK(g), 10.0 / (2.0 * np.pi)).spectral_radius[0]) for g in GAMMAS]
     written = ", ".join(f"{r:.3f} at {g:.4g}" for g, r in zip(GAMMAS, radii, strict=True))
     return Finding(f"|R(10 i)|: {written}.", plain_verdict(all(a > b for a, b in pairwise(radii))))
 
 
-def _l_stable(e: Evidence) -> Finding:
+@judge
+def l_stable(e: Evidence) -> Finding:
+    """SDIRK-OS is L-stable for gamma inside the interval, and just outside it is not."""
     y = np.logspace(-3, 4, 4000)
 
     def largest(g: float) -> float:
@@ -78,7 +85,9 @@ def _l_stable(e: Evidence) -> Finding:
     )
 
 
-def _hht_control(e: Evidence) -> Finding:
+@judge
+def hht_control(e: Evidence) -> Finding:
+    """The spectral radius at high frequency falls with every alpha."""
     radii = [float(amplification(HHT(a), 1e4).spectral_radius[0]) for a in ALPHAS]
     written = ", ".join(f"{r:.2f} at {a:.3g}" for a, r in zip(ALPHAS, radii, strict=True))
     return Finding(
@@ -86,7 +95,9 @@ def _hht_control(e: Evidence) -> Finding:
     )
 
 
-def _hht_order(e: Evidence) -> Finding:
+@judge
+def hht_order(e: Evidence) -> Finding:
+    """HHT is of second order."""
     found = {alpha: forced_order(HHT(alpha)) for alpha in (-0.05, -0.1, -0.3)}
     written = ", ".join(f"{order} at alpha = {alpha:g}" for alpha, order in found.items())
     return Finding(
@@ -95,7 +106,9 @@ def _hht_order(e: Evidence) -> Finding:
     )
 
 
-def _hht_stable(e: Evidence) -> Finding:
+@judge
+def hht_stable(e: Evidence) -> Finding:
+    """HHT is stable at every step."""
     steps = np.logspace(-3, 4, 400)
     inside = max(float(np.max(amplification(HHT(a), steps).spectral_radius)) - 1.0 for a in ALPHAS)
     return Finding(
@@ -105,7 +118,9 @@ def _hht_stable(e: Evidence) -> Finding:
     )
 
 
-def _superior_stability(e: Evidence) -> Finding:
+@judge
+def superior_stability(e: Evidence) -> Finding:
+    """SDIRK-OS forgets a fast mode within a step, HHT does not; both are stable."""
     steps = np.logspace(-3, 4, 400)
     radii = {s: amplification(s, steps).spectral_radius for s in (SDIRK(), SDIRK(1.0), HHT(-0.1), HHT(-1.0 / 3.0))}
     stable = all(float(np.max(r)) < 1.0 + 1e-9 for r in radii.values())
@@ -117,7 +132,9 @@ def _superior_stability(e: Evidence) -> Finding:
     )
 
 
-def _newmark(e: Evidence) -> Finding:
+@judge
+def newmark(e: Evidence) -> Finding:
+    """First-order Newmark damps a low mode ten times as much as HHT."""
     x = 0.01
     newmark, hht = amplification(FirstOrderNewmark(0.6), x), amplification(HHT(-0.1), x)
     a, b = float(newmark.damping_ratio[0]), float(hht.damping_ratio[0])
@@ -129,18 +146,22 @@ def _newmark(e: Evidence) -> Finding:
     )
 
 
-def _period_errors(e: Evidence) -> Finding:
+@judge
+def period_errors(e: Evidence) -> Finding:
+    """SDIRK-OS has a smaller period elongation than HHT; in part for one of its gamma."""
     hht = float(amplification(HHT(-0.1), 0.1).period_elongation[0])
     sdirk = {g: float(amplification(SDIRK(g), 0.1).period_elongation[0]) for g in (0.4359, 1.0)}
     smaller = [abs(x) < abs(hht) for x in sdirk.values()]
     return Finding(
         f"Period elongation at ten steps a period: HHT(-0.1) {percent(hht)}; SDIRK-OS {percent(sdirk[0.4359])} with "
         f"gamma = 0.4359, {percent(sdirk[1.0])} with gamma = 1.",
-        HOLDS if all(smaller) else PARTLY if any(smaller) else FAILS,
+        shared_verdict(all(smaller), any(smaller)),
     )
 
 
-def _elongate(e: Evidence) -> Finding:
+@judge
+def elongation_and_damping(e: Evidence) -> Finding:
+    """HHT and BDF2 lengthen the period and damp at every step."""
     steps = np.logspace(-3, -0.5, 200)
     found = {s: amplification(s, steps) for s in (HHT(-0.1), BDF2())}
     ten = {s: amplification(s, 0.1) for s in found}
@@ -156,7 +177,9 @@ def _elongate(e: Evidence) -> Finding:
     )
 
 
-def _no_contact(e: Evidence) -> Finding:
+@judge
+def without_contact(e: Evidence) -> Finding:
+    """The error without contact stays below a hundredth of the motion."""
     curves = error_curves(e.reading)
     schemes = [curve for curve in curves if curve.name not in GRIDS]
     worst = max(schemes, key=lambda curve: float(np.max(curve.in_time)))
@@ -167,91 +190,3 @@ def _no_contact(e: Evidence) -> Finding:
         f"(3.5) and {grid[GRIDS[1]]:.1e} on (3.12). A scheme adds at most {np.max(worst.in_time):.1e} ({worst.name}).",
         plain_verdict(most < 0.01),
     )
-
-
-CLAIMS = [
-    Claim(
-        "3",
-        "“Both discretisations in space are second order discretisations” (Remark 5)",
-        ORDER_RULE,
-        _space_order,
-        evidence="Steady tip response to the moving clamp against its closed form, M = 20 to 112",
-    ),
-    Claim(
-        "4.1",
-        "The matrix of (3.12) “has only purely imaginary eigenvalues” (Remark 6)",
-        "real parts vanish to the square root of rounding, what a pair that nearly coincides can gain",
-        _imaginary,
-        evidence="Eigenvalues",
-    ),
-    Claim(
-        "4.1",
-        "“Higher is the value of γ, higher is the damping”",
-        "the spectral radius of a fast oscillation falls with every γ",
-        _higher_gamma,
-        evidence="Stability function",
-    ),
-    Claim(
-        "4.1",
-        "SDIRK-OS is “L-stable for all γ” in [0.1804, 2.1856]",
-        "|R| ≤ 1 on the imaginary axis inside the interval and not outside",
-        _l_stable,
-        evidence="Stability function",
-    ),
-    Claim(
-        "4.3",
-        "HHT is “quadratically convergent”",
-        ORDER_RULE,
-        _hht_order,
-        evidence="A smooth forced problem, steps halved four times",
-    ),
-    Claim(
-        "4.3",
-        "HHT is “unconditionally stable for linear problems” for α in [−1/3, 0]",
-        STABLE_RULE,
-        _hht_stable,
-        evidence="Amplification matrices",
-    ),
-    Claim(
-        "4.3",
-        "In HHT “the parameter α permits to control the damping of the higher modes”",
-        "the spectral radius at high frequency falls with every α",
-        _hht_control,
-        evidence="Amplification matrices",
-    ),
-    Claim(
-        "4.3",
-        "First-order Newmark affects the low modes, HHT “has better dissipation properties” (Remark 11)",
-        "Newmark with γ > 1/2 damps a low mode ten times as much: order one against order three in dt",
-        _newmark,
-        evidence="Amplification matrices",
-    ),
-    Claim(
-        "4.3",
-        "SDIRK-OS has “superior stability properties” to HHT",
-        "both are stable at every step, and only SDIRK-OS forgets a fast mode within one",
-        _superior_stability,
-        evidence="Amplification matrices",
-    ),
-    Claim(
-        "4.3",
-        "SDIRK-OS has “relative period errors smaller than the HHT”",
-        "its elongation is smaller for both γ of the paper; in part for one",
-        _period_errors,
-        evidence="Amplification matrices",
-    ),
-    Claim(
-        "5.1",
-        "Without contact the schemes show “stability and accuracy”",
-        "the error stays below a hundredth of the motion over the whole span",
-        _no_contact,
-        evidence="Section 5.1 below",
-    ),
-    Claim(
-        "5.2",
-        "BDF and HHT “introduce numerical damping which lead to period elongation” of the lower modes",
-        "elongation and damping are positive at every step up to three a period",
-        _elongate,
-        evidence="Amplification matrices",
-    ),
-]

@@ -6,13 +6,14 @@ difference is outside what the spread of the members explains in all but CHANCE 
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy import stats
 
-from ..basics.arrays import Array
+from stiffbeam.basics.arrays import Array
 
 CHANCE = 0.00135  # one-sided: three standard deviations of a normal distribution
 
@@ -51,13 +52,18 @@ class Sample:
         return f"{mean:.{places}f}" + (f" ± {spread}" if float(spread) else "") + unit
 
 
+def of_members(row: Mapping[str, Any], what: str) -> Sample:
+    """Measure of all members of a row of numbers, of every set of seeds."""
+    return Sample(np.array([x for members in row["ensemble"].values() for x in members[what] if x is not None]))
+
+
 def _magnitude(value: float) -> int:
     """The power of ten of the first digit, 0 of nothing."""
     return int(np.floor(np.log10(abs(value)))) if value else 0
 
 
 def above(a: Sample, b: Sample | float) -> bool | None:
-    """Whether the mean of ``a`` is above that of ``b``, or above a number; None where the spread decides nothing."""
+    """Compare means: True where that of ``a`` is above ``b``, None where the spread decides nothing."""
     if isinstance(b, Sample):
         error = np.hypot(a.sd / np.sqrt(len(a.values)), b.sd / np.sqrt(len(b.values)))
         gap, freedom = a.mean - b.mean, len(a.values) + len(b.values) - 2
@@ -71,7 +77,7 @@ def above(a: Sample, b: Sample | float) -> bool | None:
 
 
 def below(a: Sample, b: Sample | float) -> bool | None:
-    """Whether the mean of ``a`` is below ``b``; None where the spread decides nothing."""
+    """Compare means: True where that of ``a`` is below ``b``, None where the spread decides nothing."""
     return no(above(a, b))
 
 
@@ -81,18 +87,18 @@ def no(statement: bool | None) -> bool | None:
 
 
 def every(statements: Iterable[bool | None]) -> bool | None:
-    """True where all hold, False where one fails."""
+    """Conjunction: True if all hold, False if one fails, else None."""
     found = list(statements)
     return False if False in found else None if None in found else True
 
 
 def some(statements: Iterable[bool | None]) -> bool | None:
-    """True where one holds, False where all fail."""
+    """Disjunction: True if one holds, False if all fail, else None."""
     return no(every(map(no, statements)))
 
 
 def coherent(lines: Array) -> Array:
-    """Which complex amplitudes (members, k) have a mean that is no chance of their scatter, (k,).
+    """Return where the mean of complex amplitudes (members, k) is no chance of their scatter, (k,).
 
     With |mean|^2 over the variance of the mean F-distributed with 2 and 2 (n - 1) degrees of freedom for
     n members without a common line, F > (n - 1)(CHANCE^(-1/(n - 1)) - 1) in CHANCE of the cases.

@@ -8,15 +8,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..basics.arrays import Array
-from ..figures.panels import new_figure
-from ..files.cases import parse_run
-from ..march.integrate import integrate
-from ..model.closed_form import mode, roots
-from ..model.problem import BeamProblem, DistributedLoad
-from ..model.semidiscretisation import semidiscretise
-from ..model.time_functions import Harmonic
-from ..references import reference
+from stiffbeam.basics.arrays import Array
+from stiffbeam.figures.panels import new_figure
+from stiffbeam.march.integrate import integrate
+from stiffbeam.model.closed_form import mode, roots
+from stiffbeam.model.problem import BeamProblem, DistributedLoad
+from stiffbeam.model.semidiscretisation import semidiscretise
+from stiffbeam.model.time_functions import Harmonic
+from stiffbeam.references import reference
+from stiffbeam.schemes.labels import parse_run
+
 from .figures import EXACT, STYLE
 from .reading import Reading
 from .table import equation_of

@@ -13,18 +13,19 @@ from typing import Any
 
 import numpy as np
 
-from ..basics.arrays import Array
-from ..files.cases import paper_case, parse_run
-from ..march.ensemble import integrate_ensemble
-from ..measures.spectrum import whole_periods
-from ..model.members import perturbed
-from ..model.semidiscretisation import semidiscretise
-from ..references.ensemble import reference_ensemble
-from ..schemes import Scheme
-from ..trajectory.ensemble import Ensemble
+from stiffbeam.basics.arrays import Array
+from stiffbeam.files.cases import paper_case
+from stiffbeam.march.ensemble import integrate_ensemble
+from stiffbeam.measures.spectrum import whole_periods
+from stiffbeam.model.members import perturbed
+from stiffbeam.model.semidiscretisation import semidiscretise
+from stiffbeam.references.ensemble import reference_ensemble
+from stiffbeam.schemes import Scheme
+from stiffbeam.trajectory.ensemble import Ensemble
+
 from .motion import motion
 from .reading import Reading
-from .table import Made, equation_of
+from .table import Made
 
 SEEDS = (1, 2)
 MEMBERS, EXACT_MEMBERS = 16, 6  # of each seed; an exact member costs up to a hundred times a run
@@ -74,7 +75,7 @@ def _drawn(made: Made, name: str, members: int, seed: int, end: float, every: in
     if name in made.systems:
         system = made.systems[name]
         return reference_ensemble(system, end, perturbed(system, members, PERTURBATION, seed), t)
-    scheme, form = next(run for run in made.case.runs if equation_of(*run) == name)
+    scheme, form = made.equations[name]
     return _marched(made, scheme, form, members, seed, end, every)
 
 
@@ -99,7 +100,7 @@ def elsewhere(table: int, run: str, reading: Reading, members: int, seed: int) -
 
 def _measured(made: Made, ensemble: Ensemble, alive: Array, t: Array) -> dict[str, list[Any]]:
     """One value a member. impacts: to the table's T. depth: of the deepest visit, over the clearance."""
-    stops = made.case.problem.one_stops("case")
+    stops = made.stops
     clearance = min(abs(stop) for stop in (stops.lower, stops.upper) if stop is not None)
     found: dict[str, list[Any]] = {
         "impacts": [int(np.sum(ensemble.contact.impacts_of(i).times <= made.case.t_end)) for i in alive],

@@ -6,15 +6,16 @@ from typing import Any
 
 import numpy as np
 
-from ..basics.arrays import Array
-from ..measures.peaks import band, even_over_odd, find_peaks, multiple_amplitudes, share_off_multiples
-from ..measures.spectrum import amplitude_spectrum
-from ..model.closed_form import natural_frequencies
+from stiffbeam.basics.arrays import Array
+from stiffbeam.measures.peaks import band, even_over_odd, find_peaks, multiple_amplitudes, share_off_multiples
+from stiffbeam.measures.spectrum import amplitude_spectrum
+from stiffbeam.model.closed_form import natural_frequencies
+
 from .table import Made
 
 
 def motion(t: Array, u: Array, v: Array, made: Made) -> dict[str, Any]:
-    """Of a tip u and its velocity v at equally spaced times, over whole drive periods.
+    """Measures of a tip u and its velocity v at equally spaced times, over whole drive periods.
 
     aperiodicity: rms of u(t + T) - u(t) over sqrt(2) times the rms of u about its mean, over the second
     half, T the drive's period: 0 for a periodic motion, about 1 where nothing is left of it; rate_ and
@@ -32,7 +33,7 @@ def motion(t: Array, u: Array, v: Array, made: Made) -> dict[str, Any]:
     def rms(chosen: Array) -> float:
         return float(np.sqrt(np.sum(speed[chosen] ** 2) / 2.0))
 
-    fast, stops = rms(rates > second), made.case.problem.one_stops("case")
+    fast = rms(rates > second)
     return {
         "peaks": [
             {"name": p.name, "multiple": p.multiple, "amplitude": p.amplitude, "above": p.above}
@@ -44,7 +45,7 @@ def motion(t: Array, u: Array, v: Array, made: Made) -> dict[str, Any]:
         "off_multiples": share_off_multiples(omega, amplitude, drive),
         "aperiodicity": _change(t, u, drive),
         "rate_aperiodicity": _change(t, v, drive),
-        "stress_aperiodicity": _change(t, stops.force(u), drive),
+        "stress_aperiodicity": _change(t, made.stops.force(u), drive),
         "rms": float(np.sqrt(np.mean(u**2))),
         "fast": fast,
         "resolved": rms((rates > second) & (rates <= limit)),

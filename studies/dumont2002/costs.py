@@ -1,4 +1,4 @@
-"""What the schemes cost, as ratios within a table beside the ratios of the paper's CPU seconds."""
+"""Costs of the schemes: ratios within a table, beside those of the paper's CPU seconds."""
 
 from __future__ import annotations
 
@@ -6,14 +6,15 @@ from collections.abc import Sequence
 from statistics import median
 from typing import Any
 
-from ..files.cases import Case, paper_cases
-from ..march.integrate import integrate
-from ..measures.tip_error import tip_error
-from ..model.semidiscretisation import semidiscretise
-from ..references import reference
-from ..schemes import Scheme
-from ..studies.common import first_impacts
-from ..trajectory.trajectory import Diverged
+from stiffbeam.files.cases import Case, paper_cases
+from stiffbeam.march.integrate import integrate
+from stiffbeam.measures.tip_error import tip_error
+from stiffbeam.model.semidiscretisation import semidiscretise
+from stiffbeam.references import reference
+from stiffbeam.schemes import Scheme
+from stiffbeam.studies.common import first_impacts
+from stiffbeam.trajectory.trajectory import Diverged
+
 from .reading import Reading
 from .table import equation_of
 
