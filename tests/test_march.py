@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from dataclasses import replace
+from pathlib import Path
 
+import numba
 import numpy as np
 import pytest
 from oracles import exact_linear
 from systems import linear_part, two_contacts
 
 import stiffbeam as sb
+from stiffbeam.basics import compiled
 from stiffbeam.march import block_march, choice, plan
 from stiffbeam.march.build import build
 from stiffbeam.march.coordinates import InModes, Together

@@ -5,7 +5,9 @@
 Galerkin's projection on the lowest k modes and on what the forces do statically. So the deflection under a constant
 force of any load or contact is exact whatever k is (static correction), and the dynamic error is that of the modes
 left out, at frequency w of the order (w/w_{k+1})^4. Unknowns without mass follow the others statically. No dense
-n x n matrix is made: one sparse factor of K, and one of K - w^2 M for each ``error_at``. Source: Craig, Structural Dynamics (1981), Section 19 (residual attachment modes).
+n x n matrix is made: one sparse factor of K, and one of K - w^2 M for each ``error_at``.
+
+Source: Craig, Structural Dynamics (1981), Section 19 (residual attachment modes).
 """
 
 from __future__ import annotations
