@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from dataclasses import replace
+from pathlib import Path
 
+import numba
 import numpy as np
 import pytest
 from oracles import exact_linear
 from systems import linear_part, two_contacts
 
 import stiffbeam as sb
+from stiffbeam.basics import compiled
 from stiffbeam.march import block_march, choice, plan
 from stiffbeam.march.build import build
 from stiffbeam.march.coordinates import InModes, Together
@@ -172,12 +178,12 @@ def test_a_block_equals_its_definition_in_numpy(table10):
     march = stepper.start([system], 32, 1)
     state = march.state._replace(z=z[None].copy())
     kept = Kept(march.positions, march.velocities, march.found, np.zeros((1, len(z))), np.zeros((1, 32)))
-    events, cursor = np.zeros((64, 6)), np.zeros(3, np.int64)
+    cursor = np.zeros(3, np.int64)
     first = round(t / 1e-4)
     positions = np.zeros((1, first + 33, 1))
     kept = kept._replace(positions=positions, velocities=positions.copy())
     inflow = stepper.block.inflow(np.zeros(1), 1.0)
-    assert kernel.run(block, march.law, forcing, inflow, state, kept, events, first, 32, 1e-4, 1, cursor)
+    assert kernel.run(block, march.law, forcing, inflow, state, kept, march.events, first, 32, 1e-4, 1, cursor)
     assert np.count_nonzero(kept.forces) > 0
     assert np.allclose(positions[0, first + 1 :, 0], w, rtol=0, atol=1e-12 * np.max(np.abs(w)))
     assert np.allclose(kept.forces[0], forces, rtol=1e-10)
@@ -332,3 +338,24 @@ def test_a_node_beyond_the_step_sees_the_load_there_in_the_last_step_too(damping
     system = sb.System.from_matrices(np.eye(2), np.eye(2), damping, [([1.0, 0.0], ends)], observe=[1.0, 0.0])
     with pytest.raises(sb.InputError, match="t"):
         sb.integrate(system, scheme, 0.1, 2.0)
+
+
+@pytest.mark.slow
+def test_kernels_keep_within_their_arrays(tmp_path):
+    """The tests of the kernels once more with numba's check of every index, in kernels of their own."""
+    tests = Path(__file__).parent
+    chosen = [
+        f"{tests / 'test_march.py'}::test_a_block_equals_its_definition_in_numpy",
+        str(tests / "test_kernel_numpy.py"),
+    ]
+    environment = {**os.environ, "NUMBA_BOUNDSCHECK": "1", "STIFFBEAM_CACHE_DIR": str(tmp_path)}
+    command = [sys.executable, "-m", "pytest", "-q", "-n", "0", "-p", "no:cacheprovider", *chosen]
+    done = subprocess.run(command, env=environment, cwd=tests.parent, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout[-3000:]
+
+
+def test_kernels_that_check_bounds_are_kept_apart(monkeypatch):
+    file = Path(compiled.__file__)
+    without = compiled.directory.__wrapped__(file)
+    monkeypatch.setattr(numba.config, "BOUNDSCHECK", 1)
+    assert compiled.directory.__wrapped__(file) != without

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
@@ -26,6 +27,26 @@ def test_noise_has_the_spectrum_it_says():
     assert np.sqrt(np.mean(record.value(t) ** 2)) == pytest.approx(0.7, rel=1e-3)
     assert record == sb.noise(T_END, 0.7, BAND, seed=3)
     assert record != sb.noise(T_END, 0.7, BAND, seed=4)
+
+
+def test_noise_is_the_sum_of_cosines_that_its_docstring_states():
+    record = sb.noise(T_END, 0.7, BAND, seed=3)
+    base = 2.0 * np.pi / T_END
+    k = np.arange(np.ceil(BAND[0] / base), np.floor(BAND[1] / base) + 1)
+    phases = np.random.default_rng(3).uniform(0.0, 2.0 * np.pi, len(k))
+    cosines = np.cos(np.outer(record.t, base * k) + phases)
+    np.testing.assert_allclose(record.values, 0.7 * np.sqrt(2.0 / len(k)) * np.sum(cosines, axis=1), atol=1e-12)
+
+
+def test_long_noise_of_a_wide_band_needs_memory_for_its_samples_only():
+    """500 Hz for 10 s are 80001 samples of 5000 cosines, 3 GiB as a table."""
+    tracemalloc.start()
+    try:
+        record = sb.noise(10.0, 1.0, (0.0, 2.0 * np.pi * 500.0), seed=0)
+        assert tracemalloc.get_traced_memory()[1] < 100e6
+    finally:
+        tracemalloc.stop()
+    assert np.mean(record.values[:-1] ** 2) == pytest.approx(1.0, rel=1e-12)
 
 
 @pytest.mark.parametrize("count", [64, 65])
@@ -81,6 +102,7 @@ def test_bad_noise_is_refused():
         ((T_END, -1.0, BAND, 0), "rms"),
         ((T_END, 1.0, BAND, -1), "seed"),
         ((0.0, 1.0, BAND, 0), "t_end"),
+        ((1e6, 1.0, (0.0, 1e6), 0), "GiB of memory"),
     ):
         with pytest.raises(sb.InputError, match=words):
             sb.noise(*arguments)

@@ -100,6 +100,7 @@ def test_a_file_makes_the_system_that_python_makes(file):
         ('"M.mtx"', '"pickled.npy"', "be readable"),
         ('"M.mtx"', "[[1.0, 0.0], [0.0]]", "every row as long"),
         ("{ 0 = 1.0 }", "{ 3 = 1.0 }", "of an unknown from 0 to 2"),
+        ("{ 0 = 1.0 }", '{ "²" = 1.0 }', "of an unknown from 0 to 2"),
         ("[1.0, 0.0, 0.0]", "[1.0, 0.0]", "hold 3 numbers"),
         ("dt = 1e-3", "dt = 1e-3\ncells = 8", "has no grid"),
         ('"bdf2"]', '"bdf2@hermite"]', "be without a form"),

@@ -9,6 +9,7 @@ import pytest
 import scipy.sparse
 
 import stiffbeam as sb
+from stiffbeam.model import reduction
 
 
 def strip(elements: int):
@@ -105,6 +106,30 @@ def test_initial_data_that_the_basis_lacks_are_told():
     assert lost.start_lost == pytest.approx(0.1, rel=0.1)
 
 
+def test_unknowns_without_mass_are_condensed():
+    """Half the mass of two elements at each node, none for its rotation; frequencies of an independent solution."""
+    _, K, tip = strip(10)
+    masses = np.zeros(20)
+    masses[::2] = 0.1
+    masses[-2] = 0.05
+    system = {"stiffness": K, "observe": tip, "loads": [(tip, sb.Constant(0.7))]}
+    with pytest.raises(sb.InputError, match="reduced condenses"):
+        sb.System.from_matrices(np.diag(masses), **system)
+    model = sb.reduced(scipy.sparse.diags_array(masses), **system, modes=3)
+    np.testing.assert_allclose(model.omega, [3.49995637, 21.68977853, 60.12387411], rtol=1e-9)
+    assert model.expand(sb.static_equilibrium(model.system))[-2] == pytest.approx(0.7 / 3.0, rel=1e-10)
+
+
+@pytest.mark.parametrize("modes", [1, 5, 60])
+def test_dense_and_lanczos_give_the_same_modes(modes, monkeypatch):
+    M, K, tip = strip(150)
+    dense = sb.reduced(M, K, observe=tip, modes=modes)
+    monkeypatch.setattr(reduction, "DENSE", 10)
+    sparse = sb.reduced(M, K, observe=tip, modes=modes)
+    np.testing.assert_allclose(dense.omega, sparse.omega, rtol=1e-7)  # rounding by the condition of K
+    assert dense.left_out == pytest.approx(sparse.left_out, rel=1e-7)
+
+
 def test_what_cannot_be_reduced_is_refused():
     M, K, tip = strip(10)
     with pytest.raises(sb.InputError, match="modes"):
@@ -113,3 +138,7 @@ def test_what_cannot_be_reduced_is_refused():
         sb.reduced(np.eye(4), np.diag([1.0, 1.0, 1.0, 0.0]), observe=np.eye(4)[0], modes=1)
     with pytest.raises(sb.InputError, match="have shape"):
         sb.reduced(M, K, observe=np.ones(3), modes=2)
+    with pytest.raises(sb.InputError, match="positive semidefinite"):
+        sb.reduced(np.diag([1.0, 1.0, -1.0, 1.0]), np.eye(4), observe=np.eye(4)[0], modes=1)
+    with pytest.raises(sb.InputError, match="rank of the mass matrix, 2"):
+        sb.reduced(np.diag([1.0, 0.0, 0.0, 1.0]), np.eye(4), observe=np.eye(4)[0], modes=2)

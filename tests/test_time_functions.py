@@ -109,3 +109,24 @@ def test_sines_at_steps_are_those_of_many_digits(frequencies, first, count):
                 bound = np.finfo(float).eps * (float(phase) + 4.0)
                 assert abs(g[k, 1 + 2 * i] - mp.sin(phase)) < bound
                 assert abs(g[k, 2 + 2 * i] - mp.cos(phase)) < bound
+
+
+@pytest.mark.parametrize(
+    ("t", "values"),
+    [([0.0, 1e-308, 1e300, 1.5e300], [0.0, 0.0, 1.0, 0.0]), ([0.0, 1e-200, 2e-200, 1.0], [0.0, 1e100, 0.0, 1.0])],
+)
+def test_a_cubic_record_whose_slopes_overflow_is_refused(t, values):
+    with pytest.raises(sb.InputError, match="slopes that overflow"):
+        sb.Sampled(t, values, "cubic")
+
+
+def test_masked_numbers_are_refused_and_a_mask_that_hides_none_is_not():
+    t = [0.0, 1.0, 2.0]
+    for mask in ([False, True, False], True):
+        with pytest.raises(sb.InputError, match="masked"):
+            sb.Sampled(t, np.ma.array(t, mask=mask))
+    with pytest.raises(sb.InputError, match="masked"):
+        sb.System.from_matrices([np.ma.array([1.0, 0.0], mask=[0, 1]), [0.0, 1.0]], np.eye(2), observe=[0.0, 1.0])
+    with pytest.raises(sb.InputError, match="masked"):
+        sb.Trajectory.from_arrays(t, np.ma.array(t, mask=[0, 0, 1]))
+    assert sb.Sampled(t, np.ma.array(t, mask=False)) == sb.Sampled(t, t)

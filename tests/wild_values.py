@@ -59,6 +59,8 @@ OTHERS: list[Any] = [
     None, (), [], {}, set(), {"a": 1}, [None], [1.0], [1.0, 2.0], [0.0, np.nan], [np.inf], ["a"], [[1.0], [2.0, 3.0]],
     [10**400], [1j], np.zeros(0), np.zeros((0, 0)), np.zeros((2, 2)), np.ones(3), np.array(1.0), np.array([1j]),
     np.array(["a"]), np.array([None]), np.eye(3), -np.eye(3), np.full((3, 3), np.nan), np.linspace(0.0, 1.0, 5),
+    np.ma.array([0.0, 1.0, 2.0], mask=[0, 1, 0]), np.ma.array(np.eye(3), mask=np.eye(3) > 0.0), np.ones(3, np.float32),
+    np.linspace(0.0, 1.0, 11) ** 2, np.linspace(0.0, 1.0, 11, dtype=np.float32),
     np.zeros((1, 1, 1)), np.eye(3, dtype=complex), np.arange(10**6), [[[[[]]]]], range(5), slice(None), object,
     object(), Unfriendly(), Ellipsis, float, sb.Stops, sb.Harmonic, sb.InputError, _nothing, _text, _of_two, _raising,
     lambda x: x, lambda x: x / 0.0, lambda x: np.full(np.shape(x), np.nan), lambda x: None, lambda x: [1.0],

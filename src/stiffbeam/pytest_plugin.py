@@ -68,13 +68,14 @@ def within_reference(run: Trajectory, reference: Reference, tolerance: float, un
     """
     import numpy as np
 
-    from .basics.validation import InputError, positive
+    from .basics.validation import InputError, positive, unmasked
     from .measures.pair import require_same_system
 
     tolerance = positive("tolerance", tolerance)
     if not isinstance(run, tuple):
         require_same_system(run, reference)
     given = run if isinstance(run, tuple) else (run.t, run.tip)
+    unmasked("run", *given)
     if any(np.iscomplexobj(x) for x in given):
         raise InputError("run", "complex numbers", "be real", "take the real part")
     t, u = (np.asarray(x, float) for x in given)

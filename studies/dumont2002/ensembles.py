@@ -21,6 +21,7 @@ from stiffbeam.model.members import perturbed
 from stiffbeam.model.semidiscretisation import semidiscretise
 from stiffbeam.references.ensemble import reference_ensemble
 from stiffbeam.schemes import Scheme
+from stiffbeam.schemes.labels import parse_run
 from stiffbeam.trajectory.ensemble import Ensemble
 
 from .motion import motion

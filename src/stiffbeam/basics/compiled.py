@@ -73,9 +73,10 @@ def stopped_clock() -> Generator[None, None, None]:
 def directory(file: Path) -> Path:
     """Where the compiled kernels of a source file are kept: one folder per state of it and of what it imports.
 
-    numba itself looks at the file of the function it compiles, not at those of the functions in it.
+    numba itself looks at the file of the function it compiles, not at those of the functions in it, nor at whether
+    bounds are checked.
     """
-    digest = hashlib.sha256()
+    digest = hashlib.sha256(b"bounds" if numba.config.BOUNDSCHECK else b"")  # type: ignore[attr-defined]
     for source in sorted(_sources(file)):
         digest.update(source.read_bytes())
     return cache.directory() / "numba" / digest.hexdigest()[:16]

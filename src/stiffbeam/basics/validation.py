@@ -60,7 +60,8 @@ def number(field: str, value: Any, exact: bool = False) -> float:
 
 def numbers(field: str, value: Any, rule: str = "be finite numbers", remedy: str = "give them as a list") -> Array:
     """``value`` as finite floats in an array of its shape. Raises InputError for what is not real, for texts,
-    and for rows of different lengths."""
+    for rows of different lengths, and for masked numbers."""
+    unmasked(field, value)
     try:
         given = value if isinstance(value, np.ndarray) else np.asarray(value)
         found = given.astype(float) if given.dtype.kind in "iufO" else None
@@ -69,6 +70,16 @@ def numbers(field: str, value: Any, rule: str = "be finite numbers", remedy: str
     if found is None or not np.all(np.isfinite(found)):
         raise InputError(field, value, rule, remedy)
     return found
+
+
+def unmasked(field: str, *values: Any) -> None:
+    """Raise InputError for an array, or a list of rows, with masked numbers: NumPy would read what lies under the
+    mask."""
+    for value in values:
+        rows = value if isinstance(value, (list, tuple)) else [value]
+        if any(np.ma.is_masked(row) for row in rows):
+            remedy = "leave the masked ones out, or fill them in with numpy.ma.filled"
+            raise InputError(field, "an array with masked numbers", "hold a number everywhere", remedy)
 
 
 def sequence(field: str, value: Any, rule: str, remedy: str = "give a list") -> list[Any]:

@@ -55,7 +55,7 @@ class SystemReader(Reader):
         entries = type(self)(given, f"{self.where}.{field}", self.folder)
         row = np.zeros(n)
         for unknown in given:
-            if not unknown.isdigit() or int(unknown) >= n:
+            if not unknown.isdecimal() or int(unknown) >= n:
                 raise self.error(
                     f"{field}.{unknown}", given[unknown], f"be of an unknown from 0 to {n - 1}", "the first is 0"
                 )

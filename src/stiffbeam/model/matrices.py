@@ -52,7 +52,7 @@ def definite_matrix(name: str, matrix: Array) -> Array:
         return matrix
     if name == "mass":
         if not _factorises(matrix):
-            remedy, least = "condense unknowns without mass out of the model first", np.linalg.eigvalsh(matrix)[0]
+            remedy, least = "stiffbeam.reduced condenses unknowns without mass", np.linalg.eigvalsh(matrix)[0]
             raise InputError(name, f"least eigenvalue {least:.3g}", "be positive definite", remedy)
     elif (least := _least(matrix)) < -1e-10:
         rule, remedy = "be positive semidefinite", "look at its signs"

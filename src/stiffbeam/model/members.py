@@ -101,7 +101,7 @@ class Members(Sequence[System]):
         n, given = self.system.size, self.fields.get(field)
         if given is None:
             return np.tile(getattr(self.system, field), (len(self), 1))
-        if all(isinstance(x, np.ndarray) and x.dtype == float and x.shape == (n,) for x in given):
+        if all(type(x) is np.ndarray and x.dtype == float and x.shape == (n,) for x in given):
             values = np.array(given)
             if np.all(np.isfinite(values)):
                 return values

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..basics.budget import afford
 from ..basics.validation import InputError, integer, non_negative, positive
 from .sampled import Sampled
 
+NUMBERS = 24.0  # kept for each sample at most, with the coefficients of its cubic
 PER_PERIOD = 16  # samples in the shortest period: the spline between them is off by 1e-4 of it
 
 
@@ -19,13 +21,17 @@ def noise(t_end: float, rms: float, band: tuple[float, float], seed: int) -> Sam
     """
     base = 2.0 * np.pi / positive("t_end", t_end)
     low, high = non_negative("band", band[0]), positive("band", band[1])
-    k = np.arange(max(1, int(np.ceil(low / base))), int(np.floor(high / base * (1 + 1e-12))) + 1)
+    count = PER_PERIOD * np.floor(high / base * (1 + 1e-12))
+    afford("band", tuple(band), "lower its upper end, or shorten t_end", floats=NUMBERS * count)
+    count = int(count)
+    k = np.arange(max(1, int(np.ceil(low / base))), count // PER_PERIOD + 1)
     if not len(k):
         raise InputError("band", tuple(band), f"hold a multiple of 2 pi/t_end = {base:.6g}", "widen it")
     phases = np.random.default_rng(integer("seed", seed, 0)).uniform(0.0, 2.0 * np.pi, len(k))
-    t = np.linspace(0.0, t_end, PER_PERIOD * int(k[-1]) + 1)
-    values = positive("rms", rms) * np.sqrt(2.0 / len(k)) * np.sum(np.cos(np.outer(t, base * k) + phases), axis=1)
-    return Sampled(t, values, "cubic")
+    spectrum = np.zeros(count // 2 + 1, complex)
+    spectrum[k] = 0.5 * count * np.exp(1j * phases)  # irfft gives sum_k cos(2 pi j k/count + phase_k) at sample j
+    values = positive("rms", rms) * np.sqrt(2.0 / len(k)) * np.fft.irfft(spectrum, count)
+    return Sampled(np.linspace(0.0, t_end, count + 1), np.append(values, values[0]), "cubic")
 
 
 def random_phases(record: Sampled, seed: int) -> Sampled:

@@ -4,13 +4,15 @@
 
 Galerkin's projection on the lowest k modes and on what the forces do statically. So the deflection under a constant
 force of any load or contact is exact whatever k is (static correction), and the dynamic error is that of the modes
-left out, at frequency w of the order (w/w_{k+1})^4. No dense n x n matrix is made: one sparse factor of K, and one of
-K - w^2 M for each ``error_at``. Source: Craig, Structural Dynamics (1981), Section 19 (residual attachment modes).
+left out, at frequency w of the order (w/w_{k+1})^4. Unknowns without mass follow the others statically. No dense
+n x n matrix is made: one sparse factor of K, and one of K - w^2 M for each ``error_at``.
+
+Source: Craig, Structural Dynamics (1981), Section 19 (residual attachment modes).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -21,12 +23,15 @@ import scipy.sparse.linalg
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array
+from ..basics.budget import afford
 from ..basics.validation import InputError, integer, non_negative
 from .contact import Contact
 from .graded import uncoupled
 from .system import System
 from .time_functions import LoadFunction
 
+DENSE = 600  # unknowns with mass, up to which all modes are computed: Lanczos' method needs more than it looks for
+MASSLESS = 1e-13  # of the largest eigenvalue of M: a smaller one is rounding of 0
 INDEPENDENT = 1e-10  # of its size: a static deflection that has less left beside the modes adds nothing
 HELD = 1e-13  # of the largest pivot: a smaller one is a motion that nothing holds
 
@@ -78,13 +83,12 @@ def reduced(
 ) -> Reduced:
     """The arguments of ``System.from_matrices``, (n, n) dense or SciPy sparse, and the number of ``modes`` to keep.
 
-    Raises InputError for a stiffness that does not hold the system, for as many modes as unknowns, and as
-    ``System`` does.
+    Unknowns may be without mass. Raises InputError for a stiffness that does not hold the system, for as many modes
+    as the mass matrix has rank, for a mass matrix with a negative eigenvalue, and as ``System`` does.
     """
     M, K = (scipy.sparse.csc_array(x, dtype=float) for x in (mass, stiffness))
     n = int(M.shape[0])  # type: ignore[index]
-    if integer("modes", modes, 1) >= n - 1:
-        raise InputError("modes", modes, f"be fewer than the {n} unknowns less one", "use System.from_matrices")
+    integer("modes", modes, 1)
     try:
         factor = scipy.sparse.linalg.splu(K)
         pivots = np.abs(factor.U.diagonal())
@@ -92,11 +96,7 @@ def reduced(
         factor, pivots = None, np.zeros(1)
     if factor is None or np.min(pivots) < HELD * np.max(pivots):
         raise InputError("stiffness", "a motion without strain", "hold the system", "support it")
-    inverse = scipy.sparse.linalg.LinearOperator((n, n), matvec=factor.solve)  # type: ignore[call-arg]
-    start = np.random.default_rng(0).normal(size=n)  # the same modes in every process
-    squares, shapes = scipy.sparse.linalg.eigsh(K, modes + 1, M, sigma=0.0, OPinv=inverse, v0=start)
-    order = np.argsort(squares)
-    squares, shapes = squares[order], shapes[:, order]
+    squares, shapes = _lowest(M, K, factor.solve, modes)
     forces = [np.asarray(p, float) for p, _ in loads] + [contact.row for contact in contacts]
     forces += [] if observe is None else [np.asarray(observe, float)]
     for p in forces:
@@ -129,6 +129,36 @@ def reduced(
     )
     kept = np.sqrt(squares)
     return Reduced(system, T, kept[:modes], float(kept[modes]), max(lost), M, K, rows)
+
+
+def _lowest(M: Any, K: Any, solve: Callable[[Array], Array], modes: int) -> tuple[Array, Array]:
+    """The squares of the lowest ``modes`` + 1 natural frequencies and their shapes, x^T M x = 1; solve: b -> K^-1 b."""
+    n, moved = M.shape[0], np.unique(M.nonzero()[0])
+    if len(moved) > DENSE and modes < len(moved) // 4:
+        inverse = scipy.sparse.linalg.LinearOperator((n, n), matvec=solve)  # type: ignore[call-arg]
+        start = np.random.default_rng(0).normal(size=n)  # the same modes in every process
+        squares, shapes = scipy.sparse.linalg.eigsh(K, modes + 1, M, sigma=0.0, OPinv=inverse, v0=start)
+        order = np.argsort(squares)
+        return squares[order], shapes[:, order]
+    afford("modes", modes, "ask for fewer", floats=3.0 * n * len(moved))
+    masses, R = np.linalg.eigh(M[moved][:, moved].toarray())
+    if masses[0] < -MASSLESS * masses[-1]:
+        remedy = "look at its signs"
+        raise InputError("mass", f"least eigenvalue {masses[0]:.3g}", "be positive semidefinite", remedy)
+    massive = masses > MASSLESS * masses[-1]
+    if modes >= np.count_nonzero(massive):
+        rule = f"be fewer than the rank of the mass matrix, {np.count_nonzero(massive)}"
+        raise InputError(
+            "modes", modes, rule, "ask for fewer, or use System.from_matrices where all unknowns have mass"
+        )
+    # M = R R^T, so that (R^T K^-1 R) y = y/w^2 and the shape is x = w^2 K^-1 R y: symmetric, and no mass divides.
+    forces = np.zeros((n, np.count_nonzero(massive)))
+    forces[moved] = R[:, massive] * np.sqrt(masses[massive])
+    deflections = solve(forces)
+    flexibility = forces.T @ deflections
+    compliances, y = np.linalg.eigh(0.5 * (flexibility + flexibility.T))
+    compliances, y = compliances[::-1][: modes + 1], y[:, ::-1][:, : modes + 1]
+    return 1.0 / compliances, deflections @ (y / compliances)
 
 
 def _projected(C: Any, T: Array) -> Array:

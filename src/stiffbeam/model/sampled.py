@@ -107,10 +107,16 @@ class Sampled:
 
     @cached_property
     def slopes(self) -> Array:
-        """m_i of the cubic kind, as doubles."""
+        """m_i of the cubic kind, as doubles; NaN where float64 cannot hold the spline."""
         from scipy.interpolate import CubicSpline
 
-        return np.asarray(CubicSpline(self.t, self.values)(self.t, 1))
+        try:
+            return np.asarray(CubicSpline(self.t, self.values)(self.t, 1))
+        except (
+            ValueError,
+            np.linalg.LinAlgError,
+        ):  # a divided difference overflows, or two times are one beside others
+            return np.full(len(self.t), np.nan)
 
     @cached_property
     def pieces(self) -> Array:

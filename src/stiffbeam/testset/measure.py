@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..basics.arrays import Array
-from ..basics.validation import InputError
+from ..basics.validation import InputError, unmasked
 from ..model.contact import Stops
 from ..model.time_functions import LoadFunction, offset_rate, offset_values
 from ..trajectory.impacts import Impacts
@@ -69,6 +69,7 @@ def motion_of(problem: Problem, t: Any, u: Any, v: Any = None, t_end: float | No
     Raises InputError for other shapes, numbers that are not finite, and times that do not cover the samples.
     """
     data, n = problem.data, len(problem.data["initial_displacement"])
+    unmasked("the run", t, u, v)
     t, u = np.asarray(t, float), np.asarray(u, float)
     v = None if v is None else np.asarray(v, float)
     if t.ndim != 1 or len(t) < 4 or u.shape not in ((len(t),), (len(t), n)) or (v is not None and v.shape != u.shape):
