@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass, fields, is_dataclass, replace
+from decimal import Decimal
+from numbers import Real
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array, same
 from ..basics.budget import afford
-from ..basics.validation import InputError, integer, itself, non_negative, number, numbers, positive, sequence
+from ..basics.validation import InputError, integer, itself, near, non_negative, number, numbers, positive, sequence
 from .contact import Contact, Stops
 from .matrices import finite_vector
 from .modes import undamped_modes
@@ -20,7 +23,7 @@ from .profiles import PolynomialProfile
 from .sampled import Sampled
 from .semidiscretisation import semidiscretise
 from .system import System, require_system
-from .time_functions import Constant, Harmonic, LoadFunction, Sum, parts, parts_of
+from .time_functions import Constant, Harmonic, LoadFunction, Sum, TimeFunction, parts, parts_of
 
 DIFFERENT = ("loads", "contacts", "q0", "v0", "origin")  # what members may differ in
 # How far the starts of an ensemble's members are apart, relative to the motion. Its means stand for all motions of that
@@ -212,41 +215,149 @@ def perturbed(system: System, members: int, size: float = SPREAD, seed: int = 1,
 
 def varied(
     system: System,
+    parameters: Mapping[str, ArrayLike] | None = None,
     *,
     frequency: ArrayLike | None = None,
     amplitude: ArrayLike | None = None,
     stops: Sequence[Stops | Sequence[Stops]] | None = None,
 ) -> Members:
-    """One member per value of one parameter.
+    """One member per value of a parameter, or of several that vary together.
 
-    frequency, amplitude: of the drive, which is the base motion of a beam that has one, else every
-    Harmonic among the loads; they must be one and the same then. Stops of a beam that move as its base does move with
-    it in every member, and a beam that starts with the speed of its base starts with the new one; other motions and
-    initial data stay. stops: the Stops of each member, with several contacts a sequence of one per contact. Raises
-    InputError, also for matrices whose stops move at the drive's frequency: what they do then is not known.
+    Parameters
+    ----------
+    system : System
+    parameters : mapping of path to values
+        For example ``{"stops.stiffness": [1e4, 1e5]}``, see ``with_values``. All paths have one number of values;
+        ``{"frequency": w, "amplitude": c * w**2}`` couples an amplitude to the square of the frequency.
+    frequency, amplitude : array_like
+        Short for ``{"frequency": ...}`` and ``{"amplitude": ...}``.
+    stops : sequence
+        The Stops of each member, with several contacts a sequence of one per contact.
+
+    Returns
+    -------
+    Members
+
+    Raises
+    ------
+    InputError
+        Also for a path that the system does not have; the message lists those that it has.
     """
     require_system(system)
-    given = {"frequency": frequency, "amplitude": amplitude, "stops": stops}
-    chosen = [name for name, value in given.items() if value is not None]
-    if len(chosen) != 1:
-        remedy = "for systems that differ in more, pass a list of them"
-        raise InputError("varied", chosen, f"be given exactly one of {sorted(given)}", remedy)
+    short = {"frequency": frequency, "amplitude": amplitude}
+    columns = dict(parameters or {}) or {name: x for name, x in short.items() if x is not None}
+    chosen = [parameters, frequency, amplitude, stops]
+    if sum(x is not None for x in chosen) != 1 or (stops is None and not columns):
+        remedy = "for several that vary together pass a mapping of their paths"
+        raise InputError("varied", sorted(columns), "be given one of parameters, frequency, amplitude, stops", remedy)
     if stops is not None:
         return _with_stops(system, stops)
-    name = chosen[0]
-    values = np.atleast_1d(numbers(name, given[name])).ravel()
-    if not len(values):
-        raise InputError(name, given[name], "name at least one member", "give one value or more")
-    for value in values:
-        (positive if name == "frequency" else number)(name, float(value))
-    drive = _drive(system, name)
+    grid = {name: np.atleast_1d(numbers(name, x)).ravel() for name, x in columns.items()}
+    name, values = next(iter(grid.items()))
+    for other, along in grid.items():
+        if not len(along):
+            raise InputError(other, columns[other], "name at least one member", "give one value or more")
+        if len(along) != len(values):
+            raise InputError(other, f"{len(along)} values", f"have as many as {name}, {len(values)}", "give as many")
     size, cost = len(values), 2e-4 + 1e-7 * system.size**2  # every member is made here
     afford(name, f"{size} values", "take fewer", floats=20.0 * size * (system.size + 20), seconds=size * cost)
+    rows = zip(*(along.tolist() for along in grid.values()), strict=True)
+    members = [with_values(system, dict(zip(grid, row, strict=True))) for row in rows]
+    for part in ("mass", "damping", "stiffness", "observe"):
+        if not all(same(getattr(member, part), getattr(system, part)) for member in members):
+            rule = f"leave the {part} of the system as it is"
+            raise InputError("varied", ", ".join(grid), rule, "build the systems one by one, or use the sweep study")
+    fields = {field: [getattr(member, field) for member in members] for field in DIFFERENT}
+    return Members(system, ", ".join(grid), values, fields)
+
+
+def with_values(system: System, values: Mapping[str, float]) -> System:
+    """System with other values of the parameters at these paths, for example ``{"stops[1].damping": 2.0}``.
+
+    A path leads through attributes and indexes from the problem of a beam ("base.frequency",
+    "loads[0].time.amplitude", "viscosity") or from a system of matrices ("loads[0].time.phase", "q0[2]").
+    "contacts[i].stops" and "stops[i]" are one, and "stops" without an index are those of all contacts. Two names are
+    short: "frequency" is that of every Harmonic with the drive's frequency, in loads, base, stop motions and sums;
+    "amplitude" is that of the drive. The drive is the base motion, else the loads, else the motion of the stops. A
+    beam that starts with the speed of its base starts with the new one. Raises InputError.
+    """
     if system.problem is not None and not (system.origin and system.origin.starts(system)):
         remedy = "give the beam its initial data in the problem, or build the systems one by one"
-        raise InputError(name, "a beam with other initial data", "be varied with those of its problem", remedy)
-    made = [_driven(system, replace(drive, **{name: float(value)}), drive) for value in values]
-    return Members(system, name, values, {field: [getattr(member, field) for member in made] for field in DIFFERENT})
+        raise InputError(", ".join(values), "a beam with other initial data", "be varied with its problem", remedy)
+    for path, value in values.items():
+        number(path, value)
+        if path in ("frequency", "amplitude"):
+            system = _driven(system, path, positive(path, value) if path == "frequency" else value)
+            continue
+        keys: list[Any] = [int(index) if index else name for name, index in _KEY.findall(path)]
+        try:
+            if "".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in keys)[1:] != path:
+                raise LookupError(path)
+            system = _placed(system, keys, value)
+        except LookupError as error:
+            root = system.problem or system
+            known = list(dict.fromkeys(["frequency", "amplitude", *_paths(root)]))
+            raise InputError("parameter", path, "be a path to a number of the system", near(path, known)) from error
+    return system
+
+
+_KEY = re.compile(r"([A-Za-z_]\w*)|\[(\d+)\]")
+
+
+def _placed(system: System, keys: list[Any], value: float) -> System:
+    """System with a value at the end of these keys. Raises LookupError where they lead to no number."""
+    problem = system.problem
+    if keys[0] == "contacts" and problem is not None and keys[2:3] == ["stops"]:
+        keys = ["stops", keys[1], *keys[3:]]
+    if keys[0] == "stops" and (len(keys) < 2 or not isinstance(keys[1], int)):
+        if not system.contacts:
+            raise LookupError("stops")
+        for i in range(len(system.contacts)):
+            system = _placed(system, ["stops", i, *keys[1:]], value)
+        return system
+    if problem is None:
+        keys = ["contacts", keys[1], "stops", *keys[2:]] if keys[0] == "stops" else keys
+        return _replaced(system, keys, value)
+    new = _replaced(replace(problem, stops=problem.all_stops or None), keys, value)
+    if problem.base is not None and new.base is not None and new.base != problem.base:
+        new = replace(new, initial_velocity=_with_base(problem, new.base, problem.base))
+    return semidiscretise(new, system.cells or system.size, system.form)
+
+
+def _replaced(thing: Any, keys: list[Any], value: float) -> Any:
+    if not keys:
+        if thing is not None and (isinstance(thing, bool) or not isinstance(thing, (Real, str, Decimal))):
+            raise LookupError(thing)
+        return value
+    key, *others = keys
+    if _timed(thing) and key == "time":
+        return (thing[0], _replaced(thing[1], others, value))
+    if isinstance(thing, (tuple, list, np.ndarray)) and isinstance(key, int):
+        entries = list(thing)
+        entries[key] = _replaced(entries[key], others, value)
+        return np.array(entries) if isinstance(thing, np.ndarray) else tuple(entries)
+    if not is_dataclass(thing) or key not in [x.name for x in fields(thing)]:
+        raise LookupError(key)
+    new = _replaced(getattr(thing, key), others, value)
+    return Sum.weighted(new) if isinstance(thing, Sum) else replace(cast("Any", thing), **{key: new})
+
+
+def _timed(thing: Any) -> bool:
+    """Whether it is a load of a system of matrices, (vector, function)."""
+    return isinstance(thing, tuple) and len(thing) == 2 and isinstance(thing[0], np.ndarray)
+
+
+def _paths(thing: Any, path: str = "") -> list[str]:
+    """The paths to all numbers that are no entries of arrays."""
+    if _timed(thing):
+        return _paths(thing[1], f"{path}.time")
+    if isinstance(thing, (tuple, list)):
+        return [each for i, entry in enumerate(thing) for each in _paths(entry, f"{path}[{i}]")]
+    if is_dataclass(thing):
+        start = path + "." if path else ""
+        parts = [x.name for x in fields(thing) if x.name not in ("origin", "units")]
+        return [each for name in parts for each in _paths(getattr(thing, name), start + name)]
+    return [path] if isinstance(thing, (Real, Decimal)) and not isinstance(thing, bool) else []
 
 
 def _with_stops(system: System, stops: Sequence[Stops | Sequence[Stops]]) -> Members:
@@ -265,41 +376,46 @@ def _with_stops(system: System, stops: Sequence[Stops | Sequence[Stops]]) -> Mem
     return Members(system, "stops", list(stops), {"contacts": contacts})
 
 
-def _drive(system: System, name: str) -> Harmonic:
-    """The one Harmonic that drives the system."""
-    base = system.problem.base if system.problem is not None else None
-    if base is not None:
-        functions: list[LoadFunction] = [base]
-    elif system.problem is not None:
-        functions = [load.time for load in system.problem.loads]
-    else:
-        functions = [function for _, function in system.loads]
-    harmonic = {function for function in functions if isinstance(function, Harmonic)}
-    if len(harmonic) != 1:
-        raise InputError(name, len(harmonic), "vary exactly one Harmonic drive", "build the systems one by one")
-    return harmonic.pop()
-
-
-def _driven(system: System, new: Harmonic, old: Harmonic) -> System:
-    """``system`` with one drive for another, its matrices kept."""
+def _driven(system: System, name: str, value: float) -> System:
+    """System with another frequency or amplitude of its drive, its matrices kept."""
     problem = system.problem
     if problem is None:
-        if any(isinstance(f, Harmonic) and f.frequency == old.frequency
-               for contact in system.contacts for f in parts_of(contact.offset)):  # fmt: skip
-            rule = "have no stops that move at the drive's frequency"
-            raise InputError("system", "moving stops", rule, "build the systems one by one")
-        loads = tuple((vector, new if function == old else function) for vector, function in system.loads)
-        return replace(system, loads=loads)
-    if problem.base is not None:
-        stops = tuple(replace(each, motion=new) if each.motion == old else each for each in problem.all_stops)
-        problem = replace(problem, base=new, stops=stops or None, initial_velocity=_with_base(problem, new, old))
+        motions = [contact.offset for contact in system.contacts]
+        places = [[function for _, function in system.loads], motions]
     else:
-        loads = tuple(replace(load, time=new) if load.time == old else load for load in problem.loads)
-        problem = replace(problem, loads=loads)
-    return semidiscretise(problem, system.cells or system.size, system.form)
+        motions = [stops.motion for stops in problem.all_stops]
+        places = [[problem.base], [load.time for load in problem.loads], motions]
+    leading = [[h for f in place for h in parts_of(f) if isinstance(h, Harmonic)] for place in places]
+    drive = next((harmonics for harmonics in leading if harmonics), [])
+    distinct = {h.frequency if name == "frequency" else (h.frequency, h.amplitude) for h in drive}
+    if len(distinct) != 1:
+        remedy = "name one by its path, for example loads[0].time." + name
+        raise InputError(name, f"{len(distinct)} drives", "vary exactly one Harmonic drive", remedy)
+    shared = drive[0].frequency
+    moving = [f for motion in motions for f in parts_of(motion) if isinstance(f, Harmonic) and f.frequency == shared]
+    if name == "amplitude" and problem is None and leading[0] and moving:
+        rule = "have no stops that move at the drive's frequency"
+        raise InputError("system", "moving stops", rule, "name one by its path: loads[0].time.amplitude")
+
+    def change(function: Any) -> Any:
+        if isinstance(function, Sum):
+            return Sum.weighted((factor, change(f)) for factor, f in function.terms)
+        moves = isinstance(function, Harmonic) and function.frequency == shared
+        return replace(function, **{name: value}) if moves and (name == "frequency" or function in drive) else function
+
+    if problem is None:
+        loads = tuple((vector, change(function)) for vector, function in system.loads)
+        contacts = tuple(replace(contact, offset=change(contact.offset)) for contact in system.contacts)
+        return replace(system, loads=loads, contacts=contacts)
+    stops = tuple(replace(each, motion=change(each.motion)) for each in problem.all_stops)
+    loads = tuple(replace(load, time=change(load.time)) for load in problem.loads)
+    new = replace(problem, base=change(problem.base), stops=stops or None, loads=loads)
+    if problem.base is not None and new.base is not None:
+        new = replace(new, initial_velocity=_with_base(problem, new.base, problem.base))
+    return semidiscretise(new, system.cells or system.size, system.form)
 
 
-def _with_base(problem: BeamProblem, new: Harmonic, old: Harmonic) -> Profile | None:
+def _with_base(problem: BeamProblem, new: TimeFunction, old: TimeFunction) -> Profile | None:
     """The initial velocity for another base motion: that of the base, where the beam had it; else what it was."""
     given, before, after = problem.initial_velocity, float(old.rate(0.0)), float(new.rate(0.0))
     if given is None or before == 0.0 or before == after:

@@ -12,7 +12,7 @@ from ..basics.validation import InputError, positive
 from ..files.cases import Case
 from ..model.contact import Stops
 from ..model.drive import Drive
-from ..model.members import varied
+from ..model.members import varied, with_values
 from ..model.problem import PointLoad
 from ..model.semidiscretisation import semidiscretise
 from ..model.system import System
@@ -50,8 +50,8 @@ def _beam(system: System, **changes: float) -> System:
 
 
 PARAMETERS: dict[str, Callable[[System, float], System]] = {
-    "frequency": lambda system, value: varied(system, frequency=[value])[0],
-    "amplitude": lambda system, value: varied(system, amplitude=[value])[0],
+    "frequency": lambda system, value: with_values(system, {"frequency": value}),
+    "amplitude": lambda system, value: with_values(system, {"amplitude": value}),
     "clearance": _clearance,
     "stop-stiffness": lambda system, value: _stops(system, lambda stops: replace(stops, stiffness=value)),
     "stiffness": lambda system, value: _beam(system, stiffness=value),
@@ -72,7 +72,9 @@ class Setup:
     @property
     def kind(self) -> tuple[Any, ...]:
         """Equal for setups that can march together."""
-        return str(self.scheme), self.dt, self.period, self.system.stiffness.tobytes(), self.system.damping.tobytes()
+        system = self.system
+        arrays = system.mass, system.stiffness, system.damping, *(contact.row for contact in system.contacts)
+        return str(self.scheme), self.dt, self.period, *(array.tobytes() for array in arrays)
 
 
 QUANTITIES = {
@@ -86,7 +88,14 @@ def quantity_of(case: Case, parameter: str) -> str:
 
     The amplitude is the base's, else that of the loads.
     """
-    if parameter != "amplitude":
+    if is_path(parameter):
+        first, last = parameter.split(".")[0].split("[")[0], parameter.rsplit(".", 1)[-1]
+        at_stop = first in ("contacts", "stops")
+        if last in ("lower", "upper", "position") or (last == "amplitude" and at_stop):
+            return "length"
+        if last != "amplitude":
+            return "stop stiffness" if last == "stiffness" and at_stop else "frequency" if last == "frequency" else ""
+    elif parameter != "amplitude":
         return QUANTITIES.get(parameter, "")
     if case.beam is None:
         return ""
@@ -94,6 +103,11 @@ def quantity_of(case: Case, parameter: str) -> str:
         return "length"
     point = {isinstance(load, PointLoad) for load in case.problem.loads if isinstance(load.time, Harmonic)}
     return "force" if point == {True} else "force per length" if point == {False} else ""
+
+
+def is_path(parameter: str) -> bool:
+    """Whether a parameter is named by its path in the system, as in "stops[0].damping"."""
+    return "." in parameter or "[" in parameter
 
 
 def parameters_of(method: str) -> list[str]:
@@ -111,6 +125,8 @@ def setup_of(system: System, point: Point, value: Sequence[float]) -> Setup:
     for name, x in zip((point["parameter"], point["second"]), value, strict=False):
         if name in PARAMETERS:
             system = PARAMETERS[name](system, x)
+        elif is_path(name):
+            system = with_values(system, {name: x})
         elif name == "dt":
             dt = positive("dt", x)
         else:
@@ -133,7 +149,7 @@ def drive_period(system: System) -> float:
             "case",
             "a sampled load or motion",
             "be driven by a Harmonic, for a section once a period",
-            "leave the section out, or replace the samples by a Harmonic",
+            "replace the samples by a Harmonic, or run the study ensemble",
         )
     frequencies = drive.frequencies
     if len(frequencies) != 1:

@@ -23,11 +23,12 @@ from ..figures import COLOURS, column, dashed, heading, look, new_figure, numeri
 from ..files.cases import Case
 from ..march.ensemble import integrate_ensemble
 from ..references.ensemble import reference_ensemble
+from ..schemes.rigid_scheme import RigidScheme
 from ..trajectory.ensemble import Ensemble
 from ..trajectory.trajectory import Diverged, SolverFailure
-from .common import Form, Treatment, by_contact, label_of, system_of
+from .common import Form, Treatment, by_contact, label_of, scheme_of, system_of
 from .engine.study import Point, Records, Row, Rows, Study
-from .parameters import EXACT, IN_STEP, Setup, drive_period, named, parameters_of, quantity_of, setup_of
+from .parameters import EXACT, IN_STEP, Setup, drive_period, is_path, named, parameters_of, quantity_of, setup_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -43,7 +44,8 @@ BATCH, SETTING_UP, STEP, EXACT_PERIOD = 1.0, 0.02, 3e-8, 6e-3
 def points(
     case: Case,
     parameter: Annotated[
-        str, "frequency, amplitude, clearance, stop-stiffness, stiffness, viscosity, dt, alpha, ..."
+        str,
+        "frequency, amplitude, clearance, stop-stiffness, stiffness, viscosity, dt, alpha, or a path: stops[0].damping",
     ] = "frequency",
     values: Annotated[
         Sequence[float] | None,
@@ -51,7 +53,9 @@ def points(
     ] = None,
     second: Annotated[str | None, "another parameter: impacts and forces on a grid"] = None,
     second_values: Annotated[Sequence[float] | None, "as --values"] = None,
-    method: Annotated[str | None, "a scheme, or exact; default: the case's first scheme"] = None,
+    method: Annotated[
+        str | None, "a scheme, or exact; default: the case's first scheme that has a law for its stops"
+    ] = None,
     form: Form = "displacement",
     contact: Treatment = "implicit",
     dt: Annotated[float | None, "the nearest step that divides the period is taken"] = None,
@@ -65,7 +69,11 @@ def points(
     frequencies from 0.7 to 1.3 of the case's. method: a scheme's label or "exact", by default the case's
     first scheme. transient: periods of the drive before the ``periods`` that are looked at.
     """
-    method = label_of(case.runs[0][0]) if method is None else method if method == EXACT else label_of(method)
+    if method is None:
+        runs = [label_of(run) for run, *_ in case.runs]
+        rigid = any(contact.stops.rigid for contact in system_of(case, form).contacts)
+        method = next((run for run in runs if not rigid or isinstance(scheme_of(run), RigidScheme)), EXACT)
+    method = method if method == EXACT else label_of(method)
     for name, periods_given, least in (("periods", periods, 1), ("transient", transient, 0)):
         integer(name, periods_given, least)
     if values is None and parameter == "frequency":
@@ -81,7 +89,7 @@ def points(
         raise InputError("second", second, "be another parameter", "give the grid two different parameters")
     known = parameters_of(method)
     for name, along in axes.items():
-        if name not in known:
+        if name not in known and not is_path(name):
             raise InputError("parameter", name, f"be one that {method} has", near(name, known))
         if along is None or not len(along):
             raise InputError("values", along, f"be given for {name}", "for example 8:14:400 or 8,9,10.5")

@@ -1,0 +1,127 @@
+"""Parameters by path: sweeps and members against closed forms, and the message for a path that is not there."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import stiffbeam as sb
+from stiffbeam.studies.sweep import sections
+
+G = 1.0
+
+
+def bounce(restitution: float, amplitude: float, frequency: float) -> tuple[float, float]:
+    """Position and velocity at t = n T of a ball that hits the table A sin w t once a period.
+
+    It leaves with g T/2 and arrives with -g T/2, so the table's speed is w A cos phi = (g T/2) (1 - e)/(1 + e).
+    """
+    period = 2.0 * np.pi / frequency
+    speed = 0.5 * G * period
+    phase = np.arccos(speed * (1.0 - restitution) / (1.0 + restitution) / (amplitude * frequency))
+    flown = period - phase / frequency
+    return amplitude * np.sin(phase) + speed * flown - 0.5 * G * flown**2, speed - G * flown
+
+
+def ball() -> sb.System:
+    position, velocity = bounce(0.55, 1.2, 1.0)
+    stops = sb.Stops(lower=0.0, stiffness=np.inf, restitution=0.55)
+    return sb.System.from_matrices(
+        [[1.0]],
+        [[0.0]],
+        loads=[([1.0], sb.Constant(-G))],
+        contacts=[sb.Contact([1.0], stops, sb.Harmonic(-1.2, 1.0))],
+        initial_displacement=[position],
+        initial_velocity=[velocity],
+    )
+
+
+@pytest.mark.parametrize(
+    ("parameter", "values", "expected"),
+    [
+        ("contacts[0].stops.restitution", [0.5, 0.55, 0.6], lambda e: bounce(e, 1.2, 1.0)),
+        ("contacts[0].offset.frequency", [1.0, 1.02, 1.04], lambda w: bounce(0.55, 1.2, w)),
+        ("frequency", [1.0, 1.02, 1.04], lambda w: bounce(0.55, 1.2, w)),
+    ],
+)
+def test_a_ball_on_a_vibrating_table_is_swept(parameter, values, expected):
+    records = sb.study(
+        "sweep", ball(), parameter=parameter, values=values, dt=1e-3, t_end=10.0, transient=80, periods=4
+    )
+    found = sections(records.rows)
+    assert list(found) == values
+    assert {row["method"] for row in records.rows} == {"exact"}
+    for value, section in found.items():
+        assert section == pytest.approx(expected(value)[0], abs=1e-5)
+
+
+def test_one_stop_of_several_is_swept():
+    """Both stops are pressed at all times: mass, damper and the springs 4 + k_1 + k_2 respond linearly."""
+    stops = [sb.Stops(upper=-9.0, stiffness=2.0), sb.Stops(lower=9.0, stiffness=3.0)]
+    system = sb.System.from_matrices(
+        [[1.0]],
+        [[4.0]],
+        [[1.0]],
+        loads=[([1.0], sb.Harmonic(1.0, 2.0))],
+        contacts=[sb.Contact([1.0], each) for each in stops],
+    )
+    values = [3.0, 4.0]
+    records = sb.study(
+        "sweep",
+        system,
+        parameter="stops[1].stiffness",
+        values=values,
+        method="exact",
+        dt=1e-3,
+        t_end=9.0,
+        transient=20,
+        periods=3,
+    )
+    for stiffness, section in sections(records.rows).items():
+        spring = 4.0 + 2.0 + stiffness
+        harmonic = np.imag(1.0 / (spring - 4.0 + 2.0j))
+        assert section == pytest.approx(9.0 * (stiffness - 2.0) / spring + harmonic, abs=1e-8)
+
+
+def test_an_amplitude_goes_with_the_square_of_the_frequency():
+    """From rest: q = F/(k - w^2) (sin w t - w/w_0 sin w_0 t) with F = c w^2."""
+    system = sb.System.from_matrices([[1.0]], [[4.0]], loads=[([1.0], sb.Harmonic(1.0, 1.0))], observe=[1.0])
+    frequencies, t = np.array([1.0, 1.5, 3.0]), np.linspace(0.0, 5.0, 6)
+    members = sb.varied(system, {"frequency": frequencies, "loads[0].time.amplitude": 0.2 * frequencies**2})
+    for w, member in zip(frequencies, members, strict=True):
+        q = 0.2 * w**2 / (4.0 - w**2) * (np.sin(w * t) - 0.5 * w * np.sin(2.0 * t))
+        assert sb.reference(member, 5.0, t_eval=t).tip == pytest.approx(q, abs=1e-10)
+
+
+def test_drives_of_one_frequency_go_together_with_their_phases():
+    both = sb.Sum(sb.Harmonic(1.0, 2.0), sb.Harmonic(3.0, 2.0, 0.5))
+    system = sb.System.from_matrices([[1.0]], [[4.0]], loads=[([1.0], both)], observe=[1.0])
+    member = sb.varied(system, frequency=[5.0])[0]
+    terms = [term for _, term in member.loads[0][1].terms]
+    assert terms == [sb.Harmonic(1.0, 5.0), sb.Harmonic(3.0, 5.0, 0.5)]
+    with pytest.raises(sb.InputError, match="by its path"):
+        sb.varied(system, amplitude=[5.0])
+
+
+def test_paths_of_a_beam_change_its_problem():
+    drive = sb.Harmonic(0.02, 5.0)
+    stops = [sb.Stops(-0.1, 0.1, stiffness=1e4), sb.Stops(upper=0.1, stiffness=1e4, position=0.5)]
+    system = sb.semidiscretise(sb.BeamProblem(stiffness=3.0, stops=stops, base=drive), 6)
+    members = sb.varied(system, {"base.frequency": [7.0], "stops[1].damping": [2.0], "contacts[0].stops.upper": [0.2]})
+    changed = [sb.Stops(-0.1, 0.2, stiffness=1e4), sb.Stops(upper=0.1, stiffness=1e4, position=0.5, damping=2.0)]
+    built = sb.semidiscretise(sb.BeamProblem(stiffness=3.0, stops=changed, base=sb.Harmonic(0.02, 7.0)), 6)
+    assert members[0].fingerprint == built.fingerprint
+
+
+@pytest.mark.parametrize(
+    "path", ["", ".", "stops", "stops.stifness", "stops[2].damping", "q0[3]", "loads[0]", "base.frequency"]
+)
+def test_a_path_that_is_not_there_is_answered_with_those_that_are(path):
+    with pytest.raises(sb.InputError, match=r"did you mean|known: frequency"):
+        sb.varied(ball(), {path: [1.0]})
+
+
+def test_a_change_of_matrices_is_left_to_sweeps():
+    system = sb.semidiscretise(sb.BeamProblem(stiffness=3.0, base=sb.Harmonic(0.02, 5.0)), 6)
+    with pytest.raises(sb.InputError, match="one by one"):
+        sb.varied(system, {"stiffness": [4.0]})
