@@ -56,7 +56,8 @@ def audit(
     It is open where the sum of its openings exceeds what rounding explains, for every switch ROUNDINGS eps
     (w |q|_M sqrt(2 E) + 2 E) with the fastest frequency w, though not less than SEEN nor more than LOST of
     the energy, and the rounding of the terms of q^T K q, which cancel where a body moves as a whole. Pieces are
-    looked at in the middle. Rigid stops turn velocities: there energies are compared, not velocities. start: q, q' (n,) at t = 0, None for those of the system.
+    looked at in the middle. Rigid stops turn velocities: there energies are compared, not velocities. start: q, q' (n,)
+    at t = 0, None for those of the system.
     """
     q0, v0 = (system.q0, system.v0) if start is None else start
     times, sides = solution.times, solution.sides

@@ -171,6 +171,8 @@ class Tracer:
             elif left == 0.0:
                 at_rest[contact] = side
         self._settle(at_rest)
+        for contact, side in self.held.items():
+            self._note_held(contact, side, 0.0)
 
     def _velocity(self, contact: int) -> float:
         return float(self.model.rows[contact] @ self.v + self.model.shift(contact, self.t)[1])

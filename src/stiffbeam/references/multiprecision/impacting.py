@@ -205,6 +205,9 @@ class March:
             self._meet(going, resting={c: closed[c] for c, speed in speeds.items() if speed.contains(0)})
         else:
             self._settle({c: closed[c] for c, speed in speeds.items() if speed.contains(0)})
+        for c in self.held:
+            if self._last(c) is None:
+                self.found.impacts.append(Impact(c, self.held[c], self.t, arb(0)))
 
     def _meet(self, hits: dict[int, int], resting: dict[int, int] | None = None) -> None:
         """Newton's law where contacts close, then what is at rest on a stop is held or let go."""
