@@ -12,9 +12,10 @@ from stiffbeam.basics.validation import InputError
 from stiffbeam.files.cases import paper_case
 from stiffbeam.measures.free_modes import free_mode_errors
 from stiffbeam.model.modes import modes
+from stiffbeam.references.exact.audit import within_float64
 from stiffbeam.schemes import registered
 from stiffbeam.studies import study
-from stiffbeam.trajectory.trajectory import Trajectory, Work
+from stiffbeam.trajectory.trajectory import SolverFailure, Trajectory, Work
 
 
 def signal(system: sb.System, late: np.ndarray, decay: np.ndarray, noise: float) -> Trajectory:
@@ -76,3 +77,32 @@ def test_every_scheme_is_as_late_and_as_damped_as_theory_says(viscosity):
             # The modal coordinates are good to eps (w_max/w_1)^2 of the basis.
             distance = abs(row[name] - row[f"{name}_theory"])
             assert distance <= row[f"{name}_error"] + 1e-10, (row["scheme"], row["mode"], name)
+
+
+def falling_bar(n: int, stiffness: float) -> tuple[np.ndarray, np.ndarray, list[tuple[np.ndarray, sb.Constant]]]:
+    """M, K and the weight of a free elastic bar of uneven springs, whose K times a uniform displacement is rounding."""
+    M = np.diag([0.5, *np.ones(n - 1), 0.5]) / n
+    K = np.zeros((n + 1, n + 1))
+    for i in range(n):
+        K[i : i + 2, i : i + 2] += stiffness * n * (1.0 + 0.1 * np.sin(i)) * np.array([[1.0, -1.0], [-1.0, 1.0]])
+    return M, K, [(np.diag(M).copy(), sb.Constant(1.0))]
+
+
+@pytest.mark.parametrize(("n", "stiffness", "kappa"), [(50, 1.0, np.inf), (10, 1e6, 1e5), (10, 1e10, 1e5)])
+def test_a_free_bar_falls_from_a_uniform_displacement(n, stiffness, kappa):
+    """q^T K q of a motion without strain is rounding, which may be negative: no energy is lost by it."""
+    M, K, weight = falling_bar(n, stiffness)
+    contact = sb.Contact(np.eye(n + 1)[-1], sb.Stops(upper=0.1, stiffness=kappa))
+    system = sb.System.from_matrices(M, K, loads=weight, contacts=[contact], initial_displacement=np.full(n + 1, -0.3))
+    system = system.massless_contacts() if np.isinf(kappa) else system
+    run = sb.reference(system, 1.2)
+    assert run.horizon > 0.7
+    # A fall by 0.4; a massless end hangs a little ahead of the others, by its weight.
+    assert run.impacts.times[0] == pytest.approx(np.sqrt(0.8), rel=1e-3 if np.isinf(kappa) else 1e-9)
+
+
+def test_only_an_overflow_is_called_one():
+    """Message of ``within_float64`` by the kind of error."""
+    for numbers, reason in (((1e200, 1e200), "overflows float64"), ((np.inf, 0.0), "has no result")):
+        with pytest.raises(SolverFailure, match=reason), within_float64("exact", 1.0):
+            np.multiply(*numbers)

@@ -119,3 +119,16 @@ def test_random_horizons_hold_at_every_contact():
 @pytest.mark.campaign
 def test_six_hundred_random_horizons():
     assert certified(range(600)) > 500
+
+
+@pytest.mark.parametrize("method", ["exact", "cvode"])
+def test_a_point_that_the_motion_has_not_reached_ends_no_horizon(method):
+    """A load in the middle of a long chain: to t = 1/2 its ends move by rounding, as does the contact there."""
+    n = 300
+    K = 2.0 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
+    load = (np.eye(n)[n // 2], sb.Harmonic(1.0, 1.0, np.pi / 2.0))
+    contact = sb.Contact(np.eye(n)[-1], sb.Stops(upper=0.1, stiffness=100.0))
+    system = sb.System.from_matrices(np.eye(n), K, loads=[load], contacts=[contact])
+    run = sb.reference(system, 0.5, method, t_eval=np.linspace(0.0, 0.5, 51))
+    assert run.horizon == 0.5
+    assert abs(run.tip[-1]) < 1e-12

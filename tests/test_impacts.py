@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from scipy.interpolate import CubicHermiteSpline
@@ -90,3 +92,85 @@ def test_an_ensemble_and_a_file_keep_the_ends(system, tmp_path):
     assert np.array_equal(sb.load(run.save(tmp_path / "run.nc")).impacts.ends, run.impacts.ends, equal_nan=True)
     three = sb.integrate_ensemble(system, sb.HHT(alpha=-0.1), 1e-3, 0.6, [system] * 3)
     assert np.array_equal(three.contacts[0].impacts_of(2).ends, run.impacts.ends, equal_nan=True)
+
+
+def hammer(v0: float = 1.0, load: float = 0.0, **law: Any) -> sb.System:
+    """A free mass of 1 that starts on its stop at 0."""
+    loads = [([1.0], sb.Constant(load))]
+    contacts = [sb.Contact(np.ones(1), sb.Stops(upper=0.0, **law))]
+    return sb.System.from_matrices([[1.0]], [[0.0]], loads=loads, contacts=contacts, initial_velocity=[v0])
+
+
+def at_start(run: sb.Trajectory) -> Impacts:
+    """Row of the contact that is there at t = 0."""
+    assert run.impacts.at_start is not None
+    return run.impacts.at_start
+
+
+def solved(system: sb.System, method: str) -> sb.Trajectory:
+    """Solution to t = 1, by a reference or by HHT or Moreau-Jean."""
+    if method != "scheme":
+        return sb.reference(system, 1.0, method)
+    rigid = np.isinf(system.contacts[0].stops.stiffness)
+    return sb.integrate(system, sb.MoreauJean(theta=0.5) if rigid else sb.HHT(alpha=-0.1), 1e-4, 1.0)
+
+
+@pytest.mark.parametrize("method", ["exact", "multiprecision", "cvode", "dop853", "scheme"])
+def test_a_stroke_that_starts_on_the_stop_has_a_row(method, tmp_path):
+    """Half a sine: m v sqrt(kappa/m) = 10 and 2 m v until pi sqrt(m/kappa); it counts as no impact."""
+    run = solved(hammer(stiffness=100.0), method)
+    row = at_start(run)
+    assert run.impacts.count == 0
+    assert row.count == 1
+    rel = 1e-4 if method == "scheme" else 1e-8
+    assert [row.times[0], row.stops[0]] == [0.0, 1]
+    assert [row.ends[0], row.peaks[0], row.impulses[0]] == pytest.approx([np.pi / 10.0, 10.0, 2.0], rel=rel)
+    saved = sb.load(run.save(tmp_path / "run.nc"))
+    assert saved.impacts.count == 0
+    for table in (run.impacts, saved.impacts):
+        frame = table.to_dataframe()
+        assert frame["open_at_start"].tolist() == [True]
+        assert frame["peak"][0] == row.peaks[0]
+
+
+@pytest.mark.parametrize("method", ["multiprecision", "cvode", "scheme"])
+def test_a_damped_stroke_that_starts_on_the_stop(method):
+    """Its force is largest at t = 0, c v, and ends before the gap opens."""
+    system = hammer(stiffness=100.0, damping=19.0)
+    row, known = (at_start(solved(system, name)) for name in (method, "exact"))
+    rel = 1e-3 if method == "scheme" else 1e-7
+    assert known.peaks[0] == pytest.approx(19.0, rel=1e-12)
+    for name in ("ends", "peaks", "impulses"):
+        assert getattr(row, name) == pytest.approx(getattr(known, name), rel=rel)
+
+
+@pytest.mark.parametrize("method", ["exact", "multiprecision", "scheme"])
+def test_a_blow_of_a_rigid_stop_at_the_start_has_a_row(method):
+    """(1 + e) m v; pressed by 2 with e = 0, m v + 2 t, which is open at the end."""
+    row = at_start(solved(hammer(stiffness=np.inf, restitution=0.5), method))
+    assert row.impulses == pytest.approx([1.5])
+    assert row.ends[0] == pytest.approx(0.0, abs=2e-4)
+    run = solved(hammer(load=2.0, stiffness=np.inf, restitution=0.0), method)
+    assert run.impacts.count == 0
+    assert np.isnan(at_start(run).ends[0])
+    assert run.contacts[0].impulse == pytest.approx(3.0, rel=1e-3)
+
+
+@pytest.mark.parametrize("method", ["exact", "multiprecision"])
+def test_what_a_load_presses_on_a_rigid_stop_has_a_row_until_it_leaves(method):
+    """cos(2 t) presses until pi/4, with 1/2."""
+    contact = sb.Contact(np.ones(1), sb.Stops(upper=0.0, stiffness=np.inf, restitution=0.5))
+    load = ([1.0], sb.Harmonic(1.0, 2.0, np.pi / 2.0))
+    run = solved(sb.System.from_matrices([[1.0]], [[0.0]], loads=[load], contacts=[contact]), method)
+    row = at_start(run)
+    assert [row.ends[0], row.impulses[0]] == pytest.approx([np.pi / 4.0, 0.5], rel=1e-9)
+    assert run.impacts.count == 0
+
+
+@pytest.mark.parametrize("law", [{"stiffness": 100.0}, {"stiffness": np.inf, "restitution": 0.5}], ids=str)
+@pytest.mark.parametrize("method", ["exact", "multiprecision", "scheme"])
+def test_rest_on_a_stop_without_a_gap_has_no_row(method, law):
+    """Nothing presses it, and nothing moves."""
+    run = solved(hammer(0.0, **law), method)
+    assert run.impacts.count == 0
+    assert not run.impacts.listed()[0].impulses.any() or np.isnan(run.impacts.listed()[0].ends).all()

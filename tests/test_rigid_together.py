@@ -33,6 +33,45 @@ def test_an_order_that_rounding_decides_is_not_certified():
     assert np.max(np.abs(run.tip - known.tip)) > 0.01
 
 
+def balls(starts, restitution, v0, gap=0.0):
+    """Equal balls in a row, each with its stop at the next one: q_i - q_{i+1} <= gap."""
+    n = len(v0)
+    rows = np.eye(n)[:-1] - np.eye(n)[1:]
+    contacts = [stop(row, restitution, upper=gap) for row in rows]
+    given = {"initial_displacement": starts, "initial_velocity": v0}
+    return sb.System.from_matrices(np.eye(n), np.zeros((n, n)), contacts=contacts, **given)
+
+
+ROW = np.array([0.0, 0.1, 0.2, 0.30000000000000004, 0.4])  # differences of doubles: 0.1 but for rounding
+
+
+@pytest.mark.parametrize("method", BOTH)
+def test_an_impact_whose_result_the_order_decides_ends_the_horizon(method):
+    """All at once (-0.6, 0.4, ...); one after the other, as gaps give it, (0, 0, 0, 0, 1)."""
+    v0, at_once = np.eye(5)[0], [-0.6, 0.4, 0.4, 0.4, 0.4]
+    touching = sb.reference(balls(np.zeros(5), 1.0, v0), 1.0, method)
+    assert touching.horizon == 0.0
+    assert touching.states[1][-1] == pytest.approx(at_once, abs=1e-12)
+    later = sb.reference(balls(np.array([-0.5, 0.0, 0.0, 0.0, 0.0]), 1.0, v0), 1.0, method)
+    assert 0.49 < later.horizon < 0.5
+    assert sb.reference(balls(ROW, 1.0, v0, -0.1), 1.0, method).horizon == 0.0
+    apart = sb.reference(balls(np.zeros(5), 1.0, v0, 1e-12), 1.0, method)
+    assert apart.horizon == 1.0
+    assert apart.states[1][-1] == pytest.approx([0.0, 0.0, 0.0, 0.0, 1.0], abs=1e-12)
+
+
+@pytest.mark.parametrize("method", BOTH)
+@pytest.mark.parametrize(
+    ("restitution", "v0", "v"),
+    [(1.0, [1.0, 0.0, -1.0], [-1.0, 0.0, 1.0]), (0.0, [1.0, 0.0, 0.0], [1 / 3, 1 / 3, 1 / 3])],
+)
+def test_an_impact_whose_result_no_order_changes_is_known(method, restitution, v0, v):
+    """Two balls that hit a third from both sides, and balls that stay together."""
+    run = sb.reference(balls(np.zeros(3), restitution, v0), 1.0, method)
+    assert run.horizon == 1.0
+    assert run.states[1][-1] == pytest.approx(v, abs=1e-9)
+
+
 @pytest.mark.parametrize("restitution", [0.2, 0.5, 0.8])
 def test_ends_that_do_not_move_each_other_chatter_side_by_side(restitution):
     """Inertia 1: the flat fall is that of two balls, which rest after sqrt(2 h/g) (1 + 2 e/(1 - e))."""

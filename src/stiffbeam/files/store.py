@@ -19,7 +19,7 @@ from ..model.system import System, require_system
 from ..references import solve
 from ..schemes.labels import parse_run
 from ..trajectory.dataset import FORMAT, HASHED, LEDGER
-from ..trajectory.impacts import COLUMNS, ContactRecord, Impacts
+from ..trajectory.impacts import COLUMNS, OPEN_AT_START, ContactRecord, Impacts
 from ..trajectory.ledger import Ledger
 from ..trajectory.trajectory import Pieces, Reference, Trajectory, Work, output_index
 from .frozen import load_frozen
@@ -70,6 +70,8 @@ def _from_dataset(data: xr.Dataset, path: Path, system: System | None) -> Trajec
         mine = data["impact_contact"].values == i
         columns: Any = {name: data[f"impact_{name}"].values[mine] for name in COLUMNS}
         impacts = Impacts(**columns, kind=kinds[i % len(kinds)])
+        if f"impact_{OPEN_AT_START}" in data:  # older files have no such rows
+            impacts = impacts.started(data[f"impact_{OPEN_AT_START}"].values[mine] > 0)
         contacts.append(
             ContactRecord(
                 stops=Stops.of(given),

@@ -17,9 +17,10 @@ from ..model.stage import LINEAR
 from ..model.system import System
 from ..model.time_functions import offset_rate, offset_values
 from ..schemes import Scheme
-from ..trajectory.recorder import Seen, forces_at, impacts_of, overflow, record, shares, with_ends
+from ..trajectory.recorder import Seen, events_at_start, forces_at, impacts_of, overflow, record, shares, with_ends
 from ..trajectory.records import Records
 from ..trajectory.sampling import (
+    AT_START,
     CONTACT,
     END,
     EVENT,
@@ -30,6 +31,7 @@ from ..trajectory.sampling import (
     PEAK,
     ROW,
     SIDE,
+    TIME,
     new_tally,
 )
 from .build import build
@@ -160,7 +162,8 @@ class March:
         self.found = np.full((M, kept if jumps else 0, m), np.nan)
         if kept:
             self.positions[:, 0], self.velocities[:, 0] = u, v
-        self._rows, self.events = 0, np.empty((64 * M, EVENT))
+        begun = events_at_start(tally, self.law, self.stepper.dt, (u, v), self.stepper.contact == "conserving")
+        self._rows, self.events = len(begun), np.concatenate([begun, np.empty((64 * M, EVENT))])
         self._history = [np.stack([self.stepper.coordinates.start(*x) for x in zip(q0, v0, strict=True)], axis=1)]
 
     def advance(self, replayed: Callable[[Segment], None] | None = None) -> Iterator[int]:
@@ -262,7 +265,8 @@ class March:
         diverged = np.where(self.state.diverged > 0, self.state.diverged * dt, np.nan)
         for i in np.flatnonzero(~np.all(np.isfinite(tally[..., IMPULSE]), axis=1) & np.isnan(diverged)):
             diverged[i] = self.seen(int(i)).diverged
-        own = [self.events[self.events[:, CONTACT] == c] for c in range(tally.shape[1])]
+        events = self.events[self.events[:, TIME] != AT_START]
+        own = [events[events[:, CONTACT] == c] for c in range(tally.shape[1])]
         return Records(
             tip=self.positions[..., tip].copy(),
             tip_velocity=self.velocities[..., tip].copy(),

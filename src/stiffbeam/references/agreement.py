@@ -15,7 +15,8 @@ if TYPE_CHECKING:
     from ..trajectory.trajectory import Trajectory
 
 DISPLACEMENT_TOLERANCE = 1e-3  # of max |u|
-STILL = 1e-9  # of the tip's motion: that of a contact which stands still is rounding
+STILL = 1e-9  # of the motion: that of a point which stands still is rounding
+LOOKS = 64  # output times at which the size of the whole motion is looked at
 
 
 class Watched(NamedTuple):
@@ -43,10 +44,22 @@ def watched(run: Trajectory) -> Watched:
 
 
 def scales_of(run: Trajectory) -> list[float]:
-    """What 1e-3 is of, for every path of ``watched``: max|u|, of a contact at least the gap to its nearer stop and
-    STILL of the tip's."""
+    """Scale of 1e-3 for every path of ``watched``: max|u|, of a contact at least the gap to its nearer stop and STILL
+    of the tip's; of all of them at least STILL of what the whole motion could move the point by."""
     largest = float(np.max(np.abs(run.tip)))
-    return [largest, *(max(c.scale, STILL * largest) for c in run.contacts)]
+    scales = [largest, *(max(c.scale, STILL * largest) for c in run.contacts)]
+    return np.maximum(scales, STILL * _reach(run)).tolist()
+
+
+def _reach(run: Trajectory) -> Array:
+    """sqrt(row M^-1 row) max |q|_M >= max|row q| of the tip's row and every contact's; 0 of a run without states."""
+    system, state_at = run.system, getattr(run, "state_at", None)
+    if system is None or state_at is None:
+        return np.zeros(1 + len(run.contacts))
+    q, _ = state_at(run.t[:: -(-len(run.t) // LOOKS)])
+    length = np.sqrt(np.max(np.sum(q * (q @ system.mass), axis=1)))
+    rows = np.array([system.channels[i][0] for i in (system.tip_channel, *range(len(run.contacts)))])
+    return length * np.sqrt(np.sum(rows * np.linalg.solve(system.mass, rows.T).T, axis=1))
 
 
 def agree_until(a: Watched, b: Watched, tolerance: float, scales: Sequence[float], part: float = 1.0) -> float:

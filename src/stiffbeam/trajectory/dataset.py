@@ -11,7 +11,7 @@ import numpy as np
 
 from ..basics.units import NON_DIMENSIONAL, ONE, Units
 from ..basics.validation import InputError, file_path
-from .impacts import COLUMNS, Impacts
+from .impacts import COLUMNS, OPEN_AT_START, Impacts
 from .tables import impact_columns, write_csv, write_mat
 
 if TYPE_CHECKING:
@@ -75,8 +75,10 @@ def arrays_of(run: Trajectory) -> Arrays:
         }
         for name, attributes in totals.items():
             data[f"contact_{name}"] = (("contact",), np.array([getattr(c, name) for c in run.contacts]), attributes)
-        impacts = [c.impacts for c in run.contacts]
+        impacts, flags = zip(*(c.impacts.listed() for c in run.contacts), strict=True)
         data["impact_contact"] = (("impact",), np.repeat(np.arange(len(impacts)), [i.count for i in impacts]), {})
+        text = "1: contact that is there at t = 0, which is no impact"
+        data[f"impact_{OPEN_AT_START}"] = (("impact",), np.concatenate(flags).astype(np.int64), named(text))
         every = Impacts.concatenate(impacts)
         for name, (text, quantity) in COLUMNS.items():
             data[f"impact_{name}"] = (("impact",), getattr(every, name), named(text, quantity))

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..basics.arrays import Array
+from ..basics.arrays import Array, BoolArray
 from ..basics.validation import bound
 from ..model.contact import Stops
 from .tables import table
@@ -26,6 +26,7 @@ COLUMNS = {
     "impulses": ("integral of |sigma| over the impact", "impulse"),
 }
 SINGULAR = {"times": "time", "ends": "end", "stops": "stop", "peaks": "peak", "impulses": "impulse"}  # of one impact
+OPEN_AT_START = "open_at_start"  # flag of a row: a contact that is there at t = 0, which is no impact
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -38,11 +39,13 @@ class Impacts:
     a reaction. Contact at t = 0 is no impact, in either kind and with every law: neither what begins
     beyond a stop or exactly on one without leaving it (u' into it or zero), nor the blow of a rigid stop
     at t = 0. It ends when the gap first opens; what is entered after that counts. Its force and impulse belong
-    to the contact all the same. Nor does touching without penetration count; at a start at rest on a stop
+    to the contact all the same, and ``at_start`` has them in a row of its own, which tables and files list first and
+    flag as open at the start. Nor does touching without penetration count; at a start at rest on a stop
     whose force is exactly zero the rounding decides.
     times: of entry. ends: of exit. stops: +1 upper, -1 lower. peaks: max |sigma|. impulses: integral of
     |sigma|. Ends, peaks and impulses are NaN for an impact still open at the end, and where the solver does
-    not measure them.
+    not measure them. at_start: the contact that is there at t = 0, a table of one row with time 0; None where there is
+    none or where it never presses.
     """
 
     times: Array
@@ -51,10 +54,11 @@ class Impacts:
     peaks: Array
     impulses: Array
     kind: str
+    at_start: Impacts | None = None
 
     @property
     def count(self) -> int:
-        """The number of impacts, an open one included."""
+        """The number of impacts, at t > 0: one still open at the end counts, contact at t = 0 does not."""
         return len(self.times)
 
     @property
@@ -70,28 +74,43 @@ class Impacts:
         """The impacts at times <= t."""
         return self.take(self.times <= bound("t", t))
 
+    def listed(self) -> tuple[Impacts, BoolArray]:
+        """Rows of the contact at t = 0, if any, and of the impacts; which of them are open at the start."""
+        rows = [table for table in (self.at_start, self) if table is not None]
+        return Impacts.concatenate(rows), np.arange(sum(table.count for table in rows)) < len(rows) - 1
+
+    def started(self, first: BoolArray) -> Impacts:
+        """The impacts of these rows without the ``first`` (count,), which are one contact that is there at t = 0."""
+        held, others = self.take(first), self.take(~first)
+        if not held.count or np.all(held.impulses == 0.0):
+            return others
+        largest, total = np.array([np.max(held.peaks)]), np.array([np.sum(held.impulses)])
+        whole = replace(held.take(slice(0, 1)), times=np.zeros(1), ends=held.ends[-1:], peaks=largest, impulses=total)
+        return replace(others, at_start=whole)
+
     @staticmethod
     def concatenate(tables: Sequence[Impacts]) -> Impacts:
-        """One table of the rows of several of one kind, which keep their order."""
+        """One table of the rows of several of one kind, which keep their order, without their ``at_start``."""
         columns: Any = {name: np.concatenate([getattr(table, name) for table in tables]) for name in COLUMNS}
         return Impacts(**columns, kind=tables[0].kind)
 
     @staticmethod
     def at(times: ArrayLike, stops: ArrayLike, kind: str, **columns: ArrayLike) -> Impacts:
-        """Impacts of which some columns are known; the others are NaN. Events at t = 0 are none."""
+        """Impacts of which some columns are known; the others are NaN. Events at t = 0 are the contact at the start."""
         times = np.asarray(times, float)
         others: Any = {name: np.asarray(columns.get(name, np.full(len(times), np.nan)), float)
                        for name in ("ends", "peaks", "impulses")}  # fmt: skip
         found = Impacts(times=times, stops=np.asarray(stops, np.int64), **others, kind=kind)
-        return found.take(times > 0.0) if kind == "event" else found
+        return found.started(times <= 0.0) if kind == "event" else found
 
     def __repr__(self) -> str:
         span = f", t = {self.times[0]:g} to {self.times[-1]:g}" if self.count else ""
-        return f"<Impacts: {self.count} {self.kind}{span}>"
+        return f"<Impacts: {self.count} {self.kind}{span}{', open at the start' if self.at_start else ''}>"
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """One line per impact: time, end, stop, peak, impulse."""
-        return table({SINGULAR[name]: getattr(self, name) for name in COLUMNS})
+        """One line per impact: time, end, stop, peak, impulse, and open_at_start for the contact at t = 0."""
+        rows, flags = self.listed()
+        return table({SINGULAR[name]: getattr(rows, name) for name in COLUMNS} | {OPEN_AT_START: flags})
 
     @staticmethod
     def none(kind: str) -> Impacts:

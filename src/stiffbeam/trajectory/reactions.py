@@ -13,8 +13,9 @@ class Reactions:
     """One contact, fed with the mean reactions R of consecutive steps; the impacts are those after step ``since``.
 
     An impact is a row of steps with R of one sign: it begins with the first of them and ends with the last. One that
-    begins before a contact there is at t = 0 has opened is none. A rigid stop has no largest force, its
-    impulse is what an impact leaves: peaks are NaN. The largest mean of a step, ``max(abs(force))``, grows like 1/dt.
+    begins before a contact that is there at t = 0 has opened is part of that contact. A rigid stop has no largest
+    force, its impulse is what an impact leaves: peaks are NaN. The largest mean of a step, ``max(abs(force))``, grows
+    like 1/dt.
     """
 
     def __init__(self, stops: Stops, dt: float, u0: float, v0: float, since: int = 0) -> None:
@@ -53,7 +54,9 @@ class Reactions:
         before = np.concatenate([[0.0], *self._fed])[self.since]  # in the last step that does not count
         side = np.concatenate([[np.sign(before)], np.sign(R)])
         enters = np.flatnonzero((side[1:] != 0.0) & (side[1:] != side[:-1]))
-        enters = enters[enters + self.since > self._last]
+        first = enters + self.since <= self._last
+        if self.since:
+            enters, first = enters[~first], first[~first]
         leaves = np.flatnonzero((side[:-1] != 0.0) & (side[1:] != side[:-1]))
         sizes = np.concatenate([[0.0], np.cumsum(np.abs(R))]) * self.dt
         ends = np.full(len(enters), len(R))
@@ -67,4 +70,4 @@ class Reactions:
             "sampled",
             ends=np.where(found, (start + ends) * self.dt, np.nan),
             impulses=np.where(found, sizes[ends] - sizes[enters], np.nan),
-        )
+        ).started(first)

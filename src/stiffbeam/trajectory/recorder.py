@@ -15,12 +15,15 @@ from ..model.system import System
 from ..model.time_functions import offset_rate, offset_values
 from .impacts import ContactRecord, Impacts
 from .sampling import (
+    AT_START,
+    CONTACT,
     END,
     EVENT,
     IMPACT_IMPULSE,
     IMPACT_PEAK,
     IMPULSE,
     LAST,
+    MEMBER,
     PEAK,
     ROW,
     SIDE,
@@ -36,10 +39,12 @@ Motion = tuple[Array, Array]  # u and u' at a time, (M, C), the contacts first
 
 
 def impacts_of(events: Array) -> Impacts:
-    """Rows of a list of events as sampled impacts."""
+    """Rows of a list of events of one contact as sampled impacts."""
     columns = (events[:, column].copy() for column in (TIME, END, STOP, IMPACT_PEAK, IMPACT_IMPULSE))
     times, ends, stops, peaks, impulses = columns
-    return Impacts(times=times, ends=ends, stops=stops.astype(np.int64), peaks=peaks, impulses=impulses, kind="sampled")
+    sides = stops.astype(np.int64)
+    rows = Impacts(times=times, ends=ends, stops=sides, peaks=peaks, impulses=impulses, kind="sampled")
+    return rows.started(times == AT_START)
 
 
 @compiled
@@ -51,6 +56,19 @@ def forces_at(u: Array, v: Array, law: Array) -> Array:
         for c in range(m):
             out[i, c] = law_force(u[i, c], v[i, c], law_of(law[i], c))
     return out
+
+
+def events_at_start(tally: Array, law: Array, dt: float, first: Motion, means: bool) -> Array:
+    """Rows of the contacts that are there at t = 0, open, to begin the list of events with; new tallies (M, m, 8) get
+    their numbers. Peak and impulse begin with those of the force there, as in ``with_ends``."""
+    member, contact = np.nonzero((tally[..., SIDE] != 0.0) & (tally[..., SINCE] == 0.0))
+    size = np.abs(forces_at(*first, law))[member, contact]
+    rows = np.zeros((len(member), EVENT))
+    rows[:, MEMBER], rows[:, CONTACT], rows[:, TIME], rows[:, END] = member, contact, AT_START, -1.0
+    rows[:, STOP], rows[:, IMPACT_PEAK] = tally[member, contact, SIDE], size
+    rows[:, IMPACT_IMPULSE] = 0.0 if means else 0.5 * dt * size
+    tally[member, contact, ROW] = np.arange(len(member))
+    return rows
 
 
 def with_ends(tally: Array, law: Array, dt: float, first: Motion, last: Motion, means: bool) -> Array:
@@ -122,12 +140,15 @@ class SampledImpacts:
         self._means, self._last = False, (np.array([[u0]]), np.array([[v0]]))
         self._first = self._last[0].copy(), self._last[1].copy()
         self._tally = new_tally(*self._last, stops.law, since)
-        self._events, self._rows = np.empty((64, EVENT)), 0
+        begun = events_at_start(self._tally, stops.law[None, None], dt, self._first, False)
+        self._events, self._rows = np.concatenate([begun, np.empty((64, EVENT))]), len(begun)
 
     def feed(self, u: Array, v: Array, means: Array | None = None, found: Array | None = None) -> None:
         """Positions u and velocities v at the ends of the next steps, (k,), the reactions where they are means, and
         the forces that nodes found where the state does not tell them."""
         self._means = means is not None
+        if self._means and not self.steps:
+            self._events[: self._rows, IMPACT_IMPULSE] = 0.0
         means, found = (
             np.zeros((0, 0, 0)) if x is None else np.array(x, float).reshape(1, -1, 1) for x in (means, found)
         )

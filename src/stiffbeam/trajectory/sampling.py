@@ -29,9 +29,11 @@ TALLY = 8
 ON = 1e-14  # of a position: so near a stop a node is on it
 # The steps up to SINCE are passed over; SIDE is followed from the start. LAST is |F| at the last step, of laws that are
 # not linear.
-# An impact is one row of a list of events; ROW is the row of the one that is open, or -1.
+# An impact is one row of a list of events; ROW is the row of the one that is open, or -1. A contact that is there at
+# t = 0 has a row too, with TIME = AT_START.
 MEMBER, CONTACT, TIME, STOP, IMPACT_PEAK, IMPACT_IMPULSE, END = range(7)
 EVENT = 7
+AT_START = -1.0
 
 
 def new_tally(u0: Array, v0: Array, law: Array, since: int = 0) -> Array:

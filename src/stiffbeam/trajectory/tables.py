@@ -34,13 +34,13 @@ def table(columns: dict[str, Any], attributes: dict[str, Any] | None = None) -> 
 
 
 def impact_columns(contacts: tuple[ContactRecord, ...]) -> dict[str, list[Any]]:
-    """contact, time, end, stop, peak and impulse of every impact, contact by contact."""
-    found: dict[str, list[Any]] = {name: [] for name in ("contact", "time", "end", "stop", "peak", "impulse")}
+    """contact, time, end, stop, peak, impulse and open_at_start of every row, contact by contact."""
+    names = ("time", "end", "stop", "peak", "impulse", "open_at_start")
+    found: dict[str, list[Any]] = {name: [] for name in ("contact", *names)}
     for i, contact in enumerate(contacts):
-        x = contact.impacts
+        x, flags = contact.impacts.listed()
         found["contact"] += [i] * x.count
-        columns = {"time": x.times, "end": x.ends, "stop": x.stops, "peak": x.peaks, "impulse": x.impulses}
-        for name, values in columns.items():
+        for name, values in zip(names, (x.times, x.ends, x.stops, x.peaks, x.impulses, flags), strict=True):
             found[name] += values.tolist()
     return found
 

@@ -57,9 +57,8 @@ def contact_record(
             largest = np.nanmax([largest, own, at_entry, at_exit])
             impulse = side * float(z_left[rhs.states + 2 + i] - z[rhs.states + 2 + i])
             total += impulse
-            if entry > 0.0:
-                nan = np.nan
-                spans.append((entry, left, side, own, impulse) if ended else (entry, nan, side, nan, nan))
+            nan = np.nan
+            spans.append((entry, left, side, own, impulse) if ended else (entry, nan, side, nan, nan))
     spans.sort(key=lambda span: span[0])
     columns = np.array(spans).reshape(-1, len(COLUMNS)).T
     return ContactRecord(
@@ -90,6 +89,6 @@ def _sampled(t: Array, u: Array, v: Array, stops: Stops) -> tuple[Impacts, float
         if side := int(chi[a]):
             begin, end = switch(a, side) if a else float(t[0]), np.nan if b is None else switch(b, side)
             closed += (float(t[-1]) if b is None else end) - begin
-            spans += [(begin, end, side)] if a else []
+            spans += [(begin, end, side)] if a or t[0] == 0.0 else []
     times, ends, hit = np.array(spans).reshape(-1, 3).T
-    return Impacts.at(times, hit, "sampled", ends=ends), closed / float(t[-1] - t[0])
+    return Impacts.at(times, hit, "sampled", ends=ends).started(times == 0.0), closed / float(t[-1] - t[0])

@@ -38,7 +38,10 @@ def within_float64(solver: str, t_end: float) -> Generator[None, None, None]:
         with np.errstate(over="raise", divide="raise", invalid="raise"):
             yield
     except (ArithmeticError, np.linalg.LinAlgError) as error:
-        raise SolverFailure(solver, t_end, f"the motion overflows float64 ({error})", REMEDY) from None
+        if isinstance(error, OverflowError) or "overflow" in str(error):
+            raise SolverFailure(solver, t_end, f"the motion overflows float64 ({error})", REMEDY) from None
+        reason = f"float64 has no result for a step of the calculation ({error})"
+        raise SolverFailure(solver, t_end, reason, "use method='multiprecision'") from None
 
 
 def audit(
@@ -52,8 +55,9 @@ def audit(
 
     It is open where the sum of its openings exceeds what rounding explains, for every switch ROUNDINGS eps
     (w |q|_M sqrt(2 E) + 2 E) with the fastest frequency w, though not less than SEEN nor more than LOST of
-    the energy. Pieces are looked at in the middle. Rigid stops turn velocities: there energies are compared,
-    not velocities. start: q, q' (n,) at t = 0, None for those of the system.
+    the energy, and the rounding of the terms of q^T K q, which cancel where a body moves as a whole. Pieces are
+    looked at in the middle. Rigid stops turn velocities: there energies are compared, not velocities. start: q, q' (n,)
+    at t = 0, None for those of the system.
     """
     q0, v0 = (system.q0, system.v0) if start is None else start
     times, sides = solution.times, solution.sides
@@ -78,11 +82,14 @@ def audit(
         opening[1:-1] += free[2 * count : -1]
         opening[1:] += inside
     length = np.sqrt(np.sum(q * (q @ system.mass), axis=1))
-    rounding = 2.0 * np.pi / solution.shortest_period * length * np.sqrt(2.0 * energy) + 2.0 * energy
-    allowed = np.cumsum(np.append(rounding[after], 0.0) + np.append(0.0, rounding[count:]))
+    positive = np.maximum(energy, 0.0)
+    rounding = 2.0 * np.pi / solution.shortest_period * length * np.sqrt(2.0 * positive) + 2.0 * positive
+    terms = EPS * np.sum(np.abs(q) * (np.abs(q) @ np.abs(system.stiffness)), axis=1)
+    allowed, cancelled = (np.cumsum(np.append(x[after], 0.0) + np.append(0.0, x[count:])) for x in (rounding, terms))
     largest = np.maximum.accumulate(np.maximum(np.maximum(energy[after], energy[count:]), held))
     largest = np.append(largest, largest[-1])
     allowed = np.clip(ROUNDINGS * EPS * np.sqrt(system.size) * allowed, SEEN * largest, LOST * largest)
+    allowed += cancelled
     total = np.cumsum(opening)
     open_at = np.flatnonzero(total > allowed + NOTHING * largest[-1])
     if len(open_at):

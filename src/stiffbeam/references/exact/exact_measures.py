@@ -131,6 +131,7 @@ def record_of(
     late = ends > since
     starts, ends, sides = starts[late], ends[late], sides[late]
     counted = starts > since  # contact that is there at the start is no impact
+    listed = counted | (starts == 0.0)
     starts = np.maximum(starts, since)
     peaks, impulses = solution.press(system, i, starts, ends, sides) if len(starts) else np.zeros((2, 0))
     ended = ends < t_end
@@ -141,13 +142,13 @@ def record_of(
         velocity=velocity,
         force=contact.stops.force(position, velocity),
         impacts=Impacts(
-            times=starts[counted],
-            ends=np.where(ended, ends, np.nan)[counted],
-            stops=sides[counted],
-            peaks=np.where(ended, peaks, np.nan)[counted],
-            impulses=np.where(ended, impulses, np.nan)[counted],
+            times=starts[listed],
+            ends=np.where(ended, ends, np.nan)[listed],
+            stops=sides[listed],
+            peaks=np.where(ended, peaks, np.nan)[listed],
+            impulses=np.where(ended, impulses, np.nan)[listed],
             kind="event",
-        ),
+        ).started(~counted[listed]),
         fraction=float(np.sum(ends - starts) / (t_end - since)),
         peak_force=float(np.max(peaks, initial=0.0)),
         impulse=float(np.sum(impulses)),

@@ -22,6 +22,7 @@ from ...basics.validation import InputError
 from ...model.active_set import solve_node
 from ...model.system import System
 from ...trajectory.trajectory import SolverFailure
+from ..rigid_stops import order_decides
 from .impacted import Event, Solution
 from .starting import on_stops, together_but_for_rounding
 from .taylor import Model, first_zero, rate, stays, value
@@ -88,6 +89,8 @@ class Tracer:
                 hits = {x: side for after, x, side, ends in events if not ends and after - s <= near}
                 turns |= hits
                 if still < TURNS or not self._rest(turns):
+                    pressed = {x for i, x in enumerate(held) if np.any(R[:, i])}
+                    self._note_order({**self.held, **hits}, pressed)
                     self._impact(hits)
         for event in self.found.events:
             if math.isnan(event.end) and event.contact in self.held and event is self._last(event.contact):
@@ -159,9 +162,10 @@ class Tracer:
         going = {c: side for c, side in closed.items() if speeds[c] > 0.0}
         if going:
             self.held = dict(resting)
-            self._bounce({**resting, **going})
+            self._note_order(closed, set())
             if together_but_for_rounding(self.model, self.compliance, closed, going):
                 self.found.tie = 0.0
+            self._bounce({**resting, **going})
         at_rest = {c: side for c, side in {**resting, **going}.items() if c not in self.fresh}
         for contact in closed.keys() - resting.keys() - going.keys():
             side = closed[contact]
@@ -171,6 +175,15 @@ class Tracer:
             elif left == 0.0:
                 at_rest[contact] = side
         self._settle(at_rest)
+        for contact, side in self.held.items():
+            self._note_held(contact, side, 0.0)
+
+    def _note_order(self, closed: dict[int, int], pressed: set[int]) -> None:
+        """Contacts on their stops now, before a blow of which the order would decide what follows."""
+        speeds = np.array([0.0 if c in self.held else self._velocity(c) for c in range(self.m)])
+        fast = max((closed[c] * speeds[c] for c in closed), default=0.0) > SLOW * self.fastest
+        if fast and order_decides(self.compliance, self.e, speeds, closed, pressed):
+            self.found.tie = min(self.found.tie, self.t)
 
     def _velocity(self, contact: int) -> float:
         return float(self.model.rows[contact] @ self.v + self.model.shift(contact, self.t)[1])

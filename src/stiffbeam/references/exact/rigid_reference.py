@@ -42,8 +42,9 @@ def solve_rigid(
     Contacts are recorded from ``since`` on. Its horizon, not a number unless ``trusted``, is the time to which it
     agrees with COPIES of itself, made of other stretches from a start whose velocities are off by a few roundings of
     the largest, but for contacts that are written as at rest on their stops: in positions of the tip and of every
-    contact to APART of the largest, in impact times likewise and to a fortieth of the mean time between them. Before
-    two contacts that move each other close at one time but for rounding it ends: the order decides what follows.
+    contact to APART of the largest, in impact times likewise and to a fortieth of the mean time between them. It
+    ends before two contacts that move each other close at one time but for rounding, and before blows at one time of
+    which the order decides what follows, see ``order_decides``; the solution goes on with all of them at once.
     Impacts that two contacts deal each other without end are counted as far as float64 tells them apart: how many is
     not a number of the motion.
     Raises InputError for compliant stops beside rigid ones, for stops without restitution, dependent contacts, other

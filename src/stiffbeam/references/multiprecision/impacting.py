@@ -24,6 +24,7 @@ from ...basics.budget import Forecast
 from ...basics.validation import InputError
 from ...model.system import System
 from ...trajectory.trajectory import SolverFailure
+from ..rigid_stops import order_decides
 from .complementarity import least_index, newton, solve
 from .first_zero import Undecided, first_zero, leading
 from .linear_flow import LinearFlow, Regime, Series
@@ -60,7 +61,8 @@ class Stretch:
 @dataclass(eq=False)
 class Motion:
     """What was found: the stretches, the impacts, energy taken (time, by the stops, put in by their motion), how long
-    each contact was held and pressed, the ends of chatter (time, contact), and what its series leave out of a time."""
+    each contact was held and pressed, the ends of chatter (time, contact), what its series leave out of a time, and
+    the first tie."""
 
     flow: LinearFlow
     stretches: list[Stretch] = field(default_factory=list)
@@ -70,6 +72,7 @@ class Motion:
     pressed: list[float] = field(default_factory=list)
     stuck: list[tuple[Any, int]] = field(default_factory=list)
     left_out: float = 0.0
+    tie: float = math.inf  # time of the first impact whose order would decide what follows
 
 
 class March:
@@ -187,9 +190,12 @@ class March:
     def _begin(self) -> None:
         """Contacts on their stops at t = 0."""
         closed: dict[int, int] = {}
+        rounded: set[int] = set()  # on their stops but for the rounding of the start
         for c, side, g in self.stops:
             series = self.flow.series(self.flow.regime(()), self.z, arb(0))
             gap = self._gap(c, side, g, series)[0]
+            if not gap.contains(0) and abs(gap.mid()) <= ON_THE_STOP * abs(g):
+                rounded.add(c)
             if gap.contains(0) or gap < 0:
                 if not -gap.mid() <= ON_THE_STOP * abs(g) + gap.rad():
                     u = float((self.flow.forms[c] * self.z)[0, 0])
@@ -201,10 +207,16 @@ class March:
                 closed[c] = side
         speeds = {c: side * self._speed(c) for c, side in closed.items()}
         going = {c: closed[c] for c, speed in speeds.items() if speed > 0}
+        near = {c for c, side, _ in self.stops if c in rounded and (c in going or side * self._speed(c) > 0)}
+        if any(c != x and not self.flow.compliance[c, x].contains(0) for c in rounded for x in going.keys() | near):
+            self.found.tie = 0.0
         if going:
             self._meet(going, resting={c: closed[c] for c, speed in speeds.items() if speed.contains(0)})
         else:
             self._settle({c: closed[c] for c, speed in speeds.items() if speed.contains(0)})
+        for c in self.held:
+            if self._last(c) is None:
+                self.found.impacts.append(Impact(c, self.held[c], self.t, arb(0)))
 
     def _meet(self, hits: dict[int, int], resting: dict[int, int] | None = None) -> None:
         """Newton's law where contacts close, then what is at rest on a stop is held or let go."""
@@ -214,6 +226,8 @@ class March:
         closed = {**self.held, **(resting or {}), **hits}
         before = {c: self._speed(c) if c in hits else arb(0) for c in closed}
         hits = {c: side for c, side in hits.items() if side * before[c] > 0}  # the others touch without a speed
+        if len(closed) > 1 and hits:
+            self._note_order(closed, before)
         P, jump = newton(self.flow, self.e, closed, before) if hits else ({}, dict.fromkeys(closed, arb(0)))
         self._push(P)
         at_rest = {}
@@ -231,6 +245,22 @@ class March:
         for c, side in hits.items():
             if c not in self.held:
                 self._complete(c, side)
+
+    def _note_order(self, closed: dict[int, int], before: dict[int, Any]) -> None:
+        """Contacts on their stops now, before a blow of which the order would decide what follows."""
+        last = self.found.stretches[-1] if self.found.stretches else None
+        pressed: set[int] = set()
+        if last is not None:
+            series = self.flow.series(last.regime, last.z, last.length)
+            pressed = {
+                c
+                for c, form in zip(last.regime.held, last.regime.reactions, strict=True)
+                if any(not x.contains(0) for x in series.of(form))
+            }
+        compliance = np.array(self.flow.compliance.tolist(), float)
+        speeds = np.array([float(before[c]) if c in before else float(self._speed(c)) for c in range(self.m)])
+        if order_decides(compliance, np.array(self.e, float), speeds, closed, pressed):
+            self.found.tie = min(self.found.tie, float(self.t))
 
     def _list(self, c: int, side: int, impulse: Any) -> None:
         last = self._last(c)

@@ -43,7 +43,9 @@ def solve_rigid(request: Request) -> Reference:
     stops, time functions made of Harmonic, Constant and Sampled. "auto" begins with FIRST digits, and goes on until
     two runs agree to t_end, in impacts and outputs; a fixed number gives the horizon to which both agree. Impacts that
     accumulate are followed until their series leaves out less than the digits hold, at most
-    provenance["chatter_left_out"] of the time at which they end. Raises InputError as ``_require_known``, for more than
+    provenance["chatter_left_out"] of the time at which they end. The horizon ends before blows at one
+    time of which the order decides what follows, and at t = 0 where rounding of the start decides it.
+    Raises InputError as ``_require_known``, for more than
     200 000 impacts, and where outputs are not in order; SolverFailure where a stop is touched so closely that even
     four times the digits do not tell whether it is hit.
     """
@@ -70,6 +72,7 @@ def solve_rigid(request: Request) -> Reference:
             before, its_run = previous
             horizon = min(_agreement(before, found, t_end), _outputs(its_run, run))
             if horizon >= t_end or digits != "auto":
+                horizon = min(horizon, float(np.max(t[t < found.motion.tie], initial=0.0)))
                 notes = {
                     "digits_confirmed_with": before.digits,
                     "horizon": horizon,
