@@ -123,7 +123,7 @@ def _require_condensable(system: System, nodes: list[int], b: int) -> None:
     for vector, function in system.loads:
         if vector[b] and not in_closed_form(function):
             rule = "be made of Harmonic, Constant and Sampled where it acts on a massless contact"
-            raise InputError("loads", function, rule, "sample it: stiffbeam.Sampled(t, values)")
+            raise InputError("loads", function, rule, "give samples of it")
     if not np.any(system.stiffness[b, others]):
         remedy = "put the contact on a node of the structure"
         raise InputError(f"unknown {b}", "a node coupled to nothing", "be coupled to others in stiffness", remedy)

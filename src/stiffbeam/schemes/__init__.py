@@ -19,7 +19,7 @@ from .moreau_jean_bilbao import MoreauJeanBilbao
 from .nonsmooth_alpha import NonsmoothGeneralisedAlpha
 from .own import own_class
 from .paoli_schatzman import PaoliSchatzman
-from .rigid_scheme import RigidScheme
+from .rigid_scheme import RigidScheme, takes_stops
 from .scheme import Scheme
 from .sdirk import GAMMA_THIRD_ORDER, SDIRK
 from .theta import Theta
@@ -86,4 +86,5 @@ __all__ = [
     "Trapezoidal",
     "make",
     "registered",
+    "takes_stops",
 ]

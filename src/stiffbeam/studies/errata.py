@@ -40,6 +40,8 @@ from .common import (
     scheme_of,
     solve_once,
     system_of,
+    takes,
+    takes_extrapolation,
 )
 from .converge import ROUNDING
 from .engine.study import Answer, Point, Records, Row, Rows, Study
@@ -65,12 +67,17 @@ def points(
     start = case.dt if dt is None else dt
     window = first_impacts(case, form, impacts) if case.has_stops else 0.0
     found: list[Point] = []
-    for label in scheme_labels(case, schemes):
+    labels = scheme_labels(case, schemes)
+    if schemes is None:  # without contact, a misprint costs the same whatever the stops are
+        have = {scheme_of(label).name for label in labels}
+        labels += [name for name in SCHEMES if name not in have and forms_of(make(name))]
+    for label in labels:
         readings = [(f"printed({name})", "implicit") for name in forms_of(scheme_of(label))]
-        if window:
+        touches = window and takes(case, scheme_of(label))
+        if touches and takes_extrapolation(case):
             readings.append(("extrapolated contact", "extrapolated"))
         for reading, contact in readings:
-            for kind in ("smooth", "contact") if window else ("smooth",):
+            for kind in ("smooth", "contact") if touches else ("smooth",):
                 if kind == "smooth" and contact == "extrapolated":
                     continue  # there is none to extrapolate
                 end, first = (
