@@ -255,8 +255,6 @@ class TestRefusals:
         for call in (sb.rigid_limit, sb.lyapunov):
             with pytest.raises(InputError, match="linear law"):
                 call(system, 1.0)
-        with pytest.raises(InputError, match="linear law"):
-            sb.reference_ensemble(system, 1.0, sb.perturbed(system, 2))
         for law in (stops, self.kelvin_voigt):
             with pytest.raises(InputError):
                 law.solve(1.0, 0.1)

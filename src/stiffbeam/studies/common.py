@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Annotated
+from typing import Annotated, Any
 
 from ..basics.budget import afford
 from ..basics.validation import InputError, integer, sequence
@@ -15,7 +15,7 @@ from ..references import best_reference
 from ..schemes import RIGID, SCHEMES, RigidScheme, Scheme, make, takes_stops
 from ..schemes.own import own_label
 from ..trajectory.trajectory import Reference
-from .engine.study import Answer, Row, Rows
+from .engine.study import Answer, Row, Rows, Study
 
 # What the options of several studies are and mean; the commands read it here.
 Schemes = Annotated[list[str] | None, "with commas between them, e.g. 'bdf2,hht(alpha=-0.2)'; default: all"]
@@ -63,6 +63,18 @@ def takes(case: Case, scheme: Scheme) -> bool:
 def takes_extrapolation(case: Case) -> bool:
     """Whether the case's stops have a force of the position alone, which the extrapolated contact of the paper asks."""
     return not any(c.stops.rigid or c.stops.dissipative for c in case.system(case.forms[0]).contacts)
+
+
+def smoke_options(study: Study, case: Case) -> dict[str, Any]:
+    """The study's options for a run of seconds on ``case``: a system of matrices keeps its own time span, and in place
+    of schemes without a law for its stops runs the first of its own."""
+    options = dict(study.smoke)
+    if case.beam is None:
+        options.pop("t_end", None)
+    meets_stops = study.needs_motion or study.name == "converge"
+    if meets_stops and not all(takes(case, scheme_of(label)) for label in options.get("schemes", ())):
+        options["schemes"] = [str(case.runs[0][0])]
+    return options
 
 
 def label_of(scheme: str | Scheme) -> str:
