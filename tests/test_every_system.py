@@ -25,10 +25,11 @@ REFUSED = {
     "rigid_beam": "be a beam with stops",
     "rigid": "0 for rigid stops|at one place|at rest for rigid stops|for a limit of rigid stops",
     "sweep": "once a period|driven by a Harmonic|move at the drive's frequency|exactly one Harmonic drive",
-    "errata": "keep the printed",  # some misprints grow at some steps
+    "errata": "keep the printed|have a misprint",  # some grow at some steps; HHT has none beside its contact
     "modes": "does not oscillate",  # a mode that is more than critically damped
 }
 WITHOUT_STOPS = "have stops"
+FAILED = {"chaos": "tangent vectors vanish"}  # of blows with e = 0, after which nothing of a neighbour is left
 
 MORE: dict[str, dict[str, Any]] = {"modes": {"steps": 4000}}  # smoke options that are too short for these systems
 COMMANDS = ("compare", "advise", "reference", "agree", "animate")
@@ -70,7 +71,8 @@ def test_every_study_answers_or_refuses_for_a_reason_named_here(study, name):
     if records is None:
         assert re.search(WITHOUT_STOPS if not system.contacts else REFUSED[study], refused), refused
         return
-    assert not records.failures
+    for row in records.failures:
+        assert re.search(FAILED[study], row["failed"]), row["failed"]
     for row in records.refusals:
         assert re.search(REFUSED[study], row["refused"]), row["refused"]
     assert records.found
@@ -108,7 +110,7 @@ def asked(what: str, file: str) -> list[str]:
         "compare": ["compare", file, "--json", "-"],
         "advise": ["advise", file, "--most-steps", "2048", "--members", "4", "--json", "-"],
         "reference": ["reference", file, "--json", "-"],
-        "agree": ["reference", file, "--method", "all", "--budget", "5", "--json", "-"],
+        "agree": ["reference", file, "--method", "all", "--budget", "1", "--json", "-"],
         "animate": ["animate", file, "--seconds", "0.3", "--json", "-"],
     }[what]
 

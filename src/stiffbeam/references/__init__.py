@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from ..model.system import System
     from ..trajectory.trajectory import Reference
 
-__all__ = ["METHODS", "REFERENCES", "best_reference", "reference", "solve", "substitute"]
+__all__ = ["METHODS", "REFERENCES", "best_reference", "reference", "solve", "substitute", "takes"]
 
 BEST_RTOL = 1e-12  # of an adaptive solver where a system has no exact solution
 
@@ -121,6 +121,13 @@ def substitute(system: System, t_end: float) -> str:
         rule = f"{error.field} must {error.rule}"
         return f"No exact solution ({rule}): {BEST[1]} at rtol {BEST_RTOL:g} stands for it."
     return ""
+
+
+def takes(method: str, system: System, t_end: float) -> bool:
+    """Whether ``method`` has an answer for the stops of a system, the exact solutions for its functions of time too."""
+    if REFERENCES[method].kind == ADAPTIVE:
+        return not any(contact.stops.rigid for contact in system.contacts)
+    return not substitute(system, t_end)
 
 
 def solve(

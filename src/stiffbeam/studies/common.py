@@ -12,6 +12,7 @@ from ..measures.windows import first_impacts_end
 from ..model.modes import modes
 from ..model.system import System
 from ..references import best_reference
+from ..references import takes as method_takes
 from ..schemes import RIGID, SCHEMES, RigidScheme, Scheme, make, takes_stops
 from ..schemes.own import own_label
 from ..trajectory.trajectory import Reference
@@ -67,13 +68,15 @@ def takes_extrapolation(case: Case) -> bool:
 
 def smoke_options(study: Study, case: Case) -> dict[str, Any]:
     """The study's options for a run of seconds on ``case``: a system of matrices keeps its own time span, and in place
-    of schemes without a law for its stops runs the first of its own."""
+    of schemes without a law for its stops runs the first of its own, and leaves out solvers that do not take it."""
     options = dict(study.smoke)
     if case.beam is None:
         options.pop("t_end", None)
     meets_stops = study.needs_motion or study.name == "converge"
     if meets_stops and not all(takes(case, scheme_of(label)) for label in options.get("schemes", ())):
         options["schemes"] = [str(case.runs[0][0])]
+    if "methods" in options:
+        options["methods"] = [x for x in options["methods"] if method_takes(x, case.system(), case.t_end)]
     return options
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
+from ..basics.validation import InputError
 from ..figures import (
     MARKERS,
     column,
@@ -88,6 +89,9 @@ def points(
                      "steps": max(4, round(end / first * 2.0**k))}
                     for k in range(halvings)
                 ]  # fmt: skip
+    if not found:
+        remedy = "take sdirk, or stops whose force depends on the position alone"
+        raise InputError("schemes", ", ".join(labels), "have a misprint that runs", remedy)
     return found
 
 

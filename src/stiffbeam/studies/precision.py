@@ -16,9 +16,9 @@ from ..march.integrate import integrate
 from ..measures.impacts import matched_until
 from ..measures.tip_error import tip_error
 from ..model.system import System
-from ..references import solve, substitute
+from ..references import solve, takes
 from ..references.adaptive.rhs import RightHandSide
-from ..references.registry import EXACT, MULTIPRECISION, REFERENCES
+from ..references.registry import MULTIPRECISION, REFERENCES
 from ..references.request import Steps
 from ..trajectory.trajectory import Reference, Trajectory
 from .common import (
@@ -86,20 +86,13 @@ def points(
         for label in scheme_labels(case, schemes)
         for k in range(halvings)
     ]
-    for method in _default_methods(case, form) if methods is None else methods:
+    system = system_of(case, form)
+    fast = [m for m in METHODS if REFERENCES[m].seconds < TOO_SLOW and takes(m, system, case.t_end)]
+    for method in fast if methods is None else methods:
         affordable = TOLERANCES[: 2 if REFERENCES[method].seconds >= SLOW else None]
         chosen = [0.0] if method == "exact" else tolerances or affordable
         found += [{"method": method, "dt": 0.0, "rtol": rtol} | rest for rtol in chosen]
     return found
-
-
-def _default_methods(case: Case, form: str) -> list[str]:
-    """The solvers that are fast enough and take the stops of the case."""
-    system = system_of(case, form)
-    fast = [method for method in METHODS if REFERENCES[method].seconds < TOO_SLOW]
-    if any(contact.stops.rigid for contact in system.contacts):
-        return [method for method in fast if REFERENCES[method].kind == EXACT]
-    return [method for method in fast if REFERENCES[method].kind != EXACT or not substitute(system, case.t_end)]
 
 
 def evaluate(case: Case, point: Point) -> list[Row]:
