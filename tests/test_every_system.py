@@ -32,6 +32,7 @@ WITHOUT_STOPS = "have stops"
 FAILED = {"chaos": "tangent vectors vanish"}  # of blows with e = 0, after which nothing of a neighbour is left
 
 MORE: dict[str, dict[str, Any]] = {"modes": {"steps": 4000}}  # smoke options that are too short for these systems
+ANY_CASE = ("amplification", "restitution", "rigid_bar")  # which ask nothing of the case
 COMMANDS = ("compare", "advise", "reference", "agree", "animate")
 FREE = ("ball on a vibrating table", "feeder", "drop on a Kelvin-Voigt stop", "drop on a Hunt-Crossley stop")
 RIGID = ("rigid impact damper", "oscillator under a record, rigid", "coupled oscillator, rigid")
@@ -39,7 +40,7 @@ RIGID = ("rigid impact damper", "oscillator under a record, rigid", "coupled osc
 WAITING = {
     *((study, name) for study in ("converge", "errata", "modes") for name in (*FREE, "one-sided Hertz chain")),
     *((study, name) for study in ("ensemble", "impacts", "contact_duration") for name in FREE),
-    *((study, name) for study in ("compare", "precision") for name in FREE[:2]),
+    *((study, name) for study in ("compare", "precision", "agree") for name in FREE[:2]),
     *(("impacts", name) for name in RIGID),
 }
 
@@ -51,14 +52,14 @@ def cells(names: tuple[str, ...]) -> list[Any]:
             what,
             name,
             id=f"{what}-{name.replace(' ', '-')}",
-            marks=[pytest.mark.xfail(reason="waits for scales", strict=True)] if (what, name) in WAITING else [],
+            marks=[pytest.mark.xfail(reason="waits for scales", strict=False)] if (what, name) in WAITING else [],
         )
         for what in names
-        for name in BENCHES
+        for name in (list(BENCHES)[:1] if what in ANY_CASE else BENCHES)
     ]
 
 
-@pytest.mark.slow
+@pytest.mark.fast(4)
 @pytest.mark.parametrize(("study", "name"), cells(tuple(STUDIES)))
 def test_every_study_answers_or_refuses_for_a_reason_named_here(study, name):
     system, dt, t_end = BENCHES[name]()
@@ -118,7 +119,7 @@ def asked(what: str, file: str) -> list[str]:
 PYTHON = re.compile(r"stiffbeam\.[A-Z]|sb\.|\w+='|\w+\(\w*=")  # what only a programmer can write
 
 
-@pytest.mark.slow
+@pytest.mark.fast(1)
 @pytest.mark.parametrize(("what", "name"), cells(COMMANDS))
 def test_every_command_answers(what: str, name: str, command: Callable[..., tuple[int, str, str]], tmp_path: Path):
     Path("own.toml").write_text(toml(*BENCHES[name]()), encoding="utf-8")

@@ -54,6 +54,7 @@ class RigidScheme(Scheme):
 def takes_stops(scheme: Scheme, stops: Iterable[Stops]) -> bool:
     """Whether ``scheme`` has a contact law for all these stops: compliance, or for rigid ones restitution or none."""
     each = list(stops)
-    rigid, own = any(one.rigid for one in each), isinstance(scheme, RigidScheme)
-    restitutes = own and scheme.restitutes
-    return all((one.restitution is not None) == restitutes for one in each) if rigid else not own
+    restitutes = isinstance(scheme, RigidScheme) and scheme.restitutes
+    if any(one.rigid for one in each):
+        return all((one.restitution is not None) == restitutes for one in each)
+    return not isinstance(scheme, RigidScheme)
