@@ -214,7 +214,7 @@ def test_a_run_that_overflows_is_named_with_its_time_and_the_remedy(overflow):
     assert process.stderr == ""
     label = "sdirk(gamma=0.4359, nystrom=true)"
     assert f"failed {label}@displacement {label} overflowed at t = 0.02" in said
-    assert "use contact='implicit' or a smaller dt (omega_max dt is" in said
+    assert "use the implicit contact or a smaller dt (omega_max dt is" in said
     assert said.count("failed ") == 1
 
 

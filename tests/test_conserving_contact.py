@@ -187,11 +187,11 @@ def test_free_motion_of_the_exponential_flow_is_exact():
 class TestRefusals:
     def test_schemes_that_dissipate(self):
         for scheme in (sb.HHT(-0.1), sb.BDF2(), sb.SDIRK(), sb.Theta(0.6), sb.Bathe()):
-            with pytest.raises(InputError, match="ExponentialFlow"):
+            with pytest.raises(InputError, match="exponential-flow"):
                 sb.integrate(free_beam(6), scheme, 1e-3, 0.1, contact="conserving")
 
     def test_stops_that_dissipate(self):
-        with pytest.raises(InputError, match=r"stops\.dissipation.*contact='implicit'"):
+        with pytest.raises(InputError, match=r"stops\.dissipation.*implicit contact"):
             sb.integrate(free_beam(6, dissipation=0.1), sb.Trapezoidal(), 1e-3, 0.1, contact="conserving")
 
     def test_members_that_dissipate(self):

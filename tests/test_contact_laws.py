@@ -250,19 +250,17 @@ class TestRefusals:
     def test_solvers_that_need_linear_pieces(self):
         stops, system = self.hertz, ball(self.hertz)
         for method in ("exact", "multiprecision"):
-            with pytest.raises(InputError, match=r"linear law.*method='cvode'"):
+            with pytest.raises(InputError, match=r"linear law.*solver cvode"):
                 sb.reference(system, 1.0, method=method)
         for call in (sb.rigid_limit, sb.lyapunov):
             with pytest.raises(InputError, match="linear law"):
                 call(system, 1.0)
-        with pytest.raises(InputError, match="linear law"):
-            sb.reference_ensemble(system, 1.0, sb.perturbed(system, 2))
         for law in (stops, self.kelvin_voigt):
             with pytest.raises(InputError):
                 law.solve(1.0, 0.1)
 
     def test_extrapolated_contact_and_damping(self):
-        with pytest.raises(InputError, match=r"stops\.damping.*contact='implicit'"):
+        with pytest.raises(InputError, match=r"stops\.damping.*implicit contact"):
             sb.integrate(ball(self.kelvin_voigt), sb.HHT(-0.1), 1e-2, 1.0, contact="extrapolated")
         hertz = sb.integrate(ball(self.hertz), sb.HHT(-0.1), 1e-3, 4.0, contact="extrapolated")
         assert abs(hertz.tip_velocity[-1] + 1.0) < 1e-5  # a power law it can do

@@ -28,7 +28,7 @@ def animate(
     from ..figures.animation import animate as film
     from ..files.cases import find_case
     from ..march.integrate import integrate
-    from ..references import reference
+    from ..references import best_reference
     from ..schemes.labels import parse_run, split_runs
     from ..trajectory.trajectory import Trajectory
 
@@ -42,8 +42,8 @@ def animate(
     system, end = chosen.system(runs[0][1]), chosen.t_end if t_end is None else t_end
     file = out if out is not None else default_folder(chosen.name) / "animation.gif"
     with progress() as show:
-        show("exact", 0, 0)
-        made: list[Trajectory] = [reference(system, end, progress=show)]
+        show("reference", 0, 0)
+        made: list[Trajectory] = [best_reference(system, end, progress=show)]
         for scheme, _ in runs:
             show(str(scheme), 0, 0)
             made.append(integrate(system, scheme, chosen.dt if dt is None else dt, end))

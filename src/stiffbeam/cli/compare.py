@@ -12,7 +12,7 @@ import typer
 
 from ..basics.progress import progress
 from ..basics.whole_file import write_whole
-from ..references.registry import COMPARED, COMPARED_RIGID, METHODS
+from ..references.registry import COMPARED, METHODS
 from .application import app
 from .options import Case, Json
 from .output import check_json, console, default_folder, file_name, json_text, make_folder, say, write_json
@@ -36,7 +36,7 @@ def compare(
         str | None,
         typer.Option(
             help="comma-separated, the first that can take the case is the main one; default: "
-            f"{','.join(COMPARED)}, with rigid stops {','.join(COMPARED_RIGID)}"
+            f"those of {','.join(COMPARED)} that can"
         ),
     ] = None,
     contact: Annotated[str, typer.Option(help="implicit, conserving, or extrapolated as in the paper")] = "implicit",

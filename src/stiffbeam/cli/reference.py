@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from ..basics.progress import Show, progress
-from ..references.registry import ADAPTIVE, METHODS, MULTIPRECISION, REFERENCES
+from ..references.registry import ADAPTIVE, BEST, METHODS, MULTIPRECISION, REFERENCES
 from .application import app
 from .options import Json
 from .output import check_json, console, make_folder, say, write_json
@@ -17,7 +17,9 @@ from .output import check_json, console, make_folder, say, write_json
 @app.command("reference")
 def reference_command(
     case: Annotated[str | None, typer.Argument(help="table1 .. table17, a case file, or file.toml:name")] = None,
-    method: Annotated[str, typer.Option(help=f"{', '.join(METHODS)}; all: hold them together")] = "exact",
+    method: Annotated[
+        str | None, typer.Option(help=f"{', '.join(METHODS)}; all: hold them together; default: the best for the case")
+    ] = None,
     form: Annotated[str | None, typer.Option(help="displacement, velocity-curvature or hermite")] = None,
     digits: Annotated[str, typer.Option(help="of multiprecision: a number, or auto")] = "auto",
     rtol: Annotated[float | None, typer.Option(help="of the adaptive solvers; 1e-10 if not given")] = None,
@@ -40,7 +42,7 @@ def reference_command(
         raise InputError("reference", "its arguments", "be one of CASE, --check PATH and --remake DIR", remedy)
     if case is None:
         given = {
-            "--method": method != "exact", "--form": form, "--digits": digits != "auto", "--rtol": rtol, "--out": out,
+            "--method": method, "--form": form, "--digits": digits != "auto", "--rtol": rtol, "--out": out,
             "--t-end": t_end, "--budget": budget, "--cache": cache, "--doubles": doubles,
         }  # fmt: skip
         for option, value in given.items():
@@ -71,7 +73,7 @@ def reference_command(
 
 
 def _references(
-    name: str, method: str, form: str | None, digits: str, rtol: float | None, t_end: float | None,
+    name: str, given: str | None, form: str | None, digits: str, rtol: float | None, t_end: float | None,
     budget: float | None,
     out: Path | None, cache: bool, doubles: bool, show: Show,
 ) -> list[dict[str, Any]]:  # fmt: skip
@@ -83,8 +85,11 @@ def _references(
     from ..files.cases import case_text, find_case
     from ..files.reference_cache import cached_reference
     from ..measures.windows import impact_times
-    from ..references import reference
+    from ..references import reference, substitute
 
+    case = find_case(name)
+    end = case.t_end if t_end is None else t_end
+    method = given or (BEST[1] if substitute(case.system(form), end) else BEST[0])
     kind = REFERENCES[method].kind if method in REFERENCES else ""
     used = {
         "--digits": digits == "auto" or kind == MULTIPRECISION,
@@ -95,12 +100,10 @@ def _references(
         if not fits and (kind or method == "all"):
             raise InputError(option, "with --method " + method, "be left out here", "this method has no use for it")
     rtol = 1e-10 if rtol is None else rtol
-    case = find_case(name)
     if doubles:
         if out is not None:
             raise InputError("--doubles", "with --out", "be left out here", "a frozen case is read as decimals")
         case = replace(case, problem=as_doubles(case.problem))
-    end = case.t_end if t_end is None else t_end
     if method == "all":
         if out is not None:
             remedy = "name the one method whose file you want"

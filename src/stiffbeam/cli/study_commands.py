@@ -158,10 +158,11 @@ def run_one(
 ) -> tuple[Records, list[Path]]:  # fmt: skip
     """The records, and the files they were written to: none where no point could be evaluated."""
     from ..basics.threads import cores
+    from ..studies.common import smoke_options
     from ..studies.engine.runner import run_study
     from ..studies.references import shipped
 
-    options = (dict(study.smoke) if smoke else {}) | given
+    options = (smoke_options(study, case) if smoke else {}) | given
     if takes(study, "references") and (frozen := shipped()) is not None:
         options.setdefault("references", str(frozen))
     folder = make_folder(out if out is not None else default_folder(case.name))

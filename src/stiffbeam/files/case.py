@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
 from ..basics.units import Units
 from ..basics.validation import InputError, near, positive, step_count
+from ..model.contact import Stops
 from ..model.problem import BeamProblem
 from ..model.semidiscretisation import FORMS, semidiscretise
 from ..model.system import System
-from ..schemes import SDIRK, Scheme, make
+from ..schemes import RIGID, SDIRK, Scheme, make, takes_stops
 
 
 @dataclass(frozen=True)
@@ -76,7 +78,7 @@ class SystemCase(Case):
 
     def __getattr__(self, name: str) -> Any:
         if name in ("problem", "cells"):
-            remedy = "with sb.semidiscretise and its problem you have both"
+            remedy = "describe it as a beam with a number of cells"
             raise InputError("case", f"{self.name}, a system of matrices", "be a beam with a grid here", remedy)
         raise AttributeError(name)
 
@@ -112,20 +114,22 @@ class SystemCase(Case):
         return self.matrices
 
 
-def default_schemes() -> list[Scheme]:
-    """The paper's three."""
-    return [make("bdf2"), SDIRK(nystrom=True), make("hht")]
+def default_schemes(stops: Iterable[Stops] = ()) -> list[Scheme]:
+    """The paper's three, or three with an impact law where rigid stops have restitution."""
+    paper, each = [make("bdf2"), SDIRK(nystrom=True), make("hht")], list(stops)
+    taken = [scheme for scheme in [*paper, *map(make, RIGID)] if takes_stops(scheme, each)]
+    return taken[:3] or paper
 
 
 def case_of(system: System, dt: float | None, t_end: float | None, name: str = "system") -> Case:
-    """A case of a System, with the paper's three schemes; one that is a beam on a grid as it stands keeps both.
+    """A case of a System, with its ``default_schemes``; one that is a beam on a grid as it stands keeps both.
 
     Raises InputError without a step and a time span, which a System does not have.
     """
     if dt is None or t_end is None:
         raise InputError("dt and t_end", (dt, t_end), "be given with a System", "for example dt=1e-4, t_end=1.0")
     step_count(positive("dt", dt), positive("t_end", t_end))
-    runs = tuple((scheme, system.form) for scheme in default_schemes())
+    runs = tuple((scheme, system.form) for scheme in default_schemes(c.stops for c in system.contacts))
     beam = system.problem
     if beam is not None and system.cells is not None:
         made = Case(name, name, beam, system.cells, float(dt), float(t_end), runs)

@@ -16,7 +16,7 @@ from ..model.problem import BeamProblem, DistributedLoad, Load, PointLoad
 from ..model.sections import Section
 from ..schemes import BDF2, HHT, SDIRK, Scheme
 from ..schemes.labels import parse_run
-from .case import Case, SystemCase
+from .case import Case, SystemCase, default_schemes
 from .reader import Reader
 from .system_reader import SystemReader
 
@@ -173,7 +173,8 @@ class _Reader(Reader):
             raise self.error("problem", both, "be given and be a table" if own is None else "stand alone", remedy)
         system = None if own is None else SystemReader(own, f"{self.where}.system", self.folder).system()
         beam = None if problem is None else problem.problem()
-        runs = self.get("runs", list, "be a list of runs", ["bdf2", "sdirk(nystrom=true)", "hht"])
+        all_stops = beam.all_stops if beam is not None else [c.stops for c in system.contacts] if system else []
+        runs = self.get("runs", list, "be a list of runs", [str(x) for x in default_schemes(all_stops)])
         dt, t_end = self.number("dt"), self.number("t_end")
         for key, value in (("dt", dt), ("t_end", t_end)):
             self.build(positive, key, value)

@@ -62,7 +62,7 @@ def integrate(
     else:
         (seen, march_seconds), kind = seen_directly(plan, system, every, progress), plan.kind
     if not np.isnan(seen.diverged):
-        remedy = "use contact='implicit' or a smaller dt" if contact == "extrapolated" else "use a smaller dt"
+        remedy = "use the implicit contact or a smaller dt" if contact == "extrapolated" else "use a smaller dt"
         hint = f"{remedy} (omega_max dt is {plan.omega_max * dt:.3g})"
         raise Diverged(str(scheme), seen.diverged, hint)
     t = np.arange(0.0, plan.steps + 1, every)

@@ -30,7 +30,7 @@ def is_rigid(system: System, scheme: Scheme) -> bool:
     rigid = [contact.stops.rigid for contact in system.contacts]
     if isinstance(scheme, RigidScheme) and not all(rigid):
         stops = system.contacts[rigid.index(False)].stops
-        remedy = "use a scheme for compliant stops, as stiffbeam.Trapezoidal(), or stiffness=inf"
+        remedy = "use a scheme for compliant stops, as trapezoidal, or give stiffness = inf"
         raise InputError("stops.stiffness", stops.stiffness, f"be inf for {scheme}", remedy)
     if any(rigid) and not all(rigid):
         raise InputError("contacts", "rigid and compliant ones", "be all of one kind", "take very stiff ones for inf")
@@ -45,17 +45,17 @@ def require_rigid(system: System, scheme: Scheme, contact: str) -> None:
     for each in system.contacts:
         e = each.stops.restitution
         if restitutes and e is None:
-            remedy = "pass Stops(..., stiffness=inf, restitution=e), e in [0, 1]"
+            remedy = "give the stops a restitution in [0, 1]"
             raise InputError("stops.restitution", e, f"be given for {scheme}, which has an impact law", remedy)
         if not restitutes and e is not None:
             rule = f"be left out for {scheme}, which has no impact law"
-            raise InputError("stops.restitution", e, rule, "use stiffbeam.MoreauJean(), or leave it out")
+            raise InputError("stops.restitution", e, rule, "use moreau-jean, or leave it out")
         u = float(each.row @ system.q0 + offset_values(each.offset, 0.0))
         if abs(each.stops.penetration(u)) > 1e-14 * max(abs(u), 1e-300):
             raise InputError("initial displacement", u, "lie between rigid stops", "move the stop or the start")
     if isinstance(scheme, RigidScheme) and scheme.modal_only and modes(system) is None:
         rule = f"decouple in the modes for {scheme}"
-        raise InputError("damping", "a damping that couples modes", rule, "use stiffbeam.MoreauJean()")
+        raise InputError("damping", "a damping that couples modes", rule, "use moreau-jean")
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,7 +212,7 @@ def _require_giving_way(scheme: Scheme, compliance: Array) -> None:
         least, most = np.linalg.eigvalsh(compliance[s, s])[[0, -1]]
         if not least > 1e-12 * most or not most > 0.0:
             rule = "move the argument of every node by the reaction there, each contact on its own, for rigid stops"
-            remedy = "use stiffbeam.MoreauJean(), and contacts that do not follow from each other"
+            remedy = "use moreau-jean, and contacts that do not follow from each other"
             raise InputError("scheme", str(scheme), rule, remedy)
 
 
@@ -230,7 +230,7 @@ def _require_lasting_contact(scheme: Scheme) -> None:
     held = state[:, :a] - state[:, a:] @ np.linalg.solve(read[:, a:], read[:, :a])
     if np.max(np.abs(np.linalg.eigvals(held))) > 1.0 + GROWTH:
         rule = "have reactions that do not grow while a contact lasts, for rigid stops"
-        raise InputError("scheme", str(scheme), rule, "use stiffbeam.MoreauJean()")
+        raise InputError("scheme", str(scheme), rule, "use moreau-jean")
 
 
 def _weights(scheme: Scheme, dt: float) -> Array:

@@ -24,10 +24,10 @@ def rule_of(contacts: Sequence[Contact], contact: str) -> int:
             if each.stops.dissipative:
                 name = "damping" if each.stops.damping else "dissipation"
                 why = {
-                    "extrapolated": "be 0 for contact='extrapolated', which predicts positions only",
-                    "conserving": "be 0 for contact='conserving', which keeps the energy of the stops",
+                    "extrapolated": "be 0 for the extrapolated contact, which predicts positions only",
+                    "conserving": "be 0 for the conserving contact, which keeps the energy of the stops",
                 }[contact]
-                raise InputError(f"stops.{name}", getattr(each.stops, name), why, "use contact='implicit'")
+                raise InputError(f"stops.{name}", getattr(each.stops, name), why, "use the implicit contact")
     if contact == "conserving" and contacts:
         return MEAN
     return LINEAR if all_linear(contacts) else BY_LAW
@@ -38,8 +38,8 @@ def scheme_for(scheme: Scheme, contact: str) -> Scheme:
     if contact != "conserving":
         return scheme
     if scheme.conserving is None:
-        rule = f"conserve the energy of the linear system for contact='conserving', as {scheme} does not"
-        remedy = "use stiffbeam.Trapezoidal() or stiffbeam.ExponentialFlow()"
+        rule = f"conserve the energy of the linear system for the conserving contact, as {scheme} does not"
+        remedy = "use trapezoidal or exponential-flow"
         raise InputError("scheme", str(scheme), rule, remedy)
     return scheme.conserving
 
@@ -70,4 +70,4 @@ def require_moved(scheme: Scheme, S: Array) -> None:
 def unsolved(scheme: Scheme, t: float) -> SolverFailure:
     """The forces of several contacts at one node were not found."""
     reason = "the forces of several contacts at once were not found"
-    return SolverFailure(str(scheme), t, reason, "use a smaller dt, or method='cvode'")
+    return SolverFailure(str(scheme), t, reason, "use a smaller dt, or the solver cvode")

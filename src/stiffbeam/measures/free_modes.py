@@ -8,7 +8,7 @@ import numpy as np
 
 from ..basics.arrays import Array
 from ..basics.validation import InputError
-from ..model.modes import uncoupled_modes
+from ..model.natural_modes import modes
 from ..trajectory.trajectory import Trajectory
 
 START = 0.1  # the share of the run left out, in which a scheme's parasitic roots die
@@ -19,8 +19,9 @@ FLOOR = 1e-8  # of its first amplitude: below it a mode is rounding
 class ModeErrors:
     """A run's free oscillations against w, xi of its system; every array (n,), ascending in omega.
 
-    With z = c' - conj(lambda) c for the modal coordinate c and lambda = -xi w + i w_d, the exact flow is
-    z(t) = z(0) e^{lambda t}; ln(z_run/z_ref) of the run is a straight line with slope s - i m:
+    For a mode x with (lambda^2 M + lambda C + K) x = 0, lambda = -xi w + i w_d, let z = x^T (M q' + lambda M q + C q).
+    The exact flow is z(t) = z(0) e^{lambda t}, whether the damping couples the modes or not;
+    ln(z_run/z_ref) of the run is a straight line with slope s - i m:
 
         period_elongation  m/(w_d - m)                              > 0: late
         damping_ratio      (xi w - s)/hypot(xi w - s, w_d - m)      the exact flow has xi
@@ -40,20 +41,19 @@ class ModeErrors:
 def free_mode_errors(run: Trajectory) -> ModeErrors:
     """The ModeErrors of a run without loads, whose contacts (if any) stay open, with every step on output.
 
-    Raises InputError where loads or impacts drive the modes, or where damping couples them.
+    Raises InputError where loads or impacts drive the modes.
     """
     system = run.system
     if system is None:
         raise InputError("run", "a loaded file", "come from integrate", "integrate again")
     if system.loads or any(contact.fraction for contact in run.contacts):
         raise InputError("run", "a run with loads or impacts", "be free", "take the loads and stops away")
-    basis = uncoupled_modes(system)
-    q, v = run.states
-    c, rate = basis.to_modal(q), basis.to_modal(v)
-    decay, omega_d = 0.5 * basis.damping, np.sqrt(np.maximum(basis.omega**2 - (0.5 * basis.damping) ** 2, 0.0))
-    exponent = -decay + 1j * omega_d
-    z = rate - np.conj(exponent) * c
-    n = len(basis.omega)
+    natural, (q, v) = modes(system), run.states
+    ratio = np.nan_to_num(natural.damping_ratio)
+    decay, omega_d = ratio * natural.omega, np.sqrt(np.maximum(1.0 - ratio**2, 0.0)) * natural.omega
+    inertia = system.mass @ natural.shapes
+    z = v @ inertia + q @ (inertia * (-decay + 1j * omega_d) + system.damping @ natural.shapes)
+    n = len(natural.omega)
     slopes, errors = np.full((2, n), np.nan), np.full((2, n), np.nan)
     scale = float(np.max(np.abs(z[0])))
     for j in range(n):
@@ -77,7 +77,7 @@ def free_mode_errors(run: Trajectory) -> ModeErrors:
     size = np.hypot(loss, frequency)
     with np.errstate(divide="ignore", invalid="ignore"):
         return ModeErrors(
-            omega=basis.omega,
+            omega=natural.omega,
             period_elongation=omega_d / frequency - 1.0,
             elongation_error=omega_d / frequency**2 * errors[1],
             damping_ratio=loss / size,

@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from ..basics.arrays import Array
 from ..basics.validation import InputError
 from ..model.drive import Drive
-from ..model.modes import uncoupled_modes
+from ..model.modes import modes as uncoupled
+from ..model.modes import undamped_modes
+from ..model.natural_modes import modes
+from ..model.sampled import Sampled
 from ..model.system import System
+from ..model.time_functions import Sum, parts
 
 
 def without_contact(system: System) -> System:
@@ -23,34 +28,56 @@ def smooth_motion(system: System) -> System:
     """The system without contact on its slow motion: the steady response to the drive plus the lowest mode.
 
     Initial data at rest excite every mode of the grid, and no step of interest resolves the highest. The
-    lowest mode starts with the size of the steady motion, or 1 where nothing drives the system. Raises
-    InputError as ``steady_state`` does.
+    lowest mode that swings starts with the size of the steady motion, or 1 where nothing drives the system. Sampled
+    loads, which excite every mode and have no steady response, are left out.
     """
     system = without_contact(system)
+    loads = [
+        (p, [(factor, f) for factor, f in parts(function) if not isinstance(f, Sampled)])
+        for p, function in system.loads
+    ]
+    system = replace(system, loads=tuple((p, Sum.weighted(kept)) for p, kept in loads if kept))
     y, g = steady_state(system)
-    basis = uncoupled_modes(system)
     q, v = g @ y, Drive.of(system).derivative() @ g @ y
     size = float(np.max(np.abs(q))) or 1.0
-    lowest = int(np.argmax(basis.omega > 0.0))
-    shape = basis.shapes[:, lowest]
-    return replace(system, q0=q + size * shape / np.max(np.abs(shape)), v0=v)
+    natural = modes(system)
+    lowest = int(np.argmax((natural.omega > 0.0) & ~(natural.damping_ratio >= 1.0)))
+    shape = size * natural.shapes[:, lowest] / np.max(np.abs(natural.shapes[:, lowest]))
+    if natural.coupled:  # a complex shape swings in one phase with its velocity only
+        omega, ratio = natural.omega[lowest], natural.damping_ratio[lowest]
+        v = v + np.real(omega * (1j * np.sqrt(max(0.0, 1.0 - ratio**2)) - ratio) * shape)
+    return replace(system, q0=q + np.real(shape), v0=v)
 
 
 def steady_state(system: System) -> tuple[Array, Array]:
     """(Y, g(0)), q = Y^T g(t): the motion in which every load excites its own frequency only; Y is (d, n).
 
-    Raises InputError where the damping couples the modes, and for a sampled load.
+    A mode that a load meets in resonance, or pushes on without holding it, has no steady response to it: none is taken.
+    Raises InputError for a sampled load.
     """
-    basis = uncoupled_modes(system)
     drive = Drive.of(system)
     unit, samples = drive.split(system.loads, system.size)
     if samples:
         remedy = "replace the samples by a Harmonic"
         raise InputError("loads", "a sampled load", "be harmonic or constant for the steady motion", remedy)
-    # With the load unit^T g, g' = D g and eta = y^T g in a mode: (D^T D^T + c D^T + w^2) y = its force.
-    forces, rate = basis.force(unit), drive.derivative().T
-    y = np.empty_like(forces)
-    for j, (omega, c) in enumerate(zip(basis.omega, basis.damping, strict=True)):
-        matrix = rate @ rate + c * rate + omega**2 * np.eye(drive.size)
-        y[:, j] = np.linalg.lstsq(matrix, forces[:, j])[0]  # a rigid-body mode has no steady response to a constant
+    basis, apart = undamped_modes(system), uncoupled(system)
+    damping = basis.shapes.T @ system.damping @ basis.shapes if apart is None else np.diag(apart.damping)
+    forces = basis.force(unit)
+    y = np.zeros_like(forces)
+    y[0] = np.real(_response(basis.omega, damping, 0.0, forces[0]))
+    for k, frequency in enumerate(drive.frequencies):  # s sin wt + c cos wt = Im (s + i c) e^{iwt}
+        sine, cosine = 1 + 2 * k, 2 + 2 * k
+        response = _response(basis.omega, damping, frequency, forces[sine] + 1j * forces[cosine])
+        y[sine], y[cosine] = np.real(response), np.imag(response)
     return basis.to_nodal(y), drive.coefficients(0.0)
+
+
+def _response(omega: Array, damping: Array, frequency: float, force: Any) -> Any:
+    """x of (Omega^2 - w^2 + i w D) x = force, scaled: rows of stiff modes do not hide soft ones."""
+    impedance = np.diag(omega**2 - frequency**2) + 1j * frequency * damping
+    size = np.abs(np.diag(impedance))
+    none = size == 0.0
+    scale = 1.0 / np.sqrt(np.where(none, 1.0, size))
+    impedance = scale[:, None] * impedance * scale
+    impedance[np.diag_indices_from(impedance)] += none
+    return np.where(none, 0.0, scale * np.linalg.solve(impedance, scale * force))

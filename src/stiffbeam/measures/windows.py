@@ -7,7 +7,7 @@ import numpy as np
 from ..basics.arrays import Array
 from ..basics.validation import InputError, positive
 from ..model.drive import Drive
-from ..model.modes import uncoupled_modes
+from ..model.modes import undamped_modes
 from ..model.system import System
 from ..trajectory.trajectory import Reference, Trajectory
 
@@ -20,9 +20,9 @@ def drive_frequency(system: System) -> float:
 def slowest_period(system: System) -> float:
     """The longest of the periods of the drives and of the lowest natural one.
 
-    Raises InputError where the damping couples the modes, and where nothing oscillates.
+    Raises InputError where nothing oscillates.
     """
-    basis = uncoupled_modes(system)
+    basis = undamped_modes(system)
     frequencies = [*map(float, basis.omega[basis.omega > 0.0][:1]), *Drive.of(system).frequencies]
     if not frequencies:
         remedy = "give it stiffness or a Harmonic drive"

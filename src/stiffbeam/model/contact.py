@@ -127,7 +127,7 @@ class Stops:
     def require_compliant(self, for_what: str) -> None:
         """Raise InputError for a rigid stop, whose reaction is no function of position and velocity."""
         if self.rigid:
-            remedy = "use integrate, reference() or system.massless_contacts(), or take stiff stops"
+            remedy = "take the exact solution, or stops with a large stiffness"
             raise InputError("stops.stiffness", self.stiffness, f"be finite for {for_what}", remedy)
 
     @property
@@ -180,7 +180,7 @@ class Stops:
         self.require_compliant(for_what)
         for name in (x for x in LINEAR if getattr(self, x) != LINEAR[x] and not (damped and x == "damping")):
             rule = f"be {LINEAR[name]:g}, a linear law, for {for_what}"
-            raise InputError(f"stops.{name}", getattr(self, name), rule, "use method='cvode'")
+            raise InputError(f"stops.{name}", getattr(self, name), rule, "use the adaptive solver cvode")
 
     @property
     def data(self) -> dict[str, float]:

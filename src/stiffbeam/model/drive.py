@@ -119,7 +119,10 @@ class Drive:
         amplitudes = np.zeros((len(self.records), width))
         for vector, function in rest:
             if not isinstance(function, Sampled):
-                rule, remedy = "be made of Harmonic, Constant and Sampled for a closed form", "use method='cvode'"
+                rule, remedy = (
+                    "be made of Harmonic, Constant and Sampled for a closed form",
+                    "use the adaptive solver cvode",
+                )
                 raise InputError("time function", function, rule, remedy)
             amplitudes[self.records.index(function)] += vector
         return amplitudes

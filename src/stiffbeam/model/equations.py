@@ -223,7 +223,7 @@ class Modal(SecondOrder):
     def _two_sided(self, t: float) -> Array:
         omega, c = np.sqrt(self._stiffness), self._damping
         if np.any((c > 2.0 * omega) & ((omega * t >= 0.5) | (c * t >= 0.5))):
-            remedy = "use a smaller dt, or stiffbeam.MoreauJean()"
+            remedy = "use a smaller dt, or moreau-jean"
             raise InputError("damping", float(np.max(c)), "be less than critical in every mode", remedy)
         ahead, back = (oscillation(omega, sign * c, t)[3] for sign in (1.0, -1.0))
         return (ahead + np.exp(-c * t) * back) / (t * t)

@@ -162,7 +162,7 @@ def _require_unseen(system: System, nodes: list[int]) -> None:
     for vector, function in system.loads:
         if np.any(vector[nodes]) and not in_closed_form(function):
             rule = "be made of Harmonic, Constant and Sampled where it acts on a massless contact"
-            raise InputError("loads", function, rule, "sample it: stiffbeam.Sampled(t, values)")
+            raise InputError("loads", function, rule, "give samples of it")
 
 
 def _held(system: System, nodes: list[int]) -> Array:

@@ -52,9 +52,9 @@ def semidiscretise(problem: BeamProblem, cells: int, form: str = "displacement")
         raise InputError("form", form, "be one that there is", near(form, ALL_FORMS))
     if problem.supports != "clamped-free":
         rule = f"be clamped-free in the {form} form"
-        raise InputError("supports", problem.supports, rule, "its stencils are the cantilever's: use form='hermite'")
+        raise InputError("supports", problem.supports, rule, "its stencils are the cantilever's: use the form hermite")
     for name in problem.for_elements:
-        remedy = "the paper's stencils have no place for it: use form='hermite'"
+        remedy = "the paper's stencils have no place for it: use the form hermite"
         raise InputError(name, getattr(problem, name), f"be left out in the {form} form", remedy)
     return _displacement(problem, int(cells)) if form == "displacement" else _velocity_curvature(problem, int(cells))
 
@@ -155,12 +155,14 @@ def _velocity_curvature(problem: BeamProblem, M: int) -> System:
             "viscosity",
             problem.viscosity,
             "be 0 in the velocity-curvature form",
-            "(3.12) eliminates the displacement, and eta u_xxxxt has no place in it: use form='displacement'",
+            "(3.12) eliminates the displacement, and eta u_xxxxt has no place in it: use the form displacement",
         )
     for name in ("tip_mass", "mass_damping"):
         if getattr(problem, name) > 0:
             rule = "be 0 in the velocity-curvature form"
-            raise InputError(name, getattr(problem, name), rule, "(3.12) has no place for it: use form='displacement'")
+            raise InputError(
+                name, getattr(problem, name), rule, "(3.12) has no place for it: use the form displacement"
+            )
     P, Q, L, _ = velocity_curvature_matrices(M, problem.length)
     h = problem.length / M
     moment = np.zeros(M)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from ..basics.progress import Show, silent
 from ..basics.progress import progress as shown
 from ..basics.validation import InputError, numbers, one_of, positive
-from .registry import ADAPTIVE, METHODS, MULTIPRECISION, REFERENCES
+from .registry import ADAPTIVE, BEST, METHODS, MULTIPRECISION, REFERENCES
 from .request import KEEP, RESTART, Request, Steps
 
 if TYPE_CHECKING:
@@ -18,7 +18,9 @@ if TYPE_CHECKING:
     from ..model.system import System
     from ..trajectory.trajectory import Reference
 
-__all__ = ["METHODS", "REFERENCES", "reference", "solve"]
+__all__ = ["METHODS", "REFERENCES", "best_reference", "reference", "solve", "substitute", "takes"]
+
+BEST_RTOL = 1e-12  # of an adaptive solver where a system has no exact solution
 
 
 def reference(
@@ -41,8 +43,9 @@ def reference(
     on rigid stops by code of its own); "cvode" (BDF),
     "cvode-adams" and "ida" (BDF on the residual, no mass inverted) of SUNDIALS; "kvaerno3" and "kvaerno5"
     (ESDIRK, diffrax); "dop853", "radau" and "lsoda" (SciPy). t_eval: output times, (k,) increasing in [0, t_end], by
-    default 2001 equidistant ones. The exact solutions answer ``at`` any time, the others at t_eval only. What Kvaerno's
-    methods tell of contacts is sampled there too, but for the impulse; an impact between two outputs ends the horizon.
+    default 2001 equidistant ones. Every reference answers ``at`` any time: an exact one from its closed form, an
+    adaptive one by solving once more where other times than t_eval are asked. What Kvaerno's
+    methods tell of contacts is sampled at t_eval, but for the impulse; an impact between two outputs ends the horizon.
     Contact runs are chaotic: past ``horizon`` no float64 solution is *the* one. A graze that goes less deep than 1e-12
     of the motion, 1e-18 in multiprecision, may count as no impact.
 
@@ -89,6 +92,44 @@ def reference(
     return with_horizon(found, system, t_end, steps, solve, show)
 
 
+def best_reference(
+    system: System, t_end: float, t_eval: ArrayLike | None = None, progress: bool | Show = False
+) -> Reference:
+    """The exact solution of a system, else an adaptive one to 1e-12 that restarts at every event; with its horizon.
+
+    Raises InputError with the reason of the exact solution where no method takes the system, and SolverFailure where
+    the one that takes it gives up.
+    """
+    refusals: list[InputError] = []
+    for method in BEST:
+        try:
+            return reference(system, t_end, method, t_eval, rtol=BEST_RTOL, progress=progress)
+        except InputError as error:
+            refusals.append(error)
+    raise refusals[0]
+
+
+def substitute(system: System, t_end: float) -> str:
+    """Sentence that names the best reference of a system without an exact solution, and the reason; else empty."""
+    from .exact.piecewise import refuse
+
+    if any(contact.stops.rigid for contact in system.contacts):
+        return ""
+    try:
+        refuse(system, t_end)
+    except InputError as error:
+        rule = f"{error.field} must {error.rule}"
+        return f"No exact solution ({rule}): {BEST[1]} at rtol {BEST_RTOL:g} stands for it."
+    return ""
+
+
+def takes(method: str, system: System, t_end: float) -> bool:
+    """Whether ``method`` has an answer for the stops of a system, the exact solutions for its functions of time too."""
+    if REFERENCES[method].kind == ADAPTIVE:
+        return not any(contact.stops.rigid for contact in system.contacts)
+    return not substitute(system, t_end)
+
+
 def solve(
     system: System,
     t_end: float,
@@ -117,9 +158,9 @@ def solve(
         raise InputError(given, getattr(steps, given), f"be left out for {method}", "it has no steps to bound")
     if own.kind == ADAPTIVE:
         for contact in system.contacts:
-            contact.stops.require_compliant(f"method={method!r}")
+            contact.stops.require_compliant(f"the adaptive solver {method}")
     if not own.roots and isinstance(steps.switches, str) and steps.switches == RESTART:
-        raise InputError("switches", RESTART, f"be {KEEP!r} for {method}", "use method='cvode-adams'")
+        raise InputError("switches", RESTART, f"be {KEEP!r} for {method}", "use the solver cvode-adams")
     try:
         solver = import_module(f".{own.module}", __name__)
         return solver.solve(Request(system, t_end, method, t_eval, rtol, atol, digits, steps))

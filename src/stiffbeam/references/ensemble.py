@@ -1,8 +1,8 @@
-"""reference_ensemble: the exact solution of many members of one system, side by side on all cores."""
+"""reference_ensemble: the best reference of many members of one system, exact ones side by side on all cores."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 
 import numpy as np
@@ -10,8 +10,9 @@ from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array
 from ..basics.compiled import clock
+from ..basics.progress import silent
 from ..basics.threads import cores, over_slices
-from ..basics.validation import numbers, positive
+from ..basics.validation import InputError, numbers, positive
 from ..model.members import Members, as_members
 from ..model.modes import Modes
 from ..model.system import System
@@ -21,12 +22,13 @@ from ..trajectory.ledger import Ledger
 from ..trajectory.recorder import Seen
 from ..trajectory.records import Records
 from ..trajectory.trajectory import Reference, Work
+from . import BEST_RTOL, best_reference
+from . import solve as solve_by
 from .exact.audit import audit, within_float64
 from .exact.piecewise import general, observations, solve_exact
 from .exact.rigid_reference import solve_rigid
 from .exact.undamped_regimes import Parts
 from .exact.undamped_tracer import Tracer
-from .horizon import exact_horizon
 
 
 def reference_ensemble(
@@ -39,10 +41,13 @@ def reference_ensemble(
 ) -> Ensemble:
     """The exact solution of every member, on all cores; each has the bits of its solo run. Stops may be rigid.
 
+    Where the first member has no exact solution, all are solved one after the other by the adaptive solver of
+    ``best_reference``, as ``provenance["method"]`` says.
     t_eval: (k,) times at which tip and tip velocity are kept, None for none. progress: called with the
-    number of members done. since: the time after which contacts are recorded. ``provenance["horizon"]`` is
+    number of members done. since: the time after which contacts are recorded, of exact solutions only.
+    ``provenance["horizon"]`` is
     that of the first member: past it statistics over the members are all that means anything. Raises
-    InputError as ``reference(method="exact")`` does, and SolverFailure where that horizon is zero.
+    InputError and SolverFailure as ``best_reference`` does.
     """
     begun = clock()
     members = as_members(system, members)
@@ -51,18 +56,23 @@ def reference_ensemble(
     at = np.array([0.0, float(t_end)]) if t_eval is None else times
     record_from(since, t_end)
     known: dict[float, Modes] = {}  # modes, shared between members; the first one finds them
-    first = _solve(members[0], t_end, at, known, since)
-    horizon = horizon_of(members[0], t_end)
+    best = best_reference(members[0], t_end, progress=silent)
+    method, horizon = str(best.provenance["method"]), best.horizon
+    if method != "exact" and since:
+        raise InputError("since", since, f"be 0 for members solved by {method}", "record contacts from the start")
+    one = _solve if method == "exact" else partial(_adaptive, method)
+    first = one(members[0], t_end, at, known, since)
 
     def see(tip: Array, velocity: Array, contacts: tuple[ContactRecord, ...]) -> Seen:
         return Seen(tip[: len(times)], velocity[: len(times)], contacts)
 
     def solve(part: Members) -> Records:
-        runs = (_solve(member, t_end, at, known, since) for member in part)
+        runs = (one(member, t_end, at, known, since) for member in part)
         return Records.of([see(run.tip, run.tip_velocity, run.contacts) for run in runs])
 
     own = members.system
-    if set(members.fields) <= {"q0", "v0"} and not general(own) and not any(c.stops.rigid for c in own.contacts):
+    exact = method == "exact" and not any(c.stops.rigid for c in own.contacts)
+    if exact and set(members.fields) <= {"q0", "v0"} and not general(own):
         tracer = Tracer(Parts(own, known, t_end))  # one for all
 
         def solve(part: Members) -> Records:
@@ -78,19 +88,13 @@ def reference_ensemble(
     rest = None if progress is None else lambda done: progress(1 + done)
     parts = [
         Records.of([see(first.tip, first.tip_velocity, first.contacts)]),
-        *over_slices(solve, members[1:], MEMBERS_PER_SLICE, cores(), rest),
+        # SUNDIALS' solvers do not run side by side in one process.
+        *over_slices(solve, members[1:], MEMBERS_PER_SLICE, cores() if method == "exact" else 1, rest),
     ]
     seconds = clock() - begun
     notes = {"members": len(members), "parameter": members.parameter, "horizon": horizon}
-    ledger = partial(_ledger, members, t_end, at)
+    ledger = partial(_ledger, one, members, t_end, at)
     return gathered(members, parts, times, Work(0, seconds, seconds), first.provenance | notes, ledger)
-
-
-def horizon_of(system: System, t_end: float) -> float:
-    """How long the exact solution of ``system`` can be trusted."""
-    if any(contact.stops.rigid for contact in system.contacts):
-        return solve_rigid(system, t_end).horizon
-    return exact_horizon(solve_exact(system, t_end), system, t_end)[0]
 
 
 def _solve(system: System, t_end: float, at: Array, known: dict[float, Modes], since: float) -> Reference:
@@ -99,5 +103,11 @@ def _solve(system: System, t_end: float, at: Array, known: dict[float, Modes], s
     return solve_exact(system, t_end, at, known=known, since=since)
 
 
-def _ledger(members: Members, t_end: float, at: Array, i: int) -> Ledger:
-    return _solve(members[i], t_end, at, {}, 0.0).energy
+def _adaptive(
+    method: str, system: System, t_end: float, at: Array, known: dict[float, Modes], since: float
+) -> Reference:
+    return solve_by(system, t_end, method, at, BEST_RTOL, None)
+
+
+def _ledger(one: Callable[..., Reference], members: Members, t_end: float, at: Array, i: int) -> Ledger:
+    return one(members[i], t_end, at, {}, 0.0).energy

@@ -125,7 +125,7 @@ def _soon(reference: Reference, system: System, t_end: float, eps: float) -> flo
     horizon = min(agree_until(own, copy, tolerance, scales, part=0.5) for copy in others)
     if horizon <= times[1]:
         reason = "rounding is as large as the outputs from the start"
-        raise SolverFailure("exact", 0.0, reason, "use method='multiprecision'")
+        raise SolverFailure("exact", 0.0, reason, "use multiprecision")
     return horizon
 
 

@@ -62,5 +62,6 @@ REFERENCES = {
     )
 }
 METHODS = tuple(REFERENCES)
-COMPARED = ("exact", "cvode", "cvode-adams")  # what a comparison runs unless it is told
+BEST = ("exact", "cvode-adams", "dop853")  # the first that takes a system is the best reference of it
+COMPARED = ("exact", "cvode-adams", "cvode")  # what a comparison runs unless it is told
 COMPARED_RIGID = ("exact",)  # on rigid stops, which no other takes

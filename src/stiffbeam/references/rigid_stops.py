@@ -22,7 +22,7 @@ def require_rigid(system: System, t_end: float) -> None:
         if not contact.stops.rigid:
             raise InputError("contacts", "rigid and compliant ones", "be all of one kind", "take stiff ones for inf")
         if contact.stops.restitution is None:
-            remedy = "pass restitution=e, or for a contact node without mass use system.massless_contacts()"
+            remedy = "give the stops a restitution, or take the mass of the contact nodes away (massless_contacts)"
             raise InputError("stops.restitution", None, "be given for rigid stops", remedy)
     covered([*(f for _, f in system.loads), *(offset for _, offset in system.channels)], t_end)
     rows = np.array([contact.row for contact in system.contacts])

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
 from .scheme import Array, Equation, Scheme
+
+if TYPE_CHECKING:
+    from ..model.contact import Stops
 
 # The reaction of a node keeps x between the stops and presses only where x is at one; x is
 POSITION = "position"  # x, new
@@ -45,3 +49,12 @@ class RigidScheme(Scheme):
     def start(self, equation: Equation, dt: float, y: Array, force: Array) -> Array:
         """The state at t = 0 from y = (q, q') and the load there."""
         return self.initial(equation, [y], force)
+
+
+def takes_stops(scheme: Scheme, stops: Iterable[Stops]) -> bool:
+    """Whether ``scheme`` has a contact law for all these stops: compliance, or for rigid ones restitution or none."""
+    each = list(stops)
+    restitutes = isinstance(scheme, RigidScheme) and scheme.restitutes
+    if any(one.rigid for one in each):
+        return all((one.restitution is not None) == restitutes for one in each)
+    return not isinstance(scheme, RigidScheme)

@@ -36,7 +36,7 @@ from ..measures.tip_error import stays_within
 from ..model.members import SPREAD
 from ..model.modes import modes
 from ..model.system import System
-from ..references import reference
+from ..references import best_reference
 from ..schemes import RIGID, SCHEMES, Scheme, make
 from ..trajectory.tables import table
 from ..trajectory.trajectory import Trajectory
@@ -168,7 +168,7 @@ def advise(
     contacts = contacts if system.contacts else contacts[:1]
     integer("members", members, 2)
     show("advise: the exact motion", 0, 0)
-    exact = reference(system, positive("t_end", t_end))
+    exact = best_reference(system, positive("t_end", t_end))
     past = exact.horizon < t_end
     criterion: Criterion = Statistics(system, t_end, members) if past else Motion(exact)
     cannot = {"tip": PAST.format(exact.horizon)} if past and "tip" in wanted else {}

@@ -22,10 +22,10 @@ from ..figures import column, heading, look, new_figure, numeric, say_empty, sha
 from ..files.cases import Case
 from ..march.ensemble import integrate_ensemble
 from ..measures.windows import drive_frequency
-from ..model.modes import uncoupled_modes
+from ..model.modes import undamped_modes
 from ..model.sampled import Sampled
 from ..model.system import System
-from ..model.time_functions import Constant, Harmonic, LoadFunction, Sum
+from ..model.time_functions import Constant, Harmonic, LoadFunction, Sum, parts_of
 from ..references.ensemble import reference_ensemble
 from ..references.exact.tangent import lyapunov
 from ..trajectory.ensemble import Ensemble
@@ -38,6 +38,7 @@ if TYPE_CHECKING:
 
 LINEAR = 1e-4  # of the motion's size: a pair farther apart no longer grows in proportion
 ROUNDED = 1e-13  # of it: the distance of a closer pair is rounding
+CLOSE, CLOSE_TO_TOLERANCE = 1e-11, 1e-7  # the distance of a pair: far above rounding, or an adaptive solver's errors
 THREEFOLD = np.log(3.0)
 STEPS = 10  # of a scheme in the span, at least
 SEGMENTS = 20  # of the span, for the scatter of the tangent flow's rate
@@ -50,13 +51,14 @@ def points(
     form: Form = "displacement",
     dt: Dt = None,
     starts: Annotated[int, "pairs of neighbouring motions"] = 48,
-    size: Annotated[float, "their distance, relative to the motion"] = 1e-11,
+    size: Annotated[
+        float | None, "their distance, relative to the motion; default: 1e-11, without an exact solution 1e-7"
+    ] = None,
     span: Annotated[float | None, "how long they are followed; default: half the horizon"] = None,
 ) -> list[Point]:
     """The exact flow and every scheme at ``dt`` (the case's): ``starts`` pairs a distance ``size`` apart,
     followed for ``span`` (half the case's horizon); and the exact motion's portraits."""
     integer("starts", starts, 1)
-    positive("size", size)
     exact = solve_once(system_of(case, form), case.t_end)
     dt = case.dt if dt is None else dt
     most = (case.t_end if span is None else positive("span", span)) / STEPS
@@ -64,13 +66,15 @@ def points(
         raise InputError("dt", dt, f"be at most {most:.3g}, for {STEPS} steps of a span", "take a smaller one")
     if span is None:  # a horizon may be shorter than some steps, or 0
         span = max(min(exact.horizon, case.t_end) / 2.0, STEPS * dt)
+    known = exact.provenance["method"] == "exact"
+    size = (CLOSE if known else CLOSE_TO_TOLERANCE) if size is None else positive("size", size)
     rest = {"form": form, "dt": dt, "starts": starts, "size": size, "span": dt * round(span / dt)}
     pairs = [{"kind": "pairs", "method": method} | rest for method in ["exact", *scheme_labels(case, schemes)]]
     drive = drive_frequency(system_of(case, form))
     tangent = {"kind": "tangent", "method": "tangent flow", "form": form}
     portrait = {"kind": "portrait", "method": "exact", "form": form, "drive": drive}
     long_enough = not drive or 0.9 * case.t_end > 2.0 * np.pi / drive  # for a portrait delayed by a period
-    return [*pairs, tangent, *([portrait] if long_enough else [])]
+    return [*pairs, *([tangent] if known else []), *([portrait] if long_enough else [])]
 
 
 def evaluate(case: Case, point: Point) -> list[Row]:
@@ -80,10 +84,10 @@ def evaluate(case: Case, point: Point) -> list[Row]:
 
 def _pairs(case: Case, point: Point) -> list[Row]:
     system = system_of(case, point["form"])
-    basis = uncoupled_modes(system)
+    basis = undamped_modes(system)
     exact = solve_once(system, case.t_end)
     dt, span = point["dt"], point["span"]
-    times = np.linspace(0.1, 0.9, point["starts"]) * case.t_end
+    times = np.linspace(0.1, min(0.9, (_recorded(system) - span) / case.t_end), point["starts"]) * case.t_end
     assert exact.state_at is not None
     q, v = exact.state_at(times)
     # A direction of its own for every pair, of the same size in every mode's velocity.
@@ -104,11 +108,17 @@ def _pairs(case: Case, point: Point) -> list[Row]:
     largest = float(np.max(omega * np.abs(many.tip)))
     rows: list[Row] = []
     for k in range(point["starts"]):
-        exponent, late = growth(many.t, distance[k], ROUNDED * largest, LINEAR * largest)
+        exponent, late = growth(many.t, distance[k], max(ROUNDED, 1e-2 * point["size"]) * largest, LINEAR * largest)
         rows.append({"pair": k, "start": float(times[k]), "exponent": exponent, "late": late})
     keep = np.unique(np.linspace(1, steps, 100).astype(int))
     mean = np.exp(np.mean(np.log(np.maximum(distance, 1e-300)), axis=0)) / largest
     return rows + [{"t": float(many.t[k]), "distance": float(mean[k])} for k in keep]
+
+
+def _recorded(system: System) -> float:
+    """The time at which the first of the system's samples ends, inf without any."""
+    functions = [f for _, f in system.loads] + [offset for _, offset in system.channels]
+    return min((float(x.t[-1]) for f in functions for x in parts_of(f) if isinstance(x, Sampled)), default=np.inf)
 
 
 def later(system: System, t: float, q: Array, v: Array) -> System:

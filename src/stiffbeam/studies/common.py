@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Annotated
+from typing import Annotated, Any
 
 from ..basics.budget import afford
 from ..basics.validation import InputError, integer, sequence
 from ..files.cases import Case
 from ..measures.windows import first_impacts_end
+from ..model.modes import modes
 from ..model.system import System
-from ..references import reference
-from ..schemes import RIGID, SCHEMES, Scheme, make
+from ..references import best_reference
+from ..references import takes as method_takes
+from ..schemes import RIGID, SCHEMES, RigidScheme, Scheme, make, takes_stops
 from ..schemes.labels import parse_run, user_label
 from ..trajectory.trajectory import Reference
-from .engine.study import Answer, Row, Rows
+from .engine.study import Answer, Row, Rows, Study
 
 # What the options of several studies are and mean; the commands read it here.
 Schemes = Annotated[list[str] | None, "with commas between them, e.g. 'bdf2,hht(alpha=-0.2)'; default: all"]
@@ -26,15 +28,16 @@ Halvings = Annotated[int, "how many steps dt, dt/2, dt/4, ..."]
 ImpactCount = Annotated[int, "the window ends when so many impacts are over"]
 Treatment = Annotated[str, "implicit, conserving, or extrapolated as in the paper"]
 
-_REFERENCES: dict[tuple[str, float, str], Reference] = {}
+_REFERENCES: dict[tuple[str, float], Reference] = {}
 _KEPT = 4
 
 
 def scheme_labels(case: Case, schemes: Sequence[str | Scheme] | None = None) -> list[str]:
-    """The given labels and schemes as labels in one spelling, or the case's own schemes and every other registered one.
+    """The given labels and schemes as labels in one spelling, or the case's own schemes and every other registered one
+    that has a law for its stops and takes its damping.
 
-    Those for rigid stops only where the case has such. A scheme that the case runs on several forms counts once;
-    ``theta`` with its default is the trapezoidal rule, which stands under that name.
+    A scheme that the case runs on several forms counts once; ``theta`` with its default is the trapezoidal rule, which
+    stands under that name.
     """
     if schemes is not None:
         schemes = sequence("schemes", schemes, "be schemes or their labels", "for example ['hht(alpha=-0.1)']")
@@ -45,9 +48,36 @@ def scheme_labels(case: Case, schemes: Sequence[str | Scheme] | None = None) -> 
     own: dict[str, Scheme] = {}
     for scheme, _ in case.runs:
         own.setdefault(scheme.name, scheme)
-    rigid = any(contact.stops.rigid for contact in case.system(case.forms[0]).contacts)
-    names = [*(name for name in SCHEMES if name != "theta"), *(RIGID if rigid else ()), *own]
-    return [label_of(own.get(name) or make(name)) for name in dict.fromkeys(names)]
+    others = {name: make(name) for name in (*SCHEMES, *RIGID) if name != "theta" and name not in own}
+    taken = {name: scheme for name, scheme in others.items() if takes(case, scheme)}
+    known = own | taken
+    return [label_of(known[name]) for name in dict.fromkeys((*SCHEMES, *RIGID, *own)) if name in known]
+
+
+def takes(case: Case, scheme: Scheme) -> bool:
+    """Whether ``scheme`` has a law for the stops of the case and takes its damping."""
+    system = case.system(case.forms[0])
+    modal = isinstance(scheme, RigidScheme) and scheme.modal_only
+    return takes_stops(scheme, (c.stops for c in system.contacts)) and not (modal and modes(system) is None)
+
+
+def takes_extrapolation(case: Case) -> bool:
+    """Whether the case's stops have a force of the position alone, which the extrapolated contact of the paper asks."""
+    return not any(c.stops.rigid or c.stops.dissipative for c in case.system(case.forms[0]).contacts)
+
+
+def smoke_options(study: Study, case: Case) -> dict[str, Any]:
+    """The study's options for a run of seconds on ``case``: a system of matrices keeps its own time span, and in place
+    of schemes without a law for its stops runs the first of its own, and leaves out solvers that do not take it."""
+    options = dict(study.smoke)
+    if case.beam is None:
+        options.pop("t_end", None)
+    meets_stops = study.needs_motion or study.name == "converge"
+    if meets_stops and not all(takes(case, scheme_of(label)) for label in options.get("schemes", ())):
+        options["schemes"] = [str(case.runs[0][0])]
+    if "methods" in options:
+        options["methods"] = [x for x in options["methods"] if method_takes(x, case.system(), case.t_end)]
+    return options
 
 
 def label_of(scheme: str | Scheme) -> str:
@@ -118,13 +148,13 @@ def to_the_end(steps: int, outputs: int) -> int:
     return next((every for every in range(most, most // 2, -1) if steps % every == 0), most)
 
 
-def solve_once(system: System, t_end: float, method: str = "exact") -> Reference:
-    """``reference``, remembered for the next points of the same process."""
-    key = (system.fingerprint, t_end, method)
+def solve_once(system: System, t_end: float) -> Reference:
+    """``best_reference``, remembered for the next points of the same process."""
+    key = (system.fingerprint, t_end)
     if key not in _REFERENCES:
         while len(_REFERENCES) >= _KEPT:
             del _REFERENCES[next(iter(_REFERENCES))]
-        _REFERENCES[key] = reference(system, t_end, method)
+        _REFERENCES[key] = best_reference(system, t_end)
     return _REFERENCES[key]
 
 

@@ -19,7 +19,7 @@ from ..model.problem import BeamProblem
 from ..model.semidiscretisation import semidiscretise
 from ..model.system import System
 from ..model.time_functions import Harmonic
-from ..references import reference
+from ..references import reference, substitute
 from ..references.registry import COMPARED, COMPARED_RIGID, METHODS
 from ..schemes import HHT, Scheme
 from ..trajectory.recorder import sampled_impacts
@@ -85,8 +85,8 @@ def compare_case(
 ) -> CaseComparison:
     """Run every scheme over the case's time span and hold it against a reference of the same form.
 
-    runs: (scheme, form); None for the case's own. references: methods; None for ``COMPARED``, of rigid stops
-    the exact solution only.
+    runs: (scheme, form); None for the case's own. references: methods; None for those of ``COMPARED`` that take the
+    system.
 
     The first of ``references`` that can take the system is the main reference, over the whole span; the
     others run to its horizon only and are compared like the schemes. A run that fails is reported and
@@ -102,7 +102,7 @@ def compare_case(
     if not rigid:  # the references do not need the march
         compile_beside(f"from {__name__} import rehearse; rehearse({by_law})", by_law)
     if references is None:
-        references = COMPARED_RIGID if rigid else COMPARED
+        references = COMPARED_RIGID if rigid else COMPARED[1:] if substitute(first, case.t_end) else COMPARED
     for name in references:
         if name not in METHODS:
             raise InputError("references", name, "be a reference method", near(name, METHODS))

@@ -155,10 +155,14 @@ def answer(rows: Rows, case: Case) -> str:
     if not found:
         nothing = "No contact came to an end."
         return Answer(nothing, rest=nothing)
+    rigid = any(contact.stops.rigid for contact in case.system(case.forms[0]).contacts)
+    blows = ["An exact blow on a rigid stop takes no time, that of a scheme a step or two."] if rigid else []
     return Answer(
-        " ".join(f"The {name} stop{place}: {said}" for (name, place), said in found.items()),
+        " ".join([f"The {name} stop{place}: {said}" for (name, place), said in found.items()] + blows),
         [{"stop": f"{name}{place}"} | line for (name, place), said in found.items() for line in said.table],
-        " ".join(f"The {name} stop{place}: {said.rest}" for (name, place), said in found.items() if said.rest),
+        " ".join(
+            [f"The {name} stop{place}: {said.rest}" for (name, place), said in found.items() if said.rest] + blows
+        ),
     )
 
 

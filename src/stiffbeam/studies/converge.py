@@ -106,7 +106,7 @@ def evaluate(case: Case, point: Point) -> list[Row]:
         left_out = left_out or "error above 10 %"
     elif fastest * dt > RESOLVED:
         left_out = "motion not resolved"
-    elif error.rms < ROUNDING * steps:
+    elif error.rms < max(ROUNDING * steps, 10.0 * float(exact.provenance.get("rtol", 0.0))):
         left_out = "rounding"
     elif t_end > exact.horizon:
         left_out = "past the horizon"

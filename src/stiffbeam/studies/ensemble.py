@@ -79,7 +79,7 @@ def evaluate(case: Case, point: Point) -> list[Row]:
         scheme = scheme_of(point["method"])
         many = integrate_ensemble(system, scheme, dt, t_end, members, point["contact"], every)
     if np.all(np.isfinite(many.diverged)):
-        raise Diverged(point["method"], float(np.max(many.diverged)), "use contact='implicit' or a smaller dt")
+        raise Diverged(point["method"], float(np.max(many.diverged)), "use the implicit contact or a smaller dt")
     whole = ~np.isfinite(many.diverged)
     drive = drive_frequency(system)
     response = drive_amplitude(t, many.tip, drive)

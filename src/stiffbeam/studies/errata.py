@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
+from ..basics.validation import InputError
 from ..figures import (
     MARKERS,
     column,
@@ -40,6 +41,8 @@ from .common import (
     scheme_of,
     solve_once,
     system_of,
+    takes,
+    takes_extrapolation,
 )
 from .converge import ROUNDING
 from .engine.study import Answer, Point, Records, Row, Rows, Study
@@ -65,12 +68,17 @@ def points(
     start = case.dt if dt is None else dt
     window = first_impacts(case, form, impacts) if case.has_stops else 0.0
     found: list[Point] = []
-    for label in scheme_labels(case, schemes):
+    labels = scheme_labels(case, schemes)
+    if schemes is None:  # without contact, a misprint costs the same whatever the stops are
+        have = {scheme_of(label).name for label in labels}
+        labels += [name for name in SCHEMES if name not in have and forms_of(make(name))]
+    for label in labels:
         readings = [(f"printed({name})", "implicit") for name in forms_of(scheme_of(label))]
-        if window:
+        touches = window and takes(case, scheme_of(label))
+        if touches and takes_extrapolation(case):
             readings.append(("extrapolated contact", "extrapolated"))
         for reading, contact in readings:
-            for kind in ("smooth", "contact") if window else ("smooth",):
+            for kind in ("smooth", "contact") if touches else ("smooth",):
                 if kind == "smooth" and contact == "extrapolated":
                     continue  # there is none to extrapolate
                 end, first = (
@@ -81,6 +89,9 @@ def points(
                      "steps": max(4, round(end / first * 2.0**k))}
                     for k in range(halvings)
                 ]  # fmt: skip
+    if not found:
+        remedy = "take sdirk, or stops whose force depends on the position alone"
+        raise InputError("schemes", ", ".join(labels), "have a misprint that runs", remedy)
     return found
 
 

@@ -85,8 +85,10 @@ def points(
     ]
     if sensitivity:
         family = [*(HHT(a) for a in (0.0, -0.05, -0.1, -0.2, -0.3)), *(SDIRK(g) for g in (0.2, 0.35, 0.4359, 0.8, 1.0))]
+        family = [scheme for scheme in family if common.takes(case, scheme)]
         found += [{"scheme": str(s), "contact": "implicit", "dt": dt, "purpose": "parameter"} | rest for s in family]
-        found += [{"scheme": s, "contact": "extrapolated", "dt": dt, "purpose": "contact"} | rest for s in labels]
+        moved = labels if common.takes_extrapolation(case) else []
+        found += [{"scheme": s, "contact": "extrapolated", "dt": dt, "purpose": "contact"} | rest for s in moved]
     return found
 
 
@@ -109,7 +111,7 @@ def evaluate(case: Case, point: Point) -> list[Row]:
     scheme, members = scheme_of(point["scheme"]), perturbed(system, point["members"], SPREAD)
     many = integrate_ensemble(system, scheme, dt, t_end, members, point["contact"])
     if np.any(np.isfinite(many.diverged)):
-        raise Diverged(point["scheme"], float(np.nanmin(many.diverged)), "use contact='implicit' or a smaller dt")
+        raise Diverged(point["scheme"], float(np.nanmin(many.diverged)), "use the implicit contact or a smaller dt")
     horizon = min(t_end, solve_once(system, t_end).horizon)
     steps = max(2, round(horizon / dt))
     run = integrate(system, scheme, dt, steps * dt, point["contact"], every=steps)

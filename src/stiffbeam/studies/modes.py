@@ -13,7 +13,8 @@ from ..march.integrate import integrate
 from ..measures.amplification import amplification
 from ..measures.free_modes import free_mode_errors
 from ..measures.smooth_motion import without_contact
-from ..model.modes import uncoupled_modes
+from ..model.modes import undamped_modes
+from ..model.natural_modes import modes
 from .common import Dt, Form, Schemes, scheme_labels, scheme_of, system_of
 from .engine.study import Answer, Point, Records, Row, Rows, Study
 
@@ -40,17 +41,17 @@ def points(
 def evaluate(case: Case, point: Point) -> list[Row]:
     """One row for each mode with omega dt < pi: elongation and damping, measured and in theory."""
     system = replace(without_contact(system_of(case, point["form"])), loads=())
-    basis = uncoupled_modes(system)
+    basis, natural = undamped_modes(system), modes(system)
     dt, scheme = point["dt"], scheme_of(point["scheme"])
     # Every mode starts with the same energy.
     amplitudes = np.where(basis.omega > 0.0, 1.0, 0.0) / np.where(basis.omega > 0.0, basis.omega, 1.0)
     system = replace(system, q0=basis.to_nodal(amplitudes), v0=np.zeros(system.size))
     found = free_mode_errors(integrate(system, scheme, dt, point["steps"] * dt))
     rows = []
-    for j, omega in enumerate(basis.omega):
+    for j, omega in enumerate(natural.omega):
         if omega == 0.0 or omega * dt >= np.pi:
             continue
-        xi = float(0.5 * basis.damping[j] / omega)
+        xi = float(natural.damping_ratio[j])
         if xi >= 1.0:
             reason = "a mode with damping ratio 1 or more does not oscillate: it has no period to be late by"
             rows.append({"mode": j + 1, "omega": float(omega), "refused": reason})

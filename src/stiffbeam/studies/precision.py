@@ -16,7 +16,7 @@ from ..march.integrate import integrate
 from ..measures.impacts import matched_until
 from ..measures.tip_error import tip_error
 from ..model.system import System
-from ..references import solve
+from ..references import solve, takes
 from ..references.adaptive.rhs import RightHandSide
 from ..references.registry import MULTIPRECISION, REFERENCES
 from ..references.request import Steps
@@ -86,7 +86,9 @@ def points(
         for label in scheme_labels(case, schemes)
         for k in range(halvings)
     ]
-    for method in [m for m in METHODS if REFERENCES[m].seconds < TOO_SLOW] if methods is None else methods:
+    system = system_of(case, form)
+    fast = [m for m in METHODS if REFERENCES[m].seconds < TOO_SLOW and takes(m, system, case.t_end)]
+    for method in fast if methods is None else methods:
         affordable = TOLERANCES[: 2 if REFERENCES[method].seconds >= SLOW else None]
         chosen = [0.0] if method == "exact" else tolerances or affordable
         found += [{"method": method, "dt": 0.0, "rtol": rtol} | rest for rtol in chosen]

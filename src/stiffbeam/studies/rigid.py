@@ -41,6 +41,9 @@ def points(
         found = f"{len(system.contacts)} contacts"
         remedy = "keep the stops at one place"
         raise InputError("case", found, "have stops at one place, neither none nor several", remedy)
+    system.contacts[0].stops.require_linear("a limit of rigid stops")
+    if system.contacts[0].offset is not None:
+        raise InputError("stops", "moving ones", "be at rest for rigid stops", "their limit is known without motion")
     if system.damped:
         viscosity = 0.0 if case.beam is None else case.beam.viscosity
         name, value = ("viscosity", viscosity) if viscosity else ("damping", "a matrix that is not 0")

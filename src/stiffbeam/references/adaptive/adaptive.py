@@ -15,7 +15,7 @@ from ...basics.validation import InputError, one_of, positive
 from ...model.first_order import FirstOrderSystem
 from ...model.system import System
 from ...trajectory.ledger import Ledger, in_contact
-from ...trajectory.trajectory import Reference, Work, output_index, versions
+from ...trajectory.trajectory import Reference, Work, versions
 from ..registry import REFERENCES
 from ..request import KEEP, RESTART, Request, output_times
 from .contact_records import contact_record
@@ -84,14 +84,14 @@ def reference_from(
     positive("t_end", t_end)
     rtol = positive("rtol", rtol)
     if rtol < LEAST_RTOL:
-        raise InputError("rtol", rtol, f"be at least {LEAST_RTOL:.2g} in float64", "use method='multiprecision'")
+        raise InputError("rtol", rtol, f"be at least {LEAST_RTOL:.2g} in float64", "use multiprecision")
     jumps = next((c.stops.damping for c in system.contacts if c.stops.jumps), 0.0)
     # No error control is meant for a force that jumps.
     switches = (RESTART if jumps else switches) if steps.switches is None else steps.switches
     one_of("switches", switches, (RESTART, KEEP), f"be {RESTART!r} or {KEEP!r}")
     if jumps and switches == KEEP:
         rule = f"be {RESTART!r} for stops with damping = {jumps:g}, whose force jumps"
-        raise InputError("switches", switches, rule, "use method='cvode'")
+        raise InputError("switches", switches, rule, "use the adaptive solver cvode")
     t = output_times(t_eval, t_end)
     begun = clock()
     pieces = smooth_pieces(system, t_end, steps)  # which asks the functions of time what they are
@@ -112,8 +112,10 @@ def reference_from(
     integrals = np.full(rhs.size - rhs.states, UNCONTROLLED)
     integrals[[0, 1, *([-1] if rhs.damped else [])]] = rtol * scales.energy
     tolerances = np.concatenate([share * tolerances, integrals])
-    result = solve(Task(rhs, pieces, t, share * rtol, tolerances, switches, scales, steps.events))
+    task = Task(rhs, pieces, t, share * rtol, tolerances, switches, scales, steps.events)
+    result = solve(task)
     y = result.states[:, : rhs.states]
+    answers = Answers(solve, task, y)
     positions, velocities = rhs.channels(t, y)
     tip = system.tip_channel
     states = (y @ rhs.first_order.to_q.T, y @ rhs.first_order.to_v.T)
@@ -155,12 +157,40 @@ def reference_from(
         ),
         provenance=provenance,
         system=system,
-        evaluate=lambda times, channel: tuple(  # type: ignore[return-value]
-            x[output_index(t, times, method), channel] for x in (positions, velocities)
-        ),
-        state_at=lambda times: tuple(s[output_index(t, times, method)] for s in states),  # type: ignore[return-value]
+        evaluate=lambda times, channel: answers.channel(times, channel),
+        state_at=lambda times: answers.states(times),
         ledger=ledger,
     )
+
+
+class Answers:
+    """States of the solution at any times: of its outputs, else those of the same solve with its outputs there.
+
+    The last answer is kept: a comparison asks the same times of the tip and of every contact.
+    """
+
+    def __init__(self, solve: Callable[[Task], Solve], task: Task, y: Array) -> None:
+        self.solve, self.task = solve, task
+        self.t, self.y = task.t, y
+
+    def at(self, times: Array) -> Array:
+        """The states (k, size) at ``times`` (k,), in any order, in [0, t_end]."""
+        due = np.unique(times)
+        if not np.all(np.isin(due, self.t)):
+            end = self.task.pieces.pieces[-1].end
+            self.t = due if len(due) > 1 else np.unique([0.0, *due, end])
+            self.y = self.solve(self.task._replace(t=self.t)).states[:, : self.task.rhs.states]
+        return self.y[np.searchsorted(self.t, times)]
+
+    def channel(self, times: Array, channel: int) -> tuple[Array, Array]:
+        """Position and velocity of a channel at ``times``."""
+        u, v = self.task.rhs.channels(times, self.at(times))
+        return u[:, channel], v[:, channel]
+
+    def states(self, times: Array) -> tuple[Array, Array]:
+        """(q, q') at ``times``."""
+        y, parts = self.at(times), self.task.rhs.first_order
+        return y @ parts.to_q.T, y @ parts.to_v.T
 
 
 def _taken_by_stops(rhs: RightHandSide, z: Array, positions: Array) -> Array:

@@ -44,7 +44,7 @@ def solve(request: Request) -> Reference:
     for function in (*(f for _, f in system.loads), *(offset for _, offset in system.channels)):
         if not in_closed_form(function):
             rule = f"be made of Harmonic, Constant and Sampled for {method}"
-            raise InputError("time function", function, rule, "use method='cvode'")
+            raise InputError("time function", function, rule, "use the adaptive solver cvode")
 
     def run(task: Task) -> Solve:
         rhs, rtol = task.rhs, task.rtol
@@ -84,7 +84,7 @@ def solve(request: Request) -> Reference:
                 seconds += time.perf_counter() - begun
                 if solution.result != diffrax.RESULTS.successful or not np.all(np.isfinite(ys)):
                     reached = float(times[int(np.argmin(np.all(np.isfinite(ys), axis=1)))])
-                    raise SolverFailure(method, reached, str(solution.result), "loosen rtol or use method='cvode'")
+                    raise SolverFailure(method, reached, str(solution.result), "loosen rtol or use the solver cvode")
                 count += int(solution.stats["num_steps"])
                 path.append(ys[1:])
                 y = ys[-1]

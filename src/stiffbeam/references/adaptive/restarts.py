@@ -236,7 +236,9 @@ def follow(
             counters["starts"] = counters.get("starts", 0) + 1
             still = still + 1 if outcome.t <= now else 0
             if still > STUCK:
-                raise SolverFailure(method, now, "switches without end", "use switches='through'")
+                raise SolverFailure(
+                    method, now, "switches without end", "use the solver cvode, which steps across events"
+                )
             now, z = outcome.t, outcome.z
             states += outcome.states
             contacts.note(watch)
@@ -262,7 +264,7 @@ def refuse_endless(method: str, t: float, evaluations: int, forecast: Forecast) 
     forecast.check(t)
     if evaluations > MOST_EVALUATIONS:
         reason = f"{evaluations} evaluations of the right-hand side, more than {MOST_EVALUATIONS}"
-        raise SolverFailure(method, t, reason, "loosen rtol, shorten t_end or use method='exact'")
+        raise SolverFailure(method, t, reason, "loosen rtol, shorten t_end or take the exact solution")
 
 
 def _extent(rhs: RightHandSide, scales: Scales, contact: int) -> float:

@@ -65,7 +65,7 @@ def stepping(method: str, library: Any) -> Callable[[RightHandSide, float, Array
                 refuse_endless(method, float(stepper.t), int(stepper.nfev), phase.forecast)
                 if stepper.status == "failed":
                     raise SolverFailure(
-                        method, float(stepper.t), str(message), "loosen rtol and atol or use method='exact'"
+                        method, float(stepper.t), str(message), "loosen rtol and atol or take the exact solution"
                     )
                 after = watch.values(stepper.t, stepper.y).copy()
                 changed = np.flatnonzero(((before <= 0.0) != (after <= 0.0)) & (directions * (after - before) >= 0.0))
@@ -99,7 +99,7 @@ def refuse_stiff(system: System, t_end: float) -> None:
     if steps > MOST_STEPS:
         raise InputError(
             "method", "dop853", f"not need more than {MOST_STEPS} steps to be stable (it would take {steps:.2g}: the "
-            f"fastest rate of the system is {rate:.3g}, t_end {t_end:.3g})", "use method='cvode' or 'radau'",
+            f"fastest rate of the system is {rate:.3g}, t_end {t_end:.3g})", "use the solver cvode or radau",
         )  # fmt: skip
 
 

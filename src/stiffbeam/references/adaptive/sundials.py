@@ -38,7 +38,7 @@ def advance(method: str, solver: Any, phase: Phase) -> Outcome:
         while not ended_by:
             result = solver.step(float(target), tstop=phase.end)
             if not result.success:
-                message, remedy = str(result.message), "loosen rtol and atol or use method='exact'"
+                message, remedy = str(result.message), "loosen rtol and atol or take the exact solution"
                 raise SolverFailure(method, float(result.t), message, remedy)
             t, z = float(result.t), np.asarray(result.y)
             refuse_endless(method, t, int(result.nfev), phase.forecast)

@@ -109,7 +109,7 @@ def _start(system: System, solution: Solution, t_end: float, solver: str, q0: Ar
         positions = _looks(system, solution, t_end, channel, ends)
         if all(abs(u[0] - given) > START * max(abs(given), float(np.max(np.abs(u)))) for u in positions):
             reason = "the motion is smaller than the rounding of the amplitudes it is the difference of"
-            raise SolverFailure(solver, 0.0, reason, "use method='multiprecision'")
+            raise SolverFailure(solver, 0.0, reason, "use multiprecision")
 
 
 def _looks(

@@ -176,7 +176,7 @@ def refuse(system: System, t_end: float) -> None:
     for contact in system.contacts:
         contact.stops.require_linear("the exact solution", damped=True)
         if contact.stops.damping > 0.0 and any(isinstance(part, Sampled) for part in parts_of(contact.offset)):
-            rule, remedy = "be made of Harmonic and Constant where the stop is damped", "use method='cvode'"
+            rule, remedy = "be made of Harmonic and Constant where the stop is damped", "use the adaptive solver cvode"
             raise InputError("contact.offset", contact.offset, rule, remedy)
     drive = Drive.of(system)
     drive.recorded(drive.split(system.loads, system.size)[1], system.size)

@@ -88,7 +88,7 @@ def _of(A: Array, span: float) -> list[Group]:
     if not condition < CONDITION_LIMIT:
         raise InputError(
             "damping", f"eigenvectors of condition {condition:.1g}", f"keep it below {CONDITION_LIMIT:g}",
-            "its modes are further apart than float64 holds together: use method='cvode'",
+            "its modes are further apart than float64 holds together: use the adaptive solver cvode",
         )  # fmt: skip
     inverse, found, begin = np.linalg.inv(basis), [], 0
     for own, V in zip(sets, spaces, strict=True):
@@ -144,7 +144,7 @@ def _space(A: Array, values: Complex, own: list[int]) -> Complex:
     if count != len(own):
         raise InputError(
             "damping", f"{len(own)} eigenvalues that meet", "keep them apart from the others",
-            "change the damping a little or use method='cvode'",
+            "change the damping a little or use the solver cvode",
         )  # fmt: skip
     Q = Q[:, :count]
     if np.all(inside.imag > 0.0) or np.all(inside.imag < 0.0):

@@ -74,7 +74,7 @@ def refine(pencil: Pencil, X: Any, values: list[Any]) -> tuple[Any, list[Any]]:
         ctx.prec = target
     raise InputError(
         "damping", "modes that cannot be separated", "have as many eigenvectors as unknowns",
-        "a mode is critically damped: change the damping a little or use method='cvode'",
+        "a mode is critically damped: change the damping a little or use the solver cvode",
     )  # fmt: skip
 
 

@@ -63,7 +63,7 @@ def solve_rigid(request: Request) -> Reference:
             tries -= 1
             if digits != "auto" or not tries or previous is not None:
                 reason = f"a stop is touched: {wanted} digits do not tell whether it is hit"
-                remedy = "move the stop or the start a little, or let method='exact' decide by rounding"
+                remedy = "move the stop or the start a little, or let the exact solution decide by rounding"
                 raise SolverFailure("multiprecision", touched.args[0], reason, remedy) from None
             wanted *= 2
             continue

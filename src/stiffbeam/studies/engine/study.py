@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from ...basics.plain import plain
 from ...basics.whole_file import write_whole
+from ...references import substitute
 
 if TYPE_CHECKING:
     import pandas
@@ -98,7 +99,10 @@ class Records:
             nothing = "No point could be evaluated"
             return Answer(f"{nothing}: " + "; ".join(sorted(reasons)), rest=nothing)
         answer = self.study.answer(self.found, self.case)
-        return answer if isinstance(answer, Answer) else Answer(answer, rest=answer)
+        answer = answer if isinstance(answer, Answer) else Answer(answer, rest=answer)
+        if "exact" not in answer or not (note := substitute(self.case.system(), self.case.t_end)):
+            return answer
+        return Answer(f"{answer} {note}", answer.table, f"{answer.rest} {note}")
 
     @property
     def found(self) -> list[Row]:

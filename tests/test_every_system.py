@@ -1,0 +1,155 @@
+"""Every system that a user may bring, through every command and every study: an answer with numbers, or a refusal that
+this file names."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from every_system import BENCHES
+
+import stiffbeam as sb
+from stiffbeam.basics.validation import InputError
+from stiffbeam.files.case import case_of
+from stiffbeam.studies import STUDIES, find_study
+from stiffbeam.studies.common import smoke_options
+
+# What may be refused, by the study that may refuse it: no other reason is good enough.
+REFUSED = {
+    "space": "be a beam with a grid",
+    "first_impact": "be a beam with a grid",
+    "rigid_beam": "be a beam with stops",
+    "rigid": "0 for rigid stops|at one place|at rest for rigid stops|for a limit of rigid stops",
+    "sweep": "once a period|driven by a Harmonic|move at the drive's frequency|exactly one Harmonic drive",
+    "errata": "keep the printed|have a misprint",  # some grow at some steps; HHT has none beside its contact
+    "modes": "does not oscillate",  # a mode that is more than critically damped
+}
+WITHOUT_STOPS = "have stops"
+FAILED = {"chaos": "tangent vectors vanish"}  # of blows with e = 0, after which nothing of a neighbour is left
+
+MORE: dict[str, dict[str, Any]] = {"modes": {"steps": 4000}}  # smoke options that are too short for these systems
+ANY_CASE = ("amplification", "restitution", "rigid_bar")  # which ask nothing of the case
+COMMANDS = ("compare", "advise", "reference", "agree", "animate")
+FREE = ("ball on a vibrating table", "feeder", "drop on a Kelvin-Voigt stop", "drop on a Hunt-Crossley stop")
+RIGID = ("rigid impact damper", "oscillator under a record, rigid", "coupled oscillator, rigid")
+# Cells that wait for the time and motion scales of systems without a natural period or a law of force.
+WAITING = {
+    *((study, name) for study in ("converge", "errata", "modes") for name in (*FREE, "one-sided Hertz chain")),
+    *((study, name) for study in ("ensemble", "impacts", "contact_duration") for name in FREE),
+    *((study, name) for study in ("compare", "precision", "agree") for name in FREE[:2]),
+    *(("impacts", name) for name in RIGID),
+}
+
+
+def cells(names: tuple[str, ...]) -> list[Any]:
+    """Every system times these commands or studies; those that wait are expected to fail."""
+    return [
+        pytest.param(
+            what,
+            name,
+            id=f"{what}-{name.replace(' ', '-')}",
+            marks=[pytest.mark.xfail(reason="waits for scales", strict=False)] if (what, name) in WAITING else [],
+        )
+        for what in names
+        for name in (list(BENCHES)[:1] if what in ANY_CASE else BENCHES)
+    ]
+
+
+@pytest.mark.fast(4)
+@pytest.mark.parametrize(("study", "name"), cells(tuple(STUDIES)))
+def test_every_study_answers_or_refuses_for_a_reason_named_here(study, name):
+    system, dt, t_end = BENCHES[name]()
+    options = smoke_options(find_study(study), case_of(system, dt, t_end)) | MORE.get(study, {})
+    records, refused = None, ""
+    try:
+        records = sb.study(study, system, dt=dt, t_end=t_end, **options)
+    except InputError as error:
+        refused = str(error)
+    if records is None:
+        assert re.search(WITHOUT_STOPS if not system.contacts else REFUSED[study], refused), refused
+        return
+    for row in records.failures:
+        assert re.search(FAILED[study], row["failed"]), row["failed"]
+    for row in records.refusals:
+        assert re.search(REFUSED[study], row["refused"]), row["refused"]
+    assert records.found
+    assert any(c.isdigit() for c in records.answer)
+    assert "No point" not in records.answer
+    assert records.figure().axes
+
+
+def toml(system: sb.System, dt: float, t_end: float) -> str:
+    """The system as a case file."""
+
+    def function(f: Any) -> str:
+        if isinstance(f, sb.Constant):
+            return f"constant = {f.level!r}"
+        if isinstance(f, sb.Sampled):
+            return f"sampled = {{ t = {f.t.tolist()}, values = {f.values.tolist()} }}"
+        return f"amplitude = {f.amplitude!r}, frequency = {f.frequency!r}, phase = {f.phase!r}"
+
+    lines = ["[[case]]", 'name = "own"', f"dt = {dt}", f"t_end = {t_end}", "[case.system]"]
+    lines += [f"{x} = {getattr(system, x).tolist()}" for x in ("mass", "stiffness", "damping")]
+    lines += [f"initial_displacement = {system.q0.tolist()}", f"initial_velocity = {system.v0.tolist()}"]
+    lines += [f"observe = {system.channels[system.tip_channel][0].tolist()}"]
+    loads = ", ".join(f"{{ row = {vector.tolist()}, {function(f)} }}" for vector, f in system.loads)
+    lines += [f"loads = [{loads}]"]
+    for contact in system.contacts:
+        lines += ["[[case.system.contacts]]", f"row = {contact.row.tolist()}"]
+        lines += [f"{key} = {value!r}" for key, value in contact.stops.data.items()]
+        lines += [] if contact.offset is None else [f"offset = {{ {function(contact.offset)} }}"]
+    return "\n".join(lines)
+
+
+def asked(what: str, file: str) -> list[str]:
+    """The command line that asks ``what`` of a case file."""
+    return {
+        "compare": ["compare", file, "--json", "-"],
+        "advise": ["advise", file, "--most-steps", "2048", "--members", "4", "--json", "-"],
+        "reference": ["reference", file, "--json", "-"],
+        "agree": ["reference", file, "--method", "all", "--budget", "1", "--json", "-"],
+        "animate": ["animate", file, "--seconds", "0.3", "--json", "-"],
+    }[what]
+
+
+PYTHON = re.compile(r"stiffbeam\.[A-Z]|sb\.|\w+='|\w+\(\w*=")  # what only a programmer can write
+
+
+@pytest.mark.fast(1)
+@pytest.mark.parametrize(("what", "name"), cells(COMMANDS))
+def test_every_command_answers(what: str, name: str, command: Callable[..., tuple[int, str, str]], tmp_path: Path):
+    Path("own.toml").write_text(toml(*BENCHES[name]()), encoding="utf-8")
+    code, out, err = command(*asked(what, "own.toml"))
+    found = json.loads(out)
+    if what == "compare":
+        assert found["comparisons"], found["failures"]
+        assert all(c["reference"] for c in found["comparisons"])
+        assert not found["failures"]
+    elif what == "advise":
+        assert found["advised"] or found["cannot"]
+        assert code == (0 if found["advised"] else 1)
+        return
+    elif what == "reference":
+        assert found["references"][0]["horizon"] > 0.0
+    elif what == "agree":
+        assert found["references"][0]["horizons"]
+        said = " ".join(found["references"][0]["skipped"].values())
+        assert not PYTHON.search(said), said
+    else:
+        assert Path(found["file"]).is_file()
+    assert code == 0, err
+
+
+def test_a_remedy_of_a_command_is_none_of_python(command):
+    """Of the exact solution on a law it does not take, and of a scheme without an impact law."""
+    Path("own.toml").write_text(toml(*BENCHES["drop on a Hunt-Crossley stop"]()), encoding="utf-8")
+    code, _, err = command("reference", "own.toml", "--method", "exact")
+    assert (code, "use the adaptive solver cvode" in err) == (2, True)
+    Path("own.toml").write_text(toml(*BENCHES["rigid impact damper"]()), encoding="utf-8")
+    code, _, err = command("compare", "own.toml", "--schemes", "bdf2")
+    assert (code, "use moreau-jean" in err) == (2, True)
+    assert not PYTHON.search(err)
