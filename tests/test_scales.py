@@ -57,7 +57,8 @@ def test_a_stiffness_that_does_not_show_changes_no_scale(floor):
     assert longest_delay(free, 5.0) == pytest.approx(longest_delay(held, 5.0), rel=1e-12)
     a, b = (sb.perturbed(system, 3) for system in (free, held))
     for one, other in zip(a, b, strict=True):
-        assert np.allclose(one.q0, other.q0, rtol=1e-9) and np.allclose(one.v0, other.v0, rtol=1e-9)
+        assert np.allclose(one.q0, other.q0, rtol=1e-9)
+        assert np.allclose(one.v0, other.v0, rtol=1e-9)
 
 
 def test_perturbations_of_a_ball_are_of_the_order_of_size_times_the_motion():
@@ -102,16 +103,12 @@ def test_a_stop_that_moves_gives_speed():
     assert scales(table, 10.0).rates == pytest.approx(G / 2.0)
 
 
-def test_studies_answer_for_problems_without_stiffness():
-    for name in ("bouncing-ball", "kelvin-voigt", "hertz", "hunt-crossley"):
+def test_convergence_studies_take_problems_without_stiffness():
+    for name in ("bouncing-ball", "kelvin-voigt"):
         problem = sb.problem(name)
         scheme = "moreau-jean(theta=0.5)" if name == "bouncing-ball" else "hht(alpha=-0.1)"
         options = {"schemes": [scheme], "dt": problem.t_end / 200.0, "t_end": problem.t_end}
-        try:
-            found = sb.study("converge", problem.system, halvings=2, impacts=1, **options)
-        except sb.InputError as error:
-            assert "t_eval" in str(error) or "method='cvode'" in str(error)  # no exact solution of the law
-            continue
+        found = sb.study("converge", problem.system, halvings=2, impacts=1, **options)
         assert found.found, found.answer
 
 

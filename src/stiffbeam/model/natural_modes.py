@@ -108,7 +108,8 @@ def static_equilibrium(system: System, t: float | None = None) -> Array:
 
     t: None asks for loads and offsets that are all Constant; else they are frozen at their values at time t. The
     equilibrium is unique where K, or K with the springs of the closed stops, is positive definite. As initial data:
-    ``replace(system, q0=q, v0=0 * q)``, or ``initial_displacement=q`` of ``System.from_matrices``. Of a beam q is in v = u - phi (1 - (x/L)^2).
+    ``replace(system, q0=q, v0=0 * q)``, or ``initial_displacement=q`` of ``System.from_matrices``. Of a beam q is in
+    v = u - phi (1 - (x/L)^2).
     Raises InputError for loads that are not constant without ``t``, for rigid stops, and for a system that neither
     its stiffness nor its closed stops hold.
     """

@@ -102,7 +102,7 @@ def evaluate(case: Case, point: Point) -> list[Row]:
     dt = t_end / steps
     run = integrate(system, scheme_of(point["scheme"]), dt, t_end, point["contact"], every=max(1, steps // SAMPLES))
     error = tip_error(run.tip, exact.at(run.t)[0])
-    fastest = max(*Drive.of(system).frequencies, 2.0 * np.pi / scales(system, case.t_end).period)
+    fastest = max([*Drive.of(system).frequencies, 2.0 * np.pi / scales(system, case.t_end).period])
     left_out = ""
     if point["kind"] == "contact" and matched_until(run, exact, t_end) < t_end:
         left_out = "impacts differ"
