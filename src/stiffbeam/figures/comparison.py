@@ -166,7 +166,7 @@ def line_of(run: Trajectory) -> dict[str, Any]:
 def first_contact(reference: Reference, system: System, window: float, contact: int = 0) -> tuple[float, float]:
     """A span around the first group of impacts on one stop of a contact: an eighth of the longest time scale, less
     where the group is shorter."""
-    length = min(window, scales(system, window).period / 8.0)
+    length = min(window, scales(system).period / 8.0)
     times = reference.contacts[contact].impacts.times if reference.contacts else np.zeros(0)
     first = float(times[0]) if len(times) and times[0] < window else 0.1 * length
     start, end = max(0.0, first - 0.1 * length), min(window, first + 0.9 * length)
