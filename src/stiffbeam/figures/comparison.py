@@ -14,6 +14,7 @@ from ..measures.names import short
 from ..measures.spectrum import amplitude_spectrum
 from ..measures.windows import drive_frequency
 from ..model.contact import Stops
+from ..model.scales import scales
 from ..model.system import System
 from ..trajectory.trajectory import Reference, Trajectory
 from .panels import new_figure, tip_name, tip_symbol
@@ -163,13 +164,9 @@ def line_of(run: Trajectory) -> dict[str, Any]:
 
 
 def first_contact(reference: Reference, system: System, window: float, contact: int = 0) -> tuple[float, float]:
-    """A span around the first group of impacts on one stop of a contact: an eighth of the lowest natural period, less
+    """A span around the first group of impacts on one stop of a contact: an eighth of the longest time scale, less
     where the group is shorter."""
-    from ..model.modes import modes
-
-    basis = modes(system)
-    omega = basis.omega[basis.omega > 0.0] if basis is not None else np.zeros(0)
-    length = min(window, 2.0 * np.pi / float(omega[0]) / 8.0) if len(omega) else window / 8.0
+    length = min(window, scales(system).period / 8.0)
     times = reference.contacts[contact].impacts.times if reference.contacts else np.zeros(0)
     first = float(times[0]) if len(times) and times[0] < window else 0.1 * length
     start, end = max(0.0, first - 0.1 * length), min(window, first + 0.9 * length)

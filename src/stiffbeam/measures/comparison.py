@@ -14,7 +14,7 @@ from ..basics.pictures import picture
 from ..basics.plain import plain
 from ..basics.units import Units
 from ..basics.validation import InputError
-from ..model.modes import undamped_modes
+from ..model.scales import scales
 from ..model.system import System
 from ..references.exact.exact_measures import contact_record
 from ..trajectory.impacts import Impacts
@@ -193,8 +193,6 @@ def compare(run: Trajectory | Sequence[ArrayLike], reference: Reference) -> Comp
         missing.append("energy: the run came without states or a ledger")
     if "tip_velocity" in run.provenance:
         missing.append(f"tip velocity: {run.provenance['tip_velocity']}; impact times and lag are as good as that")
-    omega = undamped_modes(system).omega
-    omega = omega[omega > 0.0]
     lag = phase_lag(
         t[: len(u_ref)],
         run.tip[: len(u_ref)],
@@ -202,7 +200,7 @@ def compare(run: Trajectory | Sequence[ArrayLike], reference: Reference) -> Comp
         lambda times: u_ref[np.round(times / dt).astype(int)],
         together,
         drive_frequency(system),
-        float(omega[0]) if len(omega) else 0.0,
+        2.0 * np.pi / scales(system, float(reference.provenance["t_end"])).period,
     )
     return Comparison(
         label=run.label,
@@ -264,7 +262,9 @@ def _contact(
         run=statistics(run, found, own.force, window),
         reference=statistics(reference, true, true_force, window),
         # Where no impact of the run is known, nothing parts and nothing is paired.
-        matching=Matching(0, window, np.nan, np.nan) if unknown else match(found, true, window, longest_delay(system)),
+        matching=Matching(0, window, np.nan, np.nan)
+        if unknown
+        else match(found, true, window, longest_delay(system, float(reference.provenance["t_end"]))),
         run_totals=statistics(run, found, own.force, t_end),
         reference_totals=statistics(reference, true, true_force, t_end),
     )
@@ -288,7 +288,12 @@ def _rigid_contact(run: Trajectory, reference: Reference, system: System, i: int
         place=_place(system, i),
         run=statistics(run, window),
         reference=statistics(reference, window),
-        matching=match(run.contacts[i].impacts, reference.contacts[i].impacts, window, longest_delay(system)),
+        matching=match(
+            run.contacts[i].impacts,
+            reference.contacts[i].impacts,
+            window,
+            longest_delay(system, float(reference.provenance["t_end"])),
+        ),
         run_totals=statistics(run, t_end),
         reference_totals=statistics(reference, t_end),
     )

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..model.scales import scales
 from ..model.system import System
-from ..references.horizon import longest_period
 from ..trajectory.impacts import Impacts
 from ..trajectory.trajectory import Trajectory
 
@@ -43,9 +43,9 @@ class Matching:
     median_delay: float
 
 
-def longest_delay(system: System) -> float:
-    """A quarter of the longest natural period: what is later than that follows nothing."""
-    return 0.25 * longest_period(system)
+def longest_delay(system: System, t_end: float) -> float:
+    """A quarter of the longest time scale of a run to t_end: an impact that is later than that follows nothing."""
+    return 0.25 * scales(system, t_end).period
 
 
 def match(run: Impacts, reference: Impacts, window: float, longest: float = np.inf) -> Matching:
@@ -79,5 +79,7 @@ def match(run: Impacts, reference: Impacts, window: float, longest: float = np.i
 def matched_until(run: Trajectory, reference: Trajectory, window: float) -> float:
     """The time to which the impacts at every contact match, see Matching; ``window`` without contacts."""
     pairs = zip(run.contacts, reference.contacts, strict=True)
-    longest = np.inf if reference.system is None else longest_delay(reference.system)
+    longest = (
+        np.inf if reference.system is None else longest_delay(reference.system, float(reference.provenance["t_end"]))
+    )
     return min((match(a.impacts, b.impacts, window, longest).matched_until for a, b in pairs), default=window)

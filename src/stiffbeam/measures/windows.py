@@ -8,6 +8,7 @@ from ..basics.arrays import Array
 from ..basics.validation import InputError, positive
 from ..model.drive import Drive
 from ..model.modes import undamped_modes
+from ..model.scales import oscillates
 from ..model.system import System
 from ..trajectory.trajectory import Reference, Trajectory
 
@@ -17,17 +18,16 @@ def drive_frequency(system: System) -> float:
     return max(Drive.of(system).frequencies, default=0.0)
 
 
-def slowest_period(system: System) -> float:
-    """The longest of the periods of the drives and of the lowest natural one.
+def slowest_period(system: System, t_end: float = np.inf) -> float:
+    """The longest period of the drives and of the modes that oscillate in a run to t_end.
 
-    Raises InputError where nothing oscillates.
+    Raises InputError where nothing does.
     """
-    basis = undamped_modes(system)
-    frequencies = [*map(float, basis.omega[basis.omega > 0.0][:1]), *Drive.of(system).frequencies]
-    if not frequencies:
-        remedy = "give it stiffness or a Harmonic drive"
-        raise InputError("system", "no stiffness and no drive", "have a frequency", remedy)
-    return 2.0 * np.pi / min(frequencies)
+    rates = [*undamped_modes(system).omega[oscillates(system, t_end)], *Drive.of(system).frequencies]
+    if not rates:
+        remedy = "give it stiffness or a Harmonic load, or a longer run"
+        raise InputError("system", "no oscillation", "have a frequency without its stops", remedy)
+    return 2.0 * np.pi / min(rates)
 
 
 def impact_times(run: Trajectory) -> Array:

@@ -21,9 +21,10 @@ from .modes import undamped_modes
 from .problem import BeamProblem, Profile
 from .profiles import PolynomialProfile
 from .sampled import Sampled
+from .scales import scales
 from .semidiscretisation import semidiscretise
 from .system import System, require_system
-from .time_functions import Constant, Harmonic, LoadFunction, Sum, TimeFunction, parts, parts_of
+from .time_functions import Constant, Harmonic, LoadFunction, Sum, TimeFunction, parts_of
 
 DIFFERENT = ("loads", "contacts", "q0", "v0", "origin")  # what members may differ in
 # How far the starts of an ensemble's members are apart, relative to the motion. Its means stand for all motions of that
@@ -173,18 +174,23 @@ def have_own_records(members: Members) -> bool:
     )
 
 
-def perturbed(system: System, members: int, size: float = SPREAD, seed: int = 1, scale: float | None = None) -> Members:
+def perturbed(
+    system: System,
+    members: int,
+    size: float = SPREAD,
+    seed: int = 1,
+    scale: float | None = None,
+    t_end: float = np.inf,
+) -> Members:
     """``members`` copies of ``system`` whose initial data differ by ``size`` of the motion's own scale.
 
-        omega_j eta_j and eta_j' of every mode j each change by size V r, r uniform in [-1, 1],
+        r_j eta_j and eta_j' of every mode j each change by size V x, x uniform in [-1, 1],
 
-    in undamped modal coordinates with unit mass, eta = shapes^T M q, and omega_1 in place of a smaller
-    omega_j. V is the motion's scale, a modal velocity: the largest over the modes of hypot(omega_j
-    eta_j, eta_j') at the start, and of the speed that a load can give a mode within a radian, sum_k
-    |shapes_j . p_k| amplitude_k / max(omega_j, frequency_k, shapes_j . C shapes_j), or of samples the integral of their
-    size where that is less. So a system that starts at rest
-    at zero is perturbed in proportion to what drives it. ``size``: see SPREAD. ``scale`` sets V; it has to where time
-    functions are callables and the start is at rest at zero. Reproducible from ``seed``; members k are the
+    in undamped modal coordinates with unit mass, eta = shapes^T M q, with the speed V and the turning rates r_j of
+    ``scales.Scales``: so a system that starts at rest at zero is perturbed in proportion to what drives it. A mode that
+    nothing turns is perturbed in its speed alone. ``size``: see SPREAD. ``scale`` sets V; it has to where time
+    functions are callables and the start is at rest at zero. ``t_end``: the length of the runs, in which a slower
+    motion counts as none. Reproducible from ``seed``; members k are the
     first k of any larger ensemble.
     """
     require_system(system)
@@ -192,22 +198,15 @@ def perturbed(system: System, members: int, size: float = SPREAD, seed: int = 1,
     integer("seed", seed, 0)
     non_negative("size", size)
     afford("members", members, "take fewer", floats=6.0 * members * (system.size + 20))  # a vector is an object
-    basis = undamped_modes(system)
-    omega = basis.omega
-    if scale is None:
-        speeds = np.hypot(omega * basis.to_modal(system.q0), basis.to_modal(system.v0))
-        driven, held = np.zeros(len(omega)), np.sum(basis.shapes * (system.damping @ basis.shapes), axis=0)
-        for vector, function in system.loads:
-            amplitude, frequency, impulse = _amplitude(function)
-            if amplitude:
-                fastest = np.maximum(np.maximum(omega, held), max(frequency, 1e-300))
-                driven += np.abs(basis.force(vector)) * np.minimum(amplitude / fastest, impulse)
-        scale = float(max(np.max(speeds), np.max(driven)))
-        if not 0.0 < scale < np.inf:
-            raise InputError("scale", scale, "be known for a system at rest", "pass scale=, a modal velocity")
-    positive("scale", scale)
-    noise = np.array([np.random.default_rng([seed, i]).uniform(-1.0, 1.0, (2, len(omega))) for i in range(members)])
-    eta = noise[:, 0] / np.maximum(omega, omega[omega > 0.0][0] if np.any(omega) else 1.0)
+    if scale is not None:
+        positive("scale", scale)
+    basis, motion = undamped_modes(system), scales(system, t_end, scale)
+    if not 0.0 < motion.speed < np.inf:
+        rule = "be known for a system at rest, and for one that nothing stops"
+        raise InputError("scale", motion.speed, rule, "pass scale=, a modal velocity")
+    noise = np.array([np.random.default_rng([seed, i]).uniform(-1.0, 1.0, (2, system.size)) for i in range(members)])
+    eta = np.divide(noise[:, 0], motion.rates, out=np.zeros_like(noise[:, 0]), where=motion.rates > 0.0)
+    scale = motion.speed
     q0 = [system.q0 + size * scale * basis.to_nodal(x) for x in eta]
     v0 = [system.v0 + size * scale * basis.to_nodal(x) for x in noise[:, 1]]
     return Members(system, "initial data", np.arange(members), {"q0": q0, "v0": v0})
@@ -428,17 +427,3 @@ def _with_base(problem: BeamProblem, new: TimeFunction, old: TimeFunction) -> Pr
         rule = "be uniform where it starts with the base's speed and that varies"
         raise InputError("initial_velocity", "a profile over x", rule, "build the systems one by one")
     return given
-
-
-def _amplitude(function: LoadFunction) -> tuple[float, float, float]:
-    """Largest value, least angular frequency, and the most that its integral can be; 0, 0 and 0 where not known."""
-    if isinstance(function, Sum):
-        known = [(abs(factor), *_amplitude(f)) for factor, f in parts(function)]
-        largest, impulse = (sum(each[0] * each[k] for each in known) for k in (1, 3))
-        return largest, min(frequency for _, _, frequency, _ in known), impulse
-    if isinstance(function, Sampled):
-        sizes = np.abs(function.value(function.t))
-        return float(np.max(sizes)), 0.0, float(np.trapezoid(sizes, function.t))
-    if isinstance(function, Harmonic):
-        return abs(function.amplitude), function.frequency, np.inf
-    return (abs(function.level), 0.0, np.inf) if isinstance(function, Constant) else (0.0, 0.0, 0.0)

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import scipy.linalg
+from scipy.optimize import brentq
 
 from ..basics.arrays import Array
 from ..basics.validation import InputError, number
@@ -15,6 +16,9 @@ from .contact import laws
 from .stage import BY_LAW, solve_stage
 from .system import System, require_system
 from .time_functions import Constant, LoadFunction, evaluate, offset_values
+
+STEPS = 200  # of Newton's method on closed and open stops; a handful for linear stops
+FARTHEST = 2.0**200  # times a step: nothing stops a motion that long
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,10 +107,11 @@ def static_equilibrium(system: System, t: float | None = None) -> Array:
     """q (n,) with K q = sum_k p_k f_k + sum_c row_c^T F_c(row_c q + o_c): at rest, contact included.
 
     t: None asks for loads and offsets that are all Constant; else they are frozen at their values at time t. The
-    equilibrium is unique where K is positive definite. As initial data: ``replace(system, q0=q, v0=0 * q)``, or
-    ``initial_displacement=q`` of ``System.from_matrices``. Of a beam q is in v = u - phi (1 - (x/L)^2).
-    Raises InputError for loads that are not constant without ``t``, and for a system that can move without
-    strain, whose equilibrium the stops alone would decide.
+    equilibrium is unique where K, or K with the springs of the closed stops, is positive definite. As initial data:
+    ``replace(system, q0=q, v0=0 * q)``, or ``initial_displacement=q`` of ``System.from_matrices``. Of a beam q is in
+    v = u - phi (1 - (x/L)^2).
+    Raises InputError for loads that are not constant without ``t``, for rigid stops, and for a system that neither
+    its stiffness nor its closed stops hold.
     """
     require_system(system)
     functions = [f for _, f in system.loads] + [contact.offset for contact in system.contacts]
@@ -120,8 +125,7 @@ def static_equilibrium(system: System, t: float | None = None) -> Array:
     except np.linalg.LinAlgError:
         factor = None
     if factor is None or np.any(np.diag(factor[0]) ** 2 < 1e-14 * np.diag(system.stiffness)):
-        remedy = "support it, or march it to rest with damping"
-        raise InputError("stiffness", "a rigid motion", "hold the system without its stops", remedy)
+        return _on_its_stops(system, load, at)
     free = scipy.linalg.cho_solve(factor, load)
     if not system.contacts:
         return free
@@ -136,6 +140,54 @@ def static_equilibrium(system: System, t: float | None = None) -> Array:
         rule = "have forces that balance, and the search found none"
         raise InputError("contacts", len(rows), rule, "march the system to rest with damping")
     return free + gives @ forces
+
+
+def _on_its_stops(system: System, load: Array, t: float) -> Array:
+    """The equilibrium of a system that can move without strain, held by the stops that close.
+
+    It minimises the convex energy 1/2 q^T K q - load^T q + sum_c U_c: Newton's method with the stiffness of the closed
+    stops, each step to the least energy along it. A step through open gaps thus goes on until stops close.
+    """
+    rows = np.array([contact.row for contact in system.contacts]).reshape(-1, system.size)
+    offsets = np.array([float(offset_values(contact.offset, t)) for contact in system.contacts])
+    stops = [contact.stops for contact in system.contacts]
+    remedy = "support it, or march it to rest with damping"
+
+    def force(q: Array) -> Array:
+        contact = [float(stop.force(u, 0.0)) for stop, u in zip(stops, rows @ q + offsets, strict=True)]
+        return load - system.stiffness @ q + rows.T @ np.array(contact).reshape(-1)
+
+    def stiffness(q: Array) -> Array:
+        slopes = [float(stop.tangent(u)[0]) for stop, u in zip(stops, rows @ q + offsets, strict=True)]
+        return system.stiffness + rows.T @ (np.array(slopes).reshape(-1, 1) * rows)
+
+    q = system.q0
+    for _ in range(STEPS):
+        K = stiffness(q)
+        values, shapes = scipy.linalg.eigh(K, system.mass)
+        rigid = values <= 1e-12 * max(float(values[-1]), 0.0)
+        pushed = shapes.T @ force(q)
+        push = np.sum(np.abs(shapes.T) * (np.abs(load) + np.abs(system.stiffness @ q)), axis=1)
+        free = rigid & (np.abs(pushed) > 1e-12 * push)
+        step = shapes @ (np.where(free, pushed, 0.0) if np.any(free) else pushed / np.where(rigid, np.inf, values))
+        if not np.any(free) and np.max(np.abs(step)) <= 1e-14 * np.max(np.abs(q + step)):
+            if np.any(rigid):
+                break
+            return q + step
+
+        def along(share: float, q: Array = q, step: Array = step) -> float:
+            return float(step @ force(q + share * step))
+
+        far = 1.0
+        while along(far) > 0.0 and far < FARTHEST:
+            far *= 2.0
+        if far >= FARTHEST:
+            break
+        whole = abs(along(1.0)) <= 1e-3 * along(0.0)  # Newton's step is the least to that already
+        share: Any = 1.0 if whole else brentq(along, 0.0, far)
+        q = q + share * step
+    rule = "hold the system, alone or with the stops that the loads close"
+    raise InputError("stiffness", "a rigid motion", rule, remedy)
 
 
 def _constant(function: LoadFunction | None) -> None:

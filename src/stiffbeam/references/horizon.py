@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from ..basics.progress import Show, silent
 from ..basics.validation import InputError
-from ..model.contact import Contact
 from ..model.graded import rounding_of_zero
 from ..model.modes import undamped_modes
+from ..model.scales import scales
 from ..model.system import System
 from ..trajectory.trajectory import Reference, SolverFailure
 from .agreement import DISPLACEMENT_TOLERANCE, agree_until, agreement, apart, scales_of, watched
@@ -29,31 +29,12 @@ WITH_ROOTS = "lsoda"  # the second opinion on a solver that samples its impacts 
 MARGIN = 4.0  # times the rounding, for the perturbed copies
 
 
-def time_tolerance(system: System) -> float:
-    """How far impact times may differ inside the horizon: a thousandth of the longest natural period.
+def time_tolerance(system: System, t_end: float = np.inf) -> float:
+    """Largest difference of impact times inside the horizon: a thousandth of the longest time scale of a run to t_end.
 
     That is 1.0e-4 time units for the paper's k^2 = 300.
     """
-    return 1e-3 * longest_period(system)
-
-
-def longest_period(system: System) -> float:
-    """The longest natural one; of a system that swings on its stops only that of the softest of them, inf of none."""
-    omega = undamped_modes(system).omega
-    if not np.any(omega):
-        omega = np.array([_on_its_stop(system, contact) for contact in system.contacts])
-    first = omega[omega > 0.0]
-    return 2.0 * np.pi / float(np.min(first)) if len(first) else np.inf
-
-
-def _on_its_stop(system: System, contact: Contact) -> float:
-    """sqrt(kappa row M^-1 row): the frequency of a free contact point on its spring.
-
-    Of another law kappa is the secant where the stop holds the energy of the start.
-    """
-    stops, energy = contact.stops, float(system.energy(np.zeros(1), system.q0[None], system.v0[None])[0])
-    depth = ((stops.exponent + 1.0) * energy / stops.stiffness) ** (1.0 / (stops.exponent + 1.0))
-    return float(np.sqrt(stops.secant(depth) * contact.row @ np.linalg.solve(system.mass, contact.row)))
+    return 1e-3 * scales(system, t_end).period
 
 
 def exact_horizon(
@@ -74,7 +55,7 @@ def exact_horizon(
     from .exact.tangent import predicted_horizon
 
     eps = MARGIN * float(np.finfo(float).eps)
-    tolerance, solution = time_tolerance(system), reference.solution
+    tolerance, solution = time_tolerance(system, t_end), reference.solution
     fastest = 2.0 * np.pi / solution.shortest_period
     unseen = min(t_end, DISPLACEMENT_TOLERANCE / (eps * fastest), _of_free_modes(system))
     unseen = min(unseen, *(_of_slow_modes(system, sides) for sides in np.unique(solution.sides, axis=0)))
@@ -120,7 +101,11 @@ def _soon(reference: Reference, system: System, t_end: float, eps: float) -> flo
     before all of these too: there rounding is as large as the outputs.
     """
     times = np.append(0.0, t_end * 2.0 ** np.arange(-SOON, 1.0))
-    own, tolerance, scales = watched(solve_exact(system, t_end, times)), time_tolerance(system), scales_of(reference)
+    own, tolerance, scales = (
+        watched(solve_exact(system, t_end, times)),
+        time_tolerance(system, t_end),
+        scales_of(reference),
+    )
     others = islice(copies(system, t_end, times, eps), COPIES)
     horizon = min(agree_until(own, copy, tolerance, scales, part=0.5) for copy in others)
     if horizon <= times[1]:
@@ -146,7 +131,7 @@ def with_horizon(
     provenance says with what the reference was compared. solve: what solves anew, with the arguments of
     ``references.solve``. Raises SolverFailure for an exact solution of which nothing can be trusted.
     """
-    tolerance = time_tolerance(system)
+    tolerance = time_tolerance(system, t_end)
     notes: dict[str, Any] = {}
     if reference.provenance["method"] == "exact":
         horizon, notes = exact_horizon(reference, system, t_end, show)

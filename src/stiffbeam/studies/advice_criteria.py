@@ -68,7 +68,7 @@ class Statistics(Criterion):
     def __init__(self, system: System, t_end: float, members: int) -> None:
         super().__init__()
         self.point = {"members": members}
-        self.members = perturbed(system, members, SPREAD)
+        self.members = perturbed(system, members, SPREAD, t_end=t_end)
         self.exact = reference_ensemble(system, t_end, self.members)
         self.scatter = {
             name: max((_deviation(getattr(contact, own)) for contact in self.exact.contacts), default=0.0)

@@ -13,7 +13,7 @@ import numpy as np
 from ..basics.progress import Show
 from ..basics.validation import InputError
 from ..model.drive import Drive
-from ..model.modes import undamped_modes
+from ..model.scales import scales
 from ..model.system import System
 from ..schemes import Scheme
 from ..trajectory.trajectory import Diverged
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 Tell = Callable[[str], None]
 BETWEEN = 5  # steps of one motion that are tried between a step and its half; means say themselves how sure they are
-PER_PERIOD = 8  # steps of the coarsest run in the shorter of the lowest natural period and the drive's
+PER_PERIOD = 8  # steps of the coarsest run in the shorter of the longest time scale and the drive's period
 QUANTITIES = ("tip", *(name for name, _ in COLUMNS))
 
 
@@ -105,10 +105,8 @@ def _between(coarse: Probe, probe: Callable[[int], Probe | None], want: Mapping[
 
 
 def _period(system: System, t_end: float) -> float:
-    """The shorter of the lowest natural period and the drives'; t_end where nothing swings."""
-    omega = undamped_modes(system).omega
-    rates = [*omega[omega > 0.0][:1].tolist(), *Drive.of(system).frequencies]
-    return min([2.0 * np.pi / rate for rate in rates if rate > 0.0], default=t_end)
+    """The shorter of the longest time scale and the drives' periods."""
+    return min(scales(system, t_end).period, *(2.0 * np.pi / rate for rate in Drive.of(system).frequencies), t_end)
 
 
 def _probe(

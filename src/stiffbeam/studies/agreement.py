@@ -99,7 +99,7 @@ def agree(
     if not references:
         raise InputError("budget", budget, "let at least one method run", "give more seconds")
     baseline = next((name for name in PRECISION if name in references), next(iter(references)))
-    tolerance = time_tolerance(system)
+    tolerance = time_tolerance(system, t_end)
     horizons = {name: agreement(references[baseline], r, tolerance) for name, r in references.items()}
     names = list(references)
     differences = np.zeros((len(names), len(names)))

@@ -24,6 +24,7 @@ from ..march.ensemble import integrate_ensemble
 from ..measures.windows import drive_frequency
 from ..model.modes import undamped_modes
 from ..model.sampled import Sampled
+from ..model.scales import scales
 from ..model.system import System
 from ..model.time_functions import Constant, Harmonic, LoadFunction, Sum, parts_of
 from ..references.ensemble import reference_ensemble
@@ -84,7 +85,7 @@ def evaluate(case: Case, point: Point) -> list[Row]:
 
 def _pairs(case: Case, point: Point) -> list[Row]:
     system = system_of(case, point["form"])
-    basis = undamped_modes(system)
+    basis, motion = undamped_modes(system), scales(system, case.t_end)
     exact = solve_once(system, case.t_end)
     dt, span = point["dt"], point["span"]
     times = np.linspace(0.1, min(0.9, (_recorded(system) - span) / case.t_end), point["starts"]) * case.t_end
@@ -93,9 +94,8 @@ def _pairs(case: Case, point: Point) -> list[Row]:
     # A direction of its own for every pair, of the same size in every mode's velocity.
     scale = float(np.max(np.hypot(basis.omega * basis.to_modal(q), basis.to_modal(v))))
     noise = np.random.default_rng(1).uniform(-1.0, 1.0, (2, *q.shape)) * point["size"] * scale
-    moving = basis.omega[basis.omega > 0.0]
-    omega = float(moving[0]) if len(moving) else 1.0 / case.t_end  # free motions part in the time there is
-    dq = basis.to_nodal(noise[0] / np.maximum(basis.omega, omega))
+    omega = 2.0 * np.pi / motion.period
+    dq = basis.to_nodal(noise[0] / motion.rates)
     dv = basis.to_nodal(noise[1])
     systems = [later(system, t, *state) for t, *state in zip(times, q, v, strict=True)]
     systems += [later(system, t, *state) for t, *state in zip(times, q + dq, v + dv, strict=True)]

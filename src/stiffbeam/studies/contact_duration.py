@@ -94,7 +94,7 @@ def _pairs(case: Case, point: Point) -> list[Row]:
     run = integrate(system, scheme_of(point["method"]), point["dt"], end, every=round(end / point["dt"]))
     rows = []
     for number, (own, other) in enumerate(zip(run.contacts, exact.contacts, strict=True), 1):
-        first = slice(0, match(own.impacts, other.impacts, end, longest_delay(system)).matched)
+        first = slice(0, match(own.impacts, other.impacts, end, longest_delay(system, case.t_end)).matched)
         found, wanted = own.impacts.take(first), other.impacts.take(first)
         for side, name in SIDES.items():
             lasting = np.nan_to_num(wanted.durations) > 0.0  # not so at rigid stops
@@ -110,7 +110,7 @@ def _pairs(case: Case, point: Point) -> list[Row]:
 def _ensemble(case: Case, point: Point) -> list[Row]:
     """The distribution of durations over all contacts of all members, stop by stop."""
     system, t_end = system_of(case, point["form"]), point["t_end"]
-    members = perturbed(system, point["members"], SPREAD)
+    members = perturbed(system, point["members"], SPREAD, t_end=t_end)
     if point["method"] == "exact":
         many = reference_ensemble(system, t_end, members)
     else:

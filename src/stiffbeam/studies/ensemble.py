@@ -70,7 +70,7 @@ def evaluate(case: Case, point: Point) -> list[Row]:
     """Rows of members, quantiles of peak forces and the spectrum, of one method."""
     system = system_of(case, point["form"])
     dt, t_end = point["dt"], point["t_end"]
-    members = perturbed(system, point["members"], point["size"], point["seed"])
+    members = perturbed(system, point["members"], point["size"], point["seed"], t_end=t_end)
     every = to_the_end(round(t_end / dt), SAMPLES)
     t = np.arange(0, round(t_end / dt) + 1, every) * dt
     if point["method"] == "exact":

@@ -81,9 +81,9 @@ def points(
             for kind in ("smooth", "contact") if touches else ("smooth",):
                 if kind == "smooth" and contact == "extrapolated":
                     continue  # there is none to extrapolate
-                end, first = (
-                    (window, start) if kind == "contact" else (slowest_period(system_of(case, form)), COARSER * start)
-                )
+                end, first = window, start
+                if kind != "contact":
+                    end, first = slowest_period(system_of(case, form), case.t_end), COARSER * start
                 found += [
                     {"scheme": label, "reading": reading, "kind": kind, "form": form, "t_end": end,
                      "steps": max(4, round(end / first * 2.0**k))}

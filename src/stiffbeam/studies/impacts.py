@@ -97,7 +97,9 @@ def evaluate(case: Case, point: Point) -> list[Row]:
     system = system_of(case, point["form"])
     dt, t_end = point["dt"], point["t_end"]
     if point["scheme"] == EXACT:
-        return _statistics(reference_ensemble(system, t_end, perturbed(system, 8 * point["members"], SPREAD)))
+        return _statistics(
+            reference_ensemble(system, t_end, perturbed(system, 8 * point["members"], SPREAD, t_end=t_end))
+        )
     exact = reference_solution(case, point)
     if point["scheme"] == REFERENCE:
         # What a perfect scheme would count with this step: the sampled rule on the exact position.
@@ -108,7 +110,7 @@ def evaluate(case: Case, point: Point) -> list[Row]:
             }
             for i, record in enumerate(exact.contacts)
         ]  # fmt: skip
-    scheme, members = scheme_of(point["scheme"]), perturbed(system, point["members"], SPREAD)
+    scheme, members = scheme_of(point["scheme"]), perturbed(system, point["members"], SPREAD, t_end=t_end)
     many = integrate_ensemble(system, scheme, dt, t_end, members, point["contact"])
     if np.any(np.isfinite(many.diverged)):
         raise Diverged(point["scheme"], float(np.nanmin(many.diverged)), "use the implicit contact or a smaller dt")
@@ -117,7 +119,7 @@ def evaluate(case: Case, point: Point) -> list[Row]:
     run = integrate(system, scheme, dt, steps * dt, point["contact"], every=steps)
     rows = _statistics(many)
     for row, own, record in zip(rows, run.contacts, exact.contacts, strict=True):
-        row |= asdict(match(own.impacts, record.impacts, horizon, longest_delay(system)))
+        row |= asdict(match(own.impacts, record.impacts, horizon, longest_delay(system, horizon)))
         row |= {
             "horizon": horizon,
             "reference_count": record.impacts.until(t_end).count,

@@ -42,6 +42,8 @@ def evaluate(case: Case, point: Point) -> list[Row]:
     """One row for each mode with omega dt < pi: elongation and damping, measured and in theory."""
     system = replace(without_contact(system_of(case, point["form"])), loads=())
     basis, natural = undamped_modes(system), modes(system)
+    if not np.any(natural.omega):
+        return [{"refused": "no mode oscillates: without its stops the system has no stiffness"}]
     dt, scheme = point["dt"], scheme_of(point["scheme"])
     # Every mode starts with the same energy.
     amplitudes = np.where(basis.omega > 0.0, 1.0, 0.0) / np.where(basis.omega > 0.0, basis.omega, 1.0)

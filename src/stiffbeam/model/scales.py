@@ -1,0 +1,170 @@
+"""Scales of a system's motion: its speed, and how fast each mode turns round."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..basics.arrays import Array
+from .contact import Contact
+from .drive import Drive
+from .modes import undamped_modes
+from .sampled import Sampled
+from .system import System
+from .time_functions import Constant, Harmonic, LoadFunction, parts
+
+UNNOTICED = 0.1  # (rate t_end)^2/12 below 1e-3: a force that turns a mode so slowly does not show in the run
+
+
+@dataclass(frozen=True)
+class Scales:
+    """Speed and turning rates of the motion on [0, t_end], in undamped modal coordinates with unit mass.
+
+    speed: V, the largest modal speed that the start, the loads and moving stops give,
+
+        V = max(max_j hypot(omega_j eta_j, eta_j'), sqrt(2 U), max_j sum_k s_jk, max_c |o_c'|/sqrt(row_c M^-1 row_c)),
+
+    U the energy of the stops at the start, s_jk the speed that load k gives mode j until the mode, its damping, the
+    drive, a stop or the end of the run turns it. rates: (n,), speed over amplitude of each mode: the largest of
+
+        omega_j                         its stiffness
+        f_j/V                           the constant loads f_j, against which it flies with speed V
+
+    A mode that neither turns noticeably within the run drifts. Its rate is then the least of
+
+        2 V/w_j                         the gap w_j between an upper and a lower stop of one contact
+        sqrt(kappa row M^-1 row)        a compliant contact
+        a                               a drive of angular frequency a
+
+    and 2 pi/t_end where there is none. The motion in a mode is V/rate large, its
+    time scale is 2 pi/rate, at most t_end.
+    """
+
+    speed: float
+    rates: Array
+
+    @property
+    def period(self) -> float:
+        """The longest time scale, 2 pi over the least rate; inf where nothing turns."""
+        least = float(np.min(self.rates))
+        return 2.0 * np.pi / least if least > 0.0 else np.inf
+
+
+@np.errstate(over="ignore")  # a speed of inf is refused by those who need one
+def scales(system: System, t_end: float = np.inf, speed: float | None = None) -> Scales:
+    """The scales of a run of ``system`` to t_end, inf where it is not known; ``speed`` in place of its V."""
+    basis = undamped_modes(system)
+    held = np.sum(basis.shapes * (system.damping @ basis.shapes), axis=0)
+    constant = np.zeros(len(basis.omega))
+    for vector, function in system.loads:
+        levels = (factor * f.level for factor, f in parts(function) if isinstance(f, Constant))
+        constant = constant + basis.force(vector) * sum(levels)
+    largest = _speed(system, held, t_end) if speed is None else speed
+    rates = np.maximum(basis.omega, 0.0 if largest == 0.0 else np.abs(constant) / largest)
+    drifts = rates <= UNNOTICED / t_end
+    if np.any(drifts):
+        others = [*(_contact_rate(system, x, largest) for x in system.contacts), *Drive.of(system).frequencies]
+        least = np.full(len(rates), min((x for x in others if x > 0.0), default=np.inf))
+        for contact in (x for x in system.contacts if np.isfinite(x.stops.g2 - x.stops.g1)):
+            across = 2.0 * largest * np.abs(basis.force(contact.row)) / (contact.stops.g2 - contact.stops.g1)
+            least = np.where(across > 0.0, np.minimum(least, across), least)
+        rates = np.where(drifts, np.where(np.isfinite(least), least, 0.0), rates)
+    return Scales(largest, np.maximum(rates, 2.0 * np.pi / t_end))
+
+
+def oscillates(system: System, t_end: float = np.inf) -> Array:
+    """The modes that their stiffness turns noticeably within the run, a mask (n,)."""
+    omega = undamped_modes(system).omega
+    return (omega > 0.0) & (omega * t_end >= UNNOTICED)
+
+
+def _speed(system: System, held: Array, t_end: float) -> float:
+    """V of ``Scales``."""
+    basis = undamped_modes(system)
+    omega = basis.omega
+    speeds = np.hypot(omega * basis.to_modal(system.q0), basis.to_modal(system.v0))
+    driven = np.zeros(len(omega))
+    for vector, function in system.loads:
+        amplitude, frequency, impulse = _amplitude(function)
+        if amplitude:
+            force = np.abs(basis.force(vector))
+            fastest = np.maximum(np.maximum(omega, held), frequency)
+            with np.errstate(divide="ignore"):
+                reach = np.minimum(np.minimum(amplitude / fastest, impulse), amplitude * t_end)
+            given = np.multiply(force, reach, out=np.zeros_like(force), where=force > 0.0)
+            if frequency == 0.0:  # a push that lasts, which a stop ends
+                signs = _signs(function)
+                fall = np.min([_fall(system, basis.force(vector), amplitude, sign) for sign in signs], axis=0)
+                given = np.minimum(given, fall)
+            driven += given
+    stored = float(system.contact_energy(np.zeros(()), system.q0))
+    moving = [_offset_speed(contact) * _share(system, contact) ** -0.5 for contact in system.contacts]
+    return float(max(np.max(speeds), np.max(driven), np.sqrt(2.0 * stored), *moving, 0.0))
+
+
+def _fall(system: System, force: Array, amplitude: float, sign: float) -> Array:
+    """The speed (n,) at which a constant force drives each mode on the nearest stop before it, and into it:
+    sqrt(2 f (d + p depth/(p + 1))), depth that at which the stop holds the force; inf without such a stop."""
+    basis = undamped_modes(system)
+    square = np.full(len(force), np.inf)
+    f = sign * amplitude * force
+    for contact, u in zip(system.contacts, system.positions(0.0, system.q0), strict=False):
+        along, stops = basis.force(contact.row), contact.stops
+        for side, gap in ((1.0, stops.g2 - u), (-1.0, u - stops.g1)):
+            towards = side * along * f > 0.0
+            if np.isfinite(gap) and np.any(towards):
+                pressed = np.abs(f[towards] / along[towards])
+                depth = 0.0 if stops.rigid else (pressed / stops.stiffness) ** (1.0 / stops.exponent)
+                way = max(float(gap), 0.0) + depth * stops.exponent / (stops.exponent + 1.0)
+                square[towards] = np.minimum(square[towards], 2.0 * pressed * way)
+    return np.where(force == 0.0, 0.0, np.sqrt(square))
+
+
+def _signs(function: LoadFunction) -> tuple[float, ...]:
+    """The sides to which a load pushes: one for a constant, both for what changes."""
+    levels = [factor * f.level for factor, f in parts(function) if isinstance(f, Constant)]
+    return (float(np.sign(sum(levels))),) if len(levels) == len(list(parts(function))) else (1.0, -1.0)
+
+
+def _share(system: System, contact: Contact) -> float:
+    """row M^-1 row."""
+    return float(contact.row @ np.linalg.solve(system.mass, contact.row))
+
+
+def _contact_rate(system: System, contact: Contact, speed: float) -> float:
+    """sqrt(kappa row M^-1 row), kappa the secant where the stop holds the energy V^2/2; inf of a rigid stop."""
+    stops = contact.stops
+    if stops.rigid:
+        return np.inf
+    depth = ((stops.exponent + 1.0) * 0.5 * speed**2 / stops.stiffness) ** (1.0 / (stops.exponent + 1.0))
+    return float(np.sqrt(stops.secant(depth) * _share(system, contact)))
+
+
+def _offset_speed(contact: Contact) -> float:
+    """The largest speed of the stops, as far as it is known."""
+    return sum(abs(factor) * _rate(f) for factor, f in parts(contact.offset))
+
+
+def _rate(function: LoadFunction) -> float:
+    if isinstance(function, Harmonic):
+        return abs(function.amplitude) * function.frequency
+    if isinstance(function, Sampled):
+        return float(np.max(np.abs(function.rate(function.t))))
+    return 0.0
+
+
+def _amplitude(function: LoadFunction) -> tuple[float, float, float]:
+    """Largest value, least angular frequency, and the most that its integral can be; 0, 0 and 0 where not known."""
+    known = [(abs(factor), *_single(f)) for factor, f in parts(function)]
+    largest, impulse = (sum(each[0] * each[k] for each in known if each[0]) for k in (1, 3))
+    return largest, min((frequency for _, _, frequency, _ in known), default=0.0), impulse
+
+
+def _single(function: LoadFunction) -> tuple[float, float, float]:
+    if isinstance(function, Sampled):
+        sizes = np.abs(function.value(function.t))
+        return float(np.max(sizes)), 0.0, float(np.trapezoid(sizes, function.t))
+    if isinstance(function, Harmonic):
+        return abs(function.amplitude), function.frequency, np.inf
+    return (abs(function.level), 0.0, np.inf) if isinstance(function, Constant) else (0.0, 0.0, 0.0)
