@@ -41,10 +41,11 @@ RELEASED = 3  # zeros of the gap of a contact that presses no more
 
 
 class Tracer:
-    """Follows one system. radians: see RADIANS; another value gives other roundings."""
+    """Solver for one system. radians: see RADIANS. roundings: by as many, at most, every segment moves the state and
+    the time at its end, for a perturbed copy of the solution."""
 
-    def __init__(self, system: System, radians: float = RADIANS) -> None:
-        self.system, self.model, self.radians = system, Model.of(system), radians
+    def __init__(self, system: System, radians: float = RADIANS, roundings: float = 0.0) -> None:
+        self.system, self.model, self.radians, self.roundings = system, Model.of(system), radians, roundings
         self.radian = 1.0 / self.model.fastest if self.model.fastest else math.inf  # of the fastest motion, a time
         self.m = len(system.contacts)
         self.e = np.array([contact.stops.restitution for contact in system.contacts], float)
@@ -59,6 +60,7 @@ class Tracer:
         self.fastest = 0.0  # speed of an impact so far
         # A contact at its stop: side, zeros of its gap or, where it is held, of its reaction, and its speed.
         self.fresh: dict[int, tuple[int, int, float]] = {}
+        self.random = np.random.default_rng(33)
         self._start()
         still, turns = 0, dict[int, int]()  # events at one time, and the contacts hit in them
         while self.t < t_end:
@@ -77,6 +79,8 @@ class Tracer:
             still, turns = (0, {}) if now > self.t else (still + 1, turns)
             if still > MOST_AT_ONCE:
                 raise SolverFailure("exact", now, f"{MOST_AT_ONCE} events at one time", "use integrate")
+            if self.roundings and now > self.t:
+                now = self._perturb(c, R, held, s, edge)
             self.t = edge if event is None and longest == edge - self.t else now
             near = TOGETHER * EPS * now
             self._note_tie(events, s)
@@ -97,6 +101,21 @@ class Tracer:
                 continue  # still held
             event.end = event.time if math.isnan(event.end) else event.end
         return self.found
+
+    def _perturb(self, c: Array, R: Array, held: tuple[int, ...], s: float, edge: float) -> float:
+        """Move the state after s by roundings of the terms it is summed from, held contacts kept where they are.
+        Return the time, moved likewise, which shifts loads and stops against the motion."""
+        sizes, model, at = np.abs(c), self.model, list(held)
+        # Damping brings copies to rest, and equal to the bit: they diverge again by what the loads lose.
+        terms = 2.0 * sizes[2] + np.abs(model.stiff) @ sizes[0] + np.abs(model.damp) @ sizes[1]
+        terms += np.abs(model.back[:, at]) @ np.abs(R[0])
+        lost = np.array([value(sizes, s) + 0.5 * s * s * terms, rate(sizes, s) + s * terms])
+        lost *= self.roundings * EPS * self.random.uniform(-1.0, 1.0, lost.shape)
+        if at:
+            lost -= np.linalg.solve(self.compliance[np.ix_(at, at)], model.rows[at] @ lost.T).T @ model.back[:, at].T
+        self.q, self.v = self.q + lost[0], self.v + lost[1]
+        now = (self.t + s) * (1.0 + self.roundings * EPS * self.random.uniform(-1.0, 1.0))
+        return min(max(now, self.t), edge)
 
     def _record(self, held: tuple[int, ...]) -> None:
         self.found.times.append(self.t)

@@ -27,7 +27,7 @@ from .starting import at_rest
 from .taylor import Model
 from .touching import EPS
 
-COPIES = ((0.7, 4.0), (0.55, -4.0), (0.85, 16.0))  # radians a stretch, and roundings by which the start is faster
+COPIES = ((0.7, 4.0), (0.55, -4.0), (0.85, 16.0))  # radians a segment, roundings of the start and of every segment
 APART = 5e-4  # of the largest displacement, and of a radian of the slowest motion: half the tolerance of a horizon
 LOST = 1e-9  # of the energy: what the balance may be open by
 GAUSS = np.polynomial.legendre.leggauss(10)
@@ -40,11 +40,19 @@ def solve_rigid(
 
     Takes any damping, several contacts, moving stops, functions of time made of Harmonic, Constant and Sampled.
     Contacts are recorded from ``since`` on. Its horizon, not a number unless ``trusted``, is the time to which it
+<<<<<<< HEAD
     agrees with COPIES of itself, made of other stretches from a start whose velocities are off by a few roundings of
     the largest, but for contacts that are written as at rest on their stops: in positions of the tip and of every
     contact to APART of the largest, in impact times likewise and to a fortieth of the mean time between them. It
     ends before two contacts that move each other close at one time but for rounding, and before blows at one time of
     which the order decides what follows, see ``order_decides``; the solution goes on with all of them at once.
+=======
+    agrees with COPIES of itself. A copy has other segments, each of which loses a few roundings of the terms that it
+    sums. It starts with velocities that are off by a few roundings of the largest, but for contacts that are written
+    as at rest on their stops. Copies agree in positions of the tip and of every
+    contact to APART of the largest, in impact times likewise and to a fortieth of the mean time between them. Before
+    two contacts that move each other close at one time but for rounding it ends: the order decides what follows.
+>>>>>>> cert2
     Impacts that two contacts deal each other without end are counted as far as float64 tells them apart: how many is
     not a number of the motion.
     Raises InputError for compliant stops beside rigid ones, for stops without restitution, dependent contacts, other
@@ -72,7 +80,7 @@ def solve_rigid(
             return found
         horizon = min(_horizon(system, found, t, t_end), float(np.max(t[t < solution.tie], initial=0.0)))
     provenance = found.provenance | {
-        "horizon_against": f"{len(COPIES)} copies with other stretches and starts, to half the tolerance"
+        "horizon_against": f"{len(COPIES)} copies with other segments, starts and roundings, to half the tolerance"
     }
     return replace(found, horizon=horizon, provenance=provenance)
 
@@ -245,7 +253,7 @@ def _horizon(system: System, found: Reference, t: Array, t_end: float) -> float:
         off -= back.T @ np.linalg.solve(rows @ back.T, rows @ off)  # what is written as at rest is at rest
         off[np.abs(off) < 16.0 * eps] = 0.0
         moved = replace(system, v0=system.v0 + roundings * eps * fastest * off)
-        copy = Tracer(moved, radians).solve(t_end)
+        copy = Tracer(moved, radians, abs(roundings)).solve(t_end)
         q, v, _ = copy.at(t)
         for channel, path, scale in seen:
             wrong = np.abs(_seen(copy, t, q, v, channel)[0] - path) > APART * scale
