@@ -64,6 +64,15 @@ def test_impacts_agree_by_their_own_distances():
     assert agreement(run, other, 60.0) < 30.0
 
 
+def test_a_diverged_run_does_not_widen_the_tolerance():
+    """The run's error is 1.3e-3 of the motion from t = 10 on; it diverges after t = 20, to twice the motion."""
+    t = np.linspace(0.0, 30.0, 301)
+    motion = np.sin(t)
+    run = sb.Trajectory.from_arrays(t, motion * np.where(t > 20.0, 2.0, np.where(t > 10.0, 1.0013, 1.0)))
+    true = sb.Trajectory.from_arrays(t, motion)
+    assert 10.0 <= agreement(run, true, 60.0) == agreement(true, run, 60.0) < 12.0
+
+
 def random_system(seed):
     """Up to three masses with natural frequencies of five decades, coupled or hardly, observed at one of them."""
     rng = np.random.default_rng([seed, 77])

@@ -11,6 +11,7 @@ from scipy.integrate import solve_ivp
 import stiffbeam as sb
 from stiffbeam import InputError
 from stiffbeam.references.agreement import agreement
+from stiffbeam.references.exact import rigid_reference
 from stiffbeam.references.exact.impacting import Tracer
 from stiffbeam.references.exact.rigid_reference import _held
 
@@ -331,3 +332,19 @@ def test_where_rounding_decides_whether_a_stop_is_hit_the_horizon_ends(speed, ho
     found = sb.reference(ball, 0.9, t_eval=np.linspace(0.0, 0.9, 10))
     assert found.horizon == pytest.approx(horizon, abs=1e-6)
     assert found.impacts.count == (speed >= 4.0)
+
+
+def test_copies_lose_roundings_of_their_own(monkeypatch):
+    """Samples closer than a radian give all copies the same segments: only their roundings tell them apart."""
+    t = np.arange(0.0, 21.0, 0.05)
+    load = [([1.0], sb.Sampled(t, 40.0 * np.sin(3.0 * np.maximum(t - 10.0, 0.0))))]
+    s = system([[1.0]], [[39.0]], [1.0], 0.9, load, v=[0.3], C=[[1.2]], lower=-0.1, upper=0.1)
+    copies = []
+    monkeypatch.setattr(
+        rigid_reference, "Tracer", lambda *given: copies.append(Tracer(*given)) or copies[-1]
+    )  # the first is the solution itself
+    sb.reference(s, 20.0)
+    ends = [copy.solve(20.0).at(np.array([20.0]))[0].item() for copy in copies]
+    assert len(set(ends)) == len(ends) == 1 + len(rigid_reference.COPIES)
+    faster, slower = ends[1] - ends[0], ends[2] - ends[0]
+    assert min(abs(faster - slower), abs(faster + slower)) > 1e-2 * abs(faster)

@@ -33,9 +33,10 @@ def agreement(a: Trajectory, b: Trajectory, tolerance: float) -> float:
 
     u is the position of the tip and, each by itself, of every contact, see ``scales_of``. Impacts are paired in order,
     see ``impacts_match_until``, and must differ by less than a twentieth of the mean time between those of their
-    contact too. Both must have the same output times; max|u| is of a.
+    contact too. Both must have the same output times. max|u| is the smaller of the two: past the horizon, one that has
+    diverged may move further than the system does.
     """
-    return agree_until(watched(a), watched(b), tolerance, scales_of(a))
+    return agree_until(watched(a), watched(b), tolerance, list(np.fmin(scales_of(a), scales_of(b))))
 
 
 def watched(run: Trajectory) -> Watched:

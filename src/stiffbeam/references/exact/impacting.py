@@ -42,10 +42,11 @@ RELEASED = 3  # zeros of the gap of a contact that presses no more
 
 class Tracer:
     """Solver for one system. radians: see RADIANS. roundings: by as many, at most, every segment moves the state and
-    the time at its end, for a perturbed copy of the solution."""
+    the time at its end, for a perturbed copy of the solution; seed: of these roundings."""
 
-    def __init__(self, system: System, radians: float = RADIANS, roundings: float = 0.0) -> None:
-        self.system, self.model, self.radians, self.roundings = system, Model.of(system), radians, roundings
+    def __init__(self, system: System, radians: float = RADIANS, roundings: float = 0.0, seed: int = 0) -> None:
+        self.system, self.model, self.radians = system, Model.of(system), radians
+        self.roundings, self.seed = roundings, seed
         self.radian = 1.0 / self.model.fastest if self.model.fastest else math.inf  # of the fastest motion, a time
         self.m = len(system.contacts)
         self.e = np.array([contact.stops.restitution for contact in system.contacts], float)
@@ -60,7 +61,7 @@ class Tracer:
         self.fastest = 0.0  # speed of an impact so far
         # A contact at its stop: side, zeros of its gap or, where it is held, of its reaction, and its speed.
         self.fresh: dict[int, tuple[int, int, float]] = {}
-        self.random = np.random.default_rng(33)
+        self.random = np.random.default_rng(self.seed)
         self._start()
         still, turns = 0, dict[int, int]()  # events at one time, and the contacts hit in them
         while self.t < t_end:

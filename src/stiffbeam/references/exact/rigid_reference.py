@@ -248,12 +248,12 @@ def _horizon(system: System, found: Reference, t: Array, t_end: float) -> float:
     fastest = float(np.max(np.abs(found.states[1])))
     model: Model = found.solution.model
     rows, back = (x[at_rest(model)] for x in (model.rows, model.back.T))
-    for radians, roundings in COPIES:
+    for seed, (radians, roundings) in enumerate(COPIES):
         off = (-1.0) ** np.arange(system.size)
         off -= back.T @ np.linalg.solve(rows @ back.T, rows @ off)  # what is written as at rest is at rest
         off[np.abs(off) < 16.0 * eps] = 0.0
         moved = replace(system, v0=system.v0 + roundings * eps * fastest * off)
-        copy = Tracer(moved, radians, abs(roundings)).solve(t_end)
+        copy = Tracer(moved, radians, abs(roundings), seed).solve(t_end)
         q, v, _ = copy.at(t)
         for channel, path, scale in seen:
             wrong = np.abs(_seen(copy, t, q, v, channel)[0] - path) > APART * scale
