@@ -131,7 +131,6 @@ def test_six_hundred_random_horizons():
     assert certified(range(600)) > 500
 
 
-<<<<<<< HEAD
 @pytest.mark.parametrize("method", ["exact", "cvode"])
 def test_a_point_that_the_motion_has_not_reached_ends_no_horizon(method):
     """A load in the middle of a long chain: to t = 1/2 its ends move by rounding, as does the contact there."""
@@ -143,7 +142,8 @@ def test_a_point_that_the_motion_has_not_reached_ends_no_horizon(method):
     run = sb.reference(system, 0.5, method, t_eval=np.linspace(0.0, 0.5, 51))
     assert run.horizon == 0.5
     assert abs(run.tip[-1]) < 1e-12
-=======
+
+
 def certified_record(system, t_end):
     """The exact solution, and the time at which it leaves the true one; checks positions, impacts and impulses."""
     run = sb.reference(system, t_end)
@@ -192,4 +192,3 @@ def test_where_a_record_that_begins_with_silence_diverges():
 def test_random_records_against_rigid_stops(family, systems):
     for seed in range(systems):
         certified_record(*rigid_witness.recorded_system(family, seed))
->>>>>>> cert2

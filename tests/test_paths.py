@@ -46,7 +46,15 @@ def ball() -> sb.System:
 )
 def test_a_ball_on_a_vibrating_table_is_swept(parameter, values, expected):
     records = sb.study(
-        "sweep", ball(), parameter=parameter, values=values, dt=1e-3, t_end=10.0, transient=80, periods=4
+        "sweep",
+        ball(),
+        parameter=parameter,
+        values=values,
+        dt=1e-3,
+        t_end=10.0,
+        transient=80,
+        periods=4,
+        method="exact",
     )
     found = sections(records.rows)
     assert list(found) == values

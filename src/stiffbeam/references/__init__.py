@@ -97,11 +97,12 @@ def best_reference(
 ) -> Reference:
     """The exact solution of a system, else an adaptive one to 1e-12 that restarts at every event; with its horizon.
 
-    Raises InputError with the reason of the exact solution where no method takes the system, and SolverFailure where
-    the one that takes it gives up.
+    An adaptive solution stands in only for a law or a function of time that has no exact solution, see ``substitute``:
+    numbers that are too large for the exact solution are no easier for SUNDIALS. Raises InputError with the reason of
+    the exact solution where no method takes the system, and SolverFailure where the one that takes it gives up.
     """
     refusals: list[InputError] = []
-    for method in BEST:
+    for method in BEST if substitute(system, t_end) else BEST[:1]:
         try:
             return reference(system, t_end, method, t_eval, rtol=BEST_RTOL, progress=progress)
         except InputError as error:

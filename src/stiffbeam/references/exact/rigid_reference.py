@@ -40,19 +40,12 @@ def solve_rigid(
 
     Takes any damping, several contacts, moving stops, functions of time made of Harmonic, Constant and Sampled.
     Contacts are recorded from ``since`` on. Its horizon, not a number unless ``trusted``, is the time to which it
-<<<<<<< HEAD
-    agrees with COPIES of itself, made of other stretches from a start whose velocities are off by a few roundings of
-    the largest, but for contacts that are written as at rest on their stops: in positions of the tip and of every
-    contact to APART of the largest, in impact times likewise and to a fortieth of the mean time between them. It
-    ends before two contacts that move each other close at one time but for rounding, and before blows at one time of
-    which the order decides what follows, see ``order_decides``; the solution goes on with all of them at once.
-=======
     agrees with COPIES of itself. A copy has other segments, each of which loses a few roundings of the terms that it
     sums. It starts with velocities that are off by a few roundings of the largest, but for contacts that are written
-    as at rest on their stops. Copies agree in positions of the tip and of every
-    contact to APART of the largest, in impact times likewise and to a fortieth of the mean time between them. Before
-    two contacts that move each other close at one time but for rounding it ends: the order decides what follows.
->>>>>>> cert2
+    as at rest on their stops. Copies agree in positions of the tip and of every contact to APART of the largest, in
+    impact times likewise and to a fortieth of the mean time between them. The horizon ends before two contacts that
+    move each other close at one time but for rounding, and before blows at one time of which the order decides what
+    follows, see ``order_decides``; the solution goes on with all of them at once.
     Impacts that two contacts deal each other without end are counted as far as float64 tells them apart: how many is
     not a number of the motion.
     Raises InputError for compliant stops beside rigid ones, for stops without restitution, dependent contacts, other
