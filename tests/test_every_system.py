@@ -105,7 +105,7 @@ def asked(what: str, file: str) -> list[str]:
         "compare": ["compare", file, "--json", "-"],
         "advise": ["advise", file, "--most-steps", "2048", "--members", "4", "--json", "-"],
         "reference": ["reference", file, "--json", "-"],
-        "agree": ["reference", file, "--method", "all", "--budget", "1", "--json", "-"],
+        "agree": ["reference", file, "--method", "all", "--budget", "0.2", "--json", "-"],
         "animate": ["animate", file, "--seconds", "0.3", "--json", "-"],
     }[what]
 
