@@ -208,6 +208,9 @@ def test_agreement_names_the_baseline_the_skipped_and_the_inconsistent(monkeypat
     assert found.baseline == "multiprecision"
     assert set(found.references) == {"exact", "multiprecision", "cvode-adams"}
     assert "budget" in found.skipped["kvaerno3"]
+    assert agree(case, t_end=0.02, budget=1e-9, methods=("exact", "kvaerno3")).skipped == {
+        "kvaerno3": "nothing left of the budget"  # not even a pilot run, which compiles first
+    }
     assert found.inconsistent == {}
     i, j = (list(found.references).index(name) for name in ("exact", "multiprecision"))
     assert found.differences[i, j] < 1e-9

@@ -86,6 +86,9 @@ def agree(
         begun = time.perf_counter()
         try:
             if method not in PRECISION:
+                if left <= 0.0:
+                    skipped[method] = "nothing left of the budget"
+                    continue
                 pilot = solve(system, t_end / 20.0, method, times[:21] / 20.0, rtol, None)
                 estimate = 20.0 * pilot.work.march_seconds
                 if estimate > left:

@@ -28,8 +28,9 @@ from ..model.scales import scales
 from ..model.system import System
 from ..model.time_functions import Constant, Harmonic, LoadFunction, Sum, parts_of
 from ..references.ensemble import reference_ensemble
-from ..references.exact.tangent import lyapunov
+from ..references.exact.tangent import MERGED, lyapunov
 from ..trajectory.ensemble import Ensemble
+from ..trajectory.trajectory import SolverFailure
 from .common import Dt, Form, Schemes, scheme_labels, scheme_of, solve_once, system_of
 from .engine.study import Answer, Point, Records, Row, Rows, Study
 
@@ -169,8 +170,16 @@ def growth(t: Array, distance: Array, least: float, limit: float) -> tuple[float
 
 
 def _tangent(case: Case, point: Point) -> list[Row]:
-    """The growth rate of tangent vectors in each of SEGMENTS parts of the span, the first left out."""
-    grown = lyapunov(system_of(case, point["form"]), case.t_end)
+    """The growth rate of tangent vectors in each of SEGMENTS parts of the span, the first left out.
+
+    After a blow with restitution 0, or a rest on a stop, nothing is left of the distance: refused, with the time.
+    """
+    try:
+        grown = lyapunov(system_of(case, point["form"]), case.t_end)
+    except SolverFailure as failure:
+        if failure.reason != MERGED:
+            raise
+        return [{"refused": f"from t = {failure.t:.3g} on {MERGED}"}]
     edges = np.linspace(0.0, case.t_end, SEGMENTS + 1)
     logs = np.interp(edges, grown.t, np.mean(grown.log_growth, axis=1))
     rates = np.diff(logs) / np.diff(edges)

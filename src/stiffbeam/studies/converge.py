@@ -22,6 +22,7 @@ from ..measures.tip_error import tip_error
 from ..measures.windows import impact_times, slowest_period
 from ..model.drive import Drive
 from ..model.scales import scales
+from ..model.system import System
 from .common import (
     Dt,
     Form,
@@ -71,12 +72,9 @@ def points(
     found: list[Point] = []
     for kind in KINDS if kinds is None else kinds:
         if kind == "smooth":
-            try:
-                end, per_octave = slowest_period(without_contact(system), case.t_end), 1
-            except InputError:
-                if not system.contacts:
-                    raise
-                continue  # away from its stops the body flies freely
+            end, per_octave = smooth_end(system, case.t_end), 1
+            if not end:
+                continue
         elif kind == "contact":
             if not system.contacts:
                 continue
@@ -90,6 +88,19 @@ def points(
                 found.append({"kind": kind, "scheme": label, "form": form, "contact": contact, "t_end": end,
                               "steps": steps, "octave": octave})  # fmt: skip
     return list({tuple(p.items()): p for p in found}.values())
+
+
+def smooth_end(system: System, t_end: float) -> float:
+    """The end of a run without contact: the longest period, or 0 where the body flies freely away from its stops.
+
+    Raises InputError where there are no stops either.
+    """
+    try:
+        return slowest_period(without_contact(system), t_end)
+    except InputError:
+        if not system.contacts:
+            raise
+        return 0.0
 
 
 def evaluate(case: Case, point: Point) -> list[Row]:

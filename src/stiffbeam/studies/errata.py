@@ -24,7 +24,6 @@ from ..march.integrate import integrate
 from ..measures.regression import observed_order
 from ..measures.smooth_motion import smooth_motion
 from ..measures.tip_error import tip_error
-from ..measures.windows import slowest_period
 from ..model.system import System
 from ..schemes import SCHEMES, Scheme, make
 from ..schemes.misprints import forms_of
@@ -44,7 +43,7 @@ from .common import (
     takes,
     takes_extrapolation,
 )
-from .converge import ROUNDING
+from .converge import ROUNDING, smooth_end
 from .engine.study import Answer, Point, Records, Row, Rows, Study
 
 if TYPE_CHECKING:
@@ -67,6 +66,7 @@ def points(
     afford_halvings(case, halvings, dt, None)
     start = case.dt if dt is None else dt
     window = first_impacts(case, form, impacts) if case.has_stops else 0.0
+    smooth = smooth_end(system_of(case, form), case.t_end)
     found: list[Point] = []
     labels = scheme_labels(case, schemes)
     if schemes is None:  # without contact, a misprint costs the same whatever the stops are
@@ -77,13 +77,14 @@ def points(
         touches = window and takes(case, scheme_of(label))
         if touches and takes_extrapolation(case):
             readings.append(("extrapolated contact", "extrapolated"))
+        kinds = [kind for kind, span in (("smooth", smooth), ("contact", touches)) if span]
         for reading, contact in readings:
-            for kind in ("smooth", "contact") if touches else ("smooth",):
+            for kind in kinds:
                 if kind == "smooth" and contact == "extrapolated":
                     continue  # there is none to extrapolate
                 end, first = window, start
                 if kind != "contact":
-                    end, first = slowest_period(system_of(case, form), case.t_end), COARSER * start
+                    end, first = smooth, COARSER * start
                 found += [
                     {"scheme": label, "reading": reading, "kind": kind, "form": form, "t_end": end,
                      "steps": max(4, round(end / first * 2.0**k))}

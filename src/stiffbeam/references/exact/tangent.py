@@ -30,6 +30,7 @@ from .undamped import Solution as Undamped
 RANDOM = 3  # tangent vectors beside the direction of the motion itself
 SAMPLES = 200  # times beside the switches
 LEAST = 1e-150  # size of a vector: its square is a number yet
+MERGED = "neighbouring motions become equal and have no exponent: their tangent vectors vanish below float64"
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,7 +134,7 @@ def _carried(
             q, v, total = q / size, v / size, total + np.log(size)
         else:
             return q, v, total
-    raise SolverFailure("lyapunov", t, "tangent vectors vanish below float64 within a sample", "shorten t_end")
+    raise SolverFailure("lyapunov", t, MERGED, "shorten t_end")
 
 
 def predicted_horizon(system: System, solution: Solution, t_end: float, tolerance: float) -> float:
