@@ -118,14 +118,17 @@ class Trajectory:
         states: tuple[ArrayLike, ArrayLike] | None = None,
         name: str = "own",
     ) -> Trajectory:
-        """A run of anyone's own: positions of the tip, and its velocity, at equidistant times t (k,) from 0 on.
+        """A run of anyone's own: positions of the tip, and its velocity, at increasing times t (k,) from 0 on.
+
+        A time may stand twice, or increase by rounding, at an event: the later row counts, and ``t`` has it once.
 
         tip_velocity: by default that of a cubic spline through the tip, which smooths every kink;
         the provenance then says so. system: what was integrated; with it the run can be compared, and the
         contact at the tip has its sampled impacts and force. states: (q, q'), each (k, n), which give the energy
         ledger, every contact and the displacement, and where it is left out the tip. What the arrays do not hold is
         NaN, or refused when it is asked for. name: its name in tables and pictures.
-        Raises InputError for times that are not equidistant, other shapes, and numbers that are not finite.
+        provenance["dt"] is the median step. Raises InputError for times that decrease, for positions that differ at
+        one time, for other shapes, and for numbers that are not finite.
         """
         made, unknown = own_run(t, tip, tip_velocity, system, states, name), float("nan")
         return cls(work=Work(len(made["t"]) - 1, unknown, unknown), **made)
@@ -187,7 +190,7 @@ class Trajectory:
         if self.pieces is None:
             found = NO_STATES if self.provenance.get("source") == "arrays" else "a loaded file"
             raise InputError("states", found, "come from a run", "read it with its system: sb.load(file, system)")
-        wanted = np.round(self.t / self._step).astype(int)
+        wanted = np.arange(len(self.t)) * int(self.provenance["every"])
         q, v, first = [], [], 0
         for times, q_piece, v_piece, _ in self.pieces():
             here = wanted[(wanted >= first) & (wanted < first + len(times))] - first
@@ -333,7 +336,8 @@ class Reference(Trajectory):
         if not self.contacts:
             return Impacts.none("sampled")
         self._contact(contact)
-        return sampled_impacts(*self.at(np.arange(steps + 1) * dt, contact=contact), dt, self.contacts[contact].stops)
+        t = np.arange(steps + 1) * dt
+        return sampled_impacts(t, *self.at(t, contact=contact), self.contacts[contact].stops)
 
     def _contact(self, contact: int) -> None:
         """Refuse the number of a contact that is not there."""
