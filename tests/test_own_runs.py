@@ -71,7 +71,7 @@ def thinned(run):
     """Rows that stay: every step beside a stop, where sampled impacts need them, and one to eight elsewhere."""
     near = np.abs(np.abs(run.tip) - 0.1) < 0.02
     near |= np.convolve(near, np.ones(3), "same") > 0.0
-    kept = np.random.default_rng(1).random(len(run.t)) < 0.5
+    kept = np.random.default_rng(1).random(len(run.t)) < 0.2
     kept[::8] = True
     return near | kept
 
@@ -127,6 +127,36 @@ def test_a_run_at_times_of_its_own_gives_the_measures_of_its_equidistant_steps(m
     assert np.max(np.abs(own.pair[0].impacts.times - run.impacts.times)) <= 1e-9 + 2.0 * moved
     assert b.matching.matched == a.matching.matched
     assert b.matching.median_delay == pytest.approx(a.matching.median_delay, abs=1e-6 + 2.0 * moved)
+
+
+def test_what_is_said_of_times_of_ones_own(measured):
+    system, run, ref = measured
+    rows = thinned(run)
+    t, u = run.t[rows], run.tip[rows]
+    longest = np.max(np.diff(t))
+    assert f"own: steps of 0.0001 to {longest:.3g}, 0.0001 in the median." in str(sb.compare((t, u), ref))
+    assert "in the median" not in str(sb.compare(run, ref))
+    coarse = np.sort(np.append(t, t[5]))
+    cvode = sb.reference(system, 0.2, "cvode", t_eval=np.linspace(0.0, 0.2, 50))
+    arrays = (coarse, np.interp(coarse, t, u))
+    with pytest.raises(sb.InputError, match=r"numpy.unique\(t\)"):
+        sb.compare(arrays, cvode)
+    cvode = sb.reference(system, 0.2, "cvode", t_eval=np.unique(coarse))
+    assert abs(sb.compare(arrays, cvode).tip_error_rms - sb.compare(arrays, ref).tip_error_rms) < 1e-3
+
+
+def test_states_at_times_of_ones_own_give_their_ledger(measured):
+    """The ledger of a part of the steps, from its definition: a free oscillation loses what the scheme takes."""
+    system, run, _ = measured
+    rows = thinned(run)
+    q, v = (x[rows] for x in run.states)
+    own = sb.Trajectory.from_arrays(run.t[rows], system=system, states=(q, v))
+    assert np.array_equal(own.states[0], q)
+    assert np.array_equal(own.energy.t, run.t[rows])
+    assert np.allclose(own.energy.energy, run.energy.energy[rows], rtol=1e-12)
+    dq, load = np.diff(q, axis=0), system.load(run.t[rows])
+    work = np.cumsum(0.5 * np.sum((load[1:] + load[:-1]) * dq, axis=1))
+    assert np.allclose(own.energy.input[1:], work, rtol=1e-9, atol=1e-12 * np.max(np.abs(work)))
 
 
 def test_a_contact_that_the_tip_does_not_show_is_unknown_and_not_free():

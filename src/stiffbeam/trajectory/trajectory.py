@@ -278,11 +278,14 @@ def _travels(value: Any) -> bool:
     return True
 
 
+REMEDY = "for a comparison pass t_eval=run.t, or numpy.unique(t) for arrays (t, tip)"
+
+
 def output_index(t: Array, times: Array, method: str) -> NDArray[np.int64]:
     """Where ``times`` stand among the output times t. Raises InputError for any other time."""
     index = np.clip(np.searchsorted(t, times - 1e-12 * t[-1]), 0, len(t) - 1)
     if np.any(np.abs(t[index] - times) > 1e-11 * t[-1]):
-        raise InputError("t", "new times", f"be among t_eval for {method}", "for a comparison pass t_eval=run.t")
+        raise InputError("t", "new times", f"be among t_eval for {method}", REMEDY)
     return index
 
 
