@@ -86,4 +86,4 @@ def test_no_modules_import_each_other_in_a_circle():
 
 @pytest.mark.parametrize("name", sorted(MODULES))
 def test_a_file_is_one_sitting_of_reading(name):
-    assert len(MODULES[name].read_text(encoding="utf-8").splitlines()) <= 350
+    assert len(MODULES[name].read_text(encoding="utf-8").splitlines()) <= 600

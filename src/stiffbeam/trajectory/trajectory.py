@@ -201,10 +201,6 @@ class Trajectory:
             first += len(times) - 1
         return np.concatenate(q), np.concatenate(v)
 
-    @property
-    def _step(self) -> float:
-        return float(self.provenance["dt"])
-
     @cached_property
     def energy(self) -> Ledger:
         """The energy ledger at the output times, of a scheme added up over every step before them. Raises Diverged
