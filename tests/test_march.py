@@ -299,7 +299,7 @@ def test_a_flight_over_the_whole_gap_inside_one_step_counts_the_second_stop():
     stops = sb.Stops(-1.0, 1.0, stiffness=1.0)
     t = np.arange(5) * 0.5
     u, v = 1.2 * np.cos(2 * np.pi * t), -2.4 * np.pi * np.sin(2 * np.pi * t)
-    impacts = sampled_impacts(u, v, 0.5, stops)
+    impacts = sampled_impacts(t, u, v, stops)
     assert list(impacts.stops) == [-1, 1, -1, 1]
     assert np.all((impacts.times > t[:-1]) & (impacts.times < t[1:]))
 

@@ -53,3 +53,9 @@ def same(a: Array | None, b: Array | None) -> bool:
     if a is None or b is None:
         return a is b
     return a is b or np.array_equal(a, b)
+
+
+def step_lengths(t: Array) -> Array:
+    """Length of time (k,) that each of the times t (k,) stands for: half of both intervals beside it, at the ends a
+    whole one; dt everywhere for equidistant times, 1 for a single time."""
+    return np.gradient(t) if len(t) > 1 else np.ones(len(t))

@@ -125,11 +125,11 @@ def _draw_errors(axis: Axes, runs: Sequence[Trajectory], comparisons: Sequence[C
             continue
         comparison = found[run.label]
         error = np.maximum.accumulate(np.abs(comparison.error))
-        t = comparison.dt * np.arange(len(error))
+        t = comparison.times
         _draw(axis, t[error > 0.0], error[error > 0.0], index, run)
         color, parted = line_of(run)["color"], comparison.matched_until
         if parted < comparison.window:
-            at = error[int(parted / comparison.dt)]
+            at = error[np.searchsorted(t, parted, side="right") - 1]
             axis.plot([parted], [at], "o", ms=5.0, mfc="white", color=color, zorder=30)
         if isinstance(run, Reference) and run.horizon < window:
             axis.axvline(run.horizon, lw=0.6, zorder=0, **line_of(run))

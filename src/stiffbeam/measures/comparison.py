@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import Array
+from ..basics.arrays import Array, step_lengths
 from ..basics.pictures import picture
 from ..basics.plain import plain
 from ..basics.units import Units
@@ -61,7 +61,8 @@ class Comparison:
     tip_error_rms, tip_error_max: of u_run - u_ref at the run's steps, over max |u_ref|; matched_until: the time to
     which the impacts match at all contacts, at most the window, NaN where the run does not tell of all;
     tip_error_matched: the rms up to there.
-    error: u_run - u_ref over max |u_ref| at every step of the window, (k,); not among the records of ``to_dict``.
+    dt: the median step. error: u_run - u_ref over max |u_ref| at the steps of the window, whose ``times`` are (k,); not
+    among the records of ``to_dict``.
     energy_lost: the ledger's loss over the most energy given, see ``Ledger.given``. contacts: one for each of the
     system's, in its order. switches: what an adaptive solver does at a switch, "restart" or "through", else "".
     totals_energy_lost: energy_lost to t_end. units: what times, forces and impulses are counted in. missing: what
@@ -91,19 +92,21 @@ class Comparison:
     missing: tuple[str, ...] = ()
     remark: str = ""
     error: Array = field(default_factory=lambda: np.zeros(0), compare=False)
+    times: Array = field(default_factory=lambda: np.zeros(0), compare=False)
     pair: tuple[Trajectory, Reference] | None = field(default=None, compare=False)
 
     def tip_error_to(self, time: float) -> float:
         """The rms of ``error`` on [0, time], time within the window."""
-        return rms(self.error[: int(np.floor(time / self.dt * (1 + 1e-12))) + 1])
+        inside = steps_to(self.times, time)
+        return rms(self.error[:inside], self.times[:inside])
 
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers and strings; NaN becomes None, as JSON has none."""
         return plain(self._records())
 
     def _records(self) -> dict[str, Any]:
-        records = asdict(replace(self, error=np.zeros(0), pair=None))
-        return {name: value for name, value in records.items() if name not in ("error", "pair")}
+        records = asdict(replace(self, error=np.zeros(0), times=np.zeros(0), pair=None))
+        return {name: value for name, value in records.items() if name not in ("error", "times", "pair")}
 
     def figure(self) -> Figure:
         """The run beside the reference, a matplotlib Figure. Raises InputError for a comparison without its runs."""
@@ -147,10 +150,12 @@ def _flat(prefix: str, value: Any) -> dict[str, Any]:
 def compare(run: Trajectory | Sequence[ArrayLike], reference: Reference) -> Comparison:
     """All measures of ``run`` against ``reference``, which must be of the same system.
 
-    ``run`` is a scheme's run with every step on output, another reference at equidistant times, one made by
+    ``run`` is a scheme's run with every step on output, another reference, one made by
     ``Trajectory.from_arrays``, or its arrays (t, tip) or (t, tip, tip velocity) themselves: what these do not hold is
     NaN, and ``missing`` says why.
-    Raises InputError where the systems differ, the outputs are thinned or the reference has no horizon.
+    Measured at the run's own times, which need not be equidistant: means over steps are means over time.
+    Raises InputError where the systems differ, where a scheme's outputs are thinned, and where the reference has no
+    horizon or does not answer at the run's times.
     """
     run = run_of(run, reference, "compare")
     system = run.system or reference.system
@@ -159,17 +164,16 @@ def compare(run: Trajectory | Sequence[ArrayLike], reference: Reference) -> Comp
     if run.provenance.get("every", 1) != 1:
         raise InputError("every", run.provenance["every"], "be 1 for a comparison", "integrate with every=1")
     t = run.t
-    dt = float(t[1] - t[0])
-    if t[0] != 0.0 or np.max(np.abs(np.diff(t) - dt)) > 1e-6 * dt:
-        raise InputError("run.t", "other times", "be equidistant from 0 on", "pass t_eval = numpy.arange(n + 1) * dt")
+    if t[0] != 0.0:
+        raise InputError("run.t", float(t[0]), "begin at 0", "put 0 before the times in t_eval")
     t_end = min(float(t[-1]), float(reference.provenance["t_end"]))
     window = min(t_end, reference.horizon)
-    last = int(np.floor(window / dt * (1 + 1e-12)))
-    if last < 2:
+    dt, inside = float(np.median(np.diff(t))), steps_to(t, window)
+    if inside < 3:
         raise InputError("dt", dt, f"leave two steps before the horizon {window:.3g}", "use a smaller dt")
-    u_ref, _ = reference.at(t[t <= t_end * (1 + 1e-12)])
+    u_ref, _ = reference.at(t[: steps_to(t, t_end)])
 
-    here = slice(0, last + 1)
+    here = slice(0, inside)
     error = relative_error(run.tip[here], u_ref[here])
 
     contacts = tuple(_contact(run, reference, system, i, t[: len(u_ref)], window) for i in range(len(system.contacts)))
@@ -197,7 +201,7 @@ def compare(run: Trajectory | Sequence[ArrayLike], reference: Reference) -> Comp
         t[: len(u_ref)],
         run.tip[: len(u_ref)],
         run.tip_velocity[: len(u_ref)],
-        lambda times: u_ref[np.round(times / dt).astype(int)],
+        lambda times: u_ref[np.searchsorted(t, times)],
         together,
         drive_frequency(system),
         2.0 * np.pi / scales(system, float(reference.provenance["t_end"])).period,
@@ -214,45 +218,53 @@ def compare(run: Trajectory | Sequence[ArrayLike], reference: Reference) -> Comp
         switches=str(run.provenance.get("switches", "")),
         window=window,
         t_end=t_end,
-        tip_error_rms=rms(error),
+        tip_error_rms=rms(error, t[here]),
         tip_error_max=float(np.max(np.abs(error))),
-        tip_error_matched=float("nan") if unknown else rms(error[t[here] <= matched_until]),
+        tip_error_matched=float("nan")
+        if unknown
+        else rms(error[t[here] <= matched_until], t[here][t[here] <= matched_until]),
         matched_until=matched_until,
         phase=lag,
-        energy_lost=float("nan") if energy is None else energy.lost_fraction(last),
+        energy_lost=float("nan") if energy is None else energy.lost_fraction(inside - 1),
         contacts=contacts,
         totals_energy_lost=float("nan") if energy is None else energy.lost_fraction(len(u_ref) - 1),
         missing=tuple(missing),
         remark=remark(system, reference),
         pair=(run, reference),
         error=error,
+        times=t[here],
     )
+
+
+def steps_to(t: Array, end: float) -> int:
+    """Number of the times t (k,) in [0, end]."""
+    return int(np.searchsorted(t, end * (1 + 1e-12), side="right"))
 
 
 def _contact(
     run: Trajectory, reference: Reference, system: System, i: int, t: Array, window: float
 ) -> ContactComparison:
     """Contact i at the steps t, of which the first are those to the window."""
-    stops, own, dt = system.contacts[i].stops, run.contacts[i], float(t[1])
+    stops, own = system.contacts[i].stops, run.contacts[i]
     if stops.rigid:
         return _rigid_contact(run, reference, system, i, window)
     u, v = reference.at(t, contact=i)
-    true, true_force = sampled_impacts(u, v, dt, stops), stops.force(u, v)
+    true, true_force = sampled_impacts(t, u, v, stops), stops.force(u, v)
     sampled = "dt" in run.provenance
     unknown = own.impacts.kind == "unknown"
-    found = own.impacts if sampled else sampled_impacts(own.position, own.velocity, dt, own.stops)
+    found = own.impacts if sampled else sampled_impacts(run.t, own.position, own.velocity, own.stops)
 
     def statistics(trajectory: Trajectory, impacts: Impacts, force: Array, end: float) -> ContactStatistics:
         if impacts.kind == "unknown":
             return UNKNOWN
-        force = np.abs(force[: int(np.floor(end / dt * (1 + 1e-12))) + 1])
-        pressed = force[1:] != 0.0
+        inside = t[: steps_to(t, end)]
+        force = np.abs(force[: len(inside)])
         measured = ContactStatistics(
             impacts=impacts.until(end).count,
             event_impacts=trajectory.contacts[i].impacts.until(end).count,
-            fraction=float(np.mean(pressed)) if len(pressed) else 0.0,
+            fraction=float(np.average(force[1:] != 0.0, weights=step_lengths(inside)[1:])),
             peak_force=float(np.max(force, initial=0.0)),
-            impulse=float(np.trapezoid(force, dx=dt)),
+            impulse=float(np.trapezoid(force, inside)),
         )
         return _by_events(trajectory, i, measured, end)
 

@@ -10,14 +10,15 @@ import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 from scipy.optimize import minimize_scalar
 
-from ..basics.arrays import Array
+from ..basics.arrays import Array, step_lengths
 
 GRID = 401
 
 
 @dataclass(frozen=True)
 class PhaseLag:
-    """tau minimising J(tau) = sum_j (u_run(t_j + tau) - u_ref(t_j))^2; > 0: the run is late.
+    """tau minimising J(tau) = sum_j dt_j (u_run(t_j + tau) - u_ref(t_j))^2, dt_j of t_j as in ``step_lengths``;
+    > 0: the run is late.
 
     residual: sqrt(J(tau)/sum u_ref^2), what is left after the shift. unshifted: the same with J(0).
     lag and residual are NaN where the lag is undefined, and ``undefined`` says why.
@@ -44,15 +45,16 @@ def phase_lag(
     tau_m = np.pi / (2.0 * max(drive, first))
     if end < 4.0 * tau_m:
         return PhaseLag(nan, nan, nan, f"the window {end:.3g} is shorter than 4 tau_m = {4 * tau_m:.3g}")
-    inside = t[(t >= tau_m) & (t <= end - tau_m)]
+    counted = (t >= tau_m) & (t <= end - tau_m)
+    inside, weights = t[counted], step_lengths(t)[counted]
     target = reference(inside)
-    scale = float(np.sum(target**2))
+    scale = float(np.sum(weights * target**2))
     if scale == 0.0:
         return PhaseLag(nan, nan, nan, "the reference is at rest")
     run = CubicHermiteSpline(t, u, v)
 
     def J(tau: float) -> float:
-        return float(np.sum((run(inside + tau) - target) ** 2))
+        return float(np.sum(weights * (run(inside + tau) - target) ** 2))
 
     shifts = np.linspace(-tau_m, tau_m, GRID)
     values = [J(tau) for tau in shifts]

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from .comparison import Comparison, ContactComparison
 
 DASH = "–"
+EVEN = 1e-6  # of the median step: steps that differ by less are of one length
 WIDTH = 80  # columns of a table that goes to a file; a terminal keeps its own
 
 
@@ -244,6 +245,11 @@ def _explanation(comparisons: Sequence[Comparison], references: Sequence[Referen
         lines.append("Contact, peak force and impulse of the reference: by events, between the steps too.")
     if any(c.switches in ("restart", "through") for c in comparisons):
         lines.append("Restart: the solver starts anew at every switch; through: its error control finds the kink.")
+    for c in comparisons:
+        lengths = np.diff(c.times)
+        if np.ptp(lengths) > EVEN * c.dt:
+            least, most, median = (c.units.measure(number(x), "time") for x in (lengths.min(), lengths.max(), c.dt))
+            lines.append(f"{c.label.partition('@')[0]}: steps of {least} to {most}, {median} in the median.")
     steps = [c for c in comparisons if c.steps and np.isfinite(c.seconds)]
     if steps:
         ms = [1e3 * c.seconds - 1e-6 * c.ns_per_step * c.steps for c in steps]

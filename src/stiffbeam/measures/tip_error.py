@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import Array
+from ..basics.arrays import Array, step_lengths
 from ..basics.validation import positive
 from ..trajectory.trajectory import Reference, Trajectory
 from .pair import run_of
@@ -27,9 +27,9 @@ def relative_error(u: Array, u_ref: Array) -> Array:
     return (u - u_ref) / (float(np.max(np.abs(u_ref))) or 1.0)
 
 
-def rms(error: Array) -> float:
-    """The root of the mean square of error (k,)."""
-    return float(np.sqrt(np.mean(error**2)))
+def rms(error: Array, t: Array | None = None) -> float:
+    """Root of the mean square of error (k,), at times t (k,) of the mean over time."""
+    return float(np.sqrt(np.average(error**2, weights=None if t is None else step_lengths(t))))
 
 
 def tip_error(u: Array, u_ref: Array) -> TipError:

@@ -205,7 +205,7 @@ def rehearse(by_law: bool = False) -> None:
     system = semidiscretise(BeamProblem(stiffness=1.0, stops=stops, base=Harmonic(0.2, 10.0)), cells=4)
     run = integrate(system, HHT(-0.1), 1e-3, 0.1)
     run.energy  # noqa: B018 - made when it is asked for
-    sampled_impacts(run.tip, run.tip_velocity, 1e-3, stops)
+    sampled_impacts(run.t, run.tip, run.tip_velocity, stops)
 
 
 def _measure(result: CaseComparison, run: Trajectory, main: Reference) -> None:

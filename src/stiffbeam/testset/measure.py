@@ -13,11 +13,13 @@ from ..basics.validation import InputError, unmasked
 from ..model.contact import Stops
 from ..model.time_functions import LoadFunction, offset_rate, offset_values
 from ..trajectory.impacts import Impacts
+from ..trajectory.own import distinct_times, one_position
 from ..trajectory.recorder import sampled_impacts
 from .problem import Problem, matrix, time_function
 
 PAIRED = 8  # impacts that are held against the known ones
 ALIKE = 0.05  # of a motion: what may be left of it where it is another one but for a factor
+SLACK = 2.0**-23  # of t_end: single precision may end before it
 CLOCKS = (1e3, 1e6, 1e9)  # milliseconds, microseconds, nanoseconds in place of seconds
 
 
@@ -65,6 +67,8 @@ class Errors:
 def motion_of(problem: Problem, t: Any, u: Any, v: Any = None, t_end: float | None = None) -> Motion:
     """Arrays of anyone's as a Motion: t (k,) increasing to t_end, u and v the tip (k,), or all unknowns (k, n).
 
+    Of rows at one time, as at an event, the last counts.
+
     t_end: the problem's by default.
     Raises InputError for other shapes, numbers that are not finite, and times that do not cover the samples.
     """
@@ -79,10 +83,13 @@ def motion_of(problem: Problem, t: Any, u: Any, v: Any = None, t_end: float | No
     if not all(np.all(np.isfinite(x)) for x in (t, u, v) if x is not None):
         raise InputError("the run", "a number that is not finite", "be finite", "end the run before it overflows")
     t_end = problem.t_end if t_end is None else t_end
-    slack = 1e-9 * t_end
-    if np.any(np.diff(t) <= 0.0) or t[0] > problem.times[0] + slack or t[-1] < t_end - slack:
+    t, rows = distinct_times("the run's times", given := t)
+    one_position("the run's times", given, rows, u)
+    u, v = u[rows], None if v is None else v[rows]
+    slack = SLACK * t_end
+    if t[0] > problem.times[0] + slack or t[-1] < t_end - slack:
         remedy = "start at the first time that is asked for, and end no earlier than t_end"
-        raise InputError("the run's times", (t[0], t[-1]), f"increase and reach t_end = {t_end:g}", remedy)
+        raise InputError("the run's times", (t[0], t[-1]), f"reach t_end = {t_end:g}", remedy)
     if np.count_nonzero(t <= t_end + slack) < 4:
         rule = f"hold four steps at least to t_end = {t_end:g}"
         raise InputError("the run's times", (t[0], t[-1]), rule, "are they in another unit?")
@@ -176,19 +183,15 @@ def impacts_of(problem: Problem, motion: Motion, t_end: float | None = None) -> 
     inside = t <= (problem.t_end if t_end is None else t_end) * (1 + 1e-9)
     t, u, v = t[inside], u[inside], None if v is None else v[inside]
     contact = problem.data["contacts"][0]
-    dt = np.diff(t)
     if problem.rigid:
         known = problem.answers["impacts"].value[:PAIRED] if "impacts" in problem.answers else np.zeros(0)
-        told_apart = v is not None or 3.0 * np.max(dt) < np.min(np.diff(known), initial=np.inf)
+        told_apart = v is not None or 3.0 * np.max(np.diff(t)) < np.min(np.diff(known), initial=np.inf)
         return _rebounds(contact, t, u, v) if told_apart else None
-    if np.max(np.abs(dt - dt[0])) > 1e-6 * dt[0]:
-        return None  # the rule is for equidistant steps
     if v is None:
         from scipy.interpolate import CubicSpline
 
         v = np.asarray(CubicSpline(t, u)(t, 1))
-    found = sampled_impacts(u, v, float(np.mean(dt)), stops_of(contact))
-    return Impacts.at(found.times + t[0], found.stops, "sampled", peaks=found.peaks)
+    return sampled_impacts(t, u, v, stops_of(contact))
 
 
 def _rebounds(contact: Mapping[str, Any], t: Array, u: Array, v: Array | None) -> Impacts:

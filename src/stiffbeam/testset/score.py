@@ -87,9 +87,7 @@ def _uncounted(each: Problem, made: Made, run: Run) -> str:
         return ""
     if made.motion.position is None:
         return "the contact is not at the tip: give all unknowns, (k, n), or its impacts are not counted"
-    if each.rigid:
-        return "positions only, and steps too long for impacts that follow each other: they are not counted"
-    return "steps of different lengths: impacts are not counted"
+    return "positions only, and steps too long for impacts that follow each other: they are not counted"
 
 
 def _problems(given: Any) -> list[Problem]:

@@ -146,10 +146,9 @@ def step_ledger(
         cumulative = np.concatenate([total[:, None], total[:, None] + np.cumsum(steps, axis=1)], axis=1)
         total = cumulative[:, -1]
         keep = slice(1 if times else 0, None)
-        half = 0.25 * (t[1] - t[0])
+        inside = (outputs >= t[0] - 0.25 * (t[1] - t[0])) & (outputs <= t[-1] + 0.25 * (t[-1] - t[-2]))
         wanted = np.zeros(len(t), bool)
-        nearest = np.searchsorted(t, outputs[(outputs >= t[0] - half) & (outputs <= t[-1] + half)] - half)
-        wanted[np.minimum(nearest, len(t) - 1)] = True
+        wanted[np.searchsorted(0.5 * (t[1:] + t[:-1]), outputs[inside])] = True
         wanted = wanted[keep]
         times.append(t[keep][wanted])
         columns.append(np.concatenate([energies[:, keep], cumulative[:, keep]])[:, wanted])

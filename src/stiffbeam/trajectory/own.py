@@ -8,17 +8,18 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from ..basics.arrays import Array, same
 from ..basics.validation import InputError, numbers
-from ..model.contact import Stops
 from ..model.system import System, require_system
 from .impacts import ContactRecord, Impacts
 from .ledger import Ledger, step_ledger
-from .recorder import SampledImpacts, record
+from .recorder import sampled_record
 
 NO_STATES = "the run came as arrays without states=(q, q')"
+ROUNDING = 4.0 * float(np.finfo(float).eps)  # of the end: times that are apart by no more are one time
+SAME_POSITION = 1e-4  # of the motion: the rounding of five digits, less than a step changes
 
 
 def own_run(
@@ -26,10 +27,10 @@ def own_run(
     states: tuple[ArrayLike, ArrayLike] | None, name: str,
 ) -> dict[str, Any]:  # fmt: skip
     """The fields of a Trajectory but for its work, see ``Trajectory.from_arrays``."""
-    times = _row("t", t, None)
-    dt = float(times[1] - times[0])
-    if times[0] != 0.0 or not dt > 0.0 or np.max(np.abs(np.diff(times) - dt)) > 1e-6 * dt:
-        raise InputError("t", times, "be equidistant from 0 on", "interpolate to such times first")
+    given = _row("t", t, None)
+    times, rows = distinct_times("t", given)
+    if times[0] != 0.0 or len(times) < 3:
+        raise InputError("t", given, "be three or more times from 0 on", "begin with the initial state, at t = 0")
     if not isinstance(name, str) or not name:
         raise InputError("name", name, "be a text", 'for example "mine"')
     if system is not None:
@@ -38,26 +39,29 @@ def own_run(
     if states is not None:
         if system is None:
             raise InputError("states", "without a system", "come with their system", "pass system=")
-        q, v = (_states(x, (len(times), system.size)) for x in states)
+        q, v = (_states(x, (len(given), system.size)) for x in states)
         row, offset = system.channels[system.tip_channel]
-        position = system.positions(times, q)[:, system.tip_channel]
         if tip is None:
-            tip, tip_velocity = position, None if offset is not None else v @ row
+            tip = system.positions(given, q)[:, system.tip_channel]
+            tip_velocity = None if offset is not None else v @ row
+        q, v = q[rows], v[rows]
     if tip is None:
         raise InputError("tip", None, "be given", "pass the positions of the tip, or states=(q, q')")
-    u = _row("tip", tip, len(times))
+    u = _row("tip", tip, len(given))
+    one_position("t", given, rows, u)
+    u = u[rows]
     notes = {"tip_velocity": "of a spline through the tip"} if tip_velocity is None else {}
-    w = _spline_rate(times, u) if tip_velocity is None else _row("tip_velocity", tip_velocity, len(times))
+    w = _spline_rate(times, u) if tip_velocity is None else _row("tip_velocity", tip_velocity, len(given))[rows]
     return {
         "t": times,
         "tip": u,
         "tip_velocity": w,
-        "contacts": () if system is None else tuple(_contacts(system, times, dt, u, w, q, v)),
+        "contacts": () if system is None else tuple(_contacts(system, times, u, w, q, v)),
         "provenance": {
             "method": name,
             "source": "arrays",
             "form": "arrays" if system is None else system.form,
-            "dt": dt,
+            "dt": float(np.median(np.diff(times))),
             "t_end": float(times[-1]),
             "every": 1,
             **({} if system is None else {"units": asdict(system.units)}),
@@ -70,7 +74,7 @@ def own_run(
 
 
 def _contacts(
-    system: System, t: Array, dt: float, u: Array, w: Array, q: Array | None, v: Array | None
+    system: System, t: Array, u: Array, w: Array, q: Array | None, v: Array | None
 ) -> Iterator[ContactRecord]:
     """What is known of every contact: by the states, or by the tip where it is the contact point; else NaN."""
     positions = None if q is None else system.positions(t, q)
@@ -78,20 +82,39 @@ def _contacts(
     for i, contact in enumerate(system.contacts):
         is_tip = i == system.tip_channel or (contact.offset is tip_offset and same(contact.row, tip_row))
         if is_tip:
-            yield _record(contact.stops, u, w, dt)
+            yield sampled_record(t, u, w, contact.stops)
         elif positions is not None and v is not None:
             rate = v @ contact.row if contact.offset is None else _spline_rate(t, positions[:, i])
-            yield _record(contact.stops, positions[:, i], rate, dt)
+            yield sampled_record(t, positions[:, i], rate, contact.stops)
         else:
             nothing = np.full(len(t), np.nan)
             unknown = float("nan")
             yield ContactRecord(contact.stops, nothing, nothing, nothing, Impacts.none("unknown"), *3 * (unknown,))
 
 
-def _record(stops: Stops, u: Array, w: Array, dt: float) -> ContactRecord:
-    sampler = SampledImpacts(stops, dt, float(u[0]), float(w[0]))
-    sampler.feed(u[1:], w[1:])
-    return record(stops, u, w, sampler.tally, sampler.events, len(u) - 1)
+def distinct_times(name: str, t: Array) -> tuple[Array, NDArray[np.int64]]:
+    """Strictly increasing times in t (k,), and for each the last row that has it.
+
+    Solvers write an event twice, before and after it: times that increase by rounding only are one time.
+    Raises InputError for times that decrease.
+    """
+    rounding = ROUNDING * float(np.max(np.abs(t)))
+    steps = np.diff(t)
+    if np.any(steps < -rounding):
+        back = float(t[1 + int(np.argmax(steps < -rounding))])
+        raise InputError(name, back, "be no smaller than the time before it", "sort the rows by time")
+    first = np.concatenate([[True], steps > rounding])
+    return t[first], np.append(np.flatnonzero(first)[1:], len(t)) - 1
+
+
+def one_position(name: str, t: Array, rows: NDArray[np.int64], u: Array) -> None:
+    """Raise InputError where positions u (k, ...) differ at one time, see ``distinct_times``."""
+    again = np.setdiff1d(np.arange(len(t)), rows)
+    jump = np.max(np.abs(u[again + 1] - u[again]), axis=tuple(range(1, u.ndim)))
+    apart = jump > SAME_POSITION * np.max(np.abs(u))
+    if np.any(apart):
+        when = float(t[again[np.argmax(apart)]])
+        raise InputError(name, when, "belong to one position, not several", "write the times with more digits")
 
 
 def _pieces(system: System, t: Array, q: Array, v: Array) -> Iterator[tuple[Array, Array, Array, Array]]:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
-from ..basics.arrays import Array
+from ..basics.arrays import Array, step_lengths
 from ..basics.compiled import compiled
 from ..model.contact import Stops
-from ..model.contact_law import DAMPING, law_force, law_of
+from ..model.contact_law import DAMPING, Law, law_force, law_of
 from ..model.system import System
 from ..model.time_functions import offset_rate, offset_values
 from .impacts import ContactRecord, Impacts
@@ -33,6 +34,8 @@ from .sampling import (
     TOUCHING,
     new_tally,
     observe,
+    side_at_start,
+    switch_time,
 )
 
 Motion = tuple[Array, Array]  # u and u' at a time, (M, C), the contacts first
@@ -177,11 +180,57 @@ class SampledImpacts:
         return events
 
 
-def sampled_impacts(u: Array, v: Array, dt: float, stops: Stops) -> Impacts:
-    """The sampled impacts in positions u_0..u_n with velocities v_0..v_n."""
-    sampler = SampledImpacts(stops, dt, float(u[0]), float(v[0]))
-    sampler.feed(u[1:], v[1:])
-    return impacts_of(sampler.events)
+def contact_spans(t: Array, u: Array, v: Array, stops: Stops) -> Array:
+    """Spans of contact in positions u (k,) and velocities v (k,) at increasing times t (k,), one row (6,) a span.
+
+    Columns: the first step in contact; the first step after it, k of an open span; the times of entry and exit, an
+    exit NaN of an open span; the side, +1 or -1; the impulse, the sum of |sigma| times the step length. Entry and exit
+    are found by cubic Hermite interpolation over the interval's own length. A span with first step 0 is no impact:
+    where t begins at 0 it is the contact that is there at the start.
+    """
+    law = Law(*stops.law)
+    chi = stops.state(u, v)
+    chi[0] = side_at_start(u[0], v[0], stops.law)
+    impulse = np.concatenate([[0.0], np.cumsum(np.abs(stops.force(u, v)) * step_lengths(t))])
+
+    def switch(k: int, side: int) -> float:
+        length = float(t[k] - t[k - 1])
+        return float(t[k - 1]) + length * switch_time(u[k - 1], v[k - 1], u[k], v[k], side, law, length)
+
+    changes = [0, *(np.flatnonzero(chi[1:] != chi[:-1]) + 1).tolist(), len(t)]
+    rows = [
+        (a, b, switch(a, side) if a else t[0], switch(b, side) if b < len(t) else np.nan, side, impulse[b] - impulse[a])
+        for a, b in pairwise(changes)
+        if (side := int(chi[a]))
+    ]
+    return np.array(rows, float).reshape(-1, 6)
+
+
+def sampled_impacts(t: Array, u: Array, v: Array, stops: Stops) -> Impacts:
+    """Sampled impacts in positions u (k,) and velocities v (k,) at increasing times t (k,)."""
+    spans = contact_spans(t, u, v, stops)
+    first, after, times, ends, sides, impulses = spans[(spans[:, 0] > 0.0) | (t[0] == 0.0)].T
+    size, ended = np.abs(stops.force(u, v)), ~np.isnan(ends)
+    peaks = [float(np.max(size[a:b])) for a, b in zip(first.astype(int), after.astype(int), strict=True)]
+    peaks, impulses = np.where(ended, peaks, np.nan), np.where(ended, impulses, np.nan)
+    impacts = Impacts.at(times, sides, "sampled", ends=ends, peaks=peaks, impulses=impulses)
+    return impacts.started(first == 0.0)
+
+
+def sampled_record(t: Array, u: Array, v: Array, stops: Stops) -> ContactRecord:
+    """Contact record of positions u (k,) and velocities v (k,) at increasing times t (k,)."""
+    force = stops.force(u, v)
+    size, lengths = np.abs(force), step_lengths(t)[1:]
+    return ContactRecord(
+        stops=stops,
+        position=u,
+        velocity=v,
+        force=force,
+        impacts=sampled_impacts(t, u, v, stops),
+        fraction=float(np.average(stops.state(u[1:], v[1:]) != 0, weights=lengths)),
+        peak_force=float(np.max(size)),
+        impulse=float(np.trapezoid(size, t)),
+    )
 
 
 def as_it_starts(system: System, channel: int, t: Array, u: Array, v: Array) -> tuple[Array, Array]:

@@ -118,14 +118,17 @@ class Trajectory:
         states: tuple[ArrayLike, ArrayLike] | None = None,
         name: str = "own",
     ) -> Trajectory:
-        """A run of anyone's own: positions of the tip, and its velocity, at equidistant times t (k,) from 0 on.
+        """A run of anyone's own: positions of the tip, and its velocity, at increasing times t (k,) from 0 on.
+
+        A time may stand twice, or increase by rounding, at an event: the later row counts, and ``t`` has it once.
 
         tip_velocity: by default that of a cubic spline through the tip, which smooths every kink;
         the provenance then says so. system: what was integrated; with it the run can be compared, and the
         contact at the tip has its sampled impacts and force. states: (q, q'), each (k, n), which give the energy
         ledger, every contact and the displacement, and where it is left out the tip. What the arrays do not hold is
         NaN, or refused when it is asked for. name: its name in tables and pictures.
-        Raises InputError for times that are not equidistant, other shapes, and numbers that are not finite.
+        provenance["dt"] is the median step. Raises InputError for times that decrease, for positions that differ at
+        one time, for other shapes, and for numbers that are not finite.
         """
         made, unknown = own_run(t, tip, tip_velocity, system, states, name), float("nan")
         return cls(work=Work(len(made["t"]) - 1, unknown, unknown), **made)
@@ -187,7 +190,7 @@ class Trajectory:
         if self.pieces is None:
             found = NO_STATES if self.provenance.get("source") == "arrays" else "a loaded file"
             raise InputError("states", found, "come from a run", "read it with its system: sb.load(file, system)")
-        wanted = np.round(self.t / self._step).astype(int)
+        wanted = np.arange(len(self.t)) * int(self.provenance["every"])
         q, v, first = [], [], 0
         for times, q_piece, v_piece, _ in self.pieces():
             here = wanted[(wanted >= first) & (wanted < first + len(times))] - first
@@ -197,10 +200,6 @@ class Trajectory:
             v.append(v_piece[here])
             first += len(times) - 1
         return np.concatenate(q), np.concatenate(v)
-
-    @property
-    def _step(self) -> float:
-        return float(self.provenance["dt"])
 
     @cached_property
     def energy(self) -> Ledger:
@@ -275,11 +274,14 @@ def _travels(value: Any) -> bool:
     return True
 
 
+REMEDY = "for a comparison pass t_eval=run.t, or numpy.unique(t) for arrays (t, tip)"
+
+
 def output_index(t: Array, times: Array, method: str) -> NDArray[np.int64]:
     """Where ``times`` stand among the output times t. Raises InputError for any other time."""
     index = np.clip(np.searchsorted(t, times - 1e-12 * t[-1]), 0, len(t) - 1)
     if np.any(np.abs(t[index] - times) > 1e-11 * t[-1]):
-        raise InputError("t", "new times", f"be among t_eval for {method}", "for a comparison pass t_eval=run.t")
+        raise InputError("t", "new times", f"be among t_eval for {method}", REMEDY)
     return index
 
 
@@ -333,7 +335,8 @@ class Reference(Trajectory):
         if not self.contacts:
             return Impacts.none("sampled")
         self._contact(contact)
-        return sampled_impacts(*self.at(np.arange(steps + 1) * dt, contact=contact), dt, self.contacts[contact].stops)
+        t = np.arange(steps + 1) * dt
+        return sampled_impacts(t, *self.at(t, contact=contact), self.contacts[contact].stops)
 
     def _contact(self, contact: int) -> None:
         """Refuse the number of a contact that is not there."""

@@ -5,10 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from ...basics.arrays import Array
-from ...model.contact import Stops
-from ...model.contact_law import Law
 from ...trajectory.impacts import COLUMNS, ContactRecord, Impacts
-from ...trajectory.sampling import side_at_start, switch_time
+from ...trajectory.recorder import contact_spans
 from .restarts import Contacts
 from .rhs import RightHandSide
 
@@ -33,15 +31,18 @@ def contact_record(
     force = stops.force(position, velocity)
     if contacts is None:
         total = np.nan if rhs.signed else float(end[rhs.states + 2 + i])
-        found, share = _sampled(t, position, velocity, stops)
+        spans = contact_spans(t, position, velocity, stops)
+        first, _, begins, exits, sides, _ = spans.T
+        closed_time = float(np.sum(np.where(np.isnan(exits), t[-1], exits) - begins))
+        counted = (first > 0.0) | (t[0] == 0.0)
         return ContactRecord(
             stops, position, velocity, force,
-            found,
-            fraction=share if t[0] == 0.0 and t[-1] == t_end else np.nan,
+            Impacts.at(begins[counted], sides[counted], "sampled", ends=exits[counted]).started(first[counted] == 0.0),
+            fraction=closed_time / t_end if t[0] == 0.0 and t[-1] == t_end else np.nan,
             peak_force=float(np.max(np.abs(force))),
             impulse=total,
         )  # fmt: skip
-    spans: list[tuple[float, float, int, float, float]] = []  # of impacts: time, end, side, peak, impulse
+    impacts: list[tuple[float, float, int, float, float]] = []  # time, end, side, peak, impulse
     closed_time, largest, total = 0.0, 0.0, 0.0
     for k, (contact, side) in enumerate(rhs.sides):
         if contact != i:
@@ -58,9 +59,9 @@ def contact_record(
             impulse = side * float(z_left[rhs.states + 2 + i] - z[rhs.states + 2 + i])
             total += impulse
             nan = np.nan
-            spans.append((entry, left, side, own, impulse) if ended else (entry, nan, side, nan, nan))
-    spans.sort(key=lambda span: span[0])
-    columns = np.array(spans).reshape(-1, len(COLUMNS)).T
+            impacts.append((entry, left, side, own, impulse) if ended else (entry, nan, side, nan, nan))
+    impacts.sort(key=lambda impact: impact[0])
+    columns = np.array(impacts).reshape(-1, len(COLUMNS)).T
     return ContactRecord(
         stops=stops,
         position=position,
@@ -71,24 +72,3 @@ def contact_record(
         peak_force=float(largest),
         impulse=total,
     )
-
-
-def _sampled(t: Array, u: Array, v: Array, stops: Stops) -> tuple[Impacts, float]:
-    """The sampled impacts at output times that need not be equidistant, and the share of the time in contact."""
-    chi = stops.state(u, v)
-    chi[0] = side_at_start(u[0], v[0], stops.law)
-    law = Law(*stops.law)
-
-    def switch(k: int, side: int) -> float:
-        length = float(t[k] - t[k - 1])
-        return float(t[k - 1]) + length * switch_time(u[k - 1], v[k - 1], u[k], v[k], side, law, length)
-
-    changes = (np.flatnonzero(chi[1:] != chi[:-1]) + 1).tolist()
-    spans, closed = [], 0.0
-    for a, b in zip([0, *changes], [*changes, None], strict=True):
-        if side := int(chi[a]):
-            begin, end = switch(a, side) if a else float(t[0]), np.nan if b is None else switch(b, side)
-            closed += (float(t[-1]) if b is None else end) - begin
-            spans += [(begin, end, side)] if a or t[0] == 0.0 else []
-    times, ends, hit = np.array(spans).reshape(-1, 3).T
-    return Impacts.at(times, hit, "sampled", ends=ends).started(times == 0.0), closed / float(t[-1] - t[0])
