@@ -304,6 +304,30 @@ def with_values(system: System, values: Mapping[str, float]) -> System:
 _KEY = re.compile(r"([A-Za-z_]\w*)|\[(\d+)\]")
 
 
+def value_at(system: System, path: str) -> float:
+    """The number at a path of the problem or the matrices. Raises LookupError where there is none."""
+    keys: list[Any] = [int(index) if index else name for name, index in _KEY.findall(path)]
+    if system.problem is None and keys and keys[0] == "stops":
+        keys = ["contacts", keys[1], "stops", *keys[2:]]
+    elif system.problem is not None and keys[:1] == ["contacts"] and keys[2:3] == ["stops"]:
+        keys = ["stops", keys[1], *keys[3:]]
+    thing: Any = system
+    if system.problem is not None:
+        thing = replace(system.problem, stops=system.problem.all_stops or None)
+    for key in keys:
+        if _timed(thing) and key == "time":
+            thing = thing[1]
+        elif isinstance(key, int) and isinstance(thing, (tuple, list, np.ndarray)):
+            thing = thing[key]
+        elif is_dataclass(thing) and key in [x.name for x in fields(thing)]:
+            thing = getattr(thing, key)
+        else:
+            raise LookupError(path)
+    if not isinstance(thing, Real):
+        raise LookupError(path)
+    return float(thing)
+
+
 def _placed(system: System, keys: list[Any], value: float) -> System:
     """System with a value at the end of these keys. Raises LookupError where they lead to no number."""
     problem = system.problem
