@@ -198,7 +198,7 @@ def _arithmetic(name: str, text: str) -> Callable[[float], float]:
     refusal = InputError(f"couple {name}", text, rule, 'for example "loads[0].time.amplitude=0.01*x**2"')
 
     def value(node: ast.AST, x: float) -> float:
-        if isinstance(node, ast.Constant) and type(node.value) in (int, float):
+        if isinstance(node, ast.Constant) and isinstance(node.value, (int, float)) and not isinstance(node.value, bool):
             return float(node.value)
         if isinstance(node, ast.Name) and node.id in ("x", "pi"):
             return x if node.id == "x" else np.pi
