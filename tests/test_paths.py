@@ -176,3 +176,11 @@ def test_a_scheme_with_an_impact_law_sweeps_a_rigid_stop():
         assert section == pytest.approx(bounce(value, 1.2, 1.0)[0], abs=5e-3)
     counts = [{row["count"] for row in found if row["kind"] == "contact"} for found in rows.values()]
     assert counts == [{3}, {3}]
+
+
+@pytest.mark.parametrize("path", ["contacts[0].stops.restitution", "stops[0].restitution", "stops.restitution"])
+def test_the_only_stops_of_a_beam_have_paths(path):
+    stops = sb.Stops(-0.1, 0.1, stiffness=np.inf, restitution=0.5)
+    system = sb.semidiscretise(sb.BeamProblem(stiffness=3.0, stops=stops, base=sb.Harmonic(0.02, 5.0)), 6)
+    member = sb.varied(system, {path: [0.7]})[0]
+    assert member.contacts[0].stops == sb.Stops(-0.1, 0.1, stiffness=np.inf, restitution=0.7)

@@ -314,6 +314,8 @@ def value_at(system: System, path: str) -> float:
     thing: Any = system
     if system.problem is not None:
         thing = replace(system.problem, stops=system.problem.all_stops or None)
+        if isinstance(thing.stops, Stops) and keys[:2] == ["stops", 0]:
+            keys = ["stops", *keys[2:]]
     for key in keys:
         if _timed(thing) and key == "time":
             thing = thing[1]
@@ -342,7 +344,10 @@ def _placed(system: System, keys: list[Any], value: float) -> System:
     if problem is None:
         keys = ["contacts", keys[1], "stops", *keys[2:]] if keys[0] == "stops" else keys
         return _replaced(system, keys, value)
-    new = _replaced(replace(problem, stops=problem.all_stops or None), keys, value)
+    several = replace(problem, stops=problem.all_stops or None)
+    if isinstance(several.stops, Stops) and keys[:2] == ["stops", 0]:  # a problem keeps one pair by itself
+        keys = ["stops", *keys[2:]]
+    new = _replaced(several, keys, value)
     if problem.base is not None and new.base is not None and new.base != problem.base:
         new = replace(new, initial_velocity=_with_base(problem, new.base, problem.base))
     return semidiscretise(new, system.cells or system.size, system.form)
