@@ -133,3 +133,62 @@ def test_a_change_of_matrices_is_left_to_sweeps():
     system = sb.semidiscretise(sb.BeamProblem(stiffness=3.0, base=sb.Harmonic(0.02, 5.0)), 6)
     with pytest.raises(sb.InputError, match="one by one"):
         sb.varied(system, {"stiffness": [4.0]})
+
+
+def test_a_coupled_amplitude_follows_the_frequency():
+    """q = c w^2/(k - w^2 + i w d) e^(i w t): the section is its imaginary part."""
+    system = sb.System.from_matrices([[1.0]], [[4.0]], [[1.0]], loads=[([1.0], sb.Harmonic(1.0, 1.0))], observe=[1.0])
+    options = {"values": [1.0, 1.5, 3.0], "method": "exact", "dt": 1e-3, "t_end": 9.0, "transient": 20, "periods": 2}
+    path = "loads[0].time.amplitude"
+    for couple in (f"{path}=0.2*x**2", [f"{path} = x*(0.3 - .1)*x"], {path: lambda w: 0.2 * w**2}):
+        rows = sb.study("sweep", system, parameter="frequency", couple=couple, **options).rows
+        assert all(row[path] == pytest.approx(0.2 * row["frequency"] ** 2) for row in rows)
+        for w, section in sections(rows).items():
+            assert section == pytest.approx(np.imag(0.2 * w**2 / (4.0 - w**2 + 1.0j * w)), abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["", "0.1*y", "abs(x)", "x.real", "1j*x", "x if x else 1", "__import__('os')", "x//2", "1/(x-1)", "x**1e999"],
+)
+def test_a_coupling_is_arithmetic(text):
+    system = sb.System.from_matrices([[1.0]], [[4.0]], loads=[([1.0], sb.Harmonic(1.0, 1.0))], observe=[1.0])
+    couple = {"loads[0].time.amplitude": text}
+    with pytest.raises(sb.InputError, match=r"coupled by|have a value|finite"):
+        sb.study("sweep", system, values=[1.0, 2.0], couple=couple, method="exact", dt=1e-3, t_end=9.0)
+
+
+def test_of_two_drives_the_varied_one_sets_the_period():
+    """Two harmonic responses; the section at n T of the second drive sees the second as a constant."""
+    loads = [([1.0], sb.Harmonic(1.0, 1.0)), ([1.0], sb.Harmonic(0.5, 1.7))]
+    system = sb.System.from_matrices([[1.0]], [[4.0]], [[1.0]], loads=loads, observe=[1.0])
+    options = {"method": "exact", "dt": 1e-3, "t_end": 9.0, "transient": 20, "periods": 3}
+    values = [1.3, 1.7]
+    rows = sb.study("sweep", system, parameter="loads[1].time.frequency", values=values, **options).rows
+    for w, section in sections(rows).items():
+        t = 2.0 * np.pi / w * np.arange(21, 24)
+        first = np.imag(np.exp(1j * t) / (4.0 - 1.0 + 1.0j))
+        assert section == pytest.approx(first + np.imag(0.5 / (4.0 - w**2 + 1.0j * w)), abs=1e-6)
+    with pytest.raises(sb.InputError, match="2 drive frequencies"):
+        sb.study("sweep", system, parameter="q0[0]", values=[0.0, 1.0], **options)
+
+
+def test_a_scheme_with_an_impact_law_sweeps_a_rigid_stop():
+    options = {"parameter": "contacts[0].stops.restitution", "values": [0.5, 0.6], "transient": 60, "periods": 3}
+    rows = {
+        method: sb.study("sweep", ball(), method=method, dt=5e-4, t_end=10.0, **options).rows
+        for method in ("exact", "moreau-jean")
+    }
+    for value, section in sections(rows["moreau-jean"]).items():
+        assert section == pytest.approx(sections(rows["exact"])[value], abs=5e-3)
+        assert section == pytest.approx(bounce(value, 1.2, 1.0)[0], abs=5e-3)
+    counts = [{row["count"] for row in found if row["kind"] == "contact"} for found in rows.values()]
+    assert counts == [{3}, {3}]
+
+
+@pytest.mark.parametrize("path", ["contacts[0].stops.restitution", "stops[0].restitution", "stops.restitution"])
+def test_the_only_stops_of_a_beam_have_paths(path):
+    stops = sb.Stops(-0.1, 0.1, stiffness=np.inf, restitution=0.5)
+    system = sb.semidiscretise(sb.BeamProblem(stiffness=3.0, stops=stops, base=sb.Harmonic(0.02, 5.0)), 6)
+    member = sb.varied(system, {path: [0.7]})[0]
+    assert member.contacts[0].stops == sb.Stops(-0.1, 0.1, stiffness=np.inf, restitution=0.7)

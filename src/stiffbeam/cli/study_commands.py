@@ -116,7 +116,7 @@ def _plain(hint: Any) -> tuple[Any, Any]:
     """(type, type of the items of a list or None) of an option, without its help and without None."""
     hint = get_args(hint)[0] if get_origin(hint) is Annotated else hint
     if isinstance(hint, UnionType):
-        (hint,) = (arg for arg in get_args(hint) if arg is not type(None))
+        *_, hint = (arg for arg in get_args(hint) if arg is not type(None))  # a list is last; a mapping is Python's
     return (str, get_args(hint)[0]) if get_args(hint) else (hint, None)
 
 

@@ -303,6 +303,32 @@ def with_values(system: System, values: Mapping[str, float]) -> System:
 _KEY = re.compile(r"([A-Za-z_]\w*)|\[(\d+)\]")
 
 
+def value_at(system: System, path: str) -> float:
+    """The number at a path of the problem or the matrices. Raises LookupError where there is none."""
+    keys: list[Any] = [int(index) if index else name for name, index in _KEY.findall(path)]
+    if system.problem is None and keys and keys[0] == "stops":
+        keys = ["contacts", keys[1], "stops", *keys[2:]]
+    elif system.problem is not None and keys[:1] == ["contacts"] and keys[2:3] == ["stops"]:
+        keys = ["stops", keys[1], *keys[3:]]
+    thing: Any = system
+    if system.problem is not None:
+        thing = replace(system.problem, stops=system.problem.all_stops or None)
+        if isinstance(thing.stops, Stops) and keys[:2] == ["stops", 0]:
+            keys = ["stops", *keys[2:]]
+    for key in keys:
+        if _timed(thing) and key == "time":
+            thing = thing[1]
+        elif isinstance(key, int) and isinstance(thing, (tuple, list, np.ndarray)):
+            thing = thing[key]
+        elif is_dataclass(thing) and key in [x.name for x in fields(thing)]:
+            thing = getattr(thing, key)
+        else:
+            raise LookupError(path)
+    if not isinstance(thing, Real):
+        raise LookupError(path)
+    return float(thing)
+
+
 def _placed(system: System, keys: list[Any], value: float) -> System:
     """System with a value at the end of these keys. Raises LookupError where they lead to no number."""
     problem = system.problem
@@ -317,7 +343,10 @@ def _placed(system: System, keys: list[Any], value: float) -> System:
     if problem is None:
         keys = ["contacts", keys[1], "stops", *keys[2:]] if keys[0] == "stops" else keys
         return _replaced(system, keys, value)
-    new = _replaced(replace(problem, stops=problem.all_stops or None), keys, value)
+    several = replace(problem, stops=problem.all_stops or None)
+    if isinstance(several.stops, Stops) and keys[:2] == ["stops", 0]:  # a problem keeps one pair by itself
+        keys = ["stops", *keys[2:]]
+    new = _replaced(several, keys, value)
     if problem.base is not None and new.base is not None and new.base != problem.base:
         new = replace(new, initial_velocity=_with_base(problem, new.base, problem.base))
     return semidiscretise(new, system.cells or system.size, system.form)

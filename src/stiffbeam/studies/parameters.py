@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import ast
+import operator
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from ..basics.validation import InputError, positive
+from ..basics.validation import InputError, number, positive
 from ..files.cases import Case
 from ..model.contact import Stops
 from ..model.drive import Drive
-from ..model.members import varied, with_values
+from ..model.members import value_at, varied, with_values
 from ..model.problem import PointLoad
 from ..model.semidiscretisation import semidiscretise
 from ..model.system import System
@@ -122,7 +124,7 @@ def setup_of(system: System, point: Point, value: Sequence[float]) -> Setup:
     """One value on the case's system. Raises InputError where a value cannot be."""
     dt = point["dt"]
     scheme = None if point["method"] == EXACT else scheme_of(point["method"])
-    for name, x in zip((point["parameter"], point["second"]), value, strict=False):
+    for name, x in zip(names_of(point), value, strict=True):
         if name in PARAMETERS:
             system = PARAMETERS[name](system, x)
         elif is_path(name):
@@ -133,7 +135,7 @@ def setup_of(system: System, point: Point, value: Sequence[float]) -> Setup:
             assert scheme is not None
             changed = type(scheme)(**(scheme.parameters | {name: x}))
             scheme = changed.printed(scheme.erratum) if scheme.erratum else changed
-    period = drive_period(system)
+    period = drive_period(system, point["parameter"])
     if dt is None:
         return Setup(system, None, 0.0, period)
     if dt > 0.5 * period:
@@ -141,8 +143,14 @@ def setup_of(system: System, point: Point, value: Sequence[float]) -> Setup:
     return Setup(system, scheme, period / round(period / dt), period)
 
 
-def drive_period(system: System) -> float:
-    """T = 2 pi/a of the one frequency that drives the system."""
+def names_of(point: Point) -> list[str]:
+    """The names of a value's numbers: the parameters, then what is coupled to the first."""
+    own = [point["parameter"], point["second"]]
+    return [name for name in own if name is not None] + point["coupled"]
+
+
+def drive_period(system: System, parameter: str = "frequency") -> float:
+    """T = 2 pi/a of the frequency that drives the system; of several, that of the drive whose parameter is varied."""
     drive = Drive.of(system)
     if drive.records:
         raise InputError(
@@ -152,10 +160,67 @@ def drive_period(system: System) -> float:
             "replace the samples by a Harmonic, or run the study ensemble",
         )
     frequencies = drive.frequencies
-    if len(frequencies) != 1:
-        rule, remedy = "have one, for a section once a period", "drive the case by one Harmonic"
-        raise InputError("case", f"{len(frequencies)} drive frequencies", rule, remedy)
-    return 2.0 * np.pi / frequencies[0]
+    if len(frequencies) == 1:
+        return 2.0 * np.pi / frequencies[0]
+    try:
+        return 2.0 * np.pi / value_at(system, f"{parameter.rpartition('.')[0]}.frequency")
+    except LookupError:
+        rule = "have one, for a section once a period, or the parameter be one of a Harmonic"
+        remedy = "drive the case by one Harmonic, or name a parameter of one by its path: loads[0].time.amplitude"
+        raise InputError("case", f"{len(frequencies)} drive frequencies", rule, remedy) from None
+
+
+Coupling = str | Callable[[float], float]
+
+
+def couplings(couple: Mapping[str, Coupling] | Sequence[str] | None) -> dict[str, Callable[[float], float]]:
+    """The functions of x, the value of the parameter, that give the parameters coupled to it, by name.
+
+    couple: a mapping of name to text or function, or texts "name=text". Raises InputError.
+    """
+    if isinstance(couple, str):
+        couple = [couple]
+    if not isinstance(couple, Mapping):
+        pairs = [text.partition("=") for text in couple or ()]
+        couple = {name.strip(): text for name, _, text in pairs}
+    return {name: rule if callable(rule) else _arithmetic(name, rule) for name, rule in couple.items()}
+
+
+OPERATORS: dict[type, Callable[..., Any]] = {
+    ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: operator.truediv,
+    ast.Pow: operator.pow, ast.UAdd: operator.pos, ast.USub: operator.neg,
+}  # fmt: skip
+
+
+def _arithmetic(name: str, text: str) -> Callable[[float], float]:
+    """The function of x that an arithmetic expression states."""
+    rule = "be coupled by numbers, x, pi, + - * / ** and parentheses"
+    refusal = InputError(f"couple {name}", text, rule, 'for example "loads[0].time.amplitude=0.01*x**2"')
+
+    def value(node: ast.AST, x: float) -> float:
+        if isinstance(node, ast.Constant) and isinstance(node.value, (int, float)) and not isinstance(node.value, bool):
+            return float(node.value)
+        if isinstance(node, ast.Name) and node.id in ("x", "pi"):
+            return x if node.id == "x" else np.pi
+        if isinstance(node, ast.BinOp) and type(node.op) in OPERATORS:
+            return OPERATORS[type(node.op)](value(node.left, x), value(node.right, x))
+        if isinstance(node, ast.UnaryOp) and type(node.op) in OPERATORS:
+            return OPERATORS[type(node.op)](value(node.operand, x))
+        raise refusal
+
+    try:
+        body = ast.parse(text.strip(), mode="eval").body
+    except (SyntaxError, ValueError, MemoryError, RecursionError):
+        raise refusal from None
+
+    def evaluated(x: float) -> float:
+        try:
+            return number(name, value(body, x))
+        except (ArithmeticError, RecursionError) as error:
+            remedy = "give another expression or other values"
+            raise InputError(f"couple {name}", text, f"have a value at x = {x:g}", remedy) from error
+
+    return evaluated
 
 
 NAMES = {

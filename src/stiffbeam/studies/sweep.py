@@ -11,7 +11,7 @@ its numerical dissipation.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import product
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -28,7 +28,20 @@ from ..trajectory.ensemble import Ensemble
 from ..trajectory.trajectory import Diverged, SolverFailure
 from .common import Form, Treatment, by_contact, label_of, scheme_of, system_of
 from .engine.study import Point, Records, Row, Rows, Study
-from .parameters import EXACT, IN_STEP, Setup, drive_period, is_path, named, parameters_of, quantity_of, setup_of
+from .parameters import (
+    EXACT,
+    IN_STEP,
+    Coupling,
+    Setup,
+    couplings,
+    drive_period,
+    is_path,
+    named,
+    names_of,
+    parameters_of,
+    quantity_of,
+    setup_of,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -53,6 +66,10 @@ def points(
     ] = None,
     second: Annotated[str | None, "another parameter: impacts and forces on a grid"] = None,
     second_values: Annotated[Sequence[float] | None, "as --values"] = None,
+    couple: Annotated[
+        Mapping[str, Coupling] | Sequence[str] | None,
+        'parameters that follow x, the value of the first: "loads[0].time.amplitude=0.01*x**2"',
+    ] = None,
     method: Annotated[
         str | None, "a scheme, or exact; default: the case's first scheme that has a law for its stops"
     ] = None,
@@ -67,7 +84,9 @@ def points(
 
     values: of ``parameter``, in the case's own units; by default ``count`` drive
     frequencies from 0.7 to 1.3 of the case's. method: a scheme's label or "exact", by default the case's
-    first scheme. transient: periods of the drive before the ``periods`` that are looked at.
+    first scheme. transient: periods of the drive before the ``periods`` that are looked at. Where several
+    frequencies drive the system, the period is that of the drive whose parameter is varied.
+    couple: arithmetic of x, the value of ``parameter``, for each parameter that follows it.
     """
     if method is None:
         runs = [label_of(run) for run, *_ in case.runs]
@@ -87,27 +106,36 @@ def points(
         raise InputError("case", case.name, "have stops for a grid of two parameters", remedy)
     if second == parameter:
         raise InputError("second", second, "be another parameter", "give the grid two different parameters")
+    follow = couplings(couple)
+    if twice := [name for name in follow if name in axes]:
+        raise InputError("couple", twice[0], "be another parameter than those varied", "leave it out of couple")
     known = parameters_of(method)
-    for name, along in axes.items():
+    for name in (*axes, *follow):
         if name not in known and not is_path(name):
             raise InputError("parameter", name, f"be one that {method} has", near(name, known))
+    for name, along in axes.items():
         if along is None or not len(along):
             raise InputError("values", along, f"be given for {name}", "for example 8:14:400 or 8,9,10.5")
     grid = [[number(name, x) for x in along or ()] for name, along in axes.items()]
     rest = {
-        "parameter": parameter, "second": second, "method": method, "form": form, "contact": contact,
+        "parameter": parameter, "second": second, "coupled": list(follow), "method": method,
+        "form": form, "contact": contact,
         "dt": None if method == EXACT else positive("dt", case.dt if dt is None else dt),
         "periods": periods, "transient": transient,
     }  # fmt: skip
     # Bad values are refused here, at the ends of the ranges; what a scheme refuses in between is a row.
     base = system_of(case, form)
-    ends = [setup_of(base, rest, value) for value in product(*([min(axis), max(axis)] for axis in grid))]
-    together = parameter in IN_STEP and (second is None or second in IN_STEP)
+
+    def whole(value: Sequence[float]) -> list[float]:
+        return [*value, *(number(name, rule(value[0])) for name, rule in follow.items())]
+
+    ends = [setup_of(base, rest, whole(value)) for value in product(*([min(axis), max(axis)] for axis in grid))]
+    together = all(name in IN_STEP for name in names_of(rest))
     seconds = max(_seconds(setup, periods + transient) + (0.0 if together else SETTING_UP) for setup in ends)
     if second is not None and parameter in IN_STEP:  # what marches together stands together
-        wanted = [[x, y] for y in grid[1] for x in grid[0]]
+        wanted = [whole([x, y]) for y in grid[1] for x in grid[0]]
     else:
-        wanted = [list(value) for value in product(*grid)]
+        wanted = [whole(value) for value in product(*grid)]
     size = max(1, min(int(BATCH / seconds), -(-len(wanted) // BATCHES)))
     return [{**rest, "values": wanted[i : i + size]} for i in range(0, len(wanted), size)]
 
@@ -124,7 +152,7 @@ def evaluate(case: Case, point: Point) -> list[Row]:
     groups: dict[tuple[Any, ...], list[tuple[Row, Setup]]] = {}
     system = system_of(case, point["form"])
     for value in point["values"]:
-        named = {name: x for name, x in zip((point["parameter"], point["second"]), value, strict=False) if name}
+        named = dict(zip(names_of(point), value, strict=True))
         try:
             setup = setup_of(system, point, value)
             groups.setdefault(setup.kind, []).append((named | ({"dt": setup.dt} if setup.scheme else {}), setup))
