@@ -6,11 +6,13 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
-from every_system import BENCHES
+from every_system import BENCHES, ball
 
 import stiffbeam as sb
 from stiffbeam import references
@@ -172,3 +174,14 @@ def test_a_remedy_of_a_command_is_none_of_python(command):
     code, _, err = command("compare", "own.toml", "--schemes", "bdf2")
     assert (code, "use moreau-jean" in err) == (2, True)
     assert not PYTHON.search(err)
+
+
+@pytest.mark.parametrize("rounding", [-1e-17, 0.0, 1e-17])
+def test_a_ball_that_rests_on_a_moving_table_starts_there_but_for_rounding(rounding):
+    """The gap is a difference of the two heights: their size, not the gap's, says what rounding is."""
+    table = sb.Harmonic(0.01, 40.0, 0.7)
+    system = ball(sb.Stops(lower=0.0, stiffness=np.inf, restitution=0.0), 0.0, table)
+    system = replace(system, q0=-table.value(0.0) * np.ones(1) + rounding, v0=-table.rate(0.0) * np.ones(1))
+    exact = sb.reference(system, 0.1)
+    run = sb.integrate(system, sb.MoreauJean(), 1e-3, 0.1)
+    assert np.max(np.abs(run.tip - exact.at(run.t)[0])) < 1e-4
