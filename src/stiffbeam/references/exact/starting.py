@@ -19,10 +19,11 @@ def on_stops(model: Model) -> dict[int, int]:
     """The contacts on their stops at t = 0, by their sides. Raises InputError for one beyond its stop."""
     closed = {}
     for contact, each in enumerate(model.system.contacts):
-        u = float(model.rows[contact] @ model.system.q0 + model.shift(contact, 0.0)[0])
+        moved = float(model.shift(contact, 0.0)[0])
+        u = float(model.rows[contact] @ model.system.q0) + moved
         for side, g in ((1, each.stops.g2), (-1, each.stops.g1)):
-            if math.isfinite(g) and side * (u - g) >= -LEFT * abs(g):
-                if side * (u - g) > LEFT * abs(g):
+            if math.isfinite(g) and side * (u - g) >= -LEFT * max(abs(g), abs(moved)):
+                if side * (u - g) > LEFT * max(abs(g), abs(moved)):
                     remedy = "move the stop or the start"
                     raise InputError("initial displacement", u, "lie between rigid stops", remedy)
                 closed[contact] = side
