@@ -190,7 +190,7 @@ class Trajectory:
         if self.pieces is None:
             found = NO_STATES if self.provenance.get("source") == "arrays" else "a loaded file"
             raise InputError("states", found, "come from a run", "read it with its system: sb.load(file, system)")
-        wanted = np.arange(len(self.t)) * int(self.provenance["every"])
+        wanted = np.arange(len(self.t)) * int(self.provenance.get("every", 1))
         q, v, first = [], [], 0
         for times, q_piece, v_piece, _ in self.pieces():
             here = wanted[(wanted >= first) & (wanted < first + len(times))] - first
