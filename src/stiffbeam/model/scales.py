@@ -99,7 +99,8 @@ def _speed(system: System, held: Array, t_end: float) -> float:
                 given = np.minimum(given, fall)
             driven += given
     stored = float(system.contact_energy(np.zeros(()), system.q0))
-    moving = [_offset_speed(contact) * _share(system, contact) ** -0.5 for contact in system.contacts]
+    least = float(np.finfo(float).tiny)  # a share may underflow
+    moving = [_offset_speed(contact) * max(_share(system, contact), least) ** -0.5 for contact in system.contacts]
     return float(max(np.max(speeds), np.max(driven), np.sqrt(2.0 * stored), *moving, 0.0))
 
 
