@@ -371,7 +371,7 @@ def _replaced(thing: Any, keys: list[Any], value: float) -> Any:
 
 
 def _timed(thing: Any) -> bool:
-    """Whether it is a load of a system of matrices, (vector, function)."""
+    """Return True for a load of a system of matrices, (vector, function)."""
     return isinstance(thing, tuple) and len(thing) == 2 and isinstance(thing[0], np.ndarray)
 
 

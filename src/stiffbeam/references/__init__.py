@@ -125,7 +125,7 @@ def substitute(system: System, t_end: float) -> str:
 
 
 def takes(method: str, system: System, t_end: float) -> bool:
-    """Whether ``method`` has an answer for the stops of a system, the exact solutions for its functions of time too."""
+    """Return True where ``method`` takes the stops of a system; an exact one must take its functions of time too."""
     if REFERENCES[method].kind == ADAPTIVE:
         return not any(contact.stops.rigid for contact in system.contacts)
     return not substitute(system, t_end)

@@ -52,7 +52,7 @@ class RigidScheme(Scheme):
 
 
 def takes_stops(scheme: Scheme, stops: Iterable[Stops]) -> bool:
-    """Whether ``scheme`` has a contact law for all these stops: compliance, or for rigid ones restitution or none."""
+    """Return True where ``scheme`` has a law for all these stops: compliance, or for rigid ones restitution or none."""
     each = list(stops)
     restitutes = isinstance(scheme, RigidScheme) and scheme.restitutes
     if any(one.rigid for one in each):

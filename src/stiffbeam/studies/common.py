@@ -55,14 +55,14 @@ def scheme_labels(case: Case, schemes: Sequence[str | Scheme] | None = None) -> 
 
 
 def takes(case: Case, scheme: Scheme) -> bool:
-    """Whether ``scheme`` has a law for the stops of the case and takes its damping."""
+    """Return True where ``scheme`` has a law for the stops of the case and takes its damping."""
     system = case.system(case.forms[0])
     modal = isinstance(scheme, RigidScheme) and scheme.modal_only
     return takes_stops(scheme, (c.stops for c in system.contacts)) and not (modal and modes(system) is None)
 
 
 def takes_extrapolation(case: Case) -> bool:
-    """Whether the case's stops have a force of the position alone, which the extrapolated contact of the paper asks."""
+    """Return True where the stops' force is one of the position alone, which the paper's extrapolated contact needs."""
     return not any(c.stops.rigid or c.stops.dissipative for c in case.system(case.forms[0]).contacts)
 
 

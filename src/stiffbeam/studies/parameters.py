@@ -108,7 +108,7 @@ def quantity_of(case: Case, parameter: str) -> str:
 
 
 def is_path(parameter: str) -> bool:
-    """Whether a parameter is named by its path in the system, as in "stops[0].damping"."""
+    """Return True where a parameter is named by its path in the system, as in "stops[0].damping"."""
     return "." in parameter or "[" in parameter
 
 
