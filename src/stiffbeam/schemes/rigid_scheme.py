@@ -23,7 +23,7 @@ AHEAD = 0.5  # of a step, where ``predict`` looks
 class RigidScheme(Scheme):
     """A scheme for stops with stiffness=inf: a linear step, and a reaction at each node after its condition.
 
-    ``step`` returns at node i the pair (x_new, x_old) that ``conditions[i]`` speaks of, in the place of (q, q').
+    At node i a step returns the pair (x_new, x_old) that ``conditions[i]`` speaks of, in the place of (q, q').
     Reactions are forces: what acts over one step at a constant force is its impulse over dt, whatever the scheme
     calls an impulse. ``start`` makes the first state. State: (q, v, f), f the load carried, unless it says else.
     """
