@@ -13,9 +13,9 @@ from edge_systems import KINDS, edge_system, witness
 
 import stiffbeam as sb
 from stiffbeam.basics.validation import InputError
+from stiffbeam.piecewise.audit import audit
 from stiffbeam.references import solve
 from stiffbeam.references.ensemble import reference_ensemble
-from stiffbeam.references.exact.audit import audit
 from stiffbeam.references.exact.piecewise import tracer_of
 from stiffbeam.references.exact.rigid import rigid_limit
 

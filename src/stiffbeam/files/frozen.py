@@ -22,9 +22,9 @@ from ..basics import netcdf
 from ..basics.arrays import Array
 from ..basics.validation import InputError
 from ..model.system import System
-from ..references.exact.exact_measures import Solution
+from ..piecewise.measures import Solution
+from ..piecewise.rounding import Perturbation
 from ..references.exact.piecewise import reference_of, tracer_of
-from ..references.exact.rounding import Perturbation
 from ..trajectory.trajectory import Reference
 from .cases import parse_case
 

@@ -16,7 +16,7 @@ from ..basics.units import Units
 from ..basics.validation import InputError
 from ..model.scales import scales
 from ..model.system import System
-from ..references.exact.exact_measures import contact_record
+from ..piecewise.measures import contact_record
 from ..trajectory.impacts import Impacts
 from ..trajectory.recorder import sampled_impacts
 from ..trajectory.tables import table

@@ -16,6 +16,7 @@ from ..basics.validation import InputError, numbers, positive
 from ..model.members import Members, as_members
 from ..model.modes import Modes
 from ..model.system import System
+from ..piecewise.audit import audit, within_float64
 from ..trajectory.ensemble import MEMBERS_PER_SLICE, Ensemble, Progress, gathered, record_from
 from ..trajectory.impacts import ContactRecord
 from ..trajectory.ledger import Ledger
@@ -24,7 +25,6 @@ from ..trajectory.records import Records
 from ..trajectory.trajectory import Reference, Work
 from . import BEST_RTOL, best_reference
 from . import solve as solve_by
-from .exact.audit import audit, within_float64
 from .exact.piecewise import general, observations, solve_exact
 from .exact.rigid_reference import solve_rigid
 from .exact.undamped_regimes import Parts

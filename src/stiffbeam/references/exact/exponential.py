@@ -21,12 +21,12 @@ from numpy.typing import NDArray
 from ...basics.arrays import Array
 from ...model.drive import Drive
 from ...model.system import System
-from .exponential_regime import Complex, Regime, phasors, spin_of
+from ...piecewise.linear import Complex, Regime, phasors, spin_of
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ExponentialSolution:
-    """The pieces: at times[i] the contacts are on the sides[i] (m,), see damped_stops; homogeneous parts c[i]."""
+    """The pieces: at times[i] the contacts are on the sides[i] (m,), see events; homogeneous parts c[i]."""
 
     drive: Drive
     regimes: dict[tuple[int, ...], Regime]
@@ -86,7 +86,7 @@ class ExponentialSolution:
         self, system: System, contact: int, starts: Array, ends: Array, sides: NDArray[np.int64]
     ) -> tuple[Array, Array]:
         """Peak |sigma| and the integral of |sigma| in the spans [starts, ends] (k,) of contact on ``sides``."""
-        from .exact_measures import pressed_by
+        from ...piecewise.measures import pressed_by
 
         return pressed_by(system, self, contact, starts, ends, sides)
 
@@ -197,7 +197,7 @@ def measured_work(solution: ExponentialSolution, system: System, edges: Array) -
     The first panel behind every edge is as short as the fastest decay, each next one twice as long, up to half
     the shortest period: what is overdamped has decayed before its panels are longer than it lasts.
     """
-    from .exact_measures import NODES, WEIGHTS
+    from ...piecewise.measures import NODES, WEIGHTS
 
     longest = 0.5 * solution.shortest_period
     decay = max(float(np.max(-r.eigenvalues.real, initial=0.0)) for r in solution.regimes.values())

@@ -12,15 +12,15 @@ from ...basics.budget import Forecast
 from ...model.drive import Drive
 from ...model.modes import undamped_modes
 from ...model.system import System
-from .chains import seen_by
-from .damped_stops import LET_GO, next_side, pressed, side_of, watched
+from ...piecewise.chains import seen_by
+from ...piecewise.events import LET_GO, next_side, pressed, side_of, watched
+from ...piecewise.exponential_search import search
+from ...piecewise.linear import Complex, Regime, phasors, regime_of, spin_of
+from ...piecewise.rounding import Perturbation, rounded_sum
+from ...piecewise.search import search as leap
+from ...piecewise.terms import OMEGA, SIGMA, SQUARE, X, Y, layout
+from ...piecewise.touching import ORDER
 from .exponential import ExponentialSolution
-from .exponential_regime import Complex, Regime, phasors, regime_of, spin_of
-from .exponential_search import search
-from .rounding import Perturbation, rounded_sum
-from .switching import search as leap
-from .terms import OMEGA, SIGMA, SQUARE, X, Y, layout
-from .touching import ORDER
 from .undamped_tracer import EVENTS_PER_CALL, refuse_accumulation
 
 

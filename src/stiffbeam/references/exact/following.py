@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from ...basics.arrays import Array, IntArray
 from ...basics.compiled import compiled
-from .oscillation import oscillations, pair
-from .switching import search
-from .terms import CONSTANT, LEVEL, OMEGA, SQUARE, X, Y, layout
+from ...piecewise.oscillation import oscillations, pair
+from ...piecewise.search import search
+from ...piecewise.terms import CONSTANT, LEVEL, OMEGA, SQUARE, X, Y, layout
 
 
 class Regimes(NamedTuple):

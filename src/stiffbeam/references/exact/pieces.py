@@ -8,11 +8,11 @@ import numpy as np
 
 from ...basics.arrays import Array, IntArray
 from ...basics.compiled import compiled
+from ...piecewise.oscillation import oscillation, oscillations
+from ...piecewise.pressing import area, peak
+from ...piecewise.terms import layout
+from ...piecewise.touching import EPS
 from .following import Regimes, advance, change, drive, see
-from .oscillation import oscillation, oscillations
-from .pressing import area, peak
-from .terms import layout
-from .touching import EPS
 
 RUN = 16  # times that are answered from one of them
 

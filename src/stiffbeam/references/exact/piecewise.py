@@ -2,7 +2,7 @@
 
 With linear compliance every contact is free or on one of its stops, and each combination is a linear
 system with a solution in closed form. The time to the next switch is approached by steps that provably
-contain none (switching.py).
+contain none (search.py).
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ from ...model.modes import Modes, undamped_modes
 from ...model.sampled import Sampled
 from ...model.system import System
 from ...model.time_functions import covered, parts_of
+from ...piecewise.audit import audit, within_float64
+from ...piecewise.measures import Solution, entries, exact_ledger, path_of, record_of
+from ...piecewise.rounding import Perturbation
 from ...trajectory.impacts import ContactRecord
 from ...trajectory.trajectory import Reference, Work, versions
 from ..agreement import Watched
 from ..request import Request, output_times
-from .audit import audit, within_float64
-from .exact_measures import Solution, entries, exact_ledger, path_of, record_of
 from .exponential_tracer import ExponentialTracer
-from .rounding import Perturbation
 from .undamped_regimes import Parts
 from .undamped_tracer import Tracer
 
@@ -55,7 +55,7 @@ def solve_exact(
     """The exact piecewise-linear solution in float64, with crossings that cannot be missed.
 
     Takes any damping, critical too, free bodies, drives in resonance with any regime, any number of contacts, linear
-    stops, damped ones too (damped_stops.py), and time functions made of Harmonic, Constant and Sampled; raises
+    stops, damped ones too (events.py), and time functions made of Harmonic, Constant and Sampled; raises
     InputError with the reason for other time functions. Without damping, with at most one contact and no samples all
     of it is compiled; else regimes
     are made as they are met. ``known`` keeps the modes of systems that share their matrices and contact row, see

@@ -21,9 +21,9 @@ from ...basics.compiled import clock
 from ...basics.validation import InputError, numbers, positive
 from ...model.drive import Drive
 from ...model.system import System, require_system
+from ...piecewise.audit import audit, within_float64
 from ...trajectory.impacts import Impacts
 from ...trajectory.trajectory import Reference, SolverFailure
-from .audit import audit, within_float64
 from .following import follow
 from .piecewise import reference_of, refuse
 from .undamped import Solution

@@ -3,7 +3,7 @@
     z(t) = Phi(t) z(0),  Phi(t) = flow of the last piece ... flow of the first,  |Phi(t) z| ~ exp(lambda t)
 
 A continuous force leaves tangent vectors alone at a switch (its saltation matrix is the identity), so that Phi is
-the product of the homogeneous flows of the pieces; at the entry into a damped stop the force jumps, see damped_stops.
+the product of the homogeneous flows of the pieces; at the entry into a damped stop the force jumps, see events.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from ...basics.validation import integer, positive
 from ...model.modes import undamped_modes
 from ...model.system import System, require_system
 from ...model.time_functions import offset_rate
+from ...piecewise.audit import audit, within_float64
+from ...piecewise.events import entry
+from ...piecewise.measures import Solution
 from ...trajectory.trajectory import SolverFailure
 from ..rigid_stops import require_rigid
-from .audit import audit, within_float64
-from .damped_stops import entry
-from .exact_measures import Solution
 from .impact_tangent import Neighbours
 from .impacting import Tracer as ImpactTracer
 from .piecewise import afford_search, refuse, tracer_of

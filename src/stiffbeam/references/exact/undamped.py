@@ -16,9 +16,9 @@ from ...basics.arrays import Array
 from ...model.drive import Drive
 from ...model.modes import Modes
 from ...model.system import System
-from .exact_measures import panels
+from ...piecewise.measures import panels
+from ...piecewise.oscillation import oscillations
 from .following import Regimes
-from .oscillation import oscillations
 from .pieces import amplitudes, grow, observe, press
 
 

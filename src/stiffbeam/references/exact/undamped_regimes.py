@@ -15,8 +15,8 @@ from ...model.contact import Stops
 from ...model.drive import Drive
 from ...model.modes import Modes, undamped_modes
 from ...model.system import System
+from ...piecewise.rounding import Correction, Perturbation, correction, rounded_sum
 from .following import Regimes
-from .rounding import Correction, Perturbation, correction, rounded_sum
 
 CLOSE = 0.125  # |Omega - omega|/(Omega + omega) below which the particular solution is not used
 

@@ -9,10 +9,10 @@ import numpy as np
 from ...basics.arrays import Array
 from ...basics.budget import Forecast
 from ...model.drive import Drive
+from ...piecewise.rounding import Perturbation, rounded_sum
+from ...piecewise.touching import REMEDY
 from ...trajectory.trajectory import SolverFailure
 from .following import Regimes, follow
-from .rounding import Perturbation, rounded_sum
-from .touching import REMEDY
 from .undamped import Solution
 from .undamped_regimes import Parts
 

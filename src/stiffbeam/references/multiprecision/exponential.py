@@ -23,12 +23,12 @@ from flint import acb, acb_mat, arb, arb_mat, ctx
 from ...basics.budget import Forecast
 from ...model.drive import Drive
 from ...model.system import System
+from ...piecewise.events import pressed, side_of, switched_by_force
+from ...piecewise.linear import Regime, regime_of
+from ...piecewise.touching import REMEDY
 from ...trajectory.trajectory import SolverFailure
-from ..exact.damped_stops import pressed, side_of, switched_by_force
 from ..exact.exponential import ExponentialSolution
-from ..exact.exponential_regime import Regime, regime_of
 from ..exact.exponential_tracer import Gaps
-from ..exact.touching import REMEDY
 from .grazes import Switch
 from .modes import DampedPencil, Sampler, channels, dot, locate, precision_at, refine, sampler
 from .rational import Exact, exact_problem, number

@@ -16,11 +16,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...basics.arrays import Array
-from ...model.drive import Drive
-from ...model.graded import congruence, uncoupled
-from ...model.modes import undamped_modes
-from ...model.system import System
+from ..basics.arrays import Array
+from ..model.drive import Drive
+from ..model.graded import congruence, uncoupled
+from ..model.modes import undamped_modes
+from ..model.system import System
 from .chains import Chain
 from .polynomial_answer import forced
 from .rounding import Perturbation, perturbed_modes, rounded_sum
