@@ -24,7 +24,8 @@ from ..basics.validation import InputError
 from ..model.system import System
 from ..piecewise.measures import Solution
 from ..piecewise.rounding import Perturbation
-from ..references.exact.piecewise import reference_of, tracer_of
+from ..piecewise.tracer import tracer_of
+from ..references.exact.piecewise import reference_of
 from ..trajectory.trajectory import Reference
 from .cases import parse_case
 

@@ -20,12 +20,13 @@ from ...model.time_functions import offset_rate
 from ...piecewise.audit import audit, within_float64
 from ...piecewise.events import entry
 from ...piecewise.measures import Solution
+from ...piecewise.motion import Motion
+from ...piecewise.tracer import tracer_of
 from ...trajectory.trajectory import SolverFailure
 from ..rigid_stops import require_rigid
 from .impact_tangent import Neighbours
 from .impacting import Tracer as ImpactTracer
-from .piecewise import afford_search, refuse, tracer_of
-from .undamped import Solution as Undamped
+from .piecewise import afford_search, refuse
 
 RANDOM = 3  # tangent vectors beside the direction of the motion itself
 SAMPLES = 200  # times beside the switches
@@ -91,8 +92,8 @@ def growth(
     """``lyapunov`` along a solution that is there already, ended where a growth, ln, is ``enough``."""
     dq, dv = _vectors(system, seed)
     edges = np.union1d(solution.times[solution.times < t_end], np.linspace(0.0, t_end, SAMPLES + 1))
-    if isinstance(solution, Undamped):
-        passed, logs = solution.grow(edges, dq, dv, enough)
+    if isinstance(solution, Motion):
+        passed, logs = solution.grow(system, edges, dq, dv, enough)
         if passed == len(edges) - 1 or np.max(logs[passed]) > enough:
             return Growth(edges[: passed + 1], logs[: passed + 1])
     piece = np.maximum(np.searchsorted(solution.times, edges[:-1], side="right") - 1, 0)
