@@ -11,7 +11,8 @@ import numpy as np
 from ..basics.arrays import Array, aligned
 from ..basics.compiled import clock
 from ..model.contact import laws
-from ..model.contact_law import DAMPING
+from ..model.contact_law import all_laws
+from ..model.contact_law import jumps as force_jumps
 from ..model.members import Members
 from ..model.stage import LINEAR
 from ..model.system import System
@@ -155,7 +156,7 @@ class March:
         self.state = Marchers(np.zeros((M, 0)), u.copy(), v.copy(), tally, np.zeros(M, np.int64))
         kept = 0 if self.every is None else self.steps // self.every + 1
         self.positions, self.velocities = np.zeros((2, M, kept, u.shape[1]))
-        jumps = bool(np.any(self.law[..., DAMPING] > 0.0))
+        jumps = bool(np.any(force_jumps(all_laws(self.law))))
         if jumps:
             for made in filter(None, (self.stepper.starter, self.stepper.block)):
                 require_moved(made.scheme, made.compliances[0])

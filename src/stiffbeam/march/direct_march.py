@@ -83,7 +83,7 @@ def _direct_blocks(
                 rates[s, c] = np.array([equation.velocity(y) for y in stages]) @ view.rows[:m].T
     if rule == BY_LAW:
         require_giving_way(scheme, *(np.array([x[s, :, s].T for s in range(S)]) for x in (response, rates)))
-        if any(stop.damping for stop in stops):
+        if any(stop.jumps for stop in stops):
             require_moved(scheme, np.array([response[s, :, s] for s in range(S)]))
     before = at_start[:m].copy()
 

@@ -8,9 +8,7 @@ import numpy as np
 
 from ...basics.arrays import Array, IntArray
 from ...basics.compiled import inlined
-from ...model.contact_law import elastic_force, found_force, found_state, is_linear, law_energy, law_of, state
-from ...model.contact_law import energy as linear_energy
-from ...model.contact_law import force as linear_force
+from ...model.contact_law import damps, elastic_force, found_force, found_state, law_energy, law_of
 from .single_steps import Step, begin, take_step
 
 # What the ledger has added up, in the order of Ledger's fields after t: three energies, seven sums.
@@ -84,7 +82,7 @@ def account(
     n, m, L, steps = squares.size, law.shape[0], loads.shape[0], forces.shape[0]
     stops, touching, rated = 0.0, 0, False
     for c in range(m):
-        rated |= not is_linear(law_of(law, c))
+        rated |= damps(law_of(law, c))
         last[c] = met[0, c]
         force[c], beyond[c], held, pressed = _at_stop(law, found, c, 0, met[0, c], met[1, c])
         power[c] = beyond[c] * met[1, c]
@@ -279,16 +277,11 @@ def _settle(
 def _at_stop(law: Array, found: Array, c: int, k: int, u: float, rate: float) -> tuple[float, float, float, bool]:
     """Force, what of it is not from the energy, the energy, and whether the stop presses."""
     stop = law_of(law, c)
-    if is_linear(stop):
-        kappa, g1, g2 = stop[:3]
-        force, beyond, held = linear_force(u, kappa, g1, g2), 0.0, linear_energy(u, kappa, g1, g2)
-        pressed = state(u, g1, g2) != 0.0
-    else:
-        at_node = found[k, c]
-        force, held = found_force(u, rate, at_node, stop), law_energy(u, stop)
-        beyond = force - elastic_force(u, stop)
-        pressed = found_state(u, rate, at_node, stop) != 0.0
-    return force, beyond, held, pressed
+    force = found_force(u, rate, found[k, c], stop)
+    pressed = found_state(u, rate, found[k, c], stop) != 0.0
+    # Contracted to one rounding, the difference of equal forces is not zero.
+    beyond = force - elastic_force(u, stop) if damps(stop) else 0.0
+    return force, beyond, law_energy(u, stop), pressed
 
 
 @inlined

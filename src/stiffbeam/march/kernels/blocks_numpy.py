@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ...basics.arrays import Array
 from ...model.active_set import solve_node
 from ...model.contact import Stops
-from ...model.contact_law import G1, G2, KAPPA, Law, damps, stage_force, stage_stiffness
+from ...model.contact_law import G1, G2, KAPPA, Law, all_laws, damps, stage_force, stage_stiffness
 from ...model.stage import LINEAR, MEAN, solve_stage
 from ...trajectory.sampling import (
     CONTACT,
@@ -71,7 +71,7 @@ def run(
 
         velocities = partial(_velocities, block, forcing.velocity[v], inflow, starts, forces, g)
         path = np.concatenate([marchers.position[i : i + 1], u])
-        damped = np.any(damps.py_func(Law(*law[i].T)))
+        damped = np.any(damps(all_laws(law[i])))
         means = np.full((steps, law.shape[1]), np.nan)  # the reactions, where they are means over the steps
         if block.rule == MEAN:
             means = forces[:, : K * law.shape[1]].reshape(blocks * K, -1)[:steps]
@@ -205,7 +205,7 @@ def _sample(
     """
     stops, u = Stops.of_law(law), path[1:]
     chi, force = stops.state(u, v) * 1.0, stops.force(u, v)
-    if stops.damping > 0.0 and np.all(np.isfinite(found)):  # on the stop the state does not tell the force
+    if stops.jumps and np.all(np.isfinite(found)):  # on the stop the state does not tell the force
         chi, force = -np.sign(found), found
     last, counted = force[-1], first + np.arange(len(u)) >= before[SINCE]
     force = np.where(counted, np.abs(force), 0.0)
