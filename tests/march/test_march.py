@@ -17,11 +17,11 @@ from systems import linear_part, two_contacts
 import stiffbeam as sb
 from stiffbeam.basics import compiled
 from stiffbeam.march import block_march, choice, plan
-from stiffbeam.march.build import build
-from stiffbeam.march.coordinates import InModes, Together
+from stiffbeam.march.choice import CONTACTS
 from stiffbeam.march.kernels import blocks as kernel
-from stiffbeam.march.kernels.layout import Kept
-from stiffbeam.march.rules import CONTACTS
+from stiffbeam.march.kernels.blocks import Kept
+from stiffbeam.march.probe import InModes, Together
+from stiffbeam.march.propagator import build
 from stiffbeam.model import equations
 from stiffbeam.model.modes import modes
 from stiffbeam.schemes import registered

@@ -35,15 +35,12 @@ from ..trajectory.sampling import (
     TIME,
     new_tally,
 )
-from .build import build
-from .choice import nodes_per_block
-from .coordinates import Coordinates, InModes
+from .choice import nodes_per_block, require_giving_way, require_moved, rule_of, unsolved
 from .kernels import blocks as kernel
 from .kernels import blocks_jax as kernel_jax
-from .kernels import blocks_numpy as kernel_numpy
-from .kernels.layout import Forcing, Kept, Marchers
-from .propagator import Propagator
-from .rules import require_giving_way, require_moved, rule_of, unsolved
+from .kernels.blocks import Forcing, Kept, Marchers
+from .probe import Coordinates, InModes
+from .propagator import Propagator, build
 
 BLOCKS, DENSE = "modal blocks", "dense blocks"
 STEPS_PER_CALL = 1 << 16  # between two reports of progress
@@ -51,7 +48,7 @@ STEPS_REPLAYED = 1 << 14  # held in memory at once where states, or sampled load
 NUMBERS_REPLAYED = 1 << 23  # of their states
 
 
-RUNS = {"numba": kernel.run, "numpy": kernel_numpy.run, "jax": kernel_jax.run}
+RUNS = {"numba": kernel.run, "jax": kernel_jax.run}
 
 
 def block_length(coordinates: Coordinates, scheme: Scheme) -> int:
@@ -75,7 +72,7 @@ class Stepper:
     starter: Propagator | None
     block: Propagator
     rule: int  # how nodes find their forces, see Block
-    run: Callable[..., bool] = kernel.run  # or the same in NumPy
+    run: Callable[..., bool] = kernel.run  # or the same by JAX
     _forcings: dict[Propagator, Forcing] = field(default_factory=dict, repr=False)
     leapers: list[Any] = field(default_factory=list, repr=False)  # what the leaping march has made, see leap
 

@@ -29,8 +29,8 @@ import numpy as np
 from ..basics.progress import Show, silent
 from ..basics.progress import progress as shown
 from ..basics.validation import InputError, integer, near, one_of, positive
+from ..march.choice import CONTACTS
 from ..march.integrate import integrate
-from ..march.rules import CONTACTS
 from ..measures.remark import remark
 from ..measures.tip_error import stays_within
 from ..model.members import SPREAD
