@@ -60,8 +60,8 @@ def _places() -> dict[str, Any]:
     """Caches, frozen references, threads, devices."""
     import jax
 
-    from ..basics.cache import directory
-    from ..basics.threads import cores
+    from ..basics.resources import cores
+    from ..basics.storage import directory
     from ..studies.references import shipped
 
     cache, frozen = directory(), shipped()
@@ -80,7 +80,7 @@ def _solvers(show: Show) -> list[dict[str, Any]]:
 
     import stiffbeam as sb
 
-    from ..measures.tip_error import tip_error
+    from ..measures.errors import tip_error
     from ..references.registry import METHODS
 
     system = sb.System.from_matrices(

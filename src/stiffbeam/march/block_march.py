@@ -17,8 +17,8 @@ from ..model.stage import LINEAR
 from ..model.system import System
 from ..model.time_functions import offset_rate, offset_values
 from ..schemes import Scheme
+from ..trajectory.ensemble import Records
 from ..trajectory.recorder import Seen, events_at_start, forces_at, impacts_of, overflow, record, shares, with_ends
-from ..trajectory.records import Records
 from ..trajectory.sampling import (
     AT_START,
     CONTACT,

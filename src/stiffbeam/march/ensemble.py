@@ -8,14 +8,13 @@ from functools import partial
 import numpy as np
 
 from ..basics.compiled import clock
-from ..basics.threads import cores, over_slices
+from ..basics.resources import cores, over_slices
 from ..basics.validation import InputError, one_of
 from ..model.members import Members, as_members, have_own_records
 from ..model.system import System
 from ..schemes import Scheme
-from ..trajectory.ensemble import MEMBERS_PER_SLICE, Ensemble, Progress, gathered, record_from
+from ..trajectory.ensemble import MEMBERS_PER_SLICE, Ensemble, Progress, Records, gathered, record_from
 from ..trajectory.ledger import Ledger
-from ..trajectory.records import Records
 from ..trajectory.trajectory import Work
 from .plan import Plan
 from .warm import wait

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..basics.arrays import Array
-from ..basics.budget import afford
+from ..basics.resources import afford
 from ..basics.validation import InputError, integer, itself, one_of, positive, step_count
 from ..model.contact import Contact
 from ..model.first_order import FirstOrderSystem
@@ -20,10 +20,9 @@ from ..model.time_functions import covered
 from ..schemes import RigidScheme, Scheme
 from ..schemes.contract import check_contract
 from ..schemes.scheme import require_scheme
+from ..trajectory.ensemble import Records
 from ..trajectory.ledger import Ledger, reaction_ledger, step_ledger
-from ..trajectory.reactions import Reactions
-from ..trajectory.recorder import SampledImpacts, Seen, overflow, record
-from ..trajectory.records import Records
+from ..trajectory.recorder import Reactions, SampledImpacts, Seen, overflow, record
 from ..trajectory.trajectory import versions
 from .block_march import RUNS, Stepper, initial_channels
 from .choice import pays

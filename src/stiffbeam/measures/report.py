@@ -12,12 +12,22 @@ from rich.console import Console, Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from ..references.registry import REFERENCES
+from ..schemes.labels import abbreviated, scheme_of
 from ..trajectory.trajectory import Reference
 from .impacts import ContactStatistics, Matching
-from .names import short
 
 if TYPE_CHECKING:
     from .comparison import Comparison, ContactComparison
+
+
+def short(label: str) -> str:
+    """Short name of a method: that of the scheme or of the reference solver; any other label is returned as it is."""
+    scheme = scheme_of(label)
+    if scheme is not None:
+        return abbreviated(scheme, label)
+    return REFERENCES[label].label if label in REFERENCES else label
+
 
 DASH = "–"
 EVEN = 1e-6  # of the median step: steps that differ by less are of one length

@@ -11,16 +11,15 @@ from numpy.typing import ArrayLike
 from ..basics.arrays import Array
 from ..basics.compiled import clock
 from ..basics.progress import silent
-from ..basics.threads import cores, over_slices
+from ..basics.resources import cores, over_slices
 from ..basics.validation import InputError, numbers, positive
 from ..model.members import Members, as_members
 from ..model.modes import Modes
 from ..model.system import System
-from ..trajectory.ensemble import MEMBERS_PER_SLICE, Ensemble, Progress, gathered, record_from
+from ..trajectory.ensemble import MEMBERS_PER_SLICE, Ensemble, Progress, Records, gathered, record_from
 from ..trajectory.impacts import ContactRecord
 from ..trajectory.ledger import Ledger
 from ..trajectory.recorder import Seen
-from ..trajectory.records import Records
 from ..trajectory.trajectory import Reference, Work
 from . import BEST_RTOL, best_reference
 from . import solve as solve_by

@@ -31,8 +31,8 @@ from ..basics.progress import progress as shown
 from ..basics.validation import InputError, integer, near, one_of, positive
 from ..march.integrate import integrate
 from ..march.rules import CONTACTS
-from ..measures.remark import remark
-from ..measures.tip_error import stays_within
+from ..measures.comparison import remark
+from ..measures.errors import stays_within
 from ..model.members import SPREAD
 from ..model.modes import modes
 from ..model.system import System

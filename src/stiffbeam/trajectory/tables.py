@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..basics.arrays import Array
-from ..basics.whole_file import write_whole
+from ..basics.storage import write_whole
 
 if TYPE_CHECKING:
     import pandas

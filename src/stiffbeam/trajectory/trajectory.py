@@ -15,14 +15,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..basics.arrays import Array
-from ..basics.budget import afford
 from ..basics.pictures import picture
+from ..basics.resources import afford
+from ..basics.text import sentence
 from ..basics.units import UNKNOWN, Units
 from ..basics.validation import InputError, integer, numbers, positive
-from ..basics.words import sentence
 from .dataset import save, to_xarray
+from .from_arrays import NO_STATES, own_run
 from .impacts import ContactRecord, Impacts
-from .own import NO_STATES, own_run
 from .recorder import as_it_starts, sampled_impacts
 from .tables import columns_of, table
 
@@ -240,7 +240,7 @@ class Trajectory:
 
     def plot(self) -> Figure:
         """Displacement, contact forces, phase portrait and energy, a matplotlib Figure."""
-        return picture("run:run_figure", self)
+        return picture("runs:run_figure", self)
 
     def animate(self, file: str | Path, beside: Sequence[Trajectory] = (), **options: Any) -> Path:
         """Write a film, .gif or .mp4, of this run and of those ``beside`` it between their stops, impacts flashing;

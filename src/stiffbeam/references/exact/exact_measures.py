@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...basics.arrays import Array
-from ...basics.budget import afford
+from ...basics.resources import afford
 from ...model.system import System
 from ...trajectory.impacts import ContactRecord, Impacts
 from ...trajectory.ledger import Ledger

@@ -15,8 +15,8 @@ from itertools import count
 from typing import Any
 
 from ...basics.arrays import Array
-from ...basics.budget import afford
 from ...basics.compiled import clock
+from ...basics.resources import afford
 from ...basics.validation import InputError, positive
 from ...model.drive import Drive
 from ...model.modes import Modes, undamped_modes

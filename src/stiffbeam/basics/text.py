@@ -1,9 +1,10 @@
-"""Text that fits on a line: short, whatever it is about, and without signs that a terminal would obey."""
+"""Values as text: a message on one line, plain values for JSON, columns as a table."""
 
 from __future__ import annotations
 
+import math
 import reprlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -55,3 +56,14 @@ def cut(text: str, most: int) -> str:
     """``text``, its middle left out where it is longer than ``most``."""
     tail = (most - 3) // 2
     return text if len(text) <= most else f"{text[: most - 3 - tail]}...{text[len(text) - tail :]}"
+
+
+def plain(value: Any) -> Any:
+    """``value`` without NumPy's types; JSON has no NaN and no infinity, None stands for them."""
+    if isinstance(value, Mapping):
+        return {key: plain(item) for key, item in value.items()}
+    if hasattr(value, "tolist"):
+        value = value.tolist()
+    if isinstance(value, (list, tuple)):
+        return [plain(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
