@@ -241,7 +241,7 @@ def test_names_and_titles_stay_in_their_folder_and_their_line(tmp_path, monkeypa
 def test_workers_end_with_a_killed_parent(tmp_path):
     words = ["reproduce", "all", "--jobs", "2", "--out", str(tmp_path)]
     child = subprocess.Popen(
-        [sys.executable, "-m", "stiffbeam.cli", *words], stderr=subprocess.DEVNULL, start_new_session=True
+        [sys.executable, "-m", "stiffbeam", *words], stderr=subprocess.DEVNULL, start_new_session=True
     )
     end = time.monotonic() + 60
     while len(session(child.pid)) < 4 and time.monotonic() < end:  # itself, the resource tracker, two workers

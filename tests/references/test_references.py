@@ -259,7 +259,7 @@ def test_the_plugin_works_in_a_project_of_someone_else(tmp_path):
 @pytest.mark.slow
 def test_the_command_makes_checks_and_compares(tmp_path):
     def run(*arguments):
-        command = [sys.executable, "-m", "stiffbeam.cli", "reference", *arguments]
+        command = [sys.executable, "-m", "stiffbeam", "reference", *arguments]
         return subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
 
     made = run("table10", "--method", "multiprecision", "--t-end", "0.5", "--out", "ref.nc")

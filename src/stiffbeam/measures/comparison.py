@@ -12,14 +12,13 @@ from scipy.interpolate import CubicHermiteSpline
 from scipy.optimize import minimize_scalar
 
 from ..basics.arrays import Array, step_lengths
-from ..basics.pictures import picture
+from ..basics.pictures import DRAW
 from ..basics.text import plain
 from ..basics.units import Units
 from ..basics.validation import InputError
 from ..model.drive import stays_at_rest
 from ..model.scales import scales
 from ..model.system import System
-from ..references.exact.exact_measures import contact_record
 from ..trajectory.impacts import Impacts
 from ..trajectory.recorder import sampled_impacts
 from ..trajectory.tables import table
@@ -181,7 +180,7 @@ class Comparison:
         if self.pair is None:
             remedy = "compare the run and the reference again"
             raise InputError("figure", "a comparison without its runs", "be asked of what compare returned", remedy)
-        return picture("runs:comparison_figure", *self.pair)
+        return DRAW["comparison"](*self.pair)
 
     def to_dataframe(self) -> pandas.DataFrame:
         """One line, the entries of ``to_dict`` flat: phase_lag, contact0_run_peak_force and so on. For several:
@@ -392,10 +391,8 @@ def _place(system: System, i: int) -> str:
 
 
 def _by_events(run: Trajectory, i: int, sampled: ContactStatistics, end: float) -> ContactStatistics:
-    """``sampled`` with what the pieces of an exact solution know of [0, end], where the run has them."""
-    solution = run.solution if isinstance(run, Reference) else None
-    if run.system is None or solution is None:
+    """``sampled`` with what the run knows of [0, end] by events."""
+    record = run.contact_between(0.0, end, i)
+    if record is None:
         return sampled
-    pieces = solution.first(max(1, int(np.searchsorted(solution.times, end))))
-    record = contact_record(run.system, pieces, i, np.array([0.0, end]), end)
     return replace(sampled, fraction=record.fraction, peak_force=record.peak_force, impulse=record.impulse, events=True)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..basics.arrays import Array
-from ..basics.pictures import picture
+from ..basics.pictures import DRAW
 from ..basics.resources import afford
 from ..basics.text import sentence
 from ..basics.units import UNKNOWN, Units
@@ -142,7 +142,7 @@ class Trajectory:
         for name, made in (("ledger", "energy"), ("pieces", "states"), ("state_at", "states")):
             if state.get(name) is not None and not _travels(state[name]):
                 state |= {name: None, made: getattr(self, made)}
-        for name in ("evaluate", "solution"):
+        for name in ("evaluate", "contact_by_events", "solution"):
             if state.get(name) is not None and not _travels(state[name]):
                 state[name] = None
         return state
@@ -215,6 +215,10 @@ class Trajectory:
             raise Diverged(str(self.provenance["method"]), float(found.t[np.argmax(beyond)]), remedy)
         return found
 
+    def contact_between(self, start: float, end: float, contact: int = 0) -> ContactRecord | None:
+        """A contact in [start, end] by events, between the outputs too; None where only the outputs are known."""
+        return None
+
     def displacement(self, x: ArrayLike) -> Array:
         """u(x, t) at the output times; x (...) in [0, L] gives (k, ...)."""
         return self._beam("displacement(x)").displacement(self.t, self.states[0], x)
@@ -240,12 +244,12 @@ class Trajectory:
 
     def plot(self) -> Figure:
         """Displacement, contact forces, phase portrait and energy, a matplotlib Figure."""
-        return picture("runs:run_figure", self)
+        return DRAW["run"](self)
 
     def animate(self, file: str | Path, beside: Sequence[Trajectory] = (), **options: Any) -> Path:
         """Write a film, .gif or .mp4, of this run and of those ``beside`` it between their stops, impacts flashing;
         options: see ``figures.animation.animate``."""
-        return picture("animation:animate", [self, *beside], file, **options)
+        return DRAW["film"]([self, *beside], file, **options)
 
     def save(self, file: str | Path) -> Path:
         """Write it in the format that the suffix names: .nc (all of it, for ``stiffbeam.load``, xarray and ncdump),
@@ -297,6 +301,7 @@ class Reference(Trajectory):
     horizon: float = float("nan")
     evaluate: Callable[[Array, int], tuple[Array, Array]] | None = field(default=None, repr=False)  # (t, channel)
     state_at: Callable[[Array], tuple[Array, Array]] | None = field(default=None, repr=False)
+    contact_by_events: Callable[[float, float, int], ContactRecord] | None = field(default=None, repr=False)
     solution: Any = field(default=None, repr=False)  # the solver's own representation, where it has one
 
     def _trust(self) -> str:
@@ -324,6 +329,10 @@ class Reference(Trajectory):
         channel = tip if contact is None else contact
         seen = self.evaluate(np.minimum(t, end), channel)
         return seen if self.system is None else as_it_starts(self.system, channel, t, *seen)
+
+    def contact_between(self, start: float, end: float, contact: int = 0) -> ContactRecord | None:
+        """See ``Trajectory.contact_between``; exact solutions on compliant stops know it."""
+        return None if self.contact_by_events is None else self.contact_by_events(start, end, contact)
 
     def impacts_sampled(self, dt: float, t_end: float | None = None, contact: int = 0) -> Impacts:
         """The impacts that a perfect scheme with step ``dt`` would count at a contact: those of the exact u(n dt)."""

@@ -122,6 +122,12 @@ def contact_record(
     return record_of(system, solution, i, path_of(system, solution, t, i), t_end, since)
 
 
+def contact_between(system: System, solution: Solution, start: float, end: float, i: int) -> ContactRecord:
+    """``contact_record`` of [start, end], a part of the solution's span."""
+    pieces = solution.first(max(1, int(np.searchsorted(solution.times, end))))
+    return contact_record(system, pieces, i, np.array([start, end]), end, start)
+
+
 def record_of(
     system: System, solution: Solution, i: int, seen: tuple[Array, Array], t_end: float, since: float
 ) -> ContactRecord:

@@ -164,7 +164,7 @@ def offset_of(function: Any, drive: Drive) -> tuple[list[Any], list[Any]]:
 
 
 def _place(problem: BeamProblem, stops: Stops, M: int, drive: Drive) -> tuple[list[Any], list[Any], list[Any]]:
-    """Row of stops on a beam by linear interpolation; phi (1 - (x/L)^2) - m(t) as ``offset_of``, see model.semidiscretisation."""
+    """Row of stops on a beam by linear interpolation; phi (1 - (x/L)^2) - m(t) as ``offset_of``."""
     position = problem.length if stops.position is None else stops.position
     share = number(position) / number(problem.length)
     offset = _Loads(drive, 1)
