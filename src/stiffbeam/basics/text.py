@@ -5,9 +5,12 @@ from __future__ import annotations
 import math
 import reprlib
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+
+if TYPE_CHECKING:
+    import pandas
 
 LONGEST = 300  # of a message
 
@@ -67,3 +70,12 @@ def plain(value: Any) -> Any:
     if isinstance(value, (list, tuple)):
         return [plain(item) for item in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def table(columns: dict[str, Any], attributes: dict[str, Any] | None = None) -> pandas.DataFrame:
+    """A DataFrame of the columns; what belongs to all of it stands in ``attrs``."""
+    import pandas
+
+    frame = pandas.DataFrame(columns)
+    frame.attrs.update(attributes or {})
+    return frame

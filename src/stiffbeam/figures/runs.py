@@ -273,7 +273,7 @@ def run_figure(run: Trajectory) -> Figure:
     force.set(xlabel=time, ylabel=units.label(r"contact force $\sigma$", "force"))
     portrait.set(xlabel=length, ylabel=units.label(f"{place} velocity {symbol.replace('u(', 'u_t(')}", "velocity"))
     energy.set(xlabel=time, ylabel=units.label("energy", "energy"))
-    if run.ledger is not None or "energy" in vars(run):
+    if run.has_energy:
         names = ["kinetic", "elastic", "stops", "input", "loss"]
         names += [name for name in ("viscous", "stop_dissipation") if np.any(getattr(run.energy, name))]
         for name, colour in zip(names, (*COLOURS[:3], "0.35", "black", *COLOURS[3:5]), strict=False):

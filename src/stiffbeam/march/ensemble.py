@@ -13,7 +13,7 @@ from ..basics.validation import InputError, one_of
 from ..model.members import Members, as_members, have_own_records
 from ..model.system import System
 from ..schemes import Scheme
-from ..trajectory.ensemble import MEMBERS_PER_SLICE, Ensemble, Progress, Records, gathered, record_from
+from ..trajectory.ensemble import MEMBERS_PER_SLICE, Ensemble, Progress, Runs, gathered, record_from
 from ..trajectory.ledger import Ledger
 from ..trajectory.trajectory import Work
 from .plan import Plan
@@ -63,11 +63,11 @@ def integrate_ensemble(
 
     apart = have_own_records(members)
 
-    def march(part: Members) -> Records:
+    def march(part: Members) -> Runs:
         if apart:
             each = [part[i : i + 1] for i in range(len(part))]
-            return Records.joined([_alone(plan, one[0]).records(one, every, passed) for one in each])
-        return plan.records(part, every, passed)
+            return Runs.joined([_alone(plan, one[0]).runs(one, every, passed) for one in each])
+        return plan.runs(part, every, passed)
 
     parts = list(over_slices(march, members, size, threads, report))
     seconds = clock() - begun

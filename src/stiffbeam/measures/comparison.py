@@ -13,7 +13,7 @@ from scipy.optimize import minimize_scalar
 
 from ..basics.arrays import Array, step_lengths
 from ..basics.pictures import DRAW
-from ..basics.text import plain
+from ..basics.text import plain, table
 from ..basics.units import Units
 from ..basics.validation import InputError
 from ..model.drive import stays_at_rest
@@ -21,10 +21,9 @@ from ..model.scales import scales
 from ..model.system import System
 from ..trajectory.impacts import Impacts
 from ..trajectory.recorder import sampled_impacts
-from ..trajectory.tables import table
 from ..trajectory.trajectory import Reference, Trajectory
 from .errors import relative_error, rms, run_of
-from .impacts import ContactStatistics, Matching, longest_delay, match
+from .impacts import ContactMeasures, Matching, longest_delay, match
 from .smooth_motion import drive_frequency
 
 if TYPE_CHECKING:
@@ -101,7 +100,7 @@ def remark(system: System, reference: Reference) -> str:
 
 
 SEEN = 0.9  # of the exact impacts: what the times of a run of anyone's must show of them
-UNKNOWN = ContactStatistics(-1, -1, np.nan, np.nan, np.nan)
+UNKNOWN = ContactMeasures(-1, -1, np.nan, np.nan, np.nan)
 
 
 @dataclass(frozen=True)
@@ -114,11 +113,11 @@ class ContactComparison:
     """
 
     place: str
-    run: ContactStatistics
-    reference: ContactStatistics
+    run: ContactMeasures
+    reference: ContactMeasures
     matching: Matching
-    run_totals: ContactStatistics
-    reference_totals: ContactStatistics
+    run_totals: ContactMeasures
+    reference_totals: ContactMeasures
 
 
 @dataclass(frozen=True, repr=False)
@@ -248,7 +247,7 @@ def compare(run: Trajectory | Sequence[ArrayLike], reference: Reference) -> Comp
     together = min((c.matching.matched_until for c in contacts), default=window)
     unknown = any(contact.impacts.kind == "unknown" for contact in run.contacts)
     matched_until = float("nan") if unknown else together
-    energy = run.energy if run.ledger is not None or "energy" in vars(run) else None
+    energy = run.energy if run.has_energy else None
     missing = [
         f"{c.place or 'contact'}: its position is not the tip's, and the run came without states"
         for c, own in zip(contacts, run.contacts, strict=True)
@@ -322,12 +321,12 @@ def _contact(
     unknown = own.impacts.kind == "unknown"
     found = own.impacts if sampled else sampled_impacts(run.t, own.position, own.velocity, own.stops)
 
-    def statistics(trajectory: Trajectory, impacts: Impacts, force: Array, end: float) -> ContactStatistics:
+    def statistics(trajectory: Trajectory, impacts: Impacts, force: Array, end: float) -> ContactMeasures:
         if impacts.kind == "unknown":
             return UNKNOWN
         inside = t[: steps_to(t, end)]
         force = np.abs(force[: len(inside)])
-        measured = ContactStatistics(
+        measured = ContactMeasures(
             impacts=impacts.until(end).count,
             event_impacts=trajectory.contacts[i].impacts.until(end).count,
             fraction=float(np.average(force[1:] != 0.0, weights=step_lengths(inside)[1:])),
@@ -357,12 +356,12 @@ def _rigid_contact(run: Trajectory, reference: Reference, system: System, i: int
     """
     t_end = min(float(run.t[-1]), float(reference.provenance["t_end"]))
 
-    def statistics(trajectory: Trajectory, end: float) -> ContactStatistics:
+    def statistics(trajectory: Trajectory, end: float) -> ContactMeasures:
         record = trajectory.contacts[i]
         whole = end >= float(trajectory.provenance["t_end"]) * (1 - 1e-12)
         count = record.impacts.until(end).count
         share, impulse = (record.fraction, record.impulse) if whole else (np.nan, np.nan)
-        return ContactStatistics(count, count, share, np.nan, impulse)
+        return ContactMeasures(count, count, share, np.nan, impulse)
 
     return ContactComparison(
         place=_place(system, i),
@@ -390,7 +389,7 @@ def _place(system: System, i: int) -> str:
     return f"stops at x = {system.units.measure(f'{float(length):g}', 'length')}"
 
 
-def _by_events(run: Trajectory, i: int, sampled: ContactStatistics, end: float) -> ContactStatistics:
+def _by_events(run: Trajectory, i: int, sampled: ContactMeasures, end: float) -> ContactMeasures:
     """``sampled`` with what the run knows of [0, end] by events."""
     record = run.contact_between(0.0, end, i)
     if record is None:

@@ -15,7 +15,7 @@ from ..trajectory.trajectory import Reference, Trajectory
 
 
 @dataclass(frozen=True)
-class ContactStatistics:
+class ContactMeasures:
     """One contact of one trajectory over a span: sampled impacts, share of steps in contact, peak |sigma| and
     impulse, the sum of |sigma| dt; by ``events`` the share of time, the peak between the steps and the
     integral of |sigma|. event_impacts: the impacts that the trajectory itself has, of a reference by events."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -121,18 +120,6 @@ def overflow(contacts: Sequence[ContactRecord], t_end: float) -> float:
     if all(np.isfinite(contact.impulse) for contact in contacts):
         return float("nan")
     return min((float(t) for c in contacts for t in c.impacts.times[np.isinf(c.impacts.impulses)]), default=t_end)
-
-
-@dataclass(frozen=True, eq=False)
-class Seen:
-    """The record of one run: tip and tip velocity at the output times, its contacts, when it overflowed, how it was
-    marched."""
-
-    tip: Array
-    tip_velocity: Array
-    contacts: tuple[ContactRecord, ...]
-    diverged: float = float("nan")
-    march: str = ""
 
 
 class SampledImpacts:

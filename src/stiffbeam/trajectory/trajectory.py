@@ -17,14 +17,13 @@ from numpy.typing import ArrayLike, NDArray
 from ..basics.arrays import Array
 from ..basics.pictures import DRAW
 from ..basics.resources import afford
-from ..basics.text import sentence
+from ..basics.text import sentence, table
 from ..basics.units import UNKNOWN, Units
 from ..basics.validation import InputError, integer, numbers, positive
 from .dataset import save, to_xarray
 from .from_arrays import NO_STATES, own_run
 from .impacts import ContactRecord, Impacts
 from .recorder import as_it_starts, sampled_impacts
-from .tables import columns_of, table
 
 if TYPE_CHECKING:
     import pandas
@@ -106,6 +105,7 @@ class Trajectory:
     system: System | None = field(default=None, repr=False)
     pieces: Pieces | None = field(default=None, repr=False)
     ledger: Callable[[], Ledger] | None = field(default=None, repr=False)  # at the output times
+    diverged: float = field(default=float("nan"), repr=False)  # when it overflowed; ``integrate`` raises then
     read_for: str = field(default="", repr=False)  # the fingerprint of a system that is not at hand
 
     @classmethod
@@ -201,6 +201,11 @@ class Trajectory:
             first += len(times) - 1
         return np.concatenate(q), np.concatenate(v)
 
+    @property
+    def has_energy(self) -> bool:
+        """Whether the run has its energy ledger, made already or to be made."""
+        return self.ledger is not None or "energy" in vars(self)
+
     @cached_property
     def energy(self) -> Ledger:
         """The energy ledger at the output times, of a scheme added up over every step before them. Raises Diverged
@@ -259,7 +264,9 @@ class Trajectory:
     def to_dataframe(self) -> pandas.DataFrame:
         """One line per output time: t, tip, tip_velocity, every contact's position, velocity and force; the ledger
         as energy_kinetic and so on where it has been made or saved (ask ``energy`` first). Provenance in ``attrs``."""
-        columns = columns_of(self.t, self.tip, self.tip_velocity, self.contacts)
+        columns = {"t": self.t, "tip": self.tip, "tip_velocity": self.tip_velocity}
+        for i, contact in enumerate(self.contacts):
+            columns |= {f"contact{i}_{name}": getattr(contact, name) for name in ("position", "velocity", "force")}
         if "energy" in vars(self):
             columns |= {f"energy_{name}": getattr(self.energy, name) for name in vars(self.energy) if name != "t"}
         return table(columns, {"provenance": self.provenance})
