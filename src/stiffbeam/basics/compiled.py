@@ -14,6 +14,7 @@ from typing import Any
 
 import numba
 from numba import types
+from numba.extending import register_jitable
 
 from . import storage
 from .validation import InputError
@@ -41,6 +42,11 @@ def inlined(function: Callable[..., Any]) -> Any:
     instructions. Of numbers alone ``compiled`` is as fast.
     """
     return _njit(function, forceinline=True, _nrt=False)
+
+
+def formula(function: Callable[..., Any]) -> Callable[..., Any]:
+    """``function`` itself, which kernels may call too: arithmetic that numbers, NumPy and JAX arrays have in common."""
+    return register_jitable(fastmath=FASTMATH, error_model="numpy")(function)
 
 
 class _Clock:

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..basics.validation import InputError, near
 from ..model.contact import Contact, Stops
+from ..model.contact_law import LINEAR
 from ..model.problem import PolynomialProfile
 from ..model.sampled import Sampled
 from ..model.system import System
@@ -210,7 +211,7 @@ class Reader:
 
     def stops(self, besides: set[str]) -> Stops:
         """``position`` is along the beam, the tip where it is left out; ``motion`` is how the stops move."""
-        of_law = ("exponent", "damping", "dissipation", "restitution")
+        of_law = (*LINEAR, "restitution")
         self.only({"lower", "upper", "stiffness", *of_law} | besides)
         law = {"stiffness": self.number("stiffness")} | {x: self.number(x) for x in of_law if x in self.table}
         motion = self.sub("motion")

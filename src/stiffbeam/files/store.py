@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..basics import netcdf
 from ..basics.arrays import Array
 from ..basics.validation import InputError, file_path, numbers
-from ..march.plan import Plan
+from ..march.integrate import Plan
 from ..model.contact import Stops
 from ..model.system import System, require_system
 from ..references import solve

@@ -10,7 +10,7 @@ import numpy as np
 from ..basics.arrays import Array, step_lengths
 from ..basics.compiled import compiled
 from ..model.contact import Stops
-from ..model.contact_law import DAMPING, Law, law_force, law_of
+from ..model.contact_law import Law, all_laws, jumps, law_force, law_of
 from ..model.system import System
 from ..model.time_functions import offset_rate, offset_values
 from .impacts import ContactRecord, Impacts
@@ -79,7 +79,7 @@ def with_ends(tally: Array, law: Array, dt: float, first: Motion, last: Motion, 
     stays."""
     whole = tally[..., SINCE] == 0.0
     begin, end = (np.abs(forces_at(*motion, law)) for motion in (first, last))
-    end = np.where(law[..., DAMPING] > 0.0, tally[..., LAST], end)
+    end = np.where(jumps(all_laws(law)), tally[..., LAST], end)
     tally = tally.copy()
     tally[..., PEAK] = np.where(whole, np.fmax(begin, tally[..., PEAK]), tally[..., PEAK])
     if not means:
@@ -100,7 +100,7 @@ def record(
     ``found_force``; ``steps`` of the whole run."""
     with np.errstate(over="ignore", invalid="ignore"):  # of which ``overflow`` tells
         force = stops.force(position, velocity)
-    if found is not None and stops.damping > 0.0:
+    if found is not None and stops.jumps:
         force = np.where(np.isnan(found), force, found)
     return ContactRecord(
         stops=stops,
