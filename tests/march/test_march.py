@@ -16,7 +16,7 @@ from systems import linear_part, two_contacts
 
 import stiffbeam as sb
 from stiffbeam.basics import compiled
-from stiffbeam.march import block_march, choice, integrate
+from stiffbeam.march import block_march, choice
 from stiffbeam.march.choice import CONTACTS
 from stiffbeam.march.kernels import blocks as kernel
 from stiffbeam.march.kernels.blocks import Kept
@@ -33,8 +33,8 @@ T_SHORT = 0.056  # through the first contacts of Table 10; rounding has grown a 
 def direct(system, *args, monkeypatch, **kwargs):
     """The same run, marched step by step with factorised matrices."""
     with monkeypatch.context() as patch:
-        patch.setattr(integrate, "modes", lambda system: None)
-        patch.setattr(integrate, "pays", lambda *_: False)
+        patch.setattr("stiffbeam.march.integrate.modes", lambda system: None)
+        patch.setattr("stiffbeam.march.integrate.pays", lambda *_: False)
         run = sb.integrate(system, *args, **kwargs)
     assert run.provenance["march"] == "direct"
     return run

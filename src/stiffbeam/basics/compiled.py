@@ -16,7 +16,7 @@ import numba
 from numba import types
 from numba.extending import register_jitable
 
-from . import cache
+from . import storage
 from .validation import InputError
 
 # Sums may be reassociated and contracted, but NaN and inf stay honest: an overflow must be seen.
@@ -85,7 +85,7 @@ def directory(file: Path) -> Path:
     digest = hashlib.sha256(b"bounds" if numba.config.BOUNDSCHECK else b"")  # type: ignore[attr-defined]
     for source in sorted(_sources(file)):
         digest.update(source.read_bytes())
-    return cache.directory() / "numba" / digest.hexdigest()[:16]
+    return storage.directory() / "numba" / digest.hexdigest()[:16]
 
 
 @lru_cache
