@@ -1,4 +1,4 @@
-"""integrate: a scheme on a system, its arguments checked, its march chosen, its trajectory made."""
+"""integrate: the arguments checked, the march chosen, its run as a trajectory."""
 
 from __future__ import annotations
 
