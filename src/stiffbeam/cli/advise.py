@@ -49,7 +49,7 @@ def advise(
             wanted[name] = float(value)  # type: ignore[index]
         except ValueError:
             raise InputError("--want", item, "read quantity=error", "for example tip=1e-3") from None
-    given = None if schemes is None else [parse_run(text)[0] for text in split_runs(schemes)]
+    parsed = None if schemes is None else [parse_run(text)[0] for text in split_runs(schemes)]
     check_json(json_file)
     system, end = chosen.system(form), chosen.t_end if t_end is None else t_end
     folder = make_folder(out if out is not None else default_folder(chosen.name))
@@ -59,11 +59,11 @@ def advise(
             print(line, file=sys.stderr, flush=True)
 
     with progress() as show, Journal(folder / "journal", "advise", chosen) as journal:
-        found = find(
-            system, wanted, end, given, most_steps=most_steps, members=members, progress=show, tell=tell,
+        advice = find(
+            system, wanted, end, parsed, most_steps=most_steps, members=members, progress=show, tell=tell,
             journal=journal,
         )  # fmt: skip
-    if not write_json("advise", {"case": chosen.name} | found.to_dict(), json_file):
-        say(str(found))
-    if found.chosen is None:
+    if not write_json("advise", {"case": chosen.name} | advice.to_dict(), json_file):
+        say(str(advice))
+    if advice.chosen is None:
         raise typer.Exit(1)

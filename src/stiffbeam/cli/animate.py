@@ -43,11 +43,11 @@ def animate(
     file = out if out is not None else default_folder(chosen.name) / "animation.gif"
     with progress() as show:
         show("reference", 0, 0)
-        made: list[Trajectory] = [best_reference(system, end, progress=show)]
+        motions: list[Trajectory] = [best_reference(system, end, progress=show)]
         for scheme, _ in runs:
             show(str(scheme), 0, 0)
-            made.append(integrate(system, scheme, chosen.dt if dt is None else dt, end))
-        film(made, file, seconds, show=show)
-    records = {"case": chosen.name, "motions": [motion.label for motion in made], "t_end": end, "file": str(file)}
+            motions.append(integrate(system, scheme, chosen.dt if dt is None else dt, end))
+        film(motions, file, seconds, show=show)
+    records = {"case": chosen.name, "motions": [motion.label for motion in motions], "t_end": end, "file": str(file)}
     if not write_json("animate", records, json_file):
         say(f"Written: {file}")

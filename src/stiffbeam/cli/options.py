@@ -58,12 +58,12 @@ def _number(text: str) -> float:
     return float(exact_float(text))
 
 
-def _quiet(given: bool) -> None:
-    TALK.quiet = given
+def _quiet(value: bool) -> None:
+    TALK.quiet = value
 
 
-def _verbose(given: bool) -> None:
-    TALK.verbose = given
+def _verbose(value: bool) -> None:
+    TALK.verbose = value
 
 
 Case = Annotated[str, typer.Argument(help="table1 .. table17, a case file, or file.toml:name")]

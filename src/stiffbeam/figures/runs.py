@@ -117,11 +117,11 @@ def _draw(axis: Axes, x: Array, y: Array, index: int | None, run: Trajectory) ->
 
 def _draw_errors(axis: Axes, runs: Sequence[Trajectory], comparisons: Sequence[Comparison], window: float) -> None:
     """The largest error so far of every run, on a logarithmic axis."""
-    found = {c.label: c for c in comparisons}
+    by_label = {c.label: c for c in comparisons}
     for index, run in enumerate(runs):
-        if run.label not in found:
+        if run.label not in by_label:
             continue
-        comparison = found[run.label]
+        comparison = by_label[run.label]
         error = np.maximum.accumulate(np.abs(comparison.error))
         t = comparison.times
         _draw(axis, t[error > 0.0], error[error > 0.0], index, run)
@@ -150,9 +150,9 @@ def _zoom(axis: Axes, main: Reference, runs: Sequence[Trajectory], window: float
 
 
 def is_tip(system: System, contact: int) -> bool:
-    """Whether a contact acts on the tip itself."""
-    (row, offset), (tip, own) = system.channels[contact], system.channels[system.tip_channel]
-    return np.array_equal(row, tip) and offset == own
+    """Tell whether a contact acts on the tip itself."""
+    (row, offset), (tip, tip_offset) = system.channels[contact], system.channels[system.tip_channel]
+    return np.array_equal(row, tip) and offset == tip_offset
 
 
 def line_of(run: Trajectory) -> dict[str, Any]:

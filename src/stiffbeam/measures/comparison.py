@@ -207,10 +207,10 @@ def _flat(prefix: str, value: Any) -> dict[str, Any]:
     """A nested dictionary as one, names joined by underscores; a tuple of texts as one text."""
     if not isinstance(value, dict):
         return {prefix: "; ".join(value) if isinstance(value, tuple) else value}
-    found: dict[str, Any] = {}
+    flat: dict[str, Any] = {}
     for name, item in value.items():
-        found |= _flat(f"{prefix}_{name}" if prefix else name, item)
-    return found
+        flat |= _flat(f"{prefix}_{name}" if prefix else name, item)
+    return flat
 
 
 def compare(run: Trajectory | Sequence[ArrayLike], reference: Reference) -> Comparison:
@@ -250,8 +250,8 @@ def compare(run: Trajectory | Sequence[ArrayLike], reference: Reference) -> Comp
     energy = run.energy if run.has_energy else None
     missing = [
         f"{c.place or 'contact'}: its position is not the tip's, and the run came without states"
-        for c, own in zip(contacts, run.contacts, strict=True)
-        if own.impacts.kind == "unknown"
+        for c, record in zip(contacts, run.contacts, strict=True)
+        if record.impacts.kind == "unknown"
     ]
     if run.provenance.get("source") == "arrays":
         missing += [
@@ -312,14 +312,14 @@ def _contact(
     run: Trajectory, reference: Reference, system: System, i: int, t: Array, window: float
 ) -> ContactComparison:
     """Contact i at the steps t, of which the first are those to the window."""
-    stops, own = system.contacts[i].stops, run.contacts[i]
+    stops, record = system.contacts[i].stops, run.contacts[i]
     if stops.rigid:
         return _rigid_contact(run, reference, system, i, window)
     u, v = reference.at(t, contact=i)
     true, true_force = sampled_impacts(t, u, v, stops), stops.force(u, v)
     sampled = "dt" in run.provenance
-    unknown = own.impacts.kind == "unknown"
-    found = own.impacts if sampled else sampled_impacts(run.t, own.position, own.velocity, own.stops)
+    unknown = record.impacts.kind == "unknown"
+    run_impacts = record.impacts if sampled else sampled_impacts(run.t, record.position, record.velocity, record.stops)
 
     def statistics(trajectory: Trajectory, impacts: Impacts, force: Array, end: float) -> ContactMeasures:
         if impacts.kind == "unknown":
@@ -338,13 +338,13 @@ def _contact(
     t_end = min(float(run.t[-1]), float(reference.provenance["t_end"]))
     return ContactComparison(
         place=_place(system, i),
-        run=statistics(run, found, own.force, window),
+        run=statistics(run, run_impacts, record.force, window),
         reference=statistics(reference, true, true_force, window),
         # Where no impact of the run is known, nothing parts and nothing is paired.
         matching=Matching(0, window, np.nan, np.nan)
         if unknown
-        else match(found, true, window, longest_delay(system, float(reference.provenance["t_end"]))),
-        run_totals=statistics(run, found, own.force, t_end),
+        else match(run_impacts, true, window, longest_delay(system, float(reference.provenance["t_end"]))),
+        run_totals=statistics(run, run_impacts, record.force, t_end),
         reference_totals=statistics(reference, true, true_force, t_end),
     )
 
@@ -379,7 +379,7 @@ def _rigid_contact(run: Trajectory, reference: Reference, system: System, i: int
 
 
 def _place(system: System, i: int) -> str:
-    """Where contact i is: along the beam, for matrices its number; "" for the only one."""
+    """Place of contact i: along the beam, for matrices its number; "" for the only one."""
     if len(system.contacts) == 1:
         return ""
     if system.problem is None:

@@ -75,15 +75,15 @@ def find_peaks(omega: Array, amplitude: Array, drive: float, highest: float = MU
     width = omega[1] / drive  # of a bin, in multiples
     last = min(len(omega) - 2, int(highest / width))
     floor = local_median(omega, amplitude, drive)
-    found = []
+    peaks = []
     for i in range(1, last + 1):
         if amplitude[i] < amplitude[i - 1] or amplitude[i] <= amplitude[i + 1] or amplitude[i] < THRESHOLD * floor[i]:
             continue
         nearest = round(i * width)
         order = nearest if nearest >= 1 and abs(i * width - nearest) < 0.5 * width else 0
         above = float(amplitude[i] / floor[i]) if floor[i] > 0.0 else float("inf")
-        found.append(Peak(float(i * width), order, float(amplitude[i]), above))
-    return found
+        peaks.append(Peak(float(i * width), order, float(amplitude[i]), above))
+    return peaks
 
 
 def local_median(omega: Array, amplitude: Array, drive: float) -> Array:

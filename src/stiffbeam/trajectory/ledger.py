@@ -85,7 +85,7 @@ class Ledger:
         return given(self.energy[0], self.input)
 
     def sure(self, k: int = -1) -> bool:
-        """Whether the ``spread`` leaves the loss at index k known: to a thousandth of the energy given, or to a
+        """Tell whether the ``spread`` leaves the loss at index k known: to a thousandth of the energy given, or to a
         tenth of itself."""
         return bool(self.spread[k] <= max(SURE * self.given[k], 0.1 * abs(self.loss[k])))
 
@@ -156,7 +156,7 @@ def step_ledger(
     return Ledger(np.concatenate(times), *data)
 
 
-def _work_of_stops(system: System, t: Array, q: Array, v: Array, found: Array) -> tuple[Array, Array, Array]:
+def _work_of_stops(system: System, t: Array, q: Array, v: Array, node_forces: Array) -> tuple[Array, Array, Array]:
     """-1/2 (F^n + F^{n+1}) do of the contacts whose stops move, -1/2 (D^n + D^{n+1}) du of those that damp, and the
     spread of that."""
     work, taken, spread = np.zeros((3, len(t) - 1))
@@ -167,15 +167,15 @@ def _work_of_stops(system: System, t: Array, q: Array, v: Array, found: Array) -
         u, rate = _motion(system, c, t, q, v)
         beyond, force = stops.dissipated(u, rate), stops.force(u, rate)
         if stops.damping > 0.0:
-            known = ~np.isnan(found[:, c])
-            beyond[known] += found[known, c] - force[known]
-            force[known] = found[known, c]
+            known = ~np.isnan(node_forces[:, c])
+            beyond[known] += node_forces[known, c] - force[known]
+            force[known] = node_forces[known, c]
         work -= 0.5 * (force[1:] + force[:-1]) * np.diff(o)
         if stops.dissipative:
-            own, power = 0.5 * (beyond[1:] + beyond[:-1]) * np.diff(u), beyond * rate
-            taken -= own
+            dissipated, power = 0.5 * (beyond[1:] + beyond[:-1]) * np.diff(u), beyond * rate
+            taken -= dissipated
             at_ends = (beyond[1:] == 0.0) != (beyond[:-1] == 0.0)
-            spread += np.abs(own - np.where(at_ends, 0.0, 0.5 * np.diff(t) * (power[1:] + power[:-1])))
+            spread += np.abs(dissipated - np.where(at_ends, 0.0, 0.5 * np.diff(t) * (power[1:] + power[:-1])))
     return work, taken, spread
 
 
@@ -199,12 +199,12 @@ def _motion(system: System, c: int, t: Array, q: Array, v: Array) -> tuple[Array
     return u, rate
 
 
-def in_contact(system: System, t: Array, q: Array, v: Array, found: Array | None = None) -> NDArray[np.bool_]:
-    """Whether any contact is closed at the times t (k,) with the states q, v (k, n); found: see ``Pieces``."""
+def in_contact(system: System, t: Array, q: Array, v: Array, node_forces: Array | None = None) -> NDArray[np.bool_]:
+    """Tell whether any contact is closed at the times t (k,), states q, v (k, n); node_forces: see ``Pieces``."""
     touching = np.zeros(len(t), bool)
     for c, contact in enumerate(system.contacts):
         closed = contact.stops.state(*_motion(system, c, t, q, v)) != 0
-        if found is not None and contact.stops.damping > 0.0:
-            closed = np.where(np.isnan(found[:, c]), closed, found[:, c] != 0.0)
+        if node_forces is not None and contact.stops.damping > 0.0:
+            closed = np.where(np.isnan(node_forces[:, c]), closed, node_forces[:, c] != 0.0)
         touching |= closed
     return touching
