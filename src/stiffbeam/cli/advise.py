@@ -10,7 +10,7 @@ import typer
 
 from ..basics.progress import TALK, progress
 from .application import app
-from .options import Case, Json
+from .options import Case, Form, Json, TEnd
 from .output import check_json, default_folder, make_folder, say, write_json
 
 
@@ -24,8 +24,8 @@ def advise(
         ),
     ] = None,
     schemes: Annotated[str | None, typer.Option(help="comma-separated, instead of all")] = None,
-    form: Annotated[str | None, typer.Option(help="displacement, velocity-curvature or hermite")] = None,
-    t_end: Annotated[float | None, typer.Option(help="end time instead of the case's")] = None,
+    form: Form = None,
+    t_end: TEnd = None,
     most_steps: Annotated[int | None, typer.Option(help="of a run, where the search ends")] = None,
     members: Annotated[int, typer.Option(help="past the horizon, perturbed runs behind each mean")] = 48,
     out: Annotated[Path | None, typer.Option(help="folder for the journal; default: stiffbeam-output/CASE")] = None,

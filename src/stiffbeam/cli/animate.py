@@ -9,7 +9,7 @@ import typer
 
 from ..basics.progress import progress
 from .application import app
-from .options import Case, Json
+from .options import Case, Dt, Json, TEnd
 from .output import check_json, default_folder, say, write_json
 
 
@@ -17,8 +17,8 @@ from .output import check_json, default_folder, say, write_json
 def animate(
     case: Case,
     schemes: Annotated[str | None, typer.Option(help="comma-separated; default: the case's first run")] = None,
-    dt: Annotated[float | None, typer.Option(help="time step instead of the case's")] = None,
-    t_end: Annotated[float | None, typer.Option(help="end time instead of the case's")] = None,
+    dt: Dt = None,
+    t_end: TEnd = None,
     seconds: Annotated[float, typer.Option(help="length of the film")] = 8.0,
     out: Annotated[Path | None, typer.Option(help=".gif or .mp4; default: stiffbeam-output/CASE/animation.gif")] = None,
     json_file: Json = None,

@@ -14,7 +14,7 @@ from ..basics.progress import progress
 from ..basics.storage import write_whole
 from ..references.registry import COMPARED, METHODS
 from .application import app
-from .options import Case, Json
+from .options import Case, Dt, Json, TEnd
 from .output import check_json, console, default_folder, file_name, json_text, make_folder, say, write_json
 
 if TYPE_CHECKING:
@@ -40,8 +40,8 @@ def compare(
         ),
     ] = None,
     contact: Annotated[str, typer.Option(help="implicit, conserving, or extrapolated as in the paper")] = "implicit",
-    dt: Annotated[float | None, typer.Option(help="time step instead of the case's")] = None,
-    t_end: Annotated[float | None, typer.Option(help="end time instead of the case's")] = None,
+    dt: Dt = None,
+    t_end: TEnd = None,
     out: Annotated[
         Path | None, typer.Option(help="folder for picture, trajectories and table; default: stiffbeam-output/CASE")
     ] = None,

@@ -10,7 +10,7 @@ import typer
 from ..basics.progress import Show, progress
 from ..references.registry import ADAPTIVE, BEST, METHODS, MULTIPRECISION, REFERENCES
 from .application import app
-from .options import Json
+from .options import Form, Json, TEnd
 from .output import check_json, console, make_folder, say, write_json
 
 
@@ -20,10 +20,10 @@ def reference_command(
     method: Annotated[
         str | None, typer.Option(help=f"{', '.join(METHODS)}; all: hold them together; default: the best for the case")
     ] = None,
-    form: Annotated[str | None, typer.Option(help="displacement, velocity-curvature or hermite")] = None,
+    form: Form = None,
     digits: Annotated[str, typer.Option(help="of multiprecision: a number, or auto")] = "auto",
     rtol: Annotated[float | None, typer.Option(help="of the adaptive solvers; 1e-10 if not given")] = None,
-    t_end: Annotated[float | None, typer.Option(help="end time instead of the case's")] = None,
+    t_end: TEnd = None,
     budget: Annotated[
         float | None, typer.Option(help="seconds for --method all, 60 if not given; the rest is named as skipped")
     ] = None,

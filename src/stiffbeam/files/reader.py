@@ -160,21 +160,20 @@ class Reader:
 
     def tables(self, field: str, example: str) -> list[Self]:
         """A reader for every table of the list ``field``."""
-        tables = self.get(field, list, "be a list of tables", [])
-        for i, table in enumerate(tables):
-            if not isinstance(table, dict):
-                raise self.error(f"{field}[{i}]", table, "be a table", f"write {example}")
-        return [type(self)(table, f"{self.where}.{field}[{i}]", self.folder) for i, table in enumerate(tables)]
+        return self._several(field, self.get(field, list, "be a list of tables", []), example)
 
     def one_or_several(self, field: str) -> list[Self]:
         """A table, or a list of tables: [problem.field] once or [[problem.field]] once for each."""
         value = self.get(field, (dict, list), "be a table or a list of tables", [])
         if isinstance(value, dict):
             return [type(self)(value, f"{self.where}.{field}", self.folder)]
-        for i, table in enumerate(value):
+        return self._several(field, value, "it as { name = value, ... }")
+
+    def _several(self, field: str, tables: list[Any], example: str) -> list[Self]:
+        for i, table in enumerate(tables):
             if not isinstance(table, dict):
-                raise self.error(f"{field}[{i}]", table, "be a table", "write it as { name = value, ... }")
-        return [type(self)(table, f"{self.where}.{field}[{i}]", self.folder) for i, table in enumerate(value)]
+                raise self.error(f"{field}[{i}]", table, "be a table", f"write {example}")
+        return [type(self)(table, f"{self.where}.{field}[{i}]", self.folder) for i, table in enumerate(tables)]
 
     def polynomial(self, field: str) -> Any:
         """A polynomial profile from its coefficients, None where ``field`` is not given."""

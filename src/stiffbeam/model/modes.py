@@ -59,15 +59,6 @@ def undamped_modes(system: System, springs: tuple[tuple[Array, float], ...] = ()
     return _UNDAMPED[system]
 
 
-def uncoupled_modes(system: System) -> Modes:
-    """The modes of ``system``. Raises InputError where its damping couples them."""
-    basis = modes(system)
-    if basis is None:
-        remedy = "make damping a sum of multiples of mass and stiffness, or leave it out"
-        raise InputError("damping", "a matrix that couples the modes", "leave the modes apart here", remedy)
-    return basis
-
-
 def modes(system: System, springs: tuple[tuple[Array, float], ...] = ()) -> Modes | None:
     """The modes of ``system`` with extra springs (row, stiffness), or None if damping couples them: by more than what
     rounding each entry of the matrices would do, however small that is beside the damping of other modes.
@@ -101,7 +92,7 @@ def _damped(system: System, springs: tuple[tuple[Array, float], ...] = ()) -> Mo
 
 
 def _proportional(system: System) -> bool:
-    """Tell whether the damping is alpha M + beta K to the rounding of every entry; products with shapes are less sharp."""
+    """Tell whether the damping is alpha M + beta K to the rounding of every entry, sharper than products of shapes."""
     C, on = system.damping, system.damping != 0.0
     for parts in ([system.mass], [system.stiffness], [system.mass, system.stiffness]):
         columns = np.stack([part[on] for part in parts], axis=1) / np.abs(C[on])[:, None]

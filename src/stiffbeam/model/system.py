@@ -359,6 +359,11 @@ class System:
         """The index in ``channels`` of the tip."""
         return 0 if self.observe is None else len(self.contacts)
 
+    def reads_tip(self, contact: int) -> bool:
+        """Tell whether a contact acts on the tip itself."""
+        (row, offset), (tip, tip_offset) = self.channels[contact], self.channels[self.tip_channel]
+        return np.array_equal(row, tip) and offset == tip_offset
+
     def load(self, t: ArrayLike) -> Array:
         """sum_k p_k f_k(t); shape t.shape + (n,)."""
         t = np.asarray(t, float)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..basics.arrays import Array, same
+from ..basics.arrays import Array
 from ..basics.validation import InputError, numbers
 from ..model.system import System, require_system
 from .impacts import ContactRecord, Impacts
@@ -22,7 +22,7 @@ ROUNDING = 4.0 * float(np.finfo(float).eps)  # of the end: times that are apart 
 SAME_POSITION = 1e-4  # of the motion: the rounding of five digits, less than a step changes
 
 
-def own_run(
+def run_fields(
     t: ArrayLike, tip: ArrayLike | None, tip_velocity: ArrayLike | None, system: System | None,
     states: tuple[ArrayLike, ArrayLike] | None, name: str,
 ) -> dict[str, Any]:  # fmt: skip
@@ -78,10 +78,8 @@ def _contacts(
 ) -> Iterator[ContactRecord]:
     """Record of every contact: from the states, or from the tip where it is the contact point; else NaN."""
     positions = None if q is None else system.positions(t, q)
-    tip_row, tip_offset = system.channels[system.tip_channel]
     for i, contact in enumerate(system.contacts):
-        is_tip = i == system.tip_channel or (contact.offset is tip_offset and same(contact.row, tip_row))
-        if is_tip:
+        if system.reads_tip(i):
             yield sampled_record(t, u, w, contact.stops)
         elif positions is not None and v is not None:
             rate = v @ contact.row if contact.offset is None else _spline_rate(t, positions[:, i])

@@ -33,7 +33,7 @@ class Ledger:
         stop_dissipation   sum over steps of -1/2 (D^n + D^{n+1}) du, D = F + U' what a damped stop takes beyond
                  the force of its energy U; the energy left in it when the contact ends counts as dissipated while the
                  gap opens;
-                 of rigid stops what impacts take, see ``reaction_ledger``
+                 of rigid stops what impacts take, see ``step_ledger``
         spread   by how much two rules for what dashpots and damped stops take differ, sum over steps of
                  |dq^T C dq / dt - dt v^T C v|, v = (q'^n + q'^{n+1})/2, and of |(D^n + D^{n+1}) du - dt (D u'|^n +
                  D u'|^{n+1})|/2, of a step in which D begins or ends all of it; large where a step does not resolve
@@ -100,24 +100,15 @@ def given(start: float, work: Array) -> Array:
     return start + np.maximum.accumulate(np.maximum(work, 0.0))
 
 
-def reaction_ledger(
-    system: System, pieces: Iterator[tuple[Array, Array, Array, Array]], outputs: Array, impacts: bool
-) -> Ledger:
-    """The ledger against rigid stops, from states at every step and the mean reactions R of the steps.
-
-    stop_dissipation: sum of -dt R (U^n + U^{n+1})/2, U the velocity against the stop: what an impulse dt R takes in
-    turning U round, (1 - e)/2 |U| of it by Newton's law. Zero unless ``impacts``: a scheme without an impact law has it
-    all in ``loss``. A stop that moves by do puts in -R do.
-    """
-    return step_ledger(system, pieces, outputs, impacts)
-
-
 def step_ledger(
     system: System, pieces: Iterator[tuple[Array, Array, Array, Array]], outputs: Array, impacts: bool | None = None
 ) -> Ledger:
     """The ledger of a run from its states at every step, see ``Pieces``, kept at the times ``outputs``.
 
-    impacts: as in ``reaction_ledger``, whose pieces hold reactions; None for compliant stops.
+    impacts: None for compliant stops. Against rigid ones the pieces hold the mean reactions R of the steps instead of
+    forces, and stop_dissipation is the sum of -dt R (U^n + U^{n+1})/2, U the velocity against the stop: what an impulse
+    dt R takes in turning U round, (1 - e)/2 |U| of it by Newton's law. It is zero unless ``impacts``: a scheme without
+    an impact law has it all in ``loss``. A stop that moves by do puts in -R do.
     """
     columns: list[Array] = []
     times: list[Array] = []
@@ -180,7 +171,7 @@ def _work_of_stops(system: System, t: Array, q: Array, v: Array, node_forces: Ar
 
 
 def _work_of_reactions(system: System, t: Array, v: Array, reactions: Array, impacts: bool) -> tuple[Array, Array]:
-    """See ``reaction_ledger``."""
+    """Work and dissipation of rigid stops, see ``step_ledger``."""
     work, taken = np.zeros((2, len(t) - 1))
     for c, contact in enumerate(system.contacts):
         work -= reactions[:, c] * np.diff(offset_values(contact.offset, t))

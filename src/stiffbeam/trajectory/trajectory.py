@@ -21,7 +21,7 @@ from ..basics.text import sentence, table
 from ..basics.units import UNKNOWN, Units
 from ..basics.validation import InputError, integer, numbers, positive
 from .dataset import save, to_xarray
-from .from_arrays import NO_STATES, own_run
+from .from_arrays import NO_STATES, run_fields
 from .impacts import ContactRecord, Impacts
 from .recorder import as_it_starts, sampled_impacts
 
@@ -130,7 +130,7 @@ class Trajectory:
         provenance["dt"] is the median step. Raises InputError for times that decrease, for positions that differ at
         one time, for other shapes, and for numbers that are not finite.
         """
-        entries, unknown = own_run(t, tip, tip_velocity, system, states, name), float("nan")
+        entries, unknown = run_fields(t, tip, tip_velocity, system, states, name), float("nan")
         return cls(work=Work(len(entries["t"]) - 1, unknown, unknown), **entries)
 
     def __getstate__(self) -> dict[str, Any]:
