@@ -305,16 +305,7 @@ _KEY = re.compile(r"([A-Za-z_]\w*)|\[(\d+)\]")
 
 def value_at(system: System, path: str) -> float:
     """The number at a path of the problem or the matrices. Raises LookupError where there is none."""
-    keys: list[Any] = [int(index) if index else name for name, index in _KEY.findall(path)]
-    if system.problem is None and keys and keys[0] == "stops":
-        keys = ["contacts", keys[1], "stops", *keys[2:]]
-    elif system.problem is not None and keys[:1] == ["contacts"] and keys[2:3] == ["stops"]:
-        keys = ["stops", keys[1], *keys[3:]]
-    thing: Any = system
-    if system.problem is not None:
-        thing = replace(system.problem, stops=system.problem.all_stops or None)
-        if isinstance(thing.stops, Stops) and keys[:2] == ["stops", 0]:
-            keys = ["stops", *keys[2:]]
+    thing, keys = _rooted(system, [int(index) if index else name for name, index in _KEY.findall(path)])
     for key in keys:
         if _timed(thing) and key == "time":
             thing = thing[1]
@@ -331,23 +322,33 @@ def value_at(system: System, path: str) -> float:
 
 def _placed(system: System, keys: list[Any], value: float) -> System:
     """System with a value at the end of these keys. Raises LookupError where they lead to no number."""
-    problem = system.problem
-    if keys[0] == "contacts" and problem is not None and keys[2:3] == ["stops"]:
-        keys = ["stops", keys[1], *keys[3:]]
     if keys[0] == "stops" and (len(keys) < 2 or not isinstance(keys[1], int)):
         if not system.contacts:
             raise LookupError("stops")
         for i in range(len(system.contacts)):
             system = _placed(system, ["stops", i, *keys[1:]], value)
         return system
-    if problem is None:
-        keys = ["contacts", keys[1], "stops", *keys[2:]] if keys[0] == "stops" else keys
-        return _replaced(system, keys, value)
-    several = replace(problem, stops=problem.all_stops or None)
-    if isinstance(several.stops, Stops) and keys[:2] == ["stops", 0]:  # a problem keeps one pair by itself
-        keys = ["stops", *keys[2:]]
-    new = _replaced(several, keys, value)
-    if problem.base is not None and new.base is not None and new.base != problem.base:
+    root, keys = _rooted(system, keys)
+    new = _replaced(root, keys, value)
+    return new if system.problem is None else _rebuilt(system, new)
+
+
+def _rooted(system: System, keys: list[Any]) -> tuple[Any, list[Any]]:
+    """The problem of a beam, or the system of matrices itself, and the keys from there: "contacts[i].stops" and
+    "stops[i]" are one. Raises LookupError for no keys."""
+    if system.problem is None:
+        return system, ["contacts", keys[1], "stops", *keys[2:]] if keys[0] == "stops" else keys
+    if keys[0] == "contacts" and keys[2:3] == ["stops"]:
+        keys = ["stops", keys[1], *keys[3:]]
+    root = replace(system.problem, stops=system.problem.all_stops or None)
+    single = isinstance(root.stops, Stops) and keys[:2] == ["stops", 0]  # a problem keeps one pair by itself
+    return root, ["stops", *keys[2:]] if single else keys
+
+
+def _rebuilt(system: System, new: BeamProblem) -> System:
+    """The system of a changed problem: a beam that starts with the speed of its base starts with the new one."""
+    problem = system.problem
+    if problem is not None and problem.base is not None and new.base is not None and new.base != problem.base:
         new = replace(new, initial_velocity=_with_base(problem, new.base, problem.base))
     return semidiscretise(new, system.cells or system.size, system.form)
 
@@ -437,10 +438,7 @@ def _driven(system: System, name: str, value: float) -> System:
         return replace(system, loads=loads, contacts=contacts)
     stops = tuple(replace(each, motion=change(each.motion)) for each in problem.all_stops)
     loads = tuple(replace(load, time=change(load.time)) for load in problem.loads)
-    new = replace(problem, base=change(problem.base), stops=stops or None, loads=loads)
-    if problem.base is not None and new.base is not None:
-        new = replace(new, initial_velocity=_with_base(problem, new.base, problem.base))
-    return semidiscretise(new, system.cells or system.size, system.form)
+    return _rebuilt(system, replace(problem, base=change(problem.base), stops=stops or None, loads=loads))
 
 
 def _with_base(problem: BeamProblem, new: TimeFunction, old: TimeFunction) -> Profile | None:

@@ -37,8 +37,6 @@ from .sampling import (
     switch_time,
 )
 
-Motion = tuple[Array, Array]  # u and u' at a time, (M, C), the contacts first
-
 
 def impacts_of(events: Array) -> Impacts:
     """Rows of a list of events of one contact as sampled impacts."""
@@ -60,7 +58,7 @@ def forces_at(u: Array, v: Array, law: Array) -> Array:
     return out
 
 
-def events_at_start(tally: Array, law: Array, dt: float, first: Motion, means: bool) -> Array:
+def events_at_start(tally: Array, law: Array, dt: float, first: tuple[Array, Array], means: bool) -> Array:
     """Rows of the contacts that are there at t = 0, open, to begin the list of events with; new tallies (M, m, 8) get
     their numbers. Peak and impulse begin with those of the force there, as in ``with_ends``."""
     member, contact = np.nonzero((tally[..., SIDE] != 0.0) & (tally[..., SINCE] == 0.0))
@@ -73,10 +71,12 @@ def events_at_start(tally: Array, law: Array, dt: float, first: Motion, means: b
     return rows
 
 
-def with_ends(tally: Array, law: Array, dt: float, first: Motion, last: Motion, means: bool) -> Array:
-    """The tallies (M, m, 8) of steps 1 to n as those of whole runs, with (u, u') at t = 0 and at the last step: the
-    largest force may be that at the start, and the impulse is the trapezoidal rule's, but of means. What begins later
-    stays."""
+def with_ends(
+    tally: Array, law: Array, dt: float, first: tuple[Array, Array], last: tuple[Array, Array], means: bool
+) -> Array:
+    """The tallies (M, m, 8) of steps 1 to n as those of whole runs. first, last: (u, u'), each (M, C) with the contacts
+    first, at t = 0 and at the last step. The largest force may be that at the start, and the impulse is the trapezoidal
+    rule's, but of means. A tally that begins later stays."""
     whole = tally[..., SINCE] == 0.0
     begin, end = (np.abs(forces_at(*motion, law)) for motion in (first, last))
     end = np.where(law[..., DAMPING] > 0.0, tally[..., LAST], end)
