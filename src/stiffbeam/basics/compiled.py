@@ -77,7 +77,7 @@ def stopped_clock() -> Generator[None, None, None]:
 
 @lru_cache
 def directory(file: Path) -> Path:
-    """Where the compiled kernels of a source file are kept: one folder per state of it and of what it imports.
+    """Folder of the compiled kernels of a source file: one folder per state of it and of what it imports.
 
     numba itself looks at the file of the function it compiles, not at those of the functions in it, nor at whether
     bounds are checked.
@@ -91,21 +91,21 @@ def directory(file: Path) -> Path:
 @lru_cache
 def _sources(file: Path) -> frozenset[Path]:
     """A file and the files with compiled functions that it imports from, directly or through others."""
-    found = {file}
+    sources = {file}
     for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
         if isinstance(node, ast.ImportFrom) and node.level and node.module:
             imported = file.parents[node.level - 1].joinpath(*node.module.split(".")).with_suffix(".py")
             if imported.is_file() and "compiled import" in imported.read_text(encoding="utf-8"):
-                found |= _sources(imported)
-    return frozenset(found)
+                sources |= _sources(imported)
+    return frozenset(sources)
 
 
-def _forgiving(made: Any) -> Any:
+def _forgiving(kernel: Any) -> Any:
     """A kernel whose file is damaged is compiled again, one that cannot be kept is used all the same.
 
     numba takes only a missing file as none: an index that is cut or full of zeros ended every later run.
     """
-    kept = made._cache
+    kept = kernel._cache
     load, save, flush = kept.load_overload, kept.save_overload, kept.flush
 
     def load_overload(*arguments: Any) -> Any:
@@ -121,24 +121,24 @@ def _forgiving(made: Any) -> Any:
             save(*arguments)
 
     kept.load_overload, kept.save_overload = load_overload, save_overload
-    return made
+    return kernel
 
 
-def _one_program(made: Any) -> Any:
+def _one_program(kernel: Any) -> Any:
     """A kernel that is not compiled again for every constant it is called with: numba takes each for a type."""
-    template = made.get_call_template
+    template = kernel.get_call_template
 
     def get_call_template(args: Any, kws: Any) -> Any:
         return template([types.unliteral(arg) for arg in args], {k: types.unliteral(arg) for k, arg in kws.items()})
 
-    made.get_call_template = get_call_template
-    return made
+    kernel.get_call_template = get_call_template
+    return kernel
 
 
-def _without_collections(made: Any) -> Any:
+def _without_collections(kernel: Any) -> Any:
     """A kernel during whose compilation no garbage is collected: there is little, and to look for it takes a tenth
     of the time."""
-    compile_all = made.compile  # with what it calls, which comes here again
+    compile_all = kernel.compile  # with what it calls, which comes here again
 
     def collecting_after(signature: Any) -> Any:
         with stopped_clock():
@@ -153,8 +153,8 @@ def _without_collections(made: Any) -> Any:
                 if time.perf_counter() - begun > LONG:
                     gc.collect()  # here, and not at the first array of a run
 
-    made.compile = collecting_after
-    return made
+    kernel.compile = collecting_after
+    return kernel
 
 
 def _njit(function: Callable[..., Any], **options: Any) -> Any:
@@ -167,7 +167,7 @@ def _njit(function: Callable[..., Any], **options: Any) -> Any:
         chosen: dict[str, Any] = {"fastmath": FASTMATH, **options}
         # No function is handed to another as an argument, so none needs what C would call.
         chosen |= {"cache": True, "nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
-        made = numba.njit(**chosen)(function)
-        return _without_collections(_forgiving(_one_program(made)))
+        kernel = numba.njit(**chosen)(function)
+        return _without_collections(_forgiving(_one_program(kernel)))
     finally:
         numba.config.CACHE_DIR = before  # type: ignore[attr-defined]

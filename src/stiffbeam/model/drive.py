@@ -175,7 +175,7 @@ class Drive:
 
 
 def stays_at_rest(system: System) -> bool:
-    """Whether q = 0 at all times: it starts at 0 without velocity, and neither a load nor a stop pushes it.
+    """Tell whether q = 0 at all times: the system starts at 0 without velocity, and no load or stop pushes it.
 
     A bare callable, whose values are not known, and a stop that moves count as a push.
     """
