@@ -22,13 +22,11 @@ from ...basics.validation import InputError, positive
 from ...model.system import System
 from ...trajectory.trajectory import Reference, SolverFailure
 from ..exact.exact_measures import Solution
-from ..exact.piecewise import general, reference_of, refuse
+from ..exact.piecewise import reference_of, refuse
 from ..exact.tangent import lyapunov
 from ..request import Request
-from .exponential import precise_exponential
-from .grazes import MOST, Switch, grazes_of, passed_over
-from .modes import GUARD_BITS, Sampler
-from .undamped import precise_undamped
+from .compliant import GUARD_BITS, follow
+from .grazes import MOST, Sampler, Switch, grazes_of, passed_over
 
 BITS = math.log2(10.0)
 MAX_DIGITS = 20_000
@@ -114,7 +112,7 @@ def carry(system: System, t_end: float, digits: int, guard: int) -> tuple[Soluti
         ctx.prec = full + guard
         told: list[Switch] = []
         for _ in range(MOST):
-            found = (precise_exponential if general(system) else precise_undamped)(system, t_end, full, guard, told)
+            found = follow(system, t_end, full, guard, told)
             another = passed_over(system, found[0], found[1], t_end, told[-1].t if told else 0.0)
             if another is None:
                 return found
