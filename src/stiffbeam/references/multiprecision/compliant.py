@@ -10,11 +10,10 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
-from operator import mul
 from typing import Any, NamedTuple
 
 import numpy as np
-from flint import acb, arb, ctx
+from flint import arb, arb_mat, ctx
 from numpy.typing import NDArray
 
 from ...basics.arrays import Array
@@ -28,42 +27,54 @@ from ..exact.exponential_regime import Regime, regime_of, spin_of
 from ..exact.exponential_tracer import Gaps
 from ..exact.touching import REMEDY
 from .grazes import Sampler, Switch
-from .linear_flow import LinearFlow
+from .linear_flow import DERIVATIVES, LinearFlow
 from .rational import carried
-from .splitting import Block, Split
+from .splitting import Block, Split, with_drives
 
 GUARD_BITS = 100  # below the digits that are lost: two doubles' worth for the outputs
 KNOWN_BITS = 28  # what float64 knows of a time between two switches
 
 
-class PreciseRegime:
-    """The flow with contacts ``closed``, and what float64 knows of it."""
+Known = dict[tuple[int, ...], Split]
 
-    def __init__(self, flow: LinearFlow, closed: tuple[int, ...], t_end: float) -> None:
+
+class PreciseRegime:
+    """The flow with contacts ``closed``, and what float64 knows of it.
+
+    known: splits by the contacts that are closed, whatever their sides; this one is added.
+    """
+
+    def __init__(self, flow: LinearFlow, closed: tuple[int, ...], t_end: float, known: Known) -> None:
         self.flow, self.G = flow, flow.closed(closed)
         self.rounded = regime_of(flow.system, flow.drive, closed, t_end)  # refuses what float64 refuses
-        modes, V = _modes(self.rounded, flow.N)
-        self.split = Split(self.G, V, modes, _drives(flow))
-        self._rows: dict[Any, tuple[list[Any], list[Any]]] = {}
+        alike = tuple(map(abs, closed))
+        if alike in known:
+            self.split = known[alike].again(self.G)
+        else:
+            self.split = Split(self.G, *_by_float64(self.rounded, flow), drives=2 * flow.n)
+        known[alike] = self.split
+        self._rows: dict[tuple[int, int, bool], Any] = {}
 
     @cached_property
-    def channels(self) -> tuple[list[list[Any]], list[list[Any]]]:
-        """Rows of all channels, and of their rates."""
-        flow = self.flow
-        return [self.split.row(form) for form in flow.forms], [self.split.row(rate) for rate in flow.rates]
+    def channels(self) -> Any:
+        """What all channels and their rates see of y (2 channels, N)."""
+        return self._seen(*self.flow.forms, *self.flow.rates)
 
-    def gap(self, contact: int, side: int, lagging: bool) -> tuple[list[Any], list[Any]]:
-        """The rows of u - g of a contact, or of u - g + (c/kappa) u', and of its rate."""
+    def gap(self, contact: int, side: int, lagging: bool) -> Any:
+        """What u - g of a contact, or u - g + (c/kappa) u', and its rate see of y (2, N)."""
         key = contact, side, lagging
         if key not in self._rows:
             form = self.flow.beyond(contact, side)
             if lagging:
                 form += self.flow.rates[contact] * self.flow.problem.contacts[contact].lag
-            self._rows[key] = self.split.row(form), self.split.row(form * self.G)
+            self._rows[key] = self._seen(form, form * self.G)
         return self._rows[key]
 
-    def coefficients(self, y: list[Any], z: Any, t: float) -> Any:
-        """Those of ``rounded`` where y and z (N, 1) are at t."""
+    def _seen(self, *forms: Any) -> Any:
+        return (arb_mat([form.entries() for form in forms]) * self.split.V).mid()
+
+    def coefficients(self, z: Any, t: float) -> Any:
+        """Those of ``rounded`` where z (N, 1) is at t."""
         n = self.flow.n
         values = np.array([float(x) for x in z.entries()[: 2 * n]])
         return self.rounded.coefficients(values[:n], values[n:], spin_of(self.flow.drive, np.array([t]))[0])
@@ -74,22 +85,16 @@ class Piece(NamedTuple):
 
     regime: PreciseRegime
     t: Any
-    y: list[Any]
+    y: Any
     bits: int
 
-    def ahead(self, t: float) -> list[Any]:
+    def ahead(self, t: float) -> Any:
         """y at time t."""
         return self.regime.split.ahead(self.y, arb(t) - self.t)
 
-    def state(self, t: float) -> list[Any]:
-        """q and q' at time t (2n,)."""
-        return self.regime.split.state(self.ahead(t)).entries()[: 2 * self.regime.flow.n]
-
-    def seen(self, t: float) -> tuple[list[Any], list[Any]]:
-        """Positions and velocities of the channels at time t."""
-        y = self.ahead(t)
-        u, v = ([dot(row, y) for row in rows] for rows in self.regime.channels)
-        return u, v
+    def state(self, t: float) -> Any:
+        """z (N, 1) at time t."""
+        return (self.regime.split.V * self.ahead(t)).mid()
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,12 +105,11 @@ class UnroundedSolution(ExponentialSolution):
     precise: list[Piece]
 
     def _inside(self, piece: NDArray[np.int64], t: Array, row: Array) -> tuple[Array, Array]:
-        found = []
-        for k, when in zip(piece.tolist(), t.tolist(), strict=True):
+        n, z = np.shape(row)[-1], np.empty((len(t), self.precise[0].regime.flow.N))
+        for i, (k, when) in enumerate(zip(piece.tolist(), t.tolist(), strict=True)):
             with carried(self.precise[k].bits):
-                found.append([float(x) for x in self.precise[k].state(when)])
-        q, v = np.array(found).reshape(len(t), 2, -1).transpose(1, 0, 2)
-        return q @ np.transpose(row), v @ np.transpose(row)
+                z[i] = [float(x) for x in self.precise[k].state(when).entries()]
+        return z[:, :n] @ np.transpose(row), z[:, n : 2 * n] @ np.transpose(row)
 
     def work(self, system: System, edges: Array) -> tuple[Array, Array]:
         """Work of the loads and viscous loss between consecutive edges, which include every switch."""
@@ -113,12 +117,12 @@ class UnroundedSolution(ExponentialSolution):
 
 
 def follow(
-    system: System, t_end: float, full: int, guard: int, told: Sequence[Switch] = ()
+    system: System, t_end: float, full: int, guard: int, told: Sequence[Switch], known: Known
 ) -> tuple[ExponentialSolution, Sampler, UnroundedSolution]:
     """The solution on [0, t_end] carried with ``full`` bits at the start and ``guard`` at the end, rounded to
     float64, what samples its channels before it is rounded, and itself unrounded; ctx.prec has room to spare.
 
-    told: switches that float64 does not see, in order.
+    told: switches that float64 does not see, in order. known: see ``PreciseRegime``.
     """
     room, drive = ctx.prec, Drive.of(system)
     flow, gaps = LinearFlow(system, full), Gaps(system, drive)
@@ -137,17 +141,16 @@ def follow(
         if key not in regimes:
             with carried(room):
                 closed = tuple(pressed(key).tolist())
-                regimes[key] = regimes.get(closed) or PreciseRegime(flow, closed, t_end)
+                regimes[key] = regimes.get(closed) or PreciseRegime(flow, closed, t_end, known)
             values = regimes[key].rounded.eigenvalues
             fastest = max(fastest, float(np.max(np.abs(values))))
             turning = max(turning, float(np.max(np.abs(values.imag))))
         regime, begun = regimes[key], float(t)
         ctx.prec = max(guard, math.ceil(full - (full - guard) * min(1.0, begun / t_end))) + 30
-        y = regime.split.coordinates(z)
         times.append(begun)
         sides.append(list(chi))
-        coefficients.append(regime.coefficients(y, z, begun))
-        pieces.append(Piece(regime, t, y, ctx.prec))
+        coefficients.append(regime.coefficients(z, begun))
+        pieces.append(Piece(regime, t, (regime.split.L * z).mid(), ctx.prec))
         edge = drive.next_edge(begun, t_end)
         start, contact, side, used = gaps.next_switch(
             regime.rounded, coefficients[-1], np.array(chi, np.int64), np.arange(len(chi)) == resting, begun, edge
@@ -159,18 +162,18 @@ def follow(
             del untold[0]
         if contact >= 0 and begun + start < edge:
             forecast.check(begun, len(times) * (full / 32.0 + 20.0) * system.size)
-            rows = regime.gap(contact, side or chi[contact], switched_by_force(chi[contact], side))
-            tau, shift, ahead = _locate(partial(_at, pieces[-1], rows), start, fastest, 2.0 * np.pi / turning, begun)
+            gap = regime.gap(contact, side or chi[contact], switched_by_force(chi[contact], side))
+            tau, shift, ahead = _locate(partial(_at, pieces[-1], gap), start, fastest, 2.0 * np.pi / turning, begun)
             when = (t + tau + shift).mid()
             if not drive.records or t <= when < edge:
                 t, chi[contact], resting = when, side, contact
-                z = regime.split.state(regime.split.ahead(ahead, shift))
+                z = (regime.split.V * regime.split.ahead(ahead, shift)).mid()
                 continue
             if when < t:
                 raise SolverFailure("multiprecision", begun, "a switch at a sample that float64 cannot place", REMEDY)
         if edge >= t_end:
             break
-        t, z, resting = arb(edge), flow.at_edge(regime.split.state(pieces[-1].ahead(edge)), arb(edge)), -1
+        t, z, resting = arb(edge), flow.at_edge(pieces[-1].state(edge), arb(edge)), -1
     solution = (
         drive,
         {key: regime.rounded for key, regime in regimes.items()},
@@ -182,37 +185,30 @@ def follow(
     return ExponentialSolution(*solution), partial(_sample, times, pieces), UnroundedSolution(*solution, pieces)
 
 
-def dot(row: list[Any], y: list[Any]) -> Any:
-    """The real part of the sum of products."""
-    return sum(map(mul, row, y), acb(0)).real
-
-
-def _modes(regime: Regime, N: int) -> tuple[list[Block], Array]:
-    """Blocks of a float64 regime and their columns (N, N), those of the drives behind them unit vectors."""
-    n, V = len(regime.W), np.eye(N)
+def _by_float64(regime: Regime, flow: LinearFlow) -> tuple[Any, list[Block]]:
+    """Columns V (N, N) and blocks of a float64 regime and of the drives behind it: the constant, sine and cosine of
+    every frequency, and the derivatives of every record."""
+    n, V = flow.n, np.eye(flow.N)
     chains = [chain.modes.tolist() for chain in regime.chains if len(chain.T) > 1]
     alone = set(range(len(regime.eigenvalues))) - {k for modes in chains for k in modes}
     columns: list[Array] = []
-    blocks = []
-    for modes in (*([k] for k in sorted(alone)), *chains):
-        values = regime.eigenvalues[modes]
-        both, first = np.concatenate([regime.W, regime.W_rate])[:, modes].T, len(columns)
+    modes = []
+    for group in (*([k] for k in sorted(alone)), *chains):
+        values = regime.eigenvalues[group]
+        both, first = np.concatenate([regime.W, regime.W_rate])[:, group].T, len(columns)
         columns += [x.real for x in both]
         if paired := bool(np.all(values.imag > 0.0)):
             columns += [-x.imag for x in both]
             values = np.append(values, values.conj())
-        blocks.append(Block(list(range(first, len(columns))), values.tolist(), paired and len(modes) == 1))
+        modes.append(Block(list(range(first, len(columns))), values.tolist(), paired and len(group) == 1))
     V[: 2 * n, : 2 * n] = np.transpose(columns)
-    return blocks, V
-
-
-def _drives(flow: LinearFlow) -> list[Block]:
-    """The blocks of the constant, of sine and cosine of every frequency and of the records' derivatives."""
-    first, ends = 2 * flow.n, 2 * flow.n + flow.drive.size
-    blocks = [Block([first], [0.0], False)]
+    drives = [Block([2 * n], [0.0], False)]
     for k, frequency in enumerate(flow.drive.frequencies):
-        blocks.append(Block([first + 1 + 2 * k, first + 2 + 2 * k], [1j * frequency, -1j * frequency], True))
-    return blocks + [Block(list(range(at, at + 4)), [0.0], False) for at in range(ends, flow.N, 4)]
+        places = [2 * n + 1 + 2 * k, 2 * n + 2 + 2 * k]
+        drives.append(Block(places, [1j * frequency, -1j * frequency], True))
+    for first in range(2 * n + flow.drive.size, flow.N, DERIVATIVES):
+        drives.append(Block(list(range(first, first + DERIVATIVES)), [0.0], False))
+    return arb_mat([[arb(x) for x in line] for line in V.tolist()]), with_drives(modes, drives)
 
 
 def _sample(
@@ -222,20 +218,21 @@ def _sample(
     found = []
     for when, k in zip(t.tolist(), np.maximum(np.searchsorted(times, t, "right") - 1, 0).tolist(), strict=True):
         with carried(pieces[k].bits):
-            found.append([[rounded(x) for x in line] for line in pieces[k].seen(when)])
-    u, v = np.array(found).transpose(1, 0, 2)
+            seen = pieces[k].regime.channels * pieces[k].ahead(when)
+            found.append([rounded(x) for x in seen.entries()])
+    u, v = np.array(found).reshape(len(t), 2, -1).transpose(1, 0, 2)
     return u, v
 
 
-def _at(piece: Piece, rows: tuple[list[Any], list[Any]], tau: Any) -> tuple[Any, Any, list[Any]]:
-    """Values of two rows at tau after the start of a piece, and y there."""
+def _at(piece: Piece, gap: Any, tau: Any) -> tuple[Any, Any, Any]:
+    """A gap and its rate at tau after the start of a piece, and y there."""
     y = piece.regime.split.ahead(piece.y, tau)
-    return dot(rows[0], y).mid(), dot(rows[1], y).mid(), y
+    return *(gap * y).mid().entries(), y  # type: ignore[return-value]
 
 
 def _locate(
-    gap_at: Callable[[Any], tuple[Any, Any, list[Any]]], start: float, fastest: float, shortest: float, t: float
-) -> tuple[Any, Any, list[Any]]:
+    gap_at: Callable[[Any], tuple[Any, Any, Any]], start: float, fastest: float, shortest: float, t: float
+) -> tuple[Any, Any, Any]:
     """(tau, shift, y at tau): the gap closes at tau + shift, by so little later that y is known there as well.
 
     gap_at(tau) -> (gap, gap', y). Newton's method from the float64 time ``start``, the precision doubled at each turn,

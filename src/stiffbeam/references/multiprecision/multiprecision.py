@@ -25,7 +25,7 @@ from ..exact.exact_measures import Solution
 from ..exact.piecewise import reference_of, refuse
 from ..exact.tangent import lyapunov
 from ..request import Request
-from .compliant import GUARD_BITS, follow
+from .compliant import GUARD_BITS, Known, follow
 from .grazes import MOST, Sampler, Switch, grazes_of, passed_over
 
 BITS = math.log2(10.0)
@@ -65,6 +65,7 @@ def solve(request: Request) -> Reference:
     begun = clock()
     wanted, guard = (_estimate(system, t_end) if digits == "auto" else int(digits)), GUARD_BITS
     previous: Reference | None = None
+    known: Known = {}
     while True:
         if wanted > MAX_DIGITS:
             raise SolverFailure("multiprecision", t_end, f"{wanted} digits are not enough", "shorten t_end")
@@ -73,7 +74,7 @@ def solve(request: Request) -> Reference:
             "parameters": "doubles; exact: " + ("; ".join(system.exact_parameters) or "none"),
             "python-flint": flint.__version__,
         }
-        solution, sample, unrounded = carry(system, t_end, wanted, guard)
+        solution, sample, unrounded = carry(system, t_end, wanted, guard, known)
         run = reference_of(system, solution, t_end, t_eval, begun, "multiprecision", notes)
         run = _sampled(run, *sample(run.t))
         if previous is not None:
@@ -99,7 +100,7 @@ def march(system: System, t_end: float, digits: int) -> Solution:
     return carry(system, t_end, digits, GUARD_BITS)[0]
 
 
-def carry(system: System, t_end: float, digits: int, guard: int) -> tuple[Solution, Sampler, Solution]:
+def carry(system: System, t_end: float, digits: int, guard: int, known: Known) -> tuple[Solution, Sampler, Solution]:
     """Follow the solution with ``digits`` at the start beside the ``guard`` bits that the outputs need: rounded to
     float64, what samples its channels before that, and the first again by sums that do not cancel.
 
@@ -111,8 +112,9 @@ def carry(system: System, t_end: float, digits: int, guard: int) -> tuple[Soluti
     try:
         ctx.prec = full + guard
         told: list[Switch] = []
+        known = {} if known is None else known
         for _ in range(MOST):
-            found = follow(system, t_end, full, guard, told)
+            found = follow(system, t_end, full, guard, told, known)
             another = passed_over(system, found[0], found[1], t_end, told[-1].t if told else 0.0)
             if another is None:
                 return found

@@ -17,8 +17,6 @@ from typing import Any, NamedTuple
 
 from flint import acb, arb, arb_mat, ctx
 
-from ...basics.arrays import Array
-
 START_BITS = 120  # of the first turn, which begins with the 53 of float64
 MAX_TURNS = 40
 TOO_FAR = 0.1  # an entry of E: blocks with larger ones are joined
@@ -38,65 +36,49 @@ class Block(NamedTuple):
 
 
 class Split:
-    """The flow of G (N, N) in blocks, at the current precision.
+    """The flow of G (N, N) in ``blocks``, at the current precision, from a V (N, N) that is known to ``bits``.
 
-    modes: the blocks by float64, V (N, N) their columns, and drives: those of the last coordinates, which depend on
-    themselves alone; their columns begin as unit vectors. joined: whether modes had to be.
+    Of the coordinates those from ``drives`` on depend on themselves alone; their columns may begin as unit vectors.
     """
 
-    def __init__(self, G: Any, V: Array, modes: Sequence[Block], drives: Sequence[Block]) -> None:
-        self.G, self.first_drive = G, drives[0].places[0]
-        self.blocks, target = _resonant(modes, drives), ctx.prec
-        before = len(self.blocks), sum(block.pair for block in self.blocks)
+    def __init__(self, G: Any, V: Any, blocks: list[Block], drives: int, bits: int = 0) -> None:
+        self.G, self.V, self.N, self.blocks, self.drives = G, V, G.nrows(), blocks, drives
+        target = ctx.prec
         try:
-            while True:
-                self.V = arb_mat([[arb(x) for x in line] for line in V.tolist()])
-                apart = self._refine(target)
-                if not apart:
-                    break
+            while apart := self._refine(target, max(START_BITS, 2 * bits)):
+                self.V = V
                 self._join(*apart)
         finally:
-            ctx.prec = target
-        self.joined = before != (len(self.blocks), sum(block.pair for block in self.blocks))
-        identity = arb_mat([[arb(int(i == j)) for j in range(len(V))] for i in range(len(V))])
+            ctx.prec = self.bits = target
+        identity = arb_mat([[arb(int(i == j)) for j in range(self.N)] for i in range(self.N)])
         self.L = self.V.solve(identity, algorithm="approx").mid()
-        self.pairs = [block.places for block in self.blocks if block.pair]
-        self.rates = [self._diagonal[places[0]] for places in self.pairs]
-        self.rest = [(block.places, self._diagonal[block.places[0]]) for block in self.blocks if not block.pair]
-        self._order = [i for places in (*self.pairs, *(places for places, _ in self.rest)) for i in places]
+        self._pairs = [(*block.places, self._diagonal[block.places[0]]) for block in self.blocks if block.pair]
+        self._rest = [(block.places, self._diagonal[block.places[0]]) for block in self.blocks if not block.pair]
 
-    def coordinates(self, z: Any) -> list[Any]:
-        """y of z (N, 1): a complex number for each pair, and the real ones of all other blocks behind them."""
-        y = (self.L * z).mid().entries()
-        return [acb(y[a], y[b]) for a, b in self.pairs] + [y[i] for i in self._order[2 * len(self.pairs) :]]
-
-    def state(self, y: list[Any]) -> Any:
-        """z (N, 1)."""
-        real = [x for w in y[: len(self.pairs)] for x in (w.real, w.imag)] + y[len(self.pairs) :]
-        lines = sorted(zip(self._order, real, strict=True), key=lambda line: line[0])
-        return (self.V * arb_mat([[x] for _, x in lines])).mid()
-
-    def row(self, form: Any) -> list[Any]:
-        """A form (1, N) of z as one of y: its value is the real part of the sum of the products."""
-        r = (form * self.V).mid().entries()
-        return [acb(r[a], -r[b]) for a, b in self.pairs] + [r[i] for i in self._order[2 * len(self.pairs) :]]
-
-    def ahead(self, y: list[Any], tau: Any) -> list[Any]:
-        """y at tau later."""
-        moved = [(w * (rate * tau).exp()).mid() for rate, w in zip(self.rates, y, strict=False)]
-        for places, T in self.rest:
-            part = arb_mat([[x] for x in y[len(moved) : len(moved) + len(places)]])
-            moved += ((T * tau).exp().mid() * part).mid().entries()
-        return moved
+    def ahead(self, y: Any, tau: Any) -> Any:
+        """y (N, 1) at tau later."""
+        y = y.entries()
+        for a, b, rate in self._pairs:
+            w = acb(y[a], y[b]) * (rate * tau).exp()
+            y[a], y[b] = w.real, w.imag
+        for places, T in self._rest:
+            part = (T * tau).exp() * arb_mat([[y[k]] for k in places])
+            for k, x in zip(places, part.entries(), strict=True):
+                y[k] = x
+        return arb_mat(self.N, 1, y)
 
     def _join(self, i: int, j: int) -> None:
         """Blocks i <= j, or a pair that is none."""
         both = self.blocks[i]._replace(pair=False) if i == j else self.blocks[i] + self.blocks[j]
         self.blocks = [*self.blocks[:i], both, *(x for k, x in enumerate(self.blocks) if k > i and k != j)]
 
-    def _refine(self, target: int) -> tuple[int, int] | None:
+    def again(self, G: Any) -> Split:
+        """The same of a G that differs in what drives it, or of which more digits are known."""
+        return Split(G, self.V, self.blocks, self.drives, self.bits)
+
+    def _refine(self, target: int, precision: int) -> tuple[int, int] | None:
         """Refine V; two blocks that cannot be separated, None where all are."""
-        precision, size = START_BITS, arb(1)
+        size = arb(1)
         for turn in range(MAX_TURNS):
             ctx.prec = min(target, precision)
             T = self.V.solve(self.G * self.V, algorithm="approx").mid().tolist()
@@ -108,7 +90,7 @@ class Split:
                     if not x.is_finite():
                         return min(i, j), max(i, j)
                     E[a][b] = x
-                    if turn == 0 and b >= self.first_drive:  # of any size: how far a drive moves the modes
+                    if turn == 0 and b >= self.drives:  # of any size: how far a drive moves the modes
                         size = abs(x) if abs(x) > size else size
                     elif not abs(x) / size <= largest:
                         largest, worst = abs(x) / size, (min(i, j), max(i, j))
@@ -117,7 +99,7 @@ class Split:
             self.V = (self.V + self.V * arb_mat(E)).mid()
             # The next error is the square of this one, and the one after that has to be carried.
             bits = target if largest == 0 else math.floor(-float(largest.log()) / math.log(2.0))
-            if ctx.prec == target and 2 * bits > target - 40 and turn > 0:
+            if ctx.prec == target and 2 * bits > target - 40 and (turn > 0 or precision > START_BITS):
                 return None
             precision = max(START_BITS, 4 * bits + 120)
         return None
@@ -127,14 +109,16 @@ class Split:
         for places, _, pair in self.blocks:
             if pair:
                 a, b = places
-                yield a, acb((T[a][a] + T[b][b]) / 2, (T[b][a] - T[a][b]) / 2).mid()
+                rate = acb((T[a][a] + T[b][b]) / 2, (T[b][a] - T[a][b]) / 2).mid()
+                decays = abs(rate.real) > abs(rate.imag) * arb(2) ** (-7 * ctx.prec // 8)  # or that is rounding
+                yield a, rate if decays else acb(0, rate.imag)
             else:
                 yield places[0], arb_mat([[T[a][b] for b in places] for a in places])
 
     def _steps(self, T: list[list[Any]]) -> Iterator[tuple[int, int, list[tuple[int, int]], list[Any]]]:
         """E of blocks i, j by its places, where it is not 0 for certain."""
         for i, one in enumerate(self.blocks):
-            if min(one.places) >= self.first_drive:
+            if min(one.places) >= self.drives:
                 continue
             mine = self._diagonal[one.places[0]]
             for j, other in enumerate(self.blocks):
@@ -166,8 +150,8 @@ class Split:
         return found.mid().entries()
 
 
-def _resonant(modes: Sequence[Block], drives: Sequence[Block]) -> list[Block]:
-    """All blocks, those joined of which eigenvalues of modes meet eigenvalues of drives."""
+def with_drives(modes: Sequence[Block], drives: Sequence[Block]) -> list[Block]:
+    """All blocks by float64, those joined of which eigenvalues of modes and of drives meet."""
     blocks, alone = list(modes), []
     nothing = NOTHING * max(abs(x) for block in (*modes, *drives) for x in block.values)
     for drive in drives:
