@@ -33,7 +33,7 @@ MOST_IMPACTS = 200_000
 MOST_AT_ONCE = 100
 MOST_CHANGES = 10_000
 UNLISTED = 1e-6  # radians of the fastest motion: impacts that are all over so soon count with the one before
-ON_THE_STOP = 1e-12  # of its distance: a start so little beyond a stop is on it
+ON_THE_STOP = 1e-12  # of the heights that round the gap: a start so little beyond a stop is on it
 
 
 @dataclass(eq=False)
@@ -193,10 +193,11 @@ class March:
         for c, side, g in self.stops:
             series = self.flow.series(self.flow.regime(()), self.z, arb(0))
             gap = self._gap(c, side, g, series)[0]
-            if not gap.contains(0) and abs(gap.mid()) <= ON_THE_STOP * abs(g):
+            little = ON_THE_STOP * max(abs(g), abs(self._offset(self.flow.forms[c])))
+            if not gap.contains(0) and abs(gap.mid()) <= little:
                 rounded.add(c)
             if gap.contains(0) or gap < 0:
-                if not -gap.mid() <= ON_THE_STOP * abs(g) + gap.rad():
+                if not -gap.mid() <= little + gap.rad():
                     u = float((self.flow.forms[c] * self.z)[0, 0])
                     raise InputError("initial displacement", u, "lie between rigid stops", "move the stop or the start")
                 push = [line[c] * (side * gap.mid() / self.flow.compliance[c, c]) for line in self.flow.back.tolist()]
@@ -274,7 +275,7 @@ class March:
         if not P:
             return
         push = arb_mat([[P[c].mid() if c in P else arb(0)] for c in range(self.m)])
-        rates = {c: (self._speed(c).mid(), self._moving(c)) for c in P}
+        rates = {c: (self._speed(c).mid(), self._offset(self.flow.rates[c])) for c in P}
         self.z = (self.z + self.flow.back * push).mid()
         taken = moved = arb(0)
         for c, (speed, own) in rates.items():
@@ -282,10 +283,10 @@ class March:
             moved -= P[c] * own
         self.found.taken.append((float(self.t), float(taken), float(moved)))
 
-    def _moving(self, contact: int) -> Any:
-        """o' of its offset."""
+    def _offset(self, form: Any) -> Any:
+        """The part of a form that depends on time alone: of a gap or its rate that of the offset."""
         n = 2 * self.flow.n
-        pairs = zip(self.flow.rates[contact].entries()[n:], self.z.entries()[n:], strict=True)
+        pairs = zip(form.entries()[n:], self.z.entries()[n:], strict=True)
         return sum((a * b for a, b in pairs), arb(0)).mid()
 
     def _settle(self, at_rest: dict[int, int]) -> None:

@@ -100,7 +100,9 @@ def march(system: System, t_end: float, digits: int) -> Solution:
     return carry(system, t_end, digits, GUARD_BITS)[0]
 
 
-def carry(system: System, t_end: float, digits: int, guard: int, known: Known) -> tuple[Solution, Sampler, Solution]:
+def carry(
+    system: System, t_end: float, digits: int, guard: int, known: Known | None = None
+) -> tuple[Solution, Sampler, Solution]:
     """Follow the solution with ``digits`` at the start beside the ``guard`` bits that the outputs need: rounded to
     float64, what samples its channels before that, and the first again by sums that do not cancel.
 
