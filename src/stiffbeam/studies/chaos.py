@@ -21,7 +21,7 @@ from ..basics.validation import InputError, integer, positive
 from ..figures import column, heading, look, new_figure, numeric, say_empty, shared_legend, short, tip_symbol
 from ..files.cases import Case
 from ..march.ensemble import integrate_ensemble
-from ..measures.windows import drive_frequency
+from ..measures.smooth_motion import drive_frequency
 from ..model.modes import undamped_modes
 from ..model.sampled import Sampled
 from ..model.scales import scales
@@ -123,7 +123,7 @@ def before_stops(system: System, dq: Array) -> Array:
     Where it leads beyond a stop it is turned back: its part along M^-1 row^T changes sign, which keeps its size.
     """
     at = system.positions(0.0, system.q0)
-    for contact, u in zip(system.contacts, at, strict=True):
+    for contact, u in zip(system.contacts, at, strict=False):
         along = np.linalg.solve(system.mass, contact.row)
         across = contact.row @ dq
         if contact.stops.rigid and contact.stops.penetration(u + across):
