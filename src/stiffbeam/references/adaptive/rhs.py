@@ -12,7 +12,7 @@ import scipy.sparse
 
 from ...basics.arrays import Array
 from ...model.contact import laws
-from ...model.contact_law import Law, pressure
+from ...model.contact_law import pressure
 from ...model.drive import Drive, Term
 from ...model.first_order import FirstOrderSystem
 from ...model.sampled import Sampled
@@ -178,7 +178,7 @@ class RightHandSide:
         c = self.first_order.contacts[i]
         u, v = self.first_order.contact_motion(c, self._inside(t), z[: self.states])
         depth = side * (u - (c.contact.stops.g2 if side > 0 else c.contact.stops.g1))
-        return max(0.0, pressure(max(0.0, float(depth)), side * float(v), Law(*c.contact.stops.law)))
+        return max(0.0, pressure(max(0.0, float(depth)), side * float(v), c.contact.stops.coefficients))
 
     @property
     def roots(self) -> int:
