@@ -8,7 +8,7 @@ import hashlib
 import time
 from collections.abc import Callable, Generator
 from contextlib import contextmanager, suppress
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -47,6 +47,33 @@ def inlined(function: Callable[..., Any]) -> Any:
 def formula(function: Callable[..., Any]) -> Callable[..., Any]:
     """``function`` itself, which kernels may call too: arithmetic that numbers, NumPy and JAX arrays have in common."""
     return register_jitable(fastmath=FASTMATH, error_model="numpy")(function)
+
+
+class CFunction:
+    """A function that C can call, compiled when its ``address`` is first asked for and cached as kernels are."""
+
+    def __init__(self, function: Callable[..., Any], signature: Any) -> None:
+        self.__doc__, self.function, self.signature = function.__doc__, function, signature
+
+    @cached_property
+    def made(self) -> Any:
+        """The compiled function, which has to outlive every use of its address."""
+        options: dict[str, Any] = {"error_model": "numpy", "fastmath": FASTMATH}
+        with stopped_clock(), _cache_of(self.function):
+            try:
+                return numba.cfunc(self.signature, cache=True, **options)(self.function)
+            except Exception:  # whatever unpickling makes of a damaged file
+                return numba.cfunc(self.signature, **options)(self.function)
+
+    @property
+    def address(self) -> int:
+        """Address of the machine code."""
+        return self.made.address
+
+
+def called_from_c(signature: Any) -> Callable[[Callable[..., Any]], CFunction]:
+    """``function`` compiled for C with this signature."""
+    return lambda function: CFunction(function, signature)
 
 
 class _Clock:
@@ -161,13 +188,20 @@ def _njit(function: Callable[..., Any], **options: Any) -> Any:
     disabled = numba.config.DISABLE_JIT  # type: ignore[attr-defined]
     if disabled:  # in Python a division by zero would raise where a kernel goes on with inf
         raise InputError("NUMBA_DISABLE_JIT", disabled, "be unset or 0", "numba compiles stiffbeam's kernels")
-    before = numba.config.CACHE_DIR  # type: ignore[attr-defined]
-    numba.config.CACHE_DIR = str(directory(Path(function.__code__.co_filename)))  # type: ignore[attr-defined]
-    try:
+    with _cache_of(function):
         chosen: dict[str, Any] = {"fastmath": FASTMATH, **options}
         # No function is handed to another as an argument, so none needs what C would call.
         chosen |= {"cache": True, "nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
         kernel = numba.njit(**chosen)(function)
         return _without_collections(_forgiving(_one_program(kernel)))
+
+
+@contextmanager
+def _cache_of(function: Callable[..., Any]) -> Generator[None, None, None]:
+    """What numba compiles here is kept in the cache of the function's file."""
+    before = numba.config.CACHE_DIR  # type: ignore[attr-defined]
+    numba.config.CACHE_DIR = str(directory(Path(function.__code__.co_filename)))  # type: ignore[attr-defined]
+    try:
+        yield
     finally:
         numba.config.CACHE_DIR = before  # type: ignore[attr-defined]
