@@ -13,14 +13,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics import cache
+from ..basics import storage
 from ..basics.validation import InputError, numbers, one_of, positive
 from ..model.system import System, require_system
 from ..model.time_functions import in_closed_form, times_of
 from ..references import reference
 from ..references.registry import REFERENCES
 from ..trajectory.trajectory import Reference
-from . import frozen, store
+from . import store
 
 MOST = 1 << 30  # bytes of references that are kept
 
@@ -55,25 +55,25 @@ def cached_reference(
     file = _file(system, t_end, method, times, rtol, atol, digits, steps)
     if file.is_file():
         try:
-            found = store.load(file, system, times)
-            assert isinstance(found, Reference)
+            result = store.load(file, system, times)
+            assert isinstance(result, Reference)
             file.touch()  # used last
-            found.provenance["kept"] = True
-            return found
+            result.provenance["kept"] = True
+            return result
         except InputError as error:
             warnings.warn(f"remaking a cached reference: {error}", stacklevel=2)
-    found = reference(system, t_end, method, times, rtol, atol, digits, breakpoints, max_step, switches)
+    result = reference(system, t_end, method, times, rtol, atol, digits, breakpoints, max_step, switches)
     try:
-        if frozen.can_freeze(found):
-            frozen.freeze(found, "", file)
+        if store.can_freeze(result):
+            store.freeze(result, "", file)
         else:
-            found.save(file)
+            result.save(file)
         _forget(file.parent)
     except InputError as error:
         if error.field != "file":
             raise
         warnings.warn(f"a reference is not kept: {error}", stacklevel=2)  # the cache's disk may be full
-    return found
+    return result
 
 
 def _forget(folder: Path) -> None:
@@ -118,10 +118,10 @@ def _file(
         "t_eval": None if t_eval is None or anytime else t_eval.tolist(),
         "versions": [
             platform.python_version(),
-            cache.source_hash(),
+            storage.source_hash(),
             *map(version, ("stiffbeam", "numpy", "scipy", "numba")),
             REFERENCES[method].versions(),
         ],
     }
     name = hashlib.sha256(json.dumps(key).encode()).hexdigest()[:32]
-    return cache.directory() / "references" / f"{name}.nc"
+    return storage.directory() / "references" / f"{name}.nc"

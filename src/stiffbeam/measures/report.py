@@ -12,12 +12,22 @@ from rich.console import Console, Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from ..references.registry import REFERENCES
+from ..schemes.labels import abbreviated, scheme_of
 from ..trajectory.trajectory import Reference
-from .impacts import ContactStatistics, Matching
-from .names import short
+from .impacts import ContactMeasures, Matching
 
 if TYPE_CHECKING:
     from .comparison import Comparison, ContactComparison
+
+
+def short(label: str) -> str:
+    """Short name of a method: that of the scheme or of the reference solver; any other label is returned as it is."""
+    scheme = scheme_of(label)
+    if scheme is not None:
+        return abbreviated(scheme, label)
+    return REFERENCES[label].label if label in REFERENCES else label
+
 
 DASH = "–"
 EVEN = 1e-6  # of the median step: steps that differ by less are of one length
@@ -98,11 +108,11 @@ def comparison_tables(
         [c for c in comparisons if c.reference == r] for r in dict.fromkeys(c.reference for c in comparisons)
     ]
     parts: list[RenderableType] = [Text(said) for said in dict.fromkeys(c.remark for c in comparisons) if said]
-    parts += [_inside(own) for own in by_reference]
+    parts += [_inside(of_form) for of_form in by_reference]
     if comparisons:
         parts.append(Text(_explanation(comparisons, references), style="dim"))
-    for own in by_reference:
-        parts.append(_whole(own, (truths or {}).get(own[0].reference.partition("@")[2])))
+    for of_form in by_reference:
+        parts.append(_whole(of_form, (truths or {}).get(of_form[0].reference.partition("@")[2])))
     for label, message in failures:
         word = ("refused  ", "bold") if label in refused else ("failed  ", "bold red")
         parts.append(Text.assemble(word, (label, "bold"), f"  {message}"))
@@ -155,8 +165,8 @@ def _inside(comparisons: Sequence[Comparison]) -> Table:
             *_impacts(c, "run"),
         )
         for contact in _several(c):
-            told = contact.run.impacts >= 0
-            until = _matched(contact.matching.matched_until if told else np.nan, c.window)
+            known = contact.run.impacts >= 0
+            until = _matched(contact.matching.matched_until if known else np.nan, c.window)
             delay = _delay(contact.matching)
             table.add_row(f"  {contact.place}", until, "", delay, "", *_counts(contact.run))
     return table
@@ -171,16 +181,16 @@ def _impacts(comparison: Comparison, whose: str, events: bool = False, forces: b
     """The columns of the contact in a run's own line: of the only contact, zeros without, empty with several."""
     if _several(comparison):
         return ("", "", "", "") if forces else ("", "")
-    none = ContactStatistics(0, 0, 0.0, 0.0, 0.0)
+    none = ContactMeasures(0, 0, 0.0, 0.0, 0.0)
     statistics = getattr(comparison.contacts[0], whose) if comparison.contacts else none
     return _counts(statistics, events, forces)
 
 
-def _counts(statistics: ContactStatistics, events: bool = False, forces: bool = False) -> tuple[str, ...]:
+def _counts(statistics: ContactMeasures, events: bool = False, forces: bool = False) -> tuple[str, ...]:
     """Impacts, with ``events`` those of the trajectory itself in brackets; share; peak force and impulse."""
     count = f"{statistics.impacts} [{statistics.event_impacts}]" if events else _count(statistics.impacts)
-    found = (count, percent(statistics.fraction))
-    return (*found, number(statistics.peak_force, 4), number(statistics.impulse, 4)) if forces else found
+    columns = (count, percent(statistics.fraction))
+    return (*columns, number(statistics.peak_force, 4), number(statistics.impulse, 4)) if forces else columns
 
 
 def _whole(comparisons: Sequence[Comparison], truth: Reference | None) -> Table:
@@ -224,7 +234,7 @@ def _of_truth(truth: Reference, comparison: Comparison) -> tuple[str, ...]:
         return ("", "", "", "")
     record = truth.contacts[0]
     sampled = truth.impacts_sampled(comparison.dt).count
-    statistics = ContactStatistics(sampled, truth.impacts.count, record.fraction, record.peak_force, record.impulse)
+    statistics = ContactMeasures(sampled, truth.impacts.count, record.fraction, record.peak_force, record.impulse)
     return _counts(statistics, True, True)
 
 

@@ -1,19 +1,21 @@
-"""System -> modes: coordinates in which the linear part decouples."""
+"""System -> modes: coordinates in which the linear part decouples, and damping given mode by mode."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from weakref import WeakKeyDictionary
 
 import numpy as np
 import scipy.linalg
+from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array
 from ..basics.validation import InputError
 from .equations import Modal
 from .graded import EPS, graded_eigenpairs, uncoupled
+from .problem import ratios_of
 from .system import System
 
 
@@ -57,15 +59,6 @@ def undamped_modes(system: System, springs: tuple[tuple[Array, float], ...] = ()
     return _UNDAMPED[system]
 
 
-def uncoupled_modes(system: System) -> Modes:
-    """The modes of ``system``. Raises InputError where its damping couples them."""
-    found = modes(system)
-    if found is None:
-        remedy = "make damping a sum of multiples of mass and stiffness, or leave it out"
-        raise InputError("damping", "a matrix that couples the modes", "leave the modes apart here", remedy)
-    return found
-
-
 def modes(system: System, springs: tuple[tuple[Array, float], ...] = ()) -> Modes | None:
     """The modes of ``system`` with extra springs (row, stiffness), or None if damping couples them: by more than what
     rounding each entry of the matrices would do, however small that is beside the damping of other modes.
@@ -89,17 +82,17 @@ _DAMPED: WeakKeyDictionary[System, Modes | None] = WeakKeyDictionary()
 
 @np.errstate(over="ignore")  # refused by ``_within_float64``
 def _damped(system: System, springs: tuple[tuple[Array, float], ...] = ()) -> Modes | None:
-    found = undamped_modes(system, springs)
-    damping = _within_float64("damping", found.shapes.T @ system.damping @ found.shapes)
-    damping = uncoupled(system.damping, found.shapes, damping, found.omega == 0.0)
+    basis = undamped_modes(system, springs)
+    damping = _within_float64("damping", basis.shapes.T @ system.damping @ basis.shapes)
+    damping = uncoupled(system.damping, basis.shapes, damping, basis.omega == 0.0)
     diagonal = np.diag(damping).copy()
     if np.any(damping != np.diag(diagonal)) and (springs or not _proportional(system)):
         return None
-    return replace(found, damping=diagonal)
+    return replace(basis, damping=diagonal)
 
 
 def _proportional(system: System) -> bool:
-    """Whether the damping is alpha M + beta K to the rounding of every entry: no product with shapes is as sharp."""
+    """Tell whether the damping is alpha M + beta K to the rounding of every entry, sharper than products of shapes."""
     C, on = system.damping, system.damping != 0.0
     for parts in ([system.mass], [system.stiffness], [system.mass, system.stiffness]):
         columns = np.stack([part[on] for part in parts], axis=1) / np.abs(C[on])[:, None]
@@ -151,3 +144,28 @@ def _root(mass: Array) -> tuple[Callable[[Array], Array], Callable[[Array], Arra
         return lambda x: x / root, lambda x: x / root
     upper = scipy.linalg.cholesky(mass)
     return partial(scipy.linalg.solve_triangular, upper, trans=1), partial(scipy.linalg.solve_triangular, upper)
+
+
+def modal_damping(mass: ArrayLike, stiffness: ArrayLike, ratio: float | Sequence[float]) -> Array:
+    """C = M Phi diag(2 zeta_j omega_j) Phi^T M, Phi^T M Phi = I: damping that leaves the natural modes as they are.
+
+    mass, stiffness: (n, n), dense or SciPy sparse. ratio: zeta of every mode, or of the first ones, 0 of the rest; a
+    rigid motion has none. Returns (n, n), for ``System.from_matrices``. Raises InputError for a negative ratio, for
+    more of them than modes, and for matrices that make no System.
+    """
+    system = System.from_matrices(mass, stiffness, observe=np.ones(np.shape(mass)[0]))
+    return damping_of(undamped_modes(system), ratio)
+
+
+def damping_of(basis: Modes, ratio: float | Sequence[float]) -> Array:
+    """``modal_damping`` in known modes: in those of the system itself it couples none of them."""
+    ratios, zeta = ratios_of(ratio), np.zeros(len(basis.omega))
+    if isinstance(ratios, tuple):
+        if len(ratios) > len(zeta):
+            remedy = "leave the last ones out, or take more cells"
+            raise InputError("modal_damping", len(ratios), f"be at most one for each of {len(zeta)} modes", remedy)
+        zeta[: len(ratios)] = ratios
+    else:
+        zeta[:] = ratios
+    weighted = basis.mass @ basis.shapes
+    return (weighted * (2.0 * zeta * basis.omega)) @ weighted.T

@@ -4,16 +4,108 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array
 from ..basics.units import NON_DIMENSIONAL, SI, Units
-from ..basics.validation import InputError, itself, non_negative, numbers, one_of, positive, sequence
+from ..basics.validation import InputError, itself, non_negative, number, numbers, one_of, positive, sequence
 from .contact import Stops
-from .sections import Section, checked, ratios_of
 from .time_functions import LoadFunction, TimeFunction, derivative, in_closed_form, load_function
+
+
+@dataclass(frozen=True)
+class PolynomialProfile:
+    """p(x) = sum_k coefficients[k] x^k, the constant first; what a case file gives as a list.
+
+    Coefficients given as texts, Fractions or Decimals keep their exact values for multiprecision.
+    Raises InputError for what is no number, and for none at all.
+    """
+
+    coefficients: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        coefficients = sequence(
+            "coefficients", self.coefficients, "be numbers, the constant first", "for example (0, 0, 1)"
+        )
+        values = tuple(number("coefficients", c, exact=True) for c in coefficients)
+        if not values:
+            rule = "hold one number at least, the constant"
+            raise InputError("coefficients", self.coefficients, rule, "for example (0, 0, 1)")
+        object.__setattr__(self, "coefficients", values)
+
+    def __call__(self, x: ArrayLike) -> Array:
+        """c_0 + c_1 x + c_2 x^2 + ... at every x."""
+        return np.polynomial.polynomial.polyval(np.asarray(x, float), np.array(self.coefficients, float))
+
+
+@dataclass(frozen=True)
+class Section:
+    """A part of the beam, begin <= x <= end, with ``stiffness`` times its EI and eta, and ``mass`` times its mass and
+    rotary inertia per length. Raises InputError unless 0 <= begin < end and both factors are positive."""
+
+    begin: float
+    end: float
+    stiffness: float = 1.0
+    mass: float = 1.0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "begin", non_negative("section.begin", self.begin))
+        for name in ("end", "stiffness", "mass"):
+            object.__setattr__(self, name, positive(f"section.{name}", getattr(self, name)))
+        if not self.begin < self.end:
+            remedy = "exchange them, or move the end"
+            raise InputError("section.end", self.end, f"be > section.begin = {self.begin:g}", remedy)
+
+
+def checked(sections: Sequence[Section], length: float) -> tuple[Section, ...]:
+    """In order along the beam. Raises InputError for sections that overlap or leave it."""
+    for section in sections:
+        if not isinstance(section, Section):
+            raise InputError("sections", section, "be Section objects", "for example Section(0.0, 0.2, stiffness=2.0)")
+    ordered = tuple(sorted(sections, key=lambda s: s.begin))
+    for one, after in pairwise(ordered):
+        if after.begin < one.end:
+            raise InputError(
+                "section.begin",
+                after.begin,
+                f"be at or past the end {one.end:g} of the one before",
+                "let sections follow each other, each beginning where the one before ends",
+            )
+    if ordered and ordered[-1].end > length * (1 + 1e-12):
+        raise InputError("section.end", ordered[-1].end, f"lie on the beam, to {length:g}", "shorten the section")
+    return ordered
+
+
+def factors(sections: Sequence[Section], x: ArrayLike, name: str) -> Array:
+    """The factor ``name`` at x, 1 outside the sections; at a joint that of the section which begins there."""
+    x = np.asarray(x, float)
+    values = np.ones(x.shape)
+    for section in sections:
+        values[(x >= section.begin) & (x <= section.end)] = getattr(section, name)
+    return values
+
+
+def element_factors(sections: Sequence[Section], length: float, M: int, name: str) -> Array:
+    """Factors of M equal elements, (M,). Raises InputError where a section does not end at a node."""
+    for section in sections:
+        for x in (section.begin, section.end):
+            share = x / length * M
+            if abs(share - round(share)) > 1e-9 * M:
+                remedy = "take a number of cells that divides the beam there"
+                raise InputError("cells", M, f"put a node where a section ends, x = {x:g}", remedy)
+    return factors(sections, length * (np.arange(M) + 0.5) / M, name)
+
+
+def ratios_of(value: float | Sequence[float]) -> float | tuple[float, ...]:
+    """A damping ratio for every mode, or one for each of the first modes; >= 0."""
+    if isinstance(value, (list, tuple, np.ndarray)):
+        return tuple(non_negative("modal_damping", x) for x in value)
+    return non_negative("modal_damping", value)
+
 
 Profile = Callable[[Any], Any]
 SUPPORTS = ("clamped-free", "clamped-clamped", "clamped-pinned", "pinned-pinned", "free-free")
@@ -22,13 +114,13 @@ SUPPORTS = ("clamped-free", "clamped-clamped", "clamped-pinned", "pinned-pinned"
 def profile_values(name: str, profile: Profile, x: Array) -> Array:
     """A function of x at the points x, one finite number each. Raises InputError where it returns anything else."""
     try:
-        found = profile(x)
+        result = profile(x)
     except Exception as error:  # whatever the functions of others raise
         raise InputError(name, repr(error), "take an array of x", "write it with NumPy functions") from None
     rule, remedy = "return one finite value per x", "write it with NumPy functions"
-    values = numbers(name, found, rule, remedy)
+    values = numbers(name, result, rule, remedy)
     if values.shape != x.shape:
-        raise InputError(name, found, rule, remedy)
+        raise InputError(name, result, rule, remedy)
     return values
 
 
@@ -154,14 +246,14 @@ class BeamProblem:
 
     @property
     def for_elements(self) -> tuple[str, ...]:
-        """What it has that only form="hermite" can take."""
+        """Names of the properties that only form="hermite" can take."""
         names = ("rotary_inertia", "tip_inertia", "modal_damping", "sections")
         held = () if self.supports == "clamped-free" else ("supports",)
         return (*held, *(name for name in names if np.any(getattr(self, name))))
 
     @property
     def ends(self) -> tuple[str, str]:
-        """How the beam is held at x = 0 and at x = L: clamped, pinned or free."""
+        """Support of the beam at x = 0 and at x = L: clamped, pinned or free."""
         left, _, right = self.supports.partition("-")
         return left, right
 
@@ -176,14 +268,14 @@ class BeamProblem:
 
     def _check_stops(self) -> None:
         """One Stops stays itself, several are a tuple."""
-        given = self.stops
-        if isinstance(given, (list, tuple)):
-            object.__setattr__(self, "stops", given[0] if len(given) == 1 else tuple(given) or None)
+        stops = self.stops
+        if isinstance(stops, (list, tuple)):
+            object.__setattr__(self, "stops", stops[0] if len(stops) == 1 else tuple(stops) or None)
         each: Any = self.stops if isinstance(self.stops, tuple) else () if self.stops is None else (self.stops,)
         remedy = "for no contact leave them out"
         for stops in each:
             if not isinstance(stops, Stops):
-                raise InputError("stops", given, "be a Stops or a list of them", remedy)
+                raise InputError("stops", stops, "be a Stops or a list of them", remedy)
             itself("stops", stops, Stops)
             left, right = self.ends
             position = self.length if stops.position is None else stops.position

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from threading import Lock
 from typing import Any
 from weakref import WeakKeyDictionary
 
@@ -195,11 +196,12 @@ class Regimes:
         self.made: list[Pairs] = []
         self.table = self._empty(1, 0, 0)
         self.free: Modes | None = None
+        self.making = Lock()  # members of an ensemble share their regimes
 
     def at(self, sides: tuple[int, ...], t_end: float) -> int:
         """The number of the regime with the contacts pressed on these sides; made for motions to t_end where it is not
         there yet."""
-        if sides not in self.number:
+        with self.making:
             if self.free is None:
                 open_ = (0,) * len(sides)
                 made, self.free = self.source.regime(open_, self.perturbation, t_end, None)
@@ -216,11 +218,12 @@ class Regimes:
         R, K, p = len(table.sizes), table.sigma.shape[1], table.close.shape[1]
         if r >= R or len(made.sigma) > K or len(made.close) > p:
             room = 2 * r if r >= R else R
-            self.table = self._empty(max(room, 3), max(K, len(made.sigma)), max(p, len(made.close)))
+            table = self._empty(max(room, 3), max(K, len(made.sigma)), max(p, len(made.close)))
             for key, number in self.number.items():
-                self._fill(number, key, self.made[number])
+                self._fill(table, number, key, self.made[number])
+            self.table = table
         else:
-            self._fill(r, sides, made)
+            self._fill(table, r, sides, made)
 
     def _empty(self, R: int, K: int, p: int) -> Table:
         source = self.source
@@ -235,10 +238,10 @@ class Regimes:
             source.lags,
         )  # fmt: skip
 
-    def _fill(self, r: int, sides: tuple[int, ...], made: Pairs) -> None:
-        table, source, size, p = self.table, self.source, len(made.sigma), len(made.close)
+    def _fill(self, table: Table, r: int, sides: tuple[int, ...], made: Pairs) -> None:
+        source, size, p = self.source, len(made.sigma), len(made.close)
         assert self.free is not None
-        table.sides[r], table.sizes[r] = sides, size if made.followed else -size
+        table.sides[r] = sides
         table.undamped[r], table.closes[r] = made.exponentials is None, p
         table.sigma[r, :size], table.omega[r, :size], table.level[r, :size] = made.sigma, made.omega, made.level
         drives = np.array(source.drive.frequencies)
@@ -253,6 +256,7 @@ class Regimes:
             table.rows[r, :, i, :size] = made.outward[:2] @ row
             table.waves[r, i] = made.steady @ row + source.offsets[:, i]
         table.close[r, :p], table.pulls[r, :p] = made.close, made.pulls
+        table.sizes[r] = size if made.followed else -size  # at last: now a loop may find it
 
     def start(self, q: Array, v: Array, t_end: float, settled: bool = True) -> tuple[Array, Array]:
         """The amplitudes of the free modes and their rates at q, q'. Unless ``settled`` those of a copy are changed in

@@ -21,7 +21,7 @@ from ..basics.validation import InputError, integer, positive
 from ..figures import column, heading, look, new_figure, numeric, say_empty, shared_legend, short, tip_symbol
 from ..files.cases import Case
 from ..march.ensemble import integrate_ensemble
-from ..measures.windows import drive_frequency
+from ..measures.smooth_motion import drive_frequency
 from ..model.modes import undamped_modes
 from ..model.sampled import Sampled
 from ..model.scales import scales
@@ -99,6 +99,7 @@ def _pairs(case: Case, point: Point) -> list[Row]:
     dq = basis.to_nodal(noise[0] / motion.rates)
     dv = basis.to_nodal(noise[1])
     systems = [later(system, t, *state) for t, *state in zip(times, q, v, strict=True)]
+    dq = np.array([before_stops(one, x) for one, x in zip(systems, dq, strict=True)])
     systems += [later(system, t, *state) for t, *state in zip(times, q + dq, v + dv, strict=True)]
     steps = round(span / dt)
     if point["method"] == "exact":
@@ -114,6 +115,20 @@ def _pairs(case: Case, point: Point) -> list[Row]:
     keep = np.unique(np.linspace(1, steps, 100).astype(int))
     mean = np.exp(np.mean(np.log(np.maximum(distance, 1e-300)), axis=0)) / largest
     return rows + [{"t": float(many.t[k]), "distance": float(mean[k])} for k in keep]
+
+
+def before_stops(system: System, dq: Array) -> Array:
+    """A step dq (n,) from the start of ``system`` to a neighbour that no rigid stop forbids.
+
+    Where it leads beyond a stop it is turned back: its part along M^-1 row^T changes sign, which keeps its size.
+    """
+    at = system.positions(0.0, system.q0)
+    for contact, u in zip(system.contacts, at, strict=False):
+        along = np.linalg.solve(system.mass, contact.row)
+        across = contact.row @ dq
+        if contact.stops.rigid and contact.stops.penetration(u + across):
+            dq = dq - 2.0 * across / (contact.row @ along) * along
+    return dq
 
 
 def _recorded(system: System) -> float:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -11,7 +10,7 @@ import numpy as np
 from ..basics.arrays import Array, step_lengths
 from ..basics.compiled import compiled
 from ..model.contact import Stops
-from ..model.contact_law import DAMPING, Law, law_force, law_of
+from ..model.contact_law import Law, all_laws, jumps, law_force, law_of
 from ..model.system import System
 from ..model.time_functions import offset_rate, offset_values
 from .impacts import ContactRecord, Impacts
@@ -38,8 +37,6 @@ from .sampling import (
     switch_time,
 )
 
-Motion = tuple[Array, Array]  # u and u' at a time, (M, C), the contacts first
-
 
 def impacts_of(events: Array) -> Impacts:
     """Rows of a list of events of one contact as sampled impacts."""
@@ -61,7 +58,7 @@ def forces_at(u: Array, v: Array, law: Array) -> Array:
     return out
 
 
-def events_at_start(tally: Array, law: Array, dt: float, first: Motion, means: bool) -> Array:
+def events_at_start(tally: Array, law: Array, dt: float, first: tuple[Array, Array], means: bool) -> Array:
     """Rows of the contacts that are there at t = 0, open, to begin the list of events with; new tallies (M, m, 8) get
     their numbers. Peak and impulse begin with those of the force there, as in ``with_ends``."""
     member, contact = np.nonzero((tally[..., SIDE] != 0.0) & (tally[..., SINCE] == 0.0))
@@ -74,13 +71,15 @@ def events_at_start(tally: Array, law: Array, dt: float, first: Motion, means: b
     return rows
 
 
-def with_ends(tally: Array, law: Array, dt: float, first: Motion, last: Motion, means: bool) -> Array:
-    """The tallies (M, m, 8) of steps 1 to n as those of whole runs, with (u, u') at t = 0 and at the last step: the
-    largest force may be that at the start, and the impulse is the trapezoidal rule's, but of means. What begins later
-    stays."""
+def with_ends(
+    tally: Array, law: Array, dt: float, first: tuple[Array, Array], last: tuple[Array, Array], means: bool
+) -> Array:
+    """The tallies (M, m, 8) of steps 1 to n as those of whole runs. first, last: (u, u'), each (M, C) with the contacts
+    first, at t = 0 and at the last step. The largest force may be that at the start, and the impulse is the trapezoidal
+    rule's, but of means. A tally that begins later stays."""
     whole = tally[..., SINCE] == 0.0
     begin, end = (np.abs(forces_at(*motion, law)) for motion in (first, last))
-    end = np.where(law[..., DAMPING] > 0.0, tally[..., LAST], end)
+    end = np.where(jumps(all_laws(law)), tally[..., LAST], end)
     tally = tally.copy()
     tally[..., PEAK] = np.where(whole, np.fmax(begin, tally[..., PEAK]), tally[..., PEAK])
     if not means:
@@ -95,14 +94,20 @@ def shares(tally: Array, steps: int) -> Array:
 
 
 def record(
-    stops: Stops, position: Array, velocity: Array, tally: Array, events: Array, steps: int, found: Array | None = None
+    stops: Stops,
+    position: Array,
+    velocity: Array,
+    tally: Array,
+    events: Array,
+    steps: int,
+    node_forces: Array | None = None,
 ) -> ContactRecord:
-    """With position and velocity at the output times, and the forces there that nodes found, NaN for none, see
+    """With position and velocity at the output times, and the forces that nodes have there, NaN for none, see
     ``found_force``; ``steps`` of the whole run."""
     with np.errstate(over="ignore", invalid="ignore"):  # of which ``overflow`` tells
         force = stops.force(position, velocity)
-    if found is not None and stops.damping > 0.0:
-        force = np.where(np.isnan(found), force, found)
+    if node_forces is not None and stops.jumps:
+        force = np.where(np.isnan(node_forces), force, node_forces)
     return ContactRecord(
         stops=stops,
         position=position,
@@ -123,18 +128,6 @@ def overflow(contacts: Sequence[ContactRecord], t_end: float) -> float:
     return min((float(t) for c in contacts for t in c.impacts.times[np.isinf(c.impacts.impulses)]), default=t_end)
 
 
-@dataclass(frozen=True, eq=False)
-class Seen:
-    """The record of one run: tip and tip velocity at the output times, its contacts, when it overflowed, how it was
-    marched."""
-
-    tip: Array
-    tip_velocity: Array
-    contacts: tuple[ContactRecord, ...]
-    diverged: float = float("nan")
-    march: str = ""
-
-
 class SampledImpacts:
     """The sampled impacts of one contact after step ``since``, fed with consecutive pieces of positions."""
 
@@ -146,14 +139,14 @@ class SampledImpacts:
         begun = events_at_start(self._tally, stops.law[None, None], dt, self._first, False)
         self._events, self._rows = np.concatenate([begun, np.empty((64, EVENT))]), len(begun)
 
-    def feed(self, u: Array, v: Array, means: Array | None = None, found: Array | None = None) -> None:
+    def feed(self, u: Array, v: Array, means: Array | None = None, node_forces: Array | None = None) -> None:
         """Positions u and velocities v at the ends of the next steps, (k,), the reactions where they are means, and
         the forces that nodes found where the state does not tell them."""
         self._means = means is not None
         if self._means and not self.steps:
             self._events[: self._rows, IMPACT_IMPULSE] = 0.0
-        means, found = (
-            np.zeros((0, 0, 0)) if x is None else np.array(x, float).reshape(1, -1, 1) for x in (means, found)
+        means, node_forces = (
+            np.zeros((0, 0, 0)) if x is None else np.array(x, float).reshape(1, -1, 1) for x in (means, node_forces)
         )
         if self._rows + len(u) > len(self._events):
             self._events = np.concatenate([self._events, np.empty((len(self._events) + len(u), EVENT))])
@@ -161,13 +154,24 @@ class SampledImpacts:
         law = self.stops.law[None, None]
         never = np.zeros(1, np.int64)
         self._rows = observe(
-            u, v, means, found, law, self.dt, self.steps, *self._last, self._tally, never, self._events, self._rows
+            u,
+            v,
+            means,
+            node_forces,
+            law,
+            self.dt,
+            self.steps,
+            *self._last,
+            self._tally,
+            never,
+            self._events,
+            self._rows,
         )
         self.steps += u.shape[1]
 
     @property
     def tally(self) -> Array:
-        """What has been counted so far at this contact, a row laid out as in sampling."""
+        """The counts so far at this contact, a row laid out as in sampling."""
         law = self.stops.law[None, None]
         return with_ends(self._tally, law, self.dt, self._first, self._last, self._means)[0, 0]
 
@@ -244,3 +248,67 @@ def as_it_starts(system: System, channel: int, t: Array, u: Array, v: Array) -> 
     if not any(contact.stops.rigid for contact in system.contacts):
         v = np.where(begins, row @ system.v0 + offset_rate(offset, 0.0), v)
     return u, v
+
+
+class Reactions:
+    """One contact, fed with the mean reactions R of consecutive steps; the impacts are those after step ``since``.
+
+    An impact is a row of steps with R of one sign: it begins with the first of them and ends with the last. One that
+    begins before a contact that is there at t = 0 has opened is part of that contact. A rigid stop has no largest
+    force, its impulse is what an impact leaves: peaks are NaN. The largest mean of a step, ``max(abs(force))``, grows
+    like 1/dt.
+    """
+
+    def __init__(self, stops: Stops, dt: float, u0: float, v0: float, since: int = 0) -> None:
+        self.stops, self.dt, self.since = stops, dt, since
+        self._fed: list[Array] = []
+        self._closed = bool(u0 <= stops.g1 or u0 >= stops.g2)  # since t = 0
+        self._last = -1  # the step in which that contact opens
+
+    def feed(self, u: Array, v: Array, means: Array | None = None, node_forces: Array | None = None) -> None:
+        """Positions and velocities at the ends of the next steps (k,), and their reactions."""
+        assert means is not None
+        if self._closed:
+            free = np.flatnonzero((u > self.stops.g1) & (u < self.stops.g2))
+            self._closed = not len(free)
+            self._last += len(u) if self._closed else 1 + int(free[0])
+        self._fed.append(np.array(means, float))
+
+    def record(self, position: Array, velocity: Array, every: int) -> ContactRecord:
+        """With position, velocity and the reaction of the step before at every ``every``-th step."""
+        R = np.concatenate([[0.0], *self._fed])
+        force = R[::every][: len(position)]
+        R = R[1 + self.since :]
+        size = np.abs(R)
+        return ContactRecord(
+            stops=self.stops,
+            position=position,
+            velocity=velocity,
+            force=force,
+            impacts=self._impacts(R),
+            fraction=float(np.mean(R != 0.0)) if len(R) else 0.0,
+            peak_force=float("nan") if np.any(size) else 0.0,
+            impulse=float(np.sum(size) * self.dt),
+        )
+
+    def _impacts(self, R: Array) -> Impacts:
+        before = np.concatenate([[0.0], *self._fed])[self.since]  # in the last step that does not count
+        side = np.concatenate([[np.sign(before)], np.sign(R)])
+        enters = np.flatnonzero((side[1:] != 0.0) & (side[1:] != side[:-1]))
+        first = enters + self.since <= self._last
+        if self.since:
+            enters, first = enters[~first], first[~first]
+        leaves = np.flatnonzero((side[:-1] != 0.0) & (side[1:] != side[:-1]))
+        sizes = np.concatenate([[0.0], np.cumsum(np.abs(R))]) * self.dt
+        ends = np.full(len(enters), len(R))
+        nearest = np.searchsorted(leaves, enters, side="right")
+        ended = nearest < len(leaves)
+        ends[ended] = leaves[nearest[ended]]
+        start = self.since
+        return Impacts.at(
+            (start + enters) * self.dt,
+            -side[1:][enters],
+            "sampled",
+            ends=np.where(ended, (start + ends) * self.dt, np.nan),
+            impulses=np.where(ended, sizes[ends] - sizes[enters], np.nan),
+        ).started(first)

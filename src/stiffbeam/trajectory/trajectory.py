@@ -15,16 +15,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..basics.arrays import Array
-from ..basics.budget import afford
-from ..basics.pictures import picture
+from ..basics.pictures import DRAW
+from ..basics.resources import afford
+from ..basics.text import sentence, table
 from ..basics.units import UNKNOWN, Units
 from ..basics.validation import InputError, integer, numbers, positive
-from ..basics.words import sentence
 from .dataset import save, to_xarray
+from .from_arrays import NO_STATES, run_fields
 from .impacts import ContactRecord, Impacts
-from .own import NO_STATES, own_run
 from .recorder import as_it_starts, sampled_impacts
-from .tables import columns_of, table
 
 if TYPE_CHECKING:
     import pandas
@@ -41,7 +40,7 @@ Pieces = Callable[[], Iterator[tuple[Array, Array, Array, Array]]]
 
 @cache
 def versions() -> dict[str, str]:
-    """What a run was made with, for its provenance."""
+    """Versions of the programs that made a run, for its provenance."""
     return {"stiffbeam": version("stiffbeam"), "numpy": np.__version__, "python": platform.python_version()}
 
 
@@ -73,7 +72,7 @@ class Unfinished(RuntimeError):
 
 @dataclass(frozen=True)
 class Work:
-    """What a run cost. steps: of a fixed-step scheme, 0 for a reference, whose counters tell.
+    """Cost of a run. steps: of a fixed-step scheme, 0 for a reference, whose counters tell.
 
     seconds: all of it but compilation; march_seconds: the stepping alone.
     """
@@ -106,6 +105,7 @@ class Trajectory:
     system: System | None = field(default=None, repr=False)
     pieces: Pieces | None = field(default=None, repr=False)
     ledger: Callable[[], Ledger] | None = field(default=None, repr=False)  # at the output times
+    diverged: float = field(default=float("nan"), repr=False)  # when it overflowed; ``integrate`` raises then
     read_for: str = field(default="", repr=False)  # the fingerprint of a system that is not at hand
 
     @classmethod
@@ -130,19 +130,19 @@ class Trajectory:
         provenance["dt"] is the median step. Raises InputError for times that decrease, for positions that differ at
         one time, for other shapes, and for numbers that are not finite.
         """
-        made, unknown = own_run(t, tip, tip_velocity, system, states, name), float("nan")
-        return cls(work=Work(len(made["t"]) - 1, unknown, unknown), **made)
+        entries, unknown = run_fields(t, tip, tip_velocity, system, states, name), float("nan")
+        return cls(work=Work(len(entries["t"]) - 1, unknown, unknown), **entries)
 
     def __getstate__(self) -> dict[str, Any]:
-        """What can be sent to another process: functions of the solver cannot.
+        """The state that can be sent to another process: functions of the solver cannot.
 
         Energy and states at the output times are made before, and sent themselves.
         """
         state = dict(self.__dict__)
-        for name, made in (("ledger", "energy"), ("pieces", "states"), ("state_at", "states")):
+        for name, substitute in (("ledger", "energy"), ("pieces", "states"), ("state_at", "states")):
             if state.get(name) is not None and not _travels(state[name]):
-                state |= {name: None, made: getattr(self, made)}
-        for name in ("evaluate", "solution"):
+                state |= {name: None, substitute: getattr(self, substitute)}
+        for name in ("evaluate", "contact_by_events", "solution"):
             if state.get(name) is not None and not _travels(state[name]):
                 state[name] = None
         return state
@@ -155,7 +155,7 @@ class Trajectory:
         )
 
     def _trust(self) -> str:
-        """What the repr adds on how long it can be trusted."""
+        """The horizon, for the repr; "" for a run."""
         return ""
 
     @property
@@ -165,7 +165,7 @@ class Trajectory:
 
     @property
     def units(self) -> Units:
-        """What its times, displacements, forces and energies are counted in."""
+        """The units of its times, displacements, forces and energies."""
         named = self.provenance.get("units")
         return UNKNOWN if named is None else Units(**named)
 
@@ -188,8 +188,8 @@ class Trajectory:
     def states(self) -> tuple[Array, Array]:
         """(q, q') at the output times, each (k, n); q is v = u - phi (1 - (x/L)^2) for a beam."""
         if self.pieces is None:
-            found = NO_STATES if self.provenance.get("source") == "arrays" else "a loaded file"
-            raise InputError("states", found, "come from a run", "read it with its system: sb.load(file, system)")
+            reason = NO_STATES if self.provenance.get("source") == "arrays" else "a loaded file"
+            raise InputError("states", reason, "come from a run", "read it with its system: sb.load(file, system)")
         wanted = np.arange(len(self.t)) * int(self.provenance.get("every", 1))
         q, v, first = [], [], 0
         for times, q_piece, v_piece, _ in self.pieces():
@@ -201,19 +201,28 @@ class Trajectory:
             first += len(times) - 1
         return np.concatenate(q), np.concatenate(v)
 
+    @property
+    def has_energy(self) -> bool:
+        """Tell whether the run has its energy ledger, made already or to be made."""
+        return self.ledger is not None or "energy" in vars(self)
+
     @cached_property
     def energy(self) -> Ledger:
         """The energy ledger at the output times, of a scheme added up over every step before them. Raises Diverged
         where an energy is beyond float64 though the motion is not."""
         if self.ledger is None:
-            found = NO_STATES if self.provenance.get("source") == "arrays" else "a loaded file"
-            raise InputError("energy", found, "have been saved with the run", "run it again, with its states")
-        found = self.ledger()
-        beyond = ~reduce(np.logical_and, (np.isfinite(getattr(found, entry.name)) for entry in fields(found)))
+            reason = NO_STATES if self.provenance.get("source") == "arrays" else "a loaded file"
+            raise InputError("energy", reason, "have been saved with the run", "run it again, with its states")
+        ledger = self.ledger()
+        beyond = ~reduce(np.logical_and, (np.isfinite(getattr(ledger, column.name)) for column in fields(ledger)))
         if np.any(beyond):
             remedy = "an energy is beyond float64; count in other units"
-            raise Diverged(str(self.provenance["method"]), float(found.t[np.argmax(beyond)]), remedy)
-        return found
+            raise Diverged(str(self.provenance["method"]), float(ledger.t[np.argmax(beyond)]), remedy)
+        return ledger
+
+    def contact_between(self, start: float, end: float, contact: int = 0) -> ContactRecord | None:
+        """A contact in [start, end] by events, between the outputs too; None where only the outputs are known."""
+        return None
 
     def displacement(self, x: ArrayLike) -> Array:
         """u(x, t) at the output times; x (...) in [0, L] gives (k, ...)."""
@@ -240,12 +249,12 @@ class Trajectory:
 
     def plot(self) -> Figure:
         """Displacement, contact forces, phase portrait and energy, a matplotlib Figure."""
-        return picture("run:run_figure", self)
+        return DRAW["run"](self)
 
     def animate(self, file: str | Path, beside: Sequence[Trajectory] = (), **options: Any) -> Path:
         """Write a film, .gif or .mp4, of this run and of those ``beside`` it between their stops, impacts flashing;
         options: see ``figures.animation.animate``."""
-        return picture("animation:animate", [self, *beside], file, **options)
+        return DRAW["film"]([self, *beside], file, **options)
 
     def save(self, file: str | Path) -> Path:
         """Write it in the format that the suffix names: .nc (all of it, for ``stiffbeam.load``, xarray and ncdump),
@@ -255,7 +264,9 @@ class Trajectory:
     def to_dataframe(self) -> pandas.DataFrame:
         """One line per output time: t, tip, tip_velocity, every contact's position, velocity and force; the ledger
         as energy_kinetic and so on where it has been made or saved (ask ``energy`` first). Provenance in ``attrs``."""
-        columns = columns_of(self.t, self.tip, self.tip_velocity, self.contacts)
+        columns = {"t": self.t, "tip": self.tip, "tip_velocity": self.tip_velocity}
+        for i, contact in enumerate(self.contacts):
+            columns |= {f"contact{i}_{name}": getattr(contact, name) for name in ("position", "velocity", "force")}
         if "energy" in vars(self):
             columns |= {f"energy_{name}": getattr(self.energy, name) for name in vars(self.energy) if name != "t"}
         return table(columns, {"provenance": self.provenance})
@@ -266,7 +277,7 @@ class Trajectory:
 
 
 def _travels(value: Any) -> bool:
-    """Whether it can be sent to another process."""
+    """Tell whether it can be sent to another process."""
     try:
         pickle.dumps(value)
     except Exception:  # whatever the objects of others raise when they are pickled
@@ -278,7 +289,7 @@ REMEDY = "for a comparison pass t_eval=run.t, or numpy.unique(t) for arrays (t, 
 
 
 def output_index(t: Array, times: Array, method: str) -> NDArray[np.int64]:
-    """Where ``times`` stand among the output times t. Raises InputError for any other time."""
+    """Indices of ``times`` among the output times t. Raises InputError for any other time."""
     index = np.clip(np.searchsorted(t, times - 1e-12 * t[-1]), 0, len(t) - 1)
     if np.any(np.abs(t[index] - times) > 1e-11 * t[-1]):
         raise InputError("t", "new times", f"be among t_eval for {method}", REMEDY)
@@ -297,6 +308,7 @@ class Reference(Trajectory):
     horizon: float = float("nan")
     evaluate: Callable[[Array, int], tuple[Array, Array]] | None = field(default=None, repr=False)  # (t, channel)
     state_at: Callable[[Array], tuple[Array, Array]] | None = field(default=None, repr=False)
+    contact_by_events: Callable[[float, float, int], ContactRecord] | None = field(default=None, repr=False)
     solution: Any = field(default=None, repr=False)  # the solver's own representation, where it has one
 
     def _trust(self) -> str:
@@ -324,6 +336,10 @@ class Reference(Trajectory):
         channel = tip if contact is None else contact
         seen = self.evaluate(np.minimum(t, end), channel)
         return seen if self.system is None else as_it_starts(self.system, channel, t, *seen)
+
+    def contact_between(self, start: float, end: float, contact: int = 0) -> ContactRecord | None:
+        """See ``Trajectory.contact_between``; exact solutions on compliant stops know it."""
+        return None if self.contact_by_events is None else self.contact_by_events(start, end, contact)
 
     def impacts_sampled(self, dt: float, t_end: float | None = None, contact: int = 0) -> Impacts:
         """The impacts that a perfect scheme with step ``dt`` would count at a contact: those of the exact u(n dt)."""

@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...basics.arrays import Array
-from ...basics.budget import afford
 from ...basics.compiled import clock
+from ...basics.resources import afford
 from ...basics.validation import InputError, one_of, positive
 from ...model.first_order import FirstOrderSystem
 from ...model.system import System
@@ -135,6 +135,7 @@ def reference_from(
         "atol": "rtol/100 of every unknown's scale" if atol is None else atol,
         "switches": switches if system.contacts else "none",
         "pieces": len(pieces.pieces),
+        "callbacks": rhs.callbacks,
         **({"shortest_step_bound": min(bounds)} if bounds else {}),
         **({"loads_scanned_every": pieces.spacing} if pieces.spacing else {}),
         **({"compile_seconds": result.compile_seconds} if result.compile_seconds else {}),

@@ -14,8 +14,8 @@ from itertools import count
 from typing import Any
 
 from ...basics.arrays import Array
-from ...basics.budget import afford
 from ...basics.compiled import clock
+from ...basics.resources import afford
 from ...basics.validation import InputError, positive
 from ...model.drive import Drive
 from ...model.modes import undamped_modes
@@ -23,7 +23,7 @@ from ...model.sampled import Sampled
 from ...model.system import System
 from ...model.time_functions import covered, parts_of
 from ...piecewise.audit import audit, within_float64
-from ...piecewise.measures import Solution, entries, exact_ledger, path_of, record_of
+from ...piecewise.measures import Solution, contact_between, entries, exact_ledger, path_of, record_of
 from ...piecewise.regimes import Known, Source
 from ...piecewise.rounding import Perturbation
 from ...piecewise.tracer import Tracer, tracer_of
@@ -143,6 +143,7 @@ def reference_of(
         evaluate=partial(path_of, system, solution),
         state_at=solution.states,
         ledger=partial(exact_ledger, system, solution, t),
+        contact_by_events=partial(contact_between, system, solution),
         solution=solution,
     )
 

@@ -1,0 +1,104 @@
+"""Memory, time and threads: a call that would take too much is refused before it begins.
+
+STIFFBEAM_MEMORY, in GiB, and STIFFBEAM_SECONDS raise or lower what is allowed, STIFFBEAM_THREADS sets the threads.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator, Sequence, Sized
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Any, TypeVar
+
+from .validation import InputError
+
+MEMORY = 4.0  # GiB
+SECONDS = 86400.0  # a day
+
+
+def afford(field: str, value: Any, remedy: str, *, floats: float = 0.0, seconds: float = 0.0) -> None:
+    """Raise InputError where a call would take more: ``floats`` numbers of 8 bytes at once, or ``seconds``.
+
+    field, value: of the argument that makes it so large. Estimates are rough: they are there to tell what
+    ends from what does not.
+    """
+    gib = 8.0 * floats / 2**30
+    for cost, name, most, unit in (
+        (gib, "STIFFBEAM_MEMORY", MEMORY, "GiB of memory"),
+        (seconds, "STIFFBEAM_SECONDS", SECONDS, "seconds"),
+    ):
+        allowed = _allowed(name, most)
+        if not cost <= allowed:
+            rule = f"take no more than {allowed:g} {unit} (it would take some {cost:.2g})"
+            raise InputError(field, value, rule, f"{remedy}, or set {name}")
+
+
+class Forecast:
+    """Work over [0, t_end] whose extent shows only on the way: its first part tells what the whole would take."""
+
+    def __init__(self, t_end: float) -> None:
+        from .compiled import clock  # here, since ``afford`` is asked where numba is not needed
+
+        self.t_end, self._clock, self.begun = t_end, clock, clock()
+        self._many = 0.02 * _allowed("STIFFBEAM_MEMORY", MEMORY) * 2**27
+        self._early = min(60.0, 0.05 * _allowed("STIFFBEAM_SECONDS", SECONDS))
+
+    def check(self, t: float, floats: float = 0.0) -> None:
+        """At time t, with so many numbers kept: raise InputError where all of it is too much, see ``afford``."""
+        share = max(t / self.t_end, 1e-12)
+        if floats > self._many:
+            afford("t_end", self.t_end, "shorten t_end", floats=floats / share)
+        elapsed = self._clock() - self.begun
+        if elapsed > self._early:
+            afford("t_end", self.t_end, "shorten t_end, or loosen rtol", seconds=elapsed / share)
+
+
+def _allowed(name: str, most: float) -> float:
+    text = os.environ.get(name, "").strip()
+    try:
+        allowed = float(text) if text else most
+    except ValueError:
+        allowed = 0.0
+    if not allowed > 0.0:
+        raise InputError(name, text, "be a number > 0", f"unset it for {most:g}")
+    return allowed
+
+
+Part = TypeVar("Part", bound=Sized)
+
+
+def cores() -> int:
+    """The threads an ensemble marches on: STIFFBEAM_THREADS, else the cores this process may use."""
+    wanted = os.environ.get("STIFFBEAM_THREADS", "").strip()
+    if wanted:
+        if not wanted.isdigit() or int(wanted) < 1:
+            raise InputError("STIFFBEAM_THREADS", wanted, "be an integer >= 1", "unset it to use every core")
+        return int(wanted)
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def over_slices(
+    work: Callable[[Any], Part],
+    items: Sequence[Any],
+    most: int,
+    threads: int,
+    progress: Callable[[int], None] | None,
+) -> Iterator[Part]:
+    """``work`` on slices of at most ``most`` items, what it makes of each, as long as the slice, in order.
+
+    progress: called with the number of items done. Where a slice fails, those not begun are left out.
+    """
+    size = min(most, max(1, len(items) // (4 * threads))) if threads > 1 else most
+    with ThreadPoolExecutor(threads) as pool:
+        parts: list[Future[Any]] = [pool.submit(work, items[i : i + size]) for i in range(0, len(items), size)]
+        try:
+            done = 0
+            for part in parts:
+                result = part.result()
+                done += len(result)
+                if progress is not None:
+                    progress(done)
+                yield result
+        finally:
+            for part in parts:
+                part.cancel()

@@ -1,0 +1,117 @@
+"""The cache directory, and files that appear whole or not at all."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import re
+import secrets
+import socket
+import stat
+import tempfile
+import warnings
+from contextlib import suppress
+from functools import cache
+from pathlib import Path
+
+import platformdirs
+
+from .validation import InputError, file_path
+
+
+@cache
+def directory() -> Path:
+    """STIFFBEAM_CACHE_DIR, else the platform's cache directory, else a temporary one with a warning.
+
+    Compiled kernels are code that is run: a folder in which others can write is not used.
+    """
+    wanted = os.environ.get("STIFFBEAM_CACHE_DIR") or platformdirs.user_cache_dir("stiffbeam")
+    path = Path(wanted)
+    try:
+        path.mkdir(mode=0o700, parents=True, exist_ok=True)
+        for folder in (path, path / "numba"):
+            _require_private(folder)
+        with tempfile.TemporaryFile(dir=path):
+            return path
+    except OSError as error:
+        path = Path(tempfile.mkdtemp(prefix="stiffbeam-"))
+        why = error if isinstance(error, _Shared) else f"cannot write to the cache directory {wanted}"
+        warnings.warn(
+            f"{why}: using {path} for this process; "
+            "set STIFFBEAM_CACHE_DIR to a writable directory of your own to keep compiled kernels",
+            stacklevel=2,
+        )
+        return path
+
+
+class _Shared(OSError):
+    """A folder into which somebody else may put code."""
+
+
+def _require_private(folder: Path) -> None:
+    """Raise where the folder, or a file of kernels in it, is another user's, or others may write there."""
+    if not hasattr(os, "getuid") or not folder.exists():
+        return
+    kernels = folder.glob("*/*") if folder.name == "numba" else ()
+    for path in (folder, *kernels):
+        status = path.stat()
+        if status.st_uid not in (os.getuid(), 0) or status.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
+            raise _Shared(f"others can write to {path}, from which compiled code is run")
+
+
+@cache
+def source_hash(folder: Path = Path(__file__).parents[1]) -> str:
+    """Hash of the code and data in a folder, the package's by default: results of an edited one are not those of it."""
+    digest = hashlib.sha256()
+    for file in sorted({*folder.rglob("*.py"), *folder.rglob("*.toml")}):
+        digest.update(file.read_bytes())
+    return digest.hexdigest()
+
+
+PARTIAL = re.compile(r"\.(.+)\.([^.]*)-(\d+)-[0-9a-f]{8}\.partial")  # name, host and process of the one that writes
+
+
+def write_whole(file: str | Path, content: str | bytes) -> Path:
+    """Put ``content`` into the file, text in UTF-8; what was there stays until all of it is on the disk.
+
+    Folders on the way are made, the file has the mode that the umask gives, and what a killed process of this
+    machine left half-written for the same file goes. Raises InputError for a place that cannot be written to, and
+    where there is no room.
+    """
+    path = file_path("file", file)
+    data = content.encode("utf-8") if isinstance(content, str) else content
+    host = re.sub(r"[^\w]", "_", socket.gethostname())
+    partial = path.parent / f".{path.name[:150]}.{host}-{os.getpid()}-{secrets.token_hex(4)}.partial"
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        _remove_left_over(path, host)
+        with partial.open("xb") as stream:
+            stream.write(data)
+            stream.flush()
+            os.fsync(stream.fileno())
+        os.replace(partial, path)
+    except OSError as error:
+        remedy = f"{error.strerror or error}; what was there is as it was"
+        raise InputError("file", str(path), "lie in a folder that can be written to, with room", remedy) from None
+    finally:
+        with suppress(OSError):
+            partial.unlink()
+    return path
+
+
+def _remove_left_over(path: Path, host: str) -> None:
+    for left in path.parent.glob(".*.partial"):
+        match = PARTIAL.fullmatch(left.name)
+        if match and match[1] == path.name[:150] and match[2] == host and not _lives(int(match[3])):
+            left.unlink(missing_ok=True)
+
+
+def _lives(process: int) -> bool:
+    """Tell whether there is a process of that number."""
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except OSError:  # somebody else's
+        return True
+    return True

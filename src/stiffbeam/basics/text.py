@@ -1,0 +1,81 @@
+"""Values as text: a message on one line, plain values for JSON, columns as a table."""
+
+from __future__ import annotations
+
+import math
+import reprlib
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    import pandas
+
+LONGEST = 300  # of a message
+
+
+class _Short(reprlib.Repr):
+    def __init__(self) -> None:
+        super().__init__()
+        self.maxlist = self.maxtuple = self.maxdict = self.maxset = 12
+        self.maxlevel = 4
+        self.maxstring = self.maxother = LONGEST
+
+    def repr_int(self, x: int, level: int) -> str:
+        return repr(x) if x.bit_length() < 1000 else f"an integer of {round(x.bit_length() * 0.30103)} digits"
+
+    def repr_instance(self, x: Any, level: int) -> str:
+        try:
+            return repr(x.item() if isinstance(x, np.generic) else x)
+        except Exception:  # whatever the objects of others raise when they are asked for a text
+            return f"a {type(x).__name__}"
+
+
+def shown(value: Any) -> str:
+    """The repr of ``value``, shortened; also of a value that has none."""
+    return printable(_Short().repr(value))
+
+
+def printable(text: str) -> str:
+    """``text`` on one line: what steers a terminal is written as its escape, "\\x1b"."""
+    return "".join(x if x.isprintable() else ascii(x)[1:-1] for x in " ".join(text.split()))
+
+
+def sentence(parts: Sequence[str], between: Sequence[str], most: int = LONGEST) -> str:
+    """parts[0] between[0] parts[1] ...: one line, its longest parts cut in the middle to make ``most`` letters."""
+    parts = [printable(part) for part in parts]
+    left = most - sum(map(len, between))
+    for taken, length in enumerate(sorted(map(len, parts))):
+        share = left // (len(parts) - taken)
+        if length > share:  # this one and all that are longer
+            parts = [cut(part, share) for part in parts]
+            break
+        left -= length
+    return "".join(x for pair in zip(parts, [*between, ""], strict=True) for x in pair)
+
+
+def cut(text: str, most: int) -> str:
+    """``text``, its middle left out where it is longer than ``most``."""
+    tail = (most - 3) // 2
+    return text if len(text) <= most else f"{text[: most - 3 - tail]}...{text[len(text) - tail :]}"
+
+
+def plain(value: Any) -> Any:
+    """``value`` without NumPy's types; JSON has no NaN and no infinity, None stands for them."""
+    if isinstance(value, Mapping):
+        return {key: plain(item) for key, item in value.items()}
+    if hasattr(value, "tolist"):
+        value = value.tolist()
+    if isinstance(value, (list, tuple)):
+        return [plain(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def table(columns: dict[str, Any], attributes: dict[str, Any] | None = None) -> pandas.DataFrame:
+    """A DataFrame of the columns; what belongs to all of it stands in ``attrs``."""
+    import pandas
+
+    frame = pandas.DataFrame(columns)
+    frame.attrs.update(attributes or {})
+    return frame

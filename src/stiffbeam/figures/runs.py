@@ -1,0 +1,299 @@
+"""Pictures of runs: one by itself, and runs beside their reference in four panels."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from string import ascii_lowercase
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..basics.arrays import Array
+from ..measures.comparison import Comparison, compare
+from ..measures.smooth_motion import drive_frequency
+from ..measures.spectrum import amplitude_spectrum
+from ..model.contact import Stops
+from ..model.scales import scales
+from ..model.system import System
+from ..trajectory.trajectory import Reference, Trajectory
+from .panels import COLOURS, look, new_figure, short, tip_name, tip_symbol
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+
+def four_panels(
+    title: str,
+    runs: Sequence[Trajectory],
+    references: Sequence[Reference],
+    comparisons: Sequence[Comparison] | None = None,
+) -> Figure:
+    """(a) tip displacement, (b) error against time, (c) zoom on the first impacts, (d) amplitude spectrum.
+
+    With several contacts there is a panel like c for each, in order. All of one form: another is another system.
+    All but the spectrum show the time inside the horizon of the first reference, where one solution exists to
+    compare with; the spectrum shows the schemes over their whole span. The other references are thin and lie beneath
+    the schemes. Panel b: the largest |u - u_ref|/max |u_ref| so far, with a dot where the impacts cease to match and a
+    vertical line at a solver's own horizon; ``comparisons`` of the runs and the other references with the first, made
+    if None. Axes name the units of the system.
+    """
+    main = references[0]
+    system = main.system
+    assert system is not None
+    units, symbol = system.units, tip_symbol(system.problem)
+    displacement_label = units.label(f"{tip_name(system.problem)} displacement {symbol}", "length")
+    window = min(main.horizon, float(main.t[-1]))
+    zooms = max(1, len(system.contacts))
+    lines = (4 + zooms) // 2
+    figure = new_figure(4.1 * lines, title)
+    axes = figure.subplots(lines, 2).ravel()
+    displacement, errors, spectrum = axes[0], axes[1], axes[2 + zooms]
+    for axis in axes[3 + zooms :]:
+        axis.remove()
+    runs = [*runs, *references[1:]]
+
+    for index, run, t, (u, _) in _curves(main, runs, window):
+        _draw(displacement, t, u, index, run)
+    for contact in (contact.stops for i, contact in enumerate(system.contacts) if system.reads_tip(i)):
+        draw_stops(displacement, contact, horizontal=True)
+    displacement.set(xlabel=units.label("time $t$", "time"), ylabel=displacement_label, xlim=(0.0, window))
+    to = units.measure(f"{window:.3g}", "time")
+    displacement.set_title(f"(a) displacement to the horizon t = {to}", loc="left")
+    _draw_errors(errors, runs, [compare(x, main) for x in runs] if comparisons is None else comparisons, window)
+    errors.set(xlabel=units.label("time $t$", "time"), ylabel=f"largest error so far / max |{symbol}|")
+    errors.set_title("(b) error; dots: from there on impacts differ", loc="left")
+    *letters, last = ascii_lowercase[2 : 3 + zooms]
+    for axis, contact, letter in zip(
+        axes[2 : 2 + zooms], range(len(system.contacts)) if system.contacts else [None], letters, strict=True
+    ):
+        _zoom(axis, main, runs, window, contact)
+        label = displacement_label
+        if contact is not None and not system.reads_tip(contact):
+            moving = system.problem is not None and system.problem.all_stops[contact].motion is not None
+            label = units.label(f"displacement relative to the {'moving stop' if moving else 'stops'}", "length")
+        axis.set(xlabel=units.label("time $t$", "time"), ylabel=label)
+        number = f" at contact {contact + 1}" if contact is not None and zooms > 1 else ""
+        some = f"first impact{number}" if number else "first contact"
+        axis.set_title(f"({letter}) {'first oscillations' if contact is None else some}", loc="left")
+    _draw_spectra(spectrum, runs, references, system, last)
+    handles, labels = displacement.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=4, frameon=False, handlelength=3.2)
+    return figure
+
+
+def _curves(
+    main: Reference, runs: Sequence[Trajectory], window: float, contact: int | None = None
+) -> Iterator[tuple[int | None, Trajectory, Array, tuple[Array, Array]]]:
+    """(index, run, t, (u, u')) of the reference, whose index is None, and of the runs, at the tip or a contact."""
+    if main.solution is not None:
+        fine = np.linspace(0.0, window, 6000)
+        yield None, main, fine, main.at(fine, contact)
+    else:
+        yield None, main, main.t, _path(main, contact)
+    for i, run in enumerate(runs):
+        here = run.t <= window
+        u, v = _path(run, contact)
+        yield i, run, run.t[here], (u[here], v[here])
+
+
+def _path(run: Trajectory, contact: int | None) -> tuple[Array, Array]:
+    """Position and velocity at the output times, at the tip or a contact."""
+    if contact is None:
+        return run.tip, run.tip_velocity
+    return run.contacts[contact].position, run.contacts[contact].velocity
+
+
+def _draw(axis: Axes, x: Array, y: Array, index: int | None, run: Trajectory) -> None:
+    """A run's curve; the reference (index None) broad and pale below the others, other solvers thin below schemes."""
+    name = short(run.provenance["method"])
+    if index is None:
+        axis.plot(x, y, color="black", lw=2.6, alpha=0.38, label=name, zorder=1)
+    elif isinstance(run, Reference):
+        axis.plot(x, y, lw=0.7, label=name, zorder=2, **line_of(run))
+    else:
+        axis.plot(x, y, lw=1.2, label=name, zorder=3 + index, **line_of(run))
+
+
+def _draw_errors(axis: Axes, runs: Sequence[Trajectory], comparisons: Sequence[Comparison], window: float) -> None:
+    """The largest error so far of every run, on a logarithmic axis."""
+    by_label = {c.label: c for c in comparisons}
+    for index, run in enumerate(runs):
+        if run.label not in by_label:
+            continue
+        comparison = by_label[run.label]
+        error = np.maximum.accumulate(np.abs(comparison.error))
+        t = comparison.times
+        _draw(axis, t[error > 0.0], error[error > 0.0], index, run)
+        color, parted = line_of(run)["color"], comparison.matched_until
+        if parted < comparison.window:
+            at = error[np.searchsorted(t, parted, side="right") - 1]
+            axis.plot([parted], [at], "o", ms=5.0, mfc="white", color=color, zorder=30)
+        if isinstance(run, Reference) and run.horizon < window:
+            axis.axvline(run.horizon, lw=0.6, zorder=0, **line_of(run))
+    axis.set(yscale="log", xlim=(0.0, window))
+    low, high = axis.get_ylim()
+    axis.set_ylim(max(low, 1e-12), min(10.0, high))
+
+
+def _zoom(axis: Axes, main: Reference, runs: Sequence[Trajectory], window: float, contact: int | None) -> None:
+    """The first impacts at a contact, or the first oscillations of the tip."""
+    assert main.system is not None
+    start, end = first_contact(main, main.system, window, contact or 0)
+    for index, run, t, (u, _) in _curves(main, runs, window, contact):
+        near = (t >= start) & (t <= end)
+        _draw(axis, t[near], u[near], index, run)
+    axis.set_xlim(start, end)
+    if contact is not None:
+        draw_stops(axis, main.system.contacts[contact].stops, horizontal=True)
+        zoom_on_stop(axis, main, start, end, contact)
+
+
+def line_of(run: Trajectory) -> dict[str, Any]:
+    """Colour and dashes: a scheme's own, black for a solver, which is grey elsewhere, as it lies on the reference."""
+    style = look(run.provenance["method"])
+    return {"color": "black" if isinstance(run, Reference) else style["color"], "linestyle": style["linestyle"]}
+
+
+def first_contact(reference: Reference, system: System, window: float, contact: int = 0) -> tuple[float, float]:
+    """A span around the first group of impacts on one stop of a contact: an eighth of the longest time scale, less
+    where the group is shorter."""
+    length = min(window, scales(system).period / 8.0)
+    times = reference.contacts[contact].impacts.times if reference.contacts else np.zeros(0)
+    first = float(times[0]) if len(times) and times[0] < window else 0.1 * length
+    start, end = max(0.0, first - 0.1 * length), min(window, first + 0.9 * length)
+    if not len(times):
+        return start, end
+    impacts = reference.contacts[contact].impacts
+    exits = (times + np.nan_to_num(impacts.durations))[(impacts.stops == impacts.stops[0]) & (times <= end)]
+    last = float(np.max(exits, initial=first))
+    return start, min(end, last + 0.3 * (last - first) + 0.1 * length)
+
+
+def zoom_on_stop(axis: Axes, reference: Reference, start: float, end: float, contact: int = 0) -> None:
+    """Scale the zoom to what happens at the stop of a contact that is hit first."""
+    record = reference.contacts[contact]
+    if not record.impacts.count:
+        return
+    side = int(record.impacts.stops[0])
+    stop = record.stops.g2 if side > 0 else record.stops.g1
+    t = reference.t[(reference.t >= start) & (reference.t <= end)]
+    u, _ = reference.at(np.linspace(start, end, 800) if reference.solution is not None else t, contact)
+    outside = float(np.max(side * (u - stop)))
+    drop = float(np.max(side * (stop - u[len(u) // 10 :])))
+    reach = max(2.0 * outside, min(drop, 12.0 * outside), 1e-12 * float(np.max(np.abs(u))))
+    low, high = sorted((stop - side * reach, stop + side * 2.5 * outside))
+    axis.set_ylim(low, high)
+
+
+def draw_stops(axis: Axes, stops: Stops, horizontal: bool) -> None:
+    """Dotted lines where the stops are."""
+    for stop in (stops.g1, stops.g2):
+        if np.isfinite(stop):
+            line = axis.axhline if horizontal else axis.axvline
+            line(stop, color="0.45", lw=0.9, ls=":", zorder=0)
+
+
+def _draw_spectra(
+    axis: Axes, runs: Sequence[Trajectory], references: Sequence[Reference], system: System, letter: str
+) -> None:
+    drive, units = drive_frequency(system), system.units
+    whole = np.inf
+    for i, run in enumerate(runs):
+        if isinstance(run, Reference):
+            continue  # ends at the horizon
+        omega, amplitude = amplitude_spectrum(run.t, run.tip, drive)
+        axis.plot(omega, amplitude, lw=0.9, label=short(run.provenance["method"]), zorder=2 + i, **line_of(run))
+        whole = min(whole, float(run.t[-1]))
+    if runs and references:
+        t = runs[0].t
+        if references[0].solution is not None and float(references[0].provenance["t_end"]) >= t[-1] * (1 - 1e-9):
+            omega, amplitude = amplitude_spectrum(t, references[0].at(t)[0], drive)
+            axis.plot(omega, amplitude, color="black", lw=2.2, alpha=0.38, zorder=1)
+    if drive:
+        axis.set_xlim(0.0, 15.5 * drive)
+        axis.set_xticks([k * drive for k in (1, 3, 5, 7, 9, 11, 13, 15)])
+        axis.set_xticklabels([f"{k}a" if k > 1 else "a" for k in (1, 3, 5, 7, 9, 11, 13, 15)])
+        a = units.measure(f"{drive:g}", "frequency")
+        axis.set_xlabel(f"angular frequency, in multiples of the drive a = {a}")
+    else:
+        axis.set_xlabel(units.label("angular frequency", "frequency"))
+    curves = [(np.asarray(line.get_xdata()), np.asarray(line.get_ydata())) for line in axis.get_lines()]
+    visible = [y[x <= axis.get_xlim()[1]] for x, y in curves]
+    top = max((float(np.max(y)) for y in visible), default=0.0)
+    if top > 0.0:  # a beam that stays at rest has no logarithm
+        axis.set_yscale("log")
+        axis.set_ylim(top * 1e-4, top * 2.0)
+    axis.set_ylabel(units.label(f"amplitude of {tip_symbol(system.problem)}", "length"))
+    to = units.measure(f"{whole:g}", "time")
+    span = f" to t = {to}, one realisation each" if np.isfinite(whole) else ""
+    axis.set_title(f"({letter}) spectrum{span}", loc="left")
+
+
+def run_figure(run: Trajectory) -> Figure:
+    """(a) tip, (b) contact forces, (c) phase portrait, (d) energies where the run has its ledger.
+
+    The whole span of the run; of a reference its horizon is marked. The stops are drawn where they act on the tip.
+    """
+    units, system = run.units, run.system
+    method = run.provenance["method"]
+    horizon = run.horizon if isinstance(run, Reference) else np.nan
+    note = f" ({units.note})" if units.note else ""
+    figure = new_figure(7.6, f"{short(method)}, {run.provenance['form']}{note}")
+    tip, force, portrait, energy = figure.subplots(2, 2).ravel()
+    beam = system.problem if system else None
+    symbol, place = tip_symbol(beam), tip_name(beam)
+    time, length = units.label("time $t$", "time"), units.label(f"{place} displacement {symbol}", "length")
+    style = {"color": look(method)["color"], "lw": 0.9}
+    tip.plot(run.t, run.tip, **style)
+    portrait.plot(run.tip, run.tip_velocity, **style)
+    for record in run.contacts:
+        if np.array_equal(record.position, run.tip):
+            draw_stops(tip, record.stops, horizontal=True)
+            draw_stops(portrait, record.stops, horizontal=False)
+    if np.isfinite(horizon) and horizon < run.t[-1]:
+        for axis in (tip, force, energy):
+            axis.axvline(horizon, color="0.4", lw=0.9, ls="--")
+        tip.annotate("horizon", (horizon, 1.0), xycoords=("data", "axes fraction"), xytext=(3, -26),
+                     textcoords="offset points", fontsize=8, color="0.3")  # fmt: skip
+    for i, record in enumerate(run.contacts):
+        label = f"contact {i + 1}: {record.impacts.count} impacts"
+        force.plot(run.t, record.force, lw=0.9, color=COLOURS[i % len(COLOURS)], label=label)
+    if run.contacts:
+        force.legend(frameon=False, fontsize=8.5)
+    else:
+        force.text(0.5, 0.5, "no contact", transform=force.transAxes, ha="center", color="0.35")
+    tip.set(xlabel=time, ylabel=length)
+    force.set(xlabel=time, ylabel=units.label(r"contact force $\sigma$", "force"))
+    portrait.set(xlabel=length, ylabel=units.label(f"{place} velocity {symbol.replace('u(', 'u_t(')}", "velocity"))
+    energy.set(xlabel=time, ylabel=units.label("energy", "energy"))
+    if run.has_energy:
+        names = ["kinetic", "elastic", "stops", "input", "loss"]
+        names += [name for name in ("viscous", "stop_dissipation") if np.any(getattr(run.energy, name))]
+        for name, colour in zip(names, (*COLOURS[:3], "0.35", "black", *COLOURS[3:5]), strict=False):
+            line = "--" if name in ("viscous", "stop_dissipation") else "-"
+            label = name.replace("stop_dissipation", "taken by stops")
+            energy.plot(run.t, getattr(run.energy, name), lw=0.9, ls=line, color=colour, label=label)
+        energy.legend(
+            frameon=False,
+            fontsize=8.5,
+            ncols=4 if len(names) > 5 else 5,
+            loc="upper center",
+            bbox_to_anchor=(0.5, -0.16),
+        )
+    else:
+        energy.text(0.5, 0.5, "not saved with the run", transform=energy.transAxes, ha="center", color="0.35")
+    for axis, title in zip(
+        (tip, force, portrait, energy), ("displacement", "contact", "phases", "energy"), strict=True
+    ):
+        axis.set_title(f"({'abcd'[(tip, force, portrait, energy).index(axis)]}) {title}", loc="left")
+    return figure
+
+
+def comparison_figure(run: Trajectory, reference: Reference) -> Figure:
+    """A run beside its reference, in the four panels of ``stiffbeam compare``."""
+    from .runs import four_panels
+
+    title = f"{short(run.provenance['method'])} beside {short(reference.provenance['method'])}"
+    note = run.units.note
+    return four_panels(f"{title} ({note})" if note else title, [run], [reference])
