@@ -268,14 +268,14 @@ class BeamProblem:
 
     def _check_stops(self) -> None:
         """One Stops stays itself, several are a tuple."""
-        stops = self.stops
-        if isinstance(stops, (list, tuple)):
-            object.__setattr__(self, "stops", stops[0] if len(stops) == 1 else tuple(stops) or None)
+        argument = self.stops
+        if isinstance(argument, (list, tuple)):
+            object.__setattr__(self, "stops", argument[0] if len(argument) == 1 else tuple(argument) or None)
         each: Any = self.stops if isinstance(self.stops, tuple) else () if self.stops is None else (self.stops,)
         remedy = "for no contact leave them out"
         for stops in each:
             if not isinstance(stops, Stops):
-                raise InputError("stops", stops, "be a Stops or a list of them", remedy)
+                raise InputError("stops", argument, "be a Stops or a list of them", remedy)
             itself("stops", stops, Stops)
             left, right = self.ends
             position = self.length if stops.position is None else stops.position
