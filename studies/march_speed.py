@@ -37,7 +37,7 @@ from march_speed_page import draw
 from timing import Timed, least, stream, timed
 
 import stiffbeam as sb
-from stiffbeam.basics.threads import cores
+from stiffbeam.basics.resources import cores
 from stiffbeam.march.block_march import March, Stepper
 from stiffbeam.march.coordinates import InModes
 from stiffbeam.march.leap import LeapMarch

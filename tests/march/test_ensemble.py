@@ -341,7 +341,7 @@ def test_a_time_to_record_from_that_is_none_is_refused(since, system):
 
 
 def test_the_threads_can_be_limited(monkeypatch):
-    from stiffbeam.basics.threads import cores
+    from stiffbeam.basics.resources import cores
 
     monkeypatch.setenv("STIFFBEAM_THREADS", "3")
     assert cores() == 3

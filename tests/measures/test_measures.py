@@ -9,9 +9,9 @@ import pytest
 from oracles import beam_mode, beam_roots
 
 import stiffbeam as sb
-from stiffbeam.figures.comparison import four_panels
+from stiffbeam.figures.runs import four_panels
+from stiffbeam.measures.comparison import phase_lag
 from stiffbeam.measures.impacts import match
-from stiffbeam.measures.phase import phase_lag
 from stiffbeam.measures.spectrum import amplitude_spectrum
 from stiffbeam.trajectory.impacts import Impacts
 

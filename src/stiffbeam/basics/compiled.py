@@ -15,7 +15,7 @@ from typing import Any
 import numba
 from numba import types
 
-from . import cache
+from . import storage
 from .validation import InputError
 
 # Sums may be reassociated and contracted, but NaN and inf stay honest: an overflow must be seen.
@@ -79,7 +79,7 @@ def directory(file: Path) -> Path:
     digest = hashlib.sha256(b"bounds" if numba.config.BOUNDSCHECK else b"")  # type: ignore[attr-defined]
     for source in sorted(_sources(file)):
         digest.update(source.read_bytes())
-    return cache.directory() / "numba" / digest.hexdigest()[:16]
+    return storage.directory() / "numba" / digest.hexdigest()[:16]
 
 
 @lru_cache

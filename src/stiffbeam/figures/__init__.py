@@ -17,8 +17,22 @@ from .chart import (
     render,
     style_of,
 )
-from .panels import column, heading, new_figure, numeric, save_figure, tip_name, tip_symbol
-from .style import COLOURS, EXACT, MARKERS, dashed, default_label, look, short
+from .panels import (
+    COLOURS,
+    EXACT,
+    MARKERS,
+    column,
+    dashed,
+    default_label,
+    heading,
+    look,
+    new_figure,
+    numeric,
+    save_figure,
+    short,
+    tip_name,
+    tip_symbol,
+)
 
 __all__ = [
     "COLOURS", "EXACT", "MARKERS", "Axis", "Band", "Bars", "Curve", "Level", "Map", "Mark", "Note", "Panel", "Picture",

@@ -13,8 +13,21 @@ import numpy as np
 
 from ..basics.arrays import Array
 from ..basics.units import Units
-from .panels import column, legend_entries, log_scale, mark_order, new_figure, say_empty, shared_legend, signed_log
-from .style import COLOURS, MARKERS, dashed, look, short
+from .panels import (
+    COLOURS,
+    MARKERS,
+    column,
+    dashed,
+    legend_entries,
+    log_scale,
+    look,
+    mark_order,
+    new_figure,
+    say_empty,
+    shared_legend,
+    short,
+    signed_log,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -17,8 +17,8 @@ from ..model.stage import LINEAR
 from ..model.system import System
 from ..model.time_functions import offset_rate, offset_values
 from ..schemes import Scheme
-from ..trajectory.recorder import Seen, events_at_start, forces_at, impacts_of, overflow, record, shares, with_ends
-from ..trajectory.records import Records
+from ..trajectory.ensemble import ContactStatistics, Runs
+from ..trajectory.recorder import events_at_start, forces_at, impacts_of, overflow, record, shares, with_ends
 from ..trajectory.sampling import (
     AT_START,
     CONTACT,
@@ -34,6 +34,7 @@ from ..trajectory.sampling import (
     TIME,
     new_tally,
 )
+from ..trajectory.trajectory import Trajectory, Work
 from .build import build
 from .choice import nodes_per_block
 from .coordinates import Coordinates, InModes
@@ -239,8 +240,8 @@ class March:
                 total += forces[:, c, None] * coordinates.columns[c]
         return total
 
-    def seen(self, member: int) -> Seen:
-        """What a member has seen, at the end."""
+    def seen(self, member: int) -> Trajectory:
+        """The run of a member, at the end."""
         first, last = np.searchsorted(self.events[:, MEMBER], [member, member + 1])
         own = self.events[first:last]
         positions, velocities, tip = self.positions[member], self.velocities[member], self.stepper.system.tip_channel
@@ -254,10 +255,19 @@ class March:
             raise unsolved(self.stepper.scheme, -diverged * dt)
         when = diverged * dt if diverged else overflow(contacts, self.steps * dt)
         u, v = np.ascontiguousarray(positions[:, tip]), np.ascontiguousarray(velocities[:, tip])  # of one contact views
-        return Seen(u, v, tuple(contacts), when, self.kind)
+        t = np.arange(0.0, len(u) * (self.every or 1), self.every or 1)
+        return Trajectory(
+            t=t * dt,
+            tip=u,
+            tip_velocity=v,
+            contacts=tuple(contacts),
+            work=Work(self.steps, march_seconds=self.seconds),
+            provenance={"march": self.kind},
+            diverged=when,
+        )
 
-    def records(self) -> Records:
-        """What all members have seen, at the end."""
+    def runs(self) -> Runs:
+        """The runs of all members, at the end."""
         tally, dt, tip = self.tally, self.stepper.dt, self.stepper.system.tip_channel
         unsolved_in = np.flatnonzero(self.state.diverged < 0)
         if len(unsolved_in):
@@ -266,15 +276,15 @@ class March:
         for i in np.flatnonzero(~np.all(np.isfinite(tally[..., IMPULSE]), axis=1) & np.isnan(diverged)):
             diverged[i] = self.seen(int(i)).diverged
         events = self.events[self.events[:, TIME] != AT_START]
-        own = [events[events[:, CONTACT] == c] for c in range(tally.shape[1])]
-        return Records(
+        contacts = []
+        for c in range(tally.shape[1]):
+            own, of_contact = events[events[:, CONTACT] == c], tally[:, c]
+            totals = np.array([shares(of_contact, self.steps), of_contact[:, PEAK], of_contact[:, IMPULSE]])
+            contacts.append(ContactStatistics.of(totals, impacts_of(own), own[:, MEMBER].astype(np.int64)))
+        return Runs(
             tip=self.positions[..., tip].copy(),
             tip_velocity=self.velocities[..., tip].copy(),
-            fraction=shares(tally, self.steps),
-            peak_force=tally[..., PEAK],
-            impulse=tally[..., IMPULSE],
-            impacts=tuple(impacts_of(events) for events in own),
-            whose=tuple(events[:, MEMBER].astype(np.int64) for events in own),
+            contacts=tuple(contacts),
             diverged=diverged,
             marches=frozenset([self.kind]),
         )

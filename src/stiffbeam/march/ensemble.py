@@ -8,14 +8,13 @@ from functools import partial
 import numpy as np
 
 from ..basics.compiled import clock
-from ..basics.threads import cores, over_slices
+from ..basics.resources import cores, over_slices
 from ..basics.validation import InputError, one_of
 from ..model.members import Members, as_members, have_own_records
 from ..model.system import System
 from ..schemes import Scheme
-from ..trajectory.ensemble import MEMBERS_PER_SLICE, Ensemble, Progress, gathered, record_from
+from ..trajectory.ensemble import MEMBERS_PER_SLICE, Ensemble, Progress, Runs, gathered, record_from
 from ..trajectory.ledger import Ledger
-from ..trajectory.records import Records
 from ..trajectory.trajectory import Work
 from .plan import Plan
 from .warm import wait
@@ -64,11 +63,11 @@ def integrate_ensemble(
 
     apart = have_own_records(members)
 
-    def march(part: Members) -> Records:
+    def march(part: Members) -> Runs:
         if apart:
             each = [part[i : i + 1] for i in range(len(part))]
-            return Records.joined([_alone(plan, one[0]).records(one, every, passed) for one in each])
-        return plan.records(part, every, passed)
+            return Runs.joined([_alone(plan, one[0]).runs(one, every, passed) for one in each])
+        return plan.runs(part, every, passed)
 
     parts = list(over_slices(march, members, size, threads, report))
     seconds = clock() - begun

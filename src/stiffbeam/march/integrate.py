@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -12,7 +13,7 @@ from ..basics.validation import InputError
 from ..model.first_order import FirstOrderSystem
 from ..model.system import System
 from ..schemes import Scheme
-from ..trajectory.trajectory import Diverged, Trajectory, Work
+from ..trajectory.trajectory import Diverged, Trajectory
 from .leap import start
 from .plan import Plan, seen_directly
 from .warm import wait
@@ -58,22 +59,17 @@ def integrate(
         for done in march.advance():
             if progress is not None and not march.state.diverged[0]:
                 progress(done)
-        seen, march_seconds, kind = march.seen(0), march.seconds, march.kind
+        run = march.seen(0)
     else:
-        (seen, march_seconds), kind = seen_directly(plan, system, every, progress), plan.kind
-    if not np.isnan(seen.diverged):
+        run = seen_directly(plan, system, every, progress)
+    if not np.isnan(run.diverged):
         remedy = "use the implicit contact or a smaller dt" if contact == "extrapolated" else "use a smaller dt"
         hint = f"{remedy} (omega_max dt is {plan.omega_max * dt:.3g})"
-        raise Diverged(str(scheme), seen.diverged, hint)
-    t = np.arange(0.0, plan.steps + 1, every)
-    t *= dt
-    return Trajectory(
-        t=t,
-        tip=seen.tip,
-        tip_velocity=seen.tip_velocity,
-        contacts=seen.contacts,
-        work=Work(plan.steps, clock() - begun, march_seconds),
-        provenance=plan.provenance(every) | {"march": kind},
+        raise Diverged(str(scheme), run.diverged, hint)
+    return replace(
+        run,
+        work=replace(run.work, seconds=clock() - begun),
+        provenance=plan.provenance(every) | run.provenance,
         system=plan.system,
         pieces=partial(plan.states, system),
         ledger=partial(plan.ledger, system, every),

@@ -18,8 +18,8 @@ from threading import Lock
 import numpy as np
 
 from ..basics.arrays import Array, aligned
-from ..basics.budget import afford
 from ..basics.compiled import clock
+from ..basics.resources import afford
 from ..model.contact_law import G1, G2
 from ..model.stage import LINEAR
 from ..model.system import System

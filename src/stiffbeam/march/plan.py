@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..basics.arrays import Array
-from ..basics.budget import afford
+from ..basics.resources import afford
 from ..basics.validation import InputError, integer, itself, one_of, positive, step_count
 from ..model.contact import Contact
 from ..model.first_order import FirstOrderSystem
@@ -20,11 +20,10 @@ from ..model.time_functions import covered
 from ..schemes import RigidScheme, Scheme
 from ..schemes.contract import check_contract
 from ..schemes.scheme import require_scheme
+from ..trajectory.ensemble import Runs
 from ..trajectory.ledger import Ledger, reaction_ledger, step_ledger
-from ..trajectory.reactions import Reactions
-from ..trajectory.recorder import SampledImpacts, Seen, overflow, record
-from ..trajectory.records import Records
-from ..trajectory.trajectory import versions
+from ..trajectory.recorder import Reactions, SampledImpacts, overflow, record
+from ..trajectory.trajectory import Trajectory, Work, versions
 from .block_march import RUNS, Stepper, initial_channels
 from .choice import pays
 from .coordinates import InModes, Together
@@ -182,11 +181,10 @@ class Plan:
             return rigid_pieces(system, self.scheme, self.dt, self.steps)
         return direct_pieces(system, self.scheme, self.dt, self.steps, self.contact)
 
-    def records(self, members: Members, every: int | None, since: int = 0) -> Records:
-        """What members of the system have seen at the end, of their contacts after step ``since``; outputs
-        where ``every`` is given."""
+    def runs(self, members: Members, every: int | None, since: int = 0) -> Runs:
+        """The runs of members, their contacts after step ``since``; outputs where ``every`` is given."""
         if self.stepper is None:
-            return Records.of([seen_directly(self, member, every, None, since)[0] for member in members])
+            return Runs.of([seen_directly(self, member, every, None, since) for member in members])
         contacts = members.all_contacts()
         steppers = {key: self.stepper_for(each) for key, each in {id(each): each for each in contacts}.items()}
         kinds = [steppers[id(each)] for each in contacts]
@@ -197,9 +195,9 @@ class Plan:
                 march = start(stepper, members.chosen(part), self.steps, every, since)
                 for _ in march.advance():
                     pass
-                parts.append(march.records())
+                parts.append(march.runs())
                 places += part
-        return Records.joined(parts, places)
+        return Runs.joined(parts, places)
 
     def states(self, system: System | FirstOrderSystem) -> Iterator[tuple[Array, Array, Array, Array]]:
         """See ``Pieces``."""
@@ -237,8 +235,8 @@ def seen_directly(
     every: int | None,
     progress: Callable[[int], None] | None,
     since: int = 0,
-) -> tuple[Seen, float]:
-    """The direct march piece by piece, in bounded memory; also the seconds it took."""
+) -> Trajectory:
+    """The direct march piece by piece, in bounded memory."""
     parent = system if isinstance(system, System) else system.system
     (u0,), (v0,) = initial_channels([parent], parent.q0[None], parent.v0[None])
     thin = every or plan.steps + 1
@@ -275,7 +273,15 @@ def seen_directly(
         for i, s in enumerate(samplers)
     )  # fmt: skip
     diverged = overflow(contacts, plan.t_end) if np.isnan(diverged) else diverged
-    return Seen(positions[:, tip], velocities[:, tip], contacts, diverged), seconds
+    return Trajectory(
+        t=np.arange(0.0, len(positions) * thin, thin) * plan.dt,
+        tip=positions[:, tip],
+        tip_velocity=velocities[:, tip],
+        contacts=contacts,
+        work=Work(plan.steps, march_seconds=seconds),
+        provenance={"march": plan.kind},
+        diverged=diverged,
+    )
 
 
 def _omega_max(system: System) -> float:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..basics import cache
+from ..basics import storage
 from ..basics.arrays import LANES
 from ..basics.compiled import directory, stopped_clock
 from ..model.contact import linear as all_linear
@@ -72,7 +72,7 @@ def compile_beside(rehearsal: str, by_law: bool = False) -> None:
         return
     code = f"from stiffbeam.march.warm import warm_up; warm_up({by_law}); {rehearsal}"
     paths = os.pathsep.join(path for path in sys.path if path)
-    environment = os.environ | {"PYTHONPATH": paths, "STIFFBEAM_CACHE_DIR": str(cache.directory())}
+    environment = os.environ | {"PYTHONPATH": paths, "STIFFBEAM_CACHE_DIR": str(storage.directory())}
     silent = subprocess.DEVNULL
     with suppress(OSError):  # where there is no process to be had, the first run compiles
         _beside = subprocess.Popen(

@@ -11,8 +11,8 @@ from ..basics.arrays import Array
 from ..basics.validation import InputError, sequence
 from ..figures import Curve, short
 from ..files.cases import Case
-from ..measures.regression import Order
-from ..measures.windows import first_impacts_end
+from ..measures.errors import Order
+from ..measures.impacts import first_impacts_end
 from ..model.modes import modes
 from ..model.system import System
 from ..references import best_reference

@@ -29,8 +29,8 @@ from ..figures import (
 from ..files.cases import Case
 from ..march.ensemble import integrate_ensemble
 from ..measures.report import DASH, percent
+from ..measures.smooth_motion import drive_frequency
 from ..measures.spectrum import amplitude_spectrum, drive_amplitude
-from ..measures.windows import drive_frequency
 from ..model.members import SPREAD, perturbed
 from ..references.ensemble import reference_ensemble
 from ..trajectory.trajectory import Diverged
@@ -153,12 +153,12 @@ def answer(rows: Rows, case: Case) -> Answer:
             "off by": DASH if method == "exact" else f"{float(f'{off:.3g}'):+g} ± {interval:.2g}",
             f"impacts per {units.time if units.known else 'unit of time'}": _spread(count / first["t_end"]),
             "contact, %": _spread(100 * share, 2),
-            units.label("largest force", "force"): _spread(force, 4) if len(force) else DASH,
-            units.label("energy lost", "energy"): f"{_spread(lost)} of {np.mean(had):.3g}" if len(lost) else DASH,
-            "lost, %": _spread(100 * lost / np.mean(had)) if len(lost) and np.mean(had) > 0.0 else DASH,
+            units.label("largest force", "force"): _spread(force, 4),
+            units.label("energy lost", "energy"): f"{_spread(lost)} of {_mean(had):.3g}" if len(lost) else DASH,
+            "lost, %": _spread(100 * lost / _mean(had)) if _mean(had) > 0.0 else DASH,
         })  # fmt: skip
     counted = f"; schemes count {common.extremes(means, '{:.4g}'.format)} at dt = {dt}" if means else ""
-    share = percent(float(np.mean(distribution(rows, "exact", "fraction"))))
+    share = percent(_mean(distribution(rows, "exact", "fraction")))
     return Answer(
         f"Over {len(exact)} members the exact solution has {np.mean(exact):.4g} ± {np.std(exact):.2g} impacts to "
         f"t = {end} and is in contact {share} of the time{counted}.",
@@ -169,8 +169,14 @@ def answer(rows: Rows, case: Case) -> Answer:
     )
 
 
+def _mean(values: Array) -> float:
+    return float(np.mean(values)) if len(values) else float("nan")
+
+
 def _spread(values: Array, digits: int = 3) -> str:
-    """Mean ± standard deviation."""
+    """Mean ± standard deviation, a dash for no values."""
+    if not len(values):
+        return DASH
     mean, deviation = float(f"{np.mean(values):.{digits}g}"), float(f"{np.std(values):.2g}")
     return f"{mean:g} ± {deviation:g}" if deviation > 1e-6 * abs(mean) else f"all {mean:g}"
 

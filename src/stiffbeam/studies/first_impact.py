@@ -28,7 +28,7 @@ from ..basics.arrays import Array
 from ..basics.validation import InputError, one_of
 from ..figures import Axis, Curve, Level, Mark, Panel, Picture, column, dashed, groups, numeric, style_of
 from ..files.cases import Case
-from ..measures.regression import Order, observed_order
+from ..measures.errors import Order, observed_order
 from ..measures.report import percent
 from ..measures.smooth_motion import without_contact
 from ..model.closed_form import natural_frequencies, roots

@@ -11,7 +11,7 @@ from ..figures import COLOURS, Axis, Curve, Mark, Note, Panel, Picture, Ranges, 
 from ..files.cases import Case
 from ..march.integrate import integrate
 from ..march.plan import RIGID as BY_REACTIONS
-from ..measures.regression import Order, observed_order
+from ..measures.errors import Order, observed_order
 from ..measures.report import DASH, percent
 from ..model.contact import Stops
 from . import bouncing_bar as bar

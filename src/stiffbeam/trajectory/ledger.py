@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..basics.arrays import Array
+from ..basics.text import table
 from ..model.system import System
 from ..model.time_functions import offset_rate, offset_values
 from .recorder import as_it_starts
-from .tables import table
 
 if TYPE_CHECKING:
     import pandas

@@ -12,8 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ...basics.arrays import Array
-from ...basics.double_precision import double_precision
+from ...basics.arrays import Array, double_precision
 from ...basics.validation import InputError
 from ...model.contact_law import G1, G2, KAPPA, stage_stiffness
 from ...model.stage import LINEAR

@@ -11,10 +11,10 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ...basics.budget import afford
-from ...basics.plain import plain
+from ...basics.resources import afford
+from ...basics.storage import write_whole
+from ...basics.text import plain
 from ...basics.validation import InputError, integer, near, positive
-from ...basics.whole_file import write_whole
 from ...figures import Axis, Panel, Picture, heading, numeric, render, save_figure, short
 from ...model.drive import stays_at_rest
 from ...references import substitute
