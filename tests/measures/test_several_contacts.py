@@ -32,9 +32,8 @@ def with_a_stop_half_way(case, form):
 
 @pytest.fixture
 def two(monkeypatch):
-    for name in ("impacts", "ensemble", "converge", "sweep", "space", "precision"):
+    for name in ("common", "sweep", "space"):
         monkeypatch.setattr(import_module(f"stiffbeam.studies.{name}"), "system_of", with_a_stop_half_way)
-    monkeypatch.setattr(import_module("stiffbeam.studies.common"), "system_of", with_a_stop_half_way)
 
 
 @pytest.mark.slow
