@@ -39,8 +39,8 @@ from timing import Timed, least, stream, timed
 import stiffbeam as sb
 from stiffbeam.basics.resources import cores
 from stiffbeam.march.block_march import March, Stepper
-from stiffbeam.march.coordinates import InModes
 from stiffbeam.march.leap import LeapMarch
+from stiffbeam.march.probe import InModes
 from stiffbeam.model.modes import modes
 
 RECORDED = Path(__file__).with_suffix(".json")

@@ -11,7 +11,8 @@ import numpy as np
 from ..basics.arrays import Array, aligned
 from ..basics.compiled import clock
 from ..model.contact import laws
-from ..model.contact_law import DAMPING
+from ..model.contact_law import all_laws
+from ..model.contact_law import jumps as force_jumps
 from ..model.members import Members
 from ..model.stage import LINEAR
 from ..model.system import System
@@ -35,15 +36,12 @@ from ..trajectory.sampling import (
     new_tally,
 )
 from ..trajectory.trajectory import Trajectory, Work
-from .build import build
-from .choice import nodes_per_block
-from .coordinates import Coordinates, InModes
+from .choice import nodes_per_block, require_giving_way, require_moved, rule_of, unsolved
 from .kernels import blocks as kernel
 from .kernels import blocks_jax as kernel_jax
-from .kernels import blocks_numpy as kernel_numpy
-from .kernels.layout import Forcing, Kept, Marchers
-from .propagator import Propagator
-from .rules import require_giving_way, require_moved, rule_of, unsolved
+from .kernels.blocks import Forcing, Kept, Marchers
+from .probe import Coordinates, InModes
+from .propagator import Propagator, build
 
 BLOCKS, DENSE = "modal blocks", "dense blocks"
 STEPS_PER_CALL = 1 << 16  # between two reports of progress
@@ -51,7 +49,7 @@ STEPS_REPLAYED = 1 << 14  # held in memory at once where states, or sampled load
 NUMBERS_REPLAYED = 1 << 23  # of their states
 
 
-RUNS = {"numba": kernel.run, "numpy": kernel_numpy.run, "jax": kernel_jax.run}
+RUNS = {"numba": kernel.run, "jax": kernel_jax.run}
 
 
 def block_length(coordinates: Coordinates, scheme: Scheme) -> int:
@@ -75,7 +73,7 @@ class Stepper:
     starter: Propagator | None
     block: Propagator
     rule: int  # how nodes find their forces, see Block
-    run: Callable[..., bool] = kernel.run  # or the same in NumPy
+    run: Callable[..., bool] = kernel.run  # or the same by JAX
     _forcings: dict[Propagator, Forcing] = field(default_factory=dict, repr=False)
     leapers: list[Any] = field(default_factory=list, repr=False)  # what the leaping march has made, see leap
 
@@ -156,7 +154,7 @@ class March:
         self.state = Marchers(np.zeros((M, 0)), u.copy(), v.copy(), tally, np.zeros(M, np.int64))
         kept = 0 if self.every is None else self.steps // self.every + 1
         self.positions, self.velocities = np.zeros((2, M, kept, u.shape[1]))
-        jumps = bool(np.any(self.law[..., DAMPING] > 0.0))
+        jumps = bool(np.any(force_jumps(all_laws(self.law))))
         if jumps:
             for made in filter(None, (self.stepper.starter, self.stepper.block)):
                 require_moved(made.scheme, made.compliances[0])

@@ -25,14 +25,12 @@ from ..model.stage import LINEAR
 from ..model.system import System
 from ..trajectory.sampling import EVENT, ROW, SIDE
 from .block_march import BLOCKS, STEPS_REPLAYED, March, Segment, Stepper, functions
-from .build import build
-from .coordinates import InModes
 from .kernels import blocks, leaps
-from .kernels.layout import Marchers
+from .kernels.blocks import Marchers
 from .kernels.sums import Regimes
-from .propagator import Propagator
-from .regimes import Sum, regime, tables
-from .step_map import EXTENDED, NoRegime
+from .probe import InModes
+from .propagator import Propagator, build
+from .regimes import EXTENDED, NoRegime, Sum, regime, tables
 
 LEAPS = "modal leaps"
 MOST_CONTACTS = 8

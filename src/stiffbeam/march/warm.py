@@ -18,7 +18,7 @@ from ..model.contact_law import LAW
 from ..model.system import System
 from ..trajectory.sampling import TALLY
 from .kernels import blocks as kernel
-from .kernels.layout import Block, Forcing, Inflow, Kept, Marchers
+from .kernels.blocks import Block, Forcing, Inflow, Kept, Marchers
 
 COMPILING = "compiling the march, once for this version"  # said while it is waited for
 _beside: subprocess.Popen[bytes] | None = None

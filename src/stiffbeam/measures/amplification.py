@@ -10,8 +10,7 @@ from numpy.typing import ArrayLike
 from ..basics.arrays import Array
 from ..basics.resources import afford
 from ..basics.validation import InputError, number, numbers, one_of
-from ..march.coordinates import InModes
-from ..march.probe import probe
+from ..march.probe import InModes, probe
 from ..model.modes import Modes
 from ..model.natural_modes import modes
 from ..model.system import System

@@ -30,8 +30,8 @@ from ..basics.progress import Show, silent
 from ..basics.progress import progress as shown
 from ..basics.text import table
 from ..basics.validation import InputError, integer, near, one_of, positive
+from ..march.choice import CONTACTS
 from ..march.integrate import integrate
-from ..march.rules import CONTACTS
 from ..measures.comparison import remark
 from ..measures.errors import stays_within
 from ..model.members import SPREAD

@@ -9,8 +9,8 @@ import numpy as np
 from ..basics.validation import InputError
 from ..figures import COLOURS, Axis, Curve, Mark, Note, Panel, Picture, Ranges, column, groups, short
 from ..files.cases import Case
+from ..march.integrate import RIGID as BY_REACTIONS
 from ..march.integrate import integrate
-from ..march.plan import RIGID as BY_REACTIONS
 from ..measures.errors import Order, observed_order
 from ..measures.report import DASH, percent
 from ..model.contact import Stops

@@ -14,15 +14,15 @@ from ...basics.arrays import Array, IntArray
 from ...basics.compiled import compiled
 from ...model.contact_law import G1, G2
 from ...trajectory.sampling import SIDE
-from .blocks import run
-from .depths import REMEMBERED, Phase, look_deeper, remember
-from .layout import Block, Forcing, Inflow, Kept, Marchers
+from .blocks import Block, Forcing, Inflow, Kept, Marchers, run
 from .sums import (
     CROSSED,
     OPEN,
     OVER,
+    REMEMBERED,
     SURE,
     Cubic,
+    Phase,
     Regimes,
     bounds,
     emit,
@@ -31,6 +31,8 @@ from .sums import (
     judge,
     keeps,
     leave,
+    look_deeper,
+    remember,
     sizes,
     slow_part,
     turn,
