@@ -178,7 +178,7 @@ PANELS = (
     ("impulse", "impulse", "impulse"),
     ("contact_time", "time in contact", "time"),
     ("impacts", "impacts", ""),
-    ("lost", "share of energy lost", ""),
+    ("lost", "energy lost, share", ""),
 )
 SMALL, LARGE = 3.0, 5.5  # marks of the finest grid and of the case's
 
@@ -215,8 +215,8 @@ def picture(records: Records) -> Picture:
             soft += _legend(grids)
         up = Axis(words, quantity, "log" if name == "impacts" else "linear")
         stiffness = Axis("stiffness of the stops κ", "stop stiffness", "log")
-        upper.append(Panel(words, stiffness, up, soft))
-        lower.append(Panel(words, Axis(words, quantity), Axis(names=names), hard))
+        upper.append(Panel(words.partition(",")[0], stiffness, up, soft))
+        lower.append(Panel(words.partition(",")[0], Axis(words, quantity), Axis(names=names), hard))
     return Picture([upper, lower], 9.0, 5)
 
 
