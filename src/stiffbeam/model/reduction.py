@@ -65,9 +65,11 @@ class Reduced:
         observed row of |R - R_r|/|R|, R = (K - w^2 M)^-1 p in the norm of M, R_r that of the reduced system."""
         w2 = non_negative("frequency", frequency) ** 2
         exact = scipy.sparse.linalg.splu((self.stiffness - w2 * self.mass).tocsc()).solve(self.rows)
-        found = self.basis @ np.linalg.solve(self.system.stiffness - w2 * self.system.mass, self.basis.T @ self.rows)
+        deflections = self.basis @ np.linalg.solve(
+            self.system.stiffness - w2 * self.system.mass, self.basis.T @ self.rows
+        )
         norm = lambda x: np.sqrt(np.sum(x * (self.mass @ x), axis=0))  # noqa: E731
-        return float(np.max(norm(found - exact) / norm(exact)))
+        return float(np.max(norm(deflections - exact) / norm(exact)))
 
 
 def reduced(
@@ -163,8 +165,8 @@ def _lowest(M: Any, K: Any, solve: Callable[[Array], Array], modes: int) -> tupl
 
 def _projected(C: Any, T: Array) -> Array:
     """T^T C T without its rounding, so that what couples no modes couples none here."""
-    found = uncoupled(C, T, T.T @ (C @ T), np.zeros(T.shape[1], bool))
-    return 0.5 * (found + found.T)
+    projected = uncoupled(C, T, T.T @ (C @ T), np.zeros(T.shape[1], bool))
+    return 0.5 * (projected + projected.T)
 
 
 def _share(M: Any, part: Array, whole: Array) -> float:
