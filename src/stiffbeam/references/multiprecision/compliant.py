@@ -39,20 +39,20 @@ Known = dict[tuple[int, ...], Split]
 
 
 class PreciseRegime:
-    """The flow with contacts ``closed``, and what float64 knows of it.
+    """The flow with contacts ``closed``, and the same regime in float64.
 
-    known: splits by the contacts that are closed, whatever their sides; this one is added.
+    known: splits by the contacts that are closed, on either side; this one is added.
     """
 
     def __init__(self, flow: LinearFlow, closed: tuple[int, ...], t_end: float, known: Known) -> None:
         self.flow, self.G = flow, flow.closed(closed)
         self.rounded = regime_of(flow.system, flow.drive, closed, t_end)  # refuses what float64 refuses
-        alike = tuple(map(abs, closed))
-        if alike in known:
-            self.split = known[alike].again(self.G)
+        contacts = tuple(map(abs, closed))
+        if contacts in known:
+            self.split = known[contacts].again(self.G)
         else:
             self.split = Split(self.G, *_by_float64(self.rounded, flow), drives=2 * flow.n)
-        known[alike] = self.split
+        known[contacts] = self.split
         self._rows: dict[tuple[int, int, bool], Any] = {}
 
     @cached_property
