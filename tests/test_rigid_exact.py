@@ -348,3 +348,14 @@ def test_copies_lose_roundings_of_their_own(monkeypatch):
     assert len(set(ends)) == len(ends) == 1 + len(rigid_reference.COPIES)
     faster, slower = ends[1] - ends[0], ends[2] - ends[0]
     assert min(abs(faster - slower), abs(faster + slower)) > 1e-2 * abs(faster)
+
+
+@pytest.mark.parametrize("form", ["a sum", "two loads"])
+def test_a_perturbed_copy_loses_the_rounding_of_loads_that_cancel(form):
+    """What a sum of 1e6 and -1e6 loses is relative to 1e6."""
+    f, against = sb.Harmonic(1e6, 5.0, 0.3), sb.Harmonic(-1e6, 5.0, 0.3)
+    loads = [([1.0], sb.Sum(f, against))] if form == "a sum" else [([1.0], f), ([1.0], against)]
+    stops = sb.Stops(upper=1.0, stiffness=np.inf, restitution=0.5)
+    system = sb.System.from_matrices([[1.0]], [[1.0]], None, loads, [sb.Contact([1.0], stops)])
+    q, _, _ = Tracer(system, roundings=16.0).solve(1.0).at(np.ones(1))
+    assert 1e6 * np.finfo(float).eps < abs(float(q[0, 0])) < 1e-8

@@ -108,7 +108,7 @@ class Tracer:
         Return the time, moved likewise, which shifts loads and stops against the motion."""
         sizes, model, at = np.abs(c), self.model, list(held)
         # Damping brings copies to rest, and equal to the bit: they diverge again by what the loads lose.
-        terms = 2.0 * sizes[2] + np.abs(model.stiff) @ sizes[0] + np.abs(model.damp) @ sizes[1]
+        terms = model.load_sizes(self.t) + np.abs(model.stiff) @ sizes[0] + np.abs(model.damp) @ sizes[1]
         terms += np.abs(model.back[:, at]) @ np.abs(R[0])
         lost = np.array([value(sizes, s) + 0.5 * s * s * terms, rate(sizes, s) + s * terms])
         lost *= self.roundings * EPS * self.random.uniform(-1.0, 1.0, lost.shape)
