@@ -194,8 +194,14 @@ def compare(run: Trajectory | Sequence[ArrayLike], reference: Reference) -> Comp
             for c in contacts
             if c.reference.impacts < SEEN * c.reference.event_impacts
         ]
+        missing += [
+            f"{c.place or 'contact'}: positions tell neither share, peak nor impulse of a rigid stop"
+            for c, contact in zip(contacts, system.contacts, strict=True)
+            if contact.stops.rigid
+        ]
     if energy is None:
-        missing.append("energy: the run came without states or a ledger")
+        without = "states or a ledger" if run.pieces is None else "the reactions of its rigid stops"
+        missing.append(f"energy: the run came without {without}")
     if "tip_velocity" in run.provenance:
         missing.append(f"tip velocity: {run.provenance['tip_velocity']}; impact times and lag are as good as that")
     lag = phase_lag(
@@ -248,11 +254,10 @@ def _contact(
     """Contact i at the steps t, of which the first are those to the window."""
     stops, own = system.contacts[i].stops, run.contacts[i]
     if stops.rigid:
-        return _rigid_contact(run, reference, system, i, window)
+        return _rigid_contact(run, reference, system, i, t, window)
     u, v = reference.at(t, contact=i)
     true, true_force = sampled_impacts(t, u, v, stops), stops.force(u, v)
     sampled = "dt" in run.provenance
-    unknown = own.impacts.kind == "unknown"
     found = own.impacts if sampled else sampled_impacts(run.t, own.position, own.velocity, own.stops)
 
     def statistics(trajectory: Trajectory, impacts: Impacts, force: Array, end: float) -> ContactStatistics:
@@ -274,42 +279,49 @@ def _contact(
         place=_place(system, i),
         run=statistics(run, found, own.force, window),
         reference=statistics(reference, true, true_force, window),
-        # Where no impact of the run is known, nothing parts and nothing is paired.
-        matching=Matching(0, window, np.nan, np.nan)
-        if unknown
-        else match(found, true, window, longest_delay(system, float(reference.provenance["t_end"]))),
+        matching=_matching(found, true, system, reference, window),
         run_totals=statistics(run, found, own.force, t_end),
         reference_totals=statistics(reference, true, true_force, t_end),
     )
 
 
-def _rigid_contact(run: Trajectory, reference: Reference, system: System, i: int, window: float) -> ContactComparison:
+def _rigid_contact(
+    run: Trajectory, reference: Reference, system: System, i: int, t: Array, window: float
+) -> ContactComparison:
     """Contact i on a rigid stop, where positions do not determine the force: each trajectory has its own impacts.
 
-    Forces have no peak. Share and impulse are known of whole runs only.
+    Those of a run from arrays are read from its steps t, and so are the reference's then. Forces have no peak. Share
+    and impulse are known of whole runs only.
     """
     t_end = min(float(run.t[-1]), float(reference.provenance["t_end"]))
+    found, true = run.contacts[i].impacts, reference.contacts[i].impacts
+    if run.provenance.get("source") == "arrays":
+        true = sampled_impacts(t, *reference.at(t, contact=i), system.contacts[i].stops)
 
-    def statistics(trajectory: Trajectory, end: float) -> ContactStatistics:
+    def statistics(trajectory: Trajectory, impacts: Impacts, end: float) -> ContactStatistics:
+        if impacts.kind == "unknown":
+            return UNKNOWN
         record = trajectory.contacts[i]
         whole = end >= float(trajectory.provenance["t_end"]) * (1 - 1e-12)
-        count = record.impacts.until(end).count
         share, impulse = (record.fraction, record.impulse) if whole else (np.nan, np.nan)
-        return ContactStatistics(count, count, share, np.nan, impulse)
+        count, events = impacts.until(end).count, record.impacts.until(end).count
+        return ContactStatistics(count, events, share, np.nan, impulse)
 
     return ContactComparison(
         place=_place(system, i),
-        run=statistics(run, window),
-        reference=statistics(reference, window),
-        matching=match(
-            run.contacts[i].impacts,
-            reference.contacts[i].impacts,
-            window,
-            longest_delay(system, float(reference.provenance["t_end"])),
-        ),
-        run_totals=statistics(run, t_end),
-        reference_totals=statistics(reference, t_end),
+        run=statistics(run, found, window),
+        reference=statistics(reference, true, window),
+        matching=_matching(found, true, system, reference, window),
+        run_totals=statistics(run, found, t_end),
+        reference_totals=statistics(reference, true, t_end),
     )
+
+
+def _matching(found: Impacts, true: Impacts, system: System, reference: Reference, window: float) -> Matching:
+    """Where no impact of the run is known, nothing differs and nothing is paired."""
+    if found.kind == "unknown":
+        return Matching(0, window, np.nan, np.nan)
+    return match(found, true, window, longest_delay(system, float(reference.provenance["t_end"])))
 
 
 def _place(system: System, i: int) -> str:

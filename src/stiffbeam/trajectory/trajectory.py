@@ -22,7 +22,7 @@ from ..basics.validation import InputError, integer, numbers, positive
 from ..basics.words import sentence
 from .dataset import save, to_xarray
 from .impacts import ContactRecord, Impacts
-from .own import NO_STATES, own_run
+from .own import NO_REACTIONS, NO_STATES, own_run
 from .recorder import as_it_starts, sampled_impacts
 from .tables import columns_of, table
 
@@ -207,6 +207,8 @@ class Trajectory:
         where an energy is beyond float64 though the motion is not."""
         if self.ledger is None:
             found = NO_STATES if self.provenance.get("source") == "arrays" else "a loaded file"
+            if self.pieces is not None:
+                raise InputError("energy", NO_REACTIONS, "be that of a run with them", "use integrate")
             raise InputError("energy", found, "have been saved with the run", "run it again, with its states")
         found = self.ledger()
         beyond = ~reduce(np.logical_and, (np.isfinite(getattr(found, entry.name)) for entry in fields(found)))
