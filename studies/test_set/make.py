@@ -5,7 +5,7 @@
     python studies/test_set/make.py --page           pictures and page from the files that are there
 
 Answers are made here by closed forms in mpmath, or by the package's multiprecision; their second witness is in
-tests/test_known_answers.py and shares no code with either.
+tests/testset/test_known_answers.py and shares no code with either.
 """
 
 from __future__ import annotations

@@ -131,9 +131,10 @@ TAIL = """
 
 `python studies/test_set/make.py` makes every file, picture and this page: closed forms and quadratures in mpmath with
 60 digits, and for piecewise-linear systems the multiprecision solution of stiffbeam (python-flint), twice with
-different precision. `tests/test_known_answers.py` holds each against a second way that shares no code with the first:
-matrix exponentials between switches, in mpmath where the system is small, and Runge-Kutta of order 8 with events;
-`tests/test_known_answers_by_series.py` every digit of the piecewise-linear ones against Taylor series in whole numbers.
+different precision. `tests/testset/test_known_answers.py` holds each against a second way that shares no code with the
+first: matrix exponentials between switches, in mpmath where the system is small, and Runge-Kutta of order 8 with
+events; `tests/testset/test_known_answers_by_series.py` every digit of the piecewise-linear ones against Taylor series
+in whole numbers.
 Continuum values are marked as such. Cite the test set by its version, see [`CITATION.cff`](CITATION.cff).
 
 | version | change of answers |

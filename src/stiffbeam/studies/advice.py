@@ -151,7 +151,7 @@ def advise(
     for means 2^11. members: past the horizon, perturbed runs behind each mean. progress: as in ``reference``.
     tell: called with a line of what is known after every refinement. journal: keeps finished runs, so that a search
     that was stopped goes on. Takes what the exact reference takes. On 20 random systems it had not seen
-    (``tests/test_advice.py``) every advised run met its tolerances by an independent solver. Raises InputError.
+    (``tests/studies/test_advice.py``) every advised run met its tolerances by an independent solver. Raises InputError.
     """
     if progress is True:
         with shown() as show:

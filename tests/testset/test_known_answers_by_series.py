@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 mp = pytest.importorskip("mpmath")
-FOLDER = Path(__file__).parent.parent / "reference" / "problems"
+FOLDER = Path(__file__).parents[2] / "reference" / "problems"
 FILES = {file.stem: tomllib.loads(file.read_text(encoding="utf-8")) for file in FOLDER.glob("*.toml")}
 LAWS = {"exponent", "damping", "dissipation"}
 LINEAR = [

@@ -23,7 +23,7 @@ from vibro_march import solve
 import stiffbeam as sb
 
 mp = pytest.importorskip("mpmath")
-FOLDER = Path(__file__).parent.parent / "reference" / "problems"
+FOLDER = Path(__file__).parents[2] / "reference" / "problems"
 FILES = {file.stem: tomllib.loads(file.read_text(encoding="utf-8")) for file in FOLDER.glob("*.toml")}
 CONTACT = {name: file["system"]["contacts"][0] for name, file in FILES.items()}
 LINEAR = [n for n, c in CONTACT.items() if c["stiffness"] < math.inf and not {"exponent", "damping"} & c.keys()]

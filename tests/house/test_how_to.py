@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-STUDIES = Path(__file__).parent.parent / "studies"
+STUDIES = Path(__file__).parents[2] / "studies"
 CLAMPED_FREE = np.array([1.8751040687119611, 4.694091132974175, 7.854757438237613])  # cos x cosh x = -1
 
 

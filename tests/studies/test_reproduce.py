@@ -23,7 +23,7 @@ from stiffbeam.measures.spectrum import amplitude_spectrum
 from stiffbeam.model.closed_form import mode, roots
 from stiffbeam.model.problem import PointLoad
 
-STORE = Path(__file__).parent.parent / "reference"
+STORE = Path(__file__).parents[2] / "reference"
 BDF, RK, BOTH, ONE = ("(4.13)", "(4.5)", "(4.11)"), ("(4.10)", "(4.12)", "(4.14)"), ("(4.13)", "(4.14)"), ("(4.13)",)
 
 # Typed from the paper: k^2, a or w, h, dt, g1, g2, kappa, E, alpha, gamma, schemes.

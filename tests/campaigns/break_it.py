@@ -1,6 +1,6 @@
 """The whole campaign of bad input and faults, with one seed.
 
-    python tests/break_it.py --seed 1 --inputs 10000 --kills 100 --files 1000 --jobs 2
+    python tests/campaigns/break_it.py --seed 1 --inputs 10000 --kills 100 --files 1000 --jobs 2
 
 Wild inputs by surface (``fuzz.py``), kills of a command that goes on in one folder, damaged files; each with its
 outcomes. Ends with 1 where an input is a violation, a kill has lost something, or a damaged file passes.

@@ -20,7 +20,7 @@ ADAPTERS = {"mujoco": "mujoco_engine.py", "exudyn": "exudyn_engine.py", "siconos
 @pytest.fixture
 def engines(monkeypatch):
     """(problem_file, recorded), as the adapters and the study import them."""
-    monkeypatch.syspath_prepend(str(Path(__file__).parent.parent / "studies" / "engines"))
+    monkeypatch.syspath_prepend(str(Path(__file__).parents[2] / "studies" / "engines"))
     return importlib.import_module("problem_file"), importlib.import_module("recorded")
 
 

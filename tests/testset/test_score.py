@@ -18,7 +18,7 @@ from stiffbeam.testset.problem import folder, read
 from stiffbeam.testset.score import score_trajectories
 from stiffbeam.testset.verdicts import CONVERGES, FAILED, LOW_ORDER, NOT_FALLING, NOT_TAKEN, ONE_RUN
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "reference" / "problems" / "README.md").read_text(encoding="utf-8")
 SOME = ["free-oscillator", "bilinear-oscillator", "bilinear-gap", "mass-on-a-stop"]
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).parents[2]
 NOTEBOOK = ROOT / "studies" / "first_beam.ipynb"
 RECORDS = (ROOT / "studies" / "guide" / "records.md").read_text(encoding="utf-8")
 

@@ -323,6 +323,6 @@ def test_kernels_that_may_not_be_compiled_are_refused(tmp_path, monkeypatch):
 
 def test_the_version_is_said(command):
     code, out, _ = command("--version")
-    stated = tomllib.loads(Path(__file__).parent.with_name("pyproject.toml").read_text())["project"]["version"]
+    stated = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text())["project"]["version"]
     assert (code, out.split()) == (0, ["stiffbeam", stated])
     assert sb.__version__ == stated

@@ -1,6 +1,6 @@
 """Wild input to everything that users call: each ends in a result, or in a refusal with rule, value and remedy.
 
-    python tests/fuzz.py --seed 1 --inputs 10000 --jobs 2
+    python tests/campaigns/fuzz.py --seed 1 --inputs 10000 --jobs 2
 
 Input i of a seed is the same everywhere: ``--only i`` repeats it here, with its traceback. Each is tried in a
 process that may use ``--limit`` seconds of processor time and ``--memory`` GiB; what is no result, no InputError

@@ -9,7 +9,7 @@ import xarray as xr
 
 import stiffbeam as sb
 
-FILES = sorted((Path(__file__).parents[1] / "reference").glob("table*.nc"))
+FILES = sorted((Path(__file__).parents[2] / "reference").glob("table*.nc"))
 
 
 @pytest.mark.parametrize("file", FILES, ids=lambda file: file.stem)

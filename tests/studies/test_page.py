@@ -23,7 +23,7 @@ from dumont2002.verdicts import FAILS, HOLDS, NOT_MEASURED, SCHEME_ONLY, UNTESTA
 from stiffbeam import cli
 from stiffbeam.files.cases import paper_cases
 
-STORE = Path(__file__).parent.parent / "reference"
+STORE = Path(__file__).parents[2] / "reference"
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
 
 

@@ -350,7 +350,7 @@ def test_kernels_keep_within_their_arrays(tmp_path):
     ]
     environment = {**os.environ, "NUMBA_BOUNDSCHECK": "1", "STIFFBEAM_CACHE_DIR": str(tmp_path)}
     command = [sys.executable, "-m", "pytest", "-q", "-n", "0", "-p", "no:cacheprovider", *chosen]
-    done = subprocess.run(command, env=environment, cwd=tests.parent, capture_output=True, text=True, check=False)
+    done = subprocess.run(command, env=environment, cwd=tests.parents[1], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout[-3000:]
 
 

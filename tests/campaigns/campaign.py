@@ -1,10 +1,10 @@
 """The campaign: random systems until the package certifies something false.
 
-    python tests/campaign.py --systems 2000 --seed 1 --jobs 2
+    python tests/campaigns/campaign.py --systems 2000 --seed 1 --jobs 2
 
 Prints the outcomes by family and by subject, and every violation with the numbers that repeat it:
 
-    python tests/campaign.py --seed 1 --only 1234 --methods exact
+    python tests/campaigns/campaign.py --seed 1 --only 1234 --methods exact
 """
 
 from __future__ import annotations
@@ -20,6 +20,8 @@ import traceback
 from collections import Counter
 from functools import lru_cache
 from pathlib import Path
+
+sys.path += [str(Path(__file__).parents[1] / folder) for folder in ("", "oracles")]
 
 OUTCOMES = ("right", "refused", "short", "open", "wrong", "hang", "exception", "not finite")
 VIOLATIONS = ("wrong", "hang", "exception", "not finite")
@@ -174,5 +176,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    sys.path.insert(0, str(Path(__file__).parent))
     sys.exit(main())

@@ -22,7 +22,7 @@ from stiffbeam.studies.agreement import agree
 from stiffbeam.studies.references import check, remake, wanted
 from stiffbeam.trajectory.trajectory import Work
 
-STORE = Path(__file__).parent.parent / "reference"
+STORE = Path(__file__).parents[2] / "reference"
 
 
 @pytest.fixture(scope="module")

@@ -203,6 +203,6 @@ def test_a_sample_of_wild_constructors_ends_in_a_result_or_a_refusal():
     "every", [pytest.param(50, marks=pytest.mark.slow), pytest.param(10, marks=pytest.mark.campaign)]
 )
 def test_wild_inputs_end_in_a_result_or_a_refusal(every):
-    """Of the ten thousand of ``python tests/fuzz.py --seed 1 --inputs 10000``."""
+    """Of the ten thousand of ``python tests/campaigns/fuzz.py --seed 1 --inputs 10000``."""
     with ProcessPoolExecutor(1, get_context("spawn")) as fresh:  # it forks, which no process with JAX's threads may
         _clean(fresh.submit(campaign, 1, range(0, 10_000, every), jobs=1, limit=60.0, memory=16.0).result())

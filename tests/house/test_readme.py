@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).parents[2]
 STUDIES = ROOT / "studies"
 PAGES = [ROOT / "README.md", *sorted([*STUDIES.glob("guide/*.md"), *STUDIES.glob("theory/*.md")])]
 TEXTS = {page.stem: page.read_text(encoding="utf-8") for page in PAGES}

@@ -1,6 +1,6 @@
 """Are float64 horizons ever too long? Random chaotic systems, each held against its solution in many digits.
 
-    python tests/chaotic_horizons.py --systems 1000 --jobs 2
+    python tests/campaigns/chaotic_horizons.py --systems 1000 --jobs 2
 
 Prints every horizon that is longer than float64 and the many digits agree, and how the horizons compare.
 """
@@ -13,8 +13,10 @@ import sys
 import time
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
+from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+sys.path += [str(Path(__file__).parents[1] / folder) for folder in ("", "oracles")]
 
 import extremes
 import numpy as np
