@@ -7,7 +7,6 @@ from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
 from ..basics.arrays import Array
 
-
 EVEN = 1e-6  # of the mean step: steps that differ by less are of one length
 
 
