@@ -265,7 +265,11 @@ class March:
         diverged = np.where(self.state.diverged > 0, self.state.diverged * dt, np.nan)
         for i in np.flatnonzero(~np.all(np.isfinite(tally[..., IMPULSE]), axis=1) & np.isnan(diverged)):
             diverged[i] = self.seen(int(i)).diverged
-        events = self.events[self.events[:, TIME] != AT_START]
+        first = self.events[:, TIME] == AT_START
+        begun, events = self.events[first], self.events[~first]
+        pressed = begun[begun[:, IMPACT_IMPULSE] != 0.0][:, [MEMBER, CONTACT]].astype(int)
+        open_at_start = np.zeros(tally.shape[:2], bool)
+        open_at_start[tuple(pressed.T)] = True
         own = [events[events[:, CONTACT] == c] for c in range(tally.shape[1])]
         return Records(
             tip=self.positions[..., tip].copy(),
@@ -273,6 +277,7 @@ class March:
             fraction=shares(tally, self.steps),
             peak_force=tally[..., PEAK],
             impulse=tally[..., IMPULSE],
+            open_at_start=open_at_start,
             impacts=tuple(impacts_of(events) for events in own),
             whose=tuple(events[:, MEMBER].astype(np.int64) for events in own),
             diverged=diverged,

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..basics.arrays import Array
+from ..basics.arrays import Array, BoolArray
 from ..basics.validation import InputError, non_negative
 from ..model.members import Members
 from .ensemble_dataset import ensemble_dataset, save_ensemble
@@ -32,13 +32,15 @@ Progress = Callable[[int], None]
 class ContactStatistics:
     """One contact in all members, see ContactRecord.
 
-    fraction, peak_force, impulse: (M,). impacts: those of all members, one member after the other;
+    fraction, peak_force, impulse: (M,). open_at_start: (M,), whether the contact is there at t = 0, which is no impact
+    and belongs to the other numbers all the same. impacts: those of all members, one member after the other;
     member i has the rows offsets[i] to offsets[i + 1].
     """
 
     fraction: Array
     peak_force: Array
     impulse: Array
+    open_at_start: BoolArray
     impacts: Impacts
     offsets: NDArray[np.int64]
 
@@ -90,7 +92,7 @@ class Ensemble:
 
     def to_dataframe(self) -> pandas.DataFrame:
         """One line per member: its value of ``members.parameter`` where that is a number, when it diverged (NaN: not),
-        and of every contact the impacts, share of time, peak force and impulse."""
+        and of every contact the impacts, share of time, peak force, impulse and whether it is open at the start."""
         columns: dict[str, Any] = {"member": np.arange(len(self))}
         values = np.asarray(self.members.values, object)
         if values.ndim == 1 and all(isinstance(x, (int, float, np.number)) for x in values.tolist()):
@@ -102,6 +104,7 @@ class Ensemble:
                 f"contact{i}_fraction": contact.fraction,
                 f"contact{i}_peak_force": contact.peak_force,
                 f"contact{i}_impulse": contact.impulse,
+                f"contact{i}_open_at_start": contact.open_at_start,
             }
         return table(columns, {"parameter": self.members.parameter, "provenance": self.provenance})
 
@@ -163,6 +166,7 @@ def gathered(
             fraction=seen.fraction[:, c],
             peak_force=seen.peak_force[:, c],
             impulse=seen.impulse[:, c],
+            open_at_start=seen.open_at_start[:, c],
             impacts=seen.impacts[c],
             offsets=np.concatenate([[0], np.cumsum(np.bincount(whose, minlength=len(seen)))]),
         )

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..basics.arrays import Array
+from ..basics.arrays import Array, BoolArray
 from .impacts import Impacts
 from .recorder import Seen
 
@@ -17,7 +17,8 @@ from .recorder import Seen
 class Records:
     """What M runs have seen with their m contacts.
 
-    tip, tip_velocity: (M, k) at the output times. fraction, peak_force, impulse: (M, m), see ContactRecord. impacts: of
+    tip, tip_velocity: (M, k) at the output times. fraction, peak_force, impulse: (M, m), see ContactRecord.
+    open_at_start: (M, m), contacts that are there at t = 0, which are no impacts, see ``Impacts.at_start``. impacts: of
     every contact those of all runs, one run after the other; whose: of every contact the run of each. diverged: (M,),
     NaN for none. marches: how the runs were made.
     """
@@ -27,6 +28,7 @@ class Records:
     fraction: Array
     peak_force: Array
     impulse: Array
+    open_at_start: BoolArray
     impacts: tuple[Impacts, ...]
     whose: tuple[NDArray[np.int64], ...]
     diverged: Array
@@ -48,6 +50,7 @@ class Records:
             fraction=fraction,
             peak_force=peak_force,
             impulse=impulse,
+            open_at_start=np.array([[r.impacts.at_start is not None for r in records] for records in runs], bool),
             impacts=tuple(Impacts.concatenate(each) for each in impacts),
             whose=tuple(np.repeat(np.arange(len(seen)), [one.count for one in each]) for each in impacts),
             diverged=np.array([one.diverged for one in seen]),
@@ -59,7 +62,7 @@ class Records:
         """One after the other; places: where each run then belongs, (M,), None for there."""
         if len(parts) == 1:
             return parts[0]
-        names = ("tip", "tip_velocity", "fraction", "peak_force", "impulse", "diverged")
+        names = ("tip", "tip_velocity", "fraction", "peak_force", "impulse", "open_at_start", "diverged")
         arrays = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
         first = np.cumsum([0, *(len(part) for part in parts[:-1])])
         whose, impacts = [], []
