@@ -16,7 +16,7 @@ import numpy as np
 
 import stiffbeam as sb
 from stiffbeam.figures import new_figure, short
-from stiffbeam.files.samples import read_samples
+from stiffbeam.files.reader import read_samples
 
 RATE, T_END = 25_600.0, 0.15  # 1/s, s
 

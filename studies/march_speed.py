@@ -37,10 +37,10 @@ from march_speed_page import draw
 from timing import Timed, least, stream, timed
 
 import stiffbeam as sb
-from stiffbeam.basics.threads import cores
+from stiffbeam.basics.resources import cores
 from stiffbeam.march.block_march import March, Stepper
-from stiffbeam.march.coordinates import InModes
 from stiffbeam.march.leap import LeapMarch
+from stiffbeam.march.probe import InModes
 from stiffbeam.model.modes import modes
 
 RECORDED = Path(__file__).with_suffix(".json")

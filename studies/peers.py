@@ -30,7 +30,7 @@ from timing import least, timed
 
 import stiffbeam as sb
 from stiffbeam.march.block_march import March
-from stiffbeam.march.plan import Plan
+from stiffbeam.march.integrate import Plan
 
 ALPHA, RTOL, T_END = -0.1, 1e-9, 0.1
 STEPPERS = {

@@ -42,7 +42,7 @@ CHAPTERS = {
         "studies/README.md", "gallery", "reference/problems/README.md", "studies/other_engines.md",
         "reference/README.md",
     ],
-    "Reference": ["api/stiffbeam.html", "CONTRIBUTING.md", "CHANGELOG.md"],
+    "Reference": ["api/stiffbeam.html", "CONTRIBUTING.md", "tests/campaigns/README.md", "CHANGELOG.md"],
 }  # fmt: skip
 SCRIPTS = [Path(source).stem for source in CHAPTERS["How to"]]
 WHERE = {"MPLBACKEND": "agg", "COLUMNS": "80"}

@@ -64,6 +64,16 @@ def compiled() -> None:
     warm_up()
 
 
+@pytest.fixture
+def numpy_kernel(monkeypatch: pytest.MonkeyPatch) -> None:
+    """engine="numpy": the oracle of the compiled blocks, which users do not have."""
+    import blocks_numpy
+
+    from stiffbeam.march import block_march
+
+    monkeypatch.setitem(block_march.RUNS, "numpy", blocks_numpy.run)
+
+
 @pytest.fixture(scope="session")
 def table10() -> sb.BeamProblem:
     return sb.BeamProblem(

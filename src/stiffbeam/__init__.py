@@ -14,6 +14,8 @@ from importlib import metadata as _metadata
 from pathlib import Path as _Path
 from typing import Any as _Any
 
+from .basics.pictures import DRAW as _DRAW
+
 _SCHEMES = "schemes.registry"  # every class in it is public
 _STUB = _ast.parse(_Path(__file__).with_suffix(".pyi").read_text(encoding="utf-8"))
 _MODULE = {
@@ -21,6 +23,20 @@ _MODULE = {
     for node in _STUB.body
     if isinstance(node, _ast.ImportFrom) and node.module != _SCHEMES
     for alias in node.names
+}
+
+
+def _draw(module: str, function: str) -> _Any:
+    return lambda *objects, **options: getattr(_importlib.import_module(module, __name__), function)(
+        *objects, **options
+    )
+
+
+# Objects offer their pictures; figures, and with it matplotlib, is loaded when the first one is asked for.
+_DRAW |= {
+    "run": _draw(".figures.runs", "run_figure"),
+    "comparison": _draw(".figures.runs", "comparison_figure"),
+    "film": _draw(".figures.animation", "animate"),
 }
 
 

@@ -69,7 +69,7 @@ def within_reference(run: Trajectory, reference: Reference, tolerance: float, un
     import numpy as np
 
     from .basics.validation import InputError, positive, unmasked
-    from .measures.pair import require_same_system
+    from .measures.errors import require_same_system
 
     tolerance = positive("tolerance", tolerance)
     if not isinstance(run, tuple):

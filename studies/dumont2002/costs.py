@@ -8,7 +8,7 @@ from typing import Any
 
 from stiffbeam.files.cases import Case, paper_cases
 from stiffbeam.march.integrate import integrate
-from stiffbeam.measures.tip_error import tip_error
+from stiffbeam.measures.errors import tip_error
 from stiffbeam.model.semidiscretisation import semidiscretise
 from stiffbeam.references import reference
 from stiffbeam.schemes import Scheme

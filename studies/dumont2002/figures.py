@@ -11,13 +11,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stiffbeam.basics.arrays import Array
-from stiffbeam.basics.whole_file import write_whole
+from stiffbeam.basics.storage import write_whole
 from stiffbeam.figures.animation import animate
-from stiffbeam.figures.comparison import draw_stops, first_contact, zoom_on_stop
-from stiffbeam.figures.panels import new_figure
-from stiffbeam.figures.style import COLOURS, DASHES, look_of_name
-from stiffbeam.measures.peaks import MULTIPLES
-from stiffbeam.measures.spectrum import amplitude_spectrum
+from stiffbeam.figures.panels import COLOURS, DASHES, look_of_name, new_figure
+from stiffbeam.figures.runs import draw_stops, first_contact, zoom_on_stop
+from stiffbeam.measures.spectrum import MULTIPLES, amplitude_spectrum
 from stiffbeam.references import reference
 from stiffbeam.trajectory.trajectory import Reference, Trajectory
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from stiffbeam.files.cases import paper_case
 from stiffbeam.measures.amplification import amplification
-from stiffbeam.measures.regression import observed_order
+from stiffbeam.measures.errors import observed_order
 from stiffbeam.model.semidiscretisation import semidiscretise
 from stiffbeam.schemes import BDF2, HHT, SDIRK
 from stiffbeam.schemes.newmark import WeightedNewmark

@@ -11,7 +11,7 @@ import numpy as np
 
 from stiffbeam.files.cases import paper_case
 from stiffbeam.measures.amplification import amplification
-from stiffbeam.measures.peaks import EXCITED
+from stiffbeam.measures.spectrum import EXCITED
 from stiffbeam.model.closed_form import natural_frequencies
 
 from .evidence import Evidence

@@ -12,7 +12,7 @@ import numpy as np
 from stiffbeam.files.cases import paper_case
 from stiffbeam.march.ensemble import integrate_ensemble
 from stiffbeam.march.integrate import integrate
-from stiffbeam.measures.tip_error import tip_error
+from stiffbeam.measures.errors import tip_error
 from stiffbeam.model.members import perturbed
 from stiffbeam.model.semidiscretisation import semidiscretise
 from stiffbeam.references import reference

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from stiffbeam.basics.cache import source_hash
-from stiffbeam.basics.threads import cores
+from stiffbeam.basics.resources import cores
+from stiffbeam.basics.storage import source_hash
 from stiffbeam.figures import save_figure
 from stiffbeam.files.cases import paper_cases
 from stiffbeam.march.integrate import integrate

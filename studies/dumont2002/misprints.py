@@ -11,7 +11,7 @@ import scipy.integrate
 from stiffbeam.files.cases import paper_case
 from stiffbeam.march.integrate import integrate
 from stiffbeam.measures.amplification import amplification
-from stiffbeam.measures.regression import Order, observed_order
+from stiffbeam.measures.errors import Order, observed_order
 from stiffbeam.model.closed_form import mode, natural_frequencies, roots
 from stiffbeam.model.problem import PointLoad
 from stiffbeam.model.semidiscretisation import semidiscretise

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from stiffbeam.basics.arrays import Array
-from stiffbeam.basics.plain import plain
+from stiffbeam.basics.text import plain
 from stiffbeam.march.integrate import integrate
 from stiffbeam.measures.comparison import compare
 from stiffbeam.trajectory.trajectory import Diverged, Reference, Trajectory

@@ -16,9 +16,9 @@ from typing import Any
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
-from stiffbeam.basics.whole_file import write_whole
+from stiffbeam.basics.storage import write_whole
 from stiffbeam.files.cases import paper_cases
-from stiffbeam.measures.peaks import EXCITED
+from stiffbeam.measures.spectrum import EXCITED
 
 from . import no_contact, rows
 from .ensembles import PERIODS, PERTURBATION

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from stiffbeam.basics.validation import InputError, one_of
-from stiffbeam.march.rules import CONTACTS
+from stiffbeam.march.choice import CONTACTS
 from stiffbeam.schemes import Scheme
 from stiffbeam.schemes.misprints import forms_of
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from stiffbeam.basics.plain import plain
+from stiffbeam.basics.text import plain
 from stiffbeam.basics.validation import InputError
 from stiffbeam.figures import save_figure
 from stiffbeam.files.cases import paper_case

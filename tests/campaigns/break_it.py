@@ -27,7 +27,7 @@ LOSSES = ("journalled lines lost", "ends that differ", "half-written files")
 
 
 def _begun(folder: Path) -> subprocess.Popen[str]:
-    words = [sys.executable, "-m", "stiffbeam.cli", *COMMAND, str(folder)]
+    words = [sys.executable, "-m", "stiffbeam", *COMMAND, str(folder)]
     return subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, start_new_session=True)
 
 

@@ -31,7 +31,7 @@ from fuzz_surfaces import CONSTRUCTORS, FUNCTIONS, Surface, exact, numbers_in, r
 from fuzz_texts import case_file, command
 
 import stiffbeam as sb
-from stiffbeam.basics.words import shown
+from stiffbeam.basics.text import shown
 
 LONGEST = 300
 GOOD = ("result", "refused", "failed")

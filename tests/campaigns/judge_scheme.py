@@ -74,7 +74,7 @@ def _positions(
 def judge_scheme(case: Case, system: sb.System, rng: np.random.Generator) -> list[Verdict]:
     """One scheme, engine and contact against the plain loop, while rounding allows; its impacts by the rule."""
     scheme = SCHEMES[int(rng.integers(len(SCHEMES)))]
-    contact, engine = str(rng.choice(["implicit", "implicit", "extrapolated"])), str(rng.choice(["numba", "numpy"]))
+    contact, engine = str(rng.choice(["implicit", "implicit", "extrapolated"])), str(rng.choice(["numba", "direct"]))
     steps = int(rng.integers(50, 400))
     subject = f"{scheme} {contact} {engine}"
     dt = case.t_end / steps

@@ -11,8 +11,8 @@ import numpy as np
 import stiffbeam as sb
 from stiffbeam.march import leap
 from stiffbeam.march.block_march import March
-from stiffbeam.march.build import build
-from stiffbeam.march.plan import Plan
+from stiffbeam.march.integrate import Plan
+from stiffbeam.march.propagator import build
 from stiffbeam.schemes import registered
 
 SCHEMES = list(registered())

@@ -1,4 +1,4 @@
-"""The campaign in small: a fixed part in seconds, a larger one marked slow; CONTRIBUTING.md has the whole of it."""
+"""The campaign in small: a fixed part in seconds, a larger one marked slow; README.md beside it has the whole of it."""
 
 from __future__ import annotations
 

@@ -17,8 +17,8 @@ from typer.testing import CliRunner
 from wild_values import Unfriendly
 
 import stiffbeam as sb
-from stiffbeam.basics import budget
-from stiffbeam.basics.words import printable, shown
+from stiffbeam.basics import resources
+from stiffbeam.basics.text import printable, shown
 from stiffbeam.cli import app
 from stiffbeam.schemes.labels import parse_run
 
@@ -140,7 +140,7 @@ def test_work_that_shows_on_its_way_is_refused_by_what_its_first_part_took(monke
         with pytest.raises(sb.InputError, match=r"t_end must take no more than 0\.05 seconds"):
             sb.reference(mass(), t_end, method, **({"digits": 40} if method == "multiprecision" else {}))
     monkeypatch.undo()
-    forecast = budget.Forecast(1.0)
+    forecast = resources.Forecast(1.0)
     forecast.check(0.5, 2e7)
     with pytest.raises(sb.InputError, match="GiB of memory"):
         forecast.check(0.01, 2e7)

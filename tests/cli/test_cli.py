@@ -29,7 +29,7 @@ MOVING = MINE + "base = { amplitude = 0.1, frequency = 10.0 }\n"
 
 def shell(*arguments, cwd):
     """The command in a process of its own, with pipes for stdout and stderr."""
-    command = [sys.executable, "-W", "error", "-m", "stiffbeam.cli", *arguments]
+    command = [sys.executable, "-W", "error", "-m", "stiffbeam", *arguments]
     return subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=120)
 
 

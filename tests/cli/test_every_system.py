@@ -17,7 +17,7 @@ from every_system import BENCHES, ball
 import stiffbeam as sb
 from stiffbeam import references
 from stiffbeam.basics.validation import InputError
-from stiffbeam.files.case import case_of
+from stiffbeam.files.cases import case_of
 from stiffbeam.studies import STUDIES, agreement, find_study
 from stiffbeam.studies.common import smoke_options
 

@@ -45,7 +45,7 @@ def test_every_command_is_here_or_takes_no_time():
 def begun(name: str, folder: Path) -> subprocess.Popen[str]:
     """The command at work in a folder of its own, with an empty one for what is temporary."""
     (folder / "tmp").mkdir(parents=True, exist_ok=True)
-    words = [sys.executable, "-m", "stiffbeam.cli", *COMMANDS[name], "--verbose", "--json", "found.json"]
+    words = [sys.executable, "-m", "stiffbeam", *COMMANDS[name], "--verbose", "--json", "found.json"]
     return subprocess.Popen(
         words, cwd=folder, env=os.environ | {"TMPDIR": str(folder / "tmp")}, stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE, text=True, start_new_session=True,

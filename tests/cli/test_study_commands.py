@@ -7,7 +7,7 @@ import json
 
 import pytest
 
-from stiffbeam.cli.study_commands import command_of
+from stiffbeam.cli.application import command_of
 from stiffbeam.studies import STUDIES, find_study
 
 

@@ -10,8 +10,8 @@ import pytest
 
 import stiffbeam as sb
 from stiffbeam.basics.compiled import stopped_clock
-from stiffbeam.files.samples import read_samples
-from stiffbeam.measures.free_modes import free_mode_errors
+from stiffbeam.files.reader import read_samples
+from stiffbeam.measures.amplification import free_mode_errors
 from stiffbeam.studies import chaos, study
 from stiffbeam.studies.common import to_the_end
 from stiffbeam.studies.rigid_bar import points as bar_points

@@ -17,10 +17,10 @@ from systems import two_contacts
 from typer.testing import CliRunner
 
 import stiffbeam as sb
-from stiffbeam.basics import cache
+from stiffbeam.basics import storage
 from stiffbeam.cli import app
 from stiffbeam.files import reference_cache
-from stiffbeam.files.frozen import BOUND
+from stiffbeam.files.store import BOUND
 
 TIMES = np.linspace(0.0, 0.06, 121)
 FINITE = ("cvode-adams", "dop853", "ida", pytest.param("kvaerno5", marks=pytest.mark.slow))
@@ -36,7 +36,7 @@ def assert_same(a, b):
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
     """The folder of the cached files, empty."""
-    monkeypatch.setattr(cache, "directory", lambda: tmp_path)
+    monkeypatch.setattr(storage, "directory", lambda: tmp_path)
     return tmp_path / "references"
 
 
@@ -181,7 +181,7 @@ print(json.dumps([f.tip.tolist() for f in found]))
 
 def environment(folder):
     """With an empty cache of references, the kernels being compiled already."""
-    compiled = cache.directory() / "numba"
+    compiled = storage.directory() / "numba"
     shutil.copytree(compiled, folder / "numba", dirs_exist_ok=True)
     return os.environ | {"STIFFBEAM_CACHE_DIR": str(folder)}
 

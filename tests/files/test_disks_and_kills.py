@@ -18,8 +18,8 @@ from processes import nobody_left, session
 from typer.testing import CliRunner
 
 import stiffbeam as sb
-from stiffbeam.basics import cache, compiled
-from stiffbeam.basics.whole_file import write_whole
+from stiffbeam.basics import compiled, storage
+from stiffbeam.basics.storage import write_whole
 from stiffbeam.cli import app
 from stiffbeam.cli.output import file_name
 from stiffbeam.files.cases import paper_case
@@ -112,7 +112,7 @@ def test_a_folder_that_cannot_be_written_to_is_refused(words, tmp_path):
 
 @pytest.mark.parametrize("damage", [b"", b"\x00" * 400, b"cut"])
 def test_a_damaged_index_of_kernels_is_compiled_again(damage, tmp_path, monkeypatch):
-    monkeypatch.setattr(cache, "directory", lambda: tmp_path)
+    monkeypatch.setattr(storage, "directory", lambda: tmp_path)
     module = tmp_path / "twice.py"
     module.write_text("def twice(x):\n    return 2 * x\n")
 
@@ -155,10 +155,10 @@ def test_a_cache_in_which_others_can_write_is_not_used(what, tmp_path, monkeypat
         path.chmod(0o755)
     planted.chmod(0o644)
     monkeypatch.setenv("STIFFBEAM_CACHE_DIR", str(tmp_path))
-    assert cache.directory.__wrapped__() == tmp_path
+    assert storage.directory.__wrapped__() == tmp_path
     {"folder": tmp_path, "kernels": tmp_path / "numba", "file": planted}[what].chmod(0o777)
     with pytest.warns(UserWarning, match="others can write to .* from which compiled code is run"):
-        private = cache.directory.__wrapped__()
+        private = storage.directory.__wrapped__()
     assert private != tmp_path
     assert private.stat().st_mode & 0o777 == 0o700
     private.rmdir()
@@ -241,7 +241,7 @@ def test_names_and_titles_stay_in_their_folder_and_their_line(tmp_path, monkeypa
 def test_workers_end_with_a_killed_parent(tmp_path):
     words = ["reproduce", "all", "--jobs", "2", "--out", str(tmp_path)]
     child = subprocess.Popen(
-        [sys.executable, "-m", "stiffbeam.cli", *words], stderr=subprocess.DEVNULL, start_new_session=True
+        [sys.executable, "-m", "stiffbeam", *words], stderr=subprocess.DEVNULL, start_new_session=True
     )
     end = time.monotonic() + 60
     while len(session(child.pid)) < 4 and time.monotonic() < end:  # itself, the resource tracker, two workers

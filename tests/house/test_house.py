@@ -1,4 +1,4 @@
-"""The floor plan: who imports whom. Data flows one way, so imports do too, wherever in a file they stand.
+"""The floor plan: who imports whom. Data flows one way, and so do imports, lazy ones and those in strings too.
 
 Two files of one room may name each other's classes in annotations; nothing else may go in a circle.
 """
@@ -6,6 +6,7 @@ Two files of one room may name each other's classes in annotations; nothing else
 from __future__ import annotations
 
 import ast
+import re
 from functools import cache
 from pathlib import Path
 
@@ -31,28 +32,48 @@ def _name(path: Path) -> str:
 MODULES = {_name(path): path for path in PACKAGE.rglob("*.py")}
 
 
+NAMED = re.compile(rf"\bstiffbeam((?:\.(?:{'|'.join(ROOMS)})\b)(?:\.\w+)*)")  # a module in a string
+
+
 def _for_types(tree: ast.Module) -> set[ast.AST]:
     """What stands under ``if TYPE_CHECKING``."""
     guards = [node for node in tree.body if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test)]
     return {inner for guard in guards for inner in ast.walk(guard)}
 
 
+def _module(parts: list[str]) -> str:
+    """The longest beginning of a dotted name that is a module; the last part may be a name in it, or not known yet."""
+    while ".".join(parts) not in MODULES:
+        parts = parts[:-1]
+    return ".".join(parts)
+
+
 def _imports(name: str) -> set[str]:
-    """The modules of the package that a module imports, inside functions too, and for types from other rooms."""
+    """The modules of the package that a module imports, inside functions too, and for types from other rooms; those
+    that a string names, or begins to name for ``import_module``, are imported as well."""
     path = MODULES[name]
     package = name.split(".") if path.name == "__init__.py" else name.split(".")[:-1]
-    found = set()
+    imported = set()
     tree = ast.parse(path.read_text(encoding="utf-8"))
     for_types = _for_types(tree)
     for node in ast.walk(tree):
-        if isinstance(node, ast.ImportFrom) and node.level:
-            base = package[: len(package) - node.level + 1] + (node.module.split(".") if node.module else [])
-            for alias in node.names:
-                whole = ".".join([*base, alias.name])
-                other = whole if whole in MODULES else ".".join(base)
-                if node not in for_types or other.split(".")[0] != name.split(".")[0]:
-                    found.add(other)
-    return found - {name}
+        others = []
+        if isinstance(node, ast.ImportFrom) and (node.level or (node.module or "").split(".")[0] == "stiffbeam"):
+            base = package[: len(package) - node.level + 1] if node.level else []
+            base = base + (node.module or "").removeprefix("stiffbeam").strip(".").split(".")
+            others = [_module([part for part in [*base, alias.name] if part]) for alias in node.names]
+        elif isinstance(node, ast.Import):
+            words = [alias.name.split(".") for alias in node.names]
+            others = [_module(rest) for head, *rest in words if head == "stiffbeam"]
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+            others = [_module(found[1].strip(".").split(".")) for found in NAMED.finditer(node.value)]
+        elif isinstance(node, ast.Call) and ast.unparse(node.func).endswith("import_module"):
+            first = node.args[0].values[0] if isinstance(node.args[0], ast.JoinedStr) else node.args[0]
+            text = str(first.value) if isinstance(first, ast.Constant) else ""
+            if level := len(text) - len(text.lstrip(".")):
+                others = [_module([*package[: len(package) - level + 1], *filter(None, text[level:].split("."))])]
+        imported |= {x for x in others if node not in for_types or x.split(".")[0] != name.split(".")[0]}
+    return imported - {name}
 
 
 @cache
@@ -74,6 +95,29 @@ def test_no_room_imports_from_one_to_its_right():
         if other in ENTRANCES or ROOMS.index(there) > ROOMS.index(here) or (here, there) in STRANGERS
     ]
     assert not back
+
+
+def test_no_measure_knows_a_solver():
+    asked = {other for name, others in arrows().items() if name.startswith("measures") for other in others}
+    assert {other for other in asked if other.startswith("references")} == {"references.registry"}
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "from ..figures import look",
+        "def f():\n    from stiffbeam.figures import look",
+        "import stiffbeam.figures.panels",
+        'importlib.import_module(f"stiffbeam.figures.{x}")',
+        'import_module("..figures", __name__)',
+        'code = "from stiffbeam.figures.panels import look"',
+    ],
+)
+def test_an_arrow_to_the_right_is_seen_in_every_spelling(line, tmp_path, monkeypatch):
+    file = tmp_path / "module.py"
+    file.write_text(line)
+    monkeypatch.setitem(MODULES, "basics.module", file)
+    assert {other.split(".")[0] for other in _imports("basics.module")} == {"figures"}
 
 
 def test_no_modules_import_each_other_in_a_circle():

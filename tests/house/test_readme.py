@@ -76,7 +76,9 @@ def test_the_readme_found_what_the_study_finds(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    "page", [*PAGES, ROOT / "CONTRIBUTING.md", ROOT / "studies" / "README.md"], ids=lambda p: p.name
+    "page",
+    [*PAGES, ROOT / "CONTRIBUTING.md", ROOT / "studies" / "README.md", ROOT / "tests" / "campaigns" / "README.md"],
+    ids=lambda p: p.name,
 )
 def test_every_link_leads_somewhere(page):
     text = re.sub(r"```.*?```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)

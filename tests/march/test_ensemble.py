@@ -11,6 +11,8 @@ from systems import two_contacts
 import stiffbeam as sb
 from stiffbeam.references.exact.piecewise import solve_exact
 
+pytestmark = pytest.mark.usefixtures("numpy_kernel")
+
 
 @pytest.fixture(scope="module")
 def system(table10) -> sb.System:
@@ -310,7 +312,7 @@ def test_contacts_recorded_from_a_time_on_are_those_of_every_step_after_it(schem
 
 def test_the_direct_march_records_from_a_time_on(monkeypatch):
     """Two contacts and a damping that couples the modes."""
-    monkeypatch.setattr("stiffbeam.march.plan.pays", lambda *_: False)
+    monkeypatch.setattr("stiffbeam.march.integrate.pays", lambda *_: False)
     system = replace(two_contacts(), damping=np.diag([0.0, 0.3, 0.0, 0.1]))
     run = sb.integrate(system, sb.HHT(-0.1), 2e-3, 3.0)
     many = sb.integrate_ensemble(system, sb.HHT(-0.1), 2e-3, 3.0, [system], since=1.0)
@@ -341,7 +343,7 @@ def test_a_time_to_record_from_that_is_none_is_refused(since, system):
 
 
 def test_the_threads_can_be_limited(monkeypatch):
-    from stiffbeam.basics.threads import cores
+    from stiffbeam.basics.resources import cores
 
     monkeypatch.setenv("STIFFBEAM_THREADS", "3")
     assert cores() == 3

@@ -12,6 +12,8 @@ import stiffbeam as sb
 from stiffbeam.references.horizon import time_tolerance
 from stiffbeam.trajectory.impacts import COLUMNS, Impacts
 
+pytestmark = pytest.mark.usefixtures("numpy_kernel")
+
 
 @pytest.fixture(scope="module")
 def system() -> sb.System:

@@ -9,6 +9,8 @@ from test_march import SCHEMES
 
 import stiffbeam as sb
 
+pytestmark = pytest.mark.usefixtures("numpy_kernel")
+
 CHAOS = 0.05  # time in which rounding grows less than a hundredfold on Table 10 with its first impacts
 
 

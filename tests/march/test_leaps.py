@@ -12,9 +12,11 @@ from leaping import SCHEMES, both, campaign
 
 import stiffbeam as sb
 from stiffbeam.march import leap
+from stiffbeam.march.integrate import Plan
 from stiffbeam.march.kernels import depths
 from stiffbeam.march.kernels import sums as kernel
-from stiffbeam.march.plan import Plan
+
+pytestmark = pytest.mark.usefixtures("numpy_kernel")
 
 
 @pytest.fixture

@@ -14,6 +14,8 @@ from stiffbeam.model.semidiscretisation import FORMS
 from stiffbeam.schemes import registered
 from stiffbeam.trajectory.ledger import Ledger, step_ledger
 
+pytestmark = pytest.mark.usefixtures("numpy_kernel")
+
 
 @pytest.mark.parametrize("scheme", [sb.HHT(-0.1), sb.SDIRK(), sb.BDF2()], ids=str)
 def test_the_ledger_of_a_step_by_step_sum(scheme, table10):

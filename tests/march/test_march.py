@@ -16,12 +16,12 @@ from systems import linear_part, two_contacts
 
 import stiffbeam as sb
 from stiffbeam.basics import compiled
-from stiffbeam.march import block_march, choice, plan
-from stiffbeam.march.build import build
-from stiffbeam.march.coordinates import InModes, Together
+from stiffbeam.march import block_march, choice
+from stiffbeam.march.choice import CONTACTS
 from stiffbeam.march.kernels import blocks as kernel
-from stiffbeam.march.kernels.layout import Kept
-from stiffbeam.march.rules import CONTACTS
+from stiffbeam.march.kernels.blocks import Kept
+from stiffbeam.march.probe import InModes, Together
+from stiffbeam.march.propagator import build
 from stiffbeam.model import equations
 from stiffbeam.model.modes import modes
 from stiffbeam.schemes import registered
@@ -33,8 +33,8 @@ T_SHORT = 0.056  # through the first contacts of Table 10; rounding has grown a 
 def direct(system, *args, monkeypatch, **kwargs):
     """The same run, marched step by step with factorised matrices."""
     with monkeypatch.context() as patch:
-        patch.setattr(plan, "modes", lambda system: None)
-        patch.setattr(plan, "pays", lambda *_: False)
+        patch.setattr("stiffbeam.march.integrate.modes", lambda system: None)
+        patch.setattr("stiffbeam.march.integrate.pays", lambda *_: False)
         run = sb.integrate(system, *args, **kwargs)
     assert run.provenance["march"] == "direct"
     return run

@@ -93,8 +93,9 @@ def test_the_count_of_table_10_does_not_depend_on_what_ran_before():
     counts.add(sb.integrate(system, sb.HHT(-0.1), 1e-4, 2.0).impacts.count)
     assert len(counts) == 1
     assert sb.integrate(system, sb.HHT(-0.1), 1e-4, 1e-3).provenance["engine"] == "numba"
-    with pytest.raises(sb.InputError, match="numba"):
-        sb.integrate(system, sb.HHT(-0.1), 1e-4, 1e-3, engine="auto")
+    for engine in ("auto", "numpy"):
+        with pytest.raises(sb.InputError, match=r"numba.*direct"):
+            sb.integrate(system, sb.HHT(-0.1), 1e-4, 1e-3, engine=engine)
 
 
 def test_compare_says_that_it_compiles_and_begins_before_the_references(monkeypatch):

@@ -5,15 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stiffbeam.measures.peaks import (
+from stiffbeam.measures.spectrum import (
     THRESHOLD,
+    amplitude_spectrum,
     band,
     even_over_odd,
     find_peaks,
     multiple_amplitudes,
     share_off_multiples,
 )
-from stiffbeam.measures.spectrum import amplitude_spectrum
 
 DRIVE = 10.0
 

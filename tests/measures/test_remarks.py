@@ -9,7 +9,7 @@ import pytest
 
 import stiffbeam as sb
 from stiffbeam.basics.validation import InputError
-from stiffbeam.measures.remark import AT_REST
+from stiffbeam.measures.comparison import AT_REST
 from stiffbeam.model.drive import stays_at_rest
 
 STILL = sb.BeamProblem(stiffness=300.0, stops=sb.Stops(lower=-0.1, upper=0.1, stiffness=5e6))

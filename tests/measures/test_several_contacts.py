@@ -10,10 +10,9 @@ import pytest
 from systems import two_contacts
 
 import stiffbeam as sb
-from stiffbeam.figures.comparison import four_panels
+from stiffbeam.figures.runs import four_panels
 from stiffbeam.files.cases import paper_case
-from stiffbeam.measures.impacts import match, matched_until
-from stiffbeam.measures.windows import first_impacts_end, impact_times
+from stiffbeam.measures.impacts import first_impacts_end, impact_times, match, matched_until
 from stiffbeam.studies import find_study, study
 from stiffbeam.studies.common import by_contact, solve_once, system_of
 

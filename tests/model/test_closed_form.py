@@ -10,7 +10,7 @@ from oracles import beam_mode, beam_roots
 
 import stiffbeam as sb
 from stiffbeam.basics.validation import InputError
-from stiffbeam.measures.regression import observed_order
+from stiffbeam.measures.errors import observed_order
 from stiffbeam.measures.smooth_motion import steady_state
 from stiffbeam.model import closed_form
 from stiffbeam.model.drive import Drive

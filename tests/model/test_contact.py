@@ -259,10 +259,11 @@ def test_two_contacts_at_one_point_share_the_force():
 @settings(deadline=None)
 @given(any_stops(), POSITIONS, st.floats(0.0, 1e3))
 def test_the_compiled_law_is_the_law(stops, u, compliance):
-    kappa, g1, g2 = stops.law[:3]
+    law = stops.coefficients
+    kappa, g1, g2 = law[:3]
     assert contact_law.state(u, g1, g2) == stops.state(u)
     assert contact_law.depth(u, g1, g2) == stops.penetration(u)
-    assert contact_law.force(u, kappa, g1, g2) == stops.force(u)
-    assert np.isclose(contact_law.energy(u, kappa, g1, g2), stops.energy(u), rtol=1e-15, atol=0.0)
+    assert contact_law.law_force(u, 0.0, law) == stops.force(u)
+    assert np.isclose(contact_law.law_energy(u, law), stops.energy(u), rtol=1e-15, atol=0.0)
     force = contact_law.stage_force(u, contact_law.stage_stiffness(kappa, compliance), g1, g2)
     assert np.isclose(force, stops.solve(u, compliance), rtol=1e-15, atol=0.0)

@@ -17,6 +17,8 @@ from stiffbeam.files.cases import find_case
 from stiffbeam.model import contact_law
 from stiffbeam.model.restitution import dissipation_for, restitution_of
 
+pytestmark = pytest.mark.usefixtures("numpy_kernel")
+
 KV = {0.01: (3.1217484115644179, 0.96926475046449247), 0.1: (2.9560753247495496, 0.74407939772177969)}
 HC = {0.01: 0.99337745439876736, 1.0: 0.59362426004004009}
 TIGHT = {"rtol": 1e-13, "method": "dop853"}
@@ -164,7 +166,7 @@ def test_marches_and_engines_agree(law, scheme):
 
 
 def test_several_contacts_on_the_direct_march(monkeypatch):
-    monkeypatch.setattr("stiffbeam.march.plan.pays", lambda coordinates, *_: coordinates.parts > 1)
+    monkeypatch.setattr("stiffbeam.march.integrate.pays", lambda coordinates, *_: coordinates.parts > 1)
     system = random_system(1)
     assert len(system.contacts) == 2
     a = sb.integrate(system, sb.SDIRK(), 1e-3, 2.0)

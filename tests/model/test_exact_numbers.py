@@ -14,10 +14,10 @@ import pytest
 import xarray as xr
 
 import stiffbeam as sb
-from stiffbeam.basics import cache
+from stiffbeam.basics import storage
 from stiffbeam.basics.exact_float import ExactFloat, as_doubles, exact_float, exact_value
 from stiffbeam.files.cases import case_text, find_case, paper_cases
-from stiffbeam.files.frozen import freeze
+from stiffbeam.files.store import freeze
 from stiffbeam.model.drive import Drive
 
 TABLE12 = (Fraction(300), Fraction("0.001"), Fraction(60_000_000), Fraction("0.2"), Fraction(60))
@@ -234,7 +234,7 @@ def test_the_caches_hold_both_and_never_serve_one_for_the_other(tmp_path, monkey
     from stiffbeam.studies import common
 
     pytest.importorskip("flint")
-    monkeypatch.setattr(cache, "directory", lambda: tmp_path)
+    monkeypatch.setattr(storage, "directory", lambda: tmp_path)
     case = dataclasses.replace(sb.paper_case(12), cells=8)
     systems = [system_of(case), system_of(case, doubles=True)]
     for turn in (1, 2):

@@ -14,6 +14,8 @@ import pytest
 import stiffbeam as sb
 from stiffbeam.basics.validation import InputError
 
+pytestmark = pytest.mark.usefixtures("numpy_kernel")
+
 G, KAPPA, C, H, LOAD, STEPS = (Fraction(x) for x in ("1/2", "1000", "200", "1/64", "2", "96"))
 
 

@@ -13,8 +13,8 @@ from scipy.special import gamma
 
 import stiffbeam as sb
 from stiffbeam.basics.validation import InputError
-from stiffbeam.files.case import case_of, default_schemes
-from stiffbeam.measures.free_modes import free_mode_errors
+from stiffbeam.files.cases import case_of, default_schemes
+from stiffbeam.measures.amplification import free_mode_errors
 from stiffbeam.measures.smooth_motion import smooth_motion, steady_state
 from stiffbeam.model.drive import Drive
 from stiffbeam.references import best_reference, registry, substitute

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 import stiffbeam as sb
 from stiffbeam.cli import app
-from stiffbeam.files import frozen
+from stiffbeam.files import store
 from stiffbeam.files.cases import case_text
 from stiffbeam.references import REFERENCES, solve
 from stiffbeam.references.multiprecision import multiprecision
@@ -93,7 +93,7 @@ def files(system, tmp_path_factory):
     sb.reference(system, 0.05, "cvode-adams", np.linspace(0.0, 0.05, 101), rtol=1e-6).save(folder / "saved.nc")
     table = sb.paper_case(10)
     many = sb.reference(sb.semidiscretise(table.problem, table.cells), 0.1, "multiprecision")
-    frozen.freeze(many, case_text("table10"), folder / "frozen.nc")
+    store.freeze(many, case_text("table10"), folder / "frozen.nc")
     return folder
 
 
@@ -150,11 +150,11 @@ def test_another_version_and_a_changed_attribute_are_found(kind, attribute, valu
 
 
 def test_a_frozen_file_whose_case_another_version_discretises_differently_is_found(files, monkeypatch):
-    from stiffbeam.files import case
+    from stiffbeam.files import cases
     from stiffbeam.model import semidiscretisation
 
     finer = lambda problem, cells, form: semidiscretisation.semidiscretise(problem, cells + 1, form)  # noqa: E731
-    monkeypatch.setattr(case, "semidiscretise", finer)
+    monkeypatch.setattr(cases, "semidiscretise", finer)
     with pytest.raises(sb.InputError, match=r"describe the system that its case makes.*this version differs"):
         sb.load(files / "frozen.nc")
 

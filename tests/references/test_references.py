@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 
 import stiffbeam as sb
-from stiffbeam.basics import cache
+from stiffbeam.basics import storage
 from stiffbeam.files.cases import case_text, paper_cases
-from stiffbeam.files.frozen import BOUND, freeze
+from stiffbeam.files.store import BOUND, freeze
 from stiffbeam.references import solve
 from stiffbeam.studies.agreement import agree
 from stiffbeam.studies.references import check, remake, wanted
@@ -250,7 +250,7 @@ def test_the_plugin_works_in_a_project_of_someone_else(tmp_path):
     done = subprocess.run(
         [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-c", "pytest.ini", "test_mine.py"],
         cwd=tmp_path, capture_output=True, text=True,
-        env=os.environ | {"STIFFBEAM_CACHE_DIR": str(cache.directory())},
+        env=os.environ | {"STIFFBEAM_CACHE_DIR": str(storage.directory())},
     )  # fmt: skip
     assert done.returncode == 0, done.stdout + done.stderr
     assert "2 passed" in done.stdout
@@ -259,7 +259,7 @@ def test_the_plugin_works_in_a_project_of_someone_else(tmp_path):
 @pytest.mark.slow
 def test_the_command_makes_checks_and_compares(tmp_path):
     def run(*arguments):
-        command = [sys.executable, "-m", "stiffbeam.cli", "reference", *arguments]
+        command = [sys.executable, "-m", "stiffbeam", "reference", *arguments]
         return subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
 
     made = run("table10", "--method", "multiprecision", "--t-end", "0.5", "--out", "ref.nc")

@@ -9,7 +9,7 @@ import pytest
 
 import stiffbeam as sb
 from stiffbeam.basics.validation import InputError
-from stiffbeam.measures.regression import observed_order
+from stiffbeam.measures.errors import observed_order
 from stiffbeam.model.modes import modes
 from stiffbeam.model.semidiscretisation import FORMS
 from stiffbeam.references.exact.rigid import rigid_limit

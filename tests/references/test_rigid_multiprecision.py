@@ -14,8 +14,8 @@ from flint import ctx
 
 import stiffbeam as sb
 from stiffbeam import InputError, SolverFailure
-from stiffbeam.files.frozen import freeze
 from stiffbeam.files.reference_cache import cached_reference
+from stiffbeam.files.store import freeze
 from stiffbeam.references.multiprecision import rigid
 
 INF = float("inf")

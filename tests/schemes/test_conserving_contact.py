@@ -15,6 +15,8 @@ from stiffbeam.model.discrete_gradient import mean_force, secant
 from stiffbeam.model.equations import Matrices, Modal
 from stiffbeam.model.stage import MEAN, solve_stage
 
+pytestmark = pytest.mark.usefixtures("numpy_kernel")
+
 SCHEMES = [sb.Trapezoidal(), sb.ExponentialFlow(), sb.Theta(0.5)]
 
 

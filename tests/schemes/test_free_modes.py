@@ -10,7 +10,7 @@ import pytest
 import stiffbeam as sb
 from stiffbeam.basics.validation import InputError
 from stiffbeam.files.cases import paper_case
-from stiffbeam.measures.free_modes import free_mode_errors
+from stiffbeam.measures.amplification import free_mode_errors
 from stiffbeam.model.modes import modes
 from stiffbeam.references.exact.audit import within_float64
 from stiffbeam.schemes import registered

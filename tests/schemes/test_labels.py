@@ -92,7 +92,7 @@ def test_a_comparison_of_matrices_says_what_is_not_known():
 
 
 def test_the_four_panels_of_a_physical_case_are_in_metres_and_seconds():
-    from stiffbeam.figures.comparison import four_panels
+    from stiffbeam.figures.runs import four_panels
 
     run, reference, _ = compared(sb.semidiscretise(STEEL, 8), 1e-4, 0.1)
     words = words_of(four_panels("steel", [run], [reference]))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stiffbeam.measures.regression import observed_order
+from stiffbeam.measures.errors import observed_order
 
 
 @pytest.mark.parametrize("slope", [0.5, 2.0, 3.0])

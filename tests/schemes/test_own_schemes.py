@@ -83,7 +83,7 @@ def test_a_scheme_of_the_current_folder_runs_on_the_command_line(tmp_path):
         "    def step(self, equation, dt, z, loads, reactions):\n"
         "        y = z + dt * equation.implicit_rate(dt, z, loads[0] + reactions[0])\n        return y, [y]\n"
     )
-    command = [sys.executable, "-m", "stiffbeam.cli", "compare", "table10", "--t-end", "0.02", "--schemes"]
+    command = [sys.executable, "-m", "stiffbeam", "compare", "table10", "--t-end", "0.02", "--schemes"]
     done = subprocess.run(
         [*command, "mine:Euler,bdf2", "--references", "exact", "--out", "out"],
         cwd=tmp_path,

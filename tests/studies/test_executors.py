@@ -90,7 +90,7 @@ def test_a_pool_that_keeps_dying_is_given_up_and_says_how_to_go_on(tmp_path):
 def test_a_sweep_whose_process_is_killed_loses_no_finished_point(tmp_path, serial):
     """SIGKILL on the driving process: its workers end too, and the same command does the rest only."""
     command = [
-        sys.executable, "-m", "stiffbeam.cli", "sweep", "table10", "--parameter", "clearance", "--values",
+        sys.executable, "-m", "stiffbeam", "sweep", "table10", "--parameter", "clearance", "--values",
         "0.06:0.12:32", "--dt", "5e-4", "--periods", "3", "--transient", "2", "--out", str(tmp_path), "--jobs", "2",
     ]  # fmt: skip
     driver = subprocess.Popen(command, stdout=subprocess.DEVNULL)

@@ -11,7 +11,7 @@ from dumont2002.page import environment
 from dumont2002.rows import Table, parts
 from dumont2002.typeset import NARROW, percent, raised, short, typeset, written
 from dumont2002.verdicts import HOLDS
-from stiffbeam.figures.comparison import first_contact
+from stiffbeam.figures.runs import first_contact
 from stiffbeam.files.cases import paper_cases
 
 MACROS = environment().get_template("macros.html").module

@@ -7,7 +7,7 @@ import pytest
 from dumont2002 import make as making
 from dumont2002.make import make_tables
 from dumont2002.reading import Reading
-from stiffbeam.basics.cache import source_hash
+from stiffbeam.basics.storage import source_hash
 
 
 @pytest.fixture

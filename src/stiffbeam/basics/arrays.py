@@ -1,8 +1,10 @@
-"""The array type, and arrays laid out for vector registers."""
+"""The array type, arrays laid out for vector registers, float64 in JAX."""
 
 from __future__ import annotations
 
 import math
+from contextlib import AbstractContextManager
+from importlib import import_module
 from typing import Any
 from weakref import WeakValueDictionary
 
@@ -59,3 +61,12 @@ def step_lengths(t: Array) -> Array:
     """Length of time (k,) that each of the times t (k,) stands for: half of both intervals beside it, at the ends a
     whole one; dt everywhere for equidistant times, 1 for a single time."""
     return np.gradient(t) if len(t) > 1 else np.ones(len(t))
+
+
+def double_precision() -> AbstractContextManager[Any]:
+    """A context in which JAX computes in float64; outside it stays as it was."""
+    import jax
+
+    # A switch of the whole process in older versions of JAX moved out of ``experimental``.
+    home = jax if hasattr(jax, "enable_x64") else import_module("jax.experimental")
+    return home.enable_x64(True)

@@ -14,8 +14,9 @@ from typing import Any
 
 import numba
 from numba import types
+from numba.extending import register_jitable
 
-from . import cache
+from . import storage
 from .validation import InputError
 
 # Sums may be reassociated and contracted, but NaN and inf stay honest: an overflow must be seen.
@@ -41,6 +42,11 @@ def inlined(function: Callable[..., Any]) -> Any:
     instructions. Of numbers alone ``compiled`` is as fast.
     """
     return _njit(function, forceinline=True, _nrt=False)
+
+
+def formula(function: Callable[..., Any]) -> Callable[..., Any]:
+    """``function`` itself, which kernels may call too: arithmetic that numbers, NumPy and JAX arrays have in common."""
+    return register_jitable(fastmath=FASTMATH, error_model="numpy")(function)
 
 
 class _Clock:
@@ -79,7 +85,7 @@ def directory(file: Path) -> Path:
     digest = hashlib.sha256(b"bounds" if numba.config.BOUNDSCHECK else b"")  # type: ignore[attr-defined]
     for source in sorted(_sources(file)):
         digest.update(source.read_bytes())
-    return cache.directory() / "numba" / digest.hexdigest()[:16]
+    return storage.directory() / "numba" / digest.hexdigest()[:16]
 
 
 @lru_cache

@@ -19,8 +19,8 @@ import h5py
 import numpy as np
 
 from .arrays import Array
+from .storage import write_whole
 from .validation import InputError
-from .whole_file import write_whole
 
 if TYPE_CHECKING:
     import xarray as xr

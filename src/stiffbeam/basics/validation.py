@@ -14,7 +14,7 @@ import numpy as np
 
 from .arrays import Array
 from .exact_float import ExactFloat, exact_float
-from .words import sentence, shown
+from .text import sentence, shown
 
 MOST = 2**53  # integers up to here are floats as well
 

@@ -1,13 +1,305 @@
-"""The Typer application that the commands' modules add themselves to."""
+"""The Typer application: it makes a command of every study, and gives each its examples."""
 
 from __future__ import annotations
 
+import inspect
+import re
+from collections.abc import Callable
 from importlib.metadata import version
-from typing import Annotated
+from pathlib import Path
+from types import UnionType
+from typing import TYPE_CHECKING, Annotated, Any, get_args, get_origin, get_type_hints
 
 import typer
+from typer.core import TyperCommand, TyperGroup
 
-from .study_commands import Commands
+from ..basics.progress import Show, progress
+from .options import Case, Jobs, Json, labels, numbers, shared, values_of
+from .output import check_json, console, default_folder, file_name, make_folder, say, write_json
+
+if TYPE_CHECKING:
+    from concurrent.futures import Executor
+    from contextlib import AbstractContextManager
+
+    from rich.table import Table
+
+    from ..files.cases import Case as CaseFile
+    from ..studies.engine.study import Records, Study
+
+
+EXAMPLES: dict[str, tuple[str, ...]] = {
+    "advise": ("stiffbeam advise table10 --want tip=1e-3,impacts=0.05", "stiffbeam advise my-beam.toml --t-end 0.2"),
+    "animate": (
+        "stiffbeam animate table10 --t-end 0.3",
+        "stiffbeam animate table10 --schemes bdf2,sdirk --out film.mp4",
+    ),
+    "cases": ("stiffbeam cases", "stiffbeam cases --show table10 > my-beam.toml", "stiffbeam cases --json -"),
+    "compare": (
+        "stiffbeam compare table10",
+        "stiffbeam compare my-beam.toml --dt 1e-5 --references exact",
+        "stiffbeam compare table10 --schemes 'bdf2,hht(alpha=-0.2)' --json records.json",
+    ),
+    "doctor": ("stiffbeam doctor", "stiffbeam doctor --json -"),
+    "reference": (
+        "stiffbeam reference table10 --t-end 0.5",
+        "stiffbeam reference table10 --method multiprecision --t-end 1 --out exact.nc",
+        "stiffbeam reference --check reference",
+    ),
+    "reproduce": (
+        "stiffbeam reproduce table 10",
+        "stiffbeam reproduce figure 17 --out figures",
+        "stiffbeam reproduce all",
+    ),
+    "score": (
+        "stiffbeam score bdf2,cvode --problem bilinear-gap",
+        "stiffbeam score --trajectory run.csv --problem bouncing-ball",
+        "stiffbeam score --list",
+    ),
+    "studies": ("stiffbeam studies table10", "stiffbeam studies my-beam.toml --smoke"),
+    "amplification": ("stiffbeam amplification", "stiffbeam amplification --schemes bdf2,bathe"),
+    "modes": ("stiffbeam modes table10", "stiffbeam modes my-beam.toml --schemes bdf2"),
+    "energy": ("stiffbeam energy table10", "stiffbeam energy my-beam.toml --t-end 0.1"),
+    "converge": ("stiffbeam converge table10", "stiffbeam converge my-beam.toml --schemes 'hht(alpha=-0.1),bathe'"),
+    "space": ("stiffbeam space table10", "stiffbeam space my-beam.toml --cells 10,20,40"),
+    "rigid": ("stiffbeam rigid table10", "stiffbeam rigid my-beam.toml --impacts 2"),
+    "rigid-bar": ("stiffbeam rigid-bar --smoke",),
+    "rigid-beam": ("stiffbeam rigid-beam table10", "stiffbeam rigid-beam my-beam.toml --kappas 1e6,1e8"),
+    "first-impact": ("stiffbeam first-impact table10", "stiffbeam first-impact my-beam.toml --cells 10,20,40"),
+    "restitution": ("stiffbeam restitution",),
+    "errata": ("stiffbeam errata table10",),
+    "impacts": ("stiffbeam impacts table10", "stiffbeam impacts my-beam.toml --schemes bdf2"),
+    "contact-duration": ("stiffbeam contact-duration table10",),
+    "precision": ("stiffbeam precision table10",),
+    "ensemble": (
+        "stiffbeam ensemble table10 --members 50",
+        "stiffbeam ensemble table10 --schemes trapezoidal --contact conserving",
+    ),
+    "chaos": ("stiffbeam chaos table10",),
+    "sweep": (
+        "stiffbeam sweep table10 --parameter frequency --values 8:14:400",
+        "stiffbeam sweep my-beam.toml --parameter amplitude --values 5e-4:2e-3:100",
+    ),
+}
+STATUS = "Exit status: 0 done; 1 a run failed, or nothing was found or agrees; 2 bad input; 130 interrupted, repeat it."
+
+
+def epilog(name: str) -> str:
+    """Examples and exit status, each a paragraph."""
+    return "\n\n".join(["Examples:", *(f"  {line}" for line in EXAMPLES.get(name, ())), STATUS])
+
+
+PANEL = "Studies"
+Out = Annotated[
+    Path | None, typer.Option(help="folder for records, picture and journal; default: stiffbeam-output/CASE")
+]
+Smoke = Annotated[bool, typer.Option("--smoke", help="the small configuration: seconds instead of minutes")]
+Scheduler = Annotated[str | None, typer.Option(help="of Dask, e.g. tcp://host:8786: its workers instead of processes")]
+LISTS: dict[type, Callable[[str | None], list[Any] | None]] = {
+    str: labels,
+    int: lambda text: numbers(text, int),
+    float: values_of,
+}
+
+
+class Commands(TyperGroup):
+    """The commands there are, and one for each study; its module is imported when it is asked for.
+
+    Contexts and commands are click's, or those of the copy that a newer typer brings.
+    """
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        """The commands written by hand, then one for each study."""
+        from ..studies import STUDIES
+
+        return [*super().list_commands(ctx), *(name.replace("_", "-") for name in STUDIES)]
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """A command by name; that of a study is made when it is asked for."""
+        from ..studies import STUDIES
+
+        known, study = super().get_command(ctx, cmd_name), cmd_name.replace("-", "_")
+        if known is None and study in STUDIES:
+            return _Study(cmd_name, STUDIES[study])
+        return known if known is None else _dressed(known, cmd_name)
+
+
+class _Study(TyperCommand):
+    """A study by its name and a line of help, until it is called."""
+
+    def __init__(self, name: str, line: str) -> None:
+        super().__init__(name, help=line, rich_help_panel=PANEL)
+
+    def make_context(self, info_name: str | None, args: list[str], parent: Any = None, **extra: Any) -> Any:
+        assert self.name is not None
+        command = _dressed(command_of(self.name.replace("-", "_")), self.name)
+        return command.make_context(info_name, args, parent, **extra)
+
+
+def _dressed(command: Any, name: str) -> Any:
+    """The command with what all have: --quiet, --verbose, examples and exit status in its help."""
+    if command.epilog is None:
+        command.params = [*command.params, *shared()]
+        command.epilog = epilog(name)
+    return command
+
+
+def command_of(name: str) -> Any:
+    """The command of the study ``name``: its options, their defaults and help are those of ``points``."""
+    from ..studies import STUDIES, find_study
+
+    study = find_study(name)
+    hints = get_type_hints(study.points, include_extras=True)
+    own = [p for p in inspect.signature(study.points).parameters.values() if p.name != "case"]
+    parse = {p.name: reader for p in own if (reader := _reader(hints[p.name])) is not None}
+
+    def run(case: str, out: Path | None, json_file: Path | None, smoke: bool, **given: Any) -> None:
+        jobs, scheduler = given.pop("jobs", None), given.pop("scheduler", None)
+        options = {key: parse[key](value) if key in parse else value for key, value in given.items()}
+        _ask(study, case, out, json_file, jobs, smoke, scheduler, options)
+
+    around = {"out": (Out, None), "json_file": (Json, None), "smoke": (Smoke, False)}
+    if not study.measured:
+        around |= {"jobs": (Jobs, None), "scheduler": (Scheduler, None)}
+    keyword = inspect.Parameter.KEYWORD_ONLY
+    parameters = [inspect.Parameter("case", keyword, default="table10", annotation=Case)]
+    parameters += [inspect.Parameter(p.name, keyword, default=None, annotation=_option(p, hints[p.name])) for p in own]
+    parameters += [inspect.Parameter(n, keyword, default=x, annotation=hint) for n, (hint, x) in around.items()]
+    run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    alone = typer.Typer(
+        add_completion=False, pretty_exceptions_enable=False, context_settings={"help_option_names": ["-h", "--help"]}
+    )
+    text = re.sub(r"(?<!\n)\n(?!\n)", " ", inspect.cleandoc(study.points.__doc__ or "").replace("``", ""))
+    alone.command(name, help=f"{STUDIES[name]}\n\n{study.question}\n\n{text}")(run)
+    return typer.main.get_command(alone)
+
+
+def _plain(hint: Any) -> tuple[Any, Any]:
+    """(type, type of the items of a list or None) of an option, without its help and without None."""
+    hint = get_args(hint)[0] if get_origin(hint) is Annotated else hint
+    if isinstance(hint, UnionType):
+        *_, hint = (arg for arg in get_args(hint) if arg is not type(None))  # a list is last; a mapping is Python's
+    return (str, get_args(hint)[0]) if get_args(hint) else (hint, None)
+
+
+def _reader(hint: Any) -> Callable[[str | None], list[Any] | None] | None:
+    """What reads a list from the command line, None for an option that is not one."""
+    item = _plain(hint)[1]
+    return None if item is None else LISTS[item]
+
+
+def _option(parameter: inspect.Parameter, hint: Any) -> Any:
+    """An option of the same name, None where it is not given, so that only what is given is passed on."""
+    words = next((text for text in get_args(hint)[1:] if isinstance(text, str)), "")
+    if parameter.default is not None and not isinstance(parameter.default, bool):
+        words += f"; default: {parameter.default}"
+    return Annotated[_plain(hint)[0] | None, typer.Option(help=words)]
+
+
+def _ask(
+    study: Study, case: str, out: Path | None, json_file: Path | None, jobs: int | None, smoke: bool,
+    scheduler: str | None, given: dict[str, Any],
+) -> None:  # fmt: skip
+    """Ask a study of a case; print and save what it finds."""
+    from ..files.cases import find_case
+
+    check_json(json_file)
+    chosen = find_case(case)
+    options = {key: value for key, value in given.items() if value is not None}
+    with progress() as show, _workers(scheduler) as workers:
+        records, written = run_one(study, chosen, out, jobs, options, smoke, show, workers)
+    if not write_json(study.name, records.to_dict(), json_file):
+        print_records(records, written)
+    if not written:
+        raise typer.Exit(1)
+
+
+def run_one(
+    study: Study, case: CaseFile, out: Path | None, jobs: int | None, given: dict[str, Any], smoke: bool, show: Show,
+    workers: Executor | None = None,
+) -> tuple[Records, list[Path]]:  # fmt: skip
+    """The records, and the files they were written to: none where no point could be evaluated."""
+    from ..basics.resources import cores
+    from ..studies.common import smoke_options
+    from ..studies.engine.runner import run_study
+    from ..studies.references import shipped
+
+    options = (smoke_options(study, case) if smoke else {}) | given
+    if takes(study, "references") and (frozen := shipped()) is not None:
+        options.setdefault("references", str(frozen))
+    folder = make_folder(out if out is not None else default_folder(case.name))
+    most = 1 if study.all_cores else cores()
+    records = run_study(study, case, folder / "journal", most if jobs is None else jobs, workers, show, **options)
+    if not records.found:
+        return records, []  # what an earlier run has found stays
+    show("drawing", 0, 0)
+    defaults = inspect.signature(study.points).parameters
+    named = [options.get(name, defaults[name].default) for name in study.named_by]
+    return records, records.save(folder, "-".join([study.name, *map(file_name, filter(None, named))]))
+
+
+def takes(study: Study, option: str) -> bool:
+    """Whether ``points`` of the study has this option."""
+    return option in inspect.signature(study.points).parameters
+
+
+def _workers(address: str | None) -> AbstractContextManager[Executor | None]:
+    """The executor behind --scheduler, None without one."""
+    from contextlib import nullcontext
+
+    if address is None:
+        return nullcontext()
+    from ..studies.engine.scheduler import scheduler
+
+    return scheduler(address)
+
+
+NAME = 36  # characters of a first column that are not broken
+
+
+def _table(lines: list[dict[str, str]]) -> Table:
+    """The lines of an answer under their headings, – where one has nothing to say."""
+    from rich import box
+    from rich.table import Table
+
+    headings = list(dict.fromkeys(key for line in lines for key in line))
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=0)
+    for i, name in enumerate(headings):
+        cells = [line.get(name, "") for line in lines]
+        number = any(cell[:1] in "+-0123456789" for cell in cells if cell)
+        whole = not i and max(map(len, cells)) <= NAME
+        table.add_column(name, justify="right" if number else "left", overflow="fold", no_wrap=whole)
+    for line in lines:
+        table.add_row(*(line.get(name, "–") for name in headings))
+    return table
+
+
+def print_records(records: Records, written: list[Path]) -> None:
+    """Print answer, table, failures and the files that were written."""
+    from rich.padding import Padding
+    from rich.text import Text
+
+    terminal = console()
+    note = records.case.units.note
+    question = records.study.question + (f" (All {note}.)" if note else "")
+    terminal.print(Text.assemble((records.study.command, "bold"), f"  {question}"))
+    answer = records.answer
+    if answer.table:
+        terminal.print(_table(answer.table))
+    for i, part in enumerate(filter(None, answer.rest.split("; "))):
+        terminal.print(Padding(part, (0, 0, 0, 2 if i else 0)))
+    for word, style, messages in (
+        ("failed", "bold red", [row["failed"] for row in records.failures]),
+        ("not asked", "bold", [row["refused"] for row in records.refusals]),
+    ):
+        alike: dict[str, list[str]] = {}  # those that differ in their numbers only are one line
+        for message in messages:
+            alike.setdefault(re.sub(r"[\d.]+(e[+-]?\d+)?", "", message), []).append(message)
+        for same in alike.values():
+            more = f" (and {len(same) - 1} points more)" if len(same) > 1 else ""
+            terminal.print(Text.assemble((word, style), f"  {same[0]}{more}"))
+    files = ", ".join(str(path) for path in written) or "nothing"
+    say(f"{records.seconds:.1f} s. Written: {files}\n")
+
 
 app = typer.Typer(
     cls=Commands,

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ..basics.progress import progress
-from ..basics.whole_file import write_whole
+from ..basics.storage import write_whole
 from ..references.registry import COMPARED, METHODS
 from .application import app
 from .options import Case, Json
@@ -20,7 +20,7 @@ from .output import check_json, console, default_folder, file_name, json_text, m
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
-    from ..files.case import Case as CaseFile
+    from ..files.cases import Case as CaseFile
     from ..schemes import Scheme
     from ..studies.comparison import CaseComparison
     from ..trajectory.trajectory import Reference, Trajectory
@@ -154,7 +154,7 @@ def _draw(result: CaseComparison, folder: Path) -> list[Path]:
     forms = list(dict.fromkeys(r.provenance["form"] for r in result.references))
     for form in forms:
         from ..figures import save_figure
-        from ..figures.comparison import four_panels
+        from ..figures.runs import four_panels
 
         runs = [run for run in result.runs if run.provenance["form"] == form]
         references = [one for one in result.references if one.provenance["form"] == form]

@@ -60,8 +60,8 @@ def _places() -> dict[str, Any]:
     """Caches, frozen references, threads, devices."""
     import jax
 
-    from ..basics.cache import directory
-    from ..basics.threads import cores
+    from ..basics.resources import cores
+    from ..basics.storage import directory
     from ..studies.references import shipped
 
     cache, frozen = directory(), shipped()
@@ -78,23 +78,26 @@ def _solvers(show: Show) -> list[dict[str, Any]]:
     """Every reference, and a scheme, on a mass that meets a stop once, held against the exact solution."""
     import numpy as np
 
-    import stiffbeam as sb
-
-    from ..measures.tip_error import tip_error
+    from ..march.integrate import integrate
+    from ..measures.errors import tip_error
+    from ..model.contact import Contact, Stops
+    from ..model.system import System
+    from ..references import reference
     from ..references.registry import METHODS
+    from ..schemes import SDIRK
 
-    system = sb.System.from_matrices(
-        [[1.0]], [[10.0]], contacts=[sb.Contact(np.ones(1), sb.Stops(upper=0.1, stiffness=1e3))], initial_velocity=[1.0]
+    system = System.from_matrices(
+        [[1.0]], [[10.0]], contacts=[Contact(np.ones(1), Stops(upper=0.1, stiffness=1e3))], initial_velocity=[1.0]
     )
     end, found = 0.5, []
     times = np.arange(5001) * 1e-4
-    exact = sb.reference(system, end, t_eval=times)
+    exact = reference(system, end, t_eval=times)
     for i, name in enumerate(["sdirk", *METHODS]):
         show(name, i, 1 + len(METHODS))
         begun, solver = time.perf_counter(), {"name": name, "agrees": False}
         try:
-            scheme = sb.SDIRK() if name == "sdirk" else None
-            made = sb.integrate(system, scheme, 1e-4, end) if scheme else sb.reference(system, end, name, t_eval=times)
+            scheme = SDIRK() if name == "sdirk" else None
+            made = integrate(system, scheme, 1e-4, end) if scheme else reference(system, end, name, t_eval=times)
             error = tip_error(made.tip, exact.tip).max
             solver |= {"agrees": bool(error < 1e-3), "error": error}
             solver["said"] = f"within {error:.1e} of the exact solution in {time.perf_counter() - begun:.2g} s"

@@ -1,13 +1,61 @@
-"""Arguments and options that several commands share."""
+"""Arguments and options that several commands share, and the reading of lists."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
 from ..basics.progress import TALK
+
+
+def labels(text: str | None) -> list[str] | None:
+    """Words or runs with commas between them; those inside parentheses belong to a run."""
+    from ..schemes.labels import split_runs
+
+    return None if text is None else [part.strip() for part in split_runs(text)]
+
+
+def numbers(text: str | None, kind: Callable[[str], Any]) -> list[Any] | None:
+    """Numbers with commas between them."""
+    from ..basics.validation import InputError
+
+    try:
+        return None if text is None else [kind(part) for part in text.split(",")]
+    except ValueError:
+        raise InputError("list", text, "be numbers with commas between them", "for example 0.1,0.2") from None
+
+
+def values_of(text: str | None) -> list[float] | None:
+    """``start:stop:count``, evenly spaced, ``start:stop:count:log``, or numbers with commas between them.
+
+    Each as in a case file, "2*pi*50" too.
+    """
+    if text is None or ":" not in text:
+        return numbers(text, _number)
+    import numpy as np
+
+    from ..basics.resources import afford
+    from ..basics.validation import InputError
+
+    start, stop, count, *spacing = [*text.split(":"), "", ""][: max(3, text.count(":") + 1)]
+    try:
+        low, high, n = _number(start), _number(stop), int(count)
+        if n < 1 or spacing not in ([], ["log"]) or (spacing and min(low, high) <= 0.0):
+            raise ValueError
+    except ValueError:
+        rule = "read start:stop:count, start:stop:count:log with both ends > 0, or numbers with commas between them"
+        raise InputError("values", text, rule, "for example 8:14:400") from None
+    afford("values", text, "take fewer", floats=200.0 * n)  # each is a point with its rows
+    return (np.geomspace if spacing else np.linspace)(low, high, n).tolist()
+
+
+def _number(text: str) -> float:
+    from ..basics.exact_float import exact_float
+
+    return float(exact_float(text))
 
 
 def _quiet(given: bool) -> None:

@@ -10,9 +10,8 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..basics.plain import plain
 from ..basics.progress import TALK
-from ..basics.words import cut
+from ..basics.text import cut, plain
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -86,7 +85,7 @@ def write_json(command: str, records: Mapping[str, Any], file: Path | None) -> b
     if str(file) == "-":
         print(text)
         return True
-    from ..basics.whole_file import write_whole
+    from ..basics.storage import write_whole
 
     write_whole(file, text + "\n")
     return False

@@ -84,7 +84,7 @@ def _references(
     from ..basics.validation import InputError
     from ..files.cases import case_text, find_case
     from ..files.reference_cache import cached_reference
-    from ..measures.windows import impact_times
+    from ..measures.impacts import impact_times
     from ..references import reference, substitute
 
     case = find_case(name)
@@ -132,7 +132,7 @@ def _references(
         "parameters": found.provenance.get("parameters"),
     }
     if out is not None:
-        from ..files.frozen import can_freeze, freeze
+        from ..files.store import can_freeze, freeze
 
         frozen = can_freeze(found) and case.beam is not None
         record["file"] = freeze(found, case_text(name), out)["file"] if frozen else str(found.save(out))

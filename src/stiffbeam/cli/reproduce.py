@@ -36,7 +36,7 @@ def reproduce(
     json_file: Json = None,
 ) -> None:
     """Remake Dumont (2002) in a checkout: tables, figures, claims and misprints on one page."""
-    from ..basics.threads import cores
+    from ..basics.resources import cores
 
     tables = _tables(what, number)
     paper = _paper()

@@ -8,10 +8,9 @@ from typing import Any
 import typer
 
 from ..basics.progress import progress
-from .application import app
+from .application import PANEL, Out, Smoke, app, print_records, run_one, takes
 from .options import Case, Jobs, Json, References
 from .output import check_json, write_json
-from .study_commands import PANEL, Out, Smoke, print_records, run_one, takes
 
 
 @app.command(rich_help_panel=PANEL)

@@ -11,13 +11,12 @@ import numpy as np
 
 from ..basics.arrays import Array
 from ..basics.progress import Show, silent
+from ..basics.storage import write_whole
 from ..basics.validation import InputError, integer, positive
-from ..basics.whole_file import write_whole
 from ..model.system import System
 from ..model.time_functions import offset_values
 from ..trajectory.trajectory import Reference, Trajectory
-from .panels import new_figure, tip_name, tip_symbol
-from .style import look, short
+from .panels import look, new_figure, short, tip_name, tip_symbol
 
 SUFFIXES = (".gif", ".mp4")
 POINTS = 80  # along a beam

@@ -9,8 +9,7 @@ import numpy as np
 from ..basics.validation import integer
 from ..model.natural_modes import modes
 from ..model.system import System
-from .panels import new_figure
-from .style import COLOURS
+from .panels import COLOURS, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

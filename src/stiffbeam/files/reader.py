@@ -1,4 +1,4 @@
-"""Reading tables of a case file, field by field."""
+"""Tables of a case file, field by field, and the matrices and records in files beside it."""
 
 from __future__ import annotations
 
@@ -6,12 +6,110 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
 
+import numpy as np
+
 from ..basics.validation import InputError, near
-from ..model.contact import Stops
-from ..model.profiles import PolynomialProfile
+from ..model.contact import Contact, Stops
+from ..model.contact_law import LINEAR
+from ..model.problem import PolynomialProfile
 from ..model.sampled import Sampled
-from ..model.time_functions import Constant, Harmonic, Sum, TimeFunction
-from .samples import read_samples
+from ..model.system import System
+from ..model.time_functions import Constant, Harmonic, LoadFunction, Sum, TimeFunction
+
+SUFFIXES = (".mtx", ".npz", ".npy")
+
+
+def read_matrix(file: Path) -> Any:
+    """The array, dense or SciPy sparse, of a file: Matrix Market .mtx (a symmetric half stands for the whole),
+    SciPy's or NumPy's .npz with one array, NumPy's .npy.
+
+    Nothing is unpickled. Raises InputError for another suffix, a file that cannot be read, and several arrays.
+    """
+    if file.suffix not in SUFFIXES:
+        raise InputError("array", str(file), f"be a file of {', '.join(SUFFIXES)}", "or write its numbers here")
+    if not file.is_file():
+        raise InputError("array", str(file), "be a file beside the case", "give its path relative to the case file")
+    try:
+        return {".mtx": _market, ".npz": _npz, ".npy": np.load}[file.suffix](file)
+    except InputError:
+        raise
+    except Exception as error:  # whatever the readers of three formats raise for a damaged file
+        raise InputError("array", str(file), "be readable", repr(error)) from None
+
+
+def _market(file: Path) -> Any:
+    from scipy.io import mmread
+
+    return mmread(file)
+
+
+def _npz(file: Path) -> Any:
+    from scipy.sparse import load_npz
+
+    with np.load(file) as found:
+        names = list(found)
+        if "format" in names:
+            return load_npz(file)
+        if len(names) != 1:
+            raise InputError("array", f"{file} with {', '.join(names)}", "hold one array", "save each by itself")
+        return found[names[0]]
+
+
+def read_samples(file: Path, column: str | None = None) -> tuple[list[float], list[float]]:
+    """Times and values from a file of columns between commas, semicolons, tabs or blanks.
+
+    The first column holds the times. ``column`` names that of the values in a first line of names; without it
+    there must be two columns. Empty lines and those that begin with # are passed over. Raises InputError naming
+    file, line and rule for a file that cannot be read, a line of another length and what is no number.
+    """
+    try:
+        lines = file.read_text(encoding="utf-8-sig").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError("sampled", str(file), "be a readable file beside the case", f"give another: {error}") from None
+    rows = [(i + 1, _cells(line)) for i, line in enumerate(lines) if line.strip() and not line.startswith("#")]
+    if not rows:
+        remedy = "a line holds a time and a value, as in 0.0, 1.5"
+        raise InputError("sampled", str(file), "hold two or more lines of numbers", remedy)
+    names = [] if _number(rows[0][1][0]) is not None else rows.pop(0)[1]
+    width = len(names or rows[0][1]) if rows else 0
+    if column is not None and column not in names:
+        raise InputError("column", column, f"be a name in the first line of {file}", near(column, names))
+    if column is not None and names.count(column) > 1:
+        raise InputError("column", column, f"be the name of one column of {file}", "rename the others")
+    if column is not None and names.index(column) == 0:
+        remedy = f"name {' or '.join(map(repr, names[1:])) or 'another column'}"
+        raise InputError("column", column, f"be a column of values: the first of {file} holds the times", remedy)
+    if column is None and width != 2:
+        remedy = f"name one: column = {' or '.join(map(repr, names[1:])) or 'a name in a first line'}"
+        raise InputError("sampled", f"{file}: {width} columns", "have two columns, times and values", remedy)
+    wanted = 1 if column is None else names.index(column)
+    found: list[tuple[float, float]] = []
+    for line, cells in rows:
+        if len(cells) != width:
+            remedy = "give every line as many cells as the first"
+            raise InputError("sampled", f"{file}, line {line}: {len(cells)} columns", f"have {width} columns", remedy)
+        t, value = _number(cells[0]), _number(cells[wanted])
+        if t is None or value is None:
+            bad = cells[0] if t is None else cells[wanted]
+            remedy = "write decimals with a point" if bad else "the cell is empty: fill it, or leave the line out"
+            raise InputError("sampled", f"{file}, line {line}: {bad!r}", "be a number", remedy)
+        found.append((t, value))
+    return [t for t, _ in found], [value for _, value in found]
+
+
+def _cells(line: str) -> list[str]:
+    for separator in (";", "\t", ","):
+        if separator in line:
+            return [cell.strip().strip('"') for cell in line.split(separator)]
+    return line.split()
+
+
+def _number(text: str) -> float | None:
+    try:
+        return float(text)
+    except ValueError:
+        return None
+
 
 _KINDS = {str: "a text", bool: "a truth value", int: "an integer", float: "a number", list: "a list", dict: "a table"}
 
@@ -113,7 +211,7 @@ class Reader:
 
     def stops(self, besides: set[str]) -> Stops:
         """``position`` is along the beam, the tip where it is left out; ``motion`` is how the stops move."""
-        of_law = ("exponent", "damping", "dissipation", "restitution")
+        of_law = (*LINEAR, "restitution")
         self.only({"lower", "upper", "stiffness", *of_law} | besides)
         law = {"stiffness": self.number("stiffness")} | {x: self.number(x) for x in of_law if x in self.table}
         motion = self.sub("motion")
@@ -141,3 +239,81 @@ class Reader:
         samples.only({"t", "values"})
         t, values = (samples.get(name, list, "be a list of numbers") for name in ("t", "values"))
         return self.build(Sampled, t, values, kind)
+
+
+FIELDS = {"mass", "stiffness", "damping", "loads", "contacts", "observe", "initial_displacement", "initial_velocity"}
+ROW = "be a list of numbers, the name of a file, or a table { unknown = number }, unknowns counted from 0"
+
+
+class SystemReader(Reader):
+    """Reads a system, its loads { row, time function } and its contacts { row, stops, offset }."""
+
+    def system(self) -> System:
+        """The system of the whole table; InputError names the field that is wrong."""
+        self.only(FIELDS)
+        mass = self.matrix("mass")
+        n = mass.shape[0] if mass.ndim == 2 else 0
+        loads, contacts = (self.one_or_several(name) for name in ("loads", "contacts"))
+        return self.build(
+            System.from_matrices,
+            mass,
+            self.matrix("stiffness"),
+            self.matrix("damping") if "damping" in self.table else None,
+            loads=[load.load(n) for load in loads],
+            contacts=[contact.contact(n) for contact in contacts],
+            **{
+                name: self.row(name, n)
+                for name in ("observe", "initial_displacement", "initial_velocity")
+                if name in self.table
+            },
+        )
+
+    def matrix(self, field: str) -> Any:
+        """A matrix from the file or the list of rows that ``field`` gives."""
+        given = self.get(field, (str, list), "be the name of a file, or a list of rows")
+        return self.from_file(field, given) if isinstance(given, str) else self.numbers(field, given)
+
+    def row(self, field: str, n: int) -> Any:
+        """n numbers, one per unknown."""
+        given = self.get(field, (list, str, dict), ROW)
+        if isinstance(given, str):
+            found = self.from_file(field, given)
+            return np.asarray(found.toarray() if hasattr(found, "toarray") else found).ravel()
+        if isinstance(given, list):
+            return self.numbers(field, given)
+        entries = type(self)(given, f"{self.where}.{field}", self.folder)
+        row = np.zeros(n)
+        for unknown in given:
+            if not unknown.isdecimal() or int(unknown) >= n:
+                raise self.error(
+                    f"{field}.{unknown}", given[unknown], f"be of an unknown from 0 to {n - 1}", "the first is 0"
+                )
+            row[int(unknown)] = entries.number(unknown)
+        return row
+
+    def from_file(self, field: str, name: str) -> Any:
+        """The matrix in the file ``name``, in the folder of the case."""
+        if self.folder is None:
+            raise self.error(field, name, "need no other file here", "write its numbers into the case")
+        return self.build(read_matrix, self.folder / name)
+
+    def numbers(self, field: str, given: list[Any]) -> Any:
+        """The list ``given`` as a float array; InputError where rows differ in length."""
+        try:
+            return np.asarray(given, float)
+        except (TypeError, ValueError):
+            raise self.error(field, given, "be numbers, every row as long as the first", "fill rows with 0") from None
+
+    def load(self, n: int) -> tuple[Any, LoadFunction]:
+        """(vector, time function) of one load on n unknowns."""
+        return self.row("row", n), self.time_function({"row"})
+
+    def contact(self, n: int) -> Contact:
+        """One contact on n unknowns, with its stops and the motion of its offset."""
+        offset = self.sub("offset")
+        return self.build(
+            Contact,
+            self.row("row", n),
+            self.stops({"row", "offset"}),
+            None if offset is None else offset.time_function(set()),
+        )

@@ -13,14 +13,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics import cache
+from ..basics import storage
 from ..basics.validation import InputError, numbers, one_of, positive
 from ..model.system import System, require_system
 from ..model.time_functions import in_closed_form, times_of
 from ..references import reference
 from ..references.registry import REFERENCES
 from ..trajectory.trajectory import Reference
-from . import frozen, store
+from . import store
 
 MOST = 1 << 30  # bytes of references that are kept
 
@@ -64,8 +64,8 @@ def cached_reference(
             warnings.warn(f"remaking a cached reference: {error}", stacklevel=2)
     found = reference(system, t_end, method, times, rtol, atol, digits, breakpoints, max_step, switches)
     try:
-        if frozen.can_freeze(found):
-            frozen.freeze(found, "", file)
+        if store.can_freeze(found):
+            store.freeze(found, "", file)
         else:
             found.save(file)
         _forget(file.parent)
@@ -118,10 +118,10 @@ def _file(
         "t_eval": None if t_eval is None or anytime else t_eval.tolist(),
         "versions": [
             platform.python_version(),
-            cache.source_hash(),
+            storage.source_hash(),
             *map(version, ("stiffbeam", "numpy", "scipy", "numba")),
             REFERENCES[method].versions(),
         ],
     }
     name = hashlib.sha256(json.dumps(key).encode()).hexdigest()[:32]
-    return cache.directory() / "references" / f"{name}.nc"
+    return storage.directory() / "references" / f"{name}.nc"

@@ -1,28 +1,269 @@
-"""Reading what was saved: trajectories and frozen references."""
+"""Reading what was saved, trajectories and frozen references, and freezing a multiprecision solution.
+
+A frozen reference is a small file, from which float64 gives any time: every switching time, and the full state at some
+of the switches. From one of these states float64 loses only a few digits on the way to the next, so re-marching between
+them gives the solution at any time within the stated bound, however far errors have grown before it.
+"""
 
 from __future__ import annotations
 
 import json
+import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from ..basics import netcdf
 from ..basics.arrays import Array
 from ..basics.validation import InputError, file_path, numbers
-from ..march.plan import Plan
+from ..march.integrate import Plan
 from ..model.contact import Stops
 from ..model.system import System, require_system
 from ..references import solve
+from ..references.exact.exact_measures import Solution
+from ..references.exact.piecewise import reference_of, tracer_of
+from ..references.exact.rounding import Perturbation
 from ..schemes.labels import parse_run
 from ..trajectory.dataset import FORMAT, HASHED, LEDGER
 from ..trajectory.impacts import COLUMNS, OPEN_AT_START, ContactRecord, Impacts
 from ..trajectory.ledger import Ledger
 from ..trajectory.trajectory import Pieces, Reference, Trajectory, Work, output_index
-from .frozen import load_frozen
+from .cases import parse_case
+
+FROZEN_FORMAT = 1
+BOUND = 1e-9  # of max |u| and of the times: the accuracy that re-marching may lose
+
+
+def can_freeze(reference: Reference) -> bool:
+    """Whether it is multiprecision, confirmed to its end, and its pieces can be marched again in float64: those between
+    rigid stops cannot."""
+    system, t_end = reference.system, float(reference.provenance["t_end"])
+    confirmed = reference.provenance["method"] == "multiprecision" and reference.horizon >= t_end
+    return confirmed and system is not None and not any(contact.stops.rigid for contact in system.contacts)
+
+
+def freeze(reference: Reference, case: str, file: str | Path) -> dict[str, Any]:
+    """Write a multiprecision ``reference`` of the TOML text ``case``; returns what a manifest says of it:
+    impacts of all its contacts, the largest share of contact and force among them.
+
+    With an empty ``case`` the file can be read together with its system only; another must make that system.
+
+    The stored states are chosen so that the file, read back, gives the reference within ``BOUND``;
+    that is tried before anything is written. Raises InputError where the reference is not confirmed
+    to its end.
+    """
+    t_end = float(reference.provenance["t_end"])
+    if not can_freeze(reference):
+        rule = "be multiprecision and confirmed to t_end, with compliant stops"
+        raise InputError("reference", reference.label, rule, "give more digits; of rigid stops save the outputs")
+    assert reference.system is not None
+    if case and _system_of(case, "case", reference.system.form).fingerprint != reference.fingerprint:
+        remedy = "numbers in a case are decimals: solve the system of the case itself"
+        raise InputError("case", case.partition("[case.problem]")[2].strip(), "make the reference's system", remedy)
+    solution: Solution = reference.solution
+    for share in (0.1, 0.01, 0.001):  # a run of near grazes can magnify the last bits more than three tries show
+        stored = _states_to_store(reference, solution, t_end, share * BOUND)
+        dataset = _dataset(reference, solution, case, t_end, stored)
+        deviation = _deviation(dataset, solution, reference)
+        if deviation <= BOUND:
+            break
+    else:
+        raise InputError("reference", f"{deviation:.1e} off", f"be re-marched to {BOUND:g}", "report this case")
+    dataset.attrs["bound"] = BOUND
+    dataset.attrs["deviation"] = deviation
+    dataset.attrs["hash"] = _hash(dataset)
+    path = netcdf.write(netcdf.Arrays.of(dataset), file, compression=9)
+    return {
+        "file": path.name,
+        "form": reference.provenance["form"],
+        "t_end": t_end,
+        "digits": reference.provenance["digits"],
+        "confirmed_with": reference.provenance["digits_confirmed_with"],
+        "impacts": sum(contact.impacts.count for contact in reference.contacts),
+        "contact_fraction": max((contact.fraction for contact in reference.contacts), default=0.0),
+        "peak_force": max((contact.peak_force for contact in reference.contacts), default=0.0),
+        "bound": BOUND,
+        "seconds": round(reference.work.seconds, 1),
+        "hash": dataset.attrs["hash"],
+    }
+
+
+def load_frozen(data: xr.Dataset, path: Path, system: System | None = None, t_eval: Array | None = None) -> Reference:
+    """The Reference in an opened file; its content is checked against the hash, its switches re-marched.
+
+    system: what the file is of, by default what its case makes. t_eval: output times, by default 2001.
+    """
+    begun = time.perf_counter()
+    if data.attrs["stiffbeam_frozen"] != FROZEN_FORMAT:
+        raise InputError("file", str(path), f"be of format {FROZEN_FORMAT}", f"it has {data.attrs['stiffbeam_frozen']}")
+    if data.attrs.get("hash") != _hash(data):
+        raise InputError("file", str(path), "hold what its hash says", "it is damaged: remake it")
+    if system is None:
+        if not data.attrs["case"]:
+            raise InputError("file", str(path), "hold its case", "read it together with its system")
+        system = _system_of(data.attrs["case"], str(path), data.attrs["form"])
+    if system.fingerprint != data.attrs["fingerprint"]:
+        raise InputError(
+            "file", str(path), "describe the system that its case makes", "this version differs: remake it"
+        )
+    t_end = float(data.attrs["t_end"])
+    notes = json.loads(data.attrs["provenance"])
+    solution = _march(system, data, str(path))
+    reference = reference_of(system, solution, t_end, t_eval, begun, "multiprecision", notes)
+    return replace(reference, horizon=t_end)
+
+
+def _system_of(case: str, source: str, form: str) -> System:
+    """The system that the TOML text ``case`` makes."""
+    made = parse_case(case, source)
+    return made.system(form)
+
+
+def _states_to_store(reference: Reference, solution: Solution, t_end: float, bound: float) -> Array:
+    """The pieces whose initial states a file needs.
+
+    From each of them float64 is followed until it is off by ``bound`` of max |u| or of t_end, and the next is the
+    last piece before that. Followed three times, twice with frequencies changed in their last bits: on
+    another machine the modes come out differently, and a grazing impact can magnify that.
+    """
+    assert reference.system is not None
+    system = reference.system
+    eps = float(np.finfo(float).eps)
+    tracers = [tracer_of(system), *(tracer_of(system, Perturbation(eps, 0.0, seed)) for seed in (1, 2))]
+    scale = float(np.max(np.abs(reference.tip)))
+    times = solution.times
+    middles = 0.5 * (times + np.append(times[1:], t_end))
+    expected = _positions(system, solution, middles)
+    stored, span = [0], 16
+    while True:
+        piece = stored[-1]
+        last = good = min(piece + span, len(times))
+        q, v = (x[0] for x in solution.state_at_start(piece))
+        for tracer in tracers:
+            until = float(middles[last - 1])
+            part = tracer.trace(float(times[piece]), *_contact_state(solution.sides, piece, q, v), until)
+            here = slice(piece, min(piece + len(part.times), last))
+            part = part.first(here.stop - piece)
+            late = np.abs(part.times - times[here])
+            other = np.any(part.sides != solution.sides[here], axis=1)
+            u = _positions(system, part, middles[here])
+            off = np.maximum(late / t_end, np.max(np.abs(u - expected[here]), axis=1) / scale) + other
+            bad = np.flatnonzero(off > bound)
+            good = min(good, piece + int(bad[0]) if len(bad) else here.stop)
+        if good >= len(times):
+            return np.array(stored)
+        if good < last:
+            stored.append(max(piece + 1, good))
+            span = max(16, 2 * (good - piece))
+        else:
+            span *= 2
+
+
+def _dataset(reference: Reference, solution: Solution, case: str, t_end: float, stored: Array) -> xr.Dataset:
+    """The switches, and the states at the start of the pieces ``stored``."""
+    assert reference.system is not None
+    sides = solution.sides.astype(np.int8)
+    sides = sides[:, 0] if sides.shape[1] == 1 else sides
+    q, v = (np.empty((len(stored), reference.system.size)) for _ in range(2))
+    for row, piece in enumerate(stored):
+        q[row], v[row] = (x[0] for x in solution.state_at_start(piece))
+    keep = (
+        "digits",
+        "digits_confirmed_with",
+        "horizon",
+        "horizon_against",
+        "horizon_tolerance",
+        "parameters",
+        "python-flint",
+        "numpy",
+    )
+    attributes = {
+        "title": f"stiffbeam frozen reference, {reference.provenance['form']} form",
+        "stiffbeam_frozen": FROZEN_FORMAT,
+        "source": f"stiffbeam {version('stiffbeam')}",
+        "case": case,
+        "form": reference.provenance["form"],
+        "t_end": t_end,
+        "fingerprint": reference.fingerprint,
+        "provenance": json.dumps({key: reference.provenance[key] for key in keep}),
+    }
+    return xr.Dataset(
+        {
+            "switch_time": ("switch", solution.times, {"long_name": "start of every piece"}),
+            "side": (
+                ("switch", "contact") if sides.ndim == 2 else "switch",
+                sides,
+                {"long_name": "+1 upper stop, -1 lower, 0 free"},
+            ),
+            "stored_switch": ("stored", stored.astype(np.int32), {"long_name": "the switch a state belongs to"}),
+            "q": (("stored", "node"), q, {"long_name": "displacement v = u - phi (1 - (x/L)^2) at the nodes"}),
+            "q_rate": (("stored", "node"), v, {"long_name": "its rate"}),
+        },
+        attrs=attributes,
+    )
+
+
+def _march(system: System, data: xr.Dataset, source: str) -> Solution:
+    """Re-march from stored state to stored state, holding every switch against the file."""
+    tracer = tracer_of(system)
+    times, sides = data["switch_time"].values, data["side"].values.astype(np.int64)
+    sides = sides[:, None] if sides.ndim == 1 else sides
+    stored, t_end = data["stored_switch"].values, float(data.attrs["t_end"])
+    parts: list[Solution] = []
+    for row, piece in enumerate(stored):
+        last = stored[row + 1] if row + 1 < len(stored) else len(times)
+        # To the middle of the piece after the span, so that rounding cannot hide its last switch.
+        until = (
+            0.5 * (times[last] + (times[last + 1] if last + 1 < len(times) else t_end)) if last < len(times) else t_end
+        )
+        q, v = data["q"].values[row], data["q_rate"].values[row]
+        part = tracer.trace(float(times[piece]), *_contact_state(sides, piece, q, v), float(until))
+        count = last - piece
+        same = len(part.times) >= count and np.array_equal(part.sides[:count], sides[piece:last])
+        if not same or np.max(np.abs(part.times[:count] - times[piece:last])) > BOUND * t_end:
+            raise InputError("file", source, "give the switches it lists", "it is damaged: remake it")
+        parts.append(part.first(count))
+    return parts[0].joined(parts)  # with the times re-marched, to which the coefficients belong
+
+
+def _contact_state(
+    sides: NDArray[np.int64], piece: int, q: Array, v: Array
+) -> tuple[tuple[int, ...], Array, Array, int]:
+    """What a tracer starts a piece from: sides, q, q' and the contact whose gap is exactly zero, -1 for none."""
+    changed = np.flatnonzero(sides[piece] != sides[piece - 1]) if piece else []  # none where a record has a sample
+    resting = int(changed[0]) if len(changed) else -1
+    return tuple(sides[piece].tolist()), q, v, resting
+
+
+def _deviation(data: xr.Dataset, a: Solution, reference: Reference) -> float:
+    """Largest difference in position of a contact or the tip over max |u|, in the middle of every piece, between
+    ``a`` and what the file makes of it; infinite where it makes other switches."""
+    assert reference.system is not None
+    try:
+        b = _march(reference.system, data, "the file to be")
+    except InputError:
+        return float("inf")
+    if len(a.times) != len(b.times):
+        return float("inf")
+    t = 0.5 * (a.times + np.append(a.times[1:], float(reference.provenance["t_end"])))
+    difference = np.abs(_positions(reference.system, a, t) - _positions(reference.system, b, t))
+    return float(np.max(difference) / np.max(np.abs(reference.tip)))
+
+
+def _positions(system: System, solution: Solution, t: Array) -> Array:
+    """What every channel reads of the state, (times, channels)."""
+    return np.stack([solution.observed(t, row)[0] for row, _ in system.channels], axis=-1)
+
+
+def _hash(data: xr.Dataset) -> str:
+    """Of everything in the file but the hash itself, and what depends on the machine."""
+    return netcdf.Arrays.of(data).hash(data.attrs.keys() - {"hash", "deviation"})
 
 
 def load(file: str | Path, system: System | None = None, t_eval: ArrayLike | None = None) -> Trajectory:

@@ -11,14 +11,15 @@ import numpy as np
 from ..basics.arrays import Array, aligned
 from ..basics.compiled import clock
 from ..model.contact import laws
-from ..model.contact_law import DAMPING
+from ..model.contact_law import all_laws
+from ..model.contact_law import jumps as force_jumps
 from ..model.members import Members
 from ..model.stage import LINEAR
 from ..model.system import System
 from ..model.time_functions import offset_rate, offset_values
 from ..schemes import Scheme
-from ..trajectory.recorder import Seen, events_at_start, forces_at, impacts_of, overflow, record, shares, with_ends
-from ..trajectory.records import Records
+from ..trajectory.ensemble import ContactStatistics, Runs
+from ..trajectory.recorder import events_at_start, forces_at, impacts_of, overflow, record, shares, with_ends
 from ..trajectory.sampling import (
     AT_START,
     CONTACT,
@@ -34,15 +35,13 @@ from ..trajectory.sampling import (
     TIME,
     new_tally,
 )
-from .build import build
-from .choice import nodes_per_block
-from .coordinates import Coordinates, InModes
+from ..trajectory.trajectory import Trajectory, Work
+from .choice import nodes_per_block, require_giving_way, require_moved, rule_of, unsolved
 from .kernels import blocks as kernel
 from .kernels import blocks_jax as kernel_jax
-from .kernels import blocks_numpy as kernel_numpy
-from .kernels.layout import Forcing, Kept, Marchers
-from .propagator import Propagator
-from .rules import require_giving_way, require_moved, rule_of, unsolved
+from .kernels.blocks import Forcing, Kept, Marchers
+from .probe import Coordinates, InModes
+from .propagator import Propagator, build
 
 BLOCKS, DENSE = "modal blocks", "dense blocks"
 STEPS_PER_CALL = 1 << 16  # between two reports of progress
@@ -50,7 +49,7 @@ STEPS_REPLAYED = 1 << 14  # held in memory at once where states, or sampled load
 NUMBERS_REPLAYED = 1 << 23  # of their states
 
 
-RUNS = {"numba": kernel.run, "numpy": kernel_numpy.run, "jax": kernel_jax.run}
+RUNS = {"numba": kernel.run, "jax": kernel_jax.run}
 
 
 def block_length(coordinates: Coordinates, scheme: Scheme) -> int:
@@ -74,7 +73,7 @@ class Stepper:
     starter: Propagator | None
     block: Propagator
     rule: int  # how nodes find their forces, see Block
-    run: Callable[..., bool] = kernel.run  # or the same in NumPy
+    run: Callable[..., bool] = kernel.run  # or the same by JAX
     _forcings: dict[Propagator, Forcing] = field(default_factory=dict, repr=False)
     leapers: list[Any] = field(default_factory=list, repr=False)  # what the leaping march has made, see leap
 
@@ -155,7 +154,7 @@ class March:
         self.state = Marchers(np.zeros((M, 0)), u.copy(), v.copy(), tally, np.zeros(M, np.int64))
         kept = 0 if self.every is None else self.steps // self.every + 1
         self.positions, self.velocities = np.zeros((2, M, kept, u.shape[1]))
-        jumps = bool(np.any(self.law[..., DAMPING] > 0.0))
+        jumps = bool(np.any(force_jumps(all_laws(self.law))))
         if jumps:
             for made in filter(None, (self.stepper.starter, self.stepper.block)):
                 require_moved(made.scheme, made.compliances[0])
@@ -239,8 +238,8 @@ class March:
                 total += forces[:, c, None] * coordinates.columns[c]
         return total
 
-    def seen(self, member: int) -> Seen:
-        """What a member has seen, at the end."""
+    def seen(self, member: int) -> Trajectory:
+        """The run of a member, at the end."""
         first, last = np.searchsorted(self.events[:, MEMBER], [member, member + 1])
         own = self.events[first:last]
         positions, velocities, tip = self.positions[member], self.velocities[member], self.stepper.system.tip_channel
@@ -254,10 +253,19 @@ class March:
             raise unsolved(self.stepper.scheme, -diverged * dt)
         when = diverged * dt if diverged else overflow(contacts, self.steps * dt)
         u, v = np.ascontiguousarray(positions[:, tip]), np.ascontiguousarray(velocities[:, tip])  # of one contact views
-        return Seen(u, v, tuple(contacts), when, self.kind)
+        t = np.arange(0.0, len(u) * (self.every or 1), self.every or 1)
+        return Trajectory(
+            t=t * dt,
+            tip=u,
+            tip_velocity=v,
+            contacts=tuple(contacts),
+            work=Work(self.steps, march_seconds=self.seconds),
+            provenance={"march": self.kind},
+            diverged=when,
+        )
 
-    def records(self) -> Records:
-        """What all members have seen, at the end."""
+    def runs(self) -> Runs:
+        """The runs of all members, at the end."""
         tally, dt, tip = self.tally, self.stepper.dt, self.stepper.system.tip_channel
         unsolved_in = np.flatnonzero(self.state.diverged < 0)
         if len(unsolved_in):
@@ -268,18 +276,19 @@ class March:
         first = self.events[:, TIME] == AT_START
         begun, events = self.events[first], self.events[~first]
         pressed = begun[begun[:, IMPACT_IMPULSE] != 0.0][:, [MEMBER, CONTACT]].astype(int)
-        open_at_start = np.zeros(tally.shape[:2], bool)
-        open_at_start[tuple(pressed.T)] = True
-        own = [events[events[:, CONTACT] == c] for c in range(tally.shape[1])]
-        return Records(
+        open_at_start = np.zeros(tally.shape[:2])
+        open_at_start[tuple(pressed.T)] = 1.0
+        contacts = []
+        for c in range(tally.shape[1]):
+            own, of_contact = events[events[:, CONTACT] == c], tally[:, c]
+            totals = np.array(
+                [shares(of_contact, self.steps), of_contact[:, PEAK], of_contact[:, IMPULSE], open_at_start[:, c]]
+            )
+            contacts.append(ContactStatistics.of(totals, impacts_of(own), own[:, MEMBER].astype(np.int64)))
+        return Runs(
             tip=self.positions[..., tip].copy(),
             tip_velocity=self.velocities[..., tip].copy(),
-            fraction=shares(tally, self.steps),
-            peak_force=tally[..., PEAK],
-            impulse=tally[..., IMPULSE],
-            open_at_start=open_at_start,
-            impacts=tuple(impacts_of(events) for events in own),
-            whose=tuple(events[:, MEMBER].astype(np.int64) for events in own),
+            contacts=tuple(contacts),
             diverged=diverged,
             marches=frozenset([self.kind]),
         )

@@ -1,4 +1,4 @@
-"""Which march pays where modes do not decouple: blocks of all unknowns together, or steps one by one.
+"""Which march a run takes, which rule its nodes find their forces by, and what of it a scheme cannot do.
 
 A block of K steps is a product with (R + D) x D numbers, D = k N for the k components that a scheme carries of N
 unknowns, once the powers of one step are made. A single step is a few products with N x N matrices in Python.
@@ -6,12 +6,81 @@ unknowns, once the powers of one step are made. A single step is a few products 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
+from ..basics.arrays import Array
+from ..basics.validation import InputError
+from ..model.contact import Contact
+from ..model.contact import linear as all_linear
 from ..model.equations import Matrices
-from ..schemes import Scheme
-from .coordinates import Coordinates, InModes
-from .probe import independent
+from ..model.modes import modes
+from ..model.stage import BY_LAW, LINEAR, MEAN
+from ..model.system import System
+from ..model.time_functions import offset_values
+from ..schemes import RigidScheme, Scheme
+from ..trajectory.trajectory import SolverFailure
+from .probe import Coordinates, InModes, independent
+
+CONTACTS = ("implicit", "extrapolated", "conserving")
+
+
+def rule_of(contacts: Sequence[Contact], contact: str) -> int:
+    """LINEAR, BY_LAW or MEAN, see stage. Raises InputError for laws that ``contact`` does not take."""
+    if contact != "implicit":
+        for each in contacts:
+            if each.stops.dissipative:
+                name = "damping" if each.stops.damping else "dissipation"
+                why = {
+                    "extrapolated": "be 0 for the extrapolated contact, which predicts positions only",
+                    "conserving": "be 0 for the conserving contact, which keeps the energy of the stops",
+                }[contact]
+                raise InputError(f"stops.{name}", getattr(each.stops, name), why, "use the implicit contact")
+    if contact == "conserving" and contacts:
+        return MEAN
+    return LINEAR if all_linear(contacts) else BY_LAW
+
+
+def scheme_for(scheme: Scheme, contact: str) -> Scheme:
+    """The scheme itself, or its form for contact="conserving". Raises InputError where it has none."""
+    if contact != "conserving":
+        return scheme
+    if scheme.conserving is None:
+        rule = f"conserve the energy of the linear system for the conserving contact, as {scheme} does not"
+        remedy = "use trapezoidal or exponential-flow"
+        raise InputError("scheme", str(scheme), rule, remedy)
+    return scheme.conserving
+
+
+def require_giving_way(scheme: Scheme, S: Array, S_rate: Array) -> None:
+    """Raise InputError unless a force moves its node and speeds it up in its own direction: s, s' >= 0.
+
+    Else a law that depends on the velocity may have no force, or several. S, S_rate: (..., m, m).
+    """
+    for name, x in (("position", S), ("velocity", S_rate)):
+        own = np.diagonal(x, axis1=-2, axis2=-1)
+        if np.any(own < -1e-12 * np.max(np.abs(own), initial=0.0)):
+            rule = f"move the {name} of a node along with the force there, for stops whose force depends on velocity"
+            raise InputError("scheme", str(scheme), rule, "use another scheme, or stops without damping")
+
+
+def require_moved(scheme: Scheme, S: Array) -> None:
+    """Raise InputError unless a force moves its node, s > 0, for stops with c > 0.
+
+    Their force jumps at the stop. A node that gives way finds one that holds it there; another takes F of a state,
+    and rounding says which. S: (..., m, m).
+    """
+    if not np.all(np.diagonal(S, axis1=-2, axis2=-1) > 0.0):
+        rule = "move every node by the force there, for stops with damping, whose force jumps"
+        raise InputError("scheme", str(scheme), rule, "use another scheme, or stops with dissipation= in place of it")
+
+
+def unsolved(scheme: Scheme, t: float) -> SolverFailure:
+    """The forces of several contacts at one node were not found."""
+    reason = "the forces of several contacts at once were not found"
+    return SolverFailure(str(scheme), t, reason, "use a smaller dt, or the solver cvode")
+
 
 # Seconds, measured on one core: a product of matrices, of a matrix in cache and one out of it, per multiply-add.
 MATRIX, CACHED, STREAMED = 1.2e-10, 1.5e-10, 5e-10
@@ -46,3 +115,37 @@ def pays(coordinates: Coordinates, scheme: Scheme, steps: int) -> bool:
 def _carried(coordinates: Coordinates, scheme: Scheme) -> int:
     """D."""
     return len(independent(scheme, coordinates.equation.order, 1.0)[0]) * coordinates.rows.shape[1]
+
+
+def is_rigid(system: System, scheme: Scheme) -> bool:
+    """Whether the run is one against rigid stops. Raises InputError for what such a run cannot have."""
+    rigid = [contact.stops.rigid for contact in system.contacts]
+    if isinstance(scheme, RigidScheme) and not all(rigid):
+        stops = system.contacts[rigid.index(False)].stops
+        remedy = "use a scheme for compliant stops, as trapezoidal, or give stiffness = inf"
+        raise InputError("stops.stiffness", stops.stiffness, f"be inf for {scheme}", remedy)
+    if any(rigid) and not all(rigid):
+        raise InputError("contacts", "rigid and compliant ones", "be all of one kind", "take very stiff ones for inf")
+    return isinstance(scheme, RigidScheme) or any(rigid)
+
+
+def require_rigid(system: System, scheme: Scheme, contact: str) -> None:
+    """Raise InputError where the scheme, the restitution of the stops, or the start do not fit."""
+    if contact != "implicit":
+        raise InputError("contact", contact, "be 'implicit' for rigid stops", "a reaction is no function of positions")
+    restitutes = isinstance(scheme, RigidScheme) and scheme.restitutes
+    for each in system.contacts:
+        e = each.stops.restitution
+        if restitutes and e is None:
+            remedy = "give the stops a restitution in [0, 1]"
+            raise InputError("stops.restitution", e, f"be given for {scheme}, which has an impact law", remedy)
+        if not restitutes and e is not None:
+            rule = f"be left out for {scheme}, which has no impact law"
+            raise InputError("stops.restitution", e, rule, "use moreau-jean, or leave it out")
+        moved = float(offset_values(each.offset, 0.0))
+        u = float(each.row @ system.q0) + moved
+        if abs(each.stops.penetration(u)) > 1e-14 * max(abs(u), abs(moved), 1e-300):  # what rounds u
+            raise InputError("initial displacement", u, "lie between rigid stops", "move the stop or the start")
+    if isinstance(scheme, RigidScheme) and scheme.modal_only and modes(system) is None:
+        rule = f"decouple in the modes for {scheme}"
+        raise InputError("damping", "a damping that couples modes", rule, "use moreau-jean")

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -15,10 +16,23 @@ from ..model.system import System
 from ..model.time_functions import offset_rate, offset_values
 from ..schemes import Scheme
 from .block_march import initial_channels
-from .coordinates import Together
-from .pieces import STEPS_PER_PIECE, Piece
-from .probe import ends_there
-from .rules import require_giving_way, require_moved, rule_of, unsolved
+from .choice import require_giving_way, require_moved, rule_of, unsolved
+from .probe import Together, ends_there
+
+STEPS_PER_PIECE = 4096
+
+
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """Consecutive steps first + 1 .. first + k of a run; valid until the next piece is made."""
+
+    first: int
+    positions: Array  # (k, channels) at the ends of the steps
+    velocities: Array  # (k, channels)
+    states: Callable[[], tuple[Array, Array]]  # q, q' at the ends of the steps, each (k, n)
+    seconds: float
+    means: Array | None = None  # (k, contacts): the reactions, where they are means over the steps
+    found: Array | None = None  # (k, contacts): the forces that nodes found at the ends of the steps, see found_force
 
 
 def direct_pieces(
@@ -83,7 +97,7 @@ def _direct_blocks(
                 rates[s, c] = np.array([equation.velocity(y) for y in stages]) @ view.rows[:m].T
     if rule == BY_LAW:
         require_giving_way(scheme, *(np.array([x[s, :, s].T for s in range(S)]) for x in (response, rates)))
-        if any(stop.damping for stop in stops):
+        if any(stop.jumps for stop in stops):
             require_moved(scheme, np.array([response[s, :, s] for s in range(S)]))
     before = at_start[:m].copy()
 

@@ -8,19 +8,17 @@ from functools import partial
 import numpy as np
 
 from ..basics.compiled import clock
-from ..basics.threads import cores, over_slices
-from ..basics.validation import InputError, one_of
+from ..basics.resources import cores, over_slices
+from ..basics.validation import InputError
 from ..model.members import Members, as_members, have_own_records
 from ..model.system import System
 from ..schemes import Scheme
-from ..trajectory.ensemble import MEMBERS_PER_SLICE, Ensemble, Progress, gathered, record_from
+from ..trajectory.ensemble import MEMBERS_PER_SLICE, Ensemble, Progress, Runs, gathered, record_from
 from ..trajectory.ledger import Ledger
-from ..trajectory.records import Records
 from ..trajectory.trajectory import Work
-from .plan import Plan
+from .integrate import Plan
 from .warm import wait
 
-ENGINES = ("numba", "numpy", "jax")
 DEVICE_MEMBERS = 1 << 14  # marched by a device in one go
 
 
@@ -41,7 +39,8 @@ def integrate_ensemble(
     members: from ``perturbed`` or ``varied``, or systems that differ from ``system`` in initial data, stops, loads and
     motions only; where their records (Sampled) differ each is set up by itself. every: keep tip and tip velocity
     at every so many steps; None keeps none, and memory does not grow with the steps but for the impacts.
-    engine: "numba"; "numpy"; "jax" (at most one contact; on a GPU where JAX has one), equal to rounding.
+    engine: "numba"; "jax" (at most one contact; on a GPU where JAX has one); "direct", see ``integrate``; equal to
+    rounding.
     progress: called with the number of member-steps done. since: the time, a whole number of steps,
     after which contacts are recorded; one that is there then is no impact, and impulses are the sum of dt F over the
     steps after it, without half weights at its ends. A member that overflows is
@@ -49,7 +48,6 @@ def integrate_ensemble(
     """
     begun = clock()
     members = as_members(system, members)
-    one_of("engine", engine, ENGINES)
     plan = Plan.of(system, scheme, dt, t_end, contact, 1 if every is None else every, engine)
     plan.afford(len(members), every)
     passed = round(record_from(since, t_end) / dt)
@@ -64,11 +62,11 @@ def integrate_ensemble(
 
     apart = have_own_records(members)
 
-    def march(part: Members) -> Records:
+    def march(part: Members) -> Runs:
         if apart:
             each = [part[i : i + 1] for i in range(len(part))]
-            return Records.joined([_alone(plan, one[0]).records(one, every, passed) for one in each])
-        return plan.records(part, every, passed)
+            return Runs.joined([_alone(plan, one[0]).runs(one, every, passed) for one in each])
+        return plan.runs(part, every, passed)
 
     parts = list(over_slices(march, members, size, threads, report))
     seconds = clock() - begun

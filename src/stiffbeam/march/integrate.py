@@ -1,21 +1,305 @@
-"""integrate: a scheme on a system. Modal blocks where the modes decouple, else the direct march."""
+"""integrate: a scheme on a system, its arguments checked, its march chosen, its trajectory made."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
+from ..basics.arrays import Array
 from ..basics.compiled import clock
-from ..basics.validation import InputError
+from ..basics.resources import afford
+from ..basics.validation import InputError, integer, itself, one_of, positive, step_count
+from ..model.contact import Contact
 from ..model.first_order import FirstOrderSystem
+from ..model.members import Members
+from ..model.modes import modes
 from ..model.system import System
-from ..schemes import Scheme
-from ..trajectory.trajectory import Diverged, Trajectory, Work
-from .leap import start
-from .plan import Plan, seen_directly
+from ..model.time_functions import covered
+from ..schemes import RigidScheme, Scheme
+from ..schemes.contract import check_contract
+from ..schemes.scheme import require_scheme
+from ..trajectory.ensemble import Runs
+from ..trajectory.ledger import Ledger, reaction_ledger, step_ledger
+from ..trajectory.recorder import Reactions, SampledImpacts, overflow, record
+from ..trajectory.trajectory import Diverged, Trajectory, Work, versions
+from .block_march import RUNS, Stepper, initial_channels
+from .choice import CONTACTS, is_rigid, pays, require_rigid, rule_of, scheme_for
+from .direct_march import Piece, direct_pieces
+from .kernels.blocks import OVERFLOW
+from .leap import can_leap, costs, start
+from .probe import InModes, Together
+from .replay import block_ledger, replay
+from .rigid_march import rigid_pieces
 from .warm import wait
+
+DIRECT, RIGID = "direct", "rigid steps"
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """A run whose arguments have been checked. ``stepper``: of the march in blocks, None where that does not pay and
+    for rigid stops; ``rigid``: whether they are.
+
+    A pickled one is made again from ``given``, the System or FirstOrderSystem, and its other arguments.
+    """
+
+    given: System | FirstOrderSystem
+    system: System
+    scheme: Scheme
+    dt: float
+    steps: int
+    t_end: float
+    contact: str
+    form: str
+    omega_max: float
+    engine: str
+    stepper: Stepper | None
+    rigid: bool = False
+    _steppers: dict[int, Stepper] = field(default_factory=dict, repr=False)
+
+    @classmethod
+    def of(
+        cls,
+        system: System | FirstOrderSystem,
+        scheme: Scheme,
+        dt: float,
+        t_end: float,
+        contact: str,
+        every: int,
+        engine: str,
+    ) -> Plan:
+        """Raises InputError for bad arguments."""
+        if not isinstance(system, (System, FirstOrderSystem)):
+            remedy = "make it with semidiscretise or from_matrices"
+            raise InputError("system", type(system).__name__, "be a System", remedy)
+        itself("system", system, System if isinstance(system, System) else FirstOrderSystem)
+        require_scheme(scheme)
+        dt, t_end = positive("dt", dt), positive("t_end", t_end)
+        steps = step_count(dt, t_end)
+        if not 1e-150 <= dt <= 1e150:
+            raise InputError("dt", dt, "have a square in float64", "count time in another unit")
+        integer("every", every, 1)
+        one_of("contact", contact, CONTACTS)
+        scheme = scheme_for(scheme, contact)
+        one_of("engine", engine, (*RUNS, DIRECT), f"be {', '.join(RUNS)} or {DIRECT}")
+        if scheme.second_order_only and isinstance(system, FirstOrderSystem):
+            rule = f"be of second order for {scheme}"
+            raise InputError("system", "a FirstOrderSystem", rule, "pass the System itself")
+        if isinstance(system, FirstOrderSystem) and not system.is_of_its_system():
+            remedy = "change the System and call first_order() of that"
+            raise InputError(
+                "system", "a FirstOrderSystem that is not its system's", "be what first_order() made", remedy
+            )
+        parent = system if isinstance(system, System) else system.system
+        covered([*(f for _, f in parent.loads), *(offset for _, offset in parent.channels)], t_end)
+        basis = modes(system) if isinstance(system, System) else None
+        omega_max = float(basis.omega[-1]) if basis else _omega_max(parent)
+        scheme.check(omega_max, dt)
+        check_contract(scheme)
+        rigid = is_rigid(parent, scheme)
+        if rigid:
+            require_rigid(parent, scheme, contact)
+        else:
+            rule_of(parent.contacts, contact)
+        form = parent.form if isinstance(system, System) else f"{parent.form}, first order"
+        if rigid:
+            if isinstance(system, FirstOrderSystem):
+                raise InputError(
+                    "system", "a FirstOrderSystem", "be of second order for rigid stops", "pass the System"
+                )
+            if engine != "numba":
+                raise InputError("engine", engine, "be numba for rigid stops", "leave engine out")
+            return cls(system, parent, scheme, dt, steps, t_end, contact, form, omega_max, engine, None, True)
+        coordinates = Together.of(system) if basis is None else InModes(parent, basis)
+        if engine == DIRECT or not pays(coordinates, scheme, steps):
+            return cls(system, parent, scheme, dt, steps, t_end, contact, form, omega_max, DIRECT, None)
+        stepper = Stepper.of(coordinates, scheme, dt, contact, engine)
+        return cls(system, parent, scheme, dt, steps, t_end, contact, form, omega_max, engine, stepper)
+
+    def afford(self, members: int, every: int | None) -> None:
+        """Refuse more outputs than there is memory for, and more steps than anyone waits for; of steps that can go
+        in leaps only those that turn out not to, see ``LeapMarch``."""
+        contacts = len(self.system.contacts)
+        kept = 0 if every is None else self.steps // every + 1
+        remedy = "give a larger `every`" if every is not None else "take fewer members"
+        floats = float(members) * (kept * (2.0 * len(self.system.channels) + contacts + 1.0) + 100.0)
+        afford("every", every, remedy, floats=floats)
+        if self.stepper is None:
+            seconds = self.steps * (2e-5 + 3e-9 * self.system.size**2)
+        elif can_leap(self.stepper, self.steps) and members == 1:
+            return
+        else:
+            seconds = 1e-9 * float(costs(self.stepper)[2]) * self.steps * members
+        afford("dt", self.dt, "give a larger dt, or fewer members", seconds=seconds)
+
+    def stepper_for(self, contacts: Sequence[Contact]) -> Stepper:
+        """The block march for the contacts of a member, whose law may be another kind than the system's."""
+        assert self.stepper is not None
+        rule = rule_of(contacts, self.contact)
+        if rule not in self._steppers:
+            own = self.stepper
+            made = own if rule == own.rule else Stepper.of(
+                own.coordinates, self.scheme, self.dt, self.contact, self.engine, rule
+            )  # fmt: skip
+            self._steppers[rule] = made
+        return self._steppers[rule]
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Plan.of, (self.given, self.scheme, self.dt, self.t_end, self.contact, 1, self.engine)
+
+    def provenance(self, every: int | None) -> dict[str, Any]:
+        """What the trajectory says of how it was made."""
+        return {
+            "method": str(self.scheme),
+            "form": self.form,
+            "units": asdict(self.system.units),
+            "contact": self.contact,
+            "dt": float(self.dt),
+            "t_end": float(self.t_end),
+            "every": 0 if every is None else int(every),
+            "march": self.kind,
+            "engine": "numpy" if self.engine == DIRECT else self.engine,
+            **versions(),
+        }
+
+    @property
+    def kind(self) -> str:
+        """Which march it is; of one that may leap, if it does not."""
+        return (RIGID if self.rigid else DIRECT) if self.stepper is None else self.stepper.kind
+
+    def pieces(self, system: System | FirstOrderSystem) -> Iterator[Piece]:
+        """The run in pieces, where it is not in blocks."""
+        if self.rigid and isinstance(system, System):  # it may be a member with stops of its own
+            if not is_rigid(system, self.scheme):
+                raise InputError("members", "compliant stops", "have rigid ones where one has", "integrate them apart")
+            require_rigid(system, self.scheme, self.contact)
+            return rigid_pieces(system, self.scheme, self.dt, self.steps)
+        return direct_pieces(system, self.scheme, self.dt, self.steps, self.contact)
+
+    def runs(self, members: Members, every: int | None, since: int = 0) -> Runs:
+        """The runs of members, their contacts after step ``since``; outputs where ``every`` is given."""
+        if self.stepper is None:
+            return Runs.of([seen_directly(self, member, every, None, since) for member in members])
+        contacts = members.all_contacts()
+        steppers = {key: self.stepper_for(each) for key, each in {id(each): each for each in contacts}.items()}
+        kinds = [steppers[id(each)] for each in contacts]
+        parts, places = [], []
+        for stepper in dict.fromkeys(kinds):
+            own = [i for i, kind in enumerate(kinds) if kind is stepper]
+            for part in [[i] for i in own] if can_leap(stepper, self.steps) else [own]:
+                march = start(stepper, members.chosen(part), self.steps, every, since)
+                for _ in march.advance():
+                    pass
+                parts.append(march.runs())
+                places += part
+        return Runs.joined(parts, places)
+
+    def states(self, system: System | FirstOrderSystem) -> Iterator[tuple[Array, Array, Array, Array]]:
+        """See ``Pieces``."""
+        parent = system if isinstance(system, System) else system.system
+        if self.stepper is not None:
+            return replay(self.stepper_for(parent.contacts), parent, self.steps)
+        return _states(parent, self.pieces(system), self.dt)
+
+    def ledger(self, system: System | FirstOrderSystem, every: int) -> Ledger:
+        """The energy ledger of a run, added up at every step and kept at every ``every``-th."""
+        parent = system if isinstance(system, System) else system.system
+        if self.stepper is not None:
+            return block_ledger(self.stepper_for(parent.contacts), parent, self.steps, every)
+        outputs = np.arange(0, self.steps + 1, every) * self.dt
+        if self.rigid:
+            impacts = isinstance(self.scheme, RigidScheme) and self.scheme.restitutes
+            return reaction_ledger(parent, self._with_reactions(parent), outputs, impacts)
+        return step_ledger(parent, self.states(system), outputs)
+
+    def _with_reactions(self, system: System) -> Iterator[tuple[Array, Array, Array, Array]]:
+        means: list[Array] = []
+
+        def noted() -> Iterator[Piece]:
+            for piece in self.pieces(system):
+                means.append(piece.means if piece.means is not None else np.zeros((0, 0)))
+                yield piece
+
+        for t, q, v, _ in _states(system, noted(), self.dt):
+            yield t, q, v, means.pop()
+
+
+def seen_directly(
+    plan: Plan,
+    system: System | FirstOrderSystem,
+    every: int | None,
+    progress: Callable[[int], None] | None,
+    since: int = 0,
+) -> Trajectory:
+    """The direct march piece by piece, in bounded memory."""
+    parent = system if isinstance(system, System) else system.system
+    (u0,), (v0,) = initial_channels([parent], parent.q0[None], parent.v0[None])
+    thin = every or plan.steps + 1
+    positions, velocities = np.empty((2, plan.steps // thin + 1, len(u0)))
+    positions[0], velocities[0] = u0, v0
+    found = np.full((len(positions), len(parent.contacts)), np.nan)
+    starts = zip(parent.contacts, u0.tolist(), v0.tolist(), strict=False)
+    sampler_of = Reactions if plan.rigid else SampledImpacts
+    samplers = [sampler_of(c.stops, plan.dt, u, v, since) for c, u, v in starts]
+    seconds, diverged = 0.0, np.nan
+    for piece in plan.pieces(system):
+        seconds += piece.seconds
+        bad = ~np.all(np.abs(piece.positions) < OVERFLOW, axis=1)
+        if np.any(bad):
+            diverged = (piece.first + 1 + int(np.argmax(bad))) * plan.dt
+            break
+        done = piece.first + len(piece.positions)
+        here = np.arange(piece.first // thin + 1, done // thin + 1)
+        positions[here] = piece.positions[here * thin - piece.first - 1]
+        velocities[here] = piece.velocities[here * thin - piece.first - 1]
+        if piece.found is not None:
+            found[here] = piece.found[here * thin - piece.first - 1]
+        for i, sampler in enumerate(samplers):
+            own = (None if x is None else x[:, i] for x in (piece.means, piece.found))
+            sampler.feed(piece.positions[:, i], piece.velocities[:, i], *own)
+        if progress is not None:
+            progress(done)
+    if every is None:
+        positions, velocities, found = positions[:0], velocities[:0], found[:0]
+    tip = parent.tip_channel
+    contacts = tuple(
+        s.record(positions[:, i], velocities[:, i], thin) if isinstance(s, Reactions)
+        else record(s.stops, positions[:, i], velocities[:, i], s.tally, s.events, plan.steps, found[:, i])
+        for i, s in enumerate(samplers)
+    )  # fmt: skip
+    diverged = overflow(contacts, plan.t_end) if np.isnan(diverged) else diverged
+    return Trajectory(
+        t=np.arange(0.0, len(positions) * thin, thin) * plan.dt,
+        tip=positions[:, tip],
+        tip_velocity=velocities[:, tip],
+        contacts=contacts,
+        work=Work(plan.steps, march_seconds=seconds),
+        provenance={"march": plan.kind},
+        diverged=diverged,
+    )
+
+
+def _omega_max(system: System) -> float:
+    import scipy.linalg
+
+    squares = scipy.linalg.eigh(system.stiffness, system.mass, eigvals_only=True)
+    return float(np.sqrt(max(0.0, squares[-1])))
+
+
+def _states(system: System, pieces: Iterator[Piece], dt: float) -> Iterator[tuple[Array, Array, Array, Array]]:
+    """See ``Pieces``."""
+    none = np.full((1, len(system.contacts)), np.nan)
+    last = system.q0[None], system.v0[None], none
+    for piece in pieces:
+        q, v = piece.states()
+        new = q, v, np.repeat(none, len(q), axis=0) if piece.found is None else piece.found
+        q, v, found = (np.concatenate(both) for both in zip(last, new, strict=True))
+        yield (piece.first + np.arange(len(q))) * dt, q, v, found
+        last = q[-1:], v[-1:], found[-1:]
 
 
 def integrate(
@@ -35,9 +319,9 @@ def integrate(
     it can overflow, and takes no damped stops. "conserving": the mean force over the step that keeps the sum of
     kinetic, elastic and stop energy (see discrete_gradient), for schemes that conserve energy without contact;
     impulses are then those of the mean forces. ``every`` thins the outputs only: impacts, peaks and the ledger
-    see every step. ``progress`` is called with the number of steps done. engine: "numba", compiled once for each
-    version and kept on disk, or "numpy", a hundred times slower; equal to rounding, and each bit-identical to
-    itself whatever ran before. ``provenance["engine"]`` says which.
+    see every step. ``progress`` is called with the number of steps done. engine: "numba", blocks compiled once for
+    each version and kept on disk, or "direct", step by step in NumPy, a hundred times slower; equal to rounding, and
+    each bit-identical to itself whatever ran before. ``provenance["engine"]`` is "numba" or "numpy".
 
     A System whose damping decouples is marched in modal coordinates: in compiled blocks, or where a run is
     long and changes contact seldom in leaps from one change to the next, equal to rounding. Any other, and a
@@ -48,7 +332,7 @@ def integrate(
     """
     begun = clock()
     if isinstance(engine, str) and engine == "jax":
-        raise InputError("engine", engine, "be numba or numpy for one run", "use integrate_ensemble")
+        raise InputError("engine", engine, "be numba or direct for one run", "use integrate_ensemble")
     plan = Plan.of(system, scheme, dt, t_end, contact, every, engine)
     plan.afford(1, every)
     if plan.engine == "numba":
@@ -58,22 +342,17 @@ def integrate(
         for done in march.advance():
             if progress is not None and not march.state.diverged[0]:
                 progress(done)
-        seen, march_seconds, kind = march.seen(0), march.seconds, march.kind
+        run = march.seen(0)
     else:
-        (seen, march_seconds), kind = seen_directly(plan, system, every, progress), plan.kind
-    if not np.isnan(seen.diverged):
+        run = seen_directly(plan, system, every, progress)
+    if not np.isnan(run.diverged):
         remedy = "use the implicit contact or a smaller dt" if contact == "extrapolated" else "use a smaller dt"
         hint = f"{remedy} (omega_max dt is {plan.omega_max * dt:.3g})"
-        raise Diverged(str(scheme), seen.diverged, hint)
-    t = np.arange(0.0, plan.steps + 1, every)
-    t *= dt
-    return Trajectory(
-        t=t,
-        tip=seen.tip,
-        tip_velocity=seen.tip_velocity,
-        contacts=seen.contacts,
-        work=Work(plan.steps, clock() - begun, march_seconds),
-        provenance=plan.provenance(every) | {"march": kind},
+        raise Diverged(str(scheme), run.diverged, hint)
+    return replace(
+        run,
+        work=replace(run.work, seconds=clock() - begun),
+        provenance=plan.provenance(every) | run.provenance,
         system=plan.system,
         pieces=partial(plan.states, system),
         ledger=partial(plan.ledger, system, every),

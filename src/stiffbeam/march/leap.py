@@ -18,19 +18,18 @@ from threading import Lock
 import numpy as np
 
 from ..basics.arrays import Array, aligned
-from ..basics.budget import afford
 from ..basics.compiled import clock
+from ..basics.resources import afford
 from ..model.contact_law import G1, G2
 from ..model.stage import LINEAR
 from ..model.system import System
 from ..trajectory.sampling import EVENT, ROW, SIDE
 from .block_march import BLOCKS, STEPS_REPLAYED, March, Segment, Stepper, functions
-from .build import build
-from .coordinates import InModes
 from .kernels import blocks, leaps
-from .kernels.layout import Marchers
+from .kernels.blocks import Marchers
 from .kernels.sums import Regimes
-from .propagator import Propagator
+from .probe import InModes
+from .propagator import Propagator, build
 from .regimes import Sum, regime, tables
 from .step_map import EXTENDED, NoRegime
 

@@ -10,20 +10,137 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..basics.arrays import Array, aligned
+from ..basics.arrays import Array, aligned, padded
 from ..model.drive import Drive, Term
+from ..model.stage import BY_LAW, LINEAR, MEAN
 from ..model.system import System
 from ..model.time_functions import evaluate, offset_rate
 from ..schemes import Scheme
-from .coordinates import Coordinates
-from .entries import Entries
-from .kernels.layout import Block, Forcing, Inflow
-from .powers import Powers
-from .probe import StepMap
+from .kernels.blocks import Block, Forcing, Inflow
+from .probe import Coordinates, InModes, Readers, StepMap, probe
+
+
+@dataclass(frozen=True, eq=False)
+class Entries:
+    """The contacts at every node, padded to eight, then the channels at the ends of steps that are no node, then
+    where they are read the contacts' velocities at every node."""
+
+    nodes: int  # N, a multiple of eight
+    end_first: NDArray[np.int64]  # (C,), see Block
+    end_stride: NDArray[np.int64]
+    rates: NDArray[np.int64]
+    place: NDArray[np.int64]  # (entries,): the step times g plus the reading that stands there, -1 for padding
+
+    @classmethod
+    @lru_cache(maxsize=256)
+    def of(cls, readers: Readers, steps: int, ends_at_last_node: bool) -> Entries:
+        """Of so many steps."""
+        S, m, C = len(readers.nodes), readers.contacts, readers.channels
+        at_ends = C - m if ends_at_last_node else C
+        count = steps * S * m
+        N = padded(count, least=0)
+        reading = np.arange(steps * readers.size).reshape(steps, -1)
+        ends = reading[:, readers.at_ends][:, C - at_ends :]
+        padding = np.full(N - count, -1)
+        of_rates = reading[:, readers.node_rates].ravel()
+        place = [reading[:, readers.at_nodes].ravel(), padding, ends.ravel(), of_rates]
+        first, stride = N + np.arange(C), np.full(C, at_ends)
+        if ends_at_last_node:
+            first[:m], stride[:m] = (S - 1) * m + np.arange(m), S * m
+            first[m:] = N + np.arange(at_ends)
+        rates = np.pad(N + ends.size + np.arange(count), (0, N - count)) if len(of_rates) else of_rates
+        return cls(N, first, stride, rates, np.concatenate(place))
+
+    def of_readings(self, x: Array, width: int) -> Array:
+        """(..., K, g) -> (..., width), zero where no reading stands."""
+        *batch, K, g = x.shape
+        flat = np.zeros((*batch, K * g + 1), x.dtype)
+        flat[..., :-1] = x.reshape(*batch, K * g)
+        found = np.zeros((*batch, width), x.dtype)
+        found[..., : len(self.place)] = flat[..., self.place]
+        return found
+
+
+class Powers:
+    """A step map's transition A to the powers 2^i, (n, k, k) each, and what is made by doubling with them.
+
+    ``turn``: every undamped mode that a scheme turns, as A turns (omega q, q'), is turned by 2^i times the angle of
+    one step. Step by step the rounding of one step's turn comes in again and again, the same in every block, and is
+    work that no force has done: 1e-10 of the energy in 1e6 steps.
+    """
+
+    def __init__(self, one: StepMap, steps: int, turn: bool) -> None:
+        self.steps = steps
+        self.levels = [one.transition]
+        rotation = _Rotation(one) if turn and isinstance(one.coordinates, InModes) else None
+        if rotation is not None:
+            self.levels[0] = rotation.put(self.levels[0], 1)
+        while 2 ** len(self.levels) <= steps:
+            squared = self.levels[-1] @ self.levels[-1]
+            if rotation is not None:
+                squared = rotation.put(squared, 2 ** len(self.levels))
+            self.levels.append(squared)
+
+    @cached_property
+    def last(self) -> Array:
+        """A^steps."""
+        found = None
+        for i, level in enumerate(self.levels):
+            if self.steps >> i & 1:
+                found = level if found is None else found @ level
+        assert found is not None
+        return found
+
+    def readings(self, reading: Array) -> Array:
+        """reading A^j of (n, g, k) for j < steps: (n, steps, g, k)."""
+        n, g, k = reading.shape
+        made, done = np.empty((n, self.steps, g, k)), 1
+        made[:, 0] = reading
+        for level in self.levels:
+            more = min(done, self.steps - done)
+            if more > 0:
+                made[:, done : done + more] = (made[:, :more].reshape(n, more * g, k) @ level).reshape(n, more, g, k)
+                done += more
+        return made
+
+    def pushes(self, push: Array) -> Array:
+        """A^j push of (n, k, p) for j < steps: (n, k, steps, p)."""
+        n, k, p = push.shape
+        made, done = np.empty((n, k, self.steps, p)), 1
+        made[:, :, 0] = push
+        for level in self.levels:
+            more = min(done, self.steps - done)
+            if more > 0:
+                made[:, :, done : done + more] = (level @ made[:, :, :more].reshape(n, k, -1)).reshape(n, k, more, p)
+                done += more
+        return made
+
+
+class _Rotation:
+    """The undamped modes whose q and q', the first two components, a step turns; see Powers."""
+
+    def __init__(self, one: StepMap) -> None:
+        assert isinstance(one.coordinates, InModes)
+        basis, A = one.coordinates.basis, one.transition[:, :2, :2]
+        self.w = np.where(basis.omega > 0.0, basis.omega, 1.0)
+        self.angle = np.arctan2(0.5 * (self.w * A[:, 0, 1] - A[:, 1, 0] / self.w), 0.5 * (A[:, 0, 0] + A[:, 1, 1]))
+        size = np.moveaxis(np.array([[np.ones_like(self.w), 1.0 / self.w], [self.w, np.ones_like(self.w)]]), -1, 0)
+        turns = (basis.omega > 0.0) & (basis.damping == 0.0)
+        self.turns = turns & np.all(np.abs(A - self._by(1)) < 1e-9 * size, axis=(1, 2))
+
+    def _by(self, steps: int) -> Array:
+        c, s = np.cos(steps * self.angle), np.sin(steps * self.angle)
+        return np.moveaxis(np.array([[c, s / self.w], [-self.w * s, c]]), -1, 0)
+
+    def put(self, power: Array, steps: int) -> Array:
+        exact = power.copy()
+        exact[:, :2, :2] = np.where(self.turns[:, None, None], self._by(steps), power[:, :2, :2])
+        return exact
 
 
 @dataclass(frozen=True, eq=False)
@@ -243,4 +360,83 @@ def _side_by_side(each: Sequence[Forcing]) -> Forcing:
         ),
         np.concatenate([np.pad(x.rows, ((0, 0), (0, 2 * k), (0, 0))) for x, k in zip(each, missing, strict=True)]),
         np.concatenate([np.pad(x.velocity, ((0, 0),) * 3 + ((0, 2 * k),)) for x, k in zip(each, missing, strict=True)]),
+    )
+
+
+def build(
+    scheme: Scheme,
+    coordinates: Coordinates,
+    dt: float,
+    steps: int,
+    contact: str,
+    reduced: bool = True,
+    rule: int = LINEAR,
+) -> Propagator:
+    """Probe a step of ``scheme`` and arrange what ``steps`` of them do.
+
+    ``rule``: how a node finds its force, see Block; BY_LAW has the velocities at the nodes among its entries.
+    ``reduced``: leave out the components of the state that only add to others, see ``probe.independent``.
+    """
+    system, drive = coordinates.system, Drive.of(coordinates.system)
+    samples = drive.split(coordinates.loads(system), coordinates.rows.shape[1])[1]
+    offset_samples = drive.offsets(system)[1]
+    vectors = np.array([vector for vector, _ in samples]) if samples else None
+    one = probe(scheme, coordinates, dt, contact == "extrapolated", rule == BY_LAW, vectors, reduced)
+    powers, entries = Powers(one, steps, rule == MEAN), Entries.of(one.readers, steps, one.ends_at_last_node)
+    K, S, m, P = steps, len(scheme.nodes), len(coordinates.columns), one.push.shape[-1] // len(scheme.nodes)
+    n, g, k = one.reading.shape
+    C = one.readers.channels
+    used = k * n
+    R, D = padded(len(entries.place)), padded(used)
+
+    # What is read from the state, step by step, and from forces: one in step i acts as one in step 0, i steps later.
+    flat = powers.readings(one.reading).transpose(1, 2, 3, 0).reshape(K, g, used)
+    of_force = np.zeros((K + 1, g, P * S))  # the last for steps before the force
+    of_force[0] = one.at_once
+    of_force[1:K] = flat[:-1] @ one.push.transpose(1, 0, 2).reshape(used, P * S)
+    step = np.arange(K)
+    delay = step - step[:, None]
+    seen = of_force[np.where(delay >= 0, delay, K)].transpose(3, 0, 1, 2).reshape(P, S, K, K, g)
+    left = powers.pushes(one.push)[:, :, ::-1].transpose(3, 2, 1, 0).reshape(P, S, K, used)  # by step of the force
+    pushed = np.zeros((P, S, K, R + D))
+    pushed[..., :R] = entries.of_readings(seen, R)
+    pushed[..., R : R + used] = left
+    speeds = seen[..., one.readers.end_rates]
+
+    reading, transition = aligned((R, D)), aligned((k, D))
+    reading[:, :used] = np.moveaxis(entries.of_readings(np.moveaxis(flat, 2, 0), R), 0, 1)
+    component = np.arange(k)
+    shifted = powers.last[:, component, (component + component[:, None]) % k]  # cyclic diagonals, (n, e, c)
+    transition[:, :used] = shifted.transpose(1, 2, 0).reshape(k, used)
+    velocity = np.zeros((K, C, D))
+    velocity[..., :used] = flat[:, one.readers.end_rates]
+
+    nodes, N = K * S * m, entries.nodes
+    push, velocity_push = aligned((N, R + D)), np.zeros((K, C, N))
+    push[:nodes] = pushed[:m].transpose(2, 1, 0, 3).reshape(nodes, R + D)
+    velocity_push[..., :nodes] = speeds[:m].transpose(3, 4, 2, 1, 0).reshape(K, C, nodes)
+    node = np.arange(nodes)
+    block = Block(
+        reading=reading,
+        transition=transition,
+        push=push,
+        compliance=push[node[:, None], (node - node % max(1, m))[:, None] + np.arange(m)],
+        end_first=entries.end_first,
+        end_stride=entries.end_stride,
+        velocity=velocity,
+        velocity_push=velocity_push,
+        rates=entries.rates,
+        rule=rule,
+    )
+    kind_by_kind = (0, 2, 1)
+    return Propagator(
+        one=one,
+        powers=powers,
+        steps=K,
+        block=block,
+        entries=entries,
+        samples=tuple(samples),
+        sample_rows=pushed[m:].transpose(*kind_by_kind, 3).reshape(-1, R + D),
+        sample_velocity=speeds[m:].transpose(*kind_by_kind, 3, 4).reshape((P - m) * K * S, K, C),
+        offset_samples=tuple(offset_samples),
     )

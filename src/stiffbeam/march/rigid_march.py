@@ -17,46 +17,12 @@ from ..model.system import System
 from ..model.time_functions import LoadFunction, evaluate, offset_rate, offset_values
 from ..schemes import RigidScheme, Scheme
 from ..schemes.rigid_scheme import AHEAD, POSITION, RESTITUTED, VELOCITY
+from .direct_march import STEPS_PER_PIECE, Piece
 from .kernels.rigid_steps import AT_A_STOP, WHERE_CLOSED, WHERE_PREDICTED, Linear, steps
-from .pieces import STEPS_PER_PIECE, Piece
 
 FREE = Modal(np.zeros(1), np.zeros(1))  # a free mass
 FREE_STEPS = 200  # after which it has all that one unit force will give it
 GROWTH = 1e-3  # a step, beyond the rounding of a multiple eigenvalue
-
-
-def is_rigid(system: System, scheme: Scheme) -> bool:
-    """Whether the run is one against rigid stops. Raises InputError for what such a run cannot have."""
-    rigid = [contact.stops.rigid for contact in system.contacts]
-    if isinstance(scheme, RigidScheme) and not all(rigid):
-        stops = system.contacts[rigid.index(False)].stops
-        remedy = "use a scheme for compliant stops, as trapezoidal, or give stiffness = inf"
-        raise InputError("stops.stiffness", stops.stiffness, f"be inf for {scheme}", remedy)
-    if any(rigid) and not all(rigid):
-        raise InputError("contacts", "rigid and compliant ones", "be all of one kind", "take very stiff ones for inf")
-    return isinstance(scheme, RigidScheme) or any(rigid)
-
-
-def require_rigid(system: System, scheme: Scheme, contact: str) -> None:
-    """Raise InputError where the scheme, the restitution of the stops, or the start do not fit."""
-    if contact != "implicit":
-        raise InputError("contact", contact, "be 'implicit' for rigid stops", "a reaction is no function of positions")
-    restitutes = isinstance(scheme, RigidScheme) and scheme.restitutes
-    for each in system.contacts:
-        e = each.stops.restitution
-        if restitutes and e is None:
-            remedy = "give the stops a restitution in [0, 1]"
-            raise InputError("stops.restitution", e, f"be given for {scheme}, which has an impact law", remedy)
-        if not restitutes and e is not None:
-            rule = f"be left out for {scheme}, which has no impact law"
-            raise InputError("stops.restitution", e, rule, "use moreau-jean, or leave it out")
-        moved = float(offset_values(each.offset, 0.0))
-        u = float(each.row @ system.q0) + moved
-        if abs(each.stops.penetration(u)) > 1e-14 * max(abs(u), abs(moved), 1e-300):  # what rounds u
-            raise InputError("initial displacement", u, "lie between rigid stops", "move the stop or the start")
-    if isinstance(scheme, RigidScheme) and scheme.modal_only and modes(system) is None:
-        rule = f"decouple in the modes for {scheme}"
-        raise InputError("damping", "a damping that couples modes", rule, "use moreau-jean")
 
 
 @dataclass(frozen=True, eq=False)

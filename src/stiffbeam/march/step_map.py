@@ -13,7 +13,7 @@ import numpy as np
 
 from ..basics.arrays import Array
 from ..model.equations import Modal
-from .coordinates import InModes
+from .probe import InModes
 from .propagator import Propagator
 
 Real, Complex = np.longdouble, np.clongdouble

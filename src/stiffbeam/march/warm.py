@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..basics import cache
+from ..basics import storage
 from ..basics.arrays import LANES
 from ..basics.compiled import directory, stopped_clock
 from ..model.contact import linear as all_linear
@@ -18,7 +18,7 @@ from ..model.contact_law import LAW
 from ..model.system import System
 from ..trajectory.sampling import TALLY
 from .kernels import blocks as kernel
-from .kernels.layout import Block, Forcing, Inflow, Kept, Marchers
+from .kernels.blocks import Block, Forcing, Inflow, Kept, Marchers
 
 COMPILING = "compiling the march, once for this version"  # said while it is waited for
 _beside: subprocess.Popen[bytes] | None = None
@@ -72,7 +72,7 @@ def compile_beside(rehearsal: str, by_law: bool = False) -> None:
         return
     code = f"from stiffbeam.march.warm import warm_up; warm_up({by_law}); {rehearsal}"
     paths = os.pathsep.join(path for path in sys.path if path)
-    environment = os.environ | {"PYTHONPATH": paths, "STIFFBEAM_CACHE_DIR": str(cache.directory())}
+    environment = os.environ | {"PYTHONPATH": paths, "STIFFBEAM_CACHE_DIR": str(storage.directory())}
     silent = subprocess.DEVNULL
     with suppress(OSError):  # where there is no process to be had, the first run compiles
         _beside = subprocess.Popen(

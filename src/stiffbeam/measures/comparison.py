@@ -1,40 +1,106 @@
-"""compare: every measure of a run against a reference of the same system."""
+"""Comparison: every measure of a run against a reference of the same system."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.interpolate import CubicHermiteSpline
+from scipy.optimize import minimize_scalar
 
 from ..basics.arrays import Array, step_lengths
-from ..basics.pictures import picture
-from ..basics.plain import plain
+from ..basics.pictures import DRAW
+from ..basics.text import plain, table
 from ..basics.units import Units
 from ..basics.validation import InputError
+from ..model.drive import stays_at_rest
 from ..model.scales import scales
 from ..model.system import System
-from ..references.exact.exact_measures import contact_record
 from ..trajectory.impacts import Impacts
 from ..trajectory.recorder import sampled_impacts
-from ..trajectory.tables import table
 from ..trajectory.trajectory import Reference, Trajectory
-from .impacts import ContactStatistics, Matching, longest_delay, match
-from .pair import run_of
-from .phase import PhaseLag, phase_lag
-from .remark import remark
-from .tip_error import relative_error, rms
-from .windows import drive_frequency
+from .errors import relative_error, rms, run_of
+from .impacts import ContactMeasures, Matching, longest_delay, match
+from .smooth_motion import drive_frequency
 
 if TYPE_CHECKING:
     import pandas
     from matplotlib.figure import Figure
 
 
+GRID = 401
+
+
+@dataclass(frozen=True)
+class PhaseLag:
+    """tau minimising J(tau) = sum_j dt_j (u_run(t_j + tau) - u_ref(t_j))^2, dt_j of t_j as in ``step_lengths``;
+    > 0: the run is late.
+
+    residual: sqrt(J(tau)/sum u_ref^2), what is left after the shift. unshifted: the same with J(0).
+    lag and residual are NaN where the lag is undefined, and ``undefined`` says why.
+    """
+
+    lag: float
+    residual: float
+    unshifted: float
+    undefined: str = ""
+
+
+def phase_lag(
+    t: Array, u: Array, v: Array, reference: Callable[[Array], Array], end: float, drive: float, first: float
+) -> PhaseLag:
+    """The lag of a run (t, u, u') behind u_ref over t_j in [tau_m, end - tau_m], |tau| <= tau_m.
+
+    tau_m = pi/(2 max(a, w1)) with the drive frequency a = ``drive`` and the lowest natural frequency
+    w1 = ``first``. u_run between its steps is the cubic Hermite interpolant. A grid of 401 shifts, then
+    Brent's method. Undefined if ``end`` < 4 tau_m or the minimum lies at an end of the range.
+    """
+    nan = float("nan")
+    if max(drive, first) <= 0.0:
+        return PhaseLag(nan, nan, nan, "nothing here has a frequency")
+    tau_m = np.pi / (2.0 * max(drive, first))
+    if end < 4.0 * tau_m:
+        return PhaseLag(nan, nan, nan, f"the window {end:.3g} is shorter than 4 tau_m = {4 * tau_m:.3g}")
+    counted = (t >= tau_m) & (t <= end - tau_m)
+    inside, weights = t[counted], step_lengths(t)[counted]
+    target = reference(inside)
+    scale = float(np.sum(weights * target**2))
+    if scale == 0.0:
+        return PhaseLag(nan, nan, nan, "the reference is at rest")
+    run = CubicHermiteSpline(t, u, v)
+
+    def J(tau: float) -> float:
+        return float(np.sum(weights * (run(inside + tau) - target) ** 2))
+
+    shifts = np.linspace(-tau_m, tau_m, GRID)
+    values = [J(tau) for tau in shifts]
+    best = int(np.argmin(values))
+    unshifted = float(np.sqrt(J(0.0) / scale))
+    if best in (0, GRID - 1):
+        return PhaseLag(nan, nan, unshifted, f"no best shift within {tau_m:.3g}")
+    result: Any = minimize_scalar(J, bracket=(shifts[best - 1], shifts[best], shifts[best + 1]), method="brent")
+    return PhaseLag(float(result.x), float(np.sqrt(max(0.0, result.fun) / scale)), unshifted)
+
+
+AT_REST = (
+    "Nothing moves: the system starts at rest and nothing drives it. Give it a base motion, a load or initial data."
+)
+
+
+def remark(system: System, reference: Reference) -> str:
+    """One sentence where the motion of ``system`` stays at rest or touches no stop, else ""."""
+    if stays_at_rest(system):
+        return AT_REST
+    if not reference.contacts or any(c.impacts.count or c.fraction for c in reference.contacts):
+        return ""
+    return f"No impacts: the motion reaches no stop to t = {system.units.measure(f'{reference.t[-1]:g}', 'time')}."
+
+
 SEEN = 0.9  # of the exact impacts: what the times of a run of anyone's must show of them
-UNKNOWN = ContactStatistics(-1, -1, np.nan, np.nan, np.nan)
+UNKNOWN = ContactMeasures(-1, -1, np.nan, np.nan, np.nan)
 
 
 @dataclass(frozen=True)
@@ -47,11 +113,11 @@ class ContactComparison:
     """
 
     place: str
-    run: ContactStatistics
-    reference: ContactStatistics
+    run: ContactMeasures
+    reference: ContactMeasures
     matching: Matching
-    run_totals: ContactStatistics
-    reference_totals: ContactStatistics
+    run_totals: ContactMeasures
+    reference_totals: ContactMeasures
 
 
 @dataclass(frozen=True, repr=False)
@@ -113,7 +179,7 @@ class Comparison:
         if self.pair is None:
             remedy = "compare the run and the reference again"
             raise InputError("figure", "a comparison without its runs", "be asked of what compare returned", remedy)
-        return picture("run:comparison_figure", *self.pair)
+        return DRAW["comparison"](*self.pair)
 
     def to_dataframe(self) -> pandas.DataFrame:
         """One line, the entries of ``to_dict`` flat: phase_lag, contact0_run_peak_force and so on. For several:
@@ -181,7 +247,7 @@ def compare(run: Trajectory | Sequence[ArrayLike], reference: Reference) -> Comp
     together = min((c.matching.matched_until for c in contacts), default=window)
     unknown = any(contact.impacts.kind == "unknown" for contact in run.contacts)
     matched_until = float("nan") if unknown else together
-    energy = run.energy if run.ledger is not None or "energy" in vars(run) else None
+    energy = run.energy if run.has_energy else None
     missing = [
         f"{c.place or 'contact'}: its position is not the tip's, and the run came without states"
         for c, own in zip(contacts, run.contacts, strict=True)
@@ -260,12 +326,12 @@ def _contact(
     sampled = "dt" in run.provenance
     found = own.impacts if sampled else sampled_impacts(run.t, own.position, own.velocity, own.stops)
 
-    def statistics(trajectory: Trajectory, impacts: Impacts, force: Array, end: float) -> ContactStatistics:
+    def statistics(trajectory: Trajectory, impacts: Impacts, force: Array, end: float) -> ContactMeasures:
         if impacts.kind == "unknown":
             return UNKNOWN
         inside = t[: steps_to(t, end)]
         force = np.abs(force[: len(inside)])
-        measured = ContactStatistics(
+        measured = ContactMeasures(
             impacts=impacts.until(end).count,
             event_impacts=trajectory.contacts[i].impacts.until(end).count,
             fraction=float(np.average(force[1:] != 0.0, weights=step_lengths(inside)[1:])),
@@ -298,14 +364,14 @@ def _rigid_contact(
     if run.provenance.get("source") == "arrays":
         true = sampled_impacts(t, *reference.at(t, contact=i), system.contacts[i].stops)
 
-    def statistics(trajectory: Trajectory, impacts: Impacts, end: float) -> ContactStatistics:
+    def statistics(trajectory: Trajectory, impacts: Impacts, end: float) -> ContactMeasures:
         if impacts.kind == "unknown":
             return UNKNOWN
         record = trajectory.contacts[i]
         whole = end >= float(trajectory.provenance["t_end"]) * (1 - 1e-12)
         share, impulse = (record.fraction, record.impulse) if whole else (np.nan, np.nan)
         count, events = impacts.until(end).count, record.impacts.until(end).count
-        return ContactStatistics(count, events, share, np.nan, impulse)
+        return ContactMeasures(count, events, share, np.nan, impulse)
 
     return ContactComparison(
         place=_place(system, i),
@@ -335,11 +401,9 @@ def _place(system: System, i: int) -> str:
     return f"stops at x = {system.units.measure(f'{float(length):g}', 'length')}"
 
 
-def _by_events(run: Trajectory, i: int, sampled: ContactStatistics, end: float) -> ContactStatistics:
-    """``sampled`` with what the pieces of an exact solution know of [0, end], where the run has them."""
-    solution = run.solution if isinstance(run, Reference) else None
-    if run.system is None or solution is None:
+def _by_events(run: Trajectory, i: int, sampled: ContactMeasures, end: float) -> ContactMeasures:
+    """``sampled`` with what the run knows of [0, end] by events."""
+    record = run.contact_between(0.0, end, i)
+    if record is None:
         return sampled
-    pieces = solution.first(max(1, int(np.searchsorted(solution.times, end))))
-    record = contact_record(run.system, pieces, i, np.array([0.0, end]), end)
     return replace(sampled, fraction=record.fraction, peak_force=record.peak_force, impulse=record.impulse, events=True)

@@ -6,14 +6,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..basics.arrays import Array
+from ..basics.validation import positive
 from ..model.scales import scales
 from ..model.system import System
 from ..trajectory.impacts import Impacts
-from ..trajectory.trajectory import Trajectory
+from ..trajectory.trajectory import Reference, Trajectory
 
 
 @dataclass(frozen=True)
-class ContactStatistics:
+class ContactMeasures:
     """One contact of one trajectory over a span: sampled impacts, share of steps in contact, peak |sigma| and
     impulse, the sum of |sigma| dt; by ``events`` the share of time, the peak between the steps and the
     integral of |sigma|. event_impacts: the impacts that the trajectory itself has, of a reference by events."""
@@ -83,3 +85,22 @@ def matched_until(run: Trajectory, reference: Trajectory, window: float) -> floa
         np.inf if reference.system is None else longest_delay(reference.system, float(reference.provenance["t_end"]))
     )
     return min((match(a.impacts, b.impacts, window, longest).matched_until for a, b in pairs), default=window)
+
+
+def impact_times(run: Trajectory) -> Array:
+    """The times of the impacts at every contact of a run, in order."""
+    return np.sort(np.concatenate([np.zeros(0), *(contact.impacts.times for contact in run.contacts)]))
+
+
+def first_impacts_end(exact: Reference, impacts: int) -> float:
+    """The end of a window that holds ``impacts`` impacts of ``exact`` and stays far from its horizon.
+
+    It ends half-way to the next impact, so that whether a scheme counts the last one does not depend on
+    rounding; a motion without so many ends at half the horizon.
+    """
+    positive("impacts", impacts)
+    times = impact_times(exact)
+    end = 0.5 * min(exact.horizon, float(exact.provenance["t_end"]))
+    if len(times) > impacts:
+        end = min(end, 0.5 * float(times[impacts - 1] + times[impacts]))
+    return end

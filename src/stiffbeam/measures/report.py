@@ -12,12 +12,22 @@ from rich.console import Console, Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from ..references.registry import REFERENCES
+from ..schemes.labels import abbreviated, scheme_of
 from ..trajectory.trajectory import Reference
-from .impacts import ContactStatistics, Matching
-from .names import short
+from .impacts import ContactMeasures, Matching
 
 if TYPE_CHECKING:
     from .comparison import Comparison, ContactComparison
+
+
+def short(label: str) -> str:
+    """Short name of a method: that of the scheme or of the reference solver; any other label is returned as it is."""
+    scheme = scheme_of(label)
+    if scheme is not None:
+        return abbreviated(scheme, label)
+    return REFERENCES[label].label if label in REFERENCES else label
+
 
 DASH = "–"
 EVEN = 1e-6  # of the median step: steps that differ by less are of one length
@@ -171,12 +181,12 @@ def _impacts(comparison: Comparison, whose: str, events: bool = False, forces: b
     """The columns of the contact in a run's own line: of the only contact, zeros without, empty with several."""
     if _several(comparison):
         return ("", "", "", "") if forces else ("", "")
-    none = ContactStatistics(0, 0, 0.0, 0.0, 0.0)
+    none = ContactMeasures(0, 0, 0.0, 0.0, 0.0)
     statistics = getattr(comparison.contacts[0], whose) if comparison.contacts else none
     return _counts(statistics, events, forces)
 
 
-def _counts(statistics: ContactStatistics, events: bool = False, forces: bool = False) -> tuple[str, ...]:
+def _counts(statistics: ContactMeasures, events: bool = False, forces: bool = False) -> tuple[str, ...]:
     """Impacts, with ``events`` those of the trajectory itself in brackets; share; peak force and impulse."""
     count = f"{statistics.impacts} [{statistics.event_impacts}]" if events else _count(statistics.impacts)
     found = (count, percent(statistics.fraction))
@@ -224,7 +234,7 @@ def _of_truth(truth: Reference, comparison: Comparison) -> tuple[str, ...]:
         return ("", "", "", "")
     record = truth.contacts[0]
     sampled = truth.impacts_sampled(comparison.dt).count
-    statistics = ContactStatistics(sampled, truth.impacts.count, record.fraction, record.peak_force, record.impulse)
+    statistics = ContactMeasures(sampled, truth.impacts.count, record.fraction, record.peak_force, record.impulse)
     return _counts(statistics, True, True)
 
 

@@ -14,8 +14,26 @@ from ..model.modes import modes as uncoupled
 from ..model.modes import undamped_modes
 from ..model.natural_modes import modes
 from ..model.sampled import Sampled
+from ..model.scales import oscillates
 from ..model.system import System
 from ..model.time_functions import Sum, parts
+
+
+def drive_frequency(system: System) -> float:
+    """The highest angular frequency that drives the system, 0 where none does."""
+    return max(Drive.of(system).frequencies, default=0.0)
+
+
+def slowest_period(system: System, t_end: float = np.inf) -> float:
+    """The longest period of the drives and of the modes that oscillate in a run to t_end.
+
+    Raises InputError where nothing does.
+    """
+    rates = [*undamped_modes(system).omega[oscillates(system, t_end)], *Drive.of(system).frequencies]
+    if not rates:
+        remedy = "give it stiffness or a Harmonic load, or a longer run"
+        raise InputError("system", "no oscillation", "have a frequency without its stops", remedy)
+    return 2.0 * np.pi / min(rates)
 
 
 def without_contact(system: System) -> System:

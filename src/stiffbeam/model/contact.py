@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -12,12 +12,27 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..basics.arrays import Array, is_read_only, read_only
 from ..basics.validation import InputError, itself, non_negative, number, numbers, positive
-from .contact_law import LAW
+from .contact_law import (
+    LAW,
+    LINEAR,
+    Law,
+    Parameters,
+    chord,
+    damps,
+    depth_holding,
+    depth_under,
+    elastic,
+    is_linear,
+    jumps,
+    pressure,
+    slopes,
+    stored,
+)  # fmt: skip
 from .time_functions import LoadFunction, TimeFunction, load_function
 
 
 @dataclass(frozen=True, repr=False)
-class Stops:
+class Stops(Parameters):
     """F = -(kappa d^p (1 + lambda d') + c d')_+ into the upper stop, d = u - g2 > 0, mirrored at the lower.
 
     ``lower`` is g1 and ``upper`` is g2 > g1 (displacements); ``None`` leaves that side free.
@@ -40,10 +55,6 @@ class Stops:
 
     lower: float | None = None
     upper: float | None = None
-    stiffness: float = field(kw_only=True)
-    exponent: float = field(default=1.0, kw_only=True)
-    damping: float = field(default=0.0, kw_only=True)
-    dissipation: float = field(default=0.0, kw_only=True)
     restitution: float | None = field(default=None, kw_only=True)
     position: float | None = field(default=None, kw_only=True)
     motion: LoadFunction | None = field(default=None, kw_only=True)
@@ -55,7 +66,7 @@ class Stops:
         for side in ("lower", "upper"):
             if getattr(self, side) is not None:
                 object.__setattr__(self, side, number(f"stops.{side}", getattr(self, side), exact=True))
-        for name in ("exponent", "damping", "dissipation"):
+        for name in LINEAR:
             object.__setattr__(self, name, non_negative(f"stops.{name}", getattr(self, name), exact=True))
         if self.exponent < 1.0:
             remedy = "1 is linear, 3/2 is Hertz"
@@ -106,8 +117,8 @@ class Stops:
 
     def __repr__(self) -> str:
         """The fields; exponent, damping and so on only where they differ from the linear law's."""
-        shown = [x for x in fields(self) if x.name in SIDES or getattr(self, x.name) != x.default]
-        return f"Stops({', '.join(f'{x.name}={getattr(self, x.name)!r}' for x in shown)})"
+        shown = [name for name, default in NUMBERS.items() if name in SIDES or getattr(self, name) != default]
+        return f"Stops({', '.join(f'{name}={getattr(self, name)!r}' for name in shown)})"
 
     @property
     def g1(self) -> float:
@@ -131,35 +142,37 @@ class Stops:
             raise InputError("stops.stiffness", self.stiffness, f"be finite for {for_what}", remedy)
 
     @property
-    def law(self) -> Array:
-        """(kappa, g1, g2, p, c, lambda), the row of numbers that compiled code takes, see contact_law.
+    def coefficients(self) -> Law:
+        """(kappa, g1, g2, p, c, lambda) as the functions of contact_law take them."""
+        return Law(float(self.stiffness), self.g1, self.g2, *(float(getattr(self, name)) for name in LINEAR))
 
-        Raises InputError for a rigid stop.
-        """
+    @property
+    def law(self) -> Array:
+        """``coefficients`` as the row of an array of laws. Raises InputError for a rigid stop."""
         self.require_compliant("a law of force")
-        return np.array([self.stiffness, self.g1, self.g2, self.exponent, self.damping, self.dissipation], float)
+        return np.array(self.coefficients)
 
     @classmethod
     def of_law(cls, law: Array) -> Stops:
         """The stops of such a row."""
-        kappa, g1, g2, p, c, lam = np.asarray(law, float).tolist()
+        kappa, g1, g2, *others = np.asarray(law, float).tolist()
         lower, upper = (g if math.isfinite(g) else None for g in (g1, g2))
-        return cls(lower, upper, stiffness=kappa, exponent=p, damping=c, dissipation=lam)
+        return cls(lower, upper, stiffness=kappa, **dict(zip(LINEAR, others, strict=True)))
 
     @property
     def linear(self) -> bool:
-        """Whether F = -kappa d: p = 1, no damping, no dissipation, kappa finite."""
-        return self.exponent == 1.0 and not self.dissipative and not self.rigid
+        """Return True where F = -kappa d, kappa finite."""
+        return not self.rigid and is_linear(self.coefficients)
 
     @property
     def dissipative(self) -> bool:
-        """Whether F depends on the velocity."""
-        return self.damping > 0.0 or self.dissipation > 0.0
+        """Return True where F depends on the velocity."""
+        return damps(self.coefficients)
 
     @property
     def jumps(self) -> bool:
-        """Whether F jumps where the gap closes with a velocity other than zero."""
-        return self.damping > 0.0
+        """Return True where F jumps when the gap closes with a velocity other than zero."""
+        return jumps(self.coefficients)
 
     def penetration(self, v: ArrayLike) -> Array:
         """v - clip(v, g1, g2): > 0 into the upper stop, < 0 into the lower, 0 between them."""
@@ -185,8 +198,8 @@ class Stops:
     @property
     def data(self) -> dict[str, float]:
         """What makes the law again: ``Stops(**data)``; what is left at its default is left out."""
-        law = (x for x in fields(self) if x.name not in ("position", "motion"))
-        return {x.name: float(getattr(self, x.name)) for x in law if getattr(self, x.name) != x.default}
+        law = {name: default for name, default in NUMBERS.items() if name not in ("position", "motion")}
+        return {x: float(getattr(self, x)) for x, default in law.items() if getattr(self, x) != default}
 
     @staticmethod
     def of(data: Any) -> Stops:
@@ -203,14 +216,13 @@ class Stops:
     def pressure_in(self, xp: Any, depth: Any, rate: Any = None) -> Any:
         """``pressure`` by the functions of ``xp``, NumPy or one that has its names."""
         self.require_compliant("a law of force")
-        size = self.stiffness * (depth if self.exponent == 1.0 else depth**self.exponent)
-        if not self.dissipative:
-            return size
+        law = self.coefficients
+        if not damps(law):  # the velocity need not be known
+            return elastic(depth, law)
         if rate is None:
             remedy = "pass the velocity of the contact point"
             raise InputError("velocity", None, "be given for stops whose force depends on it", remedy)
-        cut = xp.maximum(0.0, size * (1.0 + self.dissipation * rate) + self.damping * rate)
-        return xp.where(depth > 0.0, cut, 0.0)
+        return xp.where(depth > 0.0, xp.maximum(0.0, pressure(depth, rate, law)), 0.0)
 
     def force(self, v: ArrayLike, velocity: ArrayLike | None = None) -> Array:
         """F on the beam at position v; ``velocity`` as in ``pressure``, but of v itself."""
@@ -218,39 +230,39 @@ class Stops:
 
     def force_in(self, xp: Any, v: Any, velocity: Any = None) -> Any:
         """``force`` by the functions of ``xp``."""
-        if self.linear:
-            return self.stiffness * (xp.clip(v, self.g1, self.g2) - v)
-        inside = v - xp.clip(v, self.g1, self.g2)
-        rate = None if velocity is None else xp.sign(inside) * velocity
-        return -xp.sign(inside) * self.pressure_in(xp, xp.abs(inside), rate)
+        out = xp.clip(v, self.g1, self.g2) - v  # F pushes this way
+        side = xp.sign(out)
+        return side * self.pressure_in(xp, xp.abs(out), None if velocity is None else -side * velocity)
 
     def secant(self, depth: float) -> float:
         """|F|/depth at rest: the stiffness of a linear spring with the same force at that depth."""
         self.require_compliant("a law of force")
-        return float(self.stiffness * depth ** (self.exponent - 1.0))
+        return float(chord(depth, self.coefficients))
+
+    def depth_under(self, force: ArrayLike) -> Array:
+        """The depth at which the stop holds a force >= 0 at rest, 0 of a rigid stop."""
+        return np.zeros(np.shape(force)) if self.rigid else depth_under(np.asarray(force, float), self.coefficients)
+
+    def depth_holding(self, energy: float) -> float:
+        """The depth at which the stop holds an energy >= 0, 0 of a rigid stop."""
+        return 0.0 if self.rigid else float(depth_holding(energy, self.coefficients))
 
     def tangent(self, v: ArrayLike, velocity: ArrayLike = 0.0) -> tuple[Array, Array]:
         """(-dF/dv, -dF/dvelocity); where F is not smooth those of the side without force."""
         self.require_compliant("a law of force")
         inside, closed = self.penetration(v), self.state(v, velocity) != 0
-        depth, rate = np.abs(inside), np.sign(inside) * np.asarray(velocity, float)
-        stiff = self.stiffness * (1.0 if self.exponent == 1.0 else self.exponent * depth ** (self.exponent - 1.0))
-        to_rate = self.stiffness * self.dissipation * depth**self.exponent + self.damping
-        return np.where(closed, stiff * (1.0 + self.dissipation * rate), 0.0), np.where(closed, to_rate, 0.0)
+        to_depth, to_rate = slopes(np.abs(inside), np.sign(inside) * np.asarray(velocity, float), self.coefficients)
+        return np.where(closed, to_depth, 0.0), np.where(closed, to_rate, 0.0)
 
     def energy(self, v: ArrayLike) -> Array:
-        """U(v) = kappa |d|^(p+1)/(p+1): -U' is the force at rest. A rigid stop holds none."""
+        """U(v): -U' is the force at rest. A rigid stop holds none."""
         if self.rigid:
             return np.zeros(np.shape(v))
-        if self.exponent == 1.0:
-            return 0.5 * self.stiffness * self.penetration(v) ** 2
-        return self.stiffness * np.abs(self.penetration(v)) ** (self.exponent + 1.0) / (self.exponent + 1.0)
+        return stored(self.penetration(v), self.coefficients)
 
     def dissipated(self, v: ArrayLike, velocity: ArrayLike) -> Array:
         """F + U', the force beyond that of the energy: it takes -(F + U') v' >= 0."""
-        inside = self.penetration(v)
-        elastic = np.sign(inside) * self.stiffness * np.abs(inside) ** self.exponent
-        return self.force(v, velocity) + elastic
+        return self.force(v, velocity) + elastic(self.penetration(v), self.coefficients)
 
     def state(self, v: ArrayLike, velocity: ArrayLike | None = None) -> NDArray[np.int64]:
         """chi = +1 where the upper stop presses, -1 where the lower does, else 0.
@@ -272,7 +284,11 @@ class Stops:
 
 
 SIDES = ("lower", "upper")
-LINEAR = {"exponent": 1.0, "damping": 0.0, "dissipation": 0.0}
+# The fields with their defaults, in the order in which they are written down.
+NUMBERS = {
+    x: Stops.__dataclass_fields__[x].default
+    for x in (*SIDES, "stiffness", *LINEAR, "restitution", "position", "motion")
+}
 
 
 @dataclass(frozen=True, eq=False)

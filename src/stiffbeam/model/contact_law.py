@@ -1,23 +1,47 @@
-"""The law of contact as compiled scalars; ``Stops`` holds its numbers, ``Stops.law`` is the row of them.
+"""The law of contact, written once: kernels, NumPy and JAX, the discrete gradient, ledger and files take it from here.
 
-    F = -(kappa d^p (1 + lambda d') + c d')_+  into the upper stop, d = u - g2 > 0, mirrored below
+    F = -(f(d) (1 + lambda d') + c d')_+,  f = kappa d^p,  into the upper stop, d = u - g2 > 0, mirrored below
 
-U = kappa d^(p+1)/(p+1) is the energy that the stop holds; what F takes beyond -U' it dissipates. The force
-lets go where it would turn to a pull. Everything compiled that touches a stop calls these. The linear law
-(2.4), p = 1, lambda = c = 0, has closed forms of its own: the march of the paper's tables is made of them.
+U = int f dd is the energy that the stop holds; what F takes beyond -U' it dissipates. The force lets go where it would
+turn to a pull.
+
+The functions under "the terms" are arithmetic alone: each is a plain function of numbers, NumPy arrays or JAX arrays,
+and kernels call the same text. A new term is a field of ``Parameters``, its place in ``Law``, and a change of these.
 """
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from dataclasses import dataclass, field, fields
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from ..basics.arrays import Array
-from ..basics.compiled import compiled, inlined
+from ..basics.compiled import compiled, formula, inlined
+
+NEWTON = 200  # iterations, of which a handful are used
+
+
+@dataclass(frozen=True, repr=False)
+class Parameters:
+    """The numbers of a law, as ``Stops`` and files name them. Left at their defaults they make it linear."""
+
+    stiffness: float = field(kw_only=True)
+    exponent: float = field(default=1.0, kw_only=True)
+    damping: float = field(default=0.0, kw_only=True)
+    dissipation: float = field(default=0.0, kw_only=True)
+
+
+# Those beside the stiffness, each with its value in the linear law.
+LINEAR = {x.name: float(x.default) for x in fields(Parameters) if x.name != "stiffness"}
 
 
 class Law(NamedTuple):
-    """The numbers of a law; the rows of an array of laws hold them in this order."""
+    """The same numbers as kernels take them, between the stops; the rows of an array of laws hold them in this order.
+
+    Those after g2 stand in the order of ``Parameters``.
+    """
 
     kappa: float
     g1: float  # the lower stop, -inf for none
@@ -29,11 +53,123 @@ class Law(NamedTuple):
 
 LAW = len(Law._fields)
 KAPPA, G1, G2 = range(3)  # of a row, where the linear law alone is asked
-DAMPING = Law._fields.index("c")
-NEWTON = 200  # iterations, of which a handful are used
 
 
-# ---------------------------------------------------------------- the linear law
+@compiled
+def law_of(law: Array, c: int) -> Law:
+    """Row c of an array of laws (m, 6)."""
+    return Law(law[c, 0], law[c, 1], law[c, 2], law[c, 3], law[c, 4], law[c, 5])
+
+
+def all_laws(law: Array) -> Law:
+    """An array of laws (.., 6) as one Law of arrays (..)."""
+    return Law(*np.moveaxis(law, -1, 0))
+
+
+# ---------------------------------------------------------------- the terms
+
+
+@formula
+def power(d: Any, p: float) -> Any:
+    """d^p for d > 0, odd in d, so that it goes on smoothly where a root is sought beyond the stop."""
+    return d if p == 1.0 else (2.0 * (d >= 0.0) - 1.0) * abs(d) ** p
+
+
+@formula
+def mean_power(d0: float, d1: float, p: float) -> float:
+    """(d1^(p+1) - d0^(p+1))/((p + 1)(d1 - d0)) of two depths > 0, without cancellation."""
+    if p == 1.0:
+        return 0.5 * (d0 + d1)
+    share = (d1 - d0) / d0
+    if abs(share) < 1e-12:
+        return d0**p * (1.0 + 0.5 * p * share)
+    return d0**p * math.expm1((p + 1.0) * math.log1p(share)) / ((p + 1.0) * share)
+
+
+@formula
+def elastic(d: Any, law: Law) -> Any:
+    """f(d), odd in d."""
+    return law.kappa * power(d, law.p)
+
+
+@formula
+def elastic_slope(d: Any, law: Law) -> Any:
+    """f'(d)."""
+    return law.kappa if law.p == 1.0 else law.kappa * law.p * abs(d) ** (law.p - 1.0)
+
+
+@formula
+def chord(d: Any, law: Law) -> Any:
+    """f(d)/d of d > 0: the stiffness of a linear spring with the same force."""
+    return law.kappa * d ** (law.p - 1.0)
+
+
+@formula
+def stored(d: Any, law: Law) -> Any:
+    """U(d), even in d."""
+    return 0.5 * law.kappa * d * d if law.p == 1.0 else law.kappa * abs(d) ** (law.p + 1.0) / (law.p + 1.0)
+
+
+@formula
+def mean_elastic(d0: float, d1: float, law: Law) -> float:
+    """(U(d1) - U(d0))/(d1 - d0) of two depths > 0, without cancellation."""
+    return law.kappa * mean_power(d0, d1, law.p)
+
+
+def depth_under(force: Any, law: Law) -> Any:
+    """The depth at which f is ``force``."""
+    return (force / law.kappa) ** (1.0 / law.p)
+
+
+def depth_holding(energy: Any, law: Law) -> Any:
+    """The depth at which U is ``energy``."""
+    return ((law.p + 1.0) * energy / law.kappa) ** (1.0 / (law.p + 1.0))
+
+
+@formula
+def pressure(d: Any, rate: Any, law: Law) -> Any:
+    """f(d) (1 + lambda d') + c d', not yet cut off at zero."""
+    return elastic(d, law) * (1.0 + law.lam * rate) + law.c * rate
+
+
+@formula
+def slopes(d: Any, rate: Any, law: Law) -> tuple[Any, Any]:
+    """The derivatives of ``pressure`` by d and by d'; both >= 0 where it is."""
+    return elastic_slope(d, law) * (1.0 + law.lam * rate), elastic(d, law) * law.lam + law.c
+
+
+@formula
+def is_spring(law: Law) -> Any:
+    """Return True where f = kappa d: the discrete gradient has a closed form."""
+    return law.p == 1.0
+
+
+@formula
+def is_affine(law: Law) -> Any:
+    """Return True where ``pressure`` is linear in d and d': a stage equation has a closed form."""
+    return is_spring(law) & (law.lam == 0.0)
+
+
+@formula
+def jumps(law: Law) -> Any:
+    """Return True where F jumps when the gap closes with a velocity other than zero: a state on the stop does not tell
+    the force."""
+    return law.c > 0.0
+
+
+@formula
+def damps(law: Law) -> Any:
+    """Return True where F depends on the velocity."""
+    return jumps(law) | (law.lam > 0.0)
+
+
+@formula
+def is_linear(law: Law) -> Any:
+    """Return True where F = -kappa d."""
+    return is_affine(law) & (law.c == 0.0)
+
+
+# ---------------------------------------------------------------- the linear law of the march's own blocks
 
 
 @inlined
@@ -46,19 +182,6 @@ def state(u: float, g1: float, g2: float) -> float:
 def depth(u: float, g1: float, g2: float) -> float:
     """u - clip(u, g1, g2): > 0 into the upper stop, < 0 into the lower."""
     return u - g2 if u > g2 else (u - g1 if u < g1 else 0.0)
-
-
-@inlined
-def force(u: float, kappa: float, g1: float, g2: float) -> float:
-    """F(u), on the beam: < 0 on the upper stop."""
-    return -kappa * depth(u, g1, g2)
-
-
-@inlined
-def energy(u: float, kappa: float, g1: float, g2: float) -> float:
-    """U(u), so F = -U'."""
-    d = depth(u, g1, g2)
-    return 0.5 * kappa * d * d
 
 
 @inlined
@@ -77,44 +200,7 @@ def stage_force(r: float, stage: float, g1: float, g2: float) -> float:
     return 0.0
 
 
-# ---------------------------------------------------------------- any law
-
-
-@compiled
-def law_of(law: Array, c: int) -> Law:
-    """Row c of an array of laws (m, 6)."""
-    return Law(law[c, 0], law[c, 1], law[c, 2], law[c, 3], law[c, 4], law[c, 5])
-
-
-@compiled
-def damps(law: Law) -> bool:
-    """Whether F depends on the velocity."""
-    return (law.c > 0.0) | (law.lam > 0.0)
-
-
-@compiled
-def is_linear(law: Law) -> bool:
-    """Whether F = -kappa d."""
-    return law.p == 1.0 and not damps(law)
-
-
-@compiled
-def power(d: float, p: float) -> float:
-    """d^p for d > 0, odd in d, so that it goes on smoothly where a root is sought beyond the stop."""
-    return d if p == 1.0 else math.copysign(abs(d) ** p, d)
-
-
-@compiled
-def pressure(d: float, rate: float, law: Law) -> float:
-    """kappa d^p (1 + lambda d') + c d', not yet cut off at zero."""
-    return law.kappa * power(d, law.p) * (1.0 + law.lam * rate) + law.c * rate
-
-
-@compiled
-def slopes(d: float, rate: float, law: Law) -> tuple[float, float]:
-    """The derivatives of ``pressure`` by d and by d'; both >= 0 where it is."""
-    stiff = law.kappa if law.p == 1.0 else law.kappa * law.p * abs(d) ** (law.p - 1.0)
-    return stiff * (1.0 + law.lam * rate), law.kappa * power(d, law.p) * law.lam + law.c
+# ---------------------------------------------------------------- any law between two stops
 
 
 @compiled
@@ -150,27 +236,27 @@ def found_force(u: float, v: float, found: float, law: Law) -> float:
     Where c > 0 the force jumps at d = 0. A node may end there, on the stop to rounding, under any force up to c u':
     its state does not tell which.
     """
-    return law_force(u, v, law) if math.isnan(found) or law.c == 0.0 else found
+    return law_force(u, v, law) if math.isnan(found) or not jumps(law) else found
 
 
 @compiled
 def found_state(u: float, v: float, found: float, law: Law) -> float:
     """chi there: where c > 0 the stop presses where a force was found."""
-    if math.isnan(found) or law.c == 0.0:
+    if math.isnan(found) or not jumps(law):
         return law_state(u, v, law)
     return 0.0 if found == 0.0 else math.copysign(1.0, -found)
 
 
 @compiled
 def law_energy(u: float, law: Law) -> float:
-    """U(u) = kappa |d|^(p+1)/(p+1)."""
-    return law.kappa * abs(depth(u, law.g1, law.g2)) ** (law.p + 1.0) / (law.p + 1.0)
+    """U at position u."""
+    return stored(depth(u, law.g1, law.g2), law)
 
 
 @compiled
 def elastic_force(u: float, law: Law) -> float:
     """-U'(u); F less it is what dissipates."""
-    return -law.kappa * power(depth(u, law.g1, law.g2), law.p)
+    return -elastic(depth(u, law.g1, law.g2), law)
 
 
 @compiled
@@ -186,9 +272,9 @@ def side_force(u: float, v: float, chi: float, law: Law) -> float:
 @compiled
 def pull(d: float, rate: float, length: float, law: Law) -> float:
     """A length with the sign of ``pressure`` at d > 0, smooth across the stop: its root is where a stop lets go."""
-    if law.c > 0.0:
-        return pressure(d, rate, law) / (law.kappa * length ** (law.p - 1.0))
-    return length * (1.0 + law.lam * rate)  # kappa d^p, which is zero on the stop itself, left out
+    if jumps(law):
+        return pressure(d, rate, law) / chord(length, law)
+    return length * (1.0 + law.lam * rate)  # f, which is zero on the stop itself, left out
 
 
 @compiled
@@ -204,14 +290,15 @@ def stage_press(d0: float, rate0: float, s: float, s_rate: float, law: Law) -> t
     """(P, dP/dd0, dP/dd0') with P = |F|(d0 - s P, d0' - s' P), compliances s and s' >= 0.
 
     |F| grows with d and d', so there is one P; a law with c > 0 jumps at d = 0, where P may be all that lies
-    in the jump and the node stays on the stop. In closed form for p = 1, lambda = 0. Else by Newton's method
-    from P = 0: |F| is convex along the line that the node takes, so the iterates rise to the root.
+    in the jump and the node stays on the stop. By Newton's method from P = 0: |F| is convex along the line that the
+    node takes, so the iterates rise to the root; an affine law ends at the first.
     """
     if not d0 > 0.0:
         return 0.0, 0.0, 0.0
-    if law.p == 1.0 and law.lam == 0.0:
-        below = 1.0 + law.kappa * s + law.c * s_rate
-        P, slope, slope_rate = (law.kappa * d0 + law.c * rate0) / below, law.kappa / below, law.c / below
+    if is_affine(law):
+        to_depth, to_rate = slopes(d0, rate0, law)
+        below = 1.0 + to_depth * s + to_rate * s_rate
+        P, slope, slope_rate = pressure(d0, rate0, law) / below, to_depth / below, to_rate / below
         if not P > 0.0:
             return (0.0, 0.0, 0.0) if P <= 0.0 else (P, slope, slope_rate)  # NaN stays NaN
     else:

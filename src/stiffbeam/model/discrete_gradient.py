@@ -13,18 +13,7 @@ from __future__ import annotations
 import math
 
 from ..basics.compiled import compiled
-from .contact_law import NEWTON, Law, depth, elastic_force, law_energy, power
-
-
-@compiled
-def _mean_power(d0: float, d1: float, p: float) -> float:
-    """(d1^(p+1) - d0^(p+1))/((p + 1)(d1 - d0)) of two depths > 0, without cancellation."""
-    if p == 1.0:
-        return 0.5 * (d0 + d1)
-    share = (d1 - d0) / d0
-    if abs(share) < 1e-12:
-        return d0**p * (1.0 + 0.5 * p * share)
-    return d0**p * math.expm1((p + 1.0) * math.log1p(share)) / ((p + 1.0) * share)
+from .contact_law import NEWTON, Law, depth, elastic, elastic_slope, is_spring, mean_elastic, stored
 
 
 @compiled
@@ -32,17 +21,17 @@ def secant(u: float, u0: float, law: Law) -> float:
     """(U(u) - U(u0))/(u - u0), U'(u0) where they are equal."""
     a, b = depth(u0, law.g1, law.g2), depth(u, law.g1, law.g2)
     if a > 0.0 and b > 0.0:
-        return law.kappa * _mean_power(a, b, law.p)
+        return mean_elastic(a, b, law)
     if a < 0.0 and b < 0.0:
-        return -law.kappa * _mean_power(-a, -b, law.p)
+        return -mean_elastic(-a, -b, law)
     if u == u0:
-        return law.kappa * power(a, law.p)
-    return (law_energy(u, law) - law_energy(u0, law)) / (u - u0)
+        return elastic(a, law)
+    return (stored(b, law) - stored(a, law)) / (u - u0)
 
 
 @compiled
 def _linear(rho: float, d0: float, s: float, kappa: float) -> float:
-    """P = -F on one stop for p = 1, from the depths rho = r - g2 and d0 = u0 - g2 < 0 outside; P >= 0."""
+    """P = -F on one stop that is a spring, from the depths rho = r - g2 and d0 = u0 - g2 < 0 outside; P >= 0."""
     if d0 > 0.0:
         P = kappa * (rho + d0) / (2.0 + kappa * s)  # inside at both ends
         if rho - s * P >= 0.0:
@@ -59,12 +48,12 @@ def _linear(rho: float, d0: float, s: float, kappa: float) -> float:
 
 @compiled
 def mean_force(r: float, u0: float, s: float, law: Law) -> tuple[float, float]:
-    """(F, dF/dr): in closed form for p = 1 on one stop, else by Newton's method inside its bracket."""
+    """(F, dF/dr): in closed form on one stop that is a spring, else by Newton's method inside its bracket."""
     slope = secant(r, u0, law)
     if slope == 0.0:
         return 0.0, 0.0
     F, found = 0.0, False
-    if law.p == 1.0:
+    if is_spring(law):
         if slope > 0.0 and u0 >= law.g1:
             F = -_linear(r - law.g2, u0 - law.g2, s, law.kappa)
             found = r + s * F >= law.g1
@@ -98,5 +87,5 @@ def _secant_slope(u: float, u0: float, slope: float, law: Law) -> float:
     """d secant/du, to what Newton's method needs."""
     if abs(u - u0) <= 1e-7 * (abs(u) + abs(u0)):
         d = abs(depth(0.5 * (u + u0), law.g1, law.g2))
-        return 0.5 * law.kappa * law.p * d ** (law.p - 1.0) if d > 0.0 else 0.0
-    return max(0.0, (-elastic_force(u, law) - slope) / (u - u0))
+        return 0.5 * elastic_slope(d, law) if d > 0.0 else 0.0
+    return max(0.0, (elastic(depth(u, law.g1, law.g2), law) - slope) / (u - u0))

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from ..basics.arrays import Array
 from ..basics.validation import InputError, integer, one_of, sequence
 from .contact import Contact
-from .offsets import combined
-from .time_functions import Constant, Harmonic, LoadFunction, in_closed_form, parts, parts_of
+from .time_functions import Constant, Harmonic, LoadFunction, combined, in_closed_form, parts, parts_of
 
 if TYPE_CHECKING:
     from .system import System

@@ -13,17 +13,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array, same
-from ..basics.budget import afford
+from ..basics.resources import afford
 from ..basics.validation import InputError, integer, itself, near, non_negative, number, numbers, positive, sequence
 from .contact import Contact, Stops
-from .matrices import finite_vector
 from .modes import undamped_modes
-from .problem import BeamProblem, Profile
-from .profiles import PolynomialProfile
+from .problem import BeamProblem, PolynomialProfile, Profile
 from .sampled import Sampled
 from .scales import scales
 from .semidiscretisation import semidiscretise
-from .system import System, require_system
+from .system import System, finite_vector, require_system
 from .time_functions import Constant, Harmonic, LoadFunction, Sum, TimeFunction, parts_of
 
 DIFFERENT = ("loads", "contacts", "q0", "v0", "origin")  # what members may differ in

@@ -23,7 +23,7 @@ import scipy.sparse.linalg
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array
-from ..basics.budget import afford
+from ..basics.resources import afford
 from ..basics.validation import InputError, integer, non_negative
 from .contact import Contact
 from .graded import uncoupled

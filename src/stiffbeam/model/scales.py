@@ -8,6 +8,7 @@ import numpy as np
 
 from ..basics.arrays import Array
 from .contact import Contact
+from .contact_law import stored
 from .drive import Drive
 from .modes import undamped_modes
 from .sampled import Sampled
@@ -106,7 +107,7 @@ def _speed(system: System, held: Array, t_end: float) -> float:
 
 def _fall(system: System, force: Array, amplitude: float, sign: float) -> Array:
     """The speed (n,) at which a constant force drives each mode on the nearest stop before it, and into it:
-    sqrt(2 f (d + p depth/(p + 1))), depth that at which the stop holds the force; inf without such a stop."""
+    sqrt(2 (f (d + depth) - U(depth))), depth that at which the stop holds the force; inf without such a stop."""
     basis = undamped_modes(system)
     square = np.full(len(force), np.inf)
     f = sign * amplitude * force
@@ -116,9 +117,9 @@ def _fall(system: System, force: Array, amplitude: float, sign: float) -> Array:
             towards = side * along * f > 0.0
             if np.isfinite(gap) and np.any(towards):
                 pressed = np.abs(f[towards] / along[towards])
-                depth = 0.0 if stops.rigid else (pressed / stops.stiffness) ** (1.0 / stops.exponent)
-                way = max(float(gap), 0.0) + depth * stops.exponent / (stops.exponent + 1.0)
-                square[towards] = np.minimum(square[towards], 2.0 * pressed * way)
+                depth = stops.depth_under(pressed)
+                held = np.zeros_like(depth) if stops.rigid else stored(depth, stops.coefficients)
+                square[towards] = np.minimum(square[towards], 2.0 * (pressed * (max(float(gap), 0.0) + depth) - held))
     return np.where(force == 0.0, 0.0, np.sqrt(square))
 
 
@@ -138,8 +139,7 @@ def _contact_rate(system: System, contact: Contact, speed: float) -> float:
     stops = contact.stops
     if stops.rigid:
         return np.inf
-    depth = ((stops.exponent + 1.0) * 0.5 * speed**2 / stops.stiffness) ** (1.0 / (stops.exponent + 1.0))
-    return float(np.sqrt(stops.secant(depth) * _share(system, contact)))
+    return float(np.sqrt(stops.secant(stops.depth_holding(0.5 * speed**2)) * _share(system, contact)))
 
 
 def _offset_speed(contact: Contact) -> float:

@@ -1,31 +1,196 @@
-"""The semi-discrete system that every scheme and every solver integrates."""
+"""The semi-discrete system that every scheme and every solver integrates, its checks and its origin."""
 
 from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 from uuid import uuid4
+from weakref import WeakValueDictionary
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import Array, read_only
+from ..basics.arrays import Array, is_read_only, read_only, same
 from ..basics.exact_float import as_doubles, exact_parts
+from ..basics.resources import afford
 from ..basics.units import UNKNOWN, Units
-from ..basics.validation import InputError, itself, sequence
-from .contact import Contact
+from ..basics.validation import InputError, itself, numbers, sequence
+from .contact import Contact, Stops
 from .field import beam_field, beam_field_rate, beam_stress
 from .first_order import FirstOrderSystem, interleaved
-from .matrices import definite_matrix, finite_vector, symmetric_matrix
-from .origin import Origin
+from .problem import BeamProblem
 from .sampled import Sampled
 from .time_functions import Constant, Derivative, Harmonic, LoadFunction, Sum, evaluate, load_function, offset_values
 
 if TYPE_CHECKING:
     from .problem import BeamProblem
+
+
+_DEFINITE: WeakValueDictionary[tuple[str, int], Array] = WeakValueDictionary()  # read-only matrices once looked at
+
+
+def symmetric_matrix(name: str, matrix: Any, n: int | None = None) -> Array:
+    """``matrix`` as a read-only float array (n, n); InputError where it is not square, finite and symmetric."""
+    if isinstance(matrix, np.ndarray) and _DEFINITE.get((name, id(matrix))) is matrix and n in (None, len(matrix)):
+        return matrix
+    remedy = "give a list of rows, a NumPy array or a SciPy sparse matrix"
+    if isinstance(matrix, np.ndarray) and is_read_only(matrix):
+        dense = matrix
+    else:
+        dense = read_only(numbers(name, _dense(name, matrix), "be a matrix of finite numbers", remedy))
+    if dense.ndim != 2 or dense.shape[0] != dense.shape[1] or (n is not None and len(dense) != n) or not dense.size:
+        rule = "be a square matrix" if n is None else f"have shape ({n}, {n})"
+        raise InputError(name, f"shape {dense.shape}", rule, "one row and one column per unknown")
+    if not np.all(np.isfinite(dense)):
+        raise InputError(name, "an entry that is not finite", "be finite", "look at what it was computed from")
+    if np.array_equal(dense, dense.T):
+        return dense
+    size = np.sqrt(np.abs(np.diag(dense)))
+    if np.any(np.abs(dense - dense.T) > 1e-12 * np.outer(size, size)):
+        rule = "be symmetric to 1e-12 of its diagonal there"
+        raise InputError(name, "an unsymmetric matrix", rule, "gyroscopic terms have no place")
+    return read_only(0.5 * (dense + dense.T))
+
+
+def _dense(name: str, matrix: Any) -> Any:
+    """A SciPy sparse matrix in full."""
+    if not hasattr(matrix, "toarray") or isinstance(matrix, type):
+        return matrix
+    afford(name, f"shape {matrix.shape}", "condense the model", floats=float(np.prod(matrix.shape, dtype=float)))
+    return matrix.toarray()
+
+
+def definite_matrix(name: str, matrix: Array) -> Array:
+    """The matrix once it is known to be positive semidefinite, the mass positive definite; looked at once."""
+    if _DEFINITE.get((name, id(matrix))) is matrix:
+        return matrix
+    if name == "mass":
+        if not _factorises(matrix):
+            remedy, least = "stiffbeam.reduced condenses unknowns without mass", np.linalg.eigvalsh(matrix)[0]
+            raise InputError(name, f"least eigenvalue {least:.3g}", "be positive definite", remedy)
+    elif (least := _least(matrix)) < -1e-10:
+        rule, remedy = "be positive semidefinite", "look at its signs"
+        raise InputError(name, f"least eigenvalue {least:.3g}, its diagonal scaled to ones", rule, remedy)
+    _DEFINITE[name, id(matrix)] = matrix
+    return matrix
+
+
+def _least(matrix: Array) -> float:
+    """The least eigenvalue with the diagonal scaled to ones, which keeps its sign: what is soft may not be hidden
+    by what is stiff."""
+    diagonal = np.diag(matrix)
+    size = np.sqrt(np.abs(diagonal))
+    size = np.where(size > 0.0, size, 1.0)
+    if np.count_nonzero(matrix) == np.count_nonzero(diagonal):
+        return float(np.min(diagonal / size / size))
+    return float(np.linalg.eigvalsh(matrix / size / size[:, None])[0])
+
+
+def _factorises(matrix: Array) -> bool:
+    try:
+        np.linalg.cholesky(matrix)
+    except np.linalg.LinAlgError:
+        return False
+    return True
+
+
+def finite_vector(name: str, vector: ArrayLike, n: int) -> Array:
+    """``vector`` as a read-only float array (n,); InputError where it is not n finite numbers."""
+    given = vector if isinstance(vector, np.ndarray) and is_read_only(vector) else numbers(name, vector)
+    array = read_only(given if given.ndim == 1 else given.ravel())
+    if array.shape != (n,):
+        raise InputError(name, array, f"be {n} finite numbers", "one per unknown")
+    return array
+
+
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class Origin:
+    """A beam, its discretisation, and the arrays that came of them.
+
+    Each method answers for a given system by comparing the arrays it has with those made here, number by
+    number. So a system whose stiffness was replaced has no factor from the old one, and no beam: data
+    that do not belong to its matrices cannot be reached. The comparison costs n^2 and is made once.
+
+    cells: of the grid. stiffness_factor: G with G^T G = stiffness. contacts: one per stops of the problem, in
+    order. tip: the row of u(L, t). paper_form: makes the paper's own first-order form of a system with these
+    matrices.
+    """
+
+    problem: BeamProblem
+    form: str
+    cells: int
+    mass: Array
+    damping: Array
+    stiffness: Array
+    loads: tuple[tuple[Array, LoadFunction], ...]
+    contacts: tuple[Contact, ...]
+    tip: Array
+    q0: Array
+    v0: Array
+    stiffness_factor: Array
+    paper_form: Callable[[System, BeamProblem], FirstOrderSystem]
+
+    def __post_init__(self) -> None:
+        self.freeze()
+
+    def freeze(self) -> None:
+        """Read-only copies of the arrays."""
+        for name in ("mass", "damping", "stiffness", "tip", "q0", "v0", "stiffness_factor"):
+            object.__setattr__(self, name, read_only(getattr(self, name)))
+        object.__setattr__(self, "loads", tuple((read_only(vector), f) for vector, f in self.loads))
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self.freeze()  # a pickled array can be written to again
+
+    def has_matrices_of(self, system: System) -> bool:
+        """Whether mass, damping and stiffness are still those that the origin made."""
+        return all(same(getattr(self, name), getattr(system, name)) for name in ("mass", "damping", "stiffness"))
+
+    def first_order_of(self, system: System) -> FirstOrderSystem | None:
+        """The paper's own first-order form, where the matrices are these."""
+        return self.paper_form(system, self.problem) if self.has_matrices_of(system) else None
+
+    def form_of(self, system: System) -> str | None:
+        """Its name, where the matrices are these."""
+        return self.form if self.has_matrices_of(system) else None
+
+    def units_of(self, system: System) -> Units | None:
+        """The beam's units, where the matrices are these."""
+        return self.problem.units if self.has_matrices_of(system) else None
+
+    def factor_of(self, system: System) -> Array | None:
+        """G, where the stiffness is this one; mass and damping have no part in it."""
+        return self.stiffness_factor if same(self.stiffness, system.stiffness) else None
+
+    def starts(self, system: System) -> bool:
+        """Whether the system has the initial data of the problem."""
+        return same(self.q0, system.q0) and same(self.v0, system.v0)
+
+    def problem_of(self, system: System) -> BeamProblem | None:
+        """The beam with the stops that the system has, where matrices and loads are the beam's own.
+
+        None where a contact is neither where the problem has stops, moving as they do, nor at rest at the tip.
+        """
+        if not self.has_matrices_of(system) or len(self.loads) != len(system.loads):
+            return None
+        pairs = zip(self.loads, system.loads, strict=True)
+        if not all(same(a, b) and (f is g or f == g) for (a, f), (b, g) in pairs):
+            return None
+        found = tuple(self._stops_of(contact) for contact in system.contacts)
+        if None in found:
+            return None
+        return self.problem if found == self.problem.all_stops else replace(self.problem, stops=found)
+
+    def _stops_of(self, contact: Contact) -> Stops | None:
+        """The contact's stops at the place of the problem's stops that have its row and offset."""
+        for made, stops in zip(self.contacts, self.problem.all_stops, strict=True):
+            if same(made.row, contact.row) and made.offset == contact.offset:
+                return replace(contact.stops, position=stops.position, motion=stops.motion)
+        return contact.stops if contact.offset is None and same(contact.row, self.tip) else None
 
 
 _PROCESS, _CALLABLES = uuid4().hex, {}

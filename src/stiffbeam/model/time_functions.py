@@ -296,3 +296,16 @@ def offset_rate(offset: LoadFunction | None, t: ArrayLike) -> Array:
     step = np.where(t < 2.0 * step, step, -step)  # forwards there, else backwards
     here, next_, last = (offset_values(offset, t + k * step) for k in range(3))
     return (4.0 * next_ - 3.0 * here - last) / (2.0 * step)
+
+
+def combined(*terms: tuple[float, LoadFunction | None]) -> LoadFunction | None:
+    """sum_k factor_k f_k, None for nothing; a multiple of one Harmonic or Constant is one again."""
+    kept = tuple((float(factor), f) for factor, f in terms if f is not None and factor != 0.0)
+    if not kept:
+        return None
+    factor, f = kept[0]
+    if len(kept) == 1 and isinstance(f, Harmonic):
+        return Harmonic(factor * f.amplitude, f.frequency, f.phase)
+    if all(isinstance(f, Constant) for _, f in kept):
+        return Constant(sum(factor * f.level for factor, f in kept if isinstance(f, Constant)))
+    return f if len(kept) == 1 and factor == 1.0 else Sum.weighted(kept)

@@ -11,21 +11,18 @@ from numpy.typing import ArrayLike
 from ..basics.arrays import Array
 from ..basics.compiled import clock
 from ..basics.progress import silent
-from ..basics.threads import cores, over_slices
+from ..basics.resources import cores, over_slices
 from ..basics.validation import InputError, numbers, positive
 from ..model.members import Members, as_members
 from ..model.modes import Modes
 from ..model.system import System
-from ..trajectory.ensemble import MEMBERS_PER_SLICE, Ensemble, Progress, gathered, record_from
-from ..trajectory.impacts import ContactRecord
+from ..trajectory.ensemble import MEMBERS_PER_SLICE, Ensemble, Progress, Runs, gathered, record_from
 from ..trajectory.ledger import Ledger
-from ..trajectory.recorder import Seen
-from ..trajectory.records import Records
 from ..trajectory.trajectory import Reference, Work
 from . import BEST_RTOL, best_reference
 from . import solve as solve_by
 from .exact.audit import audit, within_float64
-from .exact.piecewise import general, observations, solve_exact
+from .exact.piecewise import general, reference_of, solve_exact
 from .exact.rigid_reference import solve_rigid
 from .exact.undamped_regimes import Parts
 from .exact.undamped_tracer import Tracer
@@ -63,31 +60,28 @@ def reference_ensemble(
     one = _solve if method == "exact" else partial(_adaptive, method)
     first = one(members[0], t_end, at, known, since)
 
-    def see(tip: Array, velocity: Array, contacts: tuple[ContactRecord, ...]) -> Seen:
-        return Seen(tip[: len(times)], velocity[: len(times)], contacts)
-
-    def solve(part: Members) -> Records:
-        runs = (one(member, t_end, at, known, since) for member in part)
-        return Records.of([see(run.tip, run.tip_velocity, run.contacts) for run in runs])
+    def solve(part: Members) -> Runs:
+        return Runs.joined([Runs.of([one(member, t_end, at, known, since)], len(times)) for member in part])
 
     own = members.system
     exact = method == "exact" and not any(c.stops.rigid for c in own.contacts)
     if exact and set(members.fields) <= {"q0", "v0"} and not general(own):
         tracer = Tracer(Parts(own, known, t_end))  # one for all
 
-        def solve(part: Members) -> Records:
-            found = []
+        def solve(part: Members) -> Runs:
+            runs = []
             for i in range(len(part)):
                 start = part.start(i)
                 with within_float64("exact", t_end):
                     solution = tracer.solve(t_end, start)
                     audit(own, solution, t_end, start=start)
-                    found.append(see(*observations(own, solution, at, t_end, since)))
-            return Records.of(found)
+                    run = reference_of(own, solution, t_end, at, begun, method, {}, since)
+                runs.append(Runs.of([run], len(times)))
+            return Runs.joined(runs)
 
     rest = None if progress is None else lambda done: progress(1 + done)
     parts = [
-        Records.of([see(first.tip, first.tip_velocity, first.contacts)]),
+        Runs.of([first], len(times)),
         # SUNDIALS' solvers do not run side by side in one process.
         *over_slices(solve, members[1:], MEMBERS_PER_SLICE, cores() if method == "exact" else 1, rest),
     ]

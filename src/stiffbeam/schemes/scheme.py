@@ -30,7 +30,7 @@ class Scheme(ABC):
     abbreviation: ClassVar[str] = ""  # in tables and legends; the name where it is empty
     paper: ClassVar[str] = ""  # the paper's equation numbers
     look: ClassVar[tuple[int, int, int] | None] = (
-        None  # colour, dashes and marker in every picture, see figures/style.py
+        None  # colour, dashes and marker in every picture, see figures/panels.py
     )
     variants: ClassVar[tuple[dict[str, Any], ...]] = ()  # parameters that tests and studies try beside the defaults
     erratum: ClassVar[str] = ""  # the name of the misprint, for a printed form

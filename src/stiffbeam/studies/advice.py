@@ -28,17 +28,17 @@ import numpy as np
 
 from ..basics.progress import Show, silent
 from ..basics.progress import progress as shown
+from ..basics.text import table
 from ..basics.validation import InputError, integer, near, one_of, positive
+from ..march.choice import CONTACTS
 from ..march.integrate import integrate
-from ..march.rules import CONTACTS
-from ..measures.remark import remark
-from ..measures.tip_error import stays_within
+from ..measures.comparison import remark
+from ..measures.errors import stays_within
 from ..model.members import SPREAD
 from ..model.modes import modes
 from ..model.system import System
 from ..references import best_reference
 from ..schemes import RIGID, SCHEMES, Scheme, make
-from ..trajectory.tables import table
 from ..trajectory.trajectory import Trajectory
 from .advice_criteria import Criterion, Motion, Statistics
 from .advice_search import QUANTITIES, Probe, Tell, cheapest, search, unreached

@@ -9,7 +9,7 @@ import numpy as np
 from ..basics.arrays import Array
 from ..march.ensemble import integrate_ensemble
 from ..march.integrate import integrate
-from ..measures.tip_error import tip_error
+from ..measures.errors import tip_error
 from ..model.members import SPREAD, perturbed
 from ..model.system import System
 from ..references.ensemble import reference_ensemble

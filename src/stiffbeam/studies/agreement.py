@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..basics.arrays import Array
-from ..basics.plain import plain
+from ..basics.text import plain
 from ..basics.validation import InputError, positive
-from ..measures.windows import impact_times
+from ..measures.impacts import impact_times
 from ..references import solve
 from ..references.agreement import agreement
 from ..references.horizon import time_tolerance

@@ -21,7 +21,7 @@ from ..basics.validation import InputError, integer, positive
 from ..figures import column, heading, look, new_figure, numeric, say_empty, shared_legend, short, tip_symbol
 from ..files.cases import Case
 from ..march.ensemble import integrate_ensemble
-from ..measures.windows import drive_frequency
+from ..measures.smooth_motion import drive_frequency
 from ..model.modes import undamped_modes
 from ..model.sampled import Sampled
 from ..model.scales import scales

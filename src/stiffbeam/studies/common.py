@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Any
 
-from ..basics.budget import afford
+from ..basics.resources import afford
 from ..basics.validation import InputError, integer, sequence
 from ..files.cases import Case
-from ..measures.windows import first_impacts_end
+from ..measures.impacts import first_impacts_end
 from ..model.modes import modes
 from ..model.system import System
 from ..references import best_reference

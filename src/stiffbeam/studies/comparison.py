@@ -10,8 +10,8 @@ import numpy as np
 
 from ..basics.validation import InputError, near, one_of, step_count
 from ..files.cases import Case
+from ..march.choice import CONTACTS
 from ..march.integrate import integrate
-from ..march.rules import CONTACTS
 from ..march.warm import COMPILING, any_law, compile_beside, warm_up
 from ..measures.comparison import Comparison, compare
 from ..model.contact import Stops

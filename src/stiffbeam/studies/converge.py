@@ -15,11 +15,9 @@ from ..basics.validation import InputError
 from ..figures import column, heading, log_scale, look, mark_order, new_figure, numeric, say_empty, short
 from ..files.cases import Case
 from ..march.integrate import integrate
-from ..measures.impacts import matched_until
-from ..measures.regression import Order, observed_order
-from ..measures.smooth_motion import smooth_motion, without_contact
-from ..measures.tip_error import tip_error
-from ..measures.windows import impact_times, slowest_period
+from ..measures.errors import Order, observed_order, tip_error
+from ..measures.impacts import impact_times, matched_until
+from ..measures.smooth_motion import slowest_period, smooth_motion, without_contact
 from ..model.drive import Drive
 from ..model.scales import scales
 from ..model.system import System

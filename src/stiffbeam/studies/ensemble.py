@@ -15,8 +15,8 @@ from ..figures import column, heading, look, new_figure, numeric, say_empty, sha
 from ..files.cases import Case
 from ..march.ensemble import integrate_ensemble
 from ..measures.report import percent
+from ..measures.smooth_motion import drive_frequency
 from ..measures.spectrum import amplitude_spectrum, drive_amplitude
-from ..measures.windows import drive_frequency
 from ..model.members import SPREAD, perturbed
 from ..references.ensemble import reference_ensemble
 from ..trajectory.trajectory import Diverged

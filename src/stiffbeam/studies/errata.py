@@ -21,9 +21,8 @@ from ..figures import (
 )
 from ..files.cases import Case
 from ..march.integrate import integrate
-from ..measures.regression import observed_order
+from ..measures.errors import observed_order, tip_error
 from ..measures.smooth_motion import smooth_motion
-from ..measures.tip_error import tip_error
 from ..model.system import System
 from ..schemes import SCHEMES, Scheme, make
 from ..schemes.misprints import forms_of

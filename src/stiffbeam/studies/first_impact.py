@@ -39,7 +39,7 @@ from ..figures import (
     shared_legend,
 )
 from ..files.cases import Case
-from ..measures.regression import Order, observed_order
+from ..measures.errors import Order, observed_order
 from ..measures.report import percent
 from ..measures.smooth_motion import without_contact
 from ..model.closed_form import natural_frequencies, roots

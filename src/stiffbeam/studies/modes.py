@@ -10,8 +10,7 @@ import numpy as np
 from ..figures import column, log_scale, look, new_figure, numeric, say_empty, shared_legend, short, signed_log
 from ..files.cases import Case
 from ..march.integrate import integrate
-from ..measures.amplification import amplification
-from ..measures.free_modes import free_mode_errors
+from ..measures.amplification import amplification, free_mode_errors
 from ..measures.smooth_motion import without_contact
 from ..model.modes import undamped_modes
 from ..model.natural_modes import modes

@@ -13,8 +13,8 @@ from ..basics.validation import InputError, near
 from ..figures import column, heading, log_scale, look, new_figure, numeric, say_empty, shared_legend, short
 from ..files.cases import Case
 from ..march.integrate import integrate
+from ..measures.errors import tip_error
 from ..measures.impacts import matched_until
-from ..measures.tip_error import tip_error
 from ..model.system import System
 from ..references import solve, takes
 from ..references.adaptive.rhs import RightHandSide

@@ -8,8 +8,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from ..basics.storage import write_whole
 from ..basics.validation import InputError
-from ..basics.whole_file import write_whole
 from ..files.cases import Case, case_text, paper_cases
 from ..files.store import load
 from ..references import reference
@@ -149,7 +149,7 @@ def remake(
     A file that is whole, of this version and what the manifest says is kept: interrupted work goes on where it
     stopped, and deleting a file remakes it. ``only``: names of tables. All of them take about a quarter of an hour.
     """
-    from ..files.frozen import freeze
+    from ..files.store import freeze
 
     jobs = [job for job in wanted() if only is None or set(only) & set(job[2])]
     if not jobs:

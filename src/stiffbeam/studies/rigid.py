@@ -14,9 +14,8 @@ from ..basics.arrays import Array
 from ..basics.validation import InputError, positive
 from ..figures import COLOURS, MARKERS, column, dashed, heading, log_scale, new_figure, numeric, say_empty
 from ..files.cases import Case
-from ..measures.regression import observed_order
+from ..measures.errors import observed_order, tip_error
 from ..measures.report import percent
-from ..measures.tip_error import tip_error
 from ..model.members import varied
 from ..references.exact.rigid import rigid_limit
 from .common import Form, ImpactCount, solve_once, system_of

@@ -9,9 +9,9 @@ import numpy as np
 from ..basics.validation import InputError, integer, positive
 from ..figures import COLOURS, column, log_scale, new_figure, numeric, say_empty, short
 from ..files.cases import Case
+from ..march.integrate import RIGID as BY_REACTIONS
 from ..march.integrate import integrate
-from ..march.plan import RIGID as BY_REACTIONS
-from ..measures.regression import Order, observed_order
+from ..measures.errors import Order, observed_order
 from ..measures.report import percent
 from ..model.contact import Stops
 from . import bouncing_bar as bar

@@ -11,10 +11,9 @@ import numpy as np
 from ..basics.validation import InputError
 from ..figures import COLOURS, MARKERS, column, dashed, heading, log_scale, mark_order, new_figure, numeric, say_empty
 from ..files.cases import Case
-from ..measures.regression import Order, observed_order
+from ..measures.errors import Order, observed_order, tip_error
+from ..measures.impacts import impact_times
 from ..measures.smooth_motion import steady_state, without_contact
-from ..measures.tip_error import tip_error
-from ..measures.windows import impact_times
 from ..model.closed_form import natural_frequencies, tip_response
 from ..model.modes import modes
 from ..model.time_functions import Harmonic

@@ -12,8 +12,8 @@ from ..basics.arrays import Array
 from ..basics.validation import InputError, unmasked
 from ..model.contact import Stops
 from ..model.time_functions import LoadFunction, offset_rate, offset_values
+from ..trajectory.from_arrays import distinct_times, one_position
 from ..trajectory.impacts import Impacts
-from ..trajectory.own import distinct_times, one_position
 from ..trajectory.recorder import rebounds, sampled_impacts
 from .problem import Problem, matrix, time_function
 

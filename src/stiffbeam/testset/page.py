@@ -7,9 +7,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..basics.whole_file import write_whole
-from ..figures.panels import save_figure
-from ..figures.style import short
+from ..basics.storage import write_whole
+from ..figures.panels import save_figure, short
 from .pictures import score_picture
 from .show import COLUMNS, LEGEND, PAST, PAST_TITLE, detail_rows, overview_rows, past_rows, reasons
 from .verdicts import NOT_TAKEN, Entry, summary

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..figures.panels import log_scale, mark_order, new_figure, say_empty, shared_legend
-from ..figures.style import look, short
+from ..figures.panels import log_scale, look, mark_order, new_figure, say_empty, shared_legend, short
 from .problem import Problem
 
 if TYPE_CHECKING:

@@ -55,7 +55,7 @@ class Scorecard:
 
     def to_dataframe(self) -> Any:
         """One line per run."""
-        from ..trajectory.tables import table
+        from ..basics.text import table
 
         rows = [
             {"integrator": e.integrator, "problem": e.problem.name, "outcome": e.outcome, "level": r.level,

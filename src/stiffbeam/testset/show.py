@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..figures.style import short
+from ..figures.panels import short
 from .verdicts import FAILED, LOW_ORDER, NOT_FALLING, NOT_TAKEN, Entry, shown_error, summary
 
 if TYPE_CHECKING:

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from ..basics.arrays import Array
-from ..basics.plain import plain
-from ..measures.regression import Order, observed_order
+from ..basics.text import plain
+from ..measures.errors import Order, observed_order
 from .measure import Errors
 from .problem import Problem
 

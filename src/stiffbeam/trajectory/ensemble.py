@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,18 +11,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..basics.arrays import Array, BoolArray
+from ..basics.text import table
 from ..basics.validation import InputError, non_negative
 from ..model.members import Members
-from .ensemble_dataset import ensemble_dataset, save_ensemble
+from .dataset import ensemble_dataset, save_ensemble
 from .impacts import Impacts
 from .ledger import Ledger
-from .records import Records
-from .tables import table
-from .trajectory import Work
+from .trajectory import Trajectory, Work
 
 if TYPE_CHECKING:
     import pandas
     import xarray
+
 
 MEMBERS_PER_SLICE = 64  # made by one thread in one go
 Progress = Callable[[int], None]
@@ -44,6 +44,17 @@ class ContactStatistics:
     impacts: Impacts
     offsets: NDArray[np.int64]
 
+    @classmethod
+    def of(cls, totals: Array, impacts: Impacts, member: NDArray[np.int64]) -> ContactStatistics:
+        """From (fraction, peak_force, impulse, open_at_start) by member, (4, M), and the member of every impact."""
+        fraction, peak_force, impulse, begun = totals
+        offsets = np.concatenate([[0], np.cumsum(np.bincount(member, minlength=len(fraction)))])
+        impacts = impacts.take(np.argsort(member, kind="stable"))
+        return cls(
+            fraction=fraction, peak_force=peak_force, impulse=impulse, open_at_start=begun > 0.0,
+            impacts=impacts, offsets=offsets,
+        )  # fmt: skip
+
     @property
     def impact_count(self) -> NDArray[np.int64]:
         """(M,)."""
@@ -59,28 +70,73 @@ class ContactStatistics:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Ensemble:
-    """What M members have done.
+class Runs:
+    """The records of M runs with their contacts: what an ensemble is joined from.
+
+    tip, tip_velocity: (M, k) at the output times. diverged: (M,), the time at which a run overflowed, NaN for none;
+    nothing is recorded after it. marches: how the runs were made.
+    """
+
+    tip: Array
+    tip_velocity: Array
+    contacts: tuple[ContactStatistics, ...]
+    diverged: Array
+    marches: frozenset[str] = field(repr=False)
+
+    def __len__(self) -> int:
+        return len(self.diverged)
+
+    @classmethod
+    def of(cls, runs: Sequence[Trajectory], outputs: int | None = None) -> Runs:
+        """Runs that were recorded one by one, at least one, with the first ``outputs`` of their output times."""
+        contacts = []
+        for records in zip(*(run.contacts for run in runs), strict=True):
+            begun = [r.impacts.at_start is not None for r in records]
+            totals = np.array([(r.fraction, r.peak_force, r.impulse, x) for r, x in zip(records, begun, strict=True)]).T
+            member = np.repeat(np.arange(len(runs)), [r.impacts.count for r in records])
+            contacts.append(ContactStatistics.of(totals, Impacts.concatenate([r.impacts for r in records]), member))
+        return cls(
+            tip=np.array([run.tip[:outputs] for run in runs]),
+            tip_velocity=np.array([run.tip_velocity[:outputs] for run in runs]),
+            contacts=tuple(contacts),
+            diverged=np.array([run.diverged for run in runs]),
+            marches=frozenset(str(run.provenance.get("march", "")) for run in runs),
+        )
+
+    @classmethod
+    def joined(cls, parts: Sequence[Runs], places: Sequence[int] | None = None) -> Runs:
+        """One after the other; places: where each run then belongs, (M,), None for there."""
+        if len(parts) == 1:
+            return parts[0]
+        place = np.arange(sum(map(len, parts))) if places is None else np.array(places)
+        order = np.argsort(place)
+        contacts = []
+        for contact in zip(*(part.contacts for part in parts), strict=True):
+            each = [(c.fraction, c.peak_force, c.impulse, c.open_at_start) for c in contact]
+            totals = np.concatenate(each, axis=1)[:, order]
+            member = np.repeat(place, np.concatenate([c.impact_count for c in contact]))
+            contacts.append(ContactStatistics.of(totals, Impacts.concatenate([c.impacts for c in contact]), member))
+        names = ("tip", "tip_velocity", "diverged")
+        arrays = {name: np.concatenate([getattr(part, name) for part in parts])[order] for name in names}
+        marches = frozenset[str]().union(*(part.marches for part in parts))
+        return cls(**arrays, contacts=tuple(contacts), marches=marches)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Ensemble(Runs):
+    """The runs of M members.
 
     contacts: one record per contact; the arrays over members of the first stand on the ensemble itself.
-    t: (k,) output times, tip and tip_velocity: (M, k); k = 0 unless they were asked for. diverged:
-    (M,), the time at which a member overflowed, NaN for none; nothing is recorded after it. work.steps
-    counts member-steps. ledger(i): the energy ledger of member i at the output times, at the start and
-    the end where there are none, made by going through the member once more.
+    t: (k,) output times; k = 0 unless they were asked for. work.steps counts member-steps. ledger(i): the energy
+    ledger of member i at the output times, at the start and the end where there are none, made by going through the
+    member once more.
     """
 
     members: Members
-    contacts: tuple[ContactStatistics, ...]
     t: Array
-    tip: Array
-    tip_velocity: Array
-    diverged: Array
     work: Work
     provenance: dict[str, Any]
     ledger: Callable[[int], Ledger] = field(repr=False)
-
-    def __len__(self) -> int:
-        return len(self.members)
 
     def __repr__(self) -> str:
         return f"<Ensemble {self.label}: {len(self)} members, {self.members.parameter}>"
@@ -90,13 +146,19 @@ class Ensemble:
         """Method and form, e.g. ``hht(alpha=-0.1)@displacement``."""
         return f"{self.provenance['method']}@{self.provenance['form']}"
 
+    @property
+    def values(self) -> Array | None:
+        """(M,), the value of ``members.parameter`` in every member; None where it is no number."""
+        values = np.asarray(self.members.values, object)
+        numeric = values.ndim == 1 and all(isinstance(x, (int, float, np.number)) for x in values.tolist())
+        return values.astype(float) if numeric else None
+
     def to_dataframe(self) -> pandas.DataFrame:
         """One line per member: its value of ``members.parameter`` where that is a number, when it diverged (NaN: not),
         and of every contact the impacts, share of time, peak force, impulse and whether it is open at the start."""
         columns: dict[str, Any] = {"member": np.arange(len(self))}
-        values = np.asarray(self.members.values, object)
-        if values.ndim == 1 and all(isinstance(x, (int, float, np.number)) for x in values.tolist()):
-            columns["value"] = values.astype(float)
+        if (values := self.values) is not None:
+            columns["value"] = values
         columns["diverged"] = self.diverged
         for i, contact in enumerate(self.contacts):
             columns |= {
@@ -153,36 +215,16 @@ class Ensemble:
 
 def gathered(
     members: Members,
-    parts: list[Records],
+    parts: list[Runs],
     t: Array,
     work: Work,
     provenance: dict[str, Any],
     ledger: Callable[[int], Ledger],
 ) -> Ensemble:
-    """The Ensemble of the records of its members, ``parts`` in their order."""
-    seen = Records.joined(parts)
-    contacts = [
-        ContactStatistics(
-            fraction=seen.fraction[:, c],
-            peak_force=seen.peak_force[:, c],
-            impulse=seen.impulse[:, c],
-            open_at_start=seen.open_at_start[:, c],
-            impacts=seen.impacts[c],
-            offsets=np.concatenate([[0], np.cumsum(np.bincount(whose, minlength=len(seen)))]),
-        )
-        for c, whose in enumerate(seen.whose)
-    ]
-    return Ensemble(
-        members=members,
-        contacts=tuple(contacts),
-        t=t,
-        tip=seen.tip,
-        tip_velocity=seen.tip_velocity,
-        diverged=seen.diverged,
-        work=work,
-        provenance=provenance | ({"march": " and ".join(sorted(seen.marches))} if any(seen.marches) else {}),
-        ledger=ledger,
-    )
+    """The Ensemble of the runs of its members, ``parts`` in their order."""
+    runs = Runs.joined(parts)
+    notes = {"march": " and ".join(sorted(runs.marches))} if any(runs.marches) else {}
+    return Ensemble(**vars(runs), members=members, t=t, work=work, provenance=provenance | notes, ledger=ledger)
 
 
 def record_from(since: float, t_end: float) -> float:

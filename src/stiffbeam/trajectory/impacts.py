@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..basics.arrays import Array, BoolArray
+from ..basics.text import table
 from ..basics.validation import bound
 from ..model.contact import Stops
-from .tables import table
 
 if TYPE_CHECKING:
     import pandas

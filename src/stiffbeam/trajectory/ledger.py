@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..basics.arrays import Array
+from ..basics.text import table
 from ..model.system import System
 from ..model.time_functions import offset_rate, offset_values
 from .recorder import as_it_starts
-from .tables import table
 
 if TYPE_CHECKING:
     import pandas
@@ -166,7 +166,7 @@ def _work_of_stops(system: System, t: Array, q: Array, v: Array, found: Array) -
             continue
         u, rate = _motion(system, c, t, q, v)
         beyond, force = stops.dissipated(u, rate), stops.force(u, rate)
-        if stops.damping > 0.0:
+        if stops.jumps:
             known = ~np.isnan(found[:, c])
             beyond[known] += found[known, c] - force[known]
             force[known] = found[known, c]
@@ -204,7 +204,7 @@ def in_contact(system: System, t: Array, q: Array, v: Array, found: Array | None
     touching = np.zeros(len(t), bool)
     for c, contact in enumerate(system.contacts):
         closed = contact.stops.state(*_motion(system, c, t, q, v)) != 0
-        if found is not None and contact.stops.damping > 0.0:
+        if found is not None and contact.stops.jumps:
             closed = np.where(np.isnan(found[:, c]), closed, found[:, c] != 0.0)
         touching |= closed
     return touching

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -11,7 +10,7 @@ import numpy as np
 from ..basics.arrays import Array, step_lengths
 from ..basics.compiled import compiled
 from ..model.contact import Stops
-from ..model.contact_law import DAMPING, Law, law_force, law_of
+from ..model.contact_law import Law, all_laws, jumps, law_force, law_of
 from ..model.system import System
 from ..model.time_functions import offset_rate, offset_values
 from .impacts import ContactRecord, Impacts
@@ -81,7 +80,7 @@ def with_ends(tally: Array, law: Array, dt: float, first: Motion, last: Motion, 
     stays."""
     whole = tally[..., SINCE] == 0.0
     begin, end = (np.abs(forces_at(*motion, law)) for motion in (first, last))
-    end = np.where(law[..., DAMPING] > 0.0, tally[..., LAST], end)
+    end = np.where(jumps(all_laws(law)), tally[..., LAST], end)
     tally = tally.copy()
     tally[..., PEAK] = np.where(whole, np.fmax(begin, tally[..., PEAK]), tally[..., PEAK])
     if not means:
@@ -102,7 +101,7 @@ def record(
     ``found_force``; ``steps`` of the whole run."""
     with np.errstate(over="ignore", invalid="ignore"):  # of which ``overflow`` tells
         force = stops.force(position, velocity)
-    if found is not None and stops.damping > 0.0:
+    if found is not None and stops.jumps:
         force = np.where(np.isnan(found), force, found)
     return ContactRecord(
         stops=stops,
@@ -122,18 +121,6 @@ def overflow(contacts: Sequence[ContactRecord], t_end: float) -> float:
     if all(np.isfinite(contact.impulse) for contact in contacts):
         return float("nan")
     return min((float(t) for c in contacts for t in c.impacts.times[np.isinf(c.impacts.impulses)]), default=t_end)
-
-
-@dataclass(frozen=True, eq=False)
-class Seen:
-    """The record of one run: tip and tip velocity at the output times, its contacts, when it overflowed, how it was
-    marched."""
-
-    tip: Array
-    tip_velocity: Array
-    contacts: tuple[ContactRecord, ...]
-    diverged: float = float("nan")
-    march: str = ""
 
 
 class SampledImpacts:
@@ -286,3 +273,67 @@ def as_it_starts(system: System, channel: int, t: Array, u: Array, v: Array) -> 
     if not any(contact.stops.rigid for contact in system.contacts):
         v = np.where(begins, row @ system.v0 + offset_rate(offset, 0.0), v)
     return u, v
+
+
+class Reactions:
+    """One contact, fed with the mean reactions R of consecutive steps; the impacts are those after step ``since``.
+
+    An impact is a row of steps with R of one sign: it begins with the first of them and ends with the last. One that
+    begins before a contact that is there at t = 0 has opened is part of that contact. A rigid stop has no largest
+    force, its impulse is what an impact leaves: peaks are NaN. The largest mean of a step, ``max(abs(force))``, grows
+    like 1/dt.
+    """
+
+    def __init__(self, stops: Stops, dt: float, u0: float, v0: float, since: int = 0) -> None:
+        self.stops, self.dt, self.since = stops, dt, since
+        self._fed: list[Array] = []
+        self._closed = bool(u0 <= stops.g1 or u0 >= stops.g2)  # since t = 0
+        self._last = -1  # the step in which that contact opens
+
+    def feed(self, u: Array, v: Array, means: Array | None = None, found: Array | None = None) -> None:
+        """Positions and velocities at the ends of the next steps (k,), and their reactions."""
+        assert means is not None
+        if self._closed:
+            free = np.flatnonzero((u > self.stops.g1) & (u < self.stops.g2))
+            self._closed = not len(free)
+            self._last += len(u) if self._closed else 1 + int(free[0])
+        self._fed.append(np.array(means, float))
+
+    def record(self, position: Array, velocity: Array, every: int) -> ContactRecord:
+        """With position, velocity and the reaction of the step before at every ``every``-th step."""
+        R = np.concatenate([[0.0], *self._fed])
+        force = R[::every][: len(position)]
+        R = R[1 + self.since :]
+        size = np.abs(R)
+        return ContactRecord(
+            stops=self.stops,
+            position=position,
+            velocity=velocity,
+            force=force,
+            impacts=self._impacts(R),
+            fraction=float(np.mean(R != 0.0)) if len(R) else 0.0,
+            peak_force=float("nan") if np.any(size) else 0.0,
+            impulse=float(np.sum(size) * self.dt),
+        )
+
+    def _impacts(self, R: Array) -> Impacts:
+        before = np.concatenate([[0.0], *self._fed])[self.since]  # in the last step that does not count
+        side = np.concatenate([[np.sign(before)], np.sign(R)])
+        enters = np.flatnonzero((side[1:] != 0.0) & (side[1:] != side[:-1]))
+        first = enters + self.since <= self._last
+        if self.since:
+            enters, first = enters[~first], first[~first]
+        leaves = np.flatnonzero((side[:-1] != 0.0) & (side[1:] != side[:-1]))
+        sizes = np.concatenate([[0.0], np.cumsum(np.abs(R))]) * self.dt
+        ends = np.full(len(enters), len(R))
+        nearest = np.searchsorted(leaves, enters, side="right")
+        found = nearest < len(leaves)
+        ends[found] = leaves[nearest[found]]
+        start = self.since
+        return Impacts.at(
+            (start + enters) * self.dt,
+            -side[1:][enters],
+            "sampled",
+            ends=np.where(found, (start + ends) * self.dt, np.nan),
+            impulses=np.where(found, sizes[ends] - sizes[enters], np.nan),
+        ).started(first)

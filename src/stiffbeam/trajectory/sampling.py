@@ -12,6 +12,7 @@ from ..model.contact_law import (
     G1,
     G2,
     Law,
+    all_laws,
     damps,
     found_force,
     found_state,
@@ -54,10 +55,9 @@ def side_at_start(u0: Array, v0: Array, law: Array) -> Array:
     g1, g2 = law[..., G1], law[..., G2]
     upper, lower = (u0 > g2) | ((u0 == g2) & (v0 >= 0.0)), (u0 < g1) | ((u0 == g1) & (v0 <= 0.0))
     side = upper * 1.0 - lower * 1.0
-    numbers = np.moveaxis(law, -1, 0)
-    damped = damps.py_func(Law(*numbers))
+    damped = damps(all_laws(law))
     if np.any(damped):  # a damped stop may have let go before the gap opens
-        pressed = np.vectorize(lambda u, v, *row: law_state(u, v, Law(*row)), otypes=[float])(u0, v0, *numbers)
+        pressed = np.vectorize(lambda u, v, *row: law_state(u, v, Law(*row)), otypes=[float])(u0, v0, *all_laws(law))
         on = (u0 == g2) | (u0 == g1)
         side = np.where(damped & ~on, pressed, side)
     return side

@@ -15,16 +15,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..basics.arrays import Array
-from ..basics.budget import afford
-from ..basics.pictures import picture
+from ..basics.pictures import DRAW
+from ..basics.resources import afford
+from ..basics.text import sentence, table
 from ..basics.units import UNKNOWN, Units
 from ..basics.validation import InputError, integer, numbers, positive
-from ..basics.words import sentence
 from .dataset import save, to_xarray
+from .from_arrays import NO_REACTIONS, NO_STATES, own_run
 from .impacts import ContactRecord, Impacts
-from .own import NO_REACTIONS, NO_STATES, own_run
 from .recorder import as_it_starts, sampled_impacts
-from .tables import columns_of, table
 
 if TYPE_CHECKING:
     import pandas
@@ -106,6 +105,7 @@ class Trajectory:
     system: System | None = field(default=None, repr=False)
     pieces: Pieces | None = field(default=None, repr=False)
     ledger: Callable[[], Ledger] | None = field(default=None, repr=False)  # at the output times
+    diverged: float = field(default=float("nan"), repr=False)  # when it overflowed; ``integrate`` raises then
     read_for: str = field(default="", repr=False)  # the fingerprint of a system that is not at hand
 
     @classmethod
@@ -142,7 +142,7 @@ class Trajectory:
         for name, made in (("ledger", "energy"), ("pieces", "states"), ("state_at", "states")):
             if state.get(name) is not None and not _travels(state[name]):
                 state |= {name: None, made: getattr(self, made)}
-        for name in ("evaluate", "solution"):
+        for name in ("evaluate", "contact_by_events", "solution"):
             if state.get(name) is not None and not _travels(state[name]):
                 state[name] = None
         return state
@@ -201,6 +201,11 @@ class Trajectory:
             first += len(times) - 1
         return np.concatenate(q), np.concatenate(v)
 
+    @property
+    def has_energy(self) -> bool:
+        """Whether the run has its energy ledger, made already or to be made."""
+        return self.ledger is not None or "energy" in vars(self)
+
     @cached_property
     def energy(self) -> Ledger:
         """The energy ledger at the output times, of a scheme added up over every step before them. Raises Diverged
@@ -216,6 +221,10 @@ class Trajectory:
             remedy = "an energy is beyond float64; count in other units"
             raise Diverged(str(self.provenance["method"]), float(found.t[np.argmax(beyond)]), remedy)
         return found
+
+    def contact_between(self, start: float, end: float, contact: int = 0) -> ContactRecord | None:
+        """A contact in [start, end] by events, between the outputs too; None where only the outputs are known."""
+        return None
 
     def displacement(self, x: ArrayLike) -> Array:
         """u(x, t) at the output times; x (...) in [0, L] gives (k, ...)."""
@@ -242,12 +251,12 @@ class Trajectory:
 
     def plot(self) -> Figure:
         """Displacement, contact forces, phase portrait and energy, a matplotlib Figure."""
-        return picture("run:run_figure", self)
+        return DRAW["run"](self)
 
     def animate(self, file: str | Path, beside: Sequence[Trajectory] = (), **options: Any) -> Path:
         """Write a film, .gif or .mp4, of this run and of those ``beside`` it between their stops, impacts flashing;
         options: see ``figures.animation.animate``."""
-        return picture("animation:animate", [self, *beside], file, **options)
+        return DRAW["film"]([self, *beside], file, **options)
 
     def save(self, file: str | Path) -> Path:
         """Write it in the format that the suffix names: .nc (all of it, for ``stiffbeam.load``, xarray and ncdump),
@@ -257,7 +266,9 @@ class Trajectory:
     def to_dataframe(self) -> pandas.DataFrame:
         """One line per output time: t, tip, tip_velocity, every contact's position, velocity and force; the ledger
         as energy_kinetic and so on where it has been made or saved (ask ``energy`` first). Provenance in ``attrs``."""
-        columns = columns_of(self.t, self.tip, self.tip_velocity, self.contacts)
+        columns = {"t": self.t, "tip": self.tip, "tip_velocity": self.tip_velocity}
+        for i, contact in enumerate(self.contacts):
+            columns |= {f"contact{i}_{name}": getattr(contact, name) for name in ("position", "velocity", "force")}
         if "energy" in vars(self):
             columns |= {f"energy_{name}": getattr(self.energy, name) for name in vars(self.energy) if name != "t"}
         return table(columns, {"provenance": self.provenance})
@@ -299,6 +310,7 @@ class Reference(Trajectory):
     horizon: float = float("nan")
     evaluate: Callable[[Array, int], tuple[Array, Array]] | None = field(default=None, repr=False)  # (t, channel)
     state_at: Callable[[Array], tuple[Array, Array]] | None = field(default=None, repr=False)
+    contact_by_events: Callable[[float, float, int], ContactRecord] | None = field(default=None, repr=False)
     solution: Any = field(default=None, repr=False)  # the solver's own representation, where it has one
 
     def _trust(self) -> str:
@@ -326,6 +338,10 @@ class Reference(Trajectory):
         channel = tip if contact is None else contact
         seen = self.evaluate(np.minimum(t, end), channel)
         return seen if self.system is None else as_it_starts(self.system, channel, t, *seen)
+
+    def contact_between(self, start: float, end: float, contact: int = 0) -> ContactRecord | None:
+        """See ``Trajectory.contact_between``; exact solutions on compliant stops know it."""
+        return None if self.contact_by_events is None else self.contact_by_events(start, end, contact)
 
     def impacts_sampled(self, dt: float, t_end: float | None = None, contact: int = 0) -> Impacts:
         """The impacts that a perfect scheme with step ``dt`` would count at a contact: those of the exact u(n dt)."""

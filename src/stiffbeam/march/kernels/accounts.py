@@ -8,10 +8,75 @@ import numpy as np
 
 from ...basics.arrays import Array, IntArray
 from ...basics.compiled import inlined
-from ...model.contact_law import elastic_force, found_force, found_state, is_linear, law_energy, law_of, state
-from ...model.contact_law import energy as linear_energy
-from ...model.contact_law import force as linear_force
-from .single_steps import Step, begin, take_step
+from ...model.contact_law import damps, elastic_force, found_force, found_state, law_energy, law_of
+
+
+class Step(NamedTuple):
+    """One step of a scheme on a whole state (a, n), and what a stretch of them is given.
+
+    Forces are known here, so that no stop is asked; the other names are those of Block and Forcing. Component e of part
+    j stands at e P + j, P >= n of whole vector registers, and a state is held twice, so that z[e P + d] is what is e
+    components after z[d].
+    """
+
+    transition: Array  # (a + a % 2, a P): row e times what is e components later; those beyond a are zero
+    push: Array  # (F, a P), of contacts and sampled loads at every node
+    driven: Array  # (d, a P), of the constant, then sine and cosine of every frequency
+    forces: Array  # (steps, F)
+    g: Array  # (steps + 1, d) at the starts of the steps and the last one's end
+
+
+@inlined
+def begin(start: Array, place: IntArray, n: int, P: int, z: Array) -> None:
+    """The state z of the components that are carried, in their ``place`` (see Propagator.unpack), the others zero."""
+    for j in range(z.size):
+        z[j] = 0.0
+    half = z.size // 2
+    for c in range(place.size):
+        at = place[c] * P
+        for j in range(n):
+            z[at + j] = start[c * n + j]
+            z[half + at + j] = start[c * n + j]
+
+
+@inlined
+def take_step(
+    transition: Array, push: Array, driven: Array, forces: Array, g: Array, k: int, P: int, z: Array, new: Array
+) -> None:  # fmt: skip
+    """``new``, the whole state after step k from z."""
+    # Two rows at a time: half as often to ``new`` and back.
+    D = np.uint64(transition.shape[1])
+    next_one = np.uint64(P)
+    for j in range(D):
+        new[j] = driven[0, j] + (transition[0, j] * z[j] + transition[1, j] * z[next_one + j])
+    for e in range(2, transition.shape[0], 2):
+        one, two = np.uint64(e * P), np.uint64(e * P + P)
+        for j in range(D):
+            new[j] += transition[e, j] * z[one + j] + transition[e + 1, j] * z[two + j]
+    for e in range(1, driven.shape[0], 2):
+        sine, cosine = g[k, e], g[k, e + 1]
+        for j in range(D):
+            new[j] += sine * driven[e, j] + cosine * driven[e + 1, j]
+    for i in range(forces.shape[1]):
+        force = forces[k, i]
+        if force != 0.0:
+            for j in range(D):
+                new[j] += force * push[i, j]
+    for j in range(D):
+        new[D + j] = new[j]
+
+
+@inlined
+def states(step: Step, n: int, P: int, start: Array, place: IntArray, z: Array, new: Array, out: Array) -> None:
+    """The states (steps, a P) at the ends of the steps from ``start``, see ``begin``. z, new: memory, (2 a P,)."""
+    transition, push, driven, forces, g = step
+    begin(start, place, n, P, z)
+    for k in range(out.shape[0]):
+        take_step(transition, push, driven, forces, g, k, P, z, new)
+        for j in range(np.uint64(out.shape[1])):
+            out[k, j] = new[j]
+        z, new = new, z
+
 
 # What the ledger has added up, in the order of Ledger's fields after t: three energies, seven sums.
 KINETIC, ELASTIC, STOPS, INPUT, VISCOUS, LOSS, CONTACT, FREE, TAKEN, SPREAD = range(10)
@@ -84,7 +149,7 @@ def account(
     n, m, L, steps = squares.size, law.shape[0], loads.shape[0], forces.shape[0]
     stops, touching, rated = 0.0, 0, False
     for c in range(m):
-        rated |= not is_linear(law_of(law, c))
+        rated |= damps(law_of(law, c))
         last[c] = met[0, c]
         force[c], beyond[c], held, pressed = _at_stop(law, found, c, 0, met[0, c], met[1, c])
         power[c] = beyond[c] * met[1, c]
@@ -279,16 +344,11 @@ def _settle(
 def _at_stop(law: Array, found: Array, c: int, k: int, u: float, rate: float) -> tuple[float, float, float, bool]:
     """Force, what of it is not from the energy, the energy, and whether the stop presses."""
     stop = law_of(law, c)
-    if is_linear(stop):
-        kappa, g1, g2 = stop[:3]
-        force, beyond, held = linear_force(u, kappa, g1, g2), 0.0, linear_energy(u, kappa, g1, g2)
-        pressed = state(u, g1, g2) != 0.0
-    else:
-        at_node = found[k, c]
-        force, held = found_force(u, rate, at_node, stop), law_energy(u, stop)
-        beyond = force - elastic_force(u, stop)
-        pressed = found_state(u, rate, at_node, stop) != 0.0
-    return force, beyond, held, pressed
+    force = found_force(u, rate, found[k, c], stop)
+    pressed = found_state(u, rate, found[k, c], stop) != 0.0
+    # Contracted to one rounding, the difference of equal forces is not zero.
+    beyond = force - elastic_force(u, stop) if damps(stop) else 0.0
+    return force, beyond, law_energy(u, stop), pressed
 
 
 @inlined

@@ -8,13 +8,15 @@ need be. That is what the padding to eight is for.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from ...basics.arrays import Array, IntArray
 from ...basics.compiled import compiled, inlined
-from ...model.contact_law import G1, G2, KAPPA, law_of, stage_force, stage_stiffness
-from ...model.stage import MEAN
+from ...model.active_set import solve_node
+from ...model.contact_law import G1, G2, KAPPA, law_of, stage_force, stage_stiffness, state
+from ...model.stage import MEAN, solve_stage
 from ...trajectory.sampling import (
     CONTACT,
     END,
@@ -28,9 +30,229 @@ from ...trajectory.sampling import (
     scan_means,
     switch_time,
 )
-from .layout import OVERFLOW, Block, Forcing, Inflow, Kept, Marchers
-from .nodes import resolve_by_law, resolve_several
-from .readings import eight_speeds, read, speed
+
+OVERFLOW = 1e100
+
+
+class Block(NamedTuple):
+    """K steps as one linear map, see Propagator; the same for every member.
+
+    N force nodes, R entries (the nodes first) and D state components, each padded to eight with zeros;
+    C channels. A row of R + D numbers acts on the entries and on the new state together. A state of a
+    components and n modes is held as z (D + (a - 1) n,), component by component and from the start
+    again, so that z[e n + d] is what is e components after z[d].
+    """
+
+    reading: Array  # (R, D)
+    transition: Array  # (a, D): z_new[d] = sum_e transition[e, d] z[e n + d]
+    push: Array  # (N, R + D)
+    compliance: Array  # (K S m, m): of the contacts of a node on each other
+    end_first: Array  # (C,) integers: the entry that holds a channel at the end of the first step,
+    end_stride: Array  # (C,) and how many entries later the next one is
+    velocity: Array  # (K, C, D): the channels' velocities at the ends of the steps
+    velocity_push: Array  # (K, C, N)
+    rates: Array  # (N,) integers: the entry that holds the velocity at a node; none where no force depends on it
+    rule: int  # how a node finds its force: LINEAR, BY_LAW or MEAN, see stage
+
+
+class Forcing(NamedTuple):
+    """What the drive g = (1, sin w1 t, cos w1 t, ...) at a block's start does; V = 1 or one per member."""
+
+    constant: float  # 1, or 0 where nothing is constant in time
+    frequencies: Array  # (V, F)
+    rows: Array  # (V, d, R + D)
+    velocity: Array  # (V, K, C, d)
+
+
+class Inflow(NamedTuple):
+    """What sampled loads and offsets add to the blocks of a stretch; no rows without any."""
+
+    rows: Array  # (B, R + D)
+    velocity: Array  # (B, K, C)
+
+
+class Marchers(NamedTuple):
+    """Where the members are and what they have seen; advanced in place."""
+
+    z: Array  # (M, D + (a - 1) n)
+    position: Array  # (M, C) at the last step
+    velocity: Array  # (M, C)
+    tally: Array  # (M, m, 8), see sampling
+    diverged: Array  # (M,) integers: the step that overflowed, 0 for none
+
+
+class Kept(NamedTuple):
+    """What is kept of a stretch of steps. Empty arrays are not wanted."""
+
+    positions: Array  # (M, outputs, C) at every ``every``-th step
+    velocities: Array  # (M, outputs, C)
+    found: Array  # (M, outputs, m): the forces that nodes found, NaN where the end of a step is no node
+    starts: Array  # (B, D + (a - 1) n): the state of the only member at the start of each block
+    forces: Array  # (B, N)
+
+
+@compiled
+def resolve_several(push: Array, compliance: Array, law: Array, out: Array, forces: Array) -> bool:
+    """The stops of m contacts, the m entries of a node together. Whether any is met.
+
+    Where one is met alone, and the force on it leaves the others open, that is all; else see ``solve_node``.
+    """
+    m = law.shape[0]
+    met = False
+    for first in range(0, compliance.shape[0], m):
+        beyond, last = 0, 0
+        for c in range(m):
+            forces[first + c] = 0.0
+            if state(out[first + c], law[c, G1], law[c, G2]) != 0.0:
+                beyond, last = beyond + 1, c
+        if beyond == 0:
+            continue
+        met = True
+        i = first + last
+        stiff = stage_stiffness(law[last, KAPPA], compliance[i, last])
+        force = stage_force(out[i], stiff, law[last, G1], law[last, G2])
+        alone = beyond == 1
+        for c in range(m):
+            if c != last:
+                u = out[first + c] + force * compliance[i, c]
+                alone = alone and state(u, law[c, G1], law[c, G2]) == 0.0
+        if alone:
+            forces[i] = force
+            for j in range(np.uint64(first), np.uint64(out.size)):
+                out[j] += force * push[i, j]
+        else:
+            together = solve_node(out[first : first + m], compliance[first : first + m], law)
+            for c in range(m):
+                forces[first + c] = together[c]
+                if together[c] != 0.0:
+                    for j in range(np.uint64(first), np.uint64(out.size)):
+                        out[j] += together[c] * push[first + c, j]
+    return met
+
+
+@compiled
+def resolve_by_law(
+    push: Array, compliance: Array, rates: IntArray, rule: int, law: Array, before: Array, out: Array, forces: Array
+) -> int:
+    """The stops under any law, node by node; ``before`` (m,): the positions one node ago, advanced in place.
+
+    0 where none is met, 1 where one is, -1 - i where the forces of node i were not found.
+    """
+    m = law.shape[0]
+    rated = rates.size > 0
+    r, w, S, S_rate = np.zeros(m), np.zeros(m), np.zeros((m, m)), np.zeros((m, m))
+    met = 0
+    for first in range(0, compliance.shape[0], m):
+        touched = False
+        for c in range(m):
+            u = out[first + c]
+            forces[first + c] = 0.0
+            touched = touched or state(u, law[c, G1], law[c, G2]) != 0.0
+            touched = touched or (rule == MEAN and state(before[c], law[c, G1], law[c, G2]) != 0.0)
+        if touched:
+            met = 1
+            for c in range(m):
+                r[c] = out[first + c]
+                w[c] = out[rates[first + c]] if rated else 0.0
+                for e in range(m):
+                    S[c, e] = compliance[first + e, c]
+                    S_rate[c, e] = push[first + e, rates[first + c]] if rated else 0.0
+            force = solve_stage(r, w, S, S_rate, before, rule, law)
+            for c in range(m):
+                if math.isnan(force[c]) and not math.isnan(r[c]):
+                    return -1 - first
+                forces[first + c] = force[c]
+                if force[c] != 0.0:
+                    for j in range(out.size):
+                        out[j] += force[c] * push[first + c, j]
+        for c in range(m):
+            before[c] = out[first + c]
+    return met
+
+
+@inlined
+def read(reading: Array, z: Array, w: Array) -> None:
+    """w = reading z."""
+    R, D = reading.shape
+    for r in range(0, R, 8):
+        s0 = s1 = s2 = s3 = s4 = s5 = s6 = s7 = 0.0
+        for d in range(D):
+            x = z[d]
+            s0 += x * reading[r, d]
+            s1 += x * reading[r + 1, d]
+            s2 += x * reading[r + 2, d]
+            s3 += x * reading[r + 3, d]
+            s4 += x * reading[r + 4, d]
+            s5 += x * reading[r + 5, d]
+            s6 += x * reading[r + 6, d]
+            s7 += x * reading[r + 7, d]
+        w[r] = s0
+        w[r + 1] = s1
+        w[r + 2] = s2
+        w[r + 3] = s3
+        w[r + 4] = s4
+        w[r + 5] = s5
+        w[r + 6] = s6
+        w[r + 7] = s7
+
+
+@inlined
+def speed(
+    velocity: Array, velocity_push: Array, forced: Array, inflow: Array, v: int, b: int, k: int, c: int, z: Array,
+    g: Array, forces: Array,
+) -> float:  # fmt: skip
+    """The velocity of channel c at the end of step k of a block."""
+    total = 0.0
+    for d in range(velocity.shape[2]):
+        total += z[d] * velocity[k, c, d]
+    for i in range(forces.size):
+        total += forces[i] * velocity_push[k, c, i]
+    for e in range(g.size):
+        total += g[e] * forced[v, k, c, e]
+    if inflow.shape[0]:
+        total += inflow[b, k, c]
+    return total
+
+
+@inlined
+def eight_speeds(
+    velocity: Array, velocity_push: Array, forced: Array, inflow: Array, v: int, b: int, first: int, c: int, z: Array,
+    g: Array, forces: Array, touched: bool, speeds: Array,
+) -> None:  # fmt: skip
+    """``speed`` at the ends of eight steps from ``first`` on, beyond the block its last one."""
+    end = velocity.shape[0] - 1
+    k0, k1, k2, k3 = min(first, end), min(first + 1, end), min(first + 2, end), min(first + 3, end)
+    k4, k5, k6, k7 = min(first + 4, end), min(first + 5, end), min(first + 6, end), min(first + 7, end)
+    s0 = s1 = s2 = s3 = s4 = s5 = s6 = s7 = 0.0
+    for d in range(velocity.shape[2]):
+        x = z[d]
+        s0 += x * velocity[k0, c, d]
+        s1 += x * velocity[k1, c, d]
+        s2 += x * velocity[k2, c, d]
+        s3 += x * velocity[k3, c, d]
+        s4 += x * velocity[k4, c, d]
+        s5 += x * velocity[k5, c, d]
+        s6 += x * velocity[k6, c, d]
+        s7 += x * velocity[k7, c, d]
+    if touched:
+        for i in range(forces.size):
+            f = forces[i]
+            s0 += f * velocity_push[k0, c, i]
+            s1 += f * velocity_push[k1, c, i]
+            s2 += f * velocity_push[k2, c, i]
+            s3 += f * velocity_push[k3, c, i]
+            s4 += f * velocity_push[k4, c, i]
+            s5 += f * velocity_push[k5, c, i]
+            s6 += f * velocity_push[k6, c, i]
+            s7 += f * velocity_push[k7, c, i]
+    speeds[0], speeds[1], speeds[2], speeds[3] = s0, s1, s2, s3
+    speeds[4], speeds[5], speeds[6], speeds[7] = s4, s5, s6, s7
+    for j in range(8):
+        k = min(first + j, end)
+        for e in range(g.size):
+            speeds[j] += g[e] * forced[v, k, c, e]
+        if inflow.shape[0]:
+            speeds[j] += inflow[b, k, c]
 
 
 @inlined

@@ -12,13 +12,12 @@ from typing import Any
 
 import numpy as np
 
-from ...basics.arrays import Array
-from ...basics.double_precision import double_precision
+from ...basics.arrays import Array, double_precision
 from ...basics.validation import InputError
 from ...model.contact_law import G1, G2, KAPPA, stage_stiffness
 from ...model.stage import LINEAR
 from ...trajectory.sampling import SIDE, observe
-from .layout import OVERFLOW, Block, Forcing, Inflow, Kept, Marchers
+from .blocks import OVERFLOW, Block, Forcing, Inflow, Kept, Marchers
 
 NONE = np.zeros((0, 0, 0))  # contact="conserving" and other laws than the linear one are refused
 REMEDY = "use engine='numba'"

@@ -14,9 +14,8 @@ from ...basics.arrays import Array, IntArray
 from ...basics.compiled import compiled
 from ...model.contact_law import G1, G2
 from ...trajectory.sampling import SIDE
-from .blocks import run
+from .blocks import Block, Forcing, Inflow, Kept, Marchers, run
 from .depths import REMEMBERED, Phase, look_deeper, remember
-from .layout import Block, Forcing, Inflow, Kept, Marchers
 from .sums import (
     CROSSED,
     OPEN,

@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...basics.arrays import Array
-from ...basics.budget import afford
 from ...basics.compiled import clock
+from ...basics.resources import afford
 from ...basics.validation import InputError, one_of, positive
 from ...model.first_order import FirstOrderSystem
 from ...model.system import System

@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ...basics.arrays import Array
-from ...basics.double_precision import double_precision
+from ...basics.arrays import Array, double_precision
 from ...basics.validation import InputError
 from ...model.drive import Drive, Term
 from ...model.time_functions import in_closed_form

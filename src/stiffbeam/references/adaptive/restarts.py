@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...basics.arrays import Array
-from ...basics.budget import Forecast
+from ...basics.resources import Forecast
 from ...trajectory.trajectory import SolverFailure
 from ..request import RESTART
 from .pieces import Piece

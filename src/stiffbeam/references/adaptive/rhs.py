@@ -12,7 +12,7 @@ import scipy.sparse
 
 from ...basics.arrays import Array
 from ...model.contact import laws
-from ...model.contact_law import Law, pressure, pull, side_slopes, slopes
+from ...model.contact_law import pressure, pull, side_slopes, slopes
 from ...model.drive import Drive
 from ...model.first_order import FirstOrderSystem
 from ...model.system import System
@@ -85,7 +85,6 @@ class RightHandSide:
             power,
             np.array([c.column for c in contacts]).reshape(m, self.states),
         )
-        self._jacobians: dict[tuple[int, ...], Array] = {}
         self(0.0, self.z0.copy(), np.empty(self.size))
 
     def __call__(self, t: float, z: Array, out: Array) -> None:
@@ -117,33 +116,14 @@ class RightHandSide:
 
     def jacobian(self, t: float, z: Array) -> Array:
         """df/dz, (size, size), without the rows of the integrals: they act on nothing."""
-        if not all(c.contact.stops.linear for c in self.first_order.contacts):
-            return self._jacobian_by_law(t, z)
-        chi = []
-        for i, c in enumerate(self.first_order.contacts):
-            if self.regime[i] == THROUGH:
-                offset = offset_values(c.contact.offset, self._inside(t))
-                chi.append(int(c.contact.stops.state(c.row @ z[: self.states] + offset)))
-            else:
-                chi.append(int(self.regime[i]))
-        closed = tuple(chi)
-        if closed not in self._jacobians:
-            jacobian = np.zeros((self.size, self.size))
-            jacobian[: self.states, : self.states] = self.first_order.matrix
-            for c, side in zip(self.first_order.contacts, closed, strict=True):
-                if side:
-                    slope = c.contact.stops.spring(side)[0]
-                    jacobian[: self.states, : self.states] -= slope * np.outer(c.column, c.row)
-            self._jacobians[closed] = jacobian
-        return self._jacobians[closed]
-
-    def _jacobian_by_law(self, t: float, z: Array) -> Array:
         jacobian, y, n = np.zeros((self.size, self.size)), z[: self.states], self.states
         jacobian[:n, :n] = self.first_order.matrix
         for i, c in enumerate(self.first_order.contacts):
+            if self.regime[i] == 0:
+                continue
             u, v = (float(x) for x in self.first_order.contact_motion(c, self._inside(t), y))
             chi = self.regime[i] if self.regime[i] != THROUGH else int(c.contact.stops.state(u, v))
-            slope, to_rate = side_slopes(u, v, chi, Law(*c.contact.stops.law))
+            slope, to_rate = side_slopes(u, v, chi, c.contact.stops.coefficients)
             if slope:
                 jacobian[:n, :n] -= slope * np.outer(c.column, c.row)
             if to_rate:
@@ -168,7 +148,7 @@ class RightHandSide:
             out[2 * half + k] = rate
             if not stops.dissipative:
                 continue
-            law, d = Law(*stops.law), out[k]
+            law, d = stops.coefficients, out[k]
             acceleration = side * (self._contacts[2][i] @ z_rate[: self.states] + self._offset_acceleration(t, i))
             slope, to_rate = slopes(d, rate, law)
             out[2 * half + k] = slope * rate + to_rate * acceleration
@@ -180,7 +160,7 @@ class RightHandSide:
         c = self.first_order.contacts[i]
         u, v = self.first_order.contact_motion(c, self._inside(t), z[: self.states])
         depth = side * (u - (c.contact.stops.g2 if side > 0 else c.contact.stops.g1))
-        return max(0.0, pressure(max(0.0, float(depth)), side * float(v), Law(*c.contact.stops.law)))
+        return max(0.0, pressure(max(0.0, float(depth)), side * float(v), c.contact.stops.coefficients))
 
     @property
     def roots(self) -> int:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...basics.arrays import Array
-from ...basics.budget import afford
+from ...basics.resources import afford
 from ...model.system import System
 from ...trajectory.impacts import ContactRecord, Impacts
 from ...trajectory.ledger import Ledger
@@ -120,6 +120,12 @@ def contact_record(
 ) -> ContactRecord:
     """Contact history in [since, t_end] by events: impacts are the switches from free to a stop."""
     return record_of(system, solution, i, path_of(system, solution, t, i), t_end, since)
+
+
+def contact_between(system: System, solution: Solution, start: float, end: float, i: int) -> ContactRecord:
+    """``contact_record`` of [start, end], a part of the solution's span."""
+    pieces = solution.first(max(1, int(np.searchsorted(solution.times, end))))
+    return contact_record(system, pieces, i, np.array([start, end]), end, start)
 
 
 def record_of(

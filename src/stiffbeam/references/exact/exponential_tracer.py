@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...basics.arrays import Array
-from ...basics.budget import Forecast
+from ...basics.resources import Forecast
 from ...model.drive import Drive
 from ...model.modes import undamped_modes
 from ...model.system import System

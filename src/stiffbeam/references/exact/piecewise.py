@@ -15,8 +15,8 @@ from itertools import count
 from typing import Any
 
 from ...basics.arrays import Array
-from ...basics.budget import afford
 from ...basics.compiled import clock
+from ...basics.resources import afford
 from ...basics.validation import InputError, positive
 from ...model.drive import Drive
 from ...model.modes import Modes, undamped_modes
@@ -28,7 +28,7 @@ from ...trajectory.trajectory import Reference, Work, versions
 from ..agreement import Watched
 from ..request import Request, output_times
 from .audit import audit, within_float64
-from .exact_measures import Solution, entries, exact_ledger, path_of, record_of
+from .exact_measures import Solution, contact_between, entries, exact_ledger, path_of, record_of
 from .exponential_tracer import ExponentialTracer
 from .rounding import Perturbation
 from .undamped_regimes import Parts
@@ -159,6 +159,7 @@ def reference_of(
         evaluate=partial(path_of, system, solution),
         state_at=solution.states,
         ledger=partial(exact_ledger, system, solution, t),
+        contact_by_events=partial(contact_between, system, solution),
         solution=solution,
     )
 

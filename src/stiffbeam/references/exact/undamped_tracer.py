@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from ...basics.arrays import Array
-from ...basics.budget import Forecast
+from ...basics.resources import Forecast
 from ...model.drive import Drive
 from ...trajectory.trajectory import SolverFailure
 from .following import Regimes, follow

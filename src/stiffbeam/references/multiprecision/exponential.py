@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from flint import acb, acb_mat, arb, arb_mat, ctx
 
-from ...basics.budget import Forecast
+from ...basics.resources import Forecast
 from ...model.drive import Drive
 from ...model.system import System
 from ...trajectory.trajectory import SolverFailure

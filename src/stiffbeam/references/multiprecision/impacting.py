@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from flint import arb, arb_mat
 
-from ...basics.budget import Forecast
+from ...basics.resources import Forecast
 from ...basics.validation import InputError
 from ...model.system import System
 from ...trajectory.trajectory import SolverFailure

@@ -17,8 +17,7 @@ from flint import arb, arb_mat, ctx, fmpq
 from ...basics.exact_float import exact_value
 from ...model.contact import Stops
 from ...model.drive import Drive
-from ...model.problem import BeamProblem, PointLoad, Profile
-from ...model.profiles import PolynomialProfile
+from ...model.problem import BeamProblem, PointLoad, PolynomialProfile, Profile
 from ...model.sampled import Sampled
 from ...model.semidiscretisation import bending_stencil, semidiscretise
 from ...model.system import System
@@ -165,7 +164,7 @@ def offset_of(function: Any, drive: Drive) -> tuple[list[Any], list[Any]]:
 
 
 def _place(problem: BeamProblem, stops: Stops, M: int, drive: Drive) -> tuple[list[Any], list[Any], list[Any]]:
-    """Row of stops on a beam by linear interpolation; phi (1 - (x/L)^2) - m(t) as ``offset_of``, see model.frame."""
+    """Row of stops on a beam by linear interpolation; phi (1 - (x/L)^2) - m(t) as ``offset_of``."""
     position = problem.length if stops.position is None else stops.position
     share = number(position) / number(problem.length)
     offset = _Loads(drive, 1)

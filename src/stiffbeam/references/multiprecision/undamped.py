@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from flint import arb, arb_mat, ctx
 
-from ...basics.budget import Forecast
+from ...basics.resources import Forecast
 from ...model.contact import Stops
 from ...model.drive import Drive
 from ...model.modes import Modes

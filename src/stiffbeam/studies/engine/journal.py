@@ -15,7 +15,7 @@ try:
 except ImportError:  # where there is no such lock
     fcntl = None
 
-from ...basics.cache import source_hash
+from ...basics.storage import source_hash
 from ...basics.validation import InputError
 from ...files.cases import Case
 from ...schemes.labels import user_source

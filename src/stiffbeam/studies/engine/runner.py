@@ -16,10 +16,9 @@ from typing import Any
 
 import numpy as np
 
-from ...basics.threads import cores
+from ...basics.resources import cores
 from ...basics.validation import InputError, integer, near, positive
-from ...files.case import Case, case_of
-from ...files.cases import find_case
+from ...files.cases import Case, case_of, find_case
 from ...march.warm import COMPILING, any_law, compiled, warm_up
 from ...model.drive import stays_at_rest
 from ...model.system import System

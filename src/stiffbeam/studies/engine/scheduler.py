@@ -8,7 +8,7 @@ from concurrent.futures import CancelledError, Executor
 from contextlib import contextmanager
 from typing import Any
 
-from ...basics.cache import source_hash
+from ...basics.storage import source_hash
 from ...basics.validation import InputError
 from ...trajectory.trajectory import Unfinished
 from .runner import GO_ON

@@ -8,8 +8,8 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ...basics.plain import plain
-from ...basics.whole_file import write_whole
+from ...basics.storage import write_whole
+from ...basics.text import plain
 from ...references import substitute
 
 if TYPE_CHECKING:

@@ -1,12 +1,16 @@
-"""Text that fits on a line: short, whatever it is about, and without signs that a terminal would obey."""
+"""Values as text: a message on one line, plain values for JSON, columns as a table."""
 
 from __future__ import annotations
 
+import math
 import reprlib
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+
+if TYPE_CHECKING:
+    import pandas
 
 LONGEST = 300  # of a message
 
@@ -55,3 +59,23 @@ def cut(text: str, most: int) -> str:
     """``text``, its middle left out where it is longer than ``most``."""
     tail = (most - 3) // 2
     return text if len(text) <= most else f"{text[: most - 3 - tail]}...{text[len(text) - tail :]}"
+
+
+def plain(value: Any) -> Any:
+    """``value`` without NumPy's types; JSON has no NaN and no infinity, None stands for them."""
+    if isinstance(value, Mapping):
+        return {key: plain(item) for key, item in value.items()}
+    if hasattr(value, "tolist"):
+        value = value.tolist()
+    if isinstance(value, (list, tuple)):
+        return [plain(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def table(columns: dict[str, Any], attributes: dict[str, Any] | None = None) -> pandas.DataFrame:
+    """A DataFrame of the columns; what belongs to all of it stands in ``attrs``."""
+    import pandas
+
+    frame = pandas.DataFrame(columns)
+    frame.attrs.update(attributes or {})
+    return frame

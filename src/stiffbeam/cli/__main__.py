@@ -1,5 +1,0 @@
-"""``python -m stiffbeam.cli``."""
-
-from . import main
-
-main()

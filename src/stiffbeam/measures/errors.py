@@ -1,0 +1,123 @@
+"""Errors of a motion against its reference, and the order in which they fall with the step."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import scipy.stats
+from numpy.typing import ArrayLike
+
+from ..basics.arrays import Array, step_lengths
+from ..basics.validation import InputError, positive
+from ..trajectory.trajectory import Reference, Trajectory
+
+
+def run_of(run: Any, reference: Any, asked: str) -> Trajectory:
+    """``run``, or its arrays (t, tip) or (t, tip, tip velocity) as a run of the reference's system.
+
+    Raises InputError where they are something else or of two systems, with what differs, and where the reference has
+    no horizon.
+    """
+    if isinstance(run, (tuple, list)) and len(run) in (2, 3) and isinstance(reference, Reference):
+        run = Trajectory.from_arrays(*run, system=reference.system)
+    if not isinstance(run, Trajectory) or not isinstance(reference, Reference):
+        got = f"{type(run).__name__}, {type(reference).__name__}"
+        rule = "be given a run, or its arrays (t, tip) or (t, tip, tip velocity), and a reference, in this order"
+        raise InputError(asked, got, rule, "reference() makes one")
+    require_same_system(run, reference)
+    if not np.isfinite(reference.horizon):
+        raise InputError("reference.horizon", reference.horizon, "be known", "make it with stiffbeam.reference")
+    return run
+
+
+def require_same_system(run: Trajectory, reference: Reference) -> None:
+    """Raise InputError, with what differs, where run and reference are of two systems."""
+    if run.fingerprint == reference.fingerprint:
+        return
+    rule, remedy = f"be of the same system as {run.label}", "solve run.system"
+    if run.system is None or reference.system is None:
+        rule += ", which is not known of both"
+    else:
+        differs = run.system.differences(reference.system)
+        rule += f"; they differ in: {', '.join(differs)}"
+        if differs == ["exact parameters"]:
+            remedy += '; 0.1 in Python is a double, in a case file and as "0.1" it is the decimal'
+    raise InputError("reference", reference.label, rule, remedy)
+
+
+@dataclass(frozen=True)
+class TipError:
+    """(u - u_ref)/max |u_ref| over the times both are given at; both 0 where run and reference are at rest."""
+
+    rms: float
+    max: float
+
+
+def relative_error(u: Array, u_ref: Array) -> Array:
+    """(u - u_ref)/max |u_ref|, (k,); u - u_ref itself for a reference at rest."""
+    return (u - u_ref) / (float(np.max(np.abs(u_ref))) or 1.0)
+
+
+def rms(error: Array, t: Array | None = None) -> float:
+    """Root of the mean square of error (k,), at times t (k,) of the mean over time."""
+    return float(np.sqrt(np.average(error**2, weights=None if t is None else step_lengths(t))))
+
+
+def tip_error(u: Array, u_ref: Array) -> TipError:
+    """rms and largest |error| of u (k,) against u_ref (k,) at the same times, k >= 1."""
+    error = relative_error(u, u_ref)
+    return TipError(rms(error), float(np.max(np.abs(error))))
+
+
+def stays_within(run: Trajectory | Sequence[ArrayLike], reference: Reference, error: float) -> float:
+    """The time to which |u_run - u_ref| <= error max |u_ref|, the largest over the whole window, at every output.
+
+    ``run`` is a run or its arrays (t, tip) or (t, tip, tip velocity), as of ``compare``.
+    The last output before the first that is further off, at most the window's end, the smaller of t_end and the
+    horizon: past it the reference itself is not known. Raises InputError where the systems differ, where the
+    reference has no horizon, and where it does not know the run's times.
+    """
+    positive("error", error)
+    run = run_of(run, reference, "stays_within")
+    end = min(float(run.t[-1]), float(reference.provenance["t_end"]), reference.horizon)
+    t = run.t[run.t <= end * (1 + 1e-12)]
+    off = np.abs(relative_error(run.tip[: len(t)], reference.at(t)[0])) > error
+    return end if not np.any(off) else float(t[max(0, int(np.argmax(off)) - 1)])
+
+
+WIDEST = 1.5  # an interval wider than this cannot tell one order from the next
+
+
+@dataclass(frozen=True)
+class Order:
+    """error = C step^slope by least squares; slope +- interval holds with 95 % (Student's t, n - 2)."""
+
+    slope: float
+    interval: float
+    constant: float
+    points: int
+
+    @property
+    def unclear(self) -> bool:
+        """Whether the interval is too wide to speak of a rate."""
+        return 2.0 * self.interval > WIDEST
+
+    def __str__(self) -> str:
+        if self.unclear:
+            return "no clear rate"
+        return f"{self.slope:.2f} " + (f"± {self.interval:.2f}" if np.isfinite(self.interval) else "(two points)")
+
+
+def observed_order(steps: ArrayLike, errors: ArrayLike) -> Order:
+    """The Order through (steps, errors), all > 0; NaN for fewer than two steps, no interval for two points."""
+    x, y = np.log(np.asarray(steps, float)), np.log(np.asarray(errors, float))
+    n = len(x)
+    nan = float("nan")
+    if len(np.unique(x)) < 2:
+        return Order(nan, nan, nan, n)
+    fit: Any = scipy.stats.linregress(x, y)
+    interval = float(scipy.stats.t.ppf(0.975, n - 2) * fit.stderr) if n > 2 else nan
+    return Order(float(fit.slope), interval, float(np.exp(fit.intercept)), n)
