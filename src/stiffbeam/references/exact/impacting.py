@@ -74,12 +74,16 @@ class Tracer:
             event = events[0] if events else None
             s = longest if event is None else event[0]
             if not s > 0.0 and event is None:
-                raise SolverFailure("exact", self.t, "time does not go on in float64", "use integrate")
+                raise SolverFailure(
+                    "exact", self.t, "time does not go on in float64", "use a scheme with an impact law"
+                )
             now = self.t + s
             self.q, self.v = value(c, s), rate(c, s)
             still, turns = (0, {}) if now > self.t else (still + 1, turns)
             if still > MOST_AT_ONCE:
-                raise SolverFailure("exact", now, f"{MOST_AT_ONCE} events at one time", "use integrate")
+                raise SolverFailure(
+                    "exact", now, f"{MOST_AT_ONCE} events at one time", "use a scheme with an impact law"
+                )
             if self.roundings and now > self.t:
                 now = self._perturb(c, R, held, s, edge)
             self.t = edge if event is None and longest == edge - self.t else now

@@ -64,11 +64,11 @@ def solve_rigid(
         withheld, kept = _withheld(system, solution, t_end)
         if opened > LOST * scale + withheld:
             reason = f"the energy balance is open, by {opened / scale:.2g} of the energy"
-            raise SolverFailure("exact", t_end, reason, "use integrate")
+            raise SolverFailure("exact", t_end, reason, "use a scheme with an impact law")
         beyond = _beyond(system, solution, kept)
         if beyond > LOST:
             reason = f"the motion is beyond a stop, by {beyond:.2g} of its largest displacement"
-            raise SolverFailure("exact", t_end, reason, "use integrate")
+            raise SolverFailure("exact", t_end, reason, "use a scheme with an impact law")
         if not trusted:
             return found
         horizon = min(_horizon(system, found, kept, t, t_end), float(np.max(t[t < solution.tie], initial=0.0)))

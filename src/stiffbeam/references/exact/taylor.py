@@ -77,12 +77,12 @@ class Model:
             for _, part in parts(function):
                 if not isinstance(part, (Harmonic, Constant, Sampled)):
                     rule = "be made of Harmonic, Constant and Sampled for the exact solution with rigid stops"
-                    raise InputError("time function", part, rule, "use integrate")
+                    raise InputError("time function", part, rule, "use a scheme with an impact law")
                 drives.append(float(part.frequency) if isinstance(part, Harmonic) else 0.0)
         for part in (x for contact in system.contacts for x in parts_of(contact.offset)):
             if isinstance(part, Sampled) and part.degree < 2:
                 rule = "have a velocity at its samples, where it moves a rigid stop"
-                raise InputError("contact.offset", part, rule, "take kind='cubic'")
+                raise InputError("contact.offset", part, rule, 'take samples of kind "cubic"')
         solved = np.linalg.solve(system.mass, np.hstack([system.stiffness, system.damping, rows.T]))
         n = system.size
         stiff, damp, back = solved[:, :n], solved[:, n : 2 * n], solved[:, 2 * n :]
