@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import stiffbeam as sb
-from stiffbeam.files.case import case_of
+from stiffbeam.files.cases import case_of
 from stiffbeam.studies.parameters import named
 from stiffbeam.studies.sweep import points, sections
 
