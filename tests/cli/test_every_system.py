@@ -193,6 +193,7 @@ def test_a_ball_that_rests_on_a_moving_table_starts_there_but_for_rounding(round
     table = sb.Harmonic(0.01, 40.0, 0.7)
     system = ball(sb.Stops(lower=0.0, stiffness=np.inf, restitution=0.0), 0.0, table)
     system = replace(system, q0=-table.value(0.0) * np.ones(1) + rounding, v0=-table.rate(0.0) * np.ones(1))
-    exact = sb.reference(system, 0.1)
+    exact, precise = (sb.reference(system, 0.1, method=method) for method in ("exact", "multiprecision"))
     run = sb.integrate(system, sb.MoreauJean(), 1e-3, 0.1)
     assert np.max(np.abs(run.tip - exact.at(run.t)[0])) < 1e-4
+    assert np.max(np.abs(precise.tip - exact.at(precise.t)[0])) < 1e-14

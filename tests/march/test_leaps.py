@@ -13,7 +13,6 @@ from leaping import SCHEMES, both, campaign
 import stiffbeam as sb
 from stiffbeam.march import leap
 from stiffbeam.march.integrate import Plan
-from stiffbeam.march.kernels import depths
 from stiffbeam.march.kernels import sums as kernel
 
 pytestmark = pytest.mark.usefixtures("numpy_kernel")
@@ -119,7 +118,7 @@ def test_the_greatest_depth_is_that_of_all_steps():
         g = w[0] - side * size * rng.uniform(0.0, 1.0)
         truth = np.max(side * (w[:-1] - g))
         best = truth + size * rng.choice([-1.0, -1e-3, 0.0, 1e-3])
-        found = depths.deepest(
+        found = kernel.deepest(
             regimes, 0, 0, 0, side, g, coordinates(y), steps, y.size, best, work[:, :, : y.size].copy()
         )  # fmt: skip
         assert found == pytest.approx(max(best, truth), abs=1e-13 * size)

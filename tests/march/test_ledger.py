@@ -133,11 +133,11 @@ def test_the_ledger_does_not_depend_on_where_stretches_end(table10, monkeypatch)
 @pytest.mark.fast(8)
 def test_blocks_that_no_contact_meets_are_passed_over_without_a_difference(scheme, every, monkeypatch):
     """Against the definition; and both ways against each other where outputs lie at the ends of blocks and between."""
-    from stiffbeam.march import free_blocks, replay
+    from stiffbeam.march import replay
 
-    passed = []
+    passed, free_block = [], replay.free_block
     monkeypatch.setattr(replay, "SHORT", 1)
-    monkeypatch.setattr(replay, "free_block", lambda *given: passed.append(1) or free_blocks.free_block(*given))
+    monkeypatch.setattr(replay, "free_block", lambda *given: passed.append(1) or free_block(*given))
     run = sb.integrate(two_contacts(), scheme, 2e-3, 8.0, every=every)
     assert_the_same_ledger(run)
     assert passed

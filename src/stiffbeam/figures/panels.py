@@ -207,7 +207,7 @@ def tip_symbol(problem: BeamProblem | None, t: str = "t") -> str:
 
 
 def tip_name(problem: BeamProblem | None) -> str:
-    """What is observed: the tip, or the middle of a beam whose end is held."""
+    """Name of the observed point: the tip, or the middle of a beam whose end is held."""
     return "tip" if problem is None or problem.ends[1] == "free" else "mid-span"
 
 

@@ -30,8 +30,7 @@ from .kernels.blocks import Marchers
 from .kernels.sums import Regimes
 from .probe import InModes
 from .propagator import Propagator, build
-from .regimes import Sum, regime, tables
-from .step_map import EXTENDED, NoRegime
+from .regimes import EXTENDED, NoRegime, Sum, regime, tables
 
 LEAPS = "modal leaps"
 MOST_CONTACTS = 8

@@ -72,10 +72,12 @@ class Reduced:
         force that moves no mass."""
         w2 = non_negative("frequency", frequency) ** 2
         exact = scipy.sparse.linalg.splu((self.stiffness - w2 * self.mass).tocsc()).solve(self.rows)
-        found = self.basis @ np.linalg.solve(self.system.stiffness - w2 * self.system.mass, self.basis.T @ self.rows)
+        deflections = self.basis @ np.linalg.solve(
+            self.system.stiffness - w2 * self.system.mass, self.basis.T @ self.rows
+        )
         norm = lambda x: np.sqrt(np.sum(x * (self.mass @ x), axis=0))  # noqa: E731
         size = norm(exact)
-        return float(np.max(np.divide(norm(found - exact), size, out=np.ones_like(size), where=size > 0.0)))
+        return float(np.max(np.divide(norm(deflections - exact), size, out=np.ones_like(size), where=size > 0.0)))
 
 
 def reduced(
@@ -176,8 +178,8 @@ def _lowest(M: Any, K: Any, solve: Callable[[Array], Array], modes: int) -> tupl
 
 def _projected(C: Any, T: Array) -> Array:
     """T^T C T without its rounding, so that what couples no modes couples none here."""
-    found = uncoupled(C, T, T.T @ (C @ T), np.zeros(T.shape[1], bool))
-    return 0.5 * (found + found.T)
+    projected = uncoupled(C, T, T.T @ (C @ T), np.zeros(T.shape[1], bool))
+    return 0.5 * (projected + projected.T)
 
 
 def _share(M: Any, part: Array, whole: Array) -> float:

@@ -99,6 +99,7 @@ def _pairs(case: Case, point: Point) -> list[Row]:
     dq = basis.to_nodal(noise[0] / motion.rates)
     dv = basis.to_nodal(noise[1])
     systems = [later(system, t, *state) for t, *state in zip(times, q, v, strict=True)]
+    dq = np.array([before_stops(one, x) for one, x in zip(systems, dq, strict=True)])
     systems += [later(system, t, *state) for t, *state in zip(times, q + dq, v + dv, strict=True)]
     steps = round(span / dt)
     if point["method"] == "exact":
@@ -114,6 +115,20 @@ def _pairs(case: Case, point: Point) -> list[Row]:
     keep = np.unique(np.linspace(1, steps, 100).astype(int))
     mean = np.exp(np.mean(np.log(np.maximum(distance, np.finfo(float).tiny)), axis=0)) / largest
     return rows + [{"t": float(many.t[k]), "distance": float(mean[k])} for k in keep]
+
+
+def before_stops(system: System, dq: Array) -> Array:
+    """A step dq (n,) from the start of ``system`` to a neighbour that no rigid stop forbids.
+
+    Where it leads beyond a stop it is turned back: its part along M^-1 row^T changes sign, which keeps its size.
+    """
+    at = system.positions(0.0, system.q0)
+    for contact, u in zip(system.contacts, at, strict=False):
+        along = np.linalg.solve(system.mass, contact.row)
+        across = contact.row @ dq
+        if contact.stops.rigid and contact.stops.penetration(u + across):
+            dq = dq - 2.0 * across / (contact.row @ along) * along
+    return dq
 
 
 def _recorded(system: System) -> float:

@@ -15,13 +15,14 @@ from ...basics.compiled import compiled
 from ...model.contact_law import G1, G2
 from ...trajectory.sampling import SIDE
 from .blocks import Block, Forcing, Inflow, Kept, Marchers, run
-from .depths import REMEMBERED, Phase, look_deeper, remember
 from .sums import (
     CROSSED,
     OPEN,
     OVER,
+    REMEMBERED,
     SURE,
     Cubic,
+    Phase,
     Regimes,
     bounds,
     emit,
@@ -30,6 +31,8 @@ from .sums import (
     judge,
     keeps,
     leave,
+    look_deeper,
+    remember,
     sizes,
     slow_part,
     turn,

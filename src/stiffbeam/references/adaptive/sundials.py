@@ -9,8 +9,28 @@ import numpy as np
 
 from ...trajectory.trajectory import SolverFailure
 from .restarts import Outcome, Phase, Root, refuse_endless
+from .rhs import RightHandSide
+from .sundials_library import CompiledSolver
 
 MAX_STEPS = 10_000_000  # per output point; the default of 500 ends most contact runs
+
+
+def linear_solver(rhs: RightHandSide) -> dict[str, Any]:
+    """The options of scikit-sundae's direct solver: banded where that pays."""
+    if rhs.bandwidths is None:
+        return {"linsolver": "dense"}
+    lower, upper = rhs.bandwidths
+    return {"linsolver": "band", "lband": lower, "uband": upper}
+
+
+def compiled(method: str, solver: CompiledSolver) -> Callable[[Phase], Outcome]:
+    """Return what integrates a phase with a solver whose equations are compiled."""
+
+    def run(phase: Phase) -> Outcome:
+        solver.init_step(phase)
+        return advance(method, solver, phase)
+
+    return run
 
 
 def phase_options(phase: Phase, roots: Callable[..., None]) -> dict[str, Any]:

@@ -90,6 +90,10 @@ def growth(
 ) -> Growth:
     """``lyapunov`` along a solution that is there already, ended where a growth, ln, is ``enough``."""
     dq, dv = _vectors(system, seed)
+    if isinstance(solution, Neighbours):  # those of a contact that is held stay on its stop
+        dq, dv = _unit(system, *solution.on_stops(0, dq, dv))
+    if not dq.shape[1]:
+        raise SolverFailure("lyapunov", 0.0, MERGED, "shorten t_end")
     edges = np.union1d(solution.times[solution.times < t_end], np.linspace(0.0, t_end, SAMPLES + 1))
     if isinstance(solution, Undamped):
         passed, logs = solution.grow(edges, dq, dv, enough)
@@ -168,6 +172,11 @@ def _vectors(system: System, seed: int) -> tuple[Array, Array]:
         force = force + contact.row * contact.stops.force(u, speed)
     dq = np.column_stack([basis.shapes @ (noise[0] / scale), system.v0])
     dv = np.column_stack([basis.shapes @ noise[1], np.linalg.solve(system.mass, force)])
+    return _unit(system, dq, dv)
+
+
+def _unit(system: System, dq: Array, dv: Array) -> tuple[Array, Array]:
+    """Vectors of size 1, without those of none."""
     size = _norm(system, dq, dv)
     moving = size > 0.0
     return dq[:, moving] / size[moving], dv[:, moving] / size[moving]

@@ -23,8 +23,8 @@ from ...trajectory.ledger import Ledger
 from ...trajectory.trajectory import Reference, SolverFailure, Work, versions
 from ..request import Request, output_times
 from ..rigid_stops import require_rigid
-from .first_zero import Undecided
 from .impacting import Impact, March, Motion
+from .linear_flow import Undecided
 from .rational import carried
 
 FIRST = 40  # digits to begin with

@@ -1,0 +1,40 @@
+"""The table of studies/house.py: size of the package, and files that calls enter."""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+HOUSE = Path(__file__).parents[2] / "studies" / "house.py"
+MOST = {"integrate, HHT": 28}  # files that a call may enter
+
+
+@pytest.fixture(scope="module")
+def house():
+    found = importlib.util.spec_from_file_location("house", HOUSE)
+    assert found is not None
+    assert found.loader is not None
+    made = importlib.util.module_from_spec(found)
+    found.loader.exec_module(made)
+    return made
+
+
+@pytest.mark.parametrize("name", MOST)
+def test_a_call_enters_few_files(house, name, tmp_path):
+    entered = house.files_entered(house.calls(tmp_path)[name])
+    assert "march/integrate.py" in entered
+    assert len(entered) <= MOST[name], sorted(entered)
+
+
+@pytest.mark.slow
+def test_the_table_has_a_line_for_every_call(house, tmp_path):
+    done = subprocess.run([sys.executable, HOUSE], capture_output=True, text=True, timeout=600)
+    assert done.returncode == 0, done.stderr
+    assert re.search(r"package: \d+ lines in \d+ files, [\d.]+ % of the lines comments", done.stdout)
+    for name in house.calls(tmp_path):
+        assert re.search(rf"^    {re.escape(name)} +[1-9]\d*$", done.stdout, re.MULTILINE)
