@@ -307,7 +307,7 @@ class BeamProblem:
         step = 1e-5  # of the length
         x = self.length * np.array([0.0, step, 0.25, 0.5, 0.75, 1.0 - step, 1.0])
         u = np.asarray(self.initial_displacement(x), float)
-        scale = max(1e-300, abs(phi0), float(np.max(np.abs(u))))
+        scale = max(abs(phi0), float(np.max(np.abs(u))))
         for end, at, beside in zip(self.ends, (0, -1), (1, -2), strict=True):
             if end != "free" and abs(u[at] - phi0) > 1e-9 * scale:
                 rule = f"equal the base motion phi(0) = {phi0} at x = {x[at]:g}"

@@ -108,7 +108,7 @@ def _pairs(case: Case, point: Point) -> list[Row]:
         exponent, late = growth(many.t, distance[k], max(ROUNDED, 1e-2 * point["size"]) * largest, LINEAR * largest)
         rows.append({"pair": k, "start": float(times[k]), "exponent": exponent, "late": late})
     keep = np.unique(np.linspace(1, steps, 100).astype(int))
-    mean = np.exp(np.mean(np.log(np.maximum(distance, 1e-300)), axis=0)) / largest
+    mean = np.exp(np.mean(np.log(np.maximum(distance, np.finfo(float).tiny)), axis=0)) / largest
     return rows + [{"t": float(many.t[k]), "distance": float(mean[k])} for k in keep]
 
 

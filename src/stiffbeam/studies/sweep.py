@@ -47,8 +47,10 @@ LONGEST = 8  # periods of the drive that a motion may take to repeat itself and 
 SAME = 1e-3  # of the largest |u|: section points closer than this are one
 BATCHES = 16  # at least, so that processes end together
 # Seconds with 25 cells on one core: what a batch is cut to, so that a kill loses little; setting a scheme
-# up, a step, a period of the drive of the exact solution.
-BATCH, SETTING_UP, STEP, EXACT_PERIOD = 1.0, 0.02, 3e-8, 6e-3
+# up, a step, a period of the drive of the exact solution, the last two for compliant and for rigid stops.
+BATCH, SETTING_UP, STEP, EXACT_PERIOD = 1.0, 0.02, (3e-8, 3e-7), (6e-3, 3e-2)
+PERIODS, TRANSIENT, BUDGET = 60, 100, 20.0  # by default; as many as about so many seconds allow, LEAST of each
+LEAST = LONGEST + 2
 
 
 def points(
@@ -74,15 +76,16 @@ def points(
     form: Form,
     contact: Treatment = "implicit",
     dt: Annotated[float, "the nearest step that divides the period is taken; default: the case's"],
-    periods: Annotated[int, "of the drive, that are looked at"] = 60,
-    transient: Annotated[int, "periods of the drive before them"] = 100,
+    periods: Annotated[int | None, "of the drive, that are looked at; default: 60, fewer where these take long"] = None,
+    transient: Annotated[int | None, "periods of the drive before them; default: 100, or fewer as well"] = None,
     count: Annotated[int, "drive frequencies where no values are given"] = 200,
 ) -> list[Point]:
     """Batches of values, each a line of the journal; with ``second`` a grid, without sections.
 
     values: of ``parameter``, in the case's own units; by default ``count`` drive
     frequencies from 0.7 to 1.3 of the case's. method: a scheme's label or "exact", by default the case's
-    first scheme. transient: periods of the drive before the ``periods`` that are looked at. Where several
+    first scheme. transient: periods of the drive before the ``periods`` that are looked at; by default 60 after 100, or
+    as many as take about 20 s of processor time, at least 10 after 10. Where several
     frequencies drive the system, the period is that of the drive whose parameter is varied.
     couple: arithmetic of x, the value of ``parameter``, for each parameter that follows it.
     """
@@ -91,6 +94,9 @@ def points(
         rigid = any(contact.stops.rigid for contact in system_of(case, form).contacts)
         method = next((run for run in runs if not rigid or isinstance(scheme_of(run), RigidScheme)), EXACT)
     method = method if method == EXACT else label_of(method)
+    for name, periods_given, least in (("periods", periods, 1), ("transient", transient, 0)):
+        if periods_given is not None:
+            integer(name, periods_given, least)
     if values is None and parameter == "frequency":
         own = 2.0 * np.pi / drive_period(system_of(case, form))
         values = np.linspace(0.7 * own, 1.3 * own, count).tolist()
@@ -112,12 +118,11 @@ def points(
     for name, along in axes.items():
         if along is None or not len(along):
             raise InputError("values", along, f"be given for {name}", "for example 8:14:400 or 8,9,10.5")
-    grid = [[number(name, x) for x in along or ()] for name, along in axes.items()]
+    grid = [[number(name, x) for x in along] for name, along in axes.items() if along is not None]
     rest = {
         "parameter": parameter, "second": second, "coupled": list(follow), "method": method,
         "form": form, "contact": contact,
         "dt": None if method == EXACT else positive("dt", dt),
-        "periods": periods, "transient": transient,
     }  # fmt: skip
     # Bad values are refused here, at the ends of the ranges; what a scheme refuses in between is a row.
     base = system_of(case, form)
@@ -127,6 +132,11 @@ def points(
 
     ends = [setup_of(base, rest, whole(value)) for value in product(*([min(axis), max(axis)] for axis in grid))]
     together = all(name in IN_STEP for name in names_of(rest))
+    whole_cost = len(list(product(*grid))) * max(_seconds(setup, PERIODS + TRANSIENT) for setup in ends)
+    share = min(1.0, BUDGET / whole_cost)
+    periods = max(LEAST, int(share * PERIODS)) if periods is None else periods
+    transient = max(LEAST, int(share * TRANSIENT)) if transient is None else transient
+    rest |= {"periods": periods, "transient": transient}
     seconds = max(_seconds(setup, periods + transient) + (0.0 if together else SETTING_UP) for setup in ends)
     if second is not None and parameter in IN_STEP:  # what marches together stands together
         wanted = [whole([x, y]) for y in grid[1] for x in grid[0]]
@@ -137,9 +147,10 @@ def points(
 
 
 def _seconds(setup: Setup, periods: int) -> float:
+    rigid = any(contact.stops.rigid for contact in setup.system.contacts)
     if setup.scheme is None:
-        return EXACT_PERIOD * periods
-    return STEP * periods * setup.period / setup.dt * max(1.0, setup.system.size / 25)
+        return EXACT_PERIOD[rigid] * periods
+    return STEP[rigid] * periods * setup.period / setup.dt * max(1.0, setup.system.size / 25)
 
 
 def evaluate(case: Case, point: Point) -> list[Row]:
