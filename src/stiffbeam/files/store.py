@@ -25,10 +25,11 @@ from ..basics.validation import InputError, file_path, numbers
 from ..march.integrate import Plan
 from ..model.contact import Stops
 from ..model.system import System, require_system
+from ..piecewise.measures import Solution
+from ..piecewise.rounding import Perturbation
+from ..piecewise.tracer import tracer_of
 from ..references import solve
-from ..references.exact.exact_measures import Solution
-from ..references.exact.piecewise import reference_of, tracer_of
-from ..references.exact.rounding import Perturbation
+from ..references.exact.piecewise import reference_of
 from ..schemes.labels import parse_run
 from ..trajectory.dataset import FORMAT, HASHED, LEDGER
 from ..trajectory.impacts import COLUMNS, OPEN_AT_START, ContactRecord, Impacts

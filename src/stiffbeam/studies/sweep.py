@@ -18,7 +18,7 @@ from typing import Annotated, Any
 import numpy as np
 
 from ..basics.arrays import Array
-from ..basics.validation import InputError, near, number, positive
+from ..basics.validation import InputError, integer, near, number, positive
 from ..figures import COLOURS, Axis, Curve, Map, Panel, Picture, column, dashed, look, tip_name, tip_symbol
 from ..files.cases import Case
 from ..march.ensemble import integrate_ensemble

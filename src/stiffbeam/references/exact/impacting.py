@@ -21,12 +21,12 @@ from ...basics.arrays import Array
 from ...basics.validation import InputError
 from ...model.active_set import solve_node
 from ...model.system import System
+from ...piecewise.touching import EPS
 from ...trajectory.trajectory import SolverFailure
 from ..rigid_stops import order_decides
 from .impacted import Event, Solution
 from .starting import on_stops, together_but_for_rounding
 from .taylor import Model, first_zero, rate, stays, value
-from .touching import EPS
 
 RADIANS = 1.0  # of the fastest motion, in one stretch
 CHATTER = 1e-6

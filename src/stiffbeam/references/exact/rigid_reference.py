@@ -14,18 +14,18 @@ from ...basics.compiled import clock
 from ...basics.validation import positive
 from ...model.system import System
 from ...model.time_functions import evaluate, offset_rate, offset_values
+from ...piecewise.audit import ROUNDINGS, within_float64
+from ...piecewise.touching import EPS
 from ...trajectory.impacts import ContactRecord, Impacts
 from ...trajectory.ledger import Ledger
 from ...trajectory.trajectory import Reference, SolverFailure, Work, versions
 from ..agreement import apart, scales_of, watched
 from ..request import output_times
 from ..rigid_stops import require_rigid
-from .audit import ROUNDINGS, within_float64
 from .impacted import Solution
 from .impacting import RADIANS, Tracer
 from .starting import at_rest
 from .taylor import Model
-from .touching import EPS
 
 COPIES = ((0.7, 4.0), (0.55, -4.0), (0.85, 16.0))  # radians a segment, roundings of the start and of every segment
 APART = 5e-4  # of the largest displacement, and of a radian of the slowest motion: half the tolerance of a horizon

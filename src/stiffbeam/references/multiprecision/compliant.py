@@ -20,12 +20,13 @@ from ...basics.arrays import Array
 from ...basics.resources import Forecast
 from ...model.drive import Drive
 from ...model.system import System
+from ...piecewise.events import pressed, side_of, switched_by_force
+from ...piecewise.linear import Regime, spin_of
+from ...piecewise.motion import Motion
+from ...piecewise.regimes import Regimes, Source
+from ...piecewise.touching import REMEDY
+from ...piecewise.tracer import Gaps
 from ...trajectory.trajectory import SolverFailure
-from ..exact.damped_stops import pressed, side_of, switched_by_force
-from ..exact.exponential import ExponentialSolution, measured_work
-from ..exact.exponential_regime import Regime, regime_of, spin_of
-from ..exact.exponential_tracer import Gaps
-from ..exact.touching import REMEDY
 from .grazes import Sampler, Switch
 from .linear_flow import DERIVATIVES, LinearFlow
 from .rational import carried
@@ -39,14 +40,14 @@ Known = dict[tuple[int, ...], Split]
 
 
 class PreciseRegime:
-    """The flow with contacts ``closed``, and the same regime in float64.
+    """The flow with contacts ``closed``, and the same regime in float64, ``rounded``.
 
     known: splits by the contacts that are closed, on either side; this one is added.
     """
 
-    def __init__(self, flow: LinearFlow, closed: tuple[int, ...], t_end: float, known: Known) -> None:
+    def __init__(self, flow: LinearFlow, closed: tuple[int, ...], rounded: Regime, known: Known) -> None:
         self.flow, self.G = flow, flow.closed(closed)
-        self.rounded = regime_of(flow.system, flow.drive, closed, t_end)  # refuses what float64 refuses
+        self.rounded = rounded
         contacts = tuple(map(abs, closed))
         if contacts in known:
             self.split = known[contacts].again(self.G)
@@ -98,27 +99,29 @@ class Piece(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class UnroundedSolution(ExponentialSolution):
-    """An ExponentialSolution with the states of its ``precise`` pieces, for motions that are small differences of
+class Unrounded(Motion):
+    """A motion with the states of its ``precise`` pieces, for motions that are small differences of
     large amplitudes: of these only the values are rounded."""
 
     precise: list[Piece]
 
-    def _inside(self, piece: NDArray[np.int64], t: Array, row: Array) -> tuple[Array, Array]:
-        n, z = np.shape(row)[-1], np.empty((len(t), self.precise[0].regime.flow.N))
+    def states_in(self, t: Array, piece: NDArray[np.int64]) -> tuple[Array, Array]:
+        """q, q' (k, n) as the given segments have them at times t, which may be the ends of those."""
+        n, z = self.precise[0].regime.flow.n, np.empty((len(t), self.precise[0].regime.flow.N))
         for i, (k, when) in enumerate(zip(piece.tolist(), t.tolist(), strict=True)):
             with carried(self.precise[k].bits):
                 z[i] = [float(x) for x in self.precise[k].state(when).entries()]
-        return z[:, :n] @ np.transpose(row), z[:, n : 2 * n] @ np.transpose(row)
+        return z[:, :n], z[:, n : 2 * n]
 
-    def work(self, system: System, edges: Array) -> tuple[Array, Array]:
-        """Work of the loads and viscous loss between consecutive edges, which include every switch."""
-        return measured_work(self, system, edges)
+    def observed(self, t: Array, row: Array) -> tuple[Array, Array]:
+        """row @ q and its rate at any times, (k,)."""
+        q, v = self.states(t)
+        return q @ row, v @ row
 
 
 def follow(
     system: System, t_end: float, full: int, guard: int, told: Sequence[Switch], known: Known
-) -> tuple[ExponentialSolution, Sampler, UnroundedSolution]:
+) -> tuple[Motion, Sampler, Unrounded]:
     """The solution on [0, t_end] carried with ``full`` bits at the start and ``guard`` at the end, rounded to
     float64, what samples its channels before it is rounded, and itself unrounded; ctx.prec has room to spare.
 
@@ -126,6 +129,8 @@ def follow(
     """
     room, drive = ctx.prec, Drive.of(system)
     flow, gaps = LinearFlow(system, full), Gaps(system, drive)
+    float64 = Regimes(Source(system, span=t_end))
+    float64.source.damped = True  # exponentials in every regime
     regimes: dict[tuple[int, ...], PreciseRegime] = {}
     t, z = arb(0), flow.start()
     chi = [
@@ -141,7 +146,9 @@ def follow(
         if key not in regimes:
             with carried(room):
                 closed = tuple(pressed(key).tolist())
-                regimes[key] = regimes.get(closed) or PreciseRegime(flow, closed, t_end, known)
+                rounded = float64.made[float64.at(closed, t_end)].exponentials  # refuses what float64 refuses
+                assert rounded is not None
+                regimes[key] = regimes.get(closed) or PreciseRegime(flow, closed, rounded, known)
             values = regimes[key].rounded.eigenvalues
             fastest = max(fastest, float(np.max(np.abs(values))))
             turning = max(turning, float(np.max(np.abs(values.imag))))
@@ -174,15 +181,13 @@ def follow(
         if edge >= t_end:
             break
         t, z, resting = arb(edge), flow.at_edge(pieces[-1].state(edge), arb(edge)), -1
-    solution = (
-        drive,
-        {key: regime.rounded for key, regime in regimes.items()},
-        np.array(times),
-        np.array(sides, np.int64).reshape(len(times), len(chi)),
-        coefficients,
-        evaluations,
-    )
-    return ExponentialSolution(*solution), partial(_sample, times, pieces), UnroundedSolution(*solution, pieces)
+    numbers = [float64.number[tuple(pressed(line).tolist())] for line in sides]
+    x, y = np.zeros((2, len(times), float64.table.sigma.shape[1]))
+    for i, (r, c) in enumerate(zip(numbers, coefficients, strict=True)):
+        x[i, : len(c)], y[i, : len(c)] = float64.made[r].pairs(c)
+    on = np.array(sides, np.int64).reshape(len(times), len(chi))
+    motion = float64, np.array(times), on, np.array(numbers, np.int64), x, y, evaluations
+    return Motion(*motion), partial(_sample, times, pieces), Unrounded(*motion, pieces)
 
 
 def _by_float64(regime: Regime, flow: LinearFlow) -> tuple[Any, list[Block]]:

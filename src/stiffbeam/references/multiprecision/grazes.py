@@ -22,10 +22,10 @@ from numpy.typing import NDArray
 from ...basics.arrays import Array
 from ...model.drive import Drive
 from ...model.system import System
+from ...piecewise.events import LET_GO
+from ...piecewise.measures import Solution, path_of
+from ...piecewise.touching import EPS
 from ...trajectory.trajectory import SolverFailure
-from ..exact.damped_stops import LET_GO
-from ..exact.exact_measures import Solution, path_of
-from ..exact.touching import EPS
 from .rational import exact_problem
 
 PER_PERIOD = 16  # looks at a gap in the shortest period

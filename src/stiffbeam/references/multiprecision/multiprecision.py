@@ -19,8 +19,8 @@ from ...basics.arrays import Array
 from ...basics.compiled import clock
 from ...basics.validation import InputError, positive
 from ...model.system import System
+from ...piecewise.measures import Solution
 from ...trajectory.trajectory import Reference, SolverFailure
-from ..exact.exact_measures import Solution
 from ..exact.piecewise import reference_of, refuse
 from ..exact.tangent import lyapunov
 from ..request import Request

@@ -19,10 +19,10 @@ from contextlib import contextmanager
 import numpy as np
 from numpy.typing import NDArray
 
-from ...basics.arrays import Array
-from ...model.system import System
-from ...trajectory.trajectory import SolverFailure
-from .exact_measures import Solution
+from ..basics.arrays import Array
+from ..model.system import System
+from ..trajectory.trajectory import SolverFailure
+from .measures import Solution
 from .touching import EPS, REMEDY
 
 ROUNDINGS = 64.0  # that a switch may cost, each as large as the stiffest mode makes it
