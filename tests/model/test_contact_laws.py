@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from fractions import Fraction
+from functools import partial
 
 import numpy as np
 import pytest
@@ -243,6 +245,42 @@ def test_compiled_scalars_say_what_the_stops_say(law):
             assert math.isclose(
                 to_rate, float(stops.force(u, v - h) - stops.force(u, v + h)) / (2 * h), rel_tol=1e-4, abs_tol=1e-6
             )
+
+
+@pytest.mark.parametrize("chosen", list(itertools.product((False, True), repeat=len(contact_law.LINEAR))))
+def test_the_terms_are_of_one_law(chosen):
+    """Force, slopes, energy, secants and inverses against each other, whichever parameters are not those of the linear
+    law; and a law of which a closed form is promised has it. A term that is forgotten in one of them fails here."""
+    rng = np.random.default_rng(7)
+    for _ in range(20):
+        changed = {
+            name: plain + rng.uniform(0.2, 2.0) if use else plain
+            for use, (name, plain) in zip(chosen, contact_law.LINEAR.items(), strict=True)
+        }
+        stops = sb.Stops(upper=0.0, stiffness=rng.uniform(0.5, 5.0), **changed)
+        assert_one_law(stops.coefficients, *rng.uniform(0.1, 2.0, 3))
+
+
+def assert_one_law(law: contact_law.Law, d: float, e: float, rate: float, h: float = 1e-5) -> None:
+    f, U, press = (partial(of, law=law) for of in (contact_law.elastic, contact_law.stored, contact_law.pressure))
+    to_depth, to_rate = contact_law.slopes(d, rate, law)
+    assert math.isclose(contact_law.elastic_slope(d, law), (f(d + h) - f(d - h)) / (2 * h), rel_tol=1e-6)
+    assert math.isclose(f(d), (U(d + h) - U(d - h)) / (2 * h), rel_tol=1e-6)
+    assert math.isclose(to_depth, (press(d + h, rate) - press(d - h, rate)) / (2 * h), rel_tol=1e-6)
+    assert math.isclose(to_rate, (press(d, rate + h) - press(d, rate - h)) / (2 * h), rel_tol=1e-6, abs_tol=1e-8)
+    assert math.isclose(contact_law.mean_elastic(d, e, law), (U(e) - U(d)) / (e - d), rel_tol=1e-9)
+    assert math.isclose(contact_law.chord(d, law), f(d) / d, rel_tol=1e-14)
+    assert (f(-d), U(-d), press(d, 0.0)) == (-f(d), U(d), f(d))
+    assert f(contact_law.depth_under(f(d), law)) >= f(d) * (1.0 - 1e-12)
+    assert U(contact_law.depth_holding(U(d), law)) >= U(d) * (1.0 - 1e-12)
+    assert contact_law.damps(law) == (press(d, rate) != press(d, 0.0))
+    assert contact_law.jumps(law) == (press(0.0, rate) != 0.0)
+    assert contact_law.is_spring(law) == math.isclose(f(2 * d), 2 * f(d), rel_tol=1e-12)
+    bent = press(2 * d, 2 * rate) - 2 * press(d, rate)
+    assert contact_law.is_affine(law) == (abs(bent) <= 1e-12 * press(d, rate))
+    assert contact_law.is_linear(law) == (contact_law.is_affine(law) and not contact_law.damps(law))
+    depths = np.array([-d, 0.0, e])
+    assert np.allclose(press(depths, rate), [press(float(x), rate) for x in depths], rtol=1e-14)
 
 
 class TestRefusals:

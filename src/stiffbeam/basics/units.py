@@ -48,6 +48,8 @@ class Units:
             "frequency": f"rad/{T}",
             "rate": f"1/{T}",
             "stop stiffness": f"{F}/{L}",
+            "stop damping": f"{F} {T}/{L}",
+            "stop dissipation": f"{T}/{L}",
             "impulse": f"{F} {T}",
             "energy": "J" if (F, L) == ("N", "m") else f"{F} {L}",
             "force per length": f"{F}/{L}",

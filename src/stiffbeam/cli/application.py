@@ -192,7 +192,7 @@ def _reader(hint: Any) -> Callable[[str | None], list[Any] | None] | None:
 def _option(parameter: inspect.Parameter, hint: Any) -> Any:
     """An option of the same name, None where it is not given, so that only what is given is passed on."""
     words = next((text for text in get_args(hint)[1:] if isinstance(text, str)), "")
-    if parameter.default is not None and not isinstance(parameter.default, bool):
+    if parameter.default not in (None, parameter.empty) and not isinstance(parameter.default, bool):
         words += f"; default: {parameter.default}"
     return Annotated[_plain(hint)[0] | None, typer.Option(help=words)]
 
@@ -277,7 +277,6 @@ def _table(lines: list[dict[str, str]]) -> Table:
 
 def print_records(records: Records, written: list[Path]) -> None:
     """Print answer, table, failures and the files that were written."""
-    from rich.padding import Padding
     from rich.text import Text
 
     terminal = console()
@@ -285,10 +284,11 @@ def print_records(records: Records, written: list[Path]) -> None:
     question = records.study.question + (f" (All {note}.)" if note else "")
     terminal.print(Text.assemble((records.study.command, "bold"), f"  {question}"))
     answer = records.answer
+    terminal.print(answer.verdict)
     if answer.table:
         terminal.print(_table(answer.table))
-    for i, part in enumerate(filter(None, answer.rest.split("; "))):
-        terminal.print(Padding(part, (0, 0, 0, 2 if i else 0)))
+    if answer.notes:
+        terminal.print(answer.notes)
     for word, style, messages in (
         ("failed", "bold red", [row["failed"] for row in records.failures]),
         ("not asked", "bold", [row["refused"] for row in records.refusals]),

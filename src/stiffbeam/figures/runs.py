@@ -202,13 +202,14 @@ def _draw_spectra(
     for i, run in enumerate(runs):
         if isinstance(run, Reference):
             continue  # ends at the horizon
-        omega, amplitude = amplitude_spectrum(run.t, run.tip, drive)
+        omega, amplitude = amplitude_spectrum(run.t, run.tip, drive, run.tip_velocity)
         axis.plot(omega, amplitude, lw=0.9, label=short(run.provenance["method"]), zorder=2 + i, **line_of(run))
         whole = min(whole, float(run.t[-1]))
     if runs and references:
         t = runs[0].t
         if references[0].solution is not None and float(references[0].provenance["t_end"]) >= t[-1] * (1 - 1e-9):
-            omega, amplitude = amplitude_spectrum(t, references[0].at(t)[0], drive)
+            u, v = references[0].at(t)
+            omega, amplitude = amplitude_spectrum(t, u, drive, v)
             axis.plot(omega, amplitude, color="black", lw=2.2, alpha=0.38, zorder=1)
     if drive:
         axis.set_xlim(0.0, 15.5 * drive)

@@ -261,8 +261,14 @@ def compare(run: Trajectory | Sequence[ArrayLike], reference: Reference) -> Comp
             for c in contacts
             if c.reference.impacts < SEEN * c.reference.event_impacts
         ]
+        missing += [
+            f"{c.place or 'contact'}: positions tell neither share, peak nor impulse of a rigid stop"
+            for c, contact in zip(contacts, system.contacts, strict=True)
+            if contact.stops.rigid
+        ]
     if energy is None:
-        missing.append("energy: the run came without states or a ledger")
+        without = "states or a ledger" if run.pieces is None else "the reactions of its rigid stops"
+        missing.append(f"energy: the run came without {without}")
     if "tip_velocity" in run.provenance:
         missing.append(f"tip velocity: {run.provenance['tip_velocity']}; impact times and lag are as good as that")
     lag = phase_lag(
@@ -316,7 +322,9 @@ def _contact(
     record, stops, known_to = run.contacts[i], system.contacts[i].stops, float(reference.provenance["t_end"])
     if stops.rigid:
         impacts, true = record.impacts, reference.contacts[i].impacts
-        of_run, of_reference = partial(_rigid, run, i), partial(_rigid, reference, i)
+        if run.provenance.get("source") == "arrays":  # read from steps, and so are the reference's then
+            true = sampled_impacts(t, *reference.at(t, contact=i), stops)
+        of_run, of_reference = partial(_rigid, run, i, impacts), partial(_rigid, reference, i, true)
     else:
         u, v = reference.at(t, contact=i)
         sampled = "dt" in run.provenance
@@ -326,7 +334,7 @@ def _contact(
         of_reference = partial(_sampled, reference, i, true, stops.force(u, v), t)
     t_end = min(float(run.t[-1]), known_to)
     # Where no impact of the run is known, nothing parts and nothing is paired.
-    unpaired = not stops.rigid and record.impacts.kind == "unknown"
+    unpaired = record.impacts.kind == "unknown"
     return ContactComparison(
         place=_place(system, i),
         run=of_run(window),
@@ -358,13 +366,15 @@ def _sampled(run: Trajectory, i: int, impacts: Impacts, force: Array, t: Array, 
     return replace(sampled, fraction=record.fraction, peak_force=record.peak_force, impulse=record.impulse, events=True)
 
 
-def _rigid(run: Trajectory, i: int, end: float) -> ContactMeasures:
-    """Contact i with a rigid stop, where positions do not determine the force: its own impacts, and no peak. Share and
+def _rigid(run: Trajectory, i: int, impacts: Impacts, end: float) -> ContactMeasures:
+    """Contact i with a rigid stop, where positions do not determine the force: its impacts, and no peak. Share and
     impulse are known of whole runs only."""
+    if impacts.kind == "unknown":
+        return UNKNOWN
     record, whole = run.contacts[i], end >= float(run.provenance["t_end"]) * (1 - 1e-12)
-    count = record.impacts.until(end).count
+    count, events = impacts.until(end).count, record.impacts.until(end).count
     share, impulse = (record.fraction, record.impulse) if whole else (np.nan, np.nan)
-    return ContactMeasures(count, count, share, np.nan, impulse)
+    return ContactMeasures(count, events, share, np.nan, impulse)
 
 
 def _place(system: System, i: int) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -141,7 +142,7 @@ class Stops(Parameters):
             remedy = "take the exact solution, or stops with a large stiffness"
             raise InputError("stops.stiffness", self.stiffness, f"be finite for {for_what}", remedy)
 
-    @property
+    @cached_property
     def coefficients(self) -> Law:
         """(kappa, g1, g2, p, c, lambda) as the functions of contact_law take them."""
         return Law(float(self.stiffness), self.g1, self.g2, *(float(getattr(self, name)) for name in LINEAR))

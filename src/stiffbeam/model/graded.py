@@ -84,7 +84,7 @@ def uncoupled(A: Any, X: Array, projected: Array, rigid: Array) -> Array:
 
 def congruence(A: Array, X: Array) -> Array:
     """X^T A X, each entry as if summed with twice the digits and rounded once."""
-    shift = np.floor(np.log2(max(float(np.max(np.abs(A))), 1e-300)))  # 2^27 times it has to stay finite
+    shift = np.floor(np.log2(float(np.max(np.abs(A))) or 1.0))  # 2^27 times it has to stay finite
     high, low = product(np.ldexp(A, -int(shift)), X)
     total, rest = product(X.T, high)
     return np.ldexp(total + (rest + X.T @ low), int(shift))

@@ -203,7 +203,7 @@ def perturbed(
     basis, motion = undamped_modes(system), scales(system, t_end, scale)
     if not 0.0 < motion.speed < np.inf:
         rule = "be known for a system at rest, and for one that nothing stops"
-        raise InputError("scale", motion.speed, rule, "pass scale=, a modal velocity")
+        raise InputError("scale", motion.speed, rule, "give the scale, a modal velocity")
     noise = np.array([np.random.default_rng([seed, i]).uniform(-1.0, 1.0, (2, system.size)) for i in range(members)])
     eta = np.divide(noise[:, 0], motion.rates, out=np.zeros_like(noise[:, 0]), where=motion.rates > 0.0)
     scale = motion.speed

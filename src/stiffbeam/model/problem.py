@@ -268,14 +268,14 @@ class BeamProblem:
 
     def _check_stops(self) -> None:
         """One Stops stays itself, several are a tuple."""
-        stops = self.stops
-        if isinstance(stops, (list, tuple)):
-            object.__setattr__(self, "stops", stops[0] if len(stops) == 1 else tuple(stops) or None)
+        argument = self.stops
+        if isinstance(argument, (list, tuple)):
+            object.__setattr__(self, "stops", argument[0] if len(argument) == 1 else tuple(argument) or None)
         each: Any = self.stops if isinstance(self.stops, tuple) else () if self.stops is None else (self.stops,)
         remedy = "for no contact leave them out"
         for stops in each:
             if not isinstance(stops, Stops):
-                raise InputError("stops", stops, "be a Stops or a list of them", remedy)
+                raise InputError("stops", argument, "be a Stops or a list of them", remedy)
             itself("stops", stops, Stops)
             left, right = self.ends
             position = self.length if stops.position is None else stops.position
@@ -307,7 +307,7 @@ class BeamProblem:
         step = 1e-5  # of the length
         x = self.length * np.array([0.0, step, 0.25, 0.5, 0.75, 1.0 - step, 1.0])
         u = np.asarray(self.initial_displacement(x), float)
-        scale = max(1e-300, abs(phi0), float(np.max(np.abs(u))))
+        scale = max(abs(phi0), float(np.max(np.abs(u))))
         for end, at, beside in zip(self.ends, (0, -1), (1, -2), strict=True):
             if end != "free" and abs(u[at] - phi0) > 1e-9 * scale:
                 rule = f"equal the base motion phi(0) = {phi0} at x = {x[at]:g}"

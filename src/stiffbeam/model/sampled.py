@@ -174,7 +174,7 @@ class Sampled:
         if order > self.degree:
             jump = "slopes jump" if order > 1 else "values jump"
             rule = f"have a derivative of order {order}: its {jump} at the samples"
-            raise InputError("a sampled time function", f"kind={self.kind!r}", rule, "take kind='cubic'")
+            raise InputError("a sampled time function", f"kind={self.kind!r}", rule, 'take samples of kind "cubic"')
         t = np.asarray(t, float)
         if t.ndim == 0 and self.t[0] <= t <= self.t[-1]:  # one time, as an adaptive solver asks
             i = min(bisect_right(self._times, t) - 1, len(self._times) - 2)

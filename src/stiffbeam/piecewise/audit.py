@@ -41,7 +41,7 @@ def within_float64(solver: str, t_end: float) -> Generator[None, None, None]:
         if isinstance(error, OverflowError) or "overflow" in str(error):
             raise SolverFailure(solver, t_end, f"the motion overflows float64 ({error})", REMEDY) from None
         reason = f"float64 has no result for a step of the calculation ({error})"
-        raise SolverFailure(solver, t_end, reason, "use method='multiprecision'") from None
+        raise SolverFailure(solver, t_end, reason, "use the method multiprecision") from None
 
 
 def audit(

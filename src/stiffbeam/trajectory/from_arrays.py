@@ -13,11 +13,13 @@ from numpy.typing import ArrayLike, NDArray
 from ..basics.arrays import Array
 from ..basics.validation import InputError, numbers
 from ..model.system import System, require_system
+from ..model.time_functions import offset_rate
 from .impacts import ContactRecord, Impacts
 from .ledger import Ledger, step_ledger
 from .recorder import sampled_record
 
 NO_STATES = "the run came as arrays without states=(q, q')"
+NO_REACTIONS = "arrays, which have no reactions of rigid stops"
 ROUNDING = 4.0 * float(np.finfo(float).eps)  # of the end: times that are apart by no more are one time
 SAME_POSITION = 1e-4  # of the motion: the rounding of five digits, less than a step changes
 
@@ -43,7 +45,7 @@ def run_fields(
         row, offset = system.channels[system.tip_channel]
         if tip is None:
             tip = system.positions(all_times, q)[:, system.tip_channel]
-            tip_velocity = None if offset is not None else v @ row
+            tip_velocity = v @ row + offset_rate(offset, all_times)
         q, v = q[rows], v[rows]
     if tip is None:
         raise InputError("tip", None, "be given", "pass the positions of the tip, or states=(q, q')")
@@ -56,7 +58,7 @@ def run_fields(
         "t": times,
         "tip": u,
         "tip_velocity": w,
-        "contacts": () if system is None else tuple(_contacts(system, times, u, w, q, v)),
+        "contacts": () if system is None else tuple(_contacts(system, times, u, w, tip_velocity is None, q, v)),
         "provenance": {
             "method": name,
             "source": "arrays",
@@ -69,20 +71,22 @@ def run_fields(
         },
         "system": system,
         "pieces": None if system is None or q is None or v is None else partial(_pieces, system, times, q, v),
-        "ledger": None if system is None or q is None or v is None else partial(_ledger, system, times, q, v),
+        "ledger": None
+        if system is None or q is None or v is None or any(contact.stops.rigid for contact in system.contacts)
+        else partial(_ledger, system, times, q, v),
     }
 
 
 def _contacts(
-    system: System, t: Array, u: Array, w: Array, q: Array | None, v: Array | None
+    system: System, t: Array, u: Array, w: Array, smoothed: bool, q: Array | None, v: Array | None
 ) -> Iterator[ContactRecord]:
     """Record of every contact: from the states, or from the tip where it is the contact point; else NaN."""
     positions = None if q is None else system.positions(t, q)
     for i, contact in enumerate(system.contacts):
         if system.reads_tip(i):
-            yield sampled_record(t, u, w, contact.stops)
+            yield sampled_record(t, u, w, contact.stops, smoothed)
         elif positions is not None and v is not None:
-            rate = v @ contact.row if contact.offset is None else _spline_rate(t, positions[:, i])
+            rate = v @ contact.row + offset_rate(contact.offset, t)
             yield sampled_record(t, positions[:, i], rate, contact.stops)
         else:
             nothing = np.full(len(t), np.nan)

@@ -37,6 +37,8 @@ from .sampling import (
     switch_time,
 )
 
+AT_REST = 1e-12  # of a position: so near a rigid stop a body is on it
+
 
 def impacts_of(events: Array) -> Impacts:
     """Rows of a list of events of one contact as sampled impacts."""
@@ -210,8 +212,43 @@ def contact_spans(t: Array, u: Array, v: Array, stops: Stops) -> Array:
     return np.array(rows, float).reshape(-1, 6)
 
 
-def sampled_impacts(t: Array, u: Array, v: Array, stops: Stops) -> Impacts:
-    """Sampled impacts in positions u (k,) and velocities v (k,) at increasing times t (k,)."""
+def rebounds(t: Array, u: Array, v: Array | None, stops: Stops) -> Impacts:
+    """Impacts on rigid stops in positions u (k,), velocities v (k,) or None, at increasing times t (k,).
+
+    An impact is a step in which a body that approaches a stop, and would reach it within a step and a half, ceases to.
+    Its time is that at which the body would have been at the stop with the speed before. A millionth of the largest
+    speed is no approach: a body at rest on its stop may move by rounding. Where velocities are not given, each side of
+    the jump has differences of its own.
+    """
+    step, rows = np.diff(t), np.zeros((0, 2))
+    rates = np.diff(u) / step
+    for sign, g in ((-1.0, stops.g1), (1.0, stops.g2)):
+        if not np.isfinite(g):
+            continue
+        arriving, leaving = sign * np.append(0.0, rates), sign * np.append(rates, rates[-1])
+        if v is not None:
+            arriving = leaving = sign * v
+        gap, rounding = sign * (g - u), AT_REST * max(abs(g), float(np.max(np.abs(u))))
+        near = gap[:-1] <= 1.5 * step * np.maximum(arriving[:-1], 0.0) + rounding
+        near[0] &= gap[0] > rounding  # a blow at t = 0 is no impact
+        least = 1e-6 * np.max(np.abs(arriving))
+        hit = np.flatnonzero(near & (arriving[:-1] > least) & (leaving[1:] <= least))
+        if v is None:  # the difference across an impact may seem to arrive once more, or to leave before it
+            again = np.flatnonzero(np.diff(hit) == 1)
+            beyond = gap[hit[again]] > arriving[hit[again]] * step[hit[again]]
+            hit = np.delete(hit, again + ~beyond)
+        when = t[hit] + np.clip(gap[hit] / arriving[hit], 0.0, step[hit])
+        rows = np.concatenate([rows, np.stack([when, np.full(len(hit), sign)], axis=1)])
+    times, sides = rows[np.argsort(rows[:, 0], kind="stable")].T
+    return Impacts.at(times, sides, "sampled")
+
+
+def sampled_impacts(t: Array, u: Array, v: Array | None, stops: Stops) -> Impacts:
+    """Sampled impacts in positions u (k,) and velocities v (k,) at increasing times t (k,); see ``rebounds``, where v
+    may be None, for those on rigid stops."""
+    if stops.rigid:
+        return rebounds(t, u, v, stops)
+    assert v is not None
     spans = contact_spans(t, u, v, stops)
     first, after, times, ends, sides, impulses = spans[(spans[:, 0] > 0.0) | (t[0] == 0.0)].T
     size, ended = np.abs(stops.force(u, v)), ~np.isnan(ends)
@@ -221,8 +258,14 @@ def sampled_impacts(t: Array, u: Array, v: Array, stops: Stops) -> Impacts:
     return impacts.started(first == 0.0)
 
 
-def sampled_record(t: Array, u: Array, v: Array, stops: Stops) -> ContactRecord:
-    """Contact record of positions u (k,) and velocities v (k,) at increasing times t (k,)."""
+def sampled_record(t: Array, u: Array, v: Array, stops: Stops, smoothed: bool = False) -> ContactRecord:
+    """Contact record of positions u (k,) and velocities v (k,) at increasing times t (k,).
+
+    Against rigid stops positions tell impacts, not forces: these are NaN. smoothed: v is a spline's, which has no jump.
+    """
+    if stops.rigid:
+        impacts, unknown = rebounds(t, u, None if smoothed else v, stops), float("nan")
+        return ContactRecord(stops, u, v, np.full(len(t), np.nan), impacts, *3 * (unknown,))
     force = stops.force(u, v)
     size, lengths = np.abs(force), step_lengths(t)[1:]
     return ContactRecord(

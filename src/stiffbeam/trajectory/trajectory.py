@@ -21,7 +21,7 @@ from ..basics.text import sentence, table
 from ..basics.units import UNKNOWN, Units
 from ..basics.validation import InputError, integer, numbers, positive
 from .dataset import save, to_xarray
-from .from_arrays import NO_STATES, run_fields
+from .from_arrays import NO_REACTIONS, NO_STATES, run_fields
 from .impacts import ContactRecord, Impacts
 from .recorder import as_it_starts, sampled_impacts
 
@@ -212,6 +212,8 @@ class Trajectory:
         where an energy is beyond float64 though the motion is not."""
         if self.ledger is None:
             reason = NO_STATES if self.provenance.get("source") == "arrays" else "a loaded file"
+            if self.pieces is not None:
+                raise InputError("energy", NO_REACTIONS, "be that of a run with them", "use integrate")
             raise InputError("energy", reason, "have been saved with the run", "run it again, with its states")
         ledger = self.ledger()
         beyond = ~reduce(np.logical_and, (np.isfinite(getattr(ledger, column.name)) for column in fields(ledger)))

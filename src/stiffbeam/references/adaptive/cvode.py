@@ -23,9 +23,10 @@ def solve(request: Request) -> Reference:
     method, adams = request.method, request.method == "cvode-adams"
 
     def solver(rhs: RightHandSide, rtol: float, atol: Array) -> Solver:
+        from sksundae.cvode import CVODE
+
         if not rhs.in_python and available():
             return compiled(method, CompiledSolver("CVode", rhs, rtol, atol, adams))
-        from sksundae.cvode import CVODE
 
         def right(t: float, z: Array, rate: Array) -> None:
             rhs(t, z, rate)

@@ -23,9 +23,10 @@ def solve(request: Request) -> Reference:
     mass, right = request.system.descriptor()
 
     def solver(rhs: RightHandSide, rtol: float, atol: Array) -> Solver:
+        from sksundae.ida import IDA
+
         if not rhs.in_python and available():
             return compiled("ida", CompiledSolver("IDA", rhs, rtol, atol))
-        from sksundae.ida import IDA
 
         def residual(t: float, z: Array, rate: Array, res: Array) -> None:
             rhs.residual(t, z, rate, res)

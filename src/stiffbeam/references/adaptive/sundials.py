@@ -8,11 +8,10 @@ from typing import Any
 import numpy as np
 
 from ...trajectory.trajectory import SolverFailure
+from . import sundials_library
 from .restarts import Outcome, Phase, Root, refuse_endless
 from .rhs import RightHandSide
 from .sundials_library import CompiledSolver
-
-MAX_STEPS = 10_000_000  # per output point; the default of 500 ends most contact runs
 
 
 def linear_solver(rhs: RightHandSide) -> dict[str, Any]:
@@ -35,7 +34,7 @@ def compiled(method: str, solver: CompiledSolver) -> Callable[[Phase], Outcome]:
 
 def phase_options(phase: Phase, roots: Callable[..., None]) -> dict[str, Any]:
     """Root functions and step bound. Made anew for each phase: events accumulate in a solver."""
-    options: dict[str, Any] = {"max_num_steps": MAX_STEPS}
+    options: dict[str, Any] = {"max_num_steps": sundials_library.MAX_STEPS}
     if np.isfinite(phase.max_step):
         options["max_step"] = phase.max_step
     if phase.watch.count:

@@ -36,20 +36,16 @@ TESTED = (7,)  # major versions of SUNDIALS whose functions are called as below
 ADAMS, BDF, NORMAL = 1, 2, 1
 ROOT_RETURN, TOO_MUCH_WORK = 2, -1
 STEPS_A_CALL = 20_000  # after which Python may look for an interrupt
-MOST_CALLS = 500  # to one output
+MAX_STEPS = 10_000_000  # to one output; SUNDIALS' default of 500 ends most contact runs
 POINTER, INTEGER, LONG, DOUBLE = ctypes.c_void_p, ctypes.c_int, ctypes.c_long, ctypes.c_double
-MESSAGES = {
-    -1: "too many steps", -2: "accuracy asked for is out of reach", -3: "error tests failed with the least step",
-    -4: "Newton's iterations did not converge", -5: "the linear solver could not be set up",
-    -6: "the linear solver cannot be set up", -7: "the linear solver failed", -8: "the right-hand side failed",
-}  # fmt: skip
 
 
 class _Library:
     """The functions of one extension module of scikit-sundae and of the libraries that it is linked to."""
 
-    def __init__(self, path: str) -> None:
-        self._library = ctypes.CDLL(path)
+    def __init__(self, module: Any) -> None:
+        self._library = ctypes.CDLL(module.__file__)
+        self.messages: dict[int, str] = getattr(module, "CVMESSAGES", None) or module.IDAMESSAGES
 
     def __call__(self, name: str, *arguments: Any, result: Any = INTEGER, fails: bool = True) -> Any:
         """Call a function; raise RuntimeError where its result is an error, unless ``fails`` is False."""
@@ -65,8 +61,7 @@ class _Library:
 def _libraries() -> dict[str, _Library] | None:
     """The libraries of CVODE and IDA, None where they are not as expected."""
     try:
-        files = {family: import_module(f"sksundae._cy_{family.lower()}").__file__ for family in ("CVode", "IDA")}
-        libraries = {family: _Library(str(file)) for family, file in files.items()}
+        libraries = {family: _Library(import_module(f"sksundae._cy_{family.lower()}")) for family in ("CVode", "IDA")}
         return libraries if all(_as_expected(library) for library in libraries.values()) else None
     except (ImportError, AttributeError, OSError, RuntimeError):
         return None
@@ -217,7 +212,7 @@ class CompiledSolver:
             call(f"{family}SVtolerances", self._solver, *self._tolerances)
             call(f"{family}SetLinearSolver", self._solver, self._linear, self._matrix)
             call(f"{family}SetJacFn", self._solver, POINTER(jacobian.address))
-            call(f"{family}SetMaxNumSteps", self._solver, LONG(STEPS_A_CALL))
+            call(f"{family}SetMaxNumSteps", self._solver, LONG(min(STEPS_A_CALL, MAX_STEPS)))
         longest = phase.max_step if np.isfinite(phase.max_step) else 0.0  # 0 for no bound
         call(f"{family}SetMaxStep", self._solver, DOUBLE(longest))
         events = cvode_events if family == "CVode" else ida_events
@@ -234,7 +229,7 @@ class CompiledSolver:
         name, at = ("CVode", 1) if family == "CVode" else ("IDASolve", 0)  # where they return the time
         arguments = [self._solver, DOUBLE(target), *self._vectors, INTEGER(NORMAL)]
         arguments.insert(2 + at, ctypes.byref(reached))
-        for _ in range(MOST_CALLS):  # an interrupt is raised here, between two calls
+        for _ in range(-(-MAX_STEPS // STEPS_A_CALL)):  # an interrupt is raised here, between two calls
             status = call(name, *arguments, fails=False)
             if status != TOO_MUCH_WORK:
                 break
@@ -247,6 +242,6 @@ class CompiledSolver:
         call(f"{family}{counted}", self._solver, ctypes.byref(evaluations))
         call(f"{family}GetNumJacEvals", self._solver, ctypes.byref(jacobians))
         call(f"{family}ClearStopTime", self._solver)
-        message = MESSAGES.get(status, f"SUNDIALS returned {status}")
+        message = call.messages.get(status, f"SUNDIALS returned {status}")
         y = self._y.copy()
         return Step(reached.value, y, status >= 0, status, message, evaluations.value, jacobians.value, found)

@@ -40,20 +40,20 @@ Known = dict[tuple[int, ...], Split]
 
 
 class PreciseRegime:
-    """The flow with contacts ``closed``, and what float64 knows of it, ``rounded``.
+    """The flow with contacts ``closed``, and the same regime in float64, ``rounded``.
 
-    known: splits by the contacts that are closed, whatever their sides; this one is added.
+    known: splits by the contacts that are closed, on either side; this one is added.
     """
 
     def __init__(self, flow: LinearFlow, closed: tuple[int, ...], rounded: Regime, known: Known) -> None:
         self.flow, self.G = flow, flow.closed(closed)
         self.rounded = rounded
-        alike = tuple(map(abs, closed))
-        if alike in known:
-            self.split = known[alike].again(self.G)
+        contacts = tuple(map(abs, closed))
+        if contacts in known:
+            self.split = known[contacts].again(self.G)
         else:
             self.split = Split(self.G, *_by_float64(self.rounded, flow), drives=2 * flow.n)
-        known[alike] = self.split
+        known[contacts] = self.split
         self._rows: dict[tuple[int, int, bool], Any] = {}
 
     @cached_property

@@ -1,9 +1,8 @@
 """The exact piecewise-linear solution in as many digits as error growth requires, with python-flint.
 
-The same regimes as in float64 (undamped.py, exponential.py), with modes, states and switching times
-carried as midpoints of multiprecision numbers. Most evaluations need few digits: the float64 search
-finds the next switch, Newton's method doubles its digits, and only one evaluation of the exponentials
-per switch is made at full precision. Digits that the motion has already used up are not carried on.
+Between two events the system is one linear flow, whatever damps, drives or holds it. Compliant stops: compliant.py
+refines events and modes of float64. Rigid stops: rigid.py finds its own events. Two runs with different digits have to
+agree.
 """
 
 from __future__ import annotations
