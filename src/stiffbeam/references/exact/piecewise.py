@@ -55,8 +55,8 @@ def solve_exact(
     Takes any damping, critical too, free bodies, drives in resonance with any regime, any number of contacts, linear
     stops, damped ones too (events.py), and time functions made of Harmonic, Constant and Sampled. Raises InputError
     with the reason for other time functions. ``known`` keeps the modes of systems that share their matrices and contact
-    rows, see ``Source``. Contacts are recorded from ``since`` on. Raises SolverFailure where the search cannot go on, or
-    the energy balance of the motion is open.
+    rows, see ``Source``. Contacts are recorded from ``since`` on. Raises SolverFailure where the search cannot go on,
+    or the energy balance of the motion is open.
 
     With u the gap's position, u' its rate and B >= |u''| on the rest of the piece, no switch lies
     before the smaller positive root s of (g2 - u) - u' s - B s^2/2 = 0 and (u - g1) + u' s - B s^2/2 = 0;
