@@ -72,7 +72,7 @@ def groups(
         A = np.block([[np.zeros((m, m)), np.diag(s[here])], [-np.diag(w**2 / s[here]), -damping[np.ix_(here, here)]]])
         if rng is not None and m > 1:  # of one mode the vectors are its eigenvalues, see ``known_until``
             A += size * np.linalg.norm(A, 2) * rng.uniform(-1.0, 1.0, A.shape)
-        for group in (_of_one(s[here[0]], w[0], A[1, 1], span) if m == 1 else []) or _of(A, span):
+        for group in (_of_one(float(s[here[0]]), float(w[0]), float(A[1, 1]), span) if m == 1 else []) or _of(A, span):
             V, L = np.zeros((2 * n, len(group.T)), complex), np.zeros((len(group.T), 2 * n), complex)
             V[place], L[:, place] = group.V, group.L
             found.append(Group(group.T, V, L, group.paired))
