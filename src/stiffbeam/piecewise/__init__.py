@@ -1,1 +1,14 @@
-"""Linear systems that change at events: regimes, the search for the next event, motions and what is read of them."""
+"""Linear systems that change at events. In the order of reading:
+
+tracer                             follows a motion: the compiled loop, and what it leaves to sums of exponentials
+regimes, linear                    regimes as pairs, made as they are met; complex modes where damping couples
+spectrum, chains                   eigenvalues in groups; where they meet
+follow                             the compiled loop from event to event
+terms, oscillation, search         what a contact sees of a segment, one mode, and the search for its next event
+exponential_search                 the search where forces are polynomials or eigenvalues meet
+touching, cubics                   what both rest on: safe steps along a gap
+events                             what damped stops do at an event
+motion, pressing                   what is read of a motion at any time; peaks and impulses
+measures, audit                    contact records and energy; where the energy does not balance
+rounding                           what float64 loses, for perturbed copies
+"""

@@ -27,6 +27,7 @@ from .rounding import Perturbation, rounded_sum
 from .spectrum import Group, groups
 
 CLOSE = 0.01  # |lambda - i Omega|/(|lambda| + Omega) below which a mode answers a drive from rest
+NO_DRIVES = np.zeros(0, np.int64)
 UNFELT = 1e-14  # of the terms of a modal force: less is the rounding of none
 Complex = Any  # arrays of complex128
 
@@ -148,10 +149,17 @@ def _assembled(
     n, rates = len(omega), 1j * np.array([0.0, *drive.frequencies])
     s, found = groups(omega, damping, span, size, rng)
     begins = np.cumsum([0, *(len(group.T) for group in found)])
+    eigenvalues = np.concatenate([g.values for g in found])
+    L = np.vstack([g.L for g in found])
+    drawn = _drawn(
+        eigenvalues, np.repeat([g.paired for g in found], np.diff(begins)), L[:, n:], force, terms, rates, span
+    )
     chains = [
-        _chain(g, np.arange(a, a + len(g.T)), force, terms, rates, span) for g, a in zip(found, begins, strict=False)
+        _chain(g, np.arange(a, b), force, terms, rates, span)
+        if b > a + 1 or np.any(drawn[a])
+        else Chain(np.array([a]), g.T, NO_DRIVES, rates[:0], g.L[:, :0])
+        for g, a, b in zip(found, begins[:-1].tolist(), begins[1:].tolist(), strict=True)
     ]
-    eigenvalues = np.concatenate([np.linalg.eigvals(g.T) for g in found])
     # With or without a force on them: of modes close to a drive the response is not asked for.
     apart = np.abs(eigenvalues[:, None] - rates)
     close = np.any(apart <= CLOSE * (np.abs(eigenvalues)[:, None] + np.abs(rates)), axis=0)
@@ -164,7 +172,7 @@ def _assembled(
             else _answer(omega, s, damping, force[k], rate)
         )
     weights = np.concatenate([np.full(len(g.T), 2.0 if g.paired else 1.0) for g in found])
-    V, L = np.hstack([g.V for g in found]) * weights, np.vstack([g.L for g in found])
+    V = np.hstack([g.V for g in found]) * weights
     return Regime(
         np.minimum(np.real(eigenvalues), 0.0) + 1j * np.imag(eigenvalues),
         shapes @ (V[:n] / s[:, None]),
@@ -178,10 +186,20 @@ def _assembled(
     )
 
 
+def _drawn(
+    values: Complex, paired: NDArray[np.bool_], L: Complex, force: Complex, terms: Array, rates: Complex, span: float
+) -> NDArray[np.bool_]:
+    """(k, 1 + F), which drives force which of k eigenvalues that are no group with others in resonance; L: (k, n)."""
+    pulled = np.abs(L @ force.T) > UNFELT * (np.abs(L) @ terms.T)
+    apart, sizes = np.abs(values[:, None] - rates), np.abs(values)[:, None]
+    near = apart <= CLOSE * (sizes + np.abs(rates))
+    return pulled & (near | (~paired[:, None] & ((apart <= 1.0 / span) | (sizes <= 1.0 / span))))
+
+
 def _chain(group: Group, modes: NDArray[np.int64], force: Complex, terms: Array, rates: Complex, span: float) -> Chain:
     """A group with the drives in resonance with it, or the same as it over the span; what nothing holds or damps
     answers every drive."""
-    n, values = force.shape[1], np.linalg.eigvals(group.T)
+    n, values = force.shape[1], group.values
     pull = group.L[:, n:] @ force.T  # (k, 1 + F)
     if group.paired:
         pull = pull / 2.0  # exp(i Omega t) is half of the cosine

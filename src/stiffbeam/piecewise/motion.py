@@ -82,19 +82,19 @@ class Motion:
         """The regimes of this motion."""
         return [self._made[r] for r in np.unique(self.regime)]
 
-    @cached_property
+    @property
     def shortest_period(self) -> float:
         """Of the oscillating pairs of all regimes and of the drive."""
         fastest = [float(np.max(oscillating(pairs), initial=0.0)) for pairs in self._met]
         return 2.0 * np.pi / max(*fastest, *self.drive.frequencies, 1e-300)
 
-    @cached_property
+    @property
     def periods(self) -> Array:
         """The shortest of the oscillating pairs of every segment and of the drive, (segments,)."""
         fastest = np.array([np.max(oscillating(pairs), initial=0.0) for pairs in self._made])
         return 2.0 * np.pi / np.maximum(fastest[self.regime], max(*self.drive.frequencies, 0.0, 1e-300))
 
-    @cached_property
+    @property
     def fastest_decay(self) -> float:
         """The largest decay rate of any pair in any regime, 1/time."""
         return max(float(-np.min(pairs.sigma, initial=0.0)) for pairs in self._met)

@@ -63,6 +63,7 @@ class Pairs:
 
     def coefficients(self, x: Array, y: Array) -> Any:
         """c of the pairs x, y (..., k)."""
+        assert self.turns is not None
         return x - 1j * y / self.turns
 
     def pairs(self, c: Any) -> tuple[Array, Array]:
@@ -229,13 +230,14 @@ class Regimes:
         source = self.source
         contacts, n, F = source.system.contacts, source.system.size, len(source.drive.frequencies)
         m, d = len(contacts), source.drive.size
+        sigma, omega, level = np.zeros((3, R, K))
+        g1, g2 = np.array([(c.stops.g1, c.stops.g2) for c in contacts], float).reshape(m, 2).T.copy()
         return Table(
-            np.zeros((R, m), np.int64), np.zeros(R, np.int64), np.zeros(R, np.int64), *np.zeros((3, R, K)),
+            np.zeros((R, m), np.int64), np.zeros(R, np.int64), np.zeros(R, np.int64), sigma, omega, level,
             np.zeros((R, K + F), np.int64), np.zeros((R, 2, K + F)), np.zeros((R, 4, K, n)), np.zeros((R, 4, n, K)),
             np.zeros((R, 2, d, n)), np.zeros((R, 2, m, K)), np.zeros((R, m, d)),
             np.array(source.drive.frequencies, float), np.zeros((R, p, 2), np.int64), np.zeros(R, np.int64),
-            np.zeros((R, p, 2)), *np.array([(c.stops.g1, c.stops.g2) for c in contacts], float).reshape(m, 2).T.copy(),
-            source.lags,
+            np.zeros((R, p, 2)), g1, g2, source.lags,
         )  # fmt: skip
 
     def _fill(self, table: Table, r: int, sides: tuple[int, ...], made: Pairs) -> None:

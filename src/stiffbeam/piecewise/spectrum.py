@@ -10,6 +10,7 @@ that is damped critically, or nearly. Such a group keeps a basis of the space th
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -35,6 +36,11 @@ class Group:
     V: Complex
     L: Complex
     paired: bool
+
+    @cached_property
+    def values(self) -> Complex:
+        """The eigenvalues (k,)."""
+        return self.T[0] if len(self.T) == 1 else np.linalg.eigvals(self.T)
 
 
 def groups(
@@ -66,11 +72,31 @@ def groups(
         A = np.block([[np.zeros((m, m)), np.diag(s[here])], [-np.diag(w**2 / s[here]), -damping[np.ix_(here, here)]]])
         if rng is not None and m > 1:  # of one mode the vectors are its eigenvalues, see ``known_until``
             A += size * np.linalg.norm(A, 2) * rng.uniform(-1.0, 1.0, A.shape)
-        for group in _of(A, span):
+        for group in (_of_one(float(s[here[0]]), float(w[0]), float(A[1, 1]), span) if m == 1 else []) or _of(A, span):
             V, L = np.zeros((2 * n, len(group.T)), complex), np.zeros((len(group.T), 2 * n), complex)
             V[place], L[:, place] = group.V, group.L
             found.append(Group(group.T, V, L, group.paired))
     return s, found
+
+
+def _of_one(s: float, w: float, rate: float, span: float) -> list[Group]:
+    """The groups of one mode, A = [[0, s], [-w^2/s, rate]], in closed form; none where its eigenvalues are close, or
+    one of them is zero."""
+    if w * w / s == 0.0:
+        return []
+    root = np.sqrt(complex(0.25 * rate * rate - w * w))
+    large = 0.5 * rate + (root if rate > 0.0 else -root)
+    # The small one is no difference of large ones.
+    values = [large, w * w / large] if root.real else [complex(large.real, abs(large.imag))]
+    found = []
+    for value in values:
+        right, left = np.array([[s], [value]]), np.array([[-w * w / s, value]])
+        cosine = abs((left @ right)[0, 0]) / (np.linalg.norm(left) * np.linalg.norm(right))
+        if cosine * SENSITIVE < 1.0 or (abs(value) * span < 1.0 and value.imag != 0.0):
+            return []
+        V = right / np.linalg.norm(right)
+        found.append(Group(np.array([[value]]), V + 0j, left / (left @ V) + 0j, value.imag != 0.0))
+    return found
 
 
 def _of(A: Array, span: float) -> list[Group]:

@@ -53,12 +53,10 @@ def solve_exact(
     """The exact piecewise-linear solution in float64, with crossings that cannot be missed.
 
     Takes any damping, critical too, free bodies, drives in resonance with any regime, any number of contacts, linear
-    stops, damped ones too (events.py), and time functions made of Harmonic, Constant and Sampled; raises
-    InputError with the reason for other time functions. Without damping, with at most one contact and no samples all
-    of it is compiled; else regimes
-    are made as they are met. ``known`` keeps the modes of systems that share their matrices and contact row, see
-    ``Tracer``. Contacts are recorded from ``since`` on. Raises SolverFailure where the search cannot go on,
-    or the energy balance of what it found is open.
+    stops, damped ones too (events.py), and time functions made of Harmonic, Constant and Sampled. Raises InputError
+    with the reason for other time functions. ``known`` keeps the modes of systems that share their matrices and contact
+    rows, see ``Source``. Contacts are recorded from ``since`` on. Raises SolverFailure where the search cannot go on,
+    or the energy balance of the motion is open.
 
     With u the gap's position, u' its rate and B >= |u''| on the rest of the piece, no switch lies
     before the smaller positive root s of (g2 - u) - u' s - B s^2/2 = 0 and (u - g1) + u' s - B s^2/2 = 0;
@@ -99,12 +97,6 @@ def copies(system: System, t_end: float, t: Array, size: float) -> Iterator[Watc
             paths = (seen[system.tip_channel], *seen[: len(system.contacts)])
             impacts = tuple(entries(solution, i, t_end) for i in range(len(system.contacts)))
         yield Watched(t, paths, impacts)  # outside: what float64 raises inside is not for who goes on with it
-
-
-def general(system: System) -> bool:
-    """Whether it takes sums of complex exponentials: damping, several contacts, or sampled functions of time."""
-    damped = system.damped or any(contact.stops.damping > 0.0 for contact in system.contacts)
-    return damped or len(system.contacts) > 1 or bool(Drive.of(system).records)
 
 
 def reference_of(
