@@ -135,11 +135,12 @@ def gallery(names: Iterable[str], out: Path, smoke: bool) -> str:
             f"    {command}",
             f"[![{study.question}](gallery/{name}.png)](gallery/{name}.png)",  # on a phone it is small
         ]
+        parts.append(records.answer.verdict)
         if table := records.answer.table:
             heads = list(dict.fromkeys(key for line in table for key in line))
             rows = [[line.get(head, "–") for head in heads] for line in table]
             parts.append("\n".join(f"| {' | '.join(row)} |" for row in [heads, ["---"] * len(heads), *rows]))
-        parts.append(records.answer.rest.replace("; ", ";\n"))
+        parts.append(records.answer.notes)
         parts.append(f"[JSON](gallery/{name}.json) · [CSV](gallery/{name}.csv)")
     return markdown("\n\n".join(parts))
 

@@ -98,7 +98,7 @@ def within_reference(run: Trajectory, reference: Reference, tolerance: float, un
         remedy = "raise until, or start the run earlier"
         raise InputError("until", end, f"be at least the run's first time {t[0]:g}", remedy)
     expected = reference.at(t[inside])[0]
-    error = np.abs(u[inside] - expected) / max(float(np.max(np.abs(expected))), 1e-300)
+    error = np.abs(u[inside] - expected) / (float(np.max(np.abs(expected))) or 1.0)
     worst = int(np.argmax(error))
     assert error[worst] <= tolerance, (
         f"off by {error[worst]:.3e} of the largest displacement at t = {t[worst]:.6g}, allowed {tolerance:.3e}"

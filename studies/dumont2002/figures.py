@@ -15,10 +15,11 @@ from stiffbeam.basics.storage import write_whole
 from stiffbeam.figures.animation import animate
 from stiffbeam.figures.panels import COLOURS, DASHES, look_of_name, new_figure
 from stiffbeam.figures.runs import draw_stops, first_contact, zoom_on_stop
-from stiffbeam.measures.spectrum import MULTIPLES, amplitude_spectrum
+from stiffbeam.measures.spectrum import amplitude_spectrum
 from stiffbeam.references import reference
 from stiffbeam.trajectory.trajectory import Reference, Trajectory
 
+from .peaks import MULTIPLES
 from .sample import of_members
 from .table import Made
 

@@ -11,10 +11,10 @@ import numpy as np
 
 from stiffbeam.files.cases import paper_case
 from stiffbeam.measures.amplification import amplification
-from stiffbeam.measures.spectrum import EXCITED
 from stiffbeam.model.closed_form import natural_frequencies
 
 from .evidence import Evidence
+from .peaks import EXCITED
 from .sample import Sample, above, below, coherent, every, no, some
 from .table import equation_of
 from .verdicts import FAILS, HOLDS, OPEN, PARTLY, Finding, judge, of_both, plain_verdict, shared_verdict

@@ -7,16 +7,10 @@ from typing import Any
 import numpy as np
 
 from stiffbeam.basics.arrays import Array
-from stiffbeam.measures.spectrum import (
-    amplitude_spectrum,
-    band,
-    even_over_odd,
-    find_peaks,
-    multiple_amplitudes,
-    share_off_multiples,
-)
+from stiffbeam.measures.spectrum import amplitude_spectrum
 from stiffbeam.model.closed_form import natural_frequencies
 
+from .peaks import band, even_over_odd, find_peaks, multiple_amplitudes, share_off_multiples
 from .table import Made
 
 

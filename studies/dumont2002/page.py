@@ -18,12 +18,12 @@ from markupsafe import Markup
 
 from stiffbeam.basics.storage import write_whole
 from stiffbeam.files.cases import paper_cases
-from stiffbeam.measures.spectrum import EXCITED
 
 from . import no_contact, rows
 from .ensembles import PERIODS, PERTURBATION
 from .figures import name_of
 from .make import Finished
+from .peaks import EXCITED
 from .reading import Reading
 from .sample import of_members
 from .table import drive_of

@@ -176,12 +176,24 @@ def test_a_remedy_of_a_command_is_none_of_python(command):
     assert not PYTHON.search(err)
 
 
+@pytest.mark.parametrize("method", ["exact", "multiprecision"])
+def test_the_remedy_for_a_stop_that_moves_along_a_polygon_is_one_of_case_files(method, command):
+    system = ball(sb.Stops(lower=0.0, stiffness=np.inf, restitution=0.5), 0.5)
+    polygon = sb.Sampled([0.0, 1.0, 2.0], [0.0, 0.1, 0.0])
+    moved = replace(system, contacts=(replace(system.contacts[0], offset=polygon),))
+    Path("own.toml").write_text(toml(moved, 1e-3, 1.0), encoding="utf-8")
+    code, _, err = command("reference", "own.toml", "--method", method)
+    assert (code, 'take samples of kind "cubic"' in err) == (2, True), err
+    assert not PYTHON.search(err)
+
+
 @pytest.mark.parametrize("rounding", [-1e-17, 0.0, 1e-17])
 def test_a_ball_that_rests_on_a_moving_table_starts_there_but_for_rounding(rounding):
     """The gap is a difference of the two heights: their size, not the gap's, says what rounding is."""
     table = sb.Harmonic(0.01, 40.0, 0.7)
     system = ball(sb.Stops(lower=0.0, stiffness=np.inf, restitution=0.0), 0.0, table)
     system = replace(system, q0=-table.value(0.0) * np.ones(1) + rounding, v0=-table.rate(0.0) * np.ones(1))
-    exact = sb.reference(system, 0.1)
+    exact, precise = (sb.reference(system, 0.1, method=method) for method in ("exact", "multiprecision"))
     run = sb.integrate(system, sb.MoreauJean(), 1e-3, 0.1)
     assert np.max(np.abs(run.tip - exact.at(run.t)[0])) < 1e-4
+    assert np.max(np.abs(precise.tip - exact.at(precise.t)[0])) < 1e-14

@@ -12,9 +12,8 @@ import stiffbeam as sb
 from stiffbeam.basics.compiled import stopped_clock
 from stiffbeam.files.reader import read_samples
 from stiffbeam.measures.amplification import free_mode_errors
-from stiffbeam.studies import chaos, study
+from stiffbeam.studies import chaos, find_study, study
 from stiffbeam.studies.common import to_the_end
-from stiffbeam.studies.rigid_bar import points as bar_points
 from stiffbeam.studies.sweep import repeats_after
 
 OSCILLATOR = """
@@ -138,8 +137,8 @@ def test_a_sweep_on_rigid_stops_prints_no_force_that_is_none(case):
     records = study(
         "sweep", system, values=[4.5, 5.0], method="moreau-jean", dt=1e-3, t_end=5.0, periods=4, transient=2
     )
-    assert "nan" not in records.answer
-    assert "largest force" not in records.answer
+    assert "nan" not in records.answer.text()
+    assert "largest force" not in records.answer.text()
     assert "4 periods are too few to tell" in records.answer
 
 
@@ -173,7 +172,7 @@ def test_a_column_of_a_record_is_one_column_of_values(tmp_path, header, column, 
 @pytest.mark.parametrize("courant", [0.0, -1.0, float("nan")])
 def test_a_courant_number_is_positive(case, courant):
     with pytest.raises(sb.InputError, match="courant"):
-        bar_points(case, courant=courant)
+        find_study("rigid_bar").plan(case, courant=courant)
 
 
 REFUSED = [
@@ -211,7 +210,7 @@ def test_figures_of_a_beam_on_rigid_stops_say_how_much_of_them_is_chance():
     assert all(row[f"{x}_low"] <= row[x] <= row[f"{x}_high"] for row in rows for x in ("impulse", "impacts", "lost"))
     hard = next(row for row in rows if row["method"] == "trapezoidal" and row["kappa"] is None)
     assert hard["lost_high"] - hard["lost_low"] > 0.01
-    assert f"{hard['impulse_low']:.3g} to {hard['impulse_high']:.3g}" in records.answer
+    assert f"{hard['impulse_low']:.3g} to {hard['impulse_high']:.3g}" in records.answer.text()
 
 
 def test_chaos_fits_no_distances_that_are_rounding():
@@ -290,7 +289,9 @@ def test_precision_says_of_no_impact_that_it_is_followed_where_it_is_not():
         )
         options = {"dt": 10.0, "t_end": 40.0, "schemes": ["trapezoidal"], "methods": ["exact"], "halvings": 1}
         said = sb.study("precision", system, **options, jobs=1).answer
-        assert "trapezoidal to t = 2.65 with" in said if upper == 0.75 else "followed" not in said
+        followed = [line["impacts followed"] for line in said.table if "impacts followed" in line]
+        assert [text[:13] for text in followed] == (["to t = 2.65 w"] if upper == 0.75 else [])
+        assert ("followed" in said) == (upper == 0.75)
 
 
 def test_a_short_blow_perturbs_by_the_motion_it_makes():

@@ -161,7 +161,7 @@ def test_a_beam_that_is_given_as_its_system_keeps_its_grid():
     error = abs(sb.modes(system).omega[0] / (1.8751040687119611**2 * np.sqrt(300.0)) - 1.0)
     (line,) = [line for line in records.answer.table if line["order in h of"] == "frequency 1"]
     assert line["displacement"].endswith(f" ({error:.1g})")
-    assert "on 8 cells (the case has 8)" in records.answer.rest
+    assert "on 8 cells (the case has 8)" in records.answer.notes
 
 
 def test_a_beam_of_elements_is_studied_in_its_form():

@@ -350,3 +350,20 @@ def test_the_threads_can_be_limited(monkeypatch):
     monkeypatch.setenv("STIFFBEAM_THREADS", "none")
     with pytest.raises(sb.InputError, match="STIFFBEAM_THREADS"):
         cores()
+
+
+@pytest.mark.parametrize("rigid", [False, True])
+def test_members_whose_contact_is_there_at_the_start_are_flagged(rigid):
+    law = {"stiffness": np.inf, "restitution": 0.5} if rigid else {"stiffness": 1e4}
+    loads = [([-9.81], sb.Constant(1.0)), ([1.0], sb.Harmonic(30.0, 8.0))]
+    contact = sb.Contact([1.0], sb.Stops(lower=0.0, **law))
+    pressed = sb.System.from_matrices([[1.0]], [[50.0]], None, loads, [contact])
+    members = [pressed, replace(pressed, q0=np.array([0.02]))]
+    scheme = sb.MoreauJean() if rigid else sb.HHT()
+    for many in (
+        sb.integrate_ensemble(pressed, scheme, 1e-3, 1.0, members),
+        sb.reference_ensemble(pressed, 1.0, members),
+    ):
+        assert many.contact.open_at_start.tolist() == [True, False]
+        assert many.to_dataframe()["contact0_open_at_start"].tolist() == [True, False]
+        assert many.to_xarray()["contact_open_at_start"].values.tolist() == [[1, 0]]

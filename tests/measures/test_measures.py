@@ -83,6 +83,17 @@ def test_the_spectrum_shows_a_sinusoid_with_its_amplitude():
         assert amplitude[np.argmin(np.abs(omega - w))] == pytest.approx(a, rel=0.01)
 
 
+@pytest.mark.parametrize("given", [True, False])
+def test_the_spectrum_of_uneven_times_is_that_of_the_motion(given):
+    """Steps of 1 to 9 ms: 1 ms at the end, which alone would scale every frequency by five."""
+    t = np.cumsum(np.concatenate([[0.0], np.random.default_rng(1).uniform(1e-3, 9e-3, 1250)]))
+    t = np.append(t, t[-1] + 1e-3 * np.arange(1, 40))
+    u, v = 0.7 * np.sin(10 * t + 0.2) + 0.05 * np.cos(30 * t), 7.0 * np.cos(10 * t + 0.2) - 1.5 * np.sin(30 * t)
+    omega, amplitude = amplitude_spectrum(t, u, 10.0, v if given else None)
+    for w, a in ((10.0, 0.7), (30.0, 0.05)):
+        assert amplitude[np.argmin(np.abs(omega - w))] == pytest.approx(a, rel=0.02)
+
+
 @pytest.fixture(scope="module")
 def compared(table10):
     system = sb.semidiscretise(table10, 12)

@@ -129,6 +129,63 @@ def test_a_run_at_times_of_its_own_gives_the_measures_of_its_equidistant_steps(m
     assert b.matching.median_delay == pytest.approx(a.matching.median_delay, abs=1e-6 + 2.0 * moved)
 
 
+def bouncing():
+    """A ball that bounces five times, its exact motion, and a run of it by steps."""
+    system = sb.problem("bouncing-ball").system
+    return system, sb.reference(system, 1.3), sb.integrate(system, sb.MoreauJean(0.5), 1e-3, 1.3)
+
+
+@pytest.mark.parametrize("given", ["tip", "velocity", "states"])
+@pytest.mark.parametrize("whose", ["scheme", "exact", "uneven"])
+def test_a_run_against_rigid_stops_has_its_impacts_read_from_its_steps(given, whose):
+    """Of the exact motion's arrays they are its impacts; a scheme's are late by its own half step and less."""
+    system, ref, run = bouncing()
+    t = run.t if whose != "uneven" else np.cumsum(np.append(0.0, np.random.default_rng(2).uniform(2e-4, 1.8e-3, 1400)))
+    t = np.append(t[t < 1.2999], 1.3)
+    q, v = (x[: len(t)] for x in run.states) if whose == "scheme" else ref.state_at(t)
+    arrays = {
+        "tip": {"tip": q[:, 0]},
+        "velocity": {"tip": q[:, 0], "tip_velocity": v[:, 0]},
+        "states": {"states": (q, v)},
+    }
+    own = sb.Trajectory.from_arrays(t, system=system, **arrays[given])
+    times = own.impacts.times
+    found = sb.compare(own, ref)
+    assert len(times) == found.contacts[0].run.impacts == found.contacts[0].reference.impacts == 5
+    assert set(own.impacts.stops) == {-1}
+    late = np.max(np.abs(times - ref.impacts.times))
+    # 1.5 a steps^2/v in a step of free fall; a tip alone has differences, off by half a step of acceleration.
+    assert late < (5e-3 if whose == "scheme" else 5e-5)
+    assert found.matched_until == 1.3
+    assert found.tip_error_rms < (3e-3 if whose == "scheme" else 1e-12)
+    assert np.isnan([found.contacts[0].run.impulse, found.contacts[0].run.fraction, found.energy_lost]).all()
+    assert any("nor impulse of a rigid stop" in note for note in found.missing)
+    assert any(note.startswith("energy: ") for note in found.missing)
+    assert json.dumps(found.to_dict(), allow_nan=False)
+    assert found.figure().axes
+
+
+def test_a_rigid_contact_away_from_the_tip_is_unknown_without_states():
+    stops = [sb.Stops(lower=0.0, stiffness=np.inf, restitution=0.5)] * 2
+    contacts = [sb.Contact(row, stop) for row, stop in zip(np.eye(2), stops, strict=True)]
+    fall = [([-9.81, -9.81], sb.Constant(1.0))]
+    system = sb.System.from_matrices(np.eye(2), np.zeros((2, 2)), None, fall, contacts, initial_displacement=[1.0, 0.4])
+    ref = sb.reference(system, 0.6)
+    t = np.linspace(0.0, 0.6, 601)
+    own = sb.compare((t, ref.at(t)[0]), ref)
+    assert [c.run.impacts for c in own.contacts] == [1, -1]
+    assert np.isnan(own.matched_until)
+    whole = sb.compare(sb.Trajectory.from_arrays(t, system=system, states=ref.state_at(t)), ref)
+    assert [c.run.impacts for c in whole.contacts] == [1, 2]
+
+
+def test_impacts_that_thinned_times_cannot_show_are_counted_by_the_exact_motion_at_them():
+    _, ref, _ = bouncing()
+    t = np.linspace(0.0, 1.3, 8)
+    missing = sb.compare((t, *ref.at(t)), ref).missing
+    assert any(re.search(r"shows [0-4] of its 5 impacts", note) for note in missing)
+
+
 def test_what_is_said_of_times_of_ones_own(measured):
     system, run, ref = measured
     rows = thinned(run)

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import stiffbeam as sb
-from stiffbeam.studies.sweep import sections
+from stiffbeam.files.cases import case_of
+from stiffbeam.studies.parameters import named
+from stiffbeam.studies.sweep import points, sections
 
 G = 1.0
 
@@ -192,3 +196,41 @@ def test_the_only_stops_of_a_beam_have_paths(path):
     system = sb.semidiscretise(sb.BeamProblem(stiffness=3.0, stops=stops, base=sb.Harmonic(0.02, 5.0)), 6)
     member = sb.varied(system, {path: [0.7]})[0]
     assert member.contacts[0].stops == sb.Stops(-0.1, 0.1, stiffness=np.inf, restitution=0.7)
+
+
+def test_by_default_a_sweep_looks_at_as_many_periods_as_its_budget_allows():
+    """20 s of processor time at 30 ms a period of the exact solution with rigid stops; ten after ten at least."""
+    case = case_of(ball(), 1e-3, 9.0)
+    looked = {}
+    for number in (2, 20, 2000):
+        values = np.linspace(0.1, 0.9, number)
+        point = points(case, "contacts[0].stops.restitution", values, method="exact", form="matrices")[0]
+        looked[number] = point["transient"], point["periods"]
+    assert looked == {2: (100, 60), 20: (20, 12), 2000: (10, 10)}
+    assert (
+        points(case, "contacts[0].stops.restitution", values, method="exact", form="matrices", transient=50)[0][
+            "transient"
+        ]
+        == 50
+    )
+    few = points(case, "contacts[0].stops.restitution", [0.5], method="moreau-jean", form="matrices")[0]
+    assert (few["transient"], few["periods"]) == (100, 60)
+
+
+def test_a_path_is_on_an_axis_with_its_unit():
+    stops = sb.Stops(-0.1, 0.1, stiffness=1e4, damping=3.0)
+    units = sb.Units("mm", "s", "N")
+    beam = sb.BeamProblem(stiffness=300.0, stops=stops, base=sb.Harmonic(0.2, 10.0), length=1.0, mass_per_length=1.0)
+    case = case_of(sb.semidiscretise(replace(beam, units=units), 6), 1e-3, 1.0)
+    wanted = {
+        "stiffness": "N/mm",
+        "damping": "N s/mm",
+        "dissipation": "s/mm",
+        "lower": "mm",
+        "motion.frequency": "rad/s",
+    }
+    for name, unit in wanted.items():
+        assert named(case, f"contacts[0].stops.{name}") == f"contacts[0].stops.{name} ({unit})"
+    assert named(case, "stops.exponent") == "stops.exponent"
+    hertz = case_of(sb.semidiscretise(replace(beam, units=units, stops=replace(stops, exponent=1.5)), 6), 1e-3, 1.0)
+    assert named(hertz, "stops.stiffness") == "stops.stiffness"

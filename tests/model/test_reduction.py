@@ -142,3 +142,30 @@ def test_what_cannot_be_reduced_is_refused():
         sb.reduced(np.diag([1.0, 1.0, -1.0, 1.0]), np.eye(4), observe=np.eye(4)[0], modes=1)
     with pytest.raises(sb.InputError, match="rank of the mass matrix, 2"):
         sb.reduced(np.diag([1.0, 0.0, 0.0, 1.0]), np.eye(4), observe=np.eye(4)[0], modes=2)
+
+
+def test_two_thousand_unknowns_of_which_every_second_has_no_mass():
+    """A chain of springs k with a mass at every second node is one of 1000 masses on springs k/2."""
+    n, k = 1000, 1e4
+    springs = [np.full(2 * n - 1, -k), np.append(np.full(2 * n - 1, 2.0 * k), k), np.full(2 * n - 1, -k)]
+    K, M = scipy.sparse.diags_array(springs, offsets=[-1, 0, 1]), scipy.sparse.diags_array(np.tile([0.0, 1.0], n))
+    end, push = np.eye(1, 2 * n, 2 * n - 1)[0], np.eye(1, 2 * n, 500)[0]  # the node pushed has no mass
+    small = sb.reduced(
+        M, K, None, [(push, sb.Constant(1.0))], [sb.Contact(end, sb.Stops(upper=0.1, stiffness=1e3))], modes=20
+    )
+    known = 2.0 * np.sqrt(k / 2.0) * np.sin((2.0 * np.arange(1, 22) - 1.0) * np.pi / (4.0 * n + 2.0))
+    assert small.omega == pytest.approx(known[:20], rel=1e-9)
+    assert small.left_out == pytest.approx(known[20], rel=1e-9)
+    deflection = small.expand(np.linalg.solve(small.system.stiffness, small.basis.T @ push))
+    assert deflection == pytest.approx(np.minimum(np.arange(1, 2 * n + 1), 501) / k)
+    assert small.static_lost < 1e-9
+    assert "lost" not in repr(small)
+
+
+def test_a_load_that_moves_no_mass_is_lost_and_said_to_be():
+    K = np.array([[3.0, 0.0, -1.0], [0.0, 5.0, 0.0], [-1.0, 0.0, 3.0]])
+    load = [([0.0, 1.0, 0.0], sb.Constant(1.0))]
+    small = sb.reduced(np.diag([1.0, 0.0, 1.0]), K, None, load, observe=[1.0, 0.0, 0.0], modes=1)
+    assert small.static_lost == 1.0
+    assert repr(small).endswith("1 of a static deflection lost>")
+    assert small.error_at(0.1) == 1.0

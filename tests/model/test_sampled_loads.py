@@ -11,8 +11,8 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 import stiffbeam as sb
+from stiffbeam.piecewise.polynomial_answer import answers
 from stiffbeam.references import solve
-from stiffbeam.references.exact.polynomial_answer import answers
 
 TIMES = np.array([0.0, 0.1, 0.25, 0.3, 0.7, 1.0])
 VALUES = np.array([0.0, 1.0, -0.5, 0.2, 0.3, -1.0])

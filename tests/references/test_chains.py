@@ -12,8 +12,8 @@ from vibro_impact import Case, Contact
 from vibro_march import solve
 
 import stiffbeam as sb
-from stiffbeam.references.exact.chains import differences, largest
-from stiffbeam.references.exact.spectrum import groups
+from stiffbeam.piecewise.chains import differences, largest
+from stiffbeam.piecewise.spectrum import groups
 
 
 @pytest.mark.parametrize(

@@ -11,9 +11,9 @@ from mpmath import mp, mpf
 
 import stiffbeam as sb
 from stiffbeam.basics.validation import InputError
+from stiffbeam.piecewise.events import LET_GO
+from stiffbeam.piecewise.tracer import tracer_of
 from stiffbeam.references.exact import tangent
-from stiffbeam.references.exact.damped_stops import LET_GO
-from stiffbeam.references.exact.piecewise import tracer_of
 
 TIMES = np.linspace(0.0, 3.0, 61)
 

@@ -10,9 +10,9 @@ import pytest
 from scipy.optimize import brentq
 
 import stiffbeam as sb
-from stiffbeam.references.exact.oscillation import oscillations
-from stiffbeam.references.exact.switching import search
-from stiffbeam.references.exact.terms import (
+from stiffbeam.piecewise.oscillation import oscillations
+from stiffbeam.piecewise.search import search
+from stiffbeam.piecewise.terms import (
     CONSTANT,
     LEVEL,
     OMEGA,

@@ -4,6 +4,8 @@ Witness: the solution in as many digits as it takes. The longest natural period 
 thousandth is no tolerance for impacts that follow each other every second.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import rigid_witness
@@ -192,3 +194,17 @@ def test_where_a_record_that_begins_with_silence_diverges():
 def test_random_records_against_rigid_stops(family, systems):
     for seed in range(systems):
         certified_record(*rigid_witness.recorded_system(family, seed))
+
+
+@pytest.mark.parametrize(
+    "systems", [pytest.param(2, marks=pytest.mark.slow), pytest.param(20, marks=pytest.mark.campaign)]
+)
+def test_random_records_against_kelvin_voigt_stops(systems):
+    """Stops of other stiffness and damping in place of the rigid ones: damped, silent, then driven, or growing."""
+    for seed in range(systems):
+        system, t_end = rigid_witness.recorded_system("silence" if seed % 3 else "growing", 9000 + seed)
+        rng = np.random.default_rng([seed, 5])
+        kappa = float(10.0 ** rng.uniform(3.0, 5.0))
+        law = {"stiffness": kappa, "damping": float(10.0 ** rng.uniform(-1.0, 1.0) * 0.05 * np.sqrt(kappa))}
+        contacts = tuple(replace(c, stops=sb.Stops(c.stops.lower, c.stops.upper, **law)) for c in system.contacts)
+        certified_record(replace(system, contacts=contacts), t_end)

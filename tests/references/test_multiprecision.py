@@ -41,7 +41,7 @@ def test_past_it_float64_parts_from_it_and_the_digits_confirm_themselves(table10
     assert np.max(np.abs(many.tip - double.tip)[~inside]) > 0.1 * scale
     # An independent number of digits gives the same switches over the whole span.
     other = march(system, 1.0, 150)
-    assert np.array_equal(other.regime, many.solution.regime)
+    assert np.array_equal(other.sides, many.solution.sides)
     assert np.max(np.abs(other.times - many.solution.times)) < 1e-14
     # The energy ledger closes as it does in float64: the pieces are one solution.
     assert np.max(np.abs(many.energy.loss)) < 1e-10 * np.max(np.abs(many.energy.input))

@@ -348,3 +348,35 @@ def test_copies_lose_roundings_of_their_own(monkeypatch):
     assert len(set(ends)) == len(ends) == 1 + len(rigid_reference.COPIES)
     faster, slower = ends[1] - ends[0], ends[2] - ends[0]
     assert min(abs(faster - slower), abs(faster + slower)) > 1e-2 * abs(faster)
+
+
+@pytest.mark.parametrize("form", ["a sum", "two loads"])
+def test_a_perturbed_copy_loses_the_rounding_of_loads_that_cancel(form):
+    """What a sum of 1e6 and -1e6 loses is relative to 1e6."""
+    f, against = sb.Harmonic(1e6, 5.0, 0.3), sb.Harmonic(-1e6, 5.0, 0.3)
+    loads = [([1.0], sb.Sum(f, against))] if form == "a sum" else [([1.0], f), ([1.0], against)]
+    stops = sb.Stops(upper=1.0, stiffness=np.inf, restitution=0.5)
+    system = sb.System.from_matrices([[1.0]], [[1.0]], None, loads, [sb.Contact([1.0], stops)])
+    q, _, _ = Tracer(system, roundings=16.0).solve(1.0).at(np.ones(1))
+    assert 1e6 * np.finfo(float).eps < abs(float(q[0, 0])) < 1e-8
+
+
+@pytest.mark.parametrize("bodies", [2, 40])
+def test_bodies_that_rest_on_their_stops_under_a_load_that_rises_from_zero_stay_there(bodies):
+    """All of them held from the start: what the stops withhold is not zero because the load is at t = 0."""
+    n = np.eye(bodies)
+    neighbours = np.eye(bodies, k=1) + np.eye(bodies, k=-1)
+    contacts = [sb.Contact(row, sb.Stops(lower=0.0, stiffness=INF, restitution=0.5)) for row in n]
+    load = [(-np.ones(bodies), sb.Harmonic(10.0, 3.0))]
+    bed = sb.System.from_matrices(4.0 * n + neighbours, 100.0 * (2.0 * n - neighbours), None, load, contacts)
+    found = sb.reference(bed, 0.05)
+    assert [(c.impacts.count, c.fraction) for c in found.contacts] == [(0, 1.0)] * bodies
+    assert found.horizon == 0.05
+
+
+def test_a_beam_that_is_held_everywhere_on_its_stops_has_the_whole_horizon():
+    """Its positions are rounding, which is nothing beside what its stops withhold."""
+    stops = [sb.Stops(lower=0.0, stiffness=INF, restitution=0.5, position=x) for x in np.linspace(0.1, 1.0, 10)]
+    load = sb.DistributedLoad(lambda x: -1.0 + 0.0 * x, sb.Harmonic(5.0, 3.0))
+    found = sb.reference(sb.semidiscretise(sb.BeamProblem(stiffness=300.0, stops=stops, loads=(load,)), 10), 0.01)
+    assert found.horizon == 0.01

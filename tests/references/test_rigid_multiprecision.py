@@ -234,7 +234,7 @@ def test_it_shares_no_code_with_the_solution_in_float64():
                 assert not (node.level == 2 and (node.module or "").startswith("exact")), name
                 own = node.module if node.level == 1 else None
                 waiting += [own] if own and own not in seen else []
-    assert {"impacting", "first_zero", "linear_flow", "rational"} <= seen
+    assert {"impacting", "linear_flow", "rational"} <= seen
 
 
 def test_it_is_kept_by_its_outputs(tmp_path, monkeypatch):

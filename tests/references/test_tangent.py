@@ -10,9 +10,9 @@ from scipy.optimize import brentq
 from systems import two_contacts
 
 import stiffbeam as sb
+from stiffbeam.piecewise.tracer import tracer_of
 from stiffbeam.references import solve
 from stiffbeam.references.exact import tangent
-from stiffbeam.references.exact.piecewise import tracer_of
 
 
 def table(number: int) -> sb.System:

@@ -15,16 +15,11 @@ from dumont2002.make import LONGEST_FIRST, TABLES
 from dumont2002.misprints import MISPRINTS, measured
 from dumont2002.motion import motion
 from dumont2002.no_contact import GRIDS, error_curves, problem, tip_exact
+from dumont2002.peaks import even_over_odd, find_peaks, multiple_amplitudes, share_off_multiples
 from dumont2002.reading import Reading, reading
 from dumont2002.table import drive_of, equation_of, make_table
 from dumont2002.verdicts import FAILS, HOLDS, OPEN, PARTLY, SCHEME_ONLY, verdict
-from stiffbeam.measures.spectrum import (
-    amplitude_spectrum,
-    even_over_odd,
-    find_peaks,
-    multiple_amplitudes,
-    share_off_multiples,
-)
+from stiffbeam.measures.spectrum import amplitude_spectrum
 from stiffbeam.model.closed_form import mode, roots
 from stiffbeam.model.problem import PointLoad
 

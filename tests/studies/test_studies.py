@@ -128,7 +128,7 @@ def variants(rows, keys):
 @pytest.mark.parametrize("name", BY_WEIGHT)
 def test_a_picture_survives_failed_missing_and_single_rows(name):
     records = smoke(name)
-    keys = set().union(*find_study(name).points(SMALL, **find_study(name).smoke))
+    keys = set().union(*find_study(name).plan(SMALL, **find_study(name).smoke))
     keys |= {"dt", "kappa", "t", "dt_over_period", "omega"}
     for rows in variants(records.rows, keys):
         replace(records, rows=rows).figure().canvas.draw()

@@ -1,1 +1,1 @@
-"""What every other room builds on: arrays, units, checks of input, files and compilation."""
+"""The ground of every other room: arrays, units, checks of input, files and compilation."""

@@ -35,7 +35,7 @@ def aligned(shape: tuple[int, ...]) -> Array:
 def read_only(values: ArrayLike) -> Array:
     """A copy of ``values`` that cannot be written to, or ``values`` itself where it is one.
 
-    What is computed from it holds as long as it lives, and two that are one object are equal for good.
+    Results computed from it hold as long as it lives, and two that are one object are equal for good.
     """
     if is_read_only(values):
         return values  # type: ignore[return-value]
@@ -46,7 +46,7 @@ def read_only(values: ArrayLike) -> Array:
 
 
 def is_read_only(values: Any) -> bool:
-    """Whether ``read_only`` made it, so that no one holds a view that can be written to."""
+    """Tell whether ``read_only`` made it, so that no one holds a view that can be written to."""
     return isinstance(values, np.ndarray) and _READ_ONLY.get(id(values)) is values and not values.flags.writeable
 
 

@@ -8,7 +8,7 @@ import hashlib
 import time
 from collections.abc import Callable, Generator
 from contextlib import contextmanager, suppress
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -49,6 +49,33 @@ def formula(function: Callable[..., Any]) -> Callable[..., Any]:
     return register_jitable(fastmath=FASTMATH, error_model="numpy")(function)
 
 
+class CFunction:
+    """A function that C can call, compiled when its ``address`` is first asked for and cached as kernels are."""
+
+    def __init__(self, function: Callable[..., Any], signature: Any) -> None:
+        self.__doc__, self.function, self.signature = function.__doc__, function, signature
+
+    @cached_property
+    def made(self) -> Any:
+        """The compiled function, which has to outlive every use of its address."""
+        options: dict[str, Any] = {"error_model": "numpy", "fastmath": FASTMATH}
+        with stopped_clock(), _cache_of(self.function):
+            try:
+                return numba.cfunc(self.signature, cache=True, **options)(self.function)
+            except Exception:  # whatever unpickling makes of a damaged file
+                return numba.cfunc(self.signature, **options)(self.function)
+
+    @property
+    def address(self) -> int:
+        """Address of the machine code."""
+        return self.made.address
+
+
+def called_from_c(signature: Any) -> Callable[[Callable[..., Any]], CFunction]:
+    """``function`` compiled for C with this signature."""
+    return lambda function: CFunction(function, signature)
+
+
 class _Clock:
     """Seconds for which ``clock`` has stood still, how many ask it to, and since when it does."""
 
@@ -77,7 +104,7 @@ def stopped_clock() -> Generator[None, None, None]:
 
 @lru_cache
 def directory(file: Path) -> Path:
-    """Where the compiled kernels of a source file are kept: one folder per state of it and of what it imports.
+    """Folder of the compiled kernels of a source file: one folder per state of it and of what it imports.
 
     numba itself looks at the file of the function it compiles, not at those of the functions in it, nor at whether
     bounds are checked.
@@ -91,21 +118,21 @@ def directory(file: Path) -> Path:
 @lru_cache
 def _sources(file: Path) -> frozenset[Path]:
     """A file and the files with compiled functions that it imports from, directly or through others."""
-    found = {file}
+    sources = {file}
     for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
         if isinstance(node, ast.ImportFrom) and node.level and node.module:
             imported = file.parents[node.level - 1].joinpath(*node.module.split(".")).with_suffix(".py")
             if imported.is_file() and "compiled import" in imported.read_text(encoding="utf-8"):
-                found |= _sources(imported)
-    return frozenset(found)
+                sources |= _sources(imported)
+    return frozenset(sources)
 
 
-def _forgiving(made: Any) -> Any:
+def _forgiving(kernel: Any) -> Any:
     """A kernel whose file is damaged is compiled again, one that cannot be kept is used all the same.
 
     numba takes only a missing file as none: an index that is cut or full of zeros ended every later run.
     """
-    kept = made._cache
+    kept = kernel._cache
     load, save, flush = kept.load_overload, kept.save_overload, kept.flush
 
     def load_overload(*arguments: Any) -> Any:
@@ -121,24 +148,24 @@ def _forgiving(made: Any) -> Any:
             save(*arguments)
 
     kept.load_overload, kept.save_overload = load_overload, save_overload
-    return made
+    return kernel
 
 
-def _one_program(made: Any) -> Any:
+def _one_program(kernel: Any) -> Any:
     """A kernel that is not compiled again for every constant it is called with: numba takes each for a type."""
-    template = made.get_call_template
+    template = kernel.get_call_template
 
     def get_call_template(args: Any, kws: Any) -> Any:
         return template([types.unliteral(arg) for arg in args], {k: types.unliteral(arg) for k, arg in kws.items()})
 
-    made.get_call_template = get_call_template
-    return made
+    kernel.get_call_template = get_call_template
+    return kernel
 
 
-def _without_collections(made: Any) -> Any:
+def _without_collections(kernel: Any) -> Any:
     """A kernel during whose compilation no garbage is collected: there is little, and to look for it takes a tenth
     of the time."""
-    compile_all = made.compile  # with what it calls, which comes here again
+    compile_all = kernel.compile  # with what it calls, which comes here again
 
     def collecting_after(signature: Any) -> Any:
         with stopped_clock():
@@ -153,21 +180,28 @@ def _without_collections(made: Any) -> Any:
                 if time.perf_counter() - begun > LONG:
                     gc.collect()  # here, and not at the first array of a run
 
-    made.compile = collecting_after
-    return made
+    kernel.compile = collecting_after
+    return kernel
 
 
 def _njit(function: Callable[..., Any], **options: Any) -> Any:
     disabled = numba.config.DISABLE_JIT  # type: ignore[attr-defined]
     if disabled:  # in Python a division by zero would raise where a kernel goes on with inf
         raise InputError("NUMBA_DISABLE_JIT", disabled, "be unset or 0", "numba compiles stiffbeam's kernels")
-    before = numba.config.CACHE_DIR  # type: ignore[attr-defined]
-    numba.config.CACHE_DIR = str(directory(Path(function.__code__.co_filename)))  # type: ignore[attr-defined]
-    try:
+    with _cache_of(function):
         chosen: dict[str, Any] = {"fastmath": FASTMATH, **options}
         # No function is handed to another as an argument, so none needs what C would call.
         chosen |= {"cache": True, "nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
-        made = numba.njit(**chosen)(function)
-        return _without_collections(_forgiving(_one_program(made)))
+        kernel = numba.njit(**chosen)(function)
+        return _without_collections(_forgiving(_one_program(kernel)))
+
+
+@contextmanager
+def _cache_of(function: Callable[..., Any]) -> Generator[None, None, None]:
+    """What numba compiles here is kept in the cache of the function's file."""
+    before = numba.config.CACHE_DIR  # type: ignore[attr-defined]
+    numba.config.CACHE_DIR = str(directory(Path(function.__code__.co_filename)))  # type: ignore[attr-defined]
+    try:
+        yield
     finally:
         numba.config.CACHE_DIR = before  # type: ignore[attr-defined]

@@ -96,13 +96,13 @@ def write(data: Arrays, file: str | Path, compression: int = 0) -> Path:
     """
     packing = {"compression": "gzip", "compression_opts": compression, "shuffle": True} if compression else {}
     sizes = {dim: n for dims, x, _ in data.variables.values() for dim, n in zip(dims, np.shape(x), strict=True)}
-    with h5py.File(Path(file).name, "w", driver="core", backing_store=False, track_order=True) as made:
-        made.attrs.update(data.attributes)
+    with h5py.File(Path(file).name, "w", driver="core", backing_store=False, track_order=True) as target:
+        target.attrs.update(data.attributes)
         scales: dict[str, h5py.Dataset] = {}
         for k, (name, size) in enumerate(sizes.items()):
             _, values, attributes = data.variables.get(name, ((), None, {}))
             unlimited = {"maxshape": (None,)} if size == 0 else {}  # what netCDF takes a length of zero for
-            scale = made.create_dataset(name, (size,), ">f4" if values is None else None, values, **unlimited)
+            scale = target.create_dataset(name, (size,), ">f4" if values is None else None, values, **unlimited)
             scale.make_scale(NO_VARIABLE.format(size) if values is None else name)
             scale.attrs.update(attributes | {"_Netcdf4Dimid": np.int32(k)})
             scales[name] = scale
@@ -110,12 +110,12 @@ def write(data: Arrays, file: str | Path, compression: int = 0) -> Path:
             if name in sizes:
                 continue
             unlimited = {"maxshape": tuple(n or None for n in np.shape(values))} if np.size(values) == 0 else {}
-            stored = made.create_dataset(name, data=values, **(unlimited or (packing if dims else {})))
+            stored = target.create_dataset(name, data=values, **(unlimited or (packing if dims else {})))
             for axis, dim in enumerate(dims):
                 stored.dims[axis].attach_scale(scales[dim])
             stored.attrs.update(attributes)
-        made.flush()
-        image = made.id.get_file_image()
+        target.flush()
+        image = target.id.get_file_image()
     return write_whole(file, image + SEAL + hashlib.sha256(image).hexdigest().encode())
 
 
@@ -135,11 +135,15 @@ def require_whole(file: Path) -> None:
 def _unreadable(file: Path, size: int) -> str:
     """Why not all of the file can be read, "" where it can."""
     words = [sys.executable, "-P", "-c", READ_ALL, str(file.absolute()), str(8 * 2**30)]
-    found = {"PYTHONPATH": os.pathsep.join(filter(None, sys.path)), "OPENBLAS_NUM_THREADS": "1"}
     seconds = SECONDS * (1.0 + size / 1e8)
     try:
         done = subprocess.run(
-            words, env=os.environ | found, stdin=subprocess.DEVNULL, capture_output=True, timeout=seconds, check=False
+            words,
+            env=os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path)), "OPENBLAS_NUM_THREADS": "1"},
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            timeout=seconds,
+            check=False,
         )
     except subprocess.TimeoutExpired:
         return f"reading it takes more than {seconds:.3g} seconds"

@@ -13,7 +13,7 @@ Show = Callable[[str, int, int], None]
 
 @dataclass
 class Talk:
-    """How much is said on the way: ``--quiet`` nothing, ``--verbose`` every phase in a line of its own."""
+    """Amount of output on the way: ``--quiet`` nothing, ``--verbose`` every phase in a line of its own."""
 
     quiet: bool = False
     verbose: bool = False

@@ -94,11 +94,11 @@ def over_slices(
         try:
             done = 0
             for part in parts:
-                found = part.result()
-                done += len(found)
+                result = part.result()
+                done += len(result)
                 if progress is not None:
                     progress(done)
-                yield found
+                yield result
         finally:
             for part in parts:
                 part.cancel()

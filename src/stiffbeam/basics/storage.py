@@ -30,12 +30,12 @@ def directory() -> Path:
     try:
         path.mkdir(mode=0o700, parents=True, exist_ok=True)
         for folder in (path, path / "numba"):
-            _require_own(folder)
+            _require_private(folder)
         with tempfile.TemporaryFile(dir=path):
             return path
     except OSError as error:
         path = Path(tempfile.mkdtemp(prefix="stiffbeam-"))
-        why = error if isinstance(error, _NotOwn) else f"cannot write to the cache directory {wanted}"
+        why = error if isinstance(error, _Shared) else f"cannot write to the cache directory {wanted}"
         warnings.warn(
             f"{why}: using {path} for this process; "
             "set STIFFBEAM_CACHE_DIR to a writable directory of your own to keep compiled kernels",
@@ -44,19 +44,19 @@ def directory() -> Path:
         return path
 
 
-class _NotOwn(OSError):
+class _Shared(OSError):
     """A folder into which somebody else may put code."""
 
 
-def _require_own(folder: Path) -> None:
+def _require_private(folder: Path) -> None:
     """Raise where the folder, or a file of kernels in it, is another user's, or others may write there."""
     if not hasattr(os, "getuid") or not folder.exists():
         return
     kernels = folder.glob("*/*") if folder.name == "numba" else ()
     for path in (folder, *kernels):
-        found = path.stat()
-        if found.st_uid not in (os.getuid(), 0) or found.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
-            raise _NotOwn(f"others can write to {path}, from which compiled code is run")
+        status = path.stat()
+        if status.st_uid not in (os.getuid(), 0) or status.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
+            raise _Shared(f"others can write to {path}, from which compiled code is run")
 
 
 @cache
@@ -107,7 +107,7 @@ def _remove_left_over(path: Path, host: str) -> None:
 
 
 def _lives(process: int) -> bool:
-    """Whether there is a process of that number."""
+    """Tell whether there is a process of that number."""
     try:
         os.kill(process, 0)
     except ProcessLookupError:

@@ -33,7 +33,7 @@ class _Short(reprlib.Repr):
 
 
 def shown(value: Any) -> str:
-    """What ``value`` is, as its repr but for what is long in it; also of a value that has none."""
+    """The repr of ``value``, shortened; also of a value that has none."""
     return printable(_Short().repr(value))
 
 

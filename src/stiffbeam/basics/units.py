@@ -17,7 +17,7 @@ KNOWN = {
 
 @dataclass(frozen=True)
 class Units:
-    """What lengths, times and forces are counted in; every other unit follows from these three.
+    """Units of lengths, times and forces; every other unit follows from these three.
 
     A beam is integrated in its own units, so that u is in ``length``, t in ``time``, sigma in ``force`` and
     an energy in force times length. Masses are force time^2/length: kg for metres, tonnes for millimetres,
@@ -48,6 +48,8 @@ class Units:
             "frequency": f"rad/{T}",
             "rate": f"1/{T}",
             "stop stiffness": f"{F}/{L}",
+            "stop damping": f"{F} {T}/{L}",
+            "stop dissipation": f"{T}/{L}",
             "impulse": f"{F} {T}",
             "energy": "J" if (F, L) == ("N", "m") else f"{F} {L}",
             "force per length": f"{F}/{L}",
@@ -73,12 +75,12 @@ class Units:
 
     @property
     def known(self) -> bool:
-        """Whether the quantities have units with names."""
+        """Tell whether the quantities have units with names."""
         return self not in (NON_DIMENSIONAL, UNKNOWN)
 
     @property
     def note(self) -> str:
-        """What is to be said once where numbers stand without units; "" where every number has its own."""
+        """The note on numbers that stand without units; "" where every number has its own."""
         return {NON_DIMENSIONAL: "non-dimensional", UNKNOWN: "in the units of the matrices"}.get(self, "")
 
 

@@ -50,12 +50,12 @@ def number(field: str, value: Any, exact: bool = False) -> float:
     if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
         raise InputError(field, value, "be a number", "give one real number, for example 0.5")
     try:
-        found = value if isinstance(value, ExactFloat) else float(value)
+        result = value if isinstance(value, ExactFloat) else float(value)
     except OverflowError:
         raise InputError(field, value, "be a number in the range of float64", "give one below 1e308") from None
-    if not math.isfinite(found):
+    if not math.isfinite(result):
         raise InputError(field, value, "be finite", "look at what it was computed from")
-    return found
+    return result
 
 
 def numbers(field: str, value: Any, rule: str = "be finite numbers", remedy: str = "give them as a list") -> Array:
@@ -63,13 +63,13 @@ def numbers(field: str, value: Any, rule: str = "be finite numbers", remedy: str
     for rows of different lengths, and for masked numbers."""
     unmasked(field, value)
     try:
-        given = value if isinstance(value, np.ndarray) else np.asarray(value)
-        found = given.astype(float) if given.dtype.kind in "iufO" else None
+        array = value if isinstance(value, np.ndarray) else np.asarray(value)
+        result = array.astype(float) if array.dtype.kind in "iufO" else None
     except Exception:  # whatever the objects of others raise when they are made an array
-        found = None
-    if found is None or not np.all(np.isfinite(found)):
+        result = None
+    if result is None or not np.all(np.isfinite(result)):
         raise InputError(field, value, rule, remedy)
-    return found
+    return result
 
 
 def unmasked(field: str, *values: Any) -> None:
@@ -94,18 +94,18 @@ def sequence(field: str, value: Any, rule: str, remedy: str = "give a list") -> 
 
 def positive(field: str, value: Any, exact: bool = False) -> float:
     """``value`` as a finite float > 0; ``exact`` as in ``number``."""
-    found = number(field, value, exact)
-    if found <= 0:
+    result = number(field, value, exact)
+    if result <= 0:
         raise InputError(field, value, "be > 0", "for example 1.0")
-    return found
+    return result
 
 
 def non_negative(field: str, value: Any, exact: bool = False) -> float:
     """``value`` as a finite float >= 0; ``exact`` as in ``number``."""
-    found = number(field, value, exact)
-    if found < 0:
+    result = number(field, value, exact)
+    if result < 0:
         raise InputError(field, value, "be >= 0", "for example 0.0")
-    return found
+    return result
 
 
 def bound(field: str, value: Any) -> float:

@@ -10,7 +10,7 @@ import typer
 
 from ..basics.progress import TALK, progress
 from .application import app
-from .options import Case, Json
+from .options import Case, Form, Json, TEnd
 from .output import check_json, default_folder, make_folder, say, write_json
 
 
@@ -24,8 +24,8 @@ def advise(
         ),
     ] = None,
     schemes: Annotated[str | None, typer.Option(help="comma-separated, instead of all")] = None,
-    form: Annotated[str | None, typer.Option(help="displacement, velocity-curvature or hermite")] = None,
-    t_end: Annotated[float | None, typer.Option(help="end time instead of the case's")] = None,
+    form: Form = None,
+    t_end: TEnd = None,
     most_steps: Annotated[int | None, typer.Option(help="of a run, where the search ends")] = None,
     members: Annotated[int, typer.Option(help="past the horizon, perturbed runs behind each mean")] = 48,
     out: Annotated[Path | None, typer.Option(help="folder for the journal; default: stiffbeam-output/CASE")] = None,
@@ -49,7 +49,7 @@ def advise(
             wanted[name] = float(value)  # type: ignore[index]
         except ValueError:
             raise InputError("--want", item, "read quantity=error", "for example tip=1e-3") from None
-    given = None if schemes is None else [parse_run(text)[0] for text in split_runs(schemes)]
+    parsed = None if schemes is None else [parse_run(text)[0] for text in split_runs(schemes)]
     check_json(json_file)
     system, end = chosen.system(form), chosen.t_end if t_end is None else t_end
     folder = make_folder(out if out is not None else default_folder(chosen.name))
@@ -59,11 +59,11 @@ def advise(
             print(line, file=sys.stderr, flush=True)
 
     with progress() as show, Journal(folder / "journal", "advise", chosen) as journal:
-        found = find(
-            system, wanted, end, given, most_steps=most_steps, members=members, progress=show, tell=tell,
+        advice = find(
+            system, wanted, end, parsed, most_steps=most_steps, members=members, progress=show, tell=tell,
             journal=journal,
         )  # fmt: skip
-    if not write_json("advise", {"case": chosen.name} | found.to_dict(), json_file):
-        say(str(found))
-    if found.chosen is None:
+    if not write_json("advise", {"case": chosen.name} | advice.to_dict(), json_file):
+        say(str(advice))
+    if advice.chosen is None:
         raise typer.Exit(1)

@@ -9,7 +9,7 @@ import typer
 
 from ..basics.progress import progress
 from .application import app
-from .options import Case, Json
+from .options import Case, Dt, Json, TEnd
 from .output import check_json, default_folder, say, write_json
 
 
@@ -17,8 +17,8 @@ from .output import check_json, default_folder, say, write_json
 def animate(
     case: Case,
     schemes: Annotated[str | None, typer.Option(help="comma-separated; default: the case's first run")] = None,
-    dt: Annotated[float | None, typer.Option(help="time step instead of the case's")] = None,
-    t_end: Annotated[float | None, typer.Option(help="end time instead of the case's")] = None,
+    dt: Dt = None,
+    t_end: TEnd = None,
     seconds: Annotated[float, typer.Option(help="length of the film")] = 8.0,
     out: Annotated[Path | None, typer.Option(help=".gif or .mp4; default: stiffbeam-output/CASE/animation.gif")] = None,
     json_file: Json = None,
@@ -43,11 +43,11 @@ def animate(
     file = out if out is not None else default_folder(chosen.name) / "animation.gif"
     with progress() as show:
         show("reference", 0, 0)
-        made: list[Trajectory] = [best_reference(system, end, progress=show)]
+        motions: list[Trajectory] = [best_reference(system, end, progress=show)]
         for scheme, _ in runs:
             show(str(scheme), 0, 0)
-            made.append(integrate(system, scheme, chosen.dt if dt is None else dt, end))
-        film(made, file, seconds, show=show)
-    records = {"case": chosen.name, "motions": [motion.label for motion in made], "t_end": end, "file": str(file)}
+            motions.append(integrate(system, scheme, chosen.dt if dt is None else dt, end))
+        film(motions, file, seconds, show=show)
+    records = {"case": chosen.name, "motions": [motion.label for motion in motions], "t_end": end, "file": str(file)}
     if not write_json("animate", records, json_file):
         say(f"Written: {file}")

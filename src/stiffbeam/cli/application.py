@@ -149,12 +149,12 @@ def command_of(name: str) -> Any:
 
     study = find_study(name)
     hints = get_type_hints(study.points, include_extras=True)
-    own = [p for p in inspect.signature(study.points).parameters.values() if p.name != "case"]
-    parse = {p.name: reader for p in own if (reader := _reader(hints[p.name])) is not None}
+    options = [p for p in inspect.signature(study.points).parameters.values() if p.name != "case"]
+    parse = {p.name: reader for p in options if (reader := _reader(hints[p.name])) is not None}
 
-    def run(case: str, out: Path | None, json_file: Path | None, smoke: bool, **given: Any) -> None:
-        jobs, scheduler = given.pop("jobs", None), given.pop("scheduler", None)
-        options = {key: parse[key](value) if key in parse else value for key, value in given.items()}
+    def run(case: str, out: Path | None, json_file: Path | None, smoke: bool, **values: Any) -> None:
+        jobs, scheduler = values.pop("jobs", None), values.pop("scheduler", None)
+        options = {key: parse[key](value) if key in parse else value for key, value in values.items()}
         _ask(study, case, out, json_file, jobs, smoke, scheduler, options)
 
     around = {"out": (Out, None), "json_file": (Json, None), "smoke": (Smoke, False)}
@@ -162,7 +162,9 @@ def command_of(name: str) -> Any:
         around |= {"jobs": (Jobs, None), "scheduler": (Scheduler, None)}
     keyword = inspect.Parameter.KEYWORD_ONLY
     parameters = [inspect.Parameter("case", keyword, default="table10", annotation=Case)]
-    parameters += [inspect.Parameter(p.name, keyword, default=None, annotation=_option(p, hints[p.name])) for p in own]
+    parameters += [
+        inspect.Parameter(p.name, keyword, default=None, annotation=_option(p, hints[p.name])) for p in options
+    ]
     parameters += [inspect.Parameter(n, keyword, default=x, annotation=hint) for n, (hint, x) in around.items()]
     run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     alone = typer.Typer(
@@ -182,7 +184,7 @@ def _plain(hint: Any) -> tuple[Any, Any]:
 
 
 def _reader(hint: Any) -> Callable[[str | None], list[Any] | None] | None:
-    """What reads a list from the command line, None for an option that is not one."""
+    """The reader of a list on the command line, None for an option that is not one."""
     item = _plain(hint)[1]
     return None if item is None else LISTS[item]
 
@@ -190,21 +192,21 @@ def _reader(hint: Any) -> Callable[[str | None], list[Any] | None] | None:
 def _option(parameter: inspect.Parameter, hint: Any) -> Any:
     """An option of the same name, None where it is not given, so that only what is given is passed on."""
     words = next((text for text in get_args(hint)[1:] if isinstance(text, str)), "")
-    if parameter.default is not None and not isinstance(parameter.default, bool):
+    if parameter.default not in (None, parameter.empty) and not isinstance(parameter.default, bool):
         words += f"; default: {parameter.default}"
     return Annotated[_plain(hint)[0] | None, typer.Option(help=words)]
 
 
 def _ask(
     study: Study, case: str, out: Path | None, json_file: Path | None, jobs: int | None, smoke: bool,
-    scheduler: str | None, given: dict[str, Any],
+    scheduler: str | None, values: dict[str, Any],
 ) -> None:  # fmt: skip
     """Ask a study of a case; print and save what it finds."""
     from ..files.cases import find_case
 
     check_json(json_file)
     chosen = find_case(case)
-    options = {key: value for key, value in given.items() if value is not None}
+    options = {key: value for key, value in values.items() if value is not None}
     with progress() as show, _workers(scheduler) as workers:
         records, written = run_one(study, chosen, out, jobs, options, smoke, show, workers)
     if not write_json(study.name, records.to_dict(), json_file):
@@ -214,7 +216,7 @@ def _ask(
 
 
 def run_one(
-    study: Study, case: CaseFile, out: Path | None, jobs: int | None, given: dict[str, Any], smoke: bool, show: Show,
+    study: Study, case: CaseFile, out: Path | None, jobs: int | None, values: dict[str, Any], smoke: bool, show: Show,
     workers: Executor | None = None,
 ) -> tuple[Records, list[Path]]:  # fmt: skip
     """The records, and the files they were written to: none where no point could be evaluated."""
@@ -223,7 +225,7 @@ def run_one(
     from ..studies.engine.runner import run_study
     from ..studies.references import shipped
 
-    options = (smoke_options(study, case) if smoke else {}) | given
+    options = (smoke_options(study, case) if smoke else {}) | values
     if takes(study, "references") and (frozen := shipped()) is not None:
         options.setdefault("references", str(frozen))
     folder = make_folder(out if out is not None else default_folder(case.name))
@@ -238,7 +240,7 @@ def run_one(
 
 
 def takes(study: Study, option: str) -> bool:
-    """Whether ``points`` of the study has this option."""
+    """Tell whether ``points`` of the study has this option."""
     return option in inspect.signature(study.points).parameters
 
 
@@ -275,7 +277,6 @@ def _table(lines: list[dict[str, str]]) -> Table:
 
 def print_records(records: Records, written: list[Path]) -> None:
     """Print answer, table, failures and the files that were written."""
-    from rich.padding import Padding
     from rich.text import Text
 
     terminal = console()
@@ -283,10 +284,11 @@ def print_records(records: Records, written: list[Path]) -> None:
     question = records.study.question + (f" (All {note}.)" if note else "")
     terminal.print(Text.assemble((records.study.command, "bold"), f"  {question}"))
     answer = records.answer
+    terminal.print(answer.verdict)
     if answer.table:
         terminal.print(_table(answer.table))
-    for i, part in enumerate(filter(None, answer.rest.split("; "))):
-        terminal.print(Padding(part, (0, 0, 0, 2 if i else 0)))
+    if answer.notes:
+        terminal.print(answer.notes)
     for word, style, messages in (
         ("failed", "bold red", [row["failed"] for row in records.failures]),
         ("not asked", "bold", [row["refused"] for row in records.refusals]),

@@ -14,7 +14,7 @@ from ..basics.progress import progress
 from ..basics.storage import write_whole
 from ..references.registry import COMPARED, METHODS
 from .application import app
-from .options import Case, Json
+from .options import Case, Dt, Json, TEnd
 from .output import check_json, console, default_folder, file_name, json_text, make_folder, say, write_json
 
 if TYPE_CHECKING:
@@ -40,8 +40,8 @@ def compare(
         ),
     ] = None,
     contact: Annotated[str, typer.Option(help="implicit, conserving, or extrapolated as in the paper")] = "implicit",
-    dt: Annotated[float | None, typer.Option(help="time step instead of the case's")] = None,
-    t_end: Annotated[float | None, typer.Option(help="end time instead of the case's")] = None,
+    dt: Dt = None,
+    t_end: TEnd = None,
     out: Annotated[
         Path | None, typer.Option(help="folder for picture, trajectories and table; default: stiffbeam-output/CASE")
     ] = None,
@@ -68,8 +68,8 @@ def compare(
         runs = [_like_case(parse_run(text, chosen.forms[0]), text, chosen) for text in split_runs(schemes)]
     names = None if references is None else [name.strip() for name in references.split(",") if name.strip()]
     check_json(json_file)
-    for option, given in (("--schemes", schemes is None or runs), ("--references", names is None or names)):
-        if not given:
+    for option, present in (("--schemes", schemes is None or runs), ("--references", names is None or names)):
+        if not present:
             raise InputError(option, "nothing", "name at least one", "or leave the option out for the default ones")
     folder = out if out is not None else default_folder(chosen.name)
     written: list[Path] = []
@@ -100,9 +100,9 @@ def _like_case(run: tuple[Scheme, str], text: str, case: CaseFile) -> tuple[Sche
     """A bare ``hht`` or ``sdirk`` takes the parameters it has in the case."""
     scheme, form = run
     if "(" not in text and ".printed" not in text:
-        for own, own_form in case.runs:
-            if own.name == scheme.name and ("@" not in text or own_form == form):
-                return own, form if "@" in text else own_form
+        for case_scheme, case_form in case.runs:
+            if case_scheme.name == scheme.name and ("@" not in text or case_form == form):
+                return case_scheme, form if "@" in text else case_form
     return run
 
 
@@ -111,8 +111,8 @@ def _truth(case: CaseFile, form: str, t_end: float) -> Reference | None:
     from ..studies.references import frozen, shipped
 
     folder = shipped()
-    found = None if folder is None else frozen(folder, case, form, t_end)
-    return found if found is not None and found.provenance["t_end"] == t_end else None
+    reference = None if folder is None else frozen(folder, case, form, t_end)
+    return reference if reference is not None and reference.provenance["t_end"] == t_end else None
 
 
 def _clear(folder: Path) -> list[str]:
@@ -130,8 +130,8 @@ def _clear(folder: Path) -> list[str]:
             except (ValueError, KeyError, TypeError):
                 names = []
             for name in names:
-                own = isinstance(name, str) and Path(name).name == name
-                if own and (name.startswith("comparison") or name.endswith(".nc")) and (folder / name).is_file():
+                inside = isinstance(name, str) and Path(name).name == name
+                if inside and (name.startswith("comparison") or name.endswith(".nc")) and (folder / name).is_file():
                     (folder / name).unlink()
                     removed.append(name)
             earlier.unlink()

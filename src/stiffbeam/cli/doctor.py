@@ -28,9 +28,9 @@ def doctor(json_file: Json = None) -> None:
     check_json(json_file)
     with progress() as show:
         installed, places, solvers = _installed(), _places(), _solvers(show)
-    found = {"installed": installed, "places": places, "solvers": solvers}
+    report = {"installed": installed, "places": places, "solvers": solvers}
     good = all(solver["agrees"] for solver in solvers)
-    if not write_json("doctor", found, json_file):
+    if not write_json("doctor", report, json_file):
         table = Table(box=None, show_header=False, padding=(0, 2, 0, 0))
         for name, value in [*installed.items(), *places.items()]:
             table.add_row(name, str(value))
@@ -44,16 +44,16 @@ def _installed() -> dict[str, str]:
     """Versions of Python, of this package and of what it depends on."""
     import sksundae
 
-    found = {"python": f"{platform.python_version()} on {platform.platform()}"}
+    versions = {"python": f"{platform.python_version()} on {platform.platform()}"}
     needed = [
         re.split(r"[^\w.-]", text, maxsplit=1)[0] for text in requires("stiffbeam") or [] if "extra ==" not in text
     ]
     for name in ["stiffbeam", *needed]:
         try:
-            found[name] = version(name)
+            versions[name] = version(name)
         except PackageNotFoundError:
-            found[name] = "missing"
-    return found | {"SUNDIALS": str(sksundae.SUNDIALS_VERSION)}
+            versions[name] = "missing"
+    return versions | {"SUNDIALS": str(sksundae.SUNDIALS_VERSION)}
 
 
 def _places() -> dict[str, Any]:
@@ -89,7 +89,7 @@ def _solvers(show: Show) -> list[dict[str, Any]]:
     system = System.from_matrices(
         [[1.0]], [[10.0]], contacts=[Contact(np.ones(1), Stops(upper=0.1, stiffness=1e3))], initial_velocity=[1.0]
     )
-    end, found = 0.5, []
+    end, rows = 0.5, []
     times = np.arange(5001) * 1e-4
     exact = reference(system, end, t_eval=times)
     for i, name in enumerate(["sdirk", *METHODS]):
@@ -97,11 +97,11 @@ def _solvers(show: Show) -> list[dict[str, Any]]:
         begun, solver = time.perf_counter(), {"name": name, "agrees": False}
         try:
             scheme = SDIRK() if name == "sdirk" else None
-            made = integrate(system, scheme, 1e-4, end) if scheme else reference(system, end, name, t_eval=times)
-            error = tip_error(made.tip, exact.tip).max
+            run = integrate(system, scheme, 1e-4, end) if scheme else reference(system, end, name, t_eval=times)
+            error = tip_error(run.tip, exact.tip).max
             solver |= {"agrees": bool(error < 1e-3), "error": error}
             solver["said"] = f"within {error:.1e} of the exact solution in {time.perf_counter() - begun:.2g} s"
         except Exception as failure:  # whatever is broken here is what the command is asked to say
             solver["said"] = f"{type(failure).__name__}: {failure}"
-        found.append(solver)
-    return found
+        rows.append(solver)
+    return rows

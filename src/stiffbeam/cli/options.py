@@ -58,15 +58,18 @@ def _number(text: str) -> float:
     return float(exact_float(text))
 
 
-def _quiet(given: bool) -> None:
-    TALK.quiet = given
+def _quiet(value: bool) -> None:
+    TALK.quiet = value
 
 
-def _verbose(given: bool) -> None:
-    TALK.verbose = given
+def _verbose(value: bool) -> None:
+    TALK.verbose = value
 
 
 Case = Annotated[str, typer.Argument(help="table1 .. table17, a case file, or file.toml:name")]
+Dt = Annotated[float | None, typer.Option(help="time step instead of the case's")]
+TEnd = Annotated[float | None, typer.Option(help="end time instead of the case's")]
+Form = Annotated[str | None, typer.Option(help="displacement, velocity-curvature or hermite")]
 Jobs = Annotated[int | None, typer.Option(help="processes; default: one per core")]
 Json = Annotated[Path | None, typer.Option("--json", metavar="FILE", help="write the records here, - for stdout")]
 References = Annotated[

@@ -1,4 +1,4 @@
-"""What a command says and where its files go: the terminal, folders, names, and records for programs."""
+"""Output of a command: the terminal, folders, names, and records for programs."""
 
 from __future__ import annotations
 

@@ -10,7 +10,7 @@ import typer
 from ..basics.progress import Show, progress
 from ..references.registry import ADAPTIVE, BEST, METHODS, MULTIPRECISION, REFERENCES
 from .application import app
-from .options import Json
+from .options import Form, Json, TEnd
 from .output import check_json, console, make_folder, say, write_json
 
 
@@ -20,10 +20,10 @@ def reference_command(
     method: Annotated[
         str | None, typer.Option(help=f"{', '.join(METHODS)}; all: hold them together; default: the best for the case")
     ] = None,
-    form: Annotated[str | None, typer.Option(help="displacement, velocity-curvature or hermite")] = None,
+    form: Form = None,
     digits: Annotated[str, typer.Option(help="of multiprecision: a number, or auto")] = "auto",
     rtol: Annotated[float | None, typer.Option(help="of the adaptive solvers; 1e-10 if not given")] = None,
-    t_end: Annotated[float | None, typer.Option(help="end time instead of the case's")] = None,
+    t_end: TEnd = None,
     budget: Annotated[
         float | None, typer.Option(help="seconds for --method all, 60 if not given; the rest is named as skipped")
     ] = None,
@@ -41,11 +41,11 @@ def reference_command(
         remedy = "give exactly one of them"
         raise InputError("reference", "its arguments", "be one of CASE, --check PATH and --remake DIR", remedy)
     if case is None:
-        given = {
+        options = {
             "--method": method, "--form": form, "--digits": digits != "auto", "--rtol": rtol, "--out": out,
             "--t-end": t_end, "--budget": budget, "--cache": cache, "--doubles": doubles,
         }  # fmt: skip
-        for option, value in given.items():
+        for option, value in options.items():
             if value:
                 alone = "--check" if remake is None else "--remake"
                 raise InputError(option, str(value), f"be left out with {alone}", "it is an option of CASE")
@@ -73,7 +73,7 @@ def reference_command(
 
 
 def _references(
-    name: str, given: str | None, form: str | None, digits: str, rtol: float | None, t_end: float | None,
+    name: str, asked: str | None, form: str | None, digits: str, rtol: float | None, t_end: float | None,
     budget: float | None,
     out: Path | None, cache: bool, doubles: bool, show: Show,
 ) -> list[dict[str, Any]]:  # fmt: skip
@@ -89,7 +89,7 @@ def _references(
 
     case = find_case(name)
     end = case.t_end if t_end is None else t_end
-    method = given or (BEST[1] if substitute(case.system(form), end) else BEST[0])
+    method = asked or (BEST[1] if substitute(case.system(form), end) else BEST[0])
     kind = REFERENCES[method].kind if method in REFERENCES else ""
     used = {
         "--digits": digits == "auto" or kind == MULTIPRECISION,
@@ -118,24 +118,24 @@ def _references(
     if cache and out is not None and method == "multiprecision":
         raise InputError("--cache", "with --out", "be left out here", "the file written is itself one to keep")
     solve = cached_reference if cache else reference
-    found = solve(system, end, method, rtol=rtol, digits="auto" if digits == "auto" else int(digits))
+    solution = solve(system, end, method, rtol=rtol, digits="auto" if digits == "auto" else int(digits))
     record = {
         "measured": ["seconds"],
-        "reference": found.label,
+        "reference": solution.label,
         "t_end": end,
-        "horizon": found.horizon,
-        "units": str(found.units),
-        "against": found.provenance["horizon_against"],
-        "impacts": len(impact_times(found)),
-        "seconds": round(found.work.seconds, 3),
-        "digits": found.provenance.get("digits"),
-        "parameters": found.provenance.get("parameters"),
+        "horizon": solution.horizon,
+        "units": str(solution.units),
+        "against": solution.provenance["horizon_against"],
+        "impacts": len(impact_times(solution)),
+        "seconds": round(solution.work.seconds, 3),
+        "digits": solution.provenance.get("digits"),
+        "parameters": solution.provenance.get("parameters"),
     }
     if out is not None:
         from ..files.store import can_freeze, freeze
 
-        frozen = can_freeze(found) and case.beam is not None
-        record["file"] = freeze(found, case_text(name), out)["file"] if frozen else str(found.save(out))
+        frozen = can_freeze(solution) and case.beam is not None
+        record["file"] = freeze(solution, case_text(name), out)["file"] if frozen else str(solution.save(out))
     return [record]
 
 

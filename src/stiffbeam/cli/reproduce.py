@@ -43,12 +43,12 @@ def reproduce(
     _check(out, jobs, json_file)
     chosen = paper.reading(contact, printed, references)
     with progress() as show:
-        page, made = paper.reproduce(tables, chosen, out, jobs or cores(), progress=show, command=_command())
+        page, results = paper.reproduce(tables, chosen, out, jobs or cores(), progress=show, command=_command())
     written = [page]
     if what == "figure":
         drawn = out / chosen.name / f"table{number}" / f"figure{number}.png"
         written.insert(0, Path(shutil.copy2(drawn, out)))
-    records = {f"table{n}": finished.numbers for n, finished in made.items()}
+    records = {f"table{n}": finished.numbers for n, finished in results.items()}
     if not write_json("reproduce", {"tables": records}, json_file):
         _print(records, paper.exact_name)
         say("Written: " + ", ".join(str(file) for file in written))
@@ -79,8 +79,8 @@ def _tables(what: str, number: int | None) -> list[int] | None:
     if what == "all" and number is None:
         return None
     if what not in ("table", "figure") or number is None:
-        given = what if number is None else f"{what} {number}"
-        raise InputError("reproduce", given, "be all, table N or figure N", "for example: stiffbeam reproduce table 10")
+        words = what if number is None else f"{what} {number}"
+        raise InputError("reproduce", words, "be all, table N or figure N", "for example: stiffbeam reproduce table 10")
     return [number]
 
 
@@ -107,13 +107,13 @@ def _print(records: dict[str, Any], exact_name: Callable[[str, dict[str, Any]], 
     table = Table(box=box.SIMPLE_HEAD, caption="One run each; impacts of the exact motion are counted by events.")
     for heading in ("table", "motion", "impacts", "contact", "horizon"):
         table.add_column(heading, justify="left" if heading in ("table", "motion") else "right")
-    for name, found in records.items():
-        for equation, row in found["runs"].items():
+    for name, record in records.items():
+        for equation, row in record["runs"].items():
             table.add_row(name, f"{equation} {row['scheme']}", str(row["impacts"]), percent(row["fraction"]), "")
-        for form, row in found["exact"].items():
+        for form, row in record["exact"].items():
             table.add_row(
                 name, exact_name(form, row), str(row["impacts"]), percent(row["fraction"]), f"{row['horizon']:.3g}"
             )
-        for equation, why in found["failures"].items():
+        for equation, why in record["failures"].items():
             table.add_row(name, f"{equation} failed: {why}", "", "", "")
     console(WIDTH).print(table)

@@ -29,7 +29,7 @@ def score(
     out: Annotated[Path | None, typer.Option(help="folder for the page index.html, pictures and records")] = None,
     json_file: Json = None,
 ) -> None:
-    """How far integrators are off on problems whose answers are known to 30 digits.
+    """Errors of integrators on problems whose answers are known to 30 digits.
 
     Exit status 0: nothing is flagged; 1: an error does not fall with the step, or too slowly, or a run failed.
     """
@@ -49,9 +49,9 @@ def score(
         "--out": out if alone in ("--list", "--latex") else None,
         "--json": json_file if alone in ("--list", "--latex") else None,
     }  # fmt: skip
-    for name, given in others.items():
-        if alone is not None and given:
-            raise InputError(name, str(given), f"be left out with {alone}", "give one command for each")
+    for name, value in others.items():
+        if alone is not None and value:
+            raise InputError(name, str(value), f"be left out with {alone}", "give one command for each")
     check_json(json_file)
     if out is not None:
         make_folder(out)  # before the work begins

@@ -1,31 +1,41 @@
-"""Pictures: one look for each method, and the panels that several of them share."""
+"""Pictures: one look for each method, the chart that a study declares, and panels that several pictures share."""
 
+from .chart import (
+    Axis,
+    Band,
+    Bars,
+    Curve,
+    Level,
+    Map,
+    Mark,
+    Note,
+    Panel,
+    Picture,
+    Ranges,
+    curves,
+    groups,
+    render,
+    style_of,
+)
 from .panels import (
     COLOURS,
-    DASHES,
     EXACT,
     MARKERS,
     column,
     dashed,
     default_label,
     heading,
-    log_scale,
     look,
-    mark_order,
     new_figure,
     numeric,
     save_figure,
-    say_empty,
-    shared_legend,
     short,
-    signed_log,
     tip_name,
     tip_symbol,
 )
 
 __all__ = [
-    "COLOURS", "DASHES", "EXACT", "MARKERS", "column", "dashed", "default_label", "heading", "log_scale", "look",
-    "mark_order", "new_figure", "numeric", "save_figure", "say_empty", "shared_legend", "short", "signed_log",
-    "tip_name",
-    "tip_symbol",
+    "COLOURS", "EXACT", "MARKERS", "Axis", "Band", "Bars", "Curve", "Level", "Map", "Mark", "Note", "Panel", "Picture",
+    "Ranges", "column", "curves", "dashed", "default_label", "groups", "heading", "look", "new_figure", "numeric",
+    "render", "save_figure", "short", "style_of", "tip_name", "tip_symbol",
 ]  # fmt: skip

@@ -54,16 +54,16 @@ def animate(
     figure, draw = _stage(system, films, t)
 
     with tempfile.TemporaryDirectory() as folder:  # the writers take names of files only
-        made = Path(folder) / f"film{path.suffix}"
+        film_file = Path(folder) / f"film{path.suffix}"
         try:
-            with writer.saving(figure, str(made), dpi=integer("dpi", dpi, 10)):
+            with writer.saving(figure, str(film_file), dpi=integer("dpi", dpi, 10)):
                 for k in range(count):
                     show(f"animating {path.name}", k, count)
                     draw(k)
                     writer.grab_frame()
         except IndexError as error:  # Pillow's writer cannot end a film of no frames, and hides why there are none
             raise error.__context__ or error from None
-        return write_whole(path, made.read_bytes())
+        return write_whole(path, film_file.read_bytes())
 
 
 def _system(runs: Sequence[Trajectory]) -> System:
@@ -88,7 +88,7 @@ def _writer(path: Path, frames_per_second: int) -> Any:
 
 
 class _Film:
-    """What one run shows: shape (frames, points) or contact positions (frames, channels), flashes by contact, and the
+    """The data of one run: shape (frames, points) or contact positions (frames, channels), flashes by contact, and the
     tip at ``fine`` times."""
 
     def __init__(self, run: Trajectory, system: System, t: Array, strongest: float) -> None:
@@ -168,14 +168,14 @@ def _stage(system: System, films: list[_Film], t: Array) -> tuple[Any, Any]:
             trace.set_data(film.fine[:gone], film.tip[:gone])
             if t[k] > film.horizon:
                 line.set_color("0.6")
-            found = [
+            flashes = [
                 (x + beside, edges[side][k], film.flashes[k, i, side])
                 for i, (x, edges) in enumerate(stops)
                 for side in (0, 1)
                 if film.flashes[k, i, side] > DIM
             ]
-            light.set_offsets(np.array([point[:2] for point in found]).reshape(-1, 2))
-            light.set_sizes([900.0 * size for *_, size in found])
+            light.set_offsets(np.array([point[:2] for point in flashes]).reshape(-1, 2))
+            light.set_sizes([900.0 * size for *_, size in flashes])
         for (x, edges), pair in zip(stops, marks, strict=True):
             for mark, edge in zip(pair, edges, strict=True):
                 mark.set_data([x - width, x + width], [edge[k], edge[k]])
@@ -194,9 +194,9 @@ def _stop_marks(system: System, i: int, t: Array) -> tuple[float, tuple[Array, A
     contact = system.contacts[i]
     if system.problem is None:
         return float(i), tuple(np.full(len(t), x if np.isfinite(x) else np.nan) for x in _edges(contact))  # type: ignore
-    own = system.problem.all_stops[i]
-    place = system.problem.length if own.position is None else float(own.position)
-    moved = offset_values(own.motion, t)
+    stops = system.problem.all_stops[i]
+    place = system.problem.length if stops.position is None else float(stops.position)
+    moved = offset_values(stops.motion, t)
     return place, tuple(moved + (x if np.isfinite(x) else np.nan) for x in _edges(contact))  # type: ignore
 
 

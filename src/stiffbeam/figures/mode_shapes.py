@@ -23,14 +23,14 @@ def mode_shapes(system: System, count: int = 4) -> Figure:
     A complex shape, of damping that couples the modes, is drawn in its two phases, a quarter of a period apart:
     the part in phase with its largest entry in full, the other dashed.
     """
-    found, units = modes(system), system.units
-    count = min(integer("count", count, 1), len(found.omega))
+    natural, units = modes(system), system.units
+    count = min(integer("count", count, 1), len(natural.omega))
     figure = new_figure(1.6 * count + 0.4, width=7.0)
     beam = system.problem
     axes = np.ravel(figure.subplots(count, 1, sharex=True, squeeze=False))
     places = [beam.length if s.position is None else float(s.position) for s in beam.all_stops] if beam else []
     for j, axis in enumerate(axes):
-        for part, style in ((np.real(found.shapes[:, j]), "-"), (np.imag(found.shapes[:, j]), "--")):
+        for part, style in ((np.real(natural.shapes[:, j]), "-"), (np.imag(natural.shapes[:, j]), "--")):
             if not np.any(part):
                 continue
             if beam is None:
@@ -43,8 +43,8 @@ def mode_shapes(system: System, count: int = 4) -> Figure:
         axis.axhline(0.0, color="0.7", lw=0.8)
         for place in places:
             axis.axvline(place, color="0.7", lw=0.8, ls=":")
-        omega = units.measure(f"{found.omega[j]:.5g}", "frequency")
-        ratio = found.damping_ratio[j]
+        omega = units.measure(f"{natural.omega[j]:.5g}", "frequency")
+        ratio = natural.damping_ratio[j]
         damping = f", damping ratio {ratio:.3g}" if np.isfinite(ratio) and ratio else ""
         axis.set_title(f"mode {j + 1}: $\\omega$ = {omega}{damping}", loc="left", fontsize=9)
         axis.set_yticks([])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -113,10 +113,10 @@ def column(rows: Iterable[Mapping[str, Any]], name: str) -> Array:
 def log_scale(axis: Axes, x: bool = True, y: bool = True) -> None:
     """Logarithmic axes wherever what is drawn so far holds anything positive."""
     if x and np.isfinite(axis.dataLim.minposx):
-        axis.set_xscale("log")
+        axis.set_xscale("log", nonpositive="mask")
         _few_ticks(axis.xaxis, axis.dataLim.x1 / axis.dataLim.minposx, 10.0)
     if y and np.isfinite(axis.dataLim.minposy):
-        axis.set_yscale("log")
+        axis.set_yscale("log", nonpositive="mask")
         _few_ticks(axis.yaxis, axis.dataLim.y1 / axis.dataLim.minposy, 50.0)
 
 
@@ -179,12 +179,23 @@ def say_empty(axis: Axes, text: str = "no point could be evaluated") -> None:
     axis.set(xticks=[], yticks=[])
 
 
-def shared_legend(figure: Figure, columns: int = 4, axes: Iterable[Axes] | None = None) -> None:
-    """One legend below all panels, with every label of ``axes`` once, of all of them by default."""
+def legend_entries(axes: Iterable[Axes], words: Callable[[str], str] = str) -> dict[str, Any]:
+    """What a legend shows by its text, each text once; what one panel draws under one text is one entry."""
     entries: dict[str, Any] = {}
-    for axis in figure.axes if axes is None else axes:
+    for axis in axes:
+        own: dict[str, list[Any]] = {}
         for handle, text in zip(*axis.get_legend_handles_labels(), strict=True):
-            entries.setdefault(text, handle)
+            own.setdefault(words(text), []).append(handle)
+        for text, handles in own.items():
+            entries.setdefault(text, handles[0] if len(handles) == 1 else tuple(handles))
+    return entries
+
+
+def shared_legend(
+    figure: Figure, columns: int = 4, axes: Iterable[Axes] | None = None, words: Callable[[str], str] = str
+) -> None:
+    """One legend below all panels, with every label of ``axes`` once, of all of them by default."""
+    entries = legend_entries(figure.axes if axes is None else axes, words)
     if entries:
         figure.legend(entries.values(), entries.keys(), loc="outside lower center", ncols=columns, frameon=False,
                       fontsize=9, handlelength=3.2)  # fmt: skip
@@ -207,7 +218,7 @@ def tip_symbol(problem: BeamProblem | None, t: str = "t") -> str:
 
 
 def tip_name(problem: BeamProblem | None) -> str:
-    """What is observed: the tip, or the middle of a beam whose end is held."""
+    """Name of the observed point: the tip, or the middle of a beam whose end is held."""
     return "tip" if problem is None or problem.ends[1] == "free" else "mid-span"
 
 

@@ -55,7 +55,7 @@ def four_panels(
 
     for index, run, t, (u, _) in _curves(main, runs, window):
         _draw(displacement, t, u, index, run)
-    for contact in (contact.stops for i, contact in enumerate(system.contacts) if is_tip(system, i)):
+    for contact in (contact.stops for i, contact in enumerate(system.contacts) if system.reads_tip(i)):
         draw_stops(displacement, contact, horizontal=True)
     displacement.set(xlabel=units.label("time $t$", "time"), ylabel=displacement_label, xlim=(0.0, window))
     to = units.measure(f"{window:.3g}", "time")
@@ -69,7 +69,7 @@ def four_panels(
     ):
         _zoom(axis, main, runs, window, contact)
         label = displacement_label
-        if contact is not None and not is_tip(system, contact):
+        if contact is not None and not system.reads_tip(contact):
             moving = system.problem is not None and system.problem.all_stops[contact].motion is not None
             label = units.label(f"displacement relative to the {'moving stop' if moving else 'stops'}", "length")
         axis.set(xlabel=units.label("time $t$", "time"), ylabel=label)
@@ -90,14 +90,14 @@ def _curves(
         fine = np.linspace(0.0, window, 6000)
         yield None, main, fine, main.at(fine, contact)
     else:
-        yield None, main, main.t, _seen(main, contact)
+        yield None, main, main.t, _path(main, contact)
     for i, run in enumerate(runs):
         here = run.t <= window
-        u, v = _seen(run, contact)
+        u, v = _path(run, contact)
         yield i, run, run.t[here], (u[here], v[here])
 
 
-def _seen(run: Trajectory, contact: int | None) -> tuple[Array, Array]:
+def _path(run: Trajectory, contact: int | None) -> tuple[Array, Array]:
     """Position and velocity at the output times, at the tip or a contact."""
     if contact is None:
         return run.tip, run.tip_velocity
@@ -117,11 +117,11 @@ def _draw(axis: Axes, x: Array, y: Array, index: int | None, run: Trajectory) ->
 
 def _draw_errors(axis: Axes, runs: Sequence[Trajectory], comparisons: Sequence[Comparison], window: float) -> None:
     """The largest error so far of every run, on a logarithmic axis."""
-    found = {c.label: c for c in comparisons}
+    by_label = {c.label: c for c in comparisons}
     for index, run in enumerate(runs):
-        if run.label not in found:
+        if run.label not in by_label:
             continue
-        comparison = found[run.label]
+        comparison = by_label[run.label]
         error = np.maximum.accumulate(np.abs(comparison.error))
         t = comparison.times
         _draw(axis, t[error > 0.0], error[error > 0.0], index, run)
@@ -147,12 +147,6 @@ def _zoom(axis: Axes, main: Reference, runs: Sequence[Trajectory], window: float
     if contact is not None:
         draw_stops(axis, main.system.contacts[contact].stops, horizontal=True)
         zoom_on_stop(axis, main, start, end, contact)
-
-
-def is_tip(system: System, contact: int) -> bool:
-    """Whether a contact acts on the tip itself."""
-    (row, offset), (tip, own) = system.channels[contact], system.channels[system.tip_channel]
-    return np.array_equal(row, tip) and offset == own
 
 
 def line_of(run: Trajectory) -> dict[str, Any]:
@@ -208,13 +202,14 @@ def _draw_spectra(
     for i, run in enumerate(runs):
         if isinstance(run, Reference):
             continue  # ends at the horizon
-        omega, amplitude = amplitude_spectrum(run.t, run.tip, drive)
+        omega, amplitude = amplitude_spectrum(run.t, run.tip, drive, run.tip_velocity)
         axis.plot(omega, amplitude, lw=0.9, label=short(run.provenance["method"]), zorder=2 + i, **line_of(run))
         whole = min(whole, float(run.t[-1]))
     if runs and references:
         t = runs[0].t
         if references[0].solution is not None and float(references[0].provenance["t_end"]) >= t[-1] * (1 - 1e-9):
-            omega, amplitude = amplitude_spectrum(t, references[0].at(t)[0], drive)
+            u, v = references[0].at(t)
+            omega, amplitude = amplitude_spectrum(t, u, drive, v)
             axis.plot(omega, amplitude, color="black", lw=2.2, alpha=0.38, zorder=1)
     if drive:
         axis.set_xlim(0.0, 15.5 * drive)

@@ -55,7 +55,7 @@ class Case:
 
     @property
     def has_stops(self) -> bool:
-        """Whether the problem has a stop."""
+        """Tell whether the problem has a stop."""
         return self.problem.stops is not None
 
     @property
@@ -102,7 +102,7 @@ class SystemCase(Case):
 
     @property
     def has_stops(self) -> bool:
-        """Whether the system has a contact."""
+        """Tell whether the system has a contact."""
         return bool(self.matrices.contacts)
 
     @property
@@ -140,9 +140,9 @@ def case_of(system: System, dt: float | None, t_end: float | None, name: str = "
     runs = tuple((scheme, system.form) for scheme in default_schemes(c.stops for c in system.contacts))
     beam = system.problem
     if beam is not None and system.cells is not None:
-        made = Case(name, name, beam, system.cells, float(dt), float(t_end), runs)
-        if made.system(system.form).fingerprint == system.fingerprint and made.forms[0] == system.form:
-            return made
+        case = Case(name, name, beam, system.cells, float(dt), float(t_end), runs)
+        if case.system(system.form).fingerprint == system.fingerprint and case.forms[0] == system.form:
+            return case
     return SystemCase(name, name, float(dt), float(t_end), runs, matrices=system)
 
 
@@ -292,12 +292,12 @@ class _Reader(Reader):
             raise self.error("form", self.table["form"], "be left out", remedy)
         self.only({"name", "title", "cells", "dt", "t_end", "runs", "inferred", "problem", "system", "published"})
         name = self.line("name")
-        problem, own = self.sub("problem"), self.get("system", dict, "be a table", None)
-        if (problem is None) == (own is None):
+        problem, matrices = self.sub("problem"), self.get("system", dict, "be a table", None)
+        if (problem is None) == (matrices is None):
             remedy = "[case.problem] is a beam, [case.system] names matrices"
-            both = None if own is None else "beside a system"
-            raise self.error("problem", both, "be given and be a table" if own is None else "stand alone", remedy)
-        system = None if own is None else SystemReader(own, f"{self.where}.system", self.folder).system()
+            both = None if matrices is None else "beside a system"
+            raise self.error("problem", both, "be given and be a table" if matrices is None else "stand alone", remedy)
+        system = None if matrices is None else SystemReader(matrices, f"{self.where}.system", self.folder).system()
         beam = None if problem is None else problem.problem()
         all_stops = beam.all_stops if beam is not None else [c.stops for c in system.contacts] if system else []
         runs = self.get("runs", list, "be a list of runs", [str(x) for x in default_schemes(all_stops)])
@@ -340,17 +340,17 @@ class _Reader(Reader):
         more = ("tip_mass", "mass_damping", "rotary_inertia", "tip_inertia")
         shared |= {"supports", "modal_damping", "sections", *more}
         physical = any(name in self.table for name in ("length", "bending_stiffness", "mass_per_length"))
-        own = (
+        parameters = (
             ("length", "bending_stiffness", "mass_per_length", "bending_viscosity")
             if physical
             else ("stiffness", "viscosity")
         )
-        self.only(shared | set(own) | ({"units", "time_unit"} if physical else set()))
+        self.only(shared | set(parameters) | ({"units", "time_unit"} if physical else set()))
         if self.number("time_unit", 1) != 1:
             remedy = "times are in seconds: leave it out, and give dt and t_end in seconds"
             raise self.error("time_unit", self.table["time_unit"], "be 1", remedy)
-        numbers = {key: self.number(key) for key in (*own, *more) if key in self.table}
-        for key in own[:3] if physical else own[:1]:
+        numbers = {key: self.number(key) for key in (*parameters, *more) if key in self.table}
+        for key in parameters[:3] if physical else parameters[:1]:
             self.number(key)
         base = self.sub("base")
         loads = self.tables("loads", "{ position = ..., amplitude = ..., ... }")

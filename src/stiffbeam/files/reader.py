@@ -46,13 +46,13 @@ def _market(file: Path) -> Any:
 def _npz(file: Path) -> Any:
     from scipy.sparse import load_npz
 
-    with np.load(file) as found:
-        names = list(found)
+    with np.load(file) as archive:
+        names = list(archive)
         if "format" in names:
             return load_npz(file)
         if len(names) != 1:
             raise InputError("array", f"{file} with {', '.join(names)}", "hold one array", "save each by itself")
-        return found[names[0]]
+        return archive[names[0]]
 
 
 def read_samples(file: Path, column: str | None = None) -> tuple[list[float], list[float]]:
@@ -83,7 +83,7 @@ def read_samples(file: Path, column: str | None = None) -> tuple[list[float], li
         remedy = f"name one: column = {' or '.join(map(repr, names[1:])) or 'a name in a first line'}"
         raise InputError("sampled", f"{file}: {width} columns", "have two columns, times and values", remedy)
     wanted = 1 if column is None else names.index(column)
-    found: list[tuple[float, float]] = []
+    samples: list[tuple[float, float]] = []
     for line, cells in rows:
         if len(cells) != width:
             remedy = "give every line as many cells as the first"
@@ -93,8 +93,8 @@ def read_samples(file: Path, column: str | None = None) -> tuple[list[float], li
             bad = cells[0] if t is None else cells[wanted]
             remedy = "write decimals with a point" if bad else "the cell is empty: fill it, or leave the line out"
             raise InputError("sampled", f"{file}, line {line}: {bad!r}", "be a number", remedy)
-        found.append((t, value))
-    return [t for t, _ in found], [value for _, value in found]
+        samples.append((t, value))
+    return [t for t, _ in samples], [value for _, value in samples]
 
 
 def _cells(line: str) -> list[str]:
@@ -161,21 +161,20 @@ class Reader:
 
     def tables(self, field: str, example: str) -> list[Self]:
         """A reader for every table of the list ``field``."""
-        tables = self.get(field, list, "be a list of tables", [])
+        return self._several(field, self.get(field, list, "be a list of tables", []), example)
+
+    def one_or_several(self, field: str) -> list[Self]:
+        """A table, or a list of tables: [problem.field] once or [[problem.field]] once for each."""
+        value = self.get(field, (dict, list), "be a table or a list of tables", [])
+        if isinstance(value, dict):
+            return [type(self)(value, f"{self.where}.{field}", self.folder)]
+        return self._several(field, value, "it as { name = value, ... }")
+
+    def _several(self, field: str, tables: list[Any], example: str) -> list[Self]:
         for i, table in enumerate(tables):
             if not isinstance(table, dict):
                 raise self.error(f"{field}[{i}]", table, "be a table", f"write {example}")
         return [type(self)(table, f"{self.where}.{field}[{i}]", self.folder) for i, table in enumerate(tables)]
-
-    def one_or_several(self, field: str) -> list[Self]:
-        """A table, or a list of tables: [problem.field] once or [[problem.field]] once for each."""
-        given = self.get(field, (dict, list), "be a table or a list of tables", [])
-        if isinstance(given, dict):
-            return [type(self)(given, f"{self.where}.{field}", self.folder)]
-        for i, table in enumerate(given):
-            if not isinstance(table, dict):
-                raise self.error(f"{field}[{i}]", table, "be a table", "write it as { name = value, ... }")
-        return [type(self)(table, f"{self.where}.{field}[{i}]", self.folder) for i, table in enumerate(given)]
 
     def polynomial(self, field: str) -> Any:
         """A polynomial profile from its coefficients, None where ``field`` is not given."""
@@ -227,15 +226,15 @@ class Reader:
     def sampled(self, besides: set[str]) -> Sampled:
         """The samples of a file beside the case, or written into it."""
         self.only({"sampled", "kind", "column"} | besides)
-        given = self.get("sampled", (str, dict), "be the name of a file, or a table { t = [...], values = [...] }")
+        source = self.get("sampled", (str, dict), "be the name of a file, or a table { t = [...], values = [...] }")
         kind = self.get("kind", str, "be 'linear' or 'cubic'", "linear")
-        if isinstance(given, str):
+        if isinstance(source, str):
             if self.folder is None:
                 remedy = "write the samples into the case: sampled = { t = [...], values = [...] }"
-                raise self.error("sampled", given, "need no other file here", remedy)
+                raise self.error("sampled", source, "need no other file here", remedy)
             column = self.get("column", str, "be the name of a column", None)
-            return self.build(Sampled, *self.build(read_samples, self.folder / given, column), kind)
-        samples = type(self)(given, f"{self.where}.sampled")
+            return self.build(Sampled, *self.build(read_samples, self.folder / source, column), kind)
+        samples = type(self)(source, f"{self.where}.sampled")
         samples.only({"t", "values"})
         t, values = (samples.get(name, list, "be a list of numbers") for name in ("t", "values"))
         return self.build(Sampled, t, values, kind)
@@ -270,23 +269,23 @@ class SystemReader(Reader):
 
     def matrix(self, field: str) -> Any:
         """A matrix from the file or the list of rows that ``field`` gives."""
-        given = self.get(field, (str, list), "be the name of a file, or a list of rows")
-        return self.from_file(field, given) if isinstance(given, str) else self.numbers(field, given)
+        source = self.get(field, (str, list), "be the name of a file, or a list of rows")
+        return self.from_file(field, source) if isinstance(source, str) else self.numbers(field, source)
 
     def row(self, field: str, n: int) -> Any:
         """n numbers, one per unknown."""
-        given = self.get(field, (list, str, dict), ROW)
-        if isinstance(given, str):
-            found = self.from_file(field, given)
-            return np.asarray(found.toarray() if hasattr(found, "toarray") else found).ravel()
-        if isinstance(given, list):
-            return self.numbers(field, given)
-        entries = type(self)(given, f"{self.where}.{field}", self.folder)
+        source = self.get(field, (list, str, dict), ROW)
+        if isinstance(source, str):
+            content = self.from_file(field, source)
+            return np.asarray(content.toarray() if hasattr(content, "toarray") else content).ravel()
+        if isinstance(source, list):
+            return self.numbers(field, source)
+        entries = type(self)(source, f"{self.where}.{field}", self.folder)
         row = np.zeros(n)
-        for unknown in given:
+        for unknown in source:
             if not unknown.isdecimal() or int(unknown) >= n:
                 raise self.error(
-                    f"{field}.{unknown}", given[unknown], f"be of an unknown from 0 to {n - 1}", "the first is 0"
+                    f"{field}.{unknown}", source[unknown], f"be of an unknown from 0 to {n - 1}", "the first is 0"
                 )
             row[int(unknown)] = entries.number(unknown)
         return row
@@ -297,12 +296,12 @@ class SystemReader(Reader):
             raise self.error(field, name, "need no other file here", "write its numbers into the case")
         return self.build(read_matrix, self.folder / name)
 
-    def numbers(self, field: str, given: list[Any]) -> Any:
-        """The list ``given`` as a float array; InputError where rows differ in length."""
+    def numbers(self, field: str, rows: list[Any]) -> Any:
+        """The ``rows`` as a float array; InputError where rows differ in length."""
         try:
-            return np.asarray(given, float)
+            return np.asarray(rows, float)
         except (TypeError, ValueError):
-            raise self.error(field, given, "be numbers, every row as long as the first", "fill rows with 0") from None
+            raise self.error(field, rows, "be numbers, every row as long as the first", "fill rows with 0") from None
 
     def load(self, n: int) -> tuple[Any, LoadFunction]:
         """(vector, time function) of one load on n unknowns."""

@@ -55,25 +55,25 @@ def cached_reference(
     file = _file(system, t_end, method, times, rtol, atol, digits, steps)
     if file.is_file():
         try:
-            found = store.load(file, system, times)
-            assert isinstance(found, Reference)
+            result = store.load(file, system, times)
+            assert isinstance(result, Reference)
             file.touch()  # used last
-            found.provenance["kept"] = True
-            return found
+            result.provenance["kept"] = True
+            return result
         except InputError as error:
             warnings.warn(f"remaking a cached reference: {error}", stacklevel=2)
-    found = reference(system, t_end, method, times, rtol, atol, digits, breakpoints, max_step, switches)
+    result = reference(system, t_end, method, times, rtol, atol, digits, breakpoints, max_step, switches)
     try:
-        if store.can_freeze(found):
-            store.freeze(found, "", file)
+        if store.can_freeze(result):
+            store.freeze(result, "", file)
         else:
-            found.save(file)
+            result.save(file)
         _forget(file.parent)
     except InputError as error:
         if error.field != "file":
             raise
         warnings.warn(f"a reference is not kept: {error}", stacklevel=2)  # the cache's disk may be full
-    return found
+    return result
 
 
 def _forget(folder: Path) -> None:

@@ -25,10 +25,11 @@ from ..basics.validation import InputError, file_path, numbers
 from ..march.integrate import Plan
 from ..model.contact import Stops
 from ..model.system import System, require_system
+from ..piecewise.measures import Solution
+from ..piecewise.rounding import Perturbation
+from ..piecewise.tracer import tracer_of
 from ..references import solve
-from ..references.exact.exact_measures import Solution
-from ..references.exact.piecewise import reference_of, tracer_of
-from ..references.exact.rounding import Perturbation
+from ..references.exact.piecewise import reference_of
 from ..schemes.labels import parse_run
 from ..trajectory.dataset import FORMAT, HASHED, LEDGER
 from ..trajectory.impacts import COLUMNS, OPEN_AT_START, ContactRecord, Impacts
@@ -41,8 +42,8 @@ BOUND = 1e-9  # of max |u| and of the times: the accuracy that re-marching may l
 
 
 def can_freeze(reference: Reference) -> bool:
-    """Whether it is multiprecision, confirmed to its end, and its pieces can be marched again in float64: those between
-    rigid stops cannot."""
+    """Tell whether it is multiprecision, confirmed to its end, and between compliant stops: pieces between rigid ones
+    cannot be marched again in float64."""
     system, t_end = reference.system, float(reference.provenance["t_end"])
     confirmed = reference.provenance["method"] == "multiprecision" and reference.horizon >= t_end
     return confirmed and system is not None and not any(contact.stops.rigid for contact in system.contacts)
@@ -121,8 +122,7 @@ def load_frozen(data: xr.Dataset, path: Path, system: System | None = None, t_ev
 
 def _system_of(case: str, source: str, form: str) -> System:
     """The system that the TOML text ``case`` makes."""
-    made = parse_case(case, source)
-    return made.system(form)
+    return parse_case(case, source).system(form)
 
 
 def _states_to_store(reference: Reference, solution: Solution, t_end: float, bound: float) -> Array:
@@ -235,7 +235,7 @@ def _march(system: System, data: xr.Dataset, source: str) -> Solution:
 def _contact_state(
     sides: NDArray[np.int64], piece: int, q: Array, v: Array
 ) -> tuple[tuple[int, ...], Array, Array, int]:
-    """What a tracer starts a piece from: sides, q, q' and the contact whose gap is exactly zero, -1 for none."""
+    """Initial data of a piece: sides, q, q' and the contact whose gap is exactly zero, -1 for none."""
     changed = np.flatnonzero(sides[piece] != sides[piece - 1]) if piece else []  # none where a record has a sample
     resting = int(changed[0]) if len(changed) else -1
     return tuple(sides[piece].tolist()), q, v, resting
@@ -257,12 +257,12 @@ def _deviation(data: xr.Dataset, a: Solution, reference: Reference) -> float:
 
 
 def _positions(system: System, solution: Solution, t: Array) -> Array:
-    """What every channel reads of the state, (times, channels)."""
+    """Positions of every channel, (times, channels)."""
     return np.stack([solution.observed(t, row)[0] for row, _ in system.channels], axis=-1)
 
 
 def _hash(data: xr.Dataset) -> str:
-    """Of everything in the file but the hash itself, and what depends on the machine."""
+    """Hash of everything in the file but the hash itself, and what depends on the machine."""
     return netcdf.Arrays.of(data).hash(data.attrs.keys() - {"hash", "deviation"})
 
 
@@ -300,14 +300,14 @@ def load(file: str | Path, system: System | None = None, t_eval: ArrayLike | Non
 
 def _from_dataset(data: xr.Dataset, path: Path, system: System | None) -> Trajectory:
     if data.attrs.get("stiffbeam_format") != FORMAT:
-        found = data.attrs.get("stiffbeam_format")
-        raise InputError("file", str(path), f"be a stiffbeam trajectory of format {FORMAT}", f"it has format {found}")
+        rule = f"be a stiffbeam trajectory of format {FORMAT}"
+        raise InputError("file", str(path), rule, f"it has format {data.attrs.get('stiffbeam_format')}")
     if data.attrs.get("hash") != netcdf.Arrays.of(data).hash(HASHED):
         raise InputError("file", str(path), "hold what its hash says", "it is damaged: save the run again")
     if system is not None and system.fingerprint != data.attrs["fingerprint"]:
         raise InputError("file", str(path), "be of the system it is read with", "it is of another one")
     contacts, kinds = [], data.attrs["impact_kind"].split(",")  # one for all contacts, or one for each
-    for i, given in enumerate(json.loads(data.attrs["stops"])):
+    for i, stops_data in enumerate(json.loads(data.attrs["stops"])):
         mine = data["impact_contact"].values == i
         columns: Any = {name: data[f"impact_{name}"].values[mine] for name in COLUMNS}
         impacts = Impacts(**columns, kind=kinds[i % len(kinds)])
@@ -315,7 +315,7 @@ def _from_dataset(data: xr.Dataset, path: Path, system: System | None) -> Trajec
             impacts = impacts.started(data[f"impact_{OPEN_AT_START}"].values[mine] > 0)
         contacts.append(
             ContactRecord(
-                stops=Stops.of(given),
+                stops=Stops.of(stops_data),
                 impacts=impacts,
                 position=data["contact_position"].values[i],
                 velocity=data["contact_velocity"].values[i],
@@ -356,11 +356,11 @@ def _pieces_of(system: System, notes: dict[str, Any]) -> Pieces | None:
         scheme = parse_run(notes["method"])[0]
     except InputError:
         return None
-    given = system.first_order() if notes["form"].endswith("first order") else system
+    form = system.first_order() if notes["form"].endswith("first order") else system
 
     def pieces() -> Iterator[tuple[Array, Array, Array, Array]]:
-        plan = Plan.of(given, scheme, notes["dt"], notes["t_end"], notes["contact"], 1, notes["engine"])
-        return plan.states(given)
+        plan = Plan.of(form, scheme, notes["dt"], notes["t_end"], notes["contact"], 1, notes["engine"])
+        return plan.states(form)
 
     return pieces
 
@@ -371,9 +371,9 @@ def _states_of(system: System, notes: dict[str, Any]) -> Callable[[Array], tuple
         return None
 
     def state_at(t: Array) -> tuple[Array, Array]:
-        found = solve(system, notes["t_end"], "exact", None, 0.0, None)
-        assert found.state_at is not None
-        return found.state_at(t)
+        reference = solve(system, notes["t_end"], "exact", None, 0.0, None)
+        assert reference.state_at is not None
+        return reference.state_at(t)
 
     return state_at
 

@@ -273,11 +273,17 @@ class March:
         diverged = np.where(self.state.diverged > 0, self.state.diverged * dt, np.nan)
         for i in np.flatnonzero(~np.all(np.isfinite(tally[..., IMPULSE]), axis=1) & np.isnan(diverged)):
             diverged[i] = self.seen(int(i)).diverged
-        events = self.events[self.events[:, TIME] != AT_START]
+        first = self.events[:, TIME] == AT_START
+        begun, events = self.events[first], self.events[~first]
+        pressed = begun[begun[:, IMPACT_IMPULSE] != 0.0][:, [MEMBER, CONTACT]].astype(int)
+        open_at_start = np.zeros(tally.shape[:2])
+        open_at_start[tuple(pressed.T)] = 1.0
         contacts = []
         for c in range(tally.shape[1]):
             own, of_contact = events[events[:, CONTACT] == c], tally[:, c]
-            totals = np.array([shares(of_contact, self.steps), of_contact[:, PEAK], of_contact[:, IMPULSE]])
+            totals = np.array(
+                [shares(of_contact, self.steps), of_contact[:, PEAK], of_contact[:, IMPULSE], open_at_start[:, c]]
+            )
             contacts.append(ContactStatistics.of(totals, impacts_of(own), own[:, MEMBER].astype(np.int64)))
         return Runs(
             tip=self.positions[..., tip].copy(),

@@ -144,7 +144,7 @@ def require_rigid(system: System, scheme: Scheme, contact: str) -> None:
             raise InputError("stops.restitution", e, rule, "use moreau-jean, or leave it out")
         moved = float(offset_values(each.offset, 0.0))
         u = float(each.row @ system.q0) + moved
-        if abs(each.stops.penetration(u)) > 1e-14 * max(abs(u), abs(moved), 1e-300):  # what rounds u
+        if abs(each.stops.penetration(u)) > 1e-14 * max(abs(u), abs(moved)):  # what rounds u
             raise InputError("initial displacement", u, "lie between rigid stops", "move the stop or the start")
     if isinstance(scheme, RigidScheme) and scheme.modal_only and modes(system) is None:
         rule = f"decouple in the modes for {scheme}"

@@ -23,7 +23,7 @@ from ..schemes import RigidScheme, Scheme
 from ..schemes.contract import check_contract
 from ..schemes.scheme import require_scheme
 from ..trajectory.ensemble import Runs
-from ..trajectory.ledger import Ledger, reaction_ledger, step_ledger
+from ..trajectory.ledger import Ledger, step_ledger
 from ..trajectory.recorder import Reactions, SampledImpacts, overflow, record
 from ..trajectory.trajectory import Diverged, Trajectory, Work, versions
 from .block_march import RUNS, Stepper, initial_channels
@@ -213,7 +213,7 @@ class Plan:
         outputs = np.arange(0, self.steps + 1, every) * self.dt
         if self.rigid:
             impacts = isinstance(self.scheme, RigidScheme) and self.scheme.restitutes
-            return reaction_ledger(parent, self._with_reactions(parent), outputs, impacts)
+            return step_ledger(parent, self._with_reactions(parent), outputs, impacts)
         return step_ledger(parent, self.states(system), outputs)
 
     def _with_reactions(self, system: System) -> Iterator[tuple[Array, Array, Array, Array]]:

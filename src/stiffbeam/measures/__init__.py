@@ -1,1 +1,1 @@
-"""What is measured of a run, each quantity defined once."""
+"""Measures of a run, each quantity defined once."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -207,10 +208,10 @@ def _flat(prefix: str, value: Any) -> dict[str, Any]:
     """A nested dictionary as one, names joined by underscores; a tuple of texts as one text."""
     if not isinstance(value, dict):
         return {prefix: "; ".join(value) if isinstance(value, tuple) else value}
-    found: dict[str, Any] = {}
+    flat: dict[str, Any] = {}
     for name, item in value.items():
-        found |= _flat(f"{prefix}_{name}" if prefix else name, item)
-    return found
+        flat |= _flat(f"{prefix}_{name}" if prefix else name, item)
+    return flat
 
 
 def compare(run: Trajectory | Sequence[ArrayLike], reference: Reference) -> Comparison:
@@ -250,8 +251,8 @@ def compare(run: Trajectory | Sequence[ArrayLike], reference: Reference) -> Comp
     energy = run.energy if run.has_energy else None
     missing = [
         f"{c.place or 'contact'}: its position is not the tip's, and the run came without states"
-        for c, own in zip(contacts, run.contacts, strict=True)
-        if own.impacts.kind == "unknown"
+        for c, record in zip(contacts, run.contacts, strict=True)
+        if record.impacts.kind == "unknown"
     ]
     if run.provenance.get("source") == "arrays":
         missing += [
@@ -260,8 +261,14 @@ def compare(run: Trajectory | Sequence[ArrayLike], reference: Reference) -> Comp
             for c in contacts
             if c.reference.impacts < SEEN * c.reference.event_impacts
         ]
+        missing += [
+            f"{c.place or 'contact'}: positions tell neither share, peak nor impulse of a rigid stop"
+            for c, contact in zip(contacts, system.contacts, strict=True)
+            if contact.stops.rigid
+        ]
     if energy is None:
-        missing.append("energy: the run came without states or a ledger")
+        without = "states or a ledger" if run.pieces is None else "the reactions of its rigid stops"
+        missing.append(f"energy: the run came without {without}")
     if "tip_velocity" in run.provenance:
         missing.append(f"tip velocity: {run.provenance['tip_velocity']}; impact times and lag are as good as that")
     lag = phase_lag(
@@ -312,74 +319,66 @@ def _contact(
     run: Trajectory, reference: Reference, system: System, i: int, t: Array, window: float
 ) -> ContactComparison:
     """Contact i at the steps t, of which the first are those to the window."""
-    stops, own = system.contacts[i].stops, run.contacts[i]
+    record, stops, known_to = run.contacts[i], system.contacts[i].stops, float(reference.provenance["t_end"])
     if stops.rigid:
-        return _rigid_contact(run, reference, system, i, window)
-    u, v = reference.at(t, contact=i)
-    true, true_force = sampled_impacts(t, u, v, stops), stops.force(u, v)
-    sampled = "dt" in run.provenance
-    unknown = own.impacts.kind == "unknown"
-    found = own.impacts if sampled else sampled_impacts(run.t, own.position, own.velocity, own.stops)
-
-    def statistics(trajectory: Trajectory, impacts: Impacts, force: Array, end: float) -> ContactMeasures:
-        if impacts.kind == "unknown":
-            return UNKNOWN
-        inside = t[: steps_to(t, end)]
-        force = np.abs(force[: len(inside)])
-        measured = ContactMeasures(
-            impacts=impacts.until(end).count,
-            event_impacts=trajectory.contacts[i].impacts.until(end).count,
-            fraction=float(np.average(force[1:] != 0.0, weights=step_lengths(inside)[1:])),
-            peak_force=float(np.max(force, initial=0.0)),
-            impulse=float(np.trapezoid(force, inside)),
-        )
-        return _by_events(trajectory, i, measured, end)
-
-    t_end = min(float(run.t[-1]), float(reference.provenance["t_end"]))
+        impacts, true = record.impacts, reference.contacts[i].impacts
+        if run.provenance.get("source") == "arrays":  # read from steps, and so are the reference's then
+            true = sampled_impacts(t, *reference.at(t, contact=i), stops)
+        of_run, of_reference = partial(_rigid, run, i, impacts), partial(_rigid, reference, i, true)
+    else:
+        u, v = reference.at(t, contact=i)
+        sampled = "dt" in run.provenance
+        impacts = record.impacts if sampled else sampled_impacts(run.t, record.position, record.velocity, record.stops)
+        true = sampled_impacts(t, u, v, stops)
+        of_run = partial(_sampled, run, i, impacts, record.force, t)
+        of_reference = partial(_sampled, reference, i, true, stops.force(u, v), t)
+    t_end = min(float(run.t[-1]), known_to)
+    # Where no impact of the run is known, nothing parts and nothing is paired.
+    unpaired = record.impacts.kind == "unknown"
     return ContactComparison(
         place=_place(system, i),
-        run=statistics(run, found, own.force, window),
-        reference=statistics(reference, true, true_force, window),
-        # Where no impact of the run is known, nothing parts and nothing is paired.
+        run=of_run(window),
+        reference=of_reference(window),
         matching=Matching(0, window, np.nan, np.nan)
-        if unknown
-        else match(found, true, window, longest_delay(system, float(reference.provenance["t_end"]))),
-        run_totals=statistics(run, found, own.force, t_end),
-        reference_totals=statistics(reference, true, true_force, t_end),
+        if unpaired
+        else match(impacts, true, window, longest_delay(system, known_to)),
+        run_totals=of_run(t_end),
+        reference_totals=of_reference(t_end),
     )
 
 
-def _rigid_contact(run: Trajectory, reference: Reference, system: System, i: int, window: float) -> ContactComparison:
-    """Contact i on a rigid stop, where positions do not determine the force: each trajectory has its own impacts.
-
-    Forces have no peak. Share and impulse are known of whole runs only.
-    """
-    t_end = min(float(run.t[-1]), float(reference.provenance["t_end"]))
-
-    def statistics(trajectory: Trajectory, end: float) -> ContactMeasures:
-        record = trajectory.contacts[i]
-        whole = end >= float(trajectory.provenance["t_end"]) * (1 - 1e-12)
-        count = record.impacts.until(end).count
-        share, impulse = (record.fraction, record.impulse) if whole else (np.nan, np.nan)
-        return ContactMeasures(count, count, share, np.nan, impulse)
-
-    return ContactComparison(
-        place=_place(system, i),
-        run=statistics(run, window),
-        reference=statistics(reference, window),
-        matching=match(
-            run.contacts[i].impacts,
-            reference.contacts[i].impacts,
-            window,
-            longest_delay(system, float(reference.provenance["t_end"])),
-        ),
-        run_totals=statistics(run, t_end),
-        reference_totals=statistics(reference, t_end),
+def _sampled(run: Trajectory, i: int, impacts: Impacts, force: Array, t: Array, end: float) -> ContactMeasures:
+    """Contact i on [0, end] from its impacts and its force at the steps t, and by events where the run knows them."""
+    if impacts.kind == "unknown":
+        return UNKNOWN
+    inside = t[: steps_to(t, end)]
+    force = np.abs(force[: len(inside)])
+    sampled = ContactMeasures(
+        impacts=impacts.until(end).count,
+        event_impacts=run.contacts[i].impacts.until(end).count,
+        fraction=float(np.average(force[1:] != 0.0, weights=step_lengths(inside)[1:])),
+        peak_force=float(np.max(force, initial=0.0)),
+        impulse=float(np.trapezoid(force, inside)),
     )
+    record = run.contact_between(0.0, end, i)
+    if record is None:
+        return sampled
+    return replace(sampled, fraction=record.fraction, peak_force=record.peak_force, impulse=record.impulse, events=True)
+
+
+def _rigid(run: Trajectory, i: int, impacts: Impacts, end: float) -> ContactMeasures:
+    """Contact i with a rigid stop, where positions do not determine the force: its impacts, and no peak. Share and
+    impulse are known of whole runs only."""
+    if impacts.kind == "unknown":
+        return UNKNOWN
+    record, whole = run.contacts[i], end >= float(run.provenance["t_end"]) * (1 - 1e-12)
+    count, events = impacts.until(end).count, record.impacts.until(end).count
+    share, impulse = (record.fraction, record.impulse) if whole else (np.nan, np.nan)
+    return ContactMeasures(count, events, share, np.nan, impulse)
 
 
 def _place(system: System, i: int) -> str:
-    """Where contact i is: along the beam, for matrices its number; "" for the only one."""
+    """Place of contact i: along the beam, for matrices its number; "" for the only one."""
     if len(system.contacts) == 1:
         return ""
     if system.problem is None:
@@ -387,11 +386,3 @@ def _place(system: System, i: int) -> str:
     position = system.problem.all_stops[i].position
     length = system.problem.length if position is None else position
     return f"stops at x = {system.units.measure(f'{float(length):g}', 'length')}"
-
-
-def _by_events(run: Trajectory, i: int, sampled: ContactMeasures, end: float) -> ContactMeasures:
-    """``sampled`` with what the run knows of [0, end] by events."""
-    record = run.contact_between(0.0, end, i)
-    if record is None:
-        return sampled
-    return replace(sampled, fraction=record.fraction, peak_force=record.peak_force, impulse=record.impulse, events=True)

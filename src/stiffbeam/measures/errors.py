@@ -102,7 +102,7 @@ class Order:
 
     @property
     def unclear(self) -> bool:
-        """Whether the interval is too wide to speak of a rate."""
+        """Tell whether the interval is too wide to speak of a rate."""
         return 2.0 * self.interval > WIDEST
 
     def __str__(self) -> str:

@@ -108,11 +108,11 @@ def comparison_tables(
         [c for c in comparisons if c.reference == r] for r in dict.fromkeys(c.reference for c in comparisons)
     ]
     parts: list[RenderableType] = [Text(said) for said in dict.fromkeys(c.remark for c in comparisons) if said]
-    parts += [_inside(own) for own in by_reference]
+    parts += [_inside(of_form) for of_form in by_reference]
     if comparisons:
         parts.append(Text(_explanation(comparisons, references), style="dim"))
-    for own in by_reference:
-        parts.append(_whole(own, (truths or {}).get(own[0].reference.partition("@")[2])))
+    for of_form in by_reference:
+        parts.append(_whole(of_form, (truths or {}).get(of_form[0].reference.partition("@")[2])))
     for label, message in failures:
         word = ("refused  ", "bold") if label in refused else ("failed  ", "bold red")
         parts.append(Text.assemble(word, (label, "bold"), f"  {message}"))
@@ -165,8 +165,8 @@ def _inside(comparisons: Sequence[Comparison]) -> Table:
             *_impacts(c, "run"),
         )
         for contact in _several(c):
-            told = contact.run.impacts >= 0
-            until = _matched(contact.matching.matched_until if told else np.nan, c.window)
+            known = contact.run.impacts >= 0
+            until = _matched(contact.matching.matched_until if known else np.nan, c.window)
             delay = _delay(contact.matching)
             table.add_row(f"  {contact.place}", until, "", delay, "", *_counts(contact.run))
     return table
@@ -189,8 +189,8 @@ def _impacts(comparison: Comparison, whose: str, events: bool = False, forces: b
 def _counts(statistics: ContactMeasures, events: bool = False, forces: bool = False) -> tuple[str, ...]:
     """Impacts, with ``events`` those of the trajectory itself in brackets; share; peak force and impulse."""
     count = f"{statistics.impacts} [{statistics.event_impacts}]" if events else _count(statistics.impacts)
-    found = (count, percent(statistics.fraction))
-    return (*found, number(statistics.peak_force, 4), number(statistics.impulse, 4)) if forces else found
+    columns = (count, percent(statistics.fraction))
+    return (*columns, number(statistics.peak_force, 4), number(statistics.impulse, 4)) if forces else columns
 
 
 def _whole(comparisons: Sequence[Comparison], truth: Reference | None) -> Table:

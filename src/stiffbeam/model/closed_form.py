@@ -63,11 +63,11 @@ def tip_response(problem: BeamProblem) -> complex:
 def _papers(problem: BeamProblem) -> None:
     """Raise InputError unless the ends and the damping are those of the paper's beam."""
     if problem.for_elements or problem.tip_mass or problem.mass_damping:
-        found = f"{problem.supports}, tip mass {problem.tip_mass:g}, mass damping {problem.mass_damping:g}"
-        found += "".join(f", {name}" for name in problem.for_elements if name != "supports")
+        description = f"{problem.supports}, tip mass {problem.tip_mass:g}, mass damping {problem.mass_damping:g}"
+        description += "".join(f", {name}" for name in problem.for_elements if name != "supports")
         raise InputError(
             "problem",
-            found,
+            description,
             "be clamped-free without tip mass and mass damping for the closed form",
             "take stiffbeam.reference for other beams",
         )

@@ -143,8 +143,10 @@ class Drive:
         return 1 + max((record.degree for record in self.records), default=-1)
 
     @cached_property
-    def _table(self) -> Array:
+    def table(self) -> Array:
         """(edges, R, P): ``polynomials`` at the edges."""
+        if not self.records:
+            return np.zeros((0, 0, 0))
         inside = [np.clip(self.edges, r.t[0], r.t[-1]) for r in self.records]  # where a record has ended none is asked
         return np.stack([r.taylor(t)[:, : self.order] for r, t in zip(self.records, inside, strict=True)], axis=1)
 
@@ -153,7 +155,7 @@ class Drive:
         if not self.records:
             return np.zeros((*np.shape(t), 0, 0))
         k = np.clip(np.searchsorted(self.edges, t, side="right") - 1, 0, len(self.edges) - 2)
-        return moved(self._table[k], np.asarray(t - self.edges[k])[..., None])
+        return moved(self.table[k], np.asarray(t - self.edges[k])[..., None])
 
     def offset(self, system: System, channel: int) -> Callable[[Array], tuple[Array, Array]]:
         """t -> (o(t), o'(t)) of a channel whose offset is in closed form."""
@@ -175,7 +177,7 @@ class Drive:
 
 
 def stays_at_rest(system: System) -> bool:
-    """Whether q = 0 at all times: it starts at 0 without velocity, and neither a load nor a stop pushes it.
+    """Tell whether q = 0 at all times: the system starts at 0 without velocity, and no load or stop pushes it.
 
     A bare callable, whose values are not known, and a stop that moves count as a push.
     """

@@ -24,7 +24,7 @@ from ..basics.validation import InputError
 
 
 class Equation:
-    """What a scheme may ask of the equation it steps; ``order`` 1 or 2.
+    """The equation that a scheme steps; ``order`` 1 or 2.
 
     Schemes that do not read it as y' = A y + B f ask a second-order equation for its matrices.
     """
@@ -271,8 +271,8 @@ def responses(A: Array, B: Array, t: float) -> tuple[Array, Array, Array]:
     m, k = B.shape
     whole = np.zeros((m + 2 * k, m + 2 * k))
     whole[:m, :m], whole[:m, m : m + k], whole[m : m + k, m + k :] = A * t, B * t, np.eye(k)
-    found = scipy.linalg.expm(whole)
-    return found[:m, :m], found[:m, m : m + k], found[:m, m + k :]
+    exponential = scipy.linalg.expm(whole)
+    return exponential[:m, :m], exponential[:m, m : m + k], exponential[:m, m + k :]
 
 
 def oscillation(omega: Array, damping: Array, t: float) -> tuple[Array, ...]:

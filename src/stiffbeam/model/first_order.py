@@ -62,16 +62,16 @@ class FirstOrderSystem:
         return f"<FirstOrderSystem of {self.system!r}>"
 
     def is_of_its_system(self) -> bool:
-        """Whether it is, number by number, the first-order form of ``system``: a changed one is not."""
-        own = self.system.first_order()
-        arrays = [(getattr(self, x), getattr(own, x)) for x in ("matrix", "observe", "y0", "to_q", "to_v")]
-        if len(self.loads) != len(own.loads) or len(self.contacts) != len(own.contacts):
+        """Tell whether it is, number by number, the first-order form of ``system``: a changed one is not."""
+        again = self.system.first_order()
+        arrays = [(getattr(self, x), getattr(again, x)) for x in ("matrix", "observe", "y0", "to_q", "to_v")]
+        if len(self.loads) != len(again.loads) or len(self.contacts) != len(again.contacts):
             return False
-        arrays += [(a, b) for (a, _), (b, _) in zip(self.loads, own.loads, strict=True)]
-        arrays += [(getattr(a, x), getattr(b, x)) for a, b in zip(self.contacts, own.contacts, strict=True)
+        arrays += [(a, b) for (a, _), (b, _) in zip(self.loads, again.loads, strict=True)]
+        arrays += [(getattr(a, x), getattr(b, x)) for a, b in zip(self.contacts, again.contacts, strict=True)
                    for x in ("row", "column")]  # fmt: skip
-        functions = [(f, g) for (_, f), (_, g) in zip(self.loads, own.loads, strict=True)]
-        functions += [(a.contact, b.contact) for a, b in zip(self.contacts, own.contacts, strict=True)]
+        functions = [(f, g) for (_, f), (_, g) in zip(self.loads, again.loads, strict=True)]
+        functions += [(a.contact, b.contact) for a, b in zip(self.contacts, again.contacts, strict=True)]
         return all(same(a, b) for a, b in arrays) and all(f is g or f == g for f, g in functions)
 
     def rhs(self, t: float, y: Array) -> Array:

@@ -73,18 +73,18 @@ def rounding_of_zero(terms: Array, n: int) -> Array:
     return 2.0 * EPS * max(n, 8) * terms
 
 
-def uncoupled(A: Any, X: Array, found: Array, rigid: Array) -> Array:
-    """``found`` = X^T A X (k, k) without what is the rounding of zero: entries beside the diagonal, and those of rigid
+def uncoupled(A: Any, X: Array, projected: Array, rigid: Array) -> Array:
+    """``projected`` = X^T A X (k, k) without the rounding of zero: entries beside the diagonal, and those of rigid
     motions (k,). Those on the diagonal stay: of slow motions they can be that small. A: (n, n), dense or sparse."""
     terms, n = np.abs(X.T) @ (abs(A) @ np.abs(X)), len(X)
-    least = np.where(np.eye(len(found), dtype=bool), 0.0, SUMMED * EPS * np.sqrt(n) * terms)
+    least = np.where(np.eye(len(projected), dtype=bool), 0.0, SUMMED * EPS * np.sqrt(n) * terms)
     least = np.where(rigid[:, None] | rigid, rounding_of_zero(terms, n), least)
-    return np.where(np.abs(found) <= least, 0.0, found)
+    return np.where(np.abs(projected) <= least, 0.0, projected)
 
 
 def congruence(A: Array, X: Array) -> Array:
     """X^T A X, each entry as if summed with twice the digits and rounded once."""
-    shift = np.floor(np.log2(max(float(np.max(np.abs(A))), 1e-300)))  # 2^27 times it has to stay finite
+    shift = np.floor(np.log2(float(np.max(np.abs(A))) or 1.0))  # 2^27 times it has to stay finite
     high, low = product(np.ldexp(A, -int(shift)), X)
     total, rest = product(X.T, high)
     return np.ldexp(total + (rest + X.T @ low), int(shift))

@@ -101,8 +101,10 @@ def massless_contacts(
     loads = [(p[massless], f) for p, f in system.loads]
     follow = rows[:, inner] + rows[:, massless] @ to_inner  # r
     contacts = tuple(
-        _condensed(contact, row, to_node, float(own), float(beta), loads) if own else replace(contact, row=row)
-        for contact, row, to_node, own, beta in zip(
+        _condensed(contact, row, to_node, float(node_compliance), float(beta), loads)
+        if node_compliance
+        else replace(contact, row=row)
+        for contact, row, to_node, node_compliance, beta in zip(
             system.contacts, follow, lever, np.diag(compliance), late, strict=True
         )
     )
@@ -237,7 +239,7 @@ def _common(contact: Contact, beta: Array) -> float:
 
 
 def _late(part: LoadFunction, beta: float) -> LoadFunction:
-    """What y = f - beta y' settles to."""
+    """Steady solution of y = f - beta y'."""
     if not beta or not isinstance(part, Harmonic):
         return part
     turned = beta * float(part.frequency)
@@ -279,11 +281,11 @@ def _nearest(system: System, nodes: list[int]) -> Array:
     units = [pattern * (np.outer(X[:, i], X[:, j]) + np.outer(X[:, j], X[:, i])) for i, j in pairs]
     matrix = np.array([[(X.T @ unit @ X)[i, j] for unit in units] for i, j in pairs])
     share = np.linalg.lstsq(matrix, np.array([lost[i, j] for i, j in pairs]))[0]
-    found = kept + np.tensordot(share, np.array(units), 1)
-    if not np.max(np.abs(X.T @ found @ X - X.T @ system.mass @ X)) <= 1e-9 * np.max(np.abs(X.T @ system.mass @ X)):
+    nearest = kept + np.tensordot(share, np.array(units), 1)
+    if not np.max(np.abs(X.T @ nearest @ X - X.T @ system.mass @ X)) <= 1e-9 * np.max(np.abs(X.T @ system.mass @ X)):
         remedy = "use redistribute='neighbour'"
         raise InputError("mass", "too few entries", "have room for the mass of the nodes", remedy)
-    return found
+    return nearest
 
 
 def _rigid_motions(system: System) -> Array:
@@ -305,8 +307,8 @@ def _condensed(
     loads: list[tuple[Array, LoadFunction]],
 ) -> Contact:
     """The contact at u_f = row q + offset, ``to_node`` its row of S; loads: on the nodes, with their functions."""
-    own = 0.0 if contact.stops.rigid else 1.0 / float(contact.stops.stiffness)
-    stops = replace(contact.stops, stiffness=1.0 / (compliance + own), damping=beta / compliance)
+    stop_compliance = 0.0 if contact.stops.rigid else 1.0 / float(contact.stops.stiffness)
+    stops = replace(contact.stops, stiffness=1.0 / (compliance + stop_compliance), damping=beta / compliance)
     terms: list[tuple[float, LoadFunction | None]] = [(1.0, contact.offset)]
     for vector, function in loads:
         if moved := float(to_node @ vector):

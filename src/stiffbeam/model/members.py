@@ -60,8 +60,10 @@ class Members(Sequence[System]):
                 remedy = "give as many of both"
                 raise InputError("members", len(values), f"have one of {name} per value, {len(self.values)}", remedy)
         for contacts in self.fields.get("contacts", ()):
-            own = self.system.contacts
-            if len(contacts) != len(own) or not all(same(a.row, b.row) for a, b in zip(contacts, own, strict=True)):
+            shared = self.system.contacts
+            if len(contacts) != len(shared) or not all(
+                same(a.row, b.row) for a, b in zip(contacts, shared, strict=True)
+            ):
                 remedy = "make the others with replace(contact, stops=...)"
                 raise InputError("members", "contacts on other rows", "share contact rows with the system", remedy)
 
@@ -81,7 +83,7 @@ class Members(Sequence[System]):
         return replace(self.system, **{name: values[i] for name, values in self.fields.items()})
 
     def chosen(self, rows: Sequence[int]) -> Members:
-        """Those of the given numbers."""
+        """The members of these numbers."""
         if len(rows) == len(self):
             return self
         fields = {name: [values[i] for i in rows] for name, values in self.fields.items()}
@@ -100,22 +102,22 @@ class Members(Sequence[System]):
         return self._vectors("q0", "initial_displacement"), self._vectors("v0", "initial_velocity")
 
     def _vectors(self, field: str, name: str) -> Array:
-        n, given = self.system.size, self.fields.get(field)
-        if given is None:
+        n, vectors = self.system.size, self.fields.get(field)
+        if vectors is None:
             return np.tile(getattr(self.system, field), (len(self), 1))
-        if all(type(x) is np.ndarray and x.dtype == float and x.shape == (n,) for x in given):
-            values = np.array(given)
+        if all(type(x) is np.ndarray and x.dtype == float and x.shape == (n,) for x in vectors):
+            values = np.array(vectors)
             if np.all(np.isfinite(values)):
                 return values
-        return np.array([finite_vector(name, x, n) for x in given])
+        return np.array([finite_vector(name, x, n) for x in vectors])
 
     def start(self, i: int) -> tuple[Array, Array]:
         """q0, v0 (n,) of member i."""
-        own, n = self.system, self.system.size
+        system, n = self.system, self.system.size
         q0, v0 = self.fields.get("q0"), self.fields.get("v0")
         return (
-            own.q0 if q0 is None else finite_vector("initial_displacement", q0[i], n),
-            own.v0 if v0 is None else finite_vector("initial_velocity", v0[i], n),
+            system.q0 if q0 is None else finite_vector("initial_displacement", q0[i], n),
+            system.v0 if v0 is None else finite_vector("initial_velocity", v0[i], n),
         )
 
     def __iter__(self) -> Iterator[System]:
@@ -127,8 +129,8 @@ def as_members(system: System, members: Members | Sequence[System]) -> Members:
     require_system(system)
     if not isinstance(members, Members):
         rule, remedy = "be Members or a list of systems", "make them with perturbed or varied"
-        given = sequence("members", members, rule, remedy)
-        for member in given:
+        systems = sequence("members", members, rule, remedy)
+        for member in systems:
             require_system(member, "members")
             shared = [(getattr(system, x), getattr(member, x)) for x in ("mass", "damping", "stiffness")]
             shared += [(a, b) for (a, _), (b, _) in zip(system.channels, member.channels, strict=False)]
@@ -139,8 +141,8 @@ def as_members(system: System, members: Members | Sequence[System]) -> Members:
             if _callables(member.loads, member.contacts) != _callables(system.loads, system.contacts):
                 rule = "share every callable load and offset with the system"
                 raise InputError("members", member.form, rule, "integrate such systems one by one")
-        fields = {name: [getattr(member, name) for member in given] for name in DIFFERENT}
-        members = Members(system, "systems", np.arange(len(given)), fields)
+        fields = {name: [getattr(member, name) for member in systems] for name in DIFFERENT}
+        members = Members(system, "systems", np.arange(len(systems)), fields)
     elif members.system.fingerprint != system.fingerprint:
         remedy = "make the members anew from this system, or integrate members.system"
         raise InputError("members", members.parameter, "be made from the system that is integrated", remedy)
@@ -161,14 +163,14 @@ def _callables(loads: Any, contacts: Any) -> list[tuple[Any, ...]]:
 
 
 def have_own_records(members: Members) -> bool:
-    """Whether a member's functions of time differ from the system's in more than harmonics and constants: then each
-    member is marched with loads of its own."""
-    own = members.system
-    shared = _terms(own.loads, own.contacts)
-    loads = members.fields.get("loads", [own.loads])
-    contacts = members.fields.get("contacts", [own.contacts])
-    return any(_terms(x, own.contacts) != shared for x in loads) or any(
-        _terms(own.loads, x) != shared for x in contacts
+    """Tell whether a member's functions of time differ from the system's in more than harmonics and constants:
+    then each member is marched with loads of its own."""
+    system = members.system
+    shared = _terms(system.loads, system.contacts)
+    loads = members.fields.get("loads", [system.loads])
+    contacts = members.fields.get("contacts", [system.contacts])
+    return any(_terms(x, system.contacts) != shared for x in loads) or any(
+        _terms(system.loads, x) != shared for x in contacts
     )
 
 
@@ -201,7 +203,7 @@ def perturbed(
     basis, motion = undamped_modes(system), scales(system, t_end, scale)
     if not 0.0 < motion.speed < np.inf:
         rule = "be known for a system at rest, and for one that nothing stops"
-        raise InputError("scale", motion.speed, rule, "pass scale=, a modal velocity")
+        raise InputError("scale", motion.speed, rule, "give the scale, a modal velocity")
     noise = np.array([np.random.default_rng([seed, i]).uniform(-1.0, 1.0, (2, system.size)) for i in range(members)])
     eta = np.divide(noise[:, 0], motion.rates, out=np.zeros_like(noise[:, 0]), where=motion.rates > 0.0)
     scale = motion.speed
@@ -303,16 +305,7 @@ _KEY = re.compile(r"([A-Za-z_]\w*)|\[(\d+)\]")
 
 def value_at(system: System, path: str) -> float:
     """The number at a path of the problem or the matrices. Raises LookupError where there is none."""
-    keys: list[Any] = [int(index) if index else name for name, index in _KEY.findall(path)]
-    if system.problem is None and keys and keys[0] == "stops":
-        keys = ["contacts", keys[1], "stops", *keys[2:]]
-    elif system.problem is not None and keys[:1] == ["contacts"] and keys[2:3] == ["stops"]:
-        keys = ["stops", keys[1], *keys[3:]]
-    thing: Any = system
-    if system.problem is not None:
-        thing = replace(system.problem, stops=system.problem.all_stops or None)
-        if isinstance(thing.stops, Stops) and keys[:2] == ["stops", 0]:
-            keys = ["stops", *keys[2:]]
+    thing, keys = _rooted(system, [int(index) if index else name for name, index in _KEY.findall(path)])
     for key in keys:
         if _timed(thing) and key == "time":
             thing = thing[1]
@@ -329,23 +322,33 @@ def value_at(system: System, path: str) -> float:
 
 def _placed(system: System, keys: list[Any], value: float) -> System:
     """System with a value at the end of these keys. Raises LookupError where they lead to no number."""
-    problem = system.problem
-    if keys[0] == "contacts" and problem is not None and keys[2:3] == ["stops"]:
-        keys = ["stops", keys[1], *keys[3:]]
     if keys[0] == "stops" and (len(keys) < 2 or not isinstance(keys[1], int)):
         if not system.contacts:
             raise LookupError("stops")
         for i in range(len(system.contacts)):
             system = _placed(system, ["stops", i, *keys[1:]], value)
         return system
-    if problem is None:
-        keys = ["contacts", keys[1], "stops", *keys[2:]] if keys[0] == "stops" else keys
-        return _replaced(system, keys, value)
-    several = replace(problem, stops=problem.all_stops or None)
-    if isinstance(several.stops, Stops) and keys[:2] == ["stops", 0]:  # a problem keeps one pair by itself
-        keys = ["stops", *keys[2:]]
-    new = _replaced(several, keys, value)
-    if problem.base is not None and new.base is not None and new.base != problem.base:
+    root, keys = _rooted(system, keys)
+    new = _replaced(root, keys, value)
+    return new if system.problem is None else _rebuilt(system, new)
+
+
+def _rooted(system: System, keys: list[Any]) -> tuple[Any, list[Any]]:
+    """The problem of a beam, or the system of matrices itself, and the keys from there: "contacts[i].stops" and
+    "stops[i]" are one. Raises LookupError for no keys."""
+    if system.problem is None:
+        return system, ["contacts", keys[1], "stops", *keys[2:]] if keys[0] == "stops" else keys
+    if keys[0] == "contacts" and keys[2:3] == ["stops"]:
+        keys = ["stops", keys[1], *keys[3:]]
+    root = replace(system.problem, stops=system.problem.all_stops or None)
+    single = isinstance(root.stops, Stops) and keys[:2] == ["stops", 0]  # a problem keeps one pair by itself
+    return root, ["stops", *keys[2:]] if single else keys
+
+
+def _rebuilt(system: System, new: BeamProblem) -> System:
+    """The system of a changed problem: a beam that starts with the speed of its base starts with the new one."""
+    problem = system.problem
+    if problem is not None and problem.base is not None and new.base is not None and new.base != problem.base:
         new = replace(new, initial_velocity=_with_base(problem, new.base, problem.base))
     return semidiscretise(new, system.cells or system.size, system.form)
 
@@ -435,22 +438,19 @@ def _driven(system: System, name: str, value: float) -> System:
         return replace(system, loads=loads, contacts=contacts)
     stops = tuple(replace(each, motion=change(each.motion)) for each in problem.all_stops)
     loads = tuple(replace(load, time=change(load.time)) for load in problem.loads)
-    new = replace(problem, base=change(problem.base), stops=stops or None, loads=loads)
-    if problem.base is not None and new.base is not None:
-        new = replace(new, initial_velocity=_with_base(problem, new.base, problem.base))
-    return semidiscretise(new, system.cells or system.size, system.form)
+    return _rebuilt(system, replace(problem, base=change(problem.base), stops=stops or None, loads=loads))
 
 
 def _with_base(problem: BeamProblem, new: TimeFunction, old: TimeFunction) -> Profile | None:
     """The initial velocity for another base motion: that of the base, where the beam had it; else what it was."""
-    given, before, after = problem.initial_velocity, float(old.rate(0.0)), float(new.rate(0.0))
-    if given is None or before == 0.0 or before == after:
-        return given
-    speeds = np.broadcast_to(np.asarray(given(np.linspace(0.0, problem.length, 9)), float), 9)
+    profile, before, after = problem.initial_velocity, float(old.rate(0.0)), float(new.rate(0.0))
+    if profile is None or before == 0.0 or before == after:
+        return profile
+    speeds = np.broadcast_to(np.asarray(profile(np.linspace(0.0, problem.length, 9)), float), 9)
     same_speed = np.abs(speeds - before) <= 1e-6 * abs(before)
     if np.all(same_speed):
         return PolynomialProfile((after,))
     if same_speed[0]:
         rule = "be uniform where it starts with the base's speed and that varies"
         raise InputError("initial_velocity", "a profile over x", rule, "build the systems one by one")
-    return given
+    return profile

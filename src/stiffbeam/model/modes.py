@@ -59,15 +59,6 @@ def undamped_modes(system: System, springs: tuple[tuple[Array, float], ...] = ()
     return _UNDAMPED[system]
 
 
-def uncoupled_modes(system: System) -> Modes:
-    """The modes of ``system``. Raises InputError where its damping couples them."""
-    found = modes(system)
-    if found is None:
-        remedy = "make damping a sum of multiples of mass and stiffness, or leave it out"
-        raise InputError("damping", "a matrix that couples the modes", "leave the modes apart here", remedy)
-    return found
-
-
 def modes(system: System, springs: tuple[tuple[Array, float], ...] = ()) -> Modes | None:
     """The modes of ``system`` with extra springs (row, stiffness), or None if damping couples them: by more than what
     rounding each entry of the matrices would do, however small that is beside the damping of other modes.
@@ -91,17 +82,17 @@ _DAMPED: WeakKeyDictionary[System, Modes | None] = WeakKeyDictionary()
 
 @np.errstate(over="ignore")  # refused by ``_within_float64``
 def _damped(system: System, springs: tuple[tuple[Array, float], ...] = ()) -> Modes | None:
-    found = undamped_modes(system, springs)
-    damping = _within_float64("damping", found.shapes.T @ system.damping @ found.shapes)
-    damping = uncoupled(system.damping, found.shapes, damping, found.omega == 0.0)
+    basis = undamped_modes(system, springs)
+    damping = _within_float64("damping", basis.shapes.T @ system.damping @ basis.shapes)
+    damping = uncoupled(system.damping, basis.shapes, damping, basis.omega == 0.0)
     diagonal = np.diag(damping).copy()
     if np.any(damping != np.diag(diagonal)) and (springs or not _proportional(system)):
         return None
-    return replace(found, damping=diagonal)
+    return replace(basis, damping=diagonal)
 
 
 def _proportional(system: System) -> bool:
-    """Whether the damping is alpha M + beta K to the rounding of every entry: no product with shapes is as sharp."""
+    """Tell whether the damping is alpha M + beta K to the rounding of every entry, sharper than products of shapes."""
     C, on = system.damping, system.damping != 0.0
     for parts in ([system.mass], [system.stiffness], [system.mass, system.stiffness]):
         columns = np.stack([part[on] for part in parts], axis=1) / np.abs(C[on])[:, None]

@@ -55,11 +55,11 @@ class NaturalModes:
 def modes(system: System) -> NaturalModes:
     """The natural modes of ``system`` without contact, whatever its damping. Raises InputError for no System."""
     require_system(system)
-    found = decoupled.modes(system)
-    if found is not None:
+    basis = decoupled.modes(system)
+    if basis is not None:
         with np.errstate(invalid="ignore", divide="ignore"):
-            ratio = np.where(found.omega > 0.0, 0.5 * found.damping / found.omega, np.nan)
-        return NaturalModes(found.omega, found.shapes, ratio, coupled=False)
+            ratio = np.where(basis.omega > 0.0, 0.5 * basis.damping / basis.omega, np.nan)
+        return NaturalModes(basis.omega, basis.shapes, ratio, coupled=False)
     return _complex_modes(system)
 
 
@@ -90,7 +90,7 @@ def _complex_modes(system: System) -> NaturalModes:
 
 
 def eigenvalues_off(values: Any, x: Any, damping: Array, omega: Array) -> Any:
-    """What eigenvalues lambda (k,) lack: a step of Newton's method on x^T (lambda^2 + lambda D + Omega^2) x, (n, k) x.
+    """Correction of eigenvalues lambda (k,): Newton's step on x^T (lambda^2 + lambda D + Omega^2) x, (n, k) x.
 
     An algorithm errs by eps of the largest in all of them. The form is stationary at an eigenvector, so that its zero
     is as good as a slow motion is slow. 0 where two that meet make it flat.

@@ -28,8 +28,10 @@ class PolynomialProfile:
     coefficients: tuple[float, ...]
 
     def __post_init__(self) -> None:
-        given = sequence("coefficients", self.coefficients, "be numbers, the constant first", "for example (0, 0, 1)")
-        values = tuple(number("coefficients", c, exact=True) for c in given)
+        coefficients = sequence(
+            "coefficients", self.coefficients, "be numbers, the constant first", "for example (0, 0, 1)"
+        )
+        values = tuple(number("coefficients", c, exact=True) for c in coefficients)
         if not values:
             rule = "hold one number at least, the constant"
             raise InputError("coefficients", self.coefficients, rule, "for example (0, 0, 1)")
@@ -42,8 +44,8 @@ class PolynomialProfile:
 
 @dataclass(frozen=True)
 class Section:
-    """Where begin <= x <= end the beam has ``stiffness`` times its EI and eta, and ``mass`` times its mass and rotary
-    inertia per length. Raises InputError unless 0 <= begin < end and both factors are positive."""
+    """A part of the beam, begin <= x <= end, with ``stiffness`` times its EI and eta, and ``mass`` times its mass and
+    rotary inertia per length. Raises InputError unless 0 <= begin < end and both factors are positive."""
 
     begin: float
     end: float
@@ -64,8 +66,8 @@ def checked(sections: Sequence[Section], length: float) -> tuple[Section, ...]:
     for section in sections:
         if not isinstance(section, Section):
             raise InputError("sections", section, "be Section objects", "for example Section(0.0, 0.2, stiffness=2.0)")
-    found = tuple(sorted(sections, key=lambda s: s.begin))
-    for one, after in pairwise(found):
+    ordered = tuple(sorted(sections, key=lambda s: s.begin))
+    for one, after in pairwise(ordered):
         if after.begin < one.end:
             raise InputError(
                 "section.begin",
@@ -73,22 +75,22 @@ def checked(sections: Sequence[Section], length: float) -> tuple[Section, ...]:
                 f"be at or past the end {one.end:g} of the one before",
                 "let sections follow each other, each beginning where the one before ends",
             )
-    if found and found[-1].end > length * (1 + 1e-12):
-        raise InputError("section.end", found[-1].end, f"lie on the beam, to {length:g}", "shorten the section")
-    return found
+    if ordered and ordered[-1].end > length * (1 + 1e-12):
+        raise InputError("section.end", ordered[-1].end, f"lie on the beam, to {length:g}", "shorten the section")
+    return ordered
 
 
 def factors(sections: Sequence[Section], x: ArrayLike, name: str) -> Array:
     """The factor ``name`` at x, 1 outside the sections; at a joint that of the section which begins there."""
     x = np.asarray(x, float)
-    found = np.ones(x.shape)
+    values = np.ones(x.shape)
     for section in sections:
-        found[(x >= section.begin) & (x <= section.end)] = getattr(section, name)
-    return found
+        values[(x >= section.begin) & (x <= section.end)] = getattr(section, name)
+    return values
 
 
 def element_factors(sections: Sequence[Section], length: float, M: int, name: str) -> Array:
-    """Of M equal elements, (M,). Raises InputError where a section does not end at a node."""
+    """Factors of M equal elements, (M,). Raises InputError where a section does not end at a node."""
     for section in sections:
         for x in (section.begin, section.end):
             share = x / length * M
@@ -112,13 +114,13 @@ SUPPORTS = ("clamped-free", "clamped-clamped", "clamped-pinned", "pinned-pinned"
 def profile_values(name: str, profile: Profile, x: Array) -> Array:
     """A function of x at the points x, one finite number each. Raises InputError where it returns anything else."""
     try:
-        found = profile(x)
+        result = profile(x)
     except Exception as error:  # whatever the functions of others raise
         raise InputError(name, repr(error), "take an array of x", "write it with NumPy functions") from None
     rule, remedy = "return one finite value per x", "write it with NumPy functions"
-    values = numbers(name, found, rule, remedy)
+    values = numbers(name, result, rule, remedy)
     if values.shape != x.shape:
-        raise InputError(name, found, rule, remedy)
+        raise InputError(name, result, rule, remedy)
     return values
 
 
@@ -244,14 +246,14 @@ class BeamProblem:
 
     @property
     def for_elements(self) -> tuple[str, ...]:
-        """What it has that only form="hermite" can take."""
+        """Names of the properties that only form="hermite" can take."""
         names = ("rotary_inertia", "tip_inertia", "modal_damping", "sections")
         held = () if self.supports == "clamped-free" else ("supports",)
         return (*held, *(name for name in names if np.any(getattr(self, name))))
 
     @property
     def ends(self) -> tuple[str, str]:
-        """How the beam is held at x = 0 and at x = L: clamped, pinned or free."""
+        """Support of the beam at x = 0 and at x = L: clamped, pinned or free."""
         left, _, right = self.supports.partition("-")
         return left, right
 
@@ -266,14 +268,14 @@ class BeamProblem:
 
     def _check_stops(self) -> None:
         """One Stops stays itself, several are a tuple."""
-        given = self.stops
-        if isinstance(given, (list, tuple)):
-            object.__setattr__(self, "stops", given[0] if len(given) == 1 else tuple(given) or None)
+        argument = self.stops
+        if isinstance(argument, (list, tuple)):
+            object.__setattr__(self, "stops", argument[0] if len(argument) == 1 else tuple(argument) or None)
         each: Any = self.stops if isinstance(self.stops, tuple) else () if self.stops is None else (self.stops,)
         remedy = "for no contact leave them out"
         for stops in each:
             if not isinstance(stops, Stops):
-                raise InputError("stops", given, "be a Stops or a list of them", remedy)
+                raise InputError("stops", argument, "be a Stops or a list of them", remedy)
             itself("stops", stops, Stops)
             left, right = self.ends
             position = self.length if stops.position is None else stops.position
@@ -305,7 +307,7 @@ class BeamProblem:
         step = 1e-5  # of the length
         x = self.length * np.array([0.0, step, 0.25, 0.5, 0.75, 1.0 - step, 1.0])
         u = np.asarray(self.initial_displacement(x), float)
-        scale = max(1e-300, abs(phi0), float(np.max(np.abs(u))))
+        scale = max(abs(phi0), float(np.max(np.abs(u))))
         for end, at, beside in zip(self.ends, (0, -1), (1, -2), strict=True):
             if end != "free" and abs(u[at] - phi0) > 1e-9 * scale:
                 rule = f"equal the base motion phi(0) = {phi0} at x = {x[at]:g}"

@@ -33,19 +33,24 @@ from .time_functions import LoadFunction
 DENSE = 600  # unknowns with mass, up to which all modes are computed: Lanczos' method needs more than it looks for
 MASSLESS = 1e-13  # of the largest eigenvalue of M: a smaller one is rounding of 0
 INDEPENDENT = 1e-10  # of its size: a static deflection that has less left beside the modes adds nothing
+SOFT = 1e-6  # of its strain energy: a static deflection that has lost more is remarked on
 HELD = 1e-13  # of the largest pivot: a smaller one is a motion that nothing holds
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Reduced:
     """system: of r unknowns z, diagonal without damping. basis: T, (n, r). omega: the k natural frequencies that were
-    kept. left_out: the next one. start_lost: share of the initial data's norm |q0|_M, |v0|_M that T does not hold."""
+    kept. left_out: the next one. start_lost: share of the initial data's norm |q0|_M, |v0|_M that T does not hold.
+    static_lost: share of the strain energy of a static deflection that T does not hold, the largest over the loads,
+    contacts and the observed row. It is more than rounding where a deflection moves hardly any mass, as that of a load
+    on unknowns without mass does."""
 
     system: System
     basis: Array
     omega: Array
     left_out: float
     start_lost: float
+    static_lost: float
     mass: Any = field(repr=False)
     stiffness: Any = field(repr=False)
     rows: Array = field(repr=False)
@@ -54,7 +59,8 @@ class Reduced:
         kept = (
             f"{len(self.omega)} modes to {self.omega[-1]:.4g} and {self.basis.shape[1] - len(self.omega)} deflections"
         )
-        return f"<Reduced: {len(self.basis)} unknowns in {kept}, first left out {self.left_out:.4g}>"
+        lost = f", {self.static_lost:.2g} of a static deflection lost" if self.static_lost > SOFT else ""
+        return f"<Reduced: {len(self.basis)} unknowns in {kept}, first left out {self.left_out:.4g}{lost}>"
 
     def expand(self, z: ArrayLike) -> Array:
         """q = T z; z (..., r) gives (..., n)."""
@@ -62,12 +68,16 @@ class Reduced:
 
     def error_at(self, frequency: float) -> float:
         """The truncation error at an angular frequency, undamped: the largest over the loads, contacts and the
-        observed row of |R - R_r|/|R|, R = (K - w^2 M)^-1 p in the norm of M, R_r that of the reduced system."""
+        observed row of |R - R_r|/|R|, R = (K - w^2 M)^-1 p in the norm of M, R_r that of the reduced system; 1 for a
+        force that moves no mass."""
         w2 = non_negative("frequency", frequency) ** 2
         exact = scipy.sparse.linalg.splu((self.stiffness - w2 * self.mass).tocsc()).solve(self.rows)
-        found = self.basis @ np.linalg.solve(self.system.stiffness - w2 * self.system.mass, self.basis.T @ self.rows)
+        deflections = self.basis @ np.linalg.solve(
+            self.system.stiffness - w2 * self.system.mass, self.basis.T @ self.rows
+        )
         norm = lambda x: np.sqrt(np.sum(x * (self.mass @ x), axis=0))  # noqa: E731
-        return float(np.max(norm(found - exact) / norm(exact)))
+        size = norm(exact)
+        return float(np.max(np.divide(norm(deflections - exact), size, out=np.ones_like(size), where=size > 0.0)))
 
 
 def reduced(
@@ -105,7 +115,8 @@ def reduced(
             raise InputError("loads, contacts and observe", p.shape, f"have shape ({n},)", remedy)
     rows = np.array(forces).reshape(len(forces), n).T
     T = shapes[:, :modes]
-    for static in factor.solve(rows).T:
+    statics = factor.solve(rows)
+    for static in statics.T:
         left = static - T @ (T.T @ (M @ static))
         left = left - T @ (T.T @ (M @ left))  # twice, for orthogonality to rounding
         size = np.sqrt(left @ (M @ left))
@@ -127,8 +138,12 @@ def reduced(
         initial_displacement=z[0],
         initial_velocity=z[1],
     )
+    strain, held = np.sum(rows * statics, axis=0), np.sum((T.T @ rows) ** 2 / omega2[:, None], axis=0)
+    static_lost = float(
+        np.max(1.0 - np.divide(held, strain, out=np.ones_like(strain), where=strain > 0.0), initial=0.0)
+    )
     kept = np.sqrt(squares)
-    return Reduced(system, T, kept[:modes], float(kept[modes]), max(lost), M, K, rows)
+    return Reduced(system, T, kept[:modes], float(kept[modes]), max(lost), max(static_lost, 0.0), M, K, rows)
 
 
 def _lowest(M: Any, K: Any, solve: Callable[[Array], Array], modes: int) -> tuple[Array, Array]:
@@ -163,8 +178,8 @@ def _lowest(M: Any, K: Any, solve: Callable[[Array], Array], modes: int) -> tupl
 
 def _projected(C: Any, T: Array) -> Array:
     """T^T C T without its rounding, so that what couples no modes couples none here."""
-    found = uncoupled(C, T, T.T @ (C @ T), np.zeros(T.shape[1], bool))
-    return 0.5 * (found + found.T)
+    projected = uncoupled(C, T, T.T @ (C @ T), np.zeros(T.shape[1], bool))
+    return 0.5 * (projected + projected.T)
 
 
 def _share(M: Any, part: Array, whole: Array) -> float:

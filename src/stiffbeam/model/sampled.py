@@ -43,10 +43,10 @@ class Sampled:
         itself("time function", self, Sampled)
         one_of("kind", self.kind, KINDS, "be 'linear' or 'cubic'")
         for name in ("t", "values"):
-            given, rule = getattr(self, name), "be two or more finite numbers in a row"
-            array = given if is_read_only(given) else numbers(f"sampled.{name}", given, rule)
+            stated, rule = getattr(self, name), "be two or more finite numbers in a row"
+            array = stated if is_read_only(stated) else numbers(f"sampled.{name}", stated, rule)
             if array.ndim != 1 or len(array) < 2:
-                raise InputError(f"sampled.{name}", given, rule, "give a list")
+                raise InputError(f"sampled.{name}", stated, rule, "give a list")
             object.__setattr__(self, name, read_only(array))
         if len(self.t) != len(self.values):
             remedy = "give as many values as times"
@@ -103,7 +103,7 @@ class Sampled:
 
     @property
     def degree(self) -> int:
-        """Of the polynomials between samples."""
+        """Degree of the polynomials between samples."""
         return KINDS[self.kind] - self.derivative
 
     @cached_property
@@ -174,7 +174,7 @@ class Sampled:
         if order > self.degree:
             jump = "slopes jump" if order > 1 else "values jump"
             rule = f"have a derivative of order {order}: its {jump} at the samples"
-            raise InputError("a sampled time function", f"kind={self.kind!r}", rule, "take kind='cubic'")
+            raise InputError("a sampled time function", f"kind={self.kind!r}", rule, 'take samples of kind "cubic"')
         t = np.asarray(t, float)
         if t.ndim == 0 and self.t[0] <= t <= self.t[-1]:  # one time, as an adaptive solver asks
             i = min(bisect_right(self._times, t) - 1, len(self._times) - 2)
@@ -185,11 +185,11 @@ class Sampled:
 
     @cached_property
     def _columns(self) -> list[Array]:
-        """Of every derivative the coefficients (samples - 1, ...)."""
-        found = [self.pieces[:, : self.degree + 1]]
+        """Coefficients of every derivative (samples - 1, ...)."""
+        columns = [self.pieces[:, : self.degree + 1]]
         for _ in range(self.degree):
-            found.append(found[-1][:, 1:] * np.arange(1, found[-1].shape[1]))
-        return found
+            columns.append(columns[-1][:, 1:] * np.arange(1, columns[-1].shape[1]))
+        return columns
 
     @cached_property
     def _rows(self) -> list[list[list[float]]]:

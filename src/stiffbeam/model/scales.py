@@ -93,12 +93,12 @@ def _speed(system: System, held: Array, t_end: float) -> float:
             fastest = np.maximum(np.maximum(omega, held), frequency)
             with np.errstate(divide="ignore"):
                 reach = np.minimum(np.minimum(amplitude / fastest, impulse), amplitude * t_end)
-            given = np.multiply(force, reach, out=np.zeros_like(force), where=force > 0.0)
+            gained = np.multiply(force, reach, out=np.zeros_like(force), where=force > 0.0)
             if frequency == 0.0:  # a push that lasts, which a stop ends
                 signs = _signs(function)
                 fall = np.min([_fall(system, basis.force(vector), amplitude, sign) for sign in signs], axis=0)
-                given = np.minimum(given, fall)
-            driven += given
+                gained = np.minimum(gained, fall)
+            driven += gained
     stored = float(system.contact_energy(np.zeros(()), system.q0))
     least = float(np.finfo(float).tiny)  # a share may underflow
     moving = [_offset_speed(contact) * max(_share(system, contact), least) ** -0.5 for contact in system.contacts]

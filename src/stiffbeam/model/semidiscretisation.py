@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -51,9 +52,9 @@ def share_of(problem: BeamProblem, stops: Stops) -> float:
     return 1.0 if stops.position is None else stops.position / problem.length
 
 
-def observed(made: tuple[Contact, ...], tip: Array) -> Array | None:
+def observed(stops: tuple[Contact, ...], tip: Array) -> Array | None:
     """The row of ``tip``, None where the first contact reads just that."""
-    reads_tip = bool(made) and made[0].offset is None and np.array_equal(made[0].row, tip)
+    reads_tip = bool(stops) and stops[0].offset is None and np.array_equal(stops[0].row, tip)
     return None if reads_tip else tip
 
 
@@ -139,16 +140,20 @@ def _made(
     *, problem: BeamProblem, form: str, stiffness_factor: Array,
     paper_form: Callable[[System, BeamProblem], FirstOrderSystem], **arrays: Any,
 ) -> System:  # fmt: skip
-    """The system, and what it was made from beside it."""
+    """The system with its origin."""
     M = len(arrays["mass"])
     stops = contacts(problem, lambda share: hat(share, M))
-    made = System(**arrays, contacts=stops, observe=observed(stops, _tip(M)))
-    own = {name: getattr(made, name) for name in ("mass", "damping", "stiffness", "loads", "contacts", "q0", "v0")}
-    origin = Origin(
-        problem=problem, form=form, cells=M, stiffness_factor=stiffness_factor, paper_form=paper_form,
-        tip=_tip(M), **own,
+    system = System(**arrays, contacts=stops, observe=observed(stops, _tip(M)))
+    return _with_origin(
+        system, problem=problem, form=form, cells=M, stiffness_factor=stiffness_factor, paper_form=paper_form,
+        tip=_tip(M),
     )  # fmt: skip
-    return replace(made, origin=origin)
+
+
+def _with_origin(system: System, **facts: Any) -> System:
+    """The system with an Origin of the ``facts`` and of its own arrays."""
+    names = ("mass", "damping", "stiffness", "loads", "contacts", "q0", "v0")
+    return replace(system, origin=Origin(**facts, **{name: getattr(system, name) for name in names}))
 
 
 def bending_stencil(M: int) -> Array:
@@ -396,7 +401,7 @@ def hermite(problem: BeamProblem, M: int) -> System:
     phi = 0.0 if problem.base is None else float(problem.base.value(0.0))
     rate = 0.0 if problem.base is None else float(problem.base.rate(0.0))
     u0, v0 = problem.initial_displacement, problem.initial_velocity
-    made = System(
+    system = System(
         mass=mass,
         damping=0.5 * (damping + damping.T),
         stiffness=stiffness,
@@ -407,19 +412,19 @@ def hermite(problem: BeamProblem, M: int) -> System:
         q0=_projected(gram, integral(lambda x: (phi if u0 is None else u0(x)) - phi * (1.0 - (x / L) ** 2))),
         v0=_projected(gram, integral(lambda x: (0.0 if v0 is None else v0(x)) - rate * (1.0 - (x / L) ** 2))),
     )
-    names = ("mass", "damping", "stiffness", "loads", "contacts", "q0", "v0")
-
-    def known(made: System) -> System:
-        own = {name: getattr(made, name) for name in names}
-        origin = Origin(
-            problem=problem, form="hermite", cells=M, stiffness_factor=factor, paper_form=_first_order, tip=tip, **own
-        )
-        return replace(made, origin=origin)
-
+    known = partial(
+        _with_origin,
+        problem=problem,
+        form="hermite",
+        cells=M,
+        stiffness_factor=factor,
+        paper_form=_first_order,
+        tip=tip,
+    )
     if not problem.modal_damping:
-        return known(made)
-    damping = made.damping + damping_of(undamped_modes(known(made)), problem.modal_damping)
-    return known(replace(made, damping=0.5 * (damping + damping.T)))
+        return known(system)
+    damping = system.damping + damping_of(undamped_modes(known(system)), problem.modal_damping)
+    return known(replace(system, damping=0.5 * (damping + damping.T)))
 
 
 def _projected(gram: Array, moments: Array) -> Array:

@@ -99,8 +99,8 @@ def _factorises(matrix: Array) -> bool:
 
 def finite_vector(name: str, vector: ArrayLike, n: int) -> Array:
     """``vector`` as a read-only float array (n,); InputError where it is not n finite numbers."""
-    given = vector if isinstance(vector, np.ndarray) and is_read_only(vector) else numbers(name, vector)
-    array = read_only(given if given.ndim == 1 else given.ravel())
+    checked = vector if isinstance(vector, np.ndarray) and is_read_only(vector) else numbers(name, vector)
+    array = read_only(checked if checked.ndim == 1 else checked.ravel())
     if array.shape != (n,):
         raise InputError(name, array, f"be {n} finite numbers", "one per unknown")
     return array
@@ -147,7 +147,7 @@ class Origin:
         self.freeze()  # a pickled array can be written to again
 
     def has_matrices_of(self, system: System) -> bool:
-        """Whether mass, damping and stiffness are still those that the origin made."""
+        """Tell whether mass, damping and stiffness are still those that the origin made."""
         return all(same(getattr(self, name), getattr(system, name)) for name in ("mass", "damping", "stiffness"))
 
     def first_order_of(self, system: System) -> FirstOrderSystem | None:
@@ -167,7 +167,7 @@ class Origin:
         return self.stiffness_factor if same(self.stiffness, system.stiffness) else None
 
     def starts(self, system: System) -> bool:
-        """Whether the system has the initial data of the problem."""
+        """Tell whether the system has the initial data of the problem."""
         return same(self.q0, system.q0) and same(self.v0, system.v0)
 
     def problem_of(self, system: System) -> BeamProblem | None:
@@ -180,15 +180,15 @@ class Origin:
         pairs = zip(self.loads, system.loads, strict=True)
         if not all(same(a, b) and (f is g or f == g) for (a, f), (b, g) in pairs):
             return None
-        found = tuple(self._stops_of(contact) for contact in system.contacts)
-        if None in found:
+        stops = tuple(self._stops_of(contact) for contact in system.contacts)
+        if None in stops:
             return None
-        return self.problem if found == self.problem.all_stops else replace(self.problem, stops=found)
+        return self.problem if stops == self.problem.all_stops else replace(self.problem, stops=stops)
 
     def _stops_of(self, contact: Contact) -> Stops | None:
         """The contact's stops at the place of the problem's stops that have its row and offset."""
-        for made, stops in zip(self.contacts, self.problem.all_stops, strict=True):
-            if same(made.row, contact.row) and made.offset == contact.offset:
+        for original, stops in zip(self.contacts, self.problem.all_stops, strict=True):
+            if same(original.row, contact.row) and original.offset == contact.offset:
                 return replace(contact.stops, position=stops.position, motion=stops.motion)
         return contact.stops if contact.offset is None and same(contact.row, self.tip) else None
 
@@ -284,7 +284,7 @@ class System:
         without initial data. Raises InputError as the class does."""
         mass = symmetric_matrix("mass", mass)
         nothing = np.zeros(len(mass))
-        given: Any = {
+        options: Any = {
             "loads": loads, "contacts": contacts, "observe": observe,
             "q0": nothing if initial_displacement is None else initial_displacement,
             "v0": nothing if initial_velocity is None else initial_velocity,
@@ -293,7 +293,7 @@ class System:
             mass=mass,
             damping=np.zeros_like(mass) if damping is None else damping,
             stiffness=stiffness,
-            **given,
+            **options,
         )
 
     def __repr__(self) -> str:
@@ -325,7 +325,7 @@ class System:
 
     @property
     def damped(self) -> bool:
-        """Whether any entry of the damping matrix is not zero."""
+        """Tell whether any entry of the damping matrix is not zero."""
         return bool(np.any(self.damping))
 
     @cached_property
@@ -358,6 +358,11 @@ class System:
     def tip_channel(self) -> int:
         """The index in ``channels`` of the tip."""
         return 0 if self.observe is None else len(self.contacts)
+
+    def reads_tip(self, contact: int) -> bool:
+        """Tell whether a contact acts on the tip itself."""
+        (row, offset), (tip, tip_offset) = self.channels[contact], self.channels[self.tip_channel]
+        return np.array_equal(row, tip) and offset == tip_offset
 
     def load(self, t: ArrayLike) -> Array:
         """sum_k p_k f_k(t); shape t.shape + (n,)."""
@@ -462,7 +467,7 @@ class System:
         return hashlib.sha256(b"".join(self._content().values())).hexdigest()
 
     def _content(self, read: Callable[[Any], Any] = lambda value: value) -> dict[str, bytes]:
-        """What the fingerprint is of, by name; with ``read`` = as_doubles what float64 makes of it."""
+        """Content of the fingerprint by name; with ``read`` = as_doubles what float64 makes of it."""
         loads = (vector.tobytes() + _describe(read(function)).encode() for vector, function in self.loads)
         contacts = (
             c.row.tobytes() + repr(read(c.stops)).encode() + _describe(read(c.offset)).encode() for c in self.contacts
@@ -485,8 +490,8 @@ class System:
         of_both = (("unknowns", self.size, other.size), ("form", self.form, other.form))
         whole = [f"{name} ({a} and {b})" for name, a, b in of_both if a != b]
         mine, theirs = self._content(as_doubles), other._content(as_doubles)
-        found = [name for name, content in mine.items() if content != theirs[name] and name != "exact parameters"]
-        return whole or found or ([] if self.fingerprint == other.fingerprint else ["exact parameters"])
+        names = [name for name, content in mine.items() if content != theirs[name] and name != "exact parameters"]
+        return whole or names or ([] if self.fingerprint == other.fingerprint else ["exact parameters"])
 
 
 def require_system(system: Any, field: str = "system") -> System:

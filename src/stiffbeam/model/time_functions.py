@@ -52,8 +52,8 @@ class Harmonic:
         object.__setattr__(self, "amplitude", number("amplitude", self.amplitude, exact=True))
         object.__setattr__(self, "frequency", positive("frequency", self.frequency, exact=True))
         if not self.frequency <= 1e150 or abs(self.amplitude) * max(1.0, self.frequency) ** 2 > 1e300:
-            given, rule = (self.amplitude, self.frequency), "have an acceleration, amplitude frequency^2, in float64"
-            raise InputError("amplitude and frequency", given, rule, "use other units")
+            pair, rule = (self.amplitude, self.frequency), "have an acceleration, amplitude frequency^2, in float64"
+            raise InputError("amplitude and frequency", pair, rule, "use other units")
         object.__setattr__(self, "phase", number("phase", self.phase, exact=True))
 
     def value(self, t: ArrayLike) -> Array:
@@ -127,16 +127,16 @@ class Sum:
     @classmethod
     def weighted(cls, terms: Iterable[tuple[float, LoadFunction]]) -> Sum:
         """A sum of multiples of functions that have been checked; a bare callable has its rate by differences."""
-        made = object.__new__(cls)
-        object.__setattr__(made, "terms", tuple((float(factor), f) for factor, f in terms))
-        return made
+        total = object.__new__(cls)
+        object.__setattr__(total, "terms", tuple((float(factor), f) for factor, f in terms))
+        return total
 
     def __repr__(self) -> str:
         return f"Sum({', '.join(repr(f) if factor == 1.0 else f'{factor:g} * {f!r}' for factor, f in self.terms)})"
 
     @property
     def breakpoints(self) -> Array | None:
-        """Where a term is not smooth; None where a term does not say."""
+        """Times at which a term is not smooth; None where a term does not state them."""
         stated = [breakpoints_of(f) for _, f in self.terms]
         known = [times for times in stated if times is not None]
         return np.unique(np.concatenate(known)) if len(known) == len(stated) else None
@@ -173,7 +173,7 @@ class Derivative:
 
     @property
     def breakpoints(self) -> Any:
-        """Those of the function that is differentiated; None where it states none."""
+        """Times of the function that is differentiated; None where it states none."""
         return getattr(self.function, "breakpoints", None)
 
 
@@ -194,7 +194,7 @@ def parts_of(function: LoadFunction | None) -> tuple[LoadFunction, ...]:
 
 
 def in_closed_form(function: LoadFunction | None) -> bool:
-    """Whether it is made of Harmonic, Constant and Sampled: known by numbers, which can be hashed and saved."""
+    """Tell whether it is made of Harmonic, Constant and Sampled: known by numbers, which can be hashed and saved."""
     return all(isinstance(part, KNOWN) for part in parts_of(function))
 
 
@@ -245,18 +245,18 @@ def evaluate(function: LoadFunction, t: ArrayLike) -> Array:
     t = np.asarray(t, float)
     remedy = "write it with NumPy functions, for example numpy.where for an if"
     try:
-        given = function.value(t) if isinstance(function, (*KNOWN, Sum, TimeFunction)) else function(t)
+        result = function.value(t) if isinstance(function, (*KNOWN, Sum, TimeFunction)) else function(t)
     except InputError:
         raise
     except Exception as error:  # whatever the functions of others raise
         raise InputError("a time function", repr(error), "take an array of times", remedy) from None
     try:
-        values = np.asarray(given)
+        values = np.asarray(result)
         if values.dtype.kind not in "biufO":
             raise TypeError
         values = values.astype(float)
     except (TypeError, ValueError, OverflowError):
-        raise InputError("a time function", given, "return real numbers", remedy) from None
+        raise InputError("a time function", result, "return real numbers", remedy) from None
     if values.shape != t.shape and values.shape != ():
         remedy = "write it with NumPy functions, so that it takes an array of times"
         raise InputError("a time function", values.shape, f"return one value per time, shape {t.shape}", remedy)

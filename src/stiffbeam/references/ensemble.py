@@ -14,18 +14,17 @@ from ..basics.progress import silent
 from ..basics.resources import cores, over_slices
 from ..basics.validation import InputError, numbers, positive
 from ..model.members import Members, as_members
-from ..model.modes import Modes
 from ..model.system import System
+from ..piecewise.audit import audit, within_float64
+from ..piecewise.regimes import Known
+from ..piecewise.tracer import tracer_of
 from ..trajectory.ensemble import MEMBERS_PER_SLICE, Ensemble, Progress, Runs, gathered, record_from
 from ..trajectory.ledger import Ledger
 from ..trajectory.trajectory import Reference, Work
 from . import BEST_RTOL, best_reference
 from . import solve as solve_by
-from .exact.audit import audit, within_float64
-from .exact.piecewise import general, reference_of, solve_exact
+from .exact.piecewise import reference_of, solve_exact
 from .exact.rigid_reference import solve_rigid
-from .exact.undamped_regimes import Parts
-from .exact.undamped_tracer import Tracer
 
 
 def reference_ensemble(
@@ -52,7 +51,7 @@ def reference_ensemble(
     t_end = positive("t_end", t_end)
     at = np.array([0.0, float(t_end)]) if t_eval is None else times
     record_from(since, t_end)
-    known: dict[float, Modes] = {}  # modes, shared between members; the first one finds them
+    known: Known = {}  # modes, shared between members; the first one finds them
     best = best_reference(members[0], t_end, progress=silent)
     method, horizon = str(best.provenance["method"]), best.horizon
     if method != "exact" and since:
@@ -65,8 +64,8 @@ def reference_ensemble(
 
     own = members.system
     exact = method == "exact" and not any(c.stops.rigid for c in own.contacts)
-    if exact and set(members.fields) <= {"q0", "v0"} and not general(own):
-        tracer = Tracer(Parts(own, known, t_end))  # one for all
+    if exact and set(members.fields) <= {"q0", "v0"}:
+        tracer = tracer_of(own, known=known, span=t_end)  # one for all
 
         def solve(part: Members) -> Runs:
             runs = []
@@ -91,15 +90,13 @@ def reference_ensemble(
     return gathered(members, parts, times, Work(0, seconds, seconds), first.provenance | notes, ledger)
 
 
-def _solve(system: System, t_end: float, at: Array, known: dict[float, Modes], since: float) -> Reference:
+def _solve(system: System, t_end: float, at: Array, known: Known, since: float) -> Reference:
     if any(contact.stops.rigid for contact in system.contacts):
         return solve_rigid(system, t_end, at, since, trusted=False)
     return solve_exact(system, t_end, at, known=known, since=since)
 
 
-def _adaptive(
-    method: str, system: System, t_end: float, at: Array, known: dict[float, Modes], since: float
-) -> Reference:
+def _adaptive(method: str, system: System, t_end: float, at: Array, known: Known, since: float) -> Reference:
     return solve_by(system, t_end, method, at, BEST_RTOL, None)
 
 

@@ -16,10 +16,10 @@ from ..model.graded import rounding_of_zero
 from ..model.modes import undamped_modes
 from ..model.scales import scales
 from ..model.system import System
+from ..piecewise.spectrum import known_until
 from ..trajectory.trajectory import Reference, SolverFailure
 from .agreement import DISPLACEMENT_TOLERANCE, agree_until, agreement, apart, scales_of, watched
 from .exact.piecewise import copies, solve_exact
-from .exact.spectrum import known_until
 from .registry import REFERENCES
 from .request import Steps
 

@@ -20,33 +20,261 @@ together would all follow one motion of that scheme first, and their mean would 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
+from itertools import takewhile
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..basics.arrays import Array
 from ..basics.progress import Show, silent
 from ..basics.progress import progress as shown
 from ..basics.text import table
 from ..basics.validation import InputError, integer, near, one_of, positive
 from ..march.choice import CONTACTS
+from ..march.ensemble import integrate_ensemble
 from ..march.integrate import integrate
 from ..measures.comparison import remark
-from ..measures.errors import stays_within
-from ..model.members import SPREAD
+from ..measures.errors import stays_within, tip_error
+from ..model.drive import Drive
+from ..model.members import SPREAD, perturbed
 from ..model.modes import modes
+from ..model.scales import scales
 from ..model.system import System
 from ..references import best_reference
+from ..references.ensemble import reference_ensemble
 from ..schemes import RIGID, SCHEMES, Scheme, make
-from ..trajectory.trajectory import Trajectory
-from .advice_criteria import Criterion, Motion, Statistics
-from .advice_search import QUANTITIES, Probe, Tell, cheapest, search, unreached
+from ..trajectory.trajectory import Diverged, Reference, Trajectory
+from .common import label_of
+from .ensemble import difference
 
 if TYPE_CHECKING:
     import pandas
 
     from .engine.journal import Journal
+
+COLUMNS = (("impacts", "impact_count"), ("peak_force", "peak_force"), ("impulse", "impulse"))  # of an ensemble
+
+
+class Criterion:
+    """The errors of a run with this scheme, contact treatment and step, and what it cost."""
+
+    def __init__(self) -> None:
+        self.scatter: dict[str, float] = {}
+        self.point = {"members": 0}  # what tells its runs from those of another criterion
+
+    def errors(
+        self, system: System, scheme: Scheme, contact: str, dt: float, t_end: float
+    ) -> tuple[dict[str, Any], float]:
+        """(relative errors by name, seconds of one run); Diverged where a run overflows."""
+        raise NotImplementedError
+
+
+class Motion(Criterion):
+    """One motion against the exact one."""
+
+    def __init__(self, exact: Reference) -> None:
+        super().__init__()
+        self.exact = exact
+
+    def errors(
+        self, system: System, scheme: Scheme, contact: str, dt: float, t_end: float
+    ) -> tuple[dict[str, Any], float]:
+        """Of tip (rms), impact count, peak force and impulse, the worst over the contacts."""
+        run = integrate(system, scheme, dt, t_end, contact)
+        found = {"tip": tip_error(run.tip, self.exact.at(run.t)[0]).rms}
+        pairs = list(zip(run.contacts, self.exact.contacts, strict=True))
+        found["impacts"] = max(
+            (abs(a.impacts.count - b.impacts.count) / max(b.impacts.count, 1) for a, b in pairs), default=0.0
+        )
+        for name in ("peak_force", "impulse"):
+            found[name] = max((_relative(getattr(a, name), getattr(b, name)) for a, b in pairs), default=0.0)
+        return found, run.work.march_seconds
+
+
+def _relative(found: float, wanted: float) -> float:
+    if wanted == 0.0:
+        return 0.0 if found == 0.0 else np.inf
+    return abs(found / wanted - 1.0)
+
+
+class Statistics(Criterion):
+    """Means over perturbed members against those of the exact ensemble, with the interval of the difference."""
+
+    def __init__(self, system: System, t_end: float, members: int) -> None:
+        super().__init__()
+        self.point = {"members": members}
+        self.members = perturbed(system, members, SPREAD, t_end=t_end)
+        self.exact = reference_ensemble(system, t_end, self.members)
+        self.scatter = {
+            name: max((_deviation(getattr(contact, own)) for contact in self.exact.contacts), default=0.0)
+            for name, own in COLUMNS
+        }
+
+    def errors(
+        self, system: System, scheme: Scheme, contact: str, dt: float, t_end: float
+    ) -> tuple[dict[str, Any], float]:
+        """Of the means over all members, with the interval that their spread leaves, the worst over the contacts."""
+        many = integrate_ensemble(system, scheme, dt, t_end, self.members, contact)
+        if np.any(np.isfinite(many.diverged)):
+            raise Diverged(str(scheme), float(np.nanmin(many.diverged)), "use a smaller dt")
+        found: dict[str, float] = {}
+        for name, own in COLUMNS:
+            pairs = zip(many.contacts, self.exact.contacts, strict=True)
+            found[name] = max(_mean_off(getattr(a, own), getattr(b, own)) for a, b in pairs)
+        return found, many.work.march_seconds / len(self.members)
+
+
+def _deviation(values: Array) -> float:
+    mean = float(np.mean(values))
+    return float(np.std(values, ddof=1)) / mean if mean else 0.0
+
+
+def _mean_off(found: Array, wanted: Array) -> float:
+    """|difference of the means| and its 95 % interval, over the wanted mean."""
+    off, interval = difference(np.asarray(found, float), np.asarray(wanted, float))
+    mean = float(np.mean(wanted))
+    if mean == 0.0:
+        return 0.0 if off == 0.0 else np.inf
+    return (abs(off) + interval) / mean
+
+
+Tell = Callable[[str], None]
+BETWEEN = 5  # steps of one motion that are tried between a step and its half; means say themselves how sure they are
+PER_PERIOD = 8  # steps of the coarsest run in the shorter of the longest time scale and the drive's period
+QUANTITIES = ("tip", *(name for name, _ in COLUMNS))
+
+
+@dataclass(frozen=True)
+class Probe:
+    """One run that was tried: its errors by quantity, infinite where it broke off. work: linear solves."""
+
+    scheme: Scheme
+    contact: str
+    dt: float
+    steps: int
+    work: int
+    seconds: float
+    errors: dict[str, float]
+
+    @property
+    def label(self) -> str:
+        """The scheme, and the contact treatment where it is not the implicit one."""
+        return f"{self.scheme}" + (f", {self.contact} contact" if self.contact != "implicit" else "")
+
+    def meets(self, want: Mapping[str, float]) -> bool:
+        """Whether every error is at most the one wanted."""
+        return all(self.errors[name] <= tolerance for name, tolerance in want.items())
+
+
+def search(
+    system: System, t_end: float, candidates: list[tuple[Scheme, str]], criterion: Criterion, want: dict[str, float],
+    most: int, show: Show, tell: Tell, journal: Journal | None,
+) -> tuple[list[Probe], Probe | None]:  # fmt: skip
+    """All candidates together from coarse to fine, each until two steps in a row meet the want and so do those between
+    them, or it costs more than the best that does; what is known after every refinement is told."""
+
+    def run(scheme: Scheme, contact: str, steps: int) -> Probe | None:
+        return _probe(system, t_end, scheme, contact, steps, criterion, journal)
+
+    tried: list[Probe] = []
+    best: Probe | None = None
+    steps = min(most, max(4, int(np.ceil(PER_PERIOD * t_end / _period(system, t_end)))))
+    alive: list[tuple[Scheme, str, Probe | None]] = [(scheme, contact, None) for scheme, contact in candidates]
+    while alive and steps <= most:
+        left, here = [], []
+        for done, (scheme, contact, before) in enumerate(alive):
+            show(f"advise: runs of {steps} steps", done, len(alive))
+            good = before if before is not None and before.meets(want) else None
+            if best is not None and (good.work if good else steps * len(scheme.nodes)) >= best.work:
+                continue
+            probe = run(scheme, contact, steps)
+            if probe is None:
+                continue  # what this scheme or these stops do not take
+            here.append(probe)
+            if good and probe.meets(want):
+                others = _between(good, partial(run, scheme, contact), want) if isinstance(criterion, Motion) else []
+                tried += others
+                if all(p.meets(want) for p in others):
+                    best = good
+                    tell(f"cheapest so far: {best.label}, {best.steps} steps, {best.work} linear solves")
+                    continue
+            left.append((scheme, contact, probe))
+        if here:
+            least = {name: min(here, key=lambda p, name=name: p.errors[name]) for name in want}
+            words = ", ".join(f"{name} {p.errors[name]:.2g} ({p.label})" for name, p in least.items())
+            tell(f"{steps} steps: {words}")
+        tried, alive, steps = tried + here, left, 2 * steps
+    return tried, best
+
+
+def _between(coarse: Probe, probe: Callable[[int], Probe | None], want: Mapping[str, float]) -> list[Probe]:
+    """Runs of steps between those of ``coarse`` and their half, as far as they meet the want."""
+    found: list[Probe] = []
+    for k in range(1, BETWEEN + 1):
+        one = probe(round(coarse.steps * 2.0 ** (k / (BETWEEN + 1))))
+        if one is not None:
+            found.append(one)
+            if not one.meets(want):
+                break
+    return found
+
+
+def _period(system: System, t_end: float) -> float:
+    """The shorter of the longest time scale and the drives' periods."""
+    return min(scales(system, t_end).period, *(2.0 * np.pi / rate for rate in Drive.of(system).frequencies), t_end)
+
+
+def _probe(
+    system: System, t_end: float, scheme: Scheme, contact: str, steps: int, criterion: Criterion,
+    journal: Journal | None,
+) -> Probe | None:  # fmt: skip
+    """The run of these steps, read where the journal has it; None where it is refused."""
+    dt, work = t_end / steps, steps * len(scheme.nodes)
+    point = {"system": system.fingerprint, "t_end": t_end, "contact": contact, "steps": steps, **criterion.point}
+    if journal is not None:
+        point["scheme"] = label_of(scheme)  # a scheme of one's own need not have one
+        if rows := journal.rows(point):
+            return Probe(scheme, contact, dt, steps, work, **rows[0])
+    try:
+        errors, seconds = criterion.errors(system, scheme, contact, dt, t_end)
+    except Diverged:
+        errors, seconds = dict.fromkeys(map(str, QUANTITIES), np.inf), 0.0
+    except InputError as error:
+        if error.field != "dt":  # else a step at which it is refused
+            return None
+        errors, seconds = dict.fromkeys(map(str, QUANTITIES), np.inf), 0.0
+    if journal is not None:
+        journal.keep(point, [{"seconds": seconds, "errors": errors}])
+    return Probe(scheme, contact, dt, steps, work, seconds, errors)
+
+
+def cheapest(tried: list[Probe], want: dict[str, float]) -> Probe | None:
+    """The cheapest run that meets the want with all finer ones, one at least; else a coarse run meets it by chance."""
+    good: list[Probe] = []
+    for label in dict.fromkeys(probe.label for probe in tried):
+        finest_first = sorted((p for p in tried if p.label == label), key=lambda p: -p.steps)
+        good += list(takewhile(lambda p: p.meets(want), finest_first))[1:]
+    return min(good, key=lambda p: p.work, default=None)
+
+
+def unreached(tried: list[Probe], want: dict[str, float], most: int) -> dict[str, str]:
+    """Of the wanted quantities those that are met from no step on; where there is none, the one that costs most."""
+    alone = {name: cheapest(tried, {name: x}) for name, x in want.items()}
+    found = {}
+    for name in [name for name, probe in alone.items() if probe is None]:
+        best = min(tried, key=lambda p, name=name: p.errors[name])
+        runs = f"{'from no step on all' if best.meets({name: want[name]}) else 'none'} of {len(tried)} runs of up to "
+        found[name] = f"{runs}{most} steps; the best has {best.errors[name]:.2g}, {best.label} at dt = {best.dt:.3g}"
+    if found:
+        return found
+    name = max(alone, key=lambda n: alone[n].work)  # type: ignore[union-attr]
+    probe = alone[name]
+    assert probe is not None
+    return {name: f"not together with the rest; alone with {probe.label} at dt = {probe.dt:.3g}"}
+
 
 WANT = {"tip": 1e-3, "impacts": 0.05, "peak_force": 0.05}
 MOST_STEPS, MOST_DIRECT, MOST_MEMBER = 2**20, 2**14, 2**11  # of a run; marched with matrices, a thousand times slower

@@ -12,13 +12,13 @@ in the second half of the time for which they are followed; a slope of ln distan
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import numpy as np
 
 from ..basics.arrays import Array
-from ..basics.validation import InputError, integer, positive
-from ..figures import column, heading, look, new_figure, numeric, say_empty, shared_legend, short, tip_symbol
+from ..basics.validation import InputError, positive
+from ..figures import Axis, Curve, Level, Mark, Note, Panel, Picture, Ranges, column, curves, look, short, tip_symbol
 from ..files.cases import Case
 from ..march.ensemble import integrate_ensemble
 from ..measures.smooth_motion import drive_frequency
@@ -31,12 +31,8 @@ from ..references.ensemble import reference_ensemble
 from ..references.exact.tangent import MERGED, lyapunov
 from ..trajectory.ensemble import Ensemble
 from ..trajectory.trajectory import SolverFailure
-from .common import Dt, Form, Schemes, scheme_labels, scheme_of, solve_once, system_of
+from .common import Dt, Form, Schemes, extremes, scheme_labels, scheme_of, solve_once, system_of
 from .engine.study import Answer, Point, Records, Row, Rows, Study
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 LINEAR = 1e-4  # of the motion's size: a pair farther apart no longer grows in proportion
 ROUNDED = 1e-13  # of it: the distance of a closer pair is rounding
@@ -49,9 +45,10 @@ PORTRAIT = 6000  # samples of the delayed portrait
 
 def points(
     case: Case,
+    *,
     schemes: Schemes = None,
-    form: Form = "displacement",
-    dt: Dt = None,
+    form: Form,
+    dt: Dt,
     starts: Annotated[int, "pairs of neighbouring motions"] = 48,
     size: Annotated[
         float | None, "their distance, relative to the motion; default: 1e-11, without an exact solution 1e-7"
@@ -60,9 +57,7 @@ def points(
 ) -> list[Point]:
     """The exact flow and every scheme at ``dt`` (the case's): ``starts`` pairs a distance ``size`` apart,
     followed for ``span`` (half the case's horizon); and the exact motion's portraits."""
-    integer("starts", starts, 1)
     exact = solve_once(system_of(case, form), case.t_end)
-    dt = case.dt if dt is None else dt
     most = (case.t_end if span is None else positive("span", span)) / STEPS
     if not dt <= most:
         raise InputError("dt", dt, f"be at most {most:.3g}, for {STEPS} steps of a span", "take a smaller one")
@@ -99,6 +94,7 @@ def _pairs(case: Case, point: Point) -> list[Row]:
     dq = basis.to_nodal(noise[0] / motion.rates)
     dv = basis.to_nodal(noise[1])
     systems = [later(system, t, *state) for t, *state in zip(times, q, v, strict=True)]
+    dq = np.array([before_stops(one, x) for one, x in zip(systems, dq, strict=True)])
     systems += [later(system, t, *state) for t, *state in zip(times, q + dq, v + dv, strict=True)]
     steps = round(span / dt)
     if point["method"] == "exact":
@@ -112,8 +108,22 @@ def _pairs(case: Case, point: Point) -> list[Row]:
         exponent, late = growth(many.t, distance[k], max(ROUNDED, 1e-2 * point["size"]) * largest, LINEAR * largest)
         rows.append({"pair": k, "start": float(times[k]), "exponent": exponent, "late": late})
     keep = np.unique(np.linspace(1, steps, 100).astype(int))
-    mean = np.exp(np.mean(np.log(np.maximum(distance, 1e-300)), axis=0)) / largest
+    mean = np.exp(np.mean(np.log(np.maximum(distance, np.finfo(float).tiny)), axis=0)) / largest
     return rows + [{"t": float(many.t[k]), "distance": float(mean[k])} for k in keep]
+
+
+def before_stops(system: System, dq: Array) -> Array:
+    """A step dq (n,) from the start of ``system`` to a neighbour that no rigid stop forbids.
+
+    Where it leads beyond a stop it is turned back: its part along M^-1 row^T changes sign, which keeps its size.
+    """
+    at = system.positions(0.0, system.q0)
+    for contact, u in zip(system.contacts, at, strict=False):
+        along = np.linalg.solve(system.mass, contact.row)
+        across = contact.row @ dq
+        if contact.stops.rigid and contact.stops.penetration(u + across):
+            dq = dq - 2.0 * across / (contact.row @ along) * along
+    return dq
 
 
 def _recorded(system: System) -> float:
@@ -219,102 +229,71 @@ def exponents(rows: Rows) -> dict[str, tuple[float, float] | None]:
 
 
 def _finite(rows: Rows, method: str, name: str) -> Array:
-    values = np.array([r[name] for r in rows if r["method"] == method and r.get(name) is not None], float)
+    values = column([r for r in rows if r["method"] == method and r.get(name) is not None], name)
     return values[np.isfinite(values)]
 
 
-def answer(rows: Rows, case: Case) -> str:
+def answer(rows: Rows, case: Case) -> Answer:
     """The exponents with their intervals, method by method."""
-    units = case.units
-    found = exponents(rows)
+    units, found = case.units, exponents(rows)
     if not found:
-        return "No pair could be followed long enough."
+        return Answer("No pair could be followed long enough.")
     none = [method for method, known in found.items() if known is None]
     unseen = f"No exponential change of the distance is seen for {', '.join(none)}" if none else ""
     known = {method: pair for method, pair in found.items() if pair is not None}
     if not known:
-        return f"{unseen}: most pairs do not part or approach threefold in the second half of the span."
+        return Answer(f"{unseen}: most pairs do not part or approach threefold in the second half of the span.")
     unit = units.of("rate") and f" {units.of('rate')}"
-    shown = {method: f"{mean:.3g} ± {interval:.2g}{unit}" for method, (mean, interval) in known.items()}
-    tail = "Means over the starts, ± 95 % by their scatter."
+    notes = "Means over the starts, ± 95 % by their scatter."
     if "tangent flow" in known:
         mean, interval = (x / np.log(10.0) for x in known["tangent flow"])
         time = units.of("time") or "unit of time"
-        tail += f" By the tangent flow the exact motion loses {mean:.2g} ± {interval:.2g} digits per {time}."
-    tail += f" {unseen}." if unseen else ""
+        notes += f" By the tangent flow the exact motion loses {mean:.2g} ± {interval:.2g} digits per {time}."
+    rates = {method: mean for method, (mean, _) in known.items() if method not in ("exact", "tangent flow")}
+    said = f"{known['exact'][0]:.3g} ± {known['exact'][1]:.2g}{unit} for the exact flow" if "exact" in known else ""
+    schemes = f"{extremes(rates, '{:.3g}'.format)}{unit} for schemes" if rates else ""
     return Answer(
-        "Neighbouring motions diverge like exp(lambda t), lambda = "
-        f"{', '.join(f'{method} {value}' for method, value in shown.items())}. {tail}",
-        [{"neighbours diverge like exp(lambda t)": method, "lambda": value} for method, value in shown.items()],
-        tail,
-    )
+        f"Neighbouring motions diverge like exp(lambda t), lambda = {', '.join(filter(None, [said, schemes]))}.",
+        [{"neighbours diverge like exp(lambda t)": method, "lambda": f"{mean:.3g} ± {interval:.2g}{unit}"}
+         for method, (mean, interval) in known.items()],
+        notes + (f" {unseen}." if unseen else ""),
+    )  # fmt: skip
 
 
-def draw(records: Records) -> Figure:
-    """(a) mean distance of neighbouring motions, (b) exponents, (c) u(t + T) over u(t), (d) phase portrait."""
-    rows = numeric(records.found)
-    figure = new_figure(8.6)
-    units = records.case.units
-    exact = exponents(records.found).get("exact")
-    rate = "" if exact is None else f": the exact ones like exp({exact[0]:.3g} t)"
-    figure.suptitle(heading(records.case, f"how fast neighbouring motions diverge{rate}"))
-    (distance, rates), (delayed, portrait) = figure.subplots(2, 2)
-    _distances(distance, rows)
-    distance.set_xlabel(units.label("time since the start of the pair", "time"))
-    _exponents(rates, rows)
-    rates.set_xlabel(units.label(r"exponent $\lambda$ in $e^{\lambda t}$", "rate"))
-    u, ahead = (tip_symbol(records.case.beam, t) for t in ("t", "t + T"))
-    place, delayed_place = (units.label(name, "length") for name in (u, ahead))
-    speed = units.label(u.replace("u(", "u_t("), "velocity")
-    path = [row for row in rows if row["kind"] == "portrait"]
-    for axis, x, y, xlabel, ylabel, title in (
-        (delayed, "u", "u_delayed", place, delayed_place, "(c) delayed by a period T of the drive"),
-        (portrait, "u", "v", place, speed, "(d) phase portrait"),
-    ):
-        axis.plot(column(path, x), column(path, y), ls="", marker=".", ms=1.2, color="black", alpha=0.45)
-        axis.set(xlabel=xlabel, ylabel=ylabel)
-        axis.locator_params(axis="x", nbins=6)
-        axis.set_title(f"{title}, exact, one realisation", loc="left")
-        if not path:
-            say_empty(axis)
-    shared_legend(figure)
-    return figure
-
-
-def _distances(axis: Axes, rows: list[Row]) -> None:
-    for method in dict.fromkeys(row["method"] for row in rows):
-        own = [row for row in rows if row["method"] == method and "distance" in row]
-        if own:
-            style = look(method)
-            axis.plot(column(own, "t"), column(own, "distance"), color=style["color"], ls=style["linestyle"],
-                      lw=2.0 if method == "exact" else 1.2, label=short(method))  # fmt: skip
-    if axis.lines:
-        axis.set_yscale("log")
-        axis.axhline(LINEAR, color="0.5", lw=0.8, ls=":")
-        axis.annotate("grows in proportion below", (0.02, LINEAR), xycoords=("axes fraction", "data"), ha="left",
-                      xytext=(0, 3), textcoords="offset points", fontsize=8, color="0.35")  # fmt: skip
-    else:
-        say_empty(axis)
-    axis.set(ylabel="distance over the motion's size")
-    axis.set_title("(a) geometric mean over the pairs", loc="left")
-
-
-def _exponents(axis: Axes, rows: list[Row]) -> None:
-    """Every start a dot, mean and 95 % interval beside it where the distances change exponentially."""
-    found = exponents(rows)
-    jitter = np.random.default_rng(0)
+def picture(records: Records) -> Picture:
+    """Mean distance of neighbouring motions, exponents, u(t + T) over u(t), phase portrait."""
+    rows, beam = records.numbers, records.case.beam
+    pairs = [row for row in rows if "distance" in row]
+    distances = curves(pairs, "t", "distance", "method", exact=2.0, marker="")
+    distances += [Level(LINEAR), Note("grows in proportion below", 0.02, 1.2 * LINEAR, "x")]
+    found, jitter = exponents(rows), np.random.default_rng(0)
+    rates: list[Mark] = [Level(0.0, of="x", look={"ls": "-"})]
     for i, (method, known) in enumerate(found.items()):
-        values = column([row for row in rows if row["method"] == method and "exponent" in row], "exponent")
-        colour = look(method)["color"]
-        axis.plot(
-            values, i + jitter.uniform(-0.25, 0.25, len(values)), ls="", marker=".", ms=3, color=colour, alpha=0.5
-        )
+        values, colour = _finite(rows, method, "exponent"), look(method)["color"]
+        dots = {"linestyle": "", "marker": ".", "ms": 3, "color": colour, "alpha": 0.5}
+        rates.append(Curve(values, i + jitter.uniform(-0.25, 0.25, len(values)), look=dots))
         if known is not None:
-            axis.errorbar(known[0], i, xerr=known[1], fmt="o", color=colour, ms=5, capsize=4, lw=1.8)
-    axis.axvline(0.0, color="0.8", lw=0.8, zorder=0)
-    axis.set_yticks(range(len(found)), [short(method) for method in found])
-    axis.invert_yaxis()
-    axis.set_title("(b) exponents: every start, mean, 95 % interval", loc="left")
+            rates += [Ranges(i, known[0] - known[1], known[0] + known[1], look={"color": colour, "lw": 1.8}),
+                      Curve(known[0], i, look={"marker": "o", "color": colour})]  # fmt: skip
+    u, ahead = (tip_symbol(beam, t) for t in ("t", "t + T"))
+    path = [row for row in rows if row["kind"] == "portrait"]
+    here, there = Axis(u, "length"), Axis(ahead, "length")
+    speed = Axis(u.replace("u(", "u_t("), "velocity")
+    dots = {"linestyle": "", "marker": ".", "ms": 1.2, "color": "black", "alpha": 0.45}
+    delayed, portrait = ([Curve(column(path, "u"), column(path, name), look=dots)] for name in ("u_delayed", "v"))
+    exponent = Axis(r"exponent $\lambda$ in $e^{\lambda t}$", "rate")
+    return Picture([
+        [
+            Panel("geometric mean over the pairs", Axis("time since the start of the pair", "time"),
+                  Axis("distance over the motion's size", scale="log"), distances),
+            Panel("exponents: every start, mean, 95 % interval", exponent,
+                  Axis(names=[short(method) for method in found]), rates),
+        ],
+        [
+            Panel("delayed by a period T of the drive, exact, single run", here, there, delayed),
+            Panel("phase portrait, exact, single run", here, speed, portrait),
+        ],
+    ], 8.6)  # fmt: skip
 
 
 STUDY = Study(
@@ -323,7 +302,7 @@ STUDY = Study(
     points=points,
     evaluate=evaluate,
     answer=answer,
-    draw=draw,
+    picture=picture,
     needs_motion=True,
     all_cores=True,
     smoke={"schemes": ["hht(alpha=-0.1)"], "starts": 6},

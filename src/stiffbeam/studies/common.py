@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Annotated, Any
 
-from ..basics.resources import afford
-from ..basics.validation import InputError, integer, sequence
+import numpy as np
+
+from ..basics.arrays import Array
+from ..basics.validation import InputError, sequence
+from ..figures import Curve, short
 from ..files.cases import Case
+from ..measures.errors import Order
 from ..measures.impacts import first_impacts_end
 from ..model.modes import modes
 from ..model.system import System
@@ -16,16 +20,19 @@ from ..references import takes as method_takes
 from ..schemes import RIGID, SCHEMES, RigidScheme, Scheme, make, takes_stops
 from ..schemes.labels import parse_run, user_label
 from ..trajectory.trajectory import Reference
-from .engine.study import Answer, Row, Rows, Study
+from .engine.study import Study
 
 # What the options of several studies are and mean; the commands read it here.
 Schemes = Annotated[list[str] | None, "with commas between them, e.g. 'bdf2,hht(alpha=-0.2)'; default: all"]
-Form = Annotated[str, "displacement, velocity-curvature or hermite"]
+Form = Annotated[str, "displacement, velocity-curvature or hermite; default: the case's first"]
 Forms = Annotated[list[str] | None, "with commas between them; default: all the case can take"]
-Dt = Annotated[float | None, "time step to start from, instead of the case's"]
-End = Annotated[float | None, "end time instead of the case's"]
+Dt = Annotated[float, "time step to start from, instead of the case's"]
+End = Annotated[float, "end time instead of the case's"]
 Halvings = Annotated[int, "how many steps dt, dt/2, dt/4, ..."]
 ImpactCount = Annotated[int, "the window ends when so many impacts are over"]
+Members = Annotated[int, "perturbed runs of each method"]
+Numbers = Annotated[list[float] | None, "with commas between them"]
+Cells = Annotated[list[int] | None, "grids, with commas between them"]
 Treatment = Annotated[str, "implicit, conserving, or extrapolated as in the paper"]
 
 _REFERENCES: dict[tuple[str, float], Reference] = {}
@@ -95,13 +102,6 @@ def label_of(scheme: str | Scheme) -> str:
     return label if type(made) is type(scheme) else user_label(scheme)
 
 
-def afford_halvings(case: Case, halvings: int, dt: float | None, t_end: float | None) -> None:
-    """Refuse more ``halvings`` of the step than a run over the span can be waited for, at 20 ns a step."""
-    integer("halvings", halvings, 1)
-    steps = (t_end or case.t_end) / (dt or case.dt) * 2.0 ** min(halvings, 1000)
-    afford("halvings", halvings, "take fewer", seconds=2e-8 * steps)
-
-
 def scheme_of(label: str) -> Scheme:
     """The scheme with this label."""
     return parse_run(label)[0]
@@ -112,33 +112,28 @@ def system_of(case: Case, form: str) -> System:
     return case.system(form)
 
 
-def places(system: System) -> list[str]:
-    """What tells the contacts of a system apart in words: "" for the only one, else " at contact 1", ..."""
-    numbers = range(1, len(system.contacts) + 1)
-    return [f" at contact {i}" for i in numbers] if len(numbers) > 1 else [""] * len(numbers)
+def extremes(values: Mapping[str, float], written: Callable[[float], str]) -> str:
+    """The least and the largest of the numbers that are known, each with the short name of its method."""
+    known = sorted((value, short(name)) for name, value in values.items() if np.isfinite(value))
+    if not known:
+        return "not known"
+    (low, first), (high, last) = known[0], known[-1]
+    if written(low) == written(high):
+        return f"{written(low)} ({first if len(known) == 1 else 'all'})"
+    return f"{written(low)} ({first}) to {written(high)} ({last})"
 
 
-def by_contact(rows: Rows) -> dict[str, list[Row]]:
-    """The rows of each contact under its name, see ``places``; those that belong to none are with every one."""
-    numbers = sorted({row["contact_number"] for row in rows if "contact_number" in row})
-    if len(numbers) < 2:
-        return {"": list(rows)}
-    return {f" at contact {n}": [row for row in rows if row.get("contact_number", n) == n] for n in numbers}
+def fit(x: Array, order: Order, look: Mapping[str, Any]) -> list[Curve]:
+    """The line of an observed order over the range of ``x``; none where there is no order."""
+    if not np.isfinite(order.slope) or not len(x):
+        return []
+    ends = np.array([np.min(x), np.max(x)])
+    return [Curve(ends, order.constant * ends**order.slope, look={**look, "marker": "", "lw": 1.4})]
 
 
-def joined(answers: Mapping[str, str]) -> Answer:
-    """The answers of several contacts as one, each with its place; what all leave untold alike is said once."""
-    parts = {place: answer if isinstance(answer, Answer) else Answer(answer, rest=answer)
-             for place, answer in answers.items()}  # fmt: skip
-
-    def all_of(texts: Mapping[str, str]) -> str:
-        if len(alike := set(texts.values())) == 1:
-            return alike.pop()
-        return " ".join(f"{place.strip().capitalize()}: {text}" if place else text for place, text in texts.items())
-
-    lines = [({"contact": place.removeprefix(" at contact ")} if place else {}) | line
-             for place, answer in parts.items() for line in answer.table]  # fmt: skip
-    return Answer(all_of(parts), lines, all_of({place: answer.rest for place, answer in parts.items()}))
+def halved(end: float, dt: float, halvings: int, per_octave: int = 1) -> list[int]:
+    """How many steps [0, end] has at dt, dt/2, dt/4, ..."""
+    return [max(4, round(end / dt * 2.0 ** (k / per_octave))) for k in range(halvings * per_octave)]
 
 
 def to_the_end(steps: int, outputs: int) -> int:

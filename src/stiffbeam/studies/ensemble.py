@@ -5,39 +5,37 @@ Impacts and their rate, time in contact, largest forces, energy and spectra, wit
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import numpy as np
 
 from ..basics.arrays import Array
-from ..basics.validation import integer
-from ..figures import column, heading, look, new_figure, numeric, say_empty, shared_legend, short, tip_symbol
+from ..figures import (
+    Axis,
+    Band,
+    Curve,
+    Level,
+    Mark,
+    Panel,
+    Picture,
+    Ranges,
+    column,
+    curves,
+    groups,
+    look,
+    short,
+    tip_symbol,
+)
 from ..files.cases import Case
 from ..march.ensemble import integrate_ensemble
-from ..measures.report import percent
+from ..measures.report import DASH, percent
 from ..measures.smooth_motion import drive_frequency
 from ..measures.spectrum import amplitude_spectrum, drive_amplitude
 from ..model.members import SPREAD, perturbed
 from ..references.ensemble import reference_ensemble
 from ..trajectory.trajectory import Diverged
-from .common import (
-    Dt,
-    End,
-    Form,
-    Schemes,
-    Treatment,
-    by_contact,
-    joined,
-    scheme_labels,
-    scheme_of,
-    system_of,
-    to_the_end,
-)
-from .engine.study import Answer, Point, Records, Row, Rows, Study
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+from . import common
+from .engine.study import Answer, Point, Records, Row, Rows, Study, by_contact
 
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 SAMPLES = 4000  # tip samples of a member, for the spectrum
@@ -47,36 +45,36 @@ HARMONICS = 16  # the spectrum is kept up to this multiple of the drive
 
 def points(
     case: Case,
-    schemes: Schemes = None,
-    form: Form = "displacement",
-    dt: Dt = None,
-    t_end: End = None,
-    members: Annotated[int, "perturbed runs of each method"] = 200,
+    *,
+    schemes: common.Schemes = None,
+    form: common.Form,
+    dt: common.Dt,
+    t_end: common.End,
+    members: common.Members = 200,
     size: Annotated[float, "of the perturbation, relative to the motion"] = SPREAD,
     seed: Annotated[int, "of the perturbations"] = 1,
-    contact: Treatment = "implicit",
+    contact: common.Treatment = "implicit",
 ) -> list[Point]:
     """The exact solution and every scheme at ``dt`` (the case's), each with the same ``members`` initial
     data, perturbed by ``size`` relative to the motion."""
-    integer("members", members, 1)
     rest = {
-        "form": form, "dt": case.dt if dt is None else dt, "t_end": case.t_end if t_end is None else t_end,
+        "form": form, "dt": dt, "t_end": t_end,
         "members": members, "size": size, "seed": seed, "contact": contact,
     }  # fmt: skip
-    return [{"method": method} | rest for method in ["exact", *scheme_labels(case, schemes)]]
+    return [{"method": method} | rest for method in ["exact", *common.scheme_labels(case, schemes)]]
 
 
 def evaluate(case: Case, point: Point) -> list[Row]:
     """Rows of members, quantiles of peak forces and the spectrum, of one method."""
-    system = system_of(case, point["form"])
+    system = common.system_of(case, point["form"])
     dt, t_end = point["dt"], point["t_end"]
     members = perturbed(system, point["members"], point["size"], point["seed"], t_end=t_end)
-    every = to_the_end(round(t_end / dt), SAMPLES)
+    every = common.to_the_end(round(t_end / dt), SAMPLES)
     t = np.arange(0, round(t_end / dt) + 1, every) * dt
     if point["method"] == "exact":
         many = reference_ensemble(system, t_end, members, t)
     else:
-        scheme = scheme_of(point["method"])
+        scheme = common.scheme_of(point["method"])
         many = integrate_ensemble(system, scheme, dt, t_end, members, point["contact"], every)
     if np.all(np.isfinite(many.diverged)):
         raise Diverged(point["method"], float(np.max(many.diverged)), "use the implicit contact or a smaller dt")
@@ -132,20 +130,13 @@ def difference(a: Array, b: Array) -> tuple[float, float]:
     return float(np.mean(a) - np.mean(b)), float(1.96 * spread)
 
 
-def answer(rows: Rows, case: Case) -> str:
-    """Mean counts of impacts against the exact ensemble, with their intervals, contact by contact."""
-    return joined({place: _answer(own, case) for place, own in by_contact(rows).items()})
-
-
-def _answer(rows: Rows, case: Case) -> str:
-    """What is found at one contact."""
-    units = case.units
-    exact = distribution(rows, "exact", "count")
+def answer(rows: Rows, case: Case) -> Answer:
+    """Impacts, time in contact, forces and energy of every method at one contact, against the exact ensemble."""
+    exact, units, first = distribution(rows, "exact", "count"), case.units, rows[0]
     if not len(exact):
-        return "No member of the exact solution reached the end, and without it there is nothing to compare with."
-    first = rows[0]
+        return Answer("No member of the exact solution reached the end: there is nothing to compare with.")
     end, dt = (units.measure(f"{first[name]:g}", "time") for name in ("t_end", "dt"))
-    parts, table = [], []
+    table, means = [], {}
     for method in dict.fromkeys(r["method"] for r in rows):
         count, share, force, lost, had = (
             distribution(rows, method, name)
@@ -154,139 +145,101 @@ def _answer(rows: Rows, case: Case) -> str:
         if not len(count):
             continue
         off, interval = difference(count, exact)
-        line = {
+        if method != "exact":
+            means[method] = float(np.mean(count))
+        table.append({
             "method": short(method),
             "impacts": _spread(count),
-            "off by": "–" if method == "exact" else f"{float(f'{off:.3g}'):+g} ± {interval:.2g}",
+            "off by": DASH if method == "exact" else f"{float(f'{off:.3g}'):+g} ± {interval:.2g}",
+            f"impacts per {units.time if units.known else 'unit of time'}": _spread(count / first["t_end"]),
             "contact, %": _spread(100 * share, 2),
-            units.label("largest force", "force"): _spread(force, 4) if len(force) else "–",
-            "lost, %": _spread(100 * lost / np.mean(had)) if len(lost) and np.mean(had) > 0.0 else "–",
-        }
-        table.append(line)
-        said = [f"{percent(float(np.mean(share)))} in contact"]
-        if len(lost):
-            energy = units.measure(f"{_spread(lost)} of {np.mean(had):.3g}", "energy")
-            said.append(f"energy lost {energy}")
-        if len(force):
-            said.append(f"largest force {units.measure(_spread(force, 4), 'force')}")
-        if method != "exact":
-            parts.append(f"{method} {line['impacts']} ({line['off by']}), {', '.join(said)}")
-    share, force = distribution(rows, "exact", "fraction"), distribution(rows, "exact", "peak_force")
-    rate = f"{_spread(exact / first['t_end'])} per {units.time if units.known else 'unit of time'}"
-    largest = f", largest force {units.measure(_spread(force, 4), 'force')}" if len(force) else ""
-    head = (
-        f"Over {len(exact)} members perturbed by {first['size']:g} the exact solution has {np.mean(exact):.4g} ± "
-        f"{np.std(exact):.2g} impacts to t = {end} (mean ± standard deviation), {rate}, and is in contact "
-        f"{percent(float(np.mean(share)))} of the time{largest}; at dt = {dt} (difference of means, 95 %)"
+            units.label("largest force", "force"): _spread(force, 4),
+            units.label("energy lost", "energy"): f"{_spread(lost)} of {_mean(had):.3g}" if len(lost) else DASH,
+            "lost, %": _spread(100 * lost / _mean(had)) if _mean(had) > 0.0 else DASH,
+        })  # fmt: skip
+    counted = f"; schemes count {common.extremes(means, '{:.4g}'.format)} at dt = {dt}" if means else ""
+    share = percent(_mean(distribution(rows, "exact", "fraction")))
+    return Answer(
+        f"Over {len(exact)} members the exact solution has {np.mean(exact):.4g} ± {np.std(exact):.2g} impacts to "
+        f"t = {end} and is in contact {share} of the time{counted}.",
+        table,
+        f"Members perturbed by {first['size']:g}, dt = {dt}: mean ± standard deviation. Off by: difference of the "
+        "means, ± with 95 %. Lost: numerical dissipation, as a share of the initial energy plus the work of the loads. "
+        "The largest force grows with the span.",
     )
-    rest = (
-        f"Over {len(exact)} members perturbed by {first['size']:g}, to t = {end} at dt = {dt}: mean ± standard "
-        "deviation. Off by: difference of the means, ± holds with 95 %. Lost: of the most energy that start and loads "
-        "have given. The largest force grows with the span. Where all members have the same, it is that of an impact "
-        "before they part."
-    )
-    return Answer(f"{head}: {'; '.join(parts)}.", table, rest)
+
+
+def _mean(values: Array) -> float:
+    return float(np.mean(values)) if len(values) else float("nan")
 
 
 def _spread(values: Array, digits: int = 3) -> str:
-    """Mean ± standard deviation."""
+    """Mean ± standard deviation, a dash for no values."""
+    if not len(values):
+        return DASH
     mean, deviation = float(f"{np.mean(values):.{digits}g}"), float(f"{np.std(values):.2g}")
     return f"{mean:g} ± {deviation:g}" if deviation > 1e-6 * abs(mean) else f"all {mean:g}"
 
 
-def draw(records: Records) -> Figure:
-    """(a) impact counts, (b) contact share, (c) energy lost, (d) peak forces of the impacts, (e) spectra with
-    90 % bands."""
-    rows = numeric(records.found)
-    methods = list(dict.fromkeys(row["method"] for row in rows))
-    size = f"{rows[0]['members']} members each, perturbed by {rows[0]['size']:g}" if rows else "no members"
-    units = records.case.units
-    lines = [(method, place, own) for method in methods for place, own in by_contact(rows).items()]
-    title = heading(records.case, f"distributions past the horizon ({size})")
-    figure = new_figure(max(8.6, 3.9 + 0.3 * len(lines)), title)
-    axes = figure.subplot_mosaic([["counts", "shares", "losses"], ["forces", "spectra", "spectra"]])
-    counts, shares, losses, forces, spectra = axes.values()
-    for axis in (shares, losses, forces):
-        axis.sharey(counts)
-    if not rows:
-        for axis in axes.values():
-            say_empty(axis)
-        return figure
-    _boxes(counts, lines, "count", 1.0)
-    end = units.measure(f"{rows[0]['t_end']:g}", "time")
-    counts.set(xlabel=f"impacts to t = {end}")
-    counts.set_title("(a) impacts, member by member", loc="left")
-    _boxes(shares, lines, "fraction", 100.0)
-    shares.set(xlabel="share of the time in contact, %")
-    shares.set_title("(b) time in contact", loc="left")
-    _boxes(losses, lines, "energy_lost", 1.0)
-    losses.axvline(0.0, color="black", lw=0.8, ls=":")
-    losses.set(xlabel=units.label("energy", "energy"))
-    losses.set_title("(c) energy lost; exact: none", loc="left")
-    losses.locator_params(axis="x", nbins=5)
-    losses.ticklabel_format(axis="x", scilimits=(-3, 4))
-    for axis in (shares, losses):
-        axis.tick_params(labelleft=False)
-    _peaks(forces, lines)
-    forces.set(xlabel=units.label(r"peak force of an impact $\max|\sigma|$", "force"))
-    _spectra(spectra, rows, methods)
-    spectra.set(
-        xlabel=units.label(r"angular frequency $\omega$", "frequency"),
-        ylabel=units.label(f"mean amplitude of {tip_symbol(records.case.beam)}", "length"),
-    )
-    counts.set_yticks(range(len(lines)), [short(method) + place for method, place, _ in lines])
-    counts.set_ylim(len(lines) - 0.4, -0.6)  # the four panels share it, the first method on top
-    shared_legend(figure, 5)
-    return figure
+def picture(records: Records) -> Picture:
+    """Every member a dot in the line of its method and contact, the mean as a bar; forces as quantiles; spectra."""
+    rows, beam = records.numbers, records.case.beam
+    lines = [
+        (method, place, own)
+        for method, mine in groups(rows, "method").items()
+        for place, own in by_contact(mine).items()
+    ]
+    names = Axis(names=[short(method) + place for method, place, _ in lines])
+    end = records.case.units.measure(f"{rows[0]['t_end']:g}", "time")
+    force = Axis(r"peak force of an impact $\max|\sigma|$", "force", "log")
+    spectra = [row for row in rows if row["kind"] == "spectrum"]
+    exact = [row for row in spectra if row["method"] == "exact"]
+    top = max((row["amplitude"] for row in spectra if row["amplitude"] > 0.0), default=np.nan)
+    amplitudes = curves(spectra, "omega", "amplitude", "method", exact=2.0, marker="")
+    if exact:
+        omega, low, high = (column(exact, name) for name in ("omega", "low", "high"))
+        amplitudes.append(Band(low, high, omega, "exact, 90 %"))
+    across = Axis(r"angular frequency $\omega$", "frequency")
+    limits = (1e-4 * top, 2.0 * top) if np.isfinite(top) else (None, None)
+    up = Axis(f"mean amplitude of {tip_symbol(beam)}", "length", "log", limits)
+    return Picture([
+        [
+            Panel("impacts, member by member", Axis(f"impacts to t = {end}"), names, _dots(lines, "count")),
+            Panel("time in contact", Axis("share of the time in contact, %"), names, _dots(lines, "fraction", 100.0)),
+            Panel("energy lost; exact: none", Axis("energy", "energy"), names,
+                  [*_dots(lines, "energy_lost"), Level(0.0, of="x", look={"color": "black"})]),
+        ],
+        [
+            Panel("forces: median, 50 %, 90 %", force, names, _peaks(lines)),
+            Panel("spectra, mean over the members", across, up, amplitudes),
+        ],
+    ], max(8.6, 3.9 + 0.3 * len(lines)), 5)  # fmt: skip
 
 
-def _boxes(axis: Axes, lines: list[tuple[str, str, list[Row]]], quantity: str, scale: float) -> None:
-    """Every member as a dot in the line of its method and contact, the mean as a bar, the exact mean right through."""
-    jitter = np.random.default_rng(0)
+def _dots(lines: list[tuple[str, str, list[Row]]], quantity: str, scale: float = 1.0) -> list[Mark]:
+    """Every member as a dot in its line, the mean as a bar, the exact mean right through."""
+    jitter, marks = np.random.default_rng(0), list[Mark]()
     for i, (method, _, rows) in enumerate(lines):
-        values = scale * distribution(rows, method, quantity)
-        if not len(values):
-            continue
-        style = look(method)
-        heights = i + jitter.uniform(-0.28, 0.28, len(values))
-        axis.plot(values, heights, ls="", marker=".", ms=3, color=style["color"], alpha=0.45)
-        axis.plot([np.mean(values)] * 2, [i - 0.38, i + 0.38], color=style["color"], lw=2.2)
-        if method == "exact":
-            axis.axvline(float(np.mean(values)), color="black", lw=0.8, ls=":")
-    axis.margins(x=0.04)
+        values, colour = scale * distribution(rows, method, quantity), look(method)["color"]
+        if len(values):
+            heights, mean = i + jitter.uniform(-0.28, 0.28, len(values)), float(np.mean(values))
+            dots = {"linestyle": "", "marker": ".", "ms": 3, "color": colour, "alpha": 0.45}
+            marks += [Curve(values, heights, look=dots), Ranges(mean, i - 0.38, i + 0.38, "y",
+                                                                look={"color": colour, "lw": 2.2})]  # fmt: skip
+            marks += [Level(mean, of="x", look={"color": "black"})] if method == "exact" else []
+    return marks
 
 
-def _peaks(axis: Axes, lines: list[tuple[str, str, list[Row]]]) -> None:
+def _peaks(lines: list[tuple[str, str, list[Row]]]) -> list[Mark]:
     """Quantiles of the peak force of all impacts."""
+    marks = list[Mark]()
     for i, (method, _, rows) in enumerate(lines):
-        own = [row for row in rows if row["kind"] == "peak" and row["method"] == method]
-        if not own:
-            continue
-        force, colour = column(own, "force"), look(method)["color"]
-        axis.plot(force[[0, -1]], [i, i], color=colour, lw=1.2)
-        axis.plot(force[[1, -2]], [i, i], color=colour, lw=5.0, solid_capstyle="butt")
-        axis.plot(force[2], i, marker="o", ms=6, mfc="white", mec=colour, ls="")
-    axis.set_xscale("log")
-    axis.set_title("(d) forces: median, 50 %, 90 %", loc="left")
-
-
-def _spectra(axis: Axes, rows: list[Row], methods: list[str]) -> None:
-    top = 0.0
-    for method in methods:
-        own = [row for row in rows if row["kind"] == "spectrum" and row["method"] == method]
-        if not own:
-            continue
-        style = look(method)
-        omega = column(own, "omega")
-        axis.plot(omega, column(own, "amplitude"), color=style["color"], ls=style["linestyle"],
-                  lw=2.0 if method == "exact" else 1.0, label=short(method))  # fmt: skip
-        if method == "exact":
-            axis.fill_between(omega, column(own, "low"), column(own, "high"), color="0.75", lw=0, label="exact, 90 %")
-        top = max(top, float(np.max(column(own, "amplitude"))))
-    if top:
-        axis.set_yscale("log")
-        axis.set_ylim(1e-4 * top, 2.0 * top)
-    axis.set_title("(e) spectra, mean over the members", loc="left")
+        if own := [row for row in rows if row["kind"] == "peak"]:
+            force, colour = column(own, "force"), look(method)["color"]
+            marks += [Ranges(i, force[k], force[-1 - k], look={"color": colour, "lw": width})
+                      for k, width in ((0, 1.2), (1, 5.0))]  # fmt: skip
+            marks.append(Curve(force[2], i, look={"marker": "o", "mfc": "white", "color": colour, "linestyle": ""}))
+    return marks
 
 
 STUDY = Study(
@@ -295,9 +248,10 @@ STUDY = Study(
     points=points,
     evaluate=evaluate,
     answer=answer,
-    draw=draw,
+    picture=picture,
     needs_motion=True,
     needs_stops=True,
     all_cores=True,
+    each_contact=True,
     smoke={"schemes": ["hht(alpha=-0.1)"], "members": 8, "t_end": 0.7},
 )

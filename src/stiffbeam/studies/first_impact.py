@@ -18,26 +18,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import numpy as np
 from scipy.optimize import brentq
 from scipy.special import rgamma
 
 from ..basics.arrays import Array
-from ..basics.validation import InputError, integer, one_of
-from ..figures import (
-    COLOURS,
-    MARKERS,
-    column,
-    dashed,
-    heading,
-    log_scale,
-    new_figure,
-    numeric,
-    say_empty,
-    shared_legend,
-)
+from ..basics.validation import InputError, one_of
+from ..figures import Axis, Curve, Level, Mark, Panel, Picture, column, dashed, groups, numeric, style_of
 from ..files.cases import Case
 from ..measures.errors import Order, observed_order
 from ..measures.report import percent
@@ -47,10 +36,8 @@ from ..model.problem import BeamProblem
 from ..model.semidiscretisation import semidiscretise
 from ..model.time_functions import Harmonic
 from ..references import solve
+from .common import Cells
 from .engine.study import Answer, Point, Records, Row, Rows, Study
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 OWN, SMOOTH = "at rest", "with its base"
 CELLS = (10, 20, 40, 80, 160, 320, 640)
@@ -62,14 +49,12 @@ LOOK = 1600  # times in two first periods, between which the tip crosses a stop 
 
 def points(
     case: Case,
-    cells: Annotated[list[int] | None, "grids, with commas between them"] = None,
+    cells: Cells = None,
     forms: Annotated[list[str] | None, "with commas between them; default: all three"] = None,
     starts: Annotated[list[str] | None, "'at rest', 'with its base'; default: both"] = None,
 ) -> list[Point]:
     """Grids of 10 to 640 cells in all forms, the beam at rest and moving with its base at the start."""
     _plain(case)
-    for number in cells or ():
-        integer("cells", number, 2)
     for start in starts or ():
         one_of("starts", start, (OWN, SMOOTH))
     kinds = forms or ["displacement", "velocity-curvature", "hermite"]
@@ -99,7 +84,7 @@ def _plain(case: Case) -> None:
 
 
 def evaluate(case: Case, point: Point) -> list[Row]:
-    """What is found at one point."""
+    """One row: time, speed, peak force and impulse of the first impact on one grid."""
     problem, form, cells = started(case.problem, point["start"]), point["form"], point["cells"]
     stops = problem.all_stops[0]
     system = semidiscretise(problem, cells, form=form)
@@ -218,84 +203,69 @@ def orders(rows: Rows) -> dict[str, Order]:
     return found
 
 
-def answer(rows: Rows, case: Case) -> str:
+def answer(rows: Rows, case: Case) -> Answer:
     """Peak force with the base moving, its order in h, and how far off the speed is from rest on every grid."""
-    found = numeric(rows)
-    parts, table = [], []
-    for form, order in orders(rows).items():
-        if np.isfinite(order.slope):
-            parts.append(f"{'at ' if order.unclear else 'like h^'}{order} ({form})")
-    smooth = [row for row in found if row["start"] == SMOOTH]
-    sentences = []
-    if smooth:
-        best = min(smooth, key=lambda row: row["h_over_l"])
-        sentences.append(
-            f"Moving with its base at the start, the beam's first impact has a peak force of {best['share']:.4f} "
-            f"V (A^2 kappa)^(1/3) on {best['cells']} cells (theory {largest_penetration():.4f})"
-            + (f", approached {', '.join(parts)} where h < l." if parts else ".")
-        )
-    rest = " ".join(sentences)
-    still = [row for row in found if row["start"] == OWN]
-    off = {(row["form"], row["cells"]): percent(abs(row["speed"] / row["beam_speed"] - 1.0)) for row in still}
-    for form in dict.fromkeys(row["form"] for row in still):
-        own = ", ".join(f"{share} on {cells}" for (name, cells), share in off.items() if name == form)
-        sentences.append(f"From rest ({form}) the speed V of the tip is off by {own} cells.")
-    for cells in sorted({row["cells"] for row in still}):
-        line = {form: share for (form, number), share in off.items() if number == cells}
-        table.append({"from rest, V off on": f"{cells} cells"} | line)
-    return Answer(" ".join(sentences) or "Nothing was found.", table, rest)
+    smooth = [row for row in rows if row["start"] == SMOOTH]
+    off = {(row["cells"], row["form"]): percent(abs(row["speed"] / row["beam_speed"] - 1.0))
+           for row in rows if row["start"] == OWN}  # fmt: skip
+    table = [
+        {"from rest, V off on": f"{cells} cells"} | {form: share for (n, form), share in off.items() if n == cells}
+        for cells in sorted({cells for cells, _ in off})
+    ]
+    finest = max((cells for cells, _ in off), default=0)
+    still = ", ".join(f"{share} ({form})" for (cells, form), share in off.items() if cells == finest)
+    rest = f"From rest the speed V at the impact is off by {still} on {finest} cells." if off else ""
+    if not smooth:
+        return Answer(rest, table)
+    best = min(smooth, key=lambda row: row["h_over_l"])
+    parts = [f"{'at ' if order.unclear else 'like h^'}{order} ({form})"
+             for form, order in orders(rows).items() if np.isfinite(order.slope)]  # fmt: skip
+    return Answer(
+        f"Moving with its base at the start, the first impact has a peak force of {best['share']:.4f} "
+        f"V (A^2 kappa)^(1/3) on {best['cells']} cells (theory {largest_penetration():.4f})"
+        + (f", approached {', '.join(parts)} where h < l." if parts else "."),
+        table,
+        rest,
+    )
 
 
-def draw(records: Records) -> Figure:
+def picture(records: Records) -> Picture:
     """Filled: from rest, the case's own start; hollow: with its base. Lines: the beam itself."""
-    rows = numeric(records.found)
-    figure = new_figure(4.8, heading(records.case, "the first impact, from 10 to 640 cells"))
-    axes = figure.subplots(1, 3)
-    forms = list(dict.fromkeys(row["form"] for row in rows))
-    starts = list(dict.fromkeys(row["start"] for row in rows))
-    for j, start in enumerate(starts):
-        for i, form in enumerate(forms):
-            own = sorted((r for r in rows if (r["form"], r["start"]) == (form, start)), key=lambda r: r["cells"])
-            style = {"color": COLOURS[i], "marker": MARKERS[i], "ms": 5, "lw": 1.0, "ls": dashed(j)}
-            style |= {"mfc": COLOURS[i] if start == OWN else "white", "label": f"{form}, {start}"}
-            cells, wanted = column(own, "cells"), column(own, "beam_speed")
-            axes[0].plot(cells, column(own, "speed") / wanted, **style)
-            scale = column(own, "peak_force") / column(own, "share") / column(own, "speed") * wanted
-            axes[1].plot(cells, column(own, "peak_force") / scale, **style)
-            if start == SMOOTH:
-                axes[2].plot(cells, np.abs(column(own, "share") / largest_penetration() - 1.0), **style)
-    axes[0].axhline(1.0, color="k", lw=0.9)
-    axes[1].axhline(largest_penetration(), color="k", lw=0.9, label="the beam itself, by theory")
-    grids = np.array(sorted({row["cells"] for row in rows if row["start"] == SMOOTH}), float)
-    if len(grids):
-        axes[2].plot(grids, (grids / 8.0) ** -2, color="0.5", lw=0.9, ls="-.", label="slope of $h^2$")
-    titles = ("(a) speed at the first impact", "(b) peak force", "(c) error of the force, with its base")
-    labels = ("V on the grid/V of the beam", r"$F_{max}/(V_{beam}(A^2\kappa)^{1/3})$", "error relative to theory")
-    for axis, title, label in zip(axes, titles, labels, strict=True):
-        axis.set_title(title, loc="left")
-        axis.set(xlabel="cells", ylabel=label)
-        axis.grid(color="0.92", which="both")
-        if axis.get_lines() and rows:
-            log_scale(axis, y=axis is axes[2])
-            cells = sorted({row["cells"] for row in rows})
-            axis.set_xticks(cells, [str(n) for n in cells], fontsize=8.5)
-            axis.minorticks_off()
-        else:
-            say_empty(axis)
-    if rows:
-        axes[1].axvline(records.case.problem.length / wave_length(records.case.problem), color="0.5", lw=0.9, ls=":",
-                        label="cells as wide as the wave l")  # fmt: skip
-    shared_legend(figure, 4)
-    return figure
+    rows, problem = records.numbers, records.case.problem
+    forms, starts = (list(groups(rows, name)) for name in ("form", "start"))
+    speeds: list[Mark] = [Level(1.0, look=BEAM)]
+    forces: list[Mark] = [
+        Level(largest_penetration(), "the beam itself, by theory", look=BEAM),
+        Level(problem.length / wave_length(problem), "cells as wide as the wave l", "x"),
+    ]
+    errors: list[Mark] = []
+    for (form, start), own in groups(rows, "form", "start").items():
+        style = style_of(forms.index(form)) | {"linestyle": dashed(starts.index(start))}
+        style |= {} if start == OWN else {"mfc": "white"}
+        own.sort(key=lambda row: row["cells"])
+        cells, ratio = column(own, "cells"), column(own, "speed") / column(own, "beam_speed")
+        share, label = column(own, "share"), f"{form}, {start}"
+        speeds.append(Curve(cells, ratio, label, style))
+        forces.append(Curve(cells, share * ratio, label, style))
+        errors += [Curve(cells, np.abs(share / largest_penetration() - 1.0), label, style)] * (start == SMOOTH)
+    grids = np.array(sorted({row["cells"] for row in rows}), float)
+    errors.append(Curve(grids, (grids / 8.0) ** -2, "slope of $h^2$", {"color": "0.5", "linestyle": "-."}))
+    across = Axis("cells", scale="log", ticks={n: f"{n:g}" for n in grids})
+    return Picture([[
+        Panel("speed at the first impact", across, Axis("V on the grid/V of the beam"), speeds),
+        Panel("peak force", across, Axis(r"$F_{max}/(V_{beam}(A^2\kappa)^{1/3})$"), forces),
+        Panel("error of the force, with its base", across, Axis("error relative to theory", scale="log"), errors),
+    ]], 4.8)  # fmt: skip
 
 
+BEAM = {"color": "black", "ls": "-"}
 STUDY = Study(
     name="first_impact",
-    question="How hard is the first impact, and from how many cells on does a grid know it?",
+    question="How hard is the first impact, and how fine must the mesh be?",
     points=points,
     evaluate=evaluate,
     answer=answer,
-    draw=draw,
+    picture=picture,
     marches=False,
     needs_stops=True,
     smoke={"cells": [8, 16, 32], "forms": ["displacement", "hermite"]},

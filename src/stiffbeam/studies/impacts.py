@@ -7,29 +7,29 @@ where a multiprecision solution is given.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from string import ascii_lowercase
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import numpy as np
 
 from ..basics.arrays import Array
 from ..basics.units import Units
-from ..basics.validation import integer
 from ..figures import (
-    MARKERS,
+    Axis,
+    Band,
+    Bars,
+    Curve,
+    Level,
+    Mark,
+    Panel,
+    Picture,
     column,
-    dashed,
-    heading,
-    log_scale,
+    curves,
     look,
-    new_figure,
     numeric,
-    say_empty,
-    shared_legend,
     short,
+    style_of,
 )
 from ..files.cases import Case
 from ..march.ensemble import integrate_ensemble
@@ -42,13 +42,8 @@ from ..schemes import HHT, SDIRK
 from ..trajectory.ensemble import Ensemble
 from ..trajectory.trajectory import Diverged, Reference
 from . import common
-from .common import Dt, End, Form, Halvings, Schemes, by_contact, scheme_labels, scheme_of, solve_once, system_of
-from .engine.study import Answer, Point, Records, Row, Rows, Study
+from .engine.study import Answer, Point, Records, Row, Rows, Study, by_contact
 from .references import frozen
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 REFERENCE = "reference"  # in the place of a scheme: the exact motion, sampled
 EXACT = "exact"  # the ensemble of exact solutions
@@ -56,12 +51,13 @@ EXACT = "exact"  # the ensemble of exact solutions
 
 def points(
     case: Case,
-    schemes: Schemes = None,
-    form: Form = "displacement",
-    dt: Dt = None,
-    halvings: Halvings = 7,
-    t_end: End = None,
-    members: Annotated[int, "perturbed runs behind each mean"] = 24,
+    *,
+    schemes: common.Schemes = None,
+    form: common.Form,
+    dt: common.Dt,
+    halvings: common.Halvings = 7,
+    t_end: common.End,
+    members: common.Members = 24,
     sensitivity: Annotated[bool, "also over alpha, gamma and the contact treatment"] = True,
     references: Annotated[
         str | None, "folder of frozen references; default: ./reference, else those of the package"
@@ -72,11 +68,8 @@ def points(
     the exact solution. references: a folder of frozen multiprecision solutions, from which the exact
     counts are taken; else they are float64's.
     """
-    integer("members", members, 1)
-    common.afford_halvings(case, halvings, dt, t_end)
-    dt, t_end = case.dt if dt is None else dt, case.t_end if t_end is None else t_end
     rest = {"form": form, "t_end": t_end, "references": references, "members": members}
-    labels = scheme_labels(case, schemes)
+    labels = common.scheme_labels(case, schemes)
     found = [{"scheme": EXACT, "contact": "implicit", "dt": 0.0, "purpose": "step"} | rest]
     found += [
         {"scheme": label, "contact": "implicit", "dt": dt / 2**k, "purpose": "step"} | rest
@@ -94,7 +87,7 @@ def points(
 
 def evaluate(case: Case, point: Point) -> list[Row]:
     """One row for each contact: counts, forces and impulses of one scheme, of the exact ensemble or of a reference."""
-    system = system_of(case, point["form"])
+    system = common.system_of(case, point["form"])
     dt, t_end = point["dt"], point["t_end"]
     if point["scheme"] == EXACT:
         return _statistics(
@@ -112,11 +105,11 @@ def evaluate(case: Case, point: Point) -> list[Row]:
             }
             for i, record in enumerate(exact.contacts)
         ]  # fmt: skip
-    scheme, members = scheme_of(point["scheme"]), perturbed(system, point["members"], SPREAD, t_end=t_end)
+    scheme, members = common.scheme_of(point["scheme"]), perturbed(system, point["members"], SPREAD, t_end=t_end)
     many = integrate_ensemble(system, scheme, dt, t_end, members, point["contact"])
     if np.any(np.isfinite(many.diverged)):
         raise Diverged(point["scheme"], float(np.nanmin(many.diverged)), "use the implicit contact or a smaller dt")
-    horizon = min(t_end, solve_once(system, t_end).horizon)
+    horizon = min(t_end, common.solve_once(system, t_end).horizon)
     steps = max(2, round(horizon / dt))
     run = integrate(system, scheme, dt, steps * dt, point["contact"], every=steps)
     rows = _statistics(many)
@@ -159,7 +152,7 @@ def reference_solution(case: Case, point: Point) -> Reference:
         found = frozen(Path(point["references"]), case, point["form"], point["t_end"])
         if found is not None:
             return found
-    return solve_once(system_of(case, point["form"]), point["t_end"])
+    return common.solve_once(common.system_of(case, point["form"]), point["t_end"])
 
 
 def right_from(rows: Rows, scheme: str, tolerance: float = 0.05) -> float:
@@ -177,180 +170,141 @@ def right_from(rows: Rows, scheme: str, tolerance: float = 0.05) -> float:
     return largest
 
 
-def answer(rows: Rows, case: Case) -> str:
-    """What each scheme counts at its largest step and from which step on it is right, contact by contact."""
-    return common.joined({place: _answer(own, case) for place, own in by_contact(rows).items()})
-
-
-def _answer(rows: Rows, case: Case) -> str:
-    """What is found at one contact."""
+def answer(rows: Rows, case: Case) -> Answer:
+    """The counts at one contact at the largest step, and from which step on each scheme is right."""
     units = case.units
     steps = [r for r in rows if r["purpose"] == "step" and r["scheme"] not in (REFERENCE, EXACT)]
     exact = next((r for r in rows if r["scheme"] == EXACT), None)
     if not steps or exact is None:
-        return f"Without {'schemes' if exact else 'exact members'} there is nothing to compare at {len(rows)} points."
+        return Answer(
+            f"Without {'schemes' if exact else 'exact members'} there is nothing to compare at {len(rows)} points."
+        )
     if not any(row["count"] for row in (exact, *steps)):
-        return "No impact, neither of the exact motion nor of a run: there is nothing to count."
-    coarse, first, digits = max(r["dt"] for r in steps), steps[0], steps[0]["reference_digits"]
-    float64 = f"in float64{', one realisation,' if exact['count_spread'] else ''}"
-    known = f"The exact motion {f'({digits} digits, parameters as written)' if digits else float64}"
-    parts, table = [], []
+        return Answer("No impact, neither of the exact motion nor of a run: there is nothing to count.")
+    coarse, first = max(r["dt"] for r in steps), steps[0]
+    table, counts = [], {}
     for row in (r for r in steps if r["dt"] == coarse):
         largest = right_from(rows, row["scheme"])
-        found = np.isfinite(largest)
-        limit = largest if found else min(r["dt"] for r in steps if r["scheme"] == row["scheme"])
+        right = np.isfinite(largest)
+        limit = largest if right else min(r["dt"] for r in steps if r["scheme"] == row["scheme"])
         at = f"dt = {units.measure(format(limit, '.2g'), 'time')}"
-        right = f"from {at} on" if found else f"not yet at {at}"
-        count, share = f"{row['count']:.4g}", percent(row["fraction"])
-        parts.append(f"{row['scheme']} {count} and {share}, right to 5 % {right}")
-        table.append({"scheme": short(row["scheme"]), "impacts": count, "in contact": share, "right to 5 %": right})
-    end, step = (units.measure(f"{x:g}", "time") for x in (rows[0]["t_end"], coarse))
-    head = (
-        f"{known} has {first['reference_count']} impacts to t = {end}, the exact ensemble "
-        f"{exact['count']:.4g} ± {exact['count_spread']:.2g} and {percent(exact['fraction'])} of the time in "
-        f"contact; {_runs(first['members'])} at dt = {step}"
+        counts[row["scheme"]] = row["count"]
+        table.append({"scheme": short(row["scheme"]), "impacts": f"{row['count']:.4g}",
+                      "in contact": percent(row["fraction"]),
+                      "right to 5 %": f"from {at} on" if right else f"not yet at {at}"})  # fmt: skip
+    end, step = (units.measure(f"{x:g}", "time") for x in (first["t_end"], coarse))
+    members = first["members"]
+    runs = f"means over {members:g} runs whose starts differ by {SPREAD:g}" if members > 1 else "one run each"
+    return Answer(
+        f"At dt = {step} the schemes count {common.extremes(counts, '{:.4g}'.format)} impacts to t = {end}, the exact "
+        f"motion {first['reference_count']:g} and its ensemble {exact['count']:.4g} ± {exact['count_spread']:.2g}.",
+        table,
+        f"{_known(rows)}. Its ensemble is in contact {percent(exact['fraction'])} of the time. Schemes: {runs}.",
     )
-    return Answer(f"{head}: {'; '.join(parts)}.", table, f"{head}.")
 
 
-def _runs(members: int) -> str:
-    return f"means over {members} runs whose starts differ by {SPREAD:g}" if members > 1 else "one run each"
+def _known(rows: Rows) -> str:
+    """What the exact motion is."""
+    digits = max((row["reference_digits"] for row in rows if row.get("reference_digits", 0) > 0), default=0)
+    known = f"{digits:g} digits, parameters as written" if digits else "float64, a single run past its horizon"
+    return f"The exact motion: {known}"
 
 
 OVER_STEP = (
-    ("count", "impacts counted", "how many", 1.0),
-    ("fraction", "time in contact, per cent", "how long", 100.0),
-    ("peak_force", "largest contact force", "how hard", 1.0),
+    ("count", "how many", 1.0, Axis("impacts counted", limits=(0.0, None))),
+    ("fraction", "how long", 100.0, Axis("time in contact, per cent", limits=(0.0, None))),
+    ("peak_force", "how hard", 1.0, Axis("largest contact force", "force", limits=(0.0, None))),
 )
 PARAMETERS = {"hht": ("alpha", "HHT over -α", -1.0), "sdirk": ("gamma", "SDIRK-OS over γ", 1.0)}
+BLACK = {"color": "black", "ls": "-", "lw": 1.6}
 
 
-def draw(records: Records) -> Figure:
+def picture(records: Records) -> Picture:
     """For each contact, above: over the step, with the exact values in black. Below: how long the impacts are
     the exact ones, and at the coarsest step what parameters and the treatment of the contact do."""
-    rows = numeric(records.found)
-    blocks = by_contact(rows)
-    units = records.case.units
-    span = f"to t = {units.measure(format(rows[0]['t_end'], 'g'), 'time')}, " if rows else ""
-    digits = max((row.get("reference_digits", 0) for row in rows), default=0)
-    known = f"{digits} digits" if digits else "float64"
-    runs = _runs(rows[0]["members"]) if rows else "no runs"
-    figure = new_figure(7.8 * len(blocks), heading(records.case, f"{span}{runs}; in black the exact motion ({known})"))
-    axes = figure.subplots(2 * len(blocks), 3, width_ratios=(1.5, 1.0, 1.0), height_ratios=(1.4, 1.0) * len(blocks))
-    for i, (place, own) in enumerate(blocks.items()):
-        treated = by_contact([row for row in records.rows if row["purpose"] == "contact"]).get(place, [])
-        _block(axes[2 * i : 2 * i + 2], own, treated, units, place, ascii_lowercase[6 * i :])
-    shared_legend(figure, 5, [*axes[0::2].ravel(), *axes[1::2, 0]])  # the other panels have their own
-    return figure
+    asked = numeric(records.rows)
+    blocks = by_contact(records.numbers)
+    lines = []
+    for place, rows in blocks.items():
+        treated = by_contact([row for row in asked if row["purpose"] == "contact"])
+        lines += _block(rows, treated.get(place, []), records.case.units, place)
+    return Picture(lines, 7.8 * len(blocks), 5, heights=(1.4, 1.0) * len(blocks), widths=(1.5, 1.0, 1.0))
 
 
-def _block(axes: Array, rows: Sequence[Row], treated: Sequence[Row], units: Units, place: str, letters: str) -> None:
-    """The six panels of one contact, lettered in order."""
+def _block(rows: Rows, treated: Rows, units: Units, place: str) -> list[list[Panel]]:
+    """The six panels of one contact."""
     runs = [row for row in rows if row["purpose"] == "step" and row["scheme"] not in (REFERENCE, EXACT)]
-    sampled = [row for row in rows if row["scheme"] == REFERENCE]
-    for axis, (name, words, title, factor), letter in zip(axes[0], OVER_STEP, letters[:3], strict=True):
-        _over_step(axis, runs, name, factor)
-        _exact_values(axis, runs, sampled, name, factor)
-        _exact_ensemble(axis, [row for row in rows if row["scheme"] == EXACT], name, factor)
-        axis.set(ylabel=units.label(words, "force") if name == "peak_force" else words)
-        axis.set_title(f"({letter}) {title}{place}", loc="left")
-        axis.set_ylim(0.0, 1.05 * axis.get_ylim()[1])
-    _over_step(axes[1, 0], runs, "matched_until", 1.0)
-    axes[1, 0].set(ylabel=units.label("exact impacts followed to $t$", "time"))
-    axes[1, 0].set_title(f"({letters[3]}) how far they match{place}", loc="left")
-    if runs:
-        axes[1, 0].axhline(runs[0]["horizon"], color="black", lw=1.2, ls=":", label="horizon of float64")
-    for axis in (*axes[0], axes[1, 0]):
-        axis.set(xlabel=units.label(r"step $\Delta t$", "time"))
-    count = runs[0]["reference_count"] if runs else float("nan")
-    _over_parameters(axes[1, 1], [row for row in rows if row["purpose"] == "parameter"], count, units)
-    _contact(axes[1, 2], runs, treated, count, units)
-    for axis, letter, words in zip(axes[1, 1:], letters[4:6], ("over the parameter", "how treated"), strict=True):
-        axis.set_title(f"({letter}) {words}{place}", loc="left")
-    for axis in axes.ravel():
-        if not axis.get_lines() and not axis.patches:
-            say_empty(axis, "not asked for" if runs else "no point could be evaluated")
-
-
-def _over_step(axis: Axes, runs: Sequence[Row], name: str, factor: float) -> None:
-    for label in dict.fromkeys(row["scheme"] for row in runs):
-        own = sorted((row for row in runs if row["scheme"] == label), key=lambda row: row["dt"])
-        axis.plot(column(own, "dt"), factor * column(own, name), ms=4.5, lw=1.1, label=short(label), **look(label))
-    log_scale(axis, y=False)
-    axis.grid(color="0.92")
-
-
-def _exact_values(axis: Axes, runs: Sequence[Row], sampled: Sequence[Row], name: str, factor: float) -> None:
-    own = sorted(sampled, key=lambda row: row["dt"])
-    if name == "count":
-        axis.plot(
-            column(own, "dt"), column(own, name), ms=6, lw=1.1, label="exact, sampled at the steps", **look(REFERENCE)
-        )
-        value = runs[0]["reference_count"] if runs else float("nan")
-    else:
-        value = factor * column(own, name)[0] if own else float("nan")
-    if np.isfinite(value):
-        axis.axhline(value, color="black", lw=1.6, label="exact")
-
-
-def _exact_ensemble(axis: Axes, exact: Sequence[Row], name: str, factor: float) -> None:
-    """The mean over exact members as a dotted line, with the spread of the count as a band."""
-    for row in exact:
-        mean = factor * row[name]
+    sampled = sorted((row for row in rows if row["scheme"] == REFERENCE), key=lambda row: row["dt"])
+    count = runs[0]["reference_count"] if runs else np.nan
+    step, nothing = Axis(r"time step $\Delta t$", "time", "log"), "not asked for" if runs else ""
+    upper = []
+    for name, title, scale, axis in OVER_STEP:
+        marks: list[Mark] = [*curves(runs, "dt", name, "scheme", scale)]
+        value = count if name == "count" else scale * sampled[0][name] if sampled else np.nan
         if name == "count":
-            low, high = mean - row["count_spread"], mean + row["count_spread"]
-            axis.axhspan(low, high, color="0.85", lw=0, zorder=0, label="exact members, mean ± spread")
-        axis.axhline(mean, color="0.3", lw=1.2, ls=":", zorder=1)
+            marks += [Curve(column(sampled, "dt"), column(sampled, name), "exact, sampled at the time steps",
+                            look(REFERENCE) | {"ms": 6})]  # fmt: skip
+        marks.append(Level(value, "exact", look=BLACK))
+        for row in (row for row in rows if row["scheme"] == EXACT):
+            mean, spread = scale * row[name], row["count_spread"]
+            marks += [Band(mean - spread, mean + spread, label="exact members, mean ± spread")] * (name == "count")
+            marks.append(Level(mean, look={"color": "0.3"}))
+        upper.append(Panel(title + place, step, axis, marks))
+    horizon = runs[0]["horizon"] if runs else np.nan
+    matched = [
+        *curves(runs, "dt", "matched_until", "scheme"),
+        Level(horizon, "horizon of float64", look={"color": "k"}),
+    ]
+    over = [row for row in rows if row["purpose"] == "parameter"]
+    dt = units.measure(f"{(over or treated or [{'dt': np.nan}])[0]['dt']:g}", "time")
+    counted = Axis("impacts counted", limits=(0.0, None))
+    names = list(dict.fromkeys(row["scheme"] for row in treated))
+    treatments = Axis(f"treatment of contact, at Δt = {dt}", ticks={float(i): short(x) for i, x in enumerate(names)})
+    exact = Level(count, look=BLACK)
+    lower = [
+        Panel(f"how far they match{place}", step, Axis("exact impacts followed to $t$", "time"), matched),
+        Panel(f"over the parameter{place}", Axis(f"parameter, at Δt = {dt}"), counted,
+              [*_over_parameters(over), exact], legend="inside", empty=nothing),
+        Panel(f"how treated{place}", treatments, counted, [*_contact(runs, treated, names), exact], legend="inside",
+              empty=nothing),
+    ]  # fmt: skip
+    return [upper, lower]
 
 
-def _over_parameters(axis: Axes, rows: Sequence[Row], count: float, units: Units) -> None:
+def _over_parameters(rows: Rows) -> list[Mark]:
+    marks: list[Mark] = []
     for i, (name, (parameter, text, sign)) in enumerate(PARAMETERS.items()):
-        own = [row for row in rows if scheme_of(row["scheme"]).name == name]
-        points = sorted((sign * scheme_of(row["scheme"]).parameters[parameter], row["count"]) for row in own)
-        if points:
-            k = list(PARAMETERS).index(name)
-            axis.plot(*np.array(points).T, marker=MARKERS[2 - k], ms=4.5, lw=1.1, ls=dashed(i), label=text,
-                      color=look(name)["color"])  # fmt: skip
-    if rows:
-        axis.axhline(count, color="black", lw=1.6)
-        dt = units.measure(f"{rows[0]['dt']:g}", "time")
-        axis.set(xlabel=f"parameter, at Δt = {dt}", ylabel="impacts counted", ylim=(0.0, 1.08 * axis.get_ylim()[1]))
-        axis.grid(color="0.92")
-        axis.legend(frameon=False, fontsize=8.5)
+        own = [row for row in rows if common.scheme_of(row["scheme"]).name == name]
+        points = sorted((sign * common.scheme_of(row["scheme"]).parameters[parameter], row["count"]) for row in own)
+        style = style_of(i, i) | {"color": look(name)["color"]}
+        x, y = np.array(points).reshape(-1, 2).T
+        marks.append(Curve(x, y, text, style))
+    return marks
 
 
-def _contact(axis: Axes, runs: Sequence[Row], treated: Sequence[Row], count: float, units: Units) -> None:
+def _contact(runs: Rows, treated: Rows, names: list[str]) -> list[Mark]:
     """Implicit beside extrapolated contact at the same step, a cross where it overflowed."""
-    schemes = [row["scheme"] for row in treated]
-    if not schemes:
-        return
-    dt = treated[0]["dt"]
-    implicit = {row["scheme"]: row["count"] for row in runs if row["dt"] == dt}
-    places = np.arange(len(schemes))
-    heights = [implicit.get(s, np.nan) for s in schemes]
-    axis.bar(places - 0.2, heights, 0.38, color="0.3", label="implicit")
-    axis.bar(places + 0.2, column(treated, "count"), 0.38, color="0.75", hatch="///", edgecolor="white",
-             label="extrapolated")  # fmt: skip
-    failed = [i for i, row in enumerate(treated) if "failed" in row]
-    if failed:
-        bottom = np.zeros(len(failed))
-        axis.plot(places[failed] + 0.2, bottom, "x", ms=8, mew=2, color="black", clip_on=False, label="overflowed")
-    axis.axhline(count, color="black", lw=1.6)
-    axis.set_xticks(places, [short(s) for s in schemes], rotation=35, ha="right", fontsize=8.5)
-    counts = [*heights, *column(treated, "count"), count]
-    axis.set(ylabel="impacts counted", ylim=(0.0, 1.45 * max((c for c in counts if np.isfinite(c)), default=1.0)))
-    axis.set(xlabel=f"treatment of contact, at Δt = {units.measure(format(dt, 'g'), 'time')}")
-    axis.legend(frameon=False, fontsize=8.5)
+    counts = {(row["scheme"], row["dt"]): row["count"] for row in runs}
+    implicit = [counts.get((row["scheme"], row["dt"]), np.nan) for row in treated]
+    x = np.array([names.index(row["scheme"]) for row in treated], float)
+    failed = np.array([x for x, row in zip(x, treated, strict=True) if "failed" in row])
+    cross = {"linestyle": "", "marker": "x", "ms": 8, "mew": 2, "color": "black", "clip_on": False}
+    return [
+        Bars(x - 0.2, implicit, "implicit", {"color": "0.3"}),
+        Bars(x + 0.2, column(treated, "count"), "extrapolated", {"color": "0.75", "hatch": "///"}),
+        *([Curve(failed + 0.2, 0.0 * failed, "overflowed", cross)] if len(failed) else []),
+    ]
 
 
 STUDY = Study(
     name="impacts",
-    question="How many impacts does each scheme count, and from which step on is the count right?",
+    question="How many impacts does each scheme count, and from which time step on is the count right?",
     points=points,
     evaluate=evaluate,
     answer=answer,
-    draw=draw,
+    picture=picture,
     needs_motion=True,
     needs_stops=True,
+    each_contact=True,
     smoke={"schemes": ["hht(alpha=-0.1)"], "halvings": 2, "t_end": 0.2, "members": 3, "sensitivity": False},
 )

@@ -3,29 +3,27 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import numpy as np
 
-from ..figures import column, log_scale, look, new_figure, numeric, say_empty, shared_legend, short, signed_log
+from ..figures import Axis, Curve, Level, Mark, Panel, Picture, Ranges, column, groups, look, short
 from ..files.cases import Case
 from ..march.integrate import integrate
 from ..measures.amplification import amplification, free_mode_errors
 from ..measures.smooth_motion import without_contact
 from ..model.modes import undamped_modes
 from ..model.natural_modes import modes
-from .common import Dt, Form, Schemes, scheme_labels, scheme_of, system_of
+from .common import Dt, Form, Schemes, extremes, scheme_labels, scheme_of, system_of
 from .engine.study import Answer, Point, Records, Row, Rows, Study
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 
 def points(
     case: Case,
+    *,
     schemes: Schemes = None,
-    form: Form = "displacement",
-    dt: Dt = None,
+    form: Form,
+    dt: Dt,
     steps: Annotated[int, "length of the runs"] = 4000,
 ) -> list[Point]:
     """One point a scheme: ``steps`` steps of ``dt`` (the case's) from initial data that excite every mode.
@@ -33,7 +31,6 @@ def points(
     Modes of fewer than two steps a period are left out: a rotation by more than half a turn per step looks like one
     backwards.
     """
-    dt = case.dt if dt is None else dt
     return [{"scheme": label, "form": form, "dt": dt, "steps": steps} for label in scheme_labels(case, schemes)]
 
 
@@ -74,29 +71,33 @@ def evaluate(case: Case, point: Point) -> list[Row]:
     return rows
 
 
-def answer(rows: Rows, _: Case) -> str:
-    """How many of the measured values agree with theory, and lag and damping of the first mode of each scheme."""
+def answer(rows: Rows, _: Case) -> Answer:
+    """Lag and damping of the first mode of each scheme, and how many of all measured values agree with theory."""
     measured = [r for r in rows if np.isfinite(r["period_elongation"])]
+    if not measured:
+        return Answer(
+            "No mode is measured: each dies too soon, or is followed for less than half a period. Take more steps."
+        )
     inside = [
         abs(r[name] - r[f"{name}_theory"]) <= r[f"{name}_error"] + 1e-10
         for r in measured
         for name in ("period_elongation", "damping_ratio")
     ]
-    if not measured:
-        return "No mode is told of: each dies too soon, or is followed for less than half a period. Take more steps."
-    parts, table = [], []
-    for scheme in dict.fromkeys(r["scheme"] for r in measured):
-        own = [r for r in measured if r["scheme"] == scheme]
-        late, damped, mode = 100 * own[0]["period_elongation"], own[0]["damping_ratio"], own[0]["mode"]
-        parts.append(f"{scheme} {late:.2g} % late and damped by {damped:.1e} in mode {mode}")
-        table.append({f"mode {mode}": scheme, "late": f"{late:.2g} %", "damping ratio": f"{damped:.1e}"})
-    head = (
-        f"{sum(inside)} of {len(inside)} measured elongations and damping ratios lie within the fit's error of theory"
+    first = {scheme: own[0] for scheme, own in groups(measured, "scheme").items()}
+    table = [
+        {f"mode {row['mode']}": scheme, "late": f"{100 * row['period_elongation']:.2g} %",
+         "damping ratio": f"{row['damping_ratio']:.1e}"}
+        for scheme, row in first.items()
+    ]  # fmt: skip
+    late = extremes({scheme: 100 * row["period_elongation"] for scheme, row in first.items()}, "{:.2g} %".format)
+    damped = extremes({scheme: row["damping_ratio"] for scheme, row in first.items()}, "{:.1e}".format)
+    left = len(rows) - len(measured)
+    return Answer(
+        f"Periods are late by {late} and damping ratios {damped} in mode {measured[0]['mode']}; {sum(inside)} of "
+        f"{len(inside)} measured values of all modes lie within the fit's error of theory.",
+        table,
+        f"Not measured: {left} modes that die too soon or are followed for less than half a period." if left else "",
     )
-    if len(measured) < len(rows):
-        untold = f"{len(rows) - len(measured)} modes are not told of"
-        head += f"; {untold}, which die too soon or are followed for less than half a period"
-    return Answer(f"{head}; {'; '.join(parts)}.", table, f"{head}.")
 
 
 QUANTITIES = (  # with the size below which the axis is linear
@@ -106,36 +107,28 @@ QUANTITIES = (  # with the size below which the axis is linear
 SAME = 1e-10  # an absolute difference that is rounding, not the fit
 
 
-def draw(records: Records) -> Figure:
+def picture(records: Records) -> Picture:
     """Above: lines are theory, markers the fit to a run with its error. Below: their distance in errors."""
-    rows = numeric(records.found)
-    figure = new_figure(
-        7.6, f"{records.case.name} without contact, mode by mode: markers fitted to a run, lines are theory"
-    )
-    axes = figure.subplots(2, 2, sharex=True, height_ratios=(2.4, 1.0))
-    for (upper, lower), (name, words, threshold), letter in zip(axes.T, QUANTITIES, "ab", strict=True):
-        for label in dict.fromkeys(row["scheme"] for row in rows):
-            own = sorted((row for row in rows if row["scheme"] == label), key=lambda row: row["dt_over_period"])
+    upper, lower = [], []
+    for name, words, threshold in QUANTITIES:
+        above: list[Mark] = []
+        below: list[Mark] = [Level(1.0)]
+        for label, own in groups(records.numbers, "scheme").items():
+            own.sort(key=lambda row: row["dt_over_period"])
             x, style = column(own, "dt_over_period"), look(label)
             measured, theory, error = (column(own, name + end) for end in ("", "_theory", "_error"))
-            upper.plot(x, theory, lw=0.9, **style | {"marker": ""})
-            upper.errorbar(x, measured, error, ms=4.5, capsize=2.5, elinewidth=0.8, lw=1.0, label=short(label),
-                           **style | {"linestyle": ""})  # fmt: skip
-            lower.plot(x, np.abs(measured - theory) / (error + SAME), ms=3.5, **style | {"linestyle": ""})
-        log_scale(upper, y=False)
-        log_scale(lower)
-        upper.set(ylabel=words)
-        upper.set_title(f"({letter}) {words}", loc="left")
-        lower.axhline(1.0, color="0.3", lw=0.9, ls=":")
-        lower.set(xlabel=r"$\Delta t/T$ of the mode", ylabel="distance from theory\nover the fit's error")
-        lower.set_ylim(1e-4, 10.0)
-        for axis in (upper, lower):
-            axis.grid(color="0.92")
-        if not rows:
-            say_empty(upper)
-        signed_log(upper, (column(rows, name), column(rows, f"{name}_theory")), threshold)
-    shared_legend(figure, 4)
-    return figure
+            points, distance = style | {"linestyle": ""}, np.abs(measured - theory) / (error + SAME)
+            above += [
+                Curve(x, theory, short(label), style | {"marker": ""}), Curve(x, measured, short(label), points),
+                Ranges(x, measured - error, measured + error, "y", look={"color": style["color"], "lw": 0.8}),
+            ]  # fmt: skip
+            below.append(Curve(x, distance, short(label), points | {"ms": 3.5}))
+        x_axis = Axis(r"$\Delta t/T$ of the mode", scale="log")
+        upper.append(Panel(f"{words}: fitted to runs, lines theory", x_axis,
+                           Axis(words, scale="signed log", threshold=threshold), above))  # fmt: skip
+        distance_axis = Axis("distance from theory\nover the fit's error", scale="log", limits=(1e-4, 10.0))
+        lower.append(Panel("agreement with theory", x_axis, distance_axis, below))
+    return Picture([upper, lower], 7.6, heights=(2.4, 1.0), shared_x=True)
 
 
 STUDY = Study(
@@ -144,6 +137,6 @@ STUDY = Study(
     points=points,
     evaluate=evaluate,
     answer=answer,
-    draw=draw,
+    picture=picture,
     smoke={"schemes": ["bdf2", "hht(alpha=-0.1)"], "steps": 400},
 )

@@ -85,6 +85,9 @@ QUANTITIES = {
 }  # fmt: skip
 
 
+AT_STOP = {"stiffness": "stop stiffness", "damping": "stop damping", "dissipation": "stop dissipation"}
+
+
 def quantity_of(case: Case, parameter: str) -> str:
     """What a parameter counts, in the case's units; "" for one of a scheme, which has no dimension.
 
@@ -95,8 +98,10 @@ def quantity_of(case: Case, parameter: str) -> str:
         at_stop = first in ("contacts", "stops")
         if last in ("lower", "upper", "position") or (last == "amplitude" and at_stop):
             return "length"
+        if at_stop and any(c.stops.exponent != 1.0 for c in case.system(case.forms[0]).contacts):
+            return ""  # a force per length to the exponent
         if last != "amplitude":
-            return "stop stiffness" if last == "stiffness" and at_stop else "frequency" if last == "frequency" else ""
+            return AT_STOP[last] if at_stop and last in AT_STOP else "frequency" if last == "frequency" else ""
     elif parameter != "amplitude":
         return QUANTITIES.get(parameter, "")
     if case.beam is None:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import time
 from collections import Counter, defaultdict
-from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Annotated
+from collections.abc import Callable
+from typing import Annotated
 
 import numpy as np
 
 from ..basics.validation import InputError, near
-from ..figures import column, heading, log_scale, look, new_figure, numeric, say_empty, shared_legend, short
+from ..figures import Axis, Curve, Level, Mark, Note, Panel, Picture, Ranges, column, curves, groups, look, short
 from ..files.cases import Case
 from ..march.integrate import integrate
 from ..measures.errors import tip_error
@@ -21,24 +21,8 @@ from ..references.adaptive.rhs import RightHandSide
 from ..references.registry import MULTIPRECISION, REFERENCES
 from ..references.request import Steps
 from ..trajectory.trajectory import Reference, Trajectory
-from .common import (
-    Dt,
-    Form,
-    Halvings,
-    ImpactCount,
-    Schemes,
-    afford_halvings,
-    first_impacts,
-    scheme_labels,
-    scheme_of,
-    solve_once,
-    system_of,
-)
+from . import common
 from .engine.study import Answer, Point, Records, Row, Rows, Study
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 SLOW, TOO_SLOW = 1.0, 10.0  # seconds in the registry: only the two loosest tolerances, not at all, unless asked for
 METHODS = [m.name for m in REFERENCES.values() if m.kind != MULTIPRECISION]  # which has no error to be seen
@@ -47,19 +31,22 @@ REPEATS = 3  # the fastest counts: what else the machine did is not the method's
 ENOUGH = 0.2  # seconds, after which a run is not repeated
 SAMPLES = 1000
 CALLS = 500
+AT_MOST = " at most"  # after the name of a method whose cheapest run has a smaller error
 
 
 def points(
     case: Case,
-    schemes: Schemes = None,
+    *,
+    schemes: common.Schemes = None,
     methods: Annotated[list[str] | None, "reference solvers, with commas between them"] = None,
-    form: Form = "displacement",
-    dt: Dt = None,
-    halvings: Halvings = 10,
-    tolerances: Annotated[list[float] | None, "rtol of the solvers, with commas between them"] = None,
-    impacts: ImpactCount = 4,
+    form: common.Form,
+    dt: common.Dt,
+    halvings: common.Halvings = 10,
+    tolerances: common.Numbers = None,
+    impacts: common.ImpactCount = 4,
 ) -> list[Point]:
-    """Schemes at ``dt`` (the case's), dt/2, ...; solvers at rtol 1e-4 .. 1e-10 (the dense ones at two).
+    """Schemes at ``dt`` (the case's), dt/2, ...; solvers at ``tolerances``, by default rtol 1e-4 .. 1e-10 (the dense
+    ones at two).
 
     The error is taken until the first impacts are over, as many as ``impacts`` says (half the horizon without contact),
     where it is not yet amplified by chaos; the time tracked on the whole horizon.
@@ -73,20 +60,18 @@ def points(
     seconds that a solver spends in Python's calls of the compiled right-hand side, at least: SUNDIALS in C
     would not have it. All columns but seconds, setup, python and tracked_seconds are the same in every run.
     """
-    afford_halvings(case, halvings, dt, None)
     for method in methods or ():
         if method not in METHODS:
             raise InputError("method", method, "be a reference solver", near(method, METHODS))
-    dt = case.dt if dt is None else dt
-    end = first_impacts(case, form, impacts)
-    horizon = min(solve_once(system_of(case, form), case.t_end).horizon, case.t_end)
+    end = common.first_impacts(case, form, impacts)
+    horizon = min(common.solve_once(common.system_of(case, form), case.t_end).horizon, case.t_end)
     rest = {"form": form, "t_end": end, "horizon": horizon}
     found: list[Point] = [
-        {"method": label, "dt": end / max(4, round(end / dt * 2**k)), "rtol": 0.0} | rest
-        for label in scheme_labels(case, schemes)
-        for k in range(halvings)
+        {"method": label, "dt": end / steps, "rtol": 0.0} | rest
+        for label in common.scheme_labels(case, schemes)
+        for steps in common.halved(end, dt, halvings)
     ]
-    system = system_of(case, form)
+    system = common.system_of(case, form)
     fast = [m for m in METHODS if REFERENCES[m].seconds < TOO_SLOW and takes(m, system, case.t_end)]
     for method in fast if methods is None else methods:
         affordable = TOLERANCES[: 2 if REFERENCES[method].seconds >= SLOW else None]
@@ -97,14 +82,14 @@ def points(
 
 def evaluate(case: Case, point: Point) -> list[Row]:
     """One row: work, seconds and tip error of one method at one step or tolerance."""
-    system = system_of(case, point["form"])
-    exact = solve_once(system, case.t_end)
+    system = common.system_of(case, point["form"])
+    exact = common.solve_once(system, case.t_end)
     measured = (_scheme if point["dt"] else _solver)(system, exact, point, point["t_end"])
     return [measured | _tracked(system, exact, point)]
 
 
 def _scheme(system: System, exact: Reference, point: Point, end: float) -> Row:
-    scheme, steps = scheme_of(point["method"]), round(end / point["dt"])
+    scheme, steps = common.scheme_of(point["method"]), round(end / point["dt"])
     run = _fastest(lambda: integrate(system, scheme, end / steps, end, every=max(1, steps // SAMPLES)))
     return _cost(run, steps * len(scheme.nodes)) | {"error": tip_error(run.tip, exact.at(run.t)[0]).rms, "python": 0.0}
 
@@ -148,7 +133,7 @@ def _tracked(system: System, exact: Reference, point: Point) -> Row:
     if not point["dt"] or not any(record.impacts.until(point["horizon"]).count for record in exact.contacts):
         return {"tracked": float("nan"), "tracked_seconds": float("nan")}
     steps = round(point["horizon"] / point["dt"])
-    run = integrate(system, scheme_of(point["method"]), point["horizon"] / steps, point["horizon"], every=steps)
+    run = integrate(system, common.scheme_of(point["method"]), point["horizon"] / steps, point["horizon"], every=steps)
     until = matched_until(run, exact, point["horizon"])
     return {"tracked": until, "tracked_seconds": run.work.march_seconds * until / point["horizon"]}
 
@@ -164,7 +149,7 @@ def cheapest(rows: Rows, error: float, cost: str) -> list[tuple[float, str]]:
         own = sorted((r for r in rows if r["method"] == method), key=lambda r: r[cost])
         missed = [i for i, r in enumerate(own) if not r["error"] <= error]
         if not missed:
-            found.append((float(own[0][cost]), f"{method} at most"))
+            found.append((float(own[0][cost]), method + AT_MOST))
         elif missed[-1] + 1 < len(own):
             coarse, fine = own[missed[-1]], own[missed[-1] + 1]
             share = np.log(coarse["error"] / error) / np.log(coarse["error"] / fine["error"])
@@ -172,135 +157,99 @@ def cheapest(rows: Rows, error: float, cost: str) -> list[tuple[float, str]]:
     return sorted(found)
 
 
-def answer(rows: Rows, case: Case) -> str:
-    """What each method needs for a given error, and how long the impacts match."""
-    units = case.units
-    exact = next((r for r in rows if r["method"] == "exact"), None)
+def answer(rows: Rows, case: Case) -> Answer:
+    """The cost of a given error for each method, and how long the impacts match."""
+    units, table = case.units, defaultdict[str, dict[str, str]](dict)
     others = [r for r in rows if r["method"] != "exact"]
-
-    def time(value: float, form: str) -> str:
-        return units.measure(format(value, form), "time")
-
-    sentences, table = [], defaultdict[str, dict[str, str]](dict)
-    for error in (1e-3, 1e-5):
-        for cost, method in cheapest(others, error, "work"):
-            table[method][f"solves for {error:g}"] = f"{cost:.3g}"
-        for cost, method in cheapest(others, error, "seconds"):
-            table[method][f"ms for {error:g}"] = f"{1e3 * cost:.2g}"
-        work = [f"{method} {cost:.3g}" for cost, method in cheapest(others, error, "work")]
-        seconds = [f"{method} {1e3 * cost:.2g} ms" for cost, method in cheapest(others, error, "seconds")]
-        if work:
-            sentences.append(
-                f"A tip error of {error:g} that all finer runs keep costs, interpolated between runs, in linear solves "
-                f"or evaluations, {', '.join(work)};"
-            )
-            sentences.append(f"in time, all without their set-up, {', '.join(seconds)}.")
-    shares = {r["method"]: r["python"] / r["seconds"] for r in rows if r["python"] > 0.0}
-    if shares:
+    best = []
+    for error in ERRORS:
+        for cost, word, written in (("work", "solves", "{:.3g}"), ("seconds", "ms", "{:.2g}")):
+            found = cheapest(others, error, cost)
+            for value, method in found:
+                written_value = written.format(value * (1e3 if cost == "seconds" else 1.0))
+                name, bound = method.removesuffix(AT_MOST), "≤ " * method.endswith(AT_MOST)
+                table[name][f"{word} for {error:g}"] = bound + written_value
+            if found and cost == "work":
+                value, method = found[0]
+                bound = "at most " * method.endswith(AT_MOST)
+                best.append(f"{error:g} costs {bound}{value:.3g} solves or evaluations "
+                            f"({short(method.removesuffix(AT_MOST))})")  # fmt: skip
+    tracked = {m: max(own, key=lambda r: r["tracked"])
+               for m, own in groups([r for r in rows if np.isfinite(r["tracked"])], "method").items()}  # fmt: skip
+    for method, row in sorted(tracked.items(), key=lambda item: -item[1]["tracked"]):
+        until, dt = (
+            units.measure(format(row[name], form), "time") for name, form in (("tracked", ".3g"), ("dt", ".2g"))
+        )
+        table[method]["impacts followed"] = f"to t = {until} with dt = {dt}"
+    notes = [
+        f"Tip errors {ERRORS[0]:g} and {ERRORS[1]:g} that all finer runs keep, without set-up, interpolated between "
+        "runs: a time step between two may do worse. Solves: linear solves or evaluations."
+    ]
+    if tracked:
+        notes.append(f"Impacts can be followed to t = {units.measure(format(rows[0]['horizon'], '.3g'), 'time')}.")
+    if shares := {r["method"]: r["python"] / r["seconds"] for r in rows if r["python"] > 0.0}:
         parts = [f"{method} {100 * share:.0f} %" for method, share in shares.items()]
-        sentences.append(f"Python's calls of the right-hand side take at least this part of it: {', '.join(parts)}.")
-    best: dict[str, Row] = {}
-    for row in rows:
-        so_far = best.get(row["method"], {"tracked": -1.0})["tracked"]
-        if np.isfinite(row["tracked"]) and row["tracked"] > so_far:
-            best[row["method"]] = row
-    if best:
-        order = sorted(best.values(), key=lambda r: -r["tracked"])
-        for r in order:
-            table[r["method"]]["impacts followed to"] = time(r["tracked"], ".3g")
-        parts = [f"{r['method']} to t = {time(r['tracked'], '.3g')} with dt = {time(r['dt'], '.2g')}" for r in order]
-        sentences.append(f"Impacts are followed, of {time(rows[0]['horizon'], '.3g')}, by {', '.join(parts)}.")
-    if exact is not None:
-        sentences.append(f"The exact solution takes {1e3 * exact['seconds']:.2g} ms.")
-    lines = [{"method": method} | cells for method, cells in table.items()]
-    rest = " ".join(text for text in sentences if text.startswith(("Python", "The exact")))
-    return Answer(
-        " ".join(sentences) or "No method reached an error of 0.001 or followed an impact.",
-        lines,
-        "Tip errors 0.001 and 1e-05 that all finer runs keep, without set-up; interpolated between runs: a step "
-        f"between two may do worse; solves: linear solves or evaluations. {rest}",
-    )
+        notes.append(f"At least this part of it are Python's calls of the right-hand side: {', '.join(parts)}.")
+    notes += [f"The exact solution takes {1e3 * r['seconds']:.2g} ms." for r in rows if r["method"] == "exact"]
+    verdict = f"With the cheapest method a tip error of {', one of '.join(best)}."
+    if not best:
+        verdict = "No method reached a tip error of 0.001."
+    return Answer(verdict, [{"method": method} | cells for method, cells in table.items()], " ".join(notes))
 
 
-COSTS = (("work", "linear solves or evaluations", "error against work"),
-         ("seconds", "seconds of stepping", "error against time"))  # fmt: skip
+ERRORS = (1e-3, 1e-5)
+WHISKERS = "seconds of stepping; whiskers: left without\nPython's calls of the right-hand side, right with set-up"
 
 
-def draw(records: Records) -> Figure:
-    """Lower left is better in (a) and (b), upper left in (c), whose lines join the best so far.
+def picture(records: Records) -> Picture:
+    """Lower left is better in the first two panels, upper left in the last, whose lines join the best so far.
 
-    A whisker in (b) reaches left to the time without Python's calls of the right-hand side, right to the
+    A whisker over the seconds reaches left to the time without Python's calls of the right-hand side, right to the
     time with the set-up.
     """
-    found = numeric(records.found)
-    rows = [row for row in found if row["method"] != "exact"]
-    exact = [row for row in found if row["method"] == "exact"]
-    figure = new_figure(
-        6.2, heading(records.case, "work and precision; the exact solution's cost is the vertical line")
-    )
-    axes = figure.subplots(1, 3)
-    for axis, (cost, words, title), letter in zip(axes, COSTS, "ab", strict=False):
-        _curves(axis, rows, cost, "error")
-        if cost == "seconds":
-            _whiskers(axis, rows)
-        for row in exact:
-            axis.axvline(row[cost], color="black", lw=1.8, label="exact")
-        log_scale(axis)
-        axis.set(xlabel=words, ylabel="tip error, rms, relative")
-        axis.set_title(f"({letter}) {title}", loc="left")
-    _failed(axes[0], records.rows)
-    tracked = [row for row in rows if np.isfinite(column([row], "tracked")[0])]
-    for label in dict.fromkeys(row["method"] for row in tracked):
-        own = sorted((row for row in tracked if row["method"] == label), key=lambda row: row["tracked_seconds"])
+    rows = [row for row in records.numbers if row["method"] != "exact"]
+    rows.sort(key=lambda row: (row["dt"], row["rtol"]))
+    panels = []
+    for cost, words, title in (("work", "linear solves or evaluations", "error against work"),
+                               ("seconds", WHISKERS, "error against time")):  # fmt: skip
+        marks = curves(rows, cost, "error", "method")
+        marks += [Level(row[cost], "exact", "x", {"color": "black", "ls": "-", "lw": 1.8})
+                  for row in records.numbers if row["method"] == "exact"]  # fmt: skip
+        marks += _whiskers(rows) if cost == "seconds" else _failed(records.rows)
+        panels.append(Panel(title, Axis(words, scale="log"), Axis("tip error, rms, relative", scale="log"), marks))
+    tracked = [row for row in rows if np.isfinite(row["tracked"])]
+    best: list[Mark] = []
+    for label, own in groups(tracked, "method").items():
+        own.sort(key=lambda row: row["tracked_seconds"])
         seconds, until, style = column(own, "tracked_seconds"), column(own, "tracked"), look(label)
-        axes[2].plot(seconds, until, ms=4.5, **style | {"linestyle": ""})
-        axes[2].step(seconds, np.maximum.accumulate(until), where="post", lw=1.1, **style | {"marker": ""})
-    if tracked:
-        axes[2].axhline(tracked[0]["horizon"], color="black", lw=1.2, ls=":", label="horizon of float64")
-        log_scale(axes[2], y=False)
-        axes[2].set(ylim=(0.0, None))
-    else:
-        say_empty(axes[2], "no contact to follow")
-    axes[2].set(
-        xlabel="seconds of stepping to get there",
-        ylabel=records.case.units.label("exact impacts followed to $t$", "time"),
-    )
-    axes[2].set_title("(c) tracked time against time", loc="left")
-    for axis in axes:
-        axis.grid(color="0.92")
-    shared_legend(figure, 5)
-    return figure
+        best += [Curve(seconds, until, look=style | {"linestyle": ""}),
+                 Curve(seconds, np.maximum.accumulate(until), short(label),
+                       style | {"marker": "", "drawstyle": "steps-post"})]  # fmt: skip
+    best += [Level(tracked[0]["horizon"], "horizon of float64", look={"color": "black"})] if tracked else []
+    panels.append(Panel("tracked time against time", Axis("seconds of stepping to get there", scale="log"),
+                        Axis("exact impacts followed to $t$", "time", limits=(0.0, None)), best,
+                        empty="no contact to follow"))  # fmt: skip
+    return Picture([panels], 6.2, 5)
 
 
-def _curves(axis: Axes, rows: Sequence[Row], cost: str, result: str) -> None:
-    for label in dict.fromkeys(row["method"] for row in rows):
-        own = [row for row in rows if row["method"] == label]
-        own.sort(key=lambda row: (row["dt"], row["rtol"]))
-        y = column(own, result)
-        y = np.where(y > 0.0, y, np.nan)
-        axis.plot(column(own, cost), y, ms=4.5, lw=1.1, label=short(label), **look(label))
+def _whiskers(rows: Rows) -> list[Mark]:
+    marks: list[Mark] = []
+    for label, own in groups(rows, "method").items():
+        seconds, python, setup, error = (column(own, name) for name in ("seconds", "python", "setup", "error"))
+        style = {"lw": 0.8, "alpha": 0.7, "color": look(label)["color"]}
+        marks.append(Ranges(error, np.maximum(seconds - python, 0.02 * seconds), seconds + setup, look=style))
+    return marks
 
 
-def _whiskers(axis: Axes, rows: Sequence[Row]) -> None:
-    for row in rows:
-        seconds, error = row["seconds"], row["error"]
-        ends = [max(seconds - row["python"], 0.02 * seconds), seconds + row["setup"]]
-        axis.plot(ends, [error, error], lw=0.8, alpha=0.7, color=look(row["method"])["color"])
-    axis.text(
-        0.02, 0.02, "whiskers: left without Python's calls of the\nright-hand side, right with the set-up",
-        transform=axis.transAxes, fontsize=8, color="0.3",
-    )  # fmt: skip
-
-
-def _failed(axis: Axes, rows: Sequence[Row]) -> None:
-    """Crosses along the top edge, one a method, above its name and how many of its points failed."""
+def _failed(rows: Rows) -> list[Mark]:
+    """The names of the methods some of whose points failed, along the top edge."""
     counts = Counter(row["method"] for row in rows if "failed" in row or "refused" in row)
     tried = Counter(row["method"] for row in rows)
-    for i, (method, failed) in enumerate(counts.items()):
-        x = (i + 0.5) / len(counts)
-        axis.plot(x, 1.0, "x", ms=8, mew=2, color=look(method)["color"], transform=axis.transAxes, clip_on=False)
-        text = f"{short(method)}: {failed} of {tried[method]} failed"
-        axis.annotate(text, (x, 0.97), xycoords="axes fraction", rotation=90, ha="center", va="top", fontsize=8)
+    return [
+        Note(f"× {short(method)}: {failed} of {tried[method]} failed", (i + 0.5) / len(counts), 0.97, "xy",
+             {"rotation": 90, "ha": "center", "va": "top", "color": look(method)["color"]})
+        for i, (method, failed) in enumerate(counts.items())
+    ]  # fmt: skip
 
 
 STUDY = Study(
@@ -309,7 +258,7 @@ STUDY = Study(
     points=points,
     evaluate=evaluate,
     answer=answer,
-    draw=draw,
+    picture=picture,
     needs_motion=True,
     smoke={
         "schemes": ["bdf2", "sdirk(gamma=0.4359)"],

@@ -16,21 +16,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from ..basics.validation import InputError, number
-from ..figures import COLOURS, MARKERS, column, new_figure, numeric, say_empty, shared_legend
+from ..figures import Axis, Curve, Panel, Picture, column, groups, style_of
 from ..files.cases import Case
 from ..model.contact import Contact, Stops
 from ..model.restitution import dissipation_for, restitution_of
 from ..model.system import System
 from ..references import solve
+from .common import extremes
 from .engine.study import Answer, Point, Records, Row, Rows, Study
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 FORMULAS: dict[str, Callable[[float], float]] = {  # lambda v from the e that is wanted
     "Hunt-Crossley": lambda e: 1.5 * (1.0 - e),
@@ -65,7 +63,7 @@ def points(
 
 
 def evaluate(case: Case, point: Point) -> list[Row]:
-    """What is found at one point."""
+    """One row: the restitution that a formula delivers, in closed form and measured."""
     e = point["wanted"]
     if point["formula"] == KELVIN_VOIGT:
         parameter = zeta_of(e)
@@ -98,63 +96,40 @@ def measured(law: dict[str, Any], delivered: float) -> float:
     return float(-solve(ball, end, "dop853", np.array([0.0, end]), 1e-12, None).tip_velocity[-1])
 
 
-def answer(rows: Rows, case: Case) -> str:
+def answer(rows: Rows, case: Case) -> Answer:
     """By how much each formula misses the restitution that is wanted, where it does most."""
-    numbers = numeric(rows)
-    off = {name: max(own, key=_error) for name in _names(rows) if (own := [r for r in numbers if r["formula"] == name])}
-    parts = [(name, f"{x['delivered'] - x['wanted']:+.2g}", f"{x['wanted']:g}") for name, x in off.items()]
-    table = [{"formula": name, "delivered less wanted": less, "at e": wanted} for name, less, wanted in parts]
-    said = "; ".join(f"{name} {less} at e = {wanted}" for name, less, wanted in parts)
-    apart = max((abs(row["measured"] - row["delivered"]) for row in numbers), default=math.nan)
-    rest = f"Balls taken through the stops agree with the closed forms to {apart:.1g}."
-    return Answer(f"Delivered less wanted, where it is largest: {said}. {rest}", table, rest)
+    worst = [max(own, key=_error) for own in groups(rows, "formula").values()]
+    apart = max((abs(row["measured"] - row["delivered"]) for row in rows), default=math.nan)
+    off = extremes({row["formula"]: _error(row) for row in worst}, "{:.2g}".format)
+    return Answer(
+        f"Where it is largest, the error of the restitution that a formula delivers is {off}.",
+        [{"formula": row["formula"], "delivered less wanted": f"{row['delivered'] - row['wanted']:+.2g}",
+          "at e": f"{row['wanted']:g}"} for row in worst],
+        f"Balls taken through the stops agree with the closed forms to {apart:.1g}.",
+    )  # fmt: skip
 
 
 def _error(row: dict[str, Any]) -> float:
     return abs(row["delivered"] - row["wanted"])
 
 
-def _names(rows: Rows) -> list[str]:
-    return list(dict.fromkeys(row["formula"] for row in rows))
-
-
-def draw(records: Records) -> Figure:
+def picture(records: Records) -> Picture:
     """Lines: closed forms; markers: balls."""
-    rows = numeric(records.found)
-    figure = new_figure(4.8)
-    figure.suptitle("The restitution that a damped stop delivers, by its formula (lines: closed forms; markers: runs)")
-    axes = figure.subplots(1, 2)
-    for i, name in enumerate(_names(records.found)):
-        own = sorted((row for row in rows if row["formula"] == name), key=lambda row: row["wanted"])
-        wanted, delivered = column(own, "wanted"), column(own, "delivered")
-        style = {
-            "color": "k" if name == OWN else COLOURS[i % len(COLOURS)],
-            "ls": "--" if name == KELVIN_VOIGT else "-",
-        }
-        label = "exact: Stops.from_restitution" if name == OWN else name
-        for axis, line, mark in zip(
-            axes,
-            (delivered, delivered - wanted),
-            (column(own, "measured"), column(own, "measured") - wanted),
-            strict=True,
-        ):
-            points = {"marker": MARKERS[i % len(MARKERS)], "ms": 3.5, "mfc": "white", "color": style["color"]}
-            axis.plot(wanted, line, lw=1.2, **style)
-            axis.plot(wanted, mark, ls="", **points)
-            axis.plot([], [], lw=1.2, label=label, **style | points)
-    for axis, title, words in zip(
-        axes,
-        ("(a) e delivered", "(b) too much of it"),
-        ("e delivered", "e delivered \N{MINUS SIGN} e wanted"),
-        strict=True,
-    ):
-        axis.set(xlabel="e wanted", ylabel=words)
-        axis.set_title(title, loc="left")
-        axis.grid(color="0.92")
-        if not rows:
-            say_empty(axis)
-    shared_legend(figure, 5)
-    return figure
+    panels = []
+    for title, words, less in (("e delivered", "e delivered", 0.0),
+                               ("too much of it", "e delivered \N{MINUS SIGN} e wanted", 1.0)):  # fmt: skip
+        marks = []
+        for i, (name, own) in enumerate(groups(records.numbers, "formula").items()):
+            wanted, delivered, measured = (column(own, key) for key in ("wanted", "delivered", "measured"))
+            style = style_of(i) | ({"color": "black"} if name == OWN else {})
+            line = style | {"linestyle": "--" if name == KELVIN_VOIGT else "-", "marker": ""}
+            label = "exact: Stops.from_restitution" if name == OWN else name
+            marks += [
+                Curve(wanted, delivered - less * wanted, label, line),
+                Curve(wanted, measured - less * wanted, label, style | {"linestyle": "", "mfc": "white", "ms": 3.5}),
+            ]
+        panels.append(Panel(f"{title} (lines: closed forms, markers: runs)", Axis("e wanted"), Axis(words), marks))
+    return Picture([panels], 4.8, 5)
 
 
 STUDY = Study(
@@ -163,7 +138,8 @@ STUDY = Study(
     points=points,
     evaluate=evaluate,
     answer=answer,
-    draw=draw,
+    picture=picture,
     marches=False,
+    of_case=False,
     smoke={"wanted": [0.3, 0.9], "formulas": ["Hunt-Crossley", "from_restitution", "Kelvin-Voigt"]},
 )

@@ -6,30 +6,28 @@ A compliant stop turns the tip round in half a period of the spring, a rigid one
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated
 
 import numpy as np
 
 from ..basics.arrays import Array
-from ..basics.validation import InputError, positive
-from ..figures import COLOURS, MARKERS, column, dashed, heading, log_scale, new_figure, numeric, say_empty
+from ..basics.validation import InputError
+from ..figures import Axis, Curve, Level, Mark, Panel, Picture, column, dashed, style_of
 from ..files.cases import Case
 from ..measures.errors import observed_order, tip_error
 from ..measures.report import percent
 from ..model.members import varied
 from ..references.exact.rigid import rigid_limit
-from .common import Form, ImpactCount, solve_once, system_of
-from .engine.study import Point, Records, Row, Rows, Study
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from .common import Form, ImpactCount, fit, solve_once, system_of
+from .engine.study import Answer, Point, Records, Row, Rows, Study
 
 SAMPLES = 4000
 
 
 def points(
     case: Case,
-    form: Form = "displacement",
+    *,
+    form: Form,
     factors: Annotated[list[float] | None, "of the stops' stiffness, with commas between them"] = None,
     impacts: ImpactCount = 3,
 ) -> list[Point]:
@@ -47,7 +45,6 @@ def points(
         viscosity = 0.0 if case.beam is None else case.beam.viscosity
         name, value = ("viscosity", viscosity) if viscosity else ("damping", "a matrix that is not 0")
         raise InputError(name, value, "be 0 for rigid stops", "their limit is known without it")
-    positive("impacts", impacts)
     chosen = [4.0**k for k in range(10)] if factors is None else factors
     return [{"form": form, "factor": float(factor), "impacts": impacts} for factor in chosen]
 
@@ -98,80 +95,66 @@ def same_impacts(rows: Rows) -> list[Row]:
     return [r for r in rows if r["impacts"] == r["rigid_impacts"]]
 
 
-def answer(rows: Rows, case: Case) -> str:
-    """The observed order in 1/kappa, and the error at the smallest stiffness."""
-    units = case.units
-    near = same_impacts(rows)
+def answer(rows: Rows, case: Case) -> Answer:
+    """The observed order in 1/kappa, and the errors at every stiffness."""
+    units, near = case.units, same_impacts(rows)
+    stiffness = units.label("kappa", "stop stiffness")
+    table = [
+        {stiffness: f"{row['kappa']:.2g}", "impacts": f"{row['impacts']:g} of {row['rigid_impacts']:g}",
+         "tip off by": percent(row["tip_error"]), "first impulse off by": percent(row["impulse_error"])}
+        for row in sorted(rows, key=lambda r: r["kappa"])
+    ]  # fmt: skip
     if len(near) < 2:
-        return "At no stiffness tried does the compliant contact have as many impacts as rigid stops have."
+        return Answer("At no stiffness tried are there as many impacts as on rigid stops.", table)
     order = observed_order([1.0 / r["kappa"] for r in near], [r["tip_error"] for r in near])
     own = min(rows, key=lambda r: r["kappa"])
     which = "the case's kappa" if own["factor"] == 1.0 else "kappa"
     first, here = (units.measure(f"{r['kappa']:.2g}", "stop stiffness") for r in (near[0], own))
-    return (
-        f"The tip approaches that of rigid stops like kappa^-({order}) (theory: 1/2), from kappa = "
-        f"{first} on; at {which} = {here} the first {own['rigid_impacts']} rigid "
-        f"impacts are {own['impacts']} and the tip is {percent(own['tip_error'])} of its largest displacement off."
+    return Answer(
+        f"The tip approaches that of rigid stops like kappa^-({order}) (theory: 1/2), from kappa = {first} on.",
+        table,
+        f"At {which} = {here} the first {own['rigid_impacts']:g} rigid impacts are {own['impacts']:g} and the tip is "
+        f"{percent(own['tip_error'])} of its largest displacement off.",
     )
 
 
 PANELS = (  # one quantity an axis
-    ("the tip", "error over the largest displacement", (("tip_error", "largest"), ("tip_error_rms", "rms"))),
-    ("impact times", "largest error, {time}", (("impact_time_error", "slope"),)),
-    ("the first impulse", "relative error", (("impulse_error", "slope"),)),
-    ("peak force", "{force}", (("peak_force", "slope"),)),
-    ("penetration", "{length}", (("penetration", "slope"),)),
+    (
+        "the tip",
+        Axis("error over the largest displacement", scale="log"),
+        (("tip_error", "largest"), ("tip_error_rms", "rms")),
+    ),
+    ("impact times", Axis("largest error, time", "time", "log"), (("impact_time_error", "slope"),)),
+    ("the first impulse", Axis("relative error", scale="log"), (("impulse_error", "slope"),)),
+    ("peak force", Axis("force", "force", "log"), (("peak_force", "slope"),)),
+    ("penetration", Axis("penetration", "length", "log"), (("penetration", "slope"),)),
 )
 
 
-def draw(records: Records) -> Figure:
+def picture(records: Records) -> Picture:
     """Hollow markers: as yet another number of impacts than rigid stops have. Lines: fits to the others."""
-    from matplotlib.lines import Line2D
-
-    rows = sorted(numeric(records.found), key=lambda row: row["kappa"])
-    near = same_impacts(rows)
-    figure = new_figure(6.8)
-    impacts = f"first {rows[0]['rigid_impacts']} impacts, " if rows else ""
-    order = observed_order(1.0 / column(near, "kappa"), column(near, "tip_error"))
-    found = f"the tip approaches that of rigid stops like κ^-{order.slope:.2f}" if np.isfinite(order.slope) else "κ → ∞"
-    figure.suptitle(heading(records.case, f"{impacts}{found} (theory: 1/2); slopes in 1/κ"))
-    units = records.case.units
-    names_of = {
-        name: units.label(text, name)
-        for name, text in (("time", "time"), ("force", "force"), ("length", "penetration"))
-    }
-    stops = records.case.system().contacts[0].stops
-    axes = figure.subplot_mosaic("abc;de.")
-    for letter, (title, unit, names) in zip("abcde", PANELS, strict=True):
-        axis = axes[letter]
+    rows = sorted(records.numbers, key=lambda row: row["kappa"])
+    kappa = Axis("stiffness of the stops κ", "stop stiffness", "log")
+    own = records.case.system().contacts[0].stops.stiffness
+    panels = []
+    for title, axis, names in PANELS:
+        marks: list[Mark] = [Level(own, "κ of the case", "x")]
         for i, (name, words) in enumerate(names):
-            style: dict[str, Any] = {"color": COLOURS[i], "marker": MARKERS[i], "ms": 5, "ls": ""}
-            positive = [row for row in rows if row[name] > 0.0]  # false for NaN
-            other = [row for row in positive if row not in near]
-            own = [row for row in positive if row in near]
-            axis.plot(column(other, "kappa"), column(other, name), mfc="white", **style)
-            order = observed_order(1.0 / column(own, "kappa"), column(own, name))
-            text = f"{words}: {order}" if np.isfinite(order.slope) else words
-            axis.plot(column(own, "kappa"), column(own, name), label=text, **style)
-            if np.isfinite(order.slope):
-                kappa = column(own, "kappa")[[0, -1]]
-                axis.plot(kappa, order.constant * kappa**-order.slope, color=COLOURS[i], lw=1.0, ls=dashed(i))
-        axis.axvline(stops.stiffness, color="0.55", lw=0.9, ls=":")
-        log_scale(axis)
-        axis.set(xlabel=units.label("stiffness of the stops κ", "stop stiffness"), ylabel=unit.format(**names_of))
-        axis.grid(color="0.92")
-        axis.set_title(f"({letter}) {title}", loc="left")
-        axis.legend(frameon=False, fontsize=9)
-        if not rows:
-            say_empty(axis)
-    marks = [Line2D([], [], color="0.55", lw=0.9, ls=":", label="κ of the case")]
-    if len(near) < len(rows):
-        hollow = Line2D(
-            [], [], ls="", marker="o", ms=5, mfc="white", mec="0.35", label="other impacts than rigid stops"
-        )
-        marks.insert(0, hollow)
-    figure.legend(handles=marks, loc="lower right", bbox_to_anchor=(0.95, 0.2), frameon=False, fontsize=9)
-    return figure
+            near, other = (
+                [row for row in rows if row[name] > 0.0 and (row in same_impacts(rows)) == same]
+                for same in (True, False)
+            )
+            style = style_of(i) | {"linestyle": "", "ms": 5}
+            order = observed_order(1.0 / column(near, "kappa"), column(near, name))
+            label = f"{words} in 1/κ: {order}" if np.isfinite(order.slope) else words
+            marks.append(Curve(column(near, "kappa"), column(near, name), label, style))
+            if other:
+                hollow = "other impacts than rigid stops"
+                marks.append(Curve(column(other, "kappa"), column(other, name), hollow, style | {"mfc": "white"}))
+            line = fit(1.0 / column(near, "kappa"), order, style | {"linestyle": dashed(i)})
+            marks += [Curve(1.0 / curve.x, curve.y, look=curve.look) for curve in line]
+        panels.append(Panel(title, kappa, axis, marks, legend="inside"))
+    return Picture([panels[:3], panels[3:]], 8.0)
 
 
 STUDY = Study(
@@ -180,7 +163,7 @@ STUDY = Study(
     points=points,
     evaluate=evaluate,
     answer=answer,
-    draw=draw,
+    picture=picture,
     needs_motion=True,
     needs_stops=True,
     marches=False,

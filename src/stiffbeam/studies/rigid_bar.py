@@ -2,24 +2,21 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated
 
 import numpy as np
 
-from ..basics.validation import InputError, integer, positive
-from ..figures import COLOURS, column, log_scale, new_figure, numeric, say_empty, short
+from ..basics.validation import InputError
+from ..figures import COLOURS, Axis, Curve, Mark, Note, Panel, Picture, Ranges, column, groups, short
 from ..files.cases import Case
 from ..march.integrate import RIGID as BY_REACTIONS
 from ..march.integrate import integrate
 from ..measures.errors import Order, observed_order
-from ..measures.report import percent
+from ..measures.report import DASH, percent
 from ..model.contact import Stops
 from . import bouncing_bar as bar
-from .common import label_of, scheme_of
+from .common import Cells, extremes, label_of, scheme_of
 from .engine.study import Answer, Point, Records, Row, Rows, Study
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 # How the wall is made: a node with mass that an impact law turns round, one without mass, a spring.
 REACTION, MASSLESS, SPRING, CONSERVING = "rigid", "massless node", "spring", "conserving spring"
@@ -45,18 +42,16 @@ EDGE = 0.05  # of the first contact at either end, where the front of the wave i
 def points(
     case: Case,
     schemes: Annotated[list[str] | None, "with commas between them; default: the table of the study"] = None,
-    cells: Annotated[list[int] | None, "elements, with commas between them; default: 25,50,100"] = None,
+    cells: Cells = None,
     courant: Annotated[float, "c dt/dx"] = 1.0,
     starts: Annotated[int, "runs, each begun a share of a step later"] = 32,
 ) -> list[Point]:
-    """Every entry of the table on every mesh, at one Courant number; whatever the case is. ``schemes``: only the
-    entries of these."""
-    integer("starts", starts, 1)
-    positive("courant", courant)
+    """Every entry of the table on every mesh, by default of 25, 50 and 100 elements, at one Courant number.
+
+    The rows do not depend on the case. ``schemes``: only the entries of these.
+    """
     wanted = None if schemes is None else {label_of(scheme) for scheme in schemes}
     meshes = [25, 50, 100] if cells is None else cells
-    for number in meshes:
-        integer("cells", number, 2)
     chosen = [entry for entry in ENTRIES if wanted is None or label_of(entry[0].removesuffix(" conserving")) in wanted]
     if not chosen:
         raise InputError("schemes", schemes, "be among those of the study", ", ".join(sorted({e[0] for e in ENTRIES})))
@@ -115,24 +110,18 @@ def name_of(row: Row) -> str:
     return f"{scheme}{impact}" + ("" if row["wall"] == REACTION else f", {row['wall']}")
 
 
-def _entries(rows: Rows) -> dict[str, list[dict[str, Any]]]:
-    grouped: dict[str, list[dict[str, Any]]] = {}
-    for row in numeric(rows):
-        grouped.setdefault(name_of(row), []).append(row)
-    return grouped
+def _entries(rows: Rows) -> dict[str, list[Row]]:
+    return groups([row | {"entry": name_of(row)} for row in rows], "entry")
 
 
-def _finest(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    most = max(row["cells"] for row in rows)
-    return [row for row in rows if row["cells"] == most]
-
-
-def _middle(rows: list[dict[str, Any]], name: str) -> float:
-    values = column(rows, name)
+def _middle(rows: Rows, name: str) -> float:
+    """The median over the starts on the finest mesh."""
+    finest = max(row["cells"] for row in rows)
+    values = column([row for row in rows if row["cells"] == finest], name)
     return float(np.median(values[np.isfinite(values)])) if np.any(np.isfinite(values)) else float("nan")
 
 
-def _order(rows: list[dict[str, Any]], name: str) -> Order | None:
+def _order(rows: Rows, name: str) -> Order | None:
     """The observed order, None where there is one mesh only."""
     kept = [row for row in rows if row[name] > 0.0]
     if len({row["cells"] for row in kept}) < 2:
@@ -140,79 +129,62 @@ def _order(rows: list[dict[str, Any]], name: str) -> Order | None:
     return observed_order([1.0 / row["cells"] for row in kept], [row[name] for row in kept])
 
 
-def answer(rows: Rows, case: Case) -> str:
-    """Errors of energy, pressure, penetration and foot on the finest grid, for every scheme and wall."""
-    parts, table = [], []
-    for name, own in _entries(rows).items():
-        fine = _finest(own)
-        table.append({
-            "scheme": name,
-            "energy": f"{percent(_middle(fine, 'energy'), '+')}",
-            "pressure off": percent(_middle(fine, 'pressure')),
-            "penetration": percent(_middle(fine, 'penetration')),
-            "foot off": percent(_middle(fine, 'foot')),
-            "order": str(_order(own, "foot") or "–"),
-        })  # fmt: skip
-        parts.append(
-            f"{name}: energy {percent(_middle(fine, 'energy'), '+')}, pressure {percent(_middle(fine, 'pressure'))} "
-            f"off, penetration {percent(_middle(fine, 'penetration'))}, foot {percent(_middle(fine, 'foot'))} "
-            f"of the fall off, order {_order(own, 'foot') or '–'}"
-        )
-    if not parts:
-        return "Nothing was found."
-    count = max(row["cells"] for row in rows)
-    head = f"The bouncing bar on {count} elements after {PERIODS} periods (medians over starts)"
-    return Answer(f"{head}: {'; '.join(parts)}.", table, f"{head}; penetration and foot as shares of the fall.")
+def answer(rows: Rows, case: Case) -> Answer:
+    """Errors of energy, pressure, penetration and foot on the finest mesh, for every scheme and wall."""
+    entries = _entries(rows)
+    off = extremes({name: _middle(own, "pressure") for name, own in entries.items()}, percent)
+    energy = extremes({name: _middle(own, "energy") for name, own in entries.items()}, lambda x: percent(x, "+"))
+    return Answer(
+        f"On {max(row['cells'] for row in rows)} elements the energy changes by {energy} in {PERIODS} periods; the "
+        f"pressure is off by {off}.",
+        [
+            {
+                "scheme": name,
+                "energy": percent(_middle(own, "energy"), "+"),
+                "pressure off": percent(_middle(own, "pressure")),
+                "penetration": percent(_middle(own, "penetration")),
+                "foot off": percent(_middle(own, "foot")),
+                "order": str(_order(own, "foot") or DASH),
+            }
+            for name, own in entries.items()
+        ],
+        "Medians over the starts; penetration and foot as shares of the fall.",
+    )
 
 
-# Key, axis, title, and what counts as nothing: smaller values stand there.
+# Column, axis, title, and the size below which a value counts as nothing and stands there.
 PANELS = (
-    ("energy", "|change|/(M g h), hollow: gained", "energy, 3 periods", 1e-12),
+    ("energy", "|change|/(M g h), hollow: gained", "energy", 1e-12),
     ("pressure", "rms error/400", "contact pressure", 1e-6),
     ("penetration", "deepest/fall, left: none", "penetration", 1e-4),
     ("foot", "mean error/fall", "height of the foot", 1e-6),
 )
 
 
-def draw(records: Records) -> Figure:
+def picture(records: Records) -> Picture:
     """A line per entry: the median and the range over the starts, on every mesh; the finest is filled dark."""
-    entries = _entries(records.found)
-    names = list(entries)
-    figure = new_figure(1.6 + 0.3 * max(4, len(names)))
-    figure.suptitle("A bar bounces on a rigid wall: what each scheme makes of it, from few elements (light) to many")
-    for axis, (key, words, title, least), letter in zip(
-        figure.subplots(1, 4, sharey=True), PANELS, "abcd", strict=True
-    ):
-        for i, name in enumerate(names):
-            meshes = sorted({row["cells"] for row in entries[name]})
-            colour = COLOURS[WALLS.index(entries[name][0]["wall"])]
-            for k, cells in enumerate(meshes):
-                values = column([row for row in entries[name] if row["cells"] == cells], key)
+    entries = _entries(records.numbers)
+    panels = []
+    for name, words, title, least in PANELS:
+        marks: list[Mark] = []
+        for i, own in enumerate(entries.values()):
+            colour = COLOURS[WALLS.index(own[0]["wall"])]
+            meshes = groups(sorted(own, key=lambda row: row["cells"]), "cells").values()
+            for k, mesh in enumerate(meshes):
+                values = column(mesh, name)
                 values = values[np.isfinite(values)]
                 if not len(values):
                     continue
-                sizes = np.maximum(np.abs(values), least)
-                at = i + 0.22 * (k - 0.5 * (len(meshes) - 1))
-                shade = 0.35 + 0.65 * (k + 1) / len(meshes)
-                middle = float(np.median(values))
-                axis.plot([sizes.min(), sizes.max()], [at, at], color=colour, lw=1.2, alpha=shade)
-                hollow = key == "energy" and middle > 0.0
-                axis.plot(
-                    np.median(sizes), at, "o", ms=4.5, color=colour, alpha=shade, mfc="white" if hollow else colour
-                )
-            if key == "foot":
-                order = _order(entries[name], key)
-                text = f"order {order.slope:.1f}" if order else ""
-                axis.annotate(text, (1.02, i), xycoords=("axes fraction", "data"), fontsize=8, va="center")
-        log_scale(axis, y=False)
-        axis.set(xlabel=words)
-        axis.set_title(f"({letter}) {title}", loc="left", fontsize=10)
-        axis.grid(axis="x", color="0.92")
-        axis.set_yticks(range(len(names)), names, fontsize=9)
-        axis.set_ylim(len(names) - 0.4, -0.6)
-        if not names:
-            say_empty(axis)
-    return figure
+                sizes, at = np.maximum(np.abs(values), least), i + 0.22 * (k - 0.5 * (len(meshes) - 1))
+                style = {"color": colour, "alpha": 0.35 + 0.65 * (k + 1) / len(meshes)}
+                gained = name == "energy" and np.median(values) > 0.0
+                dot = style | {"marker": "o", "linestyle": "", "mfc": "white" if gained else colour}
+                marks += [Ranges(at, np.min(sizes), np.max(sizes), look=style | {"lw": 1.2}),
+                          Curve(np.median(sizes), at, look=dot)]  # fmt: skip
+            if name == "foot" and (order := _order(own, name)):
+                marks.append(Note(f"order {order.slope:.1f}", 1.02, i, "x", {"va": "center"}))
+        panels.append(Panel(title, Axis(words, scale="log"), Axis(names=list(entries)), marks))
+    return Picture([panels], 1.6 + 0.3 * max(4, len(entries)))
 
 
 STUDY = Study(
@@ -221,6 +193,7 @@ STUDY = Study(
     points=points,
     evaluate=evaluate,
     answer=answer,
-    draw=draw,
+    picture=picture,
+    of_case=False,
     smoke={"schemes": ["moreau-jean", "trapezoidal"], "cells": [10, 20], "starts": 2},
 )

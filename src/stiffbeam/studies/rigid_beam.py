@@ -10,21 +10,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import numpy as np
 
-from ..basics.validation import InputError, integer, positive
-from ..figures import (
-    column,
-    heading,
-    log_scale,
-    look,
-    new_figure,
-    numeric,
-    say_empty,
-    shared_legend,
-)
+from ..basics.validation import InputError, positive
+from ..figures import Axis, Curve, Mark, Panel, Picture, Ranges, column, groups, look, short
 from ..files.cases import Case
 from ..march.integrate import integrate
 from ..measures.report import percent
@@ -34,12 +25,9 @@ from ..model.semidiscretisation import semidiscretise
 from ..references import solve
 from ..references.exact.rigid_reference import solve_rigid
 from ..trajectory.trajectory import Trajectory
-from .common import Dt, label_of, scheme_of
+from .common import Cells, Dt, Numbers, extremes, label_of, scheme_of
 from .engine.study import Answer, Point, Records, Row, Rows, Study
 from .first_impact import LOOK, first_crossing, look_span
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 EXACT, CONSERVING = "exact", "trapezoidal conserving"
 COMPLIANT = (EXACT, CONSERVING, "trapezoidal", "hht(alpha=-0.1)", "bdf2", "sdirk")
@@ -59,12 +47,16 @@ RANGED = ("impulse", "impacts", "lost")
 
 def points(
     case: Case,
-    kappas: Annotated[list[float] | None, "stiffnesses of the stops, with commas between them"] = None,
-    cells: Annotated[list[int] | None, "grids; default: the case's and twice as many"] = None,
-    dt: Dt = None,
+    *,
+    kappas: Numbers = None,
+    cells: Cells = None,
+    dt: Dt,
     divide: Annotated[list[int] | None, "the step is dt and dt over these; default: 1,10"] = None,
 ) -> list[Point]:
-    """Every method at every stiffness and at inf, to the same time, which every step divides."""
+    """Every method at every stiffness of the stops, ``kappas``, and at inf, to the same time, which every step divides.
+
+    cells: by default the case's and twice as many.
+    """
     if case.beam is None or len(case.problem.all_stops) != 1:
         raise InputError("case", case.name, "be a beam with stops at one place", "for example table10")
     stops = case.problem.all_stops[0]
@@ -72,19 +64,16 @@ def points(
         remedy = "move them to the tip and leave their motion out"
         raise InputError("case", case.name, "have stops at rest at the tip", remedy)
     natural_frequencies(case.problem, 1)
-    dt = case.dt if dt is None else positive("dt", dt)
     values = KAPPAS if kappas is None else [positive("kappas", kappa) for kappa in kappas]
-    parts = [integer("divide", part, 1) for part in divide or [1, 10]]
     found: list[Point] = []
     for number in cells or [case.cells, 2 * case.cells]:
-        integer("cells", number, 2)
         end = dt * np.ceil((first_touch(case, number) + WINDOW) / dt)
         asked = [(method, NODE, None, float(kappa)) for kappa in values for method in COMPLIANT]
         asked += [(*entry, None) for entry in RIGID]
         for method, node, e, kappa in asked:
             rest = {"node": node, "restitution": e, "kappa": kappa, "cells": int(number), "t_end": float(end)}
             label = method if method in (EXACT, CONSERVING) else label_of(method)
-            steps = [0.0] if method == EXACT else [dt / part for part in parts]
+            steps = [0.0] if method == EXACT else [dt / part for part in divide or [1, 10]]
             found += [{"method": label, "dt": step} | rest for step in steps]
     return found
 
@@ -100,7 +89,7 @@ def first_touch(case: Case, cells: int) -> float:
 
 
 def evaluate(case: Case, point: Point) -> list[Row]:
-    """What is found at one point."""
+    """One row: impulse, time in contact, impacts and loss of one method at one stiffness."""
     kappa = np.inf if point["kappa"] is None else point["kappa"]
     stops = replace(case.problem.all_stops[0], stiffness=kappa, restitution=point["restitution"])
     system = semidiscretise(replace(case.problem, stops=stops), point["cells"])
@@ -125,7 +114,7 @@ def _with_ranges(found: list[Row]) -> Row:
 
 
 def _found(run: Trajectory, end: float) -> Row:
-    """What a run has done in [0, end]."""
+    """Impulse, time in contact, impacts and energy lost of a run in [0, end]."""
     record, energy = run.contacts[0], run.energy
     most = float(energy.given[-1])
     return {
@@ -156,36 +145,32 @@ def _stiff(row: Row) -> float:
     return np.inf if kappa is None or np.isnan(kappa) else float(kappa)
 
 
-def answer(rows: Rows, case: Case) -> str:
+def answer(rows: Rows, case: Case) -> Answer:
     """Impulse of the exact motion at every stiffness; impulse, impacts and loss of all at rigid stops."""
-    found, units = numeric(rows), case.units
-    sentences, table = [], []
-    finest = min((row["dt"] for row in found if row["dt"]), default=0.0)
-    step = f"dt = {units.measure(f'{finest:.2g}', 'time')}"
-    for cells in sorted({row["cells"] for row in found}):
-        own = [row for row in found if row["cells"] == cells]
-        exact = {
-            _stiff(row): row for row in own if row["method"] == EXACT and row["node"] == NODE and _stiff(row) < np.inf
-        }
+    units, table = case.units, []
+    finest = min((row["dt"] for row in rows if row["dt"]), default=0.0)
+    impulses: dict[str, float] = {}
+    for cells, own in sorted(groups(rows, "cells").items()):
+        soft = [r for r in own if r["method"] == EXACT and r["node"] == NODE and _stiff(r) < np.inf]
         rigid = [row for row in own if _stiff(row) == np.inf and row["dt"] in (0.0, finest)]
-        soft = ", ".join(f"{r['impulse']:.3g} at {k:.2g}" for k, r in sorted(exact.items()))
-        said = [
-            f"{name_of(r)} {_ranged(r, 'impulse', '{:.3g}'.format)} in {_ranged(r, 'impacts', '{:g}'.format)} impacts, "
-            f"{_ranged(r, 'lost', percent)} lost"
-            for r in rigid
-        ]
-        head = f"On {cells} cells the impulse is {soft} exactly; at kappa = inf, dt = {finest:.2g}"
-        sentences.append(f"{head}: {', '.join(said)}.")
-        for kappa, row in [*sorted(exact.items()), *((np.inf, row) for row in rigid)]:
-            table.append({
-                "motion": name_of(row), units.label("kappa", "stop stiffness"): f"{kappa:.2g}", "cells": f"{cells}",
+        impulses |= {f"{name_of(row)}, {cells} cells": row["impulse"] for row in rigid}
+        table += [
+            {
+                "motion": name_of(row),
+                units.label("kappa", "stop stiffness"): f"{_stiff(row):.2g}",
+                "cells": f"{cells}",
                 units.label("impulse", "impulse"): _ranged(row, "impulse", "{:.3g}".format),
-                "impacts": _ranged(row, "impacts", "{:g}".format), "lost": _ranged(row, "lost", percent),
-            })  # fmt: skip
+                "impacts": _ranged(row, "impacts", "{:g}".format),
+                "lost": _ranged(row, "lost", percent),
+            }
+            for row in [*sorted(soft, key=_stiff), *rigid]
+        ]
+    impulse = extremes(impulses, lambda value: units.measure(f"{value:.3g}", "impulse"))
+    window, step = (units.measure(f"{x:.2g}", "time") for x in (WINDOW, finest))
     return Answer(
-        " ".join(sentences),
+        f"Impulse on rigid stops within {window} of the first touch: {impulse}.",
         table,
-        f"Schemes at {step}, with the range over steps within 2 % of it." if sentences else "",
+        f"Schemes at dt = {step}, with the range over steps within 2 % of it.",
     )
 
 
@@ -198,68 +183,57 @@ PANELS = (
 SMALL, LARGE = 3.0, 5.5  # marks of the finest grid and of the case's
 
 
-def draw(records: Records) -> Figure:
+def picture(records: Records) -> Picture:
     """Above: over the stiffness of the stops, the case's grid; below: rigid stops, an entry a line.
 
     Black: exact. Filled: the finest step, or none; hollow: the case's; lines: what steps near the finest give.
     Small: the finest grid, of exact motions only.
     """
-    rows, units = numeric(records.found), records.case.units
-    title = f"{WINDOW:g} after the first touch; above: compliant stops, below: rigid ones"
-    figure = new_figure(8.4, heading(records.case, title))
-    axes = figure.subplots(2, 4)
+    rows = sorted(records.numbers, key=_stiff)
     grids = sorted({row["cells"] for row in rows})
     steps = sorted({row["dt"] for row in rows if row["dt"]}, reverse=True)
-    rigid = [row for row in rows if _stiff(row) == np.inf]
-    names = list(dict.fromkeys(name_of(row) for row in rigid))
-    runs: dict[tuple[Any, ...], list[Row]] = {}
-    for row in sorted(rows, key=_stiff):
-        if row["cells"] == grids[0] or row["method"] == EXACT:
-            runs.setdefault((row["method"], row["cells"], row["dt"]), []).append(row)
-    for k, (key, words, quantity) in enumerate(PANELS):
-        label = units.label(words, quantity) if quantity else words
-        for (method, grid, step), own in runs.items():
-            soft = [row for row in own if _stiff(row) < np.inf]
+    names = list(dict.fromkeys(name_of(row) for row in records.numbers if _stiff(row) == np.inf))
+    shown = [row for row in rows if row["cells"] == grids[0] or row["method"] == EXACT]
+    upper, lower = [], []
+    for name, words, quantity in PANELS:
+        soft: list[Mark] = []
+        hard: list[Mark] = []
+        for (method, grid, step), own in groups(shown, "method", "cells", "dt").items():
             whole, style = step in (0.0, *steps[-1:]), _mark(method, grid == grids[0])
             style |= {} if whole else {"mfc": "white"}
-            name = method if whole and grid == grids[0] else None
-            line = {"lw": 1.6 if method == EXACT else 0.9, "ls": "-" if whole else ":"}
-            axes[0, k].plot([_stiff(row) for row in soft], column(soft, key), **style | line, label=name)
-            hard = [row for row in own if _stiff(row) == np.inf]
-            at = [names.index(name_of(row)) for row in hard]
-            axes[1, k].plot(column(hard, key), at, **style, ls="")
-            if key in RANGED and whole and method != EXACT:
-                low, high = (column(hard, f"{key}_{word}") for word in ("low", "high"))
-                axes[1, k].hlines(at, low, high, color=style["color"], lw=1.6, alpha=0.5)
-        axes[0, k].set(xlabel=units.label("stiffness of the stops κ", "stop stiffness"), ylabel=label)
-        axes[1, k].set(xlabel=label)
-        if k:
-            axes[1, k].sharey(axes[1, 0])
-            axes[1, k].tick_params(labelleft=False)
-        for axis, letter in zip(axes[:, k], ("abcd"[k], "efgh"[k]), strict=True):
-            axis.set_title(f"({letter}) {words}", loc="left", fontsize=10)
-            axis.grid(color="0.92")
-            if not rows:
-                say_empty(axis)
-        if rows:
-            log_scale(axes[0, k], y=key == "impacts")
-    axes[1, 0].set_yticks(range(len(names)), names, fontsize=8)
-    axes[1, 0].set_ylim(len(names) - 0.4, -0.6)
-    for words, style in (
-        ("finest step", {"marker": "o"}), ("steps near it", {"ls": "-", "lw": 1.6, "alpha": 0.5}),
-        ("the case's step", {"marker": "o", "mfc": "white"}),
-        (f"{grids[-1]} cells" if grids else "finest grid", {"marker": "o", "ms": SMALL}),
-    ):  # fmt: skip
-        axes[0, 0].plot([], [], color="0.4", **{"ls": "", "ms": LARGE} | style, label=words)
-    shared_legend(figure, 5, axes[0])
-    return figure
+            line = {"lw": 1.6 if method == EXACT else 0.9, "linestyle": "-" if whole else ":"}
+            mine = [row for row in own if _stiff(row) < np.inf]
+            label = short(method) if whole and grid == grids[0] else ""
+            soft.append(Curve([_stiff(row) for row in mine], column(mine, name), label, style | line))
+            mine = [row for row in own if _stiff(row) == np.inf]
+            at = np.array([names.index(name_of(row)) for row in mine], float)
+            hard.append(Curve(column(mine, name), at, look=style | {"linestyle": ""}))
+            if name in RANGED and whole and method != EXACT:
+                low, high = (column(mine, f"{name}_{word}") for word in ("low", "high"))
+                hard.append(Ranges(at, low, high, look={"color": style["color"], "lw": 1.6, "alpha": 0.5}))
+        if name == PANELS[0][0]:
+            soft += _legend(grids)
+        up = Axis(words, quantity, "log" if name == "impacts" else "linear")
+        stiffness = Axis("stiffness of the stops κ", "stop stiffness", "log")
+        upper.append(Panel(words.partition(",")[0], stiffness, up, soft))
+        lower.append(Panel(words.partition(",")[0], Axis(words, quantity), Axis(names=names), hard))
+    return Picture([upper, lower], 9.0, 5)
+
+
+def _legend(grids: list[int]) -> list[Mark]:
+    styles: dict[str, dict[str, Any]] = {
+        "finest time step": {}, "the case's time step": {"mfc": "white"}, f"{grids[-1]} cells": {"ms": SMALL},
+        "time steps near it": {"marker": "", "linestyle": "-", "lw": 1.6, "alpha": 0.5},
+    }  # fmt: skip
+    mark = {"marker": "o", "linestyle": "", "ms": LARGE, "color": "0.4"}
+    return [Curve([], [], words, mark | style) for words, style in styles.items()]
 
 
 def _mark(method: str, of_the_case: bool) -> dict[str, Any]:
     """The look of a method: that of its scheme, with a square for contact that conserves."""
-    found = look(method.removesuffix(" conserving"))
-    found |= {"marker": "s"} if method == CONSERVING else {"marker": "o"} if method == EXACT else {}
-    return {name: found[name] for name in ("color", "marker")} | {"ms": LARGE if of_the_case else SMALL}
+    style = look(method.removesuffix(" conserving"))
+    style |= {"marker": "s"} if method == CONSERVING else {"marker": "o"} if method == EXACT else {}
+    return {name: style[name] for name in ("color", "marker")} | {"ms": LARGE if of_the_case else SMALL}
 
 
 STUDY = Study(
@@ -268,7 +242,7 @@ STUDY = Study(
     points=points,
     evaluate=evaluate,
     answer=answer,
-    draw=draw,
+    picture=picture,
     needs_motion=True,
     needs_stops=True,
     smoke={"kappas": [1e6], "cells": [6], "divide": [1]},

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated
 
 import numpy as np
 
 from ..basics.validation import InputError
-from ..figures import COLOURS, MARKERS, column, dashed, heading, log_scale, mark_order, new_figure, numeric, say_empty
+from ..figures import Axis, Curve, Panel, Picture, column, groups, style_of
 from ..files.cases import Case
 from ..measures.errors import Order, observed_order, tip_error
 from ..measures.impacts import impact_times
@@ -17,19 +16,15 @@ from ..measures.smooth_motion import steady_state, without_contact
 from ..model.closed_form import natural_frequencies, tip_response
 from ..model.modes import modes
 from ..model.time_functions import Harmonic
-from .common import Forms, ImpactCount, first_impacts, places, solve_once, system_of
+from .common import Cells, Forms, ImpactCount, extremes, first_impacts, solve_once, system_of
 from .engine.study import Answer, Point, Records, Row, Rows, Study
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 SAMPLES = 2000
 
 
 def points(
     case: Case,
-    cells: Annotated[list[int] | None, "grids, with commas between them"] = None,
+    cells: Cells = None,
     forms: Forms = None,
     finest: Annotated[int, "the grid that contact is compared with"] = 160,
     impacts: ImpactCount = 1,
@@ -104,51 +99,50 @@ def _contact(case: Case, point: Point) -> list[Row]:
     end = min(end, fine.horizon, own.horizon)
     t = np.linspace(0.0, end, SAMPLES)
     return [
-        {
-            "quantity": "tip to the end of the first impacts",
-            "value": end,
-            "error": tip_error(own.at(t)[0], fine.at(t)[0]).max,
-        },
+        {"quantity": "tip to the end of the first impacts", "value": end,
+         "error": tip_error(own.at(t)[0], fine.at(t)[0]).max},
         *(
-            {"quantity": f"first impact's {name}{place}", "value": float(x[0]), "error": float(abs(x[0] / y[0] - 1.0))}
-            for place, a, b in zip(places(finest), own.contacts, fine.contacts, strict=True)
+            {"quantity": f"first impact's {name}{f' at contact {i}' if len(fine.contacts) > 1 else ''}",
+             "value": float(x[0]), "error": float(abs(x[0] / y[0] - 1.0))}
+            for i, (a, b) in enumerate(zip(own.contacts, fine.contacts, strict=True), 1)
             for name, column in (("time", "times"), ("peak force", "peaks"), ("impulse", "impulses"))
             for x, y in [(getattr(a.impacts, column), getattr(b.impacts, column))]
             if len(x) and len(y)
         ),
-    ]
+    ]  # fmt: skip
 
 
 def orders(rows: Rows) -> dict[tuple[str, str], Order]:
     """The observed order in h by (quantity, form)."""
-    keys = dict.fromkeys((r["quantity"], r["form"]) for r in rows)
-    found = {}
-    for key in keys:
-        own = [r for r in rows if (r["quantity"], r["form"]) == key and r["error"] > 0.0]
-        found[key] = observed_order([1.0 / r["cells"] for r in own], [r["error"] for r in own])
-    return found
+    return {
+        key: observed_order(
+            [1.0 / r["cells"] for r in own if r["error"] > 0.0], [r["error"] for r in own if r["error"] > 0.0]
+        )
+        for key, own in groups(rows, "quantity", "form").items()
+    }
 
 
-def answer(rows: Rows, case: Case) -> str:
+def answer(rows: Rows, case: Case) -> Answer:
     """The observed orders in h, form by form, and the errors on the grid that is next to the case's."""
     found = orders(rows)
-    smooth = [f"{q} {o} ({form})" for (q, form), o in found.items() if "impact" not in q]
-    contact = [f"{q} {o} ({form})" for (q, form), o in found.items() if "impact" in q]
-    kinds = (("", smooth), ("in contact, against the finest grid: ", contact))
-    sentence = "; ".join(words + ", ".join(orders) for words, orders in kinds if orders)
-    forms = list(dict.fromkeys(form for _, form in found))
-    near = min((row["cells"] for row in rows), key=lambda n: (abs(np.log(n / case.cells)), -n), default=case.cells)
+    near = min((row["cells"] for row in rows), key=lambda n: (abs(np.log(n / case.cells)), -n))
     errors = {(row["quantity"], row["form"]): f" ({row['error']:.1g})" for row in rows if row["cells"] == near}
     table = [
         {"order in h of": q}
-        | {form: str(found[q, form]) + errors.get((q, form), "") for form in forms if (q, form) in found}
+        | {form: str(order) + errors.get((q, form), "") for (other, form), order in found.items() if other == q}
         for q in dict.fromkeys(q for q, _ in found)
     ]
-    rest = (
-        f"In brackets the relative error on {near} cells (the case has {case.cells}), in contact against the finest "
-        "grid. ± holds with 95 %, an interval wider than 1.5 is no clear rate."
+    said = []
+    for words, impact in (("without contact", False), ("in contact", True)):
+        own = {f"{q}, {form}": order for (q, form), order in found.items() if ("impact" in q) == impact}
+        slopes = {name: order.slope for name, order in own.items() if not order.unclear}
+        said += [f"{extremes(slopes, '{:.2f}'.format) if slopes else 'no clear rate'} {words}"] if own else []
+    return Answer(
+        f"Observed orders in h: {', '.join(said)}.",
+        table,
+        f"In brackets the relative error on {near:g} cells (the case has {case.cells}), in contact against the finest "
+        "grid. ± holds with 95 %, an interval wider than 1.5 is no clear rate.",
     )
-    return Answer(f"Observed orders in h: {sentence}.", table, rest)
 
 
 NAMES = {"tip to the end of the first impacts": "tip, largest", "first impact's time": "time of the first",
@@ -156,59 +150,33 @@ NAMES = {"tip to the end of the first impacts": "tip, largest", "first impact's 
          "tip response": "tip", "velocity-curvature": "vel.-curv."}  # fmt: skip
 
 
-def draw(records: Records) -> Figure:
+def picture(records: Records) -> Picture:
     """One panel for the frequencies, one for the driven tip, one for the contact in each form."""
-    rows = numeric(records.found)
-    panels: list[tuple[str, list[Row]]] = []
-    for kind, title in (("frequency", "natural frequencies, against the beam"), ("response", "driven tip, no contact")):
-        panels.append((title, [row for row in rows if row["kind"] == kind]))
-    contact = [row for row in rows if row["kind"] == "contact"]
-    for form in dict.fromkeys(row["form"] for row in contact):
-        title = f"first impacts, {NAMES.get(form, form)}, against {contact[0]['finest']} cells"
-        panels.append((title, [row for row in contact if row["form"] == form]))
-    panels = [panel for panel in panels if panel[1]] or [("nothing found", [])]
-    figure = new_figure(
-        4.7 * (1 + (len(panels) > 2)), heading(records.case, "convergence in space, slopes with their 95 % intervals")
-    )
-    shape = (1 + (len(panels) > 2), min(2, len(panels)))
-    axes = figure.subplots(*shape, squeeze=False).ravel()
-    for axis, (title, own), letter in zip(axes, panels, "abcd", strict=False):
-        _panel(axis, own)
-        axis.set_title(f"({letter}) {title}", loc="left")
-    for axis in axes[len(panels) :]:
-        axis.remove()
-    return figure
+    rows, titles = records.numbers, {"frequency": "natural frequencies, against the beam",
+                                     "response": "driven tip, no contact"}  # fmt: skip
+    panels = [_panel(titles[kind], own) for kind, own in groups(rows, "kind").items() if kind in titles]
+    for form, own in groups([row for row in rows if row["kind"] == "contact"], "form").items():
+        panels.append(_panel(f"first impacts, {NAMES.get(form, form)}, against {own[0]['finest']} cells", own))
+    return Picture([panels[i : i + 2] for i in range(0, len(panels), 2)], 4.7 * (1 + (len(panels) > 2)))
 
 
-def _panel(axis: Axes, own: Sequence[Row]) -> None:
+def _panel(title: str, own: Rows) -> Panel:
     """A curve for every quantity and form; the colour tells the quantity, dashes the form."""
-    quantities = list(dict.fromkeys(row["quantity"] for row in own))
-    forms = list(dict.fromkeys(row["form"] for row in own))
+    quantities, forms = (list(groups(own, name)) for name in ("quantity", "form"))
+    marks = []
     for (quantity, form), order in orders(own).items():
         mine = [row for row in own if (row["quantity"], row["form"]) == (quantity, form) and row["error"] > 0.0]
-        if not mine:
-            continue
         i, j = quantities.index(quantity), forms.index(form)
-        style: dict[str, Any] = {"color": COLOURS[(i if len(quantities) > 1 else j) % len(COLOURS)], "ms": 4.5,
-                 "marker": MARKERS[(i + 3 * j) % len(MARKERS)], "lw": 1.0, "ls": dashed(j)}  # fmt: skip
         words, at, place = quantity.partition(" at contact ")
         name = NAMES.get(words, words) + at + place + (f", {NAMES.get(form, form)}" if len(forms) > 1 else "")
         slope = str(order) if np.isfinite(order.slope) else "too few grids"
-        axis.plot(1.0 / column(mine, "cells"), column(mine, "error"), label=f"{name}: {slope}", **style)
-    log_scale(axis)
-    axis.set(xlabel="width of a cell, a share of the beam's length", ylabel="error, relative")
-    axis.grid(color="0.92", which="both")
-    if not axis.get_lines():
-        say_empty(axis)
-        return
+        style = style_of(i, j) if len(quantities) > 1 else style_of(j, j)
+        marks += [Curve(1.0 / column(mine, "cells"), column(mine, "error"), f"{name}: {slope}", style)] if mine else []
     cells = sorted({row["cells"] for row in own})
-    axis.set_xticks([1.0 / n for n in cells], [f"1/{n}" for n in cells], fontsize=8.5)
-    axis.minorticks_off()
-    low, high = axis.get_ylim()
-    axis.set_ylim(low * (low / high) ** 0.12, high)
-    mark_order(axis, (2, 1))
-    axis.legend(frameon=False, fontsize=8.5, loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=2,
-                columnspacing=1.0)  # fmt: skip
+    across = Axis(
+        "width of a cell, a share of the beam's length", scale="log", ticks={1.0 / n: f"1/{n}" for n in cells}
+    )
+    return Panel(title, across, Axis("error, relative", scale="log"), marks, (2, 1), "below")
 
 
 STUDY = Study(
@@ -217,7 +185,7 @@ STUDY = Study(
     points=points,
     evaluate=evaluate,
     answer=answer,
-    draw=draw,
+    picture=picture,
     marches=False,
     smoke={"cells": [6, 8, 12], "finest": 20},
 )

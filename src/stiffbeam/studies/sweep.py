@@ -11,23 +11,23 @@ its numerical dissipation.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from itertools import product
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from ..basics.arrays import Array
 from ..basics.validation import InputError, integer, near, number, positive
-from ..figures import COLOURS, column, dashed, heading, look, new_figure, numeric, say_empty, tip_name, tip_symbol
+from ..figures import COLOURS, Axis, Curve, Map, Panel, Picture, column, dashed, look, tip_name, tip_symbol
 from ..files.cases import Case
 from ..march.ensemble import integrate_ensemble
 from ..references.ensemble import reference_ensemble
 from ..schemes.rigid_scheme import RigidScheme
 from ..trajectory.ensemble import Ensemble
 from ..trajectory.trajectory import Diverged, SolverFailure
-from .common import Form, Treatment, by_contact, label_of, scheme_of, system_of
-from .engine.study import Point, Records, Row, Rows, Study
+from .common import Form, Treatment, label_of, scheme_of, system_of
+from .engine.study import Answer, Point, Records, Row, Rows, Study, by_contact
 from .parameters import (
     EXACT,
     IN_STEP,
@@ -43,19 +43,19 @@ from .parameters import (
     setup_of,
 )
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 LONGEST = 8  # periods of the drive that a motion may take to repeat itself and still be called periodic
 SAME = 1e-3  # of the largest |u|: section points closer than this are one
 BATCHES = 16  # at least, so that processes end together
 # Seconds with 25 cells on one core: what a batch is cut to, so that a kill loses little; setting a scheme
-# up, a step, a period of the drive of the exact solution.
-BATCH, SETTING_UP, STEP, EXACT_PERIOD = 1.0, 0.02, 3e-8, 6e-3
+# up, a step, a period of the drive of the exact solution, the last two for compliant and for rigid stops.
+BATCH, SETTING_UP, STEP, EXACT_PERIOD = 1.0, 0.02, (3e-8, 3e-7), (6e-3, 3e-2)
+PERIODS, TRANSIENT, BUDGET = 60, 100, 20.0  # by default; as many as about so many seconds allow, LEAST of each
+LEAST = LONGEST + 2
 
 
 def points(
     case: Case,
+    *,
     parameter: Annotated[
         str,
         "frequency, amplitude, clearance, stop-stiffness, stiffness, viscosity, dt, alpha, or a path: stops[0].damping",
@@ -73,18 +73,19 @@ def points(
     method: Annotated[
         str | None, "a scheme, or exact; default: the case's first scheme that has a law for its stops"
     ] = None,
-    form: Form = "displacement",
+    form: Form,
     contact: Treatment = "implicit",
-    dt: Annotated[float | None, "the nearest step that divides the period is taken"] = None,
-    periods: Annotated[int, "of the drive, that are looked at"] = 60,
-    transient: Annotated[int, "periods of the drive before them"] = 100,
+    dt: Annotated[float, "the nearest step that divides the period is taken; default: the case's"],
+    periods: Annotated[int | None, "of the drive, that are looked at; default: 60, fewer where these take long"] = None,
+    transient: Annotated[int | None, "periods of the drive before them; default: 100, or fewer as well"] = None,
     count: Annotated[int, "drive frequencies where no values are given"] = 200,
 ) -> list[Point]:
     """Batches of values, each a line of the journal; with ``second`` a grid, without sections.
 
     values: of ``parameter``, in the case's own units; by default ``count`` drive
     frequencies from 0.7 to 1.3 of the case's. method: a scheme's label or "exact", by default the case's
-    first scheme. transient: periods of the drive before the ``periods`` that are looked at. Where several
+    first scheme. transient: periods of the drive before the ``periods`` that are looked at; by default 60 after 100, or
+    as many as take about 20 s of processor time, at least 10 after 10. Where several
     frequencies drive the system, the period is that of the drive whose parameter is varied.
     couple: arithmetic of x, the value of ``parameter``, for each parameter that follows it.
     """
@@ -94,7 +95,8 @@ def points(
         method = next((run for run in runs if not rigid or isinstance(scheme_of(run), RigidScheme)), EXACT)
     method = method if method == EXACT else label_of(method)
     for name, periods_given, least in (("periods", periods, 1), ("transient", transient, 0)):
-        integer(name, periods_given, least)
+        if periods_given is not None:
+            integer(name, periods_given, least)
     if values is None and parameter == "frequency":
         own = 2.0 * np.pi / drive_period(system_of(case, form))
         values = np.linspace(0.7 * own, 1.3 * own, count).tolist()
@@ -116,12 +118,11 @@ def points(
     for name, along in axes.items():
         if along is None or not len(along):
             raise InputError("values", along, f"be given for {name}", "for example 8:14:400 or 8,9,10.5")
-    grid = [[number(name, x) for x in along or ()] for name, along in axes.items()]
+    grid = [[number(name, x) for x in along] for name, along in axes.items() if along is not None]
     rest = {
         "parameter": parameter, "second": second, "coupled": list(follow), "method": method,
         "form": form, "contact": contact,
-        "dt": None if method == EXACT else positive("dt", case.dt if dt is None else dt),
-        "periods": periods, "transient": transient,
+        "dt": None if method == EXACT else positive("dt", dt),
     }  # fmt: skip
     # Bad values are refused here, at the ends of the ranges; what a scheme refuses in between is a row.
     base = system_of(case, form)
@@ -131,6 +132,11 @@ def points(
 
     ends = [setup_of(base, rest, whole(value)) for value in product(*([min(axis), max(axis)] for axis in grid))]
     together = all(name in IN_STEP for name in names_of(rest))
+    whole_cost = len(list(product(*grid))) * max(_seconds(setup, PERIODS + TRANSIENT) for setup in ends)
+    share = min(1.0, BUDGET / whole_cost)
+    periods = max(LEAST, int(share * PERIODS)) if periods is None else periods
+    transient = max(LEAST, int(share * TRANSIENT)) if transient is None else transient
+    rest |= {"periods": periods, "transient": transient}
     seconds = max(_seconds(setup, periods + transient) + (0.0 if together else SETTING_UP) for setup in ends)
     if second is not None and parameter in IN_STEP:  # what marches together stands together
         wanted = [whole([x, y]) for y in grid[1] for x in grid[0]]
@@ -141,9 +147,10 @@ def points(
 
 
 def _seconds(setup: Setup, periods: int) -> float:
+    rigid = any(contact.stops.rigid for contact in setup.system.contacts)
     if setup.scheme is None:
-        return EXACT_PERIOD * periods
-    return STEP * periods * setup.period / setup.dt * max(1.0, setup.system.size / 25)
+        return EXACT_PERIOD[rigid] * periods
+    return STEP[rigid] * periods * setup.period / setup.dt * max(1.0, setup.system.size / 25)
 
 
 def evaluate(case: Case, point: Point) -> list[Row]:
@@ -212,15 +219,17 @@ def repeats_after(section: Array, size: float) -> int | None:
     return 0 if len(section) > LONGEST else None
 
 
-def answer(rows: Rows, case: Case) -> str:
+def answer(rows: Rows, case: Case) -> Answer:
     """The range of impact counts and peak forces over the values, and where the motion is periodic."""
-    units = case.units
-    first, parts = rows[0], []
-    names = [name for name in (first["parameter"], first["second"]) if name is not None]
+    units, first = case.units, rows[0]
+    names = [name for name in (first["parameter"], first["second"]) if isinstance(name, str)]
     quantities = {name: quantity_of(case, name) for name in names}
 
     def value(name: str, x: str) -> str:
         return units.measure(x, quantities[name]) if quantities[name] else x
+
+    def amount(x: float, quantity: str) -> str:
+        return units.measure(f"{x:.4g}", quantity) if quantity else f"{x:.4g}"
 
     def at(row: Row) -> str:
         return ", ".join(f"{name} {value(name, f'{row[name]:.5g}')}" for name in names)
@@ -228,138 +237,104 @@ def answer(rows: Rows, case: Case) -> str:
     ranges = [
         f"{name} {value(name, f'{min(r[name] for r in rows):g} to {max(r[name] for r in rows):g}')}" for name in names
     ]
-    found = sections(rows)
-    if found:
+    parts, table = [], []
+    if found := sections(rows):
         size = max(float(np.max(np.abs(section))) for section in found.values())
         repeats = [repeats_after(section, size) for section in found.values()]
-        several, untold = sum(p is not None and p > 1 for p in repeats), repeats.count(None)
-        text = (
-            f"the tip repeats itself every period of the drive at {repeats.count(1)} of {len(found)} values, every "
-            f"2 to {LONGEST} periods at {several}, and not at {repeats.count(0)} (to {SAME:g} of the largest)"
+        several, short = sum(p is not None and p > 1 for p in repeats), repeats.count(None)
+        text = f"repeats itself every period of the drive at {repeats.count(1)} of {len(found)} values"
+        parts.append(
+            f"the tip {text}, every 2 to {LONGEST} periods at {several}, not at {repeats.count(0)} (to {SAME:g})"
         )
-        more = f"; {first['periods']} periods are too few to tell at {untold}: {LONGEST + 1} would do"
-        parts.append(text + (more if untold else ""))
+        if short:
+            parts.append(f"{first['periods']:g} periods are too few to tell at {short}: {LONGEST + 1} would do")
     for place, contacts in by_contact([r for r in rows if r["kind"] == "contact"]).items():
-        if not contacts:
-            continue
-        for name, words, scale in (("count", "impacts a period", first["periods"]), ("peak_force", "largest force", 1)):
+        for name, words, quantity, scale in (
+            ("count", "impacts a period", "", first["periods"]), ("fraction", "time in contact, %", "", 0.01),
+            ("peak_force", "largest force", "force", 1.0),
+        ):  # fmt: skip
             known = [r for r in contacts if np.isfinite(r[name])]  # a rigid stop has impulses, no peak forces
-            if not known:
-                continue
-            low, high = (pick(known, key=lambda r: r[name]) for pick in (min, max))
-            least, most = (f"{r[name] / scale:.4g}" for r in (low, high))
-            if name == "peak_force":
-                least, most = (units.measure(x, "force") for x in (least, most))
-            parts.append(f"{words}{place} from {least} at {at(low)} to {most} at {at(high)}")
-        parts.append(f"in contact{place} at most {100 * max(r['fraction'] for r in contacts):.3g} % of the time")
+            if known:
+                low, high = (pick(known, key=lambda r: r[name]) for pick in (min, max))
+                least, most = (f"{amount(r[name] / scale, quantity)} at {at(r)}" for r in (low, high))
+                table.append({"over all values": words + place, "least": least, "most": most})
     system = case.system(first["form"])
     lossy = [c.stops.damping or c.stops.dissipation or c.stops.restitution not in (None, 1.0) for c in system.contacts]
-    if not system.damped and not any(lossy):
-        parts.append("nothing damps this system, so its transient never ends: another start gives another answer")
-    method = f"{first['method']} over {' and '.join(ranges)}, {first['periods']} periods after {first['transient']}"
-    return f"{method}: {'; '.join(parts)}."
-
-
-def draw(records: Records) -> Figure:
-    """One parameter: sections, impacts, forces on one axis. Two: a map of each quantity."""
-    rows = numeric(records.found)
-    contacts = [row for row in rows if row["kind"] == "contact"]
-    if rows and isinstance(rows[0]["second"], str):
-        figure = new_figure(4.2 * len(by_contact(contacts)))
-        _maps(figure, contacts, records.case)
-    else:
-        figure = new_figure(8.2)
-        _diagram(figure, [row for row in rows if row["kind"] == "section"], contacts, records.case)
-    text = "no point could be evaluated"
-    if rows:
-        one = rows[0]
-        text = f"{one['method']}, {one['form']}, {one['periods']} periods of the drive after {one['transient']}"
-    figure.suptitle(heading(records.case, text))
-    return figure
-
-
-def _diagram(figure: Figure, points: Rows, contacts: Rows, case: Case) -> None:
-    units = case.units
-    section, count, force = figure.subplots(3, 1, sharex=True, height_ratios=[3.0, 1.0, 1.0])
-    first = next(iter([*points, *contacts]), {"parameter": "parameter", "method": EXACT})
-    name, colour = first["parameter"], look(first["method"])["color"]
-    colours = [colour, *(other for other in COLOURS if other != colour)]
-    section.set(ylabel=units.label(f"{tip_name(case.beam)} {tip_symbol(case.beam, 'nT')}", "length"))
-    section.set_title("(a) the tip once in every period $T$ of the drive", loc="left")
-    if points:
-        # The fainter the more points there are, so that dense bands and single curves can be told apart.
-        alpha = float(np.clip(2e4 / len(points), 0.15, 0.9))
-        section.plot(
-            column(points, name), column(points, "tip"), ls="none", marker=".", ms=3.0, mew=0.0, color=colour,
-            alpha=alpha, rasterized=True,
-        )  # fmt: skip
-    else:
-        say_empty(section)
-    line = 0.7 if len({row[name] for row in contacts}) <= 400 else 0.0  # more points than that are a band
-    for axis, quantity, label, title in (
-        (count, "count", "impacts per period", "(b) impacts"),
-        (force, "peak_force", units.label(r"peak $|\sigma|$", "force"), "(c) largest contact force"),
-    ):
-        axis.set(ylabel=label)
-        axis.set_title(title, loc="left")
-        for i, (place, own) in enumerate(by_contact(contacts).items()):
-            own = sorted(own, key=lambda row: row[name])
-            values = column(own, quantity) / (column(own, "periods") if quantity == "count" else 1.0)
-            axis.plot(column(own, name), values, lw=line, ls=dashed(i), marker=".", ms=3.0 if line else 1.5,
-                      color=colours[i % len(colours)], label=place.strip())  # fmt: skip
-        if len(by_contact(contacts)) > 1:
-            axis.legend(frameon=False, fontsize=8.5)
-        if contacts:
-            axis.set_ylim(bottom=0.0)
-        else:
-            say_empty(axis, "no contact")
-    _log_where_even(force.set_xscale, column([*points, *contacts], name))
-    force.set(xlabel=named(case, name))
-    figure.align_ylabels()
-
-
-def _maps(figure: Figure, contacts: Rows, case: Case) -> None:
-    from matplotlib.colors import LogNorm
-
-    x_name, y_name = contacts[0]["parameter"], contacts[0]["second"]
-    blocks = by_contact(contacts)
-    axes = figure.subplots(len(blocks), 3, sharex=True, sharey=True, squeeze=False)
-    quantities = (
-        ("count", "impacts per period"),
-        ("fraction", "share of time in contact"),
-        ("peak_force", case.units.label(r"peak force $|\sigma|$", "force")),
+    free = not system.damped and not any(lossy)
+    most = [
+        f"{line['over all values']} {line['most']} at most" for line in table if "impacts" in line["over all values"]
+    ]
+    return Answer(
+        f"{first['method']} over {' and '.join(ranges)}: {'; '.join(parts or most) or 'no contact'}.",
+        table,
+        f"{first['periods']:g} periods of the drive after {first['transient']:g}."
+        + (
+            " Nothing damps this system, so its transient never ends: another start gives another answer."
+            if free
+            else ""
+        ),
     )
-    for line, (place, own) in zip(axes, blocks.items(), strict=True):
-        x, y = column(own, x_name), column(own, y_name)
-        here = np.isfinite(x) & np.isfinite(y)
-        across, up = np.unique(x[here]), np.unique(y[here])
-        for axis, (quantity, label) in zip(line, quantities, strict=True):
-            values = column(own, quantity) / (column(own, "periods") if quantity == "count" else 1.0)
-            axis.set_title(label + place, loc="left")
-            axis.set(xlabel=named(case, x_name))
-            known = values[here & np.isfinite(values)]
-            if not len(known):
-                say_empty(axis)
-                continue
-            grid = np.full((len(up), len(across)), np.nan)
-            grid[np.searchsorted(up, y[here]), np.searchsorted(across, x[here])] = values[here]
-            wide = 0.0 < 30.0 * np.min(known) < np.max(known)
-            norm = LogNorm() if wide else None
-            drawn = axis.pcolormesh(across, up, grid, cmap="cividis", shading="nearest", norm=norm, rasterized=True)
-            figure.colorbar(drawn, ax=axis, label=label)
-            _log_where_even(axis.set_xscale, across)
-            _log_where_even(axis.set_yscale, up)
-        line[0].set(ylabel=named(case, y_name))
 
 
-def _log_where_even(set_scale: Callable[[str], None], values: Array) -> None:
-    """A logarithmic axis for values that are spaced by a factor."""
+def picture(records: Records) -> Picture:
+    """One parameter: sections, impacts, forces on one axis. Two: a map of each quantity."""
+    rows, case = records.numbers, records.case
+    contacts = [row for row in rows if row["kind"] == "contact"]
+    if isinstance(rows[0]["second"], str):
+        lines = [_maps(own, place, case) for place, own in by_contact(contacts).items()]
+        return Picture(lines, 4.4 * len(lines))
+    name, colour = rows[0]["parameter"], look(rows[0]["method"])["color"]
+    points = [row for row in rows if row["kind"] == "section"]
+    across = Axis(named(case, name), scale=_scale(column(rows, name)))
+    # The fainter the more points there are, so that dense bands and single curves can be told apart.
+    faint = {"alpha": float(np.clip(2e4 / max(1, len(points)), 0.15, 0.9)), "rasterized": True}
+    dots = {"linestyle": "", "marker": ".", "ms": 3.0, "mew": 0.0, "color": colour}
+    section = [Curve(column(points, name), column(points, "tip"), look=dots | faint)]
+    tip = Axis(f"{tip_name(case.beam)} {tip_symbol(case.beam, 'nT')}", "length")
+    line = 0.7 if len({row[name] for row in contacts}) <= 400 else 0.0  # more points than that are a band
+    colours = [colour, *(other for other in COLOURS if other != colour)]
+    panels = [[Panel("the tip once in every period $T$ of the drive", across, tip, section)]]
+    for quantity, label, unit, title in (
+        ("count", "impacts per period", "", "impacts"),
+        ("peak_force", r"peak $|\sigma|$", "force", "largest contact force"),
+    ):
+        marks = []
+        for i, (place, own) in enumerate(by_contact(contacts).items()):
+            own.sort(key=lambda row: row[name])
+            style = {"lw": line, "linestyle": dashed(i), "marker": ".", "ms": 3.0 if line else 1.5}
+            marks.append(Curve(column(own, name), _measured(own, quantity), place.strip(),
+                               style | {"color": colours[i % len(colours)]}))  # fmt: skip
+        panels.append([Panel(title, across, Axis(label, unit, limits=(0.0, None)), marks, empty="no contact",
+                             legend="inside" if len(marks) > 1 else "")])  # fmt: skip
+    return Picture(panels, 8.2, heights=(3.0, 1.0, 1.0), shared_x=True)
+
+
+def _maps(own: list[Row], place: str, case: Case) -> list[Panel]:
+    names = (own[0]["parameter"], own[0]["second"])
+    x, y = (column(own, name) for name in names)
+    across, up = (Axis(named(case, name), scale=_scale(values)) for name, values in zip(names, (x, y), strict=True))
+    force = case.units.label(r"peak force $|\sigma|$", "force")
+    return [
+        Panel(label + place, across, up, [Map(x, y, _measured(own, quantity), label)])
+        for quantity, label in (
+            ("count", "impacts per period"), ("fraction", "share of time in contact"), ("peak_force", force)
+        )
+    ]  # fmt: skip
+
+
+def _measured(rows: Rows, quantity: str) -> Array:
+    """A column of the contact's rows, impacts as a number a period."""
+    return column(rows, quantity) / (column(rows, "periods") if quantity == "count" else 1.0)
+
+
+def _scale(values: Array) -> str:
+    """Logarithmic for values that are spaced by a factor."""
     values = np.unique(values[np.isfinite(values)])
     if len(values) < 3 or values[0] <= 0.0:
-        return
+        return "linear"
     ratios, steps = np.diff(np.log(values)), np.diff(values)
-    if np.ptp(ratios) < 1e-6 * np.max(ratios) and np.ptp(steps) > 1e-3 * np.max(steps):
-        set_scale("log")
+    even = np.ptp(ratios) < 1e-6 * np.max(ratios) and np.ptp(steps) > 1e-3 * np.max(steps)
+    return "log" if even else "linear"
 
 
 STUDY = Study(
@@ -368,7 +343,7 @@ STUDY = Study(
     points=points,
     evaluate=evaluate,
     answer=answer,
-    draw=draw,
+    picture=picture,
     named_by=("parameter", "second"),
     smoke={"count": 4, "periods": 3, "transient": 1},
 )

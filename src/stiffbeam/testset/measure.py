@@ -14,7 +14,7 @@ from ..model.contact import Stops
 from ..model.time_functions import LoadFunction, offset_rate, offset_values
 from ..trajectory.from_arrays import distinct_times, one_position
 from ..trajectory.impacts import Impacts
-from ..trajectory.recorder import sampled_impacts
+from ..trajectory.recorder import rebounds, sampled_impacts
 from .problem import Problem, matrix, time_function
 
 PAIRED = 8  # impacts that are held against the known ones
@@ -186,34 +186,12 @@ def impacts_of(problem: Problem, motion: Motion, t_end: float | None = None) -> 
     if problem.rigid:
         known = problem.answers["impacts"].value[:PAIRED] if "impacts" in problem.answers else np.zeros(0)
         told_apart = v is not None or 3.0 * np.max(np.diff(t)) < np.min(np.diff(known), initial=np.inf)
-        return _rebounds(contact, t, u, v) if told_apart else None
+        return rebounds(t, u, v, stops_of(contact)) if told_apart else None
     if v is None:
         from scipy.interpolate import CubicSpline
 
         v = np.asarray(CubicSpline(t, u)(t, 1))
     return sampled_impacts(t, u, v, stops_of(contact))
-
-
-def _rebounds(contact: Mapping[str, Any], t: Array, u: Array, v: Array | None) -> Impacts:
-    """Where a body that comes towards a rigid stop no longer does, within a step of it: an impact by steps.
-
-    The time is that at which the body would have been at the stop with the speed before. A millionth of the largest
-    speed is no approach: a body at rest on its stop may move by rounding. Where velocities are not given, each side of
-    the jump has differences of its own.
-    """
-    sign = 1.0 if "upper" in contact else -1.0
-    gap, step = sign * (contact["upper"] if sign > 0.0 else contact["lower"]) - sign * u, np.diff(t)
-    rates = sign * np.diff(u) / step
-    arriving, leaving = np.append(0.0, rates), np.append(rates, rates[-1])
-    if v is not None:
-        arriving = leaving = sign * v
-    near = gap[:-1] <= 1.5 * step * np.maximum(arriving[:-1], 0.0) + 1e-12
-    least = 1e-6 * np.max(np.abs(arriving))
-    hit = np.flatnonzero(near & (arriving[:-1] > least) & (leaving[1:] <= least))
-    if v is None:  # the difference across an impact may seem to arrive once more
-        hit = hit[np.diff(hit, prepend=-2) > 1]
-    when = t[hit] + np.clip(gap[hit] / arriving[hit], 0.0, step[hit])
-    return Impacts.at(when, np.full(len(hit), int(sign)), "sampled")
 
 
 def offset_of(contact: Mapping[str, Any]) -> LoadFunction | None:
@@ -222,7 +200,7 @@ def offset_of(contact: Mapping[str, Any]) -> LoadFunction | None:
 
 
 def stops_of(contact: Mapping[str, Any]) -> Stops:
-    """The compliant stops of a [[system.contacts]]."""
+    """The stops of a [[system.contacts]]."""
     return Stops(**{key: value for key, value in contact.items() if key not in ("row", "offset")})
 
 

@@ -1,1 +1,1 @@
-"""What a run is, whoever made it: states, impacts, ledger."""
+"""Runs, whoever made them: states, impacts, ledger."""

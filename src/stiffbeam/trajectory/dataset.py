@@ -174,6 +174,8 @@ def ensemble_dataset(many: Ensemble) -> xr.Dataset:
             data[f"contact_{name}"] = (("contact", "member"), over, named(text, quantity))
         counts = np.stack([contact.impact_count for contact in many.contacts])
         data["contact_impacts"] = (("contact", "member"), counts, named("impacts"))
+        begun = np.stack([contact.open_at_start for contact in many.contacts]).astype(np.int8)
+        data[f"contact_{OPEN_AT_START}"] = (("contact", "member"), begun, named("1: contact at t = 0, no impact"))
         data["impact_contact"] = ("impact", np.repeat(np.arange(len(counts)), counts.sum(axis=1)))
         data["impact_member"] = ("impact", np.concatenate([np.repeat(np.arange(len(many)), row) for row in counts]))
         for name, (text, quantity) in COLUMNS.items():

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..basics.arrays import Array
+from ..basics.arrays import Array, BoolArray
 from ..basics.text import table
 from ..basics.validation import InputError, non_negative
 from ..model.members import Members
@@ -32,23 +32,28 @@ Progress = Callable[[int], None]
 class ContactStatistics:
     """One contact in all members, see ContactRecord.
 
-    fraction, peak_force, impulse: (M,). impacts: those of all members, one member after the other;
+    fraction, peak_force, impulse: (M,). open_at_start: (M,), whether the contact is there at t = 0, which is no impact
+    and belongs to the other numbers all the same. impacts: those of all members, one member after the other;
     member i has the rows offsets[i] to offsets[i + 1].
     """
 
     fraction: Array
     peak_force: Array
     impulse: Array
+    open_at_start: BoolArray
     impacts: Impacts
     offsets: NDArray[np.int64]
 
     @classmethod
     def of(cls, totals: Array, impacts: Impacts, member: NDArray[np.int64]) -> ContactStatistics:
-        """From (fraction, peak_force, impulse) by member, (3, M), and the member of every impact, in any order."""
-        fraction, peak_force, impulse = totals
+        """From (fraction, peak_force, impulse, open_at_start) by member, (4, M), and the member of every impact."""
+        fraction, peak_force, impulse, begun = totals
         offsets = np.concatenate([[0], np.cumsum(np.bincount(member, minlength=len(fraction)))])
         impacts = impacts.take(np.argsort(member, kind="stable"))
-        return cls(fraction=fraction, peak_force=peak_force, impulse=impulse, impacts=impacts, offsets=offsets)
+        return cls(
+            fraction=fraction, peak_force=peak_force, impulse=impulse, open_at_start=begun > 0.0,
+            impacts=impacts, offsets=offsets,
+        )  # fmt: skip
 
     @property
     def impact_count(self) -> NDArray[np.int64]:
@@ -86,7 +91,8 @@ class Runs:
         """Runs that were recorded one by one, at least one, with the first ``outputs`` of their output times."""
         contacts = []
         for records in zip(*(run.contacts for run in runs), strict=True):
-            totals = np.array([[r.fraction, r.peak_force, r.impulse] for r in records], float).T
+            begun = [r.impacts.at_start is not None for r in records]
+            totals = np.array([(r.fraction, r.peak_force, r.impulse, x) for r, x in zip(records, begun, strict=True)]).T
             member = np.repeat(np.arange(len(runs)), [r.impacts.count for r in records])
             contacts.append(ContactStatistics.of(totals, Impacts.concatenate([r.impacts for r in records]), member))
         return cls(
@@ -106,7 +112,8 @@ class Runs:
         order = np.argsort(place)
         contacts = []
         for contact in zip(*(part.contacts for part in parts), strict=True):
-            totals = np.concatenate([(c.fraction, c.peak_force, c.impulse) for c in contact], axis=1)[:, order]
+            each = [(c.fraction, c.peak_force, c.impulse, c.open_at_start) for c in contact]
+            totals = np.concatenate(each, axis=1)[:, order]
             member = np.repeat(place, np.concatenate([c.impact_count for c in contact]))
             contacts.append(ContactStatistics.of(totals, Impacts.concatenate([c.impacts for c in contact]), member))
         names = ("tip", "tip_velocity", "diverged")
@@ -148,7 +155,7 @@ class Ensemble(Runs):
 
     def to_dataframe(self) -> pandas.DataFrame:
         """One line per member: its value of ``members.parameter`` where that is a number, when it diverged (NaN: not),
-        and of every contact the impacts, share of time, peak force and impulse."""
+        and of every contact the impacts, share of time, peak force, impulse and whether it is open at the start."""
         columns: dict[str, Any] = {"member": np.arange(len(self))}
         if (values := self.values) is not None:
             columns["value"] = values
@@ -159,6 +166,7 @@ class Ensemble(Runs):
                 f"contact{i}_fraction": contact.fraction,
                 f"contact{i}_peak_force": contact.peak_force,
                 f"contact{i}_impulse": contact.impulse,
+                f"contact{i}_open_at_start": contact.open_at_start,
             }
         return table(columns, {"parameter": self.members.parameter, "provenance": self.provenance})
 

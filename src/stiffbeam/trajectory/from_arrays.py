@@ -10,27 +10,29 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..basics.arrays import Array, same
+from ..basics.arrays import Array
 from ..basics.validation import InputError, numbers
 from ..model.system import System, require_system
+from ..model.time_functions import offset_rate
 from .impacts import ContactRecord, Impacts
 from .ledger import Ledger, step_ledger
 from .recorder import sampled_record
 
 NO_STATES = "the run came as arrays without states=(q, q')"
+NO_REACTIONS = "arrays, which have no reactions of rigid stops"
 ROUNDING = 4.0 * float(np.finfo(float).eps)  # of the end: times that are apart by no more are one time
 SAME_POSITION = 1e-4  # of the motion: the rounding of five digits, less than a step changes
 
 
-def own_run(
+def run_fields(
     t: ArrayLike, tip: ArrayLike | None, tip_velocity: ArrayLike | None, system: System | None,
     states: tuple[ArrayLike, ArrayLike] | None, name: str,
 ) -> dict[str, Any]:  # fmt: skip
     """The fields of a Trajectory but for its work, see ``Trajectory.from_arrays``."""
-    given = _row("t", t, None)
-    times, rows = distinct_times("t", given)
+    all_times = _row("t", t, None)
+    times, rows = distinct_times("t", all_times)
     if times[0] != 0.0 or len(times) < 3:
-        raise InputError("t", given, "be three or more times from 0 on", "begin with the initial state, at t = 0")
+        raise InputError("t", all_times, "be three or more times from 0 on", "begin with the initial state, at t = 0")
     if not isinstance(name, str) or not name:
         raise InputError("name", name, "be a text", 'for example "mine"')
     if system is not None:
@@ -39,24 +41,24 @@ def own_run(
     if states is not None:
         if system is None:
             raise InputError("states", "without a system", "come with their system", "pass system=")
-        q, v = (_states(x, (len(given), system.size)) for x in states)
+        q, v = (_states(x, (len(all_times), system.size)) for x in states)
         row, offset = system.channels[system.tip_channel]
         if tip is None:
-            tip = system.positions(given, q)[:, system.tip_channel]
-            tip_velocity = None if offset is not None else v @ row
+            tip = system.positions(all_times, q)[:, system.tip_channel]
+            tip_velocity = v @ row + offset_rate(offset, all_times)
         q, v = q[rows], v[rows]
     if tip is None:
         raise InputError("tip", None, "be given", "pass the positions of the tip, or states=(q, q')")
-    u = _row("tip", tip, len(given))
-    one_position("t", given, rows, u)
+    u = _row("tip", tip, len(all_times))
+    one_position("t", all_times, rows, u)
     u = u[rows]
     notes = {"tip_velocity": "of a spline through the tip"} if tip_velocity is None else {}
-    w = _spline_rate(times, u) if tip_velocity is None else _row("tip_velocity", tip_velocity, len(given))[rows]
+    w = _spline_rate(times, u) if tip_velocity is None else _row("tip_velocity", tip_velocity, len(all_times))[rows]
     return {
         "t": times,
         "tip": u,
         "tip_velocity": w,
-        "contacts": () if system is None else tuple(_contacts(system, times, u, w, q, v)),
+        "contacts": () if system is None else tuple(_contacts(system, times, u, w, tip_velocity is None, q, v)),
         "provenance": {
             "method": name,
             "source": "arrays",
@@ -69,22 +71,22 @@ def own_run(
         },
         "system": system,
         "pieces": None if system is None or q is None or v is None else partial(_pieces, system, times, q, v),
-        "ledger": None if system is None or q is None or v is None else partial(_ledger, system, times, q, v),
+        "ledger": None
+        if system is None or q is None or v is None or any(contact.stops.rigid for contact in system.contacts)
+        else partial(_ledger, system, times, q, v),
     }
 
 
 def _contacts(
-    system: System, t: Array, u: Array, w: Array, q: Array | None, v: Array | None
+    system: System, t: Array, u: Array, w: Array, smoothed: bool, q: Array | None, v: Array | None
 ) -> Iterator[ContactRecord]:
-    """What is known of every contact: by the states, or by the tip where it is the contact point; else NaN."""
+    """Record of every contact: from the states, or from the tip where it is the contact point; else NaN."""
     positions = None if q is None else system.positions(t, q)
-    tip_row, tip_offset = system.channels[system.tip_channel]
     for i, contact in enumerate(system.contacts):
-        is_tip = i == system.tip_channel or (contact.offset is tip_offset and same(contact.row, tip_row))
-        if is_tip:
-            yield sampled_record(t, u, w, contact.stops)
+        if system.reads_tip(i):
+            yield sampled_record(t, u, w, contact.stops, smoothed)
         elif positions is not None and v is not None:
-            rate = v @ contact.row if contact.offset is None else _spline_rate(t, positions[:, i])
+            rate = v @ contact.row + offset_rate(contact.offset, t)
             yield sampled_record(t, positions[:, i], rate, contact.stops)
         else:
             nothing = np.full(len(t), np.nan)

@@ -1,4 +1,4 @@
-"""What happened at a contact: its impacts, position and force."""
+"""The record of a contact: its impacts, position and force."""
 
 from __future__ import annotations
 
@@ -100,8 +100,8 @@ class Impacts:
         times = np.asarray(times, float)
         others: Any = {name: np.asarray(columns.get(name, np.full(len(times), np.nan)), float)
                        for name in ("ends", "peaks", "impulses")}  # fmt: skip
-        found = Impacts(times=times, stops=np.asarray(stops, np.int64), **others, kind=kind)
-        return found.started(times <= 0.0) if kind == "event" else found
+        impacts = Impacts(times=times, stops=np.asarray(stops, np.int64), **others, kind=kind)
+        return impacts.started(times <= 0.0) if kind == "event" else impacts
 
     def __repr__(self) -> str:
         span = f", t = {self.times[0]:g} to {self.times[-1]:g}" if self.count else ""
@@ -120,7 +120,7 @@ class Impacts:
 
 @dataclass(frozen=True, eq=False)
 class ContactRecord:
-    """What happened at one contact.
+    """The record of one contact.
 
     position, velocity: against its stops, row q + offset, of a beam u(x, t) - m(t), at the output times. force:
     sigma on the beam, < 0 on the upper stop. impacts, share of time in contact, peak |sigma| and impulse: over
@@ -140,7 +140,7 @@ class ContactRecord:
 
     @property
     def scale(self) -> float:
-        """What an error of ``position`` is small or large beside: max |position|, or the gap to the nearer stop."""
+        """Scale of an error of ``position``: max |position|, or the gap to the nearer stop."""
         nearer = min((abs(g) for g in (self.stops.g1, self.stops.g2) if np.isfinite(g)), default=0.0)
         return max(float(np.max(np.abs(self.position))), nearer)
 

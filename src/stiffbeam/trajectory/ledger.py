@@ -33,7 +33,7 @@ class Ledger:
         stop_dissipation   sum over steps of -1/2 (D^n + D^{n+1}) du, D = F + U' what a damped stop takes beyond
                  the force of its energy U; the energy left in it when the contact ends counts as dissipated while the
                  gap opens;
-                 of rigid stops what impacts take, see ``reaction_ledger``
+                 of rigid stops what impacts take, see ``step_ledger``
         spread   by how much two rules for what dashpots and damped stops take differ, sum over steps of
                  |dq^T C dq / dt - dt v^T C v|, v = (q'^n + q'^{n+1})/2, and of |(D^n + D^{n+1}) du - dt (D u'|^n +
                  D u'|^{n+1})|/2, of a step in which D begins or ends all of it; large where a step does not resolve
@@ -85,7 +85,7 @@ class Ledger:
         return given(self.energy[0], self.input)
 
     def sure(self, k: int = -1) -> bool:
-        """Whether the ``spread`` leaves the loss at index k known: to a thousandth of the energy given, or to a
+        """Tell whether the ``spread`` leaves the loss at index k known: to a thousandth of the energy given, or to a
         tenth of itself."""
         return bool(self.spread[k] <= max(SURE * self.given[k], 0.1 * abs(self.loss[k])))
 
@@ -100,24 +100,15 @@ def given(start: float, work: Array) -> Array:
     return start + np.maximum.accumulate(np.maximum(work, 0.0))
 
 
-def reaction_ledger(
-    system: System, pieces: Iterator[tuple[Array, Array, Array, Array]], outputs: Array, impacts: bool
-) -> Ledger:
-    """The ledger against rigid stops, from states at every step and the mean reactions R of the steps.
-
-    stop_dissipation: sum of -dt R (U^n + U^{n+1})/2, U the velocity against the stop: what an impulse dt R takes in
-    turning U round, (1 - e)/2 |U| of it by Newton's law. Zero unless ``impacts``: a scheme without an impact law has it
-    all in ``loss``. A stop that moves by do puts in -R do.
-    """
-    return step_ledger(system, pieces, outputs, impacts)
-
-
 def step_ledger(
     system: System, pieces: Iterator[tuple[Array, Array, Array, Array]], outputs: Array, impacts: bool | None = None
 ) -> Ledger:
     """The ledger of a run from its states at every step, see ``Pieces``, kept at the times ``outputs``.
 
-    impacts: as in ``reaction_ledger``, whose pieces hold reactions; None for compliant stops.
+    impacts: None for compliant stops. Against rigid ones the pieces hold the mean reactions R of the steps instead of
+    forces, and stop_dissipation is the sum of -dt R (U^n + U^{n+1})/2, U the velocity against the stop: what an impulse
+    dt R takes in turning U round, (1 - e)/2 |U| of it by Newton's law. It is zero unless ``impacts``: a scheme without
+    an impact law has it all in ``loss``. A stop that moves by do puts in -R do.
     """
     columns: list[Array] = []
     times: list[Array] = []
@@ -156,7 +147,7 @@ def step_ledger(
     return Ledger(np.concatenate(times), *data)
 
 
-def _work_of_stops(system: System, t: Array, q: Array, v: Array, found: Array) -> tuple[Array, Array, Array]:
+def _work_of_stops(system: System, t: Array, q: Array, v: Array, node_forces: Array) -> tuple[Array, Array, Array]:
     """-1/2 (F^n + F^{n+1}) do of the contacts whose stops move, -1/2 (D^n + D^{n+1}) du of those that damp, and the
     spread of that."""
     work, taken, spread = np.zeros((3, len(t) - 1))
@@ -167,20 +158,20 @@ def _work_of_stops(system: System, t: Array, q: Array, v: Array, found: Array) -
         u, rate = _motion(system, c, t, q, v)
         beyond, force = stops.dissipated(u, rate), stops.force(u, rate)
         if stops.jumps:
-            known = ~np.isnan(found[:, c])
-            beyond[known] += found[known, c] - force[known]
-            force[known] = found[known, c]
+            known = ~np.isnan(node_forces[:, c])
+            beyond[known] += node_forces[known, c] - force[known]
+            force[known] = node_forces[known, c]
         work -= 0.5 * (force[1:] + force[:-1]) * np.diff(o)
         if stops.dissipative:
-            own, power = 0.5 * (beyond[1:] + beyond[:-1]) * np.diff(u), beyond * rate
-            taken -= own
+            dissipated, power = 0.5 * (beyond[1:] + beyond[:-1]) * np.diff(u), beyond * rate
+            taken -= dissipated
             at_ends = (beyond[1:] == 0.0) != (beyond[:-1] == 0.0)
-            spread += np.abs(own - np.where(at_ends, 0.0, 0.5 * np.diff(t) * (power[1:] + power[:-1])))
+            spread += np.abs(dissipated - np.where(at_ends, 0.0, 0.5 * np.diff(t) * (power[1:] + power[:-1])))
     return work, taken, spread
 
 
 def _work_of_reactions(system: System, t: Array, v: Array, reactions: Array, impacts: bool) -> tuple[Array, Array]:
-    """See ``reaction_ledger``."""
+    """Work and dissipation of rigid stops, see ``step_ledger``."""
     work, taken = np.zeros((2, len(t) - 1))
     for c, contact in enumerate(system.contacts):
         work -= reactions[:, c] * np.diff(offset_values(contact.offset, t))
@@ -199,12 +190,12 @@ def _motion(system: System, c: int, t: Array, q: Array, v: Array) -> tuple[Array
     return u, rate
 
 
-def in_contact(system: System, t: Array, q: Array, v: Array, found: Array | None = None) -> NDArray[np.bool_]:
-    """Whether any contact is closed at the times t (k,) with the states q, v (k, n); found: see ``Pieces``."""
+def in_contact(system: System, t: Array, q: Array, v: Array, node_forces: Array | None = None) -> NDArray[np.bool_]:
+    """Tell whether any contact is closed at the times t (k,), states q, v (k, n); node_forces: see ``Pieces``."""
     touching = np.zeros(len(t), bool)
     for c, contact in enumerate(system.contacts):
         closed = contact.stops.state(*_motion(system, c, t, q, v)) != 0
-        if found is not None and contact.stops.jumps:
-            closed = np.where(np.isnan(found[:, c]), closed, found[:, c] != 0.0)
+        if node_forces is not None and contact.stops.jumps:
+            closed = np.where(np.isnan(node_forces[:, c]), closed, node_forces[:, c] != 0.0)
         touching |= closed
     return touching

@@ -37,7 +37,7 @@ from .sampling import (
     switch_time,
 )
 
-Motion = tuple[Array, Array]  # u and u' at a time, (M, C), the contacts first
+AT_REST = 1e-12  # of a position: so near a rigid stop a body is on it
 
 
 def impacts_of(events: Array) -> Impacts:
@@ -60,7 +60,7 @@ def forces_at(u: Array, v: Array, law: Array) -> Array:
     return out
 
 
-def events_at_start(tally: Array, law: Array, dt: float, first: Motion, means: bool) -> Array:
+def events_at_start(tally: Array, law: Array, dt: float, first: tuple[Array, Array], means: bool) -> Array:
     """Rows of the contacts that are there at t = 0, open, to begin the list of events with; new tallies (M, m, 8) get
     their numbers. Peak and impulse begin with those of the force there, as in ``with_ends``."""
     member, contact = np.nonzero((tally[..., SIDE] != 0.0) & (tally[..., SINCE] == 0.0))
@@ -73,10 +73,12 @@ def events_at_start(tally: Array, law: Array, dt: float, first: Motion, means: b
     return rows
 
 
-def with_ends(tally: Array, law: Array, dt: float, first: Motion, last: Motion, means: bool) -> Array:
-    """The tallies (M, m, 8) of steps 1 to n as those of whole runs, with (u, u') at t = 0 and at the last step: the
-    largest force may be that at the start, and the impulse is the trapezoidal rule's, but of means. What begins later
-    stays."""
+def with_ends(
+    tally: Array, law: Array, dt: float, first: tuple[Array, Array], last: tuple[Array, Array], means: bool
+) -> Array:
+    """The tallies (M, m, 8) of steps 1 to n as those of whole runs. first, last: (u, u'), each (M, C) with the contacts
+    first, at t = 0 and at the last step. The largest force may be that at the start, and the impulse is the trapezoidal
+    rule's, but of means. A tally that begins later stays."""
     whole = tally[..., SINCE] == 0.0
     begin, end = (np.abs(forces_at(*motion, law)) for motion in (first, last))
     end = np.where(jumps(all_laws(law)), tally[..., LAST], end)
@@ -94,14 +96,20 @@ def shares(tally: Array, steps: int) -> Array:
 
 
 def record(
-    stops: Stops, position: Array, velocity: Array, tally: Array, events: Array, steps: int, found: Array | None = None
+    stops: Stops,
+    position: Array,
+    velocity: Array,
+    tally: Array,
+    events: Array,
+    steps: int,
+    node_forces: Array | None = None,
 ) -> ContactRecord:
-    """With position and velocity at the output times, and the forces there that nodes found, NaN for none, see
+    """With position and velocity at the output times, and the forces that nodes have there, NaN for none, see
     ``found_force``; ``steps`` of the whole run."""
     with np.errstate(over="ignore", invalid="ignore"):  # of which ``overflow`` tells
         force = stops.force(position, velocity)
-    if found is not None and stops.jumps:
-        force = np.where(np.isnan(found), force, found)
+    if node_forces is not None and stops.jumps:
+        force = np.where(np.isnan(node_forces), force, node_forces)
     return ContactRecord(
         stops=stops,
         position=position,
@@ -133,14 +141,14 @@ class SampledImpacts:
         begun = events_at_start(self._tally, stops.law[None, None], dt, self._first, False)
         self._events, self._rows = np.concatenate([begun, np.empty((64, EVENT))]), len(begun)
 
-    def feed(self, u: Array, v: Array, means: Array | None = None, found: Array | None = None) -> None:
+    def feed(self, u: Array, v: Array, means: Array | None = None, node_forces: Array | None = None) -> None:
         """Positions u and velocities v at the ends of the next steps, (k,), the reactions where they are means, and
         the forces that nodes found where the state does not tell them."""
         self._means = means is not None
         if self._means and not self.steps:
             self._events[: self._rows, IMPACT_IMPULSE] = 0.0
-        means, found = (
-            np.zeros((0, 0, 0)) if x is None else np.array(x, float).reshape(1, -1, 1) for x in (means, found)
+        means, node_forces = (
+            np.zeros((0, 0, 0)) if x is None else np.array(x, float).reshape(1, -1, 1) for x in (means, node_forces)
         )
         if self._rows + len(u) > len(self._events):
             self._events = np.concatenate([self._events, np.empty((len(self._events) + len(u), EVENT))])
@@ -148,13 +156,24 @@ class SampledImpacts:
         law = self.stops.law[None, None]
         never = np.zeros(1, np.int64)
         self._rows = observe(
-            u, v, means, found, law, self.dt, self.steps, *self._last, self._tally, never, self._events, self._rows
+            u,
+            v,
+            means,
+            node_forces,
+            law,
+            self.dt,
+            self.steps,
+            *self._last,
+            self._tally,
+            never,
+            self._events,
+            self._rows,
         )
         self.steps += u.shape[1]
 
     @property
     def tally(self) -> Array:
-        """What has been counted so far at this contact, a row laid out as in sampling."""
+        """The counts so far at this contact, a row laid out as in sampling."""
         law = self.stops.law[None, None]
         return with_ends(self._tally, law, self.dt, self._first, self._last, self._means)[0, 0]
 
@@ -193,8 +212,43 @@ def contact_spans(t: Array, u: Array, v: Array, stops: Stops) -> Array:
     return np.array(rows, float).reshape(-1, 6)
 
 
-def sampled_impacts(t: Array, u: Array, v: Array, stops: Stops) -> Impacts:
-    """Sampled impacts in positions u (k,) and velocities v (k,) at increasing times t (k,)."""
+def rebounds(t: Array, u: Array, v: Array | None, stops: Stops) -> Impacts:
+    """Impacts on rigid stops in positions u (k,), velocities v (k,) or None, at increasing times t (k,).
+
+    An impact is a step in which a body that approaches a stop, and would reach it within a step and a half, ceases to.
+    Its time is that at which the body would have been at the stop with the speed before. A millionth of the largest
+    speed is no approach: a body at rest on its stop may move by rounding. Where velocities are not given, each side of
+    the jump has differences of its own.
+    """
+    step, rows = np.diff(t), np.zeros((0, 2))
+    rates = np.diff(u) / step
+    for sign, g in ((-1.0, stops.g1), (1.0, stops.g2)):
+        if not np.isfinite(g):
+            continue
+        arriving, leaving = sign * np.append(0.0, rates), sign * np.append(rates, rates[-1])
+        if v is not None:
+            arriving = leaving = sign * v
+        gap, rounding = sign * (g - u), AT_REST * max(abs(g), float(np.max(np.abs(u))))
+        near = gap[:-1] <= 1.5 * step * np.maximum(arriving[:-1], 0.0) + rounding
+        near[0] &= gap[0] > rounding  # a blow at t = 0 is no impact
+        least = 1e-6 * np.max(np.abs(arriving))
+        hit = np.flatnonzero(near & (arriving[:-1] > least) & (leaving[1:] <= least))
+        if v is None:  # the difference across an impact may seem to arrive once more, or to leave before it
+            again = np.flatnonzero(np.diff(hit) == 1)
+            beyond = gap[hit[again]] > arriving[hit[again]] * step[hit[again]]
+            hit = np.delete(hit, again + ~beyond)
+        when = t[hit] + np.clip(gap[hit] / arriving[hit], 0.0, step[hit])
+        rows = np.concatenate([rows, np.stack([when, np.full(len(hit), sign)], axis=1)])
+    times, sides = rows[np.argsort(rows[:, 0], kind="stable")].T
+    return Impacts.at(times, sides, "sampled")
+
+
+def sampled_impacts(t: Array, u: Array, v: Array | None, stops: Stops) -> Impacts:
+    """Sampled impacts in positions u (k,) and velocities v (k,) at increasing times t (k,); see ``rebounds``, where v
+    may be None, for those on rigid stops."""
+    if stops.rigid:
+        return rebounds(t, u, v, stops)
+    assert v is not None
     spans = contact_spans(t, u, v, stops)
     first, after, times, ends, sides, impulses = spans[(spans[:, 0] > 0.0) | (t[0] == 0.0)].T
     size, ended = np.abs(stops.force(u, v)), ~np.isnan(ends)
@@ -204,8 +258,14 @@ def sampled_impacts(t: Array, u: Array, v: Array, stops: Stops) -> Impacts:
     return impacts.started(first == 0.0)
 
 
-def sampled_record(t: Array, u: Array, v: Array, stops: Stops) -> ContactRecord:
-    """Contact record of positions u (k,) and velocities v (k,) at increasing times t (k,)."""
+def sampled_record(t: Array, u: Array, v: Array, stops: Stops, smoothed: bool = False) -> ContactRecord:
+    """Contact record of positions u (k,) and velocities v (k,) at increasing times t (k,).
+
+    Against rigid stops positions tell impacts, not forces: these are NaN. smoothed: v is a spline's, which has no jump.
+    """
+    if stops.rigid:
+        impacts, unknown = rebounds(t, u, None if smoothed else v, stops), float("nan")
+        return ContactRecord(stops, u, v, np.full(len(t), np.nan), impacts, *3 * (unknown,))
     force = stops.force(u, v)
     size, lengths = np.abs(force), step_lengths(t)[1:]
     return ContactRecord(
@@ -248,7 +308,7 @@ class Reactions:
         self._closed = bool(u0 <= stops.g1 or u0 >= stops.g2)  # since t = 0
         self._last = -1  # the step in which that contact opens
 
-    def feed(self, u: Array, v: Array, means: Array | None = None, found: Array | None = None) -> None:
+    def feed(self, u: Array, v: Array, means: Array | None = None, node_forces: Array | None = None) -> None:
         """Positions and velocities at the ends of the next steps (k,), and their reactions."""
         assert means is not None
         if self._closed:
@@ -285,13 +345,13 @@ class Reactions:
         sizes = np.concatenate([[0.0], np.cumsum(np.abs(R))]) * self.dt
         ends = np.full(len(enters), len(R))
         nearest = np.searchsorted(leaves, enters, side="right")
-        found = nearest < len(leaves)
-        ends[found] = leaves[nearest[found]]
+        ended = nearest < len(leaves)
+        ends[ended] = leaves[nearest[ended]]
         start = self.since
         return Impacts.at(
             (start + enters) * self.dt,
             -side[1:][enters],
             "sampled",
-            ends=np.where(found, (start + ends) * self.dt, np.nan),
-            impulses=np.where(found, sizes[ends] - sizes[enters], np.nan),
+            ends=np.where(ended, (start + ends) * self.dt, np.nan),
+            impulses=np.where(ended, sizes[ends] - sizes[enters], np.nan),
         ).started(first)

@@ -21,7 +21,7 @@ from ..basics.text import sentence, table
 from ..basics.units import UNKNOWN, Units
 from ..basics.validation import InputError, integer, numbers, positive
 from .dataset import save, to_xarray
-from .from_arrays import NO_STATES, own_run
+from .from_arrays import NO_REACTIONS, NO_STATES, run_fields
 from .impacts import ContactRecord, Impacts
 from .recorder import as_it_starts, sampled_impacts
 
@@ -40,7 +40,7 @@ Pieces = Callable[[], Iterator[tuple[Array, Array, Array, Array]]]
 
 @cache
 def versions() -> dict[str, str]:
-    """What a run was made with, for its provenance."""
+    """Versions of the programs that made a run, for its provenance."""
     return {"stiffbeam": version("stiffbeam"), "numpy": np.__version__, "python": platform.python_version()}
 
 
@@ -72,7 +72,7 @@ class Unfinished(RuntimeError):
 
 @dataclass(frozen=True)
 class Work:
-    """What a run cost. steps: of a fixed-step scheme, 0 for a reference, whose counters tell.
+    """Cost of a run. steps: of a fixed-step scheme, 0 for a reference, whose counters tell.
 
     seconds: all of it but compilation; march_seconds: the stepping alone.
     """
@@ -130,18 +130,18 @@ class Trajectory:
         provenance["dt"] is the median step. Raises InputError for times that decrease, for positions that differ at
         one time, for other shapes, and for numbers that are not finite.
         """
-        made, unknown = own_run(t, tip, tip_velocity, system, states, name), float("nan")
-        return cls(work=Work(len(made["t"]) - 1, unknown, unknown), **made)
+        entries, unknown = run_fields(t, tip, tip_velocity, system, states, name), float("nan")
+        return cls(work=Work(len(entries["t"]) - 1, unknown, unknown), **entries)
 
     def __getstate__(self) -> dict[str, Any]:
-        """What can be sent to another process: functions of the solver cannot.
+        """The state that can be sent to another process: functions of the solver cannot.
 
         Energy and states at the output times are made before, and sent themselves.
         """
         state = dict(self.__dict__)
-        for name, made in (("ledger", "energy"), ("pieces", "states"), ("state_at", "states")):
+        for name, substitute in (("ledger", "energy"), ("pieces", "states"), ("state_at", "states")):
             if state.get(name) is not None and not _travels(state[name]):
-                state |= {name: None, made: getattr(self, made)}
+                state |= {name: None, substitute: getattr(self, substitute)}
         for name in ("evaluate", "contact_by_events", "solution"):
             if state.get(name) is not None and not _travels(state[name]):
                 state[name] = None
@@ -155,7 +155,7 @@ class Trajectory:
         )
 
     def _trust(self) -> str:
-        """What the repr adds on how long it can be trusted."""
+        """The horizon, for the repr; "" for a run."""
         return ""
 
     @property
@@ -165,7 +165,7 @@ class Trajectory:
 
     @property
     def units(self) -> Units:
-        """What its times, displacements, forces and energies are counted in."""
+        """The units of its times, displacements, forces and energies."""
         named = self.provenance.get("units")
         return UNKNOWN if named is None else Units(**named)
 
@@ -188,8 +188,8 @@ class Trajectory:
     def states(self) -> tuple[Array, Array]:
         """(q, q') at the output times, each (k, n); q is v = u - phi (1 - (x/L)^2) for a beam."""
         if self.pieces is None:
-            found = NO_STATES if self.provenance.get("source") == "arrays" else "a loaded file"
-            raise InputError("states", found, "come from a run", "read it with its system: sb.load(file, system)")
+            reason = NO_STATES if self.provenance.get("source") == "arrays" else "a loaded file"
+            raise InputError("states", reason, "come from a run", "read it with its system: sb.load(file, system)")
         wanted = np.arange(len(self.t)) * int(self.provenance.get("every", 1))
         q, v, first = [], [], 0
         for times, q_piece, v_piece, _ in self.pieces():
@@ -203,7 +203,7 @@ class Trajectory:
 
     @property
     def has_energy(self) -> bool:
-        """Whether the run has its energy ledger, made already or to be made."""
+        """Tell whether the run has its energy ledger, made already or to be made."""
         return self.ledger is not None or "energy" in vars(self)
 
     @cached_property
@@ -211,14 +211,16 @@ class Trajectory:
         """The energy ledger at the output times, of a scheme added up over every step before them. Raises Diverged
         where an energy is beyond float64 though the motion is not."""
         if self.ledger is None:
-            found = NO_STATES if self.provenance.get("source") == "arrays" else "a loaded file"
-            raise InputError("energy", found, "have been saved with the run", "run it again, with its states")
-        found = self.ledger()
-        beyond = ~reduce(np.logical_and, (np.isfinite(getattr(found, entry.name)) for entry in fields(found)))
+            reason = NO_STATES if self.provenance.get("source") == "arrays" else "a loaded file"
+            if self.pieces is not None:
+                raise InputError("energy", NO_REACTIONS, "be that of a run with them", "use integrate")
+            raise InputError("energy", reason, "have been saved with the run", "run it again, with its states")
+        ledger = self.ledger()
+        beyond = ~reduce(np.logical_and, (np.isfinite(getattr(ledger, column.name)) for column in fields(ledger)))
         if np.any(beyond):
             remedy = "an energy is beyond float64; count in other units"
-            raise Diverged(str(self.provenance["method"]), float(found.t[np.argmax(beyond)]), remedy)
-        return found
+            raise Diverged(str(self.provenance["method"]), float(ledger.t[np.argmax(beyond)]), remedy)
+        return ledger
 
     def contact_between(self, start: float, end: float, contact: int = 0) -> ContactRecord | None:
         """A contact in [start, end] by events, between the outputs too; None where only the outputs are known."""
@@ -277,7 +279,7 @@ class Trajectory:
 
 
 def _travels(value: Any) -> bool:
-    """Whether it can be sent to another process."""
+    """Tell whether it can be sent to another process."""
     try:
         pickle.dumps(value)
     except Exception:  # whatever the objects of others raise when they are pickled
@@ -289,7 +291,7 @@ REMEDY = "for a comparison pass t_eval=run.t, or numpy.unique(t) for arrays (t, 
 
 
 def output_index(t: Array, times: Array, method: str) -> NDArray[np.int64]:
-    """Where ``times`` stand among the output times t. Raises InputError for any other time."""
+    """Indices of ``times`` among the output times t. Raises InputError for any other time."""
     index = np.clip(np.searchsorted(t, times - 1e-12 * t[-1]), 0, len(t) - 1)
     if np.any(np.abs(t[index] - times) > 1e-11 * t[-1]):
         raise InputError("t", "new times", f"be among t_eval for {method}", REMEDY)

@@ -135,6 +135,7 @@ def reference_from(
         "atol": "rtol/100 of every unknown's scale" if atol is None else atol,
         "switches": switches if system.contacts else "none",
         "pieces": len(pieces.pieces),
+        "callbacks": rhs.callbacks,
         **({"shortest_step_bound": min(bounds)} if bounds else {}),
         **({"loads_scanned_every": pieces.spacing} if pieces.spacing else {}),
         **({"compile_seconds": result.compile_seconds} if result.compile_seconds else {}),

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from ...basics.arrays import Array
 from ...trajectory.trajectory import Reference
 from ..request import KEEP, RESTART, Request
 from .adaptive import Solver, in_phases, reference_from
 from .restarts import Outcome, Phase
 from .rhs import RightHandSide
-from .sundials import advance, phase_options
+from .sundials import advance, compiled, linear_solver, phase_options
+from .sundials_library import CompiledSolver, available
 
 
 def solve(request: Request) -> Reference:
@@ -21,15 +20,13 @@ def solve(request: Request) -> Reference:
     is of order 5 at most and takes long to raise its order again. Undamped, these systems lie on the
     imaginary axis, where BDF of order 3 and above is unstable and Adams needs a fifth of the work.
     """
-    from sksundae.cvode import CVODE
-
     method, adams = request.method, request.method == "cvode-adams"
 
     def solver(rhs: RightHandSide, rtol: float, atol: Array) -> Solver:
-        options: dict[str, Any] = {"linsolver": "dense"}
-        if rhs.banded:
-            lower, upper = rhs.first_order.bandwidths
-            options = {"linsolver": "band", "lband": lower, "uband": upper}
+        from sksundae.cvode import CVODE
+
+        if not rhs.in_python and available():
+            return compiled(method, CompiledSolver("CVode", rhs, rtol, atol, adams))
 
         def right(t: float, z: Array, rate: Array) -> None:
             rhs(t, z, rate)
@@ -41,15 +38,9 @@ def solve(request: Request) -> Reference:
             def roots(t: float, z: Array, out: Array) -> None:
                 phase.watch(t, z, out)
 
-            cvode = CVODE(
-                right,
-                method="Adams" if adams else "BDF",
-                rtol=rtol,
-                atol=atol,
-                jacfn=jacobian,
-                **options,
-                **phase_options(phase, roots),
-            )
+            family = "Adams" if adams else "BDF"
+            options = linear_solver(rhs) | phase_options(phase, roots)
+            cvode = CVODE(right, method=family, rtol=rtol, atol=atol, jacfn=jacobian, **options)
             cvode.init_step(phase.start, phase.z)
             return advance(method, cvode, phase)
 

@@ -60,7 +60,7 @@ class Outcome(NamedTuple):
 
 class Watch:
     """The roots of a phase: first every gap, then every gap's rate, and what each of them means. Of damped stops
-    see ``RightHandSide.gaps``: the gap is what is > 0 where they press, and the rates of the forces follow.
+    see ``kernels.event_functions``: the gap is what is > 0 where they press, and the rates of the forces follow.
 
     In a phase with fixed sides a gap ends it, from below where the side is free, from above where it is
     closed. It is watched at a level a few roundings past where it starts, so that the root a phase starts
@@ -75,14 +75,15 @@ class Watch:
     ) -> None:
         self.rhs, self.closed, self.fixed = rhs, closed, fixed
         self.count = len(closed)
-        self.levels = rounding.copy()
         self.size = len(rounding)
         self._buffer = np.empty(self.size)
+        if self.count:
+            rhs.levels[:] = rounding
         if fixed:
-            self.levels[: self.count] = 0.0
+            rhs.levels[: self.count] = 0.0
             gaps = self.values(t, z)[: self.count]
             margin = rounding[: self.count]
-            self.levels[: self.count] = np.where(closed, np.minimum(gaps - margin, 0.0), np.maximum(gaps + margin, 0.0))
+            rhs.levels[: self.count] = np.where(closed, np.minimum(gaps - margin, 0.0), np.maximum(gaps + margin, 0.0))
         self.peaks: list[Root] = []
         self.switches: list[Root] = []
 
@@ -96,8 +97,7 @@ class Watch:
 
     def __call__(self, t: float, z: Array, out: Array) -> None:
         """Write the root functions into ``out``."""
-        self.rhs.gaps(t, z, out)
-        out -= self.levels
+        self.rhs.event_functions(t, z, out)
 
     def values(self, t: float, z: Array) -> Array:
         """The root functions, in an array that the next call overwrites."""
@@ -194,7 +194,7 @@ def follow(
     events = events or switches == RESTART
     sides = rhs.sides if events else []
     fixed = switches == RESTART and bool(sides)
-    rhs.lengths = np.array(scales.lengths)
+    rhs.lengths[:] = scales.lengths
     extents = [_extent(rhs, scales, i) for i, _ in sides] + [float(scales.speeds[i]) for i, _ in sides]
     if rhs.damped:  # the rates of the forces, each in units of its own
         extents += [0.0] * len(sides)
@@ -277,7 +277,8 @@ def _extent(rhs: RightHandSide, scales: Scales, contact: int) -> float:
 def _closed_at_start(rhs: RightHandSide, z: Array) -> list[bool]:
     """Inside the stop, or exactly on it and moving or pushed in."""
     values = np.empty(rhs.roots)
-    rhs.gaps(0.0, z, values)
+    rhs.levels[:] = 0.0
+    rhs.event_functions(0.0, z, values)
     gaps, rates = values[: len(rhs.sides)], values[len(rhs.sides) : 2 * len(rhs.sides)]
     z_rate = rhs.rate(0.0, z)
     closed = []

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Iterable
 from functools import cached_property
 
 import numpy as np
@@ -12,20 +12,19 @@ import scipy.sparse
 
 from ...basics.arrays import Array
 from ...model.contact import laws
-from ...model.contact_law import pressure, pull, side_slopes, slopes
-from ...model.drive import Drive
+from ...model.contact_law import pressure
+from ...model.drive import Drive, Term
 from ...model.first_order import FirstOrderSystem
+from ...model.sampled import Sampled
 from ...model.system import System
 from ...model.time_functions import LoadFunction, TimeFunction, evaluate, offset_rate, offset_values
-from .kernels import gaps, right_hand_side
-
-THROUGH = 2  # a contact that follows its law, both sides of its switches
+from .kernels import THROUGH, Equations, block_of, event_functions, jacobian, residual, right_hand_side
 
 
 class RightHandSide:
     """z' = f(t, z) of a FirstOrderSystem, z = (y, input, viscous, impulse of every contact).
 
-    Given a ``mass`` E (m, m), E y' = f(t, y): ``System.descriptor``.
+    Given a ``mass`` E (n, n), E y' = f(t, y): ``System.descriptor``.
 
         input'   = sum_k f_k p_k^T q' - sum_c F_c o_c',   viscous' = q'^T C q',   impulse_c' = -F_c
 
@@ -33,71 +32,94 @@ class RightHandSide:
     stop: -F is as smooth as the motion, |F| would have a kink of its own where a narrow gap is crossed. Where a
     stop damps there is one more, absorbed' = -sum_c F_c u_c' of those that do: stored and dissipated together, which is
     as smooth as the motion too. ``regime`` (contacts,) is chi of every contact, in which the force is smooth on both
-    sides of its switches, or THROUGH for the law itself. ``lengths`` (contacts,): of the contacts' motion, by which
-    the switch function of a damped stop is made a length.
-    Harmonic and constant functions are compiled in; a bare callable is called once per evaluation, at
-    times inside ``window`` only.
+    sides of its events, or THROUGH for the law itself. ``lengths`` (contacts,): of the contacts' motion, by which
+    the event function of a damped stop is made a length.
+    ``block`` holds the numbers for the compiled functions of ``kernels``. ``in_python`` is True where a function of
+    time is a bare callable, which Python calls once per evaluation, at times inside ``window`` only.
     """
 
     def __init__(self, first_order: FirstOrderSystem, mass: Array | None = None) -> None:
         system = first_order.system
         self.first_order = first_order
-        self.states = len(first_order.y0)
-        self._mass = None if mass is None else scipy.linalg.lu_factor(mass)
+        self.states = n = len(first_order.y0)
         contacts = first_order.contacts
         m = len(contacts)
         self.damped = any(c.contact.stops.dissipative for c in contacts)
-        self.size = self.states + 2 + m + self.damped
+        self.size = n + 2 + m + self.damped
         self.z0 = np.concatenate([first_order.y0, np.zeros(2 + m + self.damped)])
-        self.lengths = np.ones(m)
         self.signed = True  # whether the impulses have a sign; those of a solver without roots have none
-        self.regime = np.full(m, THROUGH, np.int64)
-        self.window = (-math.inf, math.inf)
-        self.drive = Drive.of(system)
-        basis, rest = self.drive.split(first_order.loads, self.states)
-        self._rest = [(vector, _at_one_time(function)) for vector, function in rest]
+        self.callbacks = "Python"  # "compiled" where the solver calls the kernels itself
+        self._mass = None if mass is None else scipy.linalg.lu_factor(mass)
+
+        drive = Drive.of(system)
+        loads, self._called = _compiled_part(drive, first_order.loads, n)
         powers = [(first_order.to_v.T @ p, f) for p, f in system.loads]
-        power, rest_power = self.drive.split(powers, self.states)
-        self._power_rows = [row for row, _ in rest_power]
-        offsets = np.zeros((self.drive.size, m))
-        self._offsets_rest = []
-        for i, c in enumerate(contacts):
-            known, sampled = self.drive.split([] if c.contact.offset is None else [(np.ones(1), c.contact.offset)], 1)
-            if sampled:
-                self._offsets_rest.append(i)
-            else:
-                offsets[:, i : i + 1] = known
-        self._shifts, self._shift_rates, self._shift_accelerations = np.zeros((3, m))
-        self._offset_accelerations = self.drive.derivative().T @ self.drive.derivative().T @ offsets
+        power, self._called_power = _compiled_part(drive, powers, n)
+        units = np.eye(m)
+        moving = [(units[i], c.contact.offset) for i, c in enumerate(contacts) if c.contact.offset is not None]
+        offsets, called_offsets = _compiled_part(drive, moving, m)
+        self._called_offsets = sorted({int(np.flatnonzero(unit)[0]) for unit, _ in called_offsets})
+        for i in self._called_offsets:  # a sum that is called in part is called whole
+            offsets[:, i] = 0.0
+
         damping = first_order.to_v.T @ system.damping @ first_order.to_v if system.damped else np.zeros((0, 0))
-        self._contacts = (
-            np.array(self.drive.frequencies, float),
-            np.array([c.row for c in contacts]).reshape(m, self.states),
-            np.array([first_order.to_v.T @ c.contact.row for c in contacts]).reshape(m, self.states),
-            offsets,
-            self.drive.derivative().T @ offsets,
-            laws(system.contacts),
-        )
-        self._system = (
+        velocity_rows = np.array([first_order.to_v.T @ c.contact.row for c in contacts]).reshape(m, n)
+        acceleration_rows = velocity_rows
+        inertia = np.zeros((0, 0))
+        if self._mass is not None and mass is not None:
+            acceleration_rows = np.ascontiguousarray(scipy.linalg.lu_solve(self._mass, velocity_rows.T, trans=1).T)
+            inertia = np.asarray(scipy.linalg.block_diag(mass, np.eye(self.size - n)))
+        self.regime = np.full(m, THROUGH, np.int64)
+        self._window = np.array([-math.inf, math.inf])
+        self.lengths = np.ones(m)
+        arrays = Equations(
             *_sparse(first_order.matrix),
             *_sparse(damping),
-            basis,
-            power,
-            np.array([c.column for c in contacts]).reshape(m, self.states),
+            *_sparse(inertia),
+            frequencies=np.array(drive.frequencies, float),
+            edges=drive.edges,
+            records=drive.table.reshape(len(drive.edges), len(drive.records) * drive.order),
+            loads=loads,
+            power=power,
+            pushes=np.array([c.column for c in contacts]).reshape(m, n),
+            position_rows=np.array([c.row for c in contacts]).reshape(m, n),
+            velocity_rows=velocity_rows,
+            acceleration_rows=acceleration_rows,
+            offsets=offsets,
+            law=laws(system.contacts),
+            lengths=self.lengths,
+            regime=self.regime,
+            shifts=np.zeros((3, m)),
+            levels=np.zeros(self.roots),
+            window=self._window,
         )
+        self._equations = Equations(*map(np.ascontiguousarray, arrays))
+        self.block = block_of(self._equations)
         self(0.0, self.z0.copy(), np.empty(self.size))
+
+    @property
+    def in_python(self) -> bool:
+        """Whether a function of time is called from Python."""
+        return bool(self._called or self._called_offsets)
+
+    @property
+    def window(self) -> tuple[float, float]:
+        """The times at which functions of time may be asked."""
+        return float(self._window[0]), float(self._window[1])
+
+    @window.setter
+    def window(self, times: tuple[float, float]) -> None:
+        self._window[:] = times
 
     def __call__(self, t: float, z: Array, out: Array) -> None:
         """Write f(t, z) into ``out``."""
-        shifts, shift_rates = self._offsets(t)
-        right_hand_side(
-            t, _fixed(z), out, self.states, *self._system, *self._contacts, self.regime, shifts, shift_rates
-        )
-        if self._rest:
+        self._call_offsets(t)
+        right_hand_side(t, _fixed(z), out, self.block)
+        if self._called:
             t = self._inside(t)
             y, n = z[: self.states], self.states
-            for (vector, function), row in zip(self._rest, self._power_rows, strict=True):
-                value = function(t)
+            for (vector, function), (row, _) in zip(self._called, self._called_power, strict=True):
+                value = _at_one_time(function, t)
                 out[:n] += vector * value
                 out[n] += value * (row @ y)
 
@@ -114,45 +136,41 @@ class RightHandSide:
             out[: self.states] = scipy.linalg.lu_solve(self._mass, out[: self.states])
         return out
 
-    def jacobian(self, t: float, z: Array) -> Array:
-        """df/dz, (size, size), without the rows of the integrals: they act on nothing."""
-        jacobian, y, n = np.zeros((self.size, self.size)), z[: self.states], self.states
-        jacobian[:n, :n] = self.first_order.matrix
-        for i, c in enumerate(self.first_order.contacts):
-            if self.regime[i] == 0:
-                continue
-            u, v = (float(x) for x in self.first_order.contact_motion(c, self._inside(t), y))
-            chi = self.regime[i] if self.regime[i] != THROUGH else int(c.contact.stops.state(u, v))
-            slope, to_rate = side_slopes(u, v, chi, c.contact.stops.coefficients)
-            if slope:
-                jacobian[:n, :n] -= slope * np.outer(c.column, c.row)
-            if to_rate:
-                jacobian[:n, :n] -= to_rate * np.outer(c.column, self.first_order.velocity_row(c))
-        return jacobian
+    def residual(self, t: float, z: Array, rate: Array, out: Array) -> None:
+        """Write E z' - f(t, z) into ``out``; for a system with a ``mass``."""
+        self._call_offsets(t)
+        residual(t, _fixed(z), _fixed(rate), out, self.block)
+        if self._called:
+            t = self._inside(t)
+            for (vector, function), (row, _) in zip(self._called, self._called_power, strict=True):
+                value = _at_one_time(function, t)
+                out[: self.states] -= vector * value
+                out[self.states] -= value * (row @ z[: self.states])
 
-    def gaps(self, t: float, z: Array, out: Array) -> None:
-        """Write u - g2 or g1 - u of every side, > 0 in the stop, then the rates of all of them.
+    def jacobian(self, t: float, z: Array, cj: float = 0.0, sign: float = 1.0) -> Array:
+        """cj E + sign df/dz, (size, size), without the rows of the integrals: they act on nothing."""
+        self._call_offsets(t)
+        J = np.empty(self.size * self.size)
+        jacobian(t, _fixed(z), cj, sign, J, 0, self.size, self.block)
+        return J.reshape(self.size, self.size).T
 
-        Of a damped stop, instead of its gap, what is > 0 where it presses: the lesser of gap and force, as a length.
-        With one among the stops a third row follows: the rates of the forces of the damped ones, else of the gaps.
-        """
-        shifts = self._offsets(t)
-        if not self.damped:
-            gaps(t, _fixed(z), out, self.states, *self._contacts, *shifts)
-            return
-        half = len(self.sides)
-        gaps(t, _fixed(z), out[: 2 * half], self.states, *self._contacts, *shifts)
-        z_rate = self.rate(t, z)
-        for k, (i, side) in enumerate(self.sides):
-            rate, stops = out[half + k], self.first_order.contacts[i].contact.stops
-            out[2 * half + k] = rate
-            if not stops.dissipative:
-                continue
-            law, d = stops.coefficients, out[k]
-            acceleration = side * (self._contacts[2][i] @ z_rate[: self.states] + self._offset_acceleration(t, i))
-            slope, to_rate = slopes(d, rate, law)
-            out[2 * half + k] = slope * rate + to_rate * acceleration
-            out[k] = min(d, pull(d, rate, self.lengths[i], law))
+    def event_functions(self, t: float, z: Array, out: Array) -> None:
+        """Write the event functions less their ``levels`` into ``out``, see ``kernels.event_functions``."""
+        self._call_offsets(t)
+        if self.damped and self.in_python:  # the rate of a damped stop's force takes the acceleration of the contact
+            shifts, inside = self._equations.shifts, self._inside(t)
+            shifts[2] = 0.0
+            for i in self._called_offsets:
+                offset = self.first_order.contacts[i].contact.offset
+                shifts[2, i] = offset.acceleration(inside)  # type: ignore[union-attr]
+            for vector, function in self._called:
+                shifts[2] += self._equations.acceleration_rows @ vector * _at_one_time(function, inside)
+        event_functions(t, _fixed(z), out, self.block)
+
+    @property
+    def levels(self) -> Array:
+        """The values (roots,) at which event functions count as zero; to be written to."""
+        return self._equations.levels
 
     def pressing(self, t: float, z: Array, k: int) -> float:
         """|F| of side k in contact."""
@@ -164,12 +182,8 @@ class RightHandSide:
 
     @property
     def roots(self) -> int:
-        """How many numbers ``gaps`` writes."""
+        """Number of event functions."""
         return (3 if self.damped else 2) * len(self.sides)
-
-    def _offset_acceleration(self, t: float, i: int) -> float:
-        offset = self.first_order.contacts[i].contact.offset
-        return 0.0 if offset is None else float(offset.acceleration(self._inside(t)))  # type: ignore[union-attr]
 
     @cached_property
     def sides(self) -> list[tuple[int, int]]:
@@ -180,10 +194,15 @@ class RightHandSide:
             sides += [(i, -1)] if np.isfinite(c.contact.stops.g1) else []
         return sides
 
-    @property
-    def banded(self) -> bool:
-        """Whether a banded solver pays."""
-        return sum(self.first_order.bandwidths) + 1 < self.states // 3
+    @cached_property
+    def bandwidths(self) -> tuple[int, int] | None:
+        """Lower and upper bandwidth of E and df/dz, None where a banded solver does not pay."""
+        lower, upper = self.first_order.bandwidths
+        if self._equations.mass_columns.size:
+            e = self._equations
+            below = np.repeat(np.arange(self.size), np.diff(e.mass_row_starts)) - e.mass_columns
+            lower, upper = max(lower, int(np.max(below))), max(upper, -int(np.min(below)))
+        return (lower, upper) if lower + upper + 1 < self.states // 3 else None
 
     def channels(self, t: Array, y: Array) -> tuple[Array, Array]:
         """Positions and velocities of the system's channels; y (k, m) at t (k,) -> (k, channels) each."""
@@ -196,26 +215,29 @@ class RightHandSide:
         return positions, velocities
 
     def _inside(self, t: float) -> float:
-        return min(max(t, self.window[0]), self.window[1])
+        return min(max(t, float(self._window[0])), float(self._window[1]))
 
-    def _offsets(self, t: float) -> tuple[Array, Array]:
-        """The part of the offsets and their rates that is not compiled in, (m,) each."""
-        for i in self._offsets_rest:
+    def _call_offsets(self, t: float) -> None:
+        """Ask the offsets that are not compiled for position and rate."""
+        for i in self._called_offsets:
             offset, inside = self.first_order.contacts[i].contact.offset, self._inside(t)
-            self._shifts[i] = offset_values(offset, inside)
-            self._shift_rates[i] = offset_rate(offset, inside)
-        return self._shifts, self._shift_rates
+            self._equations.shifts[0, i] = offset_values(offset, inside)
+            self._equations.shifts[1, i] = offset_rate(offset, inside)
 
 
-def _at_one_time(function: LoadFunction) -> Callable[[float], float]:
-    """f(t) as a float, without what ``evaluate`` asks each time: it has been asked where the loads were scanned."""
-    values = function.value if isinstance(function, TimeFunction) else function
+def _compiled_part(drive: Drive, terms: Iterable[Term], width: int) -> tuple[Array, list[Term]]:
+    """Amplitudes (d + R, width) of the harmonics and records in ``terms``, and the terms that Python has to call."""
+    basis, rest = drive.split(terms, width)
+    records = [(vector, f) for vector, f in rest if isinstance(f, Sampled)]
+    return np.concatenate([basis, drive.recorded(records, width)]), [
+        (vector, f) for vector, f in rest if not isinstance(f, Sampled)
+    ]
 
-    def value(t: float) -> float:
-        found = float(values(np.asarray(t)))
-        return found if math.isfinite(found) else float(evaluate(function, t))  # which says what is wrong
 
-    return value
+def _at_one_time(function: LoadFunction, t: float) -> float:
+    """f(t), without what ``evaluate`` asks each time: it has been asked where the loads were scanned."""
+    value = float((function.value if isinstance(function, TimeFunction) else function)(np.asarray(t)))
+    return value if math.isfinite(value) else float(evaluate(function, t))  # which says what is wrong
 
 
 def _sparse(matrix: Array) -> tuple[Array, Array, Array]:

@@ -8,6 +8,7 @@ import numpy as np
 import scipy.linalg
 
 from ...basics.arrays import Array
+from ...basics.validation import InputError
 from ...model.first_order import FirstOrderSystem
 from ...model.time_functions import evaluate, offset_values
 
@@ -39,7 +40,8 @@ def scales_of(first_order: FirstOrderSystem, t_end: float) -> Scales:
     t = np.linspace(0.0, t_end, SAMPLES)
     energy = float(system.energy(np.zeros(1), system.q0[None], system.v0[None])[0])
     for vector, function in system.loads:
-        energy += 0.5 * float(np.max(np.abs(evaluate(function, t)))) ** 2 * float(vector @ compliance @ vector)
+        largest = float(np.max(np.abs(evaluate(function, t))))
+        energy += 0.5 * largest * largest * float(vector @ compliance @ vector)
     moves = []
     for contact in system.contacts:
         o = offset_values(contact.offset, t)
@@ -48,7 +50,10 @@ def scales_of(first_order: FirstOrderSystem, t_end: float) -> Scales:
         gives = float(contact.row @ compliance @ contact.row)
         if move and not contact.stops.dissipative:  # one that damps may hold the contact as if it were rigid
             gives += 1.0 / contact.stops.secant(move)
-        energy += 0.5 * move**2 / gives
+        energy += 0.5 * move * move / gives
+    if not np.isfinite(energy):
+        rule = "have an energy that float64 can hold"
+        raise InputError("the motion", energy, rule, "take units in which loads and motions are smaller")
     if not energy > 0.0:
         ones = np.ones(len(system.contacts))
         return Scales(np.ones(len(first_order.y0)), ones, ones, 1.0)

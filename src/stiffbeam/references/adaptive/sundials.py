@@ -8,14 +8,33 @@ from typing import Any
 import numpy as np
 
 from ...trajectory.trajectory import SolverFailure
+from . import sundials_library
 from .restarts import Outcome, Phase, Root, refuse_endless
+from .rhs import RightHandSide
+from .sundials_library import CompiledSolver
 
-MAX_STEPS = 10_000_000  # per output point; the default of 500 ends most contact runs
+
+def linear_solver(rhs: RightHandSide) -> dict[str, Any]:
+    """The options of scikit-sundae's direct solver: banded where that pays."""
+    if rhs.bandwidths is None:
+        return {"linsolver": "dense"}
+    lower, upper = rhs.bandwidths
+    return {"linsolver": "band", "lband": lower, "uband": upper}
+
+
+def compiled(method: str, solver: CompiledSolver) -> Callable[[Phase], Outcome]:
+    """Return what integrates a phase with a solver whose equations are compiled."""
+
+    def run(phase: Phase) -> Outcome:
+        solver.init_step(phase)
+        return advance(method, solver, phase)
+
+    return run
 
 
 def phase_options(phase: Phase, roots: Callable[..., None]) -> dict[str, Any]:
     """Root functions and step bound. Made anew for each phase: events accumulate in a solver."""
-    options: dict[str, Any] = {"max_num_steps": MAX_STEPS}
+    options: dict[str, Any] = {"max_num_steps": sundials_library.MAX_STEPS}
     if np.isfinite(phase.max_step):
         options["max_step"] = phase.max_step
     if phase.watch.count:

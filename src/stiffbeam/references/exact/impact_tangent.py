@@ -76,10 +76,16 @@ class Neighbours:
             kick = np.linalg.solve(rows @ back, (1.0 + e)[:, None] * (rows @ moved + np.outer(curve, late)))
             dq = dq + np.outer(v_before - v_after, late)
             dv = moved - back @ kick - np.outer(2.0 * ahead[2], late)
-        if new:
-            rows, back = model.rows[list(after)], model.back[:, list(after)]
-            inverse = np.linalg.inv(rows @ back)
-            dq, dv = (_left(x - back @ (inverse @ (rows @ x)), x) for x in (dq, dv))
+        return self.on_stops(piece, dq, dv) if new else (dq, dv)
+
+    def on_stops(self, piece: int, dq: Array, dv: Array) -> tuple[Array, Array]:
+        """What is left of vectors (n, k) while the contacts of a stretch are held."""
+        model, held = self.solution.model, list(self.solution.held[piece])
+        if not held:
+            return dq, dv
+        rows, back = model.rows[held], model.back[:, held]
+        inverse = np.linalg.inv(rows @ back)
+        dq, dv = (_left(x - back @ (inverse @ (rows @ x)), x) for x in (dq, dv))
         return dq, dv
 
 

@@ -21,12 +21,12 @@ from ...basics.arrays import Array
 from ...basics.validation import InputError
 from ...model.active_set import solve_node
 from ...model.system import System
+from ...piecewise.touching import EPS
 from ...trajectory.trajectory import SolverFailure
 from ..rigid_stops import order_decides
 from .impacted import Event, Solution
 from .starting import on_stops, together_but_for_rounding
 from .taylor import Model, first_zero, rate, stays, value
-from .touching import EPS
 
 RADIANS = 1.0  # of the fastest motion, in one stretch
 CHATTER = 1e-6
@@ -74,12 +74,16 @@ class Tracer:
             event = events[0] if events else None
             s = longest if event is None else event[0]
             if not s > 0.0 and event is None:
-                raise SolverFailure("exact", self.t, "time does not go on in float64", "use integrate")
+                raise SolverFailure(
+                    "exact", self.t, "time does not go on in float64", "use a scheme with an impact law"
+                )
             now = self.t + s
             self.q, self.v = value(c, s), rate(c, s)
             still, turns = (0, {}) if now > self.t else (still + 1, turns)
             if still > MOST_AT_ONCE:
-                raise SolverFailure("exact", now, f"{MOST_AT_ONCE} events at one time", "use integrate")
+                raise SolverFailure(
+                    "exact", now, f"{MOST_AT_ONCE} events at one time", "use a scheme with an impact law"
+                )
             if self.roundings and now > self.t:
                 now = self._perturb(c, R, held, s, edge)
             self.t = edge if event is None and longest == edge - self.t else now
@@ -108,7 +112,7 @@ class Tracer:
         Return the time, moved likewise, which shifts loads and stops against the motion."""
         sizes, model, at = np.abs(c), self.model, list(held)
         # Damping brings copies to rest, and equal to the bit: they diverge again by what the loads lose.
-        terms = 2.0 * sizes[2] + np.abs(model.stiff) @ sizes[0] + np.abs(model.damp) @ sizes[1]
+        terms = model.load_sizes(self.t) + np.abs(model.stiff) @ sizes[0] + np.abs(model.damp) @ sizes[1]
         terms += np.abs(model.back[:, at]) @ np.abs(R[0])
         lost = np.array([value(sizes, s) + 0.5 * s * s * terms, rate(sizes, s) + s * terms])
         lost *= self.roundings * EPS * self.random.uniform(-1.0, 1.0, lost.shape)

@@ -2,12 +2,11 @@
 
 With linear compliance every contact is free or on one of its stops, and each combination is a linear
 system with a solution in closed form. The time to the next switch is approached by steps that provably
-contain none (switching.py).
+contain none (search.py).
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from dataclasses import asdict
 from functools import partial
@@ -19,20 +18,19 @@ from ...basics.compiled import clock
 from ...basics.resources import afford
 from ...basics.validation import InputError, positive
 from ...model.drive import Drive
-from ...model.modes import Modes, undamped_modes
+from ...model.modes import undamped_modes
 from ...model.sampled import Sampled
 from ...model.system import System
 from ...model.time_functions import covered, parts_of
+from ...piecewise.audit import audit, within_float64
+from ...piecewise.measures import Solution, contact_between, entries, exact_ledger, path_of, record_of
+from ...piecewise.regimes import Known, Source
+from ...piecewise.rounding import Perturbation
+from ...piecewise.tracer import Tracer, tracer_of
 from ...trajectory.impacts import ContactRecord
 from ...trajectory.trajectory import Reference, Work, versions
 from ..agreement import Watched
 from ..request import Request, output_times
-from .audit import audit, within_float64
-from .exact_measures import Solution, contact_between, entries, exact_ledger, path_of, record_of
-from .exponential_tracer import ExponentialTracer
-from .rounding import Perturbation
-from .undamped_regimes import Parts
-from .undamped_tracer import Tracer
 
 
 def solve(request: Request) -> Reference:
@@ -49,13 +47,13 @@ def solve_exact(
     system: System,
     t_end: float,
     t_eval: Array | None = None,
-    known: dict[float, Modes] | None = None,
+    known: Known | None = None,
     since: float = 0.0,
 ) -> Reference:
     """The exact piecewise-linear solution in float64, with crossings that cannot be missed.
 
     Takes any damping, critical too, free bodies, drives in resonance with any regime, any number of contacts, linear
-    stops, damped ones too (damped_stops.py), and time functions made of Harmonic, Constant and Sampled; raises
+    stops, damped ones too (events.py), and time functions made of Harmonic, Constant and Sampled; raises
     InputError with the reason for other time functions. Without damping, with at most one contact and no samples all
     of it is compiled; else regimes
     are made as they are met. ``known`` keeps the modes of systems that share their matrices and contact row, see
@@ -93,12 +91,10 @@ def observations(
 
 def copies(system: System, t_end: float, t: Array, size: float) -> Iterator[Watched]:
     """Copies of the exact solution without end, each perturbed by ``size`` in its own way; t: as in ``Watched``."""
-    parts = None if general(system) else Parts(system, span=t_end)
+    source = Source(system, span=t_end)
     for seed in count():
         with within_float64("exact", t_end):
-            perturbation = Perturbation(size, size, seed)
-            tracer = Tracer(parts, perturbation) if parts else ExponentialTracer(system, perturbation)
-            solution = tracer.solve(t_end)
+            solution = Tracer(source, Perturbation(size, size, seed)).solve(t_end)
             seen = [path_of(system, solution, t, channel)[0] for channel in range(len(system.channels))]
             paths = (seen[system.tip_channel], *seen[: len(system.contacts)])
             impacts = tuple(entries(solution, i, t_end) for i in range(len(system.contacts)))
@@ -109,18 +105,6 @@ def general(system: System) -> bool:
     """Whether it takes sums of complex exponentials: damping, several contacts, or sampled functions of time."""
     damped = system.damped or any(contact.stops.damping > 0.0 for contact in system.contacts)
     return damped or len(system.contacts) > 1 or bool(Drive.of(system).records)
-
-
-def tracer_of(
-    system: System,
-    perturbation: Perturbation | None = None,
-    known: dict[float, Modes] | None = None,
-    span: float = math.inf,
-) -> Tracer | ExponentialTracer:
-    """What follows solutions of the system in float64; known, span: see ``Parts``."""
-    if general(system):
-        return ExponentialTracer(system, perturbation)
-    return Tracer(Parts(system, known, span), perturbation)
 
 
 def reference_of(

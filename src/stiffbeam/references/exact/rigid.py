@@ -21,14 +21,14 @@ from ...basics.compiled import clock
 from ...basics.validation import InputError, numbers, positive
 from ...model.drive import Drive
 from ...model.system import System, require_system
+from ...piecewise.audit import audit, within_float64
+from ...piecewise.follow import DONE, follow
+from ...piecewise.motion import Motion
+from ...piecewise.regimes import Regimes, Source
+from ...piecewise.tracer import QUIET
 from ...trajectory.impacts import Impacts
 from ...trajectory.trajectory import Reference, SolverFailure
-from .audit import audit, within_float64
-from .following import follow
 from .piecewise import reference_of, refuse
-from .undamped import Solution
-from .undamped_regimes import Parts
-from .undamped_tracer import QUIET, Tracer
 
 MOST_IMPACTS = 200_000
 
@@ -69,57 +69,49 @@ def rigid_limit(system: System, t_end: float, t_eval: Array | None = None) -> Re
 
 
 def _solve(system: System, t_end: float, t_eval: Array | None, begun: float) -> Reference:
-    tracer = Tracer(Parts(system))
     row = system.contacts[0].row
-    kick = np.linalg.solve(system.mass, row)
-    mass = 1.0 / float(row @ kick)  # what the stop feels
+    mass = 1.0 / float(row @ np.linalg.solve(system.mass, row))  # what the stop feels
     q, v = system.q0, system.v0
     if system.contacts[0].stops.state(row @ q):
         remedy = "start the contact point inside the gap"
         raise InputError("initial displacement", float(row @ q), "lie between rigid stops", remedy)
-    drive, P, basis = tracer.drive, tracer.regimes.particulars[0], tracer.bases[0]
-    pieces: list[tuple[float, Array, Array]] = []  # start, h, h'
-    sides: list[int] = []
+    regimes = Regimes(Source(system))
+    q, v = regimes.start(q, v, t_end)  # alone: the loop ends where another regime would begin
+    assert regimes.free is not None
+    row = kick = regimes.free.force(row)  # M^-1 row in the modes
+    table, K = regimes.table, regimes.table.sigma.shape[1]
+    out = np.empty(1), np.empty(1, np.int64), np.empty((1, 1), np.int64), *np.empty((2, 1, K))
+    sides, switched, unused = np.zeros(1, np.int64), np.zeros(1, np.int64), np.empty(system.size)
+    found: list[tuple[Array, ...]] = []
+    stops: list[int] = []
     impulses: list[float] = []
     t, evaluations = 0.0, 0
-    when, side, unused = np.empty(1), np.empty(1, np.int64), np.empty((1, system.size))
     while True:
-        g = drive.coefficients(t)
-        h = basis.to_modal(q) - P @ g
-        rate = basis.to_modal(v) - P @ (drive.derivative() @ g)
-        pieces.append((t, h.copy(), rate.copy()))
-        at_switch = len(pieces) > 1
-        count, used = follow(
-            tracer.regimes, 0, h, rate, t, t_end, at_switch, QUIET, 0.0, when, side, unused, unused.copy()
-        )
+        why, _, used, t = follow(table, t, t_end, q, v, unused, unused, sides, switched, QUIET, 0.0, *out)
+        found.append(tuple(x.copy() for x in out))
         evaluations += used
-        if not count:
+        if why == DONE:
             break
-        if len(pieces) > MOST_IMPACTS:
+        if len(found) > MOST_IMPACTS:
             raise InputError("t_end", t_end, f"hold at most {MOST_IMPACTS} impacts", f"end before t = {t:.6g}")
-        q, v = (x[0] for x in _solution(tracer, pieces[-1:], 0).states(when))
-        t, approach = float(when[0]), float(row @ v)
-        if not int(side[0]) * approach > 0.0:
+        approach = float(row @ v)
+        if not int(sides[0]) * approach > 0.0:
             raise SolverFailure("rigid", t, "the contact is pressed on its stop without speed", "use compliant stops")
-        v = v - 2.0 * mass * approach * kick
-        sides.append(int(side[0]))
+        v -= 2.0 * mass * approach * kick
+        stops.append(int(sides[0]))
         impulses.append(2.0 * mass * abs(approach))
-    solution = _solution(tracer, pieces, evaluations)
+        sides[0] = 0
+    times, regime, chi, x, y = (np.concatenate(z) for z in zip(*found, strict=True))
+    solution = Motion(regimes, times, chi, regime, x, y, evaluations)
     audit(system, solution, t_end, "rigid")
-    found = reference_of(system, solution, t_end, t_eval, begun, "rigid", {})
+    reference = reference_of(system, solution, t_end, t_eval, begun, "rigid", {})
     times = solution.times[1:]
-    impacts = Impacts.at(times, sides, "event", ends=times, impulses=impulses)
+    impacts = Impacts.at(times, stops, "event", ends=times, impulses=impulses)
     record = replace(
-        found.contacts[0],
-        force=np.full(len(found.t), np.nan),
+        reference.contacts[0],
+        force=np.full(len(reference.t), np.nan),
         impacts=impacts,
         peak_force=float("nan") if len(times) else 0.0,
         impulse=float(np.sum(impulses)),
     )
-    return replace(found, contacts=(record,))
-
-
-def _solution(tracer: Tracer, pieces: list[tuple[float, Array, Array]], evaluations: int) -> Solution:
-    times, h, rate = (np.array(x) for x in zip(*pieces, strict=True))
-    free = np.zeros(len(times), np.int64)
-    return Solution(tracer.drive, tracer.bases, tracer.regimes, times, free, h, rate, evaluations)
+    return replace(reference, contacts=(record,))

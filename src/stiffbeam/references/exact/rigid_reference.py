@@ -14,18 +14,18 @@ from ...basics.compiled import clock
 from ...basics.validation import positive
 from ...model.system import System
 from ...model.time_functions import evaluate, offset_rate, offset_values
+from ...piecewise.audit import ROUNDINGS, within_float64
+from ...piecewise.touching import EPS
 from ...trajectory.impacts import ContactRecord, Impacts
 from ...trajectory.ledger import Ledger
 from ...trajectory.trajectory import Reference, SolverFailure, Work, versions
 from ..agreement import apart, scales_of, watched
 from ..request import output_times
 from ..rigid_stops import require_rigid
-from .audit import ROUNDINGS, within_float64
 from .impacted import Solution
 from .impacting import RADIANS, Tracer
 from .starting import at_rest
 from .taylor import Model
-from .touching import EPS
 
 COPIES = ((0.7, 4.0), (0.55, -4.0), (0.85, 16.0))  # radians a segment, roundings of the start and of every segment
 APART = 5e-4  # of the largest displacement, and of a radian of the slowest motion: half the tolerance of a horizon
@@ -64,14 +64,14 @@ def solve_rigid(
         withheld, kept = _withheld(system, solution, t_end)
         if opened > LOST * scale + withheld:
             reason = f"the energy balance is open, by {opened / scale:.2g} of the energy"
-            raise SolverFailure("exact", t_end, reason, "use integrate")
+            raise SolverFailure("exact", t_end, reason, "use a scheme with an impact law")
         beyond = _beyond(system, solution, kept)
         if beyond > LOST:
             reason = f"the motion is beyond a stop, by {beyond:.2g} of its largest displacement"
-            raise SolverFailure("exact", t_end, reason, "use integrate")
+            raise SolverFailure("exact", t_end, reason, "use a scheme with an impact law")
         if not trusted:
             return found
-        horizon = min(_horizon(system, found, t, t_end), float(np.max(t[t < solution.tie], initial=0.0)))
+        horizon = min(_horizon(system, found, kept, t, t_end), float(np.max(t[t < solution.tie], initial=0.0)))
     provenance = found.provenance | {
         "horizon_against": f"{len(COPIES)} copies with other segments, starts and roundings, to half the tolerance"
     }
@@ -128,8 +128,10 @@ def _seen(solution: Solution, t: Array, q: Array, v: Array, channel: int) -> tup
 
 def _withheld(system: System, solution: Solution, t_end: float) -> tuple[float, Array]:
     """The rounding of what held contacts withhold: of the energy and of the positions (n,) that forces would give the
-    system in one stretch, were it free. A body that is pressed on its stop at rest has none of its own."""
-    times, (q, v) = np.array(solution.times), (np.array(x) for x in zip(*solution.states, strict=True))
+    system in one stretch, were it free. A body that is pressed on its stop at rest has none of its own. A load that
+    rises from zero is looked at where the last stretch ends, too."""
+    times = np.array([*solution.times, t_end])
+    q, v = (np.array(x) for x in zip(*solution.states, solution.states[-1], strict=True))
     force = system.load(times) - q @ system.stiffness - v @ system.damping
     acceleration = np.linalg.solve(system.mass, force.T).T
     longest = min(t_end, RADIANS / solution.model.fastest if solution.model.fastest else t_end)
@@ -230,11 +232,13 @@ def _ledger(system: System, solution: Solution, t: Array) -> Ledger:
     return Ledger(t, *energies, given, lost, loss, loss, np.zeros_like(loss), taken)
 
 
-def _horizon(system: System, found: Reference, t: Array, t_end: float) -> float:
-    """See ``solve_rigid``."""
+def _horizon(system: System, found: Reference, kept: Array, t: Array, t_end: float) -> float:
+    """See ``solve_rigid``. kept: of ``_withheld``, below which positions are rounding."""
     horizon, eps = t_end, float(np.finfo(float).eps)
     channels = system.tip_channel, *range(len(system.contacts))
-    seen = list(zip(channels, watched(found).paths, np.maximum(scales_of(found), 1e-300), strict=True))
+    rounding = np.array([kept @ np.abs(system.channels[channel][0]) for channel in channels])
+    scales = np.maximum(scales_of(found), rounding / APART)
+    seen = list(zip(channels, watched(found).paths, scales, strict=True))
     slowest = np.sqrt(np.abs(np.linalg.eigvals(np.linalg.solve(system.mass, system.stiffness))))
     slowest = slowest[slowest > 1e-6 * np.max(slowest, initial=0.0)]
     longest = APART * 2.0 * np.pi / float(np.min(slowest)) if len(slowest) else APART * t_end

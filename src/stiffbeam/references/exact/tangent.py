@@ -3,7 +3,7 @@
     z(t) = Phi(t) z(0),  Phi(t) = flow of the last piece ... flow of the first,  |Phi(t) z| ~ exp(lambda t)
 
 A continuous force leaves tangent vectors alone at a switch (its saltation matrix is the identity), so that Phi is
-the product of the homogeneous flows of the pieces; at the entry into a damped stop the force jumps, see damped_stops.
+the product of the homogeneous flows of the pieces; at the entry into a damped stop the force jumps, see events.
 """
 
 from __future__ import annotations
@@ -17,15 +17,16 @@ from ...basics.validation import integer, positive
 from ...model.modes import undamped_modes
 from ...model.system import System, require_system
 from ...model.time_functions import offset_rate
+from ...piecewise.audit import audit, within_float64
+from ...piecewise.events import entry
+from ...piecewise.measures import Solution
+from ...piecewise.motion import Motion
+from ...piecewise.tracer import tracer_of
 from ...trajectory.trajectory import SolverFailure
 from ..rigid_stops import require_rigid
-from .audit import audit, within_float64
-from .damped_stops import entry
-from .exact_measures import Solution
 from .impact_tangent import Neighbours
 from .impacting import Tracer as ImpactTracer
-from .piecewise import afford_search, refuse, tracer_of
-from .undamped import Solution as Undamped
+from .piecewise import afford_search, refuse
 
 RANDOM = 3  # tangent vectors beside the direction of the motion itself
 SAMPLES = 200  # times beside the switches
@@ -90,9 +91,13 @@ def growth(
 ) -> Growth:
     """``lyapunov`` along a solution that is there already, ended where a growth, ln, is ``enough``."""
     dq, dv = _vectors(system, seed)
+    if isinstance(solution, Neighbours):  # those of a contact that is held stay on its stop
+        dq, dv = _unit(system, *solution.on_stops(0, dq, dv))
+    if not dq.shape[1]:
+        raise SolverFailure("lyapunov", 0.0, MERGED, "shorten t_end")
     edges = np.union1d(solution.times[solution.times < t_end], np.linspace(0.0, t_end, SAMPLES + 1))
-    if isinstance(solution, Undamped):
-        passed, logs = solution.grow(edges, dq, dv, enough)
+    if isinstance(solution, Motion):
+        passed, logs = solution.grow(system, edges, dq, dv, enough)
         if passed == len(edges) - 1 or np.max(logs[passed]) > enough:
             return Growth(edges[: passed + 1], logs[: passed + 1])
     piece = np.maximum(np.searchsorted(solution.times, edges[:-1], side="right") - 1, 0)
@@ -168,6 +173,11 @@ def _vectors(system: System, seed: int) -> tuple[Array, Array]:
         force = force + contact.row * contact.stops.force(u, speed)
     dq = np.column_stack([basis.shapes @ (noise[0] / scale), system.v0])
     dv = np.column_stack([basis.shapes @ noise[1], np.linalg.solve(system.mass, force)])
+    return _unit(system, dq, dv)
+
+
+def _unit(system: System, dq: Array, dv: Array) -> tuple[Array, Array]:
+    """Vectors of size 1, without those of none."""
     size = _norm(system, dq, dv)
     moving = size > 0.0
     return dq[:, moving] / size[moving], dv[:, moving] / size[moving]

@@ -77,12 +77,12 @@ class Model:
             for _, part in parts(function):
                 if not isinstance(part, (Harmonic, Constant, Sampled)):
                     rule = "be made of Harmonic, Constant and Sampled for the exact solution with rigid stops"
-                    raise InputError("time function", part, rule, "use integrate")
+                    raise InputError("time function", part, rule, "use a scheme with an impact law")
                 drives.append(float(part.frequency) if isinstance(part, Harmonic) else 0.0)
         for part in (x for contact in system.contacts for x in parts_of(contact.offset)):
             if isinstance(part, Sampled) and part.degree < 2:
                 rule = "have a velocity at its samples, where it moves a rigid stop"
-                raise InputError("contact.offset", part, rule, "take kind='cubic'")
+                raise InputError("contact.offset", part, rule, 'take samples of kind "cubic"')
         solved = np.linalg.solve(system.mass, np.hstack([system.stiffness, system.damping, rows.T]))
         n = system.size
         stiff, damp, back = solved[:, :n], solved[:, n : 2 * n], solved[:, 2 * n :]
@@ -103,6 +103,11 @@ class Model:
             forces += np.outer(series(f, t)[: ORDER - 1], p)
         shifts = np.array([self.shift(c, t) for c in held]).reshape(-1, ORDER + 1).T
         return self._series(forces, shifts, q, v, held)
+
+    def load_sizes(self, t: float) -> Array:
+        """Accelerations (n,) by all loads at t, were none against another: what the sum loses is relative to these."""
+        sizes = [sum(abs(term[0]) for term in terms(f, t)) for _, f in self.system.loads]
+        return np.abs(self.loads).T @ np.array(sizes, float)
 
     def neighbours(self, dq: Array, dv: Array, held: tuple[int, ...], tau: float) -> tuple[Array, Array]:
         """Differences (n, k) of two motions after tau, without loads."""
@@ -125,15 +130,22 @@ class Model:
 
 def series(function: LoadFunction, t: float) -> Array:
     """(ORDER + 1,), f(t + s) in powers of s, up to the next sample."""
-    found, k = np.zeros(ORDER + 1), np.arange(ORDER + 1)
+    return np.sum(terms(function, t), axis=0)
+
+
+def terms(function: LoadFunction, t: float) -> list[Array]:
+    """The ``series`` of each term of a sum."""
+    found, k = [], np.arange(ORDER + 1)
     for factor, part in parts(function):
+        own = np.zeros(ORDER + 1)
         if isinstance(part, Harmonic):
             turned = np.sin(part.frequency * t + part.phase + 0.5 * np.pi * (k % 4))
-            found += factor * part.amplitude * float(part.frequency) ** k * turned / FACTORIALS
+            own = part.amplitude * float(part.frequency) ** k * turned / FACTORIALS
         elif isinstance(part, Constant):
-            found[0] += factor * part.level
+            own[0] = part.level
         elif isinstance(part, Sampled):
-            found[:4] += factor * part.taylor(t)
+            own[:4] = part.taylor(t)
+        found.append(factor * own)
     return found
 
 

@@ -12,7 +12,7 @@ In contact the gap is the penetration. Of a damped stop that presses only the pe
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -22,11 +22,10 @@ from numpy.typing import NDArray
 from ...basics.arrays import Array
 from ...model.drive import Drive
 from ...model.system import System
+from ...piecewise.events import LET_GO
+from ...piecewise.measures import Solution, path_of
+from ...piecewise.touching import EPS
 from ...trajectory.trajectory import SolverFailure
-from ..exact.damped_stops import LET_GO
-from ..exact.exact_measures import Solution, path_of
-from ..exact.touching import EPS
-from .modes import Sampler
 from .rational import exact_problem
 
 PER_PERIOD = 16  # looks at a gap in the shortest period
@@ -37,6 +36,9 @@ MOVES = 64.0 * EPS  # of the largest speed: a gap that turns more slowly rests
 HALVINGS = 60
 APART = 64.0 * EPS  # of the time: switches that are closer have one time in float64
 MOST = 100  # that are passed over; each costs the whole solution once more
+
+
+Sampler = Callable[..., tuple[Array, Array]]  # of the channels at any times, rounded by what it is given
 
 
 class Switch(NamedTuple):

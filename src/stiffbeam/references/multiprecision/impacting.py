@@ -1,19 +1,20 @@
 """Motion between rigid stops in many digits: from event to event, and the accumulation of impacts by its series.
 
-    0 <= P _|_ U+ + e U- >= 0            what closes together, towards the inside; M (q'+ - q'-) = row^T P
+    0 <= P _|_ U+ + e U- >= 0            what closes together, towards the inside; U+ = U- + A P, A = row M^-1 row^T
     0 <= R _|_ (u - g) >= 0              what rests on its stops, both in the order of their first derivatives
     T = T_0 (1 + T_0 (k/(3 a) - c/6)),   T_0 = 2 v/(a (1 - e)),   gap'' = -(a - k s) - c gap'
 
-The second line is Murty's least-index method among series, of which the first term that is not zero counts: it says
-at once what is held, what is let go and what leaves by a higher derivative. The third is how long impacts go on after
-one that leaves with speed v: two terms of a power series, taken once the next, T_0^3, is below the digits carried. That
-long the contact is held instead, which changes the motion of the others by T_0^3 as well.
+A is positive definite: Murty's least-index method, which changes the first contact that violates its condition again
+and again, ends with the one answer. In the second line it works on series, of which the first term that is not zero
+counts: it says at once what is held, what is let go and what leaves by a higher derivative. The third is how long
+impacts go on after one that leaves with speed v: two terms of a power series, taken once the next, T_0^3, is below the
+digits carried. That long the contact is held instead, which changes the motion of the others by T_0^3 as well.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -25,16 +26,14 @@ from ...basics.validation import InputError
 from ...model.system import System
 from ...trajectory.trajectory import SolverFailure
 from ..rigid_stops import order_decides
-from .complementarity import least_index, newton, solve
-from .first_zero import Undecided, first_zero, leading
-from .linear_flow import LinearFlow, Regime, Series
-from .modes import dot
+from .linear_flow import LinearFlow, Regime, Series, Undecided, first_zero, leading
 from .rational import number
 
 MOST_IMPACTS = 200_000
 MOST_AT_ONCE = 100
+MOST_CHANGES = 10_000
 UNLISTED = 1e-6  # radians of the fastest motion: impacts that are all over so soon count with the one before
-ON_THE_STOP = 1e-12  # of its distance: a start so little beyond a stop is on it
+ON_THE_STOP = 1e-12  # of the heights that round the gap: a start so little beyond a stop is on it
 
 
 @dataclass(eq=False)
@@ -184,7 +183,7 @@ class March:
     def _speed(self, contact: int) -> Any:
         """u', a ball."""
         rate = self.flow.rates[contact]
-        size = dot([abs(x) for x in rate.entries()], [abs(x) for x in self.z.entries()]).mid()
+        size = sum((abs(x * y) for x, y in zip(rate.entries(), self.z.entries(), strict=True)), arb(0)).mid()
         return arb((rate * self.z)[0, 0].mid(), (size + self.scale[contact]) * arb(2) ** -self.bits)
 
     def _begin(self) -> None:
@@ -194,10 +193,11 @@ class March:
         for c, side, g in self.stops:
             series = self.flow.series(self.flow.regime(()), self.z, arb(0))
             gap = self._gap(c, side, g, series)[0]
-            if not gap.contains(0) and abs(gap.mid()) <= ON_THE_STOP * abs(g):
+            little = ON_THE_STOP * max(abs(g), abs(self._offset(self.flow.forms[c])))
+            if not gap.contains(0) and abs(gap.mid()) <= little:
                 rounded.add(c)
             if gap.contains(0) or gap < 0:
-                if not -gap.mid() <= ON_THE_STOP * abs(g) + gap.rad():
+                if not -gap.mid() <= little + gap.rad():
                     u = float((self.flow.forms[c] * self.z)[0, 0])
                     raise InputError("initial displacement", u, "lie between rigid stops", "move the stop or the start")
                 push = [line[c] * (side * gap.mid() / self.flow.compliance[c, c]) for line in self.flow.back.tolist()]
@@ -275,7 +275,7 @@ class March:
         if not P:
             return
         push = arb_mat([[P[c].mid() if c in P else arb(0)] for c in range(self.m)])
-        rates = {c: (self._speed(c).mid(), self._moving(c)) for c in P}
+        rates = {c: (self._speed(c).mid(), self._offset(self.flow.rates[c])) for c in P}
         self.z = (self.z + self.flow.back * push).mid()
         taken = moved = arb(0)
         for c, (speed, own) in rates.items():
@@ -283,10 +283,10 @@ class March:
             moved -= P[c] * own
         self.found.taken.append((float(self.t), float(taken), float(moved)))
 
-    def _moving(self, contact: int) -> Any:
-        """o' of its offset."""
+    def _offset(self, form: Any) -> Any:
+        """The part of a form that depends on time alone: of a gap or its rate that of the offset."""
         n = 2 * self.flow.n
-        pairs = zip(self.flow.rates[contact].entries()[n:], self.z.entries()[n:], strict=True)
+        pairs = zip(form.entries()[n:], self.z.entries()[n:], strict=True)
         return sum((a * b for a, b in pairs), arb(0)).mid()
 
     def _settle(self, at_rest: dict[int, int]) -> None:
@@ -357,3 +357,44 @@ class March:
         self._settle({**self.held, c: side})
         if c not in self.held:
             last.end = here
+
+
+def least_index(start: set[int], violated: Callable[[set[int]], Iterable[int]]) -> set[int]:
+    """The set that violates nothing; ``violated`` names what a set does violate. Raises Undecided for no end."""
+    taking = set(start)
+    for _ in range(MOST_CHANGES):
+        wrong = min(violated(taking), default=None)
+        if wrong is None:
+            return taking
+        taking ^= {wrong}
+    raise Undecided
+
+
+def newton(
+    flow: LinearFlow, e: list[Any], closed: dict[int, int], before: dict[int, Any]
+) -> tuple[dict[int, Any], dict[int, Any]]:
+    """P of the contacts that take part, and U+ - U- of all ``closed`` (contact: side), U- = ``before``, as balls."""
+    wanted = {c: -(1 + e[c]) * before[c] for c in closed}
+
+    def violated(taking: set[int]) -> Iterable[int]:
+        P, jump = solve(flow, taking, wanted, closed)
+        for c, side in closed.items():
+            if side * P[c] > 0 if c in taking else side * (jump[c] - wanted[c]) > 0:
+                yield c
+
+    taking = least_index(set(closed), violated)
+    P, jump = solve(flow, taking, wanted, closed)
+    return {c: P[c] for c in taking if not P[c].contains(0)}, jump
+
+
+def solve(flow: LinearFlow, taking: set[int], wanted: dict[int, Any], closed: Iterable[int]) -> tuple[Any, Any]:
+    """Impulses that change the velocities of ``taking`` as ``wanted``, and the changes of all ``closed``, as balls."""
+    at = tuple(sorted(taking))
+    noise = (sum((abs(x) for x in wanted.values()), arb(0)) * arb(2) ** -flow.bits).mid()
+    P = dict.fromkeys(closed, arb(0))
+    if at:
+        solved = flow.among(at).solve(arb_mat([[wanted[c]] for c in at])).entries()
+        for c, x in zip(at, solved, strict=True):
+            P[c] = arb(x.mid(), (noise / flow.compliance[c, c]).mid())
+    jump = {c: arb(sum((flow.compliance[c, k] * P[k].mid() for k in at), arb(0)).mid(), noise) for c in closed}
+    return P, jump

@@ -1,9 +1,8 @@
 """The exact piecewise-linear solution in as many digits as error growth requires, with python-flint.
 
-The same regimes as in float64 (undamped.py, exponential.py), with modes, states and switching times
-carried as midpoints of multiprecision numbers. Most evaluations need few digits: the float64 search
-finds the next switch, Newton's method doubles its digits, and only one evaluation of the exponentials
-per switch is made at full precision. Digits that the motion has already used up are not carried on.
+Between two events the system is one linear flow, whatever damps, drives or holds it. Compliant stops: compliant.py
+refines events and modes of float64. Rigid stops: rigid.py finds its own events. Two runs with different digits have to
+agree.
 """
 
 from __future__ import annotations
@@ -20,15 +19,13 @@ from ...basics.arrays import Array
 from ...basics.compiled import clock
 from ...basics.validation import InputError, positive
 from ...model.system import System
+from ...piecewise.measures import Solution
 from ...trajectory.trajectory import Reference, SolverFailure
-from ..exact.exact_measures import Solution
-from ..exact.piecewise import general, reference_of, refuse
+from ..exact.piecewise import reference_of, refuse
 from ..exact.tangent import lyapunov
 from ..request import Request
-from .exponential import precise_exponential
-from .grazes import MOST, Switch, grazes_of, passed_over
-from .modes import GUARD_BITS, Sampler
-from .undamped import precise_undamped
+from .compliant import GUARD_BITS, Known, follow
+from .grazes import MOST, Sampler, Switch, grazes_of, passed_over
 
 BITS = math.log2(10.0)
 MAX_DIGITS = 20_000
@@ -67,6 +64,7 @@ def solve(request: Request) -> Reference:
     begun = clock()
     wanted, guard = (_estimate(system, t_end) if digits == "auto" else int(digits)), GUARD_BITS
     previous: Reference | None = None
+    known: Known = {}
     while True:
         if wanted > MAX_DIGITS:
             raise SolverFailure("multiprecision", t_end, f"{wanted} digits are not enough", "shorten t_end")
@@ -75,7 +73,7 @@ def solve(request: Request) -> Reference:
             "parameters": "doubles; exact: " + ("; ".join(system.exact_parameters) or "none"),
             "python-flint": flint.__version__,
         }
-        solution, sample, unrounded = carry(system, t_end, wanted, guard)
+        solution, sample, unrounded = carry(system, t_end, wanted, guard, known)
         run = reference_of(system, solution, t_end, t_eval, begun, "multiprecision", notes)
         run = _sampled(run, *sample(run.t))
         if previous is not None:
@@ -101,7 +99,9 @@ def march(system: System, t_end: float, digits: int) -> Solution:
     return carry(system, t_end, digits, GUARD_BITS)[0]
 
 
-def carry(system: System, t_end: float, digits: int, guard: int) -> tuple[Solution, Sampler, Solution]:
+def carry(
+    system: System, t_end: float, digits: int, guard: int, known: Known | None = None
+) -> tuple[Solution, Sampler, Solution]:
     """Follow the solution with ``digits`` at the start beside the ``guard`` bits that the outputs need: rounded to
     float64, what samples its channels before that, and the first again by sums that do not cancel.
 
@@ -113,8 +113,9 @@ def carry(system: System, t_end: float, digits: int, guard: int) -> tuple[Soluti
     try:
         ctx.prec = full + guard
         told: list[Switch] = []
+        known = {} if known is None else known
         for _ in range(MOST):
-            found = (precise_exponential if general(system) else precise_undamped)(system, t_end, full, guard, told)
+            found = follow(system, t_end, full, guard, told, known)
             another = passed_over(system, found[0], found[1], t_end, told[-1].t if told else 0.0)
             if another is None:
                 return found

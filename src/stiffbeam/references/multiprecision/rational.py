@@ -6,9 +6,10 @@ System carry roundings that past the horizon lead to another trajectory.
 
 from __future__ import annotations
 
-from collections.abc import Generator, Sequence
+from collections.abc import Generator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from typing import Any
 
 import numpy as np
@@ -22,21 +23,16 @@ from ...model.sampled import Sampled
 from ...model.semidiscretisation import bending_stencil, semidiscretise
 from ...model.system import System
 from ...model.time_functions import Constant, Harmonic, parts
-from .recorded import taylor
 
 
 @dataclass(frozen=True, eq=False)
 class ExactContact:
     """Row (n,), offset in the drive coefficients (d,) and in the records (R,), kappa (None for a rigid stop), c, g1, g2
-    (None where free).
-
-    rate: the offset's rate in the drive coefficients.
-    """
+    (None where free)."""
 
     row: list[Any]
     offset: list[Any]
     recorded: list[Any]
-    rate: list[Any]
     kappa: Any
     damping: Any
     g1: Any
@@ -65,30 +61,6 @@ class Exact:
     contacts: list[ExactContact]
     q0: list[Any]
     v0: list[Any]
-
-    def closed(self, sides: Sequence[int]) -> tuple[Any, Any, list[list[Any]], list[list[Any]]]:
-        """C, K, the loads' basis and what the records load, with every contact on the given side, 0 free.
-
-        sigma = kappa (g - row q - offset) - c (row q' + offset'): row q and row q' go to the matrices, the rest to
-        the loads.
-        """
-        damping, stiffness, basis, records = self.damping, self.stiffness, self.basis.tolist(), self.records
-        for contact, side in zip(self.contacts, sides, strict=True):
-            if side:
-                push = [contact.kappa * r for r in contact.row]
-                drag = [contact.damping * r for r in contact.row]
-                stiffness = stiffness + arb_mat([[a * b for a in push] for b in contact.row])
-                damping = damping + arb_mat([[a * b for a in drag] for b in contact.row])
-                basis = [
-                    [b - o * p - rate * d for b, p, d in zip(line, push, drag, strict=True)]
-                    for line, o, rate in zip(basis, contact.offset, contact.rate, strict=True)
-                ]
-                basis[0] = [b + contact.stop(side) * p for b, p in zip(basis[0], push, strict=True)]
-                records = [
-                    [b - o * p for b, p in zip(line, push, strict=True)]
-                    for line, o in zip(records, contact.recorded, strict=True)
-                ]
-        return damping, stiffness, basis, records
 
 
 @contextmanager
@@ -139,11 +111,7 @@ def exact_problem(system: System, drive: Drive) -> Exact:
         row = [arb(x) for x in weights]
         kappa = None if contact.stops.rigid else arb(number(contact.stops.stiffness))
         c = arb(number(contact.stops.damping))
-        rate = [arb(0)] * len(offset)
-        for k, frequency in enumerate(drive.frequencies):  # a sin + b cos -> w a cos - w b sin
-            w = number(frequency)
-            rate[1 + 2 * k], rate[2 + 2 * k] = -w * offset[2 + 2 * k], w * offset[1 + 2 * k]
-        contacts.append(ExactContact(row, offset, recorded, rate, kappa, c, g1, g2))
+        contacts.append(ExactContact(row, offset, recorded, kappa, c, g1, g2))
     return Exact(
         mass=arb_mat([[arb(x) for x in line] for line in mass]),
         damping=arb_mat([[arb(x) for x in line] for line in damping]),
@@ -154,6 +122,15 @@ def exact_problem(system: System, drive: Drive) -> Exact:
         q0=[arb(x) for x in q0],
         v0=[arb(x) for x in v0],
     )
+
+
+def channels(system: System, problem: Exact, drive: Drive) -> list[tuple[list[Any], list[Any], list[Any]]]:
+    """Row (n,), offset in the drive coefficients (d,) and in the records (R,) of every channel: the contacts, and
+    the observed row."""
+    found = [(contact.row, contact.offset, contact.recorded) for contact in problem.contacts]
+    for row, offset in system.channels[len(found) :]:
+        found.append(([arb(number(x)) for x in row], *offset_of(offset, drive)))
+    return found
 
 
 def offset_of(function: Any, drive: Drive) -> tuple[list[Any], list[Any]]:
@@ -312,3 +289,39 @@ def _curvature(M: int) -> list[list[Any]]:
         if i >= 2:
             matrix[i][i - 2] = fmpq(M**2)
     return matrix
+
+
+def taylor(record: Sampled, t: Any) -> list[Any]:
+    """The coefficients (P,) of s^k in f(t + s), up to the next sample, exact in the doubles of the record."""
+    i = int(np.clip(np.searchsorted(record.t, float(t), side="right") - 1, 0, len(record.t) - 2))
+    if t < arb(_double(record.t[i])) and i > 0:  # the double next to t is the sample after it
+        i -= 1
+    return _moved([arb(c) for c in _piece(record, i)], t - arb(_double(record.t[i])))
+
+
+def _piece(record: Sampled, i: int) -> list[Any]:
+    """The polynomial between samples i and i + 1: as ``Sampled.pieces``, without rounding."""
+    t0, t1, v0, v1 = (_double(x) for x in (*record.t[i : i + 2], *record.values[i : i + 2]))
+    h = t1 - t0
+    rise = (v1 - v0) / h
+    c = [v0, rise]
+    if record.kind == "cubic":
+        m0, m1 = (_double(x) for x in record.slopes[i : i + 2])
+        c = [v0, m0, (3 * rise - 2 * m0 - m1) / h, (m0 + m1 - 2 * rise) / (h * h)]
+    for _ in range(record.derivative):
+        c = [k * c[k] for k in range(1, len(c))]
+    return c
+
+
+def _moved(c: list[Any], s: Any) -> list[Any]:
+    """The coefficients of p(s + .) from those of p."""
+    c = list(c)
+    for first in range(len(c) - 1):
+        for k in range(len(c) - 2, first - 1, -1):
+            c[k] += s * c[k + 1]
+    return [x.mid() for x in c]
+
+
+def _double(x: float) -> Any:
+    ratio = Fraction(float(x))
+    return fmpq(ratio.numerator, ratio.denominator)

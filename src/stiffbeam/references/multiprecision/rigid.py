@@ -23,8 +23,8 @@ from ...trajectory.ledger import Ledger
 from ...trajectory.trajectory import Reference, SolverFailure, Work, versions
 from ..request import Request, output_times
 from ..rigid_stops import require_rigid
-from .first_zero import Undecided
 from .impacting import Impact, March, Motion
+from .linear_flow import Undecided
 from .rational import carried
 
 FIRST = 40  # digits to begin with
@@ -90,7 +90,7 @@ def _require_known(system: System, t_end: float) -> None:
     for contact in system.contacts:
         if any(isinstance(part, Sampled) and part.degree < 2 for part in parts_of(contact.offset)):
             rule = "have a velocity at its samples, where it moves a rigid stop"
-            raise InputError("contact.offset", contact.offset, rule, "take kind='cubic'")
+            raise InputError("contact.offset", contact.offset, rule, 'take samples of kind "cubic"')
     drive = Drive.of(system)
     drive.recorded(drive.split(system.loads, system.size)[1], system.size)
     drive.recorded(drive.offsets(system)[1], len(system.channels))

@@ -17,10 +17,9 @@ from typing import Any
 import numpy as np
 
 from ...basics.resources import cores
-from ...basics.validation import InputError, integer, near, positive
+from ...basics.validation import InputError, integer
 from ...files.cases import Case, case_of, find_case
 from ...march.warm import COMPILING, any_law, compiled, warm_up
-from ...model.drive import stays_at_rest
 from ...model.system import System
 from ...trajectory.trajectory import Diverged, SolverFailure, Unfinished
 from .journal import Journal
@@ -58,24 +57,12 @@ def run_study(
     if not isinstance(case, Case):
         remedy = "for example 'table10'"
         raise InputError("case", type(case).__name__, "be a case, its name, a case file, or a System", remedy)
-    if study.needs_stops and not case.has_stops:
-        raise InputError("case", case.name, "have stops", f"{study.command} asks about contact")
-    if study.needs_motion and stays_at_rest(case.system()):
-        remedy = "give it a base motion, a load or initial data"
-        raise InputError("case", f"{case.name}, which starts at rest and which nothing drives", "move", remedy)
     integer("jobs", jobs, 1)
-    for name in options:
-        if name not in known:
-            raise InputError(f"option of {study.name}", name, "be one the study knows", near(name, known))
     options = {name: value.tolist() if hasattr(value, "tolist") else value for name, value in options.items()}
-    for name in ("dt", "t_end"):
-        if options.get(name) is not None:
-            positive(name, options[name])
     cores()  # what is wrong with STIFFBEAM_THREADS is wrong at every point
     begun = time.perf_counter()
     progress(f"{study.command}: planning", 0, 0)
-    given = {"form": case.forms[0]} if "form" in known else {}
-    points = study.points(case, **given | {name: value for name, value in options.items() if value is not None})
+    points = study.plan(case, **options)
     journal = Journal(None if folder is None else Path(folder), study.name, case)
     missing = [point for point in points if journal.rows(point) is None]
     finished = len(points) - len(missing)

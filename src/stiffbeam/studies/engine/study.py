@@ -1,16 +1,24 @@
-"""What a study is: a question, the points where it is asked, and what is found at one of them."""
+"""The contract of a study: its question, the points where it is asked, the rows at one of them, answer and picture."""
 
 from __future__ import annotations
 
+import inspect
 import json
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ...basics.resources import afford
 from ...basics.storage import write_whole
 from ...basics.text import plain
+from ...basics.validation import InputError, integer, near, positive
+from ...figures import Axis, Panel, Picture, heading, numeric, render, save_figure, short
+from ...model.drive import stays_at_rest
 from ...references import substitute
+from ...references.registry import BEST
 
 if TYPE_CHECKING:
     import pandas
@@ -21,52 +29,135 @@ if TYPE_CHECKING:
 Point = dict[str, Any]  # plain numbers, strings and lists: it is a key in the journal
 Row = dict[str, Any]  # likewise; what a line of a DataFrame can take
 Rows = Sequence[Row]
+LEAST = {"transient": 0, "cells": 2} | dict.fromkeys(
+    ("members", "starts", "halvings", "impacts", "steps", "per_decade", "periods", "count", "divide"), 1
+)  # of integer options, by name
+
+
+def by_contact(rows: Rows) -> dict[str, list[Row]]:
+    """The rows of each contact under its place, "" for the only one, else " at contact 1", ...; those without a contact
+    belong to all."""
+    numbers = sorted({row["contact_number"] for row in rows if "contact_number" in row})
+    if len(numbers) < 2:
+        return {"": list(rows)}
+    return {f" at contact {n}": [row for row in rows if row.get("contact_number", n) == n] for n in numbers}
 
 
 class Answer(str):
-    """A sentence with numbers, and the same as a table: one flat dictionary a line, texts as they are printed.
+    """A sentence that answers the question with numbers, the verdict, and what there is to note about it.
 
-    rest: what of the sentence does not stand in the table.
+    table: the numbers behind it, one flat dictionary a line, texts as they are printed.
     """
 
+    verdict: str
     table: list[dict[str, str]]
-    rest: str
+    notes: str
 
-    def __new__(cls, sentence: str, table: Sequence[Mapping[str, str]] = (), rest: str = "") -> Answer:
-        """The sentence with its table, whose lines are copied."""
-        answer = super().__new__(cls, sentence)
-        answer.table, answer.rest = [dict(line) for line in table], rest
+    def __new__(cls, verdict: str, table: Sequence[Mapping[str, str]] = (), notes: str = "") -> Answer:
+        """The verdict and the notes as one text with its table, whose lines are copied."""
+        answer = super().__new__(cls, f"{verdict} {notes}".strip())
+        answer.verdict, answer.table, answer.notes = verdict, [dict(line) for line in table], notes
         return answer
+
+    @classmethod
+    def of_contacts(cls, answers: Mapping[str, Answer]) -> Answer:
+        """One answer of those at several contacts, by the place of each; what all note alike stands once."""
+
+        def joined(texts: Mapping[str, str]) -> str:
+            if len(alike := set(texts.values())) == 1:
+                return alike.pop()
+            return " ".join(f"{place.strip().capitalize()}: {text}" for place, text in texts.items())
+
+        lines = [
+            ({"contact": place.removeprefix(" at contact ")} if place else {}) | line
+            for place, answer in answers.items()
+            for line in answer.table
+        ]
+        verdicts, notes = ({place: getattr(x, name) for place, x in answers.items()} for name in ("verdict", "notes"))
+        return cls(joined(verdicts), lines, joined(notes))
+
+    def worded(self, words: Callable[[str], str]) -> Answer:
+        """The answer with every text passed through ``words``."""
+        table = [{words(name): words(text) for name, text in line.items()} for line in self.table]
+        return Answer(words(self.verdict), table, words(self.notes))
+
+    def text(self) -> str:
+        """Verdict, table and notes as lines of plain text."""
+        names = list(dict.fromkeys(name for line in self.table for name in line))
+        cells = [names, *([line.get(name, "\N{EN DASH}") for name in names] for line in self.table)] if names else []
+        widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
+        lines = ["  ".join(map(str.ljust, line, widths)).rstrip() for line in cells]
+        return "\n".join(filter(None, [self.verdict, *lines, self.notes]))
 
 
 @dataclass(frozen=True)
 class Study:
-    """points(case, **options) -> where to look; evaluate(case, point) -> rows; answer(rows, case) -> a sentence;
-    draw(records) -> a picture.
+    """points(case, **options) -> where to look; evaluate(case, point) -> rows; answer(rows, case) -> verdict and table;
+    picture(records) -> panels, declared, see ``figures.chart``.
 
     ``evaluate`` is a pure function at the top of its module, so that another process can call it; the
-    point's entries, lists left out, stand in each of its rows. What one point finds must not depend on the
-    others; what needs them all (a slope, a ranking) belongs to ``answer`` and the picture.
-    smoke: options for a run of seconds. measured: columns that are seconds of this machine, so points must not run
+    point's entries, lists left out, stand in each of its rows. The rows of one point must not depend on the
+    others; what needs them all (a slope, a ranking) belongs to ``answer`` and the picture, which are asked where there
+    are rows only and which get NaN for what a row leaves out. The picture's title is the verdict. Texts call the
+    reference "exact": where an adaptive solution stands in for the exact one they are given its name.
+
+    Options that several studies share are filled in and checked in ``plan``. smoke: options for a run of seconds.
+    measured: columns that are seconds of this machine, so points must not run
     side by side; every other column has the same bits in every run on a machine, interrupted or not.
     marches: some points run a scheme, so the march is compiled before any of them. needs_stops: it asks about
     contact. needs_motion: about the case's own motion, so that a case at rest is refused. all_cores: a point keeps
-    every core busy by itself. named_by: options whose values stand in the names of the command's files.
+    every core busy by itself. each_contact: the answer is given contact by contact. of_case: the rows depend on the
+    case. named_by: options whose values stand in the names of the command's files.
     """
 
     name: str
     question: str
     points: Callable[..., list[Point]]
     evaluate: Callable[[Case, Point], list[Row]]
-    answer: Callable[[Rows, Case], str]
-    draw: Callable[[Records], Figure]
+    answer: Callable[[Rows, Case], Answer]
+    picture: Callable[[Records], Picture]
     smoke: Mapping[str, Any] = field(default_factory=dict)
     measured: tuple[str, ...] = ()
     marches: bool = True
     needs_stops: bool = False
     needs_motion: bool = False
     all_cores: bool = False
+    each_contact: bool = False
+    of_case: bool = True
     named_by: tuple[str, ...] = ()
+
+    def plan(self, case: Case, **options: Any) -> list[Point]:
+        """The points, after the checks that all studies share; ``dt``, ``t_end`` and ``form`` are the case's where they
+        are not given.
+
+        Raises InputError for an option that the study does not have or that is out of range, and for a case without
+        the stops or the motion that the study asks about.
+        """
+        known = [name for name in inspect.signature(self.points).parameters if name != "case"]
+        if self.needs_stops and not case.has_stops:
+            raise InputError("case", case.name, "have stops", f"{self.command} asks about contact")
+        if self.needs_motion and stays_at_rest(case.system()):
+            remedy = "give it a base motion, a load or initial data"
+            raise InputError("case", f"{case.name}, which starts at rest and which nothing drives", "move", remedy)
+        for name in options:
+            if name not in known:
+                raise InputError(f"option of {self.name}", name, "be one the study knows", near(name, known))
+        options = {name: value for name, value in options.items() if value is not None}
+        for name, value in options.items():
+            if name in ("dt", "t_end", "courant"):
+                positive(name, value)
+            elif name in LEAST:
+                for number in value if isinstance(value, (list, tuple)) else [value]:
+                    integer(name, number, LEAST[name])
+        defaults = {"dt": case.dt, "t_end": case.t_end, "form": case.forms[0]}
+        options = {name: value for name, value in defaults.items() if name in known} | options
+        if "halvings" in known:
+            default = inspect.signature(self.points).parameters["halvings"].default
+            steps = options.get("t_end", case.t_end) / options["dt"]
+            halvings = options.get("halvings", default)
+            seconds = 2e-8 * steps * 2.0 ** min(halvings, 1000)  # 20 ns a step
+            afford("halvings", halvings, "take fewer", seconds=seconds)
+        return self.points(case, **options)
 
     @property
     def command(self) -> str:
@@ -89,20 +180,29 @@ class Records:
         return f"<Records {self.study.name} of {self.case.name}: {len(self.rows)} rows, {len(self.failures)} failed>"
 
     def __str__(self) -> str:
-        return f"{self.study.question}\n{self.answer}"
+        return f"{self.study.question}\n{self.answer.text()}"
 
     @property
     def answer(self) -> Answer:
-        """The answer in a sentence or two, with numbers; ``.table`` is the same line by line."""
+        """The verdict with numbers; ``.table`` has them line by line."""
         if not self.found:
             reasons = {row.get("failed") or row["refused"] for row in self.rows}
-            nothing = "No point could be evaluated"
-            return Answer(f"{nothing}: " + "; ".join(sorted(reasons)), rest=nothing)
-        answer = self.study.answer(self.found, self.case)
-        answer = answer if isinstance(answer, Answer) else Answer(answer, rest=answer)
-        if "exact" not in answer or not (note := substitute(self.case.system(), self.case.t_end)):
-            return answer
-        return Answer(f"{answer} {note}", answer.table, f"{answer.rest} {note}")
+            return Answer(f"No point could be evaluated: {'; '.join(sorted(reasons))}")
+        parts = by_contact(self.numbers) if self.study.each_contact else {"": self.numbers}
+        answer = Answer.of_contacts({place: self.study.answer(own, self.case) for place, own in parts.items()})
+        named = answer.worded(self.words)
+        if not self._substitute or (str(named), named.table) == (str(answer), answer.table):
+            return named
+        return Answer(named.verdict, named.table, f"{named.notes} {self._substitute}".strip())
+
+    @cached_property
+    def _substitute(self) -> str:
+        return substitute(self.case.system(), self.case.t_end) if self.study.of_case else ""
+
+    def words(self, text: str) -> str:
+        """A text with the name of the adaptive reference in the place of "exact", where it stands in for the exact
+        one."""
+        return re.sub(r"\bexact\b", short(BEST[1]), text) if self._substitute else text
 
     @property
     def found(self) -> list[Row]:
@@ -119,9 +219,17 @@ class Records:
         """The rows of points that cannot be asked, as a misprint that grows at that step."""
         return [row for row in self.rows if "refused" in row]
 
+    @property
+    def numbers(self) -> list[Row]:
+        """``found`` with NaN where a row has no number."""
+        return numeric(self.found)
+
     def figure(self) -> Figure:
-        """The study's picture, a matplotlib Figure."""
-        return self.study.draw(self)
+        """The study's picture under its verdict, a matplotlib Figure."""
+        verdict = self.answer.verdict
+        title = heading(self.case, verdict) if self.study.of_case else verdict
+        picture = self.study.picture(self) if self.found else Picture([[Panel("no point", Axis(), Axis(), ())]], 4.0)
+        return render(picture, title, self.case.units, self.words)
 
     def to_dataframe(self) -> pandas.DataFrame:
         """The rows as a pandas table, units in its attrs; needs pandas."""
@@ -153,8 +261,6 @@ class Records:
 
     def save(self, folder: str | Path, stem: str = "") -> list[Path]:
         """Write <stem>.json, <stem>.csv and <stem>.png into ``folder``; stem: the study's name if none is given."""
-        from ...figures import save_figure
-
         folder, stem = Path(folder), stem or self.study.name
         text = write_whole(folder / f"{stem}.json", json.dumps(self.to_dict(), indent=2, allow_nan=False) + "\n")
         table = write_whole(folder / f"{stem}.csv", self.to_dataframe().to_csv(index=False))

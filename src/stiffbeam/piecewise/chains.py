@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...basics.arrays import Array
-from ...basics.compiled import compiled
+from ..basics.arrays import Array
+from ..basics.compiled import compiled
 
 TERMS = 24  # of Taylor's series where nodes lie within 1 of each other: the next is below 2^24/25!, 1e-18
 Complex = Any  # arrays of complex128

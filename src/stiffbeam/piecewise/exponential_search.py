@@ -1,4 +1,4 @@
-"""The compiled switch search for sums of complex exponentials and answers to polynomials, see switching.py."""
+"""The compiled switch search for sums of complex exponentials and answers to polynomials, see search.py."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 
-from ...basics.arrays import Array, IntArray
-from ...basics.compiled import compiled
-from ...trajectory.trajectory import SolverFailure
+from ..basics.arrays import Array, IntArray
+from ..basics.compiled import compiled
+from ..trajectory.trajectory import SolverFailure
 from .chains import differences, largest
 from .polynomial_answer import answers, forced_derivatives, forced_sizes
 from .touching import (

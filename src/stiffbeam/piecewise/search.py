@@ -21,9 +21,9 @@ import math
 
 import numpy as np
 
-from ...basics.arrays import Array, IntArray
-from ...basics.compiled import compiled
-from ...trajectory.trajectory import SolverFailure
+from ..basics.arrays import Array, IntArray
+from ..basics.compiled import compiled
+from ..trajectory.trajectory import SolverFailure
 from .cubics import least, reached
 from .terms import (
     B0,

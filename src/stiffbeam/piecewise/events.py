@@ -21,9 +21,9 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...basics.arrays import Array
-from ...model.contact import Stops
-from ...model.system import System
+from ..basics.arrays import Array
+from ..model.contact import Stops
+from ..model.system import System
 
 LET_GO = 2  # times the side: beyond a damped stop that does not press
 GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)

@@ -17,9 +17,9 @@ import scipy.linalg
 import scipy.sparse.csgraph
 from numpy.typing import NDArray
 
-from ...basics.arrays import Array
-from ...basics.validation import InputError
-from ...model.natural_modes import eigenvalues_off
+from ..basics.arrays import Array
+from ..basics.validation import InputError
+from ..model.natural_modes import eigenvalues_off
 
 CONDITION_LIMIT = 1e8  # of the bases: beyond it eight digits are lost
 SENSITIVE = 300.0  # 1/|cosine| between left and right eigenvector: from there on the pair has a partner to be found

@@ -16,14 +16,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...basics.arrays import Array
-from ...model.drive import Drive
-from ...model.graded import congruence, uncoupled
-from ...model.modes import undamped_modes
-from ...model.system import System
+from ..basics.arrays import Array
+from ..model.drive import Drive
+from ..model.graded import congruence, uncoupled
+from ..model.modes import Modes, undamped_modes
+from ..model.system import System
 from .chains import Chain
 from .polynomial_answer import forced
-from .rounding import Perturbation, perturbed_modes, rounded_sum
+from .rounding import Perturbation, rounded_sum
 from .spectrum import Group, groups
 
 CLOSE = 0.01  # |lambda - i Omega|/(|lambda| + Omega) below which a mode answers a drive from rest
@@ -85,17 +85,20 @@ class Regime:
 
 
 def regime_of(
-    system: System, drive: Drive, chi: tuple[int, ...], span: float, perturbation: Perturbation | None = None
+    system: System,
+    drive: Drive,
+    chi: tuple[int, ...],
+    span: float,
+    perturbation: Perturbation | None = None,
+    basis: Modes | None = None,
 ) -> Regime:
-    """The regime with every contact on the given side, 0 free; span: the longest time that is asked for."""
+    """The regime with every contact on the given side, 0 free; span: the longest time that is asked for; basis: its
+    undamped modes, of a perturbed copy where that is asked for."""
     closed = [(i, c, side) for i, (c, side) in enumerate(zip(system.contacts, chi, strict=True)) if side]
     springs = tuple((c.row, c.stops.spring(side)[0]) for _, c, side in closed)
-    basis = undamped_modes(system, springs)
-    rigid, rng = basis.omega == 0.0, None
-    if perturbation is not None:
-        rng = np.random.default_rng([perturbation.seed, *(side + 1 for side in chi)])
-        basis = perturbed_modes(system, springs, basis, perturbation.frequency, rng)
-    omega, shapes = np.where(rigid, 0.0, basis.omega), basis.shapes  # what strains nothing does so in every copy
+    rng = None if perturbation is None else np.random.default_rng([perturbation.seed, *(side + 1 for side in chi)])
+    basis = undamped_modes(system, springs) if basis is None else basis
+    omega, shapes = basis.omega, basis.shapes
     force, rest = drive.split(system.loads, system.size)
     offsets, moving = drive.offsets(system)
     records, moved = drive.recorded(rest, system.size), drive.recorded(moving, offsets.shape[1])

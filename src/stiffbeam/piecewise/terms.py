@@ -19,8 +19,8 @@ import math
 
 import numpy as np
 
-from ...basics.arrays import Array
-from ...basics.compiled import compiled
+from ..basics.arrays import Array
+from ..basics.compiled import compiled
 from .oscillation import oscillations, pair, pair_sizes
 from .touching import ORDER
 

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import math
 
-from ...basics.arrays import Array
-from ...basics.compiled import compiled, in_order
+from ..basics.arrays import Array
+from ..basics.compiled import compiled, in_order
 
 # pi/2 in three parts, the first of 33 bits: k times it is exact for |k| < 2^20.
 QUARTER, QUARTER_2, QUARTER_3 = 1.57079632673412561417, 6.07710050630396597660e-11, 2.02226624871116645580e-21

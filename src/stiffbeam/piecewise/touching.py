@@ -14,8 +14,8 @@ from __future__ import annotations
 
 import math
 
-from ...basics.arrays import Array
-from ...basics.compiled import compiled
+from ..basics.arrays import Array
+from ..basics.compiled import compiled
 
 EPS = 2.220446049250313e-16
 ORDER = 8

@@ -12,8 +12,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...basics.arrays import Array
-from ...basics.compiled import compiled
+from ..basics.arrays import Array
+from ..basics.compiled import compiled
 
 TERMS = 24  # of the series for |z| <= 2: the next is below 2^24/28!, 5e-23
 MOST = 4  # P at most: cubics

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from ...basics.compiled import compiled
+from ..basics.compiled import compiled
 from .touching import safe_step
 
 

@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from ...basics.arrays import Array
-from ...basics.compiled import compiled
+from ..basics.arrays import Array
+from ..basics.compiled import compiled
 from .oscillation import pair
 from .terms import CONSTANT, END, LEVEL, OMEGA, RATE, SQUARE, S, U, V, carry, curvature
 

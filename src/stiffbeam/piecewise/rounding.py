@@ -8,9 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...basics.arrays import Array
-from ...model.modes import Modes
-from ...model.system import System
+from ..basics.arrays import Array
+from ..model.modes import Modes
+from ..model.system import System
 
 WIDE = 100  # modes up to which extended precision, which no library is fast in, is used for perturbed copies
 

@@ -9,12 +9,12 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ...basics.arrays import Array
-from ...basics.resources import afford
-from ...model.system import System
-from ...trajectory.impacts import ContactRecord, Impacts
-from ...trajectory.ledger import Ledger
-from .damped_stops import LET_GO, peak_between, pressed, pressure
+from ..basics.arrays import Array
+from ..basics.resources import afford
+from ..model.system import System
+from ..trajectory.impacts import ContactRecord, Impacts
+from ..trajectory.ledger import Ledger
+from .events import LET_GO, peak_between, pressed, pressure
 
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(10)
 PEAK_STEPS = 8  # of the Illinois method, from a bracket of two samples: to 1e-12 on Table 10
@@ -31,7 +31,7 @@ class Solution(Protocol):
 
     @property
     def sides(self) -> NDArray[np.int64]:
-        """The side of every contact in every piece, (pieces, m), see damped_stops."""
+        """The side of every contact in every piece, (pieces, m), see events."""
         ...
 
     @property

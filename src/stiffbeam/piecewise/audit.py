@@ -19,10 +19,10 @@ from contextlib import contextmanager
 import numpy as np
 from numpy.typing import NDArray
 
-from ...basics.arrays import Array
-from ...model.system import System
-from ...trajectory.trajectory import SolverFailure
-from .exact_measures import Solution
+from ..basics.arrays import Array
+from ..model.system import System
+from ..trajectory.trajectory import SolverFailure
+from .measures import Solution
 from .touching import EPS, REMEDY
 
 ROUNDINGS = 64.0  # that a switch may cost, each as large as the stiffest mode makes it
@@ -41,7 +41,7 @@ def within_float64(solver: str, t_end: float) -> Generator[None, None, None]:
         if isinstance(error, OverflowError) or "overflow" in str(error):
             raise SolverFailure(solver, t_end, f"the motion overflows float64 ({error})", REMEDY) from None
         reason = f"float64 has no result for a step of the calculation ({error})"
-        raise SolverFailure(solver, t_end, reason, "use method='multiprecision'") from None
+        raise SolverFailure(solver, t_end, reason, "use the method multiprecision") from None
 
 
 def audit(

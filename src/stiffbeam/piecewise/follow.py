@@ -1,0 +1,359 @@
+"""One compiled loop from event to event over the regimes known so far.
+
+In every regime the motion is a sum of pairs and of harmonic responses to the drive g(t),
+
+    q = A x + B y + P g,   q' = D x + E y + P' g,   x' = sigma x + y,   y' = sigma y - omega^2 x + level
+
+Without damping a pair is a mode, x its amplitude and y its rate, sigma = 0, B = D = 0. Where damping couples the modes,
+a complex one c exp((sigma + i omega) tau) is the pair x = Re c, y = -omega Im c. A regime that is not known ends the
+loop, which goes on when it has been made.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from ..basics.arrays import Array, IntArray
+from ..basics.compiled import compiled, inlined
+from .events import LET_GO
+from .oscillation import oscillations, pair
+from .search import search
+from .terms import CONSTANT, LEVEL, OMEGA, SIGMA, SQUARE, X, Y, layout
+
+DONE, FULL, UNKNOWN = 0, 1, 2  # why the loop ends; UNKNOWN: no such regime in the table, or one that it cannot follow
+# Of ``outward``, which parts of q and q' the pairs make, and of ``inward``, which parts of x and y they make.
+PLACE_X, PLACE_Y, SPEED_X, SPEED_Y = range(4)
+X_PLACE, X_SPEED, Y_PLACE, Y_SPEED = range(4)
+
+
+class Table(NamedTuple):
+    """R regimes of K pairs at most, n unknowns, m contacts, F drive frequencies, d = 1 + 2 F drive functions.
+
+    sides: (R, m), the stops that press. sizes: (R,), pairs of each; negative for a regime that the loop cannot follow.
+    undamped: (R,), not 0 where x makes q alone and y q'. sigma, omega, level: (R, K). order, speeds: (R, K + F), pairs
+    and then drives from slow to fast, and (R, 2, K + F), sigma and omega of these. outward: (R, 4, K, n), A, B, D, E
+    transposed, inward: (R, 4, n, K). response: (R, 2, d, n), P and P' transposed, of
+    the pairs themselves where it is undamped, so that a body at rest stays so to the bit. rows: (R, 2, m, K), what
+    contacts see of x and of y; waves: (R, m, d), what they see of g, the offsets included. frequencies: (F,). close:
+    (R, p, 2), closes: (R,), pairs of a mode and a drive frequency so close that P would be large and x cancel it; P is
+    zero there, and the mode answers that drive from rest at the start of every segment. pulls: (R, p, 2), the force of
+    its sine and cosine on the mode.
+    g1, g2, lags: (m,), the stops and c/kappa of each contact.
+    """
+
+    sides: IntArray
+    sizes: IntArray
+    undamped: IntArray
+    sigma: Array
+    omega: Array
+    level: Array
+    order: IntArray
+    speeds: Array
+    outward: Array
+    inward: Array
+    response: Array
+    rows: Array
+    waves: Array
+    frequencies: Array
+    close: IntArray
+    closes: IntArray
+    pulls: Array
+    g1: Array
+    g2: Array
+    lags: Array
+
+
+@inlined
+def regime_at(table: Table, sides: IntArray) -> int:
+    """The regime of contacts on these sides (m,), -1 where the loop cannot follow it."""
+    for r in range(table.sides.shape[0]):
+        same = table.sizes[r] > 0
+        for i in range(sides.size):
+            pressed = sides[i] if abs(sides[i]) != LET_GO else 0
+            same &= table.sides[r, i] == pressed
+        if same:
+            return r
+    return -1
+
+
+@inlined
+def see(table: Table, r: int, x: Array, y: Array, start: float, speeds: Array, terms: Array, seen: Array) -> None:
+    """What the contacts see of a segment that begins at ``start`` with the pairs x, y, see terms.py."""
+    size = table.sizes[r]
+    for k in range(speeds.shape[1]):
+        j = table.order[r, k]
+        sigma, w = table.speeds[r, 0, k], table.speeds[r, 1, k]
+        speeds[SIGMA, k], speeds[OMEGA, k], speeds[SQUARE, k] = sigma, w, w * w
+        if j < size:
+            for i in range(terms.shape[0]):
+                a, b = table.rows[r, 0, i, j], table.rows[r, 1, i, j]
+                terms[i, X, k], terms[i, Y, k] = a * x[j] + b * y[j], a * y[j] - w * w * b * x[j]
+                terms[i, LEVEL, k] = a * table.level[r, j]
+            continue
+        sine = 1 + 2 * (j - size)
+        s, c = math.sin(w * start), math.cos(w * start)
+        for i in range(terms.shape[0]):
+            a, b = table.waves[r, i, sine], table.waves[r, i, sine + 1]
+            terms[i, X, k], terms[i, Y, k] = a * s + b * c, w * (a * c - b * s)
+    for i in range(terms.shape[0]):
+        seen[i, CONSTANT] = table.waves[r, i, 0]
+
+
+@inlined
+def see_close(table: Table, r: int, pairs: Array, at: IntArray) -> None:
+    """The close pairs as the contacts ``at`` see them, see ``terms.layout``."""
+    for k in range(pairs.shape[0]):
+        j = table.close[r, k, 0]
+        pairs[k, 0], pairs[k, 1] = table.omega[r, j], table.frequencies[table.close[r, k, 1]]
+        pairs[k, 2], pairs[k, 3] = table.pulls[r, k, 0], table.pulls[r, k, 1]
+        for i in range(at.size):
+            pairs[k, 4 + i] = table.rows[r, 0, at[i], j]
+
+
+@inlined
+def turn(table: Table, r: int, x: Array, y: Array, start: float, tau: float, x1: Array, y1: Array, work: Array) -> None:
+    """The pairs and the answers of close pairs at start + tau into x1, y1 (size,), from those at ``start``; work: (3, K
+    at least)."""
+    size = x.size
+    c, s, versine = work[0, :size], work[1, :size], work[2, :size]
+    oscillations(table.omega[r, :size], tau, c, s, versine)
+    for j in range(size):
+        w, sigma, level = table.omega[r, j], table.sigma[r, j], table.level[r, j]
+        if sigma != 0.0:
+            decay = math.exp(sigma * tau)
+            c[j] *= decay
+            s[j] *= decay
+        x1[j] = x[j] * c[j] + y[j] * s[j] + level * versine[j]
+        y1[j] = y[j] * c[j] + (level - w * w * x[j]) * s[j]
+    for k in range(table.closes[r]):
+        j = table.close[r, k, 0]
+        w, frequency = table.omega[r, j], table.frequencies[table.close[r, k, 1]]
+        eta, rate, _ = pair(w, frequency, table.pulls[r, k, 0], table.pulls[r, k, 1], start, tau)
+        x1[j] += eta
+        y1[j] += rate
+
+
+@inlined
+def drive(table: Table, t: float, g: Array) -> None:
+    """g(t) = (1, sin, cos, ...) into (d,)."""
+    g[0] = 1.0
+    for k in range(table.frequencies.size):
+        g[1 + 2 * k], g[2 + 2 * k] = math.sin(table.frequencies[k] * t), math.cos(table.frequencies[k] * t)
+
+
+@inlined
+def leave(table: Table, r: int, x: Array, y: Array, g: Array, q: Array, v: Array) -> None:
+    """q and q' (n,) of the pairs x, y, which it may change, and the drive g."""
+    A, B = table.outward[r, PLACE_X], table.outward[r, PLACE_Y]
+    D, E = table.outward[r, SPEED_X], table.outward[r, SPEED_Y]
+    P, rate = table.response[r, 0], table.response[r, 1]
+    undamped = table.undamped[r] != 0
+    for i in range(q.size):
+        q[i], v[i] = 0.0, 0.0
+    for j in range(g.size):
+        a, b = (x, y) if undamped else (q, v)
+        for i in range(q.size):
+            a[i] += P[j, i] * g[j]
+        for i in range(q.size):
+            b[i] += rate[j, i] * g[j]
+    for j in range(x.size):
+        for i in range(q.size):
+            q[i] += A[j, i] * x[j]
+        for i in range(q.size):
+            v[i] += E[j, i] * y[j]
+    for j in range(0 if undamped else x.size):
+        for i in range(q.size):
+            q[i] += B[j, i] * y[j]
+        for i in range(q.size):
+            v[i] += D[j, i] * x[j]
+
+
+@inlined
+def enter(table: Table, r: int, q: Array, v: Array, g: Array, x: Array, y: Array, work: Array) -> None:
+    """The pairs x, y (size,) of q and q' where the drive is g; work: (2, n at least)."""
+    A, B = table.inward[r, X_PLACE], table.inward[r, X_SPEED]
+    D, E = table.inward[r, Y_PLACE], table.inward[r, Y_SPEED]
+    P, rate = table.response[r, 0], table.response[r, 1]
+    undamped = table.undamped[r] != 0
+    n = q.size
+    place, speed = work[0, :n], work[1, :n]
+    for i in range(n):
+        place[i], speed[i] = q[i], v[i]
+    for j in range(x.size):
+        x[j], y[j] = 0.0, 0.0
+    for j in range(g.size):
+        a, b = (x, y) if undamped else (place, speed)
+        for i in range(n):
+            a[i] -= P[j, i] * g[j]
+        for i in range(n):
+            b[i] -= rate[j, i] * g[j]
+    for i in range(n):
+        for j in range(x.size):
+            x[j] += A[i, j] * place[i]
+        for j in range(x.size):
+            y[j] += E[i, j] * speed[i]
+    for i in range(0 if undamped else n):
+        for j in range(x.size):
+            x[j] += B[i, j] * speed[i]
+        for j in range(x.size):
+            y[j] += D[i, j] * place[i]
+
+
+@inlined
+def sizes_of(table: Table, r: int, x: Array, y: Array, q: Array, v: Array, places: Array, speeds: Array) -> None:
+    """How large the terms are that q and q' are sums of, root of their squares, into places and speeds (n,)."""
+    outward = table.outward[r]
+    for i in range(q.size):
+        a, b = q[i] ** 2, v[i] ** 2
+        for j in range(x.size):
+            a += (outward[PLACE_X, j, i] * x[j]) ** 2 + (outward[PLACE_Y, j, i] * y[j]) ** 2
+            b += (outward[SPEED_X, j, i] * x[j]) ** 2 + (outward[SPEED_Y, j, i] * y[j]) ** 2
+        places[i], speeds[i] = math.sqrt(a), math.sqrt(b)
+
+
+@inlined
+def unsettle(
+    table: Table, r: int, places: Array, speeds: Array, t: float, noise: Array, size: float, x: Array, y: Array
+) -> None:
+    """Change the pairs at the start t of a segment by what is lost there: the rounding of t, and of the sums that make
+    them of q, q' and the drive; places, speeds: (n,), sizes of the terms of q and q', which it may change.
+    noise: (3, K)."""
+    late, inward, response = size * noise[0, 0] * t, table.inward[r], table.response[r]
+    undamped = table.undamped[r] != 0
+    for i in range(0 if undamped else places.size):
+        for j in range(response.shape[1]):
+            places[i] += abs(response[0, j, i])
+            speeds[i] += abs(response[1, j, i])
+    for j in range(x.size):
+        a = b = 0.0
+        for i in range(places.size):
+            a += (inward[X_PLACE, i, j] * places[i]) ** 2 + (inward[X_SPEED, i, j] * speeds[i]) ** 2
+            b += (inward[Y_PLACE, i, j] * places[i]) ** 2 + (inward[Y_SPEED, i, j] * speeds[i]) ** 2
+        for k in range(response.shape[1] if undamped else 0):
+            a += response[0, k, j] ** 2
+            b += response[1, k, j] ** 2
+        sigma, w = table.sigma[r, j], table.omega[r, j]
+        moved = late * (sigma * x[j] + y[j]) + size * noise[1, j] * math.sqrt(a)
+        y[j] += late * (sigma * y[j] - w * w * x[j] + table.level[r, j]) + size * noise[2, j] * math.sqrt(b)
+        x[j] += moved
+
+
+@compiled
+def watch(
+    table: Table, r: int, x: Array, y: Array, start: float, sides: IntArray, switched: IntArray, t_end: float
+) -> tuple[float, int, int, int]:
+    """(tau, contact, its new side, evaluations) of the first event of a segment that begins at ``start`` with the pairs
+    x, y; contact -1 where there is none before t_end. sides, switched: (m,), not 0 for those that switched there."""
+    m, K = sides.size, x.size + table.frequencies.size
+    let_go = 0
+    damped = False
+    for i in range(m):
+        let_go += abs(sides[i]) == LET_GO
+        damped |= table.lags[i] > 0.0
+    count = m + let_go
+    speeds, terms, seen, pairs = layout(m, K, table.closes[r])
+    see(table, r, x, y, start, speeds, terms, seen)
+    at = np.arange(count)
+    see_close(table, r, pairs, at[:m])
+    if not damped:
+        tau, which, stop, used = search(
+            speeds, terms, seen, pairs, sides, table.g1, table.g2, switched, start, t_end
+        )  # fmt: skip
+        return tau, which, (stop if which >= 0 and sides[which] == 0 else 0), used
+    # Of a damped stop d or y = d + lag d' is watched, and of one that has let go both.
+    chi, resting, force = np.zeros(count, np.int64), np.zeros(count, np.int64), np.zeros(count, np.int64)
+    g1, g2 = np.empty(count), np.empty(count)
+    all_speeds, all_terms, all_seen, all_pairs = layout(count, K, table.closes[r])
+    all_speeds[:] = speeds
+    extra = m
+    for i in range(m):
+        u = rate = 0.0
+        for k in range(K):
+            u += terms[i, X, k]
+            rate += speeds[SIGMA, k] * terms[i, X, k] + terms[i, Y, k]
+        u += seen[i, CONSTANT]
+        d = u - (table.g2[i] if sides[i] > 0 else table.g1[i])
+        gone = abs(sides[i]) == LET_GO
+        for again in range(2 if gone else 1):
+            w = i if again == 0 else extra
+            lag = table.lags[i] if again == 1 or abs(sides[i]) == 1 else 0.0
+            at[w], force[w] = i, lag > 0.0
+            for k in range(K):
+                a, b, sigma = terms[i, X, k], terms[i, Y, k], speeds[SIGMA, k]
+                all_terms[w, X, k] = a + lag * (sigma * a + b)
+                all_terms[w, Y, k] = b + lag * (sigma * b - speeds[SQUARE, k] * a + terms[i, LEVEL, k])
+                all_terms[w, LEVEL, k] = terms[i, LEVEL, k]
+            all_seen[w, CONSTANT] = seen[i, CONSTANT]
+            for k in range(pairs.shape[0]):
+                all_pairs[k, :4] = pairs[k, :4]
+                all_pairs[k, 4 + w] = pairs[k, 4 + i]
+            chi[w] = 0 if again == 1 else (sides[i] // LET_GO if gone else sides[i])
+            own = again == 1  # only the stop that it is beyond counts
+            g1[w] = -math.inf if own and sides[i] > 0 else table.g1[i]
+            g2[w] = math.inf if own and sides[i] < 0 else table.g2[i]
+            y_now = d + lag * rate
+            still = own if gone else (lag == 0.0 or abs(y_now) < abs(d))
+            resting[w] = switched[i] != 0 and still
+        extra += gone
+    tau, which, stop, used = search(
+        all_speeds, all_terms, all_seen, all_pairs, chi, g1, g2, resting, start, t_end
+    )  # fmt: skip
+    if which < 0:
+        return tau, -1, 0, used
+    contact = at[which]
+    side = sides[contact]
+    if side == 0:
+        side = stop
+    elif force[which] == 0:
+        side = 0
+    else:
+        side = LET_GO * side if abs(side) == 1 else side // LET_GO
+    return tau, contact, side, used
+
+
+@compiled
+def follow(
+    table: Table, t: float, t_end: float, q: Array, v: Array, places: Array, speeds: Array, sides: IntArray,
+    switched: IntArray, noise: Array, size: float, out_t: Array, out_regime: IntArray, out_sides: IntArray,
+    out_x: Array, out_y: Array,
+) -> tuple[int, int, int, float]:  # fmt: skip
+    """Follow the motion from q, q' (n,) at t with the contacts on ``sides`` (m,) until t_end, until the output is full
+    or an unknown regime begins.
+
+    switched: (m,), not 0 for contacts that switched at t, so that their gap is exactly zero. places, speeds: (n,), the
+    sizes of the terms of q, q'. All of these are those of the last event in the end. noise: (segments, 3, K) in [-1,
+    1], what ``unsettle`` takes ``size`` times at the start of every segment; none for size 0. Returns (why it ended,
+    segments written, evaluations, time of the last event). Raises SolverFailure where the motion overflows or the
+    search stands still.
+    """
+    g, work = np.empty(1 + 2 * table.frequencies.size), np.empty((5, max(q.size, table.sigma.shape[1])))
+    count = evaluations = 0
+    while count < out_t.size:
+        r = regime_at(table, sides)
+        if r < 0:
+            return UNKNOWN, count, evaluations, t
+        pairs = table.sizes[r]
+        x, y, x1, y1 = out_x[count, :pairs], out_y[count, :pairs], work[3, :pairs], work[4, :pairs]
+        drive(table, t, g)
+        enter(table, r, q, v, g, x, y, work)
+        if size > 0.0:
+            unsettle(table, r, places, speeds, t, noise[count], size, x, y)
+        out_t[count], out_regime[count], out_sides[count] = t, r, sides
+        count += 1
+        tau, contact, side, used = watch(table, r, x, y, t, sides, switched, t_end)
+        evaluations += used
+        if contact < 0 or t + tau >= t_end:
+            return DONE, count, evaluations, t
+        turn(table, r, x, y, t, tau, x1, y1, work)
+        drive(table, t + tau, g)
+        leave(table, r, x1, y1, g, q, v)
+        if size > 0.0:
+            sizes_of(table, r, x1, y1, q, v, places, speeds)
+        if t + tau > t:
+            switched[:] = 0
+        sides[contact], switched[contact] = side, 1
+        t += tau
+    return FULL, count, evaluations, t

@@ -1,0 +1,288 @@
+"""The regimes of a system, made as the motion meets them: as pairs, and as rows of the table that the loop follows.
+
+Where nothing is damped the pairs are the modes of the system with the springs of its closed contacts. Else they are
+those of linear.py, complex where damping couples. Records and eigenvalues that meet have no pairs: such a regime keeps
+its sums of exponentials, and the loop leaves it to ``Tracer``.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from threading import Lock
+from typing import Any
+from weakref import WeakKeyDictionary
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..basics.arrays import Array
+from ..model.drive import Drive
+from ..model.modes import Modes, undamped_modes
+from ..model.system import System
+from .follow import Table
+from .linear import Regime, regime_of
+from .rounding import Correction, Perturbation, correction, rounded_sum
+
+CLOSE = 0.125  # |Omega - omega|/(Omega + omega) below which the particular solution is not used
+NONE = np.zeros((0, 2), np.int64)
+Known = dict[tuple[float, ...], Modes]
+_KNOWN: WeakKeyDictionary[System, Known] = WeakKeyDictionary()
+
+
+@dataclass(frozen=True, eq=False)
+class Pairs:
+    """One regime as in follow.py. outward: (4, K, n); inward: (4, n, K); response: (2, d, n); close: (p, 2);
+    pulls: (p, 2). exponentials: its sums of these, where it has no real modes; turns: (k,), y = -turns Im c."""
+
+    sigma: Array
+    omega: Array
+    level: Array
+    outward: Array
+    inward: Array
+    response: Array
+    close: NDArray[np.int64]
+    pulls: Array
+    exponentials: Regime | None = None
+    turns: Array | None = None
+
+    @property
+    def followed(self) -> bool:
+        """Whether the loop can follow it."""
+        return self.exponentials is None or not (self.exponentials.chains or self.exponentials.push.shape[1])
+
+    @property
+    def steady(self) -> Array:
+        """The response to the drive, (d, n)."""
+        return self.response[0] if self.exponentials is not None else self.response[0] @ self.outward[0]
+
+    @property
+    def fastest(self) -> float:
+        """The largest |sigma + i omega|."""
+        return float(np.max(np.hypot(self.sigma, self.omega), initial=0.0))
+
+    def coefficients(self, x: Array, y: Array) -> Any:
+        """c of the pairs x, y (..., k)."""
+        return x - 1j * y / self.turns
+
+    def pairs(self, c: Any) -> tuple[Array, Array]:
+        """x, y of the coefficients c (..., k)."""
+        return np.real(c).copy(), -np.imag(c) * self.turns
+
+    def flow(self, tau: float, dq: Array, dv: Array) -> tuple[Array, Array]:
+        """The homogeneous flow over tau: (n, k) -> (n, k)."""
+        x, y = (dq.T @ a + dv.T @ b for a, b in (self.inward[:2], self.inward[2:]))
+        if self.exponentials is not None and self.exponentials.chains:
+            x, y = self.pairs(self.exponentials.free(self.coefficients(x, y).T, tau).T)
+        else:
+            c, s = np.exp(self.sigma * tau) * [np.cos(self.omega * tau), tau * np.sinc(self.omega * tau / np.pi)]
+            x, y = x * c + y * s, y * c - x * (self.omega**2 * s)
+        q, v = (x @ a + y @ b for a, b in (self.outward[:2], self.outward[2:]))
+        return q.T, v.T
+
+
+def of_exponentials(regime: Regime, free: Modes) -> Pairs:
+    """The pairs x = Re c, y = -omega Im c of complex modes, in the amplitudes of the ``free`` modes; of a chain's
+    coefficients y = -Im c."""
+    to = free.shapes.T @ free.mass
+    turns = np.where((regime.eigenvalues.imag > 0.0) & regime.single, regime.eigenvalues.imag, 1.0)
+    sigma, omega = regime.eigenvalues.real.copy(), np.where(regime.single, regime.eigenvalues.imag, 0.0)
+    outward = [(f(z) / w).T for z in (to @ regime.W, to @ regime.W_rate) for f, w in ((np.real, 1.0), (np.imag, turns))]
+    inward = [f(z @ free.shapes).T for f in (np.real, np.imag) for z in (regime.from_q, regime.from_v)]
+    inward[2:] = [-turns * z for z in inward[2:]]
+    response = np.stack([_real(to @ regime.response).T, _real(to @ regime.response_rate).T])
+    zeros, none = np.zeros(len(sigma)), np.zeros((0, 2))
+    return Pairs(sigma, omega, zeros, np.stack(outward), np.stack(inward), response, NONE, none, regime, turns)
+
+
+def _real(phasors: Any) -> Array:
+    """Complex amplitudes (n, 1 + F) of (1, exp(i Omega t), ...) as those of (1, sin, cos, ...), (n, d)."""
+    made = np.empty((len(phasors), 2 * phasors.shape[1] - 1))
+    made[:, 0], made[:, 1::2], made[:, 2::2] = phasors[:, 0].real, -phasors[:, 1:].imag, phasors[:, 1:].real
+    return made
+
+
+class Source:
+    """What the regimes of a system and of its perturbed copies are made of.
+
+    known: modes by the stiffnesses of the closed contacts, 0 for open ones; used and added to, by default those that
+    the system has been found to have. span: the longest time that is asked for; over a short one the slow modes answer
+    the drive from rest.
+    """
+
+    def __init__(self, system: System, known: Known | None = None, span: float = math.inf) -> None:
+        self.system, self.drive, self.span = system, Drive.of(system), span
+        self.known = _KNOWN.setdefault(system, {}) if known is None else known
+        self.corrections: dict[tuple[float, ...], Correction] = {}
+        self.loads, _ = self.drive.split(system.loads, system.size)
+        self.offsets, moving = self.drive.offsets(system)
+        self.recorded = self.drive.recorded(moving, self.offsets.shape[1])
+        self.damped = system.damped or bool(self.drive.records)
+        self.lags = np.array([float(c.stops.damping) / float(c.stops.stiffness) for c in system.contacts])
+
+    def modes(self, sides: tuple[int, ...], perturbation: Perturbation | None, rng: np.random.Generator) -> Modes:
+        """The undamped modes with the contacts on these sides closed, or those of a copy."""
+        contacts = self.system.contacts
+        springs = tuple((c.row, c.stops.spring(side)[0]) for c, side in zip(contacts, sides, strict=True) if side)
+        kappas = tuple(c.stops.spring(side)[0] if side else 0.0 for c, side in zip(contacts, sides, strict=True))
+        if kappas not in self.known:
+            self.known[kappas] = undamped_modes(self.system, springs)
+        base = self.known[kappas]
+        if perturbation is None:
+            return base
+        if kappas not in self.corrections:
+            self.corrections[kappas] = correction(self.system, springs, base)
+        made = self.corrections[kappas].perturbed(perturbation.frequency, rng)
+        # What strains nothing does so in every copy.
+        return replace(made, omega=np.where(base.omega == 0.0, 0.0, made.omega))
+
+    def regime(
+        self, sides: tuple[int, ...], perturbation: Perturbation | None, t_end: float, free: Modes | None
+    ) -> tuple[Pairs, Modes]:
+        """The regime with the contacts on these sides, 0 where nothing presses, of motions to t_end, in amplitudes of
+        the ``free`` modes, its own where there are none; and its undamped modes."""
+        seed = 0 if perturbation is None else perturbation.seed
+        rng = np.random.default_rng([seed, *map(abs, sides)])  # both stops have the same modes
+        basis = self.modes(sides, perturbation, rng)
+        free = free or basis
+        pressed = [(i, c, side) for i, (c, side) in enumerate(zip(self.system.contacts, sides, strict=True)) if side]
+        close = close_pairs(basis.omega, np.array(self.drive.frequencies), self.span)
+        if self.damped or any(self.lags[i] for i, _, _ in pressed) or (len(close) and np.any(self.lags)):
+            span = min(self.span, t_end)
+            regime = regime_of(self.system, self.drive, sides, span, perturbation, basis)
+            return of_exponentials(regime, free), basis
+        force = self.loads.copy()
+        for i, contact, side in pressed:
+            # sigma = kappa (gap - row q - offset): the first term is a load, the second in the matrix.
+            kappa, constant = contact.stops.spring(side)
+            force -= kappa * np.outer(self.offsets[:, i], contact.row)
+            force[0] += constant * contact.row
+        modal, inward = basis.force(force), np.eye(len(basis.omega))
+        if any(sides):
+            inward = free.shapes.T @ (self.system.mass @ basis.shapes)
+        if perturbation is not None:
+            size = perturbation.state
+            if any(sides):
+                lost = rounded_sum(free.shapes.T, rounded_sum(self.system.mass, basis.shapes))
+                inward = inward + size * lost * rng.uniform(-1.0, 1.0, inward.shape)
+            own = np.random.default_rng([seed, *(side + 2 for side in sides)])
+            modal = modal + size * rounded_sum(force, basis.shapes) * own.uniform(-1.0, 1.0, modal.shape)
+        mode, sine = close[:, 0], 1 + 2 * close[:, 1]
+        gain = basis.omega**2 - (self.drive.rates**2)[:, None]
+        gain[sine, mode] = gain[sine + 1, mode] = gain[0] = np.inf  # the constant stays with the pairs
+        P = modal / gain
+        zeros = np.zeros_like(basis.shapes)
+        made = Pairs(
+            np.zeros(len(basis.omega)), basis.omega, np.ascontiguousarray(modal[0]),
+            np.stack([inward.T, zeros, zeros, inward.T]), np.stack([inward, zeros, zeros, inward]),
+            np.stack([P, self.drive.derivative().T @ P]),
+            close, np.stack([modal[sine, mode], modal[sine + 1, mode]], axis=1),
+        )  # fmt: skip
+        return made, basis
+
+
+def close_pairs(omega: Array, frequencies: Array, span: float) -> NDArray[np.int64]:
+    """(p, 2): the modes and drive frequencies that lie close to each other, or are both slow against ``span``."""
+    total = omega[:, None] + frequencies
+    return np.argwhere((np.abs(omega[:, None] - frequencies) < CLOSE * total) | (total * span < 0.9))
+
+
+class Regimes:
+    """The regimes met so far of one system, or of a perturbed copy of it."""
+
+    def __init__(self, source: Source, perturbation: Perturbation | None = None) -> None:
+        self.source, self.perturbation = source, perturbation
+        self.number: dict[tuple[int, ...], int] = {}
+        self.made: list[Pairs] = []
+        self.table = self._empty(1, 0, 0)
+        self.free: Modes | None = None
+        self.making = Lock()  # members of an ensemble share their regimes
+
+    def at(self, sides: tuple[int, ...], t_end: float) -> int:
+        """The number of the regime with the contacts pressed on these sides; made for motions to t_end where it is not
+        there yet."""
+        with self.making:
+            if self.free is None:
+                open_ = (0,) * len(sides)
+                made, self.free = self.source.regime(open_, self.perturbation, t_end, None)
+                self.add(open_, made)
+            if sides not in self.number:
+                self.add(sides, self.source.regime(sides, self.perturbation, t_end, self.free)[0])
+        return self.number[sides]
+
+    def add(self, sides: tuple[int, ...], made: Pairs) -> None:
+        """Take up a regime."""
+        table, r = self.table, len(self.made)
+        self.number[sides] = r
+        self.made.append(made)
+        R, K, p = len(table.sizes), table.sigma.shape[1], table.close.shape[1]
+        if r >= R or len(made.sigma) > K or len(made.close) > p:
+            room = 2 * r if r >= R else R
+            table = self._empty(max(room, 3), max(K, len(made.sigma)), max(p, len(made.close)))
+            for key, number in self.number.items():
+                self._fill(table, number, key, self.made[number])
+            self.table = table
+        else:
+            self._fill(table, r, sides, made)
+
+    def _empty(self, R: int, K: int, p: int) -> Table:
+        source = self.source
+        contacts, n, F = source.system.contacts, source.system.size, len(source.drive.frequencies)
+        m, d = len(contacts), source.drive.size
+        return Table(
+            np.zeros((R, m), np.int64), np.zeros(R, np.int64), np.zeros(R, np.int64), *np.zeros((3, R, K)),
+            np.zeros((R, K + F), np.int64), np.zeros((R, 2, K + F)), np.zeros((R, 4, K, n)), np.zeros((R, 4, n, K)),
+            np.zeros((R, 2, d, n)), np.zeros((R, 2, m, K)), np.zeros((R, m, d)),
+            np.array(source.drive.frequencies, float), np.zeros((R, p, 2), np.int64), np.zeros(R, np.int64),
+            np.zeros((R, p, 2)), *np.array([(c.stops.g1, c.stops.g2) for c in contacts], float).reshape(m, 2).T.copy(),
+            source.lags,
+        )  # fmt: skip
+
+    def _fill(self, table: Table, r: int, sides: tuple[int, ...], made: Pairs) -> None:
+        source, size, p = self.source, len(made.sigma), len(made.close)
+        assert self.free is not None
+        table.sides[r] = sides
+        table.undamped[r], table.closes[r] = made.exponentials is None, p
+        table.sigma[r, :size], table.omega[r, :size], table.level[r, :size] = made.sigma, made.omega, made.level
+        drives = np.array(source.drive.frequencies)
+        sigma, omega = np.append(made.sigma, 0.0 * drives), np.append(made.omega, drives)
+        order = np.argsort(np.hypot(sigma, omega), kind="stable")
+        table.order[r, : len(order)] = order
+        table.speeds[r, 0, : len(order)], table.speeds[r, 1, : len(order)] = sigma[order], omega[order]
+        table.outward[r, :, :size], table.inward[r, :, :, :size] = made.outward, made.inward
+        table.response[r] = made.response
+        for i, contact in enumerate(source.system.contacts):
+            row = self.free.force(contact.row)
+            table.rows[r, :, i, :size] = made.outward[:2] @ row
+            table.waves[r, i] = made.steady @ row + source.offsets[:, i]
+        table.close[r, :p], table.pulls[r, :p] = made.close, made.pulls
+        table.sizes[r] = size if made.followed else -size  # at last: now a loop may find it
+
+    def start(self, q: Array, v: Array, t_end: float, settled: bool = True) -> tuple[Array, Array]:
+        """The amplitudes of the free modes and their rates at q, q'. Unless ``settled`` those of a copy are changed in
+        proportion to the motion, the amplitudes of the start and of the drive, and to the terms they are sums of."""
+        number = self.at((0,) * len(self.source.system.contacts), t_end)
+        basis, free = self.free, self.made[number]
+        assert basis is not None
+        eta, rate = basis.to_modal(q), basis.to_modal(v)
+        if self.perturbation is None or settled:
+            return eta, rate
+        drive, size = self.source.drive, self.perturbation.state
+        omega, turned = basis.omega, basis.mass @ basis.shapes
+        slowest = omega[omega > 0.0][:1]  # what a constant load moves, it moves at natural frequencies
+        rates = np.where(drive.rates > 0.0, drive.rates, slowest[0] if len(slowest) else 0.0)
+        if free.exponentials is None:
+            driven = np.sum(np.abs(free.response[0]) * rates[:, None], axis=0)
+        else:  # where a drive is answered from rest there is no response to it
+            acceleration = np.linalg.solve(self.source.system.mass, self.source.system.load(0.0))
+            driven = np.max(np.abs(acceleration)) / (slowest if len(slowest) else np.array([np.inf]))
+        least = max(float(np.max(np.hypot(omega * eta, rate))), float(np.max(driven)))
+        noise = np.random.default_rng([self.perturbation.seed, 99]).uniform(-1.0, 1.0, (2, eta.size))
+        scale = np.where(omega > 0.0, np.maximum(omega, 1e-8 * omega[-1]), slowest[0] if len(slowest) else np.inf)
+        eta = eta + size * (least / scale + rounded_sum(q, turned)) * noise[0]
+        return eta, rate + size * (least + rounded_sum(v, turned)) * noise[1]
+
+    def nodal(self, eta: Array, rate: Array) -> tuple[Array, Array]:
+        """q and q' (..., n) of amplitudes of the free modes and their rates."""
+        assert self.free is not None
+        return self.free.to_nodal(eta), self.free.to_nodal(rate)

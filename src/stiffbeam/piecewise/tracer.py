@@ -1,0 +1,210 @@
+"""Following motions of a system in float64: the compiled loop, and the segments that it leaves to exponentials."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..basics.arrays import Array
+from ..basics.resources import Forecast
+from ..model.drive import Drive
+from ..model.system import System
+from ..trajectory.trajectory import SolverFailure
+from .chains import seen_by
+from .events import LET_GO, next_side, pressed, side_of, watched
+from .exponential_search import search
+from .follow import DONE, FULL, UNKNOWN, follow
+from .linear import Complex, Regime, phasors, spin_of
+from .motion import Motion
+from .regimes import Known, Regimes, Source
+from .rounding import Perturbation
+from .search import search as leap
+from .terms import OMEGA, SIGMA, SQUARE, X, Y, layout
+from .touching import ORDER, REMEDY
+
+EVENTS_PER_CALL, FIRST_EVENTS = 4096, 16
+QUIET = np.zeros((0, 3, 0))  # no noise
+
+
+class Tracer:
+    """Solver for one system, or for a perturbed copy of it, made of the same ``source``."""
+
+    def __init__(self, source: Source, perturbation: Perturbation | None = None) -> None:
+        self.source, self.system, self.drive = source, source.system, source.drive
+        self.perturbation, self.regimes = perturbation, Regimes(source, perturbation)
+        self.noise = np.random.default_rng(None if perturbation is None else [perturbation.seed, 98])
+        self.size = 0.0 if perturbation is None else perturbation.state
+        self.gaps: Gaps | None = None
+
+    def solve(self, t_end: float, start: tuple[Array, Array] | None = None) -> Motion:
+        """The motion on [0, t_end] from q, q' at the ``start``, None for the initial data of the system."""
+        eta, rate = self.regimes.start(*((self.system.q0, self.system.v0) if start is None else start), t_end, False)
+        q, v = self.regimes.nodal(eta, rate)
+        sides = []
+        for i, contact in enumerate(self.system.contacts):
+            o, moves = self.drive.offset(self.system, i)(np.zeros(1))
+            sides.append(side_of(contact.stops, float(contact.row @ q + o[0]), float(contact.row @ v + moves[0])))
+        return self._follow(0.0, sides, eta, rate, -1, t_end)
+
+    def trace(self, t: float, sides: tuple[int, ...], q: Array, v: Array, resting: int, t_end: float) -> Motion:
+        """The motion from (q, q') at time t with the contacts on the given sides; resting: the contact whose gap is
+        exactly zero there, or -1. A segment ends at an event, and where a record has a sample."""
+        return self._follow(t, list(sides), *self.regimes.start(q, v, t_end), resting, t_end)
+
+    def _follow(self, t: float, sides: list[int], q: Array, v: Array, resting: int, t_end: float) -> Motion:
+        """``trace`` from the amplitudes q of the free modes and their rates v."""
+        n, m, here = self.system.size, len(sides), np.array(sides, np.int64)
+        switched = (np.arange(m) == resting).astype(np.int64)
+        places, speeds = np.abs(q), np.abs(v)
+        parts: list[Motion] = []
+        forecast, kept, since, marked = Forecast(t_end), 0, t, 0
+        room, why = FIRST_EVENTS, UNKNOWN
+        while True:
+            r = self.regimes.at(tuple(pressed(here).tolist()), t_end)
+            if not self.regimes.made[r].followed:
+                why, part, t = self._alone(r, t, t_end, q, v, here, switched)
+            else:
+                table, K = self.regimes.table, self.regimes.table.sigma.shape[1]
+                times, regime, chi = np.empty(room), np.empty(room, np.int64), np.empty((room, m), np.int64)
+                x, y = np.zeros((2, room, K))
+                noise = self.noise.uniform(-1.0, 1.0, (room, 3, K)) if self.size else QUIET
+                why, count, used, t = follow(
+                    table, t, t_end, q, v, places, speeds, here, switched, noise, self.size, times, regime, chi, x, y
+                )
+                part = Motion(self.regimes, times[:count], chi[:count], regime[:count], x[:count], y[:count], used)
+                room = min(4 * room, EVENTS_PER_CALL) if why == FULL else room
+            parts.append(part)
+            kept += len(part.times)
+            if why == DONE:
+                return parts[0].joined(parts)
+            forecast.check(t, 2.0 * kept * (n + 1))
+            if kept - marked >= EVENTS_PER_CALL:
+                refuse_accumulation(since, t, max(x.fastest for x in self.regimes.made), self.drive)
+                since, marked = t, kept
+
+    def _alone(
+        self, r: int, t: float, t_end: float, q: Array, v: Array, sides: NDArray[np.int64], switched: NDArray[np.int64]
+    ) -> tuple[int, Motion, float]:
+        """The segments of one regime that is no pairs, up to an event, as ``follow`` would: q, v, sides and switched
+        are those of the event in the end."""
+        pairs, drive = self.regimes.made[r], self.drive
+        regime = pairs.exponentials
+        assert isinstance(regime, Regime)
+        self.gaps = self.gaps or Gaps(self.system, drive)
+        rates, key, size = np.array([0.0, *drive.frequencies]), sides.copy(), self.size
+        times, kept, evaluations = [], [], 0
+        nodal = self.regimes.nodal(q, v)
+        c = regime.coefficients(*nodal, spin_of(drive, np.array([t]))[0])
+        if size:  # the time and every term of the sums above are rounded
+            c *= 1.0 + regime.eigenvalues * t * size * self.noise.uniform(-1.0, 1.0)
+            terms = np.abs(regime.from_q) ** 2 @ (np.abs(nodal[0]) + np.abs(regime.response).sum(1)) ** 2
+            terms += np.abs(regime.from_v) ** 2 @ (np.abs(nodal[1]) + np.abs(regime.response_rate).sum(1)) ** 2
+            c += size * np.sqrt(terms) * (self.noise.uniform(-1.0, 1.0, (2, len(c))).T @ [1.0, 1j])
+        while True:
+            times.append(t)
+            kept.append(c)
+            spin, force, edge = (
+                spin_of(drive, np.array([t]))[0],
+                regime.push @ drive.polynomials(t),
+                drive.next_edge(t, t_end),
+            )
+            tau, contact, side, used = self.gaps.next_switch(regime, c, key, switched != 0, t, edge)
+            evaluations += used
+            event = contact >= 0 and t + tau < edge
+            ahead = regime.ahead(c[None], spin[None], force[None], np.array([tau if event else edge - t]))[0]
+            if event or edge >= t_end:
+                break
+            if size:
+                forces = np.sum(np.abs(force) * (edge - t) ** np.arange(1, 1 + force.shape[1]), axis=1)
+                lost = size * (np.abs(ahead) + np.minimum(forces, np.abs(c) + np.abs(ahead)))
+                ahead = ahead + lost * (self.noise.uniform(-1.0, 1.0, (2, len(c))).T @ [1.0, 1j])
+            c, t, switched[:] = ahead, edge, 0
+        x, y = pairs.pairs(np.array(kept))
+        segments = np.full(len(times), r), x, y, evaluations
+        part = Motion(self.regimes, np.array(times), np.tile(key, (len(times), 1)), *segments)
+        if not event:
+            return DONE, part, t
+        q[:], v[:] = self.regimes.start(*regime.state(ahead, spin * np.exp(1j * rates * tau)), t_end)
+        if t + tau > t:
+            switched[:] = 0
+        sides[contact], switched[contact] = side, 1
+        return UNKNOWN, part, t + tau
+
+
+def tracer_of(
+    system: System, perturbation: Perturbation | None = None, known: Known | None = None, span: float = math.inf
+) -> Tracer:
+    """What follows motions of the system in float64; known, span: see ``Source``."""
+    return Tracer(Source(system, known, span), perturbation)
+
+
+def refuse_accumulation(start: float, end: float, fastest: float, drive: Drive) -> None:
+    """Raise SolverFailure where EVENTS_PER_CALL events follow each other within a period of the fastest motion: forces
+    are continuous, so none does that, and what does is rounding."""
+    if (end - start) * max(fastest, *drive.frequencies, 0.0) < 2.0 * math.pi:
+        raise SolverFailure("exact", end, f"{EVENTS_PER_CALL} switches within the shortest period", REMEDY)
+
+
+class Gaps:
+    """The contacts as the search sees them: rows (m, n), their offsets as phasors and as amplitudes of the records."""
+
+    def __init__(self, system: System, drive: Drive) -> None:
+        m = len(system.contacts)
+        self.drive, self.rates = drive, 1j * np.array([0.0, *drive.frequencies])
+        self.rows = np.array([contact.row for contact in system.contacts]).reshape(m, system.size)
+        shifts, rest = drive.offsets(system)
+        self.offsets = phasors(shifts)[:, :m].T  # (m, 1 + F)
+        self.recorded = drive.recorded(rest, shifts.shape[1])[:, :m].T  # (m, R)
+        self.g1, self.g2 = (np.array([getattr(c.stops, side) for c in system.contacts]) for side in ("g1", "g2"))
+        self.lags = np.array([float(c.stops.damping) / float(c.stops.stiffness) for c in system.contacts])
+
+    def next_switch(
+        self, regime: Regime, c: Complex, chi: NDArray[np.int64], switched: NDArray[np.bool_], t: float, t_end: float
+    ) -> tuple[float, int, int, int]:
+        """(tau, contact, its new side, evaluations) of the first switch after t, contact -1 where there is none.
+
+        c: the coefficients at t. chi: the sides now. switched: (m,), the contacts that have switched at t. Up to t_end
+        every record is one polynomial.
+        """
+        spin, records = spin_of(self.drive, np.array([t]))[0], self.drive.polynomials(t)
+        alone = regime.single
+        W = (self.rows @ regime.W) * alone
+        rates: Complex = np.concatenate([regime.eigenvalues, self.rates])
+        a: Complex = np.concatenate([W * c, (self.rows @ regime.response + self.offsets) * spin], axis=1)
+        force = regime.push @ records
+        seen, shift = W[:, :, None] * force, self.recorded @ records
+        nodes, counts, chained = seen_by(regime.chains, self.rows @ regime.W, c, spin, force, ORDER + 1)
+        at, lags, sides, g1, g2, resting = np.arange(len(chi)), np.zeros(len(chi)), chi, self.g1, self.g2, switched
+        if np.any(self.lags):  # what is watched of a damped stop is d or the sign of its force
+            at, lags, sides, own = (np.array(x) for x in zip(*watched(chi.tolist(), self.lags), strict=True))
+            now = chained[:, :, :2, :1].sum((1, 3)).real  # what chains add to u and u'
+            d = a.real.sum(1)[at] + now[at, 0] - np.where(chi[at] > 0, g2[at], g1[at])
+            y = d + lags * ((a * rates).real.sum(1)[at] + now[at, 1])
+            resting = switched[at] & np.where(np.abs(chi[at]) == LET_GO, own, (lags == 0.0) | (np.abs(y) < np.abs(d)))
+            a, seen, shift = a[at] * (1.0 + np.outer(lags, rates)), seen[at], shift[at]
+            seen = seen * (1.0 + np.outer(lags, regime.eigenvalues))[:, :, None]
+            chained = chained[at] + lags[:, None, None, None] * np.roll(chained[at], -1, axis=2)
+            g1, g2 = np.where(own & (chi[at] > 0), -np.inf, g1[at]), np.where(own & (chi[at] < 0), np.inf, g2[at])
+        gaps = np.ascontiguousarray(sides), g1, g2, resting.astype(np.int64), t, t_end
+        if self.drive.records or regime.chains:
+            parts = (np.ascontiguousarray(x) for x in (np.minimum(rates.real, 0.0), rates.imag, a.real, a.imag))
+            tau, which, met, used = search(*parts, *gaps, regime.eigenvalues, seen, shift, nodes, counts, chained)
+        else:
+            tau, which, met, used = _leap(rates, a, gaps)
+        if which < 0:
+            return tau, -1, 0, used
+        contact = int(at[which])
+        return tau, contact, next_side(int(chi[contact]), met, bool(lags[which])), used
+
+
+def _leap(rates: Complex, a: Complex, gaps: tuple[Any, ...]) -> tuple[float, int, int, int]:
+    """``search`` among the exponentials Re sum_k a_ck exp(rates_k tau) alone, by leaps."""
+    order = np.argsort(np.abs(rates), kind="stable")
+    speeds, terms, seen, pairs = layout(len(a), len(rates), 0)
+    speeds[SIGMA], speeds[OMEGA] = np.minimum(rates.real, 0.0)[order], rates.imag[order]
+    speeds[SQUARE] = speeds[OMEGA] ** 2
+    terms[:, X], terms[:, Y] = a.real[:, order], -speeds[OMEGA] * a.imag[:, order]
+    return leap(speeds, terms, seen, pairs, *gaps)

@@ -1,0 +1,247 @@
+"""CVODE and IDA of the SUNDIALS libraries that scikit-sundae brings along, called with compiled equations.
+
+scikit-sundae takes Python functions only, and three quarters of a solve are spent in them. Its extension modules are
+linked to the libraries, so their functions are found through them; with the functions of ``callbacks`` no Python runs
+inside a step. ``available`` is False where the installed wheel does not offer this: then ``cvode`` and ``ida`` go
+through scikit-sundae, with the same numbers.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable
+from functools import lru_cache
+from importlib import import_module
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ...basics.arrays import Array, IntArray
+from .callbacks import (
+    BAND,
+    DENSE,
+    USER,
+    VECTOR,
+    cvode_events,
+    cvode_jacobian,
+    cvode_right_hand_side,
+    ida_events,
+    ida_jacobian,
+    ida_residual,
+)  # fmt: skip
+from .restarts import Phase
+from .rhs import RightHandSide
+
+TESTED = (7,)  # major versions of SUNDIALS whose functions are called as below
+ADAMS, BDF, NORMAL = 1, 2, 1
+ROOT_RETURN, TOO_MUCH_WORK = 2, -1
+STEPS_A_CALL = 20_000  # after which Python may look for an interrupt
+MAX_STEPS = 10_000_000  # to one output; SUNDIALS' default of 500 ends most contact runs
+POINTER, INTEGER, LONG, DOUBLE = ctypes.c_void_p, ctypes.c_int, ctypes.c_long, ctypes.c_double
+
+
+class _Library:
+    """The functions of one extension module of scikit-sundae and of the libraries that it is linked to."""
+
+    def __init__(self, module: Any) -> None:
+        self._library = ctypes.CDLL(module.__file__)
+        self.messages: dict[int, str] = getattr(module, "CVMESSAGES", None) or module.IDAMESSAGES
+
+    def __call__(self, name: str, *arguments: Any, result: Any = INTEGER, fails: bool = True) -> Any:
+        """Call a function; raise RuntimeError where its result is an error, unless ``fails`` is False."""
+        function = getattr(self._library, name)
+        function.restype = result
+        value = function(*arguments)
+        if fails and ((result is POINTER and not value) or (result is INTEGER and value < 0)):
+            raise RuntimeError(f"{name} returned {value}")
+        return value
+
+
+@lru_cache
+def _libraries() -> dict[str, _Library] | None:
+    """The libraries of CVODE and IDA, None where they are not as expected."""
+    try:
+        libraries = {family: _Library(import_module(f"sksundae._cy_{family.lower()}")) for family in ("CVode", "IDA")}
+        return libraries if all(_as_expected(library) for library in libraries.values()) else None
+    except (ImportError, AttributeError, OSError, RuntimeError):
+        return None
+
+
+def _as_expected(library: _Library) -> bool:
+    """Whether version and memory layout are those that the callbacks read."""
+    major, rest = INTEGER(), [INTEGER(), INTEGER()]
+    label = ctypes.create_string_buffer(32)
+    library("SUNDIALSGetVersionNumber", ctypes.byref(major), *map(ctypes.byref, rest), label, INTEGER(32))
+    if major.value not in TESTED:
+        return False
+    with _Memory(library) as memory:
+        vector = memory.vector(np.zeros(4))
+        pairs = [(vector, VECTOR, library("N_VGetArrayPointer", vector, result=POINTER))]
+        dense = memory.matrix("SUNDenseMatrix", 4, 4)
+        pairs.append((dense, DENSE, library("SUNDenseMatrix_Data", dense, result=POINTER)))
+        band = memory.matrix("SUNBandMatrix", 4, 1, 1)
+        pairs.append((band, BAND, library("SUNBandMatrix_Data", band, result=POINTER)))
+        return all(_word(_word(structure.value, 0), word) == data for structure, word, data in pairs)
+
+
+def _word(address: int | None, k: int) -> int:
+    """The k-th 8-byte word at an address."""
+    assert address
+    return ctypes.c_int64.from_address(address + 8 * k).value
+
+
+def available() -> bool:
+    """Return True where SUNDIALS can be called without Python in its steps."""
+    return _libraries() is not None
+
+
+class _Memory:
+    """What SUNDIALS allocates for one solver, freed together."""
+
+    def __init__(self, library: _Library) -> None:
+        self.library = library
+        self._free: list[Callable[[], Any]] = []
+        self.context = POINTER()
+        library("SUNContext_Create", INTEGER(0), ctypes.byref(self.context))
+        self._free.append(lambda: library("SUNContext_Free", ctypes.byref(self.context)))
+        library("SUNContext_ClearErrHandlers", self.context)
+
+    def vector(self, numbers: Array) -> Any:
+        """Return a vector whose numbers are those of ``numbers``, which has to outlive it."""
+        address = POINTER(numbers.ctypes.data)
+        made = POINTER(self.library("N_VMake_Serial", INTEGER(len(numbers)), address, self.context, result=POINTER))
+        self._free.append(lambda: self.library("N_VDestroy", made, result=None))
+        return made
+
+    def matrix(self, kind: str, *sizes: int) -> Any:
+        """Return a matrix of SUNDIALS."""
+        made = POINTER(self.library(kind, *map(INTEGER, sizes), self.context, result=POINTER))
+        self._free.append(lambda: self.library("SUNMatDestroy", made, result=None))
+        return made
+
+    def linear_solver(self, kind: str, vector: Any, matrix: Any) -> Any:
+        """Return a direct linear solver."""
+        made = POINTER(self.library(kind, vector, matrix, self.context, result=POINTER))
+        self._free.append(lambda: self.library("SUNLinSolFree", made))
+        return made
+
+    def keep(self, solver: Any, free: str) -> None:
+        """Free ``solver`` with the rest."""
+        self._free.append(lambda: self.library(free, ctypes.byref(solver), result=None))
+
+    def __enter__(self) -> _Memory:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Free everything, the last first."""
+        while self._free:
+            self._free.pop()()
+
+    def __del__(self) -> None:
+        self.close()
+
+
+class Step(NamedTuple):
+    """Where one call of the solver ended, in the words of scikit-sundae's result."""
+
+    t: float
+    y: Array
+    success: bool
+    status: int
+    message: str
+    nfev: int
+    njev: int
+    i_events: list[IntArray]
+
+
+class CompiledSolver:
+    """CVODE ("CVode", by BDF or Adams) or IDA ("IDA") with compiled equations; its steps are those of scikit-sundae's.
+
+    One object serves all phases of a solve: ``init_step`` starts it anew.
+    """
+
+    def __init__(self, family: str, rhs: RightHandSide, rtol: float, atol: Array, adams: bool = False) -> None:
+        libraries = _libraries()
+        assert libraries is not None
+        self.family, self.rhs, self._call = family, rhs, libraries[family]
+        rhs.callbacks = "compiled"
+        self._memory = memory = _Memory(self._call)
+        size = rhs.size
+        self._y, self._rate, self._atol = np.zeros(size), np.zeros(size), np.array(atol, float)
+        self._vectors = [memory.vector(x) for x in ((self._y,) if family == "CVode" else (self._y, self._rate))]
+        bands = rhs.bandwidths
+        # Storage by columns: entry (i, j) at first + i + j stride, see kernels.jacobian.
+        if bands is None:
+            first, stride = 0, size
+            matrix = memory.matrix("SUNDenseMatrix", size, size)
+            linear = memory.linear_solver("SUNLinSol_Dense", self._vectors[0], matrix)
+        else:
+            lower, upper = bands
+            stored = min(size - 1, lower + upper)  # upper bandwidth of the factors
+            first, stride = stored, stored + lower
+            matrix = memory.matrix("SUNBandMatrix", size, upper, lower)
+            linear = memory.linear_solver("SUNLinSol_Band", self._vectors[0], matrix)
+        self._user = np.array([rhs.block.ctypes.data, len(rhs.block), size, 0, first, stride], np.int64)
+        assert len(self._user) == USER
+        self._linear, self._matrix, self._adams = linear, matrix, adams
+        self._solver = POINTER()
+        self._tolerances = (DOUBLE(rtol), memory.vector(self._atol))
+        self._flags = np.zeros(max(1, rhs.roots), np.int32)
+
+    def init_step(self, phase: Phase) -> None:
+        """Start the solver at the beginning of ``phase``, with its event functions and step bound."""
+        call, family, start = self._call, self.family, DOUBLE(phase.start)
+        self._y[:] = phase.z
+        if family == "IDA":
+            self._rate[:] = self.rhs.rate(phase.start, phase.z)
+        self._watched = phase.watch.size if phase.watch.count else 0
+        self._user[3] = self._watched
+        if self._solver:
+            call(f"{family}ReInit", self._solver, start, *self._vectors)
+        else:
+            arguments = (INTEGER(ADAMS if self._adams else BDF),) if family == "CVode" else ()
+            self._solver = POINTER(call(f"{family}Create", *arguments, self._memory.context, result=POINTER))
+            self._memory.keep(self._solver, f"{family}Free")
+            first = cvode_right_hand_side if family == "CVode" else ida_residual
+            jacobian = cvode_jacobian if family == "CVode" else ida_jacobian
+            call(f"{family}Init", self._solver, POINTER(first.address), start, *self._vectors)
+            call(f"{family}SetUserData", self._solver, POINTER(self._user.ctypes.data))
+            call(f"{family}SVtolerances", self._solver, *self._tolerances)
+            call(f"{family}SetLinearSolver", self._solver, self._linear, self._matrix)
+            call(f"{family}SetJacFn", self._solver, POINTER(jacobian.address))
+            call(f"{family}SetMaxNumSteps", self._solver, LONG(min(STEPS_A_CALL, MAX_STEPS)))
+        longest = phase.max_step if np.isfinite(phase.max_step) else 0.0  # 0 for no bound
+        call(f"{family}SetMaxStep", self._solver, DOUBLE(longest))
+        events = cvode_events if family == "CVode" else ida_events
+        call(f"{family}RootInit", self._solver, INTEGER(self._watched), POINTER(events.address))
+        if self._watched:
+            directions = np.array(phase.watch.directions, np.int32)
+            call(f"{family}SetRootDirection", self._solver, POINTER(directions.ctypes.data))
+
+    def step(self, target: float, tstop: float) -> Step:
+        """Integrate to ``target``, not beyond ``tstop``, or to an event."""
+        call, family = self._call, self.family
+        call(f"{family}SetStopTime", self._solver, DOUBLE(tstop))
+        reached, status = DOUBLE(), TOO_MUCH_WORK
+        name, at = ("CVode", 1) if family == "CVode" else ("IDASolve", 0)  # where they return the time
+        arguments = [self._solver, DOUBLE(target), *self._vectors, INTEGER(NORMAL)]
+        arguments.insert(2 + at, ctypes.byref(reached))
+        for _ in range(-(-MAX_STEPS // STEPS_A_CALL)):  # an interrupt is raised here, between two calls
+            status = call(name, *arguments, fails=False)
+            if status != TOO_MUCH_WORK:
+                break
+        found: list[IntArray] = []
+        if status == ROOT_RETURN:
+            call(f"{family}GetRootInfo", self._solver, POINTER(self._flags.ctypes.data))
+            found.append(self._flags[: self._watched].astype(np.int64))
+        evaluations, jacobians = LONG(), LONG()
+        counted = "GetNumRhsEvals" if family == "CVode" else "GetNumResEvals"
+        call(f"{family}{counted}", self._solver, ctypes.byref(evaluations))
+        call(f"{family}GetNumJacEvals", self._solver, ctypes.byref(jacobians))
+        call(f"{family}ClearStopTime", self._solver)
+        message = call.messages.get(status, f"SUNDIALS returned {status}")
+        y = self._y.copy()
+        return Step(reached.value, y, status >= 0, status, message, evaluations.value, jacobians.value, found)
