@@ -34,7 +34,7 @@ class Parameters:
 
 
 # Those beside the stiffness, each with its value in the linear law.
-LINEAR = {x.name: float(x.default) for x in fields(Parameters) if x.name != "stiffness"}
+LINEAR: dict[str, float] = {x.name: getattr(Parameters, x.name) for x in fields(Parameters) if x.name != "stiffness"}
 
 
 class Law(NamedTuple):
