@@ -303,10 +303,10 @@ def watch(
     )  # fmt: skip
     if which < 0:
         return tau, -1, 0, used
-    contact = at[which]
-    side = sides[contact]
+    contact = int(at[which])
+    side = int(sides[contact])
     if side == 0:
-        side = stop
+        side = int(stop)
     elif force[which] == 0:
         side = 0
     else:

@@ -199,6 +199,14 @@ class Regimes:
         self.free: Modes | None = None
         self.making = Lock()  # members of an ensemble share their regimes
 
+    def __getstate__(self) -> dict[str, Any]:
+        """The state that can be sent to another process, where a lock of its own is made."""
+        return {name: value for name, value in vars(self).items() if name != "making"}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        self.making = Lock()
+
     def at(self, sides: tuple[int, ...], t_end: float) -> int:
         """The number of the regime with the contacts pressed on these sides; made for motions to t_end where it is not
         there yet."""
