@@ -51,7 +51,9 @@ def test_a_command_has_the_options_of_its_study_with_help_and_defaults(name):
         assert made[option.name].default is None  # what is not given is left to the study and its smoke options
         words = made[option.name].help
         assert words, option.name
-        if option.default is not None and not isinstance(option.default, bool):
+        if option.default is option.empty:
+            assert "the case's" in words
+        elif option.default is not None and not isinstance(option.default, bool):
             assert words.endswith(f"default: {option.default}")
 
 

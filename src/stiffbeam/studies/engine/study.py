@@ -133,7 +133,8 @@ class Study:
         Raises InputError for an option that the study does not have or that is out of range, and for a case without
         the stops or the motion that the study asks about.
         """
-        known = [name for name in inspect.signature(self.points).parameters if name != "case"]
+        parameters = inspect.signature(self.points).parameters
+        known = {name: option.default for name, option in parameters.items() if name != "case"}
         if self.needs_stops and not case.has_stops:
             raise InputError("case", case.name, "have stops", f"{self.command} asks about contact")
         if self.needs_motion and stays_at_rest(case.system()):
@@ -146,15 +147,14 @@ class Study:
         for name, value in options.items():
             if name in ("dt", "t_end", "courant"):
                 positive(name, value)
-            elif name in LEAST:
+            elif name in LEAST and (isinstance(known[name], int) or name in ("cells", "divide")):
                 for number in value if isinstance(value, (list, tuple)) else [value]:
                     integer(name, number, LEAST[name])
         defaults = {"dt": case.dt, "t_end": case.t_end, "form": case.forms[0]}
         options = {name: value for name, value in defaults.items() if name in known} | options
         if "halvings" in known:
-            default = inspect.signature(self.points).parameters["halvings"].default
             steps = options.get("t_end", case.t_end) / options["dt"]
-            halvings = options.get("halvings", default)
+            halvings = options.get("halvings", known["halvings"])
             seconds = 2e-8 * steps * 2.0 ** min(halvings, 1000)  # 20 ns a step
             afford("halvings", halvings, "take fewer", seconds=seconds)
         return self.points(case, **options)
@@ -187,7 +187,7 @@ class Records:
         """The verdict with numbers; ``.table`` has them line by line."""
         if not self.found:
             reasons = {row.get("failed") or row["refused"] for row in self.rows}
-            return Answer(f"No point could be evaluated: {'; '.join(sorted(reasons))}")
+            return Answer(f"No point could be evaluated: {'; '.join(sorted(reasons))}" if reasons else "No points.")
         parts = by_contact(self.numbers) if self.study.each_contact else {"": self.numbers}
         answer = Answer.of_contacts({place: self.study.answer(own, self.case) for place, own in parts.items()})
         named = answer.worded(self.words)
