@@ -17,6 +17,7 @@ from vibro_march import Episode, solve
 from vibro_precise import precise
 
 import stiffbeam as sb
+from stiffbeam.references import best_reference
 from stiffbeam.references.registry import REFERENCES
 
 ADAPTIVE = [method.name for method in REFERENCES.values() if method.kind == "adaptive" and method.roots]
@@ -230,7 +231,7 @@ def judge_energy(ref: sb.Reference, truth: Truth, method: str, until: float) -> 
 def judge_ensemble(system: sb.System, truth: Truth) -> Verdict:
     """A member has the bits of its solo run, and follows the motion to the horizon that the ensemble states."""
     try:
-        solo = sb.reference(system, truth.case.t_end, t_eval=truth.t)
+        solo = best_reference(system, truth.case.t_end, truth.t)
     except (sb.InputError, sb.SolverFailure):
         sb.reference_ensemble(system, truth.case.t_end, [system, system], t_eval=truth.t)
         return Verdict("wrong", "ensemble", "an ensemble where the solo run is refused")

@@ -28,15 +28,15 @@ class Watched(NamedTuple):
     impacts: tuple[Impacts, ...]
 
 
-def agreement(a: Trajectory, b: Trajectory, tolerance: float) -> float:
+def agreement(a: Trajectory, b: Trajectory, tolerance: float, part: float = 1.0) -> float:
     """The time to which a and b agree: |du| <= 1e-3 max|u| at output times, impact times to ``tolerance``.
 
     u is the position of the tip and, each by itself, of every contact, see ``scales_of``. Impacts are paired in order,
     see ``impacts_match_until``, and must differ by less than a twentieth of the mean time between those of their
     contact too. Both must have the same output times. max|u| is the smaller of the two: past the horizon, one that has
-    diverged may move further than the system does.
+    diverged may move further than the system does. part: of the tolerances.
     """
-    return agree_until(watched(a), watched(b), tolerance, list(np.fmin(scales_of(a), scales_of(b))))
+    return agree_until(watched(a), watched(b), tolerance, list(np.fmin(scales_of(a), scales_of(b))), part)
 
 
 def watched(run: Trajectory) -> Watched:

@@ -26,6 +26,7 @@ from .request import Steps
 COPIES = 4  # of the exact solution, each perturbed in its own way
 SOON = 40  # powers of two below t_end
 WITH_ROOTS = "lsoda"  # the second opinion on a solver that samples its impacts at its outputs, where none is exact
+PART = 0.5  # of the tolerances, to which two solutions must agree: each may be off by as much
 MARGIN = 4.0  # times the rounding, for the perturbed copies
 
 
@@ -63,7 +64,7 @@ def exact_horizon(
     others = copies(system, t_end, reference.t, eps)
     for seed in range(COPIES):
         show(f"exact: copy {seed + 1} of {COPIES} for its horizon", 1 + seed, 1 + COPIES)
-        horizon = min(horizon, agree_until(own, next(others), tolerance, scales, part=0.5))
+        horizon = min(horizon, agree_until(own, next(others), tolerance, scales, PART))
     if horizon == 0.0:
         horizon = min(unseen, _soon(reference, system, t_end, eps))
     return horizon, {
@@ -107,7 +108,7 @@ def _soon(reference: Reference, system: System, t_end: float, eps: float) -> flo
         scales_of(reference),
     )
     others = islice(copies(system, t_end, times, eps), COPIES)
-    horizon = min(agree_until(own, copy, tolerance, scales, part=0.5) for copy in others)
+    horizon = min(agree_until(own, copy, tolerance, scales, PART) for copy in others)
     if horizon <= times[1]:
         reason = "rounding is as large as the outputs from the start"
         raise SolverFailure("exact", 0.0, reason, "use multiprecision")
@@ -128,7 +129,8 @@ def with_horizon(
     is compared with the exact one, or where that does not exist with itself at ten times its rtol, with steps
     of less than half the length and the functions of time sampled at other points; one without roots with
     LSODA. A load that one of the two missed makes them differ; a load that both missed is not found. The
-    provenance says with what the reference was compared. solve: what solves anew, with the arguments of
+    provenance says with what the reference was compared. Both must agree to half the tolerance, so that each may be off
+    by the other half. solve: what solves anew, with the arguments of
     ``references.solve``. Raises SolverFailure for an exact solution of which nothing can be trusted.
     """
     tolerance = time_tolerance(system, t_end)
@@ -151,7 +153,7 @@ def with_horizon(
             other = solve(system, t_end, method, reference.t, loose, None, steps=shorter)
             spacing = reference.provenance.get("loads_scanned_every", 0.0)
             against += f"; loads sampled every {spacing:.2g}" if spacing else ""
-        horizon = agreement(reference, other, tolerance)
+        horizon = agreement(reference, other, tolerance, PART)
     tolerance = min([tolerance, *(apart(c.impacts.count, t_end) for c in reference.contacts)])
     notes |= {
         "horizon": horizon,
