@@ -9,8 +9,9 @@ import pytest
 
 import stiffbeam as sb
 from stiffbeam.files.cases import case_of
+from stiffbeam.studies import find_study
 from stiffbeam.studies.parameters import named
-from stiffbeam.studies.sweep import points, sections
+from stiffbeam.studies.sweep import sections
 
 G = 1.0
 
@@ -202,19 +203,13 @@ def test_by_default_a_sweep_looks_at_as_many_periods_as_its_budget_allows():
     """20 s of processor time at 30 ms a period of the exact solution with rigid stops; ten after ten at least."""
     case = case_of(ball(), 1e-3, 9.0)
     looked = {}
+    asked = {"parameter": "contacts[0].stops.restitution", "method": "exact", "form": "matrices"}
+    plan = find_study("sweep").plan
     for number in (2, 20, 2000):
-        values = np.linspace(0.1, 0.9, number)
-        point = points(case, "contacts[0].stops.restitution", values, method="exact", form="matrices")[0]
+        point = plan(case, values=np.linspace(0.1, 0.9, number), **asked)[0]
         looked[number] = point["transient"], point["periods"]
     assert looked == {2: (100, 60), 20: (20, 12), 2000: (10, 10)}
-    assert (
-        points(case, "contacts[0].stops.restitution", values, method="exact", form="matrices", transient=50)[0][
-            "transient"
-        ]
-        == 50
-    )
-    few = points(case, "contacts[0].stops.restitution", [0.5], method="moreau-jean", form="matrices")[0]
-    assert (few["transient"], few["periods"]) == (100, 60)
+    assert plan(case, values=np.linspace(0.1, 0.9, 2000), transient=50, **asked)[0]["transient"] == 50
 
 
 def test_a_path_is_on_an_axis_with_its_unit():

@@ -29,8 +29,8 @@ if TYPE_CHECKING:
 Point = dict[str, Any]  # plain numbers, strings and lists: it is a key in the journal
 Row = dict[str, Any]  # likewise; what a line of a DataFrame can take
 Rows = Sequence[Row]
-LEAST = {"transient": 0, "cells": 2} | dict.fromkeys(
-    ("members", "starts", "halvings", "impacts", "steps", "per_decade", "periods", "count", "divide"), 1
+LEAST = {"cells": 2} | dict.fromkeys(
+    ("members", "starts", "halvings", "impacts", "steps", "per_decade", "count", "divide"), 1
 )  # of integer options, by name
 
 
