@@ -46,6 +46,11 @@ class Pairs:
     exponentials: Regime | None = None
     turns: Array | None = None
 
+    def __post_init__(self) -> None:
+        # In one order in memory, which pickled arrays keep: sums of other orders differ in their last bits.
+        for name in ("outward", "inward", "response"):
+            object.__setattr__(self, name, np.ascontiguousarray(getattr(self, name)))
+
     @property
     def followed(self) -> bool:
         """Whether the loop can follow it."""
