@@ -32,7 +32,7 @@ def with_a_stop_half_way(case, form):
 
 @pytest.fixture
 def two(monkeypatch):
-    for name in ("common", "sweep", "space"):
+    for name in ("sweep", "space", "common"):  # in this order: an import must not find the patched one
         monkeypatch.setattr(import_module(f"stiffbeam.studies.{name}"), "system_of", with_a_stop_half_way)
 
 
