@@ -289,8 +289,8 @@ class Regimes:
         if free.exponentials is None:
             driven = np.sum(np.abs(free.response[0]) * rates[:, None], axis=0)
         else:  # where a drive is answered from rest there is no response to it
-            acceleration = np.linalg.solve(self.source.system.mass, self.source.system.load(0.0))
-            driven = np.max(np.abs(acceleration)) / (slowest if len(slowest) else np.array([np.inf]))
+            pushed = float(np.max(np.abs(basis.force(self.source.system.load(0.0)))))  # modal: in the units of ``rate``
+            driven = pushed / (slowest if len(slowest) else np.array([np.inf]))
         least = max(float(np.max(np.hypot(omega * eta, rate))), float(np.max(driven)))
         noise = np.random.default_rng([self.perturbation.seed, 99]).uniform(-1.0, 1.0, (2, eta.size))
         scale = np.where(omega > 0.0, np.maximum(omega, 1e-8 * omega[-1]), slowest[0] if len(slowest) else np.inf)
