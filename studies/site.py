@@ -260,8 +260,12 @@ def build(out: Path, run: Sequence[str], smoke: bool) -> None:
 
 
 def _lead_home(file: Path) -> None:
-    """Pdoc's page gets a way back to the others."""
+    """Pdoc's page gets a way back to the others, and no links to inherited members, which pdoc lists without anchors."""
     text, heading = file.read_text(encoding="utf-8"), "<h2>API Documentation</h2>"
+    anchors = _Links(text).ids
+    text = re.sub(
+        r'<a href="#([^"]+)">(.*?)</a>', lambda link: link[0] if link[1] in anchors else link[2], text, flags=re.DOTALL
+    )
     if text.count(heading) != 1:
         raise ValueError(f"{file.name} has no list of names to put the way home before")
     home = '<p><a href="../index.html">stiffbeam: all pages</a></p>\n'
