@@ -260,7 +260,7 @@ def build(out: Path, run: Sequence[str], smoke: bool) -> None:
 
 
 def _lead_home(file: Path) -> None:
-    """Pdoc's page gets a way back to the others, and no links to inherited members, which pdoc lists without anchors."""
+    """Pdoc's page gets a way back to the others, and no links to inherited members: pdoc lists them without anchors."""
     text, heading = file.read_text(encoding="utf-8"), "<h2>API Documentation</h2>"
     anchors = _Links(text).ids
     text = re.sub(
