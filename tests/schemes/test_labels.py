@@ -27,10 +27,10 @@ STUDIES = {
               ["(rad/s)", "(N)", "(m)"]),
     "energy": (SCHEMES, ["to t = 0.1 s"], ["(s)", "(J)"]),
     "chaos": (SCHEMES | {"starts": 8}, ["1/s", "digits per s"], ["(s)", "(1/s)", "(m)", "(m/s)"]),
-    "ensemble": (SCHEMES | {"members": 3}, ["to t = 0.1 s", "dt = 0.0001 s", " J"],
+    "ensemble": (SCHEMES | {"members": 3}, ["to t = 0.1 s", "dt = 0.0001 s", "(J)"],
                  ["t = 0.1 s", "(N)", "(J)", "(rad/s)", "(m)"]),
     "impacts": (SCHEMES | {"members": 2, "halvings": 2}, ["to t = 0.1 s", "dt = 0.0001 s"], ["(s)", "(N)", "0.0001 s"]),
-    "rigid": ({"factors": [16.0, 256.0, 4096.0], "impacts": 1}, ["N/m"], ["(N/m)", "time (s)", "force (N)", "(m)"]),
+    "rigid": ({"factors": [16.0, 256.0, 4096.0], "impacts": 2}, ["N/m"], ["(N/m)", "time (s)", "force (N)", "(m)"]),
     "converge": (SCHEMES | {"halvings": 3, "impacts": 1, "kinds": ["smooth"]}, [], ["(s)"]),
     "errata": (SCHEMES | {"halvings": 2, "impacts": 1}, ["dt = ", " s)"], ["(s)"]),
 }  # fmt: skip
