@@ -198,7 +198,7 @@ def _njit(function: Callable[..., Any], **options: Any) -> Any:
 
 @contextmanager
 def _cache_of(function: Callable[..., Any]) -> Generator[None, None, None]:
-    """What numba compiles here is kept in the cache of the function's file."""
+    """Keep what numba compiles in this context in the cache of the function's file."""
     before = numba.config.CACHE_DIR  # type: ignore[attr-defined]
     numba.config.CACHE_DIR = str(directory(Path(function.__code__.co_filename)))  # type: ignore[attr-defined]
     try:

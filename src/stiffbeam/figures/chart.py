@@ -41,7 +41,7 @@ NONE = np.zeros(0)
 
 @dataclass(frozen=True)
 class Axis:
-    """What stands along an axis.
+    """Quantity, unit and scale along an axis.
 
     quantity: names its unit, see ``Units.of``. scale: "linear", "log", or "signed log", which is linear below
     ``threshold``, by default 1e-3 of the largest value. limits: None where the values decide. cap: the

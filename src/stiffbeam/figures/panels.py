@@ -180,7 +180,7 @@ def say_empty(axis: Axes, text: str = "no point could be evaluated") -> None:
 
 
 def legend_entries(axes: Iterable[Axes], words: Callable[[str], str] = str) -> dict[str, Any]:
-    """What a legend shows by its text, each text once; what one panel draws under one text is one entry."""
+    """Entries of a legend by their text, each text once; curves of one panel with one text are one entry."""
     entries: dict[str, Any] = {}
     for axis in axes:
         own: dict[str, list[Any]] = {}

@@ -118,7 +118,7 @@ def _carried(coordinates: Coordinates, scheme: Scheme) -> int:
 
 
 def is_rigid(system: System, scheme: Scheme) -> bool:
-    """Whether the run is one against rigid stops. Raises InputError for what such a run cannot have."""
+    """Return True for a run on rigid stops. Raises InputError for options that such a run cannot have."""
     rigid = [contact.stops.rigid for contact in system.contacts]
     if isinstance(scheme, RigidScheme) and not all(rigid):
         stops = system.contacts[rigid.index(False)].stops

@@ -152,7 +152,7 @@ class Plan:
         return Plan.of, (self.given, self.scheme, self.dt, self.t_end, self.contact, 1, self.engine)
 
     def provenance(self, every: int | None) -> dict[str, Any]:
-        """What the trajectory says of how it was made."""
+        """Provenance of the run."""
         return {
             "method": str(self.scheme),
             "form": self.form,

@@ -56,7 +56,7 @@ class Block(NamedTuple):
 
 
 class Forcing(NamedTuple):
-    """What the drive g = (1, sin w1 t, cos w1 t, ...) at a block's start does; V = 1 or one per member."""
+    """Response of a block to the drive g = (1, sin w1 t, cos w1 t, ...) at its start; V = 1 or one per member."""
 
     constant: float  # 1, or 0 where nothing is constant in time
     frequencies: Array  # (V, F)
@@ -65,14 +65,14 @@ class Forcing(NamedTuple):
 
 
 class Inflow(NamedTuple):
-    """What sampled loads and offsets add to the blocks of a stretch; no rows without any."""
+    """Share of sampled loads and offsets in the blocks of a range of steps; no rows without any."""
 
     rows: Array  # (B, R + D)
     velocity: Array  # (B, K, C)
 
 
 class Marchers(NamedTuple):
-    """Where the members are and what they have seen; advanced in place."""
+    """State of all ensemble members and their contact statistics. Updated in place."""
 
     z: Array  # (M, D + (a - 1) n)
     position: Array  # (M, C) at the last step
