@@ -104,11 +104,11 @@ class Stepper:
 
     @property
     def kind(self) -> str:
-        """What ``provenance["march"]`` says of it."""
+        """Name of the march in ``provenance["march"]``."""
         return BLOCKS if isinstance(self.coordinates, InModes) else DENSE
 
     def forcing(self, propagator: Propagator) -> Forcing:
-        """What the loads and offsets of ``system`` itself do to one of the propagators; made once."""
+        """Response of one of the propagators to the loads and offsets of ``system`` itself; made once."""
         if propagator not in self._forcings:
             self._forcings[propagator] = propagator.forcing([self.system])
         return self._forcings[propagator]
@@ -199,7 +199,7 @@ class March:
             yield self.done
 
     def forcing(self, block: Propagator) -> Forcing:
-        """What the loads and offsets of the members do to one of the propagators."""
+        """Response of one of the propagators to the loads and offsets of the members."""
         return self.stepper.forcing(block) if self._alike else block.forcing(self._systems)
 
     def _segment(
@@ -317,7 +317,7 @@ class Segment:
 
 
 def functions(system: System) -> list[object]:
-    """What the loads and offsets of a system are made of; vectors count as equal to themselves only."""
+    """Loads and offsets of a system; vectors count as equal to themselves only."""
     return [*((id(vector), f) for vector, f in system.loads), *(offset for _, offset in system.channels)]
 
 

@@ -98,7 +98,7 @@ def nodes_per_block(coordinates: Coordinates, scheme: Scheme) -> int:
 
 
 def pays(coordinates: Coordinates, scheme: Scheme, steps: int) -> bool:
-    """Whether blocks are faster than ``steps`` direct ones, set-up included; in modes always."""
+    """Return True where blocks are faster than ``steps`` direct ones, set-up included; in modes always."""
     if isinstance(coordinates, InModes):
         return True
     D, N, S = _carried(coordinates, scheme), coordinates.rows.shape[1], len(scheme.nodes)

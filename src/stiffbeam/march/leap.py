@@ -46,7 +46,7 @@ def start(stepper: Stepper, members: Sequence[System], steps: int, every: int | 
 
 
 def can_leap(stepper: Stepper, steps: int) -> bool:
-    """Whether a run may be leapt over, as far as its arguments say; the march itself finds whether it pays."""
+    """True where a run may be leapt over, as far as its arguments say; the march itself finds whether it pays."""
     contacts = stepper.system.contacts
     return bool(
         EXTENDED

@@ -45,7 +45,7 @@ class Coordinates:
         raise NotImplementedError
 
     def load(self, member: System, t: ArrayLike) -> Array:
-        """What its loads add to the right-hand side, (..., N) at times t (...)."""
+        """Share of its loads in the right-hand side, (..., N) at times t (...)."""
         total = np.zeros((*np.shape(t), self.rows.shape[1]))
         for vector, function in self.loads(member):
             total += evaluate(function, t)[..., None] * vector
@@ -137,7 +137,7 @@ SAME = 1e-9  # of the positions that a unit leads to: a scheme may add up the sa
 
 @dataclass(frozen=True, eq=False)
 class Readers:
-    """What is read of a step, g positions and velocities: of the contacts at the S nodes, of the C channels at its
+    """Readings of a step, g positions and velocities: of the contacts at the S nodes, of the C channels at its
     end, and where that is ``rated`` the velocities of the contacts at the nodes.
 
     channel, when, is_rate, field: (g,), whose it is, at which share of the step, whether it is a velocity, and in
@@ -161,7 +161,7 @@ class Readers:
     @classmethod
     @lru_cache(maxsize=256)
     def of(cls, nodes: tuple[float, ...], contacts: int, channels: int, rated: bool) -> Readers:
-        """Those of a scheme with these nodes."""
+        """Return the readings of a scheme with these nodes."""
         S, m, C = len(nodes), contacts, channels
         at_ends = S * m
         end_rates, node_rates = at_ends + C, at_ends + 2 * C
@@ -222,7 +222,7 @@ class OneStep:
         return read[self.readers.channel, self.readers.field]
 
     def shares(self, fields: Array) -> Array:
-        """What unit states (fields, batch, N) of every part do to the readings, (n, g, k)."""
+        """Response of the readings to unit states (fields, batch, N) of every part, (n, g, k)."""
         if self.coordinates.parts == 1:
             return self.read(fields)[None]
         rows = self.coordinates.rows[self.readers.channel]
@@ -231,7 +231,7 @@ class OneStep:
 
 @dataclass(frozen=True, eq=False)
 class StepMap(OneStep):
-    """What one step does, part by part of its coordinates,
+    """Map of one step, part by part of its coordinates,
 
         z' = transition z + push f,      w = sum over parts of reading z + at_once f,
 
@@ -246,7 +246,7 @@ class StepMap(OneStep):
 
 
 def ends_there(last: Array, new: Array) -> bool:
-    """Whether the positions ``new`` (.., N) at the end of a step are those at its last node."""
+    """Return True where the positions ``new`` (.., N) at the end of a step are those at its last node."""
     return bool(np.all(np.abs(last - new) <= SAME * np.max(np.abs(new), axis=-1, keepdims=True)))
 
 

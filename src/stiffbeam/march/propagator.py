@@ -39,7 +39,7 @@ class Entries:
     @classmethod
     @lru_cache(maxsize=256)
     def of(cls, readers: Readers, steps: int, ends_at_last_node: bool) -> Entries:
-        """Of so many steps."""
+        """Entries over so many steps."""
         S, m, C = len(readers.nodes), readers.contacts, readers.channels
         at_ends = C - m if ends_at_last_node else C
         count = steps * S * m
@@ -197,7 +197,7 @@ class Propagator:
 
     @property
     def used(self) -> int:
-        """How many of the D numbers are not padding."""
+        """Number of the D numbers that are not padding."""
         return len(self.keep) * self.coordinates.rows.shape[1]
 
     def pack(self, z: Array) -> Array:
@@ -230,11 +230,11 @@ class Propagator:
 
     @property
     def harmonic(self) -> bool:
-        """Whether every load and offset is in the drive, so that there is no inflow."""
+        """Return True where every load and offset is in the drive, so that there is no inflow."""
         return not self.samples and not self.offset_samples
 
     def samples_at(self, starts: Array, last: float) -> Array:
-        """What the sampled loads are at the nodes of blocks that start at ``starts`` (B,), (B, loads K S).
+        """Values of the sampled loads at the nodes of blocks that start at ``starts`` (B,), (B, loads K S).
 
         No function is asked for times of steps that start after ``last``: a block may run past the end, its surplus
         steps are dropped.
@@ -247,7 +247,7 @@ class Propagator:
         return np.concatenate([evaluate(f, times) for _, f in self.samples], axis=1)
 
     def inflow(self, starts: Array, last: float) -> Inflow:
-        """What sampled loads and offsets add to the blocks that start at ``starts`` (B,), see ``samples_at``."""
+        """Share of sampled loads and offsets in the blocks that start at ``starts`` (B,), see ``samples_at``."""
         (R, D), K, readers = self.block.reading.shape, self.steps, self.one.readers
         if self.harmonic:
             return Inflow(np.zeros((0, R + D)), np.zeros((0, K, readers.channels)))
@@ -350,7 +350,7 @@ def _product(matrix: Array, x: Array) -> Array:
 
 
 def _side_by_side(each: Sequence[Forcing]) -> Forcing:
-    """Of several members, those with fewer frequencies than others given some that carry nothing."""
+    """Drive of several members, those with fewer frequencies than others given some that carry nothing."""
     most = max(x.frequencies.shape[1] for x in each)
     missing = [most - x.frequencies.shape[1] for x in each]
     return Forcing(

@@ -198,7 +198,7 @@ class Sum:
     reach: float = 0.0  # how far constant loads would put the contacts, every mode in the same direction
 
     def holds(self, steps: int, size: float) -> bool:
-        """Whether the sum has the digits of a run of so many steps whose contacts are met at positions of that size.
+        """True where the sum has the digits of a run of so many steps whose contacts are met at positions of that size.
 
         A mode that does not turn by TURN in the run drifts: it is the small difference of amplitudes v/omega and
         f/omega^2, and rounding is 1/(omega T)^2 times as large. For omega = 0 there are none. Nor has it them where
@@ -312,7 +312,7 @@ def regime(block: Propagator, system: System, closed: Sequence[int]) -> Sum:
 
 
 def tables(sums: Sequence[Sum], steps: int, every: int, nodes: int, D: int) -> Regimes:
-    """What the kernel reads of regimes, for leaps up to ``steps`` >= ``every``."""
+    """Arrays of the regimes for the kernel, for leaps up to ``steps`` >= ``every``."""
     levels = steps.bit_length()
     R, N = len(sums), padded(max(len(x.shift) for x in sums))
     C, m = sums[0].ends.shape[0], sums[0].nodes.shape[0] // nodes

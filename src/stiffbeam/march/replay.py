@@ -1,4 +1,4 @@
-"""What a block march passes over: states and the energy ledger at every step.
+"""Quantities that a block march passes over: states and the energy ledger at every step.
 
 A second march keeps the state at the start of each block and the forces in it; from these the single
 steps are taken once more, linear now. A run that nobody asks pays nothing for this.
@@ -25,7 +25,7 @@ from .propagator import Propagator, build
 
 
 def no_block() -> FreeBlock:
-    """Where every block goes step by step."""
+    """States of every block, step by step."""
     return FreeBlock(np.zeros((0, 0)), np.zeros(0, np.int64))
 
 

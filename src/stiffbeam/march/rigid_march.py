@@ -119,7 +119,7 @@ def _probed(
     e = np.array([0.0 if s.restitution is None else s.restitution for s in stops])
 
     def taken(z: Array, loads: Array, reactions: Array) -> tuple[Array, Array, Array]:
-        """What a batch makes: states (batch, a, n), what nodes read (S, batch, m, n), predicted (batch, n)."""
+        """Results of a batch: states (batch, a, n), what nodes read (S, batch, m, n), predicted (batch, n)."""
         new, at_nodes = scheme.step(equation, dt, z, list(loads), list(reactions))
         x = np.stack(at_nodes)  # (S, 2, batch, n)
         old = np.array([kind != POSITION for kind in kinds])[:, None, None, None]
@@ -213,7 +213,7 @@ def _weights(scheme: Scheme, dt: float) -> Array:
 
 
 def _offset_shifts(system: System, kinds: tuple[str, ...], at: Array, nodes: Array, dt: float) -> Array:
-    """What moving stops add to the arguments, (K, S, m)."""
+    """Share of moving stops in the arguments, (K, S, m)."""
     shifts = np.zeros((len(at), len(kinds), len(system.contacts)))
     for c, contact in enumerate(system.contacts):
         o, e = contact.offset, contact.stops.restitution or 0.0

@@ -26,12 +26,12 @@ _warm: set[bool] = set()  # the kernels that this process has, by whether they a
 
 
 def compiled() -> bool:
-    """Whether the kernel is compiled, in this process or on disk: then ``warm_up`` takes a fraction of a second."""
+    """True where the kernel is compiled, in this process or on disk: then ``warm_up`` takes a fraction of a second."""
     return bool(kernel.run.signatures) or any(directory(Path(kernel.__file__)).rglob("blocks.run-*.nbi"))
 
 
 def any_law(system: System, contact: str) -> bool:
-    """Whether runs of the system take the kernel for any law, and not that for linear stops."""
+    """Return True where runs of the system take the kernel for any law, and not that for linear stops."""
     return contact == "conserving" or not all_linear(system.contacts)
 
 

@@ -69,7 +69,7 @@ def newton(B: Complex, nodes: Complex, z: Complex) -> Complex:
 def seen_by(
     chains: tuple[Chain, ...], rows: Complex, c: Complex, spin: Complex, force: Complex, order: int
 ) -> tuple[Complex, NDArray[np.int64], Complex]:
-    """What the search takes of one piece: the nodes (b, K), how many each of b chains has, and G (m, b, order + 1, K):
+    """Search arguments of a segment: the nodes (b, K), how many each of b chains has, and G (m, b, order + 1, K):
 
     the i-th derivative of what ``rows`` (m, modes) see of a chain is Re sum_j D_j(tau) G_ij.
     """

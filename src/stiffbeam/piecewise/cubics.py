@@ -1,4 +1,4 @@
-"""How small a cubic p0 + p1 s + p2 s^2 + p3 s^3 gets, and how long it stays positive; compiled."""
+"""Minimum of a cubic p0 + p1 s + p2 s^2 + p3 s^3, and its first zero; compiled."""
 
 from __future__ import annotations
 

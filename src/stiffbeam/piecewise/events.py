@@ -52,12 +52,12 @@ def next_side(old: int, met: int, force: bool) -> int:
 
 
 def switched_by_force(old: int, new: int) -> bool:
-    """Whether it was y that became 0."""
+    """Return True where y became 0."""
     return {abs(old), abs(new)} == {1, LET_GO}
 
 
 def watched(sides: Sequence[int], lags: Array) -> list[tuple[int, float, int, bool]]:
-    """What has to stay positive, (contact, lag, chi, own): d or y = d + lag d', as of a contact on chi.
+    """Quantity that has to stay positive, (contact, lag, chi, own): d or y = d + lag d', as of a contact on chi.
 
     own: only the stop it is beyond counts. A contact that has let go is watched twice.
     """

@@ -81,7 +81,7 @@ def regime_at(table: Table, sides: IntArray) -> int:
 
 @inlined
 def see(table: Table, r: int, x: Array, y: Array, start: float, speeds: Array, terms: Array, seen: Array) -> None:
-    """What the contacts see of a segment that begins at ``start`` with the pairs x, y, see terms.py."""
+    """Terms of the gaps in a segment that begins at ``start`` with the pairs x, y, see terms.py."""
     size = table.sizes[r]
     for k in range(speeds.shape[1]):
         j = table.order[r, k]
@@ -204,7 +204,7 @@ def enter(table: Table, r: int, q: Array, v: Array, g: Array, x: Array, y: Array
 
 @inlined
 def sizes_of(table: Table, r: int, x: Array, y: Array, q: Array, v: Array, places: Array, speeds: Array) -> None:
-    """How large the terms are that q and q' are sums of, root of their squares, into places and speeds (n,)."""
+    """Sizes of the terms of q and q', the root of the sum of their squares, into places and speeds (n,)."""
     outward = table.outward[r]
     for i in range(q.size):
         a, b = q[i] ** 2, v[i] ** 2

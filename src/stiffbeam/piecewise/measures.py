@@ -1,4 +1,4 @@
-"""What the exact solution tells of its contacts and its energy, to rounding."""
+"""Contacts and energy of the exact solution, to rounding."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ RIVAL = 0.96  # of the largest sample: nodes lie within 0.48 radians of the fast
 
 
 class Solution(Protocol):
-    """What every exact solution offers: pieces between switches, each linear, of n unknowns and m contacts."""
+    """Contract of every exact solution: segments between events, each linear, of n unknowns and m contacts."""
 
     @property
     def times(self) -> Array:
@@ -36,12 +36,12 @@ class Solution(Protocol):
 
     @property
     def evaluations(self) -> int:
-        """Of gaps, in the search for switches."""
+        """Number of gap evaluations in the event search."""
         ...
 
     @property
     def shortest_period(self) -> float:
-        """Of the modes of all regimes and of the drive."""
+        """Shortest period of the modes of all regimes and of the drive."""
         ...
 
     @property

@@ -84,7 +84,7 @@ class Motion:
 
     @property
     def shortest_period(self) -> float:
-        """Of the oscillating pairs of all regimes and of the drive."""
+        """Shortest period of the oscillating pairs of all regimes and of the drive."""
         fastest = [float(np.max(oscillating(pairs), initial=0.0)) for pairs in self._met]
         return 2.0 * np.pi / max(*fastest, *self.drive.frequencies, 1e-300)
 
@@ -393,7 +393,7 @@ def press(
     table: Table, times: Array, sides: IntArray, regime: IntArray, x: Array, y: Array, contact: int, starts: Array,
     ends: Array, first: IntArray, deepest: Array, depths: Array,
 ) -> None:  # fmt: skip
-    """How far a contact without damping is at most beyond its stop in [starts, ends] (k,), and the integral of how far
+    """Largest depth of a contact without damping beyond its stop in [starts, ends] (k,), and the integral of how far
     it is. sides: (segments,), of the contact; first: (k,), the segments that the starts lie in."""
     m, F = table.lags.size, table.frequencies.size
     at = np.array([contact])

@@ -1,4 +1,4 @@
-"""How one mode moves: freely, under a constant force, and from rest under a drive close to its own frequency.
+"""Motion of one mode: freely, under a constant force, and from rest under a drive close to its own frequency.
 
 In forms that do not cancel: the answer from rest stays regular at resonance, where a particular solution grows
 without bound and the free motion beside it takes all of it away again.
@@ -122,7 +122,7 @@ def pair(
 def pair_sizes(
     w: float, frequency: float, force_sine: float, force_cosine: float, rest: float
 ) -> tuple[float, float, float]:
-    """How large eta and eta' of a close pair can get within ``rest``, and its force.
+    """Bounds of eta and eta' of a close pair within ``rest``, and its force.
 
     The answer to a force of size one is at most rest^2/2, rest/omega and 4/|omega^2 - Omega^2|.
     """

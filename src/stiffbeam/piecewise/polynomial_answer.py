@@ -1,4 +1,4 @@
-"""How one mode answers a polynomial force: from rest, in a form that does not cancel where it is slow.
+"""Response of one mode to a polynomial force: from rest, in a form that does not cancel where it is slow.
 
     c' = lambda c + sum_{j<P} f_j tau^j   has   c(tau) = exp(lambda tau) c(0) + sum_j f_j psi_j(lambda, tau),
     psi_j(lambda, tau) = int_0^tau exp(lambda (tau - s)) s^j ds = j! tau^(j+1) phi_{j+1}(lambda tau)

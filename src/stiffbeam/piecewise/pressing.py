@@ -1,4 +1,4 @@
-"""How far a contact is beyond its stop: at most, and in the mean, of a piece without damping; compiled."""
+"""Depth of a contact beyond its stop: largest and mean, in a segment without damping; compiled."""
 
 from __future__ import annotations
 

@@ -53,7 +53,7 @@ class Pairs:
 
     @property
     def followed(self) -> bool:
-        """Whether the loop can follow it."""
+        """Return True where the loop can follow it."""
         return self.exponentials is None or not (self.exponentials.chains or self.exponentials.push.shape[1])
 
     @property
@@ -109,7 +109,7 @@ def _real(phasors: Any) -> Array:
 
 
 class Source:
-    """What the regimes of a system and of its perturbed copies are made of.
+    """Modes, loads and offsets from which the regimes of a system and of its perturbed copies are made.
 
     known: modes by the stiffnesses of the closed contacts, 0 for open ones; used and added to, by default those that
     the system has been found to have. span: the longest time that is asked for; over a short one the slow modes answer

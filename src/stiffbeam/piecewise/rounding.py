@@ -1,4 +1,4 @@
-"""What float64 loses in the modes of a system, and modes that are perturbed by as much: for copies of a solution."""
+"""Rounding of float64 in the modes of a system, and modes that are perturbed by as much: for copies of a solution."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class Correction(NamedTuple):
 
 
 def correction(system: System, springs: Sequence[tuple[Array, float]], base: Modes) -> Correction:
-    """What is wrong with ``base``.
+    """Errors of the modes ``base``.
 
     It shows in S = X^T K X and R = X^T M X in extended precision: with lambda_j = S_jj/R_jj the right
     shapes are X (I + E), E_ij = (S_ij - lambda_j R_ij)/(lambda_j - lambda_i), E_jj = (1 - R_jj)/2, and -R_ij/2

@@ -1,4 +1,4 @@
-"""What the contacts see of a piece: sums of terms in closed form, their derivatives and how large they can get.
+"""Gaps in a segment: sums of terms in closed form, their derivatives and bounds.
 
     u_c(tau) = constant_c + sum_k x_ck(tau) + the answers of close pairs (oscillation.py),
 
@@ -155,7 +155,7 @@ def measure(speeds: Array, terms: Array, damped: bool, end: int) -> None:
 
 @compiled
 def resolved(speeds: Array, step: float) -> int:
-    """How many of the terms a cubic over ``step`` follows."""
+    """Number of the terms that a cubic over ``step`` follows."""
     count = speeds.shape[1]
     while count and hypotenuse(speeds[SIGMA, count - 1], speeds[OMEGA, count - 1]) * step > RESOLVED:
         count -= 1

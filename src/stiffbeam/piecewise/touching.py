@@ -34,7 +34,7 @@ REMEDY = "check the stops and stiffnesses for sizes that float64 cannot hold tog
 
 @compiled
 def stands_still(evaluations: int, sigma: Array, omega: Array, tau: float, rest: float) -> bool:
-    """Whether so many ``evaluations`` on [0, tau] are more than any sum of exp((sigma_k + i omega_k) s) needs, or at
+    """True where so many ``evaluations`` on [0, tau] are more than any sum of exp((sigma_k + i omega_k) s) needs, or at
     that pace too many on [0, rest]."""
     if evaluations <= STALLED:
         return False

@@ -137,7 +137,7 @@ class Tracer:
 def tracer_of(
     system: System, perturbation: Perturbation | None = None, known: Known | None = None, span: float = math.inf
 ) -> Tracer:
-    """What follows motions of the system in float64; known, span: see ``Source``."""
+    """Solver that follows motions of the system in float64; known, span: see ``Source``."""
     return Tracer(Source(system, known, span), perturbation)
 
 

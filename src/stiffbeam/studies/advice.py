@@ -82,7 +82,7 @@ class Motion(Criterion):
     def errors(
         self, system: System, scheme: Scheme, contact: str, dt: float, t_end: float
     ) -> tuple[dict[str, Any], float]:
-        """Of tip (rms), impact count, peak force and impulse, the worst over the contacts."""
+        """Errors of tip (rms), impact count, peak force and impulse, the worst over the contacts."""
         run = integrate(system, scheme, dt, t_end, contact)
         found = {"tip": tip_error(run.tip, self.exact.at(run.t)[0]).rms}
         pairs = list(zip(run.contacts, self.exact.contacts, strict=True))
@@ -116,7 +116,7 @@ class Statistics(Criterion):
     def errors(
         self, system: System, scheme: Scheme, contact: str, dt: float, t_end: float
     ) -> tuple[dict[str, Any], float]:
-        """Of the means over all members, with the interval that their spread leaves, the worst over the contacts."""
+        """Errors of the means over all members, with their intervals, the worst over the contacts."""
         many = integrate_ensemble(system, scheme, dt, t_end, self.members, contact)
         if np.any(np.isfinite(many.diverged)):
             raise Diverged(str(scheme), float(np.nanmin(many.diverged)), "use a smaller dt")
@@ -165,7 +165,7 @@ class Probe:
         return f"{self.scheme}" + (f", {self.contact} contact" if self.contact != "implicit" else "")
 
     def meets(self, want: Mapping[str, float]) -> bool:
-        """Whether every error is at most the one wanted."""
+        """Return True where every error is at most the one wanted."""
         return all(self.errors[name] <= tolerance for name, tolerance in want.items())
 
 
@@ -261,7 +261,7 @@ def cheapest(tried: list[Probe], want: dict[str, float]) -> Probe | None:
 
 
 def unreached(tried: list[Probe], want: dict[str, float], most: int) -> dict[str, str]:
-    """Of the wanted quantities those that are met from no step on; where there is none, the one that costs most."""
+    """Wanted quantities that are met from no step on; where there is none, the one that costs most."""
     alone = {name: cheapest(tried, {name: x}) for name, x in want.items()}
     found = {}
     for name in [name for name, probe in alone.items() if probe is None]:

@@ -132,7 +132,7 @@ def fit(x: Array, order: Order, look: Mapping[str, Any]) -> list[Curve]:
 
 
 def halved(end: float, dt: float, halvings: int, per_octave: int = 1) -> list[int]:
-    """How many steps [0, end] has at dt, dt/2, dt/4, ..."""
+    """Number of steps in [0, end] at dt, dt/2, dt/4, ..."""
     return [max(4, round(end / dt * 2.0 ** (k / per_octave))) for k in range(halvings * per_octave)]
 
 

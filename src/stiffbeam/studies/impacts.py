@@ -204,7 +204,7 @@ def answer(rows: Rows, case: Case) -> Answer:
 
 
 def _known(rows: Rows) -> str:
-    """What the exact motion is."""
+    """The exact motion."""
     digits = max((row["reference_digits"] for row in rows if row.get("reference_digits", 0) > 0), default=0)
     known = f"{digits:g} digits, parameters as written" if digits else "float64, a single run past its horizon"
     return f"The exact motion: {known}"

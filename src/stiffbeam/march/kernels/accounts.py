@@ -83,7 +83,7 @@ KINETIC, ELASTIC, STOPS, INPUT, VISCOUS, LOSS, CONTACT, FREE, TAKEN, SPREAD = ra
 
 
 class Energies(NamedTuple):
-    """What the ledger of a system with unit modal masses is made of; values at k = 0..steps."""
+    """Terms of the ledger of a system with unit modal masses; values at k = 0..steps."""
 
     squares: Array  # (n,): omega_j^2
     damping: Array  # (n,), or none
@@ -321,7 +321,7 @@ def _of_modes(squares: Array, z: Array, at: int) -> tuple[float, float]:
 def _lost(
     balance: Array, kinetic: float, elastic: float, stops: float, given: float, viscous: float, taken: float
 ) -> float:
-    """What is lost in a stretch that begins with ``balance`` and ends with these energies."""
+    """Loss in a range of steps that begins with ``balance`` and ends with these energies."""
     before = balance[KINETIC] + balance[ELASTIC] + balance[STOPS]
     return before - (kinetic + elastic + stops) + given - viscous - taken
 

@@ -82,7 +82,7 @@ class Marchers(NamedTuple):
 
 
 class Kept(NamedTuple):
-    """What is kept of a stretch of steps. Empty arrays are not wanted."""
+    """Output buffers for a range of steps. An empty array disables that output."""
 
     positions: Array  # (M, outputs, C) at every ``every``-th step
     velocities: Array  # (M, outputs, C)

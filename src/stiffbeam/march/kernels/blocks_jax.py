@@ -73,7 +73,7 @@ def run(
 
 
 def _begun(u: Array, law: Array, tally: Array) -> int:
-    """How many impacts begin in u (M, steps, m)."""
+    """Number of impacts that begin in u (M, steps, m)."""
     chi = (u > law[:, None, :, G2]) * 1 - (u < law[:, None, :, G1]) * 1
     before = np.concatenate([tally[:, None, :, SIDE], chi[:, :-1]], axis=1)
     return int(np.count_nonzero((chi != 0) & (chi != before)))

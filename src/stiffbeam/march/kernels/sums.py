@@ -124,7 +124,7 @@ def slow_part(regimes: Regimes, r: int, k: int, y: Array, new: Array, slow: int,
 
 @compiled
 def turning_points(c1: float, c2: float, c3: float) -> tuple[float, float]:
-    """Where c1 + 2 c2 l + 3 c3 l^2 = 0; NaN or far away where there is none."""
+    """Root of c1 + 2 c2 l + 3 c3 l^2; NaN or far away where there is none."""
     root = math.sqrt(c2 * c2 - 3.0 * c1 * c3)
     q = -(c2 + math.copysign(root, c2))
     return q / (3.0 * c3), c1 / q
@@ -153,7 +153,7 @@ def keeps(side: float, g1: float, g2: float) -> tuple[float, float]:
 def judge(
     low: float, high: float, now: float, then: float, p: Cubic, bend: float, flat: float, L: float
 ) -> tuple[int, int, int]:
-    """Whether a position that is ``now`` stays between ``low`` and ``high`` for L steps, after which it is ``then``.
+    """True where a position that is ``now`` stays between ``low`` and ``high`` for L steps, after which it is ``then``.
 
     With it over how many of them it should be possible to show, and after how many it seems to leave, 0 for not in L.
     """

@@ -106,7 +106,7 @@ class Watch:
         return self._buffer
 
     def ends(self, roots: Sequence[Root]) -> bool:
-        """Whether these simultaneous roots end the phase; peaks and switches that do not are noted."""
+        """Return True where these simultaneous roots end the phase; peaks and switches that do not are noted."""
         for root in roots:
             k = root.which % self.count
             if root.which < self.count:
@@ -122,7 +122,7 @@ class Watch:
         return False
 
     def missed(self, roots: Sequence[Root]) -> bool:
-        """Whether the phase is ended by a rate only."""
+        """Return True where the phase is ended by a rate only."""
         return bool(roots) and all(r.which >= self.count for r in roots)
 
     def rate(self, t: float, z: Array, which: int, short: float) -> float:
@@ -145,7 +145,7 @@ class Contacts:
         self.peaks: list[list[tuple[float, float]]] = [[] for _ in range(count)]
 
     def open(self, side: int) -> bool:
-        """Whether the side has been entered and not left."""
+        """Return True where the side has been entered and not left."""
         return len(self.entries[side]) > len(self.exits[side])
 
     def switch(self, side: int, t: float, z: Array) -> None:

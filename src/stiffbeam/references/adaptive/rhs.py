@@ -99,7 +99,7 @@ class RightHandSide:
 
     @property
     def in_python(self) -> bool:
-        """Whether a function of time is called from Python."""
+        """Return True where a function of time is called from Python."""
         return bool(self._called or self._called_offsets)
 
     @property

@@ -68,7 +68,7 @@ def _libraries() -> dict[str, _Library] | None:
 
 
 def _as_expected(library: _Library) -> bool:
-    """Whether version and memory layout are those that the callbacks read."""
+    """Return True where version and memory layout are those that the callbacks read."""
     major, rest = INTEGER(), [INTEGER(), INTEGER()]
     label = ctypes.create_string_buffer(32)
     library("SUNDIALSGetVersionNumber", ctypes.byref(major), *map(ctypes.byref, rest), label, INTEGER(32))
@@ -96,7 +96,7 @@ def available() -> bool:
 
 
 class _Memory:
-    """What SUNDIALS allocates for one solver, freed together."""
+    """Objects that SUNDIALS allocates for one solver, freed together."""
 
     def __init__(self, library: _Library) -> None:
         self.library = library
@@ -145,7 +145,7 @@ class _Memory:
 
 
 class Step(NamedTuple):
-    """Where one call of the solver ended, in the words of scikit-sundae's result."""
+    """End of one call of the solver, in the words of scikit-sundae's result."""
 
     t: float
     y: Array

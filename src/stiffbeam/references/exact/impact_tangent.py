@@ -79,7 +79,7 @@ class Neighbours:
         return self.on_stops(piece, dq, dv) if new else (dq, dv)
 
     def on_stops(self, piece: int, dq: Array, dv: Array) -> tuple[Array, Array]:
-        """What is left of vectors (n, k) while the contacts of a stretch are held."""
+        """Projection of vectors (n, k) while the contacts of a segment are held."""
         model, held = self.solution.model, list(self.solution.held[piece])
         if not held:
             return dq, dv

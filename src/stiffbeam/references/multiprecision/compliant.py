@@ -58,11 +58,11 @@ class PreciseRegime:
 
     @cached_property
     def channels(self) -> Any:
-        """What all channels and their rates see of y (2 channels, N)."""
+        """Rows of all channels and their rates on y (2 channels, N)."""
         return self._seen(*self.flow.forms, *self.flow.rates)
 
     def gap(self, contact: int, side: int, lagging: bool) -> Any:
-        """What u - g of a contact, or u - g + (c/kappa) u', and its rate see of y (2, N)."""
+        """Rows of u - g of a contact, or of u - g + (c/kappa) u', and of its rate on y (2, N)."""
         key = contact, side, lagging
         if key not in self._rows:
             form = self.flow.beyond(contact, side)
@@ -75,7 +75,7 @@ class PreciseRegime:
         return (arb_mat([form.entries() for form in forms]) * self.split.V).mid()
 
     def coefficients(self, z: Any, t: float) -> Any:
-        """Those of ``rounded`` where z (N, 1) is at t."""
+        """Values of ``rounded`` where z (N, 1) is at t."""
         n = self.flow.n
         values = np.array([float(x) for x in z.entries()[: 2 * n]])
         return self.rounded.coefficients(values[:n], values[n:], spin_of(self.flow.drive, np.array([t]))[0])

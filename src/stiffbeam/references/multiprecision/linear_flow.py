@@ -227,7 +227,7 @@ class LinearFlow:
 
 
 class Undecided(Exception):
-    """Whether a gap closes is less than the digits carried can tell."""
+    """The digits carried do not decide whether a gap closes."""
 
 
 def leading(p: list[Any]) -> tuple[int, int]:
@@ -281,7 +281,7 @@ def _weights(count: int, precision: int) -> Any:  # the precision they are kept 
 
 
 def _one_change(b: list[Any]) -> bool:
-    """Whether the signs go from + to - once, whatever those that are not known are."""
+    """Return True where the signs go from + to - once, whatever those that are not known are."""
     known = [i for i, x in enumerate(b) if not x.contains(0)]
     changes = [(i, j) for i, j in pairwise(known) if (b[i] > 0) != (b[j] > 0)]
     unknown = len(b) - len(known)
