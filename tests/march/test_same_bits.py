@@ -104,14 +104,16 @@ def test_compare_says_that_it_compiles_and_begins_before_the_references(monkeypa
     monkeypatch.setattr(module, "compile_beside", lambda rehearsal, by_law: order.append("begun"))
     monkeypatch.setattr(module, "warm_up", lambda by_law: order.append("waited"))
 
-    def solve(*arguments):
+    def solve(*arguments, **options):
         order.append("solved")
-        return sb.reference(*arguments)
+        return sb.reference(*arguments, **options)
+
+    monkeypatch.setattr(module, "reference", solve)
 
     case = sb.paper_case(10)
     result = compare_case(
         case, case.runs[:1], ("exact", "cvode"), t_end=0.02,
-        progress=lambda what, done, total: said.append(what), solve=solve,
+        progress=lambda what, done, total: said.append(what),
     )  # fmt: skip
     assert order == ["begun", "solved", "solved", "waited"]
     assert warm.COMPILING in said

@@ -12,7 +12,7 @@ import typer
 
 from ..basics.progress import progress
 from ..basics.storage import write_whole
-from ..references.registry import COMPARED, METHODS
+from ..references.registry import BUDGET, COMPARED, METHODS
 from .application import app
 from .options import Case, Dt, Json, TEnd
 from .output import check_json, console, default_folder, file_name, json_text, make_folder, say, write_json
@@ -50,17 +50,18 @@ def compare(
         bool,
         typer.Option("--cache/--no-cache", help="keep the references and use those that are kept, or not"),
     ] = True,
+    budget: Annotated[
+        float, typer.Option(help="seconds that one reference may take; one that would take more is left out and named")
+    ] = BUDGET,
 ) -> None:
     """Run schemes beside SUNDIALS and the exact solution: table, picture, trajectories."""
     from ..basics.validation import InputError, positive
     from ..files.cases import compared_runs, find_case
-    from ..files.reference_cache import cached_reference
-    from ..references import reference
     from ..schemes.labels import parse_run, split_runs
     from ..studies.comparison import compare_case
 
     chosen = find_case(case)
-    for name, value in (("--dt", dt), ("--t-end", t_end)):
+    for name, value in (("--dt", dt), ("--t-end", t_end), ("--budget", budget)):
         if value is not None:
             positive(name, value)
     runs = compared_runs(chosen)
@@ -82,9 +83,7 @@ def compare(
 
     with progress() as show:
         # Each trajectory is saved as soon as it is there: an interrupt loses only the one that is running.
-        result = compare_case(
-            chosen, runs, names, contact, dt, t_end, show, keep, cached_reference if cache else reference, _truth
-        )
+        result = compare_case(chosen, runs, names, contact, dt, t_end, show, keep, cache, budget, _truth)
         show("drawing", 0, 0)
         written += _draw(result, folder)
         records = result.to_dict() | {"files": [path.name for path in written]}

@@ -14,11 +14,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics import storage
+from ..basics.progress import Show
 from ..basics.validation import InputError, numbers, one_of, positive
 from ..model.system import System, require_system
 from ..model.time_functions import in_closed_form, times_of
 from ..references import reference
-from ..references.registry import REFERENCES
+from ..references.registry import REFERENCES, RTOL
 from ..trajectory.trajectory import Reference
 from . import store
 
@@ -30,12 +31,13 @@ def cached_reference(
     t_end: float,
     method: str = "multiprecision",
     t_eval: ArrayLike | None = None,
-    rtol: float = 1e-10,
+    rtol: float = RTOL,
     atol: float | None = None,
     digits: int | str = "auto",
     breakpoints: ArrayLike = (),
     max_step: float | None = None,
     switches: str | None = None,
+    progress: bool | Show = False,
 ) -> Reference:
     """``reference`` with the same arguments, from the cache where it is there and whole.
 
@@ -49,7 +51,10 @@ def cached_reference(
     """
     one_of("method", method, REFERENCES, "be a reference method")
     if method == "exact":
-        return reference(system, t_end, method, t_eval, breakpoints=breakpoints, max_step=max_step, switches=switches)
+        return reference(
+            system, t_end, method, t_eval, breakpoints=breakpoints, max_step=max_step, switches=switches,
+            progress=progress,
+        )  # fmt: skip
     times = None if t_eval is None else numbers("t_eval", t_eval)
     steps = [times_of("breakpoints", breakpoints).tolist(), max_step, switches]
     file = _file(system, t_end, method, times, rtol, atol, digits, steps)
@@ -62,7 +67,7 @@ def cached_reference(
             return result
         except InputError as error:
             warnings.warn(f"remaking a cached reference: {error}", stacklevel=2)
-    result = reference(system, t_end, method, times, rtol, atol, digits, breakpoints, max_step, switches)
+    result = reference(system, t_end, method, times, rtol, atol, digits, breakpoints, max_step, switches, progress)
     try:
         if store.can_freeze(result):
             store.freeze(result, "", file)
@@ -74,6 +79,15 @@ def cached_reference(
             raise
         warnings.warn(f"a reference is not kept: {error}", stacklevel=2)  # the cache's disk may be full
     return result
+
+
+def is_cached(system: System, t_end: float, method: str, t_eval: ArrayLike | None = None) -> bool:
+    """Return True where ``cached_reference``, with its defaults, has a file to read."""
+    times = None if t_eval is None else numbers("t_eval", t_eval)
+    try:
+        return method != "exact" and _file(system, t_end, method, times, RTOL, None, "auto", [[], None, None]).is_file()
+    except InputError:
+        return False  # a bare callable
 
 
 def _forget(folder: Path) -> None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from ..basics.progress import Show, silent
 from ..basics.progress import progress as shown
 from ..basics.validation import InputError, numbers, one_of, positive
-from .registry import ADAPTIVE, BEST, METHODS, MULTIPRECISION, REFERENCES
+from .registry import ADAPTIVE, BEST, METHODS, MULTIPRECISION, REFERENCES, RTOL
 from .request import KEEP, RESTART, Request, Steps
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ def reference(
     t_end: float,
     method: str = "exact",
     t_eval: ArrayLike | None = None,
-    rtol: float = 1e-10,
+    rtol: float = RTOL,
     atol: float | None = None,
     digits: int | str = "auto",
     breakpoints: ArrayLike = (),

@@ -8,50 +8,69 @@ from collections.abc import Callable
 
 from ..basics.validation import InputError
 from ..model.modes import undamped_modes
+from ..model.sampled import Sampled
 from ..model.system import System
+from ..model.time_functions import parts_of
 from ..trajectory.trajectory import Reference, SolverFailure
 from .registry import EXACT, MULTIPRECISION, REFERENCES
 from .request import Steps
 
 MINUTES = 60.0  # seconds from which on it is worth a warning
 PARTS = 64  # a pilot runs over one or two of so many parts of the span
-RUNS = {EXACT: 5.0}  # solutions behind one with its horizon; of an adaptive solver two
+SOLUTIONS = {EXACT: 5.0}  # solutions behind one with its horizon; of an adaptive solver two
 CELLS, FASTEST_TIME = 25, 4.3e4 * 0.06  # of the registry's seconds: Table 10, its fastest angular frequency times t
+RADIANS_PER_SAMPLE = 250.0  # of that angle: at least what a restart at a sample of a record costs any method
+NEAR = 0.2  # of the seconds asked for: where the registry's come so near, pilots tell more
+
+
+def expected_seconds(
+    system: System, t_end: float, method: str, rtol: float, atol: float | None, steps: Steps,
+    solve: Callable[..., Reference], worth: float, solutions: float | None = None,
+) -> float:  # fmt: skip
+    """Return the seconds that a reference will take, 0.0 where they are far below ``worth``.
+
+    solutions: how often the system is solved; by default as often as a reference with its horizon takes.
+
+    The registry's seconds, scaled to the size, the fastest period and the samples of the loads, decide that first;
+    only where they come near ``worth`` are there pilot runs. The first over each span compile what it needs and are
+    not counted; what setting up costs is in both of the others, and is not taken times the span. A multiprecision
+    solution has no estimate (0.0): its digits grow with the span. Neither has one that is refused or fails.
+    """
+    entry = REFERENCES[method]
+    if entry.kind == MULTIPRECISION:
+        return 0.0
+    solutions = solutions or SOLUTIONS.get(entry.kind, 2.0)
+    functions = [*(f for _, f in system.loads), *(offset for _, offset in system.channels)]
+    samples = sum(len(part.t) for f in functions for part in parts_of(f) if isinstance(part, Sampled))
+    angle = float(undamped_modes(system).omega[-1]) * t_end + RADIANS_PER_SAMPLE * samples
+    scale = angle / FASTEST_TIME * max(1.0, system.size / CELLS) ** 2
+    if solutions * entry.seconds * scale < NEAR * worth:
+        return 0.0
+
+    def pilot(parts: int) -> float:
+        return solve(system, parts * t_end / PARTS, method, None, rtol, atol, "auto", steps).work.march_seconds
+
+    try:
+        first = solutions * PARTS * pilot(1)
+        if first < worth:
+            return first
+        pilot(2)
+        once, twice = pilot(1), pilot(2)
+    except (InputError, SolverFailure):
+        return 0.0  # the run itself will say
+    return solutions * (once + (PARTS - 1) * max(0.0, twice - once))
 
 
 def warn_of_minutes(
     system: System, t_end: float, method: str, rtol: float, atol: float | None, steps: Steps,
     solve: Callable[..., Reference],
 ) -> None:  # fmt: skip
-    """Warn where ``reference`` will take more than a minute, with the estimate and what to do.
-
-    Only where the registry's seconds, scaled to the size and the fastest period, come near it are there pilot runs.
-    The first over each span compile what it needs and are not counted; what setting up costs is in both of the others,
-    and is not taken times the span.
-    """
-    own = REFERENCES[method]
-    if own.kind == MULTIPRECISION:
-        return  # its digits grow with the span: no part of it tells
-    runs = RUNS.get(own.kind, 2.0)
-    scale = float(undamped_modes(system).omega[-1]) * t_end / FASTEST_TIME * max(1.0, system.size / CELLS) ** 2
-    if runs * own.seconds * scale < 0.2 * MINUTES:
-        return
-
-    def pilot(parts: int) -> float:
-        return solve(system, parts * t_end / PARTS, method, None, rtol, atol, "auto", steps).work.march_seconds
-
+    """Warn where ``reference`` will take more than a minute, with the estimate and what to do."""
     begun = time.perf_counter()
-    try:
-        if runs * PARTS * pilot(1) < MINUTES:
-            return
-        pilot(2)
-        once, twice = pilot(1), pilot(2)
-    except (InputError, SolverFailure):
-        return  # what it refuses, the run itself will say
-    seconds = runs * (once + (PARTS - 1) * max(0.0, twice - once))
+    seconds = expected_seconds(system, t_end, method, rtol, atol, steps, solve, MINUTES)
     if seconds >= MINUTES:
-        made = time.perf_counter() - begun
+        pilots = time.perf_counter() - begun
         advice = "progress=True shows how far it is; a shorter t_end, fewer cells or a looser rtol cost less"
         warnings.warn(
-            f"{method} will take about {seconds:.0f} s or more (by pilots of {made:.1f} s): {advice}", stacklevel=3
+            f"{method} will take about {seconds:.0f} s or more (by pilots of {pilots:.1f} s): {advice}", stacklevel=3
         )

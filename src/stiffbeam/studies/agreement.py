@@ -16,8 +16,10 @@ from ..basics.validation import InputError, positive
 from ..measures.impacts import impact_times
 from ..references import solve
 from ..references.agreement import agreement
+from ..references.estimate import expected_seconds
 from ..references.horizon import time_tolerance
-from ..references.registry import EXACT, METHODS, MULTIPRECISION, REFERENCES
+from ..references.registry import BUDGET, EXACT, METHODS, MULTIPRECISION, REFERENCES, RTOL
+from ..references.request import Steps
 from ..trajectory.trajectory import Reference, SolverFailure
 
 if TYPE_CHECKING:
@@ -65,14 +67,13 @@ def agree(
     form: str | None = None,
     t_end: float | None = None,
     methods: Sequence[str] = METHODS,
-    budget: float = 60.0,
-    rtol: float = 1e-10,
+    budget: float = BUDGET,
+    rtol: float = RTOL,
     progress: Progress = lambda what, done, total: None,
 ) -> Agreement:
     """Run every method that fits into ``budget`` seconds and hold all against the most precise.
 
-    The cost of a method is estimated from a pilot run over a twentieth of the span; the methods that
-    would not finish within what is left are named as skipped, with the estimate.
+    Methods that would not finish within the seconds that are left are named as skipped, with the estimate.
     """
     t_end = positive("t_end", case.t_end if t_end is None else t_end)
     budget = positive("budget", budget)
@@ -89,8 +90,7 @@ def agree(
                 if left <= 0.0:
                     skipped[method] = "nothing left of the budget"
                     continue
-                pilot = solve(system, t_end / 20.0, method, times[:21] / 20.0, rtol, None)
-                estimate = 20.0 * pilot.work.march_seconds
+                estimate = expected_seconds(system, t_end, method, rtol, None, Steps(), solve, left, solutions=1.0)
                 if estimate > left:
                     skipped[method] = f"about {estimate:.0f} s, {left:.0f} s left of the budget"
                     continue

@@ -8,8 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from ..basics.validation import InputError, near, one_of, step_count
+from ..basics.arrays import Array
+from ..basics.progress import silent
+from ..basics.validation import InputError, near, one_of, positive, step_count
 from ..files.cases import Case
+from ..files.reference_cache import cached_reference, is_cached
 from ..march.choice import CONTACTS
 from ..march.integrate import integrate
 from ..march.warm import COMPILING, any_law, compile_beside, warm_up
@@ -19,13 +22,33 @@ from ..model.problem import BeamProblem
 from ..model.semidiscretisation import semidiscretise
 from ..model.system import System
 from ..model.time_functions import Harmonic
-from ..references import reference, substitute
-from ..references.registry import COMPARED, COMPARED_RIGID, METHODS
+from ..references import reference, solve, substitute
+from ..references.estimate import expected_seconds
+from ..references.registry import BUDGET, COMPARED, COMPARED_RIGID, METHODS, RTOL
+from ..references.request import Steps
 from ..schemes import HHT, Scheme
 from ..trajectory.recorder import sampled_impacts
 from ..trajectory.trajectory import Diverged, Reference, SolverFailure, Trajectory
 
 Progress = Callable[[str, int, int], None]  # (what is running, done, total); total 0: unknown
+
+
+@dataclass(frozen=True)
+class _Solver:
+    """References of a comparison, those that its budget of seconds allows; with ``cache`` kept for the next time."""
+
+    cache: bool
+    budget: float
+
+    def __call__(self, system: System, t_end: float, method: str, times: Array | None) -> Reference:
+        if not (self.cache and is_cached(system, t_end, method, times)):
+            seconds = expected_seconds(system, t_end, method, RTOL, None, Steps(), solve, self.budget)
+            if seconds > self.budget:
+                rule = f"allow the {seconds:.0f} s that {method} will take by an estimate"
+                raise InputError("budget", self.budget, rule, "give more seconds, or a shorter t_end")
+        if not self.cache:
+            return reference(system, t_end, method, times, progress=silent)
+        return cached_reference(system, t_end, method, times, progress=silent)
 
 
 @dataclass(frozen=True)
@@ -80,7 +103,8 @@ def compare_case(
     t_end: float | None = None,
     progress: Progress = lambda what, done, total: None,
     keep: Callable[[Trajectory], None] = lambda trajectory: None,
-    solve: Callable[..., Reference] = reference,
+    cache: bool = False,
+    budget: float = BUDGET,
     truth: Callable[[Case, str, float], Reference | None] = lambda case, form, t_end: None,
 ) -> CaseComparison:
     """Run every scheme over the case's time span and hold it against a reference of the same form.
@@ -90,13 +114,16 @@ def compare_case(
 
     The first of ``references`` that can take the system is the main reference, over the whole span; the
     others run to its horizon only and are compared like the schemes. A run that fails is reported and
-    the others go on. ``keep`` is called with every trajectory as soon as it is finished. ``solve`` makes
-    the references: ``cached_reference`` keeps them for the next time. ``truth`` is asked, with case, form and t_end,
-    for a solution that holds over the whole span.
+    the others go on. ``keep`` is called with every trajectory as soon as it is finished. cache: keep the references
+    for the next time, and read those of an earlier one. budget: the most seconds of CPU that one reference may take by
+    an estimate made before it starts; one that would take more is left out and named. ``truth`` is asked, with case,
+    form and t_end, for a solution that holds over the whole span.
     """
     case = replace(case, dt=dt or case.dt, t_end=t_end or case.t_end)
     step_count(case.dt, case.t_end)
     one_of("contact", contact, CONTACTS)
+    positive("budget", budget)
+    solver = _Solver(cache, budget)
     first = case.system(case.forms[0])
     rigid, by_law = any(contact.stops.rigid for contact in first.contacts), any_law(first, contact)
     if not rigid:  # the references do not need the march
@@ -111,11 +138,11 @@ def compare_case(
     refused: list[Diverged | InputError] = []
     for form in dict.fromkeys(form for _, form in chosen):
         system = case.system(form)
-        main = _main_reference(system, case, references, result, progress, solve)
+        main = _main_reference(system, case, references, result, progress, solver)
         further = []
         if main is not None:
             keep(main)
-            for other in _further_references(system, case, references, main, result, progress, solve):
+            for other in _further_references(system, case, references, main, result, progress, solver):
                 keep(other)
                 further.append(other)
         if not rigid:
@@ -153,7 +180,7 @@ def _main_reference(
     references: Sequence[str],
     result: CaseComparison,
     progress: Progress,
-    solve: Callable[..., Reference],
+    solver: _Solver,
 ) -> Reference | None:
     for method in references:
         progress(f"{method}@{system.form}", 0, 0)
@@ -161,7 +188,7 @@ def _main_reference(
         try:
             # The adaptive solvers answer at the times they were asked for: the runs' own steps.
             times = None if method in ("exact", "multiprecision") else np.arange(steps + 1) * case.dt
-            main = solve(system, case.t_end, method, times)
+            main = solver(system, case.t_end, method, times)
         except (InputError, SolverFailure) as error:
             result.note(f"{method}@{system.form}", error)
             continue
@@ -177,7 +204,7 @@ def _further_references(
     main: Reference,
     result: CaseComparison,
     progress: Progress,
-    solve: Callable[..., Reference],
+    solver: _Solver,
 ) -> Iterator[Reference]:
     window = min(case.t_end, main.horizon)
     steps = int(np.floor(window / case.dt * (1 + 1e-12)))
@@ -191,7 +218,7 @@ def _further_references(
         label = f"{method}@{system.form}"
         progress(f"{label} to the horizon {window:.3g}", 0, 0)
         try:
-            further = solve(system, float(times[-1]), method, times)
+            further = solver(system, float(times[-1]), method, times)
         except (InputError, SolverFailure) as error:
             result.note(label, error)
             continue
