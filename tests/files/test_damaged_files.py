@@ -70,10 +70,10 @@ def test_a_file_that_another_tool_has_written_again_is_read(run, content, tmp_pa
 
 @pytest.mark.slow
 def test_damage_to_a_file_without_a_seal_is_found_or_harmless(run, content, tmp_path, monkeypatch):
-    """Three hundred, each opened by a process that may take five seconds; without a limit some take for ever."""
+    """Each opened by a process that may take five seconds; without a limit some take for ever."""
     monkeypatch.setattr(netcdf, "SECONDS", 5.0)
     refused = 0
-    for seed in range(300):
+    for seed in range(100):
         (file := tmp_path / "run.nc").write_bytes(damaged(content[:-SEALED], seed))
         refused += read(file, run)
-    assert refused > 100
+    assert refused > 33

@@ -293,8 +293,9 @@ def test_stops_and_drive_scaled_alike_have_the_same_switches():
     assert sb.reference(system_of(case), 1.0).horizon < 0.6
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("table", [10, 12])
+@pytest.mark.parametrize(
+    "table", [pytest.param(10, marks=pytest.mark.slow), pytest.param(12, marks=pytest.mark.campaign)]
+)
 def test_another_program_counts_the_same_past_the_horizon_in_either_reading(table):
     """Finite differences of the paper's beam marched by matrix exponentials, see independent_beam.py."""
     pytest.importorskip("flint")

@@ -324,7 +324,7 @@ def test_the_whole_reproduction(tmp_path):
     assert all(natural > 0 for natural, _ in found["images"])
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_a_reading_in_which_runs_overflow_has_its_page(tmp_path, monkeypatch):
     """Extrapolated contact without frozen references, over two periods: HHT(0) overflows, and the page says so."""
     from dumont2002.reading import Reading

@@ -24,6 +24,7 @@ LINEAR = [
     for name, file in FILES.items()
     if all(c["stiffness"] < float("inf") and not LAWS & c.keys() for c in file["system"]["contacts"])
 ]
+LONG = {"stop-along-the-beam", "table10", "table12", "table14"}  # 90 s
 BITS, ORDER, RADIANS = 200, 64, 6.0  # a step turns the fastest motion by RADIANS: 6^64/64! = 5e-40
 CELLS = 24  # in which a step is searched for a switch
 ONE = 1 << BITS
@@ -226,8 +227,9 @@ class Motion:
             self.peak = max([self.peak, *(c.kappa * side * (value(u, x) - c.stops[side]) for x in places)])
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", LINEAR)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.campaign if name in LONG else pytest.mark.slow) for name in LINEAR]
+)
 def test_every_digit_of_the_piecewise_linear_answers(name):
     """30 digits are written: the last is right to less than one unit of the largest value."""
     file = FILES[name]
