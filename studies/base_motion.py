@@ -1,4 +1,4 @@
-"""How to: a beam on a shaking table whose motion was measured, between stops.
+"""A beam on a shaking table whose motion was measured.
 
     python studies/base_motion.py --out FOLDER [--record table.csv]
 

@@ -1,4 +1,4 @@
-"""How to: a strip hit by a hammer whose force was recorded, against a stop.
+"""A strip hit by a hammer whose force was recorded.
 
     python studies/hammer.py --out FOLDER [--record hammer.csv]
 

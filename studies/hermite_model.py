@@ -1,4 +1,4 @@
-"""How to: a finite-element model of one's own, 20 Hermite elements with Rayleigh damping and two contacts.
+"""A finite-element model in files: 20 Hermite elements, Rayleigh damping, two contacts.
 
     python studies/hermite_model.py --out FOLDER
 

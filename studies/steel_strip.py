@@ -1,4 +1,4 @@
-"""How to: a strip of steel in millimetres and newtons, from its drawing to the scheme that is good enough.
+"""A steel strip in millimetres and newtons.
 
     python studies/steel_strip.py --out FOLDER
 
