@@ -135,7 +135,7 @@ different precision. `tests/testset/test_known_answers.py` holds each against a 
 first: matrix exponentials between switches, in mpmath where the system is small, and Runge-Kutta of order 8 with
 events; `tests/testset/test_known_answers_by_series.py` every digit of the piecewise-linear ones against Taylor series
 in whole numbers.
-Continuum values are marked as such. Cite the test set by its version, see [`CITATION.cff`](CITATION.cff).
+Continuum values are marked as such. Cite the test set by its version, see [`CITATION.cff`](../../CITATION.cff).
 
 | version | change of answers |
 |---|---|

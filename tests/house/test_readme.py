@@ -91,7 +91,7 @@ def test_the_paper_has_one_identifier():
 
     assert f"https://doi.org/{DOI}".replace("(", "%28").replace(")", "%29") in README
     assert f"doi     = {{{DOI}}}" in TEXTS["citing"]
-    cited = (ROOT / "reference" / "problems" / "CITATION.cff").read_text(encoding="utf-8")
+    cited = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
     assert f"    doi: {DOI}\n" in cited
 
 

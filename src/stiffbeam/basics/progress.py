@@ -37,16 +37,21 @@ def progress() -> Generator[Show, None, None]:
         yield silent if TALK.quiet else _lines()
         return
     from rich.console import Console
-    from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+    from rich.progress import BarColumn, Progress, ProgressColumn, SpinnerColumn, Task, TextColumn
+    from rich.text import Text
+
+    class Clock(ProgressColumn):
+        """Seconds of the phase so far, and where its length is known those that are left."""
+
+        def render(self, task: Task) -> Text:
+            left = "" if task.time_remaining is None else f", about {task.time_remaining:.0f} s left"
+            return Text(f"{task.elapsed or 0.0:.0f} s{left}")
 
     console = Console(stderr=True)
     if not (console.is_terminal or console.is_jupyter):  # a hidden display of rich 13 ends with an empty line
         yield silent
         return
-    columns = (
-        SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), TextColumn("left"),
-        TimeRemainingColumn(),
-    )  # fmt: skip
+    columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), Clock())
     with Progress(*columns, speed_estimate_period=600.0, console=console, transient=True) as display:
         task, phases = display.add_task("starting", total=None), _Phases()
 

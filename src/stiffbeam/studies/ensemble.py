@@ -10,6 +10,7 @@ from typing import Annotated
 import numpy as np
 
 from ..basics.arrays import Array
+from ..basics.validation import integer
 from ..figures import (
     Axis,
     Band,
@@ -57,6 +58,7 @@ def points(
 ) -> list[Point]:
     """The exact solution and every scheme at ``dt`` (the case's), each with the same ``members`` initial
     data, perturbed by ``size`` relative to the motion."""
+    integer("members", members, 2)  # one has no spread
     rest = {
         "form": form, "dt": dt, "t_end": t_end,
         "members": members, "size": size, "seed": seed, "contact": contact,
@@ -158,14 +160,15 @@ def answer(rows: Rows, case: Case) -> Answer:
             "lost, %": _spread(100 * lost / _mean(had)) if _mean(had) > 0.0 else DASH,
         })  # fmt: skip
     counted = f"; schemes count {common.extremes(means, '{:.4g}'.format)} at dt = {dt}" if means else ""
+    over = f", of the first {LEDGERS} members" if len(exact) > LEDGERS else ""
     share = percent(_mean(distribution(rows, "exact", "fraction")))
     return Answer(
         f"Over {len(exact)} members the exact solution has {np.mean(exact):.4g} ± {np.std(exact):.2g} impacts to "
         f"t = {end} and is in contact {share} of the time{counted}.",
         table,
         f"Members perturbed by {first['size']:g}, dt = {dt}: mean ± standard deviation. Off by: difference of the "
-        "means, ± with 95 %. Lost: numerical dissipation, as a share of the initial energy plus the work of the loads. "
-        "The largest force grows with the span.",
+        "means, ± with 95 %. Lost: numerical dissipation, as a share of the initial energy plus the work of the loads"
+        f"{over}. The largest force grows with the span.",
     )
 
 
@@ -206,7 +209,7 @@ def picture(records: Records) -> Picture:
         [
             Panel("impacts, member by member", Axis(f"impacts to t = {end}"), names, _dots(lines, "count")),
             Panel("time in contact", Axis("share of the time in contact, %"), names, _dots(lines, "fraction", 100.0)),
-            Panel("energy lost; exact: none", Axis("energy", "energy"), names,
+            Panel(f"energy lost, of {LEDGERS} members; exact: none", Axis("energy", "energy"), names,
                   [*_dots(lines, "energy_lost"), Level(0.0, of="x", look={"color": "black"})]),
         ],
         [
