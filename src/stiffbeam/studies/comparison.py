@@ -10,7 +10,7 @@ import numpy as np
 
 from ..basics.arrays import Array
 from ..basics.progress import silent
-from ..basics.validation import InputError, near, one_of, positive, step_count
+from ..basics.validation import InputError, one_of, positive, step_count
 from ..files.cases import Case
 from ..files.reference_cache import cached_reference, is_cached
 from ..march.choice import CONTACTS
@@ -24,7 +24,7 @@ from ..model.system import System
 from ..model.time_functions import Harmonic
 from ..references import reference, solve, substitute
 from ..references.estimate import expected_seconds
-from ..references.registry import BUDGET, COMPARED, COMPARED_RIGID, METHODS, RTOL
+from ..references.registry import BUDGET, COMPARED, COMPARED_RIGID, RTOL, method_of
 from ..references.request import Steps
 from ..schemes import HHT, Scheme
 from ..trajectory.recorder import sampled_impacts
@@ -131,8 +131,7 @@ def compare_case(
     if references is None:
         references = COMPARED_RIGID if rigid else COMPARED[1:] if substitute(first, case.t_end) else COMPARED
     for name in references:
-        if name not in METHODS:
-            raise InputError("references", name, "be a reference method", near(name, METHODS))
+        method_of(name, "references")
     result = CaseComparison(case)
     chosen = list(case.runs if runs is None else runs)
     refused: list[Diverged | InputError] = []
