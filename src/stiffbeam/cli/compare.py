@@ -51,7 +51,7 @@ def compare(
         typer.Option("--cache/--no-cache", help="keep the references and use those that are kept, or not"),
     ] = True,
     budget: Annotated[
-        float, typer.Option(help="seconds that one reference may take; one that would take more is left out and named")
+        float, typer.Option(help="seconds that one reference may take; one that would take more ends earlier")
     ] = BUDGET,
 ) -> None:
     """Run schemes beside SUNDIALS and the exact solution: table, picture, trajectories."""

@@ -95,7 +95,7 @@ METHODS = tuple(REFERENCES)
 RTOL = 1e-10  # of an adaptive reference by default
 BEST = ("exact", "cvode-adams", "dop853")  # the first that takes a system is the best reference of it
 COMPARED = ("exact", "cvode-adams", "cvode", "ida", "kvaerno5")  # references of a comparison by default
-BUDGET = 60.0  # seconds that one reference of a comparison may take by default
+BUDGET = 20.0  # seconds that one reference of a comparison may take by default
 COMPARED_RIGID = ("exact",)  # on rigid stops, which no other takes
 
 
