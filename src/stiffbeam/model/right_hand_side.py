@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.linalg
@@ -17,8 +18,10 @@ from .drive import Drive, Term
 from .first_order import FirstOrderSystem
 from .right_hand_side_kernels import THROUGH, Equations, block_of, event_functions, jacobian, residual, right_hand_side
 from .sampled import Sampled
-from .system import System
 from .time_functions import LoadFunction, TimeFunction, evaluate, offset_rate, offset_values
+
+if TYPE_CHECKING:
+    from .system import System
 
 
 class RightHandSide:

@@ -12,7 +12,6 @@ from ..model.sampled import Sampled
 from ..model.system import System
 from ..model.time_functions import parts_of
 from ..trajectory.trajectory import Reference, SolverFailure
-from . import takes
 from .registry import EXACT, MULTIPRECISION, REFERENCES
 from .request import Steps
 
@@ -41,7 +40,7 @@ def expected_seconds(
     if entry.kind == MULTIPRECISION:
         return 0.0
     if solutions is None:
-        solutions = COPIES if entry.kind == EXACT else 1.0 if takes("exact", system, t_end) else 2.0
+        solutions = COPIES if entry.kind == EXACT else _judged(system, t_end)
     functions = [*(f for _, f in system.loads), *(offset for _, offset in system.channels)]
     samples = sum(len(part.t) for f in functions for part in parts_of(f) if isinstance(part, Sampled))
     angle = float(undamped_modes(system).omega[-1]) * t_end + RADIANS_PER_SAMPLE * samples
@@ -61,6 +60,17 @@ def expected_seconds(
     except (InputError, SolverFailure):
         return 0.0  # the run itself will say
     return solutions * (once + (PARTS - 1) * max(0.0, twice - once))
+
+
+def _judged(system: System, t_end: float) -> float:
+    """Return how often an adaptive solver runs for its horizon: once beside an exact solution, else twice."""
+    from .exact.piecewise import refuse
+
+    try:
+        refuse(system, t_end)
+    except InputError:
+        return 2.0
+    return 1.0
 
 
 def warn_of_minutes(
