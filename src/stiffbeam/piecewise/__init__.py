@@ -5,7 +5,7 @@ regimes, linear                    regimes as pairs, made as they are met; compl
 spectrum, chains                   eigenvalues in groups; where they meet
 follow                             the compiled loop from event to event
 terms, oscillation, search         what a contact sees of a segment, one mode, and the search for its next event
-exponential_search                 the search where forces are polynomials or eigenvalues meet
+exponential_search                 the search where forces are polynomials or eigenvalues meet, sample by sample
 touching, cubics                   what both rest on: safe steps along a gap
 events                             what damped stops do at an event
 motion, pressing                   what is read of a motion at any time; peaks and impulses

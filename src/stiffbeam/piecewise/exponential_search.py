@@ -1,4 +1,5 @@
-"""The compiled switch search for sums of complex exponentials and answers to polynomials, see search.py."""
+"""The compiled event search for sums of complex exponentials and answers to polynomials, see search.py; and the loop
+over the samples of records."""
 
 from __future__ import annotations
 
@@ -172,3 +173,72 @@ def search(
             raise SolverFailure("exact", t_start + tau, "a contact moves by less than its rounding", REMEDY)
         if stands_still(evaluations, sigma, omega, tau, t_end - t_start):
             raise SolverFailure("exact", t_start + tau, "the search for the next switch stands still", REMEDY)
+
+
+@compiled
+def pass_samples(
+    edges: Array, records: Array, push: Array, eigenvalues: Array, frequencies: Array, W: Array, waves: Array,
+    recorded: Array, chi: IntArray, g1: Array, g2: Array, noise: Array, size: float, c: Array, out: Array,
+) -> tuple[int, int]:  # fmt: skip
+    """Follow the coefficients c (k,) of a regime without chains from sample to sample, up to the first cell with an
+    event: into out (cells, k) where each cell ends. Returns (cells without an event, evaluations).
+
+    edges: (cells + 1,), the samples' times. records: (cells, R, P), their polynomials in each cell, push: (k, R), the
+    modal forces of the records. W: (m, k), waves: (m, 1 + F), recorded: (m, R), what the contacts see of the
+    coefficients, of the drives and of the records. chi, g1, g2: (m,), see ``search``. noise: (cells, 2, k) in
+    [-1, 1], of which ``size`` times the rounding of every end is added to it; none for size 0.
+    """
+    m, K = W.shape
+    R, P = records.shape[1], records.shape[2]
+    total = K + waves.shape[1]
+    sigma, omega = np.zeros(total), np.zeros(total)
+    for k in range(K):
+        sigma[k], omega[k] = min(eigenvalues[k].real, 0.0), eigenvalues[k].imag
+    omega[K + 1 :] = frequencies
+    real, imaginary = np.empty((m, total)), np.empty((m, total))
+    force, seen, shift = np.empty((K, P), np.complex128), np.empty((m, K, P), np.complex128), np.empty((m, P))
+    psi = np.empty(P, np.complex128)
+    resting, counts = np.zeros(m, np.int64), np.zeros(0, np.int64)
+    nodes, chained = np.zeros((0, 0), np.complex128), np.zeros((m, 0, ORDER + 1, 0), np.complex128)
+    evaluations = 0
+    for cell in range(edges.size - 1):
+        t, end = edges[cell], edges[cell + 1]
+        for k in range(K):
+            for j in range(P):
+                force[k, j] = 0.0
+                for r in range(R):
+                    force[k, j] += push[k, r] * records[cell, r, j]
+        for i in range(m):
+            for j in range(P):
+                shift[i, j] = 0.0
+                for r in range(R):
+                    shift[i, j] += recorded[i, r] * records[cell, r, j]
+            for k in range(K):
+                a = W[i, k] * c[k]
+                real[i, k], imaginary[i, k] = a.real, a.imag
+                for j in range(P):
+                    seen[i, k, j] = W[i, k] * force[k, j]
+            for k in range(K, total):
+                a = waves[i, k - K] * complex(math.cos(omega[k] * t), math.sin(omega[k] * t))
+                real[i, k], imaginary[i, k] = a.real, a.imag
+        tau, contact, _, used = search(
+            sigma, omega, real, imaginary, chi, g1, g2, resting, t, end, eigenvalues, seen, shift, nodes, counts,
+            chained,
+        )  # fmt: skip
+        if contact >= 0 and t + tau < end:
+            return cell, evaluations
+        evaluations += used
+        tau = end - t
+        for k in range(K):
+            answers(eigenvalues[k], tau, psi)
+            ahead, power, pushed = np.exp(eigenvalues[k] * tau) * c[k], tau, 0.0
+            for j in range(P):
+                ahead += force[k, j] * psi[j]
+                pushed += abs(force[k, j]) * power
+                power *= tau
+            if size > 0.0:
+                lost = size * (abs(ahead) + min(pushed, abs(c[k]) + abs(ahead)))
+                ahead += lost * complex(noise[cell, 0, k], noise[cell, 1, k])
+            out[cell, k] = ahead
+        c = out[cell]
+    return edges.size - 1, evaluations

@@ -131,6 +131,8 @@ class Motion:
 
     def _alone(self, piece: NDArray[np.int64], t: Array, row: Array, u: Array, v: Array) -> None:
         """row @ q and its rate at times of those of the given segments whose regimes are no pairs, into u and v."""
+        if all(pairs.followed for pairs in self._made):
+            return
         for r in np.unique(self.regime[piece]):
             pairs = self._made[r]
             regime, size = pairs.exponentials, len(pairs.sigma)

@@ -10,6 +10,8 @@ take all of it away again. Re(lambda) <= 0.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from ..basics.arrays import Array
@@ -18,6 +20,7 @@ from ..basics.compiled import compiled
 TERMS = 24  # of the series for |z| <= 2: the next is below 2^24/28!, 5e-23
 MOST = 4  # P at most: cubics
 SERIES = 2.0  # up to this |z|
+LEAST = 1e-19  # the series ends with a term below this: the sum is above 1/40, and each term below half of the last
 
 
 @compiled
@@ -33,17 +36,20 @@ def answers(eigenvalue: complex, tau: float, psi: Array) -> None:
         term = 1.0 / 24.0 + 0.0j
         total = term
         for i in range(1, TERMS):
-            term = term * z / (i + MOST)
+            term *= z * (1.0 / (i + MOST))
             total += term
+            if abs(term.real) + abs(term.imag) < LEAST:
+                break
         phi[4] = total
         phi[3] = z * phi[4] + 1.0 / 6.0
         phi[2] = z * phi[3] + 0.5
         phi[1] = z * phi[2] + 1.0
     else:
-        phi[1] = (np.exp(z) - 1.0) / z
-        phi[2] = (phi[1] - 1.0) / z
-        phi[3] = (phi[2] - 0.5) / z
-        phi[4] = (phi[3] - 1.0 / 6.0) / z
+        decay, inverse = math.exp(z.real), 1.0 / z
+        phi[1] = (decay * complex(math.cos(z.imag), math.sin(z.imag)) - 1.0) * inverse
+        phi[2] = (phi[1] - 1.0) * inverse
+        phi[3] = (phi[2] - 0.5) * inverse
+        phi[4] = (phi[3] - 1.0 / 6.0) * inverse
     scale = tau
     for j in range(psi.size):
         psi[j] = scale * phi[j + 1]

@@ -20,7 +20,7 @@ from ..basics.arrays import Array
 from ..model.drive import Drive
 from ..model.modes import Modes, undamped_modes
 from ..model.system import System
-from .follow import Table
+from .follow import PLACE_X, SPEED_Y, X_PLACE, Y_SPEED, Table
 from .linear import Regime, regime_of
 from .rounding import Correction, Perturbation, correction, rounded_sum
 
@@ -126,7 +126,9 @@ class Source:
         self.damped = system.damped or bool(self.drive.records)
         self.lags = np.array([float(c.stops.damping) / float(c.stops.stiffness) for c in system.contacts])
 
-    def modes(self, sides: tuple[int, ...], perturbation: Perturbation | None, rng: np.random.Generator) -> Modes:
+    def modes(
+        self, sides: tuple[int, ...], perturbation: Perturbation | None, rng: np.random.Generator | None
+    ) -> Modes:
         """The undamped modes with the contacts on these sides closed, or those of a copy."""
         contacts = self.system.contacts
         springs = tuple((c.row, c.stops.spring(side)[0]) for c, side in zip(contacts, sides, strict=True) if side)
@@ -134,7 +136,7 @@ class Source:
         if kappas not in self.known:
             self.known[kappas] = undamped_modes(self.system, springs)
         base = self.known[kappas]
-        if perturbation is None:
+        if perturbation is None or rng is None:
             return base
         if kappas not in self.corrections:
             self.corrections[kappas] = correction(self.system, springs, base)
@@ -147,8 +149,8 @@ class Source:
     ) -> tuple[Pairs, Modes]:
         """The regime with the contacts on these sides, 0 where nothing presses, of motions to t_end, in amplitudes of
         the ``free`` modes, its own where there are none; and its undamped modes."""
-        seed = 0 if perturbation is None else perturbation.seed
-        rng = np.random.default_rng([seed, *map(abs, sides)])  # both stops have the same modes
+        # Both stops have the same modes.
+        rng = None if perturbation is None else np.random.default_rng([perturbation.seed, *map(abs, sides)])
         basis = self.modes(sides, perturbation, rng)
         free = free or basis
         pressed = [(i, c, side) for i, (c, side) in enumerate(zip(self.system.contacts, sides, strict=True)) if side]
@@ -166,23 +168,28 @@ class Source:
         modal, inward = basis.force(force), np.eye(len(basis.omega))
         if any(sides):
             inward = free.shapes.T @ (self.system.mass @ basis.shapes)
-        if perturbation is not None:
+        if perturbation is not None and rng is not None:
             size = perturbation.state
             if any(sides):
                 lost = rounded_sum(free.shapes.T, rounded_sum(self.system.mass, basis.shapes))
                 inward = inward + size * lost * rng.uniform(-1.0, 1.0, inward.shape)
-            own = np.random.default_rng([seed, *(side + 2 for side in sides)])
+            own = np.random.default_rng([perturbation.seed, *(side + 2 for side in sides)])
             modal = modal + size * rounded_sum(force, basis.shapes) * own.uniform(-1.0, 1.0, modal.shape)
-        mode, sine = close[:, 0], 1 + 2 * close[:, 1]
-        gain = basis.omega**2 - (self.drive.rates**2)[:, None]
-        gain[sine, mode] = gain[sine + 1, mode] = gain[0] = np.inf  # the constant stays with the pairs
+        gain, pulls = basis.omega**2 - (self.drive.rates**2)[:, None], np.zeros((len(close), 2))
+        gain[0] = np.inf  # the constant stays with the pairs
+        if len(close):
+            mode, sine = close[:, 0], 1 + 2 * close[:, 1]
+            gain[sine, mode] = gain[sine + 1, mode] = np.inf
+            pulls[:, 0], pulls[:, 1] = modal[sine, mode], modal[sine + 1, mode]
         P = modal / gain
-        zeros = np.zeros_like(basis.shapes)
+        ways = np.zeros((2, 4, *inward.shape))  # what x makes of q', and y of q, is nothing
+        ways[0, [PLACE_X, SPEED_Y]], ways[1, [X_PLACE, Y_SPEED]] = inward.T, inward
+        rates = np.zeros_like(P)
+        rates[1::2], rates[2::2] = -P[2::2] * self.drive.rates[2::2, None], P[1::2] * self.drive.rates[1::2, None]
         made = Pairs(
-            np.zeros(len(basis.omega)), basis.omega, np.ascontiguousarray(modal[0]),
-            np.stack([inward.T, zeros, zeros, inward.T]), np.stack([inward, zeros, zeros, inward]),
-            np.stack([P, self.drive.derivative().T @ P]),
-            close, np.stack([modal[sine, mode], modal[sine + 1, mode]], axis=1),
+            np.zeros(len(basis.omega)), basis.omega, np.ascontiguousarray(modal[0]), ways[0], ways[1],
+            np.array([P, rates]),
+            close, pulls,
         )  # fmt: skip
         return made, basis
 

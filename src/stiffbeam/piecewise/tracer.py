@@ -15,7 +15,7 @@ from ..model.system import System
 from ..trajectory.trajectory import SolverFailure
 from .chains import seen_by
 from .events import LET_GO, next_side, pressed, side_of, watched
-from .exponential_search import search
+from .exponential_search import pass_samples, search
 from .follow import DONE, FULL, UNKNOWN, follow
 from .linear import Complex, Regime, phasors, spin_of
 from .motion import Motion
@@ -122,6 +122,16 @@ class Tracer:
                 lost = size * (np.abs(ahead) + np.minimum(forces, np.abs(c) + np.abs(ahead)))
                 ahead = ahead + lost * (self.noise.uniform(-1.0, 1.0, (2, len(c))).T @ [1.0, 1j])
             c, t, switched[:] = ahead, edge, 0
+            passed, room = FIRST_EVENTS, FIRST_EVENTS
+            while passed == room and not regime.chains:  # the cells without an event are passed in compiled code
+                room = min(4 * room, EVENTS_PER_CALL)
+                noise = self.noise.uniform(-1.0, 1.0, (room, 2, len(c))) if size else QUIET
+                passed, used, edges, ends = self.gaps.pass_samples(regime, c, key, t, t_end, noise, size, room)
+                evaluations += used
+                if passed:
+                    times += edges[:passed]
+                    kept += [c, *ends[: passed - 1]]
+                    c, t = ends[passed - 1], edges[passed]
         x, y = pairs.pairs(np.array(kept))
         segments = np.full(len(times), r), x, y, evaluations
         part = Motion(self.regimes, np.array(times), np.tile(key, (len(times), 1)), *segments)
@@ -177,17 +187,16 @@ class Gaps:
         force = regime.push @ records
         seen, shift = W[:, :, None] * force, self.recorded @ records
         nodes, counts, chained = seen_by(regime.chains, self.rows @ regime.W, c, spin, force, ORDER + 1)
-        at, lags, sides, g1, g2, resting = np.arange(len(chi)), np.zeros(len(chi)), chi, self.g1, self.g2, switched
-        if np.any(self.lags):  # what is watched of a damped stop is d or the sign of its force
-            at, lags, sides, own = (np.array(x) for x in zip(*watched(chi.tolist(), self.lags), strict=True))
+        at, lags, sides, own, g1, g2 = self._watched(chi)
+        resting = switched
+        if np.any(self.lags):
             now = chained[:, :, :2, :1].sum((1, 3)).real  # what chains add to u and u'
-            d = a.real.sum(1)[at] + now[at, 0] - np.where(chi[at] > 0, g2[at], g1[at])
+            d = a.real.sum(1)[at] + now[at, 0] - np.where(chi[at] > 0, self.g2[at], self.g1[at])
             y = d + lags * ((a * rates).real.sum(1)[at] + now[at, 1])
             resting = switched[at] & np.where(np.abs(chi[at]) == LET_GO, own, (lags == 0.0) | (np.abs(y) < np.abs(d)))
             a, seen, shift = a[at] * (1.0 + np.outer(lags, rates)), seen[at], shift[at]
             seen = seen * (1.0 + np.outer(lags, regime.eigenvalues))[:, :, None]
             chained = chained[at] + lags[:, None, None, None] * np.roll(chained[at], -1, axis=2)
-            g1, g2 = np.where(own & (chi[at] > 0), -np.inf, g1[at]), np.where(own & (chi[at] < 0), np.inf, g2[at])
         gaps = np.ascontiguousarray(sides), g1, g2, resting.astype(np.int64), t, t_end
         if self.drive.records or regime.chains:
             parts = (np.ascontiguousarray(x) for x in (np.minimum(rates.real, 0.0), rates.imag, a.real, a.imag))
@@ -198,6 +207,42 @@ class Gaps:
             return tau, -1, 0, used
         contact = int(at[which])
         return tau, contact, next_side(int(chi[contact]), met, bool(lags[which])), used
+
+    def pass_samples(
+        self, regime: Regime, c: Complex, chi: NDArray[np.int64], t: float, t_end: float, noise: Array, size: float,
+        most: int,
+    ) -> tuple[int, int, list[float], Complex]:  # fmt: skip
+        """Go on from the coefficients c at the sample t, without chains, through up to ``most`` cells without an event
+        that end before t_end.
+
+        Returns (cells passed, evaluations, the times of the samples, the coefficients at the ends of the cells). noise,
+        size: see ``pass_samples``.
+        """
+        drive = self.drive
+        first = int(np.searchsorted(drive.edges, t))
+        end = min(first + most + 1, int(np.searchsorted(drive.edges, t_end)))
+        edges, ends = drive.edges[first:end], np.empty((max(end - first - 1, 0), len(c)), complex)
+        if not len(ends):
+            return 0, 0, [], ends
+        at, lags, sides, _, g1, g2 = self._watched(chi)
+        W = (self.rows @ regime.W)[at] * (1.0 + np.outer(lags, regime.eigenvalues))
+        waves = (self.rows @ regime.response + self.offsets)[at] * (1.0 + np.outer(lags, self.rates))
+        seen = W, waves, self.recorded[at], np.ascontiguousarray(sides), g1, g2
+        frequencies, push = np.array(drive.frequencies, float), np.ascontiguousarray(regime.push)
+        regime_now = drive.table[first : end - 1], push, regime.eigenvalues, frequencies
+        return *pass_samples(edges, *regime_now, *seen, noise, size, c, ends), edges.tolist(), ends
+
+    def _watched(
+        self, chi: NDArray[np.int64]
+    ) -> tuple[NDArray[np.int64], Array, NDArray[np.int64], NDArray[np.bool_], Array, Array]:
+        """Contact, lag, side, flag and stops of every gap to watch, see ``watched``: of a damped stop d or the sign of
+        its force."""
+        m = len(chi)
+        if not np.any(self.lags):
+            return np.arange(m), np.zeros(m), chi, np.zeros(m, bool), self.g1, self.g2
+        at, lags, sides, own = (np.array(x) for x in zip(*watched(chi.tolist(), self.lags), strict=True))
+        g1 = np.where(own & (chi[at] > 0), -np.inf, self.g1[at])
+        return at, lags, sides, own, g1, np.where(own & (chi[at] < 0), np.inf, self.g2[at])
 
 
 def _leap(rates: Complex, a: Complex, gaps: tuple[Any, ...]) -> tuple[float, int, int, int]:
