@@ -1,6 +1,6 @@
 """The pictures of the README: the beam between its stops, and what the schemes of the paper make of its contacts.
 
-    python studies/pictures.py        # writes studies/beam.svg and studies/contact.png, half a minute
+python studies/pictures.py        # writes studies/beam.svg and studies/contact.png, half a minute
 """
 
 from __future__ import annotations

@@ -22,6 +22,7 @@ from pathlib import Path, PurePosixPath
 
 ROOT = Path(__file__).parent.parent
 JOURNAL = ROOT / "stiffbeam-output" / "site-journal"  # finished points of studies: a second build reads them
+ANSWERS = ROOT / "studies" / "answers.md"  # the answers for readers of the repository; a full build writes it anew
 SWEEP = {"parameter": "frequency", "values": [8.0 + 0.2 * k for k in range(31)]}
 CHAPTERS = {
     "Tutorials": ["studies/first_beam.ipynb", "studies/guide/convergence.md", "studies/guide/runs.md"],
@@ -112,7 +113,7 @@ class Pages:
             inside = os.path.normpath(source.parent / written[2])
             if (ROOT / inside).is_dir():
                 inside = os.path.normpath(f"{inside}/README.md")
-            there = "index.md" if inside == "README.md" else _page(inside)
+            there = {"README.md": "index.md", "studies/answers.md": "studies/gallery.md"}.get(inside, _page(inside))
             if there not in self.sources and there != "index.md":
                 there = inside
                 if (ROOT / inside).is_file():
@@ -175,7 +176,7 @@ class Pages:
         from stiffbeam.studies import STUDIES, find_study
         from stiffbeam.studies.engine.runner import run_study
 
-        parts = ["# All studies on Table 10", "Each is one command. Its records lie beside the picture."]
+        parts = ["# All studies on Table 10", "Each is one command. `python studies/site.py` asks all of them and writes this page with the pictures."]
         case = find_case("table10")
         folder = (self.folder / page).with_suffix("")
         for name in STUDIES:
@@ -192,6 +193,9 @@ class Pages:
                 parts.append("\n".join(f"| {' | '.join(row)} |" for row in [heads, ["---"] * len(heads), *rows]))
             files = " · ".join(f"{{download}}`{end.upper()} <gallery/{name}.{end}>`" for end in ("json", "csv"))
             parts += [records.answer.notes, files]
+        if not self.smoke:
+            words = [part for part in parts if not part.startswith(("![", "{"))]
+            ANSWERS.write_text("\n\n".join(filter(None, words)) + "\n", encoding="utf-8")
         return "\n\n".join(filter(None, parts))
 
 

@@ -97,9 +97,21 @@ def test_the_paper_has_one_identifier():
 
 def test_every_question_of_the_studies_has_its_answer_below():
     text = (STUDIES / "README.md").read_text(encoding="utf-8")
-    asked = re.findall(r"^\* \[[^]]*\]\(#([^)]*)\) `", text, re.MULTILINE)
-    answers = re.findall(r"^### (.*)$", text, re.MULTILINE)
-    assert asked == [answer.replace(" ", "-") for answer in answers]
+    answers = (STUDIES / "answers.md").read_text(encoding="utf-8")
+    for file, page, mark in (("", text, "###"), ("answers.md", answers, "##")):
+        asked = re.findall(rf"^\* \[[^]]*\]\({re.escape(file)}#([^)]*)\) `", text, re.MULTILINE)
+        headings = {heading.replace(" ", "-") for heading in re.findall(rf"^{mark} (.*)$", page, re.MULTILINE)}
+        assert asked
+        assert set(asked) <= headings
+
+
+def test_the_answers_hold_every_study_with_its_question():
+    from stiffbeam.studies import STUDIES as NAMES
+    from stiffbeam.studies import find_study
+
+    answers = (STUDIES / "answers.md").read_text(encoding="utf-8")
+    for name in NAMES:
+        assert f"## {name.replace('_', ' ')}\n\n{find_study(name).question}\n" in answers
 
 
 @pytest.mark.slow
