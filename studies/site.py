@@ -176,7 +176,10 @@ class Pages:
         from stiffbeam.studies import STUDIES, find_study
         from stiffbeam.studies.engine.runner import run_study
 
-        parts = ["# All studies on Table 10", "Each is one command. `python studies/site.py` asks all of them and writes this page with the pictures."]
+        parts = [
+            "# All studies on Table 10",
+            "Each is one command. `python studies/site.py` asks all of them and writes this page with the pictures.",
+        ]
         case = find_case("table10")
         folder = (self.folder / page).with_suffix("")
         for name in STUDIES:

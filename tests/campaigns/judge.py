@@ -43,8 +43,10 @@ class Truth:
         self.episodes = [self.motion.episodes(i) for i in range(len(case.contacts))]
         positions = self.positions
         self.reach = [float(np.max(np.abs(p))) for p in positions]
-        first = case.frequencies[case.frequencies > 1e-9 * np.max(case.frequencies)]
-        self.time_tolerance = 1e-3 * 2.0 * np.pi / float(first[0]) if len(first) else 1e-4
+        # A thousandth of the longest time scale of the run, which of a free motion may be the whole run.
+        held = case.frequencies > 1e-9 * np.max(case.frequencies)
+        longest = 2.0 * np.pi / float(case.frequencies[0]) if np.all(held) else case.t_end
+        self.time_tolerance = 1e-3 * min(longest, case.t_end)
 
     @cached_property
     def positions(self) -> list[np.ndarray]:

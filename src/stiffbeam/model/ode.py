@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -75,7 +75,7 @@ class ODE:
                 rule = f"hold -1, 0 or 1 for each of {len(self._rhs.regime)} contacts"
                 raise InputError("sides", sides, rule, "0 leaves a contact open, 1 closes its upper stop")
             self._rhs.regime[:] = given
-        self.events = tuple(Event(self, k, *side) for k, side in enumerate(self._rhs.sides))
+        self.events = tuple(Event(partial(self._pressed, k), *side) for k, side in enumerate(self._rhs.sides))
 
     def __repr__(self) -> str:
         form = "" if self.form == FORMS[0] else f", {self.form}"
@@ -160,6 +160,12 @@ class ODE:
 
         return rate
 
+    def _pressed(self, number: int, t: float, y: ArrayLike) -> float:
+        """Return the event function of this number."""
+        values = np.empty(self._rhs.roots)
+        self._rhs.event_functions(float(t), self._padded(y), values)
+        return float(values[number])
+
     def _padded(self, y: ArrayLike) -> Array:
         """Return the state with the integrals of the ledger, which act on nothing."""
         z = np.zeros(self._rhs.size)
@@ -181,8 +187,8 @@ class Event:
         False; set it to True to restart there with ``ODE.segment``.
     """
 
-    def __init__(self, ode: ODE, number: int, contact: int, side: int) -> None:
-        self._ode, self._number = ode, number
+    def __init__(self, value: Callable[[float, ArrayLike], float], contact: int, side: int) -> None:
+        self._value = value
         self.contact, self.side = contact, side
         self.direction, self.terminal = 0.0, False
 
@@ -191,10 +197,7 @@ class Event:
 
     def __call__(self, t: float, y: ArrayLike) -> float:
         """Return the event function at one time and state."""
-        rhs = self._ode._rhs
-        values = np.empty(rhs.roots)
-        rhs.event_functions(float(t), self._ode._padded(y), values)
-        return float(values[self._number])
+        return self._value(t, y)
 
 
 @called_from_c(types.void(types.float64, types.int64, types.int64, types.int64))
