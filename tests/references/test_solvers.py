@@ -55,7 +55,7 @@ def test_dop853_at_its_tightest_shows_the_exact_solution_good_to_1e_12(exact_tab
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "method", [pytest.param(m.name, marks=pytest.mark.slow if m.seconds > 1.0 else ()) for m in ADAPTIVE if m.roots]
+    "method", [pytest.param(m.name, marks=pytest.mark.slow if m.seconds > 1.0 else ()) for m in ADAPTIVE]
 )
 def test_at_tolerance_1e_8_the_solvers_agree_to_the_second_impact(method, table10_system):
     times = np.linspace(0.0, 0.054, 28)
@@ -226,20 +226,17 @@ def test_kvaerno_takes_its_compilation_out_of_the_time_and_refuses_what_jax_cann
 
 @pytest.mark.slow
 @pytest.mark.parametrize("exponent", [1.0, 1.5])
-def test_uneven_outputs_tell_kvaernos_contact_time_and_hidden_impacts_end_its_horizon(exponent):
+def test_kvaerno_finds_an_impact_between_two_outputs(exponent):
     """A free mass at speed 1 meets a stop at t = 1/2, stays pi/sqrt(1000) if it is linear, and takes 2 from it."""
     stops = sb.Stops(upper=0.5, stiffness=1000.0, exponent=exponent)
     one = np.ones((1, 1))
     system = sb.System.from_matrices(one, 0.0 * one, contacts=[sb.Contact([1.0], stops)], initial_velocity=[1.0])
-    uneven = np.concatenate([[0.0, 0.3], np.linspace(0.4, 1.2, 200), [3.0]])
-    ref = sb.reference(system, 3.0, "kvaerno5", uneven, rtol=1e-8)
+    ref = sb.reference(system, 3.0, "kvaerno5", [0.0, 1.0, 2.0, 3.0], rtol=1e-8)
     depth = (0.5 * (exponent + 1.0) / 1000.0) ** (1.0 / (exponent + 1.0))
     stay = {1.0: np.pi / np.sqrt(1000.0), 1.5: 2.9432750587545 * depth}[exponent]  # Hertz (1882) for p = 3/2
     assert ref.horizon == 3.0
     assert ref.impacts.durations == pytest.approx([stay], rel=1e-5)
     assert ref.contacts[0].fraction == pytest.approx(stay / 3.0, rel=1e-5)
     assert ref.contacts[0].impulse == pytest.approx(2.0, rel=1e-6)
-    coarse = sb.reference(system, 3.0, "kvaerno5", [0.0, 1.0, 2.0, 3.0], rtol=1e-8)
-    assert coarse.impacts.count == 0
-    assert coarse.horizon == pytest.approx(0.5, abs=1e-6)
-    assert np.isnan(sb.reference(system, 3.0, "kvaerno5", [1.0, 2.0], rtol=1e-8).contacts[0].fraction)
+    assert ref.impacts.kind == "event"
+    assert ref.impacts.times == pytest.approx([0.5], abs=1e-7)

@@ -12,7 +12,7 @@ import typer
 
 from ..basics.progress import progress
 from ..basics.storage import write_whole
-from ..references.registry import BUDGET, COMPARED, METHODS
+from ..references.registry import BUDGET, COMPARED, REFERENCES
 from .application import app
 from .options import Case, Dt, Json, TEnd
 from .output import check_json, console, default_folder, file_name, json_text, make_folder, say, write_json
@@ -51,7 +51,7 @@ def compare(
         typer.Option("--cache/--no-cache", help="keep the references and use those that are kept, or not"),
     ] = True,
     budget: Annotated[
-        float, typer.Option(help="seconds that one reference may take; one that would take more is left out and named")
+        float, typer.Option(help="seconds that one reference may take; one that would take more ends earlier")
     ] = BUDGET,
 ) -> None:
     """Run schemes beside SUNDIALS and the exact solution: table, picture, trajectories."""
@@ -90,7 +90,7 @@ def compare(
         written.append(write_whole(folder / "comparison.json", json_text("compare", records) + "\n"))
     if not write_json("compare", records, json_file):
         _print_result(result, written, earlier, case)
-    failed_runs = [label for label, _ in result.failures if label.partition("@")[0] not in METHODS]
+    failed_runs = [label for label, _ in result.failures if label.partition("@")[0] not in REFERENCES]
     if failed_runs or not result.references:
         raise typer.Exit(1)
 

@@ -15,11 +15,11 @@ from numpy.typing import ArrayLike
 
 from ..basics import storage
 from ..basics.progress import Show
-from ..basics.validation import InputError, numbers, one_of, positive
+from ..basics.validation import InputError, numbers, positive
 from ..model.system import System, require_system
 from ..model.time_functions import in_closed_form, times_of
 from ..references import reference
-from ..references.registry import REFERENCES, RTOL
+from ..references.registry import REFERENCES, RTOL, method_of
 from ..trajectory.trajectory import Reference
 from . import store
 
@@ -49,7 +49,7 @@ def cached_reference(
     says so. "exact" is solved anew, which takes no longer than reading a file. The files that were not used for
     longest go when there is more than a gigabyte of them. Raises InputError for a bare callable.
     """
-    one_of("method", method, REFERENCES, "be a reference method")
+    method_of(method)
     if method == "exact":
         return reference(
             system, t_end, method, t_eval, breakpoints=breakpoints, max_step=max_step, switches=switches,
@@ -111,7 +111,7 @@ def _file(
     steps: list[Any],
 ) -> Path:
     require_system(system)
-    one_of("method", method, REFERENCES, "be a reference method")
+    method_of(method)
     positive("t_end", t_end)
     positive("rtol", rtol)
     for name, value in (("atol", atol), ("max_step", steps[1])):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -14,8 +15,10 @@ from ..basics.arrays import Array
 from ..basics.exact_float import exact_value
 from ..basics.validation import InputError
 from .sampled import Sampled, moved
-from .system import System
 from .time_functions import Constant, Harmonic, LoadFunction, parts, parts_of
+
+if TYPE_CHECKING:
+    from .system import System
 
 Term = tuple[Array, LoadFunction]
 SPAN = 32  # steps from one sine to the next

@@ -26,7 +26,7 @@ from .sampled import Sampled
 from .time_functions import Constant, Derivative, Harmonic, LoadFunction, Sum, evaluate, load_function, offset_values
 
 if TYPE_CHECKING:
-    from .problem import BeamProblem
+    from .ode import ODE
 
 
 _DEFINITE: WeakValueDictionary[tuple[str, int], Array] = WeakValueDictionary()  # read-only matrices once looked at
@@ -412,6 +412,15 @@ class System:
         E = np.zeros((2 * n, 2 * n))
         E[q, q], E[v, v] = np.eye(n), self.mass
         return E, interleaved(self, inverse=lambda x: x)
+
+    def ode(self, form: str = "explicit") -> ODE:
+        """Return the differential equation that the reference solvers integrate, for a solver of your own.
+
+        form: "explicit", y' = f(t, y), or "descriptor", E y' = f(t, y).
+        """
+        from .ode import ODE
+
+        return ODE(self, form)
 
     def rhs(self, t: float, y: Array) -> Array:
         """The method-of-lines right-hand side in first-order form."""

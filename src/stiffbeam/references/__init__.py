@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 from ..basics.progress import Show, silent
 from ..basics.progress import progress as shown
-from ..basics.validation import InputError, numbers, one_of, positive
-from .registry import ADAPTIVE, BEST, METHODS, MULTIPRECISION, REFERENCES, RTOL
-from .request import KEEP, RESTART, Request, Steps
+from ..basics.validation import InputError, numbers, positive
+from .registry import ADAPTIVE, BEST, METHODS, MULTIPRECISION, REFERENCES, RTOL, method_of
+from .request import Request, Steps
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -42,10 +42,10 @@ def reference(
     "multiprecision" (the first in as many ``digits`` as error growth requires, confirmed with more: trusted to t_end;
     on rigid stops by code of its own); "cvode" (BDF),
     "cvode-adams" and "ida" (BDF on the residual, no mass inverted) of SUNDIALS; "kvaerno3" and "kvaerno5"
-    (ESDIRK, diffrax); "dop853", "radau" and "lsoda" (SciPy). t_eval: output times, (k,) increasing in [0, t_end], by
+    (ESDIRK, diffrax); "dop853", "radau" and "lsoda" (SciPy); any solver of these two libraries with error control by
+    its name there, such as "diffrax:Tsit5" and "scipy:RK45". t_eval: output times, (k,) increasing in [0, t_end], by
     default 2001 equidistant ones. Every reference answers ``at`` any time: an exact one from its closed form, an
-    adaptive one by solving once more where other times than t_eval are asked. What Kvaerno's
-    methods tell of contacts is sampled at t_eval, but for the impulse; an impact between two outputs ends the horizon.
+    adaptive one by solving once more where other times than t_eval are asked.
     Contact runs are chaotic: past ``horizon`` no float64 solution is *the* one. A graze that goes less deep than 1e-12
     of the motion, 1e-18 in multiprecision, may count as no impact.
 
@@ -55,8 +55,8 @@ def reference(
     also sampled at 2^18 times or more (up to 2^22, 200 in the shortest natural period), to find where
     it or its slope jumps and how fast it varies: a feature shorter than t_end/2^18 can be missed.
     max_step: the longest step, by default what the functions of time allow. switches: "restart" (a new
-    start with a smooth right-hand side at every entry into a stop and every exit; default of
-    cvode-adams, dop853 and lsoda) or "through" (error control finds the kink; default of the others).
+    start with a smooth right-hand side at every entry into a stop and every exit; default
+    of all but these) or "through" (error control finds the kink; default of cvode, ida and radau).
     progress: True shows a bar in a terminal or a notebook, by solutions done: the reference itself and those
     its horizon is measured with; or a function that is called as show(what, done, total), total 0 where it is
     not known. Without it, work of minutes is announced by a warning, with an estimate from a pilot run.
@@ -81,7 +81,7 @@ def reference(
     times = None if t_eval is None else numbers("t_eval", t_eval, "be increasing times", "give a list of them")
     steps = Steps(tuple(times_of("breakpoints", breakpoints).tolist()), max_step, switches)
     require_system(system)
-    one_of("method", method, REFERENCES, "be a reference method")
+    method_of(method)
     t_end = positive("t_end", t_end)
     if not progress:
         warn_of_minutes(system, t_end, method, rtol, atol, steps, solve)
@@ -149,9 +149,8 @@ def solve(
     from ..model.system import require_system
 
     require_system(system)
-    one_of("method", method, REFERENCES, "be a reference method")
+    own = method_of(method)
     t_end = positive("t_end", t_end)
-    own = REFERENCES[method]
     if own.kind == ADAPTIVE and not 1e-150 <= t_end <= 1e150:
         raise InputError("t_end", t_end, "have a square in float64", "count time in another unit")
     given = "breakpoints" if len(steps.breakpoints) else "max_step" if steps.max_step is not None else "switches"
@@ -160,8 +159,6 @@ def solve(
     if own.kind == ADAPTIVE:
         for contact in system.contacts:
             contact.stops.require_compliant(f"the adaptive solver {method}")
-    if not own.roots and isinstance(steps.switches, str) and steps.switches == RESTART:
-        raise InputError("switches", RESTART, f"be {KEEP!r} for {method}", "use the solver cvode-adams")
     try:
         solver = import_module(f".{own.module}", __name__)
         return solver.solve(Request(system, t_end, method, t_eval, rtol, atol, digits, steps))

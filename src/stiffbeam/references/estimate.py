@@ -17,7 +17,7 @@ from .request import Steps
 
 MINUTES = 60.0  # seconds from which on it is worth a warning
 PARTS = 64  # a pilot runs over one or two of so many parts of the span
-SOLUTIONS = {EXACT: 5.0}  # solutions behind one with its horizon; of an adaptive solver two
+COPIES = 5.0  # exact solutions behind one with its horizon
 CELLS, FASTEST_TIME = 25, 4.3e4 * 0.06  # of the registry's seconds: Table 10, its fastest angular frequency times t
 RADIANS_PER_SAMPLE = 250.0  # of that angle: at least what a restart at a sample of a record costs any method
 NEAR = 0.2  # of the seconds asked for: where the registry's come so near, pilots tell more
@@ -29,7 +29,7 @@ def expected_seconds(
 ) -> float:  # fmt: skip
     """Return the seconds that a reference will take, 0.0 where they are far below ``worth``.
 
-    solutions: how often the system is solved; by default as often as a reference with its horizon takes.
+    solutions: how often the method solves; by default as often as a reference with its horizon asks for.
 
     The registry's seconds, scaled to the size, the fastest period and the samples of the loads, decide that first;
     only where they come near ``worth`` are there pilot runs. The first over each span compile what it needs and are
@@ -39,7 +39,8 @@ def expected_seconds(
     entry = REFERENCES[method]
     if entry.kind == MULTIPRECISION:
         return 0.0
-    solutions = solutions or SOLUTIONS.get(entry.kind, 2.0)
+    if solutions is None:
+        solutions = COPIES if entry.kind == EXACT else _judged(system, t_end)
     functions = [*(f for _, f in system.loads), *(offset for _, offset in system.channels)]
     samples = sum(len(part.t) for f in functions for part in parts_of(f) if isinstance(part, Sampled))
     angle = float(undamped_modes(system).omega[-1]) * t_end + RADIANS_PER_SAMPLE * samples
@@ -59,6 +60,17 @@ def expected_seconds(
     except (InputError, SolverFailure):
         return 0.0  # the run itself will say
     return solutions * (once + (PARTS - 1) * max(0.0, twice - once))
+
+
+def _judged(system: System, t_end: float) -> float:
+    """Return how often an adaptive solver runs for its horizon: once beside an exact solution, else twice."""
+    from .exact.piecewise import refuse
+
+    try:
+        refuse(system, t_end)
+    except InputError:
+        return 2.0
+    return 1.0
 
 
 def warn_of_minutes(

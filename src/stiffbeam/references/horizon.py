@@ -20,12 +20,10 @@ from ..piecewise.spectrum import known_until
 from ..trajectory.trajectory import Reference, SolverFailure
 from .agreement import DISPLACEMENT_TOLERANCE, agree_until, agreement, apart, scales_of, watched
 from .exact.piecewise import copies, solve_exact
-from .registry import REFERENCES
 from .request import Steps
 
 COPIES = 4  # of the exact solution, each perturbed in its own way
 SOON = 40  # powers of two below t_end
-WITH_ROOTS = "lsoda"  # the second opinion on a solver that samples its impacts at its outputs, where none is exact
 PART = 0.5  # of the tolerances, to which two solutions must agree: each may be off by as much
 MARGIN = 4.0  # times the rounding, for the perturbed copies
 
@@ -127,8 +125,8 @@ def with_horizon(
 
     The exact solution is compared with perturbed copies of itself, see ``exact_horizon``. Any other solution
     is compared with the exact one, or where that does not exist with itself at ten times its rtol, with steps
-    of less than half the length and the functions of time sampled at other points; one without roots with
-    LSODA. A load that one of the two missed makes them differ; a load that both missed is not found. The
+    of less than half the length and the functions of time sampled at other points. A load that one of the two missed
+    makes them differ; a load that both missed is not found. The
     provenance says with what the reference was compared. Both must agree to half the tolerance, so that each may be off
     by the other half. solve: what solves anew, with the arguments of
     ``references.solve``. Raises SolverFailure for an exact solution of which nothing can be trusted.
@@ -147,9 +145,6 @@ def with_horizon(
             loose = 10.0 * float(reference.provenance["rtol"])
             shorter, method = steps._replace(other=True), reference.provenance["method"]
             against = f"itself at rtol {loose:g} with shorter steps"
-            if not REFERENCES[method].roots:  # it would miss the same impacts between its outputs
-                shorter, method = shorter._replace(switches=None), WITH_ROOTS
-                against = f"{REFERENCES[method].label} at rtol {loose:g}"
             other = solve(system, t_end, method, reference.t, loose, None, steps=shorter)
             spacing = reference.provenance.get("loads_scanned_every", 0.0)
             against += f"; loads sampled every {spacing:.2g}" if spacing else ""

@@ -1,12 +1,15 @@
 """The reference solvers and what is known of each. A new one is one file and one line here.
 
-Everything that lists solvers reads this: ``reference`` and its commands, the cache, studies, pictures, tests.
+Everything that lists solvers reads this: ``reference`` and its commands, the cache, studies, pictures, tests. Beside
+those that have a line, any solver of ``LIBRARIES`` is a method by its name there: "diffrax:Tsit5", "scipy:RK45".
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib.metadata import PackageNotFoundError, version
+
+from ..basics.validation import InputError, near
 
 EXACT, MULTIPRECISION, ADAPTIVE = "exact", "multiprecision", "adaptive"
 
@@ -19,9 +22,8 @@ class Method:
     pictures. look: the number of its dashes and marker there, which no other has and which stays. seconds:
     what Table 10 takes to t = 0.06 at rtol 1e-6, roughly, for those who run the fast ones first or leave
     the slow ones out. kind: EXACT (closed form between switches, in float64), MULTIPRECISION (the same in
-    many digits) or ADAPTIVE (error control: takes rtol, atol and Steps). libraries: import name and
-    distribution of what it needs. roots: whether it finds switches as roots; only then are its impacts
-    events, and only then can it restart at them.
+    many digits) or ADAPTIVE (error control: takes rtol, atol and Steps; its impacts are events). libraries: import
+    name and distribution of what it needs. solver: the name of its class in a library that has several.
     """
 
     name: str
@@ -31,7 +33,7 @@ class Method:
     seconds: float
     kind: str = ADAPTIVE
     libraries: dict[str, str] = field(default_factory=dict)
-    roots: bool = True
+    solver: str = ""
 
     def versions(self) -> dict[str, str]:
         """The versions of its libraries by distribution, "missing" for one that is not installed."""
@@ -46,24 +48,65 @@ class Method:
 
 _SCIPY, _SUNDIALS, _FLINT = {"scipy": "scipy"}, {"sksundae": "scikit-sundae"}, {"flint": "python-flint"}
 _DIFFRAX = {"diffrax": "diffrax", "jax": "jax"}
-REFERENCES = {
+# The solvers of a library that estimate their errors and take any right-hand side.
+LIBRARIES: dict[str, tuple[str, dict[str, str], tuple[str, ...]]] = {
+    "diffrax": ("adaptive.diffrax", _DIFFRAX, ("Bosh3", "Dopri5", "Dopri8", "Heun", "ImplicitEuler", "Kvaerno3",
+                                               "Kvaerno4", "Kvaerno5", "Midpoint", "Ralston", "Tsit5")),
+    "scipy": ("adaptive.scipy", _SCIPY, ("BDF", "DOP853", "LSODA", "RK23", "RK45", "Radau")),
+}  # fmt: skip
+NAMED = 100  # look of the first solver that has no line
+
+
+class _References(dict[str, Method]):
+    """Methods by name: those with a line, which are what it iterates over, and those of ``LIBRARIES``."""
+
+    def __contains__(self, name: object) -> bool:
+        return super().__contains__(name) or (isinstance(name, str) and name in _BY_LIBRARY)
+
+    def __missing__(self, name: str) -> Method:
+        return _BY_LIBRARY[name]
+
+
+_BY_LIBRARY = {
     method.name: method
+    for k, method in enumerate(
+        Method(f"{library}:{solver}", module, f"{library}:{solver}", 0, 1.0, libraries=needs, solver=solver)
+        for library, (module, needs, solvers) in LIBRARIES.items()
+        for solver in solvers
+    )
+    for method in (replace(method, look=NAMED + k),)
+}
+REFERENCES = _References(
+    (method.name, method)
     for method in (
         Method("exact", "exact.piecewise", "exact", 0, 0.004, EXACT),
         Method("multiprecision", "multiprecision.multiprecision", "multiprecision", 1, 0.13, MULTIPRECISION, _FLINT),
         Method("cvode", "adaptive.cvode", "CVODE BDF", 2, 0.4, libraries=_SUNDIALS),
         Method("cvode-adams", "adaptive.cvode", "CVODE Adams", 3, 0.3, libraries=_SUNDIALS),
         Method("ida", "adaptive.ida", "IDA", 4, 0.6, libraries=_SUNDIALS),
-        Method("kvaerno3", "adaptive.kvaerno", "Kvaerno3", 5, 11.0, libraries=_DIFFRAX, roots=False),
-        Method("kvaerno5", "adaptive.kvaerno", "Kvaerno5", 6, 2.0, libraries=_DIFFRAX, roots=False),
-        Method("dop853", "adaptive.scipy", "DOP853", 7, 0.45, libraries=_SCIPY),
-        Method("radau", "adaptive.scipy", "Radau", 8, 3.5, libraries=_SCIPY),
-        Method("lsoda", "adaptive.lsoda", "LSODA", 9, 0.6, libraries=_SCIPY),
+        Method("kvaerno3", "adaptive.diffrax", "Kvaerno3", 5, 11.0, libraries=_DIFFRAX, solver="Kvaerno3"),
+        Method("kvaerno5", "adaptive.diffrax", "Kvaerno5", 6, 2.0, libraries=_DIFFRAX, solver="Kvaerno5"),
+        Method("dop853", "adaptive.scipy", "DOP853", 7, 0.45, libraries=_SCIPY, solver="DOP853"),
+        Method("radau", "adaptive.scipy", "Radau", 8, 3.5, libraries=_SCIPY, solver="Radau"),
+        Method("lsoda", "adaptive.scipy", "LSODA", 9, 0.6, libraries=_SCIPY, solver="LSODA"),
     )
-}
+)
 METHODS = tuple(REFERENCES)
 RTOL = 1e-10  # of an adaptive reference by default
 BEST = ("exact", "cvode-adams", "dop853")  # the first that takes a system is the best reference of it
 COMPARED = ("exact", "cvode-adams", "cvode", "ida", "kvaerno5")  # references of a comparison by default
-BUDGET = 60.0  # seconds that one reference of a comparison may take by default
+BUDGET = 20.0  # seconds that one reference of a comparison may take by default
 COMPARED_RIGID = ("exact",)  # on rigid stops, which no other takes
+
+
+def method_of(name: str, field: str = "method") -> Method:
+    """Return the method of this name; for another raise InputError under the name ``field``, with those there are."""
+    if not isinstance(name, str) or name not in REFERENCES:
+        library, colon, _ = str(name).partition(":")
+        if colon and library in LIBRARIES:
+            solvers = ", ".join(LIBRARIES[library][2])
+            raise InputError(field, name, f"name a solver of {library} with error control", f"choose from {solvers}")
+        remedy = near(name, METHODS) if isinstance(name, str) else f"choose from {', '.join(METHODS)}"
+        libraries = " or ".join(f"{library}:{solvers[-1]}" for library, (_, _, solvers) in LIBRARIES.items())
+        raise InputError(field, name, "be a reference method", f"{remedy}, or one of a library such as {libraries}")
+    return REFERENCES[name]

@@ -67,7 +67,7 @@ def agree(
     form: str | None = None,
     t_end: float | None = None,
     methods: Sequence[str] = METHODS,
-    budget: float = BUDGET,
+    budget: float = 4.0 * BUDGET,
     rtol: float = RTOL,
     progress: Progress = lambda what, done, total: None,
 ) -> Agreement:

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..basics.arrays import Array
 from ..basics.progress import silent
-from ..basics.validation import InputError, near, one_of, positive, step_count
+from ..basics.validation import InputError, one_of, positive, step_count
 from ..files.cases import Case
 from ..files.reference_cache import cached_reference, is_cached
 from ..march.choice import CONTACTS
@@ -24,31 +24,50 @@ from ..model.system import System
 from ..model.time_functions import Harmonic
 from ..references import reference, solve, substitute
 from ..references.estimate import expected_seconds
-from ..references.registry import BUDGET, COMPARED, COMPARED_RIGID, METHODS, RTOL
+from ..references.registry import BUDGET, COMPARED, COMPARED_RIGID, RTOL, method_of
 from ..references.request import Steps
 from ..schemes import HHT, Scheme
 from ..trajectory.recorder import sampled_impacts
 from ..trajectory.trajectory import Diverged, Reference, SolverFailure, Trajectory
 
+SHARES = [0.7**k for k in range(14)]  # of the horizon, where a reference ends that the budget cuts short
 Progress = Callable[[str, int, int], None]  # (what is running, done, total); total 0: unknown
 
 
 @dataclass(frozen=True)
 class _Solver:
-    """References of a comparison, those that its budget of seconds allows; with ``cache`` kept for the next time."""
+    """References of a comparison, each within a budget of seconds; with ``cache`` kept for the next time."""
 
     cache: bool
     budget: float
 
     def __call__(self, system: System, t_end: float, method: str, times: Array | None) -> Reference:
-        if not (self.cache and is_cached(system, t_end, method, times)):
-            seconds = expected_seconds(system, t_end, method, RTOL, None, Steps(), solve, self.budget)
-            if seconds > self.budget:
-                rule = f"allow the {seconds:.0f} s that {method} will take by an estimate"
-                raise InputError("budget", self.budget, rule, "give more seconds, or a shorter t_end")
+        """Solve to t_end. Raises InputError where the budget does not allow that."""
+        kept = self.cache and is_cached(system, t_end, method, times)
+        if not kept and (seconds := self.seconds(system, t_end, method)) > self.budget:
+            rule = f"allow the {seconds:.0f} s that {method} will take by an estimate"
+            raise InputError("budget", self.budget, rule, "give more seconds, or a shorter t_end")
         if not self.cache:
             return reference(system, t_end, method, times, progress=silent)
         return cached_reference(system, t_end, method, times, progress=silent)
+
+    def as_far_as(self, system: System, times: Array, method: str) -> Reference:
+        """Solve to the last of ``times``, or to one of SHARES of it, as far as the budget allows."""
+        parts = [times[: int(share * (len(times) - 1)) + 1] for share in SHARES if share * (len(times) - 1) >= 2.0]
+        part = next((p for p in parts if self.cache and is_cached(system, float(p[-1]), method, p)), None)
+        if part is None:
+            seconds = self.seconds(system, float(times[-1]), method)
+            part = next((p for p in parts if seconds * len(p) / len(times) <= self.budget), times)
+        free = replace(self, budget=np.inf) if part is not times else self
+        found = free(system, float(part[-1]), method, part)
+        if len(part) < len(times):
+            found.provenance["budget"] = f"to t = {part[-1]:.3g} of {times[-1]:.3g}: the budget ends there"
+        return found
+
+    def seconds(self, system: System, t_end: float, method: str) -> float:
+        if self.budget == np.inf:
+            return 0.0
+        return expected_seconds(system, t_end, method, RTOL, None, Steps(), solve, self.budget)
 
 
 @dataclass(frozen=True)
@@ -115,9 +134,9 @@ def compare_case(
     The first of ``references`` that can take the system is the main reference, over the whole span; the
     others run to its horizon only and are compared like the schemes. A run that fails is reported and
     the others go on. ``keep`` is called with every trajectory as soon as it is finished. cache: keep the references
-    for the next time, and read those of an earlier one. budget: the most seconds of CPU that one reference may take by
-    an estimate made before it starts; one that would take more is left out and named. ``truth`` is asked, with case,
-    form and t_end, for a solution that holds over the whole span.
+    for the next time, and read those of an earlier one. budget: seconds of CPU that a further reference may
+    take by an estimate made before it starts, the main one four times as many; one that would take more ends earlier
+    and says so. ``truth`` is asked, with case, form and t_end, for a solution that holds over the whole span.
     """
     case = replace(case, dt=dt or case.dt, t_end=t_end or case.t_end)
     step_count(case.dt, case.t_end)
@@ -131,14 +150,13 @@ def compare_case(
     if references is None:
         references = COMPARED_RIGID if rigid else COMPARED[1:] if substitute(first, case.t_end) else COMPARED
     for name in references:
-        if name not in METHODS:
-            raise InputError("references", name, "be a reference method", near(name, METHODS))
+        method_of(name, "references")
     result = CaseComparison(case)
     chosen = list(case.runs if runs is None else runs)
     refused: list[Diverged | InputError] = []
     for form in dict.fromkeys(form for _, form in chosen):
         system = case.system(form)
-        main = _main_reference(system, case, references, result, progress, solver)
+        main = _main_reference(system, case, references, result, progress, replace(solver, budget=4.0 * budget))
         further = []
         if main is not None:
             keep(main)
@@ -218,7 +236,7 @@ def _further_references(
         label = f"{method}@{system.form}"
         progress(f"{label} to the horizon {window:.3g}", 0, 0)
         try:
-            further = solver(system, float(times[-1]), method, times)
+            further = solver.as_far_as(system, times, method)
         except (InputError, SolverFailure) as error:
             result.note(label, error)
             continue

@@ -15,9 +15,9 @@ from ..files.cases import Case
 from ..march.integrate import integrate
 from ..measures.errors import tip_error
 from ..measures.impacts import matched_until
+from ..model.right_hand_side import RightHandSide
 from ..model.system import System
 from ..references import solve, takes
-from ..references.adaptive.rhs import RightHandSide
 from ..references.registry import MULTIPRECISION, REFERENCES
 from ..references.request import Steps
 from ..trajectory.trajectory import Reference, Trajectory

@@ -13,6 +13,7 @@ from ...basics.compiled import clock
 from ...basics.resources import afford
 from ...basics.validation import InputError, one_of, positive
 from ...model.first_order import FirstOrderSystem
+from ...model.right_hand_side import RightHandSide
 from ...model.system import System
 from ...trajectory.ledger import Ledger, in_contact
 from ...trajectory.trajectory import Reference, Work, versions
@@ -21,7 +22,6 @@ from ..request import KEEP, RESTART, Request, output_times
 from .contact_records import contact_record
 from .pieces import Pieces, smooth_pieces
 from .restarts import Contacts, Outcome, Phase, follow
-from .rhs import RightHandSide
 from .scales import Scales, scales_of
 
 LEAST_RTOL = 100.0 * float(np.finfo(float).eps)  # below it steps shrink without end instead of failing
@@ -30,7 +30,7 @@ UNCONTROLLED = 1e200  # the absolute tolerance of the impulses, which follow the
 
 
 class Solve(NamedTuple):
-    """states (k, size) at the output times; the contacts' spans, None where the solver has no roots;
+    """states (k, size) at the output times; the contacts' spans, None where no events are asked for;
     counters; the state at t_end; seconds of solving, and of compiling, apart."""
 
     states: Array
@@ -64,7 +64,8 @@ def in_phases(method: str, solver: Callable[[RightHandSide, float, Array], Solve
         begun = clock()
         run = solver(task.rhs, task.rtol, task.atol)
         path = follow(method, task.rhs, task.pieces.pieces, task.t, task.switches, task.scales, run, task.events)
-        return Solve(path.states, path.contacts, path.counters, path.end, clock() - begun)
+        compiling, task.rhs.compile_seconds = task.rhs.compile_seconds, 0.0
+        return Solve(path.states, path.contacts, path.counters, path.end, clock() - begun - compiling, compiling)
 
     return solve
 
@@ -75,10 +76,10 @@ def reference_from(
 ) -> Reference:  # fmt: skip
     """Run ``solve`` on the first-order system (its own unless given, with its ``mass``) and wrap its output.
 
-    switches: the method's default. atol defaults to rtol/100 of every unknown's scale (``scales_of``). A
-    solver without roots has no events: its impacts are the sampled ones at the output times, with the
-    peak force and the share of time in contact there. Input, dissipation and impulses are integrated with
-    the motion; the impulses take no part in error control, the others to rtol of the energy of the motion.
+    switches: the method's default. atol defaults to rtol/100 of every unknown's scale (``scales_of``). Without events
+    impacts are the sampled ones at the output times, with the peak force and the share of time in contact there.
+    Input, dissipation and impulses are integrated with the motion; the impulses take no part in error control, the
+    others to rtol of the energy of the motion.
     """
     system, t_end, method, t_eval, rtol, atol, _, steps = request
     positive("t_end", t_end)

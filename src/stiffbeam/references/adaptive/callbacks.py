@@ -1,4 +1,4 @@
-"""The equations of ``kernels`` as C functions that CVODE and IDA call without Python.
+"""The equations of ``right_hand_side_kernels`` as C functions that CVODE and IDA call without Python.
 
 SUNDIALS hands over its vectors and matrices as structures. Of a serial vector and of a dense or banded matrix the first
 member is the address of a content, in which the numbers' address stands at ``VECTOR``, ``DENSE`` or ``BAND``
@@ -12,10 +12,10 @@ from numba import types
 
 from ...basics.arrays import Array, IntArray
 from ...basics.compiled import called_from_c, compiled
-from .kernels import event_functions, floats, integers, jacobian, residual, right_hand_side
+from ...model.right_hand_side_kernels import event_functions, floats, integers, jacobian, residual, right_hand_side
 
 VECTOR, DENSE, BAND = 1, 1, 3  # words of 8 bytes into the content; indices of SUNDIALS have 4 bytes
-USER = 6  # words of the user data: block, its length, unknowns, event functions, first, stride (see kernels.jacobian)
+USER = 6  # words of the user data: block, its length, unknowns, event functions, first, stride (see jacobian)
 
 REAL, ADDRESS, INT = types.float64, types.int64, types.int32
 

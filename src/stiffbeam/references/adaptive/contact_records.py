@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from ...basics.arrays import Array
+from ...model.right_hand_side import RightHandSide
 from ...trajectory.impacts import COLUMNS, ContactRecord, Impacts
 from ...trajectory.recorder import contact_spans
 from .restarts import Contacts
-from .rhs import RightHandSide
 
 
 def contact_record(
@@ -21,16 +21,15 @@ def contact_record(
     end: Array,
     t_end: float,
 ) -> ContactRecord:
-    """Contact ``i``: by its switches where the solver has roots, else sampled at the output times t.
+    """Contact ``i``: by its events where these were asked for, else sampled at the output times t.
 
     Impulses are integrals that the solver carries, peaks the largest of the forces where the rate of the gap, of a
     damped stop that of the force, is zero or jumps: both as accurate as the motion. A peak is NaN where the solver saw
-    no such place between entry and exit, the impulse where it carries one with a sign and saw no switches.
+    no such place between entry and exit, the impulse where no events were asked for: it has a sign on each stop.
     """
     stops = rhs.first_order.contacts[i].contact.stops
     force = stops.force(position, velocity)
     if contacts is None:
-        total = np.nan if rhs.signed else float(end[rhs.states + 2 + i])
         spans = contact_spans(t, position, velocity, stops)
         first, _, begins, exits, sides, _ = spans.T
         closed_time = float(np.sum(np.where(np.isnan(exits), t[-1], exits) - begins))
@@ -40,7 +39,7 @@ def contact_record(
             Impacts.at(begins[counted], sides[counted], "sampled", ends=exits[counted]).started(first[counted] == 0.0),
             fraction=closed_time / t_end if t[0] == 0.0 and t[-1] == t_end else np.nan,
             peak_force=float(np.max(np.abs(force))),
-            impulse=total,
+            impulse=float("nan"),
         )  # fmt: skip
     impacts: list[tuple[float, float, int, float, float]] = []  # time, end, side, peak, impulse
     closed_time, largest, total = 0.0, 0.0, 0.0

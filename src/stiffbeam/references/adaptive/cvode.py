@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from ...basics.arrays import Array
+from ...model.right_hand_side import RightHandSide
 from ...trajectory.trajectory import Reference
 from ..request import KEEP, RESTART, Request
 from .adaptive import Solver, in_phases, reference_from
 from .restarts import Outcome, Phase
-from .rhs import RightHandSide
 from .sundials import advance, compiled, linear_solver, phase_options
 from .sundials_library import CompiledSolver, available
 

@@ -15,10 +15,10 @@ import numpy as np
 
 from ...basics.arrays import Array
 from ...basics.resources import Forecast
+from ...model.right_hand_side import THROUGH, RightHandSide
 from ...trajectory.trajectory import SolverFailure
 from ..request import RESTART
 from .pieces import Piece
-from .rhs import THROUGH, RightHandSide
 from .scales import Scales
 
 STUCK = 1000  # phases without progress in time, after which a solver gives up
@@ -60,7 +60,7 @@ class Outcome(NamedTuple):
 
 class Watch:
     """The roots of a phase: first every gap, then every gap's rate, and what each of them means. Of damped stops
-    see ``kernels.event_functions``: the gap is what is > 0 where they press, and the rates of the forces follow.
+    see the kernel ``event_functions``: the gap is what is > 0 where they press, and the rates of the forces follow.
 
     In a phase with fixed sides a gap ends it, from below where the side is free, from above where it is
     closed. It is watched at a level a few roundings past where it starts, so that the root a phase starts
@@ -229,7 +229,7 @@ def follow(
                 outcome = run(Phase(now, end, z, t[len(states) : last], piece.max_step, watch, forecast))
                 for name, count in outcome.counters.items():
                     counters[name] = counters.get(name, 0) + count
-                refuse_endless(method, outcome.t, counters.get("rhs", 0), forecast)
+                refuse_endless(method, outcome.t, max(counters.values(), default=0), forecast)
                 if not outcome.missed or outcome.t <= now or tries == STUCK:
                     break
                 landing, end = outcome.ended_by[0].which % watch.count, outcome.t

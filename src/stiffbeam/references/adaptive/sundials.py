@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from ...model.right_hand_side import RightHandSide
 from ...trajectory.trajectory import SolverFailure
 from . import sundials_library
 from .restarts import Outcome, Phase, Root, refuse_endless
-from .rhs import RightHandSide
 from .sundials_library import CompiledSolver
 
 

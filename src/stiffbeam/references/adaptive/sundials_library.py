@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...basics.arrays import Array, IntArray
+from ...model.right_hand_side import RightHandSide
 from .callbacks import (
     BAND,
     DENSE,
@@ -30,7 +31,6 @@ from .callbacks import (
     ida_residual,
 )  # fmt: skip
 from .restarts import Phase
-from .rhs import RightHandSide
 
 TESTED = (7,)  # major versions of SUNDIALS whose functions are called as below
 ADAMS, BDF, NORMAL = 1, 2, 1
@@ -173,7 +173,7 @@ class CompiledSolver:
         self._y, self._rate, self._atol = np.zeros(size), np.zeros(size), np.array(atol, float)
         self._vectors = [memory.vector(x) for x in ((self._y,) if family == "CVode" else (self._y, self._rate))]
         bands = rhs.bandwidths
-        # Storage by columns: entry (i, j) at first + i + j stride, see kernels.jacobian.
+        # Storage by columns: entry (i, j) at first + i + j stride, see the kernel jacobian.
         if bands is None:
             first, stride = 0, size
             matrix = memory.matrix("SUNDenseMatrix", size, size)

@@ -2,7 +2,8 @@
 
 Every function here reads the numbers of a system from one ``block`` of addresses and shapes, at the places of
 ``Equations``. Python and SUNDIALS therefore call the same machine code, SUNDIALS without Python in between
-(``callbacks``). A function takes the arrays that it needs: whole tuples of them take numba long to compile.
+(``references.adaptive.callbacks``). A function takes the arrays that it needs: whole tuples of them take numba long to
+compile.
 """
 
 from __future__ import annotations
@@ -14,9 +15,9 @@ from numba import types
 from numba.extending import intrinsic
 from numba.np.numpy_support import carray
 
-from ...basics.arrays import Array, IntArray
-from ...basics.compiled import compiled
-from ...model.contact_law import Law, damps, law_of, law_state, pull, side_force, side_slopes, slopes
+from ..basics.arrays import Array, IntArray
+from ..basics.compiled import compiled
+from .contact_law import Law, damps, law_of, law_state, pull, side_force, side_slopes, slopes
 
 THROUGH = 2  # regime of a contact that follows its law on both sides of its events
 

@@ -5,20 +5,23 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.linalg
 import scipy.sparse
 
-from ...basics.arrays import Array
-from ...model.contact import laws
-from ...model.contact_law import pressure
-from ...model.drive import Drive, Term
-from ...model.first_order import FirstOrderSystem
-from ...model.sampled import Sampled
-from ...model.system import System
-from ...model.time_functions import LoadFunction, TimeFunction, evaluate, offset_rate, offset_values
-from .kernels import THROUGH, Equations, block_of, event_functions, jacobian, residual, right_hand_side
+from ..basics.arrays import Array
+from .contact import laws
+from .contact_law import pressure
+from .drive import Drive, Term
+from .first_order import FirstOrderSystem
+from .right_hand_side_kernels import THROUGH, Equations, block_of, event_functions, jacobian, residual, right_hand_side
+from .sampled import Sampled
+from .time_functions import LoadFunction, TimeFunction, evaluate, offset_rate, offset_values
+
+if TYPE_CHECKING:
+    from .system import System
 
 
 class RightHandSide:
@@ -34,8 +37,9 @@ class RightHandSide:
     as smooth as the motion too. ``regime`` (contacts,) is chi of every contact, in which the force is smooth on both
     sides of its events, or THROUGH for the law itself. ``lengths`` (contacts,): of the contacts' motion, by which
     the event function of a damped stop is made a length.
-    ``block`` holds the numbers for the compiled functions of ``kernels``. ``in_python`` is True where a function of
-    time is a bare callable, which Python calls once per evaluation, at times inside ``window`` only.
+    ``equations`` holds the numbers, ``block`` their places for the compiled functions of ``right_hand_side_kernels``.
+    ``in_python`` is True where a function of time is a bare callable, which Python calls once per evaluation, at times
+    inside ``window`` only.
     """
 
     def __init__(self, first_order: FirstOrderSystem, mass: Array | None = None) -> None:
@@ -47,8 +51,8 @@ class RightHandSide:
         self.damped = any(c.contact.stops.dissipative for c in contacts)
         self.size = n + 2 + m + self.damped
         self.z0 = np.concatenate([first_order.y0, np.zeros(2 + m + self.damped)])
-        self.signed = True  # whether the impulses have a sign; those of a solver without roots have none
-        self.callbacks = "Python"  # "compiled" where the solver calls the kernels itself
+        self.callbacks = "Python"  # "compiled" where the solver calls the kernels itself, "JAX"
+        self.compile_seconds = 0.0  # of what a solver compiles for it
         self._mass = None if mass is None else scipy.linalg.lu_factor(mass)
 
         drive = Drive.of(system)
@@ -93,8 +97,8 @@ class RightHandSide:
             levels=np.zeros(self.roots),
             window=self._window,
         )
-        self._equations = Equations(*map(np.ascontiguousarray, arrays))
-        self.block = block_of(self._equations)
+        self.equations = Equations(*map(np.ascontiguousarray, arrays))
+        self.block = block_of(self.equations)
         self(0.0, self.z0.copy(), np.empty(self.size))
 
     @property
@@ -155,22 +159,22 @@ class RightHandSide:
         return J.reshape(self.size, self.size).T
 
     def event_functions(self, t: float, z: Array, out: Array) -> None:
-        """Write the event functions less their ``levels`` into ``out``, see ``kernels.event_functions``."""
+        """Write the event functions less their ``levels`` into ``out``: those of the kernel of this name."""
         self._call_offsets(t)
         if self.damped and self.in_python:  # the rate of a damped stop's force takes the acceleration of the contact
-            shifts, inside = self._equations.shifts, self._inside(t)
+            shifts, inside = self.equations.shifts, self._inside(t)
             shifts[2] = 0.0
             for i in self._called_offsets:
                 offset = self.first_order.contacts[i].contact.offset
                 shifts[2, i] = offset.acceleration(inside)  # type: ignore[union-attr]
             for vector, function in self._called:
-                shifts[2] += self._equations.acceleration_rows @ vector * _at_one_time(function, inside)
+                shifts[2] += self.equations.acceleration_rows @ vector * _at_one_time(function, inside)
         event_functions(t, _fixed(z), out, self.block)
 
     @property
     def levels(self) -> Array:
         """The values (roots,) at which event functions count as zero; to be written to."""
-        return self._equations.levels
+        return self.equations.levels
 
     def pressing(self, t: float, z: Array, k: int) -> float:
         """|F| of side k in contact."""
@@ -198,8 +202,8 @@ class RightHandSide:
     def bandwidths(self) -> tuple[int, int] | None:
         """Lower and upper bandwidth of E and df/dz, None where a banded solver does not pay."""
         lower, upper = self.first_order.bandwidths
-        if self._equations.mass_columns.size:
-            e = self._equations
+        if self.equations.mass_columns.size:
+            e = self.equations
             below = np.repeat(np.arange(self.size), np.diff(e.mass_row_starts)) - e.mass_columns
             lower, upper = max(lower, int(np.max(below))), max(upper, -int(np.min(below)))
         return (lower, upper) if lower + upper + 1 < self.states // 3 else None
@@ -221,8 +225,8 @@ class RightHandSide:
         """Ask the offsets that are not compiled for position and rate."""
         for i in self._called_offsets:
             offset, inside = self.first_order.contacts[i].contact.offset, self._inside(t)
-            self._equations.shifts[0, i] = offset_values(offset, inside)
-            self._equations.shifts[1, i] = offset_rate(offset, inside)
+            self.equations.shifts[0, i] = offset_values(offset, inside)
+            self.equations.shifts[1, i] = offset_rate(offset, inside)
 
 
 def _compiled_part(drive: Drive, terms: Iterable[Term], width: int) -> tuple[Array, list[Term]]:

@@ -1,0 +1,208 @@
+"""A system as an ordinary differential equation, for solvers of other packages."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numba import types
+from numpy.typing import ArrayLike
+
+from ..basics.arrays import Array
+from ..basics.compiled import called_from_c
+from ..basics.validation import InputError, one_of
+from .right_hand_side import RightHandSide
+from .right_hand_side_jax import numbers_of, rate_of_state
+from .right_hand_side_kernels import floats, integers, right_hand_side
+from .sampled import Sampled
+from .time_functions import breakpoints_of, parts_of
+
+if TYPE_CHECKING:
+    from .system import System
+
+FORMS = ("explicit", "descriptor")
+
+
+class ODE:
+    """y' = f(t, y) of a system, or E y' = f(t, y), as every reference solver of this package integrates it.
+
+    Parameters
+    ----------
+    system : System
+        With compliant stops: rigid ones have no force that depends on the state alone.
+    form : {"explicit", "descriptor"}
+        "explicit": y' = f(t, y). "descriptor": E y' = f(t, y), the mass on the left, as IDA takes it.
+
+    Attributes
+    ----------
+    y0 : (n,) array
+        The state at t = 0. ``displacement(y)`` and ``velocity(y)`` give q and q'; ``tip(t, y)`` the observed position.
+    mass : (n, n) array
+        E; the identity in the explicit form.
+    bandwidths : (int, int) or None
+        Lower and upper bandwidth of ``jac`` and ``mass``; None where a banded solver does not pay.
+    events : tuple of Event
+        One per side of every contact that has a stop there: > 0 while the stop presses.
+    breakpoints : tuple of float
+        Times at which a load or an offset is not smooth: samples of records, and those that a function states.
+
+    Examples
+    --------
+    >>> import stiffbeam as sb
+    >>> from scipy.integrate import solve_ivp
+    >>> system = sb.problem("bilinear-oscillator").system
+    >>> ode = system.ode()
+    >>> solution = solve_ivp(ode.rhs, (0.0, 1.0), ode.y0, method="Radau", jac=ode.jac, rtol=1e-8, atol=1e-10)
+    >>> run = sb.Trajectory.from_arrays(solution.t, ode.tip(solution.t, solution.y.T))
+    """
+
+    def __init__(self, system: System, form: str = "explicit", sides: ArrayLike | None = None) -> None:
+        self.system, self.form = system, one_of("form", form, FORMS)
+        for contact in system.contacts:
+            if contact.stops.rigid:
+                rule = "be finite for a differential equation"
+                raise InputError("stops.stiffness", contact.stops.stiffness, rule, "use a large one, 1e8 for example")
+        mass, first_order = system.descriptor() if form == "descriptor" else (None, system.first_order())
+        self._rhs = RightHandSide(first_order, mass)
+        self._n = self._rhs.states
+        self.y0 = self._rhs.z0[: self._n].copy()
+        self.mass: Array = np.eye(self._n) if mass is None else np.asarray(mass)
+        if sides is not None:
+            given = np.asarray(sides)
+            if given.shape != self._rhs.regime.shape or not np.all(np.isin(given, (-1, 0, 1))):
+                rule = f"hold -1, 0 or 1 for each of {len(self._rhs.regime)} contacts"
+                raise InputError("sides", sides, rule, "0 leaves a contact open, 1 closes its upper stop")
+            self._rhs.regime[:] = given
+        self.events = tuple(Event(self, k, *side) for k, side in enumerate(self._rhs.sides))
+
+    def __repr__(self) -> str:
+        form = "" if self.form == FORMS[0] else f", {self.form}"
+        return f"<ODE of {self.system!r}: {self._n} unknowns, {len(self.events)} events{form}>"
+
+    def rhs(self, t: float, y: ArrayLike) -> Array:
+        """Return f(t, y), (n,)."""
+        return self._rhs.value(float(t), self._padded(y))[: self._n]
+
+    def jac(self, t: float, y: ArrayLike) -> Array:
+        """Return df/dy, (n, n)."""
+        return self._rhs.jacobian(float(t), self._padded(y))[: self._n, : self._n]
+
+    def displacement(self, y: ArrayLike) -> Array:
+        """Return q, (..., dof), of states (..., n)."""
+        return np.asarray(y, float) @ self._rhs.first_order.to_q.T
+
+    def velocity(self, y: ArrayLike) -> Array:
+        """Return q', (..., dof), of states (..., n)."""
+        return np.asarray(y, float) @ self._rhs.first_order.to_v.T
+
+    def tip(self, t: ArrayLike, y: ArrayLike) -> Array:
+        """Return the observed position, (k,), of states (k, n) at the times (k,)."""
+        times, states = np.atleast_1d(np.asarray(t, float)), np.atleast_2d(np.asarray(y, float))
+        return self._rhs.channels(times, states)[0][:, self.system.tip_channel]
+
+    def segment(self, sides: ArrayLike) -> ODE:
+        """Return the equation between two events, smooth on both sides of them.
+
+        Parameters
+        ----------
+        sides : (contacts,) array of int
+            1 where the upper stop of a contact presses, -1 the lower one, 0 where it is open.
+        """
+        return ODE(self.system, self.form, sides)
+
+    @property
+    def bandwidths(self) -> tuple[int, int] | None:
+        """Lower and upper bandwidth of ``jac`` and ``mass``; None where a banded solver does not pay."""
+        return self._rhs.bandwidths
+
+    @cached_property
+    def breakpoints(self) -> tuple[float, ...]:
+        """Times at which a load or an offset is not smooth."""
+        functions = [*(f for _, f in self.system.loads), *(contact.offset for contact in self.system.contacts)]
+        times: set[float] = set()
+        for part in (part for function in functions for part in parts_of(function)):
+            stated = part.t if isinstance(part, Sampled) else breakpoints_of(part)
+            times |= {float(t) for t in (() if stated is None else stated)}
+        return tuple(sorted(times))
+
+    @cached_property
+    def cfunc(self) -> tuple[int, int]:
+        """Addresses (function, data) of the compiled right-hand side: ``void f(double t, const double *y, double *f,
+        void *data)``. They hold as long as this object does.
+
+        Raises InputError where a load or an offset is a Python function.
+        """
+        if self._rhs.in_python:
+            rule = "be made of Harmonic, Constant and Sampled for compiled code"
+            raise InputError("time function", "a callable", rule, "sample it: Sampled(t, values, 'cubic')")
+        self._data = np.array([self._rhs.block.ctypes.data, self._rhs.block.size, self._n, self._rhs.size], np.int64)
+        return _called.address, self._data.ctypes.data
+
+    @cached_property
+    def jax(self) -> Callable[..., Any]:
+        """f(t, y, args=None) in JAX, the explicit form; traceable and differentiable.
+
+        Raises InputError where JAX works in single precision, and where a load or an offset is a Python function.
+        """
+        import jax
+
+        if not jax.config.jax_enable_x64:  # type: ignore[attr-defined]
+            remedy = 'call jax.config.update("jax_enable_x64", True) first'
+            raise InputError("jax_enable_x64", False, "be True: double precision", remedy)
+        if self.form != FORMS[0]:
+            raise InputError("form", self.form, "be 'explicit' for JAX", "system.ode().jax")
+        kind, numbers = numbers_of(self._rhs)
+
+        def rate(t: Any, y: Any, args: Any = None) -> Any:
+            return rate_of_state(kind, t, y, numbers)
+
+        return rate
+
+    def _padded(self, y: ArrayLike) -> Array:
+        """Return the state with the integrals of the ledger, which act on nothing."""
+        z = np.zeros(self._rhs.size)
+        z[: self._n] = y
+        return z
+
+
+class Event:
+    """Where a contact enters or leaves a stop: a function of (t, y), > 0 while the stop presses, with SciPy's
+    attributes.
+
+    Attributes
+    ----------
+    contact, side : int
+        Index of the contact; 1 for its upper stop, -1 for the lower one.
+    direction : float
+        0: zeros in both directions.
+    terminal : bool
+        False; set it to True to restart there with ``ODE.segment``.
+    """
+
+    def __init__(self, ode: ODE, number: int, contact: int, side: int) -> None:
+        self._ode, self._number = ode, number
+        self.contact, self.side = contact, side
+        self.direction, self.terminal = 0.0, False
+
+    def __repr__(self) -> str:
+        return f"<Event of contact {self.contact}, {'upper' if self.side > 0 else 'lower'} stop>"
+
+    def __call__(self, t: float, y: ArrayLike) -> float:
+        """Return the event function at one time and state."""
+        rhs = self._ode._rhs
+        values = np.empty(rhs.roots)
+        rhs.event_functions(float(t), self._ode._padded(y), values)
+        return float(values[self._number])
+
+
+@called_from_c(types.void(types.float64, types.int64, types.int64, types.int64))
+def _called(t: float, y: int, rate: int, data: int) -> None:
+    """Write f(t, y), (n,), to ``rate``; data: block, its length, n and the length of z."""
+    user = integers(data, 4)
+    n = user[2]
+    z, out = np.zeros(user[3]), np.empty(user[3])
+    z[:n] = floats(y, n)
+    right_hand_side(t, z, out, integers(user[0], user[1]))
+    floats(rate, n)[:] = out[:n]

@@ -1,0 +1,153 @@
+"""A system as a differential equation: the same numbers for NumPy, compiled code and JAX, and solvers of others."""
+
+from __future__ import annotations
+
+import ctypes
+
+import numpy as np
+import pytest
+import scipy.integrate
+
+import stiffbeam as sb
+
+
+def pair(**law) -> sb.System:
+    """Two masses between stops, a dashpot between them, a drive and a moving stop."""
+    stops = sb.Stops(lower=-0.1, upper=0.08, stiffness=4e3, **law)
+    return sb.System.from_matrices(
+        [[2.0, 0.0], [0.0, 1.0]], [[90.0, -40.0], [-40.0, 60.0]], [[0.3, -0.2], [-0.2, 0.4]],
+        loads=[([0.0, 1.0], sb.Harmonic(9.0, 7.0, 0.3))],
+        contacts=[sb.Contact(np.array([0.0, 1.0]), stops, offset=sb.Harmonic(-0.01, 3.0))],
+        initial_velocity=[0.5, -1.0],
+    )  # fmt: skip
+
+
+def acceleration(system: sb.System, t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """M^-1 (p f - C v - K q + row F), written down from the law, without the package's kernels."""
+    stops = system.contacts[0].stops
+    motion = 0.01 * np.sin(3.0 * t), 0.03 * np.cos(3.0 * t)
+    force = 0.0
+    for side, gap in ((1, 0.08), (-1, -0.1)):
+        depth, rate = side * (q[1] - motion[0] - gap), side * (v[1] - motion[1])
+        if depth > 0.0:
+            elastic = stops.stiffness * depth**stops.exponent * (1.0 + stops.dissipation * rate)
+            force -= side * max(0.0, elastic + stops.damping * rate)
+    f = np.array([0.0, 9.0 * np.sin(7.0 * t + 0.3) + force]) - system.damping @ v - system.stiffness @ q
+    return np.linalg.solve(system.mass, f)
+
+
+LAWS = [{}, {"damping": 3.0}, {"exponent": 1.5, "dissipation": 0.4}]
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_every_variant_is_the_law_written_down(law):
+    import jax
+
+    jax.config.update("jax_enable_x64", True)
+    try:
+        system, rng = pair(**law), np.random.default_rng(1)
+        ode, descriptor = system.ode(), system.ode("descriptor")
+        address, data = ode.cfunc
+        called = ctypes.CFUNCTYPE(None, ctypes.c_double, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p)(address)
+        traced = jax.jit(ode.jax)
+        for _ in range(50):
+            t, y = float(rng.uniform(0.0, 3.0)), rng.normal(size=4) * [0.2, 0.2, 2.0, 2.0]
+            q, v = ode.displacement(y), ode.velocity(y)
+            rate = ode.rhs(t, y)
+            assert ode.displacement(rate) == pytest.approx(v, rel=1e-13)
+            expected = acceleration(system, t, q, v)
+            assert ode.velocity(rate) == pytest.approx(expected, rel=1e-11, abs=1e-11)
+            out = np.empty(4)
+            called(t, y.ctypes.data, out.ctypes.data, data)
+            assert np.array_equal(out, rate)
+            assert np.asarray(traced(t, y)) == pytest.approx(rate, rel=1e-12, abs=1e-12)
+            assert np.linalg.solve(descriptor.mass, descriptor.rhs(t, y)) == pytest.approx(rate, rel=1e-11, abs=1e-11)
+            pressed = [event(t, y) > 0.0 for event in ode.events]
+            depth = q[1] - 0.01 * np.sin(3.0 * t)
+            if not law:
+                assert pressed == [depth > 0.08, depth < -0.1]
+            assert np.array_equal(ode.segment([1 if pressed[0] else -1 if pressed[1] else 0]).rhs(t, y), rate)
+    finally:
+        jax.config.update("jax_enable_x64", False)
+
+
+def test_the_jacobian_is_the_derivative():
+    ode, rng = pair(exponent=1.5, dissipation=0.4).ode(), np.random.default_rng(2)
+    for _ in range(20):
+        t, y = float(rng.uniform(0.0, 3.0)), rng.normal(size=4) * [0.2, 0.2, 2.0, 2.0]
+        h = 1e-6
+        columns = [(ode.rhs(t, y + h * e) - ode.rhs(t, y - h * e)) / (2 * h) for e in np.eye(4)]
+        assert ode.jac(t, y) == pytest.approx(np.array(columns).T, rel=1e-4, abs=1e-4)
+
+
+def test_a_solver_restarts_segment_by_segment():
+    """DOP853 of SciPy by hand: the exact solution at the end, and every entry in time."""
+    system, t_end = pair(), 3.0
+    ode, exact = system.ode(), sb.reference(system, t_end)
+    t, y, side, entries = 0.0, ode.y0, 0, []
+    while t < t_end:
+        segment = ode.segment([side])
+        for event in segment.events:
+            event.terminal, event.direction = True, -1.0 if event.side == side else 1.0
+        solution = scipy.integrate.solve_ivp(
+            segment.rhs, (t, t_end), y, method="DOP853", events=segment.events, rtol=1e-11, atol=1e-13
+        )
+        t, y = float(solution.t[-1]), solution.y[:, -1]
+        if solution.status == 1:
+            k = next(k for k, times in enumerate(solution.t_events) if len(times))
+            side = 0 if segment.events[k].side == side else segment.events[k].side
+            entries += [t] if side else []
+    assert entries == pytest.approx(exact.impacts.times, abs=1e-9)
+    assert ode.tip(t_end, y)[0] == pytest.approx(float(exact.tip[-1]), abs=1e-9)
+
+
+def test_breakpoints_and_bandwidths_are_stated():
+    record = sb.Sampled(np.linspace(0.0, 1.0, 5), np.array([0.0, 1.0, 0.0, 2.0, 0.0]))
+    system = sb.System.from_matrices(
+        [[1.0]], [[4.0]], loads=[([1.0], sb.Sum(record, sb.Harmonic(1.0, 2.0)))], observe=[1.0]
+    )
+    assert system.ode().breakpoints == (0.0, 0.25, 0.5, 0.75, 1.0)
+    beam = sb.semidiscretise(sb.paper_case(10).problem, 25)
+    bandwidths = beam.ode().bandwidths
+    assert bandwidths is not None
+    lower, upper = bandwidths
+    jac = beam.ode().jac(0.0, beam.ode().y0)
+    rows, columns = np.nonzero(jac)
+    assert np.max(rows - columns) <= lower
+    assert np.max(columns - rows) <= upper
+
+
+def test_what_it_cannot_be_is_refused():
+    with pytest.raises(sb.InputError, match=r"stops.stiffness must be finite.*use a large one"):
+        sb.problem("bouncing-ball").system.ode()
+    with pytest.raises(sb.InputError, match="form must be"):
+        pair().ode("implicit")
+    with pytest.raises(sb.InputError, match="sides must hold"):
+        pair().ode().segment([2])
+    called = sb.System.from_matrices([[1.0]], [[1.0]], loads=[([1.0], np.sin)], observe=[1.0])
+    with pytest.raises(sb.InputError, match="Harmonic, Constant and Sampled"):
+        called.ode().cfunc  # noqa: B018
+    assert called.ode().rhs(1.0, [0.0, 0.0])[1] == pytest.approx(np.sin(1.0))
+    with pytest.raises(sb.InputError, match="jax_enable_x64"):
+        pair().ode().jax  # noqa: B018
+
+
+@pytest.mark.slow
+def test_solvers_of_others_take_it():
+    from sksundae.cvode import CVODE
+    from sksundae.ida import IDA
+
+    system, t_end = pair(), 1.0
+    ode, exact = system.ode(), sb.reference(system, t_end)
+
+    def residual(t, y, rate, out):
+        out[:] = rate - ode.rhs(t, y)
+
+    def rhs(t, y, out):
+        out[:] = ode.rhs(t, y)
+
+    for found in (
+        CVODE(rhs, rtol=1e-10, atol=1e-12).solve(np.array([0.0, t_end]), ode.y0),
+        IDA(residual, rtol=1e-10, atol=1e-12).solve(np.array([0.0, t_end]), ode.y0, ode.rhs(0.0, ode.y0)),
+    ):
+        assert ode.tip(t_end, found.y[-1])[0] == pytest.approx(float(exact.tip[-1]), abs=1e-7)
