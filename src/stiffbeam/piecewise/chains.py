@@ -40,15 +40,23 @@ class Chain:
         """(B, mu, z(0)) of pieces: (p, K, K), (K,), (p, K). c: (p, modes of the regime). spin: (p, 1 + F) at their
         starts. force: (p, modes of the regime, P), the coefficients of tau^j."""
         k, d, P = len(self.T), len(self.drives), force.shape[2]
-        B = np.zeros((len(c), k + d + P, k + d + P), complex)
-        B[:, :k, :k], B[:, :k, k : k + d], B[:, :k, k + d :] = self.T, self.pull, force[:, self.modes]
-        B[:, range(k, k + d), range(k, k + d)] = self.rates
-        for j in range(1, P):
-            B[:, k + d + j, k + d + j - 1] = j  # (tau^j)' = j tau^(j - 1)
+        frame, nodes = self.frame(P)
+        B = np.repeat(frame[None], len(c), axis=0)
+        B[:, :k, k + d :] = force[:, self.modes]
         z = np.zeros((len(c), k + d + P), complex)
         z[:, :k], z[:, k : k + d] = c[:, self.modes], spin[:, self.drives]
         z[:, k + d : k + d + 1] = 1.0
-        return B, np.concatenate([np.linalg.eigvals(self.T), self.rates, np.zeros(P)]), z
+        return B, nodes, z
+
+    def frame(self, P: int) -> tuple[Complex, Complex]:
+        """B (K, K) under polynomials of P terms that push nothing, and mu (K,)."""
+        k, d = len(self.T), len(self.drives)
+        B = np.zeros((k + d + P, k + d + P), complex)
+        B[:k, :k], B[:k, k : k + d] = self.T, self.pull
+        B[range(k, k + d), range(k, k + d)] = self.rates
+        for j in range(1, P):
+            B[k + d + j, k + d + j - 1] = j  # (tau^j)' = j tau^(j - 1)
+        return B, np.concatenate([np.linalg.eigvals(self.T), self.rates, np.zeros(P)])
 
     def ahead(self, c: Complex, spin: Complex, force: Complex, tau: Array) -> Complex:
         """y at tau (p,) after the starts of the pieces, see ``system``; (p, k)."""

@@ -4,6 +4,7 @@ over the samples of records."""
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -175,31 +176,104 @@ def search(
             raise SolverFailure("exact", t_start + tau, "the search for the next switch stands still", REMEDY)
 
 
+class Cells(NamedTuple):
+    """A regime as ``pass_samples`` takes it, with k coefficients, m gaps that are watched, R records and b chains.
+
+    eigenvalues: (k,). push: (k, R), the modal forces of the records. frequencies: (F,), of the drives. rows, W: (m, k),
+    what the gaps see of all coefficients without their rates, and of those in no chain with them; waves: (m, 1 + F), of
+    the drives, recorded: (m, R), of the records; lags: (m,), what of the rates they see. chi, g1, g2: (m,), see
+    ``search``. nodes: (b, K), counts: (b,), B: (b, K, K), the chains' nodes and matrices, the records' columns zero;
+    modes: (b, K), drives: (b, K), the places of their coefficients and drives, parts: (b, 2), how many these are.
+    """
+
+    eigenvalues: Array
+    push: Array
+    frequencies: Array
+    rows: Array
+    W: Array
+    waves: Array
+    recorded: Array
+    lags: Array
+    chi: IntArray
+    g1: Array
+    g2: Array
+    nodes: Array
+    counts: IntArray
+    B: Array
+    modes: IntArray
+    drives: IntArray
+    parts: IntArray
+
+
+@compiled
+def newton_form(cells: Cells, b: int, c: Array, spin: Array, force: Array, B: Array, g: Array) -> None:
+    """Newton's form g (K, K) of chain b from the coefficients c, the drives ``spin`` and the forces (k, P), see
+    chains.py; and its matrix with these forces into B (K, K)."""
+    size, k, d = cells.counts[b], cells.parts[b, 0], cells.parts[b, 1]
+    B[:], g[:] = cells.B[b], 0.0
+    for i in range(k):
+        g[0, i] = c[cells.modes[b, i]]
+        for j in range(force.shape[1]):
+            B[i, k + d + j] = force[cells.modes[b, i], j]
+    for i in range(d):
+        g[0, k + i] = spin[cells.drives[b, i]]
+    if k + d < size:
+        g[0, k + d] = 1.0
+    for j in range(1, size):
+        for i in range(size):
+            g[j, i] = -cells.nodes[b, j - 1] * g[j - 1, i]
+            for n in range(size):
+                g[j, i] += B[i, n] * g[j - 1, n]
+
+
+@compiled
+def see_chain(cells: Cells, b: int, B: Array, g: Array, chained: Array) -> None:
+    """The derivatives of what the gaps see of chain b into chained (m, b, ORDER + 1, K), from its Newton form g, which
+    is changed by that."""
+    size, k = cells.counts[b], cells.parts[b, 0]
+    turned = np.empty(size, np.complex128)
+    chained[:, b] = 0.0
+    for i in range(ORDER + 2):
+        for j in range(size):
+            for contact in range(cells.lags.size):
+                total = 0.0j
+                for n in range(k):
+                    total += cells.rows[contact, cells.modes[b, n]] * g[j, n]
+                if i <= ORDER:
+                    chained[contact, b, i, j] += total
+                if i > 0:
+                    chained[contact, b, i - 1, j] += cells.lags[contact] * total
+            for n in range(size):
+                turned[n] = 0.0
+                for p in range(size):
+                    turned[n] += B[n, p] * g[j, p]
+            g[j, :size] = turned
+
+
 @compiled
 def pass_samples(
-    edges: Array, records: Array, push: Array, eigenvalues: Array, frequencies: Array, W: Array, waves: Array,
-    recorded: Array, chi: IntArray, g1: Array, g2: Array, noise: Array, size: float, c: Array, out: Array,
-) -> tuple[int, int]:  # fmt: skip
-    """Follow the coefficients c (k,) of a regime without chains from sample to sample, up to the first cell with an
-    event: into out (cells, k) where each cell ends. Returns (cells without an event, evaluations).
+    cells: Cells, edges: Array, records: Array, noise: Array, size: float, c: Array, out: Array
+) -> tuple[int, int]:
+    """Follow the coefficients c (k,) from sample to sample, up to the first cell with an event: into out (cells, k)
+    where each cell ends. Returns (cells without an event, evaluations).
 
-    edges: (cells + 1,), the samples' times. records: (cells, R, P), their polynomials in each cell, push: (k, R), the
-    modal forces of the records. W: (m, k), waves: (m, 1 + F), recorded: (m, R), what the contacts see of the
-    coefficients, of the drives and of the records. chi, g1, g2: (m,), see ``search``. noise: (cells, 2, k) in
-    [-1, 1], of which ``size`` times the rounding of every end is added to it; none for size 0.
+    edges: (cells + 1,), the samples' times. records: (cells, R, P), their polynomials in each cell. noise: (cells, 2,
+    k) in [-1, 1], of which ``size`` times the rounding of every end is added to it; none for size 0.
     """
+    eigenvalues, W, push = cells.eigenvalues, cells.W, cells.push
     m, K = W.shape
     R, P = records.shape[1], records.shape[2]
-    total = K + waves.shape[1]
+    total = K + cells.waves.shape[1]
     sigma, omega = np.zeros(total), np.zeros(total)
     for k in range(K):
         sigma[k], omega[k] = min(eigenvalues[k].real, 0.0), eigenvalues[k].imag
-    omega[K + 1 :] = frequencies
-    real, imaginary = np.empty((m, total)), np.empty((m, total))
+    omega[K + 1 :] = cells.frequencies
+    real, imaginary, spin = np.empty((m, total)), np.empty((m, total)), np.empty(total - K, np.complex128)
     force, seen, shift = np.empty((K, P), np.complex128), np.empty((m, K, P), np.complex128), np.empty((m, P))
-    psi = np.empty(P, np.complex128)
-    resting, counts = np.zeros(m, np.int64), np.zeros(0, np.int64)
-    nodes, chained = np.zeros((0, 0), np.complex128), np.zeros((m, 0, ORDER + 1, 0), np.complex128)
+    psi, resting = np.empty(P, np.complex128), np.zeros(m, np.int64)
+    chains, most = cells.nodes.shape
+    chained, D = np.zeros((m, chains, ORDER + 1, most), np.complex128), np.empty(most, np.complex128)
+    B, g = np.empty((most, most), np.complex128), np.empty((most, most), np.complex128)
     evaluations = 0
     for cell in range(edges.size - 1):
         t, end = edges[cell], edges[cell + 1]
@@ -208,37 +282,53 @@ def pass_samples(
                 force[k, j] = 0.0
                 for r in range(R):
                     force[k, j] += push[k, r] * records[cell, r, j]
+        for k in range(spin.size):
+            spin[k] = complex(math.cos(omega[K + k] * t), math.sin(omega[K + k] * t))
         for i in range(m):
             for j in range(P):
                 shift[i, j] = 0.0
                 for r in range(R):
-                    shift[i, j] += recorded[i, r] * records[cell, r, j]
+                    shift[i, j] += cells.recorded[i, r] * records[cell, r, j]
             for k in range(K):
                 a = W[i, k] * c[k]
                 real[i, k], imaginary[i, k] = a.real, a.imag
                 for j in range(P):
                     seen[i, k, j] = W[i, k] * force[k, j]
-            for k in range(K, total):
-                a = waves[i, k - K] * complex(math.cos(omega[k] * t), math.sin(omega[k] * t))
-                real[i, k], imaginary[i, k] = a.real, a.imag
+            for k in range(spin.size):
+                a = cells.waves[i, k] * spin[k]
+                real[i, K + k], imaginary[i, K + k] = a.real, a.imag
+        for b in range(chains):
+            newton_form(cells, b, c, spin, force, B, g)
+            see_chain(cells, b, B, g, chained)
         tau, contact, _, used = search(
-            sigma, omega, real, imaginary, chi, g1, g2, resting, t, end, eigenvalues, seen, shift, nodes, counts,
-            chained,
+            sigma, omega, real, imaginary, cells.chi, cells.g1, cells.g2, resting, t, end, eigenvalues, seen, shift,
+            cells.nodes, cells.counts, chained,
         )  # fmt: skip
         if contact >= 0 and t + tau < end:
             return cell, evaluations
         evaluations += used
         tau = end - t
+        ahead = out[cell]
         for k in range(K):
             answers(eigenvalues[k], tau, psi)
-            ahead, power, pushed = np.exp(eigenvalues[k] * tau) * c[k], tau, 0.0
+            ahead[k] = np.exp(eigenvalues[k] * tau) * c[k]
             for j in range(P):
-                ahead += force[k, j] * psi[j]
+                ahead[k] += force[k, j] * psi[j]
+        for b in range(chains):
+            newton_form(cells, b, c, spin, force, B, g)
+            count = cells.counts[b]
+            differences(cells.nodes[b, :count], tau, D[:count])
+            for i in range(cells.parts[b, 0]):
+                y = 0.0j
+                for j in range(count):
+                    y += D[j] * g[j, i]
+                ahead[cells.modes[b, i]] = y
+        for k in range(K if size > 0.0 else 0):
+            power, pushed = tau, 0.0
+            for j in range(P):
                 pushed += abs(force[k, j]) * power
                 power *= tau
-            if size > 0.0:
-                lost = size * (abs(ahead) + min(pushed, abs(c[k]) + abs(ahead)))
-                ahead += lost * complex(noise[cell, 0, k], noise[cell, 1, k])
-            out[cell, k] = ahead
-        c = out[cell]
+            lost = size * (abs(ahead[k]) + min(pushed, abs(c[k]) + abs(ahead[k])))
+            ahead[k] += lost * complex(noise[cell, 0, k], noise[cell, 1, k])
+        c = ahead
     return edges.size - 1, evaluations

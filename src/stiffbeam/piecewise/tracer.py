@@ -15,7 +15,7 @@ from ..model.system import System
 from ..trajectory.trajectory import SolverFailure
 from .chains import seen_by
 from .events import LET_GO, next_side, pressed, side_of, watched
-from .exponential_search import pass_samples, search
+from .exponential_search import Cells, pass_samples, search
 from .follow import DONE, FULL, UNKNOWN, follow
 from .linear import Complex, Regime, phasors, spin_of
 from .motion import Motion
@@ -123,7 +123,7 @@ class Tracer:
                 ahead = ahead + lost * (self.noise.uniform(-1.0, 1.0, (2, len(c))).T @ [1.0, 1j])
             c, t, switched[:] = ahead, edge, 0
             passed, room = FIRST_EVENTS, FIRST_EVENTS
-            while passed == room and not regime.chains:  # the cells without an event are passed in compiled code
+            while passed == room:  # the cells without an event are passed in compiled code
                 room = min(4 * room, EVENTS_PER_CALL)
                 noise = self.noise.uniform(-1.0, 1.0, (room, 2, len(c))) if size else QUIET
                 passed, used, edges, ends = self.gaps.pass_samples(regime, c, key, t, t_end, noise, size, room)
@@ -212,7 +212,7 @@ class Gaps:
         self, regime: Regime, c: Complex, chi: NDArray[np.int64], t: float, t_end: float, noise: Array, size: float,
         most: int,
     ) -> tuple[int, int, list[float], Complex]:  # fmt: skip
-        """Go on from the coefficients c at the sample t, without chains, through up to ``most`` cells without an event
+        """Go on from the coefficients c at the sample t through up to ``most`` cells without an event
         that end before t_end.
 
         Returns (cells passed, evaluations, the times of the samples, the coefficients at the ends of the cells). noise,
@@ -224,13 +224,28 @@ class Gaps:
         edges, ends = drive.edges[first:end], np.empty((max(end - first - 1, 0), len(c)), complex)
         if not len(ends):
             return 0, 0, [], ends
+        cells = self._cells(regime, chi)
+        return *pass_samples(cells, edges, drive.table[first : end - 1], noise, size, c, ends), edges.tolist(), ends
+
+    def _cells(self, regime: Regime, chi: NDArray[np.int64]) -> Cells:
+        """The regime and the gaps of contacts on the sides chi between samples."""
         at, lags, sides, _, g1, g2 = self._watched(chi)
-        W = (self.rows @ regime.W)[at] * (1.0 + np.outer(lags, regime.eigenvalues))
+        rows, recorded = (self.rows @ regime.W)[at], np.ascontiguousarray(self.recorded[at])
         waves = (self.rows @ regime.response + self.offsets)[at] * (1.0 + np.outer(lags, self.rates))
-        seen = W, waves, self.recorded[at], np.ascontiguousarray(sides), g1, g2
-        frequencies, push = np.array(drive.frequencies, float), np.ascontiguousarray(regime.push)
-        regime_now = drive.table[first : end - 1], push, regime.eigenvalues, frequencies
-        return *pass_samples(edges, *regime_now, *seen, noise, size, c, ends), edges.tolist(), ends
+        parts = [chain.frame(self.drive.order) for chain in regime.chains]
+        counts = np.array([len(nodes) for _, nodes in parts], np.int64)
+        b, K = len(parts), int(np.max(counts, initial=0))
+        nodes, B, modes, drives = np.zeros((b, K), complex), np.zeros((b, K, K), complex), *np.zeros((2, b, K), int)
+        sizes = np.zeros((b, 2), np.int64)
+        for i, (chain, (matrix, mu)) in enumerate(zip(regime.chains, parts, strict=True)):
+            nodes[i, : len(mu)], B[i, : len(mu), : len(mu)] = mu, matrix
+            modes[i, : len(chain.modes)], drives[i, : len(chain.drives)] = chain.modes, chain.drives
+            sizes[i] = len(chain.modes), len(chain.drives)
+        return Cells(
+            regime.eigenvalues, np.ascontiguousarray(regime.push), np.array(self.drive.frequencies, float), rows,
+            rows * regime.single * (1.0 + np.outer(lags, regime.eigenvalues)), waves, recorded, lags,
+            np.ascontiguousarray(sides), g1, g2, nodes, counts, B, modes, drives, sizes,
+        )  # fmt: skip
 
     def _watched(
         self, chi: NDArray[np.int64]
