@@ -8,7 +8,7 @@ import time
 
 import pytest
 
-from stiffbeam.basics.compiled import clock, stopped_clock
+from stiffbeam.basics.compiled import clock, stopped_clock, wall_clock
 
 FIRST = """
 import stiffbeam as sb
@@ -20,16 +20,25 @@ print(first.seconds, first.ns_per_step, second.ns_per_step)
 
 
 def test_the_clock_stands_still_and_goes_on():
-    begun = clock()
+    begun = wall_clock()
     with stopped_clock():
-        stood = clock()
+        stood = wall_clock()
         with stopped_clock():
             time.sleep(0.05)
         time.sleep(0.05)
-        assert clock() == stood
-    assert begun <= stood <= clock() < begun + 0.09
+        assert wall_clock() == stood
+    assert begun <= stood <= wall_clock() < begun + 0.09
     time.sleep(0.02)
-    assert clock() >= stood + 0.015
+    assert wall_clock() >= stood + 0.015
+
+
+def test_the_clock_of_runs_counts_no_waiting():
+    begun = clock()
+    time.sleep(0.1)
+    assert clock() - begun < 0.05
+    with stopped_clock():
+        sum(range(10**6))
+    assert clock() - begun < 0.05
 
 
 @pytest.mark.slow

@@ -344,3 +344,19 @@ def test_the_plugin_asks_every_problem(tmp_path):
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout
     assert f"{len(sb.problems())} passed" in done.stdout
+
+
+def test_integrators_of_one_name_stay_apart(tmp_path, monkeypatch):
+    """A user's ``radau`` beside SciPy's, and two functions of one name."""
+    (tmp_path / "ext.py").write_text(
+        "import numpy as np\n\ndef radau(system, dt, t_end):\n"
+        "    t = np.linspace(0.0, t_end, round(t_end / dt) + 1)\n    return t, 0.0 * t\n"
+    )
+    monkeypatch.chdir(tmp_path)
+
+    def radau(system, dt, t_end):
+        t = np.linspace(0.0, t_end, round(t_end / dt) + 1)
+        return t, 0.0 * t
+
+    card = sb.score(["ext:radau", "radau", radau, radau], "free-oscillator", statistics=False)
+    assert [entry.integrator for entry in card.entries] == ["ext:radau", "radau", "radau (2)", "radau (3)"]

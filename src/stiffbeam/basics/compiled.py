@@ -76,30 +76,43 @@ def called_from_c(signature: Any) -> Callable[[Callable[..., Any]], CFunction]:
     return lambda function: CFunction(function, signature)
 
 
-class _Clock:
-    """Seconds for which ``clock`` has stood still, how many ask it to, and since when it does."""
+class Clock:
+    """Seconds by ``now``, without those of compiling and loading kernels: what a run takes the second time."""
 
-    still, stopping, since = 0.0, 0, 0.0
+    def __init__(self, now: Callable[[], float]) -> None:
+        self._now, self._still, self._stopping, self._since = now, 0.0, 0, 0.0
+
+    def __call__(self) -> float:
+        """Return the time in seconds."""
+        return (self._since if self._stopping else self._now()) - self._still
+
+    def stop(self) -> None:
+        """Let it stand still, until ``go`` is called as often."""
+        if not self._stopping:
+            self._since = self._now()
+        self._stopping += 1
+
+    def go(self) -> None:
+        """Let it go on."""
+        self._stopping -= 1
+        if not self._stopping:
+            self._still += self._now() - self._since
 
 
-def clock() -> float:
-    """The time in seconds, as ``time.perf_counter``, but that it stands still while a kernel is compiled or loaded:
-    what a run takes the second time."""
-    return (_Clock.since if _Clock.stopping else time.perf_counter()) - _Clock.still
+clock = Clock(time.process_time)  # of the processor, which other programs on the machine do not lengthen
+wall_clock = Clock(time.perf_counter)  # for work on several threads, which processor time would add up
 
 
 @contextmanager
 def stopped_clock() -> Generator[None, None, None]:
-    """``clock`` stands still in this context."""
-    if not _Clock.stopping:
-        _Clock.since = time.perf_counter()
-    _Clock.stopping += 1
+    """Let the clocks stand still in this context."""
+    for each in (clock, wall_clock):
+        each.stop()
     try:
         yield
     finally:
-        _Clock.stopping -= 1
-        if not _Clock.stopping:
-            _Clock.still += time.perf_counter() - _Clock.since
+        for each in (clock, wall_clock):
+            each.go()
 
 
 @lru_cache

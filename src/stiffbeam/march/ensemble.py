@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 
-from ..basics.compiled import clock
+from ..basics.compiled import wall_clock
 from ..basics.resources import cores, over_slices
 from ..basics.validation import InputError
 from ..model.members import Members, as_members, have_own_records
@@ -46,7 +46,7 @@ def integrate_ensemble(
     steps after it, without half weights at its ends. A member that overflows is
     marked in ``diverged`` and the others go on. Raises InputError for bad arguments.
     """
-    begun = clock()
+    begun = wall_clock()
     members = as_members(system, members)
     plan = Plan.of(system, scheme, dt, t_end, contact, 1 if every is None else every, engine)
     plan.afford(len(members), every)
@@ -69,7 +69,7 @@ def integrate_ensemble(
         return plan.runs(part, every, passed)
 
     parts = list(over_slices(march, members, size, threads, report))
-    seconds = clock() - begun
+    seconds = wall_clock() - begun
     return gathered(
         members,
         parts,

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array
-from ..basics.compiled import clock
+from ..basics.compiled import wall_clock
 from ..basics.progress import silent
 from ..basics.resources import cores, over_slices
 from ..basics.validation import InputError, numbers, positive
@@ -45,7 +45,7 @@ def reference_ensemble(
     that of the first member: past it statistics over the members are all that means anything. Raises
     InputError and SolverFailure as ``best_reference`` does.
     """
-    begun = clock()
+    begun = wall_clock()
     members = as_members(system, members)
     times = np.zeros(0) if t_eval is None else numbers("t_eval", t_eval)
     t_end = positive("t_end", t_end)
@@ -84,7 +84,7 @@ def reference_ensemble(
         # SUNDIALS' solvers do not run side by side in one process.
         *over_slices(solve, members[1:], MEMBERS_PER_SLICE, cores() if method == "exact" else 1, rest),
     ]
-    seconds = clock() - begun
+    seconds = wall_clock() - begun
     notes = {"members": len(members), "parameter": members.parameter, "horizon": horizon}
     ledger = partial(_ledger, one, members, t_end, at)
     return gathered(members, parts, times, Work(0, seconds, seconds), first.provenance | notes, ledger)

@@ -63,8 +63,10 @@ def integrator(given: Any, order: float | None = None) -> Integrator:
     if isinstance(given, str):
         if given in REFERENCES:
             return Integrator(given, float("nan"), True, lambda *args: _by_solver(given, *args))
-        own = user_function(given) if re.fullmatch(r"[\w.]+:\w+", given) else None
-        given = parse_run(given)[0] if own is None else own
+        function = user_function(given) if re.fullmatch(r"[\w.]+:\w+", given) else None
+        if function is not None and not isinstance(function, Scheme):
+            return Integrator(given, float("nan") if order is None else float(order), False, _by_function(function))
+        given = parse_run(given)[0] if function is None else function
     if isinstance(given, Scheme):
         own = float(given.order if order is None else order)
         return Integrator(str(given), own, False, lambda *args: _by_scheme(given, *args))

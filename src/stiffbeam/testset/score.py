@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -50,6 +51,9 @@ def score(
     given = DEFAULT if integrators is None else integrators
     several = isinstance(given, (list, tuple))
     runners = [integrator(x, order) for x in (given if several else [given])]
+    names = [runner.name for runner in runners]  # a function may have the name of a solver, or of another function
+    alike = [names[:i].count(name) for i, name in enumerate(names)]
+    runners = [replace(x, name=f"{x.name} ({k + 1})") if k else x for x, k in zip(runners, alike, strict=True)]
     entries = []
     for i, runner in enumerate(runners):
         smooth = runner.order

@@ -74,7 +74,8 @@ class Unfinished(RuntimeError):
 class Work:
     """Cost of a run. steps: of a fixed-step scheme, 0 for a reference, whose counters tell.
 
-    seconds: all of it but compilation; march_seconds: the stepping alone.
+    seconds: of the processor for all of it but compilation, for ensembles those that passed; march_seconds: the
+    stepping alone.
     """
 
     steps: int = 0
