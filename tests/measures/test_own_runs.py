@@ -294,3 +294,13 @@ def test_a_run_without_its_system_is_of_no_one_and_cannot_be_compared(measured):
     assert own.contacts == ()
     with pytest.raises(sb.InputError, match="same system"):
         sb.compare(own, ref)
+
+
+def test_velocities_of_states_are_those_of_the_tip():
+    """Where the tip is given too: no spline is put through it."""
+    system = sb.System.from_matrices([[1.0]], [[9.0]], observe=[1.0], initial_velocity=[1.0])
+    t = np.linspace(0.0, 2.0, 9)  # far too few for a spline
+    q, v = np.sin(3.0 * t) / 3.0, np.cos(3.0 * t)
+    run = sb.Trajectory.from_arrays(t, q, system=system, states=(q[:, None], v[:, None]))
+    assert np.array_equal(run.tip_velocity, v)
+    assert "tip_velocity" not in run.provenance

@@ -45,6 +45,7 @@ def run_fields(
         row, offset = system.channels[system.tip_channel]
         if tip is None:
             tip = system.positions(all_times, q)[:, system.tip_channel]
+        if tip_velocity is None:
             tip_velocity = v @ row + offset_rate(offset, all_times)
         q, v = q[rows], v[rows]
     if tip is None:
