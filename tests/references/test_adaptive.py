@@ -287,3 +287,25 @@ def test_the_work_of_a_load_is_as_good_as_the_motion_where_that_asks_for_no_shor
     work = 0.5 * (1.0 + np.trapezoid(f, t)) ** 2 - 0.5
     assert ledger.input[-1] == pytest.approx(work, abs=1e-4 * np.max(ledger.energy))
     assert np.max(np.abs(ledger.loss)) < 1e-4 * np.max(ledger.energy)
+
+
+@pytest.mark.parametrize(
+    "method",
+    ["scipy:RK45", "scipy:BDF", *(pytest.param(m, marks=pytest.mark.slow) for m in ("diffrax:Tsit5", "kvaerno5"))],
+)
+def test_a_solver_by_its_name_in_a_library_finds_every_impact(method):
+    system, t_end = bouncing_chain(), 1.0
+    exact, run = sb.reference(system, t_end), sb.reference(system, t_end, method, rtol=1e-9)
+    assert exact.impacts.count > 0
+    assert run.horizon == t_end
+    assert run.impacts.kind == "event"
+    assert run.impacts.times == pytest.approx(exact.impacts.times, abs=1e-6)
+    assert run.impacts.peaks == pytest.approx(exact.impacts.peaks, rel=1e-5, nan_ok=True)  # one is open at the end
+    assert run.contacts[0].impulse == pytest.approx(exact.contacts[0].impulse, rel=1e-5)
+
+
+@pytest.mark.slow
+def test_kvaerno_goes_through_the_impacts_of_table_10():
+    """Without events its horizon ended at the first impact that lies between two outputs, at 0.053."""
+    system = sb.paper_case(10).system()
+    assert sb.reference(system, 0.075, "kvaerno5", np.linspace(0.0, 0.075, 76), rtol=1e-7).horizon == 0.075

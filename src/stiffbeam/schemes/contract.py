@@ -71,8 +71,8 @@ def check_contract(scheme: Scheme) -> None:
                 f"{scheme}.step",
                 f"a state before node {later} that moves with the force there",
                 "be causal",
-                "order the nodes so that every one depends on its own and earlier forces only; a fully implicit method runs "
-                "as a function in sb.score, or by its arrays in sb.compare",
+                "order the nodes so that every one depends on its own and earlier forces only; a fully implicit method "
+                "runs as a function in sb.score, or by its arrays in sb.compare",
             )
     if own:
         _KEPT.add(name)
