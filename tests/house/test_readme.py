@@ -149,3 +149,18 @@ def test_the_case_file_runs(tmp_path):
     file.write_text(plain.replace("[case.problem] ", f"[case.problem]\n{bolted}#"), encoding="utf-8")
     problem = load_cases(file)["steel"].problem
     assert problem.stops.motion == problem.base
+
+
+def test_examples_in_docstrings_print_what_they_show():
+    import doctest
+    import inspect
+
+    import stiffbeam as sb
+    from stiffbeam.model.ode import ODE
+
+    runner, tried = doctest.DocTestRunner(), 0
+    for value in [*(getattr(sb, name) for name in sb.__all__), ODE]:
+        for example in doctest.DocTestFinder(recurse=False).find(value, value.__name__, inspect.getmodule(value), {}):
+            tried += runner.run(example).attempted
+    assert tried > 20
+    assert runner.failures == 0

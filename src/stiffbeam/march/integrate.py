@@ -312,23 +312,56 @@ def integrate(
     progress: Callable[[int], None] | None = None,
     engine: str = "numba",
 ) -> Trajectory:
-    """March ``scheme`` over [0, t_end] with the fixed step ``dt``.
+    """Return the run of a fixed-step scheme over [0, t_end].
 
-    contact "implicit": every stage solves v = r + s F(v, v'), in closed form for one contact and the linear law.
-    "extrapolated": the force at a node is F(v*), v* predicted from known values, as in the paper;
-    it can overflow, and takes no damped stops. "conserving": the mean force over the step that keeps the sum of
-    kinetic, elastic and stop energy (see discrete_gradient), for schemes that conserve energy without contact;
-    impulses are then those of the mean forces. ``every`` thins the outputs only: impacts, peaks and the ledger
-    see every step. ``progress`` is called with the number of steps done. engine: "numba", blocks compiled once for
-    each version and kept on disk, or "direct", step by step in NumPy, a hundred times slower; equal to rounding, and
-    each bit-identical to itself whatever ran before. ``provenance["engine"]`` is "numba" or "numpy".
+    Parameters
+    ----------
+    system : System or FirstOrderSystem
+        What is integrated; rigid stops need a scheme with an impact law, such as ``MoreauJean``.
+    scheme : Scheme
+        For example ``HHT(alpha=-0.1)``, ``BDF2()``, ``SDIRK()``.
+    dt : float
+        The time step, which must divide t_end.
+    t_end : float
+        End of the run, in the system's unit of time.
+    contact : {"implicit", "extrapolated", "conserving"}
+        "implicit": every stage solves v = r + s F(v, v'), in closed form for one contact and the linear law.
+        "extrapolated": the force at a node is F(v*), v* predicted from known values, as in the paper; it can overflow,
+        and takes no damped stops. "conserving": the mean force over the step that keeps the sum of kinetic, elastic and
+        stop energy (see ``discrete_gradient``), for schemes that conserve energy without contact; impulses are then
+        those of the mean forces.
+    every : int
+        Keep every so many steps as output. Impacts, peaks and the energy ledger see every step.
+    progress : callable, optional
+        Called with the number of steps done.
+    engine : {"numba", "direct"}
+        "numba": blocks compiled once for each version and kept on disk. "direct": step by step in NumPy, a hundred
+        times slower. They are equal to rounding, and each is bit-identical to itself whatever ran before.
 
-    A System whose damping decouples is marched in modal coordinates: in compiled blocks, or where a run is
-    long and changes contact seldom in leaps from one change to the next, equal to rounding. Any other, and a
-    FirstOrderSystem, in compiled blocks of all unknowns together, or where a run is too short or too large for these
-    (see march.choice) step by step with factorised matrices. ``provenance["march"]``: "modal blocks", "modal leaps",
-    "dense blocks" or "direct"; which does not depend on ``every``. Raises InputError for bad arguments, Diverged
-    where the run overflows, and SolverFailure where the forces of several contacts at once are not found.
+    Returns
+    -------
+    Trajectory
+        ``provenance["march"]`` names the march: "modal blocks" where the damping decouples, "modal leaps" from one
+        change of contact to the next where such a run is long and changes seldom, "dense blocks" of all unknowns
+        together for other damping and for a FirstOrderSystem, "direct" with factorised matrices where a run is too
+        short or too large for these. They are equal to rounding and do not depend on ``every``.
+
+    Raises
+    ------
+    InputError
+        For bad arguments.
+    Diverged
+        Where the run overflows.
+    SolverFailure
+        Where the forces of several contacts at once are not found.
+
+    Examples
+    --------
+    >>> import stiffbeam as sb
+    >>> system = sb.paper_case(10).system()
+    >>> run = sb.integrate(system, sb.HHT(alpha=-0.1), dt=1e-4, t_end=1.0)
+    >>> run.t.shape, run.contacts[0].impacts.count > 100
+    ((10001,), True)
     """
     begun = clock()
     if isinstance(engine, str) and engine == "jax":

@@ -215,14 +215,35 @@ def _flat(prefix: str, value: Any) -> dict[str, Any]:
 
 
 def compare(run: Trajectory | Sequence[ArrayLike], reference: Reference) -> Comparison:
-    """All measures of ``run`` against ``reference``, which must be of the same system.
+    """Return all measures of a run against a reference of the same system.
 
-    ``run`` is a scheme's run with every step on output, another reference, one made by
-    ``Trajectory.from_arrays``, or its arrays (t, tip) or (t, tip, tip velocity) themselves: what these do not hold is
-    NaN, and ``missing`` says why.
-    Measured at the run's own times, which need not be equidistant: means over steps are means over time.
-    Raises InputError where the systems differ, where a scheme's outputs are thinned, and where the reference has no
-    horizon or does not answer at the run's times.
+    Parameters
+    ----------
+    run : Trajectory or sequence of arrays
+        A scheme's run with every step on output, another reference, one made by ``Trajectory.from_arrays``, or arrays
+        (t, tip) or (t, tip, tip velocity), (k,) each. Times need not be equidistant: means are means over time.
+        What arrays do not hold is NaN, and ``missing`` says why.
+    reference : Reference
+        With a horizon. Every measure is taken to the smaller of the horizon and the end of the run.
+
+    Returns
+    -------
+    Comparison
+        Tip error, phase lag, impacts, forces and energy; it prints as a table.
+
+    Raises
+    ------
+    InputError
+        Where the systems differ, where a scheme's outputs are thinned, and where the reference has no horizon or does
+        not answer at the run's times.
+
+    Examples
+    --------
+    >>> import stiffbeam as sb
+    >>> system = sb.paper_case(10).system()
+    >>> run = sb.integrate(system, sb.HHT(alpha=-0.1), dt=1e-5, t_end=0.1)
+    >>> sb.compare(run, sb.reference(system, t_end=0.1)).tip_error_rms < 0.01
+    True
     """
     run = run_of(run, reference, "compare")
     system = run.system or reference.system

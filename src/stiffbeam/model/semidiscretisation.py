@@ -75,12 +75,35 @@ ALL_FORMS = (*FORMS, "hermite")
 
 
 def semidiscretise(problem: BeamProblem, cells: int, form: str = "displacement") -> System:
-    """The method of lines with ``cells`` = M >= 4 cells, of second order in h = L/M, by elements of fourth.
+    """Return the semi-discrete system of a beam by the method of lines.
 
-    form "displacement": (3.5) and (3.6), one System; a scheme for first-order systems reads it as
-    (3.5), one for second-order systems as (3.6). form "velocity-curvature": (3.12), eta = 0 only. form "hermite":
-    cubic finite elements, the one form for supports other than clamped-free.
-    Raises InputError.
+    Parameters
+    ----------
+    problem : BeamProblem
+        Beam, supports, stops, base motion and loads.
+    cells : int
+        M >= 4 cells of length h = L/M.
+    form : {"displacement", "velocity-curvature", "hermite"}
+        "displacement": (3.5) and (3.6), one System; a scheme for first-order systems reads it as (3.5), one for
+        second-order systems as (3.6). "velocity-curvature": (3.12), without viscosity only. Both are of second order in
+        h, for a clamped-free beam. "hermite": cubic finite elements of fourth order, for all supports.
+
+    Returns
+    -------
+    System
+        With M unknowns, 2M and fewer by the supports for "hermite".
+
+    Raises
+    ------
+    InputError
+        For a grid that is too coarse or too large, and for a form that cannot hold the problem.
+
+    Examples
+    --------
+    >>> import stiffbeam as sb
+    >>> problem = sb.BeamProblem(stiffness=300.0, stops=sb.Stops(upper=0.1, stiffness=5e6))
+    >>> sb.semidiscretise(problem, cells=25)
+    <System, displacement: 25 unknowns, 0 loads, 1 contacts>
     """
     itself("problem", problem, BeamProblem)
     if isinstance(cells, bool) or not isinstance(cells, (int, np.integer)) or cells < 4:

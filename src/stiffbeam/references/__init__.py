@@ -36,33 +36,63 @@ def reference(
     switches: str | None = None,
     progress: bool | Show = False,
 ) -> Reference:
-    """A reference solution on [0, t_end], with the horizon to which it can be trusted.
+    """Return a reference solution on [0, t_end], with the horizon to which it can be trusted.
 
-    method: "exact" (piecewise linear, closed form between switches; rigid stops from impact to impact);
-    "multiprecision" (the first in as many ``digits`` as error growth requires, confirmed with more: trusted to t_end;
-    on rigid stops by code of its own); "cvode" (BDF),
-    "cvode-adams" and "ida" (BDF on the residual, no mass inverted) of SUNDIALS; "kvaerno3" and "kvaerno5"
-    (ESDIRK, diffrax); "dop853", "radau" and "lsoda" (SciPy); any solver of these two libraries with error control by
-    its name there, such as "diffrax:Tsit5" and "scipy:RK45". t_eval: output times, (k,) increasing in [0, t_end], by
-    default 2001 equidistant ones. Every reference answers ``at`` any time: an exact one from its closed form, an
-    adaptive one by solving once more where other times than t_eval are asked.
-    Contact runs are chaotic: past ``horizon`` no float64 solution is *the* one. A graze that goes less deep than 1e-12
-    of the motion, 1e-18 in multiprecision, may count as no impact.
+    Contact runs are chaotic: past ``horizon`` no float64 solution is *the* one.
 
-    For the adaptive solvers: rtol; atol, default rtol/100 of the scale of every unknown. breakpoints: times
-    where a load or an offset is not smooth; the solver starts anew there, as at those that a function of
-    time states itself (its attribute ``breakpoints``). A function that is neither Harmonic nor Constant is
-    also sampled at 2^18 times or more (up to 2^22, 200 in the shortest natural period), to find where
-    it or its slope jumps and how fast it varies: a feature shorter than t_end/2^18 can be missed.
-    max_step: the longest step, by default what the functions of time allow. switches: "restart" (a new
-    start with a smooth right-hand side at every entry into a stop and every exit; default
-    of all but these) or "through" (error control finds the kink; default of cvode, ida and radau).
-    progress: True shows a bar in a terminal or a notebook, by solutions done: the reference itself and those
-    its horizon is measured with; or a function that is called as show(what, done, total), total 0 where it is
-    not known. Without it, work of minutes is announced by a warning, with an estimate from a pilot run.
+    Parameters
+    ----------
+    system : System
+        Times and tolerances are in its units.
+    t_end : float
+        End of the solution.
+    method : str
+        "exact" (piecewise linear, closed form between events; rigid stops from impact to impact); "multiprecision" (the
+        first in as many ``digits`` as error growth requires, confirmed with more: trusted to t_end; on rigid stops by
+        code of its own); "cvode" (BDF), "cvode-adams" and "ida" (BDF on the residual, no mass inverted) of SUNDIALS;
+        "kvaerno3" and "kvaerno5" (ESDIRK) of diffrax; "dop853", "radau" and "lsoda" of SciPy; any solver of these two
+        libraries with error control by its name there, such as "diffrax:Tsit5" and "scipy:RK45".
+    t_eval : (k,) array, optional
+        Output times, increasing in [0, t_end]; 2001 equidistant ones by default. Every reference answers ``at`` any
+        time: an exact one from its closed form, an adaptive one by solving once more where other times are asked.
+    rtol, atol : float
+        Of adaptive solvers; atol by default rtol/100 of the scale of every unknown.
+    digits : int or "auto"
+        Of "multiprecision".
+    breakpoints : (k,) array
+        Times where a load or an offset is not smooth; an adaptive solver starts anew there, as at those that a function
+        of time states itself (its attribute ``breakpoints``). A function that is neither Harmonic nor Constant is also
+        sampled at 2^18 times or more (up to 2^22, 200 in the shortest natural period), to find where it or its slope
+        jumps and how fast it varies: a feature shorter than t_end/2^18 can be missed.
+    max_step : float, optional
+        The longest step of an adaptive solver, by default what the functions of time allow.
+    switches : {"restart", "through"}, optional
+        "restart": a new start with a smooth right-hand side at every entry into a stop and every exit. "through": error
+        control finds the kink, the default of "cvode", "ida" and "radau".
+    progress : bool or callable
+        True shows a bar in a terminal or a notebook, by solutions done: the reference itself and those its horizon is
+        measured with. A function is called as show(what, done, total), total 0 where it is not known. Without either,
+        work of minutes is announced by a warning, with an estimate from a pilot run.
 
-    Times and tolerances are in the units of the system. Raises InputError for an argument that is wrong or
-    that the method cannot take, and where its library is missing; SolverFailure where the method gives up.
+    Returns
+    -------
+    Reference
+        Limitation: a graze that goes less deep than 1e-12 of the motion, 1e-18 in multiprecision, may count as no
+        impact.
+
+    Raises
+    ------
+    InputError
+        For an argument that is wrong or that the method cannot take, and where its library is missing.
+    SolverFailure
+        Where the method gives up.
+
+    Examples
+    --------
+    >>> import stiffbeam as sb
+    >>> reference = sb.reference(sb.paper_case(10).system(), t_end=0.2)
+    >>> reference.horizon, reference.impacts.count
+    (0.2, 42)
     """
     from ..model.system import require_system
     from ..model.time_functions import times_of
