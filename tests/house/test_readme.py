@@ -162,5 +162,5 @@ def test_examples_in_docstrings_print_what_they_show():
     for value in [*(getattr(sb, name) for name in sb.__all__), ODE]:
         for example in doctest.DocTestFinder(recurse=False).find(value, value.__name__, inspect.getmodule(value), {}):
             tried += runner.run(example).attempted
-    assert tried > 20
+    assert tried >= 20
     assert runner.failures == 0
