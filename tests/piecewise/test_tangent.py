@@ -1,0 +1,117 @@
+"""Derivatives of exact motions against a closed form and against fourth-order differences of exact motions."""
+
+import numpy as np
+import pytest
+
+import stiffbeam as sb
+from stiffbeam.model.members import value_at, with_values
+from stiffbeam.piecewise.tangent import derivative
+from stiffbeam.piecewise.tracer import tracer_of
+
+T = 1.0
+
+
+def bouncing(damping: float = 0.0) -> sb.System:
+    """Two masses between stops, driven: some ten contacts."""
+    stops = sb.Stops(-0.08, 0.1, stiffness=4e3, damping=damping)
+    return sb.System.from_matrices(
+        [[1.0, 0.0], [0.0, 2.0]],
+        [[300.0, -100.0], [-100.0, 150.0]],
+        damping=[[0.4, -0.1], [-0.1, 0.3]],
+        loads=[([0.0, 1.0], sb.Harmonic(60.0, 9.0, phase=0.3)), ([5.0, 1.0], sb.Harmonic(2.0, 9.0))],
+        contacts=[sb.Contact(np.array([0.2, 1.0]), stops)],
+        initial_displacement=[0.01, 0.02],
+        initial_velocity=[0.5, -1.0],
+    )
+
+
+PATHS = [
+    "stops[0].stiffness", "stops[0].upper", "loads[0].time.amplitude", "loads[0].time.frequency", "loads[0].time.phase",
+    "q0[1]", "v0[0]",
+]  # fmt: skip
+
+
+def moved(system: sb.System, path: str, by: float):
+    """State at T and the event times."""
+    system = with_values(system, {path: value_at(system, path) + by})
+    solution = tracer_of(system).solve(T)
+    return np.concatenate([x[0] for x in solution.states(np.array([T]))]), solution.times[1:]
+
+
+@pytest.mark.parametrize("damping", [0.0, 8.0])
+def test_differences_of_exact_motions(damping: float) -> None:
+    system = bouncing(damping)
+    paths = PATHS + (["stops[0].damping"] if damping else [])
+    solution = tracer_of(system).solve(T)
+    assert len(solution.times) > 8
+    exact = derivative(system, solution, np.array([0.5 * T, T]), paths)
+    for j, path in enumerate(paths):
+        h = 1e-4 * abs(value_at(system, path))
+        runs = {k: moved(system, path, k * h) for k in (-2, -1, 1, 2)}
+        for x, values in (
+            (exact.state[1, :, j], [runs[k][0] for k in (-2, -1, 1, 2)]),
+            (exact.event_times[:, j], [runs[k][1] for k in (-2, -1, 1, 2)]),
+        ):
+            difference = (values[0] - 8 * values[1] + 8 * values[2] - values[3]) / (12 * h)
+            np.testing.assert_allclose(x, difference, rtol=0, atol=2e-8 * np.max(np.abs(difference)), err_msg=path)
+
+
+def test_one_mass_against_a_stop_in_closed_form() -> None:
+    """u = v0 t to the stop at g, then half a period pi/w on it, w = sqrt(kappa): back with -v0."""
+    kappa, g, v = 400.0, 0.3, 2.0
+    system = sb.System.from_matrices(
+        [[1.0]], [[0.0]], contacts=[sb.Contact(np.ones(1), sb.Stops(upper=g, stiffness=kappa))], initial_velocity=[v]
+    )
+    d = derivative(system, tracer_of(system).solve(T), np.array([T]), ["stops[0].stiffness", "stops[0].upper", "v0[0]"])
+    on_stop = np.pi / np.sqrt(kappa)
+    slower = -0.5 * on_stop / kappa  # d(pi/w)/dkappa
+    np.testing.assert_allclose(
+        d.event_times, [[0, 1 / v, -g / v**2], [slower, 1 / v, -g / v**2]], rtol=1e-12, atol=1e-14
+    )
+    # u(T) = g - v (T - g/v - pi/w)
+    np.testing.assert_allclose(d.state[0, 0], [v * slower, 2.0, -(T - on_stop)], rtol=1e-11)
+    np.testing.assert_allclose(d.state[0, 1], [0.0, 0.0, -1.0], rtol=1e-11, atol=1e-11)
+
+
+@pytest.mark.parametrize("path", ["stops[0].weight", "stops[3].stiffness", "frequency", "nothing"])
+def test_a_path_that_leads_to_no_number_is_refused(path: str) -> None:
+    system = bouncing()
+    with pytest.raises(sb.InputError, match="path to one number"):
+        derivative(system, tracer_of(system).solve(0.1), np.array([0.1]), [path])
+
+
+def test_a_graze_has_no_derivative_of_its_time() -> None:
+    """u = a sin(w t) reaches the stop at u = a with no speed: the time is NaN, the state's derivative stays."""
+    system = sb.System.from_matrices(
+        [[1.0]],
+        [[4.0]],
+        contacts=[sb.Contact(np.ones(1), sb.Stops(upper=0.5, stiffness=100.0))],
+        initial_velocity=[1.0],
+    )
+    solution = tracer_of(system).solve(1.2)
+    d = derivative(system, solution, np.array([1.2]), ["v0[0]"])
+    assert np.all(np.isnan(d.event_times))
+    np.testing.assert_allclose(d.state[0, :, 0], [0.5 * np.sin(2.4), np.cos(2.4)], rtol=1e-6)
+
+
+def test_a_parameter_that_adds_a_load_is_refused() -> None:
+    """The viscosity of a beam on a moving base enters the load of the base too, which at 0 is left out."""
+    stops = sb.Stops(-0.1, 0.1, stiffness=5e6)
+    beam = sb.semidiscretise(sb.BeamProblem(stiffness=300.0, stops=stops, base=sb.Harmonic(0.2, 10.0)), 4)
+    with pytest.raises(sb.InputError, match="number of harmonic loads"):
+        derivative(beam, tracer_of(beam).solve(0.01), np.array([0.01]), ["viscosity"])
+
+
+@pytest.mark.parametrize("path", ["stops[0].upper", "base.amplitude", "base.frequency"])
+def test_a_stiff_beam_keeps_its_digits(path: str) -> None:
+    """Ten cells of Table 10's beam and ten events: an exponential that is not balanced errs by 3e-8 here."""
+    end, beam = 0.06, sb.semidiscretise(sb.paper_case(10).problem, 10)
+
+    def tip(by: float) -> np.ndarray:
+        system = with_values(beam, {path: value_at(beam, path) + by})
+        return tracer_of(system).solve(end).states(np.array([end]))[0][0]
+
+    h = 1e-5 * value_at(beam, path)
+    difference = (tip(-2 * h) - 8 * tip(-h) + 8 * tip(h) - tip(2 * h)) / (12 * h)
+    exact = derivative(beam, tracer_of(beam).solve(end), np.array([end]), [path]).state[0, : beam.size, 0]
+    np.testing.assert_allclose(exact, difference, rtol=0, atol=4e-9 * np.max(np.abs(difference)))
