@@ -115,3 +115,40 @@ def test_a_stiff_beam_keeps_its_digits(path: str) -> None:
     difference = (tip(-2 * h) - 8 * tip(-h) + 8 * tip(h) - tip(2 * h)) / (12 * h)
     exact = derivative(beam, tracer_of(beam).solve(end), np.array([end]), [path]).state[0, : beam.size, 0]
     np.testing.assert_allclose(exact, difference, rtol=0, atol=4e-9 * np.max(np.abs(difference)))
+
+
+@pytest.mark.parametrize("path", ["stops[0].stiffness", "base.amplitude", "loads[0].time.phase"])
+def test_a_reference_gives_the_derivatives_of_its_tip_and_its_impacts(path: str) -> None:
+    """Against differences of references: the tip of a beam moves with its base too."""
+    system, end = bouncing() if path.startswith("loads") else sb.semidiscretise(sb.paper_case(10).problem, 6), 0.08
+    t = np.linspace(0.0, end, 41)
+    reference = sb.reference(system, end, t_eval=t)
+    h = 1e-4 * value_at(system, path)
+    runs = [
+        sb.reference(with_values(system, {path: value_at(system, path) + k * h}), end, t_eval=t) for k in (-2, -1, 1, 2)
+    ]
+
+    def difference(values: list[np.ndarray]) -> np.ndarray:
+        return (values[0] - 8 * values[1] + 8 * values[2] - values[3]) / (12 * h)
+
+    exact = reference.derivative([path])
+    assert exact.wrt == (path,)
+    tips = difference([run.tip for run in runs])
+    np.testing.assert_allclose(exact.tip[:, 0], tips, rtol=0, atol=1e-6 * np.max(np.abs(tips)))
+    assert reference.impacts.count == len(exact.impact_times[0])
+    times = difference([run.impacts.times for run in runs])
+    np.testing.assert_allclose(
+        exact.impact_times[0][:, 0], times, rtol=0, atol=1e-6 * np.max(np.abs(times), initial=1e-9)
+    )
+
+
+def test_only_an_exact_reference_on_compliant_stops_has_derivatives() -> None:
+    system = bouncing()
+    with pytest.raises(sb.InputError, match=r"reference must be exact.*got 'dop853'"):
+        sb.reference(system, 0.1, "dop853").derivative(["stops[0].stiffness"])
+    with pytest.raises(sb.InputError, match="reference must be exact"):
+        sb.reference(sb.problem("bouncing-ball").system, 0.1).derivative(["v0[0]"])
+    with pytest.raises(sb.InputError, match="wrt must name parameters"):
+        sb.reference(system, 0.1).derivative([])
+    with pytest.raises(sb.InputError, match=r"t must increase in \[0, 0.1\]"):
+        sb.reference(system, 0.1).derivative(["v0[0]"], [0.05, 0.02])

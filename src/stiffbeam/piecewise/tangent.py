@@ -28,17 +28,36 @@ from .measures import Solution
 
 STEP = 1.0 / 64.0  # of a parameter, or of 1 where that is 0, between the samples of the matrices
 CENTRED = {1: 4 / 5, 2: -1 / 5, 3: 4 / 105, 4: -1 / 280}  # weights of an eighth-order difference
+SAME = 4 * float(np.finfo(float).eps)  # of the time: two steps that differ by no more are of one length
 GRAZING = 1e-9  # of the terms of the gap's rate: a slower crossing has no derivative of its time
 FORWARD = {k: (-1) ** (k + 1) * comb(8, k) / k for k in range(1, 9)}  # and -sum at 0
 
 
 @dataclass(frozen=True, eq=False)
 class Derivative:
-    """Derivatives in p parameters: of (q, q') at the times t, (k, 2n, p), and of the event times, (events, p)."""
+    """Derivatives of an exact motion in p parameters.
 
+    Attributes
+    ----------
+    wrt : tuple of str
+        The p paths.
+    t : (k,) array
+    tip : (k, p) array
+        Of the observed position at the times t.
+    state : (k, 2n, p) array
+        Of (q, q') at the times t.
+    event_times : (events, p) array
+        Of the times at which a contact opens or closes; NaN at a graze.
+    impact_times : tuple of (impacts, p) arrays
+        Of the times in ``contacts[i].impacts.times``, one array for every contact.
+    """
+
+    wrt: tuple[str, ...]
     t: Array
+    tip: Array
     state: Array
     event_times: Array
+    impact_times: tuple[Array, ...] = ()
 
 
 def derivative(system: System, solution: Solution, t: Array, parameters: Sequence[str]) -> Derivative:
@@ -71,8 +90,11 @@ def derivative(system: System, solution: Solution, t: Array, parameters: Sequenc
     n, size = system.size, 2 * system.size + len(_waves(system))
     begins = np.append(solution.times, np.inf)
     dZ = np.column_stack([m.slope(_start) for m in motions]).reshape(size, len(motions))
-    state, dt = np.empty((len(t), 2 * n, len(motions))), np.full((len(begins) - 2, len(motions)), np.nan)
-    begun, k = 0.0, 0
+    state, tip = np.empty((len(t), 2 * n, len(motions))), np.empty((len(t), len(motions)))
+    observed = _observed(system)
+    turned = np.column_stack([m.slope(_observed) for m in motions])  # of the functions of time in it
+    dt = np.full((len(begins) - 2, len(motions)), np.nan)
+    begun, k, flow = 0.0, 0, None
     Z = _start(system)
     for i, sides in enumerate(map(tuple, solution.sides.tolist())):
         if i:
@@ -82,14 +104,15 @@ def derivative(system: System, solution: Solution, t: Array, parameters: Sequenc
         if begins[i + 1] <= t[-1]:
             ends.append(float(begins[i + 1]))
         for j, end in enumerate(ends):
-            Z, dZ = _along(system, motions, sides, end - begun, Z, dZ)
+            flow = _flow(system, motions, sides, end - begun, SAME * end, flow)
+            Z, dZ = flow.moved(Z, dZ)
             begun = end
             if j < wanted:
-                state[k] = dZ[: 2 * n]
+                state[k], tip[k] = dZ[: 2 * n], observed @ dZ + Z @ turned
                 k += 1
         if k == len(t):
             break
-    return Derivative(np.array(t, float), state, dt)
+    return Derivative(tuple(parameters), np.array(t, float), tip, state, dt)
 
 
 class _Sampled:
@@ -130,19 +153,35 @@ def _value(system: System, path: str) -> float:
         raise InputError("parameter", path, "be a path to one number of the system", remedy) from error
 
 
-def _along(
-    system: System, motions: list[_Sampled], sides: tuple[int, ...], tau: float, Z: Array, dZ: Array
-) -> tuple[Array, Array]:
-    """Z and dZ at tau later in a segment."""
+@dataclass(frozen=True)
+class _Flow:
+    """exp(G tau) and its Frechet derivatives, balanced by ``scale``: unbalanced it loses the digits of its norm."""
+
+    sides: tuple[int, ...]
+    tau: float
+    scale: Array
+    flows: list[tuple[Array, Array]]
+
+    def moved(self, Z: Array, dZ: Array) -> tuple[Array, Array]:
+        """Z and dZ at tau later."""
+        Z, dZ = Z / self.scale, dZ / self.scale[:, None]
+        later = np.column_stack([E @ dZ[:, j] + L @ Z for j, (E, L) in enumerate(self.flows)])
+        return self.scale * (self.flows[0][0] @ Z), self.scale[:, None] * later
+
+
+def _flow(
+    system: System, motions: list[_Sampled], sides: tuple[int, ...], tau: float, rounding: float, last: _Flow | None
+) -> _Flow:
+    """The flow over tau in a segment: the last one where it is over the same time, as between equidistant outputs."""
+    if last is not None and last.sides == sides and abs(last.tau - tau) <= rounding:
+        return last
     G, n = _generator(system, sides), system.size
-    scale = np.ones(len(G))  # balances G, whose exponential loses the digits of its norm
+    scale = np.ones(len(G))
     scale[n : 2 * n] = np.sqrt(np.linalg.norm(G[n : 2 * n, :n])) or 1.0
     scale[2 * n :] = scale[n] ** 2 / (np.linalg.norm(G[n : 2 * n, 2 * n :]) or scale[n] ** 2)
     turned = tau * scale / scale[:, None]
-    flows = [expm_frechet(G * turned, m.slope(_generator, sides) * turned) for m in motions]
-    Z, dZ = Z / scale, dZ / scale[:, None]
-    moved = np.column_stack([E @ dZ[:, j] + L @ Z for j, (E, L) in enumerate(flows)])
-    return scale * (flows[0][0] @ Z), scale[:, None] * moved
+    flows: list[Any] = [expm_frechet(G * turned, m.slope(_generator, sides) * turned) for m in motions]
+    return _Flow(sides, tau, scale, flows)
 
 
 def _across(
@@ -216,6 +255,13 @@ def _generator(system: System, sides: tuple[int, ...]) -> Array:
     G[:n, n : 2 * n] = np.eye(n)
     G[n : 2 * n] = np.linalg.solve(system.mass, back)
     return G
+
+
+def _observed(system: System) -> Array:
+    """The tip as a function of Z."""
+    row, offset = system.channels[system.tip_channel]
+    moving = np.zeros(len(_waves(system))) if offset is None else _amplitudes(system)[1][system.tip_channel]
+    return np.concatenate([row, np.zeros(system.size), moving])
 
 
 def _zero(system: System, contact: int, side: int, force: bool) -> Array:

@@ -143,7 +143,7 @@ class Trajectory:
         for name, substitute in (("ledger", "energy"), ("pieces", "states"), ("state_at", "states")):
             if state.get(name) is not None and not _travels(state[name]):
                 state |= {name: None, substitute: getattr(self, substitute)}
-        for name in ("evaluate", "contact_by_events", "solution"):
+        for name in ("evaluate", "contact_by_events", "derive", "solution"):
             if state.get(name) is not None and not _travels(state[name]):
                 state[name] = None
         return state
@@ -313,6 +313,7 @@ class Reference(Trajectory):
     state_at: Callable[[Array], tuple[Array, Array]] | None = field(default=None, repr=False)
     contact_by_events: Callable[[float, float, int], ContactRecord] | None = field(default=None, repr=False)
     solution: Any = field(default=None, repr=False)  # the solver's own representation, where it has one
+    derive: Callable[[Array, Sequence[str]], Any] | None = field(default=None, repr=False)  # see ``derivative``
 
     def _trust(self) -> str:
         if not self.horizon < self.t[-1]:
@@ -339,6 +340,49 @@ class Reference(Trajectory):
         channel = tip if contact is None else contact
         seen = self.evaluate(np.minimum(t, end), channel)
         return seen if self.system is None else as_it_starts(self.system, channel, t, *seen)
+
+    def derivative(self, wrt: Sequence[str], t: ArrayLike | None = None) -> Any:
+        """Return the derivatives of an exact solution in parameters and initial data.
+
+        Parameters
+        ----------
+        wrt : sequence of str
+            Paths to one number each, as ``varied`` takes them: "stops[0].stiffness", "stops[0].upper",
+            "loads[0].time.amplitude", "q0[2]", "v0[0]".
+        t : (k,) array, optional
+            Increasing times in [0, t_end]; the output times by default.
+
+        Returns
+        -------
+        Derivative
+            ``tip`` (k, p), ``state`` (k, 2n, p), ``event_times`` (events, p), ``impact_times`` by contact. The
+            derivative of an event's time is NaN at a graze; where two contacts change at once everything is, from then
+            on. Past ``horizon`` the derivatives are those of the computed motion, as its outputs are.
+
+        Raises
+        ------
+        InputError
+            For a reference that is not exact, for rigid stops, sampled loads, and for what is no path to a number.
+
+        Examples
+        --------
+        >>> import stiffbeam as sb
+        >>> system = sb.problem("mass-on-a-stop").system
+        >>> found = sb.reference(system, t_end=1.0).derivative(["stops[0].stiffness"])
+        >>> found.tip.shape
+        (2001, 1)
+        """
+        if self.derive is None:
+            rule = "be exact, on compliant stops, for a derivative"
+            raise InputError("reference", self.provenance["method"], rule, "solve it here: sb.reference(system, t_end)")
+        paths = (wrt,) if isinstance(wrt, str) else tuple(wrt)
+        if not paths or not all(isinstance(path, str) for path in paths):
+            raise InputError("wrt", wrt, "name parameters", 'for example ["stops[0].stiffness"]')
+        times = self.t if t is None else np.atleast_1d(numbers("t", t))
+        end = float(self.provenance["t_end"])
+        if times.ndim != 1 or np.any(np.diff(times) <= 0.0) or times[0] < 0.0 or times[-1] > end * (1 + 1e-12):
+            raise InputError("t", t, f"increase in [0, {end:g}]", "sort the times")
+        return self.derive(times, paths)
 
     def contact_between(self, start: float, end: float, contact: int = 0) -> ContactRecord | None:
         """See ``Trajectory.contact_between``; exact solutions on compliant stops know it."""
