@@ -20,6 +20,7 @@ from .restarts import Outcome, Phase, Root, refuse_endless
 STABLE = 6.8  # |z| of the farthest z with Re z <= 0 and |R(z)| <= 1 of DOP853's stability function R
 MOST_STEPS = 500_000  # that stability may ask for: a minute in Python
 IMPLICIT = ("BDF", "LSODA", "Radau")  # take the Jacobian
+SAME = 1e-13  # of the time: no solver makes a step as short as that
 POLISH = 4  # of Newton's method for the time of a root, each with a step of the full order
 
 
@@ -166,8 +167,10 @@ def _polished(
 
 def _stepped(start: Any, stepper: Any, left: Array, t: float, counters: dict[str, int]) -> Array | None:
     """The state at t by steps of the full order from ``left``, where the last step starts; None where they fail."""
-    if t <= stepper.t_old or t == stepper.t:
-        return left if t <= stepper.t_old else stepper.y
+    if t - stepper.t_old <= SAME * abs(t):  # as where a sample is an output time but for rounding
+        return left
+    if t == stepper.t:
+        return stepper.y
     short = start(stepper.t_old, left, t, np.inf, t - stepper.t_old)
     while short.status == "running":
         short.step()
