@@ -46,6 +46,8 @@ def test_the_site_has_every_page(site):
     assert "Output:" in (site / "studies" / "steel_strip.html").read_text(encoding="utf-8")
     pictures = {picture.name for picture in (site / "_images").glob("*.png") if picture.stat().st_size > 20_000}
     assert {"amplification.png", "steel_strip.png"} <= pictures
+    drawn = re.findall(r'src="([^"]*)"', (site / "studies" / "first_beam.html").read_text(encoding="utf-8"))
+    assert any("_images" in source for source in drawn)  # a kernel shows what the last line of a cell returns
 
 
 @pytest.mark.slow

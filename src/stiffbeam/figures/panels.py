@@ -92,9 +92,9 @@ FLAT = 0.07  # share of the axis that the steepest triangle of mark_order rises 
 
 def new_figure(height: float, title: str = "", width: float = 11.0) -> Figure:
     """An empty picture, in inches, that makes room for what is put around its axes."""
-    from matplotlib.figure import Figure
+    from .shown import ShownFigure
 
-    figure = Figure(figsize=(width, height), layout="constrained")
+    figure = ShownFigure(figsize=(width, height), layout="constrained")
     if title:
         figure.suptitle(title)
     return figure
