@@ -113,7 +113,7 @@ def test_a_function_is_scored_by_its_modules_name(tmp_path, monkeypatch, command
     (tmp_path / "of_a_stranger.py").write_text("\n".join(lines), encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     code, out, _ = command("score", "of_a_stranger:rest", "--problem", "bilinear-gap", "--json", "-")
-    assert (code, json.loads(out)["entries"][0]["integrator"]) == (1, "rest")
+    assert (code, json.loads(out)["entries"][0]["integrator"]) == (1, "of_a_stranger:rest")
     code, _, error = command("compare", "table10", "--schemes", "of_a_stranger:rest")
     assert code == 2
     assert "it is a function: stiffbeam score takes these" in error
