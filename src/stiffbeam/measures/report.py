@@ -26,7 +26,7 @@ def short(label: str) -> str:
     scheme = scheme_of(label)
     if scheme is not None:
         return abbreviated(scheme, label)
-    return REFERENCES[label].label if label in REFERENCES else label
+    return REFERENCES[label].label if label in REFERENCES else label.removeprefix("__main__:")
 
 
 DASH = "–"
