@@ -312,6 +312,7 @@ class Reference(Trajectory):
     state_at: Callable[[Array], tuple[Array, Array]] | None = field(default=None, repr=False)
     contact_by_events: Callable[[float, float, int], ContactRecord] | None = field(default=None, repr=False)
     solution: Any = field(default=None, repr=False)  # the solver's own representation, where it has one
+    derive: Callable[[Reference, Sequence[str]], Any] | None = field(default=None, repr=False)
 
     def _trust(self) -> str:
         if not self.horizon < self.t[-1]:
@@ -338,6 +339,42 @@ class Reference(Trajectory):
         channel = tip if contact is None else contact
         seen = self.evaluate(np.minimum(t, end), channel)
         return seen if self.system is None else as_it_starts(self.system, channel, t, *seen)
+
+    def derivative(self, wrt: Sequence[str]) -> Any:
+        """Derivatives of the exact solution in initial data and parameters, all in one pass.
+
+        Parameters
+        ----------
+        wrt : sequence of str
+            Paths as ``varied`` takes them: "stops.upper", "contacts[0].stops.stiffness", "loads[0].time.frequency",
+            "viscosity", "q0[2]"; "initial_displacement" and "initial_velocity" are all their n entries.
+
+        Returns
+        -------
+        Derivative
+            ``.tip .tip_velocity .state .energy .impact_times .peaks .impulses .contacts``, one column for each
+            parameter; ``.exists_until`` and ``.reason`` where no derivative exists, ``.horizon``.
+
+        Raises
+        ------
+        InputError
+            For a reference that is not exact, and for paths the system does not have.
+
+        Examples
+        --------
+        >>> import stiffbeam as sb
+        >>> ball = sb.System.from_matrices(
+        ...     [[1.0]], [[0.0]], loads=[([1.0], sb.Constant(-9.81))], initial_displacement=[1.0],
+        ...     contacts=[sb.Contact([1.0], sb.Stops(lower=0.0, stiffness=float("inf"), restitution=0.8))])
+        >>> change = sb.reference(ball, 0.6).derivative(["q0[0]"])
+        >>> round(float(change.impact_times[0, 0]), 6)  # 1/sqrt(2 g h)
+        0.225762
+        """
+        if self.derive is None:
+            remedy = 'take reference(..., method="exact")'
+            rule = 'be asked of a reference of method "exact" in this process'
+            raise InputError("derivative", self.provenance.get("method", "a run"), rule, remedy)
+        return self.derive(self, wrt)
 
     def contact_between(self, start: float, end: float, contact: int = 0) -> ContactRecord | None:
         """See ``Trajectory.contact_between``; exact solutions on compliant stops know it."""

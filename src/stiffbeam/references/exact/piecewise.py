@@ -31,6 +31,7 @@ from ...trajectory.impacts import ContactRecord
 from ...trajectory.trajectory import Reference, Work, versions
 from ..agreement import Watched
 from ..request import Request, output_times
+from .derivative import derivative
 
 
 def solve(request: Request) -> Reference:
@@ -137,6 +138,7 @@ def reference_of(
         ledger=partial(exact_ledger, system, solution, t),
         contact_by_events=partial(contact_between, system, solution),
         solution=solution,
+        derive=derivative,
     )
 
 
