@@ -10,8 +10,8 @@ Only the data are differenced, never a motion.
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
@@ -28,6 +28,7 @@ NARROW = 2.0**-6  # of the parameter, for data that are no quadratic
 ORDER_8 = np.array([4.0 / 5.0, -1.0 / 5.0, 4.0 / 105.0, -1.0 / 280.0])
 ORDER_6 = np.array([3.0 / 4.0, -3.0 / 20.0, 1.0 / 60.0, 0.0])
 SMOOTH = 1e-6  # relative bound above which a dependence counts as not smooth
+OF_STOPS = re.compile(r"(contacts\[\d+\]\.)?stops(\[\d+\])?\.(lower|upper|stiffness|damping|restitution)")
 VECTORS = {"initial_displacement": "q0", "initial_velocity": "v0"}
 
 
@@ -176,6 +177,8 @@ def _slope(system: System, base: SystemData, path: str) -> tuple[SystemData, flo
     """Derivative of the data at a path, and its relative bound."""
     value, structure = _value(system, path), _structure(system)
     scale = abs(value) if value else 1.0
+    if OF_STOPS.fullmatch(path):
+        system = replace(system, origin=None)  # no beam has to be made anew
 
     def at(step: float) -> Array:
         member = with_values(system, {path: value + step})
@@ -213,7 +216,7 @@ def _slope(system: System, base: SystemData, path: str) -> tuple[SystemData, flo
 
 
 def _one_sided(
-    base: SystemData, at, centre: Array, scale: float, path: str, problem: InputError | None
+    base: SystemData, at: Callable[[float], Array], centre: Array, scale: float, path: str, problem: InputError | None
 ) -> tuple[SystemData, float]:
     """Derivative at the end of a parameter's range, where the data are linear or quadratic in it."""
     for direction in (1.0, -1.0):

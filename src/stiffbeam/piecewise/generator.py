@@ -15,7 +15,7 @@ Source: Van Loan, IEEE Trans. Automat. Control 23 (1978) 395-404; Najfeld and Ha
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -142,7 +142,8 @@ class Generators:
                     self._form(data, turned, data.loads, data.factors, 0.0 * data.rows, 0.0 * data.observe),
                     self._form(data, terms, column.loads, column.factors, column.rows, column.observe),
                 ]
-                derived.append(Forms(*(sum(getattr(x, f) for x in parts) for f in ("force", "positions"))))
+                first, second = parts
+                derived.append(Forms(first.force + second.force, first.positions + second.positions))
             self._forms[interval] = own, derived
         return self._forms[interval]
 
@@ -280,14 +281,14 @@ class RegimeFlow:
         force = float(np.max(np.abs(T @ self.A)[: 2 * n, 2 * n :], initial=0.0)) / lowest
         at = range(2 * n, N)
         T[at, at], back[at, at] = force or 1.0, 1.0 / (force or 1.0)
-        values, V = np.linalg.eig(T @ self.A @ back)
+        values, V = (np.asarray(x, complex) for x in np.linalg.eig(T @ self.A @ back))
         try:
             W = np.linalg.inv(V)
         except np.linalg.LinAlgError:
             return None
         if not np.linalg.norm(V, 2) * np.linalg.norm(W, 2) < WORST:
             return None
-        values = np.minimum(values.real, 0.0) + 1j * values.imag
+        values = np.minimum(np.real(values), 0.0) + 1j * np.imag(values)
         return values, back @ V, W @ T
 
     @cached_property
@@ -352,7 +353,7 @@ class RegimeFlow:
         return out
 
 
-def saddle(M: Array, H: Array):
+def saddle(M: Array, H: Array) -> Callable[[Array], Array]:
     """Solver of [M, -H^T; H, 0] X = right, by the Schur complement."""
     factor, n = cho_factor(M), len(M)
     if not len(H):

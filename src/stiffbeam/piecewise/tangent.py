@@ -26,7 +26,11 @@ from ..basics.arrays import Array
 from .events import LET_GO, switched_by_force
 from .generator import Generators, RegimeFlow, saddle, saddle_times
 
-GRAZE = 1e-9  # of the largest speed of a contact: an event that is slower has no derivative of its time
+GRAZE = 64.0 * float(np.finfo(float).eps)  # of h, by which a graze is told from an event, see ``grazes``
+
+
+# Segment -> forms (f, N) and their own derivatives (f, N) in every parameter, equal for segments of one regime.
+Forms = Callable[[int], tuple[Array, Sequence[Array]]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +64,7 @@ class Tangent:
         self.intervals = [basis.interval(t) for t in path.times.tolist()]
         g = [basis.values(t, i) for t, i in zip(path.times.tolist(), self.intervals, strict=True)]
         self.Z = np.hstack([path.q, path.v, np.array(g).reshape(k, -1)])
-        self.dZ = np.zeros((k, N, self.count))
+        self.dZ, self.ends = np.zeros((2, k, N, self.count))  # at the starts and ends of segments
         self.lengths = np.diff(np.append(path.times, path.t_end))
         self.regimes = [
             generators.regime(self._regime_sides(i), path.rigid, interval) for i, interval in enumerate(self.intervals)
@@ -93,6 +97,7 @@ class Tangent:
             self.dZ[i] = dZ
             dZ = regime.ahead(dZ, tau)
             dZ[:, : self.parameters] += driven[i]
+            self.ends[i] = dZ
         return dZ
 
     def _with_parameters(self, form: Array, derived: Sequence[Array], Z: Array, dZ: Array) -> Array:
@@ -155,7 +160,7 @@ class Tangent:
         held = [c for c in np.flatnonzero(self.path.sides[i]).tolist() if self.path.sides[i - 1][c] and c not in hits]
         taking = hits + held
         e = np.array([0.0 if self.path.sides[i][c] else data.restitution[c] for c in taking])
-        if abs(speeds[first]) <= GRAZE * self.fastest:
+        if grazes(generators.gap(first, 1, interval)[0], self.regimes[i - 1], Z):
             self.grazes.append(float(self.path.times[i]))
         form, derived = generators.gap(first, int(np.sign(speeds[first])) or 1, interval)
         gone = self._with_parameters(form, derived, Z, dZ)
@@ -187,15 +192,6 @@ class Tangent:
         landed = self.Z[i].copy()
         return self._renewed(i, out - np.outer(self.regimes[i].A @ landed, late))
 
-    @cached_property
-    def fastest(self) -> float:
-        """The largest speed of any contact at an event, relative to its stop."""
-        generators = self.generators
-        rates = [generators.rate(*generators.gap(c, 1, 0))[0] for c in range(generators.m)]
-        n = generators.n
-        speeds = [np.max(np.abs(self.Z[:, : 2 * n] @ form[: 2 * n]), initial=0.0) for form in rates]
-        return float(max(speeds, default=0.0))
-
     def event_slope(self, i: int, contact: int) -> Array:
         """Derivative (columns,) of the time at which segment i begins by an event of a contact; NaN at a graze."""
         if self.path.rigid:
@@ -206,76 +202,78 @@ class Tangent:
         force = switched_by_force(old, new)
         form, derived = (generators.pressure if force else generators.gap)(contact, side, interval)
         speed = float(form @ (self.regimes[i - 1].A @ Z))
-        scale = generators.data.kappa[contact] if force else 1.0
-        if abs(speed) <= GRAZE * scale * self.fastest:
+        if grazes(form, self.regimes[i - 1], Z):
             return np.full(self.count, np.nan)
-        # the derivative before the event: that behind differs where the force of a damped stop jumps
-        dZ = self.dZ_before(i)
-        return -self._with_parameters(form, derived, Z, dZ) / speed
-
-    def dZ_before(self, i: int) -> Array:
-        """Derivatives at the end of segment i - 1, (N, columns)."""
-        regime, tau = self.regimes[i - 1], float(self.lengths[i - 1])
-        dZ = regime.ahead(self.dZ[i - 1], tau)
-        dZ[:, : self.parameters] += regime.seen(np.eye(len(dZ)), self.Z[i - 1 : i], np.array([tau]))[0]
-        return dZ
+        # before the event: the derivative behind it differs where the force of a damped stop jumps
+        return -self._with_parameters(form, derived, Z, self.ends[i - 1]) / speed
 
     def segment_at(self, t: Array) -> NDArray[np.int64]:
         """The segment that each time lies in; an event belongs to the segment it begins."""
         return np.maximum(np.searchsorted(self.path.times, t, side="right") - 1, 0)
 
-    def read(
-        self,
-        forms: Callable[[int], tuple[Array, Sequence[Array]]],
-        t: Array,
-        segment: NDArray[np.int64] | None = None,
-    ) -> tuple[Array, Array]:
+    def read(self, forms: Forms, t: Array, segment: NDArray[np.int64] | None = None) -> tuple[Array, Array]:
         """Values (k, f) and derivatives (k, f, columns) of forms (f, N) at fixed times t (k,).
 
-        forms: segment -> (forms (f, N), and their own derivatives (f, N) in every parameter), equal for segments of
-        one regime. segment: (k,), where times at events belong to another than the one they begin.
+        segment: (k,), where times at events belong to another than the one they begin.
         """
         segment = self.segment_at(t) if segment is None else segment
-        values, slopes = None, None
+        width = len(forms(int(segment[0]))[0]) if len(t) else 0
+        values, slopes = np.zeros((len(t), width)), np.zeros((len(t), width, self.count))
         for members in self.groups.values():
             here = np.flatnonzero(np.isin(segment, members))
-            if not len(here):
-                continue
-            regime, own = self.regimes[members[0]], segment[here]
-            form, derived = forms(members[0])
-            tau = t[here] - self.path.times[own]
-            Z, dZ = self._states(regime, own, tau, form, derived)
-            if values is None:
-                values, slopes = np.zeros((len(t), len(form))), np.zeros((len(t), len(form), self.count))
-            assert slopes is not None
-            values[here], slopes[here] = Z, dZ
-        if values is None or slopes is None:
-            form, _ = forms(0)
-            return np.zeros((0, len(form))), np.zeros((0, len(form), self.count))
+            for part in np.array_split(here, 1 + len(here) * self.generators.N * (2 + self.count) // 1_000_000):
+                if len(part):
+                    own = segment[part]
+                    form, derived = forms(int(own[0]))
+                    tau = t[part] - self.path.times[own]
+                    values[part], slopes[part] = self._states(self.regimes[members[0]], own, tau, form, derived)
         return values, slopes
+
+    def values(self, forms: Forms, t: Array, segment: NDArray[np.int64], order: int = 0) -> Array:
+        """Values (k, f) of forms, or of their ``order``-th derivatives by time, at times in the given segments."""
+        values = np.zeros((len(t), len(forms(int(segment[0]))[0]) if len(t) else 0))
+        for members in self.groups.values():
+            here = np.flatnonzero(np.isin(segment, members))
+            if len(here):
+                regime, own = self.regimes[members[0]], segment[here]
+                form = forms(int(own[0]))[0] @ np.linalg.matrix_power(regime.A, order)
+                values[here] = self._values(regime, own, t[here] - self.path.times[own], form)
+        return values
+
+    def _values(self, regime: RegimeFlow, own: NDArray[np.int64], tau: Array, form: Array) -> Array:
+        if regime.eigen is None:
+            ahead = (regime.ahead(self.Z[i][:, None], x)[:, 0] for i, x in zip(own.tolist(), tau.tolist(), strict=True))
+            return np.array([form @ Z for Z in ahead])
+        rates, V, W = regime.eigen
+        return ((np.exp(np.multiply.outer(tau, rates)) * (self.Z[own] @ W.T)) @ (form @ V).T).real
 
     def _states(
         self, regime: RegimeFlow, own: NDArray[np.int64], tau: Array, form: Array, derived: Sequence[Array]
     ) -> tuple[Array, Array]:
         """Values (k, f) and derivatives (k, f, columns) of forms in one regime."""
-        Z0, dZ0 = self.Z[own], self.dZ[own]
-        every = np.concatenate([form, *derived]) if len(derived) else form
+        every = np.concatenate([form, *derived])
         f = len(form)
         if regime.eigen is None:
             flows = [regime.flow(x) for x in tau.tolist()]
-            seen = np.array([every @ (E @ z) for E, z in zip(flows, Z0, strict=True)]).reshape(len(tau), -1)
-            slopes = np.array([form @ (E @ d) for E, d in zip(flows, dZ0, strict=True)])
+            seen = np.array([every @ (E @ self.Z[i]) for E, i in zip(flows, own.tolist(), strict=True)])
+            slopes = np.array([form @ (E @ self.dZ[i]) for E, i in zip(flows, own.tolist(), strict=True)])
         else:
             rates, V, W = regime.eigen
-            E = np.exp(np.multiply.outer(tau, rates))
-            seen = ((E * (Z0 @ W.T)) @ (every @ V).T).real
+            seen, U = self._values(regime, own, tau, every), form @ V
             unique, where = np.unique(own, return_inverse=True)
-            turned = (W @ self.dZ[unique])[where]
-            slopes = ((form @ V) @ (E[:, :, None] * turned)).real
-        slopes[:, :, : self.parameters] += regime.seen(form, Z0, tau)
+            E, turned = np.exp(np.multiply.outer(tau, rates)), (W @ self.dZ[unique])[where]
+            slopes = (U @ (E[:, :, None] * turned)).real
+        slopes[:, :, : self.parameters] += regime.seen(form, self.Z[own], tau)
         for p in range(len(derived)):
             slopes[:, :, p] += seen[:, f * (p + 1) : f * (p + 2)]
         return seen[:, :f], slopes
+
+
+def grazes(form: Array, regime: RegimeFlow, Z: Array) -> bool:
+    """Return True where a zero of the form h is a graze but for rounding: h'^2 <= 2 |h''| GRAZE sum |terms of h|."""
+    rate = regime.A @ Z
+    size = float(np.abs(form) @ np.abs(Z))
+    return float(form @ rate) ** 2 <= 2.0 * abs(float(form @ (regime.A @ rate))) * GRAZE * size
 
 
 def monodromy(tangent: Tangent) -> Array:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ...basics.arrays import Array
+from ...basics.arrays import Array, IntArray
 from ...basics.resources import afford
 from ...basics.validation import InputError, sequence
 from ...model.system import System
@@ -26,6 +26,7 @@ from .impacting import Tracer as ImpactTracer
 
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(10)
 PER_PERIOD = 12  # samples of a force in the shortest period, among which its peak is looked for
+STEPS = 12  # of Newton's method for a peak: two samples bracket it to a twelfth of a period
 RIVALS = 1e-9  # relative distance of two peaks below which the larger is not known
 AGREEMENT = 1e-3  # of the largest derivative so far: two copies that differ by more are past the horizon
 COPY = 4.0 * float(np.finfo(float).eps)
@@ -177,100 +178,88 @@ class Derivative:
         return ContactDerivative(times, np.full_like(times, np.nan), impulses)
 
     def _pressed(self, i: int) -> ContactDerivative:
-        impacts, columns, path = self.reference.contacts[i].impacts, len(self.wrt), self.tangent.path
-        times, peaks, impulses = np.full((3, len(impacts.times), columns), np.nan)
-        for k, (start, end, side) in enumerate(
-            zip(impacts.times.tolist(), impacts.ends.tolist(), impacts.stops.tolist(), strict=True)
-        ):
+        """Impacts on a compliant stop."""
+        tangent, impacts, columns = self.tangent, self.reference.contacts[i].impacts, len(self.wrt)
+        times, leaving = np.full((2, len(impacts.times), columns), np.nan)
+        spans = []  # impact, first segment and the one after the last
+        for k, (start, end) in enumerate(zip(impacts.times.tolist(), impacts.ends.tolist(), strict=True)):
             first = self._segment_of_change(start, i)
-            entering = np.zeros(columns)
-            if first > 0 and start > 0.0:
-                times[k] = entering = self.tangent.event_slope(first, i)
-            if np.isnan(end):
-                continue
-            last = self._segment_of_change(end, i)
-            leaving = self.tangent.event_slope(last, i)
-            peaks[k], impulses[k] = self._force(i, side, first, last, (start, end), entering, leaving)
-        del path
+            if start > 0.0:
+                times[k] = tangent.event_slope(first, i)
+            if not np.isnan(end):
+                last = self._segment_of_change(end, i)
+                leaving[k] = tangent.event_slope(last, i)
+                spans.append((k, first, last))
+        peaks, impulses = np.full((2, len(impacts.times), columns), np.nan)
+        if spans:
+            pressed = [(k, s) for k, a, b in spans for s in range(a, b) if tangent.lengths[s] > 0.0]
+            owner, segments = np.array(pressed).T
+            self._forces(i, owner, segments, (times, leaving), peaks, impulses)
         return ContactDerivative(times, peaks, impulses)
 
     def _segment_of_change(self, t: float, contact: int) -> int:
         """The segment with which a contact changes at t."""
         path = self.tangent.path
-        for s in np.flatnonzero(path.times == t).tolist():
+        for s in range(*np.searchsorted(path.times, [t, np.nextafter(t, np.inf)]).tolist()):
             if s == 0 or path.sides[s][contact] != path.sides[s - 1][contact]:
                 return s
         return int(np.searchsorted(path.times, t))
 
-    def _force(
-        self, i: int, side: int, first: int, last: int, span: tuple[float, float], entering: Array, leaving: Array
-    ) -> tuple[Array, Array]:
-        """Derivatives of peak and impulse of a contact in the segments first..last - 1, in which it is pressed."""
-        tangent, generators = self.tangent, self.tangent.generators
+    def _forces(
+        self, i: int, owner: IntArray, segments: IntArray, events: tuple[Array, Array], peaks: Array, impulses: Array
+    ) -> None:
+        """Derivatives of peaks and impulses of the impacts ``owner`` of a contact, pressed in ``segments``, (k,) each.
+
+        A peak inside has its derivative at a fixed time, one at the entry into a damped stop moves with the entry.
+        """
+        tangent, (entering, leaving) = self.tangent, events
+        generators, sides = tangent.generators, tangent.path.sides[:, i]
 
         def forms(segment: int) -> tuple[Array, list[Array]]:
+            side = int(sides[segment])
             own, derived = generators.pressure(i, side, tangent.intervals[segment])
             return side * own[None], [side * x[None] for x in derived]
 
-        segments = np.arange(first, last)
-        segments = segments[tangent.lengths[segments] > 0.0]
+        motion: Motion = self.reference.solution
         starts = tangent.path.times[segments]
         ends = starts + tangent.lengths[segments]
-        motion: Motion = self.reference.solution
-        owner, left, width = panels(motion.shortest_period, starts, ends, motion.fastest_decay)
+        index, left, width = panels(motion.shortest_period, starts, ends, motion.fastest_decay)
         t = (left[:, None] + width[:, None] * (NODES + 1.0) / 2.0).ravel()
-        _, slope = tangent.read(forms, t, segments[owner].repeat(len(NODES)))
-        weights = np.outer(width, WEIGHTS / 2.0).ravel()
-        impulse = weights @ slope[:, 0]
-        edges = np.array(span)
-        values, _ = tangent.read(forms, edges, np.array([segments[0], segments[-1]]))
+        slope = tangent.read(forms, t, segments[index].repeat(len(NODES)))[1][:, 0].reshape(len(left), len(NODES), -1)
+        impacts = np.unique(owner)
+        impulses[impacts] = 0.0
+        np.add.at(impulses, owner[index], np.einsum("kjp,j,k->kp", slope, WEIGHTS / 2.0, width))
+        first = np.searchsorted(owner, impacts)
+        last = np.searchsorted(owner, impacts, side="right") - 1
         if generators.data.c[i] > 0.0:  # the force jumps at the entry
-            impulse = impulse - values[0, 0] * entering + np.where(np.isnan(leaving), 0.0, values[1, 0] * leaving)
-        return self._peak(forms, segments, starts, ends, motion.shortest_period, entering), impulse
-
-    def _peak(self, forms: Any, segments: Array, starts: Array, ends: Array, period: float, entering: Array) -> Array:
-        """Derivative of the largest force: at a fixed time inside, with the time of the entry at the entry."""
-        tangent = self.tangent
-
-        def force(segment: int, t: float) -> tuple[float, Array]:
-            value, slope = tangent.read(forms, np.array([t]), np.array([segment]))
-            return float(value[0, 0]), slope[0, 0]
-
-        def rates(segment: int, t: float) -> tuple[float, float]:
-            """First and second derivative of the force by time."""
-            regime = tangent.regimes[segment]
-            Z = regime.ahead(tangent.Z[segment][:, None], t - float(tangent.path.times[segment]))[:, 0]
-            moving = regime.A @ Z
-            form = forms(segment)[0][0]
-            return float(form @ moving), float(form @ (regime.A @ moving))
-
-        found: list[tuple[float, int, float]] = []  # peaks: value, segment, time
-        for segment, a, b in zip(segments.tolist(), starts.tolist(), ends.tolist(), strict=True):
-            count = 2 + int(np.ceil((b - a) / period * PER_PERIOD))
-            t = np.linspace(a, b, count)
-            regime = tangent.regimes[segment]
-            row = (forms(segment)[0] @ regime.A, [])
-            rising = tangent.read(lambda _, row=row: row, t, np.full(count, segment))[0][:, 0] > 0.0
-            for k in np.flatnonzero(rising[:-1] & ~rising[1:]).tolist():
-                low, high = float(t[k]), float(t[k + 1])
-                at = 0.5 * (low + high)
-                for _ in range(60):  # Newton's method in a bracket
-                    rate, curve = rates(segment, at)
-                    low, high = (at, high) if rate > 0.0 else (low, at)
-                    step = -rate / curve if curve < 0.0 else np.inf
-                    new = at + step if low < at + step < high else 0.5 * (low + high)
-                    if abs(new - at) <= 1e-15 * max(at, b - a):
-                        break
-                    at = new
-                found.append((force(segment, at)[0], segment, at))
-            found += [(force(segment, a)[0], segment, a), (force(segment, b)[0], segment, b)]
-        value, segment, at = max(found)
-        inner = at not in (starts[0], ends[-1])
-        rivals = [x for x in found if x[0] > value * (1.0 - RIVALS) and abs(x[2] - at) > 1e-6 * period]
-        if rivals:
-            return np.full(len(self.wrt), np.nan)
-        slope, change = force(segment, at)[1], rates(segment, at)[0]
-        return slope if inner or at == ends[-1] else slope + change * entering
+            at_entry = tangent.values(forms, starts[first], segments[first])
+            at_exit = tangent.values(forms, ends[last], segments[last])
+            impulses[impacts] += np.nan_to_num(at_exit * leaving[impacts]) - at_entry * entering[impacts]
+        # Every sample before which the force rises and after which it does not brackets a peak.
+        count = 2 + np.ceil((ends - starts) / motion.shortest_period * PER_PERIOD).astype(int)
+        which = np.repeat(np.arange(len(segments)), count)
+        step = np.arange(len(which)) - np.repeat(np.cumsum(count) - count, count)
+        t = starts[which] + (ends - starts)[which] * step / (count[which] - 1)
+        rising = tangent.values(forms, t, segments[which], 1)[:, 0] > 0.0
+        at = np.flatnonzero(rising[:-1] & ~rising[1:] & (which[:-1] == which[1:]))
+        low, high, place = t[at], t[at + 1], which[at]
+        top = 0.5 * (low + high)
+        for _ in range(STEPS):  # Newton's method in a bracket
+            rate, curve = (tangent.values(forms, top, segments[place], order)[:, 0] for order in (1, 2))
+            low, high = np.where(rate > 0.0, top, low), np.where(rate > 0.0, high, top)
+            step = -rate / np.where(curve < 0.0, curve, -np.inf)
+            top = np.where(curve < 0.0, np.clip(top + step, low, high), 0.5 * (low + high))
+        every = np.concatenate([top, starts, ends]), np.concatenate([place, *[np.arange(len(segments))] * 2])
+        value, slope = (x[:, 0] for x in tangent.read(forms, every[0], segments[every[1]]))
+        rate = tangent.values(forms, every[0], segments[every[1]], 1)
+        for impact, begin, end in zip(impacts.tolist(), starts[first].tolist(), ends[last].tolist(), strict=True):
+            mine = np.flatnonzero(owner[every[1]] == impact)
+            best = mine[np.argmax(value[mine])]
+            rivals = (value[mine] > value[best] * (1.0 - RIVALS)) & (
+                np.abs(every[0][mine] - every[0][best]) > 1e-6 * (end - begin)
+            )
+            moves = rate[best] * entering[impact] if every[0][best] == begin else 0.0
+            peaks[impact] = np.nan if np.any(rivals) else slope[best] + moves
 
     @cached_property
     def horizon(self) -> float:
