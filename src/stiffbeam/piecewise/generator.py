@@ -45,7 +45,7 @@ class TimeBasis:
     def __init__(self, system: System, data: SystemData, columns: Sequence[SystemData]) -> None:
         self.leaves = [leaf for _, leaf in load_terms(system)] + [leaf for _, _, leaf in offset_terms(system)]
         self.records = [leaf for leaf in self.leaves if isinstance(leaf, Sampled)]
-        rates = np.array([column.harmonics[:, 1] for column in columns]).reshape(len(columns), -1)
+        rates = np.array([x.harmonics[:, 1] for x in columns]).reshape(len(columns), len(data.harmonics))
         keys = [(w, *rates[:, k].tolist()) for k, w in enumerate(data.harmonics[:, 1].tolist())]
         pairs = list(dict.fromkeys(keys))
         self.pair = [pairs.index(key) for key in keys]

@@ -217,7 +217,7 @@ class Tangent:
         segment: (k,), where times at events belong to another than the one they begin.
         """
         segment = self.segment_at(t) if segment is None else segment
-        width = len(forms(int(segment[0]))[0]) if len(t) else 0
+        width = len(forms(int(segment[0]) if len(t) else 0)[0])
         values, slopes = np.zeros((len(t), width)), np.zeros((len(t), width, self.count))
         for members in self.groups.values():
             here = np.flatnonzero(np.isin(segment, members))
@@ -231,7 +231,7 @@ class Tangent:
 
     def values(self, forms: Forms, t: Array, segment: NDArray[np.int64], order: int = 0) -> Array:
         """Values (k, f) of forms, or of their ``order``-th derivatives by time, at times in the given segments."""
-        values = np.zeros((len(t), len(forms(int(segment[0]))[0]) if len(t) else 0))
+        values = np.zeros((len(t), len(forms(int(segment[0]) if len(t) else 0)[0])))
         for members in self.groups.values():
             here = np.flatnonzero(np.isin(segment, members))
             if len(here):
