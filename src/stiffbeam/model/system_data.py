@@ -175,21 +175,31 @@ def _value(system: System, path: str) -> float:
 
 def _slope(system: System, base: SystemData, path: str) -> tuple[SystemData, float]:
     """Derivative of the data at a path, and its relative bound."""
-    value, structure = _value(system, path), _structure(system)
-    scale = abs(value) if value else 1.0
+    value = _value(system, path)
     if OF_STOPS.fullmatch(path):
         system = replace(system, origin=None)  # no beam has to be made anew
+    if not np.allclose(data_of(with_values(system, {path: value})).vector(), base.vector(), rtol=1e-12, atol=0.0):
+        raise InputError("wrt", path, "have one value where it stands for several", "name one of them, stops[0]")
+    return slope_of(lambda x: with_values(system, {path: x}), system, value, path)
+
+
+def slope_of(
+    make_system: Callable[[float], System], system: System, value: float, name: str
+) -> tuple[SystemData, float]:
+    """Derivative of the data of ``make_system`` at a value, where they are those of ``system``, and its bound.
+
+    Raises InputError where they have none, or where the system there has other terms.
+    """
+    structure, base = _structure(system), data_of(system)
+    scale, centre, largest = abs(value) if value else 1.0, base.vector(), np.array([])
 
     def at(step: float) -> Array:
-        member = with_values(system, {path: value + step})
+        member = make_system(value + step)
         if _structure(member) != structure:
             rule = "keep the terms of the loads, the times of samples and the sides of the stops"
-            raise InputError("wrt", path, rule, "take a value that is not 0, or another parameter")
+            raise InputError("wrt", name, rule, "take a value that is not 0, or another parameter")
         return data_of(member).vector()
 
-    centre, largest = at(0.0), np.array([])
-    if not np.allclose(centre, base.vector(), rtol=1e-12, atol=0.0):
-        raise InputError("wrt", path, "have one value where it stands for several", "name one of them, stops[0]")
     problem: InputError | None = None
     for width in WIDTHS:
         h = width * scale
@@ -203,7 +213,7 @@ def _slope(system: System, base: SystemData, path: str) -> tuple[SystemData, flo
             return base.of_vector(near), float(np.finfo(float).eps / width)
         break
     else:
-        return _one_sided(base, at, centre, scale, path, problem)
+        return _one_sided(base, at, centre, scale, name, problem)
     steps = np.arange(1, 5) * min(NARROW, width / 2.0) * scale
     pairs = np.array([(at(h) - at(-h)) / steps[0] for h in steps])
     best, other = ORDER_8 @ pairs, ORDER_6 @ pairs
@@ -211,7 +221,7 @@ def _slope(system: System, base: SystemData, path: str) -> tuple[SystemData, flo
     bound = float(np.max(np.abs(best - other)) / size)
     if bound > SMOOTH:
         rule = f"be a parameter in which the system's data are smooth (two differences disagree by {bound:.1g})"
-        raise InputError("wrt", path, rule, "take another parameter")
+        raise InputError("wrt", name, rule, "take another parameter")
     return base.of_vector(best), bound
 
 
