@@ -28,8 +28,8 @@ CHAPTERS = {
     "Tutorials": ["studies/first_beam.ipynb", "studies/guide/convergence.md", "studies/guide/runs.md"],
     "How to": [
         "studies/guide/choose.md", "studies/guide/beam.md", "studies/guide/stops.md", "studies/guide/model.md",
-        "studies/guide/ensembles.md", "studies/guide/references.md", "studies/guide/solver.md",
-        "studies/guide/other_tools.md",
+        "studies/guide/ensembles.md", "studies/guide/references.md", "studies/guide/derivatives.md",
+        "studies/guide/solver.md", "studies/guide/other_tools.md",
         "studies/steel_strip.py", "studies/hermite_model.py", "studies/hammer.py", "studies/base_motion.py",
     ],
     "Answers": [

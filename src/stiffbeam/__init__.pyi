@@ -43,6 +43,11 @@ from .model.time_functions import Sum as Sum
 from .model.time_functions import TimeFunction as TimeFunction
 from .references import reference as reference
 from .references.ensemble import reference_ensemble as reference_ensemble
+from .references.exact.continuation import Branch as Branch
+from .references.exact.continuation import continuation as continuation
+from .references.exact.derivative import Derivative as Derivative
+from .references.exact.orbit import Orbit as Orbit
+from .references.exact.orbit import periodic_orbit as periodic_orbit
 from .references.exact.rigid import rigid_limit as rigid_limit
 from .references.exact.tangent import Growth as Growth
 from .references.exact.tangent import lyapunov as lyapunov

@@ -59,6 +59,7 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     "amplification": ("stiffbeam amplification", "stiffbeam amplification --schemes bdf2,bathe"),
     "modes": ("stiffbeam modes table10", "stiffbeam modes my-beam.toml --schemes bdf2"),
     "energy": ("stiffbeam energy table10", "stiffbeam energy my-beam.toml --t-end 0.1"),
+    "gradient": ("stiffbeam gradient table10", "stiffbeam gradient my-beam.toml --schemes bdf2,bathe --impacts 3"),
     "converge": ("stiffbeam converge table10", "stiffbeam converge my-beam.toml --schemes 'hht(alpha=-0.1),bathe'"),
     "space": ("stiffbeam space table10", "stiffbeam space my-beam.toml --cells 10,20,40"),
     "rigid": ("stiffbeam rigid table10", "stiffbeam rigid my-beam.toml --impacts 2"),

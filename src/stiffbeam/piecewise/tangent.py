@@ -1,281 +1,360 @@
-"""Derivatives of an exact motion in initial data and parameters: the variational equations, segment by segment.
+"""Derivatives along a motion: of its segments, of its events, and so of all that is read of it.
 
-    Z = (q, q', g),  Z' = G Z                  G: generator of a segment's regime, g: 1 and (sin, cos) of every Harmonic
-    dZ(t + tau) = e^(G tau) dZ(t) + L(G tau, dG tau) Z(t)                    L: Frechet derivative of the exponential
-    dt = -(h dZ + dh Z)/(h G- Z),  dZ+ = dZ- + (G- - G+) Z dt                at an event, where h Z = 0
+    within a segment     dZ' = A dZ + dA Z                                                   (generator.py)
+    at an event h = 0    dt = -(h.dZ + dh.Z)/(h.Z'),  dZ+ = J (dZ- + Z'- dt) - Z'+ dt
 
-The force of an undamped linear stop is continuous, so that dZ does not jump. Source: Mueller, Chaos, Solitons &
-Fractals 5 (1995) 1671-1681; Al-Mohy and Higham, SIAM J. Matrix Anal. Appl. 30 (2009) 1639-1657, for L.
+J is the derivative of what happens there. On a compliant stop nothing does, and Z' is continuous: dZ+ = dZ-. At the
+entry into a damped one the force jumps by c d', see events.py. On a rigid one with restitution the impulses P solve
+
+    M (q'+ - q'-) = H^T P,   H q'+ + o' = -e (H q'- + o')
+
+with the rows H of the contacts that take part, and so do their derivatives, its right side differentiated.
+Source: di Bernardo et al., Piecewise-smooth Dynamical Systems (2008), section 2.5; Mueller, Chaos, Solitons & Fractals
+5 (1995) 1671-1681.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from math import comb
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
-from scipy.linalg import expm_frechet
+from numpy.typing import NDArray
 
 from ..basics.arrays import Array
-from ..basics.validation import InputError
-from ..model.members import value_at, with_values
-from ..model.system import System
-from ..model.time_functions import Constant, Harmonic, LoadFunction, parts
-from .events import switched_by_force
-from .measures import Solution
+from .events import LET_GO, switched_by_force
+from .generator import Generators, RegimeFlow, saddle, saddle_times
 
-STEP = 1.0 / 64.0  # of a parameter, or of 1 where that is 0, between the samples of the matrices
-CENTRED = {1: 4 / 5, 2: -1 / 5, 3: 4 / 105, 4: -1 / 280}  # weights of an eighth-order difference
-SAME = 4 * float(np.finfo(float).eps)  # of the time: two steps that differ by no more are of one length
-GRAZING = 1e-9  # of the terms of the gap's rate: a slower crossing has no derivative of its time
-FORWARD = {k: (-1) ** (k + 1) * comb(8, k) / k for k in range(1, 9)}  # and -sum at 0
+GRAZE = 64.0 * float(np.finfo(float).eps)  # of h, by which a graze is told from an event, see ``grazes``
+APART = 1e-12  # of the compliances of two contacts: below it an impact on one leaves the other alone
+TOGETHER = 4.0 * float(np.finfo(float).eps)  # of a time: two events that are closer are one
+
+# Segment -> forms (f, N) and their own derivatives (f, N) in every parameter, equal for segments of one regime.
+Forms = Callable[[int], tuple[Array, Sequence[Array]]]
 
 
 @dataclass(frozen=True, eq=False)
-class Derivative:
-    """Derivatives of an exact motion in p parameters.
+class Path:
+    """Segments of a motion: they start at times (k,) with q, v (k, n) and the contacts on ``sides`` (k, m).
 
-    Attributes
-    ----------
-    wrt : tuple of str
-        The p paths.
-    t : (k,) array
-    tip : (k, p) array
-        Of the observed position at the times t.
-    state : (k, 2n, p) array
-        Of (q, q') at the times t.
-    event_times : (events, p) array
-        Of the times at which a contact opens or closes; NaN at a graze.
-    impact_times : tuple of (impacts, p) arrays
-        Of the times in ``contacts[i].impacts.times``, one array for every contact.
+    rigid: contacts with a side are held there. hits: for segments that start with impacts the contacts that are hit.
     """
 
-    wrt: tuple[str, ...]
-    t: Array
-    tip: Array
-    state: Array
-    event_times: Array
-    impact_times: tuple[Array, ...] = ()
+    times: Array
+    sides: NDArray[np.int64]
+    q: Array
+    v: Array
+    t_end: float
+    rigid: bool = False
+    hits: Mapping[int, Sequence[int]] = field(default_factory=dict)
 
 
-def derivative(system: System, solution: Solution, t: Array, parameters: Sequence[str]) -> Derivative:
-    """Derivatives of an exact motion with compliant linear stops at times t (k,), increasing.
+class Tangent:
+    """Derivatives along a path in the columns of ``generators``, and in ``directions`` (2n, D) of its start.
 
-    Parameters
-    ----------
-    system, solution
-        System, and its motion to t[-1] at least.
-    t : array of (k,)
-    parameters
-        Paths as of ``varied``, for example "stops.stiffness" or "q0[2]".
-
-    Returns
-    -------
-    Derivative
-        An event time is NaN where the gap opens or closes at less than GRAZING of the speed (a graze).
-
-    Raises
-    ------
-    InputError
-        For rigid stops, for records, and for a path that the system does not have.
-
-    Notes
-    -----
-    The matrices are differentiated by eight samples: without error where they are polynomials of degree 8 in the
-    parameter, as in stiffness, gap, damping, amplitude and frequency; rounding adds a relative error of some 1e-13.
+    All derivatives have the columns last, those of parameters before directions.
     """
-    motions = [_Sampled(system, path) for path in parameters]
-    n, size = system.size, 2 * system.size + len(_waves(system))
-    begins = np.append(solution.times, np.inf)
-    dZ = np.column_stack([m.slope(_start) for m in motions]).reshape(size, len(motions))
-    state, tip = np.empty((len(t), 2 * n, len(motions))), np.empty((len(t), len(motions)))
-    observed = _observed(system)
-    turned = np.column_stack([m.slope(_observed) for m in motions])  # of the functions of time in it
-    dt = np.full((len(begins) - 2, len(motions)), np.nan)
-    begun, k, flow = 0.0, 0, None
-    Z = _start(system)
-    for i, sides in enumerate(map(tuple, solution.sides.tolist())):
-        if i:
-            dZ, dt[i - 1] = _across(system, motions, Z, dZ, tuple(solution.sides[i - 1].tolist()), sides)
-        ends: list[float] = t[k : int(np.searchsorted(t, begins[i + 1]))].tolist()
-        wanted = len(ends)
-        if begins[i + 1] <= t[-1]:
-            ends.append(float(begins[i + 1]))
-        for j, end in enumerate(ends):
-            flow = _flow(system, motions, sides, end - begun, SAME * end, flow)
-            Z, dZ = flow.moved(Z, dZ)
-            begun = end
-            if j < wanted:
-                state[k], tip[k] = dZ[: 2 * n], observed @ dZ + Z @ turned
-                k += 1
-        if k == len(t):
-            break
-    return Derivative(tuple(parameters), np.array(t, float), tip, state, dt)
+
+    def __init__(self, generators: Generators, path: Path, directions: Array | None = None) -> None:
+        self.generators, self.path = generators, path
+        self.parameters = generators.count
+        directions = np.zeros((2 * generators.n, 0)) if directions is None else directions
+        self.count = self.parameters + directions.shape[1]
+        basis, k, N = generators.basis, len(path.times), generators.N
+        self.intervals = [basis.interval(t) for t in path.times.tolist()]
+        g = [basis.values(t, i) for t, i in zip(path.times.tolist(), self.intervals, strict=True)]
+        self.Z = np.hstack([path.q, path.v, np.array(g).reshape(k, -1)])
+        self.dZ, self.ends = np.zeros((2, k, N, self.count))  # at the starts and ends of segments
+        self.lengths = np.diff(np.append(path.times, path.t_end))
+        self.regimes = [
+            generators.regime(self._regime_sides(i), path.rigid, interval) for i, interval in enumerate(self.intervals)
+        ]
+        self.groups: dict[int, list[int]] = {}
+        for i, regime in enumerate(self.regimes):
+            self.groups.setdefault(id(regime), []).append(i)
+        self.impulses: dict[int, dict[int, tuple[float, Array]]] = {}  # rigid: by segment and contact, with derivative
+        self.hit_slopes: dict[tuple[int, int], Array] = {}  # rigid: of the times of impacts, by segment and contact
+        self.grazes: list[float] = []  # times of impacts without derivative, on rigid or damped stops
+        self.ties: list[float] = []  # rigid: times of impacts together that have none
+        start = np.zeros((N, self.count))
+        for p, column in enumerate(generators.columns):
+            start[: generators.n, p], start[generators.n : 2 * generators.n, p] = column.q0, column.v0
+        start[: 2 * generators.n, self.parameters :] = directions
+        self.last = self._follow(start)
+
+    def _regime_sides(self, i: int) -> tuple[int, ...]:
+        sides = self.path.sides[i]
+        return tuple(np.where(np.abs(sides) == LET_GO, 0, sides).tolist())
+
+    def _follow(self, dZ: Array) -> Array:
+        """Fill dZ at the starts of all segments; return those at the end of the last."""
+        driven = np.zeros((len(self.Z), self.generators.N, self.parameters))
+        eye = np.eye(self.generators.N)
+        for members in self.groups.values():
+            driven[members] = self.regimes[members[0]].seen(eye, self.Z[members], self.lengths[members])
+        for i, (regime, tau) in enumerate(zip(self.regimes, self.lengths.tolist(), strict=True)):
+            if i:
+                dZ = self._across(i, dZ)
+            self.dZ[i] = dZ
+            dZ = regime.ahead(dZ, tau)
+            dZ[:, : self.parameters] += driven[i]
+            self.ends[i] = dZ
+        return dZ
+
+    def slope_of(self, form: Array, derived: Sequence[Array], Z: Array, dZ: Array) -> Array:
+        """Derivative of a form of Z, which depends on the parameters itself, (columns,)."""
+        total = form @ dZ
+        for p, each in enumerate(derived):
+            total[p] += each @ Z
+        return total
+
+    def _across(self, i: int, dZ: Array) -> Array:
+        """dZ behind the event at which segment i begins, from that before it."""
+        before, after = self.path.sides[i - 1], self.path.sides[i]
+        if self.path.rigid:
+            return self._struck(i, dZ) if i in self.path.hits else self._renewed(i, dZ)
+        generators, n = self.generators, self.generators.n
+        for contact in np.flatnonzero((before == 0) & (after != 0)).tolist():
+            c = generators.data.c[contact]
+            if c > 0.0:
+                form, derived = generators.gap(contact, int(np.sign(after[contact])), self.intervals[i - 1])
+                Z = self._clock_before(i)
+                if grazes(form, self.regimes[i - 1], Z):
+                    self.grazes.append(float(self.path.times[i]))
+                late = self.slope_of(form, derived, Z, dZ)
+                dZ = dZ.copy()
+                dZ[n : 2 * n] -= c * np.outer(self._back[:, contact], late)
+        return self._renewed(i, dZ)
+
+    def _renewed(self, i: int, dZ: Array) -> Array:
+        """dZ where the time of samples starts anew: s and its powers depend on no parameter."""
+        if self.generators.basis.records:
+            dZ = dZ.copy()
+            dZ[-3:] = 0.0
+        return dZ
+
+    def _clock_before(self, i: int) -> Array:
+        """Z at the start of segment i with the time functions of the segment before."""
+        basis, Z = self.generators.basis, self.Z[i].copy()
+        if basis.records:
+            Z[2 * self.generators.n :] = basis.values(float(self.path.times[i]), self.intervals[i - 1])
+        return Z
+
+    @cached_property
+    def _back(self) -> Array:
+        """M^-1 rows^T, (n, m)."""
+        return np.linalg.solve(self.generators.data.mass, self.generators.data.rows.T)
+
+    def _before(self, i: int) -> Array:
+        """Z at the end of segment i - 1."""
+        Z = self.regimes[i - 1].ahead(self.Z[i - 1][:, None], float(self.lengths[i - 1]))[:, 0]
+        n = self.generators.n
+        Z[:n] = self.path.q[i]
+        Z[2 * n :] = self._clock_before(i)[2 * n :]
+        return Z
+
+    def _struck(self, i: int, dZ: Array) -> Array:
+        """dZ behind impacts on rigid stops: one after the other where they do not change each other."""
+        before, after, hits = self.path.sides[i - 1].copy(), self.path.sides[i], list(self.path.hits[i])
+        Z = self._before(i)
+        speeds = {c: abs(self._speed(c, i, Z)) for c in hits}
+        free = sorted((c for c in hits if not before[c]), key=lambda c: -speeds[c]) or [
+            max(hits, key=lambda c: speeds[c])
+        ]
+        taking = [c for c in hits if c not in free]
+        taking += [c for c in np.flatnonzero(before & after).tolist() if c not in hits]
+        if len(free) > 1 and not self._apart(free, taking):
+            self.ties.append(float(self.path.times[i]))
+        for k, c in enumerate(free):
+            first = (
+                self.regimes[i - 1] if k == 0 else self.generators.regime(tuple(before), True, self.intervals[i - 1])
+            )
+            before[c] = after[c]
+            last = k == len(free) - 1
+            then = self.regimes[i] if last else self.generators.regime(tuple(before), True, self.intervals[i - 1])
+            dZ, Z = self._blow(i, dZ, Z, [c, *taking], (first, then), self.Z[i] if last else None)
+        return self._renewed(i, dZ)
+
+    def _apart(self, free: Sequence[int], taking: Sequence[int]) -> bool:
+        """Return True where blows on the ``free`` contacts change neither each other's speeds nor accelerations."""
+        data = self.generators.data
+        H = data.rows[list(taking)]
+        right = np.zeros((self.generators.n + len(H), len(free)))
+        right[: self.generators.n] = data.rows[list(free)].T
+        back = saddle(data.mass, H)(right)[: self.generators.n]
+        for coupled in (data.rows[list(free)] @ back, back.T @ data.damping @ back):
+            size = np.sqrt(np.abs(np.diag(coupled)))
+            if np.any(np.abs(coupled - np.diag(np.diag(coupled))) > APART * np.outer(size, size)):
+                return False
+        return True
+
+    def _speed(self, contact: int, i: int, Z: Array) -> float:
+        """Rate of a gap before segment i."""
+        return float(self.generators.rate(*self.generators.gap(contact, 1, self.intervals[i - 1]))[0] @ Z)
+
+    def _blow(
+        self,
+        i: int,
+        dZ: Array,
+        Z: Array,
+        taking: Sequence[int],
+        flows: tuple[RegimeFlow, RegimeFlow],
+        end: Array | None,
+    ) -> tuple[Array, Array]:
+        """dZ and Z behind the impact of taking[0], in which the other contacts ``taking`` have a part.
+
+        flows: before and after it. end: Z there where it is known.
+        """
+        generators, n, interval = self.generators, self.generators.n, self.intervals[i - 1]
+        data, after, hit = generators.data, self.path.sides[i], taking[0]
+        rates = [generators.rate(*generators.gap(c, 1, interval)) for c in taking]
+        arriving = np.array([form @ Z for form, _ in rates])
+        e = np.array([0.0 if after[c] else data.restitution[c] for c in taking])
+        form, derived = generators.gap(hit, int(np.sign(arriving[0])) or 1, interval)
+        if grazes(form, flows[0], Z):
+            self.grazes.append(float(self.path.times[i]))
+        gone = self.slope_of(form, derived, Z, dZ)
+        late = -gone / arriving[0] if arriving[0] else np.full(self.count, np.nan)
+        moved = dZ + np.outer(flows[0].A @ Z, late)
+        # the blow and its derivative
+        H = data.rows[list(taking)]
+        solve = saddle(data.mass, H)
+        shift = np.array([rate[2 * n :] @ Z[2 * n :] for rate, _ in rates])
+        X = solve(np.concatenate([data.mass @ Z[n : 2 * n], -e * arriving - shift])[:, None])
+        right = np.zeros((n + len(taking), self.count))
+        right[:n] = data.mass @ moved[n : 2 * n]
+        for k, (c, (rate, rate_slopes)) in enumerate(zip(taking, rates, strict=True)):
+            right[n + k] = -e[k] * self.slope_of(rate, rate_slopes, Z, moved) - rate[2 * n :] @ moved[2 * n :]
+            for p, each in enumerate(rate_slopes):
+                right[n + k, p] -= each[2 * n :] @ Z[2 * n :]
+                if not after[c]:
+                    right[n + k, p] -= generators.columns[p].restitution[c] * arriving[k]
+        for p, column in enumerate(generators.columns):
+            right[:n, p] += column.mass @ Z[n : 2 * n]
+            right[:, p] -= saddle_times(column.mass, column.rows[list(taking)], X)[:, 0]
+        dX = solve(right)
+        of_segment = self.impulses.setdefault(i, {})
+        of_segment |= {c: (float(X[n + k, 0]), dX[n + k]) for k, c in enumerate(taking)}
+        self.hit_slopes[i, hit] = late
+        out = moved.copy()
+        out[n : 2 * n] = dX[:n]
+        if end is None:
+            end = Z.copy()
+            end[n : 2 * n] = X[:n, 0]
+        return out - np.outer(flows[1].A @ end, late), end
+
+    def event_slope(self, i: int, contact: int) -> Array:
+        """Derivative (columns,) of the time at which segment i begins by an event of a contact; NaN at a graze."""
+        if self.path.rigid:
+            return self._rigid_slope(i, contact)
+        generators, interval = self.generators, self.intervals[i - 1]
+        old, new = int(self.path.sides[i - 1][contact]), int(self.path.sides[i][contact])
+        side, Z = int(np.sign(new or old)), self._clock_before(i)
+        force = switched_by_force(old, new)
+        form, derived = (generators.pressure if force else generators.gap)(contact, side, interval)
+        speed = float(form @ (self.regimes[i - 1].A @ Z))
+        if grazes(form, self.regimes[i - 1], Z) or (force and self._jumps_with(i)):
+            return np.full(self.count, np.nan)
+        # before the event: the derivative behind it differs where the force of a damped stop jumps
+        return -self.slope_of(form, derived, Z, self.ends[i - 1]) / speed
+
+    def _jumps_with(self, i: int) -> bool:
+        """Return True where a damped stop is entered at the time at which segment i begins: its force jumps."""
+        times, sides = self.path.times, self.path.sides
+        at = [k for k in np.flatnonzero(np.abs(times - times[i]) <= TOGETHER * times[i]).tolist() if k]
+        entered = np.any([(sides[k - 1] == 0) & (sides[k] != 0) for k in at], axis=0)
+        return bool(np.any(entered & (self.generators.data.c > 0.0)))
+
+    def _rigid_slope(self, i: int, contact: int) -> Array:
+        """``event_slope`` of an impact on a rigid stop, or of the release of a contact, where its reaction vanishes."""
+        unknown = np.full(self.count, np.nan)
+        if (i, contact) in self.hit_slopes:
+            return self.hit_slopes[i, contact]
+        regime = self.regimes[i - 1]
+        if i in self.path.hits or contact not in regime.held:
+            return unknown
+        k, Z = regime.held.index(contact), self._before(i)
+        form = regime.reactions[k]
+        if grazes(form, regime, Z):
+            return unknown
+        derived = [slopes[k] for slopes in regime.reaction_slopes]
+        return -self.slope_of(form, derived, Z, self.ends[i - 1]) / float(form @ (regime.A @ Z))
+
+    def segment_at(self, t: Array) -> NDArray[np.int64]:
+        """The segment that each time lies in; an event belongs to the segment it begins."""
+        return np.maximum(np.searchsorted(self.path.times, t, side="right") - 1, 0)
+
+    def read(self, forms: Forms, t: Array, segment: NDArray[np.int64] | None = None) -> tuple[Array, Array]:
+        """Values (k, f) and derivatives (k, f, columns) of forms (f, N) at fixed times t (k,).
+
+        segment: (k,), where times at events belong to another than the one they begin.
+        """
+        segment = self.segment_at(t) if segment is None else segment
+        width = len(forms(int(segment[0]) if len(t) else 0)[0])
+        values, slopes = np.zeros((len(t), width)), np.zeros((len(t), width, self.count))
+        for members in self.groups.values():
+            here = np.flatnonzero(np.isin(segment, members))
+            for part in np.array_split(here, 1 + len(here) * self.generators.N * (2 + self.count) // 1_000_000):
+                if len(part):
+                    own = segment[part]
+                    form, derived = forms(int(own[0]))
+                    tau = t[part] - self.path.times[own]
+                    values[part], slopes[part] = self._states(self.regimes[members[0]], own, tau, form, derived)
+        return values, slopes
+
+    def states(self, t: Array, segment: NDArray[np.int64] | None = None) -> Array:
+        """Z (k, N) at times t (k,), as the given segments have it."""
+        eye = np.eye(self.generators.N)
+        return self.values(lambda _: (eye, []), t, self.segment_at(t) if segment is None else segment)
+
+    def values(self, forms: Forms, t: Array, segment: NDArray[np.int64], order: int = 0) -> Array:
+        """Values (k, f) of forms, or of their ``order``-th derivatives by time, at times in the given segments."""
+        values = np.zeros((len(t), len(forms(int(segment[0]) if len(t) else 0)[0])))
+        for members in self.groups.values():
+            here = np.flatnonzero(np.isin(segment, members))
+            if len(here):
+                regime, own = self.regimes[members[0]], segment[here]
+                form = forms(int(own[0]))[0] @ np.linalg.matrix_power(regime.A, order)
+                values[here] = self._values(regime, own, t[here] - self.path.times[own], form)
+        return values
+
+    def _values(self, regime: RegimeFlow, own: NDArray[np.int64], tau: Array, form: Array) -> Array:
+        if regime.eigen is None:
+            ahead = (regime.ahead(self.Z[i][:, None], x)[:, 0] for i, x in zip(own.tolist(), tau.tolist(), strict=True))
+            return np.array([form @ Z for Z in ahead])
+        rates, V, W = regime.eigen
+        return ((np.exp(np.multiply.outer(tau, rates)) * (self.Z[own] @ W.T)) @ (form @ V).T).real
+
+    def _states(
+        self, regime: RegimeFlow, own: NDArray[np.int64], tau: Array, form: Array, derived: Sequence[Array]
+    ) -> tuple[Array, Array]:
+        """Values (k, f) and derivatives (k, f, columns) of forms in one regime."""
+        every = np.concatenate([form, *derived])
+        f = len(form)
+        if regime.eigen is None:
+            flows = [regime.flow(x) for x in tau.tolist()]
+            seen = np.array([every @ (E @ self.Z[i]) for E, i in zip(flows, own.tolist(), strict=True)])
+            slopes = np.array([form @ (E @ self.dZ[i]) for E, i in zip(flows, own.tolist(), strict=True)])
+        else:
+            rates, V, W = regime.eigen
+            seen, U = self._values(regime, own, tau, every), form @ V
+            unique, where = np.unique(own, return_inverse=True)
+            E, turned = np.exp(np.multiply.outer(tau, rates)), (W @ self.dZ[unique])[where]
+            slopes = (U @ (E[:, :, None] * turned)).real
+        slopes[:, :, : self.parameters] += regime.seen(form, self.Z[own], tau)
+        for p in range(len(derived)):
+            slopes[:, :, p] += seen[:, f * (p + 1) : f * (p + 2)]
+        return seen[:, :f], slopes
 
 
-class _Sampled:
-    """A system at samples of a parameter, from which the derivative of a matrix is taken."""
-
-    def __init__(self, system: System, path: str) -> None:
-        at = _value(system, path)
-        step = STEP * abs(at) or STEP
-        try:
-            samples = {k: with_values(system, {path: at + k * step}) for k in range(-4, 5) if k}
-            self.weights = {k: np.sign(k) * CENTRED[abs(k)] / step for k in samples}
-        except InputError:  # at the end of what the parameter may be, as damping 0
-            samples = {k: with_values(system, {path: at + k * step}) for k in range(9)}
-            self.weights = {k: w / step for k, w in FORWARD.items()}
-            self.weights[0] = -sum(self.weights.values())
-        if any(len(_waves(sample)) != len(_waves(system)) for sample in samples.values()):
-            rule, remedy = "keep the number of harmonic loads", "take a value a little above 0"
-            raise InputError(path, at, rule, remedy)
-        self.samples = samples
-        self.known: dict[Any, Array] = {}
-
-    def slope(self, of: Callable[..., Array], *data: Any) -> Array:
-        """d/dtheta of ``of(system, *data)``."""
-        key = (of, *data)
-        if key not in self.known:
-            self.known[key] = np.asarray(sum(w * of(self.samples[k], *data) for k, w in self.weights.items()))
-        return self.known[key]
+def grazes(form: Array, regime: RegimeFlow, Z: Array) -> bool:
+    """Return True where a zero of the form h is a graze but for rounding: h'^2 <= 2 |h''| GRAZE sum |terms of h|."""
+    rate = regime.A @ Z
+    size = float(np.abs(form) @ np.abs(Z))
+    return float(form @ rate) ** 2 <= 2.0 * abs(float(form @ (regime.A @ rate))) * GRAZE * size
 
 
-def _value(system: System, path: str) -> float:
-    """The parameter at a path; "stops" without an index are those of the only contact."""
-    if path.startswith("stops.") and len(system.contacts) == 1:
-        path = f"stops[0].{path.removeprefix('stops.')}"
-    try:
-        return value_at(system, path)
-    except LookupError as error:
-        remedy = "name one number in full, for example stops[0].stiffness or loads[0].time.frequency"
-        raise InputError("parameter", path, "be a path to one number of the system", remedy) from error
-
-
-@dataclass(frozen=True)
-class _Flow:
-    """exp(G tau) and its Frechet derivatives, balanced by ``scale``: unbalanced it loses the digits of its norm."""
-
-    sides: tuple[int, ...]
-    tau: float
-    scale: Array
-    flows: list[tuple[Array, Array]]
-
-    def moved(self, Z: Array, dZ: Array) -> tuple[Array, Array]:
-        """Z and dZ at tau later."""
-        Z, dZ = Z / self.scale, dZ / self.scale[:, None]
-        later = np.column_stack([E @ dZ[:, j] + L @ Z for j, (E, L) in enumerate(self.flows)])
-        return self.scale * (self.flows[0][0] @ Z), self.scale[:, None] * later
-
-
-def _flow(
-    system: System, motions: list[_Sampled], sides: tuple[int, ...], tau: float, rounding: float, last: _Flow | None
-) -> _Flow:
-    """The flow over tau in a segment: the last one where it is over the same time, as between equidistant outputs."""
-    if last is not None and last.sides == sides and abs(last.tau - tau) <= rounding:
-        return last
-    G, n = _generator(system, sides), system.size
-    scale = np.ones(len(G))
-    scale[n : 2 * n] = np.sqrt(np.linalg.norm(G[n : 2 * n, :n])) or 1.0
-    scale[2 * n :] = scale[n] ** 2 / (np.linalg.norm(G[n : 2 * n, 2 * n :]) or scale[n] ** 2)
-    turned = tau * scale / scale[:, None]
-    flows: list[Any] = [expm_frechet(G * turned, m.slope(_generator, sides) * turned) for m in motions]
-    return _Flow(sides, tau, scale, flows)
-
-
-def _across(
-    system: System, motions: list[_Sampled], Z: Array, dZ: Array, old: tuple[int, ...], new: tuple[int, ...]
-) -> tuple[Array, Array]:
-    """dZ behind an event, and the derivatives of its time (p,)."""
-    changed = [i for i in range(len(old)) if old[i] != new[i]]
-    dt = np.full(dZ.shape[1], np.nan)
-    if not changed:  # the records' samples end segments too; these are refused
-        return dZ, dt
-    before, after = _generator(system, old), _generator(system, new)
-    i = changed[0]
-    side = int(np.sign(old[i] or new[i]))
-    force = switched_by_force(old[i], new[i])
-    h = _zero(system, i, side, force)
-    speed = float(h @ before @ Z)
-    if abs(speed) <= GRAZING * float(np.max(np.abs(h * (before @ Z)))) or len(changed) > 1:
-        return (dZ, dt) if len(changed) == 1 else (dZ * np.nan, dt)
-    dt = np.array([-(h @ dZ[:, j] + m.slope(_zero, i, side, force) @ Z) / speed for j, m in enumerate(motions)])
-    return dZ + np.outer((before - after) @ Z, dt), dt
-
-
-def _start(system: System) -> Array:
-    """Z at t = 0."""
-    waves = np.zeros(len(_waves(system)))
-    waves[0], waves[2::2] = 1.0, 1.0
-    return np.concatenate([system.q0, system.v0, waves])
-
-
-def _waves(system: System) -> list[float]:
-    """The rate of each entry of g: the constant, and two for every Harmonic of loads, then of stop motions."""
-    functions = [f for _, f in system.loads] + [c.offset for c in system.contacts]
-    leaves = [leaf for f in functions for _, leaf in parts(f) if isinstance(leaf, Harmonic)]
-    return [0.0, *np.repeat([leaf.frequency for leaf in leaves], 2).tolist()]
-
-
-def _amplitudes(system: System) -> tuple[list[Array], list[Array]]:
-    """Each load and each contact's offset as coefficients of g."""
-    size, found, k = len(_waves(system)), [], 1
-    functions: list[LoadFunction | None] = [f for _, f in system.loads] + [c.offset for c in system.contacts]
-    for function in functions:
-        row = np.zeros(size)
-        for factor, leaf in parts(function):
-            if isinstance(leaf, Harmonic):
-                row[k : k + 2] += factor * np.array([leaf.sine, leaf.cosine])
-                k += 2
-            elif isinstance(leaf, Constant):
-                row[0] += factor * leaf.level
-            else:
-                rule = "be made of Harmonic and Constant for derivatives"
-                raise InputError("time function", leaf, rule, "take differences of exact references")
-        found.append(row)
-    return found[: len(system.loads)], found[len(system.loads) :]
-
-
-def _generator(system: System, sides: tuple[int, ...]) -> Array:
-    """G with every contact on its side, see events."""
-    n, rates = system.size, _waves(system)
-    loads, _ = _amplitudes(system)
-    K, C = system.stiffness, system.damping
-    force = np.zeros((n, len(rates)))
-    for (vector, _), row in zip(system.loads, loads, strict=True):
-        force += np.outer(vector, row)
-    G = np.zeros((2 * n + len(rates), 2 * n + len(rates)))
-    for k in range(1, len(rates), 2):
-        G[2 * n + k, 2 * n + k + 1], G[2 * n + k + 1, 2 * n + k] = rates[k], -rates[k]
-    back = np.hstack([-K, -C, force])
-    for i, side in enumerate(sides):
-        if abs(side) == 1:
-            back -= np.outer(system.contacts[i].row, _zero(system, i, side, True))
-    G[:n, n : 2 * n] = np.eye(n)
-    G[n : 2 * n] = np.linalg.solve(system.mass, back)
-    return G
-
-
-def _observed(system: System) -> Array:
-    """The tip as a function of Z."""
-    row, offset = system.channels[system.tip_channel]
-    moving = np.zeros(len(_waves(system))) if offset is None else _amplitudes(system)[1][system.tip_channel]
-    return np.concatenate([row, np.zeros(system.size), moving])
-
-
-def _zero(system: System, contact: int, side: int, force: bool) -> Array:
-    """h: the function of Z that is 0 at an event, the gap's depth or, of a stop with damping, its force."""
-    n, rates = system.size, np.array(_waves(system))
-    acting, (_, offsets) = system.contacts[contact], _amplitudes(system)
-    stops = acting.stops
-    if stops.rigid:
-        raise InputError("stops", stops, "be compliant for derivatives", "take differences of exact references")
-    offset = offsets[contact].copy()
-    rate = np.zeros(len(rates))  # of the offset: sin' = w cos, cos' = -w sin
-    rate[2::2], rate[1::2] = rates[1::2] * offset[1::2], -rates[1::2] * offset[2::2]
-    offset[0] -= stops.g2 if side > 0 else stops.g1
-    depth = np.concatenate([acting.row, np.zeros(n), offset])
-    if not force:
-        return depth
-    return float(stops.stiffness) * depth + float(stops.damping) * np.concatenate([np.zeros(n), acting.row, rate])
+def monodromy(tangent: Tangent) -> Array:
+    """Derivative of the state at the end of a path in the directions of its start, (2n, D)."""
+    return tangent.last[: 2 * tangent.generators.n, tangent.parameters :]

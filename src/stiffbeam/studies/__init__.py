@@ -14,6 +14,7 @@ STUDIES = {
     "modes": "Phase lag and damping mode by mode on runs without contact, against theory.",
     "energy": "The energy ledger of every scheme and of the exact flow, in every form.",
     "converge": "Observed orders in time, smooth and through contact.",
+    "gradient": "Value and derivative of every scheme against the exact ones, with the orders of both.",
     "space": "Convergence of both discretisations to the beam, and of the contact.",
     "first_impact": "How hard the first impact is, from 10 to 640 cells, against the theory of a point contact.",
     "rigid": "Towards rigid stops: kappa to infinity.",

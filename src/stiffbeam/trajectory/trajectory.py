@@ -317,7 +317,9 @@ class Reference(Trajectory):
     state_at: Callable[[Array], tuple[Array, Array]] | None = field(default=None, repr=False)
     contact_by_events: Callable[[float, float, int], ContactRecord] | None = field(default=None, repr=False)
     solution: Any = field(default=None, repr=False)  # the solver's own representation, where it has one
-    derive: Callable[[Array, Sequence[str]], Any] | None = field(default=None, repr=False)  # see ``derivative``
+    derive: Callable[[Reference, Sequence[str], Array], Any] | None = field(
+        default=None, repr=False
+    )  # see ``derivative``
 
     def _trust(self) -> str:
         if not self.horizon < self.t[-1]:
@@ -346,47 +348,52 @@ class Reference(Trajectory):
         return seen if self.system is None else as_it_starts(self.system, channel, t, *seen)
 
     def derivative(self, wrt: Sequence[str], t: ArrayLike | None = None) -> Any:
-        """Return the derivatives of an exact solution in parameters and initial data.
+        """Return the derivatives of an exact solution in parameters and initial data, all in one pass.
 
         Parameters
         ----------
         wrt : sequence of str
-            Paths to one number each, as ``varied`` takes them: "stops[0].stiffness", "stops[0].upper",
-            "loads[0].time.amplitude", "q0[2]", "v0[0]".
+            Paths as ``varied`` takes them: "stops[0].stiffness", "stops.upper", "loads[0].time.amplitude", "viscosity",
+            "q0[2]", "v0[0]"; "initial_displacement" and "initial_velocity" are all their n entries.
         t : (k,) array, optional
             Increasing times in [0, t_end]; the output times by default.
 
         Returns
         -------
         Derivative
-            ``tip`` (k, p), ``state`` (k, 2n, p), ``event_times`` (events, p), ``impact_times`` by contact. The
-            derivative of an event's time is NaN at a graze; where two contacts change at once everything is, from then
-            on. Past ``horizon`` the derivatives are those of the computed motion, as its outputs are.
+            ``tip`` and ``tip_velocity`` (k, p), ``state`` (k, 2n, p), ``energy`` (k, p), ``event_times`` (events, p);
+            ``impact_times``, ``peaks`` and ``impulses`` by contact, (impacts, p) each. Where a derivative ceases to
+            exist, ``exists_until`` and ``reason`` say when and why, and later entries are NaN. ``horizon`` is the time
+            to which rounding leaves the derivatives three digits.
 
         Raises
         ------
         InputError
-            For a reference that is not exact, for rigid stops, sampled loads, and for what is no path to a number.
+            For a reference that is not exact, and for paths that lead to no number of the system.
 
         Examples
         --------
         >>> import stiffbeam as sb
-        >>> system = sb.problem("mass-on-a-stop").system
-        >>> found = sb.reference(system, t_end=1.0).derivative(["stops[0].stiffness"])
-        >>> found.tip.shape
-        (2001, 1)
+        >>> ball = sb.System.from_matrices(
+        ...     [[1.0]], [[0.0]], loads=[([1.0], sb.Constant(-9.81))], initial_displacement=[1.0],
+        ...     contacts=[sb.Contact([1.0], sb.Stops(lower=0.0, stiffness=float("inf"), restitution=0.8))])
+        >>> change = sb.reference(ball, 0.6).derivative(["q0[0]"])
+        >>> round(float(change.impact_times[0][0, 0]), 6)  # 1/sqrt(2 g h)
+        0.225762
         """
         if self.derive is None:
-            rule = "be exact, on compliant stops, for a derivative"
+            rule = 'be of method "exact" and solved in this process for a derivative'
             raise InputError("reference", self.provenance["method"], rule, "solve it here: sb.reference(system, t_end)")
         paths = (wrt,) if isinstance(wrt, str) else tuple(wrt)
         if not paths or not all(isinstance(path, str) for path in paths):
             raise InputError("wrt", wrt, "name parameters", 'for example ["stops[0].stiffness"]')
         times = self.t if t is None else np.atleast_1d(numbers("t", t))
         end = float(self.provenance["t_end"])
-        if times.ndim != 1 or np.any(np.diff(times) <= 0.0) or times[0] < 0.0 or times[-1] > end * (1 + 1e-12):
+        if times.ndim != 1 or not len(times) or np.any(np.diff(times) <= 0.0) or times[0] < 0.0:
             raise InputError("t", t, f"increase in [0, {end:g}]", "sort the times")
-        return self.derive(times, paths)
+        if times[-1] > end * (1 + 1e-12):
+            raise InputError("t", float(times[-1]), f"lie in [0, {end:g}]", "solve for a longer t_end")
+        return self.derive(self, paths, np.minimum(times, end))
 
     def contact_between(self, start: float, end: float, contact: int = 0) -> ContactRecord | None:
         """See ``Trajectory.contact_between``; exact solutions on compliant stops know it."""

@@ -7,13 +7,11 @@ contain none (search.py).
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import asdict, replace
+from collections.abc import Iterator
+from dataclasses import asdict
 from functools import partial
 from itertools import count
 from typing import Any
-
-import numpy as np
 
 from ...basics.arrays import Array
 from ...basics.compiled import clock
@@ -28,12 +26,12 @@ from ...piecewise.audit import audit, within_float64
 from ...piecewise.measures import Solution, contact_between, entries, exact_ledger, path_of, record_of
 from ...piecewise.regimes import Known, Source
 from ...piecewise.rounding import Perturbation
-from ...piecewise.tangent import Derivative, derivative
 from ...piecewise.tracer import Tracer, tracer_of
 from ...trajectory.impacts import ContactRecord
 from ...trajectory.trajectory import Reference, Work, versions
 from ..agreement import Watched
 from ..request import Request, output_times
+from .derivative import derivative
 
 
 def solve(request: Request) -> Reference:
@@ -139,23 +137,9 @@ def reference_of(
         state_at=solution.states,
         ledger=partial(exact_ledger, system, solution, t),
         contact_by_events=partial(contact_between, system, solution),
-        derive=partial(derivative_of, system, solution, [record.impacts.times for record in contacts]),
         solution=solution,
+        derive=derivative,
     )
-
-
-def derivative_of(
-    system: System, solution: Solution, impact_times: Sequence[Array], t: Array, wrt: Sequence[str]
-) -> Derivative:
-    """Return the derivatives of a solution, those of its events also by impact."""
-    found = derivative(system, solution, t, wrt)
-    of_impacts = []
-    for times in impact_times:
-        event = np.searchsorted(solution.times[1:], times)
-        slopes = np.vstack([found.event_times, np.full((1, len(wrt)), np.nan)])
-        there = np.append(solution.times[1:], np.nan)[event] == times
-        of_impacts.append(slopes[np.where(there, event, -1)])
-    return replace(found, impact_times=tuple(of_impacts))
 
 
 def afford_search(system: System, t_end: float) -> None:

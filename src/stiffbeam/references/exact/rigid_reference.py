@@ -22,6 +22,7 @@ from ...trajectory.trajectory import Reference, SolverFailure, Work, versions
 from ..agreement import apart, scales_of, watched
 from ..request import output_times
 from ..rigid_stops import require_rigid
+from .derivative import derivative
 from .impacted import Solution
 from .impacting import RADIANS, Tracer
 from .starting import at_rest
@@ -111,6 +112,7 @@ def _reference(system: System, solution: Solution, t: Array, t_end: float, begun
         state_at=lambda times: solution.at(np.asarray(times, float))[:2],
         ledger=partial(_ledger, system, solution, t),
         solution=solution,
+        derive=derivative,
     )  # fmt: skip
 
 
@@ -199,7 +201,7 @@ def _contact(
 
 def _ledger(system: System, solution: Solution, t: Array) -> Ledger:
     """Input and viscous by quadrature in every stretch, stop_dissipation from the impulses."""
-    edges = np.unique(np.concatenate([t, [x for x in solution.times if t[0] < x < t[-1]]]))
+    edges = np.unique(np.concatenate([[0.0], t, [x for x in solution.times if x < t[-1]]]))
     points, weights = GAUSS
     input_, viscous = np.zeros(len(edges)), np.zeros(len(edges))
     if len(edges) > 1:

@@ -1,0 +1,381 @@
+"""The generator of a regime, its derivatives in parameters, and the flow of both.
+
+    Z = (q, q', g),  Z' = A Z,  g = (1, sin w t, cos w t, ..., s, s^2, s^3)
+    [dZ]'   [A  dA] [dZ]
+    [ Z]  = [0   A] [ Z],   exp of it holds  L_jl = G_jl (exp(l_j tau) - exp(l_l tau))/(l_j - l_l),  G = W dA V
+
+in eigenvectors A = V diag(l) W. Loads and moving stops are in A, so that a parameter of theirs, the frequency too, is
+one more dA. Where eigenvectors are no basis (rigid motions under load, resonance, critical damping, records) the block
+exponential is taken as it stands.
+
+Accelerations come of M a - H^T R = F g - C q' - K q,  H a = -o'', with the rows H of the contacts that are held (rigid
+stops); of pressed compliant ones K and C have kappa row row^T and c row row^T.
+Source: Van Loan, IEEE Trans. Automat. Control 23 (1978) 395-404; Najfeld and Havel, Adv. Appl. Math. 16 (1995) 321-375.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve, eigh, expm, solve_triangular
+
+from ..basics.arrays import Array
+from ..model.sampled import Sampled, moved
+from ..model.system import System
+from ..model.system_data import SystemData, data_of, load_terms, offset_terms
+from ..model.time_functions import Constant, Harmonic
+
+WORST = 1e5  # condition of the eigenvectors, in units of energy, up to which they are used
+NEAR = 0.05  # of the lowest frequency: eigenvalues that lie closer have their difference by sinh(x)/x
+RECORD_TERMS = 3  # s, s^2, s^3
+Complex = Any  # arrays of complex128
+
+
+class TimeBasis:
+    """Functions g(t) (d,) of which loads and offsets are made, and how they depend on the parameters.
+
+    Two harmonics share a pair where frequency and its derivatives are equal. edges: the times of all samples; between
+    two of them s is the time since the last.
+    """
+
+    def __init__(self, system: System, data: SystemData, columns: Sequence[SystemData]) -> None:
+        self.leaves = [leaf for _, leaf in load_terms(system)] + [leaf for _, _, leaf in offset_terms(system)]
+        self.records = [leaf for leaf in self.leaves if isinstance(leaf, Sampled)]
+        rates = np.array([x.harmonics[:, 1] for x in columns]).reshape(len(columns), len(data.harmonics))
+        keys = [(w, *rates[:, k].tolist()) for k, w in enumerate(data.harmonics[:, 1].tolist())]
+        pairs = list(dict.fromkeys(keys))
+        self.pair = [pairs.index(key) for key in keys]
+        self.frequencies = np.array([key[0] for key in pairs], float)
+        self.edges = np.unique(np.concatenate([np.zeros(0), *(record.t for record in self.records)]))
+        self.F = len(pairs)
+        self.size = 1 + 2 * self.F + (RECORD_TERMS if self.records else 0)
+        self.R = self._generator(self.frequencies)
+        if self.records:
+            k = 1 + 2 * self.F
+            self.R[k, 0], self.R[k + 1, k], self.R[k + 2, k + 1] = 1.0, 2.0, 3.0
+        self.dR = [self._generator(np.array([key[1 + p] for key in pairs], float)) for p in range(len(columns))]
+
+    def _generator(self, frequencies: Array) -> Array:
+        R = np.zeros((self.size, self.size))
+        for i, w in enumerate(frequencies.tolist()):
+            R[1 + 2 * i, 2 + 2 * i], R[2 + 2 * i, 1 + 2 * i] = w, -w
+        return R
+
+    def interval(self, t: float) -> int:
+        """The edge that a time follows, 0 where there are no records."""
+        if not len(self.edges):
+            return 0
+        return int(np.clip(np.searchsorted(self.edges, t, side="right") - 1, 0, len(self.edges) - 2))
+
+    def values(self, t: float, interval: int) -> Array:
+        """g(t), (d,)."""
+        g = np.zeros(self.size)
+        g[0] = 1.0
+        phase = self.frequencies * t
+        g[1 : 1 + 2 * self.F : 2], g[2 : 2 + 2 * self.F : 2] = np.sin(phase), np.cos(phase)
+        if self.records:
+            g[1 + 2 * self.F :] = (t - self.edges[interval]) ** np.arange(1, 1 + RECORD_TERMS)
+        return g
+
+    def terms(self, data: SystemData, interval: int, by: SystemData | None = None) -> Array:
+        """(leaves, d), every leaf in g; of its derivative where ``by`` has those of the data."""
+        rows = np.zeros((len(self.leaves), self.size))
+        h = k = piece = 0
+        for row, leaf in zip(rows, self.leaves, strict=True):
+            if isinstance(leaf, Harmonic):
+                a, _, phase = data.harmonics[h]
+                at = 1 + 2 * self.pair[h]
+                if by is None:
+                    row[at], row[at + 1] = a * np.cos(phase), a * np.sin(phase)
+                else:  # that of the frequency is in dR
+                    da, _, turn = by.harmonics[h]
+                    row[at] = da * np.cos(phase) - a * turn * np.sin(phase)
+                    row[at + 1] = da * np.sin(phase) + a * turn * np.cos(phase)
+                h += 1
+            elif isinstance(leaf, Constant):
+                row[0] = (data if by is None else by).constants[k]
+                k += 1
+            elif isinstance(leaf, Sampled):
+                start = self.edges[interval]
+                i = int(np.clip(np.searchsorted(leaf.t, start, side="right") - 1, 0, len(leaf.t) - 2))
+                c = moved((data if by is None else by).records[piece + i], float(start - leaf.t[i]))
+                row[0], row[1 + 2 * self.F :] = c[0], c[1:]
+                piece += len(leaf.t) - 1
+        return rows
+
+
+@dataclass(frozen=True, eq=False)
+class Forms:
+    """Linear forms of Z in one interval between samples: loads (d, n), positions of contacts and tip (m + 1, N)."""
+
+    force: Array
+    positions: Array
+
+
+class Generators:
+    """Generators of all regimes of a system, with their derivatives in the ``columns`` of parameters."""
+
+    def __init__(self, system: System, columns: Sequence[SystemData] = ()) -> None:
+        self.system, self.data, self.columns = system, data_of(system), list(columns)
+        self.basis = TimeBasis(system, self.data, self.columns)
+        self.n, self.m, self.N = system.size, len(system.contacts), 2 * system.size + self.basis.size
+        self.count = len(self.columns)
+        self._regimes: dict[tuple[Any, ...], RegimeFlow] = {}
+        self._forms: dict[int, tuple[Forms, list[Forms]]] = {}
+        self._loads = len(load_terms(system))
+        self._offsets = [(i, factor) for i, factor, _ in offset_terms(system)]
+
+    def forms(self, interval: int) -> tuple[Forms, list[Forms]]:
+        """Forms in an interval between samples, and their derivatives in every column."""
+        if interval not in self._forms:
+            basis, data = self.basis, self.data
+            terms = basis.terms(data, interval)
+            own = self._form(data, terms, data.loads, data.factors, data.rows, data.observe)
+            derived = []
+            for column in self.columns:
+                turned = basis.terms(data, interval, column)
+                parts = [
+                    self._form(data, turned, data.loads, data.factors, 0.0 * data.rows, 0.0 * data.observe),
+                    self._form(data, terms, column.loads, column.factors, column.rows, column.observe),
+                ]
+                first, second = parts
+                derived.append(Forms(first.force + second.force, first.positions + second.positions))
+            self._forms[interval] = own, derived
+        return self._forms[interval]
+
+    def _form(self, data: SystemData, terms: Array, loads: Array, factors: Array, rows: Array, tip: Array) -> Forms:
+        positions = np.zeros((self.m + 1, self.N))
+        positions[: self.m, : self.n] = rows
+        for (i, _), factor, term in zip(self._offsets, factors.tolist(), terms[self._loads :], strict=True):
+            positions[i, 2 * self.n :] += factor * term
+        positions[self.m] = positions[0] if self.system.observe is None else 0.0
+        if self.system.observe is not None:
+            positions[self.m, : self.n] = tip
+        return Forms(terms[: self._loads].T @ loads, positions)
+
+    def regime(self, sides: tuple[int, ...], held: bool, interval: int) -> RegimeFlow:
+        """The regime with contacts pressed on these sides, compliant, or ``held`` there, rigid."""
+        key = (*sides, held, interval if self.basis.records else 0)
+        if key not in self._regimes:
+            self._regimes[key] = RegimeFlow(self, sides, held, interval)
+        return self._regimes[key]
+
+    def gap(self, contact: int, side: int, interval: int) -> tuple[Array, list[Array]]:
+        """The form u - g of a contact, zero on its stop on that side, and its derivatives in every column."""
+        own, derived = self.forms(interval)
+        form, one = own.positions[contact].copy(), 2 * self.n
+        stop = "upper" if side > 0 else "lower"
+        form[one] -= getattr(self.data, stop)[contact]
+        moved_by = [x.positions[contact].copy() for x in derived]
+        for each, column in zip(moved_by, self.columns, strict=True):
+            each[one] -= getattr(column, stop)[contact]
+        return form, moved_by
+
+    def rate(self, form: Array, derived: Sequence[Array]) -> tuple[Array, list[Array]]:
+        """The rate of a form of positions, without accelerations: of (r, 0, o) it is (0, r, R^T o)."""
+        n, R = self.n, self.basis.R
+
+        def turned(x: Array, R: Array) -> Array:
+            return np.concatenate([np.zeros(n), x[:n], x[2 * n :] @ R])
+
+        moved_by = [turned(x, R) for x in derived]
+        for each, dR in zip(moved_by, self.basis.dR, strict=True):
+            each[2 * n :] += form[2 * n :] @ dR
+        return turned(form, R), moved_by
+
+    def pressure(self, contact: int, side: int, interval: int) -> tuple[Array, list[Array]]:
+        """The form kappa (u - g) + c u', the force of a pressed contact but for its sign, and its derivatives."""
+        gap, gaps = self.gap(contact, side, interval)
+        rate, rates = self.rate(gap, gaps)
+        kappa, c = self.data.kappa[contact], self.data.c[contact]
+        derived = [
+            kappa * a + c * b + x.kappa[contact] * gap + x.c[contact] * rate
+            for a, b, x in zip(gaps, rates, self.columns, strict=True)
+        ]
+        return kappa * gap + c * rate, derived
+
+
+class RegimeFlow:
+    """Flow of Z and of its derivatives in one regime.
+
+    A: (N, N). dA: one for each column. acceleration: (n, N) of it. reactions: (h, N) of the held contacts.
+    """
+
+    def __init__(self, generators: Generators, sides: tuple[int, ...], held: bool, interval: int) -> None:
+        self.generators, n, N = generators, generators.n, generators.N
+        data, basis = generators.data, generators.basis
+        own, derived = generators.forms(interval)
+        closed = [i for i, side in enumerate(sides) if side]
+        self.held = closed if held else []
+        M, H = data.mass, data.rows[self.held]
+        right = np.zeros((n + len(self.held), N))
+        right[:n, :n], right[:n, n : 2 * n], right[:n, 2 * n :] = -data.stiffness, -data.damping, own.force.T
+        self.stiffness = data.stiffness.copy()
+        slopes = []
+        for x, form in zip(generators.columns, derived, strict=True):
+            slope = np.zeros_like(right)
+            slope[:n, :n], slope[:n, n : 2 * n], slope[:n, 2 * n :] = -x.stiffness, -x.damping, form.force.T
+            slopes.append(slope)
+        if held:
+            for k, i in enumerate(self.held):
+                right[n + k, 2 * n :], moved_by = self._curve(basis, own, derived, i)
+                for slope, row in zip(slopes, moved_by, strict=True):
+                    slope[n + k, 2 * n :] = row
+        else:
+            for i in closed:
+                force, forces = generators.pressure(i, sides[i], interval)
+                right[:n] -= np.outer(data.rows[i], force)
+                self.stiffness += data.kappa[i] * np.outer(data.rows[i], data.rows[i])
+                for slope, x, moved_by in zip(slopes, generators.columns, forces, strict=True):
+                    slope[:n] -= np.outer(x.rows[i], force) + np.outer(data.rows[i], moved_by)
+        solve = saddle(M, H)
+        X = solve(right)
+        self.acceleration, self.reactions = X[:n], X[n:]
+        self.A = self._generator(X[:n], basis.R, 1.0)
+        self.dA, self.reaction_slopes = [], []
+        for slope, x, dR in zip(slopes, generators.columns, basis.dR, strict=True):
+            dX = solve(slope - saddle_times(x.mass, x.rows[self.held], X)) if np.any(slope) or np.any(x.mass) else None
+            dX = np.zeros_like(X) if dX is None else dX
+            self.dA.append(self._generator(dX[:n], dR, 0.0))
+            self.reaction_slopes.append(dX[n:])
+
+    @staticmethod
+    def _curve(basis: TimeBasis, own: Forms, derived: list[Forms], i: int) -> tuple[Array, list[Array]]:
+        """-o'' of a held contact in g, and its derivatives."""
+        R = basis.R
+        o = own.positions[i, -basis.size :]
+        rows = []
+        for form, dR in zip(derived, basis.dR, strict=True):
+            rows.append(-(form.positions[i, -basis.size :] @ R @ R + o @ dR @ R + o @ R @ dR))
+        return -(o @ R @ R), rows
+
+    def _generator(self, acceleration: Array, R: Array, unit: float) -> Array:
+        n, N = self.generators.n, self.generators.N
+        A = np.zeros((N, N))
+        A[range(n), range(n, 2 * n)] = unit
+        A[n : 2 * n], A[2 * n :, 2 * n :] = acceleration, R
+        return A
+
+    @cached_property
+    def eigen(self) -> tuple[Complex, Complex, Complex] | None:
+        """(l, V, W) with A = V diag(l) W, None where eigenvectors are no basis.
+
+        In coordinates of energy, |L_K^T q|^2 + |L_M^T q'|^2, those of a conservative regime are orthogonal.
+        """
+        n, N, basis = self.generators.n, self.generators.N, self.generators.basis
+        if basis.records:
+            return None
+        M = self.generators.data.mass
+        squares = eigh(self.stiffness, M, eigvals_only=True)
+        rigid = squares[0] < 1e-9 * squares[-1] or not squares[-1] > 0.0  # a motion that strains nothing
+        shift = (1e-6 * max(float(squares[-1]), 0.0) or 1.0) if rigid else 0.0
+        a, b = np.linalg.cholesky(self.stiffness + shift * M).T, np.linalg.cholesky(M).T
+        T, back = np.zeros((N, N)), np.zeros((N, N))
+        T[:n, :n], T[n : 2 * n, n : 2 * n] = a, b
+        back[:n, :n], back[n : 2 * n, n : 2 * n] = (solve_triangular(x, np.eye(n)) for x in (a, b))
+        lowest = float(np.sqrt(max(squares[0], 0.0) + shift))
+        force = float(np.max(np.abs(T @ self.A)[: 2 * n, 2 * n :], initial=0.0)) / lowest
+        at = range(2 * n, N)
+        T[at, at], back[at, at] = force or 1.0, 1.0 / (force or 1.0)
+        values, V = (np.asarray(x, complex) for x in np.linalg.eig(T @ self.A @ back))
+        try:
+            W = np.linalg.inv(V)
+        except np.linalg.LinAlgError:
+            return None
+        if not np.linalg.norm(V, 2) * np.linalg.norm(W, 2) < WORST:
+            return None
+        values = np.minimum(np.real(values), 0.0) + 1j * np.imag(values)
+        return values, back @ V, W @ T
+
+    @property
+    def fastest(self) -> float:
+        """The largest angular frequency of the regime."""
+        rates = np.linalg.eigvals(self.A) if self.eigen is None else self.eigen[0]
+        return float(np.max(np.abs(np.imag(rates)), initial=0.0))
+
+    @cached_property
+    def coupling(self) -> tuple[Complex, Complex, Any, Complex]:
+        """B (p, N, N) = G_jl/(l_j - l_l) of eigenvalues apart, G, and which pairs (j, l) are near, with their G (p, k).
+        Only of the columns that change A."""
+        assert self.eigen is not None
+        values, V, W = self.eigen
+        G = np.array([W @ dA @ V for dA in self.dA]).reshape(len(self.dA), len(values), len(values))
+        apart = values[:, None] - values
+        sizes = np.abs(values)
+        lowest = float(np.min(sizes[sizes > 1e-6 * np.max(sizes)], initial=np.max(sizes)))
+        near = np.abs(apart) < max(NEAR * lowest, 1e-300)
+        B = np.where(near, 0.0, G / np.where(near, 1.0, apart))
+        j, k = np.nonzero(near)
+        return B, G, (j, k), G[:, j, k]
+
+    def flow(self, tau: float) -> Array:
+        """exp(A tau), (N, N)."""
+        return self.ahead(np.eye(self.generators.N), tau)
+
+    def ahead(self, dZ: Array, tau: float) -> Array:
+        """exp(A tau) dZ, (N, columns)."""
+        if self.eigen is None:
+            return expm(self.A * tau) @ dZ
+        values, V, W = self.eigen
+        return (V @ (np.exp(values * tau)[:, None] * (W @ dZ))).real
+
+    def seen(self, forms: Array, Z: Array, tau: Array) -> Array:
+        """What dA adds to the derivatives of forms (f, N) at tau (k,) later than Z (k, N): (k, f, columns)."""
+        k, columns = len(tau), len(self.dA)
+        if not columns or not k:
+            return np.zeros((k, len(forms), columns))
+        if self.eigen is None:
+            out = np.zeros((k, len(forms), columns))
+            N = len(self.A)
+            block = np.zeros((2 * N, 2 * N))
+            block[:N, :N] = block[N:, N:] = self.A
+            for p, dA in enumerate(self.dA):
+                if np.any(dA):
+                    block[:N, N:] = dA
+                    for i in range(k):
+                        out[i, :, p] = forms @ (expm(block * tau[i])[:N, N:] @ Z[i])
+            return out
+        values, V, W = self.eigen
+        B, _, (j, m), near = self.coupling
+        E = np.exp(np.multiply.outer(tau, values))
+        c = Z @ W.T
+        half = np.multiply.outer(tau, 0.5 * (values[j] - values[m]))
+        with np.errstate(invalid="ignore", divide="ignore"):
+            ratio = np.where(np.abs(half) < 1e-4, 1.0 + half**2 / 6.0, np.sinh(half) / half)
+        between = tau[:, None] * np.exp(np.multiply.outer(tau, 0.5 * (values[j] + values[m]))) * ratio
+        out = np.zeros((k, len(forms), columns))
+        U = forms @ V
+        moved_by = between * c[:, m]
+        place = np.zeros((len(j), len(values)))
+        place[range(len(j)), j] = 1.0
+        for p in range(columns):
+            if np.any(self.dA[p]):
+                y = E * (c @ B[p].T) - (E * c) @ B[p].T + (moved_by * near[p]) @ place
+                out[:, :, p] = (y @ U.T).real
+        return out
+
+
+def saddle(M: Array, H: Array) -> Callable[[Array], Array]:
+    """Solver of [M, -H^T; H, 0] X = right, by the Schur complement."""
+    factor, n = cho_factor(M), len(M)
+    if not len(H):
+        return lambda right: cho_solve(factor, right)
+    back = cho_solve(factor, H.T)
+    inner = H @ back
+
+    def solve(right: Array) -> Array:
+        free = cho_solve(factor, right[:n])
+        R = np.linalg.solve(inner, right[n:] - H @ free)
+        return np.concatenate([free + back @ R, R])
+
+    return solve
+
+
+def saddle_times(M: Array, H: Array, X: Array) -> Array:
+    """[M, -H^T; H, 0] X."""
+    n = len(M)
+    return np.concatenate([M @ X[:n] - H.T @ X[n:], H @ X[:n]])

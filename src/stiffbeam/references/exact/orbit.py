@@ -1,0 +1,372 @@
+"""Periodic orbits of exact motions, stable or not: shooting, then the event times as unknowns; Floquet multipliers.
+
+    shooting        P(z) = z, z <- z - (D - I)^-1 (P(z) - z), D the derivative of the exact flow over a period
+    event times     (I - E_k ... E_1) z = c for given times t_1 .. t_k,   h_i(z(t_i), t_i) = 0
+
+E_i: the flow of segment i. The second has no long flow to undo what rounding does to the first, and is regular where
+a contact grazes its stop. Its Jacobian has the rate of h_i on the diagonal, and off it what the force jumps by: nothing
+on stops without damping.
+Source: Leine and Nijmeijer, Dynamics and Bifurcations of Non-Smooth Mechanical Systems (2004), ch. 7.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...basics.arrays import Array
+from ...basics.validation import InputError, numbers, positive
+from ...model.sampled import Sampled
+from ...model.system import System, require_system
+from ...model.time_functions import Harmonic, parts_of
+from ...piecewise.audit import within_float64
+from ...piecewise.events import switched_by_force
+from ...piecewise.generator import Generators
+from ...piecewise.tangent import Path, Tangent, monodromy
+from ...piecewise.tracer import Tracer, tracer_of
+from ...trajectory.trajectory import Reference, SolverFailure, Trajectory
+from ..rigid_stops import require_rigid
+from .derivative import path_of_solution
+from .impacting import Tracer as ImpactTracer
+from .piecewise import afford_search, refuse, solve_exact
+from .rigid_reference import solve_rigid
+
+NEWTON = 40  # iterations of shooting
+HALVINGS = 8  # of a step that makes the defect larger
+POLISH = 12  # iterations of the event times
+CLOSED = 1e-9  # relative defect of shooting from which the event times go on
+ROUNDING = 1e-13  # relative: below it shooting is not improved
+REPEATS = 1e-9  # of a turn, by which a load may miss the period
+SETTLE = 60  # periods that are run for a guess where none is stated
+
+
+@dataclass(frozen=True, eq=False)
+class Orbit:
+    """A periodic motion of the exact flow: q(t + period) = q(t).
+
+    q, v: (n,), its state at t = 0. residual: largest |h| at an event over its terms, for rigid stops the closure.
+    closure: the largest relative difference of the state after a period of the exact flow. multipliers: (2n,), Floquet
+    multipliers, the largest first; those below 1e-14 of the largest are rounding. monodromy: (2n, 2n), of (q, q').
+    event_times: (k,), in [0, period). event_contacts and event_sides: (k,), which contact changes and to which side.
+    log_determinant: ln |det| of the monodromy, segment by segment, -inf where a rigid contact is held.
+    """
+
+    system: System
+    period: float
+    q: Array
+    v: Array
+    residual: float
+    closure: float
+    multipliers: NDArray[np.complex128]
+    monodromy: Array
+    event_times: Array
+    event_contacts: NDArray[np.int64]
+    event_sides: NDArray[np.int64]
+    log_determinant: float
+    path: Path = field(repr=False)
+
+    def __repr__(self) -> str:
+        kind = "stable" if self.stable else "unstable"
+        return (
+            f"<Orbit, {kind}: period {self.period:.6g}, {len(self.event_times)} events,"
+            f" largest multiplier {self.multipliers[0]:.6g}, residual {self.residual:.1e}>"
+        )
+
+    @property
+    def stable(self) -> bool:
+        """Return True where all multipliers lie inside the unit circle."""
+        return bool(np.abs(self.multipliers[0]) < 1.0)
+
+    @property
+    def events(self) -> Array:
+        """Event times in [0, period), (k,)."""
+        return self.event_times
+
+    def reference(self, periods: float = 1.0, t_eval: Any = None) -> Reference:
+        """The exact motion from the orbit's start. An unstable orbit is left after ln(1e16)/ln|multiplier| periods."""
+        t_end = positive("periods", periods) * self.period
+        system = replace(self.system, q0=self.q, v0=self.v, origin=None)
+        times = None if t_eval is None else np.atleast_1d(numbers("t_eval", t_eval))
+        if any(contact.stops.rigid for contact in system.contacts):
+            return solve_rigid(system, t_end, times)
+        return solve_exact(system, t_end, times)
+
+
+class PeriodMap:
+    """The exact flow of a system over a period, with its derivative."""
+
+    def __init__(self, system: System, period: float) -> None:
+        self.system, self.period = system, period
+        self.rigid = any(contact.stops.rigid for contact in system.contacts)
+        self.generators = Generators(system)
+        self.tracer: Tracer | None = None if self.rigid else tracer_of(system, span=period)
+
+    def path(self, z: Array) -> Path:
+        """Segments of a period from the state z (2n,)."""
+        n = self.system.size
+        if self.tracer is None:
+            moved = replace(self.system, q0=z[:n].copy(), v0=z[n:].copy(), origin=None)
+            try:
+                solution: Any = ImpactTracer(moved).solve(self.period)
+            except InputError as error:  # a state of Newton's method beyond a stop
+                reason = f"a state on the way has no motion: {error}"
+                raise SolverFailure("periodic_orbit", 0.0, reason, "give a closer guess") from error
+            if solution.stuck:
+                reason = "a chatter ends on the way, where the flow has no derivative"
+                raise SolverFailure(
+                    "periodic_orbit", solution.stuck[0][0], reason, "take restitution 0, or another guess"
+                )
+        else:
+            solution = self.tracer.solve(self.period, (z[:n].copy(), z[n:].copy()))
+        return path_of_solution(self.system, solution, self.period)
+
+    def flow(self, z: Array) -> tuple[Array, Array, Tangent]:
+        """State after a period, its derivative (2n, 2n), and the tangent along the way."""
+        path = self.path(z)
+        if 0 in path.hits:
+            reason = "the period starts with an impact"
+            raise SolverFailure("periodic_orbit", 0.0, reason, "shift the phase of the loads")
+        tangent = Tangent(self.generators, path, np.eye(len(z)))
+        last = len(path.times) - 1
+        end = tangent.regimes[last].ahead(tangent.Z[last][:, None], float(tangent.lengths[last]))[: len(z), 0]
+        return end, monodromy(tangent), tangent
+
+    def sizes(self, tangent: Tangent) -> Array:
+        """The largest |q| and |q'| of a path for each entry of a state, (2n,)."""
+        n = self.system.size
+        q, v = np.max(np.abs(tangent.Z[:, :n])), np.max(np.abs(tangent.Z[:, n : 2 * n]))
+        return np.repeat([max(q, 1e-300), max(v, 1e-300)], n)
+
+
+def periodic_orbit(system: System, period: float, guess: Any = None) -> Orbit:
+    """The periodic orbit of the exact flow near a guess, stable or unstable.
+
+    Parameters
+    ----------
+    system : System
+        Between linear stops, compliant, damped or rigid with restitution; loads repeat after ``period``.
+    period : float
+        A multiple of the periods of all loads and stop motions.
+    guess : Orbit, Trajectory, pair (q, v), or None
+        A neighbour; the end of a run, which has to end at a multiple of the period; a state at t = 0. None: the state
+        after 60 periods from the system's own start.
+
+    Returns
+    -------
+    Orbit
+        ``.residual .multipliers .stable .events .q .v .monodromy``
+
+    Raises
+    ------
+    InputError
+        For loads that do not repeat, and for stops that the exact solution does not take.
+    SolverFailure
+        Where Newton's method does not converge from the guess.
+
+    Examples
+    --------
+    >>> import numpy as np, stiffbeam as sb
+    >>> stop = sb.Contact([1.0], sb.Stops(upper=0.0, stiffness=float("inf"), restitution=0.8))
+    >>> load = ([1.0], sb.Harmonic(1.0, 2.8, phase=7.8))
+    >>> oscillator = sb.System.from_matrices([[1.0]], [[1.0]], loads=[load], contacts=[stop])
+    >>> orbit = sb.periodic_orbit(oscillator, 2 * np.pi / 2.8, ([-0.5], [0.0]))
+    >>> round(float(np.linalg.det(orbit.monodromy)), 9)  # e^2
+    0.64
+    """
+    require_system(system)
+    period = positive("period", period)
+    _repeats(system, period)
+    if any(contact.stops.rigid for contact in system.contacts):
+        require_rigid(system, period)
+    else:
+        refuse(system, period)
+        afford_search(system, period)
+    with within_float64("periodic_orbit", period):
+        mapping = PeriodMap(system, period)
+        z = _guessed(mapping, guess)
+        z, tangent, closure = shoot(mapping, z)
+        residual = closure
+        if not mapping.rigid and len(tangent.path.times) > 1:
+            z, residual = polished(mapping, z, tangent)
+            end, _, tangent = mapping.flow(z)
+            closure = float(np.max(np.abs(end - z) / mapping.sizes(tangent)))
+        return orbit_of(mapping, z, tangent, closure, residual)
+
+
+def orbit_of(mapping: PeriodMap, z: Array, tangent: Tangent, closure: float, residual: float) -> Orbit:
+    """An Orbit from its start z and the tangent along it."""
+    n, D, path = mapping.system.size, monodromy(tangent), tangent.path
+    multipliers = np.asarray(np.linalg.eigvals(D), complex)
+    multipliers = multipliers[np.argsort(-np.abs(multipliers), kind="stable")]
+    times, contacts, sides = [], [], []
+    for i in range(1, len(path.times)):
+        changed = set(np.flatnonzero(path.sides[i] != path.sides[i - 1]).tolist()) | set(path.hits.get(i, ()))
+        for c in sorted(changed):
+            times.append(path.times[i])
+            contacts.append(c)
+            sides.append(int(path.sides[i][c]))
+    events = np.array(times, float), np.array(contacts, np.int64), np.array(sides, np.int64)
+    return Orbit(
+        mapping.system, mapping.period, z[:n].copy(), z[n:].copy(), residual, closure, multipliers, D, *events,
+        log_determinant(tangent), path,
+    )  # fmt: skip
+
+
+def log_determinant(tangent: Tangent) -> float:
+    """ln |det| of the monodromy, by Liouville's formula tr(A) tau of every segment and e^2 of every impact.
+
+    Of the matrix itself it is lost where a mode dies out below float64.
+    """
+    n, total = tangent.generators.n, 0.0
+    for i, (regime, tau) in enumerate(zip(tangent.regimes, tangent.lengths.tolist(), strict=True)):
+        if regime.held:
+            return -np.inf
+        total += float(np.trace(regime.A[: 2 * n, : 2 * n])) * tau
+        for c in tangent.path.hits.get(i, ()):
+            e = float(tangent.generators.data.restitution[c])
+            total += 2.0 * float(np.log(e)) if e > 0.0 else -np.inf
+    return total
+
+
+def shoot(mapping: PeriodMap, z: Array) -> tuple[Array, Tangent, float]:
+    """A fixed point of the period map near z, the tangent along it, and its relative defect."""
+    end, D, tangent = mapping.flow(z)
+    scale = mapping.sizes(tangent)
+    defect = float(np.max(np.abs(end - z) / scale))
+    for _ in range(NEWTON):
+        if defect < ROUNDING:
+            break
+        step = np.linalg.solve((D - np.eye(len(z))) * scale, -(end - z)) * scale
+        best = None
+        for halving in range(HALVINGS):
+            trial = z + step * 0.5**halving
+            try:
+                ahead, slope, other = mapping.flow(trial)
+            except SolverFailure:
+                continue
+            new = float(np.max(np.abs(ahead - trial) / np.maximum(scale, mapping.sizes(other))))
+            if best is None or new < best[0]:
+                best = new, trial, ahead, slope, other
+            if new < defect:
+                break
+        if best is None or (best[0] >= defect and defect < CLOSED):
+            break
+        defect, z, end, D, tangent = best
+        scale = mapping.sizes(tangent)
+    if not defect < CLOSED:
+        reason = f"Newton's method does not close the orbit: {defect:.1e} of it is left"
+        raise SolverFailure("periodic_orbit", mapping.period, reason, "give a closer guess, as a neighbouring orbit")
+    return z, tangent, defect
+
+
+def polished(mapping: PeriodMap, z: Array, tangent: Tangent) -> tuple[Array, float]:
+    """The start of an orbit by Newton's method on its event times, and the largest relative |h| at an event.
+
+    Falls back on z where the events do not keep their order.
+    """
+    n, path, generators = mapping.system.size, tangent.path, mapping.generators
+    times, k = path.times[1:].copy(), len(path.times) - 1
+    forms = [_event_form(generators, path, i) for i in range(1, k + 1)]
+    best, start, size = np.inf, z, mapping.sizes(tangent)
+    for _ in range(POLISH):
+        edges = np.concatenate([[0.0], times, [mapping.period]])
+        if np.any(np.diff(edges) < 0.0):
+            break
+        flows = [regime.flow(tau) for regime, tau in zip(tangent.regimes, np.diff(edges).tolist(), strict=True)]
+        g = [generators.basis.values(t, 0) for t in edges[:-1].tolist()]
+        total, shift = np.eye(2 * n), np.zeros(2 * n)
+        for E, each in zip(flows, g, strict=True):
+            total, shift = E[: 2 * n, : 2 * n] @ total, E[: 2 * n] @ np.concatenate([shift, each])
+        moved = np.linalg.solve((np.eye(2 * n) - total) * size, shift) * size
+        states = [np.concatenate([moved, g[0]])]
+        for i in range(k):
+            states.append(np.concatenate([flows[i][: 2 * n] @ states[-1], g[i + 1]]))
+        h = np.array([form @ Z for form, Z in zip(forms, states[1:], strict=True)])
+        terms = np.array([np.abs(form) @ np.abs(Z) for form, Z in zip(forms, states[1:], strict=True)])
+        error = float(np.max(np.abs(h) / terms))
+        if error >= best:
+            break
+        best, start = error, moved
+        if error < 1e-16:
+            break
+        times = times - np.linalg.solve(_jacobian(tangent, flows, states, forms, total, n), h)
+    return start, best
+
+
+def _event_form(generators: Generators, path: Path, i: int) -> Array:
+    """The form that is zero where segment i begins."""
+    contact = int(np.flatnonzero(path.sides[i] != path.sides[i - 1])[0])
+    old, new = int(path.sides[i - 1][contact]), int(path.sides[i][contact])
+    force = switched_by_force(old, new)
+    return (generators.pressure if force else generators.gap)(contact, int(np.sign(new or old)), 0)[0]
+
+
+def _jacobian(
+    tangent: Tangent, flows: list[Array], states: list[Array], forms: list[Array], total: Array, n: int
+) -> Array:
+    """dh_i/dt_j, (k, k): an event that is later adds what the rate of the state jumps by there."""
+    k = len(forms)
+    jumps, rates = np.zeros((2 * n, k)), np.zeros(k)
+    for j, (form, Z) in enumerate(zip(forms, states[1:], strict=True)):
+        before = tangent.regimes[j].A @ Z
+        jumps[:, j] = (before - tangent.regimes[j + 1].A @ Z)[: 2 * n]
+        rates[j] = form @ before
+    moved = np.zeros((2 * n, k))
+    J = np.zeros((k, k))
+    for again in (False, True):
+        if again:
+            moved = np.linalg.solve(np.eye(2 * n) - total, moved)
+        for i in range(k):
+            moved = flows[i][: 2 * n, : 2 * n] @ moved
+            if again:
+                J[i] = forms[i][: 2 * n] @ moved
+            moved[:, i] += jumps[:, i]
+        moved = flows[k][: 2 * n, : 2 * n] @ moved
+    J[range(k), range(k)] += rates
+    return J
+
+
+def _repeats(system: System, period: float) -> None:
+    """Refuse loads and stop motions that do not repeat after a period."""
+    for function in [*(f for _, f in system.loads), *(contact.offset for contact in system.contacts)]:
+        for part in parts_of(function):
+            if isinstance(part, Sampled):
+                rule = "be made of Harmonic and Constant for a periodic orbit"
+                raise InputError("time function", part, rule, "write the record as a sum of harmonics")
+            if isinstance(part, Harmonic):
+                turns = period * float(part.frequency) / (2.0 * np.pi)
+                if abs(turns - round(turns)) > REPEATS * turns or round(turns) < 1:
+                    rule = f"be a multiple of 2 pi/{part.frequency!r}, the period of a load"
+                    raise InputError("period", period, rule, f"for example {2.0 * np.pi / part.frequency!r}")
+
+
+def _guessed(mapping: PeriodMap, guess: Any) -> Array:
+    """The state (2n,) from which Newton's method starts."""
+    system, n = mapping.system, mapping.system.size
+    if guess is None:
+        z = np.concatenate([system.q0, system.v0])
+        for _ in range(SETTLE):
+            z = mapping.flow(z)[0]
+        return z
+    if isinstance(guess, Orbit):
+        pair: Any = (guess.q, guess.v)
+    elif isinstance(guess, Trajectory):
+        turns = float(guess.t[-1]) / mapping.period
+        if abs(turns - round(turns)) > 1e-6:
+            rule = f"end at a multiple of the period {mapping.period!r}"
+            raise InputError("guess", float(guess.t[-1]), rule, "run it on, or take the pair (q, v)")
+        q, v = guess.states
+        pair = (q[-1], v[-1])
+    else:
+        pair = guess
+    try:
+        z = np.concatenate([np.asarray(x, float).ravel() for x in pair])
+    except (TypeError, ValueError):
+        z = np.zeros(0)
+    if z.shape != (2 * n,) or not np.all(np.isfinite(z)):
+        rule = f"be an Orbit, a Trajectory, or a pair (q, v) of {n} finite numbers each"
+        raise InputError("guess", guess, rule, "leave it out for the state after 60 periods")
+    return z

@@ -1,0 +1,203 @@
+"""Value and derivative of every scheme against the exact ones, and the orders of both.
+
+    y(x) = tip at the end of the window from the start x,   dy = y'(x) d
+
+The direction d is a change of all velocities along the slowest mode. The exact derivative is that of the flow
+(``reference.derivative``), a scheme's is that of its map, by a central difference of width 1e-7 of the motion: what
+automatic differentiation of its steps gives, but where two of these differ in contact. Over several starts errors are
+root mean squares relative to the exact values. Implicit contact has a slope of 0 or of the stop's for a whole step; the
+discrete gradient's is the share of the step in contact, and so its derivative keeps the order of its value.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Annotated
+
+import numpy as np
+
+from ..basics.arrays import Array
+from ..basics.resources import afford
+from ..basics.validation import InputError
+from ..figures import Axis, Panel, Picture, curves, groups, short
+from ..files.cases import Case
+from ..march.integrate import integrate
+from ..measures.errors import observed_order
+from ..model.modes import undamped_modes
+from ..model.system import System
+from ..references import reference, takes
+from ..trajectory.trajectory import SolverFailure
+from . import common
+from .engine.study import Answer, Point, Records, Row, Rows, Study
+
+WIDTH = 1e-7  # of the starts' velocities: differences are of rounding below, of the next impact above
+SPREAD = 0.1  # of the largest velocity: the starts
+CONSERVING = " conserving"  # after a method's label
+SETTLED = 0.5  # relative error of a value or derivative below which its order is observed
+FLOOR = 2e-6  # relative error below which rounding of differences shows
+FINEST = 5  # steps at most from which an order is observed
+
+
+def points(
+    case: Case,
+    *,
+    schemes: common.Schemes = None,
+    form: common.Form,
+    dt: common.Dt,
+    halvings: common.Halvings = 9,
+    impacts: common.ImpactCount = 4,
+    starts: Annotated[int, "how many starts around the case's"] = 16,
+) -> list[Point]:
+    """Every scheme, with conserving contact too where it has that, at ``dt`` (the case's), dt/2, ..., until the first
+    impacts are over, as many as ``impacts`` says."""
+    system = common.system_of(case, form)
+    if not takes("exact", system, case.t_end):
+        rule = "have an exact solution: linear stops, and functions of time in closed form"
+        raise InputError("case", case.name, rule, "take stops with exponent 1")
+    end = common.first_impacts(case, form, impacts)
+    afford("starts", starts, "take fewer", seconds=6e-8 * starts * end / dt * 2.0**halvings * system.size)
+    labels = common.scheme_labels(case, schemes)
+    conserving = [
+        label + CONSERVING
+        for label in labels
+        if common.scheme_of(label).conserving is not None and not any(c.stops.rigid for c in system.contacts)
+    ]
+    return [
+        {"method": label, "dt": end / steps, "form": form, "t_end": end, "starts": starts}
+        for label in [*labels, *conserving]
+        for steps in common.halved(end, dt, halvings)
+    ]
+
+
+def evaluate(case: Case, point: Point) -> list[Row]:
+    """One row: relative errors of value and derivative, rms over the starts."""
+    system, end = common.system_of(case, point["form"]), point["t_end"]
+    direction = undamped_modes(system).shapes[:, 0]
+    direction = direction / np.max(np.abs(direction))
+    moved, size = starts_of(system, end, point["starts"], direction)
+    exact, slopes = exact_values(system, end, moved, direction)
+    method = point["method"]
+    scheme = common.scheme_of(method.removesuffix(CONSERVING))
+    contact, steps = ("conserving" if method.endswith(CONSERVING) else "implicit"), round(end / point["dt"])
+
+    def tip(velocity: Array) -> float:
+        run = integrate(replace(system, v0=velocity), scheme, end / steps, end, contact=contact, every=steps)
+        return float(run.tip[-1])
+
+    h = WIDTH * size
+    values = np.array([tip(v) for v in moved])
+    derived = np.array([(tip(v + h * direction) - tip(v - h * direction)) / (2.0 * h) for v in moved])
+    return [{"value_error": relative(values, exact), "derivative_error": relative(derived, slopes)}]
+
+
+def relative(found: Array, exact: Array) -> float:
+    """Root mean square of found - exact over that of the exact values, of those that are known."""
+    known = np.isfinite(exact)
+    return float(np.sqrt(np.mean((found - exact)[known] ** 2) / np.mean(exact[known] ** 2)))
+
+
+def starts_of(system: System, end: float, count: int, direction: Array) -> tuple[list[Array], float]:
+    """Initial velocities (count of (n,)), and the largest velocity of the motion."""
+    size = float(np.max(np.abs(reference(system, end, t_eval=np.linspace(0.0, end, 101)).states[1])))
+    shifts = np.random.default_rng(1).uniform(-1.0, 1.0, count)
+    return [system.v0 + SPREAD * size * x * direction for x in shifts], size
+
+
+def exact_values(system: System, end: float, velocities: list[Array], direction: Array) -> tuple[Array, Array]:
+    """Tip at the end from every start and its derivative in the direction; NaN where there is none."""
+    key = (system.fingerprint, end, len(velocities))
+    if key not in _EXACT:
+        values, slopes = np.full((2, len(velocities)), np.nan)
+        for k, velocity in enumerate(velocities):
+            try:
+                exact = reference(replace(system, v0=velocity), end, t_eval=np.array([0.0, end]))
+            except SolverFailure:
+                continue
+            values[k] = exact.tip[-1]
+            slopes[k] = exact.derivative(["initial_velocity"]).tip[-1] @ direction
+        if not np.any(np.isfinite(slopes)):
+            raise SolverFailure(
+                "exact", end, "no start has a derivative at the end of the window", "take fewer impacts"
+            )
+        _EXACT.clear()
+        _EXACT[key] = np.where(np.isfinite(slopes), values, np.nan), slopes
+    return _EXACT[key]
+
+
+_EXACT: dict[tuple[str, float, int], tuple[Array, Array]] = {}
+
+
+def answer(rows: Rows, case: Case) -> Answer:
+    """Orders of value and derivative side by side, and both errors at the case's step and at the finest."""
+    table: list[dict[str, str]] = []
+    orders: dict[str, dict[str, float]] = {"value": {}, "derivative": {}}
+    finest = min(row["dt"] for row in rows)
+    for method, own in groups(rows, "method").items():
+        own.sort(key=lambda row: -row["dt"])
+        line = {"method": named(method)}
+        for what in orders:
+            settled = tail([row for row in own if row[f"{what}_error"] > FLOOR], f"{what}_error")
+            order = observed_order([row["dt"] for row in settled], [row[f"{what}_error"] for row in settled])
+            line[f"order of the {what}"] = str(order) if np.isfinite(order.slope) else "not settled"
+            if np.isfinite(order.slope) and not order.unclear:
+                orders[what][method] = order.slope
+        for what in orders:
+            line[f"{what} off by"] = f"{own[0][f'{what}_error']:.2g}"
+        for what in orders:
+            line[f"{what}, finest"] = f"{own[-1][f'{what}_error']:.2g}"
+        table.append(line)
+    ranges = {what: common.extremes(found, lambda x: f"{x:.2f}") for what, found in orders.items()}
+    verdict = f"Order of the value: {ranges['value']}; of its derivative: {ranges['derivative']}."
+    starts = rows[0]["starts"]
+    step = case.units.measure(format(finest, ".2g"), "time")
+    notes = (
+        f"Errors relative to the exact values, rms over {starts} starts. Orders with 95 % intervals, over the {FINEST} "
+        f"finest steps as far as errors are between {FLOOR:g} and {SETTLED:g}. Finest step {step}."
+    )
+    return Answer(verdict, table, notes)
+
+
+def tail(rows: list[Row], error: str) -> list[Row]:
+    """The finest of rows from coarse to fine, as far as their errors are settled."""
+    rough = [k for k, row in enumerate(rows) if not row[error] < SETTLED]
+    return rows[max([k + 1 for k in rough] + [len(rows) - FINEST, 0]) :]
+
+
+def named(method: str) -> str:
+    """Short name of a method and its contact."""
+    return short(method.removesuffix(CONSERVING)) + (CONSERVING if method.endswith(CONSERVING) else "")
+
+
+def picture(records: Records) -> Picture:
+    """Errors of value and derivative over the step; panels for implicit and for conserving contact."""
+    pick: dict[str, Callable[[str], bool]] = {
+        "": lambda method: not method.endswith(CONSERVING),
+        ", conserving contact": lambda method: method.endswith(CONSERVING),
+    }
+    lines = []
+    for title, chosen in pick.items():
+        own = [row for row in records.numbers if chosen(row["method"])]
+        own = [row | {"method": row["method"].removesuffix(CONSERVING)} for row in own]
+        own.sort(key=lambda row: row["dt"])
+        if own:
+            panels = []
+            for what in ("value", "derivative"):
+                step = Axis(r"time step $\Delta t$", "time", "log")
+                error = Axis(f"relative error of the {what}, rms", scale="log")
+                panels.append(Panel(f"{what}{title}", step, error, curves(own, "dt", f"{what}_error", "method")))
+            lines.append(panels)
+    return Picture(lines, 5.2 * len(lines), 5)
+
+
+STUDY = Study(
+    name="gradient",
+    question="How exact is the derivative of each scheme, beside its value?",
+    points=points,
+    evaluate=evaluate,
+    answer=answer,
+    picture=picture,
+    needs_motion=True,
+    needs_stops=True,
+    smoke={"schemes": ["trapezoidal"], "halvings": 3, "impacts": 2, "starts": 2},
+)

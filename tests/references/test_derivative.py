@@ -1,0 +1,262 @@
+"""Derivatives of exact motions: against closed forms, and against differences of exact flows on random systems."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+import pytest
+
+import stiffbeam as sb
+from stiffbeam.references.exact.piecewise import solve_exact
+from stiffbeam.references.exact.rigid_reference import solve_rigid
+
+KINDS = ("compliant", "damped", "kelvin-voigt", "rigid", "moving", "record")
+WIDTHS = (3e-3, 3e-4, 3e-5, 3e-6)
+ORDER_4 = ((1, 8.0 / 12.0), (-1, -8.0 / 12.0), (2, -1.0 / 12.0), (-2, 1.0 / 12.0))
+
+
+def random_system(index: int, **values: float) -> tuple[sb.System, float, dict[str, float]]:
+    """System ``index``, the end of its motion, and its parameters by path; values: other ones of these.
+
+    A driven chain of one to four masses between stops on its last; every kind of contact in turn.
+    """
+    rng, kind = np.random.default_rng([39, index]), KINDS[index % len(KINDS)]
+    n = int(rng.integers(1, 5))
+    springs = 10.0 ** rng.uniform(0.5, 2.0, n)
+    stiffness = np.diag(springs + np.append(springs[1:], 0.0)) - np.diag(springs[1:], 1) - np.diag(springs[1:], -1)
+    mass = np.diag(rng.uniform(0.5, 2.0, n))
+    first = float(np.sqrt(np.min(np.linalg.eigvals(np.linalg.solve(mass, stiffness)).real)))
+    damping = np.zeros((n, n)) if kind == "compliant" else rng.uniform(0.002, 0.1) * stiffness / first
+    row = np.eye(n)[-1]
+    parameters = {
+        "contacts[0].stops.upper": rng.uniform(0.05, 0.3),
+        "loads[0].time.amplitude": first**2 * rng.uniform(0.5, 1.5),
+        "loads[0].time.frequency": first * rng.uniform(0.4, 2.5),
+        "loads[0].time.phase": rng.uniform(0.0, 6.0),
+        "v0[0]": first * rng.normal(),
+    }
+    if kind == "rigid":
+        parameters["contacts[0].stops.restitution"] = rng.uniform(0.3, 0.95)
+    else:
+        parameters["contacts[0].stops.stiffness"] = first**2 * 10.0 ** rng.uniform(0.5, 3.5)
+    if kind == "kelvin-voigt":
+        kappa = parameters["contacts[0].stops.stiffness"]
+        parameters["contacts[0].stops.damping"] = np.sqrt(kappa) * 10.0 ** rng.uniform(-1.5, 0.0)
+    if kind == "moving":
+        parameters |= {
+            "contacts[0].offset.amplitude": 0.05,
+            "contacts[0].offset.frequency": first * rng.uniform(0.5, 3),
+        }
+    t_end = float(2.0 * np.pi / first * rng.uniform(1.0, 2.0))
+    samples = first**2 * rng.normal(size=9)
+    if kind == "record":
+        parameters["loads[1].time.values[3]"] = samples[3]
+    assert values.keys() <= parameters.keys()
+    at = parameters | values
+    stops: dict[str, Any] = {key.split(".")[-1]: x for key, x in at.items() if ".stops." in key}
+    if kind == "rigid":
+        stops["stiffness"] = np.inf
+    offset = (
+        sb.Harmonic(at["contacts[0].offset.amplitude"], at["contacts[0].offset.frequency"], 0.3)
+        if kind == "moving"
+        else None
+    )
+    wave = (at[f"loads[0].time.{name}"] for name in ("amplitude", "frequency", "phase"))
+    loads: list[Any] = [(rng.normal(size=n), sb.Harmonic(*wave))]
+    if kind == "record":
+        samples[3] = at["loads[1].time.values[3]"]
+        times = np.linspace(0.0, t_end, 9)
+        loads.append((rng.normal(size=n), sb.Sampled(times, samples, str(rng.choice(["linear", "cubic"])))))
+    v0 = first * rng.normal(size=n)
+    v0[0] = at["v0[0]"]
+    system = sb.System.from_matrices(
+        mass, stiffness, damping, loads, [sb.Contact(row, sb.Stops(-0.4, **stops), offset)], initial_velocity=v0
+    )
+    return system, t_end, parameters
+
+
+def exact(system: sb.System, t_end: float, t: np.ndarray) -> sb.Reference:
+    """The exact solution without the copies that tell its horizon."""
+    if any(contact.stops.rigid for contact in system.contacts):
+        return solve_rigid(system, t_end, t, trusted=False)
+    return solve_exact(system, t_end, t)
+
+
+SEEN = {
+    "tip": (lambda r: r.tip, lambda d: d.tip),
+    "velocity": (lambda r: r.tip_velocity, lambda d: d.tip_velocity),
+    "energy": (lambda r: r.energy.energy, lambda d: d.energy),
+    "impact times": (lambda r: r.impacts.times, lambda d: d.impact_times[0]),
+    "impulses": (lambda r: r.impacts.impulses, lambda d: d.impulses[0]),
+    "peaks": (lambda r: r.impacts.peaks, lambda d: d.peaks[0]),
+}
+
+
+def distances(index: int, count: int) -> tuple[float, float, int]:
+    """Distance of derivatives to differences of order 4, the same over what is known of these, and how many compared.
+
+    In ``count`` of the system's parameters. Differences are known to the least distance between two widths of them.
+    Distances are relative to the largest derivative of that quantity, and no less than a thousandth of it over the
+    parameter.
+    """
+    system, t_end, parameters = random_system(index)
+    t = np.linspace(0.0, t_end, 6)[1:]
+    reference = exact(system, t_end, t)
+    paths = np.random.default_rng(index).permutation(list(parameters))[:count].tolist()
+    change = reference.derivative(paths)
+    worst, beyond, compared = 0.0, 0.0, 0
+    for p, path in enumerate(paths):
+        value = parameters[path]
+        scale = max(abs(value), 0.1)
+        differences: dict[str, list[Any]] = {name: [] for name in SEEN}
+        for width in WIDTHS:
+            h = width * scale
+            runs = {k: exact(random_system(index, **{path: value + k * h})[0], t_end, t) for k, _ in ORDER_4}
+            for name, (read, _) in SEEN.items():
+                arrays = {k: np.asarray(read(run), float) for k, run in runs.items()}
+                if all(x.shape == np.shape(read(reference)) for x in arrays.values()):  # as many impacts
+                    differences[name].append(sum(weight * arrays[k] for k, weight in ORDER_4) / h)
+        for name, (read, ours) in SEEN.items():
+            if len(differences[name]) < 2:
+                continue
+            found, wanted, here = np.array(differences[name]), ours(change)[:, p], np.asarray(read(reference), float)
+            known = np.isfinite(wanted) & np.all(np.isfinite(found), axis=0)
+            if np.any(known):
+                found, wanted, here = found[:, known], wanted[known], np.abs(here[known])
+                size = max(np.max(np.abs(wanted)), 1e-3 * np.max(here) / scale, 1e-300)
+                error = np.min(np.abs(found - wanted), axis=0) / size
+                spread = np.min(np.abs(np.diff(found, axis=0)), axis=0) / size
+                worst, compared = max(worst, float(np.max(error))), compared + len(error)
+                beyond = max(beyond, float(np.max(error / (1e-9 + spread))))
+    return worst, beyond, compared
+
+
+@pytest.mark.parametrize(
+    ("first", "count", "parameters"),
+    [
+        (0, 6, 1),
+        pytest.param(0, 40, 1, marks=pytest.mark.slow),
+        pytest.param(0, 2000, 2, marks=pytest.mark.campaign),
+    ],
+)
+def test_derivatives_are_those_of_differences_of_exact_flows(first, count, parameters):
+    """Differences of order 4 lose rounding times the growth of neighbours over the width: most agree to 1e-9."""
+    found = [distances(index, parameters) for index in range(first, first + count)]
+    errors, beyond, compared = np.array(found).T
+    assert np.all(beyond < 10.0), np.flatnonzero(beyond >= 10.0)
+    assert np.mean(errors < 1e-8) > 0.9
+    assert np.median(errors) < 1e-9
+    assert np.sum(compared) > 15 * count
+
+
+def test_a_free_mass_and_a_spring_in_closed_form():
+    """x = v t to the gap g, half a period of sqrt(kappa/m) in the stop, peak sqrt(kappa m) v, impulse 2 m v."""
+    m, kappa, g, v = 2.0, 50.0, 0.3, 1.5
+    system = sb.System.from_matrices(
+        [[m]], [[0.0]], contacts=[sb.Contact(np.ones(1), sb.Stops(upper=g, stiffness=kappa))], initial_velocity=[v]
+    )
+    reference = sb.reference(system, 2.0, t_eval=[0.1, 1.9])
+    change = reference.derivative(["initial_velocity", "stops.upper", "stops.stiffness"])
+    half = np.pi * np.sqrt(m / kappa)
+    assert change.wrt == ("v0[0]", "stops.upper", "stops.stiffness")
+    assert np.allclose(change.impact_times[0], [[-g / v**2, 1.0 / v, 0.0]], rtol=1e-12, atol=1e-14)
+    assert np.allclose(
+        change.peaks[0], [[np.sqrt(kappa * m), 0.0, 0.5 * np.sqrt(m / kappa) * v]], rtol=1e-12, atol=1e-12
+    )
+    assert np.allclose(change.impulses[0], [[2.0 * m, 0.0, 0.0]], rtol=1e-12, atol=1e-12)
+    # afterwards x = g - v (t - g/v - half)
+    assert np.allclose(change.tip[-1], [-1.9 + half, 2.0, v * -half / (2.0 * kappa)], rtol=1e-12)
+    assert np.allclose(change.tip_velocity, [[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]], atol=1e-12)
+    assert np.allclose(change.energy, [[m * v, 0.0, 0.0]] * 2, atol=1e-12)
+    assert change.horizon == 1.9
+    assert np.isinf(change.exists_until)
+
+
+def test_a_bouncing_ball_in_closed_form_until_its_chatter_ends():
+    """t_n = t_1 (1 + 2 e + ... + 2 e^(n-1)), t_1 = sqrt(2 h/a), impulse (1 + e) m e^(n-1) sqrt(2 a h)."""
+    h, a, e = 1.0, 9.81, 0.6
+    system = sb.System.from_matrices(
+        [[1.0]],
+        [[0.0]],
+        loads=[([1.0], sb.Constant(-a))],
+        contacts=[sb.Contact(np.ones(1), sb.Stops(lower=0.0, stiffness=np.inf, restitution=e))],
+        initial_displacement=[h],
+    )
+    reference = sb.reference(system, 3.0)
+    change = reference.derivative(["q0[0]", "contacts[0].stops.restitution", "loads[0].time.level"])
+    first, n = np.sqrt(2.0 * h / a), np.arange(6)
+    times = first * (2.0 * np.cumsum(e**n) - 1.0)
+    by_e = 2.0 * first * np.cumsum(n * e ** np.maximum(n - 1.0, 0.0))
+    assert np.allclose(reference.impacts.times[:6], times, rtol=1e-12)
+    assert np.allclose(change.impact_times[0][:6, 0], times / (2.0 * h), rtol=1e-10)
+    assert np.allclose(change.impact_times[0][:6, 1], by_e, rtol=1e-10)
+    assert np.allclose(change.impact_times[0][:6, 2], times / (2.0 * a), rtol=1e-10)  # level = -a
+    speed = np.sqrt(2.0 * a * h)
+    assert np.allclose(change.impulses[0][:6, 0], (1 + e) * e**n * speed / (2.0 * h), rtol=1e-10)
+    assert np.allclose(
+        change.impulses[0][:6, 1], speed * (e**n + (1 + e) * n * e ** np.maximum(n - 1.0, 0.0)), rtol=1e-10
+    )
+    end = first * (1.0 + e) / (1.0 - e)
+    assert abs(change.exists_until - end) < 1e-9
+    assert "chatter" in change.reason
+    assert np.all(np.isnan(change.tip[reference.t > end]))
+    assert np.all(np.isfinite(change.tip[reference.t < end - 1e-6]))
+
+
+def test_at_a_graze_no_impact_time_has_a_derivative():
+    """x = v sin t touches the stop at 1 with the speed sqrt(v^2 - 1), which rounding of v makes anything to 2e-8."""
+    contact = sb.Contact(np.ones(1), sb.Stops(upper=1.0, stiffness=np.inf, restitution=0.5))
+    system = sb.System.from_matrices([[1.0]], [[1.0]], contacts=[contact], initial_velocity=[1.0 + 4e-16])
+    reference = sb.reference(system, 3.0)
+    change = reference.derivative(["v0[0]"])
+    assert reference.impacts.count
+    assert abs(change.exists_until - np.pi / 2.0) < 1e-6
+    assert "graze" in change.reason
+    assert np.all(np.isnan(change.tip[reference.t > 1.6]))
+    assert np.allclose(change.tip[reference.t < 1.5, 0], np.sin(reference.t[reference.t < 1.5]), atol=1e-13)
+    hit = sb.System.from_matrices([[1.0]], [[1.0]], contacts=[contact], initial_velocity=[1.0 + 1e-10])
+    assert np.isinf(sb.reference(hit, 3.0).derivative(["v0[0]"]).exists_until)
+
+
+def test_what_a_derivative_refuses(table10):
+    system = sb.semidiscretise(table10, 4)
+    reference = sb.reference(system, 0.02)
+    with pytest.raises(sb.InputError, match="be a path to a number of the system"):
+        reference.derivative(["stops.stifness"])
+    with pytest.raises(sb.InputError, match="name parameters"):
+        reference.derivative([])
+    with pytest.raises(sb.InputError, match="be of method"):
+        sb.reference(system, 0.01, method="cvode").derivative(["viscosity"])
+    with pytest.raises(sb.InputError, match="keep the terms of the loads"):
+        reference.derivative(["viscosity"])  # at 0 the load of the moving clamp has one term less
+
+
+def test_beam_parameters_that_are_not_linear_in_its_matrices(table10):
+    """A tip's mass and the frequency of the base, against differences of exact flows."""
+    problem = dataclasses.replace(table10, tip_mass=0.05)
+    t = np.linspace(0.0, 0.04, 5)[1:]
+    paths = {"base.frequency": 10.0, "tip_mass": 0.05, "stiffness": 300.0}
+    change = sb.reference(sb.semidiscretise(problem, 6), 0.04, t_eval=t).derivative(list(paths))
+    assert np.all(change.bounds < 1e-12)
+    for p, (path, value) in enumerate(paths.items()):
+        h = 1e-5 * value
+
+        def tip(step: float, path: str = path) -> np.ndarray:
+            if path == "base.frequency":
+                base = dataclasses.replace(problem.base, frequency=10.0 + step)
+                other = dataclasses.replace(problem, base=base, initial_velocity=change_of_speed(problem, base))
+            else:
+                other = dataclasses.replace(problem, **{path: getattr(problem, path) + step})
+            return sb.reference(sb.semidiscretise(other, 6), 0.04, t_eval=t).tip
+
+        difference = sum(weight * tip(k * h) for k, weight in ORDER_4) / h
+        assert np.allclose(change.tip[:, p], difference, rtol=1e-6, atol=1e-6 * np.max(np.abs(difference)))
+
+
+def change_of_speed(problem: sb.BeamProblem, base: sb.Harmonic) -> object:
+    """The initial velocity of a beam that starts with its base's."""
+    if problem.initial_velocity is None:
+        return None
+    return sb.PolynomialProfile((float(base.rate(0.0)),))

@@ -1,0 +1,134 @@
+"""Periodic orbits of exact motions against closed forms, Liouville's formula and differences of the flow."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import stiffbeam as sb
+from stiffbeam.references.exact.orbit import PeriodMap
+
+W, E = 2.8, 0.8
+
+
+def impact_oscillator() -> tuple[sb.System, float, tuple[list[float], list[float]]]:
+    """x'' + x = cos(w t), x <= 0: one impact a period with speed V at the phase t0, and the state half a period on.
+
+    Between impacts x = a cos + b sin + G cos(w t); that x and -e V are there after and 0 and V before, a period later,
+    is linear in (a, b) for a given phase, and one equation for the phase.
+    """
+    speed, phase, G, T = 0.3361772699756701192, 1.0926345564090809343, 1.0 / (1.0 - W * W), 2.0 * np.pi / W
+    a, b = -G * np.cos(W * phase), -E * speed + G * W * np.sin(W * phase)
+    c, s, later = np.cos(0.5 * T), np.sin(0.5 * T), W * (phase + 0.5 * T)
+    start = [a * c + b * s + G * np.cos(later)], [-a * s + b * c - G * W * np.sin(later)]
+    contact = sb.Contact(np.ones(1), sb.Stops(upper=0.0, stiffness=np.inf, restitution=E))
+    load = ([1.0], sb.Harmonic(1.0, W, phase=later + 0.5 * np.pi))
+    return sb.System.from_matrices([[1.0]], [[1.0]], loads=[load], contacts=[contact]), T, start
+
+
+def beam(frequency: float) -> sb.System:
+    stops = sb.Stops(-0.1, 0.1, stiffness=5e6)
+    base = sb.Harmonic(0.2, frequency)
+    return sb.semidiscretise(sb.BeamProblem(stiffness=300.0, viscosity=0.05, stops=stops, base=base), 8)
+
+
+def differences(mapping: PeriodMap, z: np.ndarray, width: float) -> np.ndarray:
+    """Derivative of the period map by differences of order 4."""
+    columns = []
+    for j, size in enumerate(np.where(np.arange(len(z)) < len(z) // 2, width, width * 10.0)):
+        e = np.eye(len(z))[j] * size
+        ends = {k: mapping.flow(z + k * e)[0] for k in (1, -1, 2, -2)}
+        columns.append((8.0 * (ends[1] - ends[-1]) - (ends[2] - ends[-2])) / (12.0 * size))
+    return np.column_stack(columns)
+
+
+def test_the_impact_oscillator_in_closed_form():
+    """Its start, the trace of its monodromy by the closed form, and its determinant e^2."""
+    system, period, (x, v) = impact_oscillator()
+    orbit = sb.periodic_orbit(system, period, ([x[0] + 1e-3], v))
+    assert np.allclose([orbit.q, orbit.v], [x, v], rtol=1e-12)
+    assert abs(np.trace(orbit.monodromy) + 3.17445052) < 1e-8
+    assert abs(np.linalg.det(orbit.monodromy) - E**2) < 1e-13
+    assert abs(orbit.log_determinant - 2.0 * np.log(E)) < 1e-13
+    assert np.allclose(orbit.events, [0.5 * period], rtol=1e-12)
+    assert not orbit.stable
+    assert orbit.residual < 1e-13
+
+
+def test_an_unstable_orbit_of_the_beam():
+    """90 events at w = 33, multiplier -1.1588; Liouville's sum; the derivative by differences."""
+    system, period = beam(33.0), 2.0 * np.pi / 33.0
+    orbit = sb.periodic_orbit(system, period)
+    assert len(orbit.events) == 90
+    assert abs(orbit.multipliers[0] + 1.15880709) < 1e-7
+    assert orbit.residual < 1e-12
+    assert orbit.closure < 1e-11
+    damping = np.trace(np.linalg.solve(system.mass, system.damping)) * period
+    assert abs(orbit.log_determinant / damping + 1.0) < 1e-10
+    mapping, z = PeriodMap(system, period), np.concatenate([orbit.q, orbit.v])
+    assert np.allclose(
+        differences(mapping, z, 1e-8), orbit.monodromy, rtol=1e-4, atol=1e-4 * np.abs(orbit.monodromy).max()
+    )
+    ahead = orbit.reference(2.0, t_eval=[0.0, period, 2.0 * period])
+    assert np.allclose(ahead.tip, ahead.tip[0], atol=1e-10)
+
+
+@pytest.mark.parametrize("damping", [0.0, 3.0])
+def test_an_orbit_of_one_mass_on_a_damped_stop(damping):
+    """Its monodromy by differences and, of the conservative stop, its determinant exp(-c T/m)."""
+    c, frequency = 0.4, 2.2
+    stop = sb.Contact(np.ones(1), sb.Stops(upper=0.2, stiffness=300.0, damping=damping))
+    load = ([1.0], sb.Harmonic(2.0, frequency, phase=0.3))
+    system = sb.System.from_matrices([[1.0]], [[4.0]], [[c]], loads=[load], contacts=[stop])
+    period = 2.0 * np.pi / frequency
+    orbit = sb.periodic_orbit(system, period)
+    assert orbit.residual < 1e-13
+    assert len(orbit.events) >= 2
+    z = np.concatenate([orbit.q, orbit.v])
+    assert np.allclose(differences(PeriodMap(system, period), z, 1e-5), orbit.monodromy, atol=1e-8)
+    assert abs(orbit.log_determinant - np.log(abs(np.linalg.det(orbit.monodromy)))) < 1e-9
+    # as the exact motion of another solver: CVODE comes back to its start
+    moved = sb.System.from_matrices(
+        [[1.0]], [[4.0]], [[c]], loads=[load], contacts=[stop], initial_displacement=orbit.q, initial_velocity=orbit.v
+    )
+    run = sb.reference(moved, period, method="cvode", t_eval=[0.0, period], rtol=1e-11, atol=1e-13)
+    assert abs(run.tip[-1] - orbit.q[0]) < 1e-7
+
+
+@pytest.mark.slow
+def test_the_flip_of_the_beam_and_orbits_beyond_it():
+    """The multiplier -1 at w = 32.975300288681, computed once by a prototype that shares no code with this."""
+    from scipy.optimize import brentq
+
+    orbits = [sb.periodic_orbit(beam(33.0), 2.0 * np.pi / 33.0)]
+
+    def distance(frequency: float) -> float:
+        orbits.append(sb.periodic_orbit(beam(frequency), 2.0 * np.pi / frequency, orbits[-1]))
+        return float(np.min(orbits[-1].multipliers.real)) + 1.0
+
+    flip: Any = brentq(distance, 32.95, 33.0, xtol=1e-12)
+    assert abs(flip - 32.975300288681) < 1e-9
+    system, period = beam(24.0), 2.0 * np.pi / 24.0
+    mapping, z, leading = PeriodMap(system, period), np.concatenate([system.q0, system.v0]), []
+    for k in range(130):
+        z = mapping.flow(z)[0]
+        if k % 9 == 8:
+            try:
+                leading.append(sb.periodic_orbit(system, period, (z[:8], z[8:])).multipliers[0].real)
+            except sb.SolverFailure:
+                continue
+    assert len({round(x, 3) for x in leading if abs(x) > 1.0}) >= 2
+
+
+def test_what_a_periodic_orbit_refuses():
+    system, period, start = impact_oscillator()
+    with pytest.raises(sb.InputError, match=r"be a multiple of 2 pi/2\.8"):
+        sb.periodic_orbit(system, 1.1 * period, start)
+    with pytest.raises(sb.InputError, match="be an Orbit, a Trajectory, or a pair"):
+        sb.periodic_orbit(system, period, [1.0, 2.0, 3.0])
+    record = sb.Sampled(np.array([0.0, 3.0]), np.array([0.0, 1.0]))
+    driven = sb.System.from_matrices([[1.0]], [[1.0]], loads=[([1.0], record)], observe=[1.0])
+    with pytest.raises(sb.InputError, match="write the record as a sum of harmonics"):
+        sb.periodic_orbit(driven, 1.0)
