@@ -28,7 +28,12 @@ def test_two_orbits_meet_at_a_fold():
     fold = float(np.max(branch.folds))
     top = int(np.argmax(np.diff(branch.values) < 0.0))  # where it turns back
     assert 0.0 <= fold - branch.values[top] < 1e-3
-    distances = []
+    near = int(np.argmin(np.abs(branch.values[: top + 1] - 1.316)))
+    branch = sb.continuation(
+        softly_stopped, "frequency", np.linspace(branch.values[near], 1.3185, 20), turn, branch.orbit(near)
+    )
+    assert abs(branch.folds[0] - fold) < 1e-9
+    top, distances = int(np.argmax(np.diff(branch.values) < 0.0)), []
     for away in (1e-4, 4e-4):
         value, orbits = fold - away, []
         for k in (slice(0, top + 1), slice(top, int(np.argmin(branch.values[top:])) + top + 1)):

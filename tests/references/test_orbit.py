@@ -132,3 +132,36 @@ def test_what_a_periodic_orbit_refuses():
     driven = sb.System.from_matrices([[1.0]], [[1.0]], loads=[([1.0], record)], observe=[1.0])
     with pytest.raises(sb.InputError, match="write the record as a sum of harmonics"):
         sb.periodic_orbit(driven, 1.0)
+
+
+def one_mass(stops: sb.Stops | None, c: float = 0.1, k: float = 1.0, frequency: float = 1.0) -> sb.System:
+    contacts = [] if stops is None else [sb.Contact(np.ones(1), stops)]
+    load = (np.ones(1), sb.Harmonic(1.0, frequency))
+    return sb.System.from_matrices([[1.0]], [[k]], [[c]], loads=[load], contacts=contacts, observe=[1.0])
+
+
+@pytest.mark.parametrize(("c", "k"), [(0.0, 1.0), (0.1, 0.0)])
+def test_a_drive_in_resonance_and_a_free_mass_have_no_orbit_of_their_own(c, k):
+    with pytest.raises(sb.SolverFailure, match=r"a multiplier is 1|Singular"):
+        sb.periodic_orbit(one_mass(None, c, k), 2.0 * np.pi)
+
+
+@pytest.mark.parametrize("stops", [{"stiffness": np.inf, "restitution": 0.5}, {"stiffness": 50.0, "damping": 3.0}])
+def test_an_orbit_that_grazes_has_no_multipliers(stops):
+    """The amplitude of the response without contact is the gap: neighbours hit, or do not."""
+    w = 0.5
+    response = 1.0 / (1.0 - w**2 + 0.1j * w)
+    start = [response.imag], [w * response.real]
+    for gap, grazes in ((abs(response), True), (abs(response) * 1.001, False)):
+        system = one_mass(sb.Stops(upper=gap, **stops), frequency=w)
+        if grazes:
+            with pytest.raises(sb.SolverFailure, match="grazes its stop"):
+                sb.periodic_orbit(system, 2.0 * np.pi / w, start)
+        else:
+            orbit = sb.periodic_orbit(system, 2.0 * np.pi / w, start)
+            np.testing.assert_allclose(np.abs(orbit.multipliers), np.exp(-0.05 * 2.0 * np.pi / w), rtol=1e-9)
+
+
+def test_an_equilibrium_is_an_orbit():
+    system = sb.System.from_matrices([[1.0]], [[1.0]], [[0.1]], loads=[(np.ones(1), sb.Constant(1.0))], observe=[1.0])
+    np.testing.assert_allclose(sb.periodic_orbit(system, 2.0).q, 1.0, rtol=1e-12)

@@ -56,8 +56,10 @@ class Tangent:
     All derivatives have the columns last, those of parameters before directions.
     """
 
-    def __init__(self, generators: Generators, path: Path, directions: Array | None = None) -> None:
-        self.generators, self.path = generators, path
+    def __init__(
+        self, generators: Generators, path: Path, directions: Array | None = None, graze: float = GRAZE
+    ) -> None:
+        self.generators, self.path, self.graze = generators, path, graze
         self.parameters = generators.count
         directions = np.zeros((2 * generators.n, 0)) if directions is None else directions
         self.count = self.parameters + directions.shape[1]
@@ -120,7 +122,7 @@ class Tangent:
             if c > 0.0:
                 form, derived = generators.gap(contact, int(np.sign(after[contact])), self.intervals[i - 1])
                 Z = self._clock_before(i)
-                if grazes(form, self.regimes[i - 1], Z):
+                if grazes(form, self.regimes[i - 1], Z, self.graze):
                     self.grazes.append(float(self.path.times[i]))
                 late = self.slope_of(form, derived, Z, dZ)
                 dZ = dZ.copy()
@@ -212,7 +214,7 @@ class Tangent:
         arriving = np.array([form @ Z for form, _ in rates])
         e = np.array([0.0 if after[c] else data.restitution[c] for c in taking])
         form, derived = generators.gap(hit, int(np.sign(arriving[0])) or 1, interval)
-        if grazes(form, flows[0], Z):
+        if grazes(form, flows[0], Z, self.graze):
             self.grazes.append(float(self.path.times[i]))
         gone = self.slope_of(form, derived, Z, dZ)
         late = -gone / arriving[0] if arriving[0] else np.full(self.count, np.nan)
@@ -348,11 +350,11 @@ class Tangent:
         return seen[:, :f], slopes
 
 
-def grazes(form: Array, regime: RegimeFlow, Z: Array) -> bool:
-    """Return True where a zero of the form h is a graze but for rounding: h'^2 <= 2 |h''| GRAZE sum |terms of h|."""
+def grazes(form: Array, regime: RegimeFlow, Z: Array, depth: float = GRAZE) -> bool:
+    """Return True where a zero of the form h is a graze but for rounding: h'^2 <= 2 |h''| depth sum |terms of h|."""
     rate = regime.A @ Z
     size = float(np.abs(form) @ np.abs(Z))
-    return float(form @ rate) ** 2 <= 2.0 * abs(float(form @ (regime.A @ rate))) * GRAZE * size
+    return float(form @ rate) ** 2 <= 2.0 * abs(float(form @ (regime.A @ rate))) * depth * size
 
 
 def monodromy(tangent: Tangent) -> Array:

@@ -26,13 +26,14 @@ from ...piecewise.audit import within_float64
 from ...piecewise.generator import Generators
 from ...piecewise.tangent import Tangent
 from ...trajectory.trajectory import SolverFailure
-from .orbit import Orbit, PeriodMap, periodic_orbit
+from .orbit import ALONE, Orbit, PeriodMap, periodic_orbit
 
 CORRECTIONS = 8  # iterations of the corrector
 CLOSED = 1e-11  # relative defect at which a point counts
 FAST, SLOW = 3, 6  # corrections up to which the next step is longer, from which on it is shorter
 LONGER, SHORTER, SHORTEST = 1.4, 0.5, 1e-5  # of a step, and of the first
 MOST = 20  # points for each of the values, on a branch that turns back
+REACHED = 1e-6  # of the derivative's norm: distance of a multiplier from 1 at a fold, from -1 at a flip
 TURN = 0.7  # cosine between the directions of neighbouring points, below which the step is halved
 
 
@@ -82,7 +83,7 @@ class Branch:
     @property
     def stable(self) -> NDArray[np.bool_]:
         """(k,), True where all multipliers lie inside the unit circle."""
-        return np.abs(self.multipliers[:, 0]) < 1.0
+        return np.abs(self.multipliers[:, 0]) < 1.0 - ALONE
 
     def orbit(self, i: int) -> Orbit:
         """The orbit of a point, with its event times solved for."""
@@ -112,6 +113,9 @@ class _Follower:
                 "continuation", value, "the period starts with an impact", "shift the phase of the loads"
             )
         tangent = Tangent(mapping.generators, path, np.eye(2 * n))
+        if tangent.ties or tangent.grazes:
+            reason = "impacts at one time or a graze, where the flow has no derivative"
+            raise SolverFailure("continuation", value, reason, "end before, or take other values")
         regime, tau = tangent.regimes[-1], float(tangent.lengths[-1])
         Z = regime.ahead(tangent.Z[-1][:, None], tau)[:, 0]
         by_value = tangent.last[: 2 * n, 0] + (regime.A @ Z)[: 2 * n] * slope_of_period(self.period, value)
@@ -149,8 +153,11 @@ class _Follower:
         value = start.value + ds * float(start.direction[-1]) * self.span
         return self.point(z, value, start.direction, start.direction)
 
-    def located(self, start: _Point, ds: float, test: Callable[[_Point], float]) -> float | None:
-        """The parameter where a test function vanishes between two points; None where it jumps."""
+    def located(self, start: _Point, ds: float, test: Callable[[_Point], float], multiplier: float) -> float | None:
+        """The parameter where a test function vanishes between two points and a multiplier has its value there.
+
+        None where the function jumps.
+        """
         try:
             at: Any = brentq(
                 lambda s: test(self.ahead(start, s)[0]) if s else test(start),
@@ -162,8 +169,8 @@ class _Follower:
             found = self.ahead(start, at)[0]
         except (SolverFailure, ValueError):
             return None
-        ends = abs(test(start)), abs(test(self.ahead(start, ds)[0]))
-        return found.value if abs(test(found)) <= 1e-4 * max(ends) else None
+        off = np.min(np.abs(np.linalg.eigvals(found.derivative) - multiplier))
+        return found.value if off <= REACHED * max(1.0, float(np.linalg.norm(found.derivative))) else None
 
 
 def slope_of_period(period: Callable[[float], float], value: float) -> float:
@@ -211,10 +218,10 @@ def continuation(
     --------
     >>> import numpy as np, stiffbeam as sb
     >>> def softly_stopped(w):
-    ...     stop = sb.Contact([1.0], sb.Stops(upper=0.5, stiffness=2.0))
+    ...     stop = sb.Contact([1.0], sb.Stops(upper=0.5, stiffness=4.0))
     ...     load = ([1.0], sb.Harmonic(0.3, w))
     ...     return sb.System.from_matrices([[1.0]], [[1.0]], [[0.1]], loads=[load], contacts=[stop])
-    >>> branch = sb.continuation(softly_stopped, "frequency", np.linspace(0.7, 1.6, 10), lambda w: 2 * np.pi / w)
+    >>> branch = sb.continuation(softly_stopped, "frequency", np.linspace(1.15, 1.45, 8), lambda w: 2 * np.pi / w)
     >>> len(branch.folds)
     2
     """
@@ -251,9 +258,15 @@ def continuation(
                     reason = "the branch cannot be followed on" if new is None else "the branch turns sharply"
                     raise SolverFailure("continuation", point.value, reason, "end before, or take closer values")
                 continue
-            if new.turns * point.turns < 0.0 and (at := follower.located(point, step, lambda x: x.turns)) is not None:
+            if (
+                new.turns * point.turns < 0.0
+                and (at := follower.located(point, step, lambda x: x.turns, 1.0)) is not None
+            ):
                 folds.append(at)
-            if new.flips * point.flips < 0.0 and (at := follower.located(point, step, lambda x: x.flips)) is not None:
+            if (
+                new.flips * point.flips < 0.0
+                and (at := follower.located(point, step, lambda x: x.flips, -1.0)) is not None
+            ):
                 flips.append(at)
             point = new
             points.append(point)

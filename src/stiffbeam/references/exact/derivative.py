@@ -18,7 +18,7 @@ from ...model.system_data import slopes
 from ...piecewise.generator import Generators
 from ...piecewise.measures import NODES, WEIGHTS, panels
 from ...piecewise.rounding import Perturbation
-from ...piecewise.tangent import GRAZE, Forms, Path, Tangent
+from ...piecewise.tangent import Forms, Path, Tangent
 from ...piecewise.tracer import tracer_of
 from ...trajectory.trajectory import Reference
 from .impacted import Solution as Impacted
@@ -393,7 +393,7 @@ def near_misses(system: System, tangent: Tangent, contact: int, side: int) -> li
         return []
     Z = tangent.states(top, segments[place])
     gaps = [forms(k)[0][0] for k in segments[place].tolist()]
-    near = [gap @ z > -GRAZE * (np.abs(gap) @ np.abs(z)) for gap, z in zip(gaps, Z, strict=True)]
+    near = [gap @ z > -tangent.graze * (np.abs(gap) @ np.abs(z)) for gap, z in zip(gaps, Z, strict=True)]
     return top[near].tolist()
 
 
@@ -402,10 +402,10 @@ def starts_on_stop(tangent: Tangent, contact: int, side: int) -> bool:
     path, generators = tangent.path, tangent.generators
     gap, gaps = generators.gap(contact, side, tangent.intervals[0])
     Z, dZ = tangent.Z[0], tangent.dZ[0]
-    if abs(float(gap @ Z)) > GRAZE * float(np.abs(gap) @ np.abs(Z)):
+    if abs(float(gap @ Z)) > tangent.graze * float(np.abs(gap) @ np.abs(Z)):
         return False
     forms, speed = [(gap, gaps)], generators.rate(gap, gaps)
-    if path.rigid and abs(float(speed[0] @ Z)) <= GRAZE * float(np.abs(speed[0]) @ np.abs(Z)):
+    if path.rigid and abs(float(speed[0] @ Z)) <= tangent.graze * float(np.abs(speed[0]) @ np.abs(Z)):
         forms.append(speed)  # at rest there, it is hit or leaves as the speed is turned
     for form, derived in forms:
         terms = np.abs(form) @ np.abs(dZ)

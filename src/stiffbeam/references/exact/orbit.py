@@ -25,11 +25,11 @@ from ...model.time_functions import Harmonic, parts_of
 from ...piecewise.audit import within_float64
 from ...piecewise.events import switched_by_force
 from ...piecewise.generator import Generators
-from ...piecewise.tangent import Path, Tangent, monodromy
+from ...piecewise.tangent import GRAZE, Path, Tangent, monodromy
 from ...piecewise.tracer import Tracer, tracer_of
 from ...trajectory.trajectory import Reference, SolverFailure, Trajectory
 from ..rigid_stops import require_rigid
-from .derivative import path_of_solution
+from .derivative import ends_of, path_of_solution
 from .impacting import Tracer as ImpactTracer
 from .piecewise import afford_search, refuse, solve_exact
 from .rigid_reference import solve_rigid
@@ -40,6 +40,8 @@ POLISH = 12  # iterations of the event times
 CLOSED = 1e-9  # relative defect of shooting from which the event times go on
 ROUNDING = 1e-13  # relative: below it shooting is not improved
 REPEATS = 1e-9  # of a turn, by which a load may miss the period
+NEAR_GRAZE = 1e3  # times the closure: a graze of a rigid or damped stop that is closer is one
+ALONE = 1e-9  # distance of a multiplier from 1 below which an orbit has neighbours of its period, or is none
 SETTLE = 60  # periods that are run for a guess where none is stated
 
 
@@ -69,7 +71,8 @@ class Orbit:
     path: Path = field(repr=False)
 
     def __repr__(self) -> str:
-        kind = "stable" if self.stable else "unstable"
+        marginal = abs(abs(self.multipliers[0]) - 1.0) <= ALONE
+        kind = "marginal" if marginal else "stable" if self.stable else "unstable"
         return (
             f"<Orbit, {kind}: period {self.period:.6g}, {len(self.event_times)} events,"
             f" largest multiplier {self.multipliers[0]:.6g}, residual {self.residual:.1e}>"
@@ -77,8 +80,8 @@ class Orbit:
 
     @property
     def stable(self) -> bool:
-        """Return True where all multipliers lie inside the unit circle."""
-        return bool(np.abs(self.multipliers[0]) < 1.0)
+        """Return True where all multipliers lie inside the unit circle, by more than rounding."""
+        return bool(np.abs(self.multipliers[0]) < 1.0 - ALONE)
 
     @property
     def events(self) -> Array:
@@ -106,6 +109,10 @@ class PeriodMap:
 
     def path(self, z: Array) -> Path:
         """Segments of a period from the state z (2n,)."""
+        return path_of_solution(self.system, self.solve(z), self.period)
+
+    def solve(self, z: Array) -> Any:
+        """The exact motion over a period from the state z (2n,)."""
         n = self.system.size
         if self.tracer is None:
             moved = replace(self.system, q0=z[:n].copy(), v0=z[n:].copy(), origin=None)
@@ -121,7 +128,7 @@ class PeriodMap:
                 )
         else:
             solution = self.tracer.solve(self.period, (z[:n].copy(), z[n:].copy()))
-        return path_of_solution(self.system, solution, self.period)
+        return solution
 
     def flow(self, z: Array) -> tuple[Array, Array, Tangent]:
         """State after a period, its derivative (2n, 2n), and the tangent along the way."""
@@ -138,7 +145,7 @@ class PeriodMap:
         """The largest |q| and |q'| of a path for each entry of a state, (2n,)."""
         n = self.system.size
         q, v = np.max(np.abs(tangent.Z[:, :n])), np.max(np.abs(tangent.Z[:, n : 2 * n]))
-        return np.repeat([max(q, 1e-300), max(v, 1e-300)], n)
+        return np.repeat([max(q, 1e-300), max(v, q * 2.0 * np.pi / self.period, 1e-300)], n)
 
 
 def periodic_orbit(system: System, period: float, guess: Any = None) -> Orbit:
@@ -193,7 +200,24 @@ def periodic_orbit(system: System, period: float, guess: Any = None) -> Orbit:
             z, residual = polished(mapping, z, tangent)
             end, _, tangent = mapping.flow(z)
             closure = float(np.max(np.abs(end - z) / mapping.sizes(tangent)))
+        _isolated(mapping, z, closure)
         return orbit_of(mapping, z, tangent, closure, residual)
+
+
+def _isolated(mapping: PeriodMap, z: Array, closure: float) -> None:
+    """Raise SolverFailure for an orbit whose multipliers do not exist, or one of which is 1."""
+    system, solution = mapping.system, mapping.solve(z)
+    path = path_of_solution(system, solution, mapping.period)
+    tangent = Tangent(mapping.generators, path, np.eye(len(z)), max(GRAZE, NEAR_GRAZE * closure))
+    time, reason = min(ends_of(system, solution, tangent), default=(np.inf, ""))
+    if np.isfinite(time):
+        raise SolverFailure(
+            "periodic_orbit", time, f"the orbit has no multipliers: {reason}", "change a parameter or a phase"
+        )
+    multipliers = np.linalg.eigvals(monodromy(tangent))
+    if np.min(np.abs(multipliers - 1.0)) < ALONE:
+        reason = "a multiplier is 1 but for rounding: a fold, a motion of its own, or a drive in resonance"
+        raise SolverFailure("periodic_orbit", mapping.period, reason, "damp the system, or change a parameter")
 
 
 def orbit_of(mapping: PeriodMap, z: Array, tangent: Tangent, closure: float, residual: float) -> Orbit:
