@@ -291,6 +291,15 @@ class RegimeFlow:
         values = np.minimum(np.real(values), 0.0) + 1j * np.imag(values)
         return values, back @ V, W @ T
 
+    @cached_property
+    def balance(self) -> Array:
+        """Units (N,) in which rates, and loads beside forces of springs, are of one size: else digits are lost."""
+        n, N = self.generators.n, self.generators.N
+        scale = np.ones(N)
+        scale[n : 2 * n] = np.sqrt(np.linalg.norm(self.A[n : 2 * n, :n])) or 1.0
+        scale[2 * n :] = scale[n] ** 2 / (np.linalg.norm(self.A[n : 2 * n, 2 * n :]) or scale[n] ** 2)
+        return scale
+
     @property
     def fastest(self) -> float:
         """The largest angular frequency of the regime."""
@@ -298,8 +307,8 @@ class RegimeFlow:
         return float(np.max(np.abs(np.imag(rates)), initial=0.0))
 
     @cached_property
-    def coupling(self) -> tuple[Complex, Complex, Any, Complex]:
-        """B (p, N, N) = G_jl/(l_j - l_l) of eigenvalues apart, G, and which pairs (j, l) are near, with their G (p, k).
+    def coupling(self) -> tuple[Complex, Any, Complex]:
+        """B (p, N, N) = G_jl/(l_j - l_l) of eigenvalues apart, and which pairs (j, l) are near, with their G (p, k).
         Only of the columns that change A."""
         assert self.eigen is not None
         values, V, W = self.eigen
@@ -310,7 +319,7 @@ class RegimeFlow:
         near = np.abs(apart) < max(NEAR * lowest, 1e-300)
         B = np.where(near, 0.0, G / np.where(near, 1.0, apart))
         j, k = np.nonzero(near)
-        return B, G, (j, k), G[:, j, k]
+        return B, (j, k), G[:, j, k]
 
     def flow(self, tau: float) -> Array:
         """exp(A tau), (N, N)."""
@@ -319,7 +328,8 @@ class RegimeFlow:
     def ahead(self, dZ: Array, tau: float) -> Array:
         """exp(A tau) dZ, (N, columns)."""
         if self.eigen is None:
-            return expm(self.A * tau) @ dZ
+            scale = self.balance
+            return scale[:, None] * (expm(self.A * (tau * scale / scale[:, None])) @ (dZ / scale[:, None]))
         values, V, W = self.eigen
         return (V @ (np.exp(values * tau)[:, None] * (W @ dZ))).real
 
@@ -330,17 +340,20 @@ class RegimeFlow:
             return np.zeros((k, len(forms), columns))
         if self.eigen is None:
             out = np.zeros((k, len(forms), columns))
-            N = len(self.A)
-            block = np.zeros((2 * N, 2 * N))
-            block[:N, :N] = block[N:, N:] = self.A
+            N, scale = len(self.A), self.balance
+            block, turn = np.zeros((2 * N, 2 * N)), scale / scale[:, None]
+            block[:N, :N] = block[N:, N:] = self.A * turn
             for p, dA in enumerate(self.dA):
                 if np.any(dA):
-                    block[:N, N:] = dA
+                    block[:N, N:] = dA * turn
+                    size = np.max(np.abs(block[:N, N:])) / max(np.max(np.abs(block[:N, :N])), 1e-300)
+                    block[:N, N:] /= size
                     for i in range(k):
-                        out[i, :, p] = forms @ (expm(block * tau[i])[:N, N:] @ Z[i])
+                        E = expm(block * tau[i])[:N, N:]
+                        out[i, :, p] = size * ((forms * scale) @ (E @ (Z[i] / scale)))
             return out
         values, V, W = self.eigen
-        B, _, (j, m), near = self.coupling
+        B, (j, m), near = self.coupling
         E = np.exp(np.multiply.outer(tau, values))
         c = Z @ W.T
         half = np.multiply.outer(tau, 0.5 * (values[j] - values[m]))
