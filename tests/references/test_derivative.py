@@ -342,3 +342,22 @@ def test_a_record_leaves_a_stiff_beam_its_digits(table10):
     for p in range(len(paths)):
         size = np.max(np.abs(plain[..., p]))
         np.testing.assert_allclose(recorded[..., p], plain[..., p], rtol=0.0, atol=3e-11 * size)
+
+
+def test_a_contact_that_leaves_its_stop_slowly_does_not_graze_it():
+    """Held with e = 0 by a stop that moves, and let go with no speed: against differences of order 4."""
+    record = sb.Sampled(np.linspace(0.0, 3.0, 7), np.array([0.0, 0.1, -0.1, 0.15, 0.0, 0.1, 0.0]), "cubic")
+    stops = sb.Stops(upper=0.2, stiffness=np.inf, restitution=0.0)
+
+    def moved(amplitude: float) -> sb.Reference:
+        system = sb.System.from_matrices(
+            [[1.0]], [[4.0]], [[0.1]], loads=[(np.ones(1), sb.Harmonic(amplitude, 2.3))],
+            contacts=[sb.Contact(np.ones(1), stops, record)], initial_velocity=[1.0],
+        )  # fmt: skip
+        return sb.reference(system, 3.0, t_eval=[1.1, 2.0, 3.0])
+
+    change = moved(2.0).derivative(["loads[0].time.amplitude"])
+    assert np.isinf(change.exists_until)
+    assert len(change.events) >= 3
+    difference = sum(weight * moved(2.0 + k * 1e-3).tip for k, weight in ORDER_4) / 1e-3
+    np.testing.assert_allclose(change.tip[:, 0], difference, rtol=1e-8, atol=1e-10)

@@ -391,9 +391,13 @@ def near_misses(system: System, tangent: Tangent, contact: int, side: int) -> li
     top, place = tops(tangent, forms, segments, shortest)
     if not len(top):
         return []
-    Z = tangent.states(top, segments[place])
-    gaps = [forms(k)[0][0] for k in segments[place].tolist()]
-    near = [gap @ z > -tangent.graze * (np.abs(gap) @ np.abs(z)) for gap, z in zip(gaps, Z, strict=True)]
+    # Of a contact that leaves its stop slowly rounding makes maxima: half the way to one of these it is no farther.
+    half = 0.5 * (path.times[segments[place]] + top)
+    near = np.ones(len(top), bool)
+    for times, closer in ((top, True), (half, False)):
+        for k, (segment, z) in enumerate(zip(segments[place], tangent.states(times, segments[place]), strict=True)):
+            gap = forms(int(segment))[0][0]
+            near[k] &= (gap @ z > -tangent.graze * (np.abs(gap) @ np.abs(z))) == closer
     return top[near].tolist()
 
 
