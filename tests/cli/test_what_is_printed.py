@@ -74,7 +74,7 @@ def test_a_load_that_takes_its_work_back_makes_no_loss_of_any_size(case):
     assert work < 1e-3 * most
     assert ledger.lost_fraction() == pytest.approx(loss / most, rel=1e-6)
     assert -0.05 < ledger.lost_fraction() < 0.0
-    assert ledger.given == pytest.approx([np.max(ledger.input[: k + 1]) for k in range(len(ledger.t))])
+    assert ledger.supplied == pytest.approx([np.max(ledger.input[: k + 1]) for k in range(len(ledger.t))])
 
 
 def test_the_energy_study_names_the_time_its_numbers_are_of(case):

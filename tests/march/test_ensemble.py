@@ -365,5 +365,5 @@ def test_members_whose_contact_is_there_at_the_start_are_flagged(rigid):
         sb.reference_ensemble(pressed, 1.0, members),
     ):
         assert many.contact.open_at_start.tolist() == [True, False]
-        assert many.to_dataframe()["contact0_open_at_start"].tolist() == [True, False]
+        assert many.to_dataframe()["contact_open_at_start_0"].tolist() == [True, False]
         assert many.to_xarray()["contact_open_at_start"].values.tolist() == [[1, 0]]

@@ -131,8 +131,8 @@ def test_a_stroke_that_starts_on_the_stop_has_a_row(method, tmp_path):
     assert saved.impacts.count == 0
     for table in (run.impacts, saved.impacts):
         frame = table.to_dataframe()
-        assert frame["open_at_start"].tolist() == [True]
-        assert frame["peak"][0] == row.peaks[0]
+        assert frame["impact_open_at_start"].tolist() == [True]
+        assert frame["impact_peak_force"][0] == row.peaks[0]
 
 
 @pytest.mark.parametrize("method", ["multiprecision", "cvode", "scheme"])

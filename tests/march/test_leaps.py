@@ -200,7 +200,7 @@ def test_states_and_ledger_follow_the_leaps_past_the_horizon(always, beam):
     q, _ = run.states
     assert np.max(np.abs(beam.displacement(run.t, q, 1.0) - run.tip)) < 1e-9
     ledger = run.energy
-    assert ledger.free[-1] == pytest.approx(0.0, abs=1e-6 * ledger.input[-1])
+    assert ledger.loss_without_contact[-1] == pytest.approx(0.0, abs=1e-6 * ledger.input[-1])
 
 
 def test_members_of_an_ensemble_leap_as_they_do_alone(beam):

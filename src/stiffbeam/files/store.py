@@ -31,9 +31,10 @@ from ..piecewise.tracer import tracer_of
 from ..references import solve
 from ..references.exact.piecewise import reference_of
 from ..schemes.labels import parse_run
-from ..trajectory.dataset import FORMAT, HASHED, LEDGER
-from ..trajectory.impacts import COLUMNS, OPEN_AT_START, ContactRecord, Impacts
+from ..trajectory.dataset import HASHED
+from ..trajectory.impacts import ContactRecord, Impacts
 from ..trajectory.ledger import Ledger
+from ..trajectory.schema import FORMAT, IMPACT_FIELDS, LEDGER_FIELDS, renamed
 from ..trajectory.trajectory import Pieces, Reference, Trajectory, Work, output_index
 from .cases import parse_case
 
@@ -299,20 +300,23 @@ def load(file: str | Path, system: System | None = None, t_eval: ArrayLike | Non
 
 
 def _from_dataset(data: xr.Dataset, path: Path, system: System | None) -> Trajectory:
-    if data.attrs.get("stiffbeam_format") != FORMAT:
-        rule = f"be a stiffbeam trajectory of format {FORMAT}"
+    if data.attrs.get("stiffbeam_format") not in (2, FORMAT):
+        rule = f"be a stiffbeam trajectory of format 2 or {FORMAT}"
         raise InputError("file", str(path), rule, f"it has format {data.attrs.get('stiffbeam_format')}")
+    if data.attrs["kind"] == "ensemble":
+        raise InputError("file", str(path), "hold one run", "it is an ensemble: xarray.open_dataset reads it")
     if data.attrs.get("hash") != netcdf.Arrays.of(data).hash(HASHED):
         raise InputError("file", str(path), "hold what its hash says", "it is damaged: save the run again")
     if system is not None and system.fingerprint != data.attrs["fingerprint"]:
         raise InputError("file", str(path), "be of the system it is read with", "it is of another one")
+    data = data.rename(renamed(data.variables))
     contacts, kinds = [], data.attrs["impact_kind"].split(",")  # one for all contacts, or one for each
     for i, stops_data in enumerate(json.loads(data.attrs["stops"])):
         mine = data["impact_contact"].values == i
-        columns: Any = {name: data[f"impact_{name}"].values[mine] for name in COLUMNS}
+        columns: Any = {field: data[name].values[mine] for field, name in IMPACT_FIELDS.items()}
         impacts = Impacts(**columns, kind=kinds[i % len(kinds)])
-        if f"impact_{OPEN_AT_START}" in data:  # older files have no such rows
-            impacts = impacts.started(data[f"impact_{OPEN_AT_START}"].values[mine] > 0)
+        if "impact_open_at_start" in data:  # older files have no such rows
+            impacts = impacts.started(data["impact_open_at_start"].values[mine] > 0)
         contacts.append(
             ContactRecord(
                 stops=Stops.of(stops_data),
@@ -341,10 +345,9 @@ def _from_dataset(data: xr.Dataset, path: Path, system: System | None) -> Trajec
         run = Reference(**common, horizon=float(data.attrs["horizon"]), evaluate=_at_outputs(common), state_at=again)
     else:
         run = Trajectory(**common, pieces=None if system is None else _pieces_of(system, common["provenance"]))
-    if "ledger_kinetic" in data:
-        run.__dict__["energy"] = Ledger(
-            run.t, *(data[f"ledger_{name}"].values for name in LEDGER if f"ledger_{name}" in data)
-        )
+    energies = {field: data[name].values for field, name in LEDGER_FIELDS.items() if name in data}
+    if energies:
+        run.__dict__["energy"] = Ledger(run.t, **energies)
     return run
 
 

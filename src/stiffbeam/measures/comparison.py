@@ -130,7 +130,7 @@ class Comparison:
     tip_error_matched: the rms up to there.
     dt: the median step. error: u_run - u_ref over max |u_ref| at the steps of the window, whose ``times`` are (k,); not
     among the records of ``to_dict``.
-    energy_lost: the ledger's loss over the most energy given, see ``Ledger.given``. contacts: one for each of the
+    energy_lost: the ledger's loss over the most energy supplied, see ``Ledger.supplied``. contacts: one for each of the
     system's, in its order. switches: what an adaptive solver does at a switch, "restart" or "through", else "".
     totals_energy_lost: energy_lost to t_end. units: what times, forces and impulses are counted in. missing: what
     the run does not hold and why; its numbers are NaN, and its impacts -1. remark: that nothing moves or nothing

@@ -86,7 +86,7 @@ def evaluate(case: Case, point: Point) -> list[Row]:
     losses = np.full((len(many), 2), np.nan)
     for i in np.flatnonzero(whole)[: LEDGERS if point["method"] != "exact" else 0]:  # the exact flow loses nothing
         ledger = many.ledger(i)
-        losses[i] = ledger.loss[-1] if ledger.sure() else np.nan, ledger.given[-1]
+        losses[i] = ledger.loss[-1] if ledger.is_resolved() else np.nan, ledger.supplied[-1]
     rows: list[Row] = []
     for number, seen in enumerate(many.contacts, 1):
         response, losses = (x if number == 1 else np.full_like(x, np.nan) for x in (response, losses))  # of the run

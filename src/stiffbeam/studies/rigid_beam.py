@@ -116,13 +116,13 @@ def _with_ranges(found: list[Row]) -> Row:
 def _found(run: Trajectory, end: float) -> Row:
     """Impulse, time in contact, impacts and energy lost of a run in [0, end]."""
     record, energy = run.contacts[0], run.energy
-    most = float(energy.given[-1])
+    most = float(energy.supplied[-1])
     return {
         "impulse": record.impulse,
         "contact_time": record.fraction * end,
         "impacts": record.impacts.count,
         "lost": float((energy.loss[-1] + energy.stop_dissipation[-1]) / most)
-        if most > 0.0 and energy.sure()
+        if most > 0.0 and energy.is_resolved()
         else float("nan"),
     }
 

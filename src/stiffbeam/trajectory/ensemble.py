@@ -11,12 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..basics.arrays import Array, BoolArray
-from ..basics.text import table
+from ..basics.units import Units
 from ..basics.validation import InputError, non_negative
+from ..model.contact import Stops
 from ..model.members import Members
-from .dataset import ensemble_dataset, save_ensemble
+from .dataset import arrays_of, save
 from .impacts import Impacts
 from .ledger import Ledger
+from .schema import frame_of, named, values_of
 from .trajectory import Trajectory, Work
 
 if TYPE_CHECKING:
@@ -153,31 +155,45 @@ class Ensemble(Runs):
         numeric = values.ndim == 1 and all(isinstance(x, (int, float, np.number)) for x in values.tolist())
         return values.astype(float) if numeric else None
 
+    kind = "ensemble"  # in files
+
+    @property
+    def units(self) -> Units:
+        """The units of times, displacements, forces and energies."""
+        return self.members.system.units
+
+    @property
+    def fingerprint(self) -> str:
+        """That of the system, see ``System.fingerprint``."""
+        return self.members.system.fingerprint
+
+    @property
+    def stops(self) -> list[Stops]:
+        """The stops of every contact of the system; those of members may differ."""
+        return [contact.stops for contact in self.members.system.contacts]
+
+    def further_attributes(self) -> dict[str, Any]:
+        """What a file of an ensemble holds beside what every file does."""
+        return {"parameter": self.members.parameter}
+
+    def __getitem__(self, name: str) -> Array:
+        """The values of a variable by its name in the schema: ``ensemble["contact_fraction"]``, (contacts, M)."""
+        return named(self, name)
+
     def to_dataframe(self) -> pandas.DataFrame:
-        """One line per member: its value of ``members.parameter`` where that is a number, when it diverged (NaN: not),
-        and of every contact the impacts, share of time, peak force, impulse and whether it is open at the start."""
-        columns: dict[str, Any] = {"member": np.arange(len(self))}
-        if (values := self.values) is not None:
-            columns["value"] = values
-        columns["diverged"] = self.diverged
-        for i, contact in enumerate(self.contacts):
-            columns |= {
-                f"contact{i}_impacts": contact.impact_count,
-                f"contact{i}_fraction": contact.fraction,
-                f"contact{i}_peak_force": contact.peak_force,
-                f"contact{i}_impulse": contact.impulse,
-                f"contact{i}_open_at_start": contact.open_at_start,
-            }
-        return table(columns, {"parameter": self.members.parameter, "provenance": self.provenance})
+        """Return a row for each member, the index: the varied parameter by its name where it is a number,
+        ``diverged``, and ``impact_count_0``, ``contact_fraction_0``, ... of every contact. Units in ``attrs``."""
+        notes = {"parameter": self.members.parameter, "provenance": self.provenance}
+        return frame_of(values_of(self), "member", self.units, **notes)
 
     def to_xarray(self) -> xarray.Dataset:
         """Dimensions member, contact, impact, time; every variable with its unit; provenance as attributes."""
-        return ensemble_dataset(self)
+        return arrays_of(self).to_xarray()
 
     def save(self, file: str | Path) -> Path:
-        """Write it in the format that the suffix names: .nc (all of ``to_xarray``) or .csv (``to_dataframe``), whole
-        or not at all. Raises InputError for any other."""
-        return save_ensemble(self, file)
+        """Write it in the format that the suffix names: .nc, .json or .mat (all of ``to_xarray``) or .csv
+        (``to_dataframe``), whole or not at all. Raises InputError for any other."""
+        return save(self, file)
 
     @property
     def contact(self) -> ContactStatistics:

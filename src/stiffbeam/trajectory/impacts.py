@@ -10,23 +10,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..basics.arrays import Array, BoolArray
-from ..basics.text import table
 from ..basics.validation import bound
 from ..model.contact import Stops
+from .schema import IMPACT_FIELDS, frame_of
 
 if TYPE_CHECKING:
     import pandas
 
-# The columns of the table: what each holds, and its quantity, see units.
-COLUMNS = {
-    "times": ("time of impact", "time"),
-    "ends": ("time at which the contact ends", "time"),
-    "stops": ("+1 upper stop, -1 lower stop", ""),
-    "peaks": ("largest |sigma| of the impact", "force"),
-    "impulses": ("integral of |sigma| over the impact", "impulse"),
-}
-SINGULAR = {"times": "time", "ends": "end", "stops": "stop", "peaks": "peak", "impulses": "impulse"}  # of one impact
-OPEN_AT_START = "open_at_start"  # flag of a row: a contact that is there at t = 0, which is no impact
+COLUMNS = tuple(IMPACT_FIELDS)  # attributes of Impacts: times, ends, stops, peaks, impulses
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -108,9 +99,11 @@ class Impacts:
         return f"<Impacts: {self.count} {self.kind}{span}{', open at the start' if self.at_start else ''}>"
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """One line per impact: time, end, stop, peak, impulse, and open_at_start for the contact at t = 0."""
+        """Return a row for each impact: ``impact_time`` to ``impact_impulse``, ``impact_open_at_start`` for the contact
+        at t = 0."""
         rows, flags = self.listed()
-        return table({SINGULAR[name]: getattr(rows, name) for name in COLUMNS} | {OPEN_AT_START: flags})
+        columns = {name: (("impact",), getattr(rows, field)) for field, name in IMPACT_FIELDS.items()}
+        return frame_of(columns | {"impact_open_at_start": (("impact",), flags)}, "impact")
 
     @staticmethod
     def none(kind: str) -> Impacts:
@@ -137,6 +130,16 @@ class ContactRecord:
     fraction: float
     peak_force: float
     impulse: float
+
+    @property
+    def impact_count(self) -> int:
+        """Number of impacts."""
+        return self.impacts.count
+
+    @property
+    def open_at_start(self) -> bool:
+        """True for a contact that is there at t = 0, which is no impact."""
+        return self.impacts.at_start is not None
 
     @property
     def scale(self) -> float:

@@ -17,19 +17,21 @@ from numpy.typing import ArrayLike, NDArray
 from ..basics.arrays import Array
 from ..basics.pictures import DRAW
 from ..basics.resources import afford
-from ..basics.text import sentence, table
+from ..basics.text import sentence
 from ..basics.units import UNKNOWN, Units
 from ..basics.validation import InputError, integer, numbers, positive
-from .dataset import save, to_xarray
+from .dataset import arrays_of, save
 from .from_arrays import NO_REACTIONS, NO_STATES, run_fields
 from .impacts import ContactRecord, Impacts
 from .recorder import as_it_starts, sampled_impacts
+from .schema import frame_of, named, values_of
 
 if TYPE_CHECKING:
     import pandas
     import xarray
     from matplotlib.figure import Figure
 
+    from ..model.contact import Stops
     from ..model.system import System
     from .ledger import Ledger
 
@@ -170,6 +172,27 @@ class Trajectory:
         named = self.provenance.get("units")
         return UNKNOWN if named is None else Units(**named)
 
+    kind = "run"  # in files
+
+    @property
+    def time(self) -> Array:
+        """The output times (k,), as ``t``: the name that tables and files have."""
+        return self.t
+
+    @property
+    def stops(self) -> list[Stops]:
+        """The stops of every contact."""
+        return [contact.stops for contact in self.contacts]
+
+    def further_attributes(self) -> dict[str, Any]:
+        """What a file of this kind holds beside what every file does."""
+        return {}
+
+    def __getitem__(self, name: str) -> Array:
+        """The values of a variable by its name in the schema: ``run["energy_loss"]`` is ``run.energy.loss``,
+        ``run["contact_force"]`` (contacts, k) the forces of all contacts."""
+        return named(self, name)
+
     @property
     def contact_force(self) -> Array:
         """sigma on the beam at the first contact (2.4), zero without contact; ``contacts[i].force`` has every one."""
@@ -261,22 +284,18 @@ class Trajectory:
 
     def save(self, file: str | Path) -> Path:
         """Write it in the format that the suffix names: .nc (all of it, for ``stiffbeam.load``, xarray and ncdump),
-        .csv or .mat. Raises InputError for any other."""
+        .json, .mat or .csv. Raises InputError for any other."""
         return save(self, file)
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """One line per output time: t, tip, tip_velocity, every contact's position, velocity and force; the ledger
-        as energy_kinetic and so on where it has been made or saved (ask ``energy`` first). Provenance in ``attrs``."""
-        columns = {"t": self.t, "tip": self.tip, "tip_velocity": self.tip_velocity}
-        for i, contact in enumerate(self.contacts):
-            columns |= {f"contact{i}_{name}": getattr(contact, name) for name in ("position", "velocity", "force")}
-        if "energy" in vars(self):
-            columns |= {f"energy_{name}": getattr(self.energy, name) for name in vars(self.energy) if name != "t"}
-        return table(columns, {"provenance": self.provenance})
+        """Return a row for each output time, the index: tip, tip_velocity, ``contact_force_0`` and so on of every
+        contact, and the energies where the run has its ledger. Units and provenance in ``attrs``."""
+        return frame_of(values_of(self), "time", self.units, provenance=self.provenance)
 
-    def to_xarray(self) -> xarray.Dataset:
-        """Tip, contacts, impacts and energy as an xarray.Dataset with units, provenance as attributes."""
-        return to_xarray(self)
+    def to_xarray(self, x: ArrayLike | None = None) -> xarray.Dataset:
+        """Tip, contacts, impacts and energy as an xarray.Dataset with units, provenance as attributes; with positions
+        x along the beam also displacement(time, x) and velocity(time, x)."""
+        return arrays_of(self, None if x is None else numbers("x", np.atleast_1d(x))).to_xarray()
 
 
 def _travels(value: Any) -> bool:
@@ -314,6 +333,12 @@ class Reference(Trajectory):
     contact_by_events: Callable[[float, float, int], ContactRecord] | None = field(default=None, repr=False)
     solution: Any = field(default=None, repr=False)  # the solver's own representation, where it has one
     derive: Callable[[Array, Sequence[str]], Any] | None = field(default=None, repr=False)  # see ``derivative``
+
+    kind = "reference"
+
+    def further_attributes(self) -> dict[str, Any]:
+        """The horizon."""
+        return {"horizon": self.horizon}
 
     def _trust(self) -> str:
         if not self.horizon < self.t[-1]:
