@@ -56,7 +56,7 @@ def test_csv_and_mat_hold_every_digit_and_load_takes_netcdf_only(ran, tmp_path):
     assert np.array_equal(mat["contact_position"][1], run.contacts[1].position)
     counts = [c.impacts.count for c in run.contacts]
     assert mat["impact_time"].size == sum(counts) > 0
-    assert json.loads(mat["provenance"][0])["method"] == "hht(alpha=-0.1)"
+    assert json.loads(mat["provenance"][0])["method"] == "HHT(alpha=-0.1)"
     assert [p.name for p in tmp_path.iterdir() if p.is_file()] == ["run.csv"]  # nothing half-written
     with pytest.raises(sb.InputError, match="netCDF"):
         sb.load(tmp_path / "run.csv")

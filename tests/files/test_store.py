@@ -138,7 +138,7 @@ def test_what_is_no_trajectory_is_named(tmp_path):
         sb.load(text)
     other = tmp_path / "other.nc"
     xr.Dataset({"temperature": ("x", np.arange(3.0))}).to_netcdf(other, engine="h5netcdf")
-    with pytest.raises(sb.InputError, match=r"be a stiffbeam trajectory of format 2, got '.*other\.nc'"):
+    with pytest.raises(sb.InputError, match=r"be a stiffbeam trajectory of format 2 or 3, got '.*other\.nc'"):
         sb.load(other)
     for missing in (tmp_path / "none.nc", tmp_path):
         with pytest.raises(sb.InputError, match="file must exist"):

@@ -120,7 +120,7 @@ def test_records_of_a_comparison_and_a_study_are_as_documented(command):
     found = json.loads(out)
     assert (code, set(found) - {"stiffbeam", "command"}) == (0, documented("a study"))
     assert found["command"] == "energy"
-    assert [line["scheme"] for line in found["table"]] == ["hht(alpha=-0.1)", "bdf2"]
+    assert [line["scheme"] for line in found["table"]] == ["HHT(alpha=-0.1)", "BDF2"]
     code, out, err = command("energy", "table10", "--smoke", "--quiet")
     assert (code, out, err) == (0, "", "")
     code, out, err = command("energy", "table10", "--smoke", "--verbose")

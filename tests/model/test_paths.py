@@ -182,9 +182,9 @@ def test_a_scheme_with_an_impact_law_sweeps_a_rigid_stop():
     options = {"parameter": "contacts[0].stops.restitution", "values": [0.5, 0.6], "transient": 60, "periods": 3}
     rows = {
         method: sb.study("sweep", ball(), method=method, dt=5e-4, t_end=10.0, **options).rows
-        for method in ("exact", "moreau-jean")
+        for method in ("exact", "MoreauJean")
     }
-    for value, section in sections(rows["moreau-jean"]).items():
+    for value, section in sections(rows["MoreauJean"]).items():
         assert section == pytest.approx(sections(rows["exact"])[value], abs=5e-3)
         assert section == pytest.approx(bounce(value, 1.2, 1.0)[0], abs=5e-3)
     counts = [{row["count"] for row in found if row["kind"] == "contact"} for found in rows.values()]

@@ -20,7 +20,7 @@ CASES = {
     "longer": Case("steel", "steel", STEEL, 8, 1e-4, 0.6, RUNS),
     "plain": Case("plain", "plain", PLAIN, 8, 1e-3, 1.0, RUNS),
 }
-SCHEMES = {"schemes": ["hht(alpha=-0.1)"]}
+SCHEMES = {"schemes": ["HHT(alpha=-0.1)"]}
 # What each study is asked, what its answer says and what its axes say of the steel beam.
 STUDIES = {
     "sweep": ({"values": [140.0, 160.0], "periods": 2, "transient": 1}, ["N at frequency", "rad/s"],

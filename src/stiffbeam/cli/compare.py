@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 def compare(
     case: Case,
     schemes: Annotated[
-        str | None, typer.Option(help="comma-separated, e.g. 'bdf2,hht(alpha=-0.2)@displacement,sdirk.printed'")
+        str | None, typer.Option(help="comma-separated, e.g. 'BDF2,HHT(alpha=-0.2)@displacement,SDIRK.printed'")
     ] = None,
     references: Annotated[
         str | None,

@@ -288,7 +288,7 @@ class _Reader(Reader):
 
     def case(self) -> Case:
         if "form" in self.table:
-            remedy = f'write it behind a scheme, runs = ["hht@{self.table["form"]}"]'
+            remedy = f'write it behind a scheme, runs = ["HHT@{self.table["form"]}"]'
             raise self.error("form", self.table["form"], "be left out", remedy)
         self.only({"name", "title", "cells", "dt", "t_end", "runs", "inferred", "problem", "system", "published"})
         name = self.line("name")
@@ -309,7 +309,7 @@ class _Reader(Reader):
         parsed = []
         for run in runs:
             if not isinstance(run, str):
-                raise self.error("runs", run, "be strings like 'hht(alpha=-0.1)@displacement'", "write it in quotes")
+                raise self.error("runs", run, "be strings like 'HHT(alpha=-0.1)@displacement'", "write it in quotes")
             parsed.append(self.build(parse_run, run, form))
         published = self.get("published", dict, "be a table", {})
         for kind, values in published.items():

@@ -30,7 +30,7 @@ from ..piecewise.rounding import Perturbation
 from ..piecewise.tracer import tracer_of
 from ..references import solve
 from ..references.exact.piecewise import reference_of
-from ..schemes.labels import parse_run
+from ..schemes.labels import parse_run, run_label
 from ..trajectory.dataset import HASHED
 from ..trajectory.impacts import ContactRecord, Impacts
 from ..trajectory.ledger import Ledger
@@ -329,14 +329,14 @@ def _from_dataset(data: xr.Dataset, path: Path, system: System | None) -> Trajec
                 impulse=float(data["contact_impulse"].values[i]),
             )
         )
-    work = json.loads(data.attrs["work"])
+    work, notes = json.loads(data.attrs["work"]), json.loads(data.attrs["provenance"])
     common: dict[str, Any] = {
         "t": data["time"].values,
         "tip": data["tip"].values,
         "tip_velocity": data["tip_velocity"].values,
         "contacts": tuple(contacts),
         "work": Work(**work),
-        "provenance": json.loads(data.attrs["provenance"]),
+        "provenance": notes | {"method": run_label(notes["method"])},
         "read_for": data.attrs["fingerprint"],
         "system": system,
     }

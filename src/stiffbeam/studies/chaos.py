@@ -305,5 +305,5 @@ STUDY = Study(
     picture=picture,
     needs_motion=True,
     all_cores=True,
-    smoke={"schemes": ["hht(alpha=-0.1)"], "starts": 6},
+    smoke={"schemes": ["HHT(alpha=-0.1)"], "starts": 6},
 )

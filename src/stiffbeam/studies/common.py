@@ -23,7 +23,7 @@ from ..trajectory.trajectory import Reference
 from .engine.study import Study
 
 # What the options of several studies are and mean; the commands read it here.
-Schemes = Annotated[list[str] | None, "with commas between them, e.g. 'bdf2,hht(alpha=-0.2)'; default: all"]
+Schemes = Annotated[list[str] | None, "with commas between them, e.g. 'BDF2,HHT(alpha=-0.2)'; default: all"]
 Form = Annotated[str, "displacement, velocity-curvature or hermite; default: the case's first"]
 Forms = Annotated[list[str] | None, "with commas between them; default: all the case can take"]
 Dt = Annotated[float, "time step to start from, instead of the case's"]
@@ -47,10 +47,10 @@ def scheme_labels(case: Case, schemes: Sequence[str | Scheme] | None = None) -> 
     stands under that name.
     """
     if schemes is not None:
-        schemes = sequence("schemes", schemes, "be schemes or their labels", "for example ['hht(alpha=-0.1)']")
+        schemes = sequence("schemes", schemes, "be schemes or their labels", "for example ['HHT(alpha=-0.1)']")
         for label in schemes:
             if not isinstance(label, (str, Scheme)):
-                raise InputError("schemes", label, "be schemes or their labels", "for example 'hht(alpha=-0.1)'")
+                raise InputError("schemes", label, "be schemes or their labels", "for example 'HHT(alpha=-0.1)'")
         return [label_of(label) for label in schemes]
     own: dict[str, Scheme] = {}
     for scheme, _ in case.runs:

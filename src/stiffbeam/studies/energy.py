@@ -177,5 +177,5 @@ STUDY = Study(
     answer=answer,
     picture=picture,
     needs_motion=True,
-    smoke={"schemes": ["hht(alpha=-0.1)", "bdf2"], "t_end": 0.05},
+    smoke={"schemes": ["HHT(alpha=-0.1)", "BDF2"], "t_end": 0.05},
 )

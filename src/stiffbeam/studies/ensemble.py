@@ -256,5 +256,5 @@ STUDY = Study(
     needs_stops=True,
     all_cores=True,
     each_contact=True,
-    smoke={"schemes": ["hht(alpha=-0.1)"], "members": 8, "t_end": 0.7},
+    smoke={"schemes": ["HHT(alpha=-0.1)"], "members": 8, "t_end": 0.7},
 )

@@ -56,7 +56,7 @@ class Integrator:
 
 
 def integrator(given: Any, order: float | None = None) -> Integrator:
-    """A Scheme, a label such as "hht(alpha=-0.1)" or "dop853", or a function solve(system, dt, t_end) -> (t, u) or
+    """A Scheme, a label such as "HHT(alpha=-0.1)" or "dop853", or a function solve(system, dt, t_end) -> (t, u) or
     (t, u, v), itself or as "module:function". Raises InputError for anything else."""
     if isinstance(given, Integrator):
         return given

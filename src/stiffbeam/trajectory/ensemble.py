@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..basics.arrays import Array, BoolArray
+from ..basics.html import html_facts
+from ..basics.pictures import DRAW
 from ..basics.units import Units
 from ..basics.validation import InputError, non_negative
 from ..model.contact import Stops
@@ -24,6 +26,8 @@ from .trajectory import Trajectory, Work
 if TYPE_CHECKING:
     import pandas
     import xarray
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 
 MEMBERS_PER_SLICE = 64  # made by one thread in one go
@@ -145,7 +149,7 @@ class Ensemble(Runs):
 
     @property
     def label(self) -> str:
-        """Method and form, e.g. ``hht(alpha=-0.1)@displacement``."""
+        """Method and form, e.g. ``HHT(alpha=-0.1)@displacement``."""
         return f"{self.provenance['method']}@{self.provenance['form']}"
 
     @property
@@ -179,6 +183,19 @@ class Ensemble(Runs):
     def __getitem__(self, name: str) -> Array:
         """The values of a variable by its name in the schema: ``ensemble["contact_fraction"]``, (contacts, M)."""
         return named(self, name)
+
+    def plot(self, ax: Axes | None = None, **kwargs: Any) -> Axes | Figure:
+        """Draw the tip of every member, or where it was not kept what the first contact bears; return ``ax``, or the
+        new Figure. kwargs: of ``Axes.plot``."""
+        return DRAW["ensemble"](self, ax, **kwargs)
+
+    def _repr_html_(self) -> str:
+        facts = [("members", f"{len(self)}, {self.members.parameter}")]
+        for i, contact in enumerate(self.contacts):
+            counts = contact.impact_count
+            text = f"{np.mean(counts):.4g} impacts in the mean, {np.min(counts)} to {np.max(counts)}"
+            facts.append((f"contact {i + 1}" if len(self.contacts) > 1 else "contact", text))
+        return html_facts(self.label, facts)
 
     def to_dataframe(self) -> pandas.DataFrame:
         """Return a row for each member, the index: the varied parameter by its name where it is a number,

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..basics.arrays import Array
+from ..basics.html import html_facts
 from ..basics.pictures import DRAW
 from ..basics.resources import afford
 from ..basics.text import sentence
@@ -29,6 +30,7 @@ from .schema import frame_of, named, values_of
 if TYPE_CHECKING:
     import pandas
     import xarray
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from ..model.contact import Stops
@@ -163,7 +165,7 @@ class Trajectory:
 
     @property
     def label(self) -> str:
-        """Method and form, e.g. ``hht(alpha=-0.1)@displacement``."""
+        """Method and form, e.g. ``HHT(alpha=-0.1)@displacement``."""
         return f"{self.provenance['method']}@{self.provenance['form']}"
 
     @property
@@ -226,6 +228,74 @@ class Trajectory:
         return np.concatenate(q), np.concatenate(v)
 
     @property
+    def y(self) -> Array:
+        """(q, q') at the output times as SciPy has them, (2n, k)."""
+        return np.vstack([x.T for x in self.states])
+
+    @property
+    def nfev(self) -> int | None:
+        """Number of right-hand sides; 0 of a fixed-step scheme, which counts ``work.steps``, and of an exact solution.
+        None where the solver counts none."""
+        return self._count("rhs", "stages")
+
+    @property
+    def njev(self) -> int | None:
+        """Number of Jacobians, see ``nfev``."""
+        return self._count("jacobians")
+
+    @property
+    def nlu(self) -> int | None:
+        """Number of factorisations, see ``nfev``: SciPy's solvers count them."""
+        return self._count("factorisations")
+
+    def _count(self, *names: str) -> int | None:
+        counters = self.work.counters
+        known = [counters[name] for name in names if name in counters]
+        solver = {"rhs", "stages", "jacobians"} & set(counters)
+        return known[0] if known else None if solver or self.provenance.get("source") == "arrays" else 0
+
+    @property
+    def status(self) -> int:
+        """0 where the run reached its end, -1 where it overflowed, as SciPy's."""
+        return -1 if np.isfinite(self.diverged) else 0
+
+    @property
+    def success(self) -> bool:
+        """True where the run reached its end."""
+        return self.status == 0
+
+    @property
+    def message(self) -> str:
+        """One sentence for ``status``."""
+        if self.success:
+            return f"Reached t = {self.units.measure(f'{self.t[-1]:g}', 'time')}."
+        return f"Overflowed at t = {self.units.measure(f'{self.diverged:g}', 'time')}."
+
+    @property
+    def t_events(self) -> list[Array]:
+        """Times of the impacts at each contact."""
+        return [contact.impacts.times for contact in self.contacts]
+
+    @property
+    def y_events(self) -> list[Array] | None:
+        """(q, q') at ``t_events``, (impacts, 2n) for each contact; None where states are not known between outputs.
+
+        Those of a scheme are of the cubic Hermite interpolant that its sampled impacts are read from, at the run's own
+        steps.
+        """
+        at = self._states_between()
+        return None if at is None else [np.hstack(at(times)) for times in self.t_events]
+
+    def _states_between(self) -> Callable[[Array], tuple[Array, Array]] | None:
+        """Function of times that gives (q, q')."""
+        if self.pieces is None or self.provenance.get("every", 1) != 1:
+            return None
+        from scipy.interpolate import CubicHermiteSpline
+
+        q = CubicHermiteSpline(self.t, *self.states, axis=0)
+        return lambda times: (q(times), q(times, 1))
+
+    @property
     def has_energy(self) -> bool:
         """Tell whether the run has its energy ledger, made already or to be made."""
         return self.ledger is not None or "energy" in vars(self)
@@ -273,9 +343,29 @@ class Trajectory:
             )
         return self.system
 
-    def plot(self) -> Figure:
-        """Displacement, contact forces, phase portrait and energy, a matplotlib Figure."""
-        return DRAW["run"](self)
+    def plot(self, ax: Axes | None = None, **kwargs: Any) -> Axes | Figure:
+        """Draw displacement, contact forces, phase portrait and energy, and return the Figure; or the tip alone into
+        ``ax``, and return that. kwargs: of ``Axes.plot``."""
+        return DRAW["run"](self, ax, **kwargs)
+
+    def _repr_html_(self) -> str:
+        return html_facts(self.label, self._facts())
+
+    def _facts(self) -> list[tuple[str, str]]:
+        """Names and values for a notebook."""
+        measure, dt = self.units.measure, self.provenance.get("dt")
+        counts = [
+            (f"contact {i + 1}" if len(self.contacts) > 1 else "contact",
+             f"{c.impact_count} impacts, {100.0 * c.fraction:.3g} % of the time, "
+             f"peak force {measure(f'{c.peak_force:.4g}', 'force')}")
+            for i, c in enumerate(self.contacts)
+        ]  # fmt: skip
+        return [
+            ("end", measure(f"{self.t[-1]:g}", "time")),
+            ("time step", "" if dt is None else measure(f"{dt:g}", "time")),
+            ("output times", str(len(self.t))),
+            *counts,
+        ]
 
     def animate(self, file: str | Path, beside: Sequence[Trajectory] = (), **options: Any) -> Path:
         """Write a film, .gif or .mp4, of this run and of those ``beside`` it between their stops, impacts flashing;
@@ -339,6 +429,11 @@ class Reference(Trajectory):
     def further_attributes(self) -> dict[str, Any]:
         """The horizon."""
         return {"horizon": self.horizon}
+
+    def _facts(self) -> list[tuple[str, str]]:
+        text = self.units.measure(f"{self.horizon:.4g}", "time") if np.isfinite(self.horizon) else "not known"
+        against = str(self.provenance.get("horizon_against", ""))
+        return [("horizon", text), ("against", against), *super()._facts()]
 
     def _trust(self) -> str:
         if not self.horizon < self.t[-1]:
@@ -408,6 +503,12 @@ class Reference(Trajectory):
         if times.ndim != 1 or np.any(np.diff(times) <= 0.0) or times[0] < 0.0 or times[-1] > end * (1 + 1e-12):
             raise InputError("t", t, f"increase in [0, {end:g}]", "sort the times")
         return self.derive(times, paths)
+
+    def _states_between(self) -> Callable[[Array], tuple[Array, Array]] | None:
+        state_at, size = self.state_at, 0 if self.system is None else self.system.size
+        if state_at is None:
+            return None
+        return lambda times: state_at(times) if len(times) else (np.zeros((0, size)), np.zeros((0, size)))
 
     def contact_between(self, start: float, end: float, contact: int = 0) -> ContactRecord | None:
         """See ``Trajectory.contact_between``; exact solutions on compliant stops know it."""
