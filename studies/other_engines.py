@@ -19,7 +19,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 import stiffbeam as sb
-from stiffbeam.testset.integrators import Integrator, Made
+from stiffbeam.testset.integrators import Made, ProblemSolver
 from stiffbeam.testset.measure import motion_of
 from stiffbeam.testset.problem import Problem, matrix, time_function
 
@@ -75,7 +75,7 @@ class Model:
         return rhs
 
 
-def scipy_with_events(method: str) -> Integrator:
+def scipy_with_events(method: str) -> ProblemSolver:
     def solve(problem: Problem, rtol: float, t_end: float) -> Made:
         model, begun = Model(problem), time.perf_counter()
         times, atol = np.append(0.0, problem.times), rtol * 1e-3 * np.max(np.abs(problem.answers["tip"].value))
@@ -101,7 +101,7 @@ def scipy_with_events(method: str) -> Integrator:
                     chi, y = event.after(chi, t, y)  # type: ignore[attr-defined]
         raise RuntimeError(f"{MOST_EVENTS} events by t = {t:.6g}")
 
-    return Integrator(f"SciPy {method}, events", float("nan"), True, solve)
+    return ProblemSolver(f"SciPy {method}, events", source=solve)
 
 
 def _side(model: Model, i: int, t: float, y: np.ndarray) -> int:
@@ -141,7 +141,7 @@ def _event(model: Model, i: int, side: int, now: int) -> Callable[[float, np.nda
     return event
 
 
-def diffrax_through() -> Integrator:
+def diffrax_through() -> ProblemSolver:
     import diffrax
     import jax
     import jax.numpy as jnp
@@ -194,7 +194,7 @@ def diffrax_through() -> Integrator:
         cost = 13 * int(run.stats["num_steps"])
         return Made(rtol, cost, time.perf_counter() - begun, motion_of(problem, times, y[:, :n], y[:, n:]))
 
-    return Integrator("diffrax Dopri8", float("nan"), True, solve)
+    return ProblemSolver("diffrax Dopri8", source=solve)
 
 
 PAGE = """# Other engines on the test set

@@ -1,8 +1,8 @@
 """The ensembles of one table: what can be measured past the horizon, made twice, from seeds that share no member.
 
-The initial data of the members differ by PERTURBATION of the motion's own scale. A number that differs between members
-is known to their spread only: a statement about the motion is one about their distribution. With a much smaller
-perturbation the members of a scheme diverge only after the scheme has left the exact motion, and share its error.
+Initial data that differ by PERTURBATION of the motion's own scale cannot be told apart by any measurement, so
+a number that differs between members is known to their spread only, and a statement about the motion is one
+about their distribution.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from .table import Made
 
 SEEDS = (1, 2)
 MEMBERS, EXACT_MEMBERS = 16, 6  # of each seed; an exact member costs up to a hundred times a run
-PERTURBATION = 1e-3
+PERTURBATION = 1e-12
 PERIODS = 10  # of the drive, at least, that every ensemble spans
 SAMPLES = 20_000  # of the tip, at most: above the fourth part of the grid's modes in every table
 LINES = 15  # multiples of the drive whose complex amplitudes are kept

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 import stiffbeam as sb
-from stiffbeam.testset.integrators import Integrator, Made
+from stiffbeam.testset.integrators import Made, ProblemSolver
 from stiffbeam.testset.measure import motion_of
 from stiffbeam.testset.problem import Problem, folder
 
@@ -23,7 +23,7 @@ HERE = Path(__file__).resolve().parent
 
 
 @dataclass(frozen=True)
-class Recorded(Integrator):
+class Recorded(ProblemSolver):
     """The runs in ``out``; its levels are those that were made."""
 
     out: Path = field(default_factory=Path)
@@ -47,7 +47,7 @@ def recorded(out: Path) -> Recorded:
             motion = motion_of(problem, run["t"], run["q"], run["v"])
             return Made(level, level, float(run["seconds"]), motion)
 
-    return Recorded(record["engine"], float("nan"), record["adaptive"], solve, out)
+    return Recorded(record["engine"], source=solve, tolerances=record["adaptive"], out=out)
 
 
 def run(python: str, adapter: str, out: Path, names: Sequence[str] = ()) -> dict[str, Any]:

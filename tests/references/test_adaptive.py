@@ -311,3 +311,28 @@ def test_kvaerno_goes_through_the_impacts_of_table_10():
     """Without events its horizon ended at the first impact that lies between two outputs, at 0.053."""
     system = sb.paper_case(10).system()
     assert sb.reference(system, 0.075, "kvaerno5", np.linspace(0.0, 0.075, 76), rtol=1e-7).horizon == 0.075
+
+
+@pytest.mark.slow
+def test_kvaerno_gives_the_exact_impacts_of_random_chains():
+    """One program for all: the numbers of a system are arguments. The exact solution shares no code with it."""
+    rng, impacts, compiled = np.random.default_rng(36), 0, []
+    for _ in range(6):
+        springs = rng.uniform(50.0, 400.0, 2)
+        stiffness = np.array([[springs.sum(), -springs[1]], [-springs[1], springs[1]]])
+        stops = sb.Stops(lower=-rng.uniform(0.05, 0.2), upper=rng.uniform(0.05, 0.2), stiffness=rng.uniform(1e3, 1e5))
+        system = sb.System.from_matrices(
+            np.diag(rng.uniform(0.5, 2.0, 2)), stiffness, 1e-3 * stiffness,
+            loads=[([0.0, 1.0], sb.Harmonic(rng.uniform(5.0, 60.0), rng.uniform(3.0, 20.0)))],
+            contacts=[sb.Contact([0.0, 1.0], stops)], initial_velocity=rng.normal(size=2),
+        )  # fmt: skip
+        exact = solve(system, 0.6, "exact", None, 0.0, None)
+        run = solve(system, 0.6, "kvaerno5", exact.t, 1e-8, None)
+        compiled.append("compile_seconds" in run.provenance)
+        assert run.impacts.times == pytest.approx(exact.impacts.times, abs=1e-6)
+        assert run.impacts.peaks == pytest.approx(exact.impacts.peaks, rel=1e-5, nan_ok=True)
+        assert run.impacts.impulses == pytest.approx(exact.impacts.impulses, rel=1e-5, nan_ok=True)
+        assert np.max(np.abs(run.tip - exact.tip)) < 1e-5 * np.max(np.abs(exact.tip))
+        impacts += exact.impacts.count
+    assert impacts > 15
+    assert sum(compiled) <= 1

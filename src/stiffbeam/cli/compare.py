@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from ..files.cases import Case as CaseFile
     from ..schemes import Scheme
     from ..studies.comparison import CaseComparison
+    from ..testset.integrators import Integrator
     from ..trajectory.trajectory import Reference, Trajectory
 
 
@@ -30,7 +31,11 @@ if TYPE_CHECKING:
 def compare(
     case: Case,
     schemes: Annotated[
-        str | None, typer.Option(help="comma-separated, e.g. 'BDF2,HHT(alpha=-0.2)@displacement,SDIRK.printed'")
+        str | None,
+        typer.Option(
+            help="comma-separated schemes, solvers and functions module:function, e.g. "
+            "'BDF2,HHT(alpha=-0.2)@displacement,SDIRK.printed,mymodule:radau'"
+        ),
     ] = None,
     references: Annotated[
         str | None,
@@ -57,8 +62,9 @@ def compare(
     """Run schemes beside SUNDIALS and the exact solution: table, picture, trajectories."""
     from ..basics.validation import InputError, positive
     from ..files.cases import compared_runs, find_case
-    from ..schemes.labels import parse_run, split_runs
+    from ..schemes.labels import split_runs
     from ..studies.comparison import compare_case
+    from ..testset.integrators import parse_integrator
 
     chosen = find_case(case)
     for name, value in (("--dt", dt), ("--t-end", t_end), ("--budget", budget)):
@@ -66,7 +72,7 @@ def compare(
             positive(name, value)
     runs = compared_runs(chosen)
     if schemes is not None:
-        runs = [_like_case(parse_run(text, chosen.forms[0]), text, chosen) for text in split_runs(schemes)]
+        runs = [_like_case(parse_integrator(text, chosen.forms[0]), text, chosen) for text in split_runs(schemes)]
     names = None if references is None else [name.strip() for name in references.split(",") if name.strip()]
     check_json(json_file)
     for option, present in (("--schemes", schemes is None or runs), ("--references", names is None or names)):
@@ -95,12 +101,12 @@ def compare(
         raise typer.Exit(1)
 
 
-def _like_case(run: tuple[Scheme, str], text: str, case: CaseFile) -> tuple[Scheme, str]:
+def _like_case(run: tuple[Integrator, str], text: str, case: CaseFile) -> tuple[Integrator | Scheme, str]:
     """A bare ``hht`` or ``sdirk`` takes the parameters it has in the case."""
     scheme, form = run
-    if "(" not in text and ".printed" not in text:
+    if scheme.kind == "scheme" and "(" not in text and ".printed" not in text:
         for case_scheme, case_form in case.runs:
-            if case_scheme.name == scheme.name and ("@" not in text or case_form == form):
+            if case_scheme.name == scheme.source.name and ("@" not in text or case_form == form):
                 return case_scheme, form if "@" in text else case_form
     return run
 

@@ -314,7 +314,7 @@ class _Reader(Reader):
         published = self.get("published", dict, "be a table", {})
         for kind, values in published.items():
             if not isinstance(values, dict) or not all(isinstance(v, (int, float)) for v in values.values()):
-                raise self.error(f"published.{kind}", values, "be a table of numbers by run", 'write "bdf2" = 10')
+                raise self.error(f"published.{kind}", values, "be a table of numbers by run", 'write "BDF2" = 10')
         notes = self.get("inferred", list, "be a list of strings", [])
         if not all(isinstance(note, str) for note in notes):
             raise self.error("inferred", notes, "be a list of strings", 'write ["..."]')

@@ -25,7 +25,9 @@ if TYPE_CHECKING:
 
 def short(label: str) -> str:
     """Short name of a method: that of the scheme or of the reference solver; any other label is returned as it is."""
-    return REFERENCES[label].label if label in REFERENCES else short_label(label)
+    if label in REFERENCES:
+        return REFERENCES[label].label
+    return short_label(label).removeprefix("__main__:")
 
 
 DASH = "–"

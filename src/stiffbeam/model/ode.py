@@ -174,8 +174,7 @@ class ODE:
 
 
 class Event:
-    """Where a contact enters or leaves a stop: a function of (t, y), > 0 while the stop presses, with SciPy's
-    attributes.
+    """Entry into a stop and exit from it: a function of (t, y), > 0 while the stop presses, with SciPy's attributes.
 
     Attributes
     ----------

@@ -32,7 +32,7 @@ class Numbers(NamedTuple):
 
 
 class Kind(NamedTuple):
-    """What a program is compiled for beside the shapes: the exponent of every contact, and whether stops damp."""
+    """Constants of a compiled program beside the shapes: the exponent of every contact, and whether stops damp."""
 
     exponents: tuple[float, ...]
     damped: bool

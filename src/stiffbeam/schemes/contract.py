@@ -72,7 +72,7 @@ def check_contract(scheme: Scheme) -> None:
                 f"a state before node {later} that moves with the force there",
                 "be causal",
                 "order the nodes so that every one depends on its own and earlier forces only; a fully implicit method "
-                "runs as a function in sb.score, or by its arrays in sb.compare",
+                "runs as a function solve(system, dt, t_end) in score and in the studies precision and converge",
             )
     if own:
         _KEPT.add(name)

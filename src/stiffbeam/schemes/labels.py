@@ -9,7 +9,7 @@ import inspect
 import os
 import re
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from inspect import signature
 from typing import Any
 
@@ -127,16 +127,16 @@ def user_class(name: str) -> type[Scheme]:
     if not isinstance(found, type) or not issubclass(found, Scheme):
         classes = [x for x, value in vars(module).items() if isinstance(value, type) and issubclass(value, Scheme)]
         function = callable(found) and not isinstance(found, type)
-        remedy = "it is a function: stiffbeam score takes these" if function else near(wanted, classes)
+        takers = "score, compare, converge, precision and ensemble take these"
+        remedy = f"it is a function: {takers}" if function else near(wanted, classes)
         raise InputError("scheme", name, f"name a Scheme class of {place}", remedy)
     return found
 
 
-def user_function(name: str) -> Callable[..., Any] | None:
-    """The function that ``module:function`` names, None where that is something else. Raises InputError as above."""
+def user_object(name: str) -> Any:
+    """Return what ``module:name`` names, None where the module has no such name. Raises InputError as above."""
     place, _, wanted = name.partition(":")
-    found = getattr(_module(place, name), wanted, None)
-    return found if callable(found) and not isinstance(found, type) else None
+    return getattr(_module(place, name), wanted, None)
 
 
 def _module(place: str, name: str) -> Any:
@@ -182,11 +182,20 @@ def user_label(scheme: Scheme) -> str:
 
 
 def user_source(label: str) -> str:
-    """A hash of the module that a label ``module:Class(...)`` names, "" for a registered scheme."""
-    if not isinstance(label, str) or ":" not in label:
+    """Return a hash of the source behind a label ``module:Class(...)`` or ``module:name``, "" for a registered scheme.
+
+    Of the module where it has a file; else, as in a notebook, of the function's code.
+    """
+    if not isinstance(label, str) or not re.match(r"[\w.]+:\w+(\(|$)", label):
         return ""
     try:
-        module = sys.modules[user_class(label.partition("(")[0]).__module__]
-        return hashlib.sha256(inspect.getsource(module).encode()).hexdigest()
-    except (InputError, OSError, TypeError, KeyError):
+        named = user_object(label.partition("(")[0])
+    except InputError:
         return ""
+    module = sys.modules.get(getattr(named, "__module__", None) or label.partition(":")[0])
+    try:
+        source = inspect.getsource(module)  # type: ignore[arg-type]
+    except (OSError, TypeError):
+        code = getattr(named, "__code__", None)
+        source = "" if code is None else f"{code.co_code!r} {code.co_consts!r} {code.co_names!r}"
+    return hashlib.sha256(source.encode()).hexdigest() if source else ""

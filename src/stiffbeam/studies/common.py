@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Annotated, Any
 
 import numpy as np
@@ -17,13 +18,20 @@ from ..model.modes import modes
 from ..model.system import System
 from ..references import best_reference
 from ..references import takes as method_takes
+from ..references.registry import REFERENCES
 from ..schemes import RIGID, SCHEMES, RigidScheme, Scheme, make, takes_stops
 from ..schemes.labels import parse_run, user_label
-from ..trajectory.trajectory import Reference
+from ..schemes.labels import scheme_of as known_scheme
+from ..testset.integrators import FUNCTION, SCHEME, Integrator, integrator, integrators
+from ..trajectory.trajectory import Reference, Trajectory, Work
 from .engine.study import Study
 
 # What the options of several studies are and mean; the commands read it here.
 Schemes = Annotated[list[str] | None, "with commas between them, e.g. 'BDF2,HHT(alpha=-0.2)'; default: all"]
+Integrators = Annotated[
+    list[str] | None,
+    "schemes, reference solvers and functions module:function, with commas between them; default: all schemes",
+]
 Form = Annotated[str, "displacement, velocity-curvature or hermite; default: the case's first"]
 Forms = Annotated[list[str] | None, "with commas between them; default: all the case can take"]
 Dt = Annotated[float, "time step to start from, instead of the case's"]
@@ -59,6 +67,70 @@ def scheme_labels(case: Case, schemes: Sequence[str | Scheme] | None = None) -> 
     taken = {name: scheme for name, scheme in others.items() if takes(case, scheme)}
     known = own | taken
     return [label_of(known[name]) for name in dict.fromkeys((*SCHEMES, *RIGID, *own)) if name in known]
+
+
+def integrators_of(case: Case, given: Sequence[Any] | None = None) -> list[Integrator]:
+    """Return the integrators of a study: the given ones, or the schemes of ``scheme_labels``.
+
+    Each but recorded runs can be made again by its label, since points travel to other processes as text.
+    Raises InputError for one that cannot.
+    """
+    if given is None:
+        return [integrator(label) for label in scheme_labels(case)]
+    chosen: dict[str, Integrator] = {}
+    for one in integrators(sequence("schemes", given, "be integrators", "for example ['HHT(alpha=-0.1)']")):
+        label = label_of(one.source) if one.kind == SCHEME else one.label
+        if one.kind == FUNCTION:
+            label = label.partition(" (")[0]
+            if ":" not in label or integrator(label).source is not one.source:
+                remedy = "move it to the top of a module, a script or a notebook"
+                raise InputError("schemes", one.label, "be found under its name, for a study", remedy)
+        chosen[label] = replace(one, label=label)
+    return list(chosen.values())
+
+
+def recorded_points(one: Integrator, system: System) -> list[dict[str, Any]]:
+    """Return the entries that hold each recorded run, the longest step first: ``dt`` and a list, which rows leave out.
+
+    Raises InputError for a run of another system.
+    """
+    points = []
+    for run in sorted(one.source, key=lambda run: -float(run.provenance["dt"])):
+        if run.fingerprint not in ("", system.fingerprint):
+            rule = f"be recorded on the system of the case, form {system.form}"
+            raise InputError("schemes", one.label, rule, "pass system=case.system(form) to from_arrays")
+        cost = [run.work.seconds, max(run.work.counters.values(), default=run.work.steps)]
+        lists = [run.t.tolist(), run.tip.tolist(), run.tip_velocity.tolist(), cost]
+        points.append({"dt": float(run.provenance["dt"]), "recorded": lists})
+    return points
+
+
+def run_of(
+    label: str, recorded: list[Any] | None, system: System, dt: float, t_end: float, contact: str = "implicit",
+    every: int = 1,
+) -> Trajectory:  # fmt: skip
+    """Return the run of an integrator by its label, or the part of a recorded one to t_end.
+
+    Raises InputError for a recorded run that ends earlier.
+    """
+    if recorded is None:
+        return integrator(label).run(system, dt, t_end, contact, every)
+    t, tip, velocity = (np.asarray(values) for values in recorded[:3])
+    if t[-1] < t_end * (1.0 - 1e-9):
+        raise InputError("the recorded run", t[-1], f"reach t = {t_end:g}", "record it further, or ask for less")
+    inside = t <= t_end * (1.0 + 1e-9)
+    run = Trajectory.from_arrays(t[inside], tip[inside], velocity[inside], system, name=label)
+    share = t_end / float(t[-1])
+    seconds, evaluations = share * recorded[3][0], round(share * recorded[3][1])
+    return replace(run, work=Work(len(run.t) - 1, seconds, seconds, {"evaluations": evaluations}))
+
+
+def evaluations_of(label: str, run: Trajectory) -> int:
+    """Return the work of a run: linear solves of a scheme, what a solver or a run counts, else steps."""
+    scheme = None if label in REFERENCES else known_scheme(label)
+    if scheme is not None:
+        return run.work.steps * len(scheme.nodes)
+    return max(run.work.counters.values(), default=run.work.steps)
 
 
 def takes(case: Case, scheme: Scheme) -> bool:

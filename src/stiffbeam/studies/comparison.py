@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -26,7 +27,8 @@ from ..references import reference, solve, substitute
 from ..references.estimate import expected_seconds
 from ..references.registry import BUDGET, COMPARED, COMPARED_RIGID, RTOL, method_of
 from ..references.request import Steps
-from ..schemes import HHT, Scheme
+from ..schemes import HHT
+from ..testset.integrators import RECORDED, SCHEME, SOLVER, Integrator, integrators
 from ..trajectory.recorder import sampled_impacts
 from ..trajectory.trajectory import Diverged, Reference, SolverFailure, Trajectory
 
@@ -115,7 +117,7 @@ class CaseComparison:
 
 def compare_case(
     case: Case,
-    runs: Sequence[tuple[Scheme, str]] | None = None,
+    runs: Sequence[tuple[Any, str]] | None = None,
     references: Sequence[str] | None = None,
     contact: str = "implicit",
     dt: float | None = None,
@@ -128,8 +130,9 @@ def compare_case(
 ) -> CaseComparison:
     """Run every scheme over the case's time span and hold it against a reference of the same form.
 
-    runs: (scheme, form); None for the case's own. references: methods; None for those of ``COMPARED`` that take the
-    system.
+    runs: (integrator, form); None for the case's own. The integrator is a Scheme, a function, a recorded run or the
+    label of one (``testset.integrators``); the name of a solver makes it a further reference. references: methods; None
+    for those of ``COMPARED`` that take the system.
 
     The first of ``references`` that can take the system is the main reference, over the whole span; the
     others run to its horizon only and are compared like the schemes. A run that fails is reported and
@@ -152,9 +155,12 @@ def compare_case(
     for name in references:
         method_of(name, "references")
     result = CaseComparison(case)
-    chosen = list(case.runs if runs is None else runs)
-    refused: list[Diverged | InputError] = []
-    for form in dict.fromkeys(form for _, form in chosen):
+    pairs = list(case.runs if runs is None else runs)
+    chosen = {form: integrators(x for x, own in pairs if own == form) for form in dict.fromkeys(f for _, f in pairs)}
+    solvers = [one.source for several in chosen.values() for one in several if one.kind == SOLVER]
+    references = list(dict.fromkeys([*references, *solvers]))
+    refused: list[Diverged | InputError | SolverFailure] = []
+    for form, several in chosen.items():
         system = case.system(form)
         main = _main_reference(system, case, references, result, progress, replace(solver, budget=4.0 * budget))
         further = []
@@ -166,14 +172,13 @@ def compare_case(
         if not rigid:
             progress(COMPILING, 0, 0)
             warm_up(by_law)
-        for scheme, _ in (pair for pair in chosen if pair[1] == form):
-            label = f"{scheme}@{form}"
+        for one in several:
+            if one.kind == SOLVER:
+                continue
+            label = f"{one.label}@{form}"
             try:
-                run = integrate(
-                    system, scheme, case.dt, case.t_end, contact,
-                    progress=lambda done, label=label: progress(label, done, round(case.t_end / case.dt)),
-                )  # fmt: skip
-            except (Diverged, InputError) as error:
+                run = _run(one, system, case, contact, partial(progress, label))
+            except (Diverged, InputError, SolverFailure) as error:
                 refused.append(error)
                 result.note(label, error)
                 continue
@@ -190,6 +195,19 @@ def compare_case(
     if not result.runs and refused and all(isinstance(error, InputError) and error.field != "dt" for error in refused):
         raise refused[0]  # nothing was run: the fault is in the input, not in a scheme
     return result
+
+
+def _run(one: Integrator, system: System, case: Case, contact: str, show: Callable[[int, int], None]) -> Trajectory:
+    """Return the run of an integrator that chooses no steps itself: of a scheme with its progress, a recorded one."""
+    steps = round(case.t_end / case.dt)
+    if one.kind == SCHEME:
+        return integrate(
+            system, one.source, case.dt, case.t_end, contact, progress=lambda done: show(done, steps)
+        )  # fmt: skip
+    show(0, 0)
+    if one.kind == RECORDED and len(one.source) == 1:
+        return one.source[0]
+    return one.run(system, case.dt, case.t_end)
 
 
 def _main_reference(

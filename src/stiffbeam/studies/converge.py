@@ -13,7 +13,6 @@ import numpy as np
 from ..basics.validation import InputError
 from ..figures import Axis, Curve, Panel, Picture, column, groups, look, short
 from ..files.cases import Case
-from ..march.integrate import integrate
 from ..measures.errors import Order, observed_order, tip_error
 from ..measures.impacts import impact_times, matched_until
 from ..measures.report import DASH
@@ -21,6 +20,7 @@ from ..measures.smooth_motion import slowest_period, smooth_motion, without_cont
 from ..model.drive import Drive
 from ..model.scales import scales
 from ..model.system import System
+from ..testset.integrators import RECORDED, SOLVER
 from . import common
 from .engine.study import Answer, Point, Records, Row, Rows, Study
 
@@ -35,7 +35,7 @@ ROUNDING = 10.0 * np.finfo(float).eps  # times the number of steps: what roundin
 def points(
     case: Case,
     *,
-    schemes: common.Schemes = None,
+    schemes: common.Integrators = None,
     kinds: Annotated[list[str] | None, "smooth, contact, or both"] = None,
     form: common.Form,
     dt: common.Dt,
@@ -48,7 +48,11 @@ def points(
     smooth: the case without stops on its slow motion, over one period of the drive or of the lowest
     mode, whichever is longer. contact: the case itself until the first impacts are over, as many as ``impacts`` says.
     """
-    system = common.system_of(case, form)
+    system, chosen = common.system_of(case, form), common.integrators_of(case, schemes)
+    for one in chosen:
+        if one.kind == SOLVER:
+            remedy = "stiffbeam precision shows its error against its work"
+            raise InputError("schemes", one.label, "have a time step that can be halved, not a tolerance", remedy)
     found: list[Point] = []
     for kind in KINDS if kinds is None else kinds:
         if kind == "smooth":
@@ -61,13 +65,24 @@ def points(
             end, per_octave = common.first_impacts(case, form, impacts), PER_OCTAVE
         else:
             raise InputError("kinds", kind, f"be among {KINDS}", "for example ('smooth',)")
-        for label in common.scheme_labels(case, schemes):
+        for one in chosen:
+            rest = {"kind": kind, "scheme": one.label, "form": form, "contact": contact, "t_end": end}
+            if one.kind == RECORDED:  # of the case itself, which is no smooth motion
+                runs = common.recorded_points(one, system) if kind == "contact" else []
+                found += [
+                    rest | {"steps": round(end / run["dt"]), "recorded": run["recorded"],
+                            "octave": round(float(np.log2(runs[0]["dt"] / run["dt"])))}
+                    for run in runs
+                ]  # fmt: skip
+                continue
             found += [
-                {"kind": kind, "scheme": label, "form": form, "contact": contact, "t_end": end, "steps": steps,
-                 "octave": k // per_octave}
+                rest | {"steps": steps, "octave": k // per_octave}
                 for k, steps in enumerate(common.halved(end, dt, halvings, per_octave))
-            ]  # fmt: skip
-    return list({tuple(p.items()): p for p in found}.values())
+            ]
+    if not found and any(one.kind == RECORDED for one in chosen):
+        rule = "be asked about contact: recorded runs are of the case itself"
+        raise InputError("kinds", kinds, rule, "give a function, which runs on the smooth motion too")
+    return list({(p["kind"], p["scheme"], p["steps"]): p for p in found}.values())
 
 
 def smooth_end(system: System, t_end: float) -> float:
@@ -91,8 +106,8 @@ def evaluate(case: Case, point: Point) -> list[Row]:
     steps, t_end = point["steps"], point["t_end"]
     exact = common.solve_once(system, t_end)
     dt = t_end / steps
-    run = integrate(
-        system, common.scheme_of(point["scheme"]), dt, t_end, point["contact"], every=max(1, steps // SAMPLES)
+    run = common.run_of(
+        point["scheme"], point.get("recorded"), system, dt, t_end, point["contact"], max(1, steps // SAMPLES)
     )
     error = tip_error(run.tip, exact.at(run.t)[0])
     fastest = max([*Drive.of(system).frequencies, 2.0 * np.pi / scales(system, case.t_end).period])

@@ -5,9 +5,11 @@ Impacts and their rate, time in contact, largest forces, energy and spectra, wit
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Annotated
 
 import numpy as np
+from scipy.interpolate import CubicHermiteSpline
 
 from ..basics.arrays import Array
 from ..basics.validation import integer
@@ -34,7 +36,10 @@ from ..measures.smooth_motion import drive_frequency
 from ..measures.spectrum import amplitude_spectrum, drive_amplitude
 from ..model.members import SPREAD, perturbed
 from ..references.ensemble import reference_ensemble
-from ..trajectory.trajectory import Diverged
+from ..schemes.labels import scheme_of as known_scheme
+from ..testset.integrators import RECORDED
+from ..trajectory.ensemble import Ensemble, Runs
+from ..trajectory.trajectory import Diverged, Trajectory
 from . import common
 from .engine.study import Answer, Point, Records, Row, Rows, Study, by_contact
 
@@ -47,7 +52,7 @@ HARMONICS = 16  # the spectrum is kept up to this multiple of the drive
 def points(
     case: Case,
     *,
-    schemes: common.Schemes = None,
+    schemes: common.Integrators = None,
     form: common.Form,
     dt: common.Dt,
     t_end: common.End,
@@ -57,13 +62,22 @@ def points(
     contact: common.Treatment = "implicit",
 ) -> list[Point]:
     """The exact solution and every scheme at ``dt`` (the case's), each with the same ``members`` initial
-    data, perturbed by ``size`` relative to the motion."""
+    data, perturbed by ``size`` relative to the motion. A solver runs to its default tolerance; recorded runs of one
+    name are members themselves, for the user to perturb (``perturbed``)."""
     integer("members", members, 2)  # one has no spread
     rest = {
         "form": form, "dt": dt, "t_end": t_end,
         "members": members, "size": size, "seed": seed, "contact": contact,
     }  # fmt: skip
-    return [{"method": method} | rest for method in ["exact", *common.scheme_labels(case, schemes)]]
+    found: list[Point] = [{"method": "exact"} | rest]
+    for one in common.integrators_of(case, schemes):
+        if one.kind == RECORDED:
+            runs = [run["recorded"] for run in common.recorded_points(one, case.system(form))]
+            integer(f"members of {one.label}", len(runs), 2)
+            found.append(rest | {"method": one.label, "members": len(runs), "recorded": runs})
+        elif one.label != "exact":
+            found.append({"method": one.label} | rest)
+    return found
 
 
 def evaluate(case: Case, point: Point) -> list[Row]:
@@ -71,12 +85,19 @@ def evaluate(case: Case, point: Point) -> list[Row]:
     system = common.system_of(case, point["form"])
     dt, t_end = point["dt"], point["t_end"]
     members = perturbed(system, point["members"], point["size"], point["seed"], t_end=t_end)
+    recorded, scheme = point.get("recorded"), None if point["method"] == "exact" else known_scheme(point["method"])
+    many: Ensemble | Runs
     every = common.to_the_end(round(t_end / dt), SAMPLES)
     t = np.arange(0, round(t_end / dt) + 1, every) * dt
     if point["method"] == "exact":
         many = reference_ensemble(system, t_end, members, t)
+    elif scheme is None or recorded:
+        each = recorded or [None] * len(members)
+        many = Runs.of([
+            _sampled(common.run_of(point["method"], one, member, dt, t_end), t)
+            for one, member in zip(each, members, strict=True)
+        ])  # fmt: skip
     else:
-        scheme = common.scheme_of(point["method"])
         many = integrate_ensemble(system, scheme, dt, t_end, members, point["contact"], every)
     if np.all(np.isfinite(many.diverged)):
         raise Diverged(point["method"], float(np.max(many.diverged)), "use the implicit contact or a smaller dt")
@@ -84,9 +105,11 @@ def evaluate(case: Case, point: Point) -> list[Row]:
     drive = drive_frequency(system)
     response = drive_amplitude(t, many.tip, drive)
     losses = np.full((len(many), 2), np.nan)
-    for i in np.flatnonzero(whole)[: LEDGERS if point["method"] != "exact" else 0]:  # the exact flow loses nothing
-        ledger = many.ledger(i)
-        losses[i] = ledger.loss[-1] if ledger.is_resolved() else np.nan, ledger.supplied[-1]
+    # The exact flow loses nothing; the runs of a function may hold no states.
+    if isinstance(many, Ensemble) and point["method"] != "exact":
+        for i in np.flatnonzero(whole)[:LEDGERS]:
+            ledger = many.ledger(i)
+            losses[i] = ledger.loss[-1] if ledger.is_resolved() else np.nan, ledger.supplied[-1]
     rows: list[Row] = []
     for number, seen in enumerate(many.contacts, 1):
         response, losses = (x if number == 1 else np.full_like(x, np.nan) for x in (response, losses))  # of the run
@@ -104,6 +127,12 @@ def evaluate(case: Case, point: Point) -> list[Row]:
         peak = {"kind": "peak", "contact_number": number}
         rows += [peak | {"quantile": q, "force": float(np.quantile(peaks, q))} for q in QUANTILES if len(peaks)]
     return rows + _spectrum(t, many.tip[whole], drive)
+
+
+def _sampled(run: Trajectory, t: Array) -> Trajectory:
+    """Return the run with its tip at the times t (k,)."""
+    spline = CubicHermiteSpline(run.t, run.tip, run.tip_velocity)
+    return replace(run, t=t, tip=spline(t), tip_velocity=spline(t, 1))
 
 
 def _spectrum(t: Array, tips: Array, drive: float) -> list[Row]:

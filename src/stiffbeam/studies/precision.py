@@ -12,7 +12,6 @@ import numpy as np
 from ..basics.validation import InputError, near
 from ..figures import Axis, Curve, Level, Mark, Note, Panel, Picture, Ranges, column, curves, groups, look, short
 from ..files.cases import Case
-from ..march.integrate import integrate
 from ..measures.errors import tip_error
 from ..measures.impacts import matched_until
 from ..model.right_hand_side import RightHandSide
@@ -20,6 +19,7 @@ from ..model.system import System
 from ..references import solve, takes
 from ..references.registry import MULTIPRECISION, REFERENCES
 from ..references.request import Steps
+from ..testset.integrators import RECORDED, SOLVER
 from ..trajectory.trajectory import Reference, Trajectory
 from . import common
 from .engine.study import Answer, Point, Records, Row, Rows, Study
@@ -37,7 +37,7 @@ AT_MOST = " at most"  # after the name of a method whose cheapest run has a smal
 def points(
     case: Case,
     *,
-    schemes: common.Schemes = None,
+    schemes: common.Integrators = None,
     methods: Annotated[list[str] | None, "reference solvers, with commas between them"] = None,
     form: common.Form,
     dt: common.Dt,
@@ -45,38 +45,43 @@ def points(
     tolerances: common.Numbers = None,
     impacts: common.ImpactCount = 4,
 ) -> list[Point]:
-    """Schemes at ``dt`` (the case's), dt/2, ...; solvers at ``tolerances``, by default rtol 1e-4 .. 1e-10 (the dense
-    ones at two).
+    """Schemes and functions at ``dt`` (the case's), dt/2, ...; solvers at ``tolerances``, by default rtol 1e-4 .. 1e-10
+    (the dense ones at two), and those only that stand among ``schemes`` or ``methods``; recorded runs at their steps.
 
     The error is taken until the first impacts are over, as many as ``impacts`` says (half the horizon without contact),
     where it is not yet amplified by chaos; the time tracked on the whole horizon.
 
-    work: linear solves of a scheme; of a solver evaluations of the right-hand side, for an implicit one as
-    many linear solves; implicit stages of Kvaerno's, at least (diffrax does not count what Newton's method
-    needs in each); of the exact solution evaluations in the search for switches.
+    work: linear solves of a scheme; of a solver evaluations of the right-hand side, for an implicit one as many linear
+    solves; of diffrax's solvers stages, at least (it does not count what Newton's method needs in each), in a run
+    without outputs, since they step to each; of a function what its Trajectory counts, else its steps; of the exact
+    solution evaluations in the search for switches.
 
     seconds: of stepping, without setup, which is a column of its own. Impacts are not recorded, except by
     solvers that start anew at each; a scheme's steps include the search for them. python: the part of the
-    seconds that a solver spends in Python's calls of the compiled right-hand side, at least: SUNDIALS in C
-    would not have it. All columns but seconds, setup, python and tracked_seconds are the same in every run.
+    seconds that a solver spends in Python's calls of the compiled right-hand side, at least: none where SUNDIALS calls
+    it itself. All columns but seconds, setup, python and tracked_seconds are the same in every run.
     """
-    for method in methods or ():
-        if method not in METHODS:
+    system = common.system_of(case, form)
+    chosen = common.integrators_of(case, schemes)
+    asked = [*(methods or ()), *(x.label for x in chosen if x.kind == SOLVER)]
+    for method in asked:
+        if method not in REFERENCES or REFERENCES[method].kind == MULTIPRECISION:
             raise InputError("method", method, "be a reference solver", near(method, METHODS))
     end = common.first_impacts(case, form, impacts)
-    horizon = min(common.solve_once(common.system_of(case, form), case.t_end).horizon, case.t_end)
+    horizon = min(common.solve_once(system, case.t_end).horizon, case.t_end)
     rest = {"form": form, "t_end": end, "horizon": horizon}
-    found: list[Point] = [
-        {"method": label, "dt": end / steps, "rtol": 0.0} | rest
-        for label in common.scheme_labels(case, schemes)
-        for steps in common.halved(end, dt, halvings)
-    ]
-    system = common.system_of(case, form)
+    found: list[Point] = []
+    for one in chosen:
+        method = {"method": one.label, "rtol": 0.0} | rest
+        if one.kind == RECORDED:
+            found += [method | entries for entries in common.recorded_points(one, system)]
+        elif one.kind != SOLVER:
+            found += [method | {"dt": end / steps} for steps in common.halved(end, dt, halvings)]
     fast = [m for m in METHODS if REFERENCES[m].seconds < TOO_SLOW and takes(m, system, case.t_end)]
-    for method in fast if methods is None else methods:
+    for method in fast if methods is None and not asked else dict.fromkeys(asked):
         affordable = TOLERANCES[: 2 if REFERENCES[method].seconds >= SLOW else None]
-        chosen = [0.0] if method == "exact" else tolerances or affordable
-        found += [{"method": method, "dt": 0.0, "rtol": rtol} | rest for rtol in chosen]
+        levels = [0.0] if method == "exact" else tolerances or affordable
+        found += [{"method": method, "dt": 0.0, "rtol": rtol} | rest for rtol in levels]
     return found
 
 
@@ -84,14 +89,19 @@ def evaluate(case: Case, point: Point) -> list[Row]:
     """One row: work, seconds and tip error of one method at one step or tolerance."""
     system = common.system_of(case, point["form"])
     exact = common.solve_once(system, case.t_end)
-    measured = (_scheme if point["dt"] else _solver)(system, exact, point, point["t_end"])
+    measured = (_steps if point["dt"] else _solver)(system, exact, point, point["t_end"])
     return [measured | _tracked(system, exact, point)]
 
 
-def _scheme(system: System, exact: Reference, point: Point, end: float) -> Row:
-    scheme, steps = common.scheme_of(point["method"]), round(end / point["dt"])
-    run = _fastest(lambda: integrate(system, scheme, end / steps, end, every=max(1, steps // SAMPLES)))
-    return _cost(run, steps * len(scheme.nodes)) | {"error": tip_error(run.tip, exact.at(run.t)[0]).rms, "python": 0.0}
+def _steps(system: System, exact: Reference, point: Point, end: float) -> Row:
+    label, recorded, steps = point["method"], point.get("recorded"), round(end / point["dt"])
+
+    def once() -> Trajectory:
+        return common.run_of(label, recorded, system, end / steps, end, every=max(1, steps // SAMPLES))
+
+    run = once() if recorded else _fastest(once)
+    error = tip_error(run.tip, exact.at(run.t)[0]).rms
+    return _cost(run, common.evaluations_of(label, run)) | {"error": error, "python": 0.0}
 
 
 def _solver(system: System, exact: Reference, point: Point, end: float) -> Row:
@@ -99,8 +109,12 @@ def _solver(system: System, exact: Reference, point: Point, end: float) -> Row:
     steps = Steps() if method == "exact" else Steps(events=False)
     run = _fastest(lambda: solve(system, end, method, times, point["rtol"] or 1e-10, None, steps=steps))
     error = 0.0 if method == "exact" else tip_error(run.tip, exact.at(times)[0]).rms
+    if "stages" in run.work.counters:  # it steps to every output, which a user may not ask for
+        bare = np.array([0.0, end])
+        run = _fastest(lambda: solve(system, end, method, bare, point["rtol"], None, steps=steps))
     work = max(run.work.counters.values(), default=0)
-    python = run.work.counters["rhs"] * _call(system) if "rhs" in run.work.counters else 0.0
+    in_python = run.provenance.get("callbacks") == "Python" and "rhs" in run.work.counters
+    python = run.work.counters["rhs"] * _call(system) if in_python else 0.0
     return _cost(run, work) | {"error": error, "python": min(python, run.work.march_seconds)}
 
 
@@ -129,13 +143,16 @@ def _fastest(run: Callable[[], Trajectory]) -> Trajectory:
 
 
 def _tracked(system: System, exact: Reference, point: Point) -> Row:
-    """How long the impacts follow the exact ones, and what it costs to get there; schemes only, and where there are."""
+    """Time to which the impacts follow the exact ones, and its cost; NaN for solvers and without impacts."""
     if not point["dt"] or not any(record.impacts.until(point["horizon"]).count for record in exact.contacts):
         return {"tracked": float("nan"), "tracked_seconds": float("nan")}
-    steps = round(point["horizon"] / point["dt"])
-    run = integrate(system, common.scheme_of(point["method"]), point["horizon"] / steps, point["horizon"], every=steps)
-    until = matched_until(run, exact, point["horizon"])
-    return {"tracked": until, "tracked_seconds": run.work.march_seconds * until / point["horizon"]}
+    end, recorded = point["horizon"], point.get("recorded")
+    if recorded:
+        end = min(end, recorded[0][-1])
+    steps = round(end / point["dt"])
+    run = common.run_of(point["method"], recorded, system, end / steps, end, every=steps)
+    until = matched_until(run, exact, end)
+    return {"tracked": until, "tracked_seconds": run.work.march_seconds * until / end}
 
 
 def cheapest(rows: Rows, error: float, cost: str) -> list[tuple[float, str]]:
@@ -146,7 +163,9 @@ def cheapest(rows: Rows, error: float, cost: str) -> list[tuple[float, str]]:
     """
     found = []
     for method in dict.fromkeys(r["method"] for r in rows):
-        own = sorted((r for r in rows if r["method"] == method), key=lambda r: r[cost])
+        own = sorted((r for r in rows if r["method"] == method and np.isfinite(r[cost])), key=lambda r: r[cost])
+        if not own:
+            continue
         missed = [i for i, r in enumerate(own) if not r["error"] <= error]
         if not missed:
             found.append((float(own[0][cost]), method + AT_MOST))

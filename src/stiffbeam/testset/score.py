@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,7 +12,8 @@ from ..basics.progress import progress as shown
 from ..basics.validation import InputError
 from ..trajectory.trajectory import Diverged, SolverFailure
 from .digits import lost_to_digits
-from .integrators import DEFAULT, Integrator, Made, integrator
+from .integrators import DEFAULT, RECORDED, Integrator, Made
+from .integrators import integrators as integrators_of
 from .measure import errors_of, impacts_of, motion_of, stops_of
 from .problem import Problem, problem
 from .problem import problems as all_problems
@@ -34,7 +34,8 @@ def score(
 
     integrators: one or a list of: a Scheme; the label of a scheme or of a reference solver ("HHT(alpha=-0.1)",
     "cvode"); a function solve(system, dt, t_end) -> (t, u) or (t, u, v), u and v the tip (k,) or all unknowns (k, n)
-    at times t (k,). None: our schemes and solvers. problems: names, all by default. order: that of the functions
+    at times t (k,); runs recorded on the problems' systems (``Trajectory.from_arrays``), those of one name an
+    integrator. None: our schemes and solvers. problems: names, all by default. order: that of the functions
     on smooth motion; where ``free-oscillator`` is among the problems, what is seen there if it is more.
     statistics: also past the horizon. progress: True shows a bar, or a function show(what, done, total).
 
@@ -49,16 +50,12 @@ def score(
     show = progress or silent
     chosen = _problems(problems)
     given = DEFAULT if integrators is None else integrators
-    several = isinstance(given, (list, tuple))
-    runners = [integrator(x, order) for x in (given if several else [given])]
-    names = [runner.name for runner in runners]  # a function may have the name of a solver, or of another function
-    alike = [names[:i].count(name) for i, name in enumerate(names)]
-    runners = [replace(x, name=f"{x.name} ({k + 1})") if k else x for x, k in zip(runners, alike, strict=True)]
+    runners = integrators_of(given if isinstance(given, (list, tuple)) else [given], order)
     entries = []
     for i, runner in enumerate(runners):
         smooth = runner.order
         for k, each in enumerate(chosen):
-            show(f"{runner.name}: {each.name}", i * len(chosen) + k, len(runners) * len(chosen))
+            show(f"{runner.label}: {each.name}", i * len(chosen) + k, len(runners) * len(chosen))
             entry = _entry(runner, each, smooth, statistics)
             if each.name == SMOOTH and entry.order.points >= 3:
                 # What is seen here is expected with contact too, whatever less a scheme states.
@@ -107,7 +104,9 @@ def _entry(runner: Integrator, each: Problem, smooth: float, statistics: bool) -
     outcome = reason = ""
     past: tuple[dict[str, float], ...] = ()
     try:
-        for level in runner.levels(each):
+        if not len(levels := runner.levels(each)):
+            raise InputError("recorded runs", runner.label, "be of this problem", "record them with its system")
+        for level in levels:
             try:
                 made = runner.solve(each, level, each.t_end)
                 runs.append(_run(each, made))
@@ -116,7 +115,7 @@ def _entry(runner: Integrator, each: Problem, smooth: float, statistics: bool) -
                 reason, outcome = f"in {level:g} steps {error}", FAILED if runs else ""
         if not runs:
             outcome = FAILED
-        if statistics and each.statistics is not None and not runner.adaptive:
+        if statistics and each.statistics is not None and not runner.adaptive and runner.kind != RECORDED:
             past = _past(runner, each)
     except InputError as error:
         outcome, reason = NOT_TAKEN, str(error)
@@ -124,7 +123,7 @@ def _entry(runner: Integrator, each: Problem, smooth: float, statistics: bool) -
         outcome, reason = FAILED, str(error)
     except Exception as error:  # of a function of anyone's: one problem that it breaks on is a result
         outcome, reason = FAILED, f"{type(error).__name__}: {error}"
-    entry = Entry(runner.name, each, tuple(runs), outcome, reason, runner.order, runner.adaptive, past)
+    entry = Entry(runner.label, each, tuple(runs), outcome, reason, runner.order, runner.adaptive, past)
     return verdict(entry, smooth)
 
 

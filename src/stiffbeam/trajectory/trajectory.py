@@ -122,6 +122,8 @@ class Trajectory:
         system: System | None = None,
         states: tuple[ArrayLike, ArrayLike] | None = None,
         name: str = "own",
+        seconds: float = float("nan"),
+        evaluations: int | None = None,
     ) -> Trajectory:
         """A run of anyone's own: positions of the tip, and its velocity, at increasing times t (k,) from 0 on.
 
@@ -131,12 +133,14 @@ class Trajectory:
         the provenance then says so. system: what was integrated; with it the run can be compared, and the
         contact at the tip has its sampled impacts and force. states: (q, q'), each (k, n), which give the energy
         ledger, every contact and the displacement, and where it is left out the tip. What the arrays do not hold is
-        NaN, or refused when it is asked for. name: its name in tables and pictures.
+        NaN, or refused when it is asked for. name: its name in tables and pictures. seconds, evaluations: what the run
+        cost, for pictures of work and precision; by default its steps count.
         provenance["dt"] is the median step. Raises InputError for times that decrease, for positions that differ at
         one time, for other shapes, and for numbers that are not finite.
         """
-        entries, unknown = run_fields(t, tip, tip_velocity, system, states, name), float("nan")
-        return cls(work=Work(len(entries["t"]) - 1, unknown, unknown), **entries)
+        entries = run_fields(t, tip, tip_velocity, system, states, name)
+        counters = {} if evaluations is None else {"evaluations": integer("evaluations", evaluations, 1)}
+        return cls(work=Work(len(entries["t"]) - 1, seconds, seconds, counters), **entries)
 
     def __getstate__(self) -> dict[str, Any]:
         """The state that can be sent to another process: functions of the solver cannot.

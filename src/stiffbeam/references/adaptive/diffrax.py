@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from ...basics.arrays import Array, double_precision
+from ...basics.compiled import stopped_clock
 from ...basics.validation import InputError
 from ...model.right_hand_side import RightHandSide
 from ...model.right_hand_side_jax import Kind, numbers_of, rate_with_integrals
@@ -120,14 +121,14 @@ def _program(name: str, kind: Kind, numbers: Any, rhs: RightHandSide) -> tuple[C
     if key not in _PROGRAMS:
         import jax
 
-        begun = time.perf_counter()
         scalar, integer = jax.ShapeDtypeStruct((), np.float64), jax.ShapeDtypeStruct((), np.int64)
         vector = jax.ShapeDtypeStruct((rhs.size,), np.float64)
-        with double_precision():
+        begun = time.process_time()
+        with stopped_clock(), double_precision():
             shapes = jax.tree.map(lambda x: jax.ShapeDtypeStruct(np.shape(x), np.asarray(x).dtype), numbers)
             arguments = (shapes, scalar, vector, scalar, scalar, scalar, vector, scalar, integer)
             _PROGRAMS[key] = jax.jit(partial(_march, name, kind)).lower(*arguments).compile()
-        rhs.compile_seconds += time.perf_counter() - begun
+        rhs.compile_seconds += time.process_time() - begun
     tableau: Any = getattr(diffrax, name).tableau
     return _PROGRAMS[key], len(tableau.b_sol) - int(tableau.fsal)
 

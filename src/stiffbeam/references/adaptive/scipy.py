@@ -51,7 +51,7 @@ def solve(request: Request) -> Reference:
 def stepping(
     method: str, library: Any, steps_to_outputs: bool = False
 ) -> Callable[[RightHandSide, float, Array], Solver]:
-    """What makes a phase with an OdeSolver of SciPy's, an implicit one with the analytic Jacobian.
+    """Return the maker of phases with an OdeSolver of SciPy's, an implicit one with the analytic Jacobian.
 
     steps_to_outputs: a step of the full order leads to every output, where dense output is less accurate.
     """

@@ -18,6 +18,7 @@ except ImportError:  # where there is no such lock
 from ...basics.storage import source_hash
 from ...basics.validation import InputError
 from ...files.cases import Case
+from ...references.registry import REFERENCES
 from ...schemes.labels import user_source
 from .study import Point, Row
 
@@ -113,7 +114,9 @@ def _key(point: Point) -> str:
 
 def _source(point: Point) -> str:
     """Of the schemes of one's own in a point, what their modules hold."""
-    return "".join(user_source(value) for value in point.values())
+    return "".join(
+        user_source(value) for value in point.values() if not isinstance(value, list) and value not in REFERENCES
+    )
 
 
 def _number(value: Any) -> Any:

@@ -21,7 +21,9 @@ from ...basics.validation import InputError, integer
 from ...files.cases import Case, case_of, find_case
 from ...march.warm import COMPILING, any_law, compiled, warm_up
 from ...model.system import System
-from ...trajectory.trajectory import Diverged, SolverFailure, Unfinished
+from ...schemes import Scheme
+from ...testset.integrators import integrator
+from ...trajectory.trajectory import Diverged, SolverFailure, Trajectory, Unfinished
 from .journal import Journal
 from .study import Point, Records, Row, Study
 from .workers import processes, starting
@@ -80,7 +82,15 @@ def run_study(
                 finished += 1
                 progress(study.command, finished, len(points))
     rows = [row for point in points for row in journal.rows(point) or []]
+    options = {name: _as_text(value) for name, value in options.items()}
     return Records(study, case, options, rows, time.perf_counter() - begun)
+
+
+def _as_text(value: Any) -> Any:
+    """An option with the labels of integrators in the place of these."""
+    if isinstance(value, (list, tuple)):
+        return [_as_text(item) for item in value]
+    return integrator(value).label if callable(value) or isinstance(value, (Scheme, Trajectory)) else value
 
 
 def _evaluate_all(
@@ -91,7 +101,7 @@ def _evaluate_all(
         for point in points:
             yield point, evaluate_point(study.evaluate, case, point)
     else:
-        _require_portable(study, case)
+        _require_portable(study, case, points)
         if executor is None:
             yield from _on_processes(study, case, points, jobs)
             return
@@ -100,7 +110,7 @@ def _evaluate_all(
             raise Unfinished(f"the executor lost {len(lost)} points of {study.name}: {GO_ON}")
 
 
-def _require_portable(study: Study, case: Case) -> None:
+def _require_portable(study: Study, case: Case, points: list[Point]) -> None:
     """Refuse what cannot be sent to another process before any is started: a pool waits for it for ever."""
     remedy = "use jobs=1, or functions at the top of a module of their own in place of a lambda"
     rule = "travel to other processes"
@@ -108,9 +118,13 @@ def _require_portable(study: Study, case: Case) -> None:
         sent = pickle.dumps((study.evaluate, case))
     except Exception as error:  # whatever the objects of others raise when they are pickled
         raise InputError("case", f"{case.name}: {error}", rule, remedy) from None
-    main = sys.modules["__main__"]
-    if b"__main__" in sent and not os.path.isfile(getattr(main, "__file__", None) or ""):
+    if os.path.isfile(getattr(sys.modules["__main__"], "__file__", None) or ""):
+        return
+    if b"__main__" in sent:
         raise InputError("case", f"{case.name} with a function of a session without a file", rule, remedy)
+    labels = (x for point in points for x in point.values() if isinstance(x, str))
+    if label := next((x for x in labels if x.startswith("__main__:")), ""):
+        raise InputError("schemes", label, rule, remedy)
 
 
 def _on_processes(study: Study, case: Case, points: list[Point], jobs: int) -> Iterator[tuple[Point, list[Row]]]:

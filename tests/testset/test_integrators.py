@@ -1,0 +1,194 @@
+"""Schemes, solvers, anyone's functions and recorded runs through one door, each under a label of its own."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+import stiffbeam as sb
+from stiffbeam.files.cases import case_of
+from stiffbeam.schemes.labels import user_source
+from stiffbeam.studies.comparison import compare_case
+from stiffbeam.testset.integrators import integrator, integrators
+
+S6 = np.sqrt(6.0)
+NODES = np.array([(4.0 - S6) / 10.0, (4.0 + S6) / 10.0, 1.0])
+TABLEAU = np.array([
+    [(88.0 - 7.0 * S6) / 360.0, (296.0 - 169.0 * S6) / 1800.0, (-2.0 + 3.0 * S6) / 225.0],
+    [(296.0 + 169.0 * S6) / 1800.0, (88.0 + 7.0 * S6) / 360.0, (-2.0 - 3.0 * S6) / 225.0],
+    [(16.0 - S6) / 36.0, (16.0 + S6) / 36.0, 1.0 / 9.0],
+])  # fmt: skip
+
+
+def radau(system, dt, t_end):
+    """Radau IIA of order 5 (Hairer and Wanner II, table IV.5.6), its three stages solved at once by Newton's method."""
+    ode = system.ode()
+    n, steps = len(ode.y0), round(t_end / dt)
+    h, states = t_end / steps, [ode.y0]
+    for k in range(steps):
+        times, stages = k * h + NODES * h, np.tile(states[-1], (3, 1))
+        for _ in range(30):
+            rates = np.array([ode.rhs(t, y) for t, y in zip(times, stages, strict=True)])
+            residual = stages - states[-1] - h * TABLEAU @ rates
+            slopes = [ode.jac(t, y) for t, y in zip(times, stages, strict=True)]
+            J = np.eye(3 * n) - h * np.block([[TABLEAU[i, j] * slopes[j] for j in range(3)] for i in range(3)])
+            change = np.linalg.solve(J, residual.ravel()).reshape(3, n)
+            stages = stages - change
+            if np.max(np.abs(change)) < 1e-13:
+                break
+        states.append(stages[-1])
+    return np.arange(steps + 1) * h, ode.displacement(states), ode.velocity(states)
+
+
+def midpoint(system, dt, t_end):
+    """The trapezoidal rule of one free mass, by hand."""
+    k, t = system.stiffness[0, 0] / system.mass[0, 0], np.linspace(0.0, t_end, round(t_end / dt) + 1)
+    step = np.linalg.solve([[1.0, -0.5 * dt], [0.5 * dt * k, 1.0]], [[1.0, 0.5 * dt], [-0.5 * dt * k, 1.0]])
+    y = [np.array([system.q0[0], system.v0[0]])]
+    for _ in t[1:]:
+        y.append(step @ y[-1])
+    return t, *np.array(y).T
+
+
+def pair() -> sb.System:
+    return sb.System.from_matrices(
+        np.diag([2.0, 1.0]), [[90.0, -40.0], [-40.0, 60.0]], [[0.3, -0.2], [-0.2, 0.4]],
+        loads=[([0.0, 1.0], sb.Harmonic(9.0, 7.0, 0.3))],
+        contacts=[sb.Contact(np.array([0.0, 1.0]), sb.Stops(lower=-0.1, upper=0.08, stiffness=4e3))],
+        initial_velocity=[0.5, -1.0],
+    )  # fmt: skip
+
+
+def recorded(system, dt, t_end, name="radau", **cost):
+    t, q, v = radau(system, dt, t_end)
+    return sb.Trajectory.from_arrays(t, states=(q, v), system=system, name=name, **cost)
+
+
+def test_each_kind_has_a_label_of_its_own(tmp_path, monkeypatch):
+    (tmp_path / "ext_kinds.py").write_text("def radau(system, dt, t_end):\n    return None\n", encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    runs = [recorded(pair(), dt, 0.1) for dt in (0.05, 0.025)]
+    chosen = integrators(
+        ["hht(alpha=-0.1)", "radau", "ext_kinds:radau", radau, *runs, lambda *_: None, lambda *_: None]
+    )
+    assert [x.kind for x in chosen] == ["scheme", "solver", "function", "function", "recorded", "function", "function"]
+    labels = [x.label for x in chosen]
+    assert labels[:3] == ["hht(alpha=-0.1)", "radau", "ext_kinds:radau"]
+    assert labels[3].endswith("test_integrators:radau")
+    assert labels[4:] == ["radau (recorded)", "<lambda>", "<lambda> (2)"]
+    for other in (3, None, [], [3]):
+        with pytest.raises(sb.InputError, match="integrator must be something that can be run"):
+            integrator(other)
+    with pytest.raises(sb.InputError, match="recorded runs must have one name"):
+        integrator([runs[0], recorded(pair(), 0.05, 0.1, "other")])
+
+
+def test_a_journal_sees_that_a_function_has_changed(tmp_path, monkeypatch):
+    for name, factor in (("ext_one", 1.0), ("ext_two", 2.0)):
+        (tmp_path / f"{name}.py").write_text(f"def f(system, dt, t_end):\n    return {factor}\n", encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    one, two = user_source("ext_one:f"), user_source("ext_two:f")
+    assert len(one) == len(two) == 64
+    assert one != two
+    assert one == user_source("ext_one:f")
+    assert user_source("hht(alpha=-0.1)") == user_source("no_such_module:f") == ""
+
+
+def test_compare_takes_functions_recorded_runs_and_solvers():
+    """Radau IIA as a function and as arrays is one motion; the solver is a further reference."""
+    system, dt, t_end = pair(), 0.01, 0.6
+    runs = [(x, "matrices") for x in ("trapezoidal", radau, recorded(system, dt, t_end), "cvode-adams")]
+    result = compare_case(case_of(system, dt, t_end), runs, ["exact"])
+    assert not result.failures
+    assert [x.provenance["method"] for x in result.references] == ["exact", "cvode-adams"]
+    errors = {x.label: x.tip_error_rms for x in result.comparisons}
+    function, arrays, rule = (
+        errors[f"{integrator(radau).label}@matrices"],
+        errors["radau@matrices"],
+        errors["trapezoidal@matrices"],
+    )
+    assert function == arrays < 0.1 * rule
+    assert {x.contacts[0].run.impacts for x in result.comparisons} == {result.references[0].impacts.count}
+
+
+def test_what_breaks_in_a_function_is_a_failure_with_its_reason():
+    def short(system, dt, t_end):
+        t = np.linspace(0.0, 0.5 * t_end, 11)
+        return t, 0.0 * t
+
+    def raising(system, dt, t_end):
+        raise ZeroDivisionError("no pivot")
+
+    def overflowing(system, dt, t_end):
+        t = np.linspace(0.0, t_end, 11)
+        return t, np.where(t > 0.5 * t_end, np.inf, t)
+
+    runs = [(x, "matrices") for x in (short, raising, overflowing, "trapezoidal")]
+    result = compare_case(case_of(pair(), 0.01, 0.5), runs, ["exact"])
+    messages = dict(result.failures)
+    assert "returned no later times" in messages["short@matrices"]
+    assert "ZeroDivisionError: no pivot" in messages["raising@matrices"]
+    assert "overflowed at t = 0.3" in messages["overflowing@matrices"]
+    assert [run.label for run in result.runs] == ["trapezoidal@matrices"]
+
+
+def test_studies_run_a_function_as_the_scheme_that_it_is(tmp_path):
+    """A trapezoidal rule by hand: the errors and orders of ours, to rounding; also in ensembles."""
+    system = sb.System.from_matrices([[2.0]], [[50.0]], observe=[1.0], initial_velocity=[1.0])
+    case, both = {"dt": 0.05, "t_end": 2.0}, ["trapezoidal", midpoint]
+    records = sb.study("converge", system, schemes=both, halvings=4, kinds=["smooth"], folder=tmp_path, **case)
+    assert not records.failures + records.refusals
+    errors = {
+        label: [r["error_rms"] for r in records.rows if r["scheme"] == label] for label in records.options["schemes"]
+    }
+    ours, theirs = errors.values()
+    assert theirs == pytest.approx(ours, rel=1e-6)
+    assert json.loads(json.dumps(records.to_dict()))["options"]["schemes"][1].endswith("test_integrators:midpoint")
+    with pytest.raises(sb.InputError, match="schemes must be found under its name"):
+        sb.study("converge", system, schemes=[lambda system, dt, t_end: midpoint(system, dt, t_end)], **case)
+    with pytest.raises(sb.InputError, match=r"have a time step that can be halved.*precision"):
+        sb.study("converge", system, schemes=["cvode"], **case)
+
+
+def test_an_ensemble_takes_functions_solvers_and_recorded_members():
+    """One motion: the exact counts of every member; recorded runs of the same members give the function's numbers."""
+    system, dt, t_end = pair(), 0.01, 0.5
+    members = sb.perturbed(system, 3, 1e-3, 1, t_end=t_end)
+    runs = []
+    for member in members:
+        t, q, v = radau(member, dt, t_end)
+        runs.append(sb.Trajectory.from_arrays(t, states=(q, v), system=system, name="mine"))
+    records = sb.study("ensemble", system, dt=dt, t_end=t_end, members=3, schemes=[radau, "cvode-adams", *runs])
+    rows = {}
+    for row in records.found:
+        if row["kind"] == "member":
+            rows.setdefault(row["method"], []).append([row["count"], row["fraction"], row["peak_force"]])
+    exact, function, solver, mine = (np.array(x) for x in rows.values())
+    assert np.array_equal(function[:, 0], exact[:, 0])
+    assert np.array_equal(function, mine)
+    assert solver == pytest.approx(exact, rel=1e-6)
+
+
+@pytest.mark.slow
+def test_a_strangers_radau_stands_in_one_picture_with_ida_cvode_and_kvaerno():
+    """As a function and as arrays the same errors at the same steps; order 5 = 2s - 1 without contact."""
+    system, t_end = pair(), 1.0
+    runs = [recorded(system, dt, t_end, evaluations=3 * round(t_end / dt), seconds=1.0) for dt in (0.02, 0.01)]
+    records = sb.study(
+        "precision", system, dt=0.02, t_end=t_end, halvings=2, tolerances=[1e-6], impacts=2,
+        schemes=["trapezoidal", radau, "ida", "cvode", "kvaerno5", *runs],
+    )  # fmt: skip
+    assert not records.failures + records.refusals
+    rows: dict[str, list[dict[str, float]]] = {}
+    for row in records.rows:
+        rows.setdefault(row["method"], []).append(row)
+    label = integrator(radau).label
+    assert set(rows) == {"trapezoidal", label, "ida", "cvode", "kvaerno5", "radau (recorded)"}
+    assert max(row["error"] for name in ("ida", "cvode", "kvaerno5") for row in rows[name]) < 1e-4
+    assert rows["kvaerno5"][0]["work"] < 6000  # of its steps, not of steps of six stages to a thousand outputs
+    assert all(row["work"] > 0 and row["error"] < 0.1 for own in rows.values() for row in own)
+    assert {"IDA", "CVODE BDF", "Kvaerno5"} <= {text.get_text() for text in records.figure().legends[0].get_texts()}
+    smooth = sb.study("converge", system, dt=0.1, t_end=t_end, halvings=4, kinds=["smooth"], schemes=[radau])
+    assert float(smooth.answer.table[0]["order without contact"].split()[0]) == pytest.approx(5.0, abs=0.1)
