@@ -35,7 +35,7 @@ def write(tmp_path):
 def test_a_minimal_file_takes_the_defaults(write):
     case = find_case(str(write(PLAIN)))
     assert (case.name, case.title, case.cells, case.dt, case.t_end) == ("mine", "mine", 8, 1e-3, 0.1)
-    assert [f"{s.name}@{form}" for s, form in case.runs] == [
+    assert [f"{type(s).__name__}@{form}" for s, form in case.runs] == [
         "BDF2@displacement",
         "SDIRK@displacement",
         "HHT@displacement",

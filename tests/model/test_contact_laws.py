@@ -162,7 +162,7 @@ def test_marches_and_engines_agree(law, scheme):
         for name in ("times", "peaks", "impulses"):
             a, b = getattr(run.impacts, name), getattr(other.impacts, name)
             assert np.allclose(a, b, rtol=1e-6, equal_nan=True)
-        for name in ("kinetic", "stops", "stop_dissipation", "loss", "contact"):
+        for name in ("kinetic", "stops", "stop_dissipation", "loss", "loss_in_contact"):
             a, b = getattr(run.energy, name), getattr(other.energy, name)
             assert np.max(np.abs(a - b)) < 1e-7 * np.max(run.energy.energy)
 

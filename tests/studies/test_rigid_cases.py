@@ -37,7 +37,9 @@ def test_studies_run_the_schemes_of_the_case_and_those_for_rigid_stops():
     assert "MoreauJean(theta=0.6)" in labels
     with_impacts = {kind.__name__ for kind in RIGID.values() if kind().restitutes}
     assert {label.partition("(")[0] for label in labels} == with_impacts
-    assert {label.partition("(")[0] for label in scheme_labels(sb.paper_case(10))} == {kind.__name__ for kind in SCHEMES.values()} - {"Theta"}
+    assert {label.partition("(")[0] for label in scheme_labels(sb.paper_case(10))} == {
+        kind.__name__ for kind in SCHEMES.values()
+    } - {"Theta"}
 
 
 @pytest.mark.slow
