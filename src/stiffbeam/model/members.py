@@ -22,7 +22,7 @@ from .sampled import Sampled
 from .scales import scales
 from .semidiscretisation import semidiscretise
 from .system import System, finite_vector, require_system
-from .time_functions import Constant, Harmonic, LoadFunction, Sum, TimeFunction, parts_of
+from .time_functions import Constant, Harmonic, LoadFunction, Sum, TimeFunction, parts, parts_of
 
 DIFFERENT = ("loads", "contacts", "q0", "v0", "origin")  # what members may differ in
 # How far the starts of an ensemble's members are apart, relative to the motion. Its means stand for all motions of that
@@ -30,6 +30,7 @@ DIFFERENT = ("loads", "contacts", "q0", "v0", "origin")  # what members may diff
 # 1e-12 the counts of Table 10 that HHT, the trapezoidal rule and the exponential flow make at fine steps were 4 to 10 %
 # below the exact ones, of which +-3 % was said; with 1e-3 they agree.
 SPREAD = 1e-3
+SCALE = "scale"  # the last name of a path to a time function: a factor on it
 
 
 @dataclass(frozen=True, eq=False)
@@ -275,9 +276,10 @@ def with_values(system: System, values: Mapping[str, float]) -> System:
 
     A path leads through attributes and indexes from the problem of a beam ("base.frequency",
     "loads[0].time.amplitude", "viscosity") or from a system of matrices ("loads[0].time.phase", "q0[2]").
-    "contacts[i].stops" and "stops[i]" are one, and "stops" without an index are those of all contacts. Two names are
-    short: "frequency" is that of every Harmonic with the drive's frequency, in loads, base, stop motions and sums;
-    "amplitude" is that of the drive. The drive is the base motion, else the loads, else the motion of the stops. A
+    "contacts[i].stops" and "stops[i]" are one, and "stops" without an index are those of all contacts.
+    "loads[0].time.scale" and "base.scale" are factors on a time function, 1 for what it is: the level of a record.
+    Two names are short: "frequency" is that of every Harmonic with the drive's frequency, in loads, base, stop motions
+    and sums; "amplitude" is that of the drive. The drive is the base motion, else the loads, else the motion of the stops. A
     beam that starts with the speed of its base starts with the new one. Raises InputError.
     """
     if system.problem is not None and not (system.origin and system.origin.starts(system)):
@@ -305,9 +307,12 @@ _KEY = re.compile(r"([A-Za-z_]\w*)|\[(\d+)\]")
 
 def value_at(system: System, path: str) -> float:
     """The number at a path of the problem or the matrices. Raises LookupError where there is none."""
-    thing, keys = _rooted(system, [int(index) if index else name for name, index in _KEY.findall(path)])
+    start: tuple[Any, list[Any]] = _rooted(system, [int(index) if index else x for x, index in _KEY.findall(path)])
+    thing, keys = start
     for key in keys:
-        if _timed(thing) and key == "time":
+        if key == SCALE and (isinstance(thing, TimeFunction) or callable(thing)):
+            thing = 1.0
+        elif _timed(thing) and key == "time":
             thing = thing[1]
         elif isinstance(key, int) and isinstance(thing, (tuple, list, np.ndarray)):
             thing = thing[key]
@@ -359,6 +364,8 @@ def _replaced(thing: Any, keys: list[Any], value: float) -> Any:
             raise LookupError(thing)
         return value
     key, *others = keys
+    if key == SCALE and not others and (isinstance(thing, TimeFunction) or callable(thing)):
+        return Sum.weighted((value * factor, f) for factor, f in parts(thing))
     if _timed(thing) and key == "time":
         return (thing[0], _replaced(thing[1], others, value))
     if isinstance(thing, (tuple, list, np.ndarray)) and isinstance(key, int):
@@ -418,7 +425,8 @@ def _driven(system: System, name: str, value: float) -> System:
     drive = next((harmonics for harmonics in leading if harmonics), [])
     distinct = {h.frequency if name == "frequency" else (h.frequency, h.amplitude) for h in drive}
     if len(distinct) != 1:
-        remedy = "name one by its path, for example loads[0].time." + name
+        by_path = f"name one by its path, for example loads[0].time.{name}"
+        remedy = by_path if distinct else "vary a number that it has: loads[0].time.scale, stops.stiffness"
         raise InputError(name, f"{len(distinct)} drives", "vary exactly one Harmonic drive", remedy)
     shared = drive[0].frequency
     moving = [f for motion in motions for f in parts_of(motion) if isinstance(f, Harmonic) and f.frequency == shared]
