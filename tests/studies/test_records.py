@@ -123,6 +123,10 @@ REFUSED = {
         {"parameter": SCALE, "values": [1.0], "periods": 3},
         "periods must be left out for a case that samples",
     ),
+    "path": (
+        {"parameter": "loads[0].time.amplitude", "values": [1.0]},
+        r"path to a number of the system.*loads\[0\].time.scale",
+    ),
     "step": ({"parameter": SCALE, "values": [1.0], "dt": 0.3}, "half the run, 0.25"),
 }
 

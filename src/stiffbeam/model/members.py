@@ -279,8 +279,8 @@ def with_values(system: System, values: Mapping[str, float]) -> System:
     "contacts[i].stops" and "stops[i]" are one, and "stops" without an index are those of all contacts.
     "loads[0].time.scale" and "base.scale" are factors on a time function, 1 for what it is: the level of a record.
     Two names are short: "frequency" is that of every Harmonic with the drive's frequency, in loads, base, stop motions
-    and sums; "amplitude" is that of the drive. The drive is the base motion, else the loads, else the motion of the stops. A
-    beam that starts with the speed of its base starts with the new one. Raises InputError.
+    and sums; "amplitude" is that of the drive. The drive is the base motion, else the loads, else the motion of the
+    stops. A beam that starts with the speed of its base starts with the new one. Raises InputError.
     """
     if system.problem is not None and not (system.origin and system.origin.starts(system)):
         remedy = "give the beam its initial data in the problem, or build the systems one by one"
@@ -311,7 +311,7 @@ def value_at(system: System, path: str) -> float:
     thing, keys = start
     for key in keys:
         if key == SCALE and (isinstance(thing, TimeFunction) or callable(thing)):
-            thing = 1.0
+            thing = cast("Any", 1.0)
         elif _timed(thing) and key == "time":
             thing = thing[1]
         elif isinstance(key, int) and isinstance(thing, (tuple, list, np.ndarray)):
@@ -387,6 +387,8 @@ def _paths(thing: Any, path: str = "") -> list[str]:
     """The paths to all numbers that are no entries of arrays."""
     if _timed(thing):
         return _paths(thing[1], f"{path}.time")
+    if isinstance(thing, Sampled):
+        return [f"{path}.{SCALE}"]
     if isinstance(thing, (tuple, list)):
         return [each for i, entry in enumerate(thing) for each in _paths(entry, f"{path}[{i}]")]
     if is_dataclass(thing):
