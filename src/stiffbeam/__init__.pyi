@@ -41,6 +41,8 @@ from .model.time_functions import Constant as Constant
 from .model.time_functions import Harmonic as Harmonic
 from .model.time_functions import Sum as Sum
 from .model.time_functions import TimeFunction as TimeFunction
+from .model.uncertain import Uncertain as Uncertain
+from .model.uncertain import uncertain as uncertain
 from .references import reference as reference
 from .references.ensemble import reference_ensemble as reference_ensemble
 from .references.exact.rigid import rigid_limit as rigid_limit
