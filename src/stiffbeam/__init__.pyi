@@ -52,6 +52,8 @@ from .schemes.registry import *  # noqa: F403
 from .studies import study as study
 from .studies.advice import Advice as Advice
 from .studies.advice import advise as advise
+from .studies.doubt import Doubt as Doubt
+from .studies.doubt import doubt as doubt
 from .testset.problem import Problem as Problem
 from .testset.problem import problem as problem
 from .testset.problem import problems as problems
