@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 import stiffbeam as sb
+from stiffbeam.cli import app
 from stiffbeam.files.cases import Case, case_of
 from stiffbeam.studies.doubt import agreement_horizon, bootstrap, scatter, shift
 
@@ -112,6 +116,37 @@ def test_the_source_that_is_large_by_construction_is_named(source):
         ]
         forces = [one.contacts[0].peak_force for one in each]
         assert shares["data"].value == pytest.approx(np.std(forces, ddof=1) / np.mean(forces), rel=1e-6)
+
+
+CASE = """
+[[case]]
+name = "thrown"
+cells = 8
+dt = 1e-3
+t_end = 0.6
+[case.problem]
+stiffness = 3.0
+viscosity = 0.02
+stops = { upper = 0.02, stiffness = 400.0 }
+initial_velocity = [0.0, 0.0, 0.5]
+[case.uncertain]
+stiffness = 0.2
+"""
+
+
+def test_the_command_says_what_the_function_finds(tmp_path: Path):
+    file = tmp_path / "thrown.toml"
+    file.write_text(CASE)
+    options = ["doubt", str(file), "--scheme", "hht(alpha=-0.1)", "--members", "10"]
+    said, text = (CliRunner().invoke(app, [*options, *more]) for more in (["--json", "-"], []))
+    assert (said.exit_code, text.exit_code) == (0, 0), said.output
+    result = sb.doubt(beam(8, 1e-3, 0.2), sb.HHT(-0.1), members=10)
+    record = json.loads(said.stdout)
+    assert record["data_horizon"] == result.data_horizon < record["horizon"] == 0.6
+    for line, budget in zip(record["budgets"], result.budgets, strict=True):
+        assert line["verdict"] == budget.verdict
+        assert line["data"]["low"] == budget.shares["data"].low
+    assert " ".join(result["tip"].verdict.split()) in " ".join(text.stdout.split())
 
 
 def test_matrices_have_no_mesh_and_a_case_without_tolerances_is_refused():

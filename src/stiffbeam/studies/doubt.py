@@ -13,12 +13,15 @@ median over the members. Intervals hold with 95 %: bootstrap over the members (B
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from statistics import NormalDist
+from typing import Any
 
 import numpy as np
 
 from ..basics.arrays import Array
+from ..basics.text import plain
+from ..basics.units import Units
 from ..basics.validation import InputError, integer, number, positive
 from ..files.cases import Case
 from ..march.ensemble import integrate_ensemble
@@ -92,7 +95,7 @@ class Budget:
 @dataclass(frozen=True)
 class Doubt:
     """Budgets of all quantities. horizon: to which rounding leaves the nominal motion certain. data_horizon: to which
-    95 % of the members agree to ``tolerance`` of the largest |u|; both at most t_end."""
+    95 % of the members agree to ``tolerance`` of the largest |u|; both at most t_end. units: of the case."""
 
     scheme: str
     dt: float
@@ -101,15 +104,35 @@ class Doubt:
     horizon: float
     data_horizon: float
     tolerance: float
+    units: Units
     budgets: tuple[Budget, ...]
 
     def __str__(self) -> str:
-        head = f"{self.scheme}, dt = {self.dt:g}, {self.members} members to t = {self.t_end:g}"
+        """The verdicts, then the columns with their intervals."""
+        values = (self.dt, self.t_end, self.horizon, self.data_horizon)
+        dt, end, rounding, data = (self.units.measure(f"{x:.4g}", "time") for x in values)
+        head = f"{self.scheme}, dt = {dt}, {self.members} members to t = {end}"
         known = (
-            f"rounding leaves the motion certain to t = {self.horizon:.4g}, data to t = {self.data_horizon:.4g} "
-            f"(95 % of the members within {percent(self.tolerance)})"
+            f"Rounding leaves the motion certain to t = {rounding}, data to t = {data} "
+            f"(95 % of the members within {percent(self.tolerance)})."
         )
-        return "\n".join([head, known, *(budget.verdict for budget in self.budgets)])
+        names = list(self.budgets[0].shares)
+        lines = [["95 % intervals", *names]]
+        lines += [[x.quantity, *(str(x.shares[name]) for name in names)] for x in self.budgets]
+        widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+        table = ["  ".join(map(str.ljust, line, widths)).rstrip() for line in lines]
+        return "\n".join([head, known, *(budget.verdict for budget in self.budgets), *table])
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain numbers and texts."""
+        budgets = [
+            {"quantity": x.quantity, "mean": x.mean, "dominant": x.dominant, "verdict": x.verdict}
+            | {name: asdict(share) for name, share in x.shares.items()}
+            for x in self.budgets
+        ]
+        names = ("scheme", "dt", "t_end", "members", "horizon", "data_horizon", "tolerance")
+        rest = {name: getattr(self, name) for name in names}
+        return plain({"measured": []} | rest | {"units": str(self.units), "budgets": budgets})
 
     def __getitem__(self, quantity: str) -> Budget:
         """The budget of a quantity by its name."""
@@ -259,7 +282,7 @@ def doubt(
         past = reference_ensemble(system, t_end, starts, runs.t)
     return Doubt(
         str(scheme), float(dt), float(t_end), members, horizon,
-        agreement_horizon(exact.t, exact.tip, tolerance), tolerance,
+        agreement_horizon(exact.t, exact.tip, tolerance), tolerance, case.units,
         (_tip(exact, columns, past), *_contacts(exact, columns, past)),
     )  # fmt: skip
 
