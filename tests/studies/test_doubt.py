@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 import stiffbeam as sb
 from stiffbeam.cli import app
 from stiffbeam.files.cases import Case, case_of
+from stiffbeam.references import solve
 from stiffbeam.studies.doubt import agreement_horizon, bootstrap, scatter, shift
 
 CASES = 300
@@ -116,6 +117,41 @@ def test_the_source_that_is_large_by_construction_is_named(source):
         ]
         forces = [one.contacts[0].peak_force for one in each]
         assert shares["data"].value == pytest.approx(np.std(forces, ddof=1) / np.mean(forces), rel=1e-6)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [105, 109])
+def test_no_random_system_has_another_largest_source_than_the_one_named(seed):
+    """Brute force: 16 other draws, each beam built by hand, run and solved by itself; no intervals."""
+    rng = np.random.default_rng(seed)
+    stiffness, tolerance, cells = rng.uniform(1.0, 5.0), 10 ** rng.uniform(-6.0, -1.0), int(rng.choice([4, 6, 10, 16]))
+    steps = round(0.9 / 10 ** rng.uniform(-3.6, -2.2))
+    record = sb.Sampled(np.linspace(0.0, 1.0, 41), 0.4 * rng.normal(size=41), "cubic")
+    kappa, gap = 10 ** rng.uniform(2.0, 3.3), rng.uniform(0.002, 0.01)
+
+    def build(factor: float, cells: int) -> sb.System:
+        problem = sb.BeamProblem(
+            stiffness=stiffness * factor, viscosity=0.01, stops=sb.Stops(-gap, gap, stiffness=kappa),
+            loads=(sb.PointLoad(0.7, record),),
+        )  # fmt: skip
+        return sb.semidiscretise(problem, cells)
+
+    case = case_of(build(1.0, cells), 0.9 / steps, 0.9)
+    result = sb.doubt(
+        replace(case, uncertain={"stiffness": sb.Uncertain(tolerance=tolerance)}), sb.HHT(-0.1), members=16
+    )
+    factors = rng.uniform(1.0 - tolerance, 1.0 + tolerance, 16)
+    exact, fine = ([solve(build(x, n), 0.9, "exact", None, 0.0, None).contacts[0] for x in factors]
+                   for n in (cells, 2 * cells))  # fmt: skip
+    runs = [sb.integrate(build(x, cells), sb.HHT(-0.1), 0.9 / steps, 0.9).contacts[0] for x in factors]
+    told = 0
+    for quantity, name in {"largest force": "peak_force", "impulse": "impulse", "time in contact": "fraction"}.items():
+        q, q_fine, q_run = (np.array([getattr(x, name) for x in each]) for each in (exact, fine, runs))
+        shifts = {"mesh": abs(np.mean(q_fine - q)), "scheme": abs(np.mean(q_run - q)), "data": np.std(q, ddof=1)}
+        if result[quantity].dominant:
+            told += 1
+            assert result[quantity].dominant == max(shifts, key=lambda x: shifts[x]), (quantity, shifts)
+    assert told >= 2
 
 
 CASE = """

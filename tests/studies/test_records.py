@@ -142,9 +142,9 @@ def test_what_a_record_cannot_be_swept_over_is_refused_with_what_it_can(folder, 
 @pytest.mark.parametrize("name", FILES)
 def test_pairs_of_neighbours_end_before_the_record_does(folder, name):
     """The record ends with the runs: pairs that start late are followed to its end and no further."""
-    said = asked(folder, "chaos", name, "--schemes", HHT, "--starts", "12")
+    said = asked(folder, "chaos", name, "--schemes", HHT, "--starts", "8")
     pairs = [row for row in said["rows"] if row.get("pair") is not None and row["kind"] == "pairs"]
-    assert len(pairs) == 24
+    assert len(pairs) == 16
     assert all(row["start"] + row["span"] <= 0.5 * (1 + 1e-9) for row in pairs)
     assert not [row for row in said["rows"] if "failed" in row]
     assert "lambda = ." not in said["answer"]
