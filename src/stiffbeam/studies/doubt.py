@@ -8,7 +8,8 @@
 Q: impacts, largest force, impulse and time in contact at each contact; all members have the same draws in every column.
 Of the tip the columns are rms distances over the largest |u|: from the exact tip of the same member, of data from the
 median over the members. Past the horizon the scatter of the data contains that of rounding: where both are large,
-the motion is chaotic and only its statistics mean something. Intervals hold with 95 %: bootstrap over the members (BCa).
+the motion is chaotic and only its statistics mean something.
+Intervals hold with 95 %: bootstrap over the members (BCa).
 """
 
 from __future__ import annotations
