@@ -62,7 +62,8 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def asked(folder: Path, command: str, name: str, *options: str) -> dict[str, Any]:
     """The JSON that a command gives of a case."""
-    arguments = [command, f"{folder / name}.toml", *options, "--out", str(folder / "out"), "--json", "-"]
+    jobs = () if command == "advise" else ("--jobs", "1")
+    arguments = [command, f"{folder / name}.toml", *options, *jobs, "--out", str(folder / "out"), "--json", "-"]
     result = CliRunner().invoke(app, arguments)
     assert result.exit_code == 0, result.output
     return json.loads(result.stdout)
