@@ -154,6 +154,18 @@ def test_no_random_system_has_another_largest_source_than_the_one_named(seed):
     assert told >= 2
 
 
+def test_rigid_stops_have_no_largest_force():
+    """A mass thrown at 3 from 0 onto a stop at g, e = 1/2: the impulse is 2 (3 + 3/2), whatever the gap."""
+    stops = sb.Stops(None, 0.1, stiffness=np.inf, restitution=0.5)
+    contact = sb.Contact(np.ones(1), stops)
+    system = sb.System.from_matrices([[2.0]], [[0.0]], contacts=[contact], initial_velocity=[3.0])
+    case = replace(case_of(system, 1e-4, 0.2), uncertain={"stops.upper": sb.Uncertain(tolerance=0.1)})
+    result = sb.doubt(case, sb.MoreauJean(), members=10)
+    assert [x.quantity for x in result.budgets] == ["tip", "impacts", "impulse", "time in contact"]
+    assert result["impulse"].mean == pytest.approx(9.0)
+    assert result["tip"].dominant == "data"
+
+
 CASE = """
 [[case]]
 name = "thrown"

@@ -306,6 +306,8 @@ def _contacts(exact: Ensemble, columns: dict[str, Ensemble], past: Ensemble | No
     for i, seen in enumerate(exact.contacts):
         for quantity, field in QUANTITIES.items():
             wanted = np.asarray(getattr(seen, field), float)
+            if not np.all(np.isfinite(wanted)):  # a rigid stop has impulses, no largest force
+                continue
             shares = {"rounding": NONE if past is None else scatter(getattr(past.contacts[i], field))}
             shares |= {name: shift(getattr(many.contacts[i], field), wanted) for name, many in columns.items()}
             place = f" at contact {i + 1}" if len(exact.contacts) > 1 else ""

@@ -74,7 +74,10 @@ def points(
         remedy = "its members differ by their parameters"
         raise InputError("size", size, "be left out for a case with uncertain parameters", remedy)
     size = SPREAD if size is None and not case.uncertain else size
-    drawn = {"drawn": ", ".join(f"{path} {one.text}" for path, one in case.uncertain.items())} if case.uncertain else {}
+    drawn: Point = {}
+    if case.uncertain:
+        named = ", ".join(f"{path} {one.text}" for path, one in case.uncertain.items())
+        drawn = {"drawn": named, "distributions": [[path, repr(one)] for path, one in case.uncertain.items()]}
     rest = drawn | {
         "form": form, "dt": dt, "t_end": t_end,
         "members": members, "size": size, "seed": seed, "contact": contact,
