@@ -195,6 +195,15 @@ def test_the_command_says_what_the_function_finds(tmp_path: Path):
         assert line["verdict"] == budget.verdict
         assert line["data"]["low"] == budget.shares["data"].low
     assert " ".join(result["tip"].verdict.split()) in " ".join(text.stdout.split())
+    bare = tmp_path / "bare.toml"
+    bare.write_text(CASE.partition("[case.uncertain]")[0])
+    stated = CliRunner().invoke(
+        app, [options[0], str(bare), *options[2:], "--uncertain", "stiffness=0.2", "--json", "-"]
+    )
+    assert json.loads(stated.stdout)["budgets"] == record["budgets"]
+    wrong = CliRunner().invoke(app, [*options, "--uncertain", "stiffness"])
+    assert isinstance(wrong.exception, sb.InputError)
+    assert "path=tolerance" in str(wrong.exception)
 
 
 def test_matrices_have_no_mesh_and_a_case_without_tolerances_is_refused():

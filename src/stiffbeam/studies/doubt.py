@@ -22,6 +22,8 @@ from typing import Any
 import numpy as np
 
 from ..basics.arrays import Array
+from ..basics.progress import Show, silent
+from ..basics.progress import progress as shown
 from ..basics.text import plain
 from ..basics.units import Units
 from ..basics.validation import InputError, integer, number, positive
@@ -219,6 +221,7 @@ def doubt(
     members: int = 48,
     seed: int = 1,
     tolerance: float = 0.05,
+    progress: bool | Show = False,
 ) -> Doubt:
     """Budget of doubt of a run: rounding, scheme and step, mesh and data, for every quantity at every contact.
 
@@ -236,6 +239,8 @@ def doubt(
     seed : int
     tolerance : float
         To which members agree within the data horizon, relative to the largest |u|.
+    progress : bool or callable
+        As in ``reference``.
 
     Returns
     -------
@@ -257,6 +262,10 @@ def doubt(
     >>> print(sb.doubt(case, sb.HHT(-0.1), members=8)["impacts"].quantity)
     impacts
     """
+    if progress is True:
+        with shown() as show:
+            return doubt(case, scheme, dt, members, seed, tolerance, show)
+    show = progress or silent
     if not case.uncertain:
         remedy = (
             'state its tolerances: [case.uncertain] with stiffness = 0.01, or replace(case, uncertain={"...": ...})'
@@ -269,14 +278,18 @@ def doubt(
     system = case.system(form)
     drawn = uncertain(system, case.uncertain, members, seed)
     every = max(1, round(t_end / dt) // OUTPUTS)
+    show(f"doubt: {scheme}, {members} members", 0, 0)
     runs = integrate_ensemble(system, scheme, dt, t_end, drawn, every=every)
     if np.any(np.isfinite(runs.diverged)):
         raise Diverged(str(scheme), float(np.nanmin(runs.diverged)), "use a smaller dt")
     columns = {"scheme": runs}
+    show("doubt: the exact members", 0, 0)
     exact = reference_ensemble(system, t_end, drawn, runs.t)
     if case.beam is not None:
+        show("doubt: the exact members on twice the cells", 0, 0)
         fine = replace(case, cells=2 * case.cells).system(form)
         columns["mesh"] = reference_ensemble(fine, t_end, uncertain(fine, case.uncertain, members, seed), runs.t)
+    show("doubt: rounding", 0, 0)
     horizon = min(best_reference(system, t_end).horizon, t_end)
     past: Ensemble | None = None
     if horizon < t_end:
