@@ -86,7 +86,7 @@ def test_a_sweep_draws_a_line_for_every_contact(two):
     records = study("sweep", SMALL, **options)
     rows = [row for row in records.rows if row["kind"] == "contact"]
     assert [(row["dt"], row["contact_number"]) for row in rows if row["contact_number"] == 2]
-    assert "impacts a period at contact 2" in records.answer.text()
+    assert "impacts per period at contact 2" in records.answer.text()
     count = records.figure().axes[1]
     assert len(count.get_lines()) == 2
     grid = study("sweep", SMALL, **options, second="alpha", second_values=[-0.1, -0.2])

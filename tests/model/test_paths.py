@@ -134,10 +134,15 @@ def test_a_path_that_is_not_there_is_answered_with_those_that_are(path):
         sb.varied(ball(), {path: [1.0]})
 
 
-def test_a_change_of_matrices_is_left_to_sweeps():
-    system = sb.semidiscretise(sb.BeamProblem(stiffness=3.0, base=sb.Harmonic(0.02, 5.0)), 6)
-    with pytest.raises(sb.InputError, match="one by one"):
-        sb.varied(system, {"stiffness": [4.0]})
+def test_members_with_other_matrices_are_the_beams_of_their_stiffness():
+    def beam(stiffness: float) -> sb.System:
+        return sb.semidiscretise(sb.BeamProblem(stiffness=stiffness, base=sb.Harmonic(0.02, 5.0)), 6)
+
+    members = sb.varied(beam(3.0), {"stiffness": [4.0, 3.0]})
+    assert [m.fingerprint for m in members] == [beam(4.0).fingerprint, beam(3.0).fingerprint]
+    many = sb.integrate_ensemble(beam(3.0), sb.HHT(-0.1), 1e-3, 0.1, members, every=1)
+    for tip, stiffness in zip(many.tip, (4.0, 3.0), strict=True):
+        np.testing.assert_array_equal(tip, sb.integrate(beam(stiffness), sb.HHT(-0.1), 1e-3, 0.1).tip)
 
 
 def test_a_coupled_amplitude_follows_the_frequency():

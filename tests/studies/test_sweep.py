@@ -141,7 +141,7 @@ def test_a_grid_of_two_parameters_is_its_single_sweeps(first, second):
         for row in (r for r in line.rows if r["kind"] == "contact"):
             own = next(r for r in grid.rows if r[first] == row[first] and r[second] == y)
             assert all(own[name] == row[name] for name in ("count", "fraction", "peak_force"))
-    assert "impacts a period" in grid.answer.text()
+    assert "impacts per period" in grid.answer.text()
     assert len(grid.figure().axes) == 6  # three maps, three colour bars
 
 

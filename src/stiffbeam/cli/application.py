@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
 
 EXAMPLES: dict[str, tuple[str, ...]] = {
+    "doubt": ("stiffbeam doubt my-beam.toml --scheme 'HHT(alpha=-0.1)'", "stiffbeam doubt my-beam.toml --members 200"),
     "advise": ("stiffbeam advise table10 --want tip=1e-3,impacts=0.05", "stiffbeam advise my-beam.toml --t-end 0.2"),
     "animate": (
         "stiffbeam animate table10 --t-end 0.3",

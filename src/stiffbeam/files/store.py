@@ -11,6 +11,7 @@ import json
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import cache, partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -271,10 +272,10 @@ def load(file: str | Path, system: System | None = None, t_eval: ArrayLike | Non
     """Read a file written by ``save`` or a frozen reference. Raises InputError for a file that is neither,
     or is damaged, or is of another ``system``.
 
-    A frozen reference answers at any time, and comes at ``t_eval``; what was saved answers at the times
-    it was saved at. Without ``system`` a trajectory does without, a frozen reference has its own case. With it
+    A frozen reference answers at any time, and comes at ``t_eval``; what was saved without ``system`` answers at the
+    times it was saved at. Without ``system`` a trajectory does without, a frozen reference has its own case. With it
     a scheme's run and an exact solution have states and field too: made again on first use, since a run is a
-    function of its arguments.
+    function of its arguments. So an exact solution answers ``at`` any time.
     """
     path = file_path("file", file, "give one that save() has written")
     if not path.is_file():
@@ -341,8 +342,10 @@ def _from_dataset(data: xr.Dataset, path: Path, system: System | None) -> Trajec
         "system": system,
     }
     if data.attrs["kind"] == "reference":
-        again = None if system is None else _states_of(system, common["provenance"])
-        run = Reference(**common, horizon=float(data.attrs["horizon"]), evaluate=_at_outputs(common), state_at=again)
+        again = None if system is None else _solved_again(system, common["provenance"])
+        state_at = None if again is None else partial(_states_at, again)
+        evaluate = partial(_values_at, common, again)
+        run = Reference(**common, horizon=float(data.attrs["horizon"]), evaluate=evaluate, state_at=state_at)
     else:
         run = Trajectory(**common, pieces=None if system is None else _pieces_of(system, common["provenance"]))
     energies = {field: data[name].values for field, name in LEDGER_FIELDS.items() if name in data}
@@ -368,27 +371,32 @@ def _pieces_of(system: System, notes: dict[str, Any]) -> Pieces | None:
     return pieces
 
 
-def _states_of(system: System, notes: dict[str, Any]) -> Callable[[Array], tuple[Array, Array]] | None:
-    """The states of an exact solution, solved again; None for a solver that answers at its own times only."""
+def _solved_again(system: System, notes: dict[str, Any]) -> Callable[[], Reference] | None:
+    """The exact solution, solved on the first call; None for a solver that answers at its own times only."""
     if notes["method"] != "exact":
         return None
-
-    def state_at(t: Array) -> tuple[Array, Array]:
-        reference = solve(system, notes["t_end"], "exact", None, 0.0, None)
-        assert reference.state_at is not None
-        return reference.state_at(t)
-
-    return state_at
+    return cache(partial(solve, system, notes["t_end"], "exact", None, 0.0, None))
 
 
-def _at_outputs(saved: dict[str, Any]) -> Callable[[Array, int], tuple[Array, Array]]:
-    """A contact's position and velocity at output times; the channel after the last contact is the tip."""
+def _states_at(again: Callable[[], Reference], t: Array) -> tuple[Array, Array]:
+    state_at = again().state_at
+    assert state_at is not None
+    return state_at(t)
 
-    def evaluate(times: Array, channel: int) -> tuple[Array, Array]:
+
+def _values_at(
+    saved: dict[str, Any], again: Callable[[], Reference] | None, times: Array, channel: int
+) -> tuple[Array, Array]:
+    """A contact's position and velocity; the channel after the last contact is the tip. They are those of the file at
+    its output times, and of the solution at others, where ``again`` can solve it."""
+    try:
         index = output_index(saved["t"], times, f"a saved {saved['provenance']['method']}")
-        if channel < len(saved["contacts"]):
-            contact = saved["contacts"][channel]
-            return contact.position[index], contact.velocity[index]
-        return saved["tip"][index], saved["tip_velocity"][index]
-
-    return evaluate
+    except InputError:
+        evaluate = None if again is None else again().evaluate
+        if evaluate is None:
+            raise
+        return evaluate(times, channel)
+    if channel < len(saved["contacts"]):
+        contact = saved["contacts"][channel]
+        return contact.position[index], contact.velocity[index]
+    return saved["tip"][index], saved["tip_velocity"][index]

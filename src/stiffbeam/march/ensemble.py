@@ -10,7 +10,7 @@ import numpy as np
 from ..basics.compiled import wall_clock
 from ..basics.resources import cores, over_slices
 from ..basics.validation import InputError
-from ..model.members import Members, as_members, have_own_records
+from ..model.members import Members, as_members, march_apart
 from ..model.system import System
 from ..schemes import Scheme
 from ..trajectory.ensemble import MEMBERS_PER_SLICE, Ensemble, Progress, Runs, gathered, record_from
@@ -37,7 +37,8 @@ def integrate_ensemble(
     """``integrate`` for every member, on all cores; each has the bits of its solo run on the same engine.
 
     members: from ``perturbed`` or ``varied``, or systems that differ from ``system`` in initial data, stops, loads and
-    motions only; where their records (Sampled) differ each is set up by itself. every: keep tip and tip velocity
+    motions only; where their records (Sampled) or, of ``varied`` and ``uncertain``, their matrices differ, each is set
+    up by itself. every: keep tip and tip velocity
     at every so many steps; None keeps none, and memory does not grow with the steps but for the impacts.
     engine: "numba"; "jax" (at most one contact; on a GPU where JAX has one); "direct", see ``integrate``; equal to
     rounding.
@@ -60,7 +61,7 @@ def integrate_ensemble(
     size, threads = (DEVICE_MEMBERS, 1) if engine == "jax" else (MEMBERS_PER_SLICE, cores())
     report = None if progress is None else lambda done: progress(done * plan.steps)
 
-    apart = have_own_records(members)
+    apart = march_apart(members)
 
     def march(part: Members) -> Runs:
         if apart:
