@@ -62,7 +62,7 @@ def test_options_reach_the_study_as_what_they_are(command, tmp_path):
     code, out, _ = command("converge", "table10", *arguments, "--out", "here", "--jobs", "1", "--json", "-")
     records = json.loads(out)
     assert code == 0
-    options = {"schemes": ["HHT(alpha=-0.1)", "bdf2"], "kinds": ["smooth"], "halvings": 2, "dt": 2e-3}
+    options = {"schemes": ["HHT(alpha=-0.1)", "BDF2"], "kinds": ["smooth"], "halvings": 2, "dt": 2e-3}
     assert records["options"] == options
     assert {(row["scheme"], row["kind"]) for row in records["rows"]} == {
         ("HHT(alpha=-0.1)", "smooth"),

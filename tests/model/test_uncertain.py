@@ -239,5 +239,8 @@ def test_an_ensemble_of_drawn_members_is_saved_with_its_numbers(tmp_path: Path):
     many = sb.integrate_ensemble(system, HHT, 1e-3, 0.1, sb.uncertain(system, PATHS, 3))
     assert many.save(tmp_path / "many.nc").is_file()
     frame = many.to_dataframe()
-    assert frame.contact1_peak_force.tolist() == many.contacts[1].peak_force.tolist()
+    drawn = many.to_xarray()
+    for path, numbers in zip(PATHS, many.members.values.T, strict=True):
+        assert drawn[path].values.tolist() == frame[path].tolist() == numbers.tolist()
+    assert frame.contact_peak_force_1.tolist() == many.contacts[1].peak_force.tolist()
     assert frame.attrs["parameter"] == "stiffness, stops.stiffness, loads[0].time.scale"
