@@ -37,7 +37,6 @@ from ..trajectory.sampling import (
 from ..trajectory.trajectory import Trajectory, Work
 from .choice import nodes_per_block, require_giving_way, require_moved, rule_of, unsolved
 from .kernels import blocks as kernel
-from .kernels import blocks_jax as kernel_jax
 from .kernels.blocks import Forcing, Kept, Marchers
 from .probe import Coordinates, InModes
 from .propagator import Propagator, build
@@ -46,7 +45,7 @@ BLOCKS, DENSE = "modal blocks", "dense blocks"
 STEPS_PER_CALL = 1 << 16  # between two reports of progress
 STEPS_REPLAYED = 1 << 14  # held in memory at once where states, or sampled loads, are wanted
 NUMBERS_REPLAYED = 1 << 23  # of their states
-RUNS = {"numba": kernel.run, "jax": kernel_jax.run}
+RUNS = {"numba": kernel.run}
 
 
 def block_length(coordinates: Coordinates, scheme: Scheme) -> int:
@@ -70,7 +69,7 @@ class Stepper:
     starter: Propagator | None
     block: Propagator
     rule: int  # how nodes find their forces, see Block
-    run: Callable[..., bool] = kernel.run  # or the same by JAX
+    run: Callable[..., bool] = kernel.run
     _forcings: dict[Propagator, Forcing] = field(default_factory=dict, repr=False)
 
     @classmethod

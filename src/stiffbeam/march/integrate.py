@@ -84,6 +84,8 @@ class Plan:
         integer("every", every, 1)
         one_of("contact", contact, CONTACTS)
         scheme = scheme_for(scheme, contact)
+        if isinstance(engine, str) and engine == "jax":
+            raise InputError("engine", engine, "be numba or direct", "leave engine out: ensembles run on all cores")
         one_of("engine", engine, (*RUNS, DIRECT), f"be {', '.join(RUNS)} or {DIRECT}")
         if scheme.second_order_only and isinstance(system, FirstOrderSystem):
             rule = f"be of second order for {scheme}"
@@ -358,8 +360,6 @@ def integrate(
     ((10001,), True)
     """
     begun = clock()
-    if isinstance(engine, str) and engine == "jax":
-        raise InputError("engine", engine, "be numba or direct for one run", "use integrate_ensemble")
     plan = Plan.of(system, scheme, dt, t_end, contact, every, engine)
     plan.afford(1, every)
     if plan.engine == "numba":
