@@ -305,12 +305,6 @@ class TestRefusals:
         hertz = sb.integrate(ball(self.hertz), sb.HHT(-0.1), 1e-3, 4.0, contact="extrapolated")
         assert abs(hertz.tip_velocity[-1] + 1.0) < 1e-5  # a power law it can do
 
-    def test_jax(self):
-        pytest.importorskip("jax")
-        system = ball(self.hertz)
-        with pytest.raises(InputError, match="engine='numba'"):
-            sb.integrate_ensemble(system, sb.HHT(-0.1), 1e-2, 1.0, [system], engine="jax")
-
     def test_through_a_jump(self):
         for method in ("cvode", "kvaerno5"):
             with pytest.raises(InputError, match="jumps"):

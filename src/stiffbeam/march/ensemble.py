@@ -19,8 +19,6 @@ from ..trajectory.trajectory import Work
 from .integrate import Plan
 from .warm import wait
 
-DEVICE_MEMBERS = 1 << 14  # marched by a device in one go
-
 
 def integrate_ensemble(
     system: System,
@@ -40,8 +38,7 @@ def integrate_ensemble(
     motions only; where their records (Sampled) or, of ``varied`` and ``uncertain``, their matrices differ, each is set
     up by itself. every: keep tip and tip velocity
     at every so many steps; None keeps none, and memory does not grow with the steps but for the impacts.
-    engine: "numba"; "jax" (at most one contact; on a GPU where JAX has one); "direct", see ``integrate``; equal to
-    rounding.
+    engine: "numba" or "direct", see ``integrate``; equal to rounding.
     progress: called with the number of member-steps done. since: the time, a whole number of steps,
     after which contacts are recorded; one that is there then is no impact, and impulses are the sum of dt F over the
     steps after it, without half weights at its ends. A member that overflows is
@@ -57,8 +54,6 @@ def integrate_ensemble(
         raise InputError("since", since, f"be a whole number of steps dt = {dt:g}", remedy)
     if plan.engine == "numba":
         wait()
-    # A device is shared by no threads.
-    size, threads = (DEVICE_MEMBERS, 1) if engine == "jax" else (MEMBERS_PER_SLICE, cores())
     report = None if progress is None else lambda done: progress(done * plan.steps)
 
     apart = march_apart(members)
@@ -69,7 +64,7 @@ def integrate_ensemble(
             return Runs.joined([_alone(plan, one[0]).runs(one, every, passed) for one in each])
         return plan.runs(part, every, passed)
 
-    parts = list(over_slices(march, members, size, threads, report))
+    parts = list(over_slices(march, members, MEMBERS_PER_SLICE, cores(), report))
     seconds = wall_clock() - begun
     return gathered(
         members,

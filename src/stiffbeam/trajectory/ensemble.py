@@ -80,14 +80,13 @@ class Runs:
     """The records of M runs with their contacts: what an ensemble is joined from.
 
     tip, tip_velocity: (M, k) at the output times. diverged: (M,), the time at which a run overflowed, NaN for none;
-    nothing is recorded after it. marches: how the runs were made.
+    nothing is recorded after it.
     """
 
     tip: Array
     tip_velocity: Array
     contacts: tuple[ContactStatistics, ...]
     diverged: Array
-    marches: frozenset[str] = field(repr=False)
 
     def __len__(self) -> int:
         return len(self.diverged)
@@ -106,7 +105,6 @@ class Runs:
             tip_velocity=np.array([run.tip_velocity[:outputs] for run in runs]),
             contacts=tuple(contacts),
             diverged=np.array([run.diverged for run in runs]),
-            marches=frozenset(str(run.provenance.get("march", "")) for run in runs),
         )
 
     @classmethod
@@ -124,8 +122,7 @@ class Runs:
             contacts.append(ContactStatistics.of(totals, Impacts.concatenate([c.impacts for c in contact]), member))
         names = ("tip", "tip_velocity", "diverged")
         arrays = {name: np.concatenate([getattr(part, name) for part in parts])[order] for name in names}
-        marches = frozenset[str]().union(*(part.marches for part in parts))
-        return cls(**arrays, contacts=tuple(contacts), marches=marches)
+        return cls(**arrays, contacts=tuple(contacts))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -256,8 +253,7 @@ def gathered(
 ) -> Ensemble:
     """The Ensemble of the runs of its members, ``parts`` in their order."""
     runs = Runs.joined(parts)
-    notes = {"march": " and ".join(sorted(runs.marches))} if any(runs.marches) else {}
-    return Ensemble(**vars(runs), members=members, t=t, work=work, provenance=provenance | notes, ledger=ledger)
+    return Ensemble(**vars(runs), members=members, t=t, work=work, provenance=provenance, ledger=ledger)
 
 
 def record_from(since: float, t_end: float) -> float:
