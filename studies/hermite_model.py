@@ -26,7 +26,7 @@ name = "model"
 title = "20 Hermite elements, Rayleigh damping, two contacts"
 dt = 2e-5
 t_end = 0.6
-runs = ["hht(alpha=-0.1)", "bdf2", "trapezoidal"]
+runs = ["HHT(alpha=-0.1)", "bdf2", "trapezoidal"]
 [case.system]
 mass = "M.mtx"
 stiffness = "K.mtx"

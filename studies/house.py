@@ -63,7 +63,7 @@ def calls(folder: Path) -> dict[str, Callable[[], object]]:
     def command() -> None:
         from stiffbeam.cli import app
 
-        chosen = ["--t-end", "0.05", "--schemes", "hht@displacement", "--references", "exact", "--out", str(folder)]
+        chosen = ["--t-end", "0.05", "--schemes", "HHT@displacement", "--references", "exact", "--out", str(folder)]
         with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
             app(["compare", "table10", *chosen], standalone_mode=False)
 

@@ -38,8 +38,7 @@ from timing import Timed, least, stream, timed
 
 import stiffbeam as sb
 from stiffbeam.basics.resources import cores
-from stiffbeam.march.block_march import March, Stepper
-from stiffbeam.march.leap import LeapMarch
+from stiffbeam.march.block_march import Stepper
 from stiffbeam.march.probe import InModes
 from stiffbeam.model.modes import modes
 
@@ -60,32 +59,6 @@ def march_of(system: sb.System, scheme: sb.Scheme, dt: float, steps: int) -> Tim
         return march.seconds
 
     return run
-
-
-def leaping(steps: int, dts: tuple[float, ...], repetitions: int) -> dict[str, dict[str, dict[str, float]]]:
-    """ns per step of the block march and of the leaping march with all their records, in turns; the leaping one
-    also with its regimes made anew. Of Table 10 over ``steps`` steps from rest, no less than to t = 0.1."""
-    case = sb.paper_case(10)
-    system, found = sb.semidiscretise(case.problem, case.cells), {}
-    basis = modes(system)
-    assert basis is not None
-    for name, scheme in SCHEMES.items():
-        found[name] = {}
-        for dt in dts:
-            stepper, count = Stepper.of(InModes(system, basis), scheme, dt, "implicit"), max(steps, round(0.1 / dt))
-
-            def go(kind=March, stepper=stepper, count=count, anew=False) -> None:
-                if anew:
-                    stepper.leapers.clear()
-                for _ in kind(stepper, (system,), count, None).advance():
-                    pass
-
-            runs = {"leaps": timed(lambda go=go: go(LeapMarch))}
-            runs["leaps, regimes included"] = timed(lambda go=go: go(LeapMarch, anew=True))
-            if count <= 2_000_000:
-                runs["blocks"] = timed(go)
-            found[name][f"{dt:g}"] = {key: 1e9 * x / count for key, x in least(runs, repetitions).items()}
-    return found
 
 
 def singles(cells: int, steps: int, repetitions: int) -> dict[str, float]:
@@ -123,18 +96,18 @@ def whole_runs(steps: int, repetitions: int) -> dict[str, float]:
 
 
 def ensembles(members: int, steps: int, repetitions: int) -> dict[str, float]:
-    """ns per member-step of ensembles of Table 10, engines and threads, and seconds per exact member."""
+    """ns per member-step of ensembles of Table 10 on all threads, and seconds per exact member."""
     case = sb.paper_case(10)
     system = sb.semidiscretise(case.problem, case.cells)
     many = sb.perturbed(system, members)
     drives = sb.varied(system, frequency=np.linspace(9.0, 11.0, members))
     t_end, count = steps * case.dt, cores()
 
-    def run(scheme: sb.Scheme, which=many, engine: str = "numba") -> Timed:
-        return timed(lambda: sb.integrate_ensemble(system, scheme, case.dt, t_end, which, engine=engine), count)
+    def run(scheme: sb.Scheme, which=many) -> Timed:
+        return timed(lambda: sb.integrate_ensemble(system, scheme, case.dt, t_end, which), count)
 
     runs = {name: run(scheme) for name, scheme in SCHEMES.items()}
-    runs |= {"HHT, frequencies": run(SCHEMES["HHT"], drives), "HHT, JAX scan": run(SCHEMES["HHT"], engine="jax")}
+    runs["HHT, frequencies"] = run(SCHEMES["HHT"], drives)
     found = {name: 1e9 * x / (members * steps) for name, x in least(runs, repetitions).items()}
     few = max(4, members // 10)
     exact = least({"": timed(lambda: sb.reference_ensemble(system, t_end, many[:few]), count)}, 2)[""]
@@ -235,12 +208,7 @@ def ratios_of(record: dict) -> dict[str, float]:
     }
     ratios |= {f"{name} member-step / by hand": many[name] / one["by hand"] for name in SCHEMES}
     ratios["HHT member-step with own frequency / by hand"] = many["HHT, frequencies"] / one["by hand"]
-    ratios["HHT member-step on JAX / by hand"] = many["HHT, JAX scan"] / one["by hand"]
     ratios["HHT ledger / by hand"] = whole["HHT, ledger"] / one["by hand"]
-    for name, by_step in record["leaping"].items():
-        for dt, ns in by_step.items():
-            if "blocks" in ns:
-                ratios[f"{name}, blocks / leaps at dt = {dt}, times"] = ns["blocks"] / ns["leaps"]
     seconds = record["reference"]
     ratios["CVODE BDF / exact, times"] = seconds["cvode"] / seconds["exact"]
     ratios["DOP853 / exact, times"] = seconds["dop853"] / seconds["exact"]
@@ -266,9 +234,6 @@ def measure(quick: bool) -> dict:
     record["single"] = {str(M): singles(M, steps if M <= 50 else steps // 4, repetitions) for M in cells}
     record["bound"] = bound_of(25)
     record["whole"] = whole_runs(steps, 2 if quick else 5)
-    record["leaping"] = leaping(
-        10_000, (1e-5, 1e-6, 1e-7) if quick else (1e-5, 1e-6, 1e-7, 1e-8, 1e-9), 2 if quick else 7
-    )
     record["steps"] = {name: {} for name in SCHEMES}
     for name, scheme in SCHEMES.items():
         for k in (500, 1000) if quick else (1000, 10_000, 100_000, 1_000_000):
@@ -277,17 +242,11 @@ def measure(quick: bool) -> dict:
     record["ensemble"] = ensembles(8 if quick else 200, steps, 1 if quick else 5)
     record["threads"] = threads(8 if quick else 200, steps if quick else 5 * steps, 1 if quick else 5)
     sizes = (1, 4) if quick else (1, 10, 100, 1000)
-    record["members"] = {"HHT": {}, "HHT, JAX scan": {}}
+    record["members"] = {}
     for size in sizes:
         many = sb.perturbed(system, size)
-        for name, engine in (("HHT", "numba"), ("HHT, JAX scan", "jax")):
-            work = timed(
-                lambda many=many, engine=engine: sb.integrate_ensemble(
-                    system, SCHEMES["HHT"], case.dt, 0.2, many, engine=engine
-                ),
-                cores(),
-            )
-            record["members"][name][str(size)] = 1e9 * least({"": work}, 2)[""] / (size * round(0.2 / case.dt))
+        work = timed(lambda many=many: sb.integrate_ensemble(system, SCHEMES["HHT"], case.dt, 0.2, many), cores())
+        record["members"][str(size)] = 1e9 * least({"": work}, 2)[""] / (size * round(0.2 / case.dt))
     record["reference"] = references(0.01 if quick else 0.1)
     record["startup"] = startup() if not quick else {}
     record["ratios"] = ratios_of(record)
@@ -306,9 +265,6 @@ def main() -> int:
     draw(record, options.out / "march_speed.png")
     for name, value in record["ratios"].items():
         print(f"{name:50} {value:8.3g}")
-    for name, by_step in record["leaping"].items():
-        for dt, ns in by_step.items():
-            print(f"{name} at dt = {dt}, ns per step: " + ", ".join(f"{key} {x:.3g}" for key, x in ns.items()))
     for name, value in record["startup"].items():
         print(f"second `stiffbeam compare table10`, first step of the {name}: {value:.2f} s")
     for name, times in record["threads"].items():

@@ -38,7 +38,8 @@ CHAPTERS = {
     ],
     "Theory": ["studies/theory/horizon.md", "studies/theory/march.md", "studies/theory/exact.md"],
     "Reference": [
-        "studies/guide/commands.md", "studies/names/model.md", "studies/names/schemes.md", "studies/names/runs.md",
+        "studies/guide/commands.md", "studies/names/data.md",
+        "studies/names/model.md", "studies/names/schemes.md", "studies/names/runs.md",
         "studies/names/measures.md", "studies/names/testset.md", "studies/guide/records.md", "studies/guide/words.md",
         "studies/guide/weight.md", "studies/guide/citing.md", "CONTRIBUTING.md", "tests/campaigns/README.md",
         "CHANGELOG.md",
@@ -98,6 +99,8 @@ class Pages:
         path = ROOT / source
         if source.stem == "gallery":
             return self.gallery(page)
+        if source.parts[-2:] == ("names", "data.md"):
+            return variables()
         if source.parent.name == "names":
             return names(source.stem)
         if source.suffix == ".py":
@@ -218,6 +221,31 @@ def names(topic: str) -> str:
             kind = "autoclass" if inspect.isclass(value) else "autofunction"
             members = "\n   :members:" if kind == "autoclass" and not issubclass(value, Exception) else ""
             parts.append(f"## {name}\n\n```{{eval-rst}}\n.. {kind}:: stiffbeam.{name}{members}\n```")
+    return "\n\n".join(parts)
+
+
+def variables() -> str:
+    """Return the page of variables: the schema, from which every table and file is made, as a table."""
+    from stiffbeam.basics.units import SI
+    from stiffbeam.trajectory.schema import CONVENTIONS, COORDINATES, FORMAT, SCHEMA
+
+    heads = ["name", "attribute", "dimensions", "unit", "meaning"]
+    parts = [
+        "# Variables of tables and files",
+        "A result has the same names, units and values as attributes, DataFrame, Dataset, netCDF, CSV, .mat and JSON. "
+        'For example `run["energy_loss"]`, `run.to_xarray()["energy_loss"]` and the column `energy_loss` of a CSV file '
+        "are `run.energy.loss`. A table in which contacts are no dimension has a column for each, `contact_force_0`, "
+        "`contact_force_1`. An ensemble has the dimension `member` too, and the varied parameter by its name. "
+        f"Units are those of a beam in metres, seconds and newtons; files are of format {FORMAT}, {CONVENTIONS}.",
+    ]
+    for title, table in (("Variables", SCHEMA), ("Coordinates", COORDINATES)):
+        lines = [heads, ["---"] * len(heads)]
+        for each in table:
+            unit = SI.of(each.quantity) if each.quantity else "1"
+            words = each.long_name.replace("|", r"\|")
+            attribute = f"`{each.attribute}`" if each.attribute else "–"
+            lines.append([f"`{each.name}`", attribute, ", ".join(each.dims) or "–", unit, words])
+        parts += [f"## {title}", "\n".join(f"| {' | '.join(line)} |" for line in lines)]
     return "\n\n".join(parts)
 
 

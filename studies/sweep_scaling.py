@@ -130,7 +130,7 @@ def main() -> None:
     for name, (parameter, values, periods) in SWEEPS.items():
         options = {
             "parameter": parameter, "values": values.tolist(), "dt": period / STEPS_PER_PERIOD, "periods": periods,
-            "transient": TRANSIENT, "method": "hht(alpha=-0.1)",
+            "transient": TRANSIENT, "method": "HHT(alpha=-0.1)",
         }  # fmt: skip
         expected = None
         for way in list(WAYS) * (REPETITIONS if periods < 100 else 1):

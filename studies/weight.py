@@ -15,7 +15,7 @@ SERVES = {
     "everything": ("numpy",),
     "compiled loops: march, ensembles, exact solution": ("numba", "llvmlite"),
     "matrices, eigenvalues; DOP853, Radau, LSODA": ("scipy",),
-    "Kvaerno methods; ensembles on a GPU": (
+    "Kvaerno methods": (
         "jax", "jaxlib", "diffrax", "equinox", "optimistix", "lineax", "jaxtyping", "ml-dtypes", "opt-einsum",
         "wadler-lindig",
     ),

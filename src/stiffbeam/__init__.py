@@ -34,8 +34,9 @@ def _draw(module: str, function: str) -> _Any:
 
 # Objects offer their pictures; figures, and with it matplotlib, is loaded when the first one is asked for.
 _DRAW |= {
-    "run": _draw(".figures.runs", "run_figure"),
-    "comparison": _draw(".figures.runs", "comparison_figure"),
+    name: _draw(".figures.plots", f"plot_{name}")
+    for name in ("run", "system", "impacts", "ensemble", "comparison", "advice", "scorecard")
+} | {
     "film": _draw(".figures.animation", "animate"),
 }
 

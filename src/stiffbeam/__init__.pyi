@@ -41,6 +41,8 @@ from .model.time_functions import Constant as Constant
 from .model.time_functions import Harmonic as Harmonic
 from .model.time_functions import Sum as Sum
 from .model.time_functions import TimeFunction as TimeFunction
+from .model.uncertain import Uncertain as Uncertain
+from .model.uncertain import uncertain as uncertain
 from .references import reference as reference
 from .references.ensemble import reference_ensemble as reference_ensemble
 from .references.exact.continuation import Branch as Branch
@@ -55,6 +57,8 @@ from .schemes.registry import *  # noqa: F403
 from .studies import study as study
 from .studies.advice import Advice as Advice
 from .studies.advice import advise as advise
+from .studies.doubt import Doubt as Doubt
+from .studies.doubt import doubt as doubt
 from .testset.problem import Problem as Problem
 from .testset.problem import problem as problem
 from .testset.problem import problems as problems

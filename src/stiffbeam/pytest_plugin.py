@@ -44,7 +44,7 @@ def reference_solution() -> Callable[..., Reference]:
         else:
             remedy = "for example reference_solution('table10')"
             raise InputError("reference_solution", what, "be a BeamProblem, a System, a case or its name", remedy)
-        return cached_reference(system, end, **options)
+        return cached_reference(system, end, **{"method": "multiprecision"} | options)
 
     return make
 

@@ -141,7 +141,7 @@ def newmark(e: Evidence) -> Finding:
     long = [float(found.period_elongation[0]) for found in (newmark, hht)]
     return Finding(
         f"Damping ratio of a low mode at 100 steps a period: {a:.1e} for Newmark with gamma = 0.6, {b:.1e} for "
-        f"HHT(-0.1); period elongation {long[0]:.1e} and {long[1]:.1e}.",
+        f"HHT(alpha=-0.1); period elongation {long[0]:.1e} and {long[1]:.1e}.",
         plain_verdict(a > 10.0 * b),
     )
 
@@ -153,8 +153,8 @@ def period_errors(e: Evidence) -> Finding:
     sdirk = {g: float(amplification(SDIRK(g), 0.1).period_elongation[0]) for g in (0.4359, 1.0)}
     smaller = [abs(x) < abs(hht) for x in sdirk.values()]
     return Finding(
-        f"Period elongation at ten steps a period: HHT(-0.1) {percent(hht)}; SDIRK-OS {percent(sdirk[0.4359])} with "
-        f"gamma = 0.4359, {percent(sdirk[1.0])} with gamma = 1.",
+        f"Period elongation at ten steps a period: HHT(alpha=-0.1) {percent(hht)}; "
+        f"SDIRK-OS {percent(sdirk[0.4359])} with gamma = 0.4359, {percent(sdirk[1.0])} with gamma = 1.",
         shared_verdict(all(smaller), any(smaller)),
     )
 

@@ -157,7 +157,7 @@ def sensitive(e: Evidence, table: int) -> Finding:
     """gamma changes the share of contact of (4.10) by a larger factor than that of (4.12)."""
     parts, changes = [], []
     for name, form in (("(4.10)", "velocity-curvature"), ("(4.12)", "displacement")):
-        values = {g: _elsewhere(e, table, f"sdirk(gamma={g})@{form}", "fraction") for g in (1.0, 0.4359)}
+        values = {g: _elsewhere(e, table, f"SDIRK(gamma={g})@{form}", "fraction") for g in (1.0, 0.4359)}
         for gamma, found in values.items():
             if not len(found):
                 raise NotMeasured(f"{name} with gamma = {gamma:g} overflowed on Table {table}")
@@ -177,7 +177,7 @@ def sensitive(e: Evidence, table: int) -> Finding:
 def damping_avoids(e: Evidence, table: int) -> Finding:
     """HHT counts fewer impacts with every step of alpha, in the end fewer than the exact motion; in part for one."""
     alphas = (-0.05, -0.1, -0.2, -0.3, 0.0)
-    counts = {a: Sample(_elsewhere(e, table, f"hht(alpha={a})@displacement", "impacts")) for a in alphas}
+    counts = {a: Sample(_elsewhere(e, table, f"HHT(alpha={a})@displacement", "impacts")) for a in alphas}
     written = ", ".join(
         f"{x.written() if len(x.values) else 'overflow'} at alpha = {alpha:g}" for alpha, x in counts.items()
     )
@@ -196,7 +196,7 @@ def damping_avoids(e: Evidence, table: int) -> Finding:
 @judge
 def trapezoidal(e: Evidence, table: int) -> Finding:
     """The trapezoidal rule has a worse share of contact than HHT; in part where it is better but gains energy."""
-    share, fast = (Sample(_elsewhere(e, table, "trapezoidal@displacement", x)) for x in ("fraction", "fast"))
+    share, fast = (Sample(_elsewhere(e, table, "Trapezoidal@displacement", x)) for x in ("fraction", "fast"))
     if not len(share.values):
         return Finding(f"All members overflow on Table {table} in this reading.", HOLDS)
     exact, hht = SHARE.of(e, table, "displacement"), SHARE.of(e, table, "(4.13)")

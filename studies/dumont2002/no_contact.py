@@ -28,9 +28,9 @@ if TYPE_CHECKING:
 STIFFNESS, CELLS, DT = 8000.0, 25, 1e-3  # the paper's k^2, 1/h and dt
 T_END = 6.0  # not stated; about two periods of the load, 300 of the beam's first mode
 RUNS = (
-    "bdf2@velocity-curvature", "bdf2@displacement", "hht(alpha=-0.1)@displacement",
-    "sdirk(gamma=0.4359)@velocity-curvature",
-    "sdirk(gamma=0.4359, nystrom=true)@displacement",
+    "BDF2@velocity-curvature", "BDF2@displacement", "HHT(alpha=-0.1)@displacement",
+    "SDIRK(gamma=0.4359)@velocity-curvature",
+    "SDIRK(gamma=0.4359, nystrom=True)@displacement",
 )  # fmt: skip
 WINDOW = 0.1  # the largest error within this time is drawn: it crosses zero with every oscillation
 GRIDS = ("(3.5) exact in time", "(3.12) exact in time")

@@ -21,7 +21,7 @@ import time
 from pathlib import Path
 
 COMMAND = [
-    "amplification", "table10", "--schemes", "bdf2,bathe,trapezoidal,sdirk(gamma=0.4359)", "--jobs", "1", "--out",
+    "amplification", "table10", "--schemes", "bdf2,bathe,trapezoidal,SDIRK(gamma=0.4359)", "--jobs", "1", "--out",
 ]  # fmt: skip
 LOSSES = ("journalled lines lost", "ends that differ", "half-written files")
 

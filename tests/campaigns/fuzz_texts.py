@@ -40,7 +40,7 @@ title = "a steel strip"
 cells = 6
 dt = 1e-4
 t_end = 0.01
-runs = ["hht(alpha=-0.1)", "bdf2@velocity-curvature"]
+runs = ["HHT(alpha=-0.1)", "BDF2@velocity-curvature"]
 inferred = ["cells: as many as suffice"]
 [case.published.impacts]
 bdf2 = 10
@@ -59,7 +59,7 @@ loads = [{ position = 0.1, amplitude = 3.0, frequency = 60.0, phase = "pi/2" }, 
 LITERALS = [
     "0", "-1", "true", "nan", "inf", "-inf", "1e400", "1e-400", "1e999999999", "9" * 400, "[]", "{}", "[1, 2]", '""',
     '"abc"', '"1/0"', '"pi*pi"', '"[/]"', '"\\u001b[31m"', '".."', '"../x"', "2002-01-01", "[[[[]]]]", "1_000",
-    '"hht(alpha=' + "-" * 1000 + '1)"', '["hht(alpha=' + "-" * 1000 + '1)"]', "0x10", "1e30", "1e-300", '"' + "x" * 999
+    '"HHT(alpha=' + "-" * 1000 + '1)"', '["HHT(alpha=' + "-" * 1000 + '1)"]', "0x10", "1e30", "1e-300", '"' + "x" * 999
     + '"', "[" * 300 + "]" * 300, '{ amplitude = 1, frequency = 2 }', '{ sampled = "/etc/passwd" }', "[true]",
 ]  # fmt: skip
 

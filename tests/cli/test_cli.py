@@ -20,7 +20,7 @@ name = "mine"
 cells = 8
 dt = 1e-3
 t_end = 0.05
-runs = ["bdf2", "hht(alpha=-0.2)"]
+runs = ["bdf2", "HHT(alpha=-0.2)"]
 [case.problem]
 stiffness = 300.0
 """
@@ -65,7 +65,7 @@ def test_cases_as_json_is_a_list_of_seventeen(command):
     assert [row["name"] for row in rows] == [f"table{k}" for k in range(1, 18)]
     ten = rows[9]
     assert (ten["cells"], ten["dt"], ten["t_end"]) == (25, 1e-4, 5.0)
-    assert ten["runs"][0] == "hht(alpha=-0.1)@displacement"
+    assert ten["runs"][0] == "HHT(alpha=-0.1)@displacement"
     assert sorted(ten["published"]["impacts"].values()) == [3904, 4494]
     assert any("t_end" in note for note in ten["inferred"])
 
@@ -78,7 +78,7 @@ def test_a_case_shown_is_a_file_that_compare_takes(command, tmp_path):
     code, out, err = command("compare", "shown.toml", "--t-end", "0.02", "--references", "exact")
     assert (code, err) == (0, "")
     assert "table10 Flexible beam, wide clearance: HHT against SDIRK" in words(out)
-    stored = sb.load(tmp_path / "stiffbeam-output" / "table10" / "hht-alpha=-0.1-displacement.nc")
+    stored = sb.load(tmp_path / "stiffbeam-output" / "table10" / "HHT-alpha=-0.1-displacement.nc")
     system = sb.semidiscretise(sb.paper_case(10).problem, 25)
     assert stored.fingerprint == system.fingerprint
     assert np.array_equal(stored.tip, sb.integrate(system, sb.HHT(-0.1), 1e-4, 0.02).tip)
@@ -119,9 +119,9 @@ def test_compare_pipes_json_without_nan(piped):
     assert (records["case"], records["t_end"], records["failures"]) == ("table10", 0.05, [])
     labels = [c["label"] for c in records["comparisons"]]
     assert labels == [
-        "hht(alpha=-0.1)@displacement",
-        "sdirk(gamma=0.4359, nystrom=true)@displacement",
-        "bdf2@displacement",
+        "HHT(alpha=-0.1)@displacement",
+        "SDIRK(gamma=0.4359, nystrom=True)@displacement",
+        "BDF2@displacement",
     ]
     assert [r["label"] for r in records["references"]] == ["exact@displacement"]
     hht, sdirk, bdf2 = (c["tip_error_rms"] for c in records["comparisons"])
@@ -144,12 +144,12 @@ def test_compare_writes_picture_table_and_trajectories(piped):
         "comparison.png",
         "comparison.txt",
         "exact-displacement.nc",
-        "hht-alpha=-0.1-displacement.nc",
+        "HHT-alpha=-0.1-displacement.nc",
         "sdirk-gamma=0.4359-nystrom=true-displacement.nc",
     ]
     assert_shows_curves(out / "comparison.png")
     table = words((out / "comparison.txt").read_text(encoding="utf-8"))
-    for name in ("exact, reference", "HHT(-0.1)", "SDIRK(0.4359)", "BDF2"):
+    for name in ("exact, reference", "HHT(alpha=-0.1)", "SDIRK(gamma=0.4359)", "BDF2"):
         assert name in table
     assert isinstance(sb.load(out / "exact-displacement.nc"), sb.Reference)
     system = sb.semidiscretise(sb.paper_case(10).problem, 25)
@@ -161,13 +161,13 @@ def test_compare_writes_picture_table_and_trajectories(piped):
 def test_options_replace_schemes_step_folder_and_records(command, tmp_path):
     (tmp_path / "mine.toml").write_text(MOVING, encoding="utf-8")
     code, out, err = command(
-        "compare", "mine.toml", "--schemes", "hht,hht(alpha=-0.3),theta@displacement", "--dt", "5e-4", "--t-end",
+        "compare", "mine.toml", "--schemes", "hht,HHT(alpha=-0.3),theta@displacement", "--dt", "5e-4", "--t-end",
         "0.04", "--references", "exact", "--out", "deep/folder", "--json", "records/all.json",
     )  # fmt: skip
     assert (code, err) == (0, "")
     records = json.loads(Path("records/all.json").read_text(encoding="utf-8"))
     # A bare hht takes the parameters it has in the case.
-    labels = ["hht(alpha=-0.2)@displacement", "hht(alpha=-0.3)@displacement", "theta(theta=0.5)@displacement"]
+    labels = ["HHT(alpha=-0.2)@displacement", "HHT(alpha=-0.3)@displacement", "Theta(theta=0.5)@displacement"]
     assert [c["label"] for c in records["comparisons"]] == labels
     assert {(c["dt"], c["steps"]) for c in records["comparisons"]} == {(5e-4, 80)}
     assert Path("deep/folder/comparison.png").is_file()
@@ -212,7 +212,7 @@ def test_a_run_that_overflows_is_named_with_its_time_and_the_remedy(overflow):
     said = words(process.stdout)
     assert process.returncode == 1
     assert process.stderr == ""
-    label = "sdirk(gamma=0.4359, nystrom=true)"
+    label = "SDIRK(gamma=0.4359, nystrom=True)"
     assert f"failed {label}@displacement {label} overflowed at t = 0.02" in said
     assert "use the implicit contact or a smaller dt (omega_max dt is" in said
     assert said.count("failed ") == 1
@@ -227,9 +227,9 @@ def test_the_other_runs_of_one_that_overflows_are_there(overflow):
         "comparison.png",
         "comparison.txt",
         "exact-displacement.nc",
-        "hht-alpha=-0.1-displacement.nc",
+        "HHT-alpha=-0.1-displacement.nc",
     ]
-    assert sb.load(folder / "hht-alpha=-0.1-displacement.nc").work.steps == 82
+    assert sb.load(folder / "HHT-alpha=-0.1-displacement.nc").work.steps == 82
     assert "overflowed at t = 0.02" in (folder / "comparison.txt").read_text(encoding="utf-8")
 
 
@@ -263,8 +263,8 @@ def test_a_bad_case_name_exits_with_2_and_lists_near_ones(tmp_path):
     ("arguments", "message"),
     [
         (["compare", "table10", "--schemes", "bdf2,hhtt"], "scheme must be a registered scheme, got 'hhtt'"),
-        (["compare", "table10", "--schemes", "hht(alpha=0.1)"], "if your alpha is in [0, 1/3], pass -alpha"),
-        (["compare", "table10", "--schemes", "bdf2@displacment"], "did you mean displacement?"),
+        (["compare", "table10", "--schemes", "HHT(alpha=0.1)"], "if your alpha is in [0, 1/3], pass -alpha"),
+        (["compare", "table10", "--schemes", "BDF2@displacment"], "did you mean displacement?"),
         (["compare", "table10", "--references", "exacct"], "got 'exacct': did you mean exact?"),
         (["compare", "table10", "--contact", "implict", "--references", "exact", "--t-end", "0.01"], "got 'implict'"),
         (["compare", "table10", "--dt", "-1e-4"], "--dt must be > 0, got -0.0001"),

@@ -17,7 +17,7 @@ def test_every_solver_works_here(command):
     code, out, _ = command("doctor", "--json", "-")
     found = json.loads(out)
     assert code == 0
-    assert {solver["name"] for solver in found["solvers"]} == {"sdirk", *registry.METHODS}
+    assert {solver["name"] for solver in found["solvers"]} == {"SDIRK", *registry.METHODS}
     assert all(solver["agrees"] and solver["error"] < 1e-3 for solver in found["solvers"])
     assert found["installed"]["stiffbeam"] == found["installed"]["stiffbeam"].strip() != "missing"
 

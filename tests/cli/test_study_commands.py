@@ -15,7 +15,7 @@ def test_a_study_that_finds_nothing_ends_with_1_and_overwrites_nothing(command, 
     """The printed stage matrix is refused at this step, and no other scheme is asked for."""
     earlier = tmp_path / "modes.json"
     earlier.write_text("what an earlier run has found", encoding="utf-8")
-    code, out, _ = command("modes", "table10", "--schemes", "sdirk.printed(stage-matrix)", "--out", ".", "--jobs", "1")
+    code, out, _ = command("modes", "table10", "--schemes", "SDIRK.printed(stage-matrix)", "--out", ".", "--jobs", "1")
     assert code == 1
     assert "No point could be evaluated" in " ".join(out.split())
     assert "Written: nothing" in " ".join(out.split())
@@ -58,15 +58,15 @@ def test_a_command_has_the_options_of_its_study_with_help_and_defaults(name):
 
 
 def test_options_reach_the_study_as_what_they_are(command, tmp_path):
-    arguments = ["--schemes", "hht(alpha=-0.1),bdf2", "--kinds", "smooth", "--halvings", "2", "--dt", "2e-3"]
+    arguments = ["--schemes", "HHT(alpha=-0.1),bdf2", "--kinds", "smooth", "--halvings", "2", "--dt", "2e-3"]
     code, out, _ = command("converge", "table10", *arguments, "--out", "here", "--jobs", "1", "--json", "-")
     records = json.loads(out)
     assert code == 0
-    options = {"schemes": ["hht(alpha=-0.1)", "bdf2"], "kinds": ["smooth"], "halvings": 2, "dt": 2e-3}
+    options = {"schemes": ["HHT(alpha=-0.1)", "BDF2"], "kinds": ["smooth"], "halvings": 2, "dt": 2e-3}
     assert records["options"] == options
     assert {(row["scheme"], row["kind"]) for row in records["rows"]} == {
-        ("hht(alpha=-0.1)", "smooth"),
-        ("bdf2", "smooth"),
+        ("HHT(alpha=-0.1)", "smooth"),
+        ("BDF2", "smooth"),
     }
     assert (tmp_path / "here" / "converge.png").is_file()
 

@@ -77,19 +77,20 @@ def test_two_contacts_and_a_tip_elsewhere_come_back_channel_by_channel(folder):
 
 @pytest.mark.slow
 def test_multiprecision_is_frozen_once_for_all_output_times(folder, system):
-    first = sb.cached_reference(system, 0.1, t_eval=[0.0, 0.05, 0.1])
-    again = sb.cached_reference(system, 0.1)
+    first = sb.cached_reference(system, 0.1, "multiprecision", t_eval=[0.0, 0.05, 0.1])
+    again = sb.cached_reference(system, 0.1, "multiprecision")
     assert len(list(folder.iterdir())) == 1
     assert (len(first.t), len(again.t)) == (3, 2001)
     assert np.max(np.abs(again.at(first.t)[0] - first.tip)) < BOUND
     # What did not reach its end is kept with its horizon, at its times.
-    few = [sb.cached_reference(system, 1.5, digits=20, t_eval=np.linspace(0, 1.5, 301)) for _ in range(2)]
+    few = [sb.cached_reference(system, 1.5, "multiprecision", np.linspace(0, 1.5, 301), digits=20) for _ in range(2)]
     assert few[0].horizon == few[1].horizon < 1.5
     assert_same(few[1], few[0])
 
 
 def test_exact_is_not_kept(folder, system):
-    assert sb.cached_reference(system, 0.05, "exact").horizon == 0.05
+    reference = sb.cached_reference(system, 0.05)  # as ``reference`` does, without a method it is the exact one
+    assert (reference.provenance["method"], reference.horizon) == ("exact", 0.05)
     assert not folder.exists()
 
 

@@ -35,10 +35,10 @@ def write(tmp_path):
 def test_a_minimal_file_takes_the_defaults(write):
     case = find_case(str(write(PLAIN)))
     assert (case.name, case.title, case.cells, case.dt, case.t_end) == ("mine", "mine", 8, 1e-3, 0.1)
-    assert [f"{s.name}@{form}" for s, form in case.runs] == [
-        "bdf2@displacement",
-        "sdirk@displacement",
-        "hht@displacement",
+    assert [f"{type(s).__name__}@{form}" for s, form in case.runs] == [
+        "BDF2@displacement",
+        "SDIRK@displacement",
+        "HHT@displacement",
     ]
     assert (case.published, case.notes) == ({}, ())
     assert case.problem == sb.BeamProblem(stiffness=300.0)
@@ -50,7 +50,7 @@ def test_a_full_file_says_everything_that_python_can(write):
             write(
                 HEAD.replace("cells", 'title = "All of it"\ncells')
                 + """
-runs = ["theta(theta=0.6)"]
+runs = ["Theta(theta=0.6)"]
 inferred = ["dt: a guess"]
 [case.problem]
 stiffness = 300
@@ -65,14 +65,14 @@ loads = [
 initial_displacement = [0.0958851077208406, 0.0, 0.25]
 initial_velocity = [0.0, 3.0]
 [case.published.impacts]
-"theta(theta=0.6)" = 3
+"Theta(theta=0.6)" = 3
 """
             )
         )
     )
     problem, x = case.problem, np.array([0.0, 0.5, 1.0])
     assert (case.title, case.notes) == ("All of it", ("dt: a guess",))
-    assert case.published == {"impacts": {"theta(theta=0.6)": 3}}
+    assert case.published == {"impacts": {"Theta(theta=0.6)": 3}}
     assert [(s.theta, form) for s, form in case.runs] == [(0.6, "displacement")]
     assert (problem.stiffness, problem.viscosity) == (300, 0.5)
     assert problem.stops == sb.Stops(upper=0.1, stiffness=1e6)
@@ -165,8 +165,8 @@ def problem_with(line):
         (PLAIN.replace("cells", 'runs = "hht"\ncells'), "mine: runs", "hht", "be a list of runs"),
         (PLAIN.replace("cells", "runs = [1]\ncells"), "mine: runs", 1, "be strings like"),
         (PLAIN.replace("cells", 'runs = ["hhtt"]\ncells'), "mine: scheme", "hhtt", "be a registered scheme"),
-        (PLAIN.replace("cells", 'runs = ["hht(alpha=0.2)"]\ncells'), "mine: alpha", 0.2, "lie in [-0.333333, 0]"),
-        (PLAIN.replace("cells", 'runs = ["hht@disp"]\ncells'), "mine: form", "disp", "be one that there is"),
+        (PLAIN.replace("cells", 'runs = ["HHT(alpha=0.2)"]\ncells'), "mine: alpha", 0.2, "lie in [-0.333333, 0]"),
+        (PLAIN.replace("cells", 'runs = ["HHT@disp"]\ncells'), "mine: form", "disp", "be one that there is"),
         (PLAIN.replace("300.0", '"stiff"'), "mine.problem: stiffness", "stiff", "be a number"),
         (PLAIN.replace("300.0", "true"), "mine.problem: stiffness", True, "be a number"),
         (PLAIN.replace("300.0", "-1.0"), "mine.problem: stiffness", -1.0, "be > 0"),
@@ -249,9 +249,9 @@ def test_a_bad_field_names_file_field_value_and_rule(write, text, field, value, 
         (PLAIN.replace("stiffness", "stifness"), "did you mean stiffness"),
         (problem_with("base = { ampltude = 1, frequency = 1 }"), "did you mean amplitude?"),
         (PLAIN.replace("dt = 1e-3", "dt = 0.03"), "the nearest step that does is 0.0333333"),
-        (PLAIN.replace("cells", 'runs = ["hhtt"]\ncells'), "did you mean hht?"),
-        (PLAIN.replace("cells", 'runs = ["hht(alpha=0.2)"]\ncells'), "pass -alpha"),
-        (PLAIN.replace("cells", 'form = "hermite"\ncells'), 'runs = ["hht@hermite"]'),
+        (PLAIN.replace("cells", 'runs = ["hhtt"]\ncells'), "did you mean HHT?"),
+        (PLAIN.replace("cells", 'runs = ["HHT(alpha=0.2)"]\ncells'), "pass -alpha"),
+        (PLAIN.replace("cells", 'form = "hermite"\ncells'), 'runs = ["HHT@hermite"]'),
     ],
 )
 def test_a_bad_field_is_answered_with_the_near_one(write, text, remedy):

@@ -28,7 +28,7 @@ from stiffbeam.studies.engine.journal import Journal
 from stiffbeam.studies.engine.runner import run_study
 
 SMALL = replace(paper_case(10), cells=8, t_end=0.8)
-AMPLIFICATION = {"schemes": ["bdf2", "hht(alpha=-0.1)", "trapezoidal", "bathe"], "per_decade": 10}
+AMPLIFICATION = {"schemes": ["bdf2", "HHT(alpha=-0.1)", "trapezoidal", "bathe"], "per_decade": 10}
 
 FULL = """
 import resource, sys

@@ -21,7 +21,7 @@ TEXT = """
 name = "chain"
 dt = 1e-3
 t_end = 8.0
-runs = ["hht(alpha=-0.1)", "bdf2"]
+runs = ["HHT(alpha=-0.1)", "bdf2"]
 [case.system]
 mass = "M.mtx"
 stiffness = "K.npz"
@@ -103,7 +103,7 @@ def test_a_file_makes_the_system_that_python_makes(file):
         ("{ 0 = 1.0 }", '{ "²" = 1.0 }', "of an unknown from 0 to 2"),
         ("[1.0, 0.0, 0.0]", "[1.0, 0.0]", "hold 3 numbers"),
         ("dt = 1e-3", "dt = 1e-3\ncells = 8", "has no grid"),
-        ('"bdf2"]', '"bdf2@hermite"]', "be without a form"),
+        ('"bdf2"]', '"BDF2@hermite"]', "be without a form"),
         ("upper = 0.2\n", "upper = 0.2\nmotion = { constant = 0.1 }\n", "known field"),
         ("[case.system]", "[case.problem]\nstiffness = 1.0\n[case.system]", "stand alone"),
     ],
@@ -184,7 +184,7 @@ def test_the_commands_take_the_file(file, command):
     assert code == 0, err
     found = json.loads(out)
     assert (found["case"], found["cells"]) == ("chain", None)
-    assert {f"{x}@matrices" for x in ("hht(alpha=-0.1)", "bdf2", "exact")} <= set(re.findall(r'[^\s"]+@matrices', out))
+    assert {f"{x}@matrices" for x in ("HHT(alpha=-0.1)", "BDF2", "exact")} <= set(re.findall(r'[^\s"]+@matrices', out))
     code, out, err = command("reference", str(file), "--t-end", "0.3", "--method", "multiprecision", "--out", "r.nc")
     assert code == 0, err
     assert "contacts[1].stops.upper = 0.2" in out

@@ -69,10 +69,10 @@ def test_the_guide_counts_what_the_study_finds(tmp_path, monkeypatch):
     ).groups()
     share, trapezoidal = re.search(r"for ([\d.]+) %, but gains energy at the stops and counts (\d+)", text).groups()
     held("exact", exact, exact_share)
-    held("HHT(-0.1)", hht, hht_share)
-    held("SDIRK(0.4359)", sdirk, sdirk_share)
+    held("HHT(alpha=-0.1)", hht, hht_share)
+    held("SDIRK(gamma=0.4359)", sdirk, sdirk_share)
     held("BDF2", bdf2, bdf2_share)
-    held("trapezoidal", trapezoidal, share)
+    held("Trapezoidal", trapezoidal, share)
 
 
 @pytest.mark.parametrize(

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import importlib.util
 import io
 import json
 import re
+import runpy
 import subprocess
 import sys
 from contextlib import redirect_stdout
@@ -50,6 +52,16 @@ def test_the_site_has_every_page(site):
     assert any("_images" in source for source in drawn)  # a kernel shows what the last line of a cell returns
 
 
+def test_the_page_of_variables_is_the_schema():
+    from stiffbeam.trajectory.schema import COORDINATES, SCHEMA
+
+    page = runpy.run_path(str(ROOT / "studies" / "site.py"))["variables"]()
+    assert [line.split("`")[1] for line in page.splitlines() if line.startswith("| `")] == [
+        variable.name for variable in (*SCHEMA, *COORDINATES)
+    ]
+    assert "| `energy_loss` | `energy.loss` | time | J | numerical loss since t = 0 |" in page
+
+
 @pytest.mark.slow
 def test_the_reference_of_names_holds_every_public_name(site):
     import stiffbeam as sb
@@ -62,7 +74,6 @@ def test_the_reference_of_names_holds_every_public_name(site):
 @pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::PendingDeprecationWarning")
 def test_a_broken_link_ends_the_build(tmp_path, monkeypatch, capfd):
     pytest.importorskip("sphinx")
-    import importlib.util
 
     spec = importlib.util.spec_from_file_location("stiffbeam_site", ROOT / "studies" / "site.py")
     module = importlib.util.module_from_spec(spec)
@@ -109,7 +120,7 @@ def test_records_of_a_comparison_and_a_study_are_as_documented(command):
     found = json.loads(out)
     assert (code, set(found) - {"stiffbeam", "command"}) == (0, documented("a study"))
     assert found["command"] == "energy"
-    assert [line["scheme"] for line in found["table"]] == ["hht(alpha=-0.1)", "bdf2"]
+    assert [line["scheme"] for line in found["table"]] == ["HHT(alpha=-0.1)", "BDF2"]
     code, out, err = command("energy", "table10", "--smoke", "--quiet")
     assert (code, out, err) == (0, "", "")
     code, out, err = command("energy", "table10", "--smoke", "--verbose")

@@ -119,19 +119,18 @@ def test_slices_and_stretches_of_any_size_give_the_same_bits(system, monkeypatch
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("engine", ["numpy", "jax"])
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("contact", ["implicit", "extrapolated"])
-def test_other_engines_are_equal_to_rounding(engine, kind, contact, system):
+def test_the_kernel_in_numpy_is_equal_to_rounding(kind, contact, system):
     """Through the first impacts, before chaos has made rounding visible."""
     members = members_of(kind, system)
     t_end = 0.06 if contact == "implicit" else 0.056
     for scheme in (sb.HHT(-0.1), sb.BDF2(), sb.SDIRK(nystrom=True)):
         ours, other = (
             sb.integrate_ensemble(system, scheme, 1e-4, t_end, members, contact, every=7, engine=name)
-            for name in ("numba", engine)
+            for name in ("numba", "numpy")
         )
-        assert other.provenance["engine"] == engine
+        assert other.provenance["engine"] == "numpy"
         assert np.sum(ours.impact_count) > 9
         assert np.array_equal(ours.impact_count, other.impact_count)
         tolerance = 1e-9 if contact == "implicit" else 1e-6
@@ -140,35 +139,6 @@ def test_other_engines_are_equal_to_rounding(engine, kind, contact, system):
             assert np.max(np.abs(a - b)) < 1e3 * tolerance * np.max(np.abs(a))
         assert np.max(np.abs(ours.tip - other.tip)) < tolerance * np.max(np.abs(ours.tip))
         assert np.allclose(ours.impacts.times, other.impacts.times, rtol=0, atol=tolerance)
-
-
-@pytest.mark.slow
-def test_jax_goes_on_where_it_left_off(system, monkeypatch):
-    """Sampled loads, stretches that are filled up, a list of impacts that is too short."""
-    from stiffbeam.march.kernels import blocks_jax as kernel_jax
-
-    stops = sb.Stops(-0.06, 0.05, stiffness=5e6)
-    problem = sb.BeamProblem(
-        stiffness=300.0, viscosity=0.05, stops=stops, base=system.problem.base,
-        loads=sb.PointLoad(0.5, lambda t: 40.0 * np.sin(6.0 * t)),
-    )  # fmt: skip
-    driven = sb.semidiscretise(problem, 8)
-    members = sb.perturbed(driven, 3, 1e-6)
-    whole = sb.integrate_ensemble(driven, sb.HHT(-0.1), 1e-4, 0.1, members, every=1)
-    for size in (1 << 22, 300):
-        monkeypatch.setattr(kernel_jax, "NUMBERS_BACK", size)
-        other = sb.integrate_ensemble(driven, sb.HHT(-0.1), 1e-4, 0.1, members, every=1, engine="jax")
-        assert np.sum(other.impact_count) > 9
-        assert np.max(np.abs(whole.tip - other.tip)) < 1e-8 * np.max(np.abs(whole.tip))
-        assert np.allclose(whole.impulse, other.impulse, rtol=1e-6)
-
-
-def test_jax_refuses_several_contacts_and_leaves_single_precision_alone():
-    import jax.numpy as jnp
-
-    with pytest.raises(sb.InputError, match="contact"):
-        sb.integrate_ensemble(two_contacts(), sb.HHT(), 2e-3, 0.1, sb.perturbed(two_contacts(), 2), engine="jax")
-    assert jnp.ones(1).dtype == np.float32
 
 
 def test_the_company_of_a_member_does_not_change_its_bits(system, monkeypatch):
@@ -273,6 +243,7 @@ def test_the_statistics_of_an_ensemble_are_those_of_its_impacts(system):
         (lambda s: sb.varied(s, frequency=[-1.0]), "frequency"),
         (lambda s: sb.varied(s, stops=[0.1]), "stops"),
         (lambda s: sb.integrate_ensemble(s, sb.HHT(), 1e-4, 0.1, sb.perturbed(s, 1), engine="fortran"), "engine"),
+        (lambda s: sb.integrate_ensemble(s, sb.HHT(), 1e-4, 0.1, sb.perturbed(s, 1), engine="jax"), "leave engine out"),
         (lambda s: sb.integrate_ensemble(s, sb.HHT(), 1e-4, 0.1, []), "members"),
         (lambda s: sb.integrate_ensemble(s, sb.HHT(), 1e-4, 0.1, [sb.semidiscretise(s.problem, 8)]), "members"),
         (lambda s: sb.varied(two_contacts(), frequency=[1.0]), "frequency"),
@@ -284,7 +255,7 @@ def test_bad_arguments_are_named(make, field, system):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("engine", ["numba", "numpy", "jax"])
+@pytest.mark.parametrize("engine", ["numba", "numpy"])
 @pytest.mark.parametrize("scheme", [sb.HHT(-0.1), sb.BDF2(), sb.SDIRK(nystrom=True)], ids=str)
 def test_contacts_recorded_from_a_time_on_are_those_of_every_step_after_it(scheme, engine, system):
     """A window that begins inside a block and during a contact, against all steps of the same run."""
@@ -365,5 +336,5 @@ def test_members_whose_contact_is_there_at_the_start_are_flagged(rigid):
         sb.reference_ensemble(pressed, 1.0, members),
     ):
         assert many.contact.open_at_start.tolist() == [True, False]
-        assert many.to_dataframe()["contact0_open_at_start"].tolist() == [True, False]
+        assert many.to_dataframe()["contact_open_at_start_0"].tolist() == [True, False]
         assert many.to_xarray()["contact_open_at_start"].values.tolist() == [[1, 0]]

@@ -1,4 +1,4 @@
-"""Long runs: what rounding leaves of energy, phase and impact times; the memory of 1e9 steps is in test_leaps.py."""
+"""Long runs: what rounding leaves of energy, phase and impact times."""
 
 from __future__ import annotations
 

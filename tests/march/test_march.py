@@ -196,8 +196,8 @@ def test_components_that_only_add_to_others_are_left_out(table10):
     basis = modes(system)
     assert basis is not None
     kept = {
-        "hht(alpha=-0.1)": 3, "hht(alpha=-0.3)": 3, "hht(alpha=0.0)": 2, "bdf2": 4, "theta(theta=0.5)": 2,
-        "sdirk(gamma=0.4359)": 2, "hht(alpha=-0.1).printed(unweighted)": 3,
+        "HHT(alpha=-0.1)": 3, "HHT(alpha=-0.3)": 3, "HHT(alpha=0.0)": 2, "bdf2": 4, "Theta(theta=0.5)": 2,
+        "SDIRK(gamma=0.4359)": 2, "HHT(alpha=-0.1).printed(unweighted)": 3,
     }  # fmt: skip
 
     def reading(propagator, packed):

@@ -51,7 +51,7 @@ def test_durations_are_those_that_a_fine_grid_sees(monkeypatch):
             assert found == pytest.approx(wanted, abs=2 * fine)
 
 
-@pytest.mark.parametrize("scheme", ["trapezoidal", "hht(alpha=-0.1)", "bdf2", "sdirk(gamma=0.4359, nystrom=true)"])
+@pytest.mark.parametrize("scheme", ["trapezoidal", "HHT(alpha=-0.1)", "bdf2", "SDIRK(gamma=0.4359, nystrom=True)"])
 def test_a_scheme_s_contact_of_a_free_mass_lasts_half_a_period(scheme, monkeypatch):
     """m x'' = -kappa (x - g)_+ from outside: the contact lasts pi sqrt(m/kappa), to the scheme's order."""
     mass, kappa = 2.0, 5e3

@@ -43,7 +43,7 @@ def test_impacts_are_counted_at_every_contact(two):
     assert list(blocks) == [" at contact 1", " at contact 2"]
     exact = solve_once(with_a_stop_half_way(SMALL, "displacement"), 0.2)
     for i, (place, rows) in enumerate(blocks.items()):
-        (first, *_) = [row for row in rows if row["scheme"] == "hht(alpha=-0.1)"]
+        (first, *_) = [row for row in rows if row["scheme"] == "HHT(alpha=-0.1)"]
         assert first["reference_count"] == exact.contacts[i].impacts.count > 0
         sampled = next(row for row in rows if row["scheme"] == "reference")
         assert sampled["count"] == exact.impacts_sampled(sampled["dt"], contact=i).count
@@ -53,13 +53,18 @@ def test_impacts_are_counted_at_every_contact(two):
 
 
 def test_distributions_are_those_of_every_contact(two):
-    records = study("ensemble", SMALL, schemes=["hht(alpha=-0.1)"], members=3, t_end=0.2, size=0.02)
+    records = study("ensemble", SMALL, schemes=["HHT(alpha=-0.1)"], members=3, t_end=0.2, size=0.02)
     members = {key: [row["count"] for row in rows if row["kind"] == "member" and row["method"] == "exact"]
                for key, rows in by_contact(records.rows).items()}  # fmt: skip
     assert [len(counts) for counts in members.values()] == [3, 3]
     assert members[" at contact 1"] != members[" at contact 2"]
     labels = [tick.get_text() for tick in records.figure().axes[0].get_yticklabels()]
-    assert labels == ["exact at contact 1", "exact at contact 2", "HHT(-0.1) at contact 1", "HHT(-0.1) at contact 2"]
+    assert labels == [
+        "exact at contact 1",
+        "exact at contact 2",
+        "HHT(alpha=-0.1) at contact 1",
+        "HHT(alpha=-0.1) at contact 2",
+    ]
     assert "At contact 2: Over 3 members" in records.answer
     assert records.answer.notes.count("Off by") == 1  # what holds at both contacts stands once
 
@@ -81,7 +86,7 @@ def test_a_sweep_draws_a_line_for_every_contact(two):
     records = study("sweep", SMALL, **options)
     rows = [row for row in records.rows if row["kind"] == "contact"]
     assert [(row["dt"], row["contact_number"]) for row in rows if row["contact_number"] == 2]
-    assert "impacts a period at contact 2" in records.answer.text()
+    assert "impacts per period at contact 2" in records.answer.text()
     count = records.figure().axes[1]
     assert len(count.get_lines()) == 2
     grid = study("sweep", SMALL, **options, second="alpha", second_values=[-0.1, -0.2])

@@ -40,7 +40,7 @@ name = "strip"
 cells = 8
 dt = 1e-3
 t_end = 0.1
-runs = ["hht@hermite"]
+runs = ["HHT@hermite"]
 [case.problem]
 length = 2.0
 bending_stiffness = 3.0

@@ -96,7 +96,8 @@ def test_a_drive_is_varied_with_the_problems_initial_data_or_not_at_all(systems)
 def test_members_differ_in_what_a_march_can_tell_apart(systems):
     system = systems["displacement"]
     with pytest.raises(sb.InputError, match="differ in"):
-        sb.Members(system, "stiffness", [1.0], {"stiffness": [4.0 * system.stiffness]})
+        sb.Members(system, "form", [1.0], {"form": ["hermite"]})
+    assert sb.Members(system, "stiffness", [1.0], {"stiffness": [4.0 * system.stiffness]}).separate
     elsewhere = (sb.Contact(np.eye(8)[3], system.contacts[0].stops),)
     with pytest.raises(sb.InputError, match="contact rows"):
         sb.Members(system, "contacts", [1.0], {"contacts": [elsewhere]})

@@ -132,7 +132,7 @@ def test_marches_agree_where_rounding_would_tell_the_side(on_the_stop):
             assert one.impacts.count == two.impacts.count
             assert np.allclose(one.impacts.times, two.impacts.times, rtol=0, atol=1e-6)
             assert np.allclose(one.impacts.ends, two.impacts.ends, rtol=0, atol=1e-6, equal_nan=True)
-            for name in ("stop_dissipation", "loss", "contact", "free"):
+            for name in ("stop_dissipation", "loss", "loss_in_contact", "loss_without_contact"):
                 x, y = getattr(first.energy, name), getattr(other.energy, name)
                 assert np.allclose(x, y, rtol=0, atol=1e-7 * np.max(first.energy.energy)), name
             compared += 1

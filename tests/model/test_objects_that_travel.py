@@ -42,7 +42,8 @@ def test_nothing_shows_more_than_a_screen(things):
 
 def test_a_comparison_shows_its_table_once_in_a_notebook(things):
     html = things["comparison"]._repr_html_()
-    assert html.count("<table") == html.count("</table>") == 1 or html.count("<pre") == 1
+    assert html.count("<table") == html.count("</table>") == 2  # the numbers, and one line for each contact
+    assert "<pre" not in html
     assert isinstance(str(things["comparison"]), str)
 
 
@@ -100,13 +101,13 @@ def test_an_ensemble_is_saved_whole(things, tmp_path):
     many = things["many"]
     with xarray.open_dataset(many.save(tmp_path / "many.nc"), engine="h5netcdf", decode_times=False) as found:
         np.testing.assert_array_equal(found.tip, many.tip)
-        np.testing.assert_array_equal(found.contact_impacts[0], many.impact_count)
+        np.testing.assert_array_equal(found.impact_count[0], many.impact_count)
         np.testing.assert_array_equal(found.contact_peak_force[0], many.peak_force)
-        third = found.impact_times[(found.impact_member == 3) & (found.impact_contact == 0)]
+        third = found.impact_time[(found.impact_member == 3) & (found.impact_contact == 0)]
         np.testing.assert_array_equal(third, many.contacts[0].impacts_of(3).times)
         assert found.tip.attrs["units"] == "1"
     assert many.save(tmp_path / "many.csv").read_text().count("\n") == 9
-    with pytest.raises(InputError, match=r"end in \.nc or \.csv"):
+    with pytest.raises(InputError, match=r"end in \.nc or "):
         many.save(tmp_path / "many.xlsx")
 
 

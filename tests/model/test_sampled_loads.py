@@ -200,9 +200,9 @@ def test_a_measured_base_motion_moves_the_beam_as_its_harmonic_does(form):
 def test_a_measured_run_travels_is_cached_frozen_and_repeated(tmp_path, monkeypatch):
     monkeypatch.setenv("STIFFBEAM_CACHE_DIR", str(tmp_path))
     system = hammered(sb.Sampled(np.linspace(0, 2, 9), [0, 9, 0, -7, 5, 0, 0, 3, 0]), 0.01)
-    one = sb.cached_reference(system, 2.0)
+    one = sb.cached_reference(system, 2.0, "multiprecision")
     copy = pickle.loads(pickle.dumps(system))
-    two = sb.cached_reference(copy, 2.0)  # from the frozen file, re-marched from sample to sample
+    two = sb.cached_reference(copy, 2.0, "multiprecision")  # from the frozen file, re-marched from sample to sample
     assert one.impacts.count == two.impacts.count > 0
     assert np.max(np.abs(one.tip - two.tip)) < 1e-9 * np.max(np.abs(one.tip))
     ensemble = sb.integrate_ensemble(copy, sb.HHT(), 1e-3, 2.0, members=sb.perturbed(system, 3))

@@ -106,7 +106,7 @@ def test_a_stop_that_moves_gives_speed():
 def test_convergence_studies_take_problems_without_stiffness():
     for name in ("bouncing-ball", "kelvin-voigt"):
         problem = sb.problem(name)
-        scheme = "moreau-jean(theta=0.5)" if name == "bouncing-ball" else "hht(alpha=-0.1)"
+        scheme = "MoreauJean(theta=0.5)" if name == "bouncing-ball" else "HHT(alpha=-0.1)"
         options = {"schemes": [scheme], "dt": problem.t_end / 200.0, "t_end": problem.t_end}
         found = sb.study("converge", problem.system, halvings=2, impacts=1, **options)
         assert found.found, found.answer
@@ -114,7 +114,7 @@ def test_convergence_studies_take_problems_without_stiffness():
 
 def test_modes_says_why_nothing_oscillates():
     system = sb.problem("bouncing-ball").system
-    found = sb.study("modes", system, schemes=["hht(alpha=-0.1)"], dt=1e-3, t_end=1.0, steps=100)
+    found = sb.study("modes", system, schemes=["HHT(alpha=-0.1)"], dt=1e-3, t_end=1.0, steps=100)
     assert "no stiffness" in str(found.answer)
 
 

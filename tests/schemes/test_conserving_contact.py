@@ -202,12 +202,6 @@ class TestRefusals:
         with pytest.raises(InputError, match=r"stops\.damping"):
             sb.integrate_ensemble(linear, sb.Trapezoidal(), 1e-3, 0.1, members, contact="conserving")
 
-    def test_jax(self):
-        pytest.importorskip("jax")
-        system = free_beam(6)
-        with pytest.raises(InputError, match="engine='numba'"):
-            sb.integrate_ensemble(system, sb.Trapezoidal(), 1e-3, 0.1, [system], contact="conserving", engine="jax")
-
 
 @pytest.mark.parametrize("scheme", [sb.Trapezoidal(), sb.ExponentialFlow()])
 def test_without_contact_nothing_is_left_to_conserve(three_masses, scheme):

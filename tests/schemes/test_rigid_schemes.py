@@ -176,7 +176,7 @@ name = "wall"
 cells = 6
 dt = 1e-4
 t_end = 0.1
-runs = ["moreau-jean", "nonsmooth-alpha(rho=0.8)"]
+runs = ["moreau-jean", "NonsmoothGeneralisedAlpha(rho=0.8)"]
 [case.problem]
 stiffness = 300.0
 stops = { lower = -0.1, upper = 0.1, stiffness = inf, restitution = 0.5 }
@@ -184,7 +184,7 @@ base = { amplitude = 0.2, frequency = 10.0 }
 """
     case = parse_case(text, "wall.toml")
     assert case.problem.stops == sb.Stops(lower=-0.1, upper=0.1, stiffness=INF, restitution=0.5)
-    assert [str(scheme) for scheme, _ in case.runs] == ["moreau-jean(theta=0.5)", "nonsmooth-alpha(rho=0.8)"]
+    assert [str(scheme) for scheme, _ in case.runs] == ["MoreauJean(theta=0.5)", "NonsmoothGeneralisedAlpha(rho=0.8)"]
     for scheme, form in case.runs:
         assert sb.integrate(sb.semidiscretise(case.problem, 6, form), scheme, case.dt, case.t_end).impacts.count > 0
 

@@ -39,29 +39,29 @@ def test_a_run_may_leave_out_what_has_a_default():
     scheme, form = parse_run(" hht ")
     assert (type(scheme), scheme.alpha, form) == (sb.HHT, -0.1, "displacement")
     assert parse_run("bdf2", "velocity-curvature")[1] == "velocity-curvature"
-    assert parse_run("sdirk.printed")[0].erratum == "sigma"
+    assert parse_run("SDIRK.printed")[0].erratum == "sigma"
     sdirk = parse_run("sdirk( gamma = 0.4359 , nystrom=TRUE ) @ displacement")[0]
     assert (sdirk.gamma, sdirk.nystrom) == (GAMMA_THIRD_ORDER, True)  # the paper's digits mean the root
-    assert str(sdirk) == "sdirk(gamma=0.4359, nystrom=true)"
+    assert str(sdirk) == "SDIRK(gamma=0.4359, nystrom=True)"
 
 
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("hhtt", "scheme must be a registered scheme, got 'hhtt': did you mean hht?"),
-        ("xyz", "known: bdf2, sdirk, hht"),
+        ("hhtt", "scheme must be a registered scheme, got 'hhtt': did you mean HHT?"),
+        ("xyz", "known: BDF2, SDIRK, HHT"),
         ("", "scheme must read name(parameter=value, ...)@form, got ''"),
-        ("hht(alpha=-0.1", "scheme must read name(parameter=value, ...)@form"),
-        ("hht@displacement@displacement", "e.g. hht(alpha=-0.1)@displacement"),
-        ("hht(alpha=small)", "scheme must give alpha a number, true or false, got 'hht(alpha=small)'"),
+        ("HHT(alpha=-0.1", "scheme must read name(parameter=value, ...)@form"),
+        ("HHT@displacement@displacement", "e.g. HHT(alpha=-0.1)@displacement"),
+        ("HHT(alpha=small)", "scheme must give alpha a number, true or false, got 'HHT(alpha=small)'"),
         ("hht(alpha)", "scheme must name every parameter"),
         ("hht(alhpa=-0.1)", "'alhpa'"),
-        ("hht(alpha=0.1)", "alpha must lie in [-0.333333, 0], got 0.1: if your alpha is in [0, 1/3], pass -alpha"),
-        ("hht(alpha='-0.1')", "alpha must lie in [-0.333333, 0], got '-0.1'"),
-        ("sdirk(gamma=0.1)", "outside it the scheme is not L-stable"),
-        ("sdirk.printed(sgma)", "erratum must be one the paper prints for this scheme, got 'sgma': did you mean sigma"),
+        ("HHT(alpha=0.1)", "alpha must lie in [-0.333333, 0], got 0.1: if your alpha is in [0, 1/3], pass -alpha"),
+        ("HHT(alpha='-0.1')", "alpha must lie in [-0.333333, 0], got '-0.1'"),
+        ("SDIRK(gamma=0.1)", "outside it the scheme is not L-stable"),
+        ("SDIRK.printed(sgma)", "erratum must be one the paper prints for this scheme, got 'sgma': did you mean sigma"),
         ("bdf2.printed", "have a printed form"),
-        ("bdf2@displacment", "form must be one that there is, got 'displacment': did you mean displacement?"),
+        ("BDF2@displacment", "form must be one that there is, got 'displacment': did you mean displacement?"),
     ],
 )
 def test_a_bad_run_is_refused_with_the_way_out(text, message):
@@ -70,9 +70,9 @@ def test_a_bad_run_is_refused_with_the_way_out(text, message):
 
 
 def test_commas_inside_parentheses_belong_to_the_run():
-    text = "bdf2, sdirk(gamma=0.5, nystrom=true)@displacement,sdirk.printed(sigma),"
+    text = "bdf2, SDIRK(gamma=0.5, nystrom=True)@displacement,SDIRK.printed(sigma),"
     assert [part.strip() for part in split_runs(text)] == [
         "bdf2",
-        "sdirk(gamma=0.5, nystrom=true)@displacement",
-        "sdirk.printed(sigma)",
+        "SDIRK(gamma=0.5, nystrom=True)@displacement",
+        "SDIRK.printed(sigma)",
     ]

@@ -217,7 +217,7 @@ def test_parameters_outside_their_range_are_refused_with_the_way_out():
 
 
 def test_printed_forms_are_chosen_by_name_and_bad_names_are_refused():
-    assert str(sb.HHT(-0.1).printed()) == "hht(alpha=-0.1).printed(unweighted)"
+    assert str(sb.HHT(-0.1).printed()) == "HHT(alpha=-0.1).printed(unweighted)"
     assert sb.SDIRK().printed().sigma == -sb.SDIRK().sigma
     with pytest.raises(sb.InputError, match="sigma"):
         sb.SDIRK().printed("sigmaa")
@@ -295,7 +295,7 @@ def test_a_step_that_breaks_the_contract_is_refused(three_masses):
         with pytest.raises(sb.InputError, match=word):
             sb.integrate(three_masses, scheme, 0.01, 0.1)
     run = sb.integrate(three_masses, Own(), 0.01, 0.1)
-    assert run.label == "own@matrices"
+    assert run.label == "Own@matrices"
 
 
 def test_a_last_node_that_is_not_the_end_of_the_step_is_noticed(table10):

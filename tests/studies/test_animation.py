@@ -81,4 +81,4 @@ def test_the_command(command, tmp_path):
     assert code == 0, err
     assert (tmp_path / "stiffbeam-output" / "table10" / "animation.gif").is_file()
     assert "animation.gif" in out
-    assert command("animate", "table10", "--schemes", "hht,bdf2@velocity-curvature")[0] == 2
+    assert command("animate", "table10", "--schemes", "hht,BDF2@velocity-curvature")[0] == 2

@@ -148,7 +148,7 @@ def test_every_claim_on_the_ensembles_bears_that_all_runs_overflowed():
 
 def test_hht_without_damping_overflows_with_extrapolated_contact_and_the_claim_goes_on():
     reading = Reading("extrapolated")
-    assert elsewhere(10, "hht(alpha=0.0)@displacement", reading, 2, 1) == {}
+    assert elsewhere(10, "HHT(alpha=0.0)@displacement", reading, 2, 1) == {}
     row = {"ensemble": {"1": {"impacts": [860, 900]}, "2": {"impacts": [870, 840]}}, "digits": None}
     table = NOTHING.tables[10] | {"exact": {"displacement": row}}
     found = damping_avoids(replace(NOTHING, reading=reading, tables=NOTHING.tables | {10: table}), 10)

@@ -20,7 +20,7 @@ from stiffbeam.studies.engine.runner import run_study
 SMALL = replace(paper_case(10), cells=8, t_end=0.8)
 
 
-THREE = ["bdf2", "hht(alpha=-0.1)", "trapezoidal"]
+THREE = ["bdf2", "HHT(alpha=-0.1)", "trapezoidal"]
 
 
 def counting(study, calls, stop_after=None):
@@ -47,7 +47,7 @@ def test_an_interrupted_study_evaluates_only_what_is_missing(tmp_path):
         run_study(counting(one, first, stop_after=3), SMALL, tmp_path, **AMPLIFICATION)
     resumed = run_study(counting(one, second), SMALL, tmp_path, **AMPLIFICATION)
     assert len(first) == 3
-    assert [point["scheme"] for point in second] == ["bathe(split=0.5)"]
+    assert [point["scheme"] for point in second] == ["Bathe(split=0.5)"]
     assert json.dumps(resumed.rows) == json.dumps(whole.rows)
     run_study(counting(one, third), SMALL, tmp_path, **AMPLIFICATION)
     assert not third
@@ -109,7 +109,7 @@ def test_a_line_cut_short_is_evaluated_again(tmp_path):
     file.write_bytes(full[:-40])
     calls = []
     again = run_study(counting(one, calls), SMALL, tmp_path, **AMPLIFICATION)
-    assert [point["scheme"] for point in calls] == ["bathe(split=0.5)"]
+    assert [point["scheme"] for point in calls] == ["Bathe(split=0.5)"]
     assert json.dumps(again.rows) == json.dumps(whole.rows)
     assert file.read_bytes() == full
 

@@ -70,9 +70,9 @@ def test_the_runs_of_a_table_are_the_papers(table, monkeypatch):
         assert run.provenance["form"] == FORMS.get(equation, "displacement")
         assert run.provenance["contact"] == "implicit"
         wanted = {
-            "(4.13)": f"hht(alpha={alpha})", "(4.5)": "bdf2", "(4.11)": "bdf2",
-            "(4.10)": f"sdirk(gamma={gamma and float(gamma)})", "(4.12)": f"sdirk(gamma={gamma and float(gamma)})",
-            "(4.14)": f"sdirk(gamma={gamma and float(gamma)}, nystrom=true)",
+            "(4.13)": f"HHT(alpha={alpha})", "(4.5)": "BDF2", "(4.11)": "BDF2",
+            "(4.10)": f"SDIRK(gamma={gamma and float(gamma)})", "(4.12)": f"SDIRK(gamma={gamma and float(gamma)})",
+            "(4.14)": f"SDIRK(gamma={gamma and float(gamma)}, nystrom=True)",
         }[equation]  # fmt: skip
         assert run.provenance["method"] == wanted
         if table in (15, 16):
@@ -286,9 +286,9 @@ def test_misprints_are_measured():
 
 def test_a_reading_says_what_it_is_and_refuses_what_it_cannot_be(tmp_path):
     assert Reading("extrapolated", True).name == "extrapolated-printed"
-    assert str(Reading(printed=True).scheme(sb.HHT(-0.1))) == "hht(alpha=-0.1).printed(unweighted)"
-    assert str(Reading(printed=True).scheme(sb.BDF2())) == "bdf2"
-    assert str(Reading().scheme(sb.HHT(-0.1))) == "hht(alpha=-0.1)"
+    assert str(Reading(printed=True).scheme(sb.HHT(-0.1))) == "HHT(alpha=-0.1).printed(unweighted)"
+    assert str(Reading(printed=True).scheme(sb.BDF2())) == "BDF2"
+    assert str(Reading().scheme(sb.HHT(-0.1))) == "HHT(alpha=-0.1)"
     with pytest.raises(sb.InputError, match="contact"):
         Reading("explicit")
     with pytest.raises(sb.InputError, match="MANIFEST"):

@@ -22,7 +22,7 @@ name = "wall"
 cells = 6
 dt = 1e-4
 t_end = 0.1
-runs = ["moreau-jean(theta=0.6)"]
+runs = ["MoreauJean(theta=0.6)"]
 [case.problem]
 stiffness = 300.0
 stops = { lower = -0.1, upper = 0.1, stiffness = inf, restitution = 0.5 }
@@ -34,10 +34,12 @@ base = { amplitude = 0.2, frequency = 10.0 }
 
 def test_studies_run_the_schemes_of_the_case_and_those_for_rigid_stops():
     labels = scheme_labels(CASE)
-    assert "moreau-jean(theta=0.6)" in labels
-    with_impacts = {name for name, kind in RIGID.items() if kind().restitutes}
+    assert "MoreauJean(theta=0.6)" in labels
+    with_impacts = {kind.__name__ for kind in RIGID.values() if kind().restitutes}
     assert {label.partition("(")[0] for label in labels} == with_impacts
-    assert {label.partition("(")[0] for label in scheme_labels(sb.paper_case(10))} == set(SCHEMES) - {"theta"}
+    assert {label.partition("(")[0] for label in scheme_labels(sb.paper_case(10))} == {
+        kind.__name__ for kind in SCHEMES.values()
+    } - {"Theta"}
 
 
 @pytest.mark.slow
@@ -46,7 +48,7 @@ def test_the_study_of_impacts_is_asked_of_it():
     assert not records.failures
     assert not any("refused" in row for row in records.rows)
     counts = {row["scheme"]: row["count"] for row in records.found}
-    assert set(counts) == {"exact", "reference", "moreau-jean(theta=0.5)"}
+    assert set(counts) == {"exact", "reference", "MoreauJean(theta=0.5)"}
     assert [scheme for scheme, count in counts.items() if np.isnan(count)] == ["reference"]  # nothing to sample
 
 

@@ -71,11 +71,11 @@ def test_each_kind_has_a_label_of_its_own(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     runs = [recorded(pair(), dt, 0.1) for dt in (0.05, 0.025)]
     chosen = integrators(
-        ["hht(alpha=-0.1)", "radau", "ext_kinds:radau", radau, *runs, lambda *_: None, lambda *_: None]
+        ["HHT(alpha=-0.1)", "radau", "ext_kinds:radau", radau, *runs, lambda *_: None, lambda *_: None]
     )
     assert [x.kind for x in chosen] == ["scheme", "solver", "function", "function", "recorded", "function", "function"]
     labels = [x.label for x in chosen]
-    assert labels[:3] == ["hht(alpha=-0.1)", "radau", "ext_kinds:radau"]
+    assert labels[:3] == ["HHT(alpha=-0.1)", "radau", "ext_kinds:radau"]
     assert labels[3].endswith("test_integrators:radau")
     assert labels[4:] == ["radau (recorded)", "<lambda>", "<lambda> (2)"]
     for other in (3, None, [], [3]):
@@ -107,7 +107,7 @@ def test_compare_takes_functions_recorded_runs_and_solvers():
     function, arrays, rule = (
         errors[f"{integrator(radau).label}@matrices"],
         errors["radau@matrices"],
-        errors["trapezoidal@matrices"],
+        errors["Trapezoidal@matrices"],
     )
     assert function == arrays < 0.1 * rule
     assert {x.contacts[0].run.impacts for x in result.comparisons} == {result.references[0].impacts.count}
@@ -131,7 +131,7 @@ def test_what_breaks_in_a_function_is_a_failure_with_its_reason():
     assert "returned no later times" in messages["short@matrices"]
     assert "ZeroDivisionError: no pivot" in messages["raising@matrices"]
     assert "overflowed at t = 0.3" in messages["overflowing@matrices"]
-    assert [run.label for run in result.runs] == ["trapezoidal@matrices"]
+    assert [run.label for run in result.runs] == ["Trapezoidal@matrices"]
 
 
 def test_studies_run_a_function_as_the_scheme_that_it_is(tmp_path):

@@ -67,9 +67,30 @@ class Arrays:
         """The same as a dataset."""
         import xarray as xr
 
-        coordinates = {name: x for name, x in self.variables.items() if x[0] == (name,)}
-        data = {name: x for name, x in self.variables.items() if name not in coordinates}
+        coordinates, data = self._parts()
         return xr.Dataset(data, coords=coordinates, attrs=self.attributes)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The same as ``xarray.Dataset.to_dict`` makes it, from which ``xarray.Dataset.from_dict`` makes it again."""
+        sizes = {dim: n for dims, x, _ in self.variables.values() for dim, n in zip(dims, np.shape(x), strict=True)}
+        coordinates, data = (
+            {
+                name: {"dims": dims, "attrs": attributes, "data": values}
+                for name, (dims, values, attributes) in x.items()
+            }
+            for x in self._parts()
+        )
+        return {"coords": coordinates, "attrs": self.attributes, "dims": sizes, "data_vars": data}
+
+    def _parts(self) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Coordinates, those named like their dimension or in an attribute ``coordinates``, and the other variables;
+        without that attribute, which only files need."""
+        named = {name for _, _, x in self.variables.values() for name in x.get("coordinates", "").split()}
+        parts: tuple[dict[str, Any], dict[str, Any]] = ({}, {})
+        for name, (dims, values, attributes) in self.variables.items():
+            notes = {key: text for key, text in attributes.items() if key != "coordinates"}
+            parts[not (dims == (name,) or name in named)][name] = (dims, values, notes)
+        return parts
 
     def hash(self, attributes: Iterable[str]) -> str:
         """sha256 of every variable and of the named attributes."""

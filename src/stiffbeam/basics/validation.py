@@ -166,5 +166,7 @@ def step_count(dt: float, t_end: float) -> int:
 def near(name: Any, known: Iterable[str]) -> str:
     """A remedy that lists the known names closest to ``name``, or all of them."""
     names = list(known)
-    close = get_close_matches(name[:100], names, n=3, cutoff=0.5) if isinstance(name, str) else []
+    by_letters = {each.lower(): each for each in names}
+    letters = get_close_matches(name[:100].lower(), by_letters, n=3, cutoff=0.5) if isinstance(name, str) else []
+    close = [by_letters[each] for each in letters]
     return "did you mean " + " or ".join(close) + "?" if close else "known: " + ", ".join(names)

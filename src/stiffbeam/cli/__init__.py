@@ -13,6 +13,7 @@ from . import animate as animate
 from . import cases as cases
 from . import compare as compare
 from . import doctor as doctor
+from . import doubt as doubt
 from . import reference as reference
 from . import reproduce as reproduce
 from . import score as score

@@ -28,16 +28,17 @@ if TYPE_CHECKING:
 
 
 EXAMPLES: dict[str, tuple[str, ...]] = {
+    "doubt": ("stiffbeam doubt my-beam.toml --scheme 'HHT(alpha=-0.1)'", "stiffbeam doubt my-beam.toml --members 200"),
     "advise": ("stiffbeam advise table10 --want tip=1e-3,impacts=0.05", "stiffbeam advise my-beam.toml --t-end 0.2"),
     "animate": (
         "stiffbeam animate table10 --t-end 0.3",
-        "stiffbeam animate table10 --schemes bdf2,sdirk --out film.mp4",
+        "stiffbeam animate table10 --schemes BDF2,sdirk --out film.mp4",
     ),
     "cases": ("stiffbeam cases", "stiffbeam cases --show table10 > my-beam.toml", "stiffbeam cases --json -"),
     "compare": (
         "stiffbeam compare table10",
         "stiffbeam compare my-beam.toml --dt 1e-5 --references exact",
-        "stiffbeam compare table10 --schemes 'bdf2,hht(alpha=-0.2)' --json records.json",
+        "stiffbeam compare table10 --schemes 'BDF2,HHT(alpha=-0.2)' --json records.json",
     ),
     "doctor": ("stiffbeam doctor", "stiffbeam doctor --json -"),
     "reference": (
@@ -51,16 +52,16 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
         "stiffbeam reproduce all",
     ),
     "score": (
-        "stiffbeam score bdf2,cvode --problem bilinear-gap",
+        "stiffbeam score BDF2,cvode --problem bilinear-gap",
         "stiffbeam score --trajectory run.csv --problem bouncing-ball",
         "stiffbeam score --list",
     ),
     "studies": ("stiffbeam studies table10", "stiffbeam studies my-beam.toml --smoke"),
-    "amplification": ("stiffbeam amplification", "stiffbeam amplification --schemes bdf2,bathe"),
-    "modes": ("stiffbeam modes table10", "stiffbeam modes my-beam.toml --schemes bdf2"),
+    "amplification": ("stiffbeam amplification", "stiffbeam amplification --schemes BDF2,bathe"),
+    "modes": ("stiffbeam modes table10", "stiffbeam modes my-beam.toml --schemes BDF2"),
     "energy": ("stiffbeam energy table10", "stiffbeam energy my-beam.toml --t-end 0.1"),
-    "gradient": ("stiffbeam gradient table10", "stiffbeam gradient my-beam.toml --schemes bdf2,bathe --impacts 3"),
-    "converge": ("stiffbeam converge table10", "stiffbeam converge my-beam.toml --schemes 'hht(alpha=-0.1),bathe'"),
+    "gradient": ("stiffbeam gradient table10", "stiffbeam gradient my-beam.toml --schemes BDF2,bathe --impacts 3"),
+    "converge": ("stiffbeam converge table10", "stiffbeam converge my-beam.toml --schemes 'HHT(alpha=-0.1),bathe'"),
     "space": ("stiffbeam space table10", "stiffbeam space my-beam.toml --cells 10,20,40"),
     "rigid": ("stiffbeam rigid table10", "stiffbeam rigid my-beam.toml --impacts 2"),
     "rigid-bar": ("stiffbeam rigid-bar --smoke",),
@@ -68,7 +69,7 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     "first-impact": ("stiffbeam first-impact table10", "stiffbeam first-impact my-beam.toml --cells 10,20,40"),
     "restitution": ("stiffbeam restitution",),
     "errata": ("stiffbeam errata table10",),
-    "impacts": ("stiffbeam impacts table10", "stiffbeam impacts my-beam.toml --schemes bdf2"),
+    "impacts": ("stiffbeam impacts table10", "stiffbeam impacts my-beam.toml --schemes BDF2"),
     "contact-duration": ("stiffbeam contact-duration table10",),
     "precision": ("stiffbeam precision table10",),
     "ensemble": (

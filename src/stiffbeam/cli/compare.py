@@ -34,7 +34,7 @@ def compare(
         str | None,
         typer.Option(
             help="comma-separated schemes, solvers and functions module:function, e.g. "
-            "'bdf2,hht(alpha=-0.2)@displacement,sdirk.printed,mymodule:radau'"
+            "'BDF2,HHT(alpha=-0.2)@displacement,SDIRK.printed,mymodule:radau'"
         ),
     ] = None,
     references: Annotated[

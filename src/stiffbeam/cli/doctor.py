@@ -92,11 +92,11 @@ def _solvers(show: Show) -> list[dict[str, Any]]:
     end, rows = 0.5, []
     times = np.arange(5001) * 1e-4
     exact = reference(system, end, t_eval=times)
-    for i, name in enumerate(["sdirk", *METHODS]):
+    for i, name in enumerate(["SDIRK", *METHODS]):
         show(name, i, 1 + len(METHODS))
         begun, solver = time.perf_counter(), {"name": name, "agrees": False}
         try:
-            scheme = SDIRK() if name == "sdirk" else None
+            scheme = SDIRK() if name == "SDIRK" else None
             run = integrate(system, scheme, 1e-4, end) if scheme else reference(system, end, name, t_eval=times)
             error = tip_error(run.tip, exact.tip).max
             solver |= {"agrees": bool(error < 1e-3), "error": error}

@@ -17,7 +17,7 @@ from .output import check_json, console, make_folder, say, write_json
 def score(
     integrators: Annotated[
         str | None,
-        typer.Argument(help="comma-separated: schemes, solvers, module:function; e.g. 'hht(alpha=-0.1),cvode'"),
+        typer.Argument(help="comma-separated: schemes, solvers, module:function; e.g. 'HHT(alpha=-0.1),cvode'"),
     ] = None,
     problem: Annotated[str | None, typer.Option(help="comma-separated names; all by default")] = None,
     trajectory: Annotated[

@@ -231,10 +231,11 @@ def _draw_spectra(
     axis.set_title(f"({letter}) spectrum{span}", loc="left")
 
 
-def run_figure(run: Trajectory) -> Figure:
+def run_figure(run: Trajectory, **kwargs: Any) -> Figure:
     """(a) tip, (b) contact forces, (c) phase portrait, (d) energies where the run has its ledger.
 
     The whole span of the run; of a reference its horizon is marked. The stops are drawn where they act on the tip.
+    kwargs: of ``Axes.plot``, for the curves of the tip.
     """
     units, system = run.units, run.system
     method = run.provenance["method"]
@@ -245,7 +246,7 @@ def run_figure(run: Trajectory) -> Figure:
     beam = system.problem if system else None
     symbol, place = tip_symbol(beam), tip_name(beam)
     time, length = units.label("time $t$", "time"), units.label(f"{place} displacement {symbol}", "length")
-    style = {"color": look(method)["color"], "lw": 0.9}
+    style = {"color": look(method)["color"], "lw": 0.9} | kwargs
     tip.plot(run.t, run.tip, **style)
     portrait.plot(run.tip, run.tip_velocity, **style)
     for record in run.contacts:

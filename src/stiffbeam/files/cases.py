@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from importlib.resources import files
@@ -18,6 +18,7 @@ from ..model.contact import Stops
 from ..model.problem import BeamProblem, DistributedLoad, Load, PointLoad, Section
 from ..model.semidiscretisation import FORMS, semidiscretise
 from ..model.system import System
+from ..model.uncertain import KINDS, Uncertain, uncertain
 from ..schemes import BDF2, HHT, RIGID, SDIRK, Scheme, make, takes_stops
 from ..schemes.labels import parse_run
 from .reader import Reader, SystemReader
@@ -30,7 +31,8 @@ class Case:
     The problem's numbers are those of the file as written, 0.001 and "pi/2" exactly: float64 sees the nearest
     doubles, multiprecision the numbers themselves.
     runs: (scheme, form) pairs. published: what the source reports, by kind and run. notes: what is
-    inferred rather than stated, each with its reason.
+    inferred rather than stated, each with its reason. uncertain: distributions of parameters by path, from which
+    ensembles are drawn.
     """
 
     name: str
@@ -42,6 +44,7 @@ class Case:
     runs: tuple[tuple[Scheme, str], ...]
     published: dict[str, dict[str, float]] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    uncertain: Mapping[str, Uncertain] = field(default_factory=dict)
 
     @property
     def beam(self) -> BeamProblem | None:
@@ -288,9 +291,10 @@ class _Reader(Reader):
 
     def case(self) -> Case:
         if "form" in self.table:
-            remedy = f'write it behind a scheme, runs = ["hht@{self.table["form"]}"]'
+            remedy = f'write it behind a scheme, runs = ["HHT@{self.table["form"]}"]'
             raise self.error("form", self.table["form"], "be left out", remedy)
-        self.only({"name", "title", "cells", "dt", "t_end", "runs", "inferred", "problem", "system", "published"})
+        parts = {"problem", "system", "published", "uncertain"}
+        self.only({"name", "title", "cells", "dt", "t_end", "runs", "inferred"} | parts)
         name = self.line("name")
         problem, matrices = self.sub("problem"), self.get("system", dict, "be a table", None)
         if (problem is None) == (matrices is None):
@@ -309,18 +313,19 @@ class _Reader(Reader):
         parsed = []
         for run in runs:
             if not isinstance(run, str):
-                raise self.error("runs", run, "be strings like 'hht(alpha=-0.1)@displacement'", "write it in quotes")
+                raise self.error("runs", run, "be strings like 'HHT(alpha=-0.1)@displacement'", "write it in quotes")
             parsed.append(self.build(parse_run, run, form))
         published = self.get("published", dict, "be a table", {})
         for kind, values in published.items():
             if not isinstance(values, dict) or not all(isinstance(v, (int, float)) for v in values.values()):
-                raise self.error(f"published.{kind}", values, "be a table of numbers by run", 'write "bdf2" = 10')
+                raise self.error(f"published.{kind}", values, "be a table of numbers by run", 'write "BDF2" = 10')
         notes = self.get("inferred", list, "be a list of strings", [])
         if not all(isinstance(note, str) for note in notes):
             raise self.error("inferred", notes, "be a list of strings", 'write ["..."]')
         common: dict[str, Any] = {
             "name": name, "title": self.line("title", name), "dt": float(dt),
             "t_end": float(t_end), "runs": tuple(parsed), "published": published, "notes": tuple(notes),
+            "uncertain": self.uncertain(),
         }  # fmt: skip
         if system is not None:
             if "cells" in self.table:
@@ -328,12 +333,37 @@ class _Reader(Reader):
             wrong = next((form for _, form in parsed if form != "matrices"), None)
             if wrong is not None:
                 raise self.error("runs", f"@{wrong}", "be without a form", "it is that of the matrices: leave @ out")
-            return SystemCase(matrices=system, **common)
+            return self.drawn_from(SystemCase(matrices=system, **common))
         assert beam is not None
         cells = self.get("cells", int, "be an integer >= 4")
         if cells < 4:
             raise self.error("cells", cells, "be an integer >= 4", "for example 25")
-        return Case(problem=beam, cells=cells, **common)
+        return self.drawn_from(Case(problem=beam, cells=cells, **common))
+
+    def uncertain(self) -> dict[str, Uncertain]:
+        """Distributions by path; a dotted key without quotes is a path too."""
+
+        def entries(table: dict[str, Any], path: str) -> Iterator[tuple[str, Any]]:
+            for key, value in table.items():
+                whole = f"{path}.{key}" if path else key
+                if isinstance(value, dict) and not set(value) & set(KINDS):
+                    yield from entries(value, whole)
+                else:
+                    yield whole, value
+
+        found: dict[str, Uncertain] = {}
+        for path, value in entries(self.get("uncertain", dict, "be a table of paths", {}), ""):
+            options = value if isinstance(value, dict) else {"tolerance": value}
+            where = f'{self.where}.uncertain "{path}"'
+            type(self)(options, where).only(set(KINDS))
+            found[path] = type(self)(options, where).build(Uncertain, **options)
+        return found
+
+    def drawn_from(self, case: Case) -> Case:
+        """The case, after one draw of its uncertain parameters: a path that it does not have is refused here."""
+        if case.uncertain:
+            self.build(uncertain, case.system(), case.uncertain, 1)
+        return case
 
     def problem(self) -> BeamProblem:
         shared = {"stops", "base", "loads", "initial_displacement", "initial_velocity"}

@@ -29,7 +29,7 @@ MOST = 1 << 30  # bytes of references that are kept
 def cached_reference(
     system: System,
     t_end: float,
-    method: str = "multiprecision",
+    method: str = "exact",
     t_eval: ArrayLike | None = None,
     rtol: float = RTOL,
     atol: float | None = None,
@@ -39,7 +39,7 @@ def cached_reference(
     switches: str | None = None,
     progress: bool | Show = False,
 ) -> Reference:
-    """``reference`` with the same arguments, from the cache where it is there and whole.
+    """``reference`` with the same arguments and defaults, from the cache where it is there and whole.
 
     The key is the system's fingerprint, every argument and the versions of the libraries, so a changed
     parameter never finds an old file. A damaged file is named in a warning and remade. Writing is

@@ -11,6 +11,7 @@ import json
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import cache, partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -30,10 +31,11 @@ from ..piecewise.rounding import Perturbation
 from ..piecewise.tracer import tracer_of
 from ..references import solve
 from ..references.exact.piecewise import reference_of
-from ..schemes.labels import parse_run
-from ..trajectory.dataset import FORMAT, HASHED, LEDGER
-from ..trajectory.impacts import COLUMNS, OPEN_AT_START, ContactRecord, Impacts
+from ..schemes.labels import parse_run, run_label
+from ..trajectory.dataset import HASHED
+from ..trajectory.impacts import ContactRecord, Impacts
 from ..trajectory.ledger import Ledger
+from ..trajectory.schema import FORMAT, IMPACT_FIELDS, LEDGER_FIELDS, renamed
 from ..trajectory.trajectory import Pieces, Reference, Trajectory, Work, output_index
 from .cases import parse_case
 
@@ -270,10 +272,10 @@ def load(file: str | Path, system: System | None = None, t_eval: ArrayLike | Non
     """Read a file written by ``save`` or a frozen reference. Raises InputError for a file that is neither,
     or is damaged, or is of another ``system``.
 
-    A frozen reference answers at any time, and comes at ``t_eval``; what was saved answers at the times
-    it was saved at. Without ``system`` a trajectory does without, a frozen reference has its own case. With it
+    A frozen reference answers at any time, and comes at ``t_eval``; what was saved without ``system`` answers at the
+    times it was saved at. Without ``system`` a trajectory does without, a frozen reference has its own case. With it
     a scheme's run and an exact solution have states and field too: made again on first use, since a run is a
-    function of its arguments.
+    function of its arguments. So an exact solution answers ``at`` any time.
     """
     path = file_path("file", file, "give one that save() has written")
     if not path.is_file():
@@ -299,20 +301,23 @@ def load(file: str | Path, system: System | None = None, t_eval: ArrayLike | Non
 
 
 def _from_dataset(data: xr.Dataset, path: Path, system: System | None) -> Trajectory:
-    if data.attrs.get("stiffbeam_format") != FORMAT:
-        rule = f"be a stiffbeam trajectory of format {FORMAT}"
+    if data.attrs.get("stiffbeam_format") not in (2, FORMAT):
+        rule = f"be a stiffbeam trajectory of format 2 or {FORMAT}"
         raise InputError("file", str(path), rule, f"it has format {data.attrs.get('stiffbeam_format')}")
+    if data.attrs["kind"] == "ensemble":
+        raise InputError("file", str(path), "hold one run", "it is an ensemble: xarray.open_dataset reads it")
     if data.attrs.get("hash") != netcdf.Arrays.of(data).hash(HASHED):
         raise InputError("file", str(path), "hold what its hash says", "it is damaged: save the run again")
     if system is not None and system.fingerprint != data.attrs["fingerprint"]:
         raise InputError("file", str(path), "be of the system it is read with", "it is of another one")
+    data = data.rename(renamed(data.variables))
     contacts, kinds = [], data.attrs["impact_kind"].split(",")  # one for all contacts, or one for each
     for i, stops_data in enumerate(json.loads(data.attrs["stops"])):
         mine = data["impact_contact"].values == i
-        columns: Any = {name: data[f"impact_{name}"].values[mine] for name in COLUMNS}
+        columns: Any = {field: data[name].values[mine] for field, name in IMPACT_FIELDS.items()}
         impacts = Impacts(**columns, kind=kinds[i % len(kinds)])
-        if f"impact_{OPEN_AT_START}" in data:  # older files have no such rows
-            impacts = impacts.started(data[f"impact_{OPEN_AT_START}"].values[mine] > 0)
+        if "impact_open_at_start" in data:  # older files have no such rows
+            impacts = impacts.started(data["impact_open_at_start"].values[mine] > 0)
         contacts.append(
             ContactRecord(
                 stops=Stops.of(stops_data),
@@ -325,26 +330,27 @@ def _from_dataset(data: xr.Dataset, path: Path, system: System | None) -> Trajec
                 impulse=float(data["contact_impulse"].values[i]),
             )
         )
-    work = json.loads(data.attrs["work"])
+    work, notes = json.loads(data.attrs["work"]), json.loads(data.attrs["provenance"])
     common: dict[str, Any] = {
         "t": data["time"].values,
         "tip": data["tip"].values,
         "tip_velocity": data["tip_velocity"].values,
         "contacts": tuple(contacts),
         "work": Work(**work),
-        "provenance": json.loads(data.attrs["provenance"]),
+        "provenance": notes | {"method": run_label(notes["method"])},
         "read_for": data.attrs["fingerprint"],
         "system": system,
     }
     if data.attrs["kind"] == "reference":
-        again = None if system is None else _states_of(system, common["provenance"])
-        run = Reference(**common, horizon=float(data.attrs["horizon"]), evaluate=_at_outputs(common), state_at=again)
+        again = None if system is None else _solved_again(system, common["provenance"])
+        state_at = None if again is None else partial(_states_at, again)
+        evaluate = partial(_values_at, common, again)
+        run = Reference(**common, horizon=float(data.attrs["horizon"]), evaluate=evaluate, state_at=state_at)
     else:
         run = Trajectory(**common, pieces=None if system is None else _pieces_of(system, common["provenance"]))
-    if "ledger_kinetic" in data:
-        run.__dict__["energy"] = Ledger(
-            run.t, *(data[f"ledger_{name}"].values for name in LEDGER if f"ledger_{name}" in data)
-        )
+    energies = {field: data[name].values for field, name in LEDGER_FIELDS.items() if name in data}
+    if energies:
+        run.__dict__["energy"] = Ledger(run.t, **energies)
     return run
 
 
@@ -365,27 +371,32 @@ def _pieces_of(system: System, notes: dict[str, Any]) -> Pieces | None:
     return pieces
 
 
-def _states_of(system: System, notes: dict[str, Any]) -> Callable[[Array], tuple[Array, Array]] | None:
-    """The states of an exact solution, solved again; None for a solver that answers at its own times only."""
+def _solved_again(system: System, notes: dict[str, Any]) -> Callable[[], Reference] | None:
+    """The exact solution, solved on the first call; None for a solver that answers at its own times only."""
     if notes["method"] != "exact":
         return None
-
-    def state_at(t: Array) -> tuple[Array, Array]:
-        reference = solve(system, notes["t_end"], "exact", None, 0.0, None)
-        assert reference.state_at is not None
-        return reference.state_at(t)
-
-    return state_at
+    return cache(partial(solve, system, notes["t_end"], "exact", None, 0.0, None))
 
 
-def _at_outputs(saved: dict[str, Any]) -> Callable[[Array, int], tuple[Array, Array]]:
-    """A contact's position and velocity at output times; the channel after the last contact is the tip."""
+def _states_at(again: Callable[[], Reference], t: Array) -> tuple[Array, Array]:
+    state_at = again().state_at
+    assert state_at is not None
+    return state_at(t)
 
-    def evaluate(times: Array, channel: int) -> tuple[Array, Array]:
+
+def _values_at(
+    saved: dict[str, Any], again: Callable[[], Reference] | None, times: Array, channel: int
+) -> tuple[Array, Array]:
+    """A contact's position and velocity; the channel after the last contact is the tip. They are those of the file at
+    its output times, and of the solution at others, where ``again`` can solve it."""
+    try:
         index = output_index(saved["t"], times, f"a saved {saved['provenance']['method']}")
-        if channel < len(saved["contacts"]):
-            contact = saved["contacts"][channel]
-            return contact.position[index], contact.velocity[index]
-        return saved["tip"][index], saved["tip_velocity"][index]
-
-    return evaluate
+    except InputError:
+        evaluate = None if again is None else again().evaluate
+        if evaluate is None:
+            raise
+        return evaluate(times, channel)
+    if channel < len(saved["contacts"]):
+        contact = saved["contacts"][channel]
+        return contact.position[index], contact.velocity[index]
+    return saved["tip"][index], saved["tip_velocity"][index]

@@ -6,9 +6,8 @@
     block_march            the same in blocks of K steps
     probe                  a scheme's own step in modes or all unknowns, taken once with unit inputs
     propagator             that step raised to powers and arranged as the arrays of a block
-    kernels                the loops over them, compiled; blocks_jax does the same
+    kernels                the loops over them, compiled
     replay                 what blocks pass over, when it is asked for: states and energies
-    leap, regimes          the free and the closed motion as sums of powers, from one change of regime to the next
     rigid_march            any scheme against rigid stops
 
 A run is a function of its arguments: made again, it has the same bits.

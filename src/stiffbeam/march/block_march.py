@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
@@ -38,7 +37,6 @@ from ..trajectory.sampling import (
 from ..trajectory.trajectory import Trajectory, Work
 from .choice import nodes_per_block, require_giving_way, require_moved, rule_of, unsolved
 from .kernels import blocks as kernel
-from .kernels import blocks_jax as kernel_jax
 from .kernels.blocks import Forcing, Kept, Marchers
 from .probe import Coordinates, InModes
 from .propagator import Propagator, build
@@ -47,9 +45,7 @@ BLOCKS, DENSE = "modal blocks", "dense blocks"
 STEPS_PER_CALL = 1 << 16  # between two reports of progress
 STEPS_REPLAYED = 1 << 14  # held in memory at once where states, or sampled loads, are wanted
 NUMBERS_REPLAYED = 1 << 23  # of their states
-
-
-RUNS = {"numba": kernel.run, "jax": kernel_jax.run}
+RUNS = {"numba": kernel.run}
 
 
 def block_length(coordinates: Coordinates, scheme: Scheme) -> int:
@@ -73,9 +69,8 @@ class Stepper:
     starter: Propagator | None
     block: Propagator
     rule: int  # how nodes find their forces, see Block
-    run: Callable[..., bool] = kernel.run  # or the same by JAX
+    run: Callable[..., bool] = kernel.run
     _forcings: dict[Propagator, Forcing] = field(default_factory=dict, repr=False)
-    leapers: list[Any] = field(default_factory=list, repr=False)  # what the leaping march has made, see leap
 
     @classmethod
     def of(
@@ -107,6 +102,12 @@ class Stepper:
         """Name of the march in ``provenance["march"]``."""
         return BLOCKS if isinstance(self.coordinates, InModes) else DENSE
 
+    @property
+    def step_seconds(self) -> float:
+        """Rough time of a step of one member on one core."""
+        (R, D), K = self.block.block.reading.shape, self.block.steps
+        return 1e-9 * (2.0 + 0.12 * R * D / K)
+
     def forcing(self, propagator: Propagator) -> Forcing:
         """Response of one of the propagators to the loads and offsets of ``system`` itself; made once."""
         if propagator not in self._forcings:
@@ -135,11 +136,9 @@ class March:
     events: Array = field(init=False)  # (impacts, 7), see sampling; by member, in order of time
     state: Marchers = field(init=False)
     tally: Array = field(init=False)  # (M, m, 8) of the whole run, at the end
-    kind: str = ""  # of march; known at the end
 
     def __post_init__(self) -> None:
         system, M = self.stepper.system, len(self.members)
-        self.kind = self.stepper.kind
         if isinstance(self.members, Members):
             self._systems, (q0, v0) = self.members.systems(), self.members.starts()
         else:
@@ -182,21 +181,15 @@ class March:
             block = stepper.block
             z = scheme.initial(equation, history, self._force())
             self.state = self.state._replace(z=block.pack(z))
-            yield from self._on(replayed)
+            forcing = self.forcing(block)
+            most = STEPS_PER_CALL // min(16, len(self.members))
+            if replayed is not None or not block.harmonic:
+                most = min(STEPS_REPLAYED, NUMBERS_REPLAYED // self.state.z.shape[1])
+            most = max(1, most // block.steps) * block.steps  # the blocks of a run do not depend on the company
+            while self.done < self.steps:
+                self._segment(block, forcing, min(most, self.steps - self.done), replayed)
+                yield self.done
         self._finish()
-
-    def _on(self, replayed: Callable[[Segment], None] | None) -> Iterator[int]:
-        """With the scheme's own propagator to the end."""
-        block = self.stepper.block
-        forcing = self.forcing(block)
-        bounded = replayed is not None or not block.harmonic
-        most = STEPS_PER_CALL // min(16, len(self.members))
-        if bounded:
-            most = min(STEPS_REPLAYED, NUMBERS_REPLAYED // self.state.z.shape[1])
-        most = max(1, most // block.steps) * block.steps  # the blocks of a run do not depend on the company
-        while self.done < self.steps:
-            self._segment(block, forcing, min(most, self.steps - self.done), replayed)
-            yield self.done
 
     def forcing(self, block: Propagator) -> Forcing:
         """Response of one of the propagators to the loads and offsets of the members."""
@@ -260,7 +253,7 @@ class March:
             tip_velocity=v,
             contacts=tuple(contacts),
             work=Work(self.steps, march_seconds=self.seconds),
-            provenance={"march": self.kind},
+            provenance={"march": self.stepper.kind},
             diverged=when,
         )
 
@@ -290,7 +283,6 @@ class March:
             tip_velocity=self.velocities[..., tip].copy(),
             contacts=tuple(contacts),
             diverged=diverged,
-            marches=frozenset([self.kind]),
         )
 
     def _finish(self) -> None:

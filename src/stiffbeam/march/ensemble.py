@@ -10,7 +10,7 @@ import numpy as np
 from ..basics.compiled import wall_clock
 from ..basics.resources import cores, over_slices
 from ..basics.validation import InputError
-from ..model.members import Members, as_members, have_own_records
+from ..model.members import Members, as_members, march_apart
 from ..model.system import System
 from ..schemes import Scheme
 from ..trajectory.ensemble import MEMBERS_PER_SLICE, Ensemble, Progress, Runs, gathered, record_from
@@ -18,8 +18,6 @@ from ..trajectory.ledger import Ledger
 from ..trajectory.trajectory import Work
 from .integrate import Plan
 from .warm import wait
-
-DEVICE_MEMBERS = 1 << 14  # marched by a device in one go
 
 
 def integrate_ensemble(
@@ -37,10 +35,10 @@ def integrate_ensemble(
     """``integrate`` for every member, on all cores; each has the bits of its solo run on the same engine.
 
     members: from ``perturbed`` or ``varied``, or systems that differ from ``system`` in initial data, stops, loads and
-    motions only; where their records (Sampled) differ each is set up by itself. every: keep tip and tip velocity
+    motions only; where their records (Sampled) or, of ``varied`` and ``uncertain``, their matrices differ, each is set
+    up by itself. every: keep tip and tip velocity
     at every so many steps; None keeps none, and memory does not grow with the steps but for the impacts.
-    engine: "numba"; "jax" (at most one contact; on a GPU where JAX has one); "direct", see ``integrate``; equal to
-    rounding.
+    engine: "numba" or "direct", see ``integrate``; equal to rounding.
     progress: called with the number of member-steps done. since: the time, a whole number of steps,
     after which contacts are recorded; one that is there then is no impact, and impulses are the sum of dt F over the
     steps after it, without half weights at its ends. A member that overflows is
@@ -56,11 +54,9 @@ def integrate_ensemble(
         raise InputError("since", since, f"be a whole number of steps dt = {dt:g}", remedy)
     if plan.engine == "numba":
         wait()
-    # A device is shared by no threads.
-    size, threads = (DEVICE_MEMBERS, 1) if engine == "jax" else (MEMBERS_PER_SLICE, cores())
     report = None if progress is None else lambda done: progress(done * plan.steps)
 
-    apart = have_own_records(members)
+    apart = march_apart(members)
 
     def march(part: Members) -> Runs:
         if apart:
@@ -68,7 +64,7 @@ def integrate_ensemble(
             return Runs.joined([_alone(plan, one[0]).runs(one, every, passed) for one in each])
         return plan.runs(part, every, passed)
 
-    parts = list(over_slices(march, members, size, threads, report))
+    parts = list(over_slices(march, members, MEMBERS_PER_SLICE, cores(), report))
     seconds = wall_clock() - begun
     return gathered(
         members,

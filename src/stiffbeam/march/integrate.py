@@ -30,7 +30,6 @@ from .block_march import RUNS, Stepper, initial_channels
 from .choice import CONTACTS, is_rigid, pays, require_rigid, rule_of, scheme_for
 from .direct_march import Piece, direct_pieces
 from .kernels.blocks import OVERFLOW
-from .leap import can_leap, costs, start
 from .probe import InModes, Together
 from .replay import block_ledger, replay
 from .rigid_march import rigid_pieces
@@ -85,6 +84,8 @@ class Plan:
         integer("every", every, 1)
         one_of("contact", contact, CONTACTS)
         scheme = scheme_for(scheme, contact)
+        if isinstance(engine, str) and engine == "jax":
+            raise InputError("engine", engine, "be numba or direct", "leave engine out: ensembles run on all cores")
         one_of("engine", engine, (*RUNS, DIRECT), f"be {', '.join(RUNS)} or {DIRECT}")
         if scheme.second_order_only and isinstance(system, FirstOrderSystem):
             rule = f"be of second order for {scheme}"
@@ -121,8 +122,7 @@ class Plan:
         return cls(system, parent, scheme, dt, steps, t_end, contact, form, omega_max, engine, stepper)
 
     def afford(self, members: int, every: int | None) -> None:
-        """Refuse more outputs than there is memory for, and more steps than anyone waits for; of steps that can go
-        in leaps only those that turn out not to, see ``LeapMarch``."""
+        """Refuse more outputs than there is memory for, and more steps than anyone waits for."""
         contacts = len(self.system.contacts)
         kept = 0 if every is None else self.steps // every + 1
         remedy = "give a larger `every`" if every is not None else "take fewer members"
@@ -130,10 +130,8 @@ class Plan:
         afford("every", every, remedy, floats=floats)
         if self.stepper is None:
             seconds = self.steps * (2e-5 + 3e-9 * self.system.size**2)
-        elif can_leap(self.stepper, self.steps) and members == 1:
-            return
         else:
-            seconds = 1e-9 * float(costs(self.stepper)[2]) * self.steps * members
+            seconds = self.stepper.step_seconds * self.steps * members
         afford("dt", self.dt, "give a larger dt, or fewer members", seconds=seconds)
 
     def stepper_for(self, contacts: Sequence[Contact]) -> Stepper:
@@ -168,7 +166,7 @@ class Plan:
 
     @property
     def kind(self) -> str:
-        """Which march it is; of one that may leap, if it does not."""
+        """Name of the march in ``provenance["march"]``."""
         return (RIGID if self.rigid else DIRECT) if self.stepper is None else self.stepper.kind
 
     def pieces(self, system: System | FirstOrderSystem) -> Iterator[Piece]:
@@ -189,13 +187,12 @@ class Plan:
         kinds = [steppers[id(each)] for each in contacts]
         parts, places = [], []
         for stepper in dict.fromkeys(kinds):
-            own = [i for i, kind in enumerate(kinds) if kind is stepper]
-            for part in [[i] for i in own] if can_leap(stepper, self.steps) else [own]:
-                march = start(stepper, members.chosen(part), self.steps, every, since)
-                for _ in march.advance():
-                    pass
-                parts.append(march.runs())
-                places += part
+            places_of_kind = [i for i, kind in enumerate(kinds) if kind is stepper]
+            march = stepper.start(members.chosen(places_of_kind), self.steps, every, since)
+            for _ in march.advance():
+                pass
+            parts.append(march.runs())
+            places += places_of_kind
         return Runs.joined(parts, places)
 
     def states(self, system: System | FirstOrderSystem) -> Iterator[tuple[Array, Array, Array, Array]]:
@@ -341,10 +338,9 @@ def integrate(
     Returns
     -------
     Trajectory
-        ``provenance["march"]`` names the march: "modal blocks" where the damping decouples, "modal leaps" from one
-        change of contact to the next where such a run is long and changes seldom, "dense blocks" of all unknowns
-        together for other damping and for a FirstOrderSystem, "direct" with factorised matrices where a run is too
-        short or too large for these. They are equal to rounding and do not depend on ``every``.
+        ``provenance["march"]`` names the march: "modal blocks" where the damping decouples, "dense blocks" of all
+        unknowns together for other damping and for a FirstOrderSystem, "direct" with factorised matrices where a run is
+        too short or too large for these. They are equal to rounding and do not depend on ``every``.
 
     Raises
     ------
@@ -364,14 +360,12 @@ def integrate(
     ((10001,), True)
     """
     begun = clock()
-    if isinstance(engine, str) and engine == "jax":
-        raise InputError("engine", engine, "be numba or direct for one run", "use integrate_ensemble")
     plan = Plan.of(system, scheme, dt, t_end, contact, every, engine)
     plan.afford(1, every)
     if plan.engine == "numba":
         wait()
     if plan.stepper is not None:
-        march = start(plan.stepper, [plan.system], plan.steps, every)
+        march = plan.stepper.start([plan.system], plan.steps, every)
         for done in march.advance():
             if progress is not None and not march.state.diverged[0]:
                 progress(done)

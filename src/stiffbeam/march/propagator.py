@@ -203,15 +203,11 @@ class Propagator:
     def pack(self, z: Array) -> Array:
         """The scheme's states (a, members, N) -> (members, D + ...), see Block."""
         mixed = np.einsum("ce,emj->cmj", self.mix, z)
-        packed = aligned((mixed.shape[1], self.block.reading.shape[1] + self.used - self.coordinates.parts))
-        packed[:, : self.used] = np.moveaxis(mixed, 0, 1).reshape(len(packed), -1)
-        self.repeat(packed)
-        return packed
-
-    def repeat(self, packed: Array) -> None:
-        """Packed states (members, ...) from their first D numbers."""
         again = self.used - self.coordinates.parts
+        packed = aligned((mixed.shape[1], self.block.reading.shape[1] + again))
+        packed[:, : self.used] = np.moveaxis(mixed, 0, 1).reshape(len(packed), -1)
         packed[:, self.used : self.used + again] = packed[:, :again]
+        return packed
 
     def unpack(self, packed: Array) -> Array:
         """Packed (members, ...) -> states (a, members, N) that go on as the packed ones do."""

@@ -19,7 +19,6 @@ from ..trajectory.ledger import Ledger, step_ledger
 from .block_march import Segment, Stepper, initial_channels
 from .kernels.accounts import Energies, FreeBlock, Step, account, work_for
 from .kernels.accounts import states as states_of
-from .leap import start
 from .probe import InModes
 from .propagator import Propagator, build
 
@@ -102,7 +101,7 @@ def _segments(stepper: Stepper, system: System, steps: int) -> Iterator[tuple[Se
     """The run once more, segment by segment, with the propagator of its single steps."""
     one = build(stepper.scheme, stepper.coordinates, stepper.dt, 1, stepper.contact, reduced=False, rule=stepper.rule)
     found: list[Segment] = []
-    for _ in start(stepper, [system], steps, None).advance(found.append):
+    for _ in stepper.start([system], steps, None).advance(found.append):
         segment = found.pop()
         yield segment, one if segment.block is not stepper.starter else segment.block
 

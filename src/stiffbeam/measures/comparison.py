@@ -29,6 +29,7 @@ from .smooth_motion import drive_frequency
 
 if TYPE_CHECKING:
     import pandas
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 
@@ -130,7 +131,7 @@ class Comparison:
     tip_error_matched: the rms up to there.
     dt: the median step. error: u_run - u_ref over max |u_ref| at the steps of the window, whose ``times`` are (k,); not
     among the records of ``to_dict``.
-    energy_lost: the ledger's loss over the most energy given, see ``Ledger.given``. contacts: one for each of the
+    energy_lost: the ledger's loss over the most energy supplied, see ``Ledger.supplied``. contacts: one for each of the
     system's, in its order. switches: what an adaptive solver does at a switch, "restart" or "through", else "".
     totals_energy_lost: energy_lost to t_end. units: what times, forces and impulses are counted in. missing: what
     the run does not hold and why; its numbers are NaN, and its impacts -1. remark: that nothing moves or nothing
@@ -177,10 +178,12 @@ class Comparison:
 
     def figure(self) -> Figure:
         """The run beside the reference, a matplotlib Figure. Raises InputError for a comparison without its runs."""
-        if self.pair is None:
-            remedy = "compare the run and the reference again"
-            raise InputError("figure", "a comparison without its runs", "be asked of what compare returned", remedy)
-        return DRAW["comparison"](*self.pair)
+        return DRAW["comparison"](self)
+
+    def plot(self, ax: Axes | None = None, **kwargs: Any) -> Axes | Figure:
+        """Draw the run beside the reference and return the Figure; or the error against time into ``ax``, and return
+        that. kwargs: of ``Axes.plot``."""
+        return DRAW["comparison"](self, ax, **kwargs)
 
     def to_dataframe(self) -> pandas.DataFrame:
         """One line, the entries of ``to_dict`` flat: phase_lag, contact0_run_peak_force and so on. For several:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Container, Mapping, Sequence
+from html import escape
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,8 +13,9 @@ from rich.console import Console, Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from ..basics.html import html_table
 from ..references.registry import REFERENCES
-from ..schemes.labels import abbreviated, scheme_of
+from ..schemes.labels import short_label
 from ..trajectory.trajectory import Reference
 from .impacts import ContactMeasures, Matching
 
@@ -23,10 +25,9 @@ if TYPE_CHECKING:
 
 def short(label: str) -> str:
     """Short name of a method: that of the scheme or of the reference solver; any other label is returned as it is."""
-    scheme = scheme_of(label)
-    if scheme is not None:
-        return abbreviated(scheme, label)
-    return REFERENCES[label].label if label in REFERENCES else label.removeprefix("__main__:")
+    if label in REFERENCES:
+        return REFERENCES[label].label
+    return short_label(label).removeprefix("__main__:")
 
 
 DASH = "–"
@@ -289,7 +290,15 @@ def comparison_text(comparisons: Sequence[Comparison]) -> str:
 
 
 def comparison_html(comparisons: Sequence[Comparison]) -> str:
-    """The tables for a notebook."""
-    console = Console(record=True, width=WIDTH, file=io.StringIO(), force_jupyter=False)
-    console.print(comparison_tables(comparisons))
-    return console.export_html(inline_styles=True, code_format="<pre>{code}</pre>")
+    """The same for a notebook: tables and paragraphs."""
+    tables = comparison_tables(comparisons)
+    assert isinstance(tables, Group)
+    return "".join(_html(part) for part in tables.renderables)
+
+
+def _html(part: RenderableType) -> str:
+    if not isinstance(part, Table):
+        return "".join(f"<p>{escape(line)}</p>" for line in str(part).splitlines())
+    heads = [" ".join(str(column.header).split()) for column in part.columns]
+    columns = [[str(cell) for cell in column.cells] for column in part.columns]
+    return html_table(heads, zip(*columns, strict=True), str(part.title))

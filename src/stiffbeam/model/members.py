@@ -22,22 +22,25 @@ from .sampled import Sampled
 from .scales import scales
 from .semidiscretisation import semidiscretise
 from .system import System, finite_vector, require_system
-from .time_functions import Constant, Harmonic, LoadFunction, Sum, TimeFunction, parts_of
+from .time_functions import Constant, Harmonic, LoadFunction, Sum, TimeFunction, parts, parts_of
 
-DIFFERENT = ("loads", "contacts", "q0", "v0", "origin")  # what members may differ in
+DIFFERENT = ("loads", "contacts", "q0", "v0", "origin")  # what members may differ in and still march side by side
+LINEAR = ("mass", "damping", "stiffness", "observe")  # where they differ in these too, each marches by itself
 # How far the starts of an ensemble's members are apart, relative to the motion. Its means stand for all motions of that
 # kind only where members part before a scheme leaves the exact motion, else they share what it has strayed to. With
 # 1e-12 the counts of Table 10 that HHT, the trapezoidal rule and the exponential flow make at fine steps were 4 to 10 %
 # below the exact ones, of which +-3 % was said; with 1e-3 they agree.
 SPREAD = 1e-3
+SCALE = "scale"  # the last name of a path to a time function or an array: a factor on it
 
 
 @dataclass(frozen=True, eq=False)
 class Members(Sequence[System]):
-    """Systems that share mass, damping, stiffness and contact rows with ``system``.
+    """Systems that share mass, damping, stiffness and contact rows with ``system``, or are ``separate``.
 
     ``parameter`` says what differs and ``values`` holds its value for each member. ``fields``: for each of
-    loads, contacts, q0, v0 and origin that differs, one value per member; ``members[i]`` is made on demand.
+    loads, contacts, q0, v0 and origin that differs, one value per member; ``members[i]`` is made on demand. Members
+    whose matrices differ have fields mass, damping, stiffness and observe too.
     Raises InputError for any other field, and for contacts elsewhere than the system's.
     """
 
@@ -54,18 +57,24 @@ class Members(Sequence[System]):
             raise InputError("members.parameter", (self.parameter, self.fields), rule, remedy)
         sequence("members.values", self.values, "be one value per member")
         for name, values in self.fields.items():
-            if name not in DIFFERENT:
-                raise InputError("members", name, f"differ in {', '.join(DIFFERENT)} only", "integrate them one by one")
+            if name not in (*DIFFERENT, *LINEAR):
+                remedy = "integrate them one by one"
+                raise InputError("members", name, f"differ in {', '.join((*DIFFERENT, *LINEAR))} only", remedy)
             if len(sequence(f"members.fields[{name!r}]", values, "be one value per member")) != len(self.values):
                 remedy = "give as many of both"
                 raise InputError("members", len(values), f"have one of {name} per value, {len(self.values)}", remedy)
         for contacts in self.fields.get("contacts", ()):
             shared = self.system.contacts
-            if len(contacts) != len(shared) or not all(
-                same(a.row, b.row) for a, b in zip(contacts, shared, strict=True)
+            if len(contacts) != len(shared) or not (
+                self.separate or all(same(a.row, b.row) for a, b in zip(contacts, shared, strict=True))
             ):
                 remedy = "make the others with replace(contact, stops=...)"
                 raise InputError("members", "contacts on other rows", "share contact rows with the system", remedy)
+
+    @property
+    def separate(self) -> bool:
+        """True where matrices or contact rows differ from member to member."""
+        return any(name in self.fields for name in LINEAR)
 
     def __repr__(self) -> str:
         return f"<Members: {len(self)} of {self.system!r}, {self.parameter}>"
@@ -151,20 +160,22 @@ def as_members(system: System, members: Members | Sequence[System]) -> Members:
     return members
 
 
-def _terms(loads: Any, contacts: Any) -> list[tuple[int, LoadFunction, bytes]]:
-    """The functions of loads and offsets that are neither Harmonic nor Constant, with place and vector."""
+def _terms(loads: Any, contacts: Any) -> list[tuple[int, LoadFunction, bytes, float]]:
+    """The functions of loads and offsets that are neither Harmonic nor Constant, with place, vector and factor."""
     terms = [*((f, vector.tobytes()) for vector, f in loads), *((contact.offset, b"") for contact in contacts)]
-    pieces = [(i, part, vector) for i, (f, vector) in enumerate(terms) for part in parts_of(f)]
-    return [(i, f, vector) for i, f, vector in pieces if not isinstance(f, (Harmonic, Constant))]
+    pieces = [(i, part, vector, factor) for i, (f, vector) in enumerate(terms) for factor, part in parts(f)]
+    return [piece for piece in pieces if not isinstance(piece[1], (Harmonic, Constant))]
 
 
 def _callables(loads: Any, contacts: Any) -> list[tuple[Any, ...]]:
-    return [(i, id(f), vector) for i, f, vector in _terms(loads, contacts) if not isinstance(f, Sampled)]
+    return [(i, id(f), *rest) for i, f, *rest in _terms(loads, contacts) if not isinstance(f, Sampled)]
 
 
-def have_own_records(members: Members) -> bool:
-    """Tell whether a member's functions of time differ from the system's in more than harmonics and constants:
-    then each member is marched with loads of its own."""
+def march_apart(members: Members) -> bool:
+    """Tell whether each member is marched with matrices or loads of its own: its matrices differ, or its functions of
+    time differ from the system's in more than harmonics and constants."""
+    if members.separate:
+        return True
     system = members.system
     shared = _terms(system.loads, system.contacts)
     loads = members.fields.get("loads", [system.loads])
@@ -262,12 +273,18 @@ def varied(
     afford(name, f"{size} values", "take fewer", floats=20.0 * size * (system.size + 20), seconds=size * cost)
     rows = zip(*(along.tolist() for along in grid.values()), strict=True)
     members = [with_values(system, dict(zip(grid, row, strict=True))) for row in rows]
-    for part in ("mass", "damping", "stiffness", "observe"):
-        if not all(same(getattr(member, part), getattr(system, part)) for member in members):
-            rule = f"leave the {part} of the system as it is"
-            raise InputError("varied", ", ".join(grid), rule, "build the systems one by one, or use the sweep study")
-    fields = {field: [getattr(member, field) for member in members] for field in DIFFERENT}
-    return Members(system, ", ".join(grid), values, fields)
+    return members_of(system, ", ".join(grid), values, members)
+
+
+def members_of(system: System, parameter: str, values: Any, systems: Sequence[System]) -> Members:
+    """The ``systems`` as members of ``system``, separate where one of them has other matrices or contact rows."""
+    alike = all(
+        all(same(getattr(member, part), getattr(system, part)) for part in LINEAR)
+        and all(same(a.row, b.row) for a, b in zip(member.contacts, system.contacts, strict=True))
+        for member in systems
+    )
+    names = DIFFERENT if alike else (*DIFFERENT, *LINEAR)
+    return Members(system, parameter, values, {name: [getattr(x, name) for x in systems] for name in names})
 
 
 def with_values(system: System, values: Mapping[str, float]) -> System:
@@ -275,10 +292,12 @@ def with_values(system: System, values: Mapping[str, float]) -> System:
 
     A path leads through attributes and indexes from the problem of a beam ("base.frequency",
     "loads[0].time.amplitude", "viscosity") or from a system of matrices ("loads[0].time.phase", "q0[2]").
-    "contacts[i].stops" and "stops[i]" are one, and "stops" without an index are those of all contacts. Two names are
-    short: "frequency" is that of every Harmonic with the drive's frequency, in loads, base, stop motions and sums;
-    "amplitude" is that of the drive. The drive is the base motion, else the loads, else the motion of the stops. A
-    beam that starts with the speed of its base starts with the new one. Raises InputError.
+    "contacts[i].stops" and "stops[i]" are one, and "stops" without an index are those of all contacts.
+    "loads[0].time.scale" and "base.scale" are factors on a time function, 1 for what it is: the level of a record. So
+    are "mass.scale", "damping.scale" and "stiffness.scale" of matrices.
+    Two names are short: "frequency" is that of every Harmonic with the drive's frequency, in loads, base, stop motions
+    and sums; "amplitude" is that of the drive. The drive is the base motion, else the loads, else the motion of the
+    stops. A beam that starts with the speed of its base starts with the new one. Raises InputError.
     """
     if system.problem is not None and not (system.origin and system.origin.starts(system)):
         remedy = "give the beam its initial data in the problem, or build the systems one by one"
@@ -305,9 +324,12 @@ _KEY = re.compile(r"([A-Za-z_]\w*)|\[(\d+)\]")
 
 def value_at(system: System, path: str) -> float:
     """The number at a path of the problem or the matrices. Raises LookupError where there is none."""
-    thing, keys = _rooted(system, [int(index) if index else name for name, index in _KEY.findall(path)])
+    start: tuple[Any, list[Any]] = _rooted(system, [int(index) if index else x for x, index in _KEY.findall(path)])
+    thing, keys = start
     for key in keys:
-        if _timed(thing) and key == "time":
+        if key == SCALE and isinstance(thing, (TimeFunction, np.ndarray)):
+            thing = cast("Any", 1.0)
+        elif _timed(thing) and key == "time":
             thing = thing[1]
         elif isinstance(key, int) and isinstance(thing, (tuple, list, np.ndarray)):
             thing = thing[key]
@@ -359,6 +381,9 @@ def _replaced(thing: Any, keys: list[Any], value: float) -> Any:
             raise LookupError(thing)
         return value
     key, *others = keys
+    if key == SCALE and not others and isinstance(thing, (TimeFunction, np.ndarray)):
+        is_array = isinstance(thing, np.ndarray)
+        return value * thing if is_array else Sum.weighted((value * factor, f) for factor, f in parts(thing))
     if _timed(thing) and key == "time":
         return (thing[0], _replaced(thing[1], others, value))
     if isinstance(thing, (tuple, list, np.ndarray)) and isinstance(key, int):
@@ -380,6 +405,8 @@ def _paths(thing: Any, path: str = "") -> list[str]:
     """The paths to all numbers that are no entries of arrays."""
     if _timed(thing):
         return _paths(thing[1], f"{path}.time")
+    if isinstance(thing, Sampled):
+        return [f"{path}.{SCALE}"]
     if isinstance(thing, (tuple, list)):
         return [each for i, entry in enumerate(thing) for each in _paths(entry, f"{path}[{i}]")]
     if is_dataclass(thing):
@@ -418,7 +445,8 @@ def _driven(system: System, name: str, value: float) -> System:
     drive = next((harmonics for harmonics in leading if harmonics), [])
     distinct = {h.frequency if name == "frequency" else (h.frequency, h.amplitude) for h in drive}
     if len(distinct) != 1:
-        remedy = "name one by its path, for example loads[0].time." + name
+        by_path = f"name one by its path, for example loads[0].time.{name}"
+        remedy = by_path if distinct else "vary a number that it has: loads[0].time.scale, stops.stiffness"
         raise InputError(name, f"{len(distinct)} drives", "vary exactly one Harmonic drive", remedy)
     shared = drive[0].frequency
     moving = [f for motion in motions for f in parts_of(motion) if isinstance(f, Harmonic) and f.frequency == shared]

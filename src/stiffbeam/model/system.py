@@ -15,6 +15,8 @@ from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array, is_read_only, read_only, same
 from ..basics.exact_float import as_doubles, exact_parts
+from ..basics.html import html_facts
+from ..basics.pictures import DRAW
 from ..basics.resources import afford
 from ..basics.units import UNKNOWN, Units
 from ..basics.validation import InputError, itself, numbers, sequence
@@ -26,6 +28,9 @@ from .sampled import Sampled
 from .time_functions import Constant, Derivative, Harmonic, LoadFunction, Sum, evaluate, load_function, offset_values
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
     from .ode import ODE
 
 
@@ -298,6 +303,21 @@ class System:
 
     def __repr__(self) -> str:
         return f"<System, {self.form}: {self.size} unknowns, {len(self.loads)} loads, {len(self.contacts)} contacts>"
+
+    def plot(self, ax: Axes | None = None, **kwargs: Any) -> Axes | Figure:
+        """Draw the start of the motion between the stops; return ``ax``, or the new Figure.
+
+        kwargs: of ``Axes.plot``.
+        """
+        return DRAW["system"](self, ax, **kwargs)
+
+    def _repr_html_(self) -> str:
+        places = [(f"contact {i + 1}", str(contact.stops)) for i, contact in enumerate(self.contacts)]
+        facts = [
+            ("unknowns", str(self.size)), ("damped", "yes" if self.damped else "no"), ("loads", str(len(self.loads))),
+            ("units", str(self.units)), *places,
+        ]  # fmt: skip
+        return html_facts(f"System, {self.form}", facts)
 
     def massless_contacts(
         self, redistribute: str = "neighbour", damping: str = "none", nodes: Sequence[int] | None = None

@@ -51,7 +51,7 @@ def reference_ensemble(
     t_end = positive("t_end", t_end)
     at = np.array([0.0, float(t_end)]) if t_eval is None else times
     record_from(since, t_end)
-    known: Known = {}  # modes, shared between members; the first one finds them
+    known: Known | None = None if members.separate else {}  # modes, shared between members; the first one finds them
     best = best_reference(members[0], t_end, progress=silent)
     method, horizon = str(best.provenance["method"]), best.horizon
     if method != "exact" and since:
@@ -90,13 +90,13 @@ def reference_ensemble(
     return gathered(members, parts, times, Work(0, seconds, seconds), first.provenance | notes, ledger)
 
 
-def _solve(system: System, t_end: float, at: Array, known: Known, since: float) -> Reference:
+def _solve(system: System, t_end: float, at: Array, known: Known | None, since: float) -> Reference:
     if any(contact.stops.rigid for contact in system.contacts):
         return solve_rigid(system, t_end, at, since, trusted=False)
     return solve_exact(system, t_end, at, known=known, since=since)
 
 
-def _adaptive(method: str, system: System, t_end: float, at: Array, known: Known, since: float) -> Reference:
+def _adaptive(method: str, system: System, t_end: float, at: Array, known: Known | None, since: float) -> Reference:
     return solve_by(system, t_end, method, at, BEST_RTOL, None)
 
 

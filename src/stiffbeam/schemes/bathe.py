@@ -19,7 +19,6 @@ class Bathe(Scheme):
     """
 
     name = "bathe"
-    abbreviation = "Bathe"
     look = (5, 5, 5)
     variants = ({"split": 2.0 - 2.0**0.5},)
 

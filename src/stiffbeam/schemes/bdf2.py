@@ -18,7 +18,6 @@ class BDF2(Scheme):
 
     name = "bdf2"
     paper = "(4.5), (4.11)"
-    abbreviation = "BDF2"
     look = (0, 0, 0)
     history = 2
 

@@ -24,7 +24,6 @@ class ContactStabilisedNewmark(RigidScheme):
     """
 
     name = "contact-stabilised"
-    abbreviation = "stabilised"
     look = (2, 11, 5)
     nodes = (1.0, 1.0)
     conditions = (POSITION, POSITION)

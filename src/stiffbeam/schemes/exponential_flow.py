@@ -19,7 +19,6 @@ class ExponentialFlow(Scheme):
     """
 
     name = "exponential-flow"
-    abbreviation = "exponential"
     look = (6, 7, 6)
 
     def initial(self, equation: Equation, history: list[Array], force: Array) -> Array:

@@ -18,7 +18,6 @@ class GeneralisedAlpha(WeightedNewmark):
     """
 
     name = "generalised-alpha"
-    abbreviation = "gen.-α"
     look = (3, 3, 3)
     variants = ({"rho": 0.0}, {"rho": 1.0})
 

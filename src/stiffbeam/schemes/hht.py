@@ -23,7 +23,6 @@ class HHT(WeightedNewmark):
 
     name = "hht"
     paper = "(4.13)"
-    abbreviation = "HHT"
     look = (2, 2, 2)
     variants = ({"alpha": 0.0}, {"alpha": -0.3})
 

@@ -1,4 +1,4 @@
-"""Schemes as text: ``hht(alpha=-0.1)@displacement``; ``mymodule:Central(theta=0.5)`` is a class of a user's module."""
+"""Schemes as text: ``HHT(alpha=-0.1)@displacement``; ``mymodule:Central(theta=0.5)`` is a class of a user's module."""
 
 from __future__ import annotations
 
@@ -24,16 +24,22 @@ KNOWN_FORMS = (*ALL_FORMS, "matrices")
 
 def make(name: str, **parameters: Any) -> Scheme:
     """The registered scheme ``name``, or the one that ``module:Class`` names, with its parameters."""
-    known = SCHEMES | RIGID
-    if name not in known and ":" not in name:
-        raise InputError("scheme", name, "be a registered scheme", near(name, known))
-    kind = known.get(name) or user_class(name)
+    known = {_plain(each): kind for kind in (*SCHEMES.values(), *RIGID.values()) for each in (kind.name, kind.__name__)}
+    if _plain(name) not in known and ":" not in name:
+        remedy = near(name, [kind.__name__ for kind in (*SCHEMES.values(), *RIGID.values())])
+        raise InputError("scheme", name, "be a registered scheme", remedy)
+    kind = user_class(name) if ":" in name else known[_plain(name)]
     own = [p for p in signature(kind).parameters if p not in ("args", "kwargs")]
     for parameter in parameters:
         if parameter not in own:
             remedy = near(parameter, own) if own else "it has none"
             raise InputError(f"{name}'s parameter", parameter, "be one of its own", remedy)
     return kind(**parameters)
+
+
+def _plain(name: str) -> str:
+    """A name without capitals and hyphens: ``moreau-jean`` is MoreauJean."""
+    return name.lower().replace("-", "").replace("_", "")
 
 
 def registered() -> Iterator[Scheme]:
@@ -46,11 +52,11 @@ def registered() -> Iterator[Scheme]:
 def parse_run(text: str, default_form: str = "displacement") -> tuple[Scheme, str]:
     """``name(parameter=value, ...)[.printed[(erratum)]][@form]`` as (scheme, form).
 
-    For example ``bdf2``, ``hht(alpha=-0.1)@displacement``, ``sdirk(gamma=0.4359, nystrom=true)``,
-    ``sdirk.printed(sigma)@velocity-curvature``, ``mymodule:Central(theta=0.5)`` for a class of one's own.
+    For example ``bdf2``, ``HHT(alpha=-0.1)@displacement``, ``SDIRK(gamma=0.4359, nystrom=True)``,
+    ``SDIRK.printed(sigma)@velocity-curvature``, ``mymodule:Central(theta=0.5)`` for a class of one's own.
     """
     if not isinstance(text, str) or len(text) > LONGEST_RUN:
-        remedy = "e.g. hht(alpha=-0.1)@displacement"
+        remedy = "e.g. HHT(alpha=-0.1)@displacement"
         raise InputError("scheme", text, f"be a text of at most {LONGEST_RUN} letters", remedy)
     pattern = (
         r"\s*(?P<name>[\w.]+:\w+|[\w-]+)\s*(\((?P<args>[^()]*)\))?"
@@ -59,19 +65,19 @@ def parse_run(text: str, default_form: str = "displacement") -> tuple[Scheme, st
     )
     match = re.fullmatch(pattern, text)
     if not match:
-        raise InputError("scheme", text, "read name(parameter=value, ...)@form", "e.g. hht(alpha=-0.1)@displacement")
+        raise InputError("scheme", text, "read name(parameter=value, ...)@form", "e.g. HHT(alpha=-0.1)@displacement")
     parameters: dict[str, Any] = {}
     for item in filter(None, (match["args"] or "").split(",")):
         key, equals, value = (part.strip() for part in item.partition("="))
         if not equals:
-            raise InputError("scheme", text, "name every parameter", "for example hht(alpha=-0.1)")
+            raise InputError("scheme", text, "name every parameter", "for example HHT(alpha=-0.1)")
         if key in parameters:
             raise InputError("scheme", text, f"give {key} once", "leave one of them out")
         try:
             truth = {"true": True, "false": False}
             parameters[key] = truth[value.lower()] if value.lower() in truth else ast.literal_eval(value)
         except (ValueError, SyntaxError, TypeError, RecursionError, MemoryError):
-            remedy = "for example hht(alpha=-0.1)"
+            remedy = "for example HHT(alpha=-0.1)"
             raise InputError("scheme", text, f"give {key} a number, true or false", remedy) from None
     scheme = make(match["name"], **parameters)
     if match["printed"]:
@@ -95,12 +101,16 @@ def scheme_of(label: str) -> Scheme | None:
         return None
 
 
-def abbreviated(scheme: Scheme, label: str = "") -> str:
-    """Short name of a scheme: ``sdirk(gamma=0.4359, nystrom=true)`` is SDIRK(0.4359). label: names a user's class."""
-    values = [f"{v:.4g}" for v in scheme.parameters.values() if not isinstance(v, bool)]
-    user_class = label.partition(":")[2].partition("(")[0]
-    name = (user_class or scheme.abbreviation or scheme.name) + (f"({', '.join(values)})" if values else "")
-    return f"{name} printed({scheme.erratum})" if scheme.erratum else name
+def short_label(label: str) -> str:
+    """The label of a scheme where space is short, parameters to four digits; any other text as it is."""
+    scheme = scheme_of(label)
+    return label if scheme is None else scheme.label(digits=4)
+
+
+def run_label(label: str) -> str:
+    """A scheme's label as it is written today, of files that older versions have written; any other text as it is."""
+    scheme = scheme_of(label)
+    return label if scheme is None or ":" in label else str(scheme)
 
 
 # ---------------------------------------------------------------- classes of a user's module
@@ -159,7 +169,7 @@ def user_label(scheme: Scheme) -> str:
         remedy = "move its class to the top of a module, or use integrate and compare"
         rule = "be registered, or be found in a module, for a study"
         raise InputError("schemes", f"a {kind.__qualname__} called {label}", rule, remedy)
-    name, given = f"{kind.__module__}:{kind.__qualname__}", label.removeprefix(scheme.name)
+    name, given = f"{kind.__module__}:{kind.__qualname__}", label.removeprefix(kind.__name__)
     found = user_class(name)
     try:
         again = found is kind and vars(kind(**scheme.parameters)) == vars(scheme)

@@ -50,10 +50,9 @@ class MeanReaction(Scheme):
         """Those of the scheme it is a form of."""
         return self.scheme.parameters
 
-    def __str__(self) -> str:
-        return str(self.scheme)
-
-    __repr__ = __str__
+    def label(self, digits: int | None = None, kind: str = "") -> str:
+        """That of the scheme it is a form of."""
+        return self.scheme.label(digits, kind)
 
 
 def midpoint(equation: Any, dt: float, y: Array, f0: Array, f1: Array, reaction: Array) -> Array:

@@ -24,7 +24,6 @@ class MoreauJean(RigidScheme):
     """
 
     name = "moreau-jean"
-    abbreviation = "Moreau-Jean"
     look = (1, 6, 3)
     conditions = (VELOCITY,)
 

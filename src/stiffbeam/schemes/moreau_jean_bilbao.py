@@ -25,7 +25,6 @@ class MoreauJeanBilbao(RigidScheme):
     """
 
     name = "moreau-jean-bilbao"
-    abbreviation = "M.-J.-Bilbao"
     look = (5, 9, 6)
     modal_only = True
     conditions = (VELOCITY,)

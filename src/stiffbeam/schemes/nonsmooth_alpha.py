@@ -28,7 +28,6 @@ class NonsmoothGeneralisedAlpha(RigidScheme):
     """
 
     name = "nonsmooth-alpha"
-    abbreviation = "nonsmooth-α"
     look = (3, 12, 1)
     nodes = (1.0, 1.0)
     conditions = (POSITION, WHERE_CLOSED)

@@ -25,7 +25,6 @@ class PaoliSchatzman(RigidScheme):
     """
 
     name = "paoli-schatzman"
-    abbreviation = "Paoli-Sch."
     look = (4, 10, 2)
     conditions = (RESTITUTED,)
 

@@ -12,7 +12,7 @@ from ..basics.validation import InputError, one_of
 from ..model.equations import Equation
 
 Step = tuple[Array, list[Array]]  # z at t_{n+1}, and y at the nodes
-FACTS: dict[str, Any] = {"name": "", "abbreviation": "", "paper": "", "look": None, "variants": ()}  # not inherited
+FACTS: dict[str, Any] = {"name": "", "paper": "", "look": None, "variants": ()}  # not inherited
 
 
 class Scheme(ABC):
@@ -27,7 +27,6 @@ class Scheme(ABC):
     """
 
     name: ClassVar[str] = ""
-    abbreviation: ClassVar[str] = ""  # in tables and legends; the name where it is empty
     paper: ClassVar[str] = ""  # the paper's equation numbers
     look: ClassVar[tuple[int, int, int] | None] = (
         None  # colour, dashes and marker in every picture, see figures/panels.py
@@ -117,12 +116,34 @@ class Scheme(ABC):
         """The arguments that make this scheme again, for labels and provenance."""
         return {}
 
-    def __str__(self) -> str:
-        inside = ", ".join(f"{name}={str(value).lower()}" for name, value in self.parameters.items())
-        label = f"{self.name}({inside})" if inside else self.name
+    def label(self, digits: int | None = None, kind: str = "") -> str:
+        """Return the one name of the scheme in tables, pictures, files and JSON, its class with its parameters.
+
+        digits: of the parameters, where space is short; flags that leave the scheme the same are left out then. kind:
+        the name of the class, where another is wanted.
+
+        >>> from stiffbeam import BDF2, HHT, SDIRK
+        >>> str(HHT(alpha=-0.1)), str(BDF2()), SDIRK(nystrom=True).label(digits=4)
+        ('HHT(alpha=-0.1)', 'BDF2', 'SDIRK(gamma=0.4359)')
+        """
+        inside = ", ".join(
+            f"{name}={value:.{digits}g}" if digits and isinstance(value, float) else f"{name}={value!r}"
+            for name, value in self.parameters.items()
+            if digits is None or not isinstance(value, bool)
+        )
+        # A printed form is a subclass of the scheme that it misprints.
+        kind = kind or (type(self).__bases__[0] if self.erratum else type(self)).__name__
+        label = f"{kind}({inside})" if inside else kind
         return f"{label}.printed({self.erratum})" if self.erratum else label
 
-    __repr__ = __str__
+    def __str__(self) -> str:
+        return self.label()
+
+    def __repr__(self) -> str:
+        """The call that makes it again."""
+        call, printed, erratum = self.label().partition(".printed(")
+        call = call if call.endswith(")") else f"{call}()"
+        return f"{call}.printed({erratum.removesuffix(')')!r})" if printed else call
 
 
 def require_scheme(scheme: Any) -> Scheme:

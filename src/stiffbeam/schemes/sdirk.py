@@ -38,7 +38,6 @@ class SDIRK(Scheme):
     """
 
     name = "sdirk"
-    abbreviation = "SDIRK"
     look = (1, 1, 1)
     variants = ({"nystrom": True}, {"gamma": 1.0}, {"gamma": 1.0, "nystrom": True})
 

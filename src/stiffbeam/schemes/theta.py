@@ -17,7 +17,6 @@ class Theta(Scheme):
 
     name = "theta"
     paper = "Section 5.2.1"
-    abbreviation = "θ"
     look = (7, 8, 6)
 
     def __init__(self, theta: float = 0.5) -> None:

@@ -41,7 +41,7 @@ def find_study(name: str) -> Study:
 def study(name: str, case: Any = "table10", **options: Any) -> Records:
     """Run a study on a case; options are those of ``run_study`` and the study's own.
 
-    >>> records = study("amplification", schemes=["bdf2", "hht(alpha=-0.1)"])  # doctest: +SKIP
+    >>> records = study("amplification", schemes=["BDF2", "HHT(alpha=-0.1)"])  # doctest: +SKIP
     >>> records.answer, records.to_dataframe(), records.figure()  # doctest: +SKIP
     """
     from .engine.runner import run_study

@@ -23,12 +23,15 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from html import escape
 from itertools import takewhile
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..basics.arrays import Array
+from ..basics.html import html_table
+from ..basics.pictures import DRAW
 from ..basics.progress import Show, silent
 from ..basics.progress import progress as shown
 from ..basics.text import table
@@ -52,6 +55,8 @@ from .ensemble import difference
 
 if TYPE_CHECKING:
     import pandas
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
     from .engine.journal import Journal
 
@@ -318,6 +323,20 @@ class Advice:
             "members": self.members, "advised": chosen, "cannot": self.cannot, "trusted_until": self.trusted_until,
             "scatter": self.scatter, "remark": self.remark, "units": str(self.system.units),
         }  # fmt: skip
+
+    def plot(self, ax: Axes | None = None, **kwargs: Any) -> Axes | Figure:
+        """Draw the worst error of every run that was tried against its cost; return ``ax``, or the new Figure. kwargs:
+        of ``Axes.plot``."""
+        return DRAW["advice"](self, ax, **kwargs)
+
+    def _repr_html_(self) -> str:
+        heads = ["run", "time step", "linear solves", *(f"error of {name}" for name in self.want)]
+        rows = [
+            [("advised: " if p is self.chosen else "") + p.label, f"{p.dt:.4g}", str(p.work),
+             *(f"{p.errors[name]:.2g}" for name in self.want)]
+            for p in self.tried
+        ]  # fmt: skip
+        return "".join(f"<p>{escape(line)}</p>" for line in str(self).splitlines()) + html_table(heads, rows)
 
     def to_dataframe(self) -> pandas.DataFrame:
         """One line for each run that was tried."""

@@ -24,7 +24,7 @@ def families() -> list[str]:
     gammas = [float(g) for g in np.round(np.arange(0.19, 1.01, 0.03), 2) if g > GAMMA_MIN and not 0.24 < g < 0.31]
     schemes = [
         *(HHT(round(a, 4)) for a in np.linspace(-0.33, 0.0, 12)),
-        *(f"sdirk(gamma={gamma})" for gamma in gammas),
+        *(f"SDIRK(gamma={gamma})" for gamma in gammas),
         *(GeneralisedAlpha(round(r, 2)) for r in np.linspace(0.0, 1.0, 11)),
     ]
     return [str(scheme) for scheme in schemes]
@@ -169,5 +169,5 @@ STUDY = Study(
     picture=picture,
     marches=False,
     of_case=False,
-    smoke={"schemes": ["bdf2", "hht(alpha=-0.1)", "sdirk(gamma=0.4359)"], "per_decade": 10},
+    smoke={"schemes": ["BDF2", "HHT(alpha=-0.1)", "SDIRK(gamma=0.4359)"], "per_decade": 10},
 )

@@ -61,6 +61,10 @@ def points(
     most = (case.t_end if span is None else positive("span", span)) / STEPS
     if not dt <= most:
         raise InputError("dt", dt, f"be at most {most:.3g}, for {STEPS} steps of a span", "take a smaller one")
+    ends = _recorded(system_of(case, form))
+    if span is not None and span >= ends:
+        remedy = "take a shorter span: each pair starts later than t = 0"
+        raise InputError("span", span, f"end before the samples of the case, which reach t = {ends:g}", remedy)
     if span is None:  # a horizon may be shorter than some steps, or 0
         span = max(min(exact.horizon, case.t_end) / 2.0, STEPS * dt)
     known = exact.provenance["method"] == "exact"
@@ -252,6 +256,8 @@ def answer(rows: Rows, case: Case) -> Answer:
     rates = {method: mean for method, (mean, _) in known.items() if method not in ("exact", "tangent flow")}
     said = f"{known['exact'][0]:.3g} ± {known['exact'][1]:.2g}{unit} for the exact flow" if "exact" in known else ""
     schemes = f"{extremes(rates, '{:.3g}'.format)}{unit} for schemes" if rates else ""
+    if not said and not schemes:
+        said = f"{known['tangent flow'][0]:.3g} ± {known['tangent flow'][1]:.2g}{unit} for the tangent flow"
     return Answer(
         f"Neighbouring motions diverge like exp(lambda t), lambda = {', '.join(filter(None, [said, schemes]))}.",
         [{"neighbours diverge like exp(lambda t)": method, "lambda": f"{mean:.3g} ± {interval:.2g}{unit}"}
@@ -305,5 +311,5 @@ STUDY = Study(
     picture=picture,
     needs_motion=True,
     all_cores=True,
-    smoke={"schemes": ["hht(alpha=-0.1)"], "starts": 6},
+    smoke={"schemes": ["HHT(alpha=-0.1)"], "starts": 6},
 )

@@ -27,7 +27,7 @@ from ..trajectory.trajectory import Reference, Trajectory, Work
 from .engine.study import Study
 
 # What the options of several studies are and mean; the commands read it here.
-Schemes = Annotated[list[str] | None, "with commas between them, e.g. 'bdf2,hht(alpha=-0.2)'; default: all"]
+Schemes = Annotated[list[str] | None, "with commas between them, e.g. 'BDF2,HHT(alpha=-0.2)'; default: all"]
 Integrators = Annotated[
     list[str] | None,
     "schemes, reference solvers and functions module:function, with commas between them; default: all schemes",
@@ -55,10 +55,10 @@ def scheme_labels(case: Case, schemes: Sequence[str | Scheme] | None = None) -> 
     stands under that name.
     """
     if schemes is not None:
-        schemes = sequence("schemes", schemes, "be schemes or their labels", "for example ['hht(alpha=-0.1)']")
+        schemes = sequence("schemes", schemes, "be schemes or their labels", "for example ['HHT(alpha=-0.1)']")
         for label in schemes:
             if not isinstance(label, (str, Scheme)):
-                raise InputError("schemes", label, "be schemes or their labels", "for example 'hht(alpha=-0.1)'")
+                raise InputError("schemes", label, "be schemes or their labels", "for example 'HHT(alpha=-0.1)'")
         return [label_of(label) for label in schemes]
     own: dict[str, Scheme] = {}
     for scheme, _ in case.runs:
@@ -78,7 +78,7 @@ def integrators_of(case: Case, given: Sequence[Any] | None = None) -> list[Integ
     if given is None:
         return [integrator(label) for label in scheme_labels(case)]
     chosen: dict[str, Integrator] = {}
-    for one in integrators(sequence("schemes", given, "be integrators", "for example ['hht(alpha=-0.1)']")):
+    for one in integrators(sequence("schemes", given, "be integrators", "for example ['HHT(alpha=-0.1)']")):
         label = label_of(one.source) if one.kind == SCHEME else one.label
         if one.kind == FUNCTION:
             label = label.partition(" (")[0]

@@ -203,6 +203,6 @@ STUDY = Study(
     picture=picture,
     needs_motion=True,
     each_contact=True,
-    smoke={"schemes": ["hht(alpha=-0.1)"], "halvings": 3, "impacts": 2, "members": 3, "t_end": 0.4},
+    smoke={"schemes": ["HHT(alpha=-0.1)"], "halvings": 3, "impacts": 2, "members": 3, "t_end": 0.4},
     needs_stops=True,
 )

@@ -223,5 +223,5 @@ STUDY = Study(
     evaluate=evaluate,
     answer=answer,
     picture=picture,
-    smoke={"schemes": ["bdf2", "sdirk(gamma=0.4359, nystrom=true)"], "halvings": 4, "impacts": 2},
+    smoke={"schemes": ["BDF2", "SDIRK(gamma=0.4359, nystrom=True)"], "halvings": 4, "impacts": 2},
 )

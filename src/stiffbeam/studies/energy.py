@@ -11,7 +11,7 @@ from ..figures import Axis, Bars, Level, Mark, Note, Panel, Picture, column, cur
 from ..files.cases import Case
 from ..march.integrate import integrate
 from ..measures.report import DASH, percent
-from ..trajectory.ledger import Ledger, given
+from ..trajectory.ledger import Ledger, supplied
 from ..trajectory.trajectory import Trajectory
 from . import common
 from .engine.study import Answer, Point, Records, Row, Rows, Study
@@ -69,8 +69,8 @@ def evaluate(case: Case, point: Point) -> list[Row]:
 def _row(ledger: Ledger, k: int) -> Row:
     names = ("t", "kinetic", "elastic", "stops", "energy", "input", "viscous", "spread", "loss")
     row = {name: float(getattr(ledger, name)[k]) for name in names}
-    sure = ledger.sure(k)
-    parts = {"lost_in_contact": ledger.contact[k], "lost_free": ledger.free[k]}
+    sure = ledger.is_resolved(k)
+    parts = {"lost_in_contact": ledger.loss_in_contact[k], "lost_free": ledger.loss_without_contact[k]}
     row |= {name: float(x) if sure else float("nan") for name, x in parts.items()}
     return row | {"sure": sure, "lost_fraction": ledger.lost_fraction(k)}
 
@@ -158,7 +158,7 @@ def _bars(rows: Rows, units: Units) -> Panel:
 
 def _share(own: Rows, name: str) -> float:
     """Per cent of the most energy given; NaN where that is nothing."""
-    most = given(column(own, "energy")[0], column(own, "input"))[-1]
+    most = supplied(column(own, "energy")[0], column(own, "input"))[-1]
     return 100.0 * own[-1][name] / most if most > 0.0 else np.nan
 
 
@@ -177,5 +177,5 @@ STUDY = Study(
     answer=answer,
     picture=picture,
     needs_motion=True,
-    smoke={"schemes": ["hht(alpha=-0.1)", "bdf2"], "t_end": 0.05},
+    smoke={"schemes": ["HHT(alpha=-0.1)", "BDF2"], "t_end": 0.05},
 )

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
 from ..basics.arrays import Array
-from ..basics.validation import integer
+from ..basics.validation import InputError, integer
 from ..figures import (
     Axis,
     Band,
@@ -34,7 +34,9 @@ from ..march.ensemble import integrate_ensemble
 from ..measures.report import DASH, percent
 from ..measures.smooth_motion import drive_frequency
 from ..measures.spectrum import amplitude_spectrum, drive_amplitude
-from ..model.members import SPREAD, perturbed
+from ..model.members import SPREAD, Members, perturbed
+from ..model.system import System
+from ..model.uncertain import uncertain
 from ..references.ensemble import reference_ensemble
 from ..schemes.labels import scheme_of as known_scheme
 from ..testset.integrators import RECORDED
@@ -57,15 +59,26 @@ def points(
     dt: common.Dt,
     t_end: common.End,
     members: common.Members = 200,
-    size: Annotated[float, "of the perturbation, relative to the motion"] = SPREAD,
-    seed: Annotated[int, "of the perturbations"] = 1,
+    size: Annotated[
+        float | None, "of the perturbation, relative to the motion; default: 1e-3, none where parameters are uncertain"
+    ] = None,
+    seed: Annotated[int, "of the members"] = 1,
     contact: common.Treatment = "implicit",
 ) -> list[Point]:
     """The exact solution and every scheme at ``dt`` (the case's), each with the same ``members`` initial
-    data, perturbed by ``size`` relative to the motion. A solver runs to its default tolerance; recorded runs of one
+    data, perturbed by ``size`` relative to the motion. Where the case states uncertain parameters the members
+    are drawn from these instead, and start alike. A solver runs to its default tolerance; recorded runs of one
     name are members themselves, for the user to perturb (``perturbed``)."""
     integer("members", members, 2)  # one has no spread
-    rest = {
+    if case.uncertain and size is not None:
+        remedy = "its members differ by their parameters"
+        raise InputError("size", size, "be left out for a case with uncertain parameters", remedy)
+    size = SPREAD if size is None and not case.uncertain else size
+    drawn: Point = {}
+    if case.uncertain:
+        named = ", ".join(f"{path} {one.text}" for path, one in case.uncertain.items())
+        drawn = {"drawn": named, "distributions": [[path, repr(one)] for path, one in case.uncertain.items()]}
+    rest = drawn | {
         "form": form, "dt": dt, "t_end": t_end,
         "members": members, "size": size, "seed": seed, "contact": contact,
     }  # fmt: skip
@@ -84,7 +97,7 @@ def evaluate(case: Case, point: Point) -> list[Row]:
     """Rows of members, quantiles of peak forces and the spectrum, of one method."""
     system = common.system_of(case, point["form"])
     dt, t_end = point["dt"], point["t_end"]
-    members = perturbed(system, point["members"], point["size"], point["seed"], t_end=t_end)
+    members = members_of(case, system, point)
     recorded, scheme = point.get("recorded"), None if point["method"] == "exact" else known_scheme(point["method"])
     many: Ensemble | Runs
     every = common.to_the_end(round(t_end / dt), SAMPLES)
@@ -109,7 +122,7 @@ def evaluate(case: Case, point: Point) -> list[Row]:
     if isinstance(many, Ensemble) and point["method"] != "exact":
         for i in np.flatnonzero(whole)[:LEDGERS]:
             ledger = many.ledger(i)
-            losses[i] = ledger.loss[-1] if ledger.sure() else np.nan, ledger.given[-1]
+            losses[i] = ledger.loss[-1] if ledger.is_resolved() else np.nan, ledger.supplied[-1]
     rows: list[Row] = []
     for number, seen in enumerate(many.contacts, 1):
         response, losses = (x if number == 1 else np.full_like(x, np.nan) for x in (response, losses))  # of the run
@@ -127,6 +140,13 @@ def evaluate(case: Case, point: Point) -> list[Row]:
         peak = {"kind": "peak", "contact_number": number}
         rows += [peak | {"quantile": q, "force": float(np.quantile(peaks, q))} for q in QUANTILES if len(peaks)]
     return rows + _spectrum(t, many.tip[whole], drive)
+
+
+def members_of(case: Case, system: System, point: Point) -> Members:
+    """The members of a point: systems with drawn parameters, or with perturbed starts."""
+    if case.uncertain:
+        return uncertain(system, case.uncertain, point["members"], point["seed"])
+    return perturbed(system, point["members"], point["size"], point["seed"], t_end=point["t_end"])
 
 
 def _sampled(run: Trajectory, t: Array) -> Trajectory:
@@ -189,13 +209,15 @@ def answer(rows: Rows, case: Case) -> Answer:
             "lost, %": _spread(100 * lost / _mean(had)) if _mean(had) > 0.0 else DASH,
         })  # fmt: skip
     counted = f"; schemes count {common.extremes(means, '{:.4g}'.format)} at dt = {dt}" if means else ""
+    drawn = first.get("drawn")
+    differ = f"Members drawn with {drawn}" if drawn else f"Members perturbed by {first['size']:g}"
     over = f", of the first {LEDGERS} members" if len(exact) > LEDGERS else ""
     share = percent(_mean(distribution(rows, "exact", "fraction")))
     return Answer(
         f"Over {len(exact)} members the exact solution has {np.mean(exact):.4g} ± {np.std(exact):.2g} impacts to "
         f"t = {end} and is in contact {share} of the time{counted}.",
         table,
-        f"Members perturbed by {first['size']:g}, dt = {dt}: mean ± standard deviation. Off by: difference of the "
+        f"{differ}, dt = {dt}: mean ± standard deviation. Off by: difference of the "
         "means, ± with 95 %. Lost: numerical dissipation, as a share of the initial energy plus the work of the loads"
         f"{over}. The largest force grows with the span.",
     )
@@ -285,5 +307,5 @@ STUDY = Study(
     needs_stops=True,
     all_cores=True,
     each_contact=True,
-    smoke={"schemes": ["hht(alpha=-0.1)"], "members": 8, "t_end": 0.7},
+    smoke={"schemes": ["HHT(alpha=-0.1)"], "members": 8, "t_end": 0.7},
 )

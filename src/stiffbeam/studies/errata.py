@@ -58,7 +58,7 @@ def points(
                     for steps in common.halved(end, first, halvings)
                 ]
     if not found:
-        remedy = "take sdirk, or stops whose force depends on the position alone"
+        remedy = "take SDIRK, or stops whose force depends on the position alone"
         raise InputError("schemes", ", ".join(labels), "have a misprint that runs", remedy)
     return found
 
@@ -173,5 +173,5 @@ STUDY = Study(
     answer=answer,
     picture=picture,
     needs_motion=True,
-    smoke={"schemes": ["hht(alpha=-0.1)"], "halvings": 3, "impacts": 2},
+    smoke={"schemes": ["HHT(alpha=-0.1)"], "halvings": 3, "impacts": 2},
 )

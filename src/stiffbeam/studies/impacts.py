@@ -306,5 +306,5 @@ STUDY = Study(
     needs_motion=True,
     needs_stops=True,
     each_contact=True,
-    smoke={"schemes": ["hht(alpha=-0.1)"], "halvings": 2, "t_end": 0.2, "members": 3, "sensitivity": False},
+    smoke={"schemes": ["HHT(alpha=-0.1)"], "halvings": 2, "t_end": 0.2, "members": 3, "sensitivity": False},
 )

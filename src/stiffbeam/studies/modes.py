@@ -138,5 +138,5 @@ STUDY = Study(
     evaluate=evaluate,
     answer=answer,
     picture=picture,
-    smoke={"schemes": ["bdf2", "hht(alpha=-0.1)"], "steps": 400},
+    smoke={"schemes": ["BDF2", "HHT(alpha=-0.1)"], "steps": 400},
 )

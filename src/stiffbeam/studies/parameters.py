@@ -64,7 +64,8 @@ IN_STEP = ("amplitude", "clearance", "stop-stiffness")  # members of one ensembl
 
 @dataclass(frozen=True)
 class Setup:
-    """One value of the parameters, ready to run. scheme: None for the exact solution. period: T."""
+    """One value of the parameters, ready to run. scheme: None for the exact solution. period: T of the drive, the whole
+    run where samples drive it."""
 
     system: System
     scheme: Scheme | None
@@ -140,11 +141,13 @@ def setup_of(system: System, point: Point, value: Sequence[float]) -> Setup:
             assert scheme is not None
             changed = type(scheme)(**(scheme.parameters | {name: x}))
             scheme = changed.printed(scheme.erratum) if scheme.erratum else changed
-    period = drive_period(system, point["parameter"])
+    whole = point.get("t_end")
+    period = drive_period(system, point["parameter"]) if whole is None else whole
     if dt is None:
         return Setup(system, None, 0.0, period)
     if dt > 0.5 * period:
-        raise InputError("dt", dt, f"be at most half a period of the drive, {0.5 * period:.6g}", "take a smaller dt")
+        half = f"{'half a period of the drive' if whole is None else 'half the run'}, {0.5 * period:.6g}"
+        raise InputError("dt", dt, f"be at most {half}", "take a smaller dt")
     return Setup(system, scheme, period / round(period / dt), period)
 
 
@@ -156,15 +159,7 @@ def names_of(point: Point) -> list[str]:
 
 def drive_period(system: System, parameter: str = "frequency") -> float:
     """T = 2 pi/a of the frequency that drives the system; of several, that of the drive whose parameter is varied."""
-    drive = Drive.of(system)
-    if drive.records:
-        raise InputError(
-            "case",
-            "a sampled load or motion",
-            "be driven by a Harmonic, for a section once a period",
-            "replace the samples by a Harmonic, or run the study ensemble",
-        )
-    frequencies = drive.frequencies
+    frequencies = Drive.of(system).frequencies
     if len(frequencies) == 1:
         return 2.0 * np.pi / frequencies[0]
     try:

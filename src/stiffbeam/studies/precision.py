@@ -280,7 +280,7 @@ STUDY = Study(
     picture=picture,
     needs_motion=True,
     smoke={
-        "schemes": ["bdf2", "sdirk(gamma=0.4359)"],
+        "schemes": ["BDF2", "SDIRK(gamma=0.4359)"],
         "methods": ["exact", "cvode-adams"],
         "halvings": 3,
         "tolerances": [1e-6],

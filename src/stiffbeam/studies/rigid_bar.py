@@ -23,16 +23,16 @@ REACTION, MASSLESS, SPRING, CONSERVING = "rigid", "massless node", "spring", "co
 WALLS = (REACTION, MASSLESS, SPRING, CONSERVING)
 KAPPA = 10.0  # of the spring, in units of the stiffness of an element
 ENTRIES: tuple[tuple[str, str, float | None], ...] = (
-    ("trapezoidal", REACTION, None), ("hht(alpha=-0.1)", REACTION, None), ("bdf2", REACTION, None),
-    ("sdirk", REACTION, None), ("bathe", REACTION, None),
-    ("moreau-jean", REACTION, 0.0), ("moreau-jean", REACTION, 0.5), ("moreau-jean", REACTION, 1.0),
-    ("moreau-jean-bilbao", REACTION, 0.0), ("moreau-jean-bilbao", REACTION, 1.0),
-    ("paoli-schatzman", REACTION, 0.0), ("paoli-schatzman", REACTION, 1.0),
-    ("contact-stabilised", REACTION, None),
-    ("nonsmooth-alpha(rho=0.8)", REACTION, 0.0), ("nonsmooth-alpha(rho=1.0)", REACTION, 0.0),
-    ("nonsmooth-alpha(rho=1.0)", REACTION, 1.0),
-    ("trapezoidal", SPRING, None), ("trapezoidal", CONSERVING, None),
-    ("trapezoidal", MASSLESS, None), ("sdirk", MASSLESS, None), ("trapezoidal conserving", MASSLESS, None),
+    ("Trapezoidal", REACTION, None), ("HHT(alpha=-0.1)", REACTION, None), ("BDF2", REACTION, None),
+    ("SDIRK", REACTION, None), ("Bathe", REACTION, None),
+    ("MoreauJean", REACTION, 0.0), ("MoreauJean", REACTION, 0.5), ("MoreauJean", REACTION, 1.0),
+    ("MoreauJeanBilbao", REACTION, 0.0), ("MoreauJeanBilbao", REACTION, 1.0),
+    ("PaoliSchatzman", REACTION, 0.0), ("PaoliSchatzman", REACTION, 1.0),
+    ("ContactStabilisedNewmark", REACTION, None),
+    ("NonsmoothGeneralisedAlpha(rho=0.8)", REACTION, 0.0), ("NonsmoothGeneralisedAlpha(rho=1.0)", REACTION, 0.0),
+    ("NonsmoothGeneralisedAlpha(rho=1.0)", REACTION, 1.0),
+    ("Trapezoidal", SPRING, None), ("Trapezoidal", CONSERVING, None),
+    ("Trapezoidal", MASSLESS, None), ("SDIRK", MASSLESS, None), ("Trapezoidal conserving", MASSLESS, None),
 )  # fmt: skip
 PERIODS = 3
 FLIGHT = 3.0  # the foot is compared until then: over the first contact and most of the flight after it
@@ -195,5 +195,5 @@ STUDY = Study(
     answer=answer,
     picture=picture,
     of_case=False,
-    smoke={"schemes": ["moreau-jean", "trapezoidal"], "cells": [10, 20], "starts": 2},
+    smoke={"schemes": ["MoreauJean", "Trapezoidal"], "cells": [10, 20], "starts": 2},
 )

@@ -29,15 +29,15 @@ from .common import Cells, Dt, Numbers, extremes, label_of, scheme_of
 from .engine.study import Answer, Point, Records, Row, Rows, Study
 from .first_impact import LOOK, first_crossing, look_span
 
-EXACT, CONSERVING = "exact", "trapezoidal conserving"
-COMPLIANT = (EXACT, CONSERVING, "trapezoidal", "hht(alpha=-0.1)", "bdf2", "sdirk")
+EXACT, CONSERVING = "exact", "Trapezoidal conserving"
+COMPLIANT = (EXACT, CONSERVING, "Trapezoidal", "HHT(alpha=-0.1)", "BDF2", "SDIRK")
 MASSLESS, NODE = "massless node", "node with mass"
 # What is asked at kappa = inf: method, node, restitution.
 RIGID: tuple[tuple[str, str, float | None], ...] = (
     (EXACT, MASSLESS, None), (CONSERVING, MASSLESS, None), (EXACT, NODE, 0.0), (EXACT, NODE, 1.0),
-    ("trapezoidal", NODE, None), ("hht(alpha=-0.1)", NODE, None), ("bdf2", NODE, None), ("sdirk", NODE, None),
-    ("moreau-jean", NODE, 0.0), ("moreau-jean", NODE, 1.0), ("paoli-schatzman", NODE, 0.0),
-    ("nonsmooth-alpha(rho=0.8)", NODE, 0.0), ("contact-stabilised", NODE, None),
+    ("Trapezoidal", NODE, None), ("HHT(alpha=-0.1)", NODE, None), ("BDF2", NODE, None), ("SDIRK", NODE, None),
+    ("MoreauJean", NODE, 0.0), ("MoreauJean", NODE, 1.0), ("PaoliSchatzman", NODE, 0.0),
+    ("NonsmoothGeneralisedAlpha(rho=0.8)", NODE, 0.0), ("ContactStabilisedNewmark", NODE, None),
 )  # fmt: skip
 KAPPAS = (1e5, 3e5, 1e6, 5e6, 2e7, 1e8, 1e9)
 WINDOW = 0.01  # after the first touch
@@ -116,13 +116,13 @@ def _with_ranges(found: list[Row]) -> Row:
 def _found(run: Trajectory, end: float) -> Row:
     """Impulse, time in contact, impacts and energy lost of a run in [0, end]."""
     record, energy = run.contacts[0], run.energy
-    most = float(energy.given[-1])
+    most = float(energy.supplied[-1])
     return {
         "impulse": record.impulse,
         "contact_time": record.fraction * end,
         "impacts": record.impacts.count,
         "lost": float((energy.loss[-1] + energy.stop_dissipation[-1]) / most)
-        if most > 0.0 and energy.sure()
+        if most > 0.0 and energy.is_resolved()
         else float("nan"),
     }
 

@@ -7,6 +7,9 @@ scheme: an interpolation between steps would smear its periodic motions. The con
 same periods. Values that leave step and linear part alone (amplitude, clearance, stop stiffness) march as
 one ensemble. Without damping the exact motion depends on its initial data for ever; a scheme's section also depends on
 its numerical dissipation.
+
+A case that samples drive has no period: it runs once from 0 to its t_end at every value, with impacts per unit of time
+and without sections.
 """
 
 from __future__ import annotations
@@ -22,6 +25,7 @@ from ..basics.validation import InputError, integer, near, number, positive
 from ..figures import COLOURS, Axis, Curve, Map, Panel, Picture, column, dashed, look, tip_name, tip_symbol
 from ..files.cases import Case
 from ..march.ensemble import integrate_ensemble
+from ..model.drive import Drive
 from ..references.ensemble import reference_ensemble
 from ..schemes.rigid_scheme import RigidScheme
 from ..trajectory.ensemble import Ensemble
@@ -49,6 +53,7 @@ BATCHES = 16  # at least, so that processes end together
 # Seconds with 25 cells on one core: what a batch is cut to, so that a kill loses little; setting a scheme
 # up, a step, a period of the drive of the exact solution, the last two for compliant and for rigid stops.
 BATCH, SETTING_UP, STEP, EXACT_PERIOD = 1.0, 0.02, (3e-8, 3e-7), (6e-3, 3e-2)
+EXACT_SAMPLE = 3e-4  # of the exact solution, for every sample of a record
 PERIODS, TRANSIENT, BUDGET = 60, 100, 20.0  # by default; as many as about so many seconds allow, LEAST of each
 LEAST = LONGEST + 2
 
@@ -97,6 +102,15 @@ def points(
     for name, periods_given, least in (("periods", periods, 1), ("transient", transient, 0)):
         if periods_given is not None:
             integer(name, periods_given, least)
+    recorded = bool(Drive.of(system_of(case, form)).records)
+    if recorded:
+        for name, stated in (("periods", periods), ("transient", transient)):
+            if stated is not None:
+                remedy = f"it runs once from 0 to the case's t_end = {case.t_end:g}"
+                raise InputError(name, stated, "be left out for a case that samples drive", remedy)
+        if parameter == "frequency" and values is None:
+            remedy = "name it with its values: --parameter loads[0].time.scale --values 0.5:2:16, or stops.stiffness"
+            raise InputError("parameter", parameter, "be another one for a case that samples drive", remedy)
     if values is None and parameter == "frequency":
         own = 2.0 * np.pi / drive_period(system_of(case, form))
         values = np.linspace(0.7 * own, 1.3 * own, count).tolist()
@@ -123,7 +137,7 @@ def points(
         "parameter": parameter, "second": second, "coupled": list(follow), "method": method,
         "form": form, "contact": contact,
         "dt": None if method == EXACT else positive("dt", dt),
-    }  # fmt: skip
+    } | ({"t_end": case.t_end} if recorded else {})  # fmt: skip
     # Bad values are refused here, at the ends of the ranges; what a scheme refuses in between is a row.
     base = system_of(case, form)
 
@@ -134,6 +148,8 @@ def points(
     together = all(name in IN_STEP for name in names_of(rest))
     whole_cost = len(list(product(*grid))) * max(_seconds(setup, PERIODS + TRANSIENT) for setup in ends)
     share = min(1.0, BUDGET / whole_cost)
+    if recorded:
+        periods, transient = 1, 0
     periods = max(LEAST, int(share * PERIODS)) if periods is None else periods
     transient = max(LEAST, int(share * TRANSIENT)) if transient is None else transient
     rest |= {"periods": periods, "transient": transient}
@@ -149,7 +165,8 @@ def points(
 def _seconds(setup: Setup, periods: int) -> float:
     rigid = any(contact.stops.rigid for contact in setup.system.contacts)
     if setup.scheme is None:
-        return EXACT_PERIOD[rigid] * periods
+        samples = int(np.sum(Drive.of(setup.system).edges < setup.period))
+        return (EXACT_PERIOD[rigid] + EXACT_SAMPLE * samples) * periods
     return STEP[rigid] * periods * setup.period / setup.dt * max(1.0, setup.system.size / 25)
 
 
@@ -195,7 +212,7 @@ def _rows(point: Point, named: Row, many: Ensemble, i: int) -> list[Row]:
     for place, seen in enumerate(many.contacts, 1):
         found = {"count": seen.impact_count[i], "fraction": seen.fraction[i], "peak_force": seen.peak_force[i]}
         rows.append(named | {"kind": "contact", "contact_number": place} | {n: x.item() for n, x in found.items()})
-    if point["second"] is None:
+    if point["second"] is None and "t_end" not in point:
         section = enumerate(many.tip[i, point["transient"] + 1 :].tolist(), point["transient"] + 1)
         rows += [named | {"kind": "section", "period": n, "tip": tip} for n, tip in section]
     return rows
@@ -248,9 +265,10 @@ def answer(rows: Rows, case: Case) -> Answer:
         )
         if short:
             parts.append(f"{first['periods']:g} periods are too few to tell at {short}: {LONGEST + 1} would do")
+    counted, over = _rate(rows, case)
     for place, contacts in by_contact([r for r in rows if r["kind"] == "contact"]).items():
         for name, words, quantity, scale in (
-            ("count", "impacts a period", "", first["periods"]), ("fraction", "time in contact, %", "", 0.01),
+            ("count", counted, "", over), ("fraction", "time in contact, %", "", 0.01),
             ("peak_force", "largest force", "force", 1.0),
         ):  # fmt: skip
             known = [r for r in contacts if np.isfinite(r[name])]  # a rigid stop has impulses, no peak forces
@@ -264,16 +282,28 @@ def answer(rows: Rows, case: Case) -> Answer:
     most = [
         f"{line['over all values']} {line['most']} at most" for line in table if "impacts" in line["over all values"]
     ]
+    span = (
+        f"Runs over the record, t = 0 to {units.measure(format(first['t_end'], 'g'), 'time')}."
+        if "t_end" in first
+        else f"{first['periods']:g} periods of the drive after {first['transient']:g}."
+    )
     return Answer(
         f"{first['method']} over {' and '.join(ranges)}: {'; '.join(parts or most) or 'no contact'}.",
         table,
-        f"{first['periods']:g} periods of the drive after {first['transient']:g}."
+        span
         + (
             " Nothing damps this system, so its transient never ends: another start gives another answer."
-            if free
+            if free and "t_end" not in first
             else ""
         ),
     )
+
+
+def _rate(rows: Rows, case: Case) -> tuple[str, float]:
+    """How often impacts come, in words, and the number of periods or the time that a count is divided by."""
+    if "t_end" not in rows[0]:
+        return "impacts per period", rows[0]["periods"]
+    return f"impacts per {case.units.time if case.units.known else 'unit of time'}", rows[0]["t_end"]
 
 
 def picture(records: Records) -> Picture:
@@ -293,20 +323,22 @@ def picture(records: Records) -> Picture:
     tip = Axis(f"{tip_name(case.beam)} {tip_symbol(case.beam, 'nT')}", "length")
     line = 0.7 if len({row[name] for row in contacts}) <= 400 else 0.0  # more points than that are a band
     colours = [colour, *(other for other in COLOURS if other != colour)]
-    panels = [[Panel("the tip once in every period $T$ of the drive", across, tip, section)]]
+    recorded, (counted, over) = "t_end" in rows[0], _rate(rows, case)
+    panels = [] if recorded else [[Panel("the tip once in every period $T$ of the drive", across, tip, section)]]
     for quantity, label, unit, title in (
-        ("count", "impacts per period", "", "impacts"),
+        ("count", counted, "", "impacts"),
+        *([("fraction", "share of the time", "", "time in contact")] if recorded else []),
         ("peak_force", r"peak $|\sigma|$", "force", "largest contact force"),
     ):
         marks = []
         for i, (place, own) in enumerate(by_contact(contacts).items()):
             own.sort(key=lambda row: row[name])
             style = {"lw": line, "linestyle": dashed(i), "marker": ".", "ms": 3.0 if line else 1.5}
-            marks.append(Curve(column(own, name), _measured(own, quantity), place.strip(),
+            marks.append(Curve(column(own, name), _measured(own, quantity, over), place.strip(),
                                style | {"color": colours[i % len(colours)]}))  # fmt: skip
         panels.append([Panel(title, across, Axis(label, unit, limits=(0.0, None)), marks, empty="no contact",
                              legend="inside" if len(marks) > 1 else "")])  # fmt: skip
-    return Picture(panels, 8.2, heights=(3.0, 1.0, 1.0), shared_x=True)
+    return Picture(panels, 8.2, heights=(1.0, 1.0, 1.0) if recorded else (3.0, 1.0, 1.0), shared_x=True)
 
 
 def _maps(own: list[Row], place: str, case: Case) -> list[Panel]:
@@ -314,17 +346,18 @@ def _maps(own: list[Row], place: str, case: Case) -> list[Panel]:
     x, y = (column(own, name) for name in names)
     across, up = (Axis(named(case, name), scale=_scale(values)) for name, values in zip(names, (x, y), strict=True))
     force = case.units.label(r"peak force $|\sigma|$", "force")
+    counted, over = _rate(own, case)
     return [
-        Panel(label + place, across, up, [Map(x, y, _measured(own, quantity), label)])
+        Panel(label + place, across, up, [Map(x, y, _measured(own, quantity, over), label)])
         for quantity, label in (
-            ("count", "impacts per period"), ("fraction", "share of time in contact"), ("peak_force", force)
+            ("count", counted), ("fraction", "share of time in contact"), ("peak_force", force)
         )
     ]  # fmt: skip
 
 
-def _measured(rows: Rows, quantity: str) -> Array:
-    """A column of the contact's rows, impacts as a number a period."""
-    return column(rows, quantity) / (column(rows, "periods") if quantity == "count" else 1.0)
+def _measured(rows: Rows, quantity: str, over: float) -> Array:
+    """A column of the contact's rows, impacts divided by ``over``."""
+    return column(rows, quantity) / (over if quantity == "count" else 1.0)
 
 
 def _scale(values: Array) -> str:

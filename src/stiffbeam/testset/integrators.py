@@ -119,7 +119,7 @@ def integrator(given: Any, order: float | None = None) -> Integrator:
     Parameters
     ----------
     given : Scheme, str, callable, Trajectory or list of Trajectory
-        A Scheme; a label such as "hht(alpha=-0.1)" or "dop853"; a function solve(system, dt, t_end) that returns times
+        A Scheme; a label such as "HHT(alpha=-0.1)" or "dop853"; a function solve(system, dt, t_end) that returns times
         and positions (t, u), with velocities (t, u, v), or a Trajectory; recorded runs of one name
         (``Trajectory.from_arrays``); "module:name" of any of these.
     order : float, optional
@@ -132,7 +132,7 @@ def integrator(given: Any, order: float | None = None) -> Integrator:
 
     Examples
     --------
-    >>> integrator("hht(alpha=-0.1)").kind, integrator("dop853").kind
+    >>> integrator("HHT(alpha=-0.1)").kind, integrator("dop853").kind
     ('scheme', 'solver')
     """
     if isinstance(given, Integrator):

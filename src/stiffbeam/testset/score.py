@@ -32,7 +32,7 @@ def score(
 ) -> Scorecard:
     """The errors of integrators on problems whose answers are known: against cost, with orders, impacts, forces.
 
-    integrators: one or a list of: a Scheme; the label of a scheme or of a reference solver ("hht(alpha=-0.1)",
+    integrators: one or a list of: a Scheme; the label of a scheme or of a reference solver ("HHT(alpha=-0.1)",
     "cvode"); a function solve(system, dt, t_end) -> (t, u) or (t, u, v), u and v the tip (k,) or all unknowns (k, n)
     at times t (k,); runs recorded on the problems' systems (``Trajectory.from_arrays``), those of one name an
     integrator. None: our schemes and solvers. problems: names, all by default. order: that of the functions

@@ -7,11 +7,13 @@ from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ..basics.pictures import DRAW
 from . import page, pictures, show
 from .problem import VERSION, Problem
 from .verdicts import Entry
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from rich.console import RenderableType
 
@@ -86,6 +88,11 @@ class Scorecard:
 
     def _repr_html_(self) -> str:
         return page.html_tables(self)
+
+    def plot(self, ax: Axes | None = None, **kwargs: Any) -> Axes | Figure:
+        """Draw the smallest error of every integrator, problem by problem; return ``ax``, or the new Figure. kwargs: of
+        ``Axes.plot``."""
+        return DRAW["scorecard"](self, ax, **kwargs)
 
     def figure(self, problem: str) -> Figure:
         """Error against cost on one problem, with its motion."""

@@ -11,17 +11,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..basics.arrays import Array, BoolArray
-from ..basics.text import table
+from ..basics.html import html_facts
+from ..basics.pictures import DRAW
+from ..basics.units import Units
 from ..basics.validation import InputError, non_negative
+from ..model.contact import Stops
 from ..model.members import Members
-from .dataset import ensemble_dataset, save_ensemble
+from .dataset import arrays_of, save
 from .impacts import Impacts
 from .ledger import Ledger
+from .schema import frame_of, named, values_of
 from .trajectory import Trajectory, Work
 
 if TYPE_CHECKING:
     import pandas
     import xarray
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 
 MEMBERS_PER_SLICE = 64  # made by one thread in one go
@@ -74,14 +80,13 @@ class Runs:
     """The records of M runs with their contacts: what an ensemble is joined from.
 
     tip, tip_velocity: (M, k) at the output times. diverged: (M,), the time at which a run overflowed, NaN for none;
-    nothing is recorded after it. marches: how the runs were made.
+    nothing is recorded after it.
     """
 
     tip: Array
     tip_velocity: Array
     contacts: tuple[ContactStatistics, ...]
     diverged: Array
-    marches: frozenset[str] = field(repr=False)
 
     def __len__(self) -> int:
         return len(self.diverged)
@@ -100,7 +105,6 @@ class Runs:
             tip_velocity=np.array([run.tip_velocity[:outputs] for run in runs]),
             contacts=tuple(contacts),
             diverged=np.array([run.diverged for run in runs]),
-            marches=frozenset(str(run.provenance.get("march", "")) for run in runs),
         )
 
     @classmethod
@@ -118,8 +122,7 @@ class Runs:
             contacts.append(ContactStatistics.of(totals, Impacts.concatenate([c.impacts for c in contact]), member))
         names = ("tip", "tip_velocity", "diverged")
         arrays = {name: np.concatenate([getattr(part, name) for part in parts])[order] for name in names}
-        marches = frozenset[str]().union(*(part.marches for part in parts))
-        return cls(**arrays, contacts=tuple(contacts), marches=marches)
+        return cls(**arrays, contacts=tuple(contacts))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -143,7 +146,7 @@ class Ensemble(Runs):
 
     @property
     def label(self) -> str:
-        """Method and form, e.g. ``hht(alpha=-0.1)@displacement``."""
+        """Method and form, e.g. ``HHT(alpha=-0.1)@displacement``."""
         return f"{self.provenance['method']}@{self.provenance['form']}"
 
     @property
@@ -153,31 +156,58 @@ class Ensemble(Runs):
         numeric = values.ndim == 1 and all(isinstance(x, (int, float, np.number)) for x in values.tolist())
         return values.astype(float) if numeric else None
 
-    def to_dataframe(self) -> pandas.DataFrame:
-        """One line per member: its value of ``members.parameter`` where that is a number, when it diverged (NaN: not),
-        and of every contact the impacts, share of time, peak force, impulse and whether it is open at the start."""
-        columns: dict[str, Any] = {"member": np.arange(len(self))}
-        if (values := self.values) is not None:
-            columns["value"] = values
-        columns["diverged"] = self.diverged
+    kind = "ensemble"  # in files
+
+    @property
+    def units(self) -> Units:
+        """The units of times, displacements, forces and energies."""
+        return self.members.system.units
+
+    @property
+    def fingerprint(self) -> str:
+        """That of the system, see ``System.fingerprint``."""
+        return self.members.system.fingerprint
+
+    @property
+    def stops(self) -> list[Stops]:
+        """The stops of every contact of the system; those of members may differ."""
+        return [contact.stops for contact in self.members.system.contacts]
+
+    def further_attributes(self) -> dict[str, Any]:
+        """What a file of an ensemble holds beside what every file does."""
+        return {"parameter": self.members.parameter}
+
+    def __getitem__(self, name: str) -> Array:
+        """The values of a variable by its name in the schema: ``ensemble["contact_fraction"]``, (contacts, M)."""
+        return named(self, name)
+
+    def plot(self, ax: Axes | None = None, **kwargs: Any) -> Axes | Figure:
+        """Draw the tip of every member, or where it was not kept what the first contact bears; return ``ax``, or the
+        new Figure. kwargs: of ``Axes.plot``."""
+        return DRAW["ensemble"](self, ax, **kwargs)
+
+    def _repr_html_(self) -> str:
+        facts = [("members", f"{len(self)}, {self.members.parameter}")]
         for i, contact in enumerate(self.contacts):
-            columns |= {
-                f"contact{i}_impacts": contact.impact_count,
-                f"contact{i}_fraction": contact.fraction,
-                f"contact{i}_peak_force": contact.peak_force,
-                f"contact{i}_impulse": contact.impulse,
-                f"contact{i}_open_at_start": contact.open_at_start,
-            }
-        return table(columns, {"parameter": self.members.parameter, "provenance": self.provenance})
+            counts = contact.impact_count
+            text = f"{np.mean(counts):.4g} impacts in the mean, {np.min(counts)} to {np.max(counts)}"
+            facts.append((f"contact {i + 1}" if len(self.contacts) > 1 else "contact", text))
+        return html_facts(self.label, facts)
+
+    def to_dataframe(self) -> pandas.DataFrame:
+        """Return a row for each member, the index: the varied parameter by its name where it is a number,
+        ``diverged``, and ``impact_count_0``, ``contact_fraction_0``, ... of every contact. Units in ``attrs``."""
+        notes = {"parameter": self.members.parameter, "provenance": self.provenance}
+        return frame_of(values_of(self), "member", self.units, **notes)
 
     def to_xarray(self) -> xarray.Dataset:
         """Dimensions member, contact, impact, time; every variable with its unit; provenance as attributes."""
-        return ensemble_dataset(self)
+        return arrays_of(self).to_xarray()
 
     def save(self, file: str | Path) -> Path:
-        """Write it in the format that the suffix names: .nc (all of ``to_xarray``) or .csv (``to_dataframe``), whole
-        or not at all. Raises InputError for any other."""
-        return save_ensemble(self, file)
+        """Write it in the format that the suffix names: .nc, .json or .mat (all of ``to_xarray``) or .csv
+        (``to_dataframe``), whole or not at all. Raises InputError for any other."""
+        return save(self, file)
 
     @property
     def contact(self) -> ContactStatistics:
@@ -223,8 +253,7 @@ def gathered(
 ) -> Ensemble:
     """The Ensemble of the runs of its members, ``parts`` in their order."""
     runs = Runs.joined(parts)
-    notes = {"march": " and ".join(sorted(runs.marches))} if any(runs.marches) else {}
-    return Ensemble(**vars(runs), members=members, t=t, work=work, provenance=provenance | notes, ledger=ledger)
+    return Ensemble(**vars(runs), members=members, t=t, work=work, provenance=provenance, ledger=ledger)
 
 
 def record_from(since: float, t_end: float) -> float:

@@ -10,23 +10,19 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..basics.arrays import Array, BoolArray
-from ..basics.text import table
+from ..basics.html import html_table
+from ..basics.pictures import DRAW
 from ..basics.validation import bound
 from ..model.contact import Stops
+from .schema import IMPACT_FIELDS, frame_of
 
 if TYPE_CHECKING:
     import pandas
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
-# The columns of the table: what each holds, and its quantity, see units.
-COLUMNS = {
-    "times": ("time of impact", "time"),
-    "ends": ("time at which the contact ends", "time"),
-    "stops": ("+1 upper stop, -1 lower stop", ""),
-    "peaks": ("largest |sigma| of the impact", "force"),
-    "impulses": ("integral of |sigma| over the impact", "impulse"),
-}
-SINGULAR = {"times": "time", "ends": "end", "stops": "stop", "peaks": "peak", "impulses": "impulse"}  # of one impact
-OPEN_AT_START = "open_at_start"  # flag of a row: a contact that is there at t = 0, which is no impact
+SHOWN = 20  # rows in a notebook
+COLUMNS = tuple(IMPACT_FIELDS)  # attributes of Impacts: times, ends, stops, peaks, impulses
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -107,10 +103,33 @@ class Impacts:
         span = f", t = {self.times[0]:g} to {self.times[-1]:g}" if self.count else ""
         return f"<Impacts: {self.count} {self.kind}{span}{', open at the start' if self.at_start else ''}>"
 
-    def to_dataframe(self) -> pandas.DataFrame:
-        """One line per impact: time, end, stop, peak, impulse, and open_at_start for the contact at t = 0."""
+    def plot(self, ax: Axes | None = None, **kwargs: Any) -> Axes | Figure:
+        """Draw the largest force, or of rigid stops the impulse, of every impact against its time; return ``ax``, or
+        the new Figure. kwargs: of ``Axes.plot``."""
+        return DRAW["impacts"](self, ax, **kwargs)
+
+    def _repr_html_(self) -> str:
         rows, flags = self.listed()
-        return table({SINGULAR[name]: getattr(rows, name) for name in COLUMNS} | {OPEN_AT_START: flags})
+        most = slice(0, SHOWN)
+        lines = [
+            ["at t = 0" if first else str(number), f"{t:.6g}", f"{end:.6g}", f"{stop:+d}", f"{peak:.4g}",
+             f"{impulse:.4g}"]
+            for number, (first, t, end, stop, peak, impulse) in enumerate(
+                zip(flags[most], rows.times[most], rows.ends[most], rows.stops[most], rows.peaks[most],
+                    rows.impulses[most], strict=True),
+                start=int(not np.any(flags)),
+            )
+        ]  # fmt: skip
+        first = f", the first {SHOWN}" if rows.count > SHOWN else ""
+        heads = ["impact", *IMPACT_FIELDS.values()]
+        return html_table(heads, lines, f"{self.count} {self.kind} impacts{first}")
+
+    def to_dataframe(self) -> pandas.DataFrame:
+        """Return a row for each impact: ``impact_time`` to ``impact_impulse``, ``impact_open_at_start`` for the contact
+        at t = 0."""
+        rows, flags = self.listed()
+        columns = {name: (("impact",), getattr(rows, field)) for field, name in IMPACT_FIELDS.items()}
+        return frame_of(columns | {"impact_open_at_start": (("impact",), flags)}, "impact")
 
     @staticmethod
     def none(kind: str) -> Impacts:
@@ -137,6 +156,16 @@ class ContactRecord:
     fraction: float
     peak_force: float
     impulse: float
+
+    @property
+    def impact_count(self) -> int:
+        """Number of impacts."""
+        return self.impacts.count
+
+    @property
+    def open_at_start(self) -> bool:
+        """True for a contact that is there at t = 0, which is no impact."""
+        return self.impacts.at_start is not None
 
     @property
     def scale(self) -> float:

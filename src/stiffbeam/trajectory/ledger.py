@@ -4,22 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..basics.arrays import Array
-from ..basics.text import table
+from ..basics.deprecation import Renamed
 from ..model.system import System
 from ..model.time_functions import offset_rate, offset_values
 from .recorder import as_it_starts
+from .schema import LEDGER_FIELDS, frame_of
 
 if TYPE_CHECKING:
     import pandas
 
 
-SURE = 1e-3  # of the energy given: what a loss may be off by where it is known
+RESOLVED = 1e-3  # of the energy supplied: what a loss may be off by where it is known
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +40,7 @@ class Ledger:
                  D u'|^{n+1})|/2, of a step in which D begins or ends all of it; large where a step does not resolve
                  them, and what they take then counts as loss, or loss as that
         loss     E_n - E_{n+1} + d_input - d_viscous - d_stop_dissipation, summed; > 0: lost by the scheme
-        contact, free   the part of ``loss`` in steps with a contact at either end, and without
+        loss_in_contact, loss_without_contact   the part of ``loss`` in steps with a contact at either end, and without
 
     The trapezoidal rule loses energy only at the kink of the contact law, the exact flow none.
     """
@@ -51,10 +52,14 @@ class Ledger:
     input: Array
     viscous: Array
     loss: Array
-    contact: Array
-    free: Array
+    loss_in_contact: Array
+    loss_without_contact: Array
     stop_dissipation: Array = None  # type: ignore[assignment]  # zero unless given
     spread: Array = None  # type: ignore[assignment]  # likewise
+    contact: ClassVar = Renamed("loss_in_contact")
+    free: ClassVar = Renamed("loss_without_contact")
+    given: ClassVar = Renamed("supplied")
+    sure: ClassVar = Renamed("is_resolved")
 
     def __post_init__(self) -> None:
         for name in ("stop_dissipation", "spread"):
@@ -68,8 +73,9 @@ class Ledger:
         )
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """One line per time: t, the three energies, input, viscous, loss and its parts with and without contact."""
-        return table(dict(vars(self)))
+        """Return a row for each time, the index: the columns ``energy_kinetic`` to ``energy_spread``."""
+        columns = {name: (("time",), getattr(self, field)) for field, name in LEDGER_FIELDS.items()}
+        return frame_of({"time": (("time",), self.t)} | columns, "time")
 
     @property
     def energy(self) -> Array:
@@ -77,26 +83,26 @@ class Ledger:
         return self.kinetic + self.elastic + self.stops
 
     @property
-    def given(self) -> Array:
-        """E_0 + the largest input so far, at these times: the most that start, loads and moving stops have given.
+    def supplied(self) -> Array:
+        """E_0 + the largest input so far, at these times: the most that start, loads and moving stops have supplied.
 
         Not the input of the moment, which comes back to nothing whenever a load takes out what it has put in.
         """
-        return given(self.energy[0], self.input)
+        return supplied(self.energy[0], self.input)
 
-    def sure(self, k: int = -1) -> bool:
-        """Tell whether the ``spread`` leaves the loss at index k known: to a thousandth of the energy given, or to a
-        tenth of itself."""
-        return bool(self.spread[k] <= max(SURE * self.given[k], 0.1 * abs(self.loss[k])))
+    def is_resolved(self, k: int = -1) -> bool:
+        """Return True where the ``spread`` leaves the loss at index k known: to a thousandth of the energy supplied, or
+        to a tenth of itself."""
+        return bool(self.spread[k] <= max(RESOLVED * self.supplied[k], 0.1 * abs(self.loss[k])))
 
     def lost_fraction(self, k: int = -1) -> float:
-        """loss/given at index k; NaN where nothing was given, or the loss is not ``sure``."""
-        most = self.given[k]
-        return float(self.loss[k] / most) if most > 0.0 and self.sure(k) else float("nan")
+        """loss/supplied at index k; NaN where nothing was supplied, or the step does not resolve the loss."""
+        most = self.supplied[k]
+        return float(self.loss[k] / most) if most > 0.0 and self.is_resolved(k) else float("nan")
 
 
-def given(start: float, work: Array) -> Array:
-    """See ``Ledger.given``; start: E_0, work: the input (k,)."""
+def supplied(start: float, work: Array) -> Array:
+    """See ``Ledger.supplied``; start: E_0, work: the input (k,)."""
     return start + np.maximum.accumulate(np.maximum(work, 0.0))
 
 

@@ -15,21 +15,25 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..basics.arrays import Array
+from ..basics.html import html_facts
 from ..basics.pictures import DRAW
 from ..basics.resources import afford
-from ..basics.text import sentence, table
+from ..basics.text import sentence
 from ..basics.units import UNKNOWN, Units
 from ..basics.validation import InputError, integer, numbers, positive
-from .dataset import save, to_xarray
+from .dataset import arrays_of, save
 from .from_arrays import NO_REACTIONS, NO_STATES, run_fields
 from .impacts import ContactRecord, Impacts
 from .recorder import as_it_starts, sampled_impacts
+from .schema import frame_of, named, values_of
 
 if TYPE_CHECKING:
     import pandas
     import xarray
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from ..model.contact import Stops
     from ..model.system import System
     from .ledger import Ledger
 
@@ -165,7 +169,7 @@ class Trajectory:
 
     @property
     def label(self) -> str:
-        """Method and form, e.g. ``hht(alpha=-0.1)@displacement``."""
+        """Method and form, e.g. ``HHT(alpha=-0.1)@displacement``."""
         return f"{self.provenance['method']}@{self.provenance['form']}"
 
     @property
@@ -173,6 +177,27 @@ class Trajectory:
         """The units of its times, displacements, forces and energies."""
         named = self.provenance.get("units")
         return UNKNOWN if named is None else Units(**named)
+
+    kind = "run"  # in files
+
+    @property
+    def time(self) -> Array:
+        """The output times (k,), as ``t``: the name that tables and files have."""
+        return self.t
+
+    @property
+    def stops(self) -> list[Stops]:
+        """The stops of every contact."""
+        return [contact.stops for contact in self.contacts]
+
+    def further_attributes(self) -> dict[str, Any]:
+        """What a file of this kind holds beside what every file does."""
+        return {}
+
+    def __getitem__(self, name: str) -> Array:
+        """The values of a variable by its name in the schema: ``run["energy_loss"]`` is ``run.energy.loss``,
+        ``run["contact_force"]`` (contacts, k) the forces of all contacts."""
+        return named(self, name)
 
     @property
     def contact_force(self) -> Array:
@@ -205,6 +230,74 @@ class Trajectory:
             v.append(v_piece[here])
             first += len(times) - 1
         return np.concatenate(q), np.concatenate(v)
+
+    @property
+    def y(self) -> Array:
+        """(q, q') at the output times as SciPy has them, (2n, k)."""
+        return np.vstack([x.T for x in self.states])
+
+    @property
+    def nfev(self) -> int | None:
+        """Number of right-hand sides; 0 of a fixed-step scheme, which counts ``work.steps``, and of an exact solution.
+        None where the solver counts none."""
+        return self._count("rhs", "stages")
+
+    @property
+    def njev(self) -> int | None:
+        """Number of Jacobians, see ``nfev``."""
+        return self._count("jacobians")
+
+    @property
+    def nlu(self) -> int | None:
+        """Number of factorisations, see ``nfev``: SciPy's solvers count them."""
+        return self._count("factorisations")
+
+    def _count(self, *names: str) -> int | None:
+        counters = self.work.counters
+        known = [counters[name] for name in names if name in counters]
+        solver = {"rhs", "stages", "jacobians"} & set(counters)
+        return known[0] if known else None if solver or self.provenance.get("source") == "arrays" else 0
+
+    @property
+    def status(self) -> int:
+        """0 where the run reached its end, -1 where it overflowed, as SciPy's."""
+        return -1 if np.isfinite(self.diverged) else 0
+
+    @property
+    def success(self) -> bool:
+        """True where the run reached its end."""
+        return self.status == 0
+
+    @property
+    def message(self) -> str:
+        """One sentence for ``status``."""
+        if self.success:
+            return f"Reached t = {self.units.measure(f'{self.t[-1]:g}', 'time')}."
+        return f"Overflowed at t = {self.units.measure(f'{self.diverged:g}', 'time')}."
+
+    @property
+    def t_events(self) -> list[Array]:
+        """Times of the impacts at each contact."""
+        return [contact.impacts.times for contact in self.contacts]
+
+    @property
+    def y_events(self) -> list[Array] | None:
+        """(q, q') at ``t_events``, (impacts, 2n) for each contact; None where states are not known between outputs.
+
+        Those of a scheme are of the cubic Hermite interpolant that its sampled impacts are read from, at the run's own
+        steps.
+        """
+        at = self._states_between()
+        return None if at is None else [np.hstack(at(times)) for times in self.t_events]
+
+    def _states_between(self) -> Callable[[Array], tuple[Array, Array]] | None:
+        """Function of times that gives (q, q')."""
+        if self.pieces is None or self.provenance.get("every", 1) != 1:
+            return None
+        from scipy.interpolate import CubicHermiteSpline
+
+        q = CubicHermiteSpline(self.t, *self.states, axis=0)
+        return lambda times: (q(times), q(times, 1))
 
     @property
     def has_energy(self) -> bool:
@@ -254,9 +347,29 @@ class Trajectory:
             )
         return self.system
 
-    def plot(self) -> Figure:
-        """Displacement, contact forces, phase portrait and energy, a matplotlib Figure."""
-        return DRAW["run"](self)
+    def plot(self, ax: Axes | None = None, **kwargs: Any) -> Axes | Figure:
+        """Draw displacement, contact forces, phase portrait and energy, and return the Figure; or the tip alone into
+        ``ax``, and return that. kwargs: of ``Axes.plot``."""
+        return DRAW["run"](self, ax, **kwargs)
+
+    def _repr_html_(self) -> str:
+        return html_facts(self.label, self._facts())
+
+    def _facts(self) -> list[tuple[str, str]]:
+        """Names and values for a notebook."""
+        measure, dt = self.units.measure, self.provenance.get("dt")
+        counts = [
+            (f"contact {i + 1}" if len(self.contacts) > 1 else "contact",
+             f"{c.impact_count} impacts, {100.0 * c.fraction:.3g} % of the time, "
+             f"peak force {measure(f'{c.peak_force:.4g}', 'force')}")
+            for i, c in enumerate(self.contacts)
+        ]  # fmt: skip
+        return [
+            ("end", measure(f"{self.t[-1]:g}", "time")),
+            ("time step", "" if dt is None else measure(f"{dt:g}", "time")),
+            ("output times", str(len(self.t))),
+            *counts,
+        ]
 
     def animate(self, file: str | Path, beside: Sequence[Trajectory] = (), **options: Any) -> Path:
         """Write a film, .gif or .mp4, of this run and of those ``beside`` it between their stops, impacts flashing;
@@ -265,22 +378,18 @@ class Trajectory:
 
     def save(self, file: str | Path) -> Path:
         """Write it in the format that the suffix names: .nc (all of it, for ``stiffbeam.load``, xarray and ncdump),
-        .csv or .mat. Raises InputError for any other."""
+        .json, .mat or .csv. Raises InputError for any other."""
         return save(self, file)
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """One line per output time: t, tip, tip_velocity, every contact's position, velocity and force; the ledger
-        as energy_kinetic and so on where it has been made or saved (ask ``energy`` first). Provenance in ``attrs``."""
-        columns = {"t": self.t, "tip": self.tip, "tip_velocity": self.tip_velocity}
-        for i, contact in enumerate(self.contacts):
-            columns |= {f"contact{i}_{name}": getattr(contact, name) for name in ("position", "velocity", "force")}
-        if "energy" in vars(self):
-            columns |= {f"energy_{name}": getattr(self.energy, name) for name in vars(self.energy) if name != "t"}
-        return table(columns, {"provenance": self.provenance})
+        """Return a row for each output time, the index: tip, tip_velocity, ``contact_force_0`` and so on of every
+        contact, and the energies where the run has its ledger. Units and provenance in ``attrs``."""
+        return frame_of(values_of(self), "time", self.units, provenance=self.provenance)
 
-    def to_xarray(self) -> xarray.Dataset:
-        """Tip, contacts, impacts and energy as an xarray.Dataset with units, provenance as attributes."""
-        return to_xarray(self)
+    def to_xarray(self, x: ArrayLike | None = None) -> xarray.Dataset:
+        """Tip, contacts, impacts and energy as an xarray.Dataset with units, provenance as attributes; with positions
+        x along the beam also displacement(time, x) and velocity(time, x)."""
+        return arrays_of(self, None if x is None else numbers("x", np.atleast_1d(x))).to_xarray()
 
 
 def _travels(value: Any) -> bool:
@@ -320,6 +429,17 @@ class Reference(Trajectory):
     derive: Callable[[Reference, Sequence[str], Array], Any] | None = field(
         default=None, repr=False
     )  # see ``derivative``
+
+    kind = "reference"
+
+    def further_attributes(self) -> dict[str, Any]:
+        """The horizon."""
+        return {"horizon": self.horizon}
+
+    def _facts(self) -> list[tuple[str, str]]:
+        text = self.units.measure(f"{self.horizon:.4g}", "time") if np.isfinite(self.horizon) else "not known"
+        against = str(self.provenance.get("horizon_against", ""))
+        return [("horizon", text), ("against", against), *super()._facts()]
 
     def _trust(self) -> str:
         if not self.horizon < self.t[-1]:
@@ -394,6 +514,12 @@ class Reference(Trajectory):
         if times[-1] > end * (1 + 1e-12):
             raise InputError("t", float(times[-1]), f"lie in [0, {end:g}]", "solve for a longer t_end")
         return self.derive(self, paths, np.minimum(times, end))
+
+    def _states_between(self) -> Callable[[Array], tuple[Array, Array]] | None:
+        state_at, size = self.state_at, 0 if self.system is None else self.system.size
+        if state_at is None:
+            return None
+        return lambda times: state_at(times) if len(times) else (np.zeros((0, size)), np.zeros((0, size)))
 
     def contact_between(self, start: float, end: float, contact: int = 0) -> ContactRecord | None:
         """See ``Trajectory.contact_between``; exact solutions on compliant stops know it."""

@@ -1,1 +1,1 @@
-"""The compiled loops of the march, and the same in NumPy and JAX."""
+"""The compiled loops of the march."""

@@ -180,7 +180,9 @@ def _stepped(start: Any, stepper: Any, left: Array, t: float, counters: dict[str
 
 def _count(counters: dict[str, int], stepper: Any) -> None:
     """Add what a stepper has counted."""
-    counted = getattr(stepper, "counters", None) or {"rhs": int(stepper.nfev), "jacobians": int(stepper.njev)}
+    counted = getattr(stepper, "counters", None) or {
+        "rhs": int(stepper.nfev), "jacobians": int(stepper.njev), "factorisations": int(getattr(stepper, "nlu", 0)),
+    }  # fmt: skip
     for name, count in counted.items():
         counters[name] = counters.get(name, 0) + count
 

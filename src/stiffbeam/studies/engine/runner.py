@@ -82,15 +82,16 @@ def run_study(
                 finished += 1
                 progress(study.command, finished, len(points))
     rows = [row for point in points for row in journal.rows(point) or []]
-    options = {name: _as_text(value) for name, value in options.items()}
+    options = {name: _as_text(value, name == "schemes") for name, value in options.items()}
     return Records(study, case, options, rows, time.perf_counter() - begun)
 
 
-def _as_text(value: Any) -> Any:
-    """An option with the labels of integrators in the place of these."""
+def _as_text(value: Any, schemes: bool = False) -> Any:
+    """An option with the labels of integrators in the place of these, and of their names among ``schemes``."""
     if isinstance(value, (list, tuple)):
-        return [_as_text(item) for item in value]
-    return integrator(value).label if callable(value) or isinstance(value, (Scheme, Trajectory)) else value
+        return [_as_text(item, schemes) for item in value]
+    named = schemes and isinstance(value, str)
+    return integrator(value).label if named or callable(value) or isinstance(value, (Scheme, Trajectory)) else value
 
 
 def _evaluate_all(

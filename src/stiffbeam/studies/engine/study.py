@@ -8,9 +8,12 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
+from html import escape
+from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ...basics.html import html_table
 from ...basics.resources import afford
 from ...basics.storage import write_whole
 from ...basics.text import plain
@@ -181,6 +184,18 @@ class Records:
 
     def __str__(self) -> str:
         return f"{self.study.question}\n{self.answer.text()}"
+
+    def _repr_html_(self) -> str:
+        answer = self.answer
+        heads = list(dict.fromkeys(key for line in answer.table for key in line))
+        rows = [[line.get(head, "–") for head in heads] for line in answer.table]
+        notes = [f"<p>{escape(text)}</p>" for text in (answer.verdict, answer.notes) if text]
+        return "".join([notes[0], html_table(heads, rows) if rows else "", *notes[1:]])
+
+    def _repr_png_(self) -> bytes:
+        content = BytesIO()
+        self.figure().savefig(content, format="png", dpi=100)
+        return content.getvalue()
 
     @property
     def answer(self) -> Answer:

@@ -1,0 +1,328 @@
+"""doubt: which part of an answer's doubt is rounding, which the scheme and its step, which the mesh, which the data.
+
+    rounding    deviation(Q)/|mean(Q)| over exact motions whose starts differ by 1e-15; 0 up to the horizon
+    scheme      |mean(Q_scheme - Q)|/|mean(Q)| over the drawn members, Q exact on the same mesh
+    mesh        |mean(Q_fine - Q)|/|mean(Q)|, exact on twice as many cells
+    data        deviation(Q)/|mean(Q)| over the drawn members
+
+Q: impacts, largest force, impulse and time in contact at each contact; all members have the same draws in every column.
+Of the tip the columns are rms distances over the largest |u|: from the exact tip of the same member, of data from the
+median over the members. Past the horizon the scatter of the data contains that of rounding: where both are large,
+the motion is chaotic and only its statistics mean something.
+Intervals hold with 95 %: bootstrap over the members (BCa).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
+from statistics import NormalDist
+from typing import Any
+
+import numpy as np
+
+from ..basics.arrays import Array
+from ..basics.progress import Show, silent
+from ..basics.progress import progress as shown
+from ..basics.text import plain
+from ..basics.units import Units
+from ..basics.validation import InputError, integer, number, positive
+from ..files.cases import Case
+from ..march.ensemble import integrate_ensemble
+from ..measures.report import percent
+from ..model.members import perturbed
+from ..model.uncertain import uncertain
+from ..references import best_reference
+from ..references.ensemble import reference_ensemble
+from ..schemes import Scheme
+from ..trajectory.ensemble import Ensemble
+from ..trajectory.trajectory import Diverged
+
+RESAMPLES = 2000
+ROUNDING = 1e-15  # of the motion, between starts that float64 hardly tells apart
+OUTPUTS = 400  # of the tip, at least where there are so many steps
+QUANTITIES = {"impacts": "impact_count", "largest force": "peak_force", "impulse": "impulse",
+              "time in contact": "fraction"}  # fmt: skip
+CURES = {
+    "rounding": "past the horizon only statistics mean something",
+    "scheme": "take a smaller step",
+    "mesh": "take more cells",
+    "data": "{parts} good enough",
+}
+
+
+@dataclass(frozen=True)
+class Share:
+    """One column of a budget: a relative doubt with the ends of its 95 % interval."""
+
+    value: float
+    low: float
+    high: float
+
+    def __str__(self) -> str:
+        return f"{percent(self.value)} ({percent(self.low)} to {percent(self.high)})" if self.high else "0"
+
+
+NONE = Share(0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Budget:
+    """Doubt of one quantity by its sources. mean: over the exact members; of the tip its largest |u|."""
+
+    quantity: str
+    mean: float
+    shares: dict[str, Share]
+
+    @property
+    def dominant(self) -> str:
+        """The source whose interval lies above all others; "" where intervals overlap."""
+        first, *others = sorted(self.shares, key=lambda name: -self.shares[name].value)
+        clear = all(self.shares[first].low > self.shares[name].high for name in others)
+        return first if clear else ""
+
+    @property
+    def verdict(self) -> str:
+        """A sentence that names the largest source and what to do about it."""
+        first, second, *_ = sorted(self.shares, key=lambda name: -self.shares[name].value)
+        if all(share.high == 0.0 for share in self.shares.values()):
+            return f"{self.quantity}: no doubt is seen, {self.mean:g} in all members by {', '.join(self.shares)}."
+        if not self.dominant:
+            large = " and ".join(f"{name} ({percent(self.shares[name].value)})" for name in (first, second))
+            return f"{self.quantity}: {large} are not told apart by so many members."
+        rest = ", ".join(f"{name} {percent(x.value)}" for name, x in self.shares.items() if name != first)
+        parts = "the step and the mesh are" if "mesh" in self.shares else "the step is"
+        cure = CURES[first].format(parts=parts)
+        return f"{self.quantity}: {first} ({percent(self.shares[first].value)}) exceeds {rest}: {cure}."
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """Budgets of all quantities. horizon: to which rounding leaves the nominal motion certain. data_horizon: to which
+    95 % of the members agree to ``tolerance`` of the largest |u|; both at most t_end. units: of the case."""
+
+    scheme: str
+    dt: float
+    t_end: float
+    members: int
+    horizon: float
+    data_horizon: float
+    tolerance: float
+    units: Units
+    budgets: tuple[Budget, ...]
+
+    def __str__(self) -> str:
+        """The verdicts, then the columns with their intervals."""
+        values = (self.dt, self.t_end, self.horizon, self.data_horizon)
+        dt, end, rounding, data = (self.units.measure(f"{x:.4g}", "time") for x in values)
+        head = f"{self.scheme}, dt = {dt}, {self.members} members to t = {end}"
+        known = (
+            f"Rounding leaves the motion certain to t = {rounding}, data to t = {data} "
+            f"(95 % of the members within {percent(self.tolerance)})."
+        )
+        names = list(self.budgets[0].shares)
+        lines = [["95 % intervals", *names]]
+        lines += [[x.quantity, *(str(x.shares[name]) for name in names)] for x in self.budgets]
+        widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+        table = ["  ".join(map(str.ljust, line, widths)).rstrip() for line in lines]
+        return "\n".join([head, known, *(budget.verdict for budget in self.budgets), *table])
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain numbers and texts."""
+        budgets = [
+            {"quantity": x.quantity, "mean": x.mean, "dominant": x.dominant, "verdict": x.verdict}
+            | {name: asdict(share) for name, share in x.shares.items()}
+            for x in self.budgets
+        ]
+        names = ("scheme", "dt", "t_end", "members", "horizon", "data_horizon", "tolerance")
+        rest = {name: getattr(self, name) for name in names}
+        return plain({"measured": []} | rest | {"units": str(self.units), "budgets": budgets})
+
+    def __getitem__(self, quantity: str) -> Budget:
+        """The budget of a quantity by its name."""
+        for budget in self.budgets:
+            if budget.quantity == quantity:
+                return budget
+        raise KeyError(quantity)
+
+
+def bootstrap(statistic: Callable[[Array], Array], sample: Array, seed: int = 1) -> tuple[float, float]:
+    """Ends of the 95 % BCa interval of a statistic over a sample (M, ...), which it takes along its second axis.
+
+    Bias correction and acceleration as in Efron, Better Bootstrap Confidence Intervals (1987), section 2. A sample
+    whose values are all equal has an interval without width.
+    """
+    count = len(sample)
+    estimate = float(statistic(sample[None])[0])
+    rows = np.random.default_rng(seed).integers(0, count, (RESAMPLES, count))
+    drawn = np.sort(statistic(sample[rows]))
+    below = (np.sum(drawn < estimate) + 0.5 * np.sum(drawn == estimate)) / RESAMPLES
+    if drawn[0] == drawn[-1] or not 0.0 < below < 1.0:
+        return float(drawn[0]), float(drawn[-1])
+    keep = ~np.eye(count, dtype=bool)
+    left_out = statistic(np.array([sample[row] for row in keep]))
+    off = np.mean(left_out) - left_out
+    size = float(np.sum(off**2)) ** 1.5
+    acceleration = float(np.sum(off**3)) / (6.0 * size) if size else 0.0
+    normal = NormalDist()
+    bias = normal.inv_cdf(float(below))
+    ends = []
+    for z in (normal.inv_cdf(0.025), normal.inv_cdf(0.975)):
+        share = normal.cdf(bias + (bias + z) / (1.0 - acceleration * (bias + z)))
+        ends.append(float(np.quantile(drawn, share)))
+    return ends[0], ends[1]
+
+
+def _means(x: Array) -> Array:
+    return np.mean(x, axis=1)
+
+
+def _deviations(x: Array) -> Array:
+    return np.std(x, axis=1, ddof=1)
+
+
+def shift(values: Array, wanted: Array) -> Share:
+    """|mean(values - wanted)|/|mean(wanted)|, member by member, with its interval."""
+    scale = abs(float(np.mean(wanted)))
+    off = np.asarray(values, float) - np.asarray(wanted, float)
+    low, high = bootstrap(_means, off)
+    least, most = (low, high) if low > 0.0 else (-high, -low) if high < 0.0 else (0.0, max(-low, high))
+    return _relative(abs(float(np.mean(off))), least, most, scale)
+
+
+def scatter(values: Array) -> Share:
+    """deviation/|mean| of the values, with its interval."""
+    values = np.asarray(values, float)
+    return _relative(float(np.std(values, ddof=1)), *bootstrap(_deviations, values), scale=abs(float(np.mean(values))))
+
+
+def _relative(value: float, low: float, high: float, scale: float) -> Share:
+    if scale == 0.0:
+        return NONE if high == 0.0 else Share(np.inf, np.inf if low else 0.0, np.inf)
+    return Share(value / scale, low / scale, high / scale)
+
+
+def agreement_horizon(t: Array, tips: Array, tolerance: float, share: float = 0.95) -> float:
+    """Time to which a ``share`` of the members, tips (M, k) at t (k,), agree to a tolerance of the largest |u|.
+
+    A member agrees until its distance from the median over the members first exceeds ``tolerance`` max |median|. The
+    horizon is the last output time before fewer than ``share`` of the members do.
+    """
+    middle = np.median(tips, axis=0)
+    apart = np.abs(tips - middle) > tolerance * np.max(np.abs(middle))
+    agree = np.mean(~np.logical_or.accumulate(apart, axis=1), axis=0) >= share
+    return float(t[-1] if np.all(agree) else t[max(0, int(np.argmin(agree)) - 1)])
+
+
+def doubt(
+    case: Case,
+    scheme: Scheme | None = None,
+    dt: float | None = None,
+    members: int = 48,
+    seed: int = 1,
+    tolerance: float = 0.05,
+    progress: bool | Show = False,
+) -> Doubt:
+    """Budget of doubt of a run: rounding, scheme and step, mesh and data, for every quantity at every contact.
+
+    Parameters
+    ----------
+    case : Case
+        With uncertain parameters, ``[case.uncertain]`` in its file or ``dataclasses.replace(case, uncertain=...)``. A
+        case of matrices has no mesh to refine.
+    scheme : Scheme, optional
+        By default the case's first.
+    dt : float, optional
+        By default the case's.
+    members : int
+        Drawn systems, of which each is solved exactly on two meshes and run by the scheme.
+    seed : int
+    tolerance : float
+        To which members agree within the data horizon, relative to the largest |u|.
+    progress : bool or callable
+        As in ``reference``.
+
+    Returns
+    -------
+    Doubt
+        ``print`` it for the verdicts; ``result["impacts"].shares["data"]``. With several contacts the quantities are
+        "impacts at contact 1" and so on. Limitation: the column of the mesh is the change from the case's cells to
+        twice as many, 3/4 of the error of a second-order form.
+
+    Raises
+    ------
+    InputError
+        For a case without uncertain parameters, and what the exact solution or the scheme does not take.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> import stiffbeam as sb
+    >>> case = replace(sb.paper_case(10), t_end=0.1, uncertain={"stiffness": sb.Uncertain(tolerance=0.01)})
+    >>> print(sb.doubt(case, sb.HHT(-0.1), members=8)["impacts"].quantity)
+    impacts
+    """
+    if progress is True:
+        with shown() as show:
+            return doubt(case, scheme, dt, members, seed, tolerance, show)
+    show = progress or silent
+    if not case.uncertain:
+        remedy = (
+            'state its tolerances: [case.uncertain] with stiffness = 0.01, or replace(case, uncertain={"...": ...})'
+        )
+        raise InputError("case", case.name, "have uncertain parameters", remedy)
+    integer("members", members, 8)
+    positive("tolerance", number("tolerance", tolerance))
+    scheme, form = (case.runs[0][0] if scheme is None else scheme), case.forms[0]
+    dt, t_end = (case.dt if dt is None else positive("dt", dt)), case.t_end
+    system = case.system(form)
+    drawn = uncertain(system, case.uncertain, members, seed)
+    every = max(1, round(t_end / dt) // OUTPUTS)
+    show(f"doubt: {scheme}, {members} members", 0, 0)
+    runs = integrate_ensemble(system, scheme, dt, t_end, drawn, every=every)
+    if np.any(np.isfinite(runs.diverged)):
+        raise Diverged(str(scheme), float(np.nanmin(runs.diverged)), "use a smaller dt")
+    columns = {"scheme": runs}
+    show("doubt: the exact members", 0, 0)
+    exact = reference_ensemble(system, t_end, drawn, runs.t)
+    if case.beam is not None:
+        show("doubt: the exact members on twice the cells", 0, 0)
+        fine = replace(case, cells=2 * case.cells).system(form)
+        columns["mesh"] = reference_ensemble(fine, t_end, uncertain(fine, case.uncertain, members, seed), runs.t)
+    show("doubt: rounding", 0, 0)
+    horizon = min(best_reference(system, t_end).horizon, t_end)
+    past: Ensemble | None = None
+    if horizon < t_end:
+        starts = perturbed(system, members, ROUNDING, seed, t_end=t_end)
+        past = reference_ensemble(system, t_end, starts, runs.t)
+    return Doubt(
+        str(scheme), float(dt), float(t_end), members, horizon,
+        agreement_horizon(exact.t, exact.tip, tolerance), tolerance, case.units,
+        (_tip(exact, columns, past), *_contacts(exact, columns, past)),
+    )  # fmt: skip
+
+
+def _tip(exact: Ensemble, columns: dict[str, Ensemble], past: Ensemble | None) -> Budget:
+    size = float(np.max(np.abs(exact.tip)))
+
+    def distance(one: Array, other: Array) -> Share:
+        each = np.sqrt(np.mean((one - other) ** 2, axis=1))
+        return _relative(float(np.mean(each)), *bootstrap(_means, each), scale=size)
+
+    shares = {"rounding": NONE if past is None else distance(past.tip, np.median(past.tip, axis=0))}
+    shares |= {name: distance(many.tip, exact.tip) for name, many in columns.items()}
+    return Budget("tip", size, shares | {"data": distance(exact.tip, np.median(exact.tip, axis=0))})
+
+
+def _contacts(exact: Ensemble, columns: dict[str, Ensemble], past: Ensemble | None) -> list[Budget]:
+    budgets = []
+    for i, seen in enumerate(exact.contacts):
+        for quantity, field in QUANTITIES.items():
+            wanted = np.asarray(getattr(seen, field), float)
+            if not np.all(np.isfinite(wanted)):  # a rigid stop has impulses, no largest force
+                continue
+            shares = {"rounding": NONE if past is None else scatter(getattr(past.contacts[i], field))}
+            shares |= {name: shift(getattr(many.contacts[i], field), wanted) for name, many in columns.items()}
+            place = f" at contact {i + 1}" if len(exact.contacts) > 1 else ""
+            budgets.append(Budget(quantity + place, float(np.mean(wanted)), shares | {"data": scatter(wanted)}))
+    return budgets

@@ -1,0 +1,246 @@
+"""The contract of data: name, dimensions, unit and meaning of everything that a result holds, in one table.
+
+Attributes, DataFrames, Datasets and files of every format are walks over ``SCHEMA``; the documentation prints it.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Container, Iterable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..basics.text import table
+from ..basics.units import NON_DIMENSIONAL, ONE, Units
+from ..basics.validation import InputError, near
+
+if TYPE_CHECKING:
+    import pandas
+
+FORMAT = 3  # of files
+CONVENTIONS = "CF-1.11"
+IMPACTS, ENERGY = "contacts[i].impacts", "energy"  # owners of attributes
+
+
+@dataclass(frozen=True)
+class Variable:
+    """One quantity of a result.
+
+    name: in every table and file, and as ``run[name]``. dims: of a run; an ensemble has the dimension member too.
+    quantity: what its unit follows from, see ``Units``; "" for a number without dimension. attribute: the attribute of
+    a Trajectory that holds the values.
+    """
+
+    name: str
+    dims: tuple[str, ...]
+    quantity: str
+    long_name: str
+    attribute: str
+
+    @property
+    def owner(self) -> str:
+        """The object that holds the values: "contacts[i]", "contacts[i].impacts", "energy", or "" for the run."""
+        return self.attribute.rpartition(".")[0]
+
+    @property
+    def field(self) -> str:
+        """The name of the values on their owner."""
+        return self.attribute.rpartition(".")[2].removesuffix("(x)")
+
+    def notes(self, units: Units) -> dict[str, str]:
+        """Return long_name and units. The unit is "1" without dimension; that of matrices is unknown and left out."""
+        if not self.quantity or units == NON_DIMENSIONAL:
+            return {"long_name": self.long_name, "units": ONE}
+        return {"long_name": self.long_name} | ({"units": units.of(self.quantity)} if units.known else {})
+
+
+T, C, IM, CT, TX = ("time",), ("contact",), ("impact",), ("contact", "time"), ("time", "x")
+SCHEMA = tuple(
+    Variable(*row)
+    for row in (
+        ("time", T, "time", "time", "t"),
+        ("tip", T, "length", "displacement of the tip, or of the observed point", "tip"),
+        ("tip_velocity", T, "velocity", "velocity of the tip, or of the observed point", "tip_velocity"),
+        ("displacement", TX, "length", "displacement u(x, t)", "displacement(x)"),
+        ("velocity", TX, "velocity", "velocity u_t(x, t)", "velocity(x)"),
+        ("contact_position", CT, "length", "position of the contact point against its stops", "contacts[i].position"),
+        ("contact_velocity", CT, "velocity", "velocity of the contact point", "contacts[i].velocity"),
+        ("contact_force", CT, "force", "contact force sigma on the beam, negative on the upper stop",
+         "contacts[i].force"),
+        ("contact_fraction", C, "", "share of time in contact", "contacts[i].fraction"),
+        ("contact_peak_force", C, "force", "largest |sigma|", "contacts[i].peak_force"),
+        ("contact_impulse", C, "impulse", "integral of |sigma|", "contacts[i].impulse"),
+        ("contact_open_at_start", C, "", "1: in contact at t = 0, which is no impact", "contacts[i].open_at_start"),
+        ("impact_count", C, "", "number of impacts", "contacts[i].impact_count"),
+        ("impact_time", IM, "time", "time of impact", "contacts[i].impacts.times"),
+        ("impact_end", IM, "time", "time at which the contact ends", "contacts[i].impacts.ends"),
+        ("impact_stop", IM, "", "+1 upper stop, -1 lower stop", "contacts[i].impacts.stops"),
+        ("impact_peak_force", IM, "force", "largest |sigma| of the impact", "contacts[i].impacts.peaks"),
+        ("impact_impulse", IM, "impulse", "integral of |sigma| over the impact", "contacts[i].impacts.impulses"),
+        ("impact_open_at_start", IM, "", "1: contact that is there at t = 0, which is no impact",
+         "contacts[i].impacts.at_start"),
+        ("energy_kinetic", T, "energy", "kinetic energy", "energy.kinetic"),
+        ("energy_elastic", T, "energy", "bending energy", "energy.elastic"),
+        ("energy_stops", T, "energy", "energy in the stops", "energy.stops"),
+        ("energy_input", T, "energy", "work of loads and moving stops since t = 0", "energy.input"),
+        ("energy_viscous", T, "energy", "viscous loss since t = 0", "energy.viscous"),
+        ("energy_loss", T, "energy", "numerical loss since t = 0", "energy.loss"),
+        ("energy_loss_in_contact", T, "energy", "numerical loss in steps with contact", "energy.loss_in_contact"),
+        ("energy_loss_without_contact", T, "energy", "numerical loss in steps without contact",
+         "energy.loss_without_contact"),
+        ("energy_stop_dissipation", T, "energy", "energy that damped stops took since t = 0",
+         "energy.stop_dissipation"),
+        ("energy_spread", T, "energy", "difference of two rules for what dampers and stops took since t = 0",
+         "energy.spread"),
+        ("diverged", (), "time", "time at which the run overflowed, NaN for none", "diverged"),
+    )
+)  # fmt: skip
+COORDINATES = tuple(
+    Variable(*row)
+    for row in (
+        ("contact", C, "", "number of the contact", ""),
+        ("impact", IM, "", "number of the row among the impacts of all contacts", ""),
+        ("member", ("member",), "", "number of the ensemble member", ""),
+        ("x", ("x",), "length", "position along the beam", ""),
+        ("impact_contact", IM, "", "contact of the impact", ""),
+        ("impact_member", IM, "", "ensemble member of the impact", ""),
+    )
+)
+BY_NAME = {variable.name: variable for variable in (*SCHEMA, *COORDINATES)}
+IMPACT_FIELDS = {v.field: v.name for v in SCHEMA if v.owner == IMPACTS and v.field != "at_start"}
+LEDGER_FIELDS = {v.field: v.name for v in SCHEMA if v.owner == ENERGY}
+BEFORE = {  # names in files of formats 1 and 2
+    "impact_times": "impact_time",
+    "impact_ends": "impact_end",
+    "impact_stops": "impact_stop",
+    "impact_peaks": "impact_peak_force",
+    "impact_impulses": "impact_impulse",
+    "ledger_contact": "energy_loss_in_contact",
+    "ledger_free": "energy_loss_without_contact",
+} | {
+    f"ledger_{field}": name
+    for field, name in LEDGER_FIELDS.items()
+    if field not in ("loss_in_contact", "loss_without_contact")
+}
+
+Values = dict[str, tuple[tuple[str, ...], Any]]
+
+
+def named(result: Any, name: str) -> Any:
+    """The values of one variable of a run or an ensemble. Raises InputError for what it does not hold."""
+    if name in BY_NAME:  # an energy is worked out only where it is asked for
+        values = values_of(result, None, {name})
+    else:
+        values = _coordinates(result, (), None, hasattr(result, "members"))
+    if name not in values:
+        known = [*BY_NAME] if name not in BY_NAME else [each for each in values_of(result) if each != name]
+        raise InputError("variable", name, "be one that the result holds", near(name, known))
+    return values[name][1]
+
+
+def values_of(result: Any, x: Any = None, wanted: Container[str] = BY_NAME) -> Values:
+    """Dimensions and values of all that a run or an ensemble holds, by the names of the schema.
+
+    x: positions along the beam at which the field is wanted. wanted: the names to look for, all by default. The rows of
+    impacts are those of all contacts, one contact after the other, and begin with the contact at t = 0 where there is
+    one.
+    """
+    many = hasattr(result, "members")
+    contacts, values = result.contacts, dict[str, tuple[tuple[str, ...], Any]]()
+    impacts, flags = zip(*(contact.impacts.listed() for contact in contacts), strict=True) if contacts else ((), ())
+    for variable in SCHEMA:
+        if variable.name not in wanted:
+            continue
+        owner, field, dims = variable.owner, variable.field, variable.dims
+        if dims == TX:
+            if x is not None:
+                values[variable.name] = (dims, getattr(result, field)(x))
+        elif owner == ENERGY:
+            if getattr(result, "has_energy", False):
+                values[variable.name] = (dims, getattr(result.energy, field))
+        elif not owner:
+            found = getattr(result, field)
+            if many and variable.name != "time":
+                dims = ("member", *dims)
+            if dims and (np.size(found) or not many):  # of a run that has not overflowed there is nothing to say
+                values[variable.name] = (dims, found)
+        elif contacts and owner == IMPACTS:
+            each = flags if field == "at_start" else [getattr(table, field) for table in impacts]
+            column = np.concatenate(each)
+            values[variable.name] = (dims, column.astype(np.int64) if column.dtype == bool else column)
+        elif contacts and hasattr(contacts[0], field):
+            rows = np.stack([getattr(contact, field) for contact in contacts])
+            values[variable.name] = ((*dims, "member") if many else dims, rows.astype(np.int64)
+                                     if rows.dtype == bool else rows)  # fmt: skip
+    return values | _coordinates(result, impacts, x, many)
+
+
+def _coordinates(result: Any, impacts: Iterable[Any], x: Any, many: bool) -> Values:
+    """The coordinates of all dimensions but time, which is a quantity; the varied parameter by its name."""
+    values: Values = {}
+    contacts = result.contacts
+    if contacts:
+        counts = [table.count for table in impacts]
+        values["contact"] = (C, np.arange(len(contacts)))
+        values["impact"] = (IM, np.arange(sum(counts)))
+        values["impact_contact"] = (IM, np.repeat(np.arange(len(counts)), counts))
+    if x is not None:
+        values["x"] = (("x",), np.asarray(x, float))
+    if many:
+        members = np.arange(len(result))
+        values["member"] = (("member",), members)
+        if contacts:
+            each = [np.repeat(members, contact.impact_count) for contact in contacts]
+            values["impact_member"] = (IM, np.concatenate(each))
+        if result.values is not None:
+            values[parameter_name(result.members.parameter)] = (("member",), result.values)
+        elif (drawn := np.asarray(result.members.values)).ndim == 2 and drawn.dtype.kind == "f":  # by ``uncertain``
+            for path, column in zip(result.members.parameter.split(", "), drawn.T, strict=True):
+                values[parameter_name(path)] = (("member",), column)
+    return values
+
+
+def parameter_name(parameter: str) -> str:
+    """The name of the coordinate that holds the varied parameter: its path, ``stops[0].stiffness``."""
+    name = re.sub(r"[^\w.\[\]]+", "_", parameter).strip("_") or "value"
+    return f"{name}_value" if name in BY_NAME else name
+
+
+def notes_of(values: Values, units: Units) -> dict[str, dict[str, str]]:
+    """Attributes of every variable: long_name, units, and the coordinates that its dimensions do not name."""
+    further: dict[str, list[str]] = {}
+    for name, (dims, _) in values.items():
+        parameter = name not in BY_NAME
+        if parameter or (name in {v.name for v in COORDINATES} and dims != (name,)):
+            further.setdefault(dims[0], []).append(name)
+    notes: dict[str, dict[str, str]] = {}
+    for name, (dims, _) in values.items():
+        known = BY_NAME.get(name)
+        notes[name] = {"long_name": f"value of {name} in the member"} if known is None else known.notes(units)
+        beside = [each for dim in dims for each in further.get(dim, ()) if (dim,) != (name,)]
+        if beside and name not in beside:
+            notes[name]["coordinates"] = " ".join(beside)
+    return notes
+
+
+def frame_of(values: Values, index: str, units: Units | None = None, **attributes: Any) -> pandas.DataFrame:
+    """The table with one row for each entry of the dimension ``index``: a column for each variable along it, and
+    ``contact_force_0``, ``contact_force_1`` for one that every contact has. attrs: units by column, and more."""
+    columns: dict[str, Any] = {}
+    unit: dict[str, str] = {}
+    for name, (dims, array) in values.items():
+        each = {name: array} if dims == (index,) else {}
+        if len(dims) == 2 and set(dims) == {"contact", index}:
+            each = {f"{name}_{i}": row for i, row in enumerate(array)}
+        columns |= each
+        if units is not None and name in BY_NAME:
+            unit |= dict.fromkeys(each, BY_NAME[name].notes(units).get("units", ""))
+    frame = table(columns, attributes | ({"units": unit} if units is not None else {}))
+    return frame.set_index(index) if index in columns else frame.rename_axis(index)
+
+
+def renamed(variables: Iterable[Any]) -> dict[str, str]:
+    """The new names of the variables of an older file, by the names that stand in it."""
+    return {name: BEFORE[name] for name in variables if name in BEFORE}

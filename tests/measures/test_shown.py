@@ -1,0 +1,178 @@
+"""Results show themselves: tables in notebooks, pictures of their own and in the axes of others, SciPy's words."""
+
+from __future__ import annotations
+
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from systems import bouncing_chain, two_contacts
+
+import stiffbeam as sb
+from stiffbeam.measures.comparison import Comparison
+
+PNG = b"\x89PNG\r\n\x1a\n"
+
+
+class Tables(HTMLParser):
+    """The cells of every table, row by row; unbalanced elements are errors."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.rows: list[list[str]] = []
+
+    def handle_starttag(self, tag, attrs):
+        self.open.append(tag)
+        if tag == "tr":
+            self.rows.append([])
+        if tag in ("td", "th"):
+            self.rows[-1].append("")
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        if self.open and self.open[-1] in ("td", "th"):
+            self.rows[-1][-1] += data
+
+
+def cells(thing) -> list[list[str]]:
+    parser = Tables()
+    text = thing._repr_html_()
+    parser.feed(text)
+    assert parser.open == []
+    assert "<pre" not in text
+    return parser.rows
+
+
+@pytest.fixture(scope="module")
+def things():
+    system = two_contacts()
+    run, reference = sb.integrate(system, sb.HHT(-0.1), 1e-3, 2.0), sb.reference(system, 2.0)
+    members = sb.varied(system, {"stops[0].stiffness": [2e3, 3e3, 4e3]})
+    return {
+        "system": system,
+        "beam": sb.paper_case(10).system(),
+        "run": run,
+        "reference": reference,
+        "impacts": run.impacts,
+        "ensemble": sb.integrate_ensemble(system, sb.HHT(-0.1), 1e-3, 1.0, members=members),
+        "outputs": sb.integrate_ensemble(system, sb.HHT(-0.1), 1e-3, 1.0, members=members, every=5),
+        "comparison": sb.compare(run, reference),
+        "advice": sb.advise(bouncing_chain(), {"tip": 1e-2}, 1.0, [sb.HHT(-0.1), sb.BDF2()], most_steps=4096),
+        "scorecard": sb.score([sb.HHT(-0.1)], ["mass-on-a-stop"]),
+    }
+
+
+KINDS = ["system", "beam", "run", "reference", "impacts", "ensemble", "outputs", "comparison", "advice", "scorecard"]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_result_draws_into_a_figure_of_its_own_and_into_axes_of_others(kind, things):
+    from matplotlib.figure import Figure
+
+    thing = things[kind]
+    alone = thing.plot()
+    assert isinstance(alone, Figure)
+    assert alone._repr_png_().startswith(PNG)
+    axis = Figure().subplots()
+    assert thing.plot(ax=axis, lw=3.5) is axis
+    assert axis.lines
+    assert any(line.get_linewidth() == 3.5 for line in axis.lines)
+    assert axis.get_ylabel()
+
+
+def test_the_curves_are_the_results(things):
+    from matplotlib.figure import Figure
+
+    def drawn(kind):
+        return things[kind].plot(ax=Figure().subplots()).lines
+
+    run, many, compared = things["run"], things["ensemble"], things["comparison"]
+    assert np.array_equal(drawn("run")[0].get_ydata(), run.tip)
+    assert np.array_equal(drawn("outputs")[2].get_ydata(), things["outputs"].tip[2])
+    assert np.array_equal(drawn("ensemble")[0].get_xdata(), [2e3, 3e3, 4e3])
+    assert np.array_equal(drawn("ensemble")[0].get_ydata(), many.peak_force)
+    assert drawn("comparison")[0].get_ydata()[-1] == pytest.approx(compared.tip_error_max)
+    peaks = np.concatenate([line.get_ydata() for line in drawn("impacts")])
+    assert sorted(peaks) == sorted(run.impacts.peaks)
+    assert drawn("reference")[0].get_color() == "black"  # the truth
+    assert drawn("run")[0].get_color() != "black"
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_result_is_a_table_in_a_notebook(kind, things):
+    assert cells(things[kind])
+
+
+def test_the_tables_hold_the_numbers(things):
+    assert cells(things["reference"])[0] == ["horizon", "2"]
+    assert cells(things["run"])[1] == ["time step", "0.001"]
+    rows = cells(things["impacts"])
+    assert rows[0][:2] == ["impact", "impact_time"]
+    assert len(rows) == 1 + things["impacts"].count
+    assert float(rows[1][1]) == pytest.approx(things["impacts"].times[0], rel=1e-5)
+    compared = cells(things["comparison"])
+    assert any(row[0] == "HHT(alpha=-0.1)" for row in compared)
+    several: Comparison = things["comparison"]
+    assert [row[5] for row in compared if row[0].strip() == several.contacts[1].place][1] == str(
+        several.contacts[1].run.impacts
+    )
+    assert any(row[0].startswith("advised: ") for row in cells(things["advice"]))
+
+
+def test_records_of_a_study_show_their_table_and_picture():
+    records = sb.study("amplification", schemes=["BDF2"], per_decade=4)
+    rows = cells(records)
+    assert rows[0] == list(records.answer.table[0])
+    assert len(rows) == 1 + len(records.answer.table)
+    assert records._repr_png_().startswith(PNG)
+
+
+def test_ipython_shows_figures_and_tables(things):
+    formatters = pytest.importorskip("IPython.core.formatters")
+    shown = formatters.DisplayFormatter()
+    data, _ = shown.format(things["run"].plot())
+    assert data["image/png"]
+    data, _ = shown.format(things["comparison"])
+    assert "<table" in data["text/html"]
+
+
+def test_a_result_reads_as_scipys(things):
+    system, run, reference = things["system"], things["run"], things["reference"]
+    n = system.size
+    assert run.y.shape == (2 * n, len(run.t))
+    assert np.array_equal(run.y[:n].T, run.states[0])
+    ode = system.ode()
+    ivp = solve_ivp(ode.rhs, (0.0, 0.2), ode.y0, rtol=1e-8, atol=1e-10)
+    fine = sb.reference(system, 0.2, t_eval=ivp.t)
+    assert fine.y.shape == ivp.y.shape
+    for i in range(len(ivp.t)):
+        np.testing.assert_allclose(fine.y[:n, i], ode.displacement(ivp.y[:, i]), atol=1e-5)
+        np.testing.assert_allclose(fine.y[n:, i], ode.velocity(ivp.y[:, i]), atol=1e-3)
+    for name in ("t", "y", "nfev", "njev", "nlu", "status", "message", "success", "t_events", "y_events"):
+        assert type(getattr(reference, name)) is not type(None), name
+    assert (run.status, run.success, run.nfev) == (0, True, 0)
+    assert "t = 2" in run.message
+    for thing in (run, reference):
+        assert [len(times) for times in thing.t_events] == [c.impacts.count for c in thing.contacts]
+        for contact, record, times, states in zip(
+            system.contacts, thing.contacts, thing.t_events, thing.y_events, strict=True
+        ):
+            offset = 0.0 if contact.offset is None else contact.offset.value(times)
+            beside = np.where(record.impacts.stops > 0, contact.stops.upper, contact.stops.lower or -np.inf)
+            np.testing.assert_allclose(states[:, :n] @ contact.row + offset, beside, atol=1e-9)
+
+
+def test_counters_are_those_of_the_solver(things):
+    system = things["system"]
+    radau = sb.reference(system, 0.1, "radau", t_eval=[0.0, 0.1], rtol=1e-6)
+    assert min(radau.nfev, radau.njev, radau.nlu) > 0
+    cvode = sb.reference(system, 0.1, "cvode", t_eval=[0.0, 0.1])
+    assert cvode.nfev == cvode.work.counters["rhs"] > 0
+    assert cvode.nlu is None  # not counted there
+    assert things["reference"].nfev == 0
+    thin = sb.integrate(system, sb.HHT(-0.1), 1e-3, 1.0, every=10)
+    assert thin.y_events is None
