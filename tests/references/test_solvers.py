@@ -54,10 +54,10 @@ def test_dop853_at_its_tightest_shows_the_exact_solution_good_to_1e_12(exact_tab
     assert np.max(np.abs(tip - exact_table10.tip)) < 3e-12 * np.max(np.abs(tip))
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
-    "method", [pytest.param(m.name, marks=pytest.mark.slow if m.seconds > 1.0 else ()) for m in ADAPTIVE]
-)
+    "method",
+    [pytest.param(m.name, marks=pytest.mark.campaign if m.name == "kvaerno3" else pytest.mark.slow) for m in ADAPTIVE],
+)  # of third order: a minute of steps
 def test_at_tolerance_1e_8_the_solvers_agree_to_the_second_impact(method, table10_system):
     times = np.linspace(0.0, 0.054, 28)
     exact = solve(table10_system, 0.054, "exact", times, 0.0, None)
