@@ -44,7 +44,8 @@ def reference_solution() -> Callable[..., Reference]:
         else:
             remedy = "for example reference_solution('table10')"
             raise InputError("reference_solution", what, "be a BeamProblem, a System, a case or its name", remedy)
-        return cached_reference(system, end, **{"method": "multiprecision"} | options)
+        chosen: dict[str, Any] = {"method": "multiprecision"} | options
+        return cached_reference(system, end, **chosen)
 
     return make
 

@@ -40,7 +40,8 @@ def plot_run(run: Trajectory, ax: Axes | None = None, **kwargs: Any) -> Axes | F
         return run_figure(run, **kwargs)
     method, units = run.provenance["method"], run.units
     beam = run.system.problem if run.system else None
-    ax.plot(run.t, run.tip, **{"color": look(method)["color"], "lw": 0.9, "label": short(method)} | kwargs)
+    style: dict[str, Any] = {"color": look(method)["color"], "lw": 0.9, "label": short(method)} | kwargs
+    ax.plot(run.t, run.tip, **style)
     for record in run.contacts:
         if np.array_equal(record.position, run.tip):
             draw_stops(ax, record.stops, horizontal=True)
@@ -58,7 +59,8 @@ def plot_system(system: System, ax: Axes | None = None, **kwargs: Any) -> Axes |
     style: dict[str, Any] = {"color": "black", "lw": 2.0, "label": "start"} | kwargs
     if beam is None:
         numbers = np.arange(1, system.size + 1)
-        axis.plot(numbers, system.q0, **{"marker": "o", "ls": "-"} | style)
+        dots: dict[str, Any] = {"marker": "o", "ls": "-"} | style
+        axis.plot(numbers, system.q0, **dots)
         places = [float(numbers[np.argmax(np.abs(contact.row))]) for contact in system.contacts]
         axis.set_xlabel("unknown")
     else:
@@ -101,7 +103,8 @@ def plot_ensemble(many: Ensemble, ax: Axes | None = None, **kwargs: Any) -> Axes
     units = many.units
     style: dict[str, Any] = {"color": look(many.provenance["method"])["color"]}
     if len(many.t):
-        axis.plot(many.t, many.tip.T, **style | {"lw": 0.7, "alpha": max(0.1, len(many) ** -0.5)} | kwargs)
+        style |= {"lw": 0.7, "alpha": max(0.1, len(many) ** -0.5)} | kwargs
+        axis.plot(many.t, many.tip.T, **style)
         axis.set_xlabel(units.label("time $t$", "time"))
         beam = many.members.system.problem
         axis.set_ylabel(units.label(f"{tip_name(beam)} displacement {tip_symbol(beam)}", "length"))
@@ -112,7 +115,8 @@ def plot_ensemble(many: Ensemble, ax: Axes | None = None, **kwargs: Any) -> Axes
     rigid = not np.any(np.isfinite(many.peak_force))
     values = np.arange(len(many)) if many.values is None else many.values
     bearing = many.impulse if rigid else many.peak_force
-    axis.plot(values, bearing, **style | {"ls": "", "marker": "o", "ms": 4} | kwargs)
+    style |= {"ls": "", "marker": "o", "ms": 4} | kwargs
+    axis.plot(values, bearing, **style)
     axis.set_xlabel("member" if many.values is None else many.members.parameter)
     axis.set_ylabel(units.label("impulse", "impulse") if rigid else units.label("largest force", "force"))
     return returned

@@ -238,7 +238,7 @@ def doubt(
         Drawn systems, of which each is solved exactly on two meshes and run by the scheme.
     seed : int
     tolerance : float
-        To which members agree within the data horizon, relative to the largest |u|.
+        To which members agree within the data horizon, relative to the largest displacement of the tip.
     progress : bool or callable
         As in ``reference``.
 
