@@ -61,7 +61,7 @@ def points(
     conserving = [
         label + CONSERVING
         for label in labels
-        if common.scheme_of(label).conserving is not None and not any(c.stops.rigid for c in system.contacts)
+        if common.scheme_of(label).conserving is not None and common.takes_extrapolation(case)
     ]
     return [
         {"method": label, "dt": end / steps, "form": form, "t_end": end, "starts": starts}
