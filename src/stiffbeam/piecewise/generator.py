@@ -334,7 +334,7 @@ class RegimeFlow:
         return (V @ (np.exp(values * tau)[:, None] * (W @ dZ))).real
 
     def seen(self, forms: Array, Z: Array, tau: Array) -> Array:
-        """What dA adds to the derivatives of forms (f, N) at tau (k,) later than Z (k, N): (k, f, columns)."""
+        """Contribution of dA to the derivatives of forms (f, N) at tau (k,) later than Z (k, N): (k, f, columns)."""
         k, columns = len(tau), len(self.dA)
         if not columns or not k:
             return np.zeros((k, len(forms), columns))

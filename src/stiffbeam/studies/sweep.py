@@ -300,7 +300,7 @@ def answer(rows: Rows, case: Case) -> Answer:
 
 
 def _rate(rows: Rows, case: Case) -> tuple[str, float]:
-    """How often impacts come, in words, and the number of periods or the time that a count is divided by."""
+    """Words for a rate of impacts, and the number of periods or the time that a count is divided by."""
     if "t_end" not in rows[0]:
         return "impacts per period", rows[0]["periods"]
     return f"impacts per {case.units.time if case.units.known else 'unit of time'}", rows[0]["t_end"]

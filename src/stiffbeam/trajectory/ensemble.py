@@ -174,7 +174,7 @@ class Ensemble(Runs):
         return [contact.stops for contact in self.members.system.contacts]
 
     def further_attributes(self) -> dict[str, Any]:
-        """What a file of an ensemble holds beside what every file does."""
+        """Attributes of a file of an ensemble beside those of every file."""
         return {"parameter": self.members.parameter}
 
     def __getitem__(self, name: str) -> Array:

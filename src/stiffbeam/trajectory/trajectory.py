@@ -191,7 +191,7 @@ class Trajectory:
         return [contact.stops for contact in self.contacts]
 
     def further_attributes(self) -> dict[str, Any]:
-        """What a file of this kind holds beside what every file does."""
+        """Attributes of a file of this kind beside those of every file."""
         return {}
 
     def __getitem__(self, name: str) -> Array:
