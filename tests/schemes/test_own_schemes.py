@@ -69,7 +69,7 @@ def test_a_study_takes_scheme_objects_in_worker_processes_too(tmp_path):
     there = sb.study("modes", sb.paper_case(10), jobs=2, **options)
     assert [row["scheme"] for row in here.rows] == [row["scheme"] for row in there.rows]
     assert here.rows == there.rows
-    assert {row["scheme"] for row in here.found} == {"test_own_schemes:Midpoint(theta=0.5)", "trapezoidal"}
+    assert {row["scheme"] for row in here.found} == {"test_own_schemes:Midpoint(theta=0.5)", "Trapezoidal"}
     assert not here.failures
     journal = next(tmp_path.glob("modes-*.jsonl"))
     assert sum('"source"' in line for line in journal.read_text().splitlines()) == 1  # of the own scheme only
@@ -91,7 +91,7 @@ def test_a_scheme_of_the_current_folder_runs_on_the_command_line(tmp_path):
         text=True,
     )
     assert done.returncode == 0, done.stderr
-    assert "euler" in done.stdout
+    assert "Euler" in done.stdout
     done = subprocess.run([*command, "mine:Eulr"], cwd=tmp_path, capture_output=True, text=True)
     assert done.returncode == 2
     assert "did you mean Euler" in " ".join(done.stderr.split())

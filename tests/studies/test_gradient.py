@@ -20,12 +20,12 @@ def small_case() -> sb.Case:
 def test_conserving_contact_keeps_the_order_in_the_derivative():
     records = sb.study("gradient", small_case(), schemes=["trapezoidal"], halvings=8, starts=6, impacts=3, jobs=1)
     lines = {line["method"]: line for line in records.answer.table}
-    assert set(lines) == {"trapezoidal", "trapezoidal conserving"}
+    assert set(lines) == {"Trapezoidal", "Trapezoidal conserving"}
     orders = {name: float(line["order of the derivative"].split()[0]) for name, line in lines.items()}
-    assert orders["trapezoidal conserving"] > 1.8
-    assert orders["trapezoidal"] < 1.4
+    assert orders["Trapezoidal conserving"] > 1.8
+    assert orders["Trapezoidal"] < 1.4
     errors = {name: float(line["derivative, finest"]) for name, line in lines.items()}
-    assert errors["trapezoidal"] > 100.0 * errors["trapezoidal conserving"]
+    assert errors["Trapezoidal"] > 100.0 * errors["Trapezoidal conserving"]
     assert all(float(line["order of the value"].split()[0]) > 1.6 for line in lines.values())
 
 

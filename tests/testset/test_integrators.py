@@ -185,7 +185,7 @@ def test_a_strangers_radau_stands_in_one_picture_with_ida_cvode_and_kvaerno():
     for row in records.rows:
         rows.setdefault(row["method"], []).append(row)
     label = integrator(radau).label
-    assert set(rows) == {"trapezoidal", label, "ida", "cvode", "kvaerno5", "radau (recorded)"}
+    assert set(rows) == {"Trapezoidal", label, "ida", "cvode", "kvaerno5", "radau (recorded)"}
     assert max(row["error"] for name in ("ida", "cvode", "kvaerno5") for row in rows[name]) < 1e-4
     assert rows["kvaerno5"][0]["work"] < 6000  # of its steps, not of steps of six stages to a thousand outputs
     assert all(row["work"] > 0 and row["error"] < 0.1 for own in rows.values() for row in own)
