@@ -161,7 +161,7 @@ def test_orders_counts_and_advice_on_a_record(folder, name):
     orders = asked(folder, "converge", name, "--schemes", HHT, "--halvings", "4")
     smooth = [row for row in orders["rows"] if row["kind"] == "smooth"]
     assert smooth
-    assert "2.00 (HHT(-0.1)) without contact" in orders["answer"]
+    assert "2.00 (HHT(alpha=-0.1)) without contact" in orders["answer"]
     counts = asked(folder, "impacts", name, "--schemes", HHT, "--halvings", "3", "--members", "2", "--no-sensitivity")
     assert {row["reference_count"] for row in counts["rows"] if row["scheme"] == HHT} == {exact.impacts.count}
     want = ("--want", "impacts=0.1,peak_force=0.05", "--schemes", HHT, "--members", "4")
