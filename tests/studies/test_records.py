@@ -43,7 +43,7 @@ stops = { lower = -2e-4, upper = 2e-4, stiffness = 1e4 }
 loads = [{ position = 0.7, sampled = "force.csv", kind = "cubic" }]
 """
 FILES = {"masses": MASSES, "tube": BEAM}
-HHT = "hht(alpha=-0.1)"
+HHT = "HHT(alpha=-0.1)"
 SCALE = "loads[0].time.scale"
 TIMES = np.linspace(0.0, 0.5, 101)
 FORCE = 3.0 * np.sin(44.0 * TIMES) + 1.5 * np.sin(71.0 * TIMES + 1.0)
