@@ -243,31 +243,44 @@ def unsettle(
 
 @compiled
 def watch(
-    table: Table, r: int, x: Array, y: Array, start: float, sides: IntArray, switched: IntArray, t_end: float
-) -> tuple[float, int, int, int]:
+    table: Table, r: int, x: Array, y: Array, start: float, sides: IntArray, switched: IntArray, t_end: float,
+    damped: int | None,
+) -> tuple[float, int, int, int]:  # fmt: skip
     """(tau, contact, its new side, evaluations) of the first event of a segment that begins at ``start`` with the pairs
-    x, y; contact -1 where there is none before t_end. sides, switched: (m,), not 0 for those that switched there."""
+    x, y; contact -1 where there is none before t_end. sides, switched: (m,), not 0 for those that switched there.
+    damped: as in ``follow``."""
     m, K = sides.size, x.size + table.frequencies.size
-    let_go = 0
-    damped = False
-    for i in range(m):
-        let_go += abs(sides[i]) == LET_GO
-        damped |= table.lags[i] > 0.0
-    count = m + let_go
     speeds, terms, seen, pairs = layout(m, K, table.closes[r])
     see(table, r, x, y, start, speeds, terms, seen)
+    see_close(table, r, pairs, np.arange(m))
+    if damped is not None:
+        return watch_damped(table, r, start, sides, switched, t_end, speeds, terms, seen, pairs)
+    tau, which, side, used = search(
+        speeds, terms, seen, pairs, sides, table.g1, table.g2, switched, start, t_end
+    )  # fmt: skip
+    return tau, which, (side if which >= 0 and sides[which] == 0 else 0), used
+
+
+@compiled
+def watch_damped(
+    table: Table, r: int, start: float, sides: IntArray, switched: IntArray, t_end: float, speeds: Array,
+    terms: Array, seen: Array, pairs: Array,
+) -> tuple[float, int, int, int]:  # fmt: skip
+    """``watch`` where stops are damped: of such a stop d or y = d + lag d' is watched, and of one that has let go both.
+
+    speeds, terms, seen, pairs: as contacts see them that are not damped.
+    """
+    m, K = sides.size, speeds.shape[1]
+    count = m
+    for i in range(m):
+        count += abs(sides[i]) == LET_GO
     at = np.arange(count)
-    see_close(table, r, pairs, at[:m])
-    if not damped:
-        tau, which, stop, used = search(
-            speeds, terms, seen, pairs, sides, table.g1, table.g2, switched, start, t_end
-        )  # fmt: skip
-        return tau, which, (stop if which >= 0 and sides[which] == 0 else 0), used
-    # Of a damped stop d or y = d + lag d' is watched, and of one that has let go both.
     chi, resting, force = np.zeros(count, np.int64), np.zeros(count, np.int64), np.zeros(count, np.int64)
     g1, g2 = np.empty(count), np.empty(count)
-    all_speeds, all_terms, all_seen, all_pairs = layout(count, K, table.closes[r])
-    all_speeds[:] = speeds
+    _, all_terms, all_seen, all_pairs = layout(count, K, table.closes[r])
+    for k in range(pairs.shape[0]):
+        for j in range(4):  # slices would be compiled with the message of an error in their shapes, for seconds
+            all_pairs[k, j] = pairs[k, j]
     extra = m
     for i in range(m):
         u = rate = 0.0
@@ -288,7 +301,6 @@ def watch(
                 all_terms[w, LEVEL, k] = terms[i, LEVEL, k]
             all_seen[w, CONSTANT] = seen[i, CONSTANT]
             for k in range(pairs.shape[0]):
-                all_pairs[k, :4] = pairs[k, :4]
                 all_pairs[k, 4 + w] = pairs[k, 4 + i]
             chi[w] = 0 if again == 1 else (sides[i] // LET_GO if gone else sides[i])
             own = again == 1  # only the stop that it is beyond counts
@@ -298,9 +310,7 @@ def watch(
             still = own if gone else (lag == 0.0 or abs(y_now) < abs(d))
             resting[w] = switched[i] != 0 and still
         extra += gone
-    tau, which, stop, used = search(
-        all_speeds, all_terms, all_seen, all_pairs, chi, g1, g2, resting, start, t_end
-    )  # fmt: skip
+    tau, which, stop, used = search(speeds, all_terms, all_seen, all_pairs, chi, g1, g2, resting, start, t_end)
     if which < 0:
         return tau, -1, 0, used
     contact = int(at[which])
@@ -318,15 +328,16 @@ def watch(
 def follow(
     table: Table, t: float, t_end: float, q: Array, v: Array, places: Array, speeds: Array, sides: IntArray,
     switched: IntArray, noise: Array, size: float, out_t: Array, out_regime: IntArray, out_sides: IntArray,
-    out_x: Array, out_y: Array,
+    out_x: Array, out_y: Array, damped: int | None,
 ) -> tuple[int, int, int, float]:  # fmt: skip
     """Follow the motion from q, q' (n,) at t with the contacts on ``sides`` (m,) until t_end, until the output is full
     or an unknown regime begins.
 
     switched: (m,), not 0 for contacts that switched at t, so that their gap is exactly zero. places, speeds: (n,), the
     sizes of the terms of q, q'. All of these are those of the last event in the end. noise: (segments, 3, K) in [-1,
-    1], what ``unsettle`` takes ``size`` times at the start of every segment; none for size 0. Returns (why it ended,
-    segments written, evaluations, time of the last event). Raises SolverFailure where the motion overflows or the
+    1], what ``unsettle`` takes ``size`` times at the start of every segment; none for size 0. damped: 1 where a stop
+    is, else None, and numba leaves out what only damped stops need. Returns (why it ended, segments written,
+    evaluations, time of the last event). Raises SolverFailure where the motion overflows or the
     search stands still.
     """
     g, work = np.empty(1 + 2 * table.frequencies.size), np.empty((5, max(q.size, table.sigma.shape[1])))
@@ -341,9 +352,11 @@ def follow(
         enter(table, r, q, v, g, x, y, work)
         if size > 0.0:
             unsettle(table, r, places, speeds, t, noise[count], size, x, y)
-        out_t[count], out_regime[count], out_sides[count] = t, r, sides
+        out_t[count], out_regime[count] = t, r
+        for i in range(sides.size):
+            out_sides[count, i] = sides[i]
         count += 1
-        tau, contact, side, used = watch(table, r, x, y, t, sides, switched, t_end)
+        tau, contact, side, used = watch(table, r, x, y, t, sides, switched, t_end, damped)
         evaluations += used
         if contact < 0 or t + tau >= t_end:
             return DONE, count, evaluations, t

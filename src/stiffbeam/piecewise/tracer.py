@@ -72,8 +72,9 @@ class Tracer:
                 x, y = np.zeros((2, room, K))
                 noise = self.noise.uniform(-1.0, 1.0, (room, 3, K)) if self.size else QUIET
                 why, count, used, t = follow(
-                    table, t, t_end, q, v, places, speeds, here, switched, noise, self.size, times, regime, chi, x, y
-                )
+                    table, t, t_end, q, v, places, speeds, here, switched, noise, self.size, times, regime, chi, x, y,
+                    1 if np.any(table.lags > 0.0) else None,
+                )  # fmt: skip
                 part = Motion(self.regimes, times[:count], chi[:count], regime[:count], x[:count], y[:count], used)
                 room = min(4 * room, EVENTS_PER_CALL) if why == FULL else room
             parts.append(part)

@@ -87,7 +87,7 @@ def _solve(system: System, t_end: float, t_eval: Array | None, begun: float) -> 
     impulses: list[float] = []
     t, evaluations = 0.0, 0
     while True:
-        why, _, used, t = follow(table, t, t_end, q, v, unused, unused, sides, switched, QUIET, 0.0, *out)
+        why, _, used, t = follow(table, t, t_end, q, v, unused, unused, sides, switched, QUIET, 0.0, *out, None)
         found.append(tuple(x.copy() for x in out))
         evaluations += used
         if why == DONE:
