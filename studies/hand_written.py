@@ -62,7 +62,7 @@ def numpy_loop(system: sb.System, dt: float, steps: int) -> tuple[Timed, np.ndar
             v_ahead = v + dt * (1 - GAMMA) * a
             free = scipy.linalg.lu_solve(lu, (1 + ALPHA) * (loads[n] - K @ q_ahead) - ALPHA * net, check_finite=False)
             r = q_ahead[-1] + BETA * dt**2 * free[-1]
-            force = stiff * (min(max(r, stops.g1), stops.g2) - r)
+            force = stiff * (min(max(r, stops.lower_bound), stops.upper_bound) - r)
             a = free + push * force
             q = q_ahead + BETA * dt**2 * a
             v = v_ahead + GAMMA * dt * a
@@ -102,7 +102,7 @@ class Modal(NamedTuple):
         start = np.array([q, dt * basis.to_modal(system.v0), dt**2 * (cosine - squares * q)])
         compliance = BETA * float(push @ row)
         stiff = contact.stops.stiffness / (1 + contact.stops.stiffness * compliance)
-        return cls(tables, start, w, stiff, compliance, contact.stops.g1, contact.stops.g2)
+        return cls(tables, start, w, stiff, compliance, contact.stops.lower_bound, contact.stops.upper_bound)
 
 
 @numba.njit(fastmath=FASTMATH, error_model="numpy")

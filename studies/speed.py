@@ -128,7 +128,10 @@ def sizes(count: int, repetitions: int, cells: tuple[int, ...]) -> Rows:
 def members(size: int, count: int, repetitions: int) -> dict[str, float]:
     """Nanoseconds per member and step of ensembles on all threads, in processor time over threads."""
     system, dt = table10()
-    starts, frequencies = sb.perturbed(system, size), sb.varied(system, frequency=np.linspace(9.0, 11.0, size))
+    starts, frequencies = (
+        sb.perturbed_members(system, size),
+        sb.varied_members(system, frequency=np.linspace(9.0, 11.0, size)),
+    )
 
     def run(scheme: sb.Scheme, ensemble: Any = starts) -> Timed:
         return timed(lambda: sb.integrate_ensemble(system, scheme, dt, count * dt, ensemble), cores())

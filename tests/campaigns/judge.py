@@ -159,8 +159,7 @@ def judge_agreement(references: dict[str, sb.Reference], truth: Truth) -> Verdic
             horizon = min(a.horizon, b.horizon)
             inside = (truth.t <= horizon) & (horizon > 0.0)
             pairs = [(a.tip, b.tip, truth.scale)] + [
-                (x.position, y.position, reach)
-                for x, y, reach in zip(a.contacts, b.contacts, truth.reach, strict=True)
+                (x.position, y.position, reach) for x, y, reach in zip(a.contacts, b.contacts, truth.reach, strict=True)
             ]
             for x, y, scale in pairs:
                 off = float(np.max(np.abs(x - y)[inside], initial=0.0)) / max(scale, 1e-300)

@@ -99,7 +99,7 @@ def test_an_ensemble_says_how_long_its_first_member_can_be_trusted():
     """System 187 moves by less than its positions at the nodes are rounded to; amplitudes of modes hold its motion."""
     assert [v.outcome for v in judge(case(SEED, 187), "ensemble", seed=1)] == ["right"]
     system = sb.semidiscretise(sb.paper_case(10).problem, 10)
-    ensemble = sb.reference_ensemble(system, 1.0, sb.perturbed(system, 2))
+    ensemble = sb.reference_ensemble(system, 1.0, sb.perturbed_members(system, 2))
     assert 0.1 < ensemble.provenance["horizon"] < 1.0
     assert ensemble.provenance["horizon"] == sb.reference(ensemble.members[0], 1.0).horizon
 

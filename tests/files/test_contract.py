@@ -35,13 +35,13 @@ def results() -> dict:
     """Every kind of result that has files: of a scheme, of a solver, of arrays, and two ensembles."""
     system = sb.semidiscretise(BEAM, 8)
     run = sb.integrate(system, sb.HHT(-0.1), 1e-4, 0.05)
-    members = sb.varied(system, {"stops[0].stiffness": [5e4, 1e5, 2e5]})
+    members = sb.varied_members(system, {"stops[0].stiffness": [5e4, 1e5, 2e5]})
     return {
         "run": run,
         "reference": sb.reference(system, 0.05),
         "arrays": sb.Trajectory.from_arrays(run.t, states=run.states, system=system),
         "ensemble": sb.integrate_ensemble(system, sb.HHT(-0.1), 1e-4, 0.05, members=members, every=10),
-        "exact ensemble": sb.reference_ensemble(system, 0.05, members=sb.perturbed(system, 2)),
+        "exact ensemble": sb.reference_ensemble(system, 0.05, members=sb.perturbed_members(system, 2)),
     }
 
 

@@ -64,7 +64,7 @@ SYSTEMS = {
     ),
     "polygon": lambda: chain(3, last(3, upper=0.02, stiffness=1e4), [(np.ones(3), record("linear"))]),
     "cubic record and a harmonic": lambda: chain(
-        3, last(3, upper=0.02, stiffness=1e4), [(np.ones(3), sb.Sum(record("cubic"), sb.Harmonic(3.0, 11.0)))]
+        3, last(3, upper=0.02, stiffness=1e4), [(np.ones(3), sb.Superposition(record("cubic"), sb.Harmonic(3.0, 11.0)))]
     ),
     "moving stop": lambda: chain(
         3, [sb.Contact(np.eye(3)[-1], sb.Stops(upper=0.02, stiffness=1e4), offset=sb.Harmonic(0.01, 20.0))]

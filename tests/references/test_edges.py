@@ -300,7 +300,7 @@ def test_a_motion_below_the_rounding_of_its_amplitudes_is_no_solution():
     with pytest.raises(sb.SolverFailure):
         sb.reference(system, 1e-5)
     with pytest.raises(sb.SolverFailure):
-        sb.reference_ensemble(system, 1e-5, sb.perturbed(system, 2, 1e-12))
+        sb.reference_ensemble(system, 1e-5, sb.perturbed_members(system, 2, 1e-12))
     assert sb.reference(system, 1e-5, "cvode").horizon > 0.0
 
 

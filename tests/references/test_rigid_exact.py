@@ -234,7 +234,7 @@ def follow(count, seed):
         for c, contact in enumerate(one.contacts):
             u = q @ contact.row + (0.0 if contact.offset is None else contact.offset.value(t))
             assert np.max(np.abs(contact.stops.penetration(u))) < 1e-12 * (1.0 + np.max(np.abs(q))), (seed, k)
-            inside = np.abs(u - contact.stops.g1) < np.abs(u - contact.stops.g2)
+            inside = np.abs(u - contact.stops.lower_bound) < np.abs(u - contact.stops.upper_bound)
             assert np.all(np.where(inside, R[:, c], -R[:, c]) >= -1e-9 * (1.0 + np.max(np.abs(R)))), (seed, k)
         assert all(taken >= -1e-9 for _, taken, _ in found.taken), (seed, k)
         held += any(found.held)
@@ -356,7 +356,7 @@ def test_copies_lose_roundings_of_their_own(monkeypatch):
 def test_a_perturbed_copy_loses_the_rounding_of_loads_that_cancel(form):
     """What a sum of 1e6 and -1e6 loses is relative to 1e6."""
     f, against = sb.Harmonic(1e6, 5.0, 0.3), sb.Harmonic(-1e6, 5.0, 0.3)
-    loads = [([1.0], sb.Sum(f, against))] if form == "a sum" else [([1.0], f), ([1.0], against)]
+    loads = [([1.0], sb.Superposition(f, against))] if form == "a sum" else [([1.0], f), ([1.0], against)]
     stops = sb.Stops(upper=1.0, stiffness=np.inf, restitution=0.5)
     system = sb.System.from_matrices([[1.0]], [[1.0]], None, loads, [sb.Contact([1.0], stops)])
     q, _, _ = Tracer(system, roundings=16.0).solve(1.0).at(np.ones(1))

@@ -14,7 +14,7 @@ from ..model.contact_law import LINEAR
 from ..model.problem import PolynomialProfile
 from ..model.sampled import Sampled
 from ..model.system import System
-from ..model.time_functions import Constant, Harmonic, LoadFunction, Sum, TimeFunction
+from ..model.time_functions import Constant, Harmonic, LoadFunction, Superposition, TimeFunction
 
 SUFFIXES = (".mtx", ".npz", ".npy")
 
@@ -199,7 +199,7 @@ class Reader:
         if "sum" in self.table:
             self.only({"sum"} | besides)
             parts = self.tables("sum", "{ amplitude = ..., frequency = ... }")
-            return self.build(Sum, *(part.time_function(set()) for part in parts))
+            return self.build(Superposition, *(part.time_function(set()) for part in parts))
         if "sampled" in self.table:
             return self.sampled(besides)
         if "constant" in self.table:

@@ -338,7 +338,7 @@ def _from_dataset(data: xr.Dataset, path: Path, system: System | None) -> Trajec
         "contacts": tuple(contacts),
         "work": Work(**work),
         "provenance": notes | {"method": run_label(notes["method"])},
-        "read_for": data.attrs["fingerprint"],
+        "stored_fingerprint": data.attrs["fingerprint"],
         "system": system,
     }
     if data.attrs["kind"] == "reference":

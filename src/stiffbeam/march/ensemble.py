@@ -10,7 +10,7 @@ import numpy as np
 from ..basics.compiled import wall_clock
 from ..basics.resources import cores, over_slices
 from ..basics.validation import InputError
-from ..model.members import Members, as_members, march_apart
+from ..model.members import EnsembleMembers, as_members, march_apart
 from ..model.system import System
 from ..schemes import Scheme
 from ..trajectory.ensemble import MEMBERS_PER_SLICE, Ensemble, Progress, Runs, gathered, record_from
@@ -25,7 +25,7 @@ def integrate_ensemble(
     scheme: Scheme,
     dt: float,
     t_end: float,
-    members: Members | Sequence[System],
+    members: EnsembleMembers | Sequence[System],
     contact: str = "implicit",
     every: int | None = None,
     engine: str = "numba",
@@ -34,9 +34,9 @@ def integrate_ensemble(
 ) -> Ensemble:
     """``integrate`` for every member, on all cores; each has the bits of its solo run on the same engine.
 
-    members: from ``perturbed`` or ``varied``, or systems that differ from ``system`` in initial data, stops, loads and
-    motions only; where their records (Sampled) or, of ``varied`` and ``uncertain``, their matrices differ, each is set
-    up by itself. every: keep tip and tip velocity
+    members: from ``perturbed_members`` or ``varied_members``, or systems that differ from ``system`` in initial data,
+    stops, loads and motions only; where their records (Sampled) or, of ``varied_members`` and ``uncertain_members``,
+    their matrices differ, each is set up by itself. every: keep tip and tip velocity
     at every so many steps; None keeps none, and memory does not grow with the steps but for the impacts.
     engine: "numba" or "direct", see ``integrate``; equal to rounding.
     progress: called with the number of member-steps done. since: the time, a whole number of steps,
@@ -58,7 +58,7 @@ def integrate_ensemble(
 
     apart = march_apart(members)
 
-    def march(part: Members) -> Runs:
+    def march(part: EnsembleMembers) -> Runs:
         if apart:
             each = [part[i : i + 1] for i in range(len(part))]
             return Runs.joined([_alone(plan, one[0]).runs(one, every, passed) for one in each])
@@ -81,5 +81,5 @@ def _alone(plan: Plan, member: System) -> Plan:
     return Plan.of(member, plan.scheme, plan.dt, plan.t_end, plan.contact, 1, plan.engine)
 
 
-def _ledger(plan: Plan, members: Members, every: int, apart: bool, i: int) -> Ledger:
+def _ledger(plan: Plan, members: EnsembleMembers, every: int, apart: bool, i: int) -> Ledger:
     return (_alone(plan, members[i]) if apart else plan).ledger(members[i], every)

@@ -134,7 +134,7 @@ def _stops(
     total, wrong, held = np.zeros(2 * count), np.zeros(count), np.zeros(count)
     for i, contact in enumerate(system.contacts):
         shift, stops, chi = solution.offset(system, i), contact.stops, sides[:, i]
-        stop = np.where(chi > 0, stops.g2, np.where(chi < 0, stops.g1, 0.0))
+        stop = np.where(chi > 0, stops.upper_bound, np.where(chi < 0, stops.lower_bound, 0.0))
         closed = np.where(chi != 0, 0.5 * stops.spring(1)[0], 0.0)
         u = q @ contact.row + shift(when)[0]
         total += np.tile(closed, 2) * (u - np.tile(stop, 2)) ** 2

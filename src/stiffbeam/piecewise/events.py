@@ -81,7 +81,7 @@ def entry(system: System, before: NDArray[np.int64], after: NDArray[np.int64], d
 
 def pressure(stops: Stops, side: NDArray[np.int64], u: Array, velocity: Array) -> Array:
     """kappa d + c d' on the given sides, which are pressed: of size c d' at the entry too, where d is rounding."""
-    depth = u - np.where(side > 0, stops.g2, stops.g1)
+    depth = u - np.where(side > 0, stops.upper_bound, stops.lower_bound)
     return np.maximum(side * (float(stops.stiffness) * depth + float(stops.damping) * velocity), 0.0)
 
 

@@ -218,7 +218,7 @@ def pressed_by(
         inner = peak_between(lambda t: press(t, owner[best]), low, high)
         np.maximum.at(peaks, owner[best], np.maximum(values[best], inner))
         return peaks, impulses
-    side = np.sign(path(samples[best])[0] - np.clip(path(samples[best])[0], stops.g1, stops.g2))
+    side = np.sign(path(samples[best])[0] - np.clip(path(samples[best])[0], stops.lower_bound, stops.upper_bound))
     # The force is flat at its peak: a time to half the digits gives it to all of them.
     rise, fall, before = side * path(low)[1], side * path(high)[1], np.full(len(low), -1)
     for _ in range(PEAK_STEPS):

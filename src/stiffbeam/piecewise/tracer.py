@@ -169,7 +169,9 @@ class Gaps:
         shifts, rest = drive.offsets(system)
         self.offsets = phasors(shifts)[:, :m].T  # (m, 1 + F)
         self.recorded = drive.recorded(rest, shifts.shape[1])[:, :m].T  # (m, R)
-        self.g1, self.g2 = (np.array([getattr(c.stops, side) for c in system.contacts]) for side in ("g1", "g2"))
+        self.g1, self.g2 = (
+            np.array([getattr(c.stops, side) for c in system.contacts]) for side in ("lower_bound", "upper_bound")
+        )
         self.lags = np.array([float(c.stops.damping) / float(c.stops.stiffness) for c in system.contacts])
 
     def next_switch(

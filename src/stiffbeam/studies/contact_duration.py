@@ -23,7 +23,7 @@ from ..march.ensemble import integrate_ensemble
 from ..march.integrate import integrate
 from ..measures.impacts import longest_delay, match
 from ..measures.report import percent
-from ..model.members import SPREAD, perturbed
+from ..model.members import SPREAD, perturbed_members
 from ..references.ensemble import reference_ensemble
 from ..trajectory.trajectory import Diverged
 from . import common
@@ -87,7 +87,7 @@ def _pairs(case: Case, point: Point) -> list[Row]:
 def _ensemble(case: Case, point: Point) -> list[Row]:
     """The distribution of durations over all contacts of all members, stop by stop."""
     system, t_end = common.system_of(case, point["form"]), point["t_end"]
-    members = perturbed(system, point["members"], SPREAD, t_end=t_end)
+    members = perturbed_members(system, point["members"], SPREAD, t_end=t_end)
     if point["method"] == "exact":
         many = reference_ensemble(system, t_end, members)
     else:
@@ -176,7 +176,7 @@ def picture(records: Records) -> Picture:
 def _sides(case: Case, row: Row) -> list[str]:
     """The sides on which the contact of this row has a stop."""
     stops = common.system_of(case, row["form"]).contacts[row["contact_number"] - 1].stops
-    return [name for side, name in SIDES.items() if np.isfinite(stops.g2 if side > 0 else stops.g1)]
+    return [name for side, name in SIDES.items() if np.isfinite(stops.upper_bound if side > 0 else stops.lower_bound)]
 
 
 def _errors(rows: Sequence[Row]) -> list[Mark]:

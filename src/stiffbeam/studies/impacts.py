@@ -36,7 +36,7 @@ from ..march.ensemble import integrate_ensemble
 from ..march.integrate import integrate
 from ..measures.impacts import longest_delay, match
 from ..measures.report import percent
-from ..model.members import SPREAD, perturbed
+from ..model.members import SPREAD, perturbed_members
 from ..references.ensemble import reference_ensemble
 from ..schemes import HHT, SDIRK
 from ..trajectory.ensemble import Ensemble
@@ -91,7 +91,7 @@ def evaluate(case: Case, point: Point) -> list[Row]:
     dt, t_end = point["dt"], point["t_end"]
     if point["scheme"] == EXACT:
         return _statistics(
-            reference_ensemble(system, t_end, perturbed(system, 8 * point["members"], SPREAD, t_end=t_end))
+            reference_ensemble(system, t_end, perturbed_members(system, 8 * point["members"], SPREAD, t_end=t_end))
         )
     exact = reference_solution(case, point)
     if point["scheme"] == REFERENCE:
@@ -105,7 +105,10 @@ def evaluate(case: Case, point: Point) -> list[Row]:
             }
             for i, record in enumerate(exact.contacts)
         ]  # fmt: skip
-    scheme, members = common.scheme_of(point["scheme"]), perturbed(system, point["members"], SPREAD, t_end=t_end)
+    scheme, members = (
+        common.scheme_of(point["scheme"]),
+        perturbed_members(system, point["members"], SPREAD, t_end=t_end),
+    )
     many = integrate_ensemble(system, scheme, dt, t_end, members, point["contact"])
     if np.any(np.isfinite(many.diverged)):
         raise Diverged(point["scheme"], float(np.nanmin(many.diverged)), "use the implicit contact or a smaller dt")

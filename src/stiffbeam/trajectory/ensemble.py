@@ -16,7 +16,7 @@ from ..basics.pictures import DRAW
 from ..basics.units import Units
 from ..basics.validation import InputError, non_negative
 from ..model.contact import Stops
-from ..model.members import Members
+from ..model.members import EnsembleMembers
 from .dataset import arrays_of, save
 from .impacts import Impacts
 from .ledger import Ledger
@@ -135,7 +135,7 @@ class Ensemble(Runs):
     member once more.
     """
 
-    members: Members
+    members: EnsembleMembers
     t: Array
     work: Work
     provenance: dict[str, Any]
@@ -244,7 +244,7 @@ class Ensemble(Runs):
 
 
 def gathered(
-    members: Members,
+    members: EnsembleMembers,
     parts: list[Runs],
     t: Array,
     work: Work,

@@ -196,7 +196,9 @@ def _coordinates(result: Any, impacts: Iterable[Any], x: Any, many: bool) -> Val
             values["impact_member"] = (IM, np.concatenate(each))
         if result.values is not None:
             values[parameter_name(result.members.parameter)] = (("member",), result.values)
-        elif (drawn := np.asarray(result.members.values)).ndim == 2 and drawn.dtype.kind == "f":  # by ``uncertain``
+        elif (
+            drawn := np.asarray(result.members.values)
+        ).ndim == 2 and drawn.dtype.kind == "f":  # by ``uncertain_members``
             for path, column in zip(result.members.parameter.split(", "), drawn.T, strict=True):
                 values[parameter_name(path)] = (("member",), column)
     return values

@@ -270,7 +270,7 @@ def refuse_endless(method: str, t: float, evaluations: int, forecast: Forecast) 
 def _extent(rhs: RightHandSide, scales: Scales, contact: int) -> float:
     """The size of the numbers from which a gap is computed."""
     stops = rhs.first_order.contacts[contact].contact.stops
-    finite = [abs(g) for g in (stops.g1, stops.g2) if np.isfinite(g)]
+    finite = [abs(g) for g in (stops.lower_bound, stops.upper_bound) if np.isfinite(g)]
     return float(scales.lengths[contact]) + max(finite)
 
 

@@ -281,7 +281,7 @@ class Derivative:
 def sides_of(system: System, contact: int) -> list[int]:
     """The sides on which a contact has a stop."""
     stops = system.contacts[contact].stops
-    return [side for side, g in ((-1, stops.g1), (1, stops.g2)) if np.isfinite(g)]
+    return [side for side, g in ((-1, stops.lower_bound), (1, stops.upper_bound)) if np.isfinite(g)]
 
 
 def gap_forms(tangent: Tangent, contact: int, side: int) -> Forms:

@@ -138,7 +138,7 @@ class Tracer:
         stops = self.system.contacts[contact].stops
         u = c @ self.model.rows[contact] + self.model.shift(contact, self.t)
         gap = -side * u
-        gap[0] += side * (stops.g2 if side > 0 else stops.g1)
+        gap[0] += side * (stops.upper_bound if side > 0 else stops.lower_bound)
         return gap
 
     def _next(self, c: Array, R: Array, held: tuple[int, ...], longest: float) -> list[tuple[float, int, int, bool]]:
@@ -153,7 +153,7 @@ class Tracer:
                 events.append((s, contact, self.held[contact], True))
         for contact in range(self.m):
             stops = self.system.contacts[contact].stops
-            for side, g in ((1, stops.g2), (-1, stops.g1)):
+            for side, g in ((1, stops.upper_bound), (-1, stops.lower_bound)):
                 if contact in self.held or not math.isfinite(g):
                     continue
                 gap, zeros = self._gap(contact, side, c), 0
@@ -359,7 +359,7 @@ class Tracer:
         """u - g."""
         stops = self.system.contacts[contact].stops
         u = float(self.model.rows[contact] @ self.q + self.model.shift(contact, self.t)[0])
-        return u - (stops.g2 if side > 0 else stops.g1)
+        return u - (stops.upper_bound if side > 0 else stops.lower_bound)
 
     def _let_go(self, sides: dict[int, int]) -> None:
         """Contacts that press no more, at one time but for rounding: by the first derivative of the reactions those go

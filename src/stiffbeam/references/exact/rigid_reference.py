@@ -123,7 +123,9 @@ def _seen(solution: Solution, t: Array, q: Array, v: Array, channel: int) -> tup
     u, w = q @ row + offset_values(offset, t), v @ row + offset_rate(offset, t)
     if channel < len(system.contacts):
         held, stops = solution.is_held(t, channel), system.contacts[channel].stops
-        stop = np.where(np.abs(u - stops.g2) < np.abs(u - stops.g1), stops.g2, stops.g1)
+        stop = np.where(
+            np.abs(u - stops.upper_bound) < np.abs(u - stops.lower_bound), stops.upper_bound, stops.lower_bound
+        )
         u, w = np.where(held, stop, u), np.where(held, 0.0, w)
     return u, w
 
@@ -151,7 +153,11 @@ def _beyond(system: System, solution: Solution, kept: Array) -> float:
         u = q @ contact.row + shift
         rounding = ROUNDINGS * EPS * float(np.max(np.abs(q) @ np.abs(contact.row) + np.abs(shift)))
         rounding += float(kept @ np.abs(contact.row))
-        sizes = [float(np.max(np.abs(u))), *(abs(g) for g in (stops.g1, stops.g2) if math.isfinite(g)), 1e-300]
+        sizes = [
+            float(np.max(np.abs(u))),
+            *(abs(g) for g in (stops.lower_bound, stops.upper_bound) if math.isfinite(g)),
+            1e-300,
+        ]
         worst = max(worst, (float(np.max(np.abs(stops.penetration(u)))) - rounding) / max(sizes))
     return worst
 

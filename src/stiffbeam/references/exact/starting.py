@@ -21,7 +21,7 @@ def on_stops(model: Model) -> dict[int, int]:
     for contact, each in enumerate(model.system.contacts):
         moved = float(model.shift(contact, 0.0)[0])
         u = float(model.rows[contact] @ model.system.q0) + moved
-        for side, g in ((1, each.stops.g2), (-1, each.stops.g1)):
+        for side, g in ((1, each.stops.upper_bound), (-1, each.stops.lower_bound)):
             if math.isfinite(g) and side * (u - g) >= -LEFT * max(abs(g), abs(moved)):
                 if side * (u - g) > LEFT * max(abs(g), abs(moved)):
                     remedy = "move the stop or the start"
@@ -51,7 +51,7 @@ def at_rest(model: Model) -> list[int]:
     found = []
     for contact, each in enumerate(model.system.contacts):
         still = each.offset is None and not np.any(model.rows[contact] * model.system.v0)
-        stops = (1, each.stops.g2), (-1, each.stops.g1)
+        stops = (1, each.stops.upper_bound), (-1, each.stops.lower_bound)
         if still and any(math.isfinite(g) and not off_stop(model, contact, side) for side, g in stops):
             found.append(contact)
     return found

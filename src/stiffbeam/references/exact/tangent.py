@@ -35,7 +35,7 @@ MERGED = "neighbouring motions become equal and have no exponent: their tangent 
 
 
 @dataclass(frozen=True, eq=False)
-class Growth:
+class PerturbationGrowth:
     """log_growth: ln(|Phi(t) z|/|z|), (k, vectors), at times t (k,), in the energy norm without contact,
     |z|^2 = dq'^T M dq' + dq^T K dq. The first RANDOM vectors are random, the last, where it is not at
     rest, is the direction of the motion at t = 0."""
@@ -44,7 +44,9 @@ class Growth:
     log_growth: Array
 
     def __repr__(self) -> str:
-        return f"<Growth to t = {self.t[-1]:g}: exponent {self.exponent:.4g}, {self.digits:.1f} digits lost>"
+        return (
+            f"<PerturbationGrowth to t = {self.t[-1]:g}: exponent {self.exponent:.4g}, {self.digits:.1f} digits lost>"
+        )
 
     @property
     def largest(self) -> Array:
@@ -62,7 +64,7 @@ class Growth:
         return float(self.largest[-1] / np.log(10.0))
 
 
-def lyapunov(system: System, t_end: float, seed: int = 0) -> Growth:
+def lyapunov(system: System, t_end: float, seed: int = 0) -> PerturbationGrowth:
     """The growth of tangent vectors along the exact float64 motion on [0, t_end].
 
     Past the horizon that motion is another one of the same system, along which the growth is as good an
@@ -88,7 +90,7 @@ def lyapunov(system: System, t_end: float, seed: int = 0) -> Growth:
 
 def growth(
     system: System, solution: Solution | Neighbours, t_end: float, seed: int = 0, enough: float = np.inf
-) -> Growth:
+) -> PerturbationGrowth:
     """``lyapunov`` along a solution that is there already, ended where a growth, ln, is ``enough``."""
     dq, dv = _vectors(system, seed)
     if isinstance(solution, Neighbours):  # those of a contact that is held stay on its stop
@@ -99,7 +101,7 @@ def growth(
     if isinstance(solution, Motion):
         passed, logs = solution.grow(system, edges, dq, dv, enough)
         if passed == len(edges) - 1 or np.max(logs[passed]) > enough:
-            return Growth(edges[: passed + 1], logs[: passed + 1])
+            return PerturbationGrowth(edges[: passed + 1], logs[: passed + 1])
     piece = np.maximum(np.searchsorted(solution.times, edges[:-1], side="right") - 1, 0)
     logs, last = np.zeros((len(edges), dq.shape[1])), 0
     for i, (k, tau) in enumerate(zip(piece.tolist(), np.diff(edges).tolist(), strict=True)):
@@ -111,10 +113,10 @@ def growth(
         except SolverFailure:
             if not np.isfinite(enough):
                 raise
-            return Growth(edges[: i + 1], logs[: i + 1])  # nothing is left that could grow to ``enough``
+            return PerturbationGrowth(edges[: i + 1], logs[: i + 1])  # nothing is left that could grow to ``enough``
         if np.max(logs[i + 1]) > enough:
-            return Growth(edges[: i + 2], logs[: i + 2])
-    return Growth(edges, logs)
+            return PerturbationGrowth(edges[: i + 2], logs[: i + 2])
+    return PerturbationGrowth(edges, logs)
 
 
 def _across(system: System, solution: Solution | Neighbours, piece: int, dq: Array, dv: Array) -> tuple[Array, Array]:

@@ -120,7 +120,7 @@ def _turns(system: System, solution: Solution, contact: int, t_end: float) -> It
         u, v = path(t)
         size = float(np.max(np.abs(u)))
         moves = np.maximum(np.abs(v[:-1]), np.abs(v[1:])) > MOVES * np.max(np.abs(v))
-        for which, stop in ((1, stops.g2), (-1, stops.g1)):
+        for which, stop in ((1, stops.upper_bound), (-1, stops.lower_bound)):
             if math.isinf(stop):
                 continue
             looked_at = (side == LET_GO * which) | ((side == which) & (stops.damping == 0.0))
