@@ -31,6 +31,9 @@ MEMORY = 12 << 30
 START = (-1, "start")  # what a worker does until it says that it is ready
 
 
+REFERENCES = ("every reference",)  # in place of the methods that are asked
+
+
 def work(pipe, seed: int, only: tuple[str, ...], limit: float) -> None:
     """A worker: system numbers in, verdicts out. The kernel ends it with SIGPROF after ``limit`` seconds of its
     own processor time on one task, compiled loops included."""
@@ -39,7 +42,7 @@ def work(pipe, seed: int, only: tuple[str, ...], limit: float) -> None:
 
     for stream in (1, 2):  # SUNDIALS writes its warnings there
         os.dup2(os.open(os.devnull, os.O_WRONLY), stream)
-    from judge import judge, methods_for, warm_up
+    from judge import every_reference, judge, methods_for, warm_up
     from judge_scheme import Verdict
     from random_systems import case
 
@@ -53,7 +56,8 @@ def work(pipe, seed: int, only: tuple[str, ...], limit: float) -> None:
         try:
             case = random_case(seed, index)
             if method is None:
-                pipe.send((case.notes, only or tuple(methods_for(case, index))))
+                methods = every_reference(case) if only == REFERENCES else only or methods_for(case, index)
+                pipe.send((case.notes, tuple(methods)))
             else:
                 pipe.send(list(judge(case, method, seed=1000 * seed + index)))
         except Exception:
@@ -102,7 +106,8 @@ class Worker:
         return None
 
 
-def campaign(indices: list[int], seed: int, jobs: int, limit: float, only: tuple[str, ...] = (), quiet: bool = False):
+def campaign(indices: list[int], seed: int, jobs: int, limit: float, only: tuple[str, ...] = (), quiet: bool = False,
+             seconds: float = float("inf")):  # fmt: skip
     """(outcomes by family, outcomes by subject, violations, figures by subject) of systems ``indices``.
 
     Figures are the (difference, horizon) of every verdict that has them.
@@ -113,11 +118,15 @@ def campaign(indices: list[int], seed: int, jobs: int, limit: float, only: tuple
     families: dict[int, str] = {}
     figures: dict[str, list[tuple[float, float]]] = {}
     todo = [(i, None) for i in reversed(indices)]
+    end = time.monotonic() + seconds
     workers = [Worker(seed, only, limit) for _ in range(min(jobs, max(1, len(indices))))]
     finished = 0
     from multiprocessing.connection import wait
 
     while todo or any(w.task or w.own for w in workers):
+        if time.monotonic() > end and todo:
+            print(f"# {len(todo)} systems are left, the next is {todo[-1][0]}", file=sys.stderr, flush=True)
+            todo.clear()
         for worker in workers:
             if worker.task is None and (worker.own or todo):
                 worker.give((worker.own or todo).pop())
@@ -133,7 +142,7 @@ def campaign(indices: list[int], seed: int, jobs: int, limit: float, only: tuple
                 families[index] = answer[0]
                 worker.own = [(index, m) for m in reversed(answer[1])]
                 finished += 1
-                if not quiet and finished % 50 == 0:
+                if not quiet and finished % 10 == 0:
                     print(f"# {finished} systems, {len(violations)} violations", file=sys.stderr, flush=True)
                 continue
             for verdict in answer:
@@ -183,20 +192,19 @@ def main() -> int:
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--limit", type=float, default=30.0, help="seconds of processor time for a system and a method")
     parser.add_argument("--first", type=int, default=0, help="go on from this system")
+    parser.add_argument("--seconds", type=float, default=float("inf"), help="begin no system after that")
     parser.add_argument("--only", type=int, nargs="*", help="numbers of systems")
     parser.add_argument("--methods", nargs="*", default=[])
     parser.add_argument("--references", action="store_true", help="every reference method, and their agreement")
     options = parser.parse_args()
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     indices = options.only or list(range(options.first, options.first + options.systems))
-    methods = tuple(options.methods)
-    if options.references:
-        from judge import EVERY_REFERENCE
-
-        methods = EVERY_REFERENCE
+    methods = REFERENCES if options.references else tuple(options.methods)
     begun = time.monotonic()
-    families, subjects, violations, figures = campaign(indices, options.seed, options.jobs, options.limit, methods)
-    print(f"\n{len(indices)} systems of seed {options.seed} in {time.monotonic() - begun:.0f} s\n")
+    families, subjects, violations, figures = campaign(
+        indices, options.seed, options.jobs, options.limit, methods, seconds=options.seconds
+    )
+    print(f"\nSystems of seed {options.seed}, {len(indices)} asked, in {time.monotonic() - begun:.0f} s\n")
     print(table(families), "\n")
     print(table(subjects), "\n")
     if figures:

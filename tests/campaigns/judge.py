@@ -315,9 +315,7 @@ def warm_up() -> None:
 def methods_for(case: Case, index: int) -> list[str]:
     """What is asked of a case: the exact solution always, the others in turn, of a pulse the adaptive solvers
     too, where they do not have too many periods of the fastest motion to follow."""
-    flexible = [c.kappa * float(c.row @ np.linalg.solve(case.mass, c.row)) for c in case.contacts]
-    phase = case.t_end * float(np.sqrt(case.frequencies[-1] ** 2 + sum(flexible)))
-    able = [m for m in ADAPTIVE if phase < {"radau": 1e3, "dop853": 3e3}.get(m, 1e4)]
+    able = [method for method in ADAPTIVE if _affordable(case, method)]
     turn = index // 12
     if any(wave[0] in PULSES for wave in case.waves):
         return ["exact", *(able[(turn + k) % len(able)] for k in range(min(3, len(able)))), "schemes"]
@@ -325,6 +323,18 @@ def methods_for(case: Case, index: int) -> list[str]:
     cheap = case.size <= 2 and case.notes not in ("long time", "several contacts")
     third = third if cheap or third != "multiprecision" else "schemes"
     return ["exact", *able[turn % max(1, len(able)) :][:1], third]
+
+
+def _affordable(case: Case, method: str) -> bool:
+    """Return True where an adaptive method has few enough periods of the fastest motion to follow."""
+    flexible = [c.kappa * float(c.row @ np.linalg.solve(case.mass, c.row)) for c in case.contacts]
+    phase = case.t_end * float(np.sqrt(case.frequencies[-1] ** 2 + sum(flexible)))
+    return method not in ADAPTIVE or phase < {"radau": 1e3, "kvaerno5": 1e3, "dop853": 3e3}.get(method, 1e4)
+
+
+def every_reference(case: Case) -> list[str]:
+    """Every method that can follow a case in seconds, and ``AGREEMENT``."""
+    return [method for method in EVERY_REFERENCE if _affordable(case, method.replace("diffrax:Tsit5", "dop853"))]
 
 
 def judged(seed: int, index: int, only: tuple[str, ...] = ()) -> list[Verdict]:

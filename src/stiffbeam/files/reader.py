@@ -205,7 +205,8 @@ class Reader:
         if "constant" in self.table:
             self.only({"constant"} | besides)
             return self.build(Constant, self.number("constant"))
-        self.only({"amplitude", "frequency", "phase"} | besides)
+        others = {"constant", "sampled", "sum"}  # for the message: there is none of them here
+        self.only({"amplitude", "frequency", "phase"} | others | besides)
         return self.build(Harmonic, self.number("amplitude"), self.number("frequency"), self.number("phase", 0.0))
 
     def stops(self, besides: set[str]) -> Stops:
