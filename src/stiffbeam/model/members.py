@@ -32,6 +32,7 @@ LINEAR = ("mass", "damping", "stiffness", "observe")  # where they differ in the
 # 1e-12 the counts of Table 10 that HHT, the trapezoidal rule and the exponential flow make at fine steps were 4 to 10 %
 # below the exact ones, of which +-3 % was said; with 1e-3 they agree.
 SPREAD = 1e-3
+STARTS, SYSTEMS = "initial data", "systems"  # what differs where a member has a number and no value
 SCALE = "scale"  # the last name of a path to a time function or an array: a factor on it
 
 
@@ -154,7 +155,7 @@ def as_members(system: System, members: EnsembleMembers | Sequence[System]) -> E
                 rule = "share every callable load and offset with the system"
                 raise InputError("members", member.form, rule, "integrate such systems one by one")
         fields = {name: [getattr(member, name) for member in systems] for name in DIFFERENT}
-        members = EnsembleMembers(system, "systems", np.arange(len(systems)), fields)
+        members = EnsembleMembers(system, SYSTEMS, np.arange(len(systems)), fields)
     elif members.system.fingerprint != system.fingerprint:
         remedy = "make the members anew from this system, or integrate members.system"
         raise InputError("members", members.parameter, "be made from the system that is integrated", remedy)
@@ -223,7 +224,7 @@ def perturbed_members(
     scale = motion.speed
     q0 = [system.q0 + size * scale * basis.to_nodal(x) for x in eta]
     v0 = [system.v0 + size * scale * basis.to_nodal(x) for x in noise[:, 1]]
-    return EnsembleMembers(system, "initial data", np.arange(members), {"q0": q0, "v0": v0})
+    return EnsembleMembers(system, STARTS, np.arange(members), {"q0": q0, "v0": v0})
 
 
 def varied_members(
