@@ -41,7 +41,8 @@ def integrate_ensemble(
     dt, t_end : float
     members : EnsembleMembers or sequence of System
         From ``perturbed_members``, ``varied_members`` or ``uncertain_members``, or systems that differ from
-        ``system`` in initial data, stops, loads and motions only. Members with records (Sampled) or matrices of their own are set up one by one.
+        ``system`` in initial data, stops, loads and motions only. Members with records (Sampled) or matrices of their
+        own are set up one by one.
     contact : {"implicit", "extrapolated", "conserving"}
         As in ``integrate``.
     every : int, optional

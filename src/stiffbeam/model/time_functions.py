@@ -19,9 +19,9 @@ from .sampled import Sampled
 class TimeFunction(Protocol):
     """f(t) with two derivatives, vectorised: an array of times gives an array of that shape.
 
-    ``Harmonic``, ``Constant``, ``Sampled`` and ``Superposition`` are time functions. A class of your own needs
-    the three methods ``value``, ``rate`` and ``acceleration``. An attribute ``breakpoints`` may state the times where f is not smooth, so
-    that adaptive solvers restart there.
+    ``Harmonic``, ``Constant``, ``Sampled`` and ``Superposition`` are time functions. A class of your own needs the
+    three methods ``value``, ``rate`` and ``acceleration``. An attribute ``breakpoints`` may state the times where f is
+    not smooth, so that adaptive solvers restart there.
 
     Examples
     --------

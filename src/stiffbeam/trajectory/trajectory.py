@@ -38,8 +38,7 @@ if TYPE_CHECKING:
     from ..model.system import System
     from .ledger import Ledger
 
-# A run at every step in pieces that share end points: times (k + 1,), q (k + 1, n), q' (k + 1, n), and the forces
-# (k + 1, contacts) that nodes found, NaN for none, see contact_law.found_force.
+# A run at every step in pieces that share end points: times (k + 1,), q (k + 1, n), q' (k + 1, n), forces (k + 1, m).
 Pieces = Callable[[], Iterator[tuple[Array, Array, Array, Array]]]
 
 
