@@ -309,9 +309,9 @@ def event_functions(t: float, z: Array, out: Array, block: IntArray) -> None:
         u, v, _ = _motion(c, z, g, g_rate, block)
         acceleration = _acceleration(c, t, z, block) if damps(stop) else 0.0
         for side in (1.0, -1.0):
-            if not np.isfinite(stop.upper_bound if side > 0.0 else stop.lower_bound):
+            if not np.isfinite(stop.g2 if side > 0.0 else stop.g1):
                 continue
-            gap, rate = (u - stop.upper_bound if side > 0.0 else stop.lower_bound - u), side * v
+            gap, rate = (u - stop.g2 if side > 0.0 else stop.g1 - u), side * v
             out[k], out[sides + k] = gap, rate
             if damped:
                 out[2 * sides + k] = rate

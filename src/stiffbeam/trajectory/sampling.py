@@ -168,7 +168,7 @@ def scan_means(
     row = int(tally[i, c, ROW])
     passed = int(tally[i, c, SINCE]) - first
     for k in range(count):
-        new = state(u[k], stop.lower_bound, stop.upper_bound)
+        new = state(u[k], stop.g1, stop.g2)
         impulse = abs(means[k]) * dt if k >= passed else 0.0
         tally[i, c, IMPULSE] += impulse
         if new != side:
