@@ -50,7 +50,7 @@ from .references.exact.continuation import continuation as continuation
 from .references.exact.derivative import Derivative as Derivative
 from .references.exact.orbit import Orbit as Orbit
 from .references.exact.orbit import periodic_orbit as periodic_orbit
-from .references.exact.rigid import rigid_limit as rigid_limit
+from .references.exact.rigid_reference import rigid_limit as rigid_limit
 from .references.exact.tangent import Growth as Growth
 from .references.exact.tangent import lyapunov as lyapunov
 from .schemes.registry import *  # noqa: F403

@@ -19,9 +19,8 @@ import numpy as np
 from ..basics.arrays import Array, IntArray
 from ..basics.compiled import compiled, inlined
 from .events import LET_GO
-from .oscillation import oscillations, pair
 from .search import search
-from .terms import CONSTANT, LEVEL, OMEGA, SIGMA, SQUARE, X, Y, layout
+from .terms import CONSTANT, LEVEL, OMEGA, SIGMA, SQUARE, X, Y, layout, oscillations, pair
 
 DONE, FULL, UNKNOWN = 0, 1, 2  # why the loop ends; UNKNOWN: no such regime in the table, or one that it cannot follow
 # Of ``outward``, which parts of q and q' the pairs make, and of ``inward``, which parts of x and y they make.

@@ -21,7 +21,7 @@ from ...piecewise.rounding import Perturbation
 from ...piecewise.tangent import Forms, Path, Tangent
 from ...piecewise.tracer import tracer_of
 from ...trajectory.trajectory import Reference
-from .impacted import Solution as Impacted
+from .impacting import Solution as Impacted
 from .impacting import Tracer as ImpactTracer
 
 PER_PERIOD = 12  # samples in the shortest period, among which a peak is looked for

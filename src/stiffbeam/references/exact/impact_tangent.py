@@ -18,7 +18,7 @@ from functools import cached_property
 import numpy as np
 
 from ...basics.arrays import Array
-from .impacted import Solution
+from .impacting import Solution
 from .taylor import rate, value
 
 ROUNDING = 1e-14  # of a vector, what a projection leaves of one along its own direction

@@ -14,19 +14,118 @@ radians, the rest of the series is summed with a and a' as they are, the speed t
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass, field
+from fractions import Fraction
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...basics.arrays import Array
+from ...basics.exact_float import exact_value
 from ...basics.validation import InputError
 from ...model.active_set import solve_node
 from ...model.system import System
 from ...piecewise.touching import EPS
 from ...trajectory.trajectory import SolverFailure
 from ..rigid_stops import order_decides
-from .impacted import Event, Solution
-from .starting import on_stops, together_but_for_rounding
 from .taylor import Model, first_zero, rate, stays, value
+
+LEFT = 1e-12  # of the distance between a stop and a start, relative: the start is on the stop
+
+
+def on_stops(model: Model) -> dict[int, int]:
+    """The contacts on their stops at t = 0, by their sides. Raises InputError for one beyond its stop."""
+    closed = {}
+    for contact, each in enumerate(model.system.contacts):
+        moved = float(model.shift(contact, 0.0)[0])
+        u = float(model.rows[contact] @ model.system.q0) + moved
+        for side, g in ((1, each.stops.g2), (-1, each.stops.g1)):
+            if math.isfinite(g) and side * (u - g) >= -LEFT * max(abs(g), abs(moved)):
+                if side * (u - g) > LEFT * max(abs(g), abs(moved)):
+                    remedy = "move the stop or the start"
+                    raise InputError("initial displacement", u, "lie between rigid stops", remedy)
+                closed[contact] = side
+    return closed
+
+
+def off_stop(model: Model, contact: int, side: int) -> bool:
+    """Whether the start, as it is written, is not exactly on the stop of a contact."""
+    each = model.system.contacts[contact]
+    ratio, pi = exact_value(each.stops.upper if side > 0 else each.stops.lower)  # type: ignore[arg-type]
+    terms = zip(model.rows[contact].tolist(), model.system.q0.tolist(), strict=True)
+    shifted = model.shift(contact, 0.0)[0] != 0.0
+    return pi or shifted or sum(Fraction(row) * Fraction(q) for row, q in terms) != ratio
+
+
+def together_but_for_rounding(model: Model, compliance: Array, closed: dict[int, int], going: dict[int, int]) -> bool:
+    """Whether contacts that move each other start on their stops but for rounding, so that who is hit first is not
+    known."""
+    joined = {c for c in closed for x in going if c != x and compliance[c, x]}
+    return any(off_stop(model, c, closed[c]) for c in joined | (going.keys() if joined else set()))
+
+
+def at_rest(model: Model) -> list[int]:
+    """Contacts that start at rest on their stops as they are written, not but for rounding."""
+    found = []
+    for contact, each in enumerate(model.system.contacts):
+        still = each.offset is None and not np.any(model.rows[contact] * model.system.v0)
+        stops = (1, each.stops.g2), (-1, each.stops.g1)
+        if still and any(math.isfinite(g) and not off_stop(model, contact, side) for side, g in stops):
+            found.append(contact)
+    return found
+
+
+@dataclass(eq=False)
+class Event:
+    """An impact on ``side`` of a contact; ``end`` > ``time`` where the contact is then held."""
+
+    contact: int
+    side: int
+    time: float
+    impulse: float
+    end: float = math.nan
+
+
+@dataclass(eq=False)
+class Solution:
+    """Stretches from times (k,) on, with states and the contacts held in each; what impacts took."""
+
+    model: Model
+    times: list[float] = field(default_factory=list)
+    states: list[tuple[Array, Array]] = field(default_factory=list)
+    held: list[tuple[int, ...]] = field(default_factory=list)
+    events: list[Event] = field(default_factory=list)
+    struck: list[tuple[float, int, float]] = field(default_factory=list)  # time, contact, impulse that is no event's
+    blows: list[tuple[int, int]] = field(default_factory=list)  # stretch at whose start it is, contact
+    taken: list[tuple[float, float, float]] = field(default_factory=list)  # time, energy taken, put in by stops moving
+    stuck: list[tuple[float, int]] = field(default_factory=list)  # where a contact's impacts ended, and which
+    tie: float = math.inf  # where two contacts first close together but for rounding, and the order matters
+
+    def at(self, t: Array) -> tuple[Array, Array, Array]:
+        """q, q' (k, n) and reactions (k, m), of held contacts only, at times in any order."""
+        t = np.asarray(t, float)
+        q, v = np.empty((2, len(t), self.model.system.size))
+        R = np.zeros((len(t), len(self.model.rows)))
+        piece = self.stretch_at(t)
+        for k in np.unique(piece):
+            here = np.flatnonzero(piece == k)
+            start, moving = self.states[k]
+            c, reactions = self.model.stretch(self.times[k], start, moving, self.held[k])
+            powers = (t[here] - self.times[k])[:, None] ** np.arange(len(c))
+            q[here] = powers @ c
+            v[here] = powers[:, :-1] @ (np.arange(1, len(c))[:, None] * c[1:])
+            if len(self.held[k]):
+                R[here[:, None], list(self.held[k])] = powers[:, : len(reactions)] @ reactions
+        return q, v, R
+
+    def stretch_at(self, t: Array) -> NDArray[np.int64]:
+        """The stretch that each time (k,) lies in; a switch belongs to the one it begins."""
+        return np.maximum(np.searchsorted(self.times, t, side="right") - 1, 0)
+
+    def is_held(self, t: Array, contact: int) -> NDArray[np.bool_]:
+        """Whether the contact is held at times t (k,)."""
+        return np.array([contact in held for held in self.held])[self.stretch_at(t)]
+
 
 RADIANS = 1.0  # of the fastest motion, in one stretch
 CHATTER = 1e-6

@@ -30,18 +30,8 @@ from ...piecewise.tracer import Tracer, tracer_of
 from ...trajectory.impacts import ContactRecord
 from ...trajectory.trajectory import Reference, Work, versions
 from ..agreement import Watched
-from ..request import Request, output_times
+from ..request import output_times
 from .derivative import derivative
-
-
-def solve(request: Request) -> Reference:
-    """``solve_exact`` as a registered reference: of a request it takes system, t_end and t_eval. Rigid stops go
-    from impact to impact, see rigid_reference."""
-    if any(contact.stops.rigid for contact in request.system.contacts):
-        from .rigid_reference import solve_rigid
-
-        return solve_rigid(request.system, request.t_end, request.t_eval)
-    return solve_exact(request.system, request.t_end, request.t_eval)
 
 
 def solve_exact(

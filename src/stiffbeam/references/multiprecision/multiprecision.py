@@ -24,8 +24,7 @@ from ...trajectory.trajectory import Reference, SolverFailure
 from ..exact.piecewise import reference_of, refuse
 from ..exact.tangent import lyapunov
 from ..request import Request
-from .compliant import GUARD_BITS, Known, follow
-from .grazes import MOST, Sampler, Switch, grazes_of, passed_over
+from .compliant import GUARD_BITS, MOST, Known, Sampler, Switch, follow, grazes_of, passed_over
 
 BITS = math.log2(10.0)
 MAX_DIGITS = 20_000
@@ -49,7 +48,7 @@ def solve(request: Request) -> Reference:
     are taken at their exact values, all others are the doubles they are; provenance["parameters"] names the
     exact ones. Past the horizon of float64 the two readings have different solutions. t_end and output
     times are doubles: nothing magnifies their rounding. Which switch is next is found in float64 and then refined;
-    what float64 passes over is looked for where gaps turn (grazes.py): of compliant stops a contact less deep than
+    what float64 passes over is looked for where gaps turn (compliant.py): of compliant stops a contact less deep than
     1e-18 of the motion counts as none, see provenance["grazes"]. Between rigid stops power series in balls decide.
     """
     system, t_end, t_eval, digits = request.system, request.t_end, request.t_eval, request.digits
