@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from ..basics.arrays import Array
 from ..model.system import System
 from ..trajectory.trajectory import SolverFailure
-from .measures import Solution
+from .motion import Motion
 from .touching import EPS, REMEDY
 
 ROUNDINGS = 64.0  # that a switch may cost, each as large as the stiffest mode makes it
@@ -46,7 +46,7 @@ def within_float64(solver: str, t_end: float) -> Generator[None, None, None]:
 
 def audit(
     system: System,
-    solution: Solution,
+    solution: Motion,
     t_end: float,
     solver: str = "exact",
     start: tuple[Array, Array] | None = None,
@@ -99,7 +99,7 @@ def audit(
         raise SolverFailure(solver, float(np.append(0.0, ends)[k]), reason, REMEDY)
 
 
-def _start(system: System, solution: Solution, t_end: float, solver: str, q0: Array, ends: tuple[Array, Array]) -> None:
+def _start(system: System, solution: Motion, t_end: float, solver: str, q0: Array, ends: tuple[Array, Array]) -> None:
     """Raise SolverFailure where an observed position starts off by more than START of its largest value; ends: the
     times (k,) and q (k, n) of the ends of all pieces, the start first."""
     if solution.times[0] != 0.0:
@@ -112,9 +112,7 @@ def _start(system: System, solution: Solution, t_end: float, solver: str, q0: Ar
             raise SolverFailure(solver, 0.0, reason, "use multiprecision")
 
 
-def _looks(
-    system: System, solution: Solution, t_end: float, channel: int, ends: tuple[Array, Array]
-) -> Iterator[Array]:
+def _looks(system: System, solution: Motion, t_end: float, channel: int, ends: tuple[Array, Array]) -> Iterator[Array]:
     """Positions of a channel, its start first: at the switches, between them, and of what soon dies out."""
     row, shift = system.channels[channel][0], solution.offset(system, channel)
     yield ends[1] @ row + shift(ends[0])[0]
@@ -125,7 +123,7 @@ def _looks(
 
 
 def _stops(
-    system: System, solution: Solution, q: Array, ends: Array, sides: NDArray[np.int64]
+    system: System, solution: Motion, q: Array, ends: Array, sides: NDArray[np.int64]
 ) -> tuple[Array, Array, Array]:
     """sum_c U_c of the regimes at the starts and then the ends of all pieces, how much it is wrong in the middle of
     each, and how large it is there: what moving stops press into a body at rest is nothing at every switch."""

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import partial
-from typing import Any, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,89 +15,15 @@ from ..trajectory.impacts import ContactRecord, Impacts
 from ..trajectory.ledger import Ledger
 from .events import LET_GO, peak_between, pressed, pressure
 
+if TYPE_CHECKING:
+    from .motion import Motion
+
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(10)
 PEAK_STEPS = 8  # of the Illinois method, from a bracket of two samples: to 1e-12 on Table 10
 RIVAL = 0.96  # of the largest sample: nodes lie within 0.48 radians of the fastest motion, cos 0.24 = 0.972
 
 
-class Solution(Protocol):
-    """Contract of every exact solution: segments between events, each linear, of n unknowns and m contacts."""
-
-    @property
-    def times(self) -> Array:
-        """The starts of the pieces, (pieces,)."""
-        ...
-
-    @property
-    def sides(self) -> NDArray[np.int64]:
-        """The side of every contact in every piece, (pieces, m), see events."""
-        ...
-
-    @property
-    def evaluations(self) -> int:
-        """Number of gap evaluations in the event search."""
-        ...
-
-    @property
-    def shortest_period(self) -> float:
-        """Shortest period of the modes of all regimes and of the drive."""
-        ...
-
-    @property
-    def periods(self) -> Array:
-        """The shortest period of every piece's own regime and of the drive, (pieces,)."""
-        ...
-
-    @property
-    def fastest_decay(self) -> float:
-        """The largest rate at which a part of a piece dies out, 0 for none."""
-        ...
-
-    @classmethod
-    def joined(cls, parts: Any, /) -> Any:
-        """One solution from consecutive ones of the same tracer."""
-        ...
-
-    def first(self, count: int, /) -> Any:
-        """The first ``count`` pieces."""
-        ...
-
-    def state_at_start(self, piece: int, /) -> tuple[Array, Array]:
-        """q, q' (1, n) where a piece begins, from that piece."""
-        ...
-
-    def flow(self, piece: int, tau: float, dq: Array, dv: Array, /) -> tuple[Array, Array]:
-        """The homogeneous flow of a piece's regime over tau: (n, k) -> (n, k)."""
-        ...
-
-    def states(self, t: Array, /) -> tuple[Array, Array]:
-        """q, q' (k, n) at any times t (k,)."""
-        ...
-
-    def states_in(self, t: Array, piece: NDArray[np.int64], /) -> tuple[Array, Array]:
-        """q, q' (k, n) as the given pieces (k,) have them at times t, which may be their ends."""
-        ...
-
-    def observed(self, t: Array, row: Array, /) -> tuple[Array, Array]:
-        """row @ q and its rate at any times t (k,), (k,) each; row: (n,)."""
-        ...
-
-    def press(
-        self, system: System, contact: int, starts: Array, ends: Array, sides: NDArray[np.int64], /
-    ) -> tuple[Array, Array]:
-        """Peak |sigma| and impulse of a contact in the spans [starts, ends] (k,) in which it is on ``sides``."""
-        ...
-
-    def offset(self, system: System, channel: int, /) -> Callable[[Array], tuple[Array, Array]]:
-        """o(t) and o'(t) of a channel, (k,) each."""
-        ...
-
-    def work(self, system: System, edges: Array, /) -> tuple[Array, Array]:
-        """Work of loads and moving stops, and viscous loss, between consecutive edges, among them every switch."""
-        ...
-
-
-def path_of(system: System, solution: Solution, times: Array, channel: int) -> tuple[Array, Array]:
+def path_of(system: System, solution: Motion, times: Array, channel: int) -> tuple[Array, Array]:
     """Position and velocity of a channel at any times."""
     row, offset = system.channels[channel]
     u, v = solution.observed(times, row)
@@ -108,7 +33,7 @@ def path_of(system: System, solution: Solution, times: Array, channel: int) -> t
     return u + shift, v + shift_rate
 
 
-def entries(solution: Solution, i: int, t_end: float) -> Impacts:
+def entries(solution: Motion, i: int, t_end: float) -> Impacts:
     """The impacts of contact i, entries into a stop, without what they measure."""
     starts, _, sides = _closed(solution, i, t_end)
     counted = starts > 0.0
@@ -116,20 +41,20 @@ def entries(solution: Solution, i: int, t_end: float) -> Impacts:
 
 
 def contact_record(
-    system: System, solution: Solution, i: int, t: Array, t_end: float, since: float = 0.0
+    system: System, solution: Motion, i: int, t: Array, t_end: float, since: float = 0.0
 ) -> ContactRecord:
     """Contact history in [since, t_end] by events: impacts are the switches from free to a stop."""
     return record_of(system, solution, i, path_of(system, solution, t, i), t_end, since)
 
 
-def contact_between(system: System, solution: Solution, start: float, end: float, i: int) -> ContactRecord:
+def contact_between(system: System, solution: Motion, start: float, end: float, i: int) -> ContactRecord:
     """``contact_record`` of [start, end], a part of the solution's span."""
     pieces = solution.first(max(1, int(np.searchsorted(solution.times, end))))
     return contact_record(system, pieces, i, np.array([start, end]), end, start)
 
 
 def record_of(
-    system: System, solution: Solution, i: int, seen: tuple[Array, Array], t_end: float, since: float
+    system: System, solution: Motion, i: int, seen: tuple[Array, Array], t_end: float, since: float
 ) -> ContactRecord:
     """``contact_record`` with the position and velocity that are ``seen`` at the output times."""
     contact = system.contacts[i]
@@ -161,7 +86,7 @@ def record_of(
     )
 
 
-def _closed(solution: Solution, i: int, t_end: float) -> tuple[Array, Array, NDArray[np.int64]]:
+def _closed(solution: Motion, i: int, t_end: float) -> tuple[Array, Array, NDArray[np.int64]]:
     """Start, end and side of every span in which the contact stays on one stop.
 
     Pieces of no length, where it touches and turns straight back, do not count; pieces in which only
@@ -178,7 +103,7 @@ def _closed(solution: Solution, i: int, t_end: float) -> tuple[Array, Array, NDA
 
 
 def pressed_by(
-    system: System, solution: Solution, i: int, starts: Array, ends: Array, sides: NDArray[np.int64]
+    system: System, solution: Motion, i: int, starts: Array, ends: Array, sides: NDArray[np.int64]
 ) -> tuple[Array, Array]:
     """Peak |sigma| and impulse, the integral of |sigma|, of contact i in the spans [starts, ends] on ``sides``.
 
@@ -276,7 +201,7 @@ def panels(longest: float, starts: Array, ends: Array, decay: float = 0.0) -> tu
     return index, left, np.where(last, ends[index], np.append(left[1:], 0.0)) - left
 
 
-def work_of_damping(system: System, solution: Solution, edges: Array) -> tuple[Array, Array]:
+def work_of_damping(system: System, solution: Motion, edges: Array) -> tuple[Array, Array]:
     """Between consecutive edges, which include every switch: what moving stops put in by -c d', and what stops take.
 
         input = -int F_c o' dt, F_c = -c u' where pressed      taken = int c u'^2 dt where pressed, U where let go
@@ -305,7 +230,7 @@ def work_of_damping(system: System, solution: Solution, edges: Array) -> tuple[A
     return given, taken
 
 
-def exact_ledger(system: System, solution: Solution, times: Array) -> Ledger:
+def exact_ledger(system: System, solution: Motion, times: Array) -> Ledger:
     """The exact flow's ledger at increasing times.
 
     input = int (sum_k f_k p_k^T q' - sum_c F_c o_c') dt and viscous = int q'^T C q' dt are exact to

@@ -87,7 +87,7 @@ class Event:
 
 
 @dataclass(eq=False)
-class Solution:
+class RigidMotion:
     """Stretches from times (k,) on, with states and the contacts held in each; what impacts took."""
 
     model: Model
@@ -151,11 +151,11 @@ class Tracer:
         self.e = np.array([contact.stops.restitution for contact in system.contacts], float)
         self.compliance = np.ascontiguousarray(self.model.rows @ self.model.back)
 
-    def solve(self, t_end: float) -> Solution:
+    def solve(self, t_end: float) -> RigidMotion:
         """Raises InputError for more than MOST_IMPACTS impacts, SolverFailure where the motion cannot go on."""
         model, system = self.model, self.system
         self.t, self.q, self.v = 0.0, system.q0.copy(), system.v0.copy()
-        self.found = Solution(model)
+        self.found = RigidMotion(model)
         self.held: dict[int, int] = {}
         self.fastest = 0.0  # speed of an impact so far
         # A contact at its stop: side, zeros of its gap or, where it is held, of its reaction, and its speed.

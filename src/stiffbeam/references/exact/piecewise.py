@@ -23,7 +23,8 @@ from ...model.sampled import Sampled
 from ...model.system import System
 from ...model.time_functions import covered, parts_of
 from ...piecewise.audit import audit, within_float64
-from ...piecewise.measures import Solution, contact_between, entries, exact_ledger, path_of, record_of
+from ...piecewise.measures import contact_between, entries, exact_ledger, path_of, record_of
+from ...piecewise.motion import Motion
 from ...piecewise.regimes import Known, Source
 from ...piecewise.rounding import Perturbation
 from ...piecewise.tracer import Tracer, tracer_of
@@ -70,7 +71,7 @@ def solve_exact(
 
 
 def observations(
-    system: System, solution: Solution, t: Array, t_end: float, since: float
+    system: System, solution: Motion, t: Array, t_end: float, since: float
 ) -> tuple[Array, Array, tuple[ContactRecord, ...]]:
     """Tip and tip velocity at the times t (k,), and the records of the contacts."""
     seen = [path_of(system, solution, t, channel) for channel in range(len(system.channels))]
@@ -92,7 +93,7 @@ def copies(system: System, t_end: float, t: Array, size: float) -> Iterator[Watc
 
 def reference_of(
     system: System,
-    solution: Solution,
+    solution: Motion,
     t_end: float,
     t_eval: Array | None,
     begun: float,

@@ -28,7 +28,7 @@ from ..agreement import apart, scales_of, watched
 from ..request import output_times
 from ..rigid_stops import require_rigid
 from .derivative import derivative
-from .impacting import RADIANS, Solution, Tracer, at_rest
+from .impacting import RADIANS, RigidMotion, Tracer, at_rest
 from .piecewise import reference_of, refuse
 from .taylor import Model
 
@@ -83,7 +83,7 @@ def solve_rigid(
     return replace(found, horizon=horizon, provenance=provenance)
 
 
-def _reference(system: System, solution: Solution, t: Array, t_end: float, begun: float, since: float) -> Reference:
+def _reference(system: System, solution: RigidMotion, t: Array, t_end: float, begun: float, since: float) -> Reference:
     seconds = clock() - begun
     q, v, R = solution.at(t)
 
@@ -120,7 +120,7 @@ def _reference(system: System, solution: Solution, t: Array, t_end: float, begun
     )  # fmt: skip
 
 
-def _seen(solution: Solution, t: Array, q: Array, v: Array, channel: int) -> tuple[Array, Array]:
+def _seen(solution: RigidMotion, t: Array, q: Array, v: Array, channel: int) -> tuple[Array, Array]:
     """Position and velocity of a channel; of a held contact those of its stop, not what rounding leaves of them."""
     system = solution.model.system
     row, offset = system.channels[channel]
@@ -132,7 +132,7 @@ def _seen(solution: Solution, t: Array, q: Array, v: Array, channel: int) -> tup
     return u, w
 
 
-def _withheld(system: System, solution: Solution, t_end: float) -> tuple[float, Array]:
+def _withheld(system: System, solution: RigidMotion, t_end: float) -> tuple[float, Array]:
     """The rounding of what held contacts withhold: of the energy and of the positions (n,) that forces would give the
     system in one stretch, were it free. A body that is pressed on its stop at rest has none of its own. A load that
     rises from zero is looked at where the last stretch ends, too."""
@@ -145,7 +145,7 @@ def _withheld(system: System, solution: Solution, t_end: float) -> tuple[float, 
     return ROUNDINGS * EPS * energy, ROUNDINGS * EPS * np.max(np.abs(acceleration), axis=0) * longest**2
 
 
-def _beyond(system: System, solution: Solution, kept: Array) -> float:
+def _beyond(system: System, solution: RigidMotion, kept: Array) -> float:
     """How far the starts of the stretches lie beyond stops, but for rounding and what is ``kept`` of it (n,), over the
     largest gap or displacement."""
     times, q = np.array(solution.times), np.array([q for q, _ in solution.states])
@@ -160,7 +160,7 @@ def _beyond(system: System, solution: Solution, kept: Array) -> float:
     return worst
 
 
-def _held(solution: Solution, t_end: float, since: float = 0.0) -> list[list[tuple[float, float, float]]]:
+def _held(solution: RigidMotion, t_end: float, since: float = 0.0) -> list[list[tuple[float, float, float]]]:
     """For every contact the stretches (from, to, impulse of the reaction) in which it is held after ``since``."""
     found: list[list[tuple[float, float, float]]] = [[] for _ in solution.model.rows]
     ends = [*solution.times[1:], t_end]
@@ -176,7 +176,7 @@ def _held(solution: Solution, t_end: float, since: float = 0.0) -> list[list[tup
 
 
 def _contact(
-    solution: Solution, c: int, held: list[Any], t_end: float, since: float
+    solution: RigidMotion, c: int, held: list[Any], t_end: float, since: float
 ) -> tuple[Impacts, float, float, float]:
     """Impacts, share of time, peak and impulse of a contact: a rigid stop has no largest force, NaN. What a contact
     that is held after an impact presses, and what it takes from impacts of others, counts with that impact."""
@@ -203,7 +203,7 @@ def _contact(
     return impacts, share, math.nan if events or held else 0.0, total
 
 
-def _ledger(system: System, solution: Solution, t: Array) -> Ledger:
+def _ledger(system: System, solution: RigidMotion, t: Array) -> Ledger:
     """Input and viscous by quadrature in every stretch, stop_dissipation from the impulses."""
     edges = np.unique(np.concatenate([[0.0], t, [x for x in solution.times if x < t[-1]]]))
     points, weights = GAUSS

@@ -32,7 +32,7 @@ from ...model.drive import Drive
 from ...model.system import System
 from ...piecewise.events import LET_GO, pressed, side_of, switched_by_force
 from ...piecewise.linear import Regime, spin_of
-from ...piecewise.measures import Solution, path_of
+from ...piecewise.measures import path_of
 from ...piecewise.motion import Motion
 from ...piecewise.regimes import Regimes, Source
 from ...piecewise.touching import EPS, REMEDY
@@ -309,7 +309,7 @@ class Turn(NamedTuple):
     size: float
 
 
-def passed_over(system: System, solution: Solution, sample: Sampler, t_end: float, since: float) -> Switch | None:
+def passed_over(system: System, solution: Motion, sample: Sampler, t_end: float, since: float) -> Switch | None:
     """The first switch after ``since`` that is not in ``solution``; ``sample`` gives its channels in many digits.
 
     None too for more than ``MOST_LOOKS``. Raises SolverFailure where it ends before float64 can tell its end from its
@@ -336,14 +336,14 @@ def passed_over(system: System, solution: Solution, sample: Sampler, t_end: floa
     return None
 
 
-def looks(solution: Solution, t_end: float) -> tuple[NDArray[np.int64], Array]:
+def looks(solution: Motion, t_end: float) -> tuple[NDArray[np.int64], Array]:
     """How often the gaps are looked at in every piece, and how far apart that is, (pieces,) each."""
     length = np.diff(np.append(solution.times, t_end))
     count = np.ceil(np.maximum(1.0, PER_PERIOD * length / np.minimum(solution.periods, t_end)))
     return count.astype(np.int64), length / count
 
 
-def grazes_of(solution: Solution, t_end: float) -> str:
+def grazes_of(solution: Motion, t_end: float) -> str:
     """Which of them are decided, in words."""
     count = float(np.sum(looks(solution, t_end)[0]))
     if count > MOST_LOOKS:
@@ -351,7 +351,7 @@ def grazes_of(solution: Solution, t_end: float) -> str:
     return f"by many digits, to {TOUCH:g} of the motion"
 
 
-def _turns(system: System, solution: Solution, contact: int, t_end: float) -> Iterator[Turn]:
+def _turns(system: System, solution: Motion, contact: int, t_end: float) -> Iterator[Turn]:
     """Where the gaps of a contact turn close to zero, by float64."""
     stops, sides = system.contacts[contact].stops, solution.sides[:, contact]
     count, apart = looks(solution, t_end)

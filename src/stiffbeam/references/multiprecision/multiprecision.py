@@ -19,10 +19,10 @@ from ...basics.arrays import Array
 from ...basics.compiled import clock
 from ...basics.validation import InputError, positive
 from ...model.system import System
-from ...piecewise.measures import Solution
+from ...piecewise.motion import Motion
 from ...trajectory.trajectory import Reference, SolverFailure
+from ..exact.lyapunov import lyapunov
 from ..exact.piecewise import reference_of, refuse
-from ..exact.tangent import lyapunov
 from ..request import Request
 from .compliant import GUARD_BITS, MOST, Known, Sampler, Switch, follow, grazes_of, passed_over
 
@@ -93,14 +93,14 @@ def solve(request: Request) -> Reference:
         wanted, guard = math.ceil(1.25 * wanted) + 15, math.ceil(1.25 * guard) + 50
 
 
-def march(system: System, t_end: float, digits: int) -> Solution:
+def march(system: System, t_end: float, digits: int) -> Motion:
     """The solution carried with ``digits`` at the start, its states rounded to float64."""
     return carry(system, t_end, digits, GUARD_BITS)[0]
 
 
 def carry(
     system: System, t_end: float, digits: int, guard: int, known: Known | None = None
-) -> tuple[Solution, Sampler, Solution]:
+) -> tuple[Motion, Sampler, Motion]:
     """Follow the solution with ``digits`` at the start beside the ``guard`` bits that the outputs need: rounded to
     float64, what samples its channels before that, and the first again by sums that do not cancel.
 
