@@ -4,7 +4,8 @@
     among those that are approached; one that this drives into its stop is hit after it
     M q'' + C q' + K q = f + row^T R,   u = g while a contact is held; it lets go where R = 0
 
-Between events the motion is a Taylor series (taylor.py); an event is the first zero of a gap or of a reaction in it.
+Far from events the motion is in closed form, by the compiled loop of piecewise; around them, and while a contact is
+held, it is a Taylor series (taylor.py): an event is the first zero of a gap or of a reaction in it.
 After an impact the gap's series starts with an exact zero and the exact speed, so that flights of any length are
 found to rounding, relative to themselves. Where e < 1 impacts may accumulate: speeds v_k = e^k v_0 under the
 acceleration a into the stop end after 2 v/(a (1 - e)) to first order. Once that is short against every motion, CHATTER
@@ -25,7 +26,12 @@ from ...basics.exact_float import exact_value
 from ...basics.validation import InputError
 from ...model.active_set import solve_node
 from ...model.system import System
+from ...piecewise.follow import DONE, follow
+from ...piecewise.motion import Motion
+from ...piecewise.regimes import Regimes, Source
+from ...piecewise.rounding import Perturbation
 from ...piecewise.touching import EPS
+from ...piecewise.tracer import QUIET
 from ...trajectory.trajectory import SolverFailure
 from ..rigid_stops import order_decides
 from .taylor import Model, first_zero, rate, stays, value
@@ -100,6 +106,7 @@ class RigidMotion:
     taken: list[tuple[float, float, float]] = field(default_factory=list)  # time, energy taken, put in by stops moving
     stuck: list[tuple[float, int]] = field(default_factory=list)  # where a contact's impacts ended, and which
     tie: float = math.inf  # where two contacts first close together but for rounding, and the order matters
+    flights: dict[int, Motion] = field(default_factory=dict)  # stretches in closed form, by their places
 
     def at(self, t: Array) -> tuple[Array, Array, Array]:
         """q, q' (k, n) and reactions (k, m), of held contacts only, at times in any order."""
@@ -109,6 +116,9 @@ class RigidMotion:
         piece = self.stretch_at(t)
         for k in np.unique(piece):
             here = np.flatnonzero(piece == k)
+            if k in self.flights:
+                q[here], v[here] = self.flights[k].states_in(t[here], np.zeros(len(here), np.int64))
+                continue
             start, moving = self.states[k]
             c, reactions = self.model.stretch(self.times[k], start, moving, self.held[k])
             powers = (t[here] - self.times[k])[:, None] ** np.arange(len(c))
@@ -139,6 +149,34 @@ ROUNDINGS = 4.0  # of a velocity
 RELEASED = 3  # zeros of the gap of a contact that presses no more
 
 
+class Flights:
+    """Motion in closed form while no contact is on its stop, by the compiled loop of piecewise; of a copy moved by
+    ``roundings`` in its modes and where a flight starts."""
+
+    def __init__(self, system: System, t_end: float, roundings: float, seed: int) -> None:
+        size = roundings * EPS
+        self.size, self.t_end, self.noise = size, t_end, np.random.default_rng([seed, 98])
+        self.regimes = Regimes(Source(system, span=t_end), Perturbation(size, size, seed) if size else None)
+        self.contacts = len(system.contacts)
+        number = self.regimes.at((0,) * self.contacts, t_end)
+        self.possible = self.regimes.made[number].followed
+
+    def next(self, t: float, q: Array, v: Array) -> tuple[Motion, float]:
+        """The flight from q, q' at t and the time at which its first gap closes, or t_end."""
+        table, m = self.regimes.table, self.contacts
+        eta, rate = self.regimes.start(q, v, self.t_end)
+        K = table.sigma.shape[1]
+        noise = self.noise.uniform(-1.0, 1.0, (1, 3, K)) if self.size else QUIET
+        sides = np.zeros((1, m), np.int64)
+        out = np.empty(1), np.empty(1, np.int64), sides, *np.zeros((2, 1, K))
+        why, _, used, end = follow(
+            table, t, self.t_end, eta, rate, np.abs(eta), np.abs(rate), sides[0].copy(), sides[0].copy(), noise,
+            self.size, *out, None,
+        )  # fmt: skip
+        times, regime, _, x, y = out
+        return Motion(self.regimes, times, sides, regime, x, y, used), self.t_end if why == DONE else end
+
+
 class Tracer:
     """Solver for one system. radians: see RADIANS. roundings: by as many, at most, every segment moves the state and
     the time at its end, for a perturbed copy of the solution; seed: of these roundings."""
@@ -161,10 +199,13 @@ class Tracer:
         # A contact at its stop: side, zeros of its gap or, where it is held, of its reaction, and its speed.
         self.fresh: dict[int, tuple[int, int, float]] = {}
         self.random = np.random.default_rng(self.seed)
+        self.flights, self.free_until = Flights(system, t_end, self.roundings, self.seed), 0.0
         self._start()
         still, turns = 0, dict[int, int]()  # events at one time, and the contacts hit in them
         while self.t < t_end:
             held = tuple(sorted(self.held))
+            if not held and not self.fresh and self.flights.possible and self.t >= self.free_until:
+                self._fly()
             c, R = model.stretch(self.t, self.q, self.v, held)
             self._record(held)
             edge = model.next_edge(self.t, t_end)
@@ -206,15 +247,42 @@ class Tracer:
             event.end = event.time if math.isnan(event.end) else event.end
         return self.found
 
-    def _perturb(self, c: Array, R: Array, held: tuple[int, ...], s: float, edge: float) -> float:
-        """Move the state after s by roundings of the terms it is summed from, held contacts kept where they are.
-        Return the time, moved likewise, which shifts loads and stops against the motion."""
+    def _fly(self) -> None:
+        """Go on in closed form to where the next event is half a stretch away, if that is far."""
+        stretch = self.radians * self.radian
+        flight = self._flight(stretch)
+        if flight is not None and self.roundings:
+            # Loads that cancel are one load there: what their sum loses in every stretch is lost at once.
+            c, R = self.model.stretch(self.t, self.q, self.v, ())
+            self._perturb(c, R, (), stretch, math.inf, (self.free_until - self.t) / stretch)
+            flight = self._flight(stretch)
+        if flight is not None:
+            self.found.flights[len(self.found.times)] = flight
+            self._record(())
+            self.t = self.free_until - 0.5 * stretch
+            q, v = flight.states_in(np.array([self.t]), np.zeros(1, np.int64))
+            self.q, self.v = q[0], v[0]
+
+    def _flight(self, stretch: float) -> Motion | None:
+        """The flight that begins now, None where it is short; ``free_until``: where it ends."""
+        try:
+            flight, self.free_until = self.flights.next(self.t, self.q, self.v)
+        except SolverFailure:  # a gap that float64 cannot follow so: its series goes on
+            self.free_until = math.inf
+            return None
+        return flight if self.free_until - 0.5 * stretch > self.t + stretch else None
+
+    def _perturb(
+        self, c: Array, R: Array, held: tuple[int, ...], s: float, edge: float, stretches: float = 1.0
+    ) -> float:
+        """Move the state after s by roundings of the terms it is summed from in so many ``stretches``, held contacts
+        kept where they are. Return the time, moved likewise, which shifts loads and stops against the motion."""
         sizes, model, at = np.abs(c), self.model, list(held)
         # Damping brings copies to rest, and equal to the bit: they diverge again by what the loads lose.
         terms = model.load_sizes(self.t) + np.abs(model.stiff) @ sizes[0] + np.abs(model.damp) @ sizes[1]
         terms += np.abs(model.back[:, at]) @ np.abs(R[0])
         lost = np.array([value(sizes, s) + 0.5 * s * s * terms, rate(sizes, s) + s * terms])
-        lost *= self.roundings * EPS * self.random.uniform(-1.0, 1.0, lost.shape)
+        lost *= self.roundings * EPS * math.sqrt(stretches) * self.random.uniform(-1.0, 1.0, lost.shape)
         if at:
             lost -= np.linalg.solve(self.compliance[np.ix_(at, at)], model.rows[at] @ lost.T).T @ model.back[:, at].T
         self.q, self.v = self.q + lost[0], self.v + lost[1]
