@@ -13,7 +13,7 @@ from edge_systems import KINDS, edge_system, witness
 
 import stiffbeam as sb
 from stiffbeam.basics.validation import InputError
-from stiffbeam.piecewise.audit import audit
+from stiffbeam.piecewise.measures import audit
 from stiffbeam.piecewise.tracer import tracer_of
 from stiffbeam.references import solve
 from stiffbeam.references.ensemble import reference_ensemble

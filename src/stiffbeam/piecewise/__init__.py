@@ -10,6 +10,6 @@ touching                           what both rest on: safe steps along a gap
 events                             what damped stops do at an event
 motion                             what is read of a motion at any time; peaks and impulses
 generator, tangent                 the flow of a regime with its derivatives; derivatives along a motion
-measures, audit                    contact records and energy; where the energy does not balance
+measures                           contact records and energy; where the energy does not balance
 rounding                           what float64 loses, for perturbed copies
 """

@@ -329,7 +329,7 @@ def follow(
         swings, terms, seen, close = layout(sides.size, pairs + table.frequencies.size, table.closes[r])
         see(table, r, x, y, t, swings, terms, seen)
         see_close(table, r, close, np.arange(sides.size))
-        chi, g1, g2, resting = sides, table.g1, table.g2, switched
+        at, force, chi, g1, g2, resting = sides, sides, sides, table.g1, table.g2, switched
         if damped is not None:
             at, force, chi, g1, g2, resting, terms, seen, close = watched_of_damped(
                 table, r, t, sides, switched, swings, terms, seen, close

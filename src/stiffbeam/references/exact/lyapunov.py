@@ -17,9 +17,9 @@ from ...basics.validation import integer, positive
 from ...model.modes import undamped_modes
 from ...model.system import System, require_system
 from ...model.time_functions import offset_rate
-from ...piecewise.audit import audit, within_float64
 from ...piecewise.events import entry
 from ...piecewise.generator import Generators
+from ...piecewise.measures import audit, within_float64
 from ...piecewise.motion import Motion
 from ...piecewise.tangent import Tangent
 from ...piecewise.tracer import tracer_of

@@ -22,8 +22,7 @@ from ...model.modes import undamped_modes
 from ...model.sampled import Sampled
 from ...model.system import System
 from ...model.time_functions import covered, parts_of
-from ...piecewise.audit import audit, within_float64
-from ...piecewise.measures import contact_between, entries, exact_ledger, path_of, record_of
+from ...piecewise.measures import audit, contact_between, entries, exact_ledger, path_of, record_of, within_float64
 from ...piecewise.motion import Motion
 from ...piecewise.regimes import Known, Source
 from ...piecewise.rounding import Perturbation

@@ -15,7 +15,7 @@ from ...basics.validation import InputError, numbers, positive
 from ...model.drive import Drive
 from ...model.system import System, require_system
 from ...model.time_functions import evaluate, offset_rate, offset_values
-from ...piecewise.audit import ROUNDINGS, within_float64
+from ...piecewise.measures import ROUNDINGS, within_float64
 from ...piecewise.touching import EPS
 from ...trajectory.impacts import ContactRecord, Impacts
 from ...trajectory.ledger import Ledger
