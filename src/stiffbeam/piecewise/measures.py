@@ -13,6 +13,8 @@ there the observed positions do not start where they should.
 
 from __future__ import annotations
 
+from collections.abc import Generator, Iterator
+from contextlib import contextmanager
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -24,18 +26,12 @@ from ..basics.resources import afford
 from ..model.system import System
 from ..trajectory.impacts import ContactRecord, Impacts
 from ..trajectory.ledger import Ledger
+from ..trajectory.trajectory import SolverFailure
 from .events import LET_GO, peak_between, pressed, pressure
+from .touching import EPS, REMEDY
 
 if TYPE_CHECKING:
     from .motion import Motion
-
-
-from collections.abc import Generator, Iterator
-from contextlib import contextmanager
-
-from ..trajectory.trajectory import SolverFailure
-from .motion import Motion
-from .touching import EPS, REMEDY
 
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(10)
 PEAK_STEPS = 8  # of the Illinois method, from a bracket of two samples: to 1e-12 on Table 10
