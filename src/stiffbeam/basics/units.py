@@ -66,9 +66,9 @@ class Units:
         """``text`` with the unit of its quantity behind it, as on an axis: "time $t$ (s)"."""
         return f"{text} ({self.of(quantity)})" if self.known else text
 
-    def measure(self, text: str, quantity: str) -> str:
-        """A number with its unit, as in a sentence: "70.2 N"."""
-        return f"{text} {self.of(quantity)}" if self.known else text
+    def measure(self, value: str | float, quantity: str, form: str = "") -> str:
+        """A number with its unit, as in a sentence: ``measure(70.21, "force", ".3g")`` is "70.2 N"."""
+        return f"{value:{form}} {self.of(quantity)}" if self.known else f"{value:{form}}"
 
     def __str__(self) -> str:
         return self.note or f"{self.length}, {self.time}, {self.force}"

@@ -43,7 +43,7 @@ def mode_shapes(system: System, count: int = 4) -> Figure:
         axis.axhline(0.0, color="0.7", lw=0.8)
         for place in places:
             axis.axvline(place, color="0.7", lw=0.8, ls=":")
-        omega = units.measure(f"{natural.omega[j]:.5g}", "frequency")
+        omega = units.measure(natural.omega[j], "frequency", ".5g")
         ratio = natural.damping_ratio[j]
         damping = f", damping ratio {ratio:.3g}" if np.isfinite(ratio) and ratio else ""
         axis.set_title(f"mode {j + 1}: $\\omega$ = {omega}{damping}", loc="left", fontsize=9)

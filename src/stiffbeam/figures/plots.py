@@ -146,7 +146,7 @@ def plot_comparison(comparison: Comparison, ax: Axes | None = None, **kwargs: An
 
 def plot_advice(advice: Any, ax: Axes | None = None, **kwargs: Any) -> Axes | Figure:
     """The worst error over the wanted one of every run that was tried, against its cost; the advised run is black."""
-    axis, returned = _axes(ax, f"Runs tried to t = {advice.system.units.measure(f'{advice.t_end:g}', 'time')}")
+    axis, returned = _axes(ax, f"Runs tried to t = {advice.system.units.measure(advice.t_end, 'time', 'g')}")
     runs: dict[str, list[Any]] = {}
     for probe in advice.tried:
         runs.setdefault(probe.label, []).append(probe)

@@ -346,20 +346,20 @@ class Advice:
 
     def __str__(self) -> str:
         units = self.system.units
-        end = units.measure(f"{self.t_end:g}", "time")
+        end = units.measure(self.t_end, "time", "g")
         lines = [self.remark] if self.remark else []
         if self.chosen is not None:
             p = self.chosen
             met = ", ".join(f"{name} {p.errors[name]:.2g} of {self.want[name]:g}" for name in self.want_met)
             over = f", means over {self.members} members whose starts differ by {SPREAD:g}" if self.members else ""
-            dt = units.measure(f"{p.dt:.6g}", "time")
+            dt = units.measure(p.dt, "time", ".6g")
             cost = f"{p.steps} steps to t = {end}, {p.work} linear solves, {p.seconds:.2g} s here"
             lines.append(f"{p.label}, dt = {dt}: {cost}{over}")
             lines.append(f"errors, beside those of the mesh: {met}")
             if self.scatter:
                 single = ", ".join(f"{name} {self.scatter[name]:.2g}" for name in self.want_met)
                 lines.append(f"a single motion scatters about its mean by (relative) {single}: run an ensemble")
-            until = units.measure(f"{self.trusted_until:.4g}", "time")
+            until = units.measure(self.trusted_until, "time", ".4g")
             lines.append(f"its tip stays within {self.want.get('tip', WANT['tip']):g} of the exact one to t = {until}")
         lines += [f"cannot be had: {name} to {self.want[name]:g}: {why}" for name, why in self.cannot.items()]
         return "\n".join(lines)

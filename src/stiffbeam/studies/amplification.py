@@ -14,7 +14,7 @@ from ..measures.amplification import amplification
 from ..schemes import HHT, SCHEMES, GeneralisedAlpha, Scheme, registered
 from ..schemes.sdirk import GAMMA_MIN
 from .common import Schemes, extremes, scheme_labels, scheme_of
-from .engine.study import Answer, Point, Records, Row, Rows, Study
+from .engine.study import Answer, Point, Records, Row, Rows, declared
 
 TENTH = 0.1  # of a period: where the literature compares
 
@@ -160,13 +160,9 @@ def _family(rows: Rows, name: str) -> Panel | None:
     return Panel(f"{title}, Δt/T = 0.1", Axis(symbol), Axis("per cent"), [*marks, Level(0.0)], legend="inside")
 
 
-STUDY = Study(
-    name="amplification",
-    question="What does one step of each scheme make of a free oscillation: how late, how much weaker, how stable?",
-    points=points,
-    evaluate=evaluate,
-    answer=answer,
-    picture=picture,
+STUDY = declared(
+    __name__,
+    "What does one step of each scheme make of a free oscillation: how late, how much weaker, how stable?",
     marches=False,
     of_case=False,
     smoke={"schemes": ["BDF2", "HHT(alpha=-0.1)", "SDIRK(gamma=0.4359)"], "per_decade": 10},

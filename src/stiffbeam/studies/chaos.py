@@ -32,7 +32,7 @@ from ..references.exact.tangent import MERGED, lyapunov
 from ..trajectory.ensemble import Ensemble
 from ..trajectory.trajectory import SolverFailure
 from .common import Dt, Form, Schemes, extremes, scheme_labels, scheme_of, solve_once, system_of
-from .engine.study import Answer, Point, Records, Row, Rows, Study
+from .engine.study import Answer, Point, Records, Row, Rows, declared
 
 LINEAR = 1e-4  # of the motion's size: a pair farther apart no longer grows in proportion
 ROUNDED = 1e-13  # of it: the distance of a closer pair is rounding
@@ -302,13 +302,9 @@ def picture(records: Records) -> Picture:
     ], 8.6)  # fmt: skip
 
 
-STUDY = Study(
-    name="chaos",
-    question="How fast do neighbouring motions diverge, and do the schemes diverge as fast as the exact flow?",
-    points=points,
-    evaluate=evaluate,
-    answer=answer,
-    picture=picture,
+STUDY = declared(
+    __name__,
+    "How fast do neighbouring motions diverge, and do the schemes diverge as fast as the exact flow?",
     needs_motion=True,
     all_cores=True,
     smoke={"schemes": ["HHT(alpha=-0.1)"], "starts": 6},

@@ -27,7 +27,7 @@ from ..model.members import SPREAD, perturbed
 from ..references.ensemble import reference_ensemble
 from ..trajectory.trajectory import Diverged
 from . import common
-from .engine.study import Answer, Point, Records, Row, Rows, Study, by_contact
+from .engine.study import Answer, Point, Records, Row, Rows, by_contact, declared
 
 SIDES = {1: "upper", -1: "lower"}
 LEVELS = np.linspace(0.01, 0.99, 50)  # of the cumulative distribution
@@ -132,17 +132,17 @@ def answer(rows: Rows, case: Case) -> Answer:
         for method in dict.fromkeys([*summaries, *finest]):
             line = {"stop": name, "method": short(method)}
             if row := summaries.get(method):
-                median, half = (units.measure(f"{row[key]:.2g}", "time") for key in ("median", "half_time"))
+                median, half = (units.measure(row[key], "time", ".2g") for key in ("median", "half_time"))
                 line |= {"contacts a run": f"{row['contacts']:.4g}", "median": median, "half of the time from": half}
             if row := finest.get(method):
-                dt = units.measure(format(row["dt"], ".2g"), "time")
+                dt = units.measure(row["dt"], "time", ".2g")
                 line["first ones off by"] = f"{percent(row['error'])} (at most, of {row['pairs']}, dt = {dt})"
             table.append(line)
         medians = {method: row["median"] for method, row in summaries.items()}
         exact = medians.pop("exact", np.nan)
         if summaries:
-            known = "" if np.isnan(exact) else f"exact {units.measure(f'{exact:.2g}', 'time')}, "
-            schemes = common.extremes(medians, lambda value: units.measure(f"{value:.2g}", "time"))
+            known = "" if np.isnan(exact) else f"exact {units.measure(exact, 'time', '.2g')}, "
+            schemes = common.extremes(medians, lambda value: units.measure(value, "time", ".2g"))
             parts.append(f"{known}schemes {schemes} at the {name} stop")
     if not table:
         return Answer("No contact came to an end.")
@@ -194,13 +194,9 @@ def _errors(rows: Sequence[Row]) -> list[Mark]:
 
 
 HOLLOW = {"linestyle": "", "mfc": "white", "ms": 4.0}
-STUDY = Study(
-    name="contact_duration",
-    question="How long do contacts last, and have the schemes' contacts the durations of the exact ones?",
-    points=points,
-    evaluate=evaluate,
-    answer=answer,
-    picture=picture,
+STUDY = declared(
+    __name__,
+    "How long do contacts last, and have the schemes' contacts the durations of the exact ones?",
     needs_motion=True,
     each_contact=True,
     smoke={"schemes": ["HHT(alpha=-0.1)"], "halvings": 3, "impacts": 2, "members": 3, "t_end": 0.4},

@@ -22,7 +22,7 @@ from ..model.scales import scales
 from ..model.system import System
 from ..testset.integrators import RECORDED, SOLVER
 from . import common
-from .engine.study import Answer, Point, Records, Row, Rows, Study
+from .engine.study import Answer, Point, Records, Row, Rows, declared
 
 KINDS = ("smooth", "contact")
 PER_OCTAVE = 4  # steps per halving through contact, where the error varies irregularly: the worst of an octave counts
@@ -151,7 +151,7 @@ def answer(rows: Rows, case: Case) -> Answer:
     notes = "Through the first impacts"
     if start is not None:
         through, column = "as the motion starts", "order without impacts, as it starts"
-        end = case.units.measure(format(start["t_end"], "g"), "time")
+        end = case.units.measure(start["t_end"], "time", "g")
         notes = f"No impacts to t = {end}, the motion as it starts"
     words = {"smooth": ("without contact", "order without contact"), "contact": (through, column)}
     kinds = [kind for kind in words if any(k == kind for k, _ in found)]
@@ -216,12 +216,8 @@ def _points(own: Rows, order: Order) -> list[Curve]:
     return marks + common.fit(np.array(envelope(own)[0]), order, style)
 
 
-STUDY = Study(
-    name="converge",
-    question="At which rate does each scheme approach the exact solution, smooth and through contact?",
-    points=points,
-    evaluate=evaluate,
-    answer=answer,
-    picture=picture,
+STUDY = declared(
+    __name__,
+    "At which rate does each scheme approach the exact solution, smooth and through contact?",
     smoke={"schemes": ["BDF2", "SDIRK(gamma=0.4359, nystrom=True)"], "halvings": 4, "impacts": 2},
 )

@@ -114,7 +114,7 @@ class Doubt:
     def __str__(self) -> str:
         """The verdicts, then the columns with their intervals."""
         values = (self.dt, self.t_end, self.horizon, self.data_horizon)
-        dt, end, rounding, data = (self.units.measure(f"{x:.4g}", "time") for x in values)
+        dt, end, rounding, data = (self.units.measure(x, "time", ".4g") for x in values)
         head = f"{self.scheme}, dt = {dt}, {self.members} members to t = {end}"
         known = (
             f"Rounding leaves the motion certain to t = {rounding}, data to t = {data} "

@@ -43,7 +43,7 @@ from ..testset.integrators import RECORDED
 from ..trajectory.ensemble import Ensemble, Runs
 from ..trajectory.trajectory import Diverged, Trajectory
 from . import common
-from .engine.study import Answer, Point, Records, Row, Rows, Study, by_contact
+from .engine.study import Answer, Point, Records, Row, Rows, by_contact, declared
 
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 SAMPLES = 4000  # tip samples of a member, for the spectrum
@@ -186,7 +186,7 @@ def answer(rows: Rows, case: Case) -> Answer:
     exact, units, first = distribution(rows, "exact", "count"), case.units, rows[0]
     if not len(exact):
         return Answer("No member of the exact solution reached the end: there is nothing to compare with.")
-    end, dt = (units.measure(f"{first[name]:g}", "time") for name in ("t_end", "dt"))
+    end, dt = (units.measure(first[name], "time", "g") for name in ("t_end", "dt"))
     table, means = [], {}
     for method in dict.fromkeys(r["method"] for r in rows):
         count, share, force, lost, had = (
@@ -244,7 +244,7 @@ def picture(records: Records) -> Picture:
         for place, own in by_contact(mine).items()
     ]
     names = Axis(names=[short(method) + place for method, place, _ in lines])
-    end = records.case.units.measure(f"{rows[0]['t_end']:g}", "time")
+    end = records.case.units.measure(rows[0]["t_end"], "time", "g")
     force = Axis(r"peak force of an impact $\max|\sigma|$", "force", "log")
     spectra = [row for row in rows if row["kind"] == "spectrum"]
     exact = [row for row in spectra if row["method"] == "exact"]
@@ -296,13 +296,9 @@ def _peaks(lines: list[tuple[str, str, list[Row]]]) -> list[Mark]:
     return marks
 
 
-STUDY = Study(
-    name="ensemble",
-    question="Past the horizon, do the schemes at least have the right distribution of impacts, forces and spectra?",
-    points=points,
-    evaluate=evaluate,
-    answer=answer,
-    picture=picture,
+STUDY = declared(
+    __name__,
+    "Past the horizon, do the schemes at least have the right distribution of impacts, forces and spectra?",
     needs_motion=True,
     needs_stops=True,
     all_cores=True,

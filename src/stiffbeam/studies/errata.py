@@ -19,7 +19,7 @@ from ..schemes.misprints import forms_of
 from ..trajectory.trajectory import Reference
 from . import common
 from .converge import ROUNDING, smooth_end
-from .engine.study import Answer, Point, Records, Row, Rows, Study
+from .engine.study import Answer, Point, Records, Row, Rows, declared
 
 SAMPLES = 1000
 COARSER = 16  # times dt to start from without contact, where smaller steps soon reach rounding
@@ -92,7 +92,7 @@ def answer(rows: Rows, case: Case) -> Answer:
         counted = [r for r in own if r["error"] > ROUNDING * r["steps"]]
         right, printed = (observed_order(column(counted, "dt"), column(counted, name)) for name in ERRORS)
         coarse, fine = (
-            f"{row['error_printed'] / row['error']:.3g} (dt = {case.units.measure(format(row['dt'], '.2g'), 'time')})"
+            f"{row['error_printed'] / row['error']:.3g} (dt = {case.units.measure(row['dt'], 'time', '.2g')})"
             for row in (own[0], own[-1])
         )
         ratios[f"{short(scheme)} {reading}, {kind}"] = own[-1]["error_printed"] / own[-1]["error"]
@@ -165,13 +165,9 @@ def _printed(reading: str) -> dict[str, Any]:
     return {"mfc": "white", "linestyle": dashed(1 + i), "marker": MARKERS[i % len(MARKERS)]}
 
 
-STUDY = Study(
-    name="errata",
-    question="What does each misprint that runs cost, and what does the paper's linearised contact?",
-    points=points,
-    evaluate=evaluate,
-    answer=answer,
-    picture=picture,
+STUDY = declared(
+    __name__,
+    "What does each misprint that runs cost, and what does the paper's linearised contact?",
     needs_motion=True,
     smoke={"schemes": ["HHT(alpha=-0.1)"], "halvings": 3, "impacts": 2},
 )

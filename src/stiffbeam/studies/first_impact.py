@@ -37,7 +37,7 @@ from ..model.semidiscretisation import semidiscretise
 from ..model.time_functions import Harmonic
 from ..references import solve
 from .common import Cells
-from .engine.study import Answer, Point, Records, Row, Rows, Study
+from .engine.study import Answer, Point, Records, Row, Rows, declared
 
 OWN, SMOOTH = "at rest", "with its base"
 CELLS = (10, 20, 40, 80, 160, 320, 640)
@@ -259,13 +259,9 @@ def picture(records: Records) -> Picture:
 
 
 BEAM = {"color": "black", "ls": "-"}
-STUDY = Study(
-    name="first_impact",
-    question="How hard is the first impact, and how fine must the mesh be?",
-    points=points,
-    evaluate=evaluate,
-    answer=answer,
-    picture=picture,
+STUDY = declared(
+    __name__,
+    "How hard is the first impact, and how fine must the mesh be?",
     marches=False,
     needs_stops=True,
     smoke={"cells": [8, 16, 32], "forms": ["displacement", "hermite"]},

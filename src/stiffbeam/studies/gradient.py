@@ -29,7 +29,7 @@ from ..model.system import System
 from ..references import reference, takes
 from ..trajectory.trajectory import SolverFailure
 from . import common
-from .engine.study import Answer, Point, Records, Row, Rows, Study
+from .engine.study import Answer, Point, Records, Row, Rows, declared
 
 WIDTH = 1e-7  # of the starts' velocities: differences are of rounding below, of the next impact above
 SPREAD = 0.1  # of the largest velocity: the starts
@@ -150,7 +150,7 @@ def answer(rows: Rows, case: Case) -> Answer:
     ranges = {what: common.extremes(found, lambda x: f"{x:.2f}") for what, found in orders.items()}
     verdict = f"Order of the value: {ranges['value']}; of its derivative: {ranges['derivative']}."
     starts = rows[0]["starts"]
-    step = case.units.measure(format(finest, ".2g"), "time")
+    step = case.units.measure(finest, "time", ".2g")
     notes = (
         f"Errors relative to the exact values, rms over {starts} starts. Orders with 95 % intervals, over the {FINEST} "
         f"finest steps as far as errors are between {FLOOR:g} and {SETTLED:g}. Finest step {step}."
@@ -190,13 +190,9 @@ def picture(records: Records) -> Picture:
     return Picture(lines, 5.2 * len(lines), 5)
 
 
-STUDY = Study(
-    name="gradient",
-    question="How exact is the derivative of each scheme, beside its value?",
-    points=points,
-    evaluate=evaluate,
-    answer=answer,
-    picture=picture,
+STUDY = declared(
+    __name__,
+    "How exact is the derivative of each scheme, beside its value?",
     needs_motion=True,
     needs_stops=True,
     smoke={"schemes": ["trapezoidal"], "halvings": 3, "impacts": 2, "starts": 2},

@@ -42,7 +42,7 @@ from ..schemes import HHT, SDIRK
 from ..trajectory.ensemble import Ensemble
 from ..trajectory.trajectory import Diverged, Reference
 from . import common
-from .engine.study import Answer, Point, Records, Row, Rows, Study, by_contact
+from .engine.study import Answer, Point, Records, Row, Rows, by_contact, declared
 from .references import frozen
 
 REFERENCE = "reference"  # in the place of a scheme: the exact motion, sampled
@@ -187,12 +187,12 @@ def answer(rows: Rows, case: Case) -> Answer:
         largest = right_from(rows, row["scheme"])
         right = np.isfinite(largest)
         limit = largest if right else min(r["dt"] for r in steps if r["scheme"] == row["scheme"])
-        at = f"dt = {units.measure(format(limit, '.2g'), 'time')}"
+        at = f"dt = {units.measure(limit, 'time', '.2g')}"
         counts[row["scheme"]] = row["count"]
         table.append({"scheme": short(row["scheme"]), "impacts": f"{row['count']:.4g}",
                       "in contact": percent(row["fraction"]),
                       "right to 5 %": f"from {at} on" if right else f"not yet at {at}"})  # fmt: skip
-    end, step = (units.measure(f"{x:g}", "time") for x in (first["t_end"], coarse))
+    end, step = (units.measure(x, "time", "g") for x in (first["t_end"], coarse))
     members = first["members"]
     runs = f"means over {members:g} runs whose starts differ by {SPREAD:g}" if members > 1 else "one run each"
     return Answer(
@@ -296,13 +296,9 @@ def _contact(runs: Rows, treated: Rows, names: list[str]) -> list[Mark]:
     ]
 
 
-STUDY = Study(
-    name="impacts",
-    question="How many impacts does each scheme count, and from which time step on is the count right?",
-    points=points,
-    evaluate=evaluate,
-    answer=answer,
-    picture=picture,
+STUDY = declared(
+    __name__,
+    "How many impacts does each scheme count, and from which time step on is the count right?",
     needs_motion=True,
     needs_stops=True,
     each_contact=True,

@@ -22,7 +22,7 @@ from ..references.request import Steps
 from ..testset.integrators import RECORDED, SOLVER
 from ..trajectory.trajectory import Reference, Trajectory
 from . import common
-from .engine.study import Answer, Point, Records, Row, Rows, Study
+from .engine.study import Answer, Point, Records, Row, Rows, declared
 
 SLOW, TOO_SLOW = 1.0, 10.0  # seconds in the registry: only the two loosest tolerances, not at all, unless asked for
 METHODS = [m.name for m in REFERENCES.values() if m.kind != MULTIPRECISION]  # which has no error to be seen
@@ -205,7 +205,7 @@ def answer(rows: Rows, case: Case) -> Answer:
         "runs: a time step between two may do worse. Solves: linear solves or evaluations."
     ]
     if tracked:
-        notes.append(f"Impacts can be followed to t = {units.measure(format(rows[0]['horizon'], '.3g'), 'time')}.")
+        notes.append(f"Impacts can be followed to t = {units.measure(rows[0]['horizon'], 'time', '.3g')}.")
     if shares := {r["method"]: r["python"] / r["seconds"] for r in rows if r["python"] > 0.0}:
         parts = [f"{method} {100 * share:.0f} %" for method, share in shares.items()]
         notes.append(f"At least this part of it are Python's calls of the right-hand side: {', '.join(parts)}.")
@@ -271,13 +271,9 @@ def _failed(rows: Rows) -> list[Mark]:
     ]  # fmt: skip
 
 
-STUDY = Study(
-    name="precision",
-    question="Which method reaches a given error at least cost, and which tracks the solution longest for its cost?",
-    points=points,
-    evaluate=evaluate,
-    answer=answer,
-    picture=picture,
+STUDY = declared(
+    __name__,
+    "Which method reaches a given error at least cost, and which tracks the solution longest for its cost?",
     needs_motion=True,
     smoke={
         "schemes": ["BDF2", "SDIRK(gamma=0.4359)"],

@@ -28,7 +28,7 @@ from ..model.restitution import dissipation_for, restitution_of
 from ..model.system import System
 from ..references import solve
 from .common import extremes
-from .engine.study import Answer, Point, Records, Row, Rows, Study
+from .engine.study import Answer, Point, Records, Row, Rows, declared
 
 FORMULAS: dict[str, Callable[[float], float]] = {  # lambda v from the e that is wanted
     "Hunt-Crossley": lambda e: 1.5 * (1.0 - e),
@@ -132,13 +132,9 @@ def picture(records: Records) -> Picture:
     return Picture([panels], 4.8, 5)
 
 
-STUDY = Study(
-    name="restitution",
-    question="A stop is made to give back a share e of the speed: which formula delivers that e?",
-    points=points,
-    evaluate=evaluate,
-    answer=answer,
-    picture=picture,
+STUDY = declared(
+    __name__,
+    "A stop is made to give back a share e of the speed: which formula delivers that e?",
     marches=False,
     of_case=False,
     smoke={"wanted": [0.3, 0.9], "formulas": ["Hunt-Crossley", "from_restitution", "Kelvin-Voigt"]},

@@ -19,7 +19,7 @@ from ..measures.report import percent
 from ..model.members import varied
 from ..references.exact.rigid import rigid_limit
 from .common import Form, ImpactCount, fit, solve_once, system_of
-from .engine.study import Answer, Point, Records, Row, Rows, Study
+from .engine.study import Answer, Point, Records, Row, Rows, declared
 
 SAMPLES = 4000
 
@@ -109,7 +109,7 @@ def answer(rows: Rows, case: Case) -> Answer:
     order = observed_order([1.0 / r["kappa"] for r in near], [r["tip_error"] for r in near])
     own = min(rows, key=lambda r: r["kappa"])
     which = "the case's kappa" if own["factor"] == 1.0 else "kappa"
-    first, here = (units.measure(f"{r['kappa']:.2g}", "stop stiffness") for r in (near[0], own))
+    first, here = (units.measure(r["kappa"], "stop stiffness", ".2g") for r in (near[0], own))
     return Answer(
         f"The tip approaches that of rigid stops like kappa^-({order}) (theory: 1/2), from kappa = {first} on.",
         table,
@@ -157,13 +157,9 @@ def picture(records: Records) -> Picture:
     return Picture([panels[:3], panels[3:]], 8.0)
 
 
-STUDY = Study(
-    name="rigid",
-    question="How stiff must a stop be before it acts like a rigid one, and how fast is that limit approached?",
-    points=points,
-    evaluate=evaluate,
-    answer=answer,
-    picture=picture,
+STUDY = declared(
+    __name__,
+    "How stiff must a stop be before it acts like a rigid one, and how fast is that limit approached?",
     needs_motion=True,
     needs_stops=True,
     marches=False,

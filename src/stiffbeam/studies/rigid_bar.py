@@ -16,7 +16,7 @@ from ..measures.report import DASH, percent
 from ..model.contact import Stops
 from . import bouncing_bar as bar
 from .common import Cells, extremes, label_of, scheme_of
-from .engine.study import Answer, Point, Records, Row, Rows, Study
+from .engine.study import Answer, Point, Records, Row, Rows, declared
 
 # How the wall is made: a node with mass that an impact law turns round, one without mass, a spring.
 REACTION, MASSLESS, SPRING, CONSERVING = "rigid", "massless node", "spring", "conserving spring"
@@ -187,13 +187,9 @@ def picture(records: Records) -> Picture:
     return Picture([panels], 1.6 + 0.3 * max(4, len(entries)))
 
 
-STUDY = Study(
-    name="rigid_bar",
-    question="A bar bounces on a rigid wall: which scheme keeps its energy, and which finds the pressure?",
-    points=points,
-    evaluate=evaluate,
-    answer=answer,
-    picture=picture,
+STUDY = declared(
+    __name__,
+    "A bar bounces on a rigid wall: which scheme keeps its energy, and which finds the pressure?",
     of_case=False,
     smoke={"schemes": ["MoreauJean", "Trapezoidal"], "cells": [10, 20], "starts": 2},
 )

@@ -26,7 +26,7 @@ from ..references import solve
 from ..references.exact.rigid_reference import solve_rigid
 from ..trajectory.trajectory import Trajectory
 from .common import Cells, Dt, Numbers, extremes, label_of, scheme_of
-from .engine.study import Answer, Point, Records, Row, Rows, Study
+from .engine.study import Answer, Point, Records, Row, Rows, declared
 from .first_impact import LOOK, first_crossing, look_span
 
 EXACT, CONSERVING = "exact", "Trapezoidal conserving"
@@ -165,8 +165,8 @@ def answer(rows: Rows, case: Case) -> Answer:
             }
             for row in [*sorted(soft, key=_stiff), *rigid]
         ]
-    impulse = extremes(impulses, lambda value: units.measure(f"{value:.3g}", "impulse"))
-    window, step = (units.measure(f"{x:.2g}", "time") for x in (WINDOW, finest))
+    impulse = extremes(impulses, lambda value: units.measure(value, "impulse", ".3g"))
+    window, step = (units.measure(x, "time", ".2g") for x in (WINDOW, finest))
     return Answer(
         f"Impulse on rigid stops within {window} of the first touch: {impulse}.",
         table,
@@ -236,13 +236,9 @@ def _mark(method: str, of_the_case: bool) -> dict[str, Any]:
     return {name: style[name] for name in ("color", "marker")} | {"ms": LARGE if of_the_case else SMALL}
 
 
-STUDY = Study(
-    name="rigid_beam",
-    question="From soft stops to rigid ones: what do the schemes make of a beam's impulse, contact and energy?",
-    points=points,
-    evaluate=evaluate,
-    answer=answer,
-    picture=picture,
+STUDY = declared(
+    __name__,
+    "From soft stops to rigid ones: what do the schemes make of a beam's impulse, contact and energy?",
     needs_motion=True,
     needs_stops=True,
     smoke={"kappas": [1e6], "cells": [6], "divide": [1]},

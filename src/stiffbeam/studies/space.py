@@ -17,7 +17,7 @@ from ..model.closed_form import natural_frequencies, tip_response
 from ..model.modes import modes
 from ..model.time_functions import Harmonic
 from .common import Cells, Forms, ImpactCount, extremes, first_impacts, solve_once, system_of
-from .engine.study import Answer, Point, Records, Row, Rows, Study
+from .engine.study import Answer, Point, Records, Row, Rows, declared
 
 SAMPLES = 2000
 
@@ -179,13 +179,9 @@ def _panel(title: str, own: Rows) -> Panel:
     return Panel(title, across, Axis("error, relative", scale="log"), marks, (2, 1), "below")
 
 
-STUDY = Study(
-    name="space",
-    question="How fast do both discretisations approach the beam itself, and does the contact follow?",
-    points=points,
-    evaluate=evaluate,
-    answer=answer,
-    picture=picture,
+STUDY = declared(
+    __name__,
+    "How fast do both discretisations approach the beam itself, and does the contact follow?",
     marches=False,
     smoke={"cells": [6, 8, 12], "finest": 20},
 )

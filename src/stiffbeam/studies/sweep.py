@@ -31,7 +31,7 @@ from ..schemes.rigid_scheme import RigidScheme
 from ..trajectory.ensemble import Ensemble
 from ..trajectory.trajectory import Diverged, SolverFailure
 from .common import Form, Treatment, label_of, scheme_of, system_of
-from .engine.study import Answer, Point, Records, Row, Rows, Study, by_contact
+from .engine.study import Answer, Point, Records, Row, Rows, by_contact, declared
 from .parameters import (
     EXACT,
     IN_STEP,
@@ -246,7 +246,7 @@ def answer(rows: Rows, case: Case) -> Answer:
         return units.measure(x, quantities[name]) if quantities[name] else x
 
     def amount(x: float, quantity: str) -> str:
-        return units.measure(f"{x:.4g}", quantity) if quantity else f"{x:.4g}"
+        return units.measure(x, quantity, ".4g") if quantity else f"{x:.4g}"
 
     def at(row: Row) -> str:
         return ", ".join(f"{name} {value(name, f'{row[name]:.5g}')}" for name in names)
@@ -283,7 +283,7 @@ def answer(rows: Rows, case: Case) -> Answer:
         f"{line['over all values']} {line['most']} at most" for line in table if "impacts" in line["over all values"]
     ]
     span = (
-        f"Runs over the record, t = 0 to {units.measure(format(first['t_end'], 'g'), 'time')}."
+        f"Runs over the record, t = 0 to {units.measure(first['t_end'], 'time', 'g')}."
         if "t_end" in first
         else f"{first['periods']:g} periods of the drive after {first['transient']:g}."
     )
@@ -370,13 +370,9 @@ def _scale(values: Array) -> str:
     return "log" if even else "linear"
 
 
-STUDY = Study(
-    name="sweep",
-    question="How does the motion change with a parameter: periodic or not, how many impacts, how hard?",
-    points=points,
-    evaluate=evaluate,
-    answer=answer,
-    picture=picture,
+STUDY = declared(
+    __name__,
+    "How does the motion change with a parameter: periodic or not, how many impacts, how hard?",
     named_by=("parameter", "second"),
     smoke={"count": 4, "periods": 3, "transient": 1},
 )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 import json
 import re
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
@@ -168,10 +169,23 @@ class Study:
         return self.name.replace("_", "-")
 
 
+def declared(module: str, question: str, **options: Any) -> Study:
+    """Return the study of a module: its points, evaluate, answer and picture, under the module's name.
+
+    module: ``__name__``, in the last statement of the module. options: the other fields of ``Study``.
+    """
+    parts = vars(sys.modules[module])
+    functions = [parts[name] for name in ("points", "evaluate", "answer", "picture")]
+    return Study(module.rpartition(".")[2], question, *functions, **options)
+
+
 @dataclass(frozen=True)
 class Records:
-    """What a study found. rows: flat dictionaries; one with ``failed`` says why its point has nothing else,
-    one with ``refused`` why it cannot be asked there."""
+    """The rows of a study and what follows from them.
+
+    rows: flat dictionaries. One with ``failed`` names the reason why its point has nothing else, one with ``refused``
+    why it cannot be asked there.
+    """
 
     study: Study
     case: Case
