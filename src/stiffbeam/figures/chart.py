@@ -81,24 +81,22 @@ class Curve:
 
 @dataclass(frozen=True)
 class Ranges:
-    """Bars from ``low`` to ``high`` at each place: along "x" at heights ``at``, along "y" at abscissae ``at``."""
+    """Horizontal lines from ``low`` to ``high`` at heights ``at``."""
 
     at: Any
     low: Any
     high: Any
-    along: str = "x"
     label: str = ""
     look: dict[str, Any] = field(default_factory=dict)
 
     @property
     def values(self) -> Array:
         """The values along y that are drawn."""
-        return np.append(self.low, self.high).astype(float) if self.along == "y" else np.asarray(self.at, float)
+        return np.asarray(self.at, float)
 
     def draw(self, axis: Axes) -> None:
         """Draw it."""
-        lines = axis.hlines if self.along == "x" else axis.vlines
-        lines(self.at, self.low, self.high, label=self.label, **self.look)
+        axis.hlines(self.at, self.low, self.high, label=self.label, **self.look)
 
 
 @dataclass(frozen=True)
@@ -139,30 +137,6 @@ class Band:
             axis.fill_between(self.x, self.low, self.high, **style)
         elif np.isfinite(self.low) and np.isfinite(self.high):
             axis.axhspan(self.low, self.high, **style)
-
-
-@dataclass(frozen=True)
-class Bars:
-    """Bars of given heights at ``x``, with a text over each where ``texts`` has one."""
-
-    x: Any
-    heights: Any
-    label: str = ""
-    look: dict[str, Any] = field(default_factory=dict)
-    texts: Sequence[str] = ()
-
-    @property
-    def values(self) -> Array:
-        """The values along y that are drawn."""
-        return np.asarray(self.heights, float)
-
-    def draw(self, axis: Axes) -> None:
-        """Draw it."""
-        axis.bar(self.x, self.heights, 0.38, label=self.label or None, edgecolor="white", **self.look)
-        for x, height, text in zip(self.x, self.heights, self.texts, strict=False):
-            if np.isfinite(height):
-                axis.annotate(text, (x, height), (0, 2 if height >= 0.0 else -10), textcoords="offset points",
-                              ha="center", fontsize=8)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -214,7 +188,7 @@ class Map:
         axis.figure.colorbar(drawn, ax=axis, label=self.label)
 
 
-Mark = Curve | Ranges | Level | Band | Bars | Note | Map
+Mark = Curve | Ranges | Level | Band | Note | Map
 
 
 @dataclass(frozen=True)
@@ -317,8 +291,7 @@ def _draw(axis: Axes, panel: Panel, letter: str, units: Units, words: Callable[[
         mark.draw(axis)
     axis.grid(color="0.92")
     axis.set_axisbelow(True)
-    if any(isinstance(mark, Bars) for mark in panel.marks):
-        axis.margins(y=0.15)  # for the texts over them
+    axis.ticklabel_format(axis="x", scilimits=(-2, 6))
     log_scale(axis, panel.x.scale == "log", panel.y.scale == "log")
     if panel.y.scale == "signed log":
         values = np.concatenate([mark.values for mark in panel.marks if not isinstance(mark, Ranges)])

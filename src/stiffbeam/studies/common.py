@@ -10,21 +10,25 @@ import numpy as np
 
 from ..basics.arrays import Array
 from ..basics.validation import InputError, sequence
-from ..figures import Curve, short
+from ..figures import Axis, Curve, short
 from ..files.cases import Case
-from ..measures.errors import Order
+from ..march.ensemble import integrate_ensemble
+from ..measures.errors import Order, observed_order
 from ..measures.impacts import first_impacts_end
+from ..model.members import Members as MemberSystems
 from ..model.modes import modes
 from ..model.system import System
 from ..references import best_reference
 from ..references import takes as method_takes
+from ..references.ensemble import reference_ensemble
 from ..references.registry import REFERENCES
 from ..schemes import RIGID, SCHEMES, RigidScheme, Scheme, make, takes_stops
 from ..schemes.labels import parse_run, user_label
 from ..schemes.labels import scheme_of as known_scheme
 from ..testset.integrators import FUNCTION, SCHEME, Integrator, integrator, integrators
-from ..trajectory.trajectory import Reference, Trajectory, Work
-from .engine.study import Study
+from ..trajectory.ensemble import Ensemble
+from ..trajectory.trajectory import Diverged, Reference, Trajectory, Work
+from .engine.study import Rows, Study
 
 # What the options of several studies are and mean; the commands read it here.
 Schemes = Annotated[list[str] | None, "with commas between them, e.g. 'BDF2,HHT(alpha=-0.2)'; default: all"]
@@ -43,6 +47,7 @@ Numbers = Annotated[list[float] | None, "with commas between them"]
 Cells = Annotated[list[int] | None, "grids, with commas between them"]
 Treatment = Annotated[str, "implicit, conserving, or extrapolated as in the paper"]
 
+STEP = Axis(r"time step $\Delta t$", "time", "log")  # the horizontal axis of what is measured over dt
 _REFERENCES: dict[tuple[str, float], Reference] = {}
 _KEPT = 4
 
@@ -195,6 +200,12 @@ def extremes(values: Mapping[str, float], written: Callable[[float], str]) -> st
     return f"{written(low)} ({first}) to {written(high)} ({last})"
 
 
+def order_over(rows: Rows, step: Callable[[Any], float], error: str) -> Order:
+    """The observed order of column ``error`` in a step that is taken from each row, of errors above 0."""
+    kept = [row for row in rows if row[error] > 0.0]
+    return observed_order([step(row) for row in kept], [row[error] for row in kept])
+
+
 def fit(x: Array, order: Order, look: Mapping[str, Any]) -> list[Curve]:
     """The line of an observed order over the range of ``x``; none where there is no order."""
     if not np.isfinite(order.slope) or not len(x):
@@ -213,6 +224,17 @@ def to_the_end(steps: int, outputs: int) -> int:
     where the number of steps has such a divisor."""
     most = max(1, steps // outputs)
     return next((every for every in range(most, most // 2, -1) if steps % every == 0), most)
+
+
+def run_members(method: str, members: MemberSystems, dt: float, t_end: float, contact: str = "implicit") -> Ensemble:
+    """The ensemble of a scheme by its label, or of the exact solution. Raises Diverged where a member overflows."""
+    if method == "exact":
+        return reference_ensemble(members.system, t_end, members)
+    many = integrate_ensemble(members.system, scheme_of(method), dt, t_end, members, contact)
+    if np.any(np.isfinite(many.diverged)):
+        remedy = "use a smaller dt" if contact == "implicit" else "use the implicit contact or a smaller dt"
+        raise Diverged(method, float(np.nanmin(many.diverged)), remedy)
+    return many
 
 
 def solve_once(system: System, t_end: float) -> Reference:

@@ -19,13 +19,10 @@ import numpy as np
 from ..basics.arrays import Array
 from ..figures import Axis, Curve, Level, Mark, Panel, Picture, column, curves, groups, look, short
 from ..files.cases import Case
-from ..march.ensemble import integrate_ensemble
 from ..march.integrate import integrate
 from ..measures.impacts import longest_delay, match
 from ..measures.report import percent
 from ..model.members import SPREAD, perturbed
-from ..references.ensemble import reference_ensemble
-from ..trajectory.trajectory import Diverged
 from . import common
 from .engine.study import Answer, Point, Records, Row, Rows, by_contact, declared
 
@@ -44,9 +41,8 @@ def points(
     impacts: common.ImpactCount = 4,
     members: common.Members = 48,
 ) -> list[Point]:
-    """Contact by contact at ``dt`` (the case's), dt/2, ... until the first impacts are over, as
-    many as ``impacts`` says; the
-    distributions at ``dt`` to ``t_end``, over ``members`` perturbed runs of every scheme and of the exact solution."""
+    """Contact by contact at ``dt`` (the case's), dt/2, ... until the first impacts are over, as many as ``impacts``
+    says; the distributions at ``dt`` to ``t_end``, over ``members`` perturbed runs of schemes and exact solution."""
     rest = {"form": form, "t_end": t_end, "members": members}
     labels = common.scheme_labels(case, schemes)
     found = [{"task": "ensemble", "method": label, "dt": dt} | rest for label in ["exact", *labels]]
@@ -88,12 +84,7 @@ def _ensemble(case: Case, point: Point) -> list[Row]:
     """The distribution of durations over all contacts of all members, stop by stop."""
     system, t_end = common.system_of(case, point["form"]), point["t_end"]
     members = perturbed(system, point["members"], SPREAD, t_end=t_end)
-    if point["method"] == "exact":
-        many = reference_ensemble(system, t_end, members)
-    else:
-        many = integrate_ensemble(system, common.scheme_of(point["method"]), point["dt"], t_end, members)
-    if np.any(np.isfinite(many.diverged)):
-        raise Diverged(point["method"], float(np.nanmin(many.diverged)), "use a smaller dt")
+    many = common.run_members(point["method"], members, point["dt"], t_end)
     rows: list[Row] = []
     for number, seen in enumerate(many.contacts, 1):
         for side, name in SIDES.items():
@@ -157,7 +148,7 @@ def picture(records: Records) -> Picture:
     lines = []
     for place, own in by_contact(records.numbers).items():
         pairs = [row for row in own if row["kind"] == "pairs" and row["exact"]]
-        first = Panel(f"the first contacts{place}", Axis(r"time step $\Delta t$", "time", "log"),
+        first = Panel(f"the first contacts{place}", common.STEP,
                       Axis("largest relative error of the duration", scale="log"), _errors(pairs),
                       empty="no contact matches" if pairs else "no impact so early")  # fmt: skip
         panels = [first]

@@ -191,7 +191,7 @@ def picture(records: Records) -> Picture:
         marks += [Curve([], [], f"left out: {reason}", {"linestyle": "", "marker": REASONS[reason], "mfc": "white",
                                                          "mec": "0.35"}) for reason in met]  # fmt: skip
         error = Axis("tip error, rms, relative", scale="log", cap=1e3)
-        panels.append(Panel(title, Axis(r"time step $\Delta t$", "time", "log"), error, marks, (3, 2, 1), "below"))
+        panels.append(Panel(title, common.STEP, error, marks, (3, 2, 1), "below"))
     return Picture([panels], 6.4)
 
 

@@ -123,7 +123,6 @@ PANELS = (  # the kind, whether the contact is extrapolated, and the title
 
 def picture(records: Records) -> Picture:
     """First the errors without contact, then the factor by which each reading changes the error."""
-    step = Axis(r"time step $\Delta t$", "time", "log")
     found = groups(records.numbers, "scheme", "reading", "kind")
     left_out = groups(records.failures + records.refusals, "scheme", "reading", "kind")
     smooth = {key: own for key, own in found.items() if key[2] == "smooth"}
@@ -135,7 +134,7 @@ def picture(records: Records) -> Picture:
                for key, own in smooth.items()]  # fmt: skip
     error, none = Axis("tip error, rms, relative", scale="log"), "no such reading"
     title = "without contact: right (full) and as printed (dashed)"
-    panels = [Panel(title, step, error, errors, (3, 2, 1), "below", none)]
+    panels = [Panel(title, common.STEP, error, errors, (3, 2, 1), "below", none)]
     for kind, extrapolated, title in PANELS:
         marks: list[Mark] = [Level(1.0)]
         largest = 0.0
@@ -150,7 +149,7 @@ def picture(records: Records) -> Picture:
             style = look(scheme) | ({} if extrapolated else _printed(reading))
             marks.append(Curve(column(own, "dt"), factors, text, style))
         factor = Axis("times the error", scale="log" if largest > 5.0 else "linear")
-        panels.append(Panel(title, step, factor, marks, legend="below", empty=none))
+        panels.append(Panel(title, common.STEP, factor, marks, legend="below", empty=none))
     return Picture([panels[:2], panels[2:]], 8.6)
 
 

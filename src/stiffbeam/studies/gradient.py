@@ -23,7 +23,6 @@ from ..basics.validation import InputError
 from ..figures import Axis, Panel, Picture, curves, groups, short
 from ..files.cases import Case
 from ..march.integrate import integrate
-from ..measures.errors import observed_order
 from ..model.modes import undamped_modes
 from ..model.system import System
 from ..references import reference, takes
@@ -138,7 +137,7 @@ def answer(rows: Rows, case: Case) -> Answer:
         line = {"method": named(method)}
         for what in orders:
             settled = tail([row for row in own if row[f"{what}_error"] > FLOOR], f"{what}_error")
-            order = observed_order([row["dt"] for row in settled], [row[f"{what}_error"] for row in settled])
+            order = common.order_over(settled, lambda row: row["dt"], f"{what}_error")
             line[f"order of the {what}"] = str(order) if np.isfinite(order.slope) else "not settled"
             if np.isfinite(order.slope) and not order.unclear:
                 orders[what][method] = order.slope
@@ -183,9 +182,8 @@ def picture(records: Records) -> Picture:
         if own:
             panels = []
             for what in ("value", "derivative"):
-                step = Axis(r"time step $\Delta t$", "time", "log")
                 error = Axis(f"relative error of the {what}, rms", scale="log")
-                panels.append(Panel(f"{what}{title}", step, error, curves(own, "dt", f"{what}_error", "method")))
+                panels.append(Panel(f"{what}{title}", common.STEP, error, curves(own, "dt", f"{what}_error", "method")))
             lines.append(panels)
     return Picture(lines, 5.2 * len(lines), 5)
 

@@ -14,11 +14,11 @@ from ..basics.arrays import Array
 from ..basics.validation import InputError
 from ..figures import Axis, Curve, Level, Mark, Panel, Picture, column, dashed, style_of
 from ..files.cases import Case
-from ..measures.errors import observed_order, tip_error
+from ..measures.errors import tip_error
 from ..measures.report import percent
 from ..model.members import varied
 from ..references.exact.rigid import rigid_limit
-from .common import Form, ImpactCount, fit, solve_once, system_of
+from .common import Form, ImpactCount, fit, order_over, solve_once, system_of
 from .engine.study import Answer, Point, Records, Row, Rows, declared
 
 SAMPLES = 4000
@@ -106,7 +106,7 @@ def answer(rows: Rows, case: Case) -> Answer:
     ]  # fmt: skip
     if len(near) < 2:
         return Answer("At no stiffness tried are there as many impacts as on rigid stops.", table)
-    order = observed_order([1.0 / r["kappa"] for r in near], [r["tip_error"] for r in near])
+    order = order_over(near, lambda row: 1.0 / row["kappa"], "tip_error")
     own = min(rows, key=lambda r: r["kappa"])
     which = "the case's kappa" if own["factor"] == 1.0 else "kappa"
     first, here = (units.measure(r["kappa"], "stop stiffness", ".2g") for r in (near[0], own))
@@ -145,7 +145,7 @@ def picture(records: Records) -> Picture:
                 for same in (True, False)
             )
             style = style_of(i) | {"linestyle": "", "ms": 5}
-            order = observed_order(1.0 / column(near, "kappa"), column(near, name))
+            order = order_over(near, lambda row: 1.0 / row["kappa"], name)
             label = f"{words} in 1/κ: {order}" if np.isfinite(order.slope) else words
             marks.append(Curve(column(near, "kappa"), column(near, name), label, style))
             if other:

@@ -11,11 +11,10 @@ from ..figures import COLOURS, Axis, Curve, Mark, Note, Panel, Picture, Ranges, 
 from ..files.cases import Case
 from ..march.integrate import RIGID as BY_REACTIONS
 from ..march.integrate import integrate
-from ..measures.errors import Order, observed_order
 from ..measures.report import DASH, percent
 from ..model.contact import Stops
 from . import bouncing_bar as bar
-from .common import Cells, extremes, label_of, scheme_of
+from .common import Cells, extremes, label_of, order_over, scheme_of
 from .engine.study import Answer, Point, Records, Row, Rows, declared
 
 # How the wall is made: a node with mass that an impact law turns round, one without mass, a spring.
@@ -121,12 +120,9 @@ def _middle(rows: Rows, name: str) -> float:
     return float(np.median(values[np.isfinite(values)])) if np.any(np.isfinite(values)) else float("nan")
 
 
-def _order(rows: Rows, name: str) -> Order | None:
-    """The observed order, None where there is one mesh only."""
-    kept = [row for row in rows if row[name] > 0.0]
-    if len({row["cells"] for row in kept}) < 2:
-        return None
-    return observed_order([1.0 / row["cells"] for row in kept], [row[name] for row in kept])
+def _width(row: Row) -> float:
+    """The width of an element, as a share of the bar's length."""
+    return 1.0 / row["cells"]
 
 
 def answer(rows: Rows, case: Case) -> Answer:
@@ -144,7 +140,7 @@ def answer(rows: Rows, case: Case) -> Answer:
                 "pressure off": percent(_middle(own, "pressure")),
                 "penetration": percent(_middle(own, "penetration")),
                 "foot off": percent(_middle(own, "foot")),
-                "order": str(_order(own, "foot") or DASH),
+                "order": str(order) if np.isfinite((order := order_over(own, _width, "foot")).slope) else DASH,
             }
             for name, own in entries.items()
         ],
@@ -181,7 +177,7 @@ def picture(records: Records) -> Picture:
                 dot = style | {"marker": "o", "linestyle": "", "mfc": "white" if gained else colour}
                 marks += [Ranges(at, np.min(sizes), np.max(sizes), look=style | {"lw": 1.2}),
                           Curve(np.median(sizes), at, look=dot)]  # fmt: skip
-            if name == "foot" and (order := _order(own, name)):
+            if name == "foot" and (order := order_over(own, _width, name)).slope > -np.inf:
                 marks.append(Note(f"order {order.slope:.1f}", 1.02, i, "x", {"va": "center"}))
         panels.append(Panel(title, Axis(words, scale="log"), Axis(names=list(entries)), marks))
     return Picture([panels], 1.6 + 0.3 * max(4, len(entries)))

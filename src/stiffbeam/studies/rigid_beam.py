@@ -15,7 +15,7 @@ from typing import Annotated, Any
 import numpy as np
 
 from ..basics.validation import InputError, positive
-from ..figures import Axis, Curve, Mark, Panel, Picture, Ranges, column, groups, look, short
+from ..figures import COLOURS, Axis, Curve, Mark, Panel, Picture, Ranges, column, groups, look, short
 from ..files.cases import Case
 from ..march.integrate import integrate
 from ..measures.report import percent
@@ -168,7 +168,7 @@ def answer(rows: Rows, case: Case) -> Answer:
     impulse = extremes(impulses, lambda value: units.measure(value, "impulse", ".3g"))
     window, step = (units.measure(x, "time", ".2g") for x in (WINDOW, finest))
     return Answer(
-        f"Impulse on rigid stops within {window} of the first touch: {impulse}.",
+        f"Within {window} of the first touch a rigid stop gives an impulse of {impulse}.",
         table,
         f"Schemes at dt = {step}, with the range over steps within 2 % of it.",
     )
@@ -180,60 +180,48 @@ PANELS = (
     ("impacts", "impacts", ""),
     ("lost", "energy lost, share", ""),
 )
-SMALL, LARGE = 3.0, 5.5  # marks of the finest grid and of the case's
 
 
 def picture(records: Records) -> Picture:
-    """Above: over the stiffness of the stops, the case's grid; below: rigid stops, an entry a line.
+    """Above: the finest step over the stiffness of the stops. Below: rigid stops, a line for each method.
 
-    Black: exact. Filled: the finest step, or none; hollow: the case's; lines: what steps near the finest give.
-    Small: the finest grid, of exact motions only.
+    Schemes on the case's grid, exact motions on all; thin lines: the range over steps near the finest.
     """
     rows = sorted(records.numbers, key=_stiff)
-    grids = sorted({row["cells"] for row in rows})
-    steps = sorted({row["dt"] for row in rows if row["dt"]}, reverse=True)
+    coarse, finest = min(row["cells"] for row in rows), min((row["dt"] for row in rows if row["dt"]), default=0.0)
     names = list(dict.fromkeys(name_of(row) for row in records.numbers if _stiff(row) == np.inf))
-    shown = [row for row in rows if row["cells"] == grids[0] or row["method"] == EXACT]
+    shown = [row for row in rows if row["cells"] == coarse or row["method"] == EXACT]
+    soft = [row for row in shown if _stiff(row) < np.inf and row["dt"] in (0.0, finest)]
+    hard = [row for row in shown if _stiff(row) == np.inf]
     upper, lower = [], []
     for name, words, quantity in PANELS:
-        soft: list[Mark] = []
-        hard: list[Mark] = []
-        for (method, grid, step), own in groups(shown, "method", "cells", "dt").items():
-            whole, style = step in (0.0, *steps[-1:]), _mark(method, grid == grids[0])
-            style |= {} if whole else {"mfc": "white"}
-            line = {"lw": 1.6 if method == EXACT else 0.9, "linestyle": "-" if whole else ":"}
-            mine = [row for row in own if _stiff(row) < np.inf]
-            label = short(method) if whole and grid == grids[0] else ""
-            soft.append(Curve([_stiff(row) for row in mine], column(mine, name), label, style | line))
-            mine = [row for row in own if _stiff(row) == np.inf]
-            at = np.array([names.index(name_of(row)) for row in mine], float)
-            hard.append(Curve(column(mine, name), at, look=style | {"linestyle": ""}))
-            if name in RANGED and whole and method != EXACT:
-                low, high = (column(mine, f"{name}_{word}") for word in ("low", "high"))
-                hard.append(Ranges(at, low, high, look={"color": style["color"], "lw": 1.6, "alpha": 0.5}))
-        if name == PANELS[0][0]:
-            soft += _legend(grids)
-        up = Axis(words, quantity, "log" if name == "impacts" else "linear")
-        stiffness = Axis("stiffness of the stops κ", "stop stiffness", "log")
-        upper.append(Panel(words.partition(",")[0], stiffness, up, soft))
-        lower.append(Panel(words.partition(",")[0], Axis(words, quantity), Axis(names=names), hard))
-    return Picture([upper, lower], 9.0, 5)
+        lines: list[Mark] = []
+        for (method, grid), own in groups(soft, "method", "cells").items():
+            style = _look(method) | ({} if grid == coarse else {"linestyle": "--", "ms": 3.5})
+            label = short(method) + ("" if grid == coarse else f", {grid} cells")
+            lines.append(Curve([_stiff(row) for row in own], column(own, name), label, style))
+        dots: list[Mark] = []
+        for (grid, step), own in groups(hard, "cells", "dt").items():
+            at = np.array([names.index(name_of(row)) for row in own], float)
+            style = _look(EXACT) if not step else {"color": COLOURS[0], "marker": "o"}
+            style |= {"linestyle": "", "mfc": style["color"] if step in (0.0, finest) else "white"}
+            label = (
+                "exact" if not step else "schemes, finest time step" if step == finest else "schemes, case's time step"
+            )
+            label, size = (label, 5.5) if grid == coarse else (f"{label}, {grid} cells", 3.5)
+            dots.append(Curve(column(own, name), at, label, style | {"ms": size}))
+            if name in RANGED and step == finest:
+                low, high = (column(own, f"{name}_{word}") for word in ("low", "high"))
+                dots.append(Ranges(at, low, high, look={"color": COLOURS[0], "lw": 1.2}))
+        up, title = Axis(words, quantity, "log" if name == "impacts" else "linear"), words.partition(",")[0]
+        upper.append(Panel(title, Axis("stop stiffness κ", "stop stiffness", "log"), up, lines))
+        lower.append(Panel("on rigid stops", Axis(words, quantity), Axis(names=names), dots))
+    return Picture([upper, lower], 9.0, 4)
 
 
-def _legend(grids: list[int]) -> list[Mark]:
-    styles: dict[str, dict[str, Any]] = {
-        "finest time step": {}, "the case's time step": {"mfc": "white"}, f"{grids[-1]} cells": {"ms": SMALL},
-        "time steps near it": {"marker": "", "linestyle": "-", "lw": 1.6, "alpha": 0.5},
-    }  # fmt: skip
-    mark = {"marker": "o", "linestyle": "", "ms": LARGE, "color": "0.4"}
-    return [Curve([], [], words, mark | style) for words, style in styles.items()]
-
-
-def _mark(method: str, of_the_case: bool) -> dict[str, Any]:
+def _look(method: str) -> dict[str, Any]:
     """The look of a method: that of its scheme, with a square for contact that conserves."""
-    style = look(method.removesuffix(" conserving"))
-    style |= {"marker": "s"} if method == CONSERVING else {"marker": "o"} if method == EXACT else {}
-    return {name: style[name] for name in ("color", "marker")} | {"ms": LARGE if of_the_case else SMALL}
+    return look(method.removesuffix(" conserving")) | ({"marker": "s"} if method == CONSERVING else {})
 
 
 STUDY = declared(

@@ -10,13 +10,13 @@ import numpy as np
 from ..basics.validation import InputError
 from ..figures import Axis, Curve, Panel, Picture, column, groups, style_of
 from ..files.cases import Case
-from ..measures.errors import Order, observed_order, tip_error
+from ..measures.errors import Order, tip_error
 from ..measures.impacts import impact_times
 from ..measures.smooth_motion import steady_state, without_contact
 from ..model.closed_form import natural_frequencies, tip_response
 from ..model.modes import modes
 from ..model.time_functions import Harmonic
-from .common import Cells, Forms, ImpactCount, extremes, first_impacts, solve_once, system_of
+from .common import Cells, Forms, ImpactCount, extremes, first_impacts, order_over, solve_once, system_of
 from .engine.study import Answer, Point, Records, Row, Rows, declared
 
 SAMPLES = 2000
@@ -114,12 +114,8 @@ def _contact(case: Case, point: Point) -> list[Row]:
 
 def orders(rows: Rows) -> dict[tuple[str, str], Order]:
     """The observed order in h by (quantity, form)."""
-    return {
-        key: observed_order(
-            [1.0 / r["cells"] for r in own if r["error"] > 0.0], [r["error"] for r in own if r["error"] > 0.0]
-        )
-        for key, own in groups(rows, "quantity", "form").items()
-    }
+    parts = groups(rows, "quantity", "form").items()
+    return {key: order_over(part, lambda row: 1.0 / row["cells"], "error") for key, part in parts}
 
 
 def answer(rows: Rows, case: Case) -> Answer:
