@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from bouncing_bar import CONTACTS, IMPULSE, PERIOD, pressure
 
-from stiffbeam.studies import bouncing_bar as bar
+from stiffbeam.studies import rigid_bar as bar
 from stiffbeam.studies import study
 
 
@@ -16,7 +16,7 @@ def test_heights_and_forces_in_rational_numbers():
     heights = {2: F(5, 3), F(7, 3): F(40, 9), F(5, 2): F(145, 36), F(8, 3): F(35, 9), 3: F(40, 9), F(10, 3): F(5, 3),
                F(29, 6): F(15, 4), F(16, 3): F(5)}  # fmt: skip
     for t, height in heights.items():
-        wave, slope, closed, start = bar.pieces(20)[int(3 * t)]
+        wave, slope, closed, start = bar.segments(20)[int(3 * t)]
         s = t - F(int(3 * t), 3)
         assert start + wave * s + slope * s * s / 2 == height
         assert not closed

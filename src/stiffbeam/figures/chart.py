@@ -271,6 +271,8 @@ def render(picture: Picture, title: str, units: Units, words: Callable[[str], st
             if picture.shared_x and i + 1 < len(picture.lines):
                 axis.tick_params(labelbottom=False)
                 axis.set_xlabel("")
+            if len(line) > 3 and axis.get_xscale() == "linear":
+                axis.locator_params(axis="x", nbins=3)
             above[j * width], left = axis, axis
             common += [] if panel.legend else [axis]
     shared_legend(figure, picture.columns, common, words)
@@ -291,7 +293,6 @@ def _draw(axis: Axes, panel: Panel, letter: str, units: Units, words: Callable[[
         mark.draw(axis)
     axis.grid(color="0.92")
     axis.set_axisbelow(True)
-    axis.ticklabel_format(axis="x", scilimits=(-2, 6))
     log_scale(axis, panel.x.scale == "log", panel.y.scale == "log")
     if panel.y.scale == "signed log":
         values = np.concatenate([mark.values for mark in panel.marks if not isinstance(mark, Ranges)])

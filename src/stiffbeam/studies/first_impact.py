@@ -218,14 +218,12 @@ def answer(rows: Rows, case: Case) -> Answer:
     if not smooth:
         return Answer(rest, table)
     best = min(smooth, key=lambda row: row["h_over_l"])
-    parts = [f"{'at ' if order.unclear else 'like h^'}{order} ({form})"
-             for form, order in orders(rows).items() if np.isfinite(order.slope)]  # fmt: skip
+    rates = ", ".join(f"{order} ({form})" for form, order in orders(rows).items() if np.isfinite(order.slope))
     return Answer(
-        f"Moving with its base at the start, the first impact has a peak force of {best['share']:.4f} "
-        f"V (A^2 kappa)^(1/3) on {best['cells']} cells (theory {largest_penetration():.4f})"
-        + (f", approached {', '.join(parts)} where h < l." if parts else "."),
+        f"With its base moving, the first impact has a peak force of {best['share']:.4f} V (A^2 kappa)^(1/3) on "
+        f"{best['cells']} cells; theory gives {largest_penetration():.4f}.",
         table,
-        rest,
+        (f"Orders in h of this force where h < l: {rates}. " if rates else "") + rest,
     )
 
 

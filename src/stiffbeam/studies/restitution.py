@@ -102,7 +102,7 @@ def answer(rows: Rows, case: Case) -> Answer:
     apart = max((abs(row["measured"] - row["delivered"]) for row in rows), default=math.nan)
     off = extremes({row["formula"]: _error(row) for row in worst}, "{:.2g}".format)
     return Answer(
-        f"Where it is largest, the error of the restitution that a formula delivers is {off}.",
+        f"The formulas miss the wanted restitution by {off}, each where it is worst.",
         [{"formula": row["formula"], "delivered less wanted": f"{row['delivered'] - row['wanted']:+.2g}",
           "at e": f"{row['wanted']:g}"} for row in worst],
         f"Balls taken through the stops agree with the closed forms to {apart:.1g}.",
@@ -117,7 +117,7 @@ def picture(records: Records) -> Picture:
     """Lines: closed forms; markers: balls."""
     panels = []
     for title, words, less in (("e delivered", "e delivered", 0.0),
-                               ("too much of it", "e delivered \N{MINUS SIGN} e wanted", 1.0)):  # fmt: skip
+                               ("its error", "e delivered \N{MINUS SIGN} e wanted", 1.0)):  # fmt: skip
         marks = []
         for i, (name, own) in enumerate(groups(records.numbers, "formula").items()):
             wanted, delivered, measured = (column(own, key) for key in ("wanted", "delivered", "measured"))
