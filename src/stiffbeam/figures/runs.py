@@ -294,8 +294,6 @@ def run_figure(run: Trajectory, **kwargs: Any) -> Figure:
 
 def comparison_figure(run: Trajectory, reference: Reference) -> Figure:
     """A run beside its reference, in the four panels of ``stiffbeam compare``."""
-    from .runs import four_panels
-
     title = f"{short(run.provenance['method'])} beside {short(reference.provenance['method'])}"
     note = run.units.note
     return four_panels(f"{title} ({note})" if note else title, [run], [reference])
