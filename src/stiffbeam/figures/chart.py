@@ -35,6 +35,7 @@ if TYPE_CHECKING:
 
 Row = TypeVar("Row", bound=Mapping[str, Any])
 LINE = 118  # letters in a line of a title
+WIDE = 34  # letters in an entry of a legend below a panel from which on it fills a line
 LOG_RANGE = 30.0  # ratio of the values of a map from which on its colours are logarithmic
 NONE = np.zeros(0)
 
@@ -321,7 +322,7 @@ def _draw(axis: Axes, panel: Panel, letter: str, units: Units, words: Callable[[
         place: dict[str, Any] = {
             "loc": "upper center",
             "bbox_to_anchor": (0.5, -0.14),
-            "ncols": 2,
+            "ncols": 2 if max(map(len, entries)) < WIDE else 1,
             "columnspacing": 1.0,
         }
         axis.legend(entries.values(), entries.keys(), frameon=False, fontsize=8.5,

@@ -260,7 +260,7 @@ def picture(records: Records) -> Picture:
         [
             Panel("impacts, member by member", Axis(f"impacts to t = {end}"), names, _dots(lines, "count")),
             Panel("time in contact", Axis("share of the time in contact, %"), names, _dots(lines, "fraction", 100.0)),
-            Panel(f"energy lost, of {LEDGERS} members; exact: none", Axis("energy", "energy"), names,
+            Panel(f"energy lost, {LEDGERS} members", Axis("energy", "energy"), names,
                   [*_dots(lines, "energy_lost"), Level(0.0, of="x", look={"color": "black"})]),
         ],
         [
@@ -278,8 +278,8 @@ def _dots(lines: list[tuple[str, str, list[Row]]], quantity: str, scale: float =
         if len(values):
             heights, mean = i + jitter.uniform(-0.28, 0.28, len(values)), float(np.mean(values))
             dots = {"linestyle": "", "marker": ".", "ms": 3, "color": colour, "alpha": 0.45}
-            marks += [Curve(values, heights, look=dots), Ranges(mean, i - 0.38, i + 0.38, "y",
-                                                                look={"color": colour, "lw": 2.2})]  # fmt: skip
+            bar = Curve([mean, mean], [i - 0.38, i + 0.38], look={"color": colour, "lw": 2.2})
+            marks += [Curve(values, heights, look=dots), bar]
             marks += [Level(mean, of="x", look={"color": "black"})] if method == "exact" else []
     return marks
 

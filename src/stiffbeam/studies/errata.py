@@ -105,7 +105,8 @@ def answer(rows: Rows, case: Case) -> Answer:
         })  # fmt: skip
     compared = any(row["kind"] == "contact" for row in rows)
     return Answer(
-        f"At the finest dt the error changes by a factor of {common.extremes(ratios, '{:.3g}'.format)}.",
+        f"At the finest dt a misprint or extrapolated contact multiplies the error by "
+        f"{common.extremes(ratios, '{:.3g}'.format)}.",
         table,
         "" if compared else "No first impacts were compared: the cost of a misprint in contact is not known.",
     )

@@ -10,7 +10,7 @@ from typing import Annotated
 import numpy as np
 
 from ..basics.validation import InputError, near
-from ..figures import Axis, Curve, Level, Mark, Note, Panel, Picture, Ranges, column, curves, groups, look, short
+from ..figures import Axis, Curve, Level, Mark, Note, Panel, Picture, column, curves, groups, look, short
 from ..files.cases import Case
 from ..measures.errors import tip_error
 from ..measures.impacts import matched_until
@@ -191,14 +191,12 @@ def answer(rows: Rows, case: Case) -> Answer:
             if found and cost == "work":
                 value, method = found[0]
                 bound = "at most " * method.endswith(AT_MOST)
-                best.append(f"{error:g} costs {bound}{value:.3g} solves or evaluations "
-                            f"({short(method.removesuffix(AT_MOST))})")  # fmt: skip
+                name = short(method.removesuffix(AT_MOST))
+                best.append(f"{bound}{value:.3g} for a tip error of {error:g} ({name})")
     tracked = {m: max(own, key=lambda r: r["tracked"])
                for m, own in groups([r for r in rows if np.isfinite(r["tracked"])], "method").items()}  # fmt: skip
     for method, row in sorted(tracked.items(), key=lambda item: -item[1]["tracked"]):
-        until, dt = (
-            units.measure(format(row[name], form), "time") for name, form in (("tracked", ".3g"), ("dt", ".2g"))
-        )
+        until, dt = units.measure(row["tracked"], "time", ".3g"), units.measure(row["dt"], "time", ".2g")
         table[method]["impacts followed"] = f"to t = {until} with dt = {dt}"
     notes = [
         f"Tip errors {ERRORS[0]:g} and {ERRORS[1]:g} that all finer runs keep, without set-up, interpolated between "
@@ -210,31 +208,24 @@ def answer(rows: Rows, case: Case) -> Answer:
         parts = [f"{method} {100 * share:.0f} %" for method, share in shares.items()]
         notes.append(f"At least this part of it are Python's calls of the right-hand side: {', '.join(parts)}.")
     notes += [f"The exact solution takes {1e3 * r['seconds']:.2g} ms." for r in rows if r["method"] == "exact"]
-    verdict = f"With the cheapest method a tip error of {', one of '.join(best)}."
-    if not best:
-        verdict = "No method reached a tip error of 0.001."
+    verdict = f"Fewest solves or evaluations: {', '.join(best)}." if best else "No method reached a tip error of 0.001."
     return Answer(verdict, [{"method": method} | cells for method, cells in table.items()], " ".join(notes))
 
 
 ERRORS = (1e-3, 1e-5)
-WHISKERS = "seconds of stepping; whiskers: left without\nPython's calls of the right-hand side, right with set-up"
 
 
 def picture(records: Records) -> Picture:
-    """Lower left is better in the first two panels, upper left in the last, whose lines join the best so far.
-
-    A whisker over the seconds reaches left to the time without Python's calls of the right-hand side, right to the
-    time with the set-up.
-    """
+    """Lower left is better in the first two panels, upper left in the last, whose lines join the best so far."""
     rows = [row for row in records.numbers if row["method"] != "exact"]
     rows.sort(key=lambda row: (row["dt"], row["rtol"]))
     panels = []
     for cost, words, title in (("work", "linear solves or evaluations", "error against work"),
-                               ("seconds", WHISKERS, "error against time")):  # fmt: skip
+                               ("seconds", "seconds of stepping", "error against time")):  # fmt: skip
         marks = curves(rows, cost, "error", "method")
         marks += [Level(row[cost], "exact", "x", {"color": "black", "ls": "-", "lw": 1.8})
                   for row in records.numbers if row["method"] == "exact"]  # fmt: skip
-        marks += _whiskers(rows) if cost == "seconds" else _failed(records.rows)
+        marks += _failed(records.rows) if cost == "work" else []
         panels.append(Panel(title, Axis(words, scale="log"), Axis("tip error, rms, relative", scale="log"), marks))
     tracked = [row for row in rows if np.isfinite(row["tracked"])]
     best: list[Mark] = []
@@ -249,15 +240,6 @@ def picture(records: Records) -> Picture:
                         Axis("exact impacts followed to $t$", "time", limits=(0.0, None)), best,
                         empty="no contact to follow"))  # fmt: skip
     return Picture([panels], 6.2, 5)
-
-
-def _whiskers(rows: Rows) -> list[Mark]:
-    marks: list[Mark] = []
-    for label, own in groups(rows, "method").items():
-        seconds, python, setup, error = (column(own, name) for name in ("seconds", "python", "setup", "error"))
-        style = {"lw": 0.8, "alpha": 0.7, "color": look(label)["color"]}
-        marks.append(Ranges(error, np.maximum(seconds - python, 0.02 * seconds), seconds + setup, look=style))
-    return marks
 
 
 def _failed(rows: Rows) -> list[Mark]:
