@@ -69,6 +69,14 @@ class Curve:
     label: str = ""
     look: dict[str, Any] = field(default_factory=dict)
 
+    @classmethod
+    def over(
+        cls, rows: Iterable[Mapping[str, Any]], x: str, y: str, label: str = "", look: dict[str, Any] | None = None
+    ) -> Curve:
+        """Return the curve of column y over column x."""
+        rows = list(rows)
+        return cls(column(rows, x), column(rows, y), label, look or {})
+
     @property
     def values(self) -> Array:
         """The values along y that are drawn."""
@@ -237,8 +245,8 @@ def curves(
     """
     below = {"exact": {"lw": exact, "zorder": 1.5}}
     return [
-        Curve(column(own, x), scale * column(own, y), short(label), look(label) | below.get(label, {}) | style)
-        for label, own in groups(rows, by).items()
+        Curve(column(group, x), scale * column(group, y), short(label), look(label) | below.get(label, {}) | style)
+        for label, group in groups(rows, by).items()
     ]
 
 

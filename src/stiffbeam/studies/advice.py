@@ -250,13 +250,13 @@ def cheapest(tried: list[Probe], want: dict[str, float]) -> Probe | None:
 def unreached(tried: list[Probe], want: dict[str, float], most: int) -> dict[str, str]:
     """Wanted quantities that are met from no step on; where there is none, the one that costs most."""
     alone = {name: cheapest(tried, {name: x}) for name, x in want.items()}
-    found = {}
+    reasons = {}
     for name in [name for name, probe in alone.items() if probe is None]:
         best = min(tried, key=lambda p, name=name: p.errors[name])
         runs = f"{'from no step on all' if best.meets({name: want[name]}) else 'none'} of {len(tried)} runs of up to "
-        found[name] = f"{runs}{most} steps; the best has {best.errors[name]:.2g}, {best.label} at dt = {best.dt:.3g}"
-    if found:
-        return found
+        reasons[name] = f"{runs}{most} steps; the best has {best.errors[name]:.2g}, {best.label} at dt = {best.dt:.3g}"
+    if reasons:
+        return reasons
     name = max(alone, key=lambda n: alone[n].work)  # type: ignore[union-attr]
     probe = alone[name]
     assert probe is not None

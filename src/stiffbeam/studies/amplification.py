@@ -51,16 +51,16 @@ def evaluate(case: Case, point: Point) -> list[Row]:
     """One row for every dt/T: spectral radius, period elongation and damping ratio, measured and in closed form."""
     scheme, xi = _scheme(point["scheme"]), point["damping"]
     x = np.union1d(np.logspace(-3, 3, 6 * point["per_decade"] + 1), [TENTH])
-    found = amplification(scheme, x, xi)
+    errors = amplification(scheme, x, xi)
     try:
         theory = amplification(scheme, x, xi, source="closed form")
     except InputError:
         theory = None  # the scheme states no polynomial
     rows = []
     for i, value in enumerate(x):
-        row = {"name": scheme.name, **scheme.parameters, "dt_over_period": float(value), "stable_to": found.stable_to}
+        row = {"name": scheme.name, **scheme.parameters, "dt_over_period": float(value), "stable_to": errors.stable_to}
         for name in ("spectral_radius", "period_elongation", "damping_ratio"):
-            row[name] = float(getattr(found, name)[i])
+            row[name] = float(getattr(errors, name)[i])
             row[f"{name}_theory"] = float(getattr(theory, name)[i]) if theory else float("nan")
         rows.append(row)
     return rows
@@ -111,12 +111,12 @@ def picture(records: Records) -> Picture:
     labels = list(dict.fromkeys(row["scheme"] for row in rows))
     defaults = [label for name in SCHEMES if name != "theta" and (label := default_label(name)) in labels]
     shown = labels if records.options.get("schemes") else defaults or labels
-    own = {label: [row for row in rows if row["scheme"] == label] for label in shown}
-    undamped = [short(x) for x in own if max(r["damping_ratio"] for r in own[x] if _sampled(r)) <= NO_DAMPING]
+    by_label = {label: [row for row in rows if row["scheme"] == label] for label in shown}
+    undamped = [short(x) for x in by_label if max(r["damping_ratio"] for r in by_label[x] if _sampled(r)) <= NO_DAMPING]
     upper = []
     for name, title, axis in PANELS:
         limits = (None, None) if name == "spectral_radius" else (1e-3, HALF)
-        marks: list[Mark] = [mark for label in shown for mark in _curves(own[label], name, label)]
+        marks: list[Mark] = [mark for label in shown for mark in _curves(by_label[label], name, label)]
         if name == "damping_ratio" and undamped:
             marks.append(Note(f"none: {', '.join(undamped)}", 0.97, 0.03, "xy", {"ha": "right"}))
         upper.append(Panel(title, Axis(r"$\Delta t/T$", scale="log", limits=limits), axis, marks))

@@ -65,13 +65,13 @@ def scheme_labels(case: Case, schemes: Sequence[str | Scheme] | None = None) -> 
             if not isinstance(label, (str, Scheme)):
                 raise InputError("schemes", label, "be schemes or their labels", "for example 'HHT(alpha=-0.1)'")
         return [label_of(label) for label in schemes]
-    own: dict[str, Scheme] = {}
+    stated: dict[str, Scheme] = {}
     for scheme, _ in case.runs:
-        own.setdefault(scheme.name, scheme)
-    others = {name: make(name) for name in (*SCHEMES, *RIGID) if name != "theta" and name not in own}
+        stated.setdefault(scheme.name, scheme)
+    others = {name: make(name) for name in (*SCHEMES, *RIGID) if name != "theta" and name not in stated}
     taken = {name: scheme for name, scheme in others.items() if takes(case, scheme)}
-    known = own | taken
-    return [label_of(known[name]) for name in dict.fromkeys((*SCHEMES, *RIGID, *own)) if name in known]
+    known = stated | taken
+    return [label_of(known[name]) for name in dict.fromkeys((*SCHEMES, *RIGID, *stated)) if name in known]
 
 
 def integrators_of(case: Case, given: Sequence[Any] | None = None) -> list[Integrator]:

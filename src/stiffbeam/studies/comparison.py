@@ -61,10 +61,10 @@ class _Solver:
             seconds = self.seconds(system, float(times[-1]), method)
             part = next((p for p in parts if seconds * len(p) / len(times) <= self.budget), times)
         free = replace(self, budget=np.inf) if part is not times else self
-        found = free(system, float(part[-1]), method, part)
+        solution = free(system, float(part[-1]), method, part)
         if len(part) < len(times):
-            found.provenance["budget"] = f"to t = {part[-1]:.3g} of {times[-1]:.3g}: the budget ends there"
-        return found
+            solution.provenance["budget"] = f"to t = {part[-1]:.3g} of {times[-1]:.3g}: the budget ends there"
+        return solution
 
     def seconds(self, system: System, t_end: float, method: str) -> float:
         if self.budget == np.inf:
@@ -156,7 +156,9 @@ def compare_case(
         method_of(name, "references")
     result = CaseComparison(case)
     pairs = list(case.runs if runs is None else runs)
-    chosen = {form: integrators(x for x, own in pairs if own == form) for form in dict.fromkeys(f for _, f in pairs)}
+    chosen = {
+        form: integrators(x for x, of_run in pairs if of_run == form) for form in dict.fromkeys(f for _, f in pairs)
+    }
     solvers = [one.source for several in chosen.values() for one in several if one.kind == SOLVER]
     references = list(dict.fromkeys([*references, *solvers]))
     refused: list[Diverged | InputError | SolverFailure] = []

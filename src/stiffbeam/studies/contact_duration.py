@@ -43,16 +43,16 @@ def points(
 ) -> list[Point]:
     """Contact by contact at ``dt`` (the case's), dt/2, ... until the first impacts are over, as many as ``impacts``
     says; the distributions at ``dt`` to ``t_end``, over ``members`` perturbed runs of schemes and exact solution."""
-    rest = {"form": form, "t_end": t_end, "members": members}
+    shared = {"form": form, "t_end": t_end, "members": members}
     labels = common.scheme_labels(case, schemes)
-    found = [{"task": "ensemble", "method": label, "dt": dt} | rest for label in ["exact", *labels]]
+    plan = [{"task": "ensemble", "method": label, "dt": dt} | shared for label in ["exact", *labels]]
     end = common.first_impacts(case, form, impacts)
     pairs = [
-        {"task": "pairs", "method": label, "dt": end / steps} | rest | {"t_end": end}
+        {"task": "pairs", "method": label, "dt": end / steps} | shared | {"t_end": end}
         for label in labels
         for steps in common.halved(end, dt, halvings)
     ]
-    return found + pairs
+    return plan + pairs
 
 
 def evaluate(case: Case, point: Point) -> list[Row]:
@@ -66,14 +66,14 @@ def _pairs(case: Case, point: Point) -> list[Row]:
     exact = common.solve_once(system, case.t_end)
     run = integrate(system, common.scheme_of(point["method"]), point["dt"], end, every=round(end / point["dt"]))
     rows = []
-    for number, (own, other) in enumerate(zip(run.contacts, exact.contacts, strict=True), 1):
-        first = slice(0, match(own.impacts, other.impacts, end, longest_delay(system, case.t_end)).matched)
-        found, wanted = own.impacts.take(first), other.impacts.take(first)
+    for number, (contact, exact_contact) in enumerate(zip(run.contacts, exact.contacts, strict=True), 1):
+        first = slice(0, match(contact.impacts, exact_contact.impacts, end, longest_delay(system, case.t_end)).matched)
+        run_impacts, exact_impacts = contact.impacts.take(first), exact_contact.impacts.take(first)
         for side, name in SIDES.items():
-            lasting = np.nan_to_num(wanted.durations) > 0.0  # not so at rigid stops
-            here = (wanted.stops == side) & lasting & np.isfinite(found.durations)
-            errors = np.abs(found.durations[here] / wanted.durations[here] - 1.0)
-            there = int(np.sum(other.impacts.until(end).stops == side))
+            lasting = np.nan_to_num(exact_impacts.durations) > 0.0  # not so at rigid stops
+            here = (exact_impacts.stops == side) & lasting & np.isfinite(run_impacts.durations)
+            errors = np.abs(run_impacts.durations[here] / exact_impacts.durations[here] - 1.0)
+            there = int(np.sum(exact_contact.impacts.until(end).stops == side))
             row = {"kind": "pairs", "contact_number": number, "stop": name, "exact": there, "pairs": len(errors)}
             largest = float(np.max(errors)) if len(errors) else float("nan")
             rows.append(row | {"error": largest})
@@ -116,10 +116,10 @@ def answer(rows: Rows, case: Case) -> Answer:
     """The median duration and the one from which half of the time in contact is spent, at every stop of one contact."""
     units, table, parts = case.units, [], []
     for name in SIDES.values():
-        own = [row for row in rows if row["stop"] == name]
-        paired = sorted((row for row in own if row["kind"] == "pairs" and row["pairs"]), key=lambda row: -row["dt"])
+        group = [row for row in rows if row["stop"] == name]
+        paired = sorted((row for row in group if row["kind"] == "pairs" and row["pairs"]), key=lambda row: -row["dt"])
         finest = {row["method"]: row for row in paired}  # the last of a method
-        summaries = {row["method"]: row for row in own if row["kind"] == "summary"}
+        summaries = {row["method"]: row for row in group if row["kind"] == "summary"}
         for method in dict.fromkeys([*summaries, *finest]):
             line = {"stop": name, "method": short(method)}
             if row := summaries.get(method):
@@ -146,14 +146,14 @@ def picture(records: Records) -> Picture:
     """For every contact: the error of the durations over the step while impacts match, then for each of its
     stops the cumulative distribution over the members; the exact one is black."""
     lines = []
-    for place, own in by_contact(records.numbers).items():
-        pairs = [row for row in own if row["kind"] == "pairs" and row["exact"]]
+    for place, group in by_contact(records.numbers).items():
+        pairs = [row for row in group if row["kind"] == "pairs" and row["exact"]]
         first = Panel(f"the first contacts{place}", common.STEP,
                       Axis("largest relative error of the duration", scale="log"), _errors(pairs),
                       empty="no contact matches" if pairs else "no impact so early")  # fmt: skip
         panels = [first]
-        for name in _sides(records.case, own[0]):
-            rows = [row for row in own if row["kind"] == "quantile" and row["stop"] == name]
+        for name in _sides(records.case, group[0]):
+            rows = [row for row in group if row["kind"] == "quantile" and row["stop"] == name]
             step = next((row["dt"] for row in rows if row["method"] != "exact"), np.nan)
             marks = curves(rows, "duration", "level", "method", exact=2.2, marker="")
             marks.append(Level(step, "one time step", "x"))
@@ -173,10 +173,12 @@ def _sides(case: Case, row: Row) -> list[str]:
 def _errors(rows: Sequence[Row]) -> list[Mark]:
     """The largest error at any stop; hollow where some of the exact contacts have no match."""
     marks: list[Mark] = []
-    for label, own in groups(rows, "method").items():
-        at = {dt: here for dt, here in sorted(groups(own, "dt").items()) if np.any(np.isfinite(column(here, "error")))}
+    for label, group in groups(rows, "method").items():
+        at = {
+            dt: here for dt, here in sorted(groups(group, "dt").items()) if np.any(np.isfinite(column(here, "error")))
+        }
         steps, errors = np.array(list(at)), np.array([np.nanmax(column(here, "error")) for here in at.values()])
-        whole = np.array([all(row["pairs"] == row["exact"] for row in own) for own in at.values()], bool)
+        whole = np.array([all(row["pairs"] == row["exact"] for row in group) for group in at.values()], bool)
         marks += [Curve(steps, np.where(whole, errors, np.nan), short(label), look(label)),
                   Curve(steps[~whole], errors[~whole], look=look(label) | HOLLOW)]  # fmt: skip
     if any(row["pairs"] < row["exact"] for row in rows):

@@ -35,15 +35,15 @@ def points(
     labels = common.scheme_labels(case, schemes)
     kinds = forms or list(case.forms)
     span = {"t_end": t_end, "contact": contact}
-    found: list[Point] = []
+    plan: list[Point] = []
     for form in kinds:
-        found.append({"scheme": "exact", "form": form, "dt": 0.0} | span)
-        found += [{"scheme": label, "form": form, "dt": dt} | span for label in labels]
+        plan.append({"scheme": "exact", "form": form, "dt": 0.0} | span)
+        plan += [{"scheme": label, "form": form, "dt": dt} | span for label in labels]
     # The direct march of the paper's (3.5) is slow, and the same scheme to rounding: a tenth of the span shows it.
     first = [label for label in labels if not common.scheme_of(label).second_order_only][:1] if forms is None else []
     short = {"t_end": dt * max(2, round(0.1 * t_end / dt)), "contact": contact}
-    found += [{"scheme": label, "form": kinds[0] + FIRST_ORDER, "dt": dt} | short for label in first]
-    return found
+    plan += [{"scheme": label, "form": kinds[0] + FIRST_ORDER, "dt": dt} | short for label in first]
+    return plan
 
 
 def evaluate(case: Case, point: Point) -> list[Row]:
@@ -128,11 +128,11 @@ def picture(records: Records) -> Picture:
         scale: dict[str, Any] = {"scale": "signed log"} if real else {"limits": (-had, had)} if had else {}
         title = f"lost {words}, {main[0]['form']} form"
         upper.append(Panel(title, Axis("time $t$", "time"), Axis("energy lost so far", "energy", **scale), lines))
-    runs = {form: groups(own, "scheme") for form, own in groups(rows, "form").items()}
+    runs = {form: groups(group, "scheme") for form, group in groups(rows, "form").items()}
     names = [name for name in dict.fromkeys(row["scheme"] for row in rows) if name != "exact"]
     lower = []
     for form, of_form in runs.items():
-        end = units.measure(max(own[-1]["t"] for own in of_form.values()), "time", "g")
+        end = units.measure(max(group[-1]["t"] for group in of_form.values()), "time", "g")
         lower.append(_shares(f"{form.rpartition(', ')[2]} to t = {end}", of_form, names))
     return Picture([upper, lower], 8.2, heights=(1.0, 1.15))
 
@@ -140,7 +140,9 @@ def picture(records: Records) -> Picture:
 def _shares(title: str, runs: dict[str, list[Row]], names: list[str]) -> Panel:
     """Shares in contact and between impacts, a bar each in the line of its scheme; beyond MOST numbers at the edge."""
     lines = [(i, runs[label]) for i, label in enumerate(names) if label in runs]
-    bars = [(i + place, _share(own, name), words, colour) for name, words, colour, place in PARTS for i, own in lines]
+    bars = [
+        (i + place, _share(group, name), words, colour) for name, words, colour, place in PARTS for i, group in lines
+    ]
     reach = 1.35 * max([1.0, *(abs(share) for _, share, *_ in bars if abs(share) <= MOST)])
     marks: list[Mark] = [Level(0.0, of="x", look={"ls": "-"})]
     for at, share, words, colour in bars:
@@ -151,15 +153,15 @@ def _shares(title: str, runs: dict[str, list[Row]], names: list[str]) -> Panel:
         elif np.isfinite(share):
             edge = {"ha": "left" if share < 0.0 else "right", "fontweight": "bold"}
             marks.append(Note(f" off scale: {_percent(share)} ", np.sign(share) * reach, at, look=look | edge))
-    marks += [Note(f" {UNKNOWN}", 0.0, i, look={"va": "center"}) for i, own in lines if not own[-1]["sure"]]
+    marks += [Note(f" {UNKNOWN}", 0.0, i, look={"va": "center"}) for i, group in lines if not group[-1]["sure"]]
     across = Axis("per cent of the energy supplied", limits=(-reach, reach))
     return Panel(title, across, Axis(names=[short(name) for name in names]), marks)
 
 
-def _share(own: Rows, name: str) -> float:
+def _share(group: Rows, name: str) -> float:
     """Per cent of the energy supplied; NaN where that is nothing or the loss is not known."""
-    most = supplied(column(own, "energy")[0], column(own, "input"))[-1]
-    return 100.0 * own[-1][name] / most if most > 0.0 else np.nan
+    most = supplied(column(group, "energy")[0], column(group, "input"))[-1]
+    return 100.0 * group[-1][name] / most if most > 0.0 else np.nan
 
 
 def _percent(share: float) -> str:

@@ -78,19 +78,19 @@ def points(
     if case.uncertain:
         named = ", ".join(f"{path} {one.text}" for path, one in case.uncertain.items())
         drawn = {"drawn": named, "distributions": [[path, repr(one)] for path, one in case.uncertain.items()]}
-    rest = drawn | {
+    shared = drawn | {
         "form": form, "dt": dt, "t_end": t_end,
         "members": members, "size": size, "seed": seed, "contact": contact,
     }  # fmt: skip
-    found: list[Point] = [{"method": "exact"} | rest]
+    plan: list[Point] = [{"method": "exact"} | shared]
     for one in common.integrators_of(case, schemes):
         if one.kind == RECORDED:
             runs = [run["recorded"] for run in common.recorded_points(one, case.system(form))]
             integer(f"members of {one.label}", len(runs), 2)
-            found.append(rest | {"method": one.label, "members": len(runs), "recorded": runs})
+            plan.append(shared | {"method": one.label, "members": len(runs), "recorded": runs})
         elif one.label != "exact":
-            found.append({"method": one.label} | rest)
-    return found
+            plan.append({"method": one.label} | shared)
+    return plan
 
 
 def evaluate(case: Case, point: Point) -> list[Row]:
@@ -170,8 +170,8 @@ def _spectrum(t: Array, tips: Array, drive: float) -> list[Row]:
 
 def distribution(rows: Rows, method: str, quantity: str) -> Array:
     """The values of ``quantity``, of one contact, over the members that reached the end and have it."""
-    own = [r for r in rows if r["kind"] == "member" and r["method"] == method and not r["diverged"]]
-    values = np.array([r[quantity] for r in own], float)
+    group = [r for r in rows if r["kind"] == "member" and r["method"] == method and not r["diverged"]]
+    values = np.array([r[quantity] for r in group], float)
     return values[np.isfinite(values)]
 
 
@@ -239,9 +239,9 @@ def picture(records: Records) -> Picture:
     """Every member a dot in the line of its method and contact, the mean as a bar; forces as quantiles; spectra."""
     rows, beam = records.numbers, records.case.beam
     lines = [
-        (method, place, own)
+        (method, place, group)
         for method, mine in groups(rows, "method").items()
-        for place, own in by_contact(mine).items()
+        for place, group in by_contact(mine).items()
     ]
     names = Axis(names=[short(method) + place for method, place, _ in lines])
     end = records.case.units.measure(rows[0]["t_end"], "time", "g")
@@ -288,8 +288,8 @@ def _peaks(lines: list[tuple[str, str, list[Row]]]) -> list[Mark]:
     """Quantiles of the peak force of all impacts."""
     marks = list[Mark]()
     for i, (method, _, rows) in enumerate(lines):
-        if own := [row for row in rows if row["kind"] == "peak"]:
-            force, colour = column(own, "force"), look(method)["color"]
+        if group := [row for row in rows if row["kind"] == "peak"]:
+            force, colour = column(group, "force"), look(method)["color"]
             marks += [Ranges(i, force[k], force[-1 - k], look={"color": colour, "lw": width})
                       for k, width in ((0, 1.2), (1, 5.0))]  # fmt: skip
             marks.append(Curve(force[2], i, look={"marker": "o", "mfc": "white", "color": colour, "linestyle": ""}))

@@ -37,7 +37,7 @@ def points(
     """Every misprint of the case's schemes, and the paper's extrapolated contact, at steps from ``dt`` downwards."""
     window = common.first_impacts(case, form, impacts) if case.has_stops else 0.0
     smooth = smooth_end(common.system_of(case, form), case.t_end)
-    found: list[Point] = []
+    plan: list[Point] = []
     labels = common.scheme_labels(case, schemes)
     if schemes is None:  # without contact, a misprint costs the same whatever the stops are
         have = {common.scheme_of(label).name for label in labels}
@@ -53,14 +53,14 @@ def points(
                 if kind == "smooth" and contact == "extrapolated":
                     continue  # there is none to extrapolate
                 end, first = (window, dt) if kind == "contact" else (smooth, COARSER * dt)
-                found += [
+                plan += [
                     {"scheme": label, "reading": reading, "kind": kind, "form": form, "t_end": end, "steps": steps}
                     for steps in common.halved(end, first, halvings)
                 ]
-    if not found:
+    if not plan:
         remedy = "take SDIRK, or stops whose force depends on the position alone"
         raise InputError("schemes", ", ".join(labels), "have a misprint that runs", remedy)
-    return found
+    return plan
 
 
 def evaluate(case: Case, point: Point) -> list[Row]:
@@ -88,14 +88,14 @@ def _error(system: System, scheme: Scheme, point: Point, exact: Reference, conta
 def answer(rows: Rows, case: Case) -> Answer:
     """The ratio of both errors at the largest and the smallest step, and both orders without contact."""
     table, ratios = [], {}
-    for (scheme, reading, kind), own in groups(rows, "scheme", "reading", "kind").items():
-        counted = [r for r in own if r["error"] > ROUNDING * r["steps"]]
+    for (scheme, reading, kind), group in groups(rows, "scheme", "reading", "kind").items():
+        counted = [r for r in group if r["error"] > ROUNDING * r["steps"]]
         right, printed = (observed_order(column(counted, "dt"), column(counted, name)) for name in ERRORS)
         coarse, fine = (
             f"{row['error_printed'] / row['error']:.3g} (dt = {case.units.measure(row['dt'], 'time', '.2g')})"
-            for row in (own[0], own[-1])
+            for row in (group[0], group[-1])
         )
-        ratios[f"{short(scheme)} {reading}, {kind}"] = own[-1]["error_printed"] / own[-1]["error"]
+        ratios[f"{short(scheme)} {reading}, {kind}"] = group[-1]["error_printed"] / group[-1]["error"]
         orders = kind == "smooth" and np.isfinite(printed.slope)
         table.append({
             "error, times the right scheme's": f"{short(scheme)} {reading}, {kind}",
@@ -124,31 +124,31 @@ PANELS = (  # the kind, whether the contact is extrapolated, and the title
 
 def picture(records: Records) -> Picture:
     """First the errors without contact, then the factor by which each reading changes the error."""
-    found = groups(records.numbers, "scheme", "reading", "kind")
+    evaluated = groups(records.numbers, "scheme", "reading", "kind")
     left_out = groups(records.failures + records.refusals, "scheme", "reading", "kind")
-    smooth = {key: own for key, own in found.items() if key[2] == "smooth"}
+    smooth = {key: rows for key, rows in evaluated.items() if key[2] == "smooth"}
     errors: list[Mark] = []
-    for scheme, rows in {key[0]: own for key, own in reversed(smooth.items())}.items():
+    for scheme, rows in {key[0]: rows for key, rows in reversed(smooth.items())}.items():
         right = look(scheme) | {"linestyle": "-"}
-        errors.append(Curve(column(rows, "dt"), column(rows, "error"), f"{short(scheme)}, right", right))
-    errors += [Curve(column(own, "dt"), column(own, "error_printed"), _name(*key[:2]), look(key[0]) | _printed(key[1]))
-               for key, own in smooth.items()]  # fmt: skip
+        errors.append(Curve.over(rows, "dt", "error", f"{short(scheme)}, right", right))
+    errors += [Curve.over(rows, "dt", "error_printed", _name(*key[:2]), look(key[0]) | _printed(key[1]))
+               for key, rows in smooth.items()]  # fmt: skip
     error, none = Axis("tip error, rms, relative", scale="log"), "no such reading"
     title = "without contact: right (full) and as printed (dashed)"
     panels = [Panel(title, common.STEP, error, errors, (3, 2, 1), "below", none)]
     for kind, extrapolated, title in PANELS:
         marks: list[Mark] = [Level(1.0)]
         largest = 0.0
-        for key in [*found, *(key for key in left_out if key not in found)]:
-            scheme, reading, own = key[0], key[1], found.get(key, [])
+        for key in [*evaluated, *(key for key in left_out if key not in evaluated)]:
+            scheme, reading, rows = key[0], key[1], evaluated.get(key, [])
             if (key[2], reading == EXTRAPOLATED) != (kind, extrapolated):
                 continue
             missing = len(left_out.get(key, ()))
             text = _name(scheme, reading) + (f" ({missing} time steps left out)" if missing else "")
-            factors = column(own, "error_printed") / column(own, "error")
+            factors = column(rows, "error_printed") / column(rows, "error")
             largest = max([largest, *factors[np.isfinite(factors)]])
             style = look(scheme) | ({} if extrapolated else _printed(reading))
-            marks.append(Curve(column(own, "dt"), factors, text, style))
+            marks.append(Curve(column(rows, "dt"), factors, text, style))
         factor = Axis("times the error", scale="log" if largest > 5.0 else "linear")
         panels.append(Panel(title, common.STEP, factor, marks, legend="below", empty=none))
     return Picture([panels[:2], panels[2:]], 8.6)

@@ -195,12 +195,12 @@ def orders(rows: Rows) -> dict[str, Order]:
     """Of the peak force in h, by form, with its base: against the finest grid of all, which is left out."""
     smooth = [row for row in numeric(rows) if row["start"] == SMOOTH]
     finest = min(smooth, key=lambda row: (row["form"] != "hermite", -row["cells"]), default=None)
-    found = {}
+    by_form = {}
     for form in dict.fromkeys(row["form"] for row in smooth):
-        own = [row for row in smooth if row["form"] == form and row is not finest and row["h_over_l"] < 1.0]
-        errors = [abs(row["peak_force"] / finest["peak_force"] - 1.0) for row in own]  # type: ignore[index]
-        found[form] = observed_order([1.0 / row["cells"] for row in own], errors)
-    return found
+        group = [row for row in smooth if row["form"] == form and row is not finest and row["h_over_l"] < 1.0]
+        errors = [abs(row["peak_force"] / finest["peak_force"] - 1.0) for row in group]  # type: ignore[index]
+        by_form[form] = observed_order([1.0 / row["cells"] for row in group], errors)
+    return by_form
 
 
 def answer(rows: Rows, case: Case) -> Answer:
@@ -214,16 +214,16 @@ def answer(rows: Rows, case: Case) -> Answer:
     ]
     finest = max((cells for cells, _ in off), default=0)
     still = ", ".join(f"{share} ({form})" for (cells, form), share in off.items() if cells == finest)
-    rest = f"From rest the speed V at the impact is off by {still} on {finest} cells." if off else ""
+    at_rest = f"From rest the speed V at the impact is off by {still} on {finest} cells." if off else ""
     if not smooth:
-        return Answer(rest, table)
+        return Answer(at_rest, table)
     best = min(smooth, key=lambda row: row["h_over_l"])
     rates = ", ".join(f"{order} ({form})" for form, order in orders(rows).items() if np.isfinite(order.slope))
     return Answer(
         f"With its base moving, the first impact has a peak force of {best['share']:.4f} V (A^2 kappa)^(1/3) on "
         f"{best['cells']} cells; theory gives {largest_penetration():.4f}.",
         table,
-        (f"Orders in h of this force where h < l: {rates}. " if rates else "") + rest,
+        (f"Orders in h of this force where h < l: {rates}. " if rates else "") + at_rest,
     )
 
 
@@ -237,12 +237,12 @@ def picture(records: Records) -> Picture:
         Level(problem.length / wave_length(problem), "cells as wide as the wave l", "x"),
     ]
     errors: list[Mark] = []
-    for (form, start), own in groups(rows, "form", "start").items():
+    for (form, start), group in groups(rows, "form", "start").items():
         style = style_of(forms.index(form)) | {"linestyle": dashed(starts.index(start))}
         style |= {} if start == OWN else {"mfc": "white"}
-        own.sort(key=lambda row: row["cells"])
-        cells, ratio = column(own, "cells"), column(own, "speed") / column(own, "beam_speed")
-        share, label = column(own, "share"), f"{form}, {start}"
+        group.sort(key=lambda row: row["cells"])
+        cells, ratio = column(group, "cells"), column(group, "speed") / column(group, "beam_speed")
+        share, label = column(group, "share"), f"{form}, {start}"
         speeds.append(Curve(cells, ratio, label, style))
         forces.append(Curve(cells, share * ratio, label, style))
         errors += [Curve(cells, np.abs(share / largest_penetration() - 1.0), label, style)] * (start == SMOOTH)

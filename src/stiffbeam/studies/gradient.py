@@ -90,10 +90,10 @@ def evaluate(case: Case, point: Point) -> list[Row]:
     return [{"value_error": relative(values, exact), "derivative_error": relative(derived, slopes)}]
 
 
-def relative(found: Array, exact: Array) -> float:
-    """Root mean square of found - exact over that of the exact values, of those that are known."""
+def relative(values: Array, exact: Array) -> float:
+    """Root mean square of values - exact over that of the exact values, of those that are known."""
     known = np.isfinite(exact)
-    return float(np.sqrt(np.mean((found - exact)[known] ** 2) / np.mean(exact[known] ** 2)))
+    return float(np.sqrt(np.mean((values - exact)[known] ** 2) / np.mean(exact[known] ** 2)))
 
 
 def starts_of(system: System, end: float, count: int, direction: Array) -> tuple[list[Array], float]:
@@ -132,19 +132,19 @@ def answer(rows: Rows, case: Case) -> Answer:
     table: list[dict[str, str]] = []
     orders: dict[str, dict[str, float]] = {"value": {}, "derivative": {}}
     finest = min(row["dt"] for row in rows)
-    for method, own in groups(rows, "method").items():
-        own.sort(key=lambda row: -row["dt"])
+    for method, group in groups(rows, "method").items():
+        group.sort(key=lambda row: -row["dt"])
         line = {"method": named(method)}
         for what in orders:
-            settled = tail([row for row in own if row[f"{what}_error"] > FLOOR], f"{what}_error")
+            settled = tail([row for row in group if row[f"{what}_error"] > FLOOR], f"{what}_error")
             order = common.order_over(settled, lambda row: row["dt"], f"{what}_error")
             line[f"order of the {what}"] = str(order) if np.isfinite(order.slope) else "not settled"
             if np.isfinite(order.slope) and not order.unclear:
                 orders[what][method] = order.slope
         for what in orders:
-            line[f"{what} off by"] = f"{own[0][f'{what}_error']:.2g}"
+            line[f"{what} off by"] = f"{group[0][f'{what}_error']:.2g}"
         for what in orders:
-            line[f"{what}, finest"] = f"{own[-1][f'{what}_error']:.2g}"
+            line[f"{what}, finest"] = f"{group[-1][f'{what}_error']:.2g}"
         table.append(line)
     ranges = {what: common.extremes(found, lambda x: f"{x:.2f}") for what, found in orders.items()}
     verdict = f"Order of the value: {ranges['value']}; of its derivative: {ranges['derivative']}."
@@ -176,14 +176,16 @@ def picture(records: Records) -> Picture:
     }
     lines = []
     for title, chosen in pick.items():
-        own = [row for row in records.numbers if chosen(row["method"])]
-        own = [row | {"method": row["method"].removesuffix(CONSERVING)} for row in own]
-        own.sort(key=lambda row: row["dt"])
-        if own:
+        group = [row for row in records.numbers if chosen(row["method"])]
+        group = [row | {"method": row["method"].removesuffix(CONSERVING)} for row in group]
+        group.sort(key=lambda row: row["dt"])
+        if group:
             panels = []
             for what in ("value", "derivative"):
                 error = Axis(f"relative error of the {what}, rms", scale="log")
-                panels.append(Panel(f"{what}{title}", common.STEP, error, curves(own, "dt", f"{what}_error", "method")))
+                panels.append(
+                    Panel(f"{what}{title}", common.STEP, error, curves(group, "dt", f"{what}_error", "method"))
+                )
             lines.append(panels)
     return Picture(lines, 5.2 * len(lines), 5)
 

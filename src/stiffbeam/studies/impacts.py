@@ -51,21 +51,21 @@ def points(
     the exact solution. references: a folder of frozen multiprecision solutions, from which the exact
     counts are taken; else they are float64's.
     """
-    rest = {"form": form, "t_end": t_end, "references": references, "members": members}
+    shared = {"form": form, "t_end": t_end, "references": references, "members": members}
     labels = common.scheme_labels(case, schemes)
-    found = [{"scheme": EXACT, "contact": "implicit", "dt": 0.0, "purpose": "step"} | rest]
-    found += [
-        {"scheme": label, "contact": "implicit", "dt": dt / 2**k, "purpose": "step"} | rest
+    plan = [{"scheme": EXACT, "contact": "implicit", "dt": 0.0, "purpose": "step"} | shared]
+    plan += [
+        {"scheme": label, "contact": "implicit", "dt": dt / 2**k, "purpose": "step"} | shared
         for label in [REFERENCE, *labels]
         for k in range(halvings)
     ]
     if sensitivity:
         family = [*(HHT(a) for a in (0.0, -0.05, -0.1, -0.2, -0.3)), *(SDIRK(g) for g in (0.2, 0.35, 0.4359, 0.8, 1.0))]
         family = [scheme for scheme in family if common.takes(case, scheme)]
-        found += [{"scheme": str(s), "contact": "implicit", "dt": dt, "purpose": "parameter"} | rest for s in family]
+        plan += [{"scheme": str(s), "contact": "implicit", "dt": dt, "purpose": "parameter"} | shared for s in family]
         moved = labels if common.takes_extrapolation(case) else []
-        found += [{"scheme": s, "contact": "extrapolated", "dt": dt, "purpose": "contact"} | rest for s in moved]
-    return found
+        plan += [{"scheme": s, "contact": "extrapolated", "dt": dt, "purpose": "contact"} | shared for s in moved]
+    return plan
 
 
 def evaluate(case: Case, point: Point) -> list[Row]:
@@ -93,8 +93,8 @@ def evaluate(case: Case, point: Point) -> list[Row]:
     steps = max(2, round(horizon / dt))
     run = integrate(system, common.scheme_of(point["scheme"]), dt, steps * dt, point["contact"], every=steps)
     rows = _statistics(many)
-    for row, own, record in zip(rows, run.contacts, exact.contacts, strict=True):
-        row |= asdict(match(own.impacts, record.impacts, horizon, longest_delay(system, horizon)))
+    for row, contact, record in zip(rows, run.contacts, exact.contacts, strict=True):
+        row |= asdict(match(contact.impacts, record.impacts, horizon, longest_delay(system, horizon)))
         row |= {
             "horizon": horizon,
             "reference_count": record.impacts.until(t_end).count,
@@ -128,9 +128,9 @@ def _median(peaks: Array) -> float:
 def reference_solution(case: Case, point: Point) -> Reference:
     """The frozen multiprecision solution where there is one over the span, else float64's exact one."""
     if point["references"] is not None:
-        found = frozen(Path(point["references"]), case, point["form"], point["t_end"])
-        if found is not None:
-            return found
+        solution = frozen(Path(point["references"]), case, point["form"], point["t_end"])
+        if solution is not None:
+            return solution
     return common.solve_once(common.system_of(case, point["form"]), point["t_end"])
 
 
@@ -139,9 +139,9 @@ def right_from(rows: Rows, scheme: str, tolerance: float = 0.05) -> float:
     exact = next((r for r in rows if r["scheme"] == EXACT), None)
     if exact is None:
         return float("nan")
-    own = sorted((r for r in rows if r["scheme"] == scheme and r["purpose"] == "step"), key=lambda r: r["dt"])
+    group = sorted((r for r in rows if r["scheme"] == scheme and r["purpose"] == "step"), key=lambda r: r["dt"])
     largest = float("nan")
-    for row in own:
+    for row in group:
         spreads = row["count_spread"] ** 2 / row["members"] + exact["count_spread"] ** 2 / (8 * exact["members"])
         if abs(row["count"] - exact["count"]) > tolerance * exact["count"] + 1.96 * np.sqrt(spreads):
             break
@@ -219,7 +219,7 @@ def _block(rows: Rows, treated: Rows, units: Units, place: str) -> list[list[Pan
         Panel(title + place, common.STEP, axis, [*curves(runs, "dt", name, "scheme", scale), *truth[name]])
         for name, title, scale, axis in OVER_STEP
     ]
-    sampled = Curve(column(single, "dt"), column(single, "count"), "one exact motion at the time steps", SAMPLED)
+    sampled = Curve.over(single, "dt", "count", "one exact motion at the time steps", SAMPLED)
     upper[0] = replace(upper[0], marks=[*upper[0].marks, sampled])
     horizon = Level(runs[0]["horizon"] if runs else np.nan, "horizon of float64", look={"color": "k"})
     over = [row for row in rows if row["purpose"] == "parameter"]
@@ -248,8 +248,8 @@ def _exact(row: Row, name: str, scale: float) -> list[Mark]:
 def _over_parameters(rows: Rows) -> list[Mark]:
     marks: list[Mark] = []
     for i, (name, (parameter, text, sign)) in enumerate(PARAMETERS.items()):
-        own = [row for row in rows if common.scheme_of(row["scheme"]).name == name]
-        points = sorted((sign * common.scheme_of(row["scheme"]).parameters[parameter], row["count"]) for row in own)
+        group = [row for row in rows if common.scheme_of(row["scheme"]).name == name]
+        points = sorted((sign * common.scheme_of(row["scheme"]).parameters[parameter], row["count"]) for row in group)
         x, y = np.array(points).reshape(-1, 2).T
         marks.append(Curve(x, y, text, style_of(i, i) | {"color": look(name)["color"]}))
     return marks

@@ -45,7 +45,7 @@ def evaluate(case: Case, point: Point) -> list[Row]:
     # Every mode starts with the same energy.
     amplitudes = np.where(basis.omega > 0.0, 1.0, 0.0) / np.where(basis.omega > 0.0, basis.omega, 1.0)
     system = replace(system, q0=basis.to_nodal(amplitudes), v0=np.zeros(system.size))
-    found = free_mode_errors(integrate(system, scheme, dt, point["steps"] * dt))
+    errors = free_mode_errors(integrate(system, scheme, dt, point["steps"] * dt))
     rows = []
     for j, omega in enumerate(natural.omega):
         if omega == 0.0 or omega * dt >= np.pi:
@@ -61,11 +61,11 @@ def evaluate(case: Case, point: Point) -> list[Row]:
                 "mode": j + 1,
                 "omega": float(omega),
                 "dt_over_period": float(omega * dt / (2.0 * np.pi)),
-                "period_elongation": float(found.period_elongation[j]),
-                "period_elongation_error": float(found.elongation_error[j]),
+                "period_elongation": float(errors.period_elongation[j]),
+                "period_elongation_error": float(errors.elongation_error[j]),
                 "period_elongation_theory": float(theory.period_elongation[0]),
-                "damping_ratio": float(found.damping_ratio[j]),
-                "damping_ratio_error": float(found.damping_error[j]),
+                "damping_ratio": float(errors.damping_ratio[j]),
+                "damping_ratio_error": float(errors.damping_error[j]),
                 "damping_ratio_theory": float(theory.damping_ratio[0]),
             }
         )
@@ -79,7 +79,7 @@ def answer(rows: Rows, _: Case) -> Answer:
         return Answer(
             "No mode is measured: each dies too soon, or is followed for less than half a period. Take more steps."
         )
-    first = {scheme: own[0] for scheme, own in groups(measured, "scheme").items()}
+    first = {scheme: group[0] for scheme, group in groups(measured, "scheme").items()}
     table = [
         {f"mode {row['mode']}": scheme, "late": f"{100 * row['period_elongation']:.2g} %",
          "damping ratio": f"{row['damping_ratio']:.1e}"}
@@ -114,13 +114,13 @@ def picture(records: Records) -> Picture:
     for name, words, threshold in QUANTITIES:
         above: list[Mark] = []
         below: list[Mark] = []
-        for label, own in groups(records.numbers, "scheme").items():
-            own.sort(key=lambda row: row["dt_over_period"])
-            x, style = column(own, "dt_over_period"), look(label)
+        for label, group in groups(records.numbers, "scheme").items():
+            group.sort(key=lambda row: row["dt_over_period"])
+            x, style = column(group, "dt_over_period"), look(label)
             dots = style | {"linestyle": ""}
-            above += [Curve(x, column(own, f"{name}_theory"), short(label), style | {"marker": ""}),
-                      Curve(x, column(own, name), short(label), dots)]  # fmt: skip
-            below.append(Curve(x, _distances(own, name), short(label), dots | {"ms": 3.5}))
+            above += [Curve(x, column(group, f"{name}_theory"), short(label), style | {"marker": ""}),
+                      Curve(x, column(group, name), short(label), dots)]  # fmt: skip
+            below.append(Curve(x, _distances(group, name), short(label), dots | {"ms": 3.5}))
         x_axis = Axis(r"$\Delta t/T$ of the mode", scale="log")
         upper.append(Panel(f"{words}: markers runs, lines theory", x_axis,
                            Axis(words, scale="signed log", threshold=threshold), above))  # fmt: skip

@@ -122,8 +122,8 @@ def parameters_of(method: str) -> list[str]:
     """The names that can be varied with this method."""
     if method == EXACT:
         return list(PARAMETERS)
-    own = scheme_of(method).parameters
-    return [*PARAMETERS, "dt", *(name for name, value in own.items() if not isinstance(value, bool))]
+    parameters = scheme_of(method).parameters
+    return [*PARAMETERS, "dt", *(name for name, value in parameters.items() if not isinstance(value, bool))]
 
 
 def setup_of(system: System, point: Point, value: Sequence[float]) -> Setup:
@@ -153,8 +153,8 @@ def setup_of(system: System, point: Point, value: Sequence[float]) -> Setup:
 
 def names_of(point: Point) -> list[str]:
     """The names of a value's numbers: the parameters, then what is coupled to the first."""
-    own = [point["parameter"], point["second"]]
-    return [name for name in own if name is not None] + point["coupled"]
+    names = [point["parameter"], point["second"]]
+    return [name for name in names if name is not None] + point["coupled"]
 
 
 def drive_period(system: System, parameter: str = "frequency") -> float:

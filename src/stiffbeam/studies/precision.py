@@ -69,20 +69,20 @@ def points(
             raise InputError("method", method, "be a reference solver", near(method, METHODS))
     end = common.first_impacts(case, form, impacts)
     horizon = min(common.solve_once(system, case.t_end).horizon, case.t_end)
-    rest = {"form": form, "t_end": end, "horizon": horizon}
-    found: list[Point] = []
+    shared = {"form": form, "t_end": end, "horizon": horizon}
+    plan: list[Point] = []
     for one in chosen:
-        method = {"method": one.label, "rtol": 0.0} | rest
+        method = {"method": one.label, "rtol": 0.0} | shared
         if one.kind == RECORDED:
-            found += [method | entries for entries in common.recorded_points(one, system)]
+            plan += [method | entries for entries in common.recorded_points(one, system)]
         elif one.kind != SOLVER:
-            found += [method | {"dt": end / steps} for steps in common.halved(end, dt, halvings)]
+            plan += [method | {"dt": end / steps} for steps in common.halved(end, dt, halvings)]
     fast = [m for m in METHODS if REFERENCES[m].seconds < TOO_SLOW and takes(m, system, case.t_end)]
     for method in fast if methods is None and not asked else dict.fromkeys(asked):
         affordable = TOLERANCES[: 2 if REFERENCES[method].seconds >= SLOW else None]
         levels = [0.0] if method == "exact" else tolerances or affordable
-        found += [{"method": method, "dt": 0.0, "rtol": rtol} | rest for rtol in levels]
-    return found
+        plan += [{"method": method, "dt": 0.0, "rtol": rtol} | shared for rtol in levels]
+    return plan
 
 
 def evaluate(case: Case, point: Point) -> list[Row]:
@@ -136,10 +136,10 @@ def _call(system: System) -> float:
 
 def _fastest(run: Callable[[], Trajectory]) -> Trajectory:
     """The fastest of up to REPEATS runs."""
-    found = [run()]
-    while len(found) < REPEATS and sum(one.work.seconds for one in found) < ENOUGH:
-        found.append(run())
-    return min(found, key=lambda one: one.work.march_seconds)
+    runs = [run()]
+    while len(runs) < REPEATS and sum(one.work.seconds for one in runs) < ENOUGH:
+        runs.append(run())
+    return min(runs, key=lambda one: one.work.march_seconds)
 
 
 def _tracked(system: System, exact: Reference, point: Point) -> Row:
@@ -161,19 +161,19 @@ def cheapest(rows: Rows, error: float, cost: str) -> list[tuple[float, str]]:
 
     A method whose points are all below ``error`` stands with the cost of the cheapest and "at most".
     """
-    found = []
+    costs = []
     for method in dict.fromkeys(r["method"] for r in rows):
-        own = sorted((r for r in rows if r["method"] == method and np.isfinite(r[cost])), key=lambda r: r[cost])
-        if not own:
+        group = sorted((r for r in rows if r["method"] == method and np.isfinite(r[cost])), key=lambda r: r[cost])
+        if not group:
             continue
-        missed = [i for i, r in enumerate(own) if not r["error"] <= error]
+        missed = [i for i, r in enumerate(group) if not r["error"] <= error]
         if not missed:
-            found.append((float(own[0][cost]), method + AT_MOST))
-        elif missed[-1] + 1 < len(own):
-            coarse, fine = own[missed[-1]], own[missed[-1] + 1]
+            costs.append((float(group[0][cost]), method + AT_MOST))
+        elif missed[-1] + 1 < len(group):
+            coarse, fine = group[missed[-1]], group[missed[-1] + 1]
             share = np.log(coarse["error"] / error) / np.log(coarse["error"] / fine["error"])
-            found.append((float(coarse[cost] * (fine[cost] / coarse[cost]) ** share), method))
-    return sorted(found)
+            costs.append((float(coarse[cost] * (fine[cost] / coarse[cost]) ** share), method))
+    return sorted(costs)
 
 
 def answer(rows: Rows, case: Case) -> Answer:
@@ -183,18 +183,18 @@ def answer(rows: Rows, case: Case) -> Answer:
     best = []
     for error in ERRORS:
         for cost, word, written in (("work", "solves", "{:.3g}"), ("seconds", "ms", "{:.2g}")):
-            found = cheapest(others, error, cost)
-            for value, method in found:
+            costs = cheapest(others, error, cost)
+            for value, method in costs:
                 written_value = written.format(value * (1e3 if cost == "seconds" else 1.0))
                 name, bound = method.removesuffix(AT_MOST), "≤ " * method.endswith(AT_MOST)
                 table[name][f"{word} for {error:g}"] = bound + written_value
-            if found and cost == "work":
-                value, method = found[0]
+            if costs and cost == "work":
+                value, method = costs[0]
                 bound = "at most " * method.endswith(AT_MOST)
                 name = short(method.removesuffix(AT_MOST))
                 best.append(f"{bound}{value:.3g} for a tip error of {error:g} ({name})")
-    tracked = {m: max(own, key=lambda r: r["tracked"])
-               for m, own in groups([r for r in rows if np.isfinite(r["tracked"])], "method").items()}  # fmt: skip
+    tracked = {m: max(group, key=lambda r: r["tracked"])
+               for m, group in groups([r for r in rows if np.isfinite(r["tracked"])], "method").items()}  # fmt: skip
     for method, row in sorted(tracked.items(), key=lambda item: -item[1]["tracked"]):
         until, dt = units.measure(row["tracked"], "time", ".3g"), units.measure(row["dt"], "time", ".2g")
         table[method]["impacts followed"] = f"to t = {until} with dt = {dt}"
@@ -229,9 +229,9 @@ def picture(records: Records) -> Picture:
         panels.append(Panel(title, Axis(words, scale="log"), Axis("tip error, rms, relative", scale="log"), marks))
     tracked = [row for row in rows if np.isfinite(row["tracked"])]
     best: list[Mark] = []
-    for label, own in groups(tracked, "method").items():
-        own.sort(key=lambda row: row["tracked_seconds"])
-        seconds, until, style = column(own, "tracked_seconds"), column(own, "tracked"), look(label)
+    for label, group in groups(tracked, "method").items():
+        group.sort(key=lambda row: row["tracked_seconds"])
+        seconds, until, style = column(group, "tracked_seconds"), column(group, "tracked"), look(label)
         best += [Curve(seconds, until, look=style | {"linestyle": ""}),
                  Curve(seconds, np.maximum.accumulate(until), short(label),
                        style | {"marker": "", "drawstyle": "steps-post"})]  # fmt: skip

@@ -98,7 +98,7 @@ def measured(law: dict[str, Any], delivered: float) -> float:
 
 def answer(rows: Rows, case: Case) -> Answer:
     """By how much each formula misses the restitution that is wanted, where it does most."""
-    worst = [max(own, key=_error) for own in groups(rows, "formula").values()]
+    worst = [max(group, key=_error) for group in groups(rows, "formula").values()]
     apart = max((abs(row["measured"] - row["delivered"]) for row in rows), default=math.nan)
     off = extremes({row["formula"]: _error(row) for row in worst}, "{:.2g}".format)
     return Answer(
@@ -119,8 +119,8 @@ def picture(records: Records) -> Picture:
     for title, words, less in (("e delivered", "e delivered", 0.0),
                                ("its error", "e delivered \N{MINUS SIGN} e wanted", 1.0)):  # fmt: skip
         marks = []
-        for i, (name, own) in enumerate(groups(records.numbers, "formula").items()):
-            wanted, delivered, measured = (column(own, key) for key in ("wanted", "delivered", "measured"))
+        for i, (name, group) in enumerate(groups(records.numbers, "formula").items()):
+            wanted, delivered, measured = (column(group, key) for key in ("wanted", "delivered", "measured"))
             style = style_of(i) | ({"color": "black"} if name == OWN else {})
             line = style | {"linestyle": "--" if name == KELVIN_VOIGT else "-", "marker": ""}
             label = "exact: Stops.from_restitution" if name == OWN else name

@@ -86,7 +86,7 @@ def evaluate(case: Case, point: Point) -> list[Row]:
     scheme = scheme_of(point["scheme"])
     stiffness = np.inf if wall in (REACTION, MASSLESS) else KAPPA * MODULUS * cells / LENGTH
     stops = Stops(lower=0.0, stiffness=stiffness, restitution=point["restitution"])
-    found = []
+    rows = []
     for start in range(point["starts"]):
         fallen = dt * start / point["starts"]
         system = bouncing_bar(cells, stops, fallen)
@@ -99,7 +99,7 @@ def evaluate(case: Case, point: Point) -> list[Row]:
         within = (t - centre > 1.0 + EDGE) & (t - centre < 5.0 / 3.0 - EDGE)
         early = t <= FLIGHT
         energy = run.energy
-        found.append(
+        rows.append(
             {
                 "start": start,
                 "energy": float((energy.energy[-1] - energy.energy[0] - energy.input[-1]) / ENERGY),
@@ -111,7 +111,7 @@ def evaluate(case: Case, point: Point) -> list[Row]:
                 "impacts": run.impacts.count,
             }
         )
-    return found
+    return rows
 
 
 def bouncing_bar(cells: int, stops: Stops, fallen: float = 0.0) -> System:
@@ -199,21 +199,21 @@ def _width(row: Row) -> float:
 def answer(rows: Rows, case: Case) -> Answer:
     """Errors of energy, pressure, penetration and foot on the finest mesh, for every scheme and wall."""
     entries = _entries(rows)
-    off = extremes({name: _middle(own, "pressure") for name, own in entries.items()}, percent)
-    energy = extremes({name: _middle(own, "energy") for name, own in entries.items()}, lambda x: percent(x, "+"))
+    off = extremes({name: _middle(group, "pressure") for name, group in entries.items()}, percent)
+    energy = extremes({name: _middle(group, "energy") for name, group in entries.items()}, lambda x: percent(x, "+"))
     return Answer(
         f"On {max(row['cells'] for row in rows)} elements the energy changes by {energy} in {PERIODS} periods; the "
         f"pressure is off by {off}.",
         [
             {
                 "scheme": name,
-                "energy": percent(_middle(own, "energy"), "+"),
-                "pressure off": percent(_middle(own, "pressure")),
-                "penetration": percent(_middle(own, "penetration")),
-                "foot off": percent(_middle(own, "foot")),
-                "order": str(order) if np.isfinite((order := order_over(own, _width, "foot")).slope) else DASH,
+                "energy": percent(_middle(group, "energy"), "+"),
+                "pressure off": percent(_middle(group, "pressure")),
+                "penetration": percent(_middle(group, "penetration")),
+                "foot off": percent(_middle(group, "foot")),
+                "order": str(order) if np.isfinite((order := order_over(group, _width, "foot")).slope) else DASH,
             }
-            for name, own in entries.items()
+            for name, group in entries.items()
         ],
         "Medians over the starts; penetration and foot as shares of the fall.",
     )
@@ -234,9 +234,9 @@ def picture(records: Records) -> Picture:
     panels = []
     for name, words, title, least in PANELS:
         marks: list[Mark] = []
-        for i, own in enumerate(entries.values()):
-            colour = COLOURS[WALLS.index(own[0]["wall"])]
-            meshes = groups(sorted(own, key=lambda row: row["cells"]), "cells").values()
+        for i, group in enumerate(entries.values()):
+            colour = COLOURS[WALLS.index(group[0]["wall"])]
+            meshes = groups(sorted(group, key=lambda row: row["cells"]), "cells").values()
             for k, mesh in enumerate(meshes):
                 values = column(mesh, name)
                 values = values[np.isfinite(values)]
@@ -248,7 +248,7 @@ def picture(records: Records) -> Picture:
                 dot = style | {"marker": "o", "linestyle": "", "mfc": "white" if gained else colour}
                 marks += [Ranges(at, np.min(sizes), np.max(sizes), look=style | {"lw": 1.2}),
                           Curve(np.median(sizes), at, look=dot)]  # fmt: skip
-            if name == "foot" and (order := order_over(own, _width, name)).slope > -np.inf:
+            if name == "foot" and (order := order_over(group, _width, name)).slope > -np.inf:
                 marks.append(Note(f"order {order.slope:.1f}", 1.02, i, "x", {"va": "center"}))
         panels.append(Panel(title, Axis(words, scale="log"), Axis(names=list(entries)), marks))
     return Picture([panels], 1.6 + 0.3 * max(4, len(entries)))

@@ -65,17 +65,17 @@ def points(
         raise InputError("case", case.name, "have stops at rest at the tip", remedy)
     natural_frequencies(case.problem, 1)
     values = KAPPAS if kappas is None else [positive("kappas", kappa) for kappa in kappas]
-    found: list[Point] = []
+    plan: list[Point] = []
     for number in cells or [case.cells, 2 * case.cells]:
         end = dt * np.ceil((first_touch(case, number) + WINDOW) / dt)
         asked = [(method, NODE, None, float(kappa)) for kappa in values for method in COMPLIANT]
         asked += [(*entry, None) for entry in RIGID]
         for method, node, e, kappa in asked:
-            rest = {"node": node, "restitution": e, "kappa": kappa, "cells": int(number), "t_end": float(end)}
+            shared = {"node": node, "restitution": e, "kappa": kappa, "cells": int(number), "t_end": float(end)}
             label = method if method in (EXACT, CONSERVING) else label_of(method)
             steps = [0.0] if method == EXACT else [dt / part for part in divide or [1, 10]]
-            found += [{"method": label, "dt": step} | rest for step in steps]
-    return found
+            plan += [{"method": label, "dt": step} | shared for step in steps]
+    return plan
 
 
 def first_touch(case: Case, cells: int) -> float:
@@ -107,10 +107,10 @@ def evaluate(case: Case, point: Point) -> list[Row]:
     return [_with_ranges([_found(integrate(system, scheme, end / n, end, treatment, every=n), end) for n in asked])]
 
 
-def _with_ranges(found: list[Row]) -> Row:
+def _with_ranges(rows: list[Row]) -> Row:
     """The first of some runs, and the least and the most that any of them gives."""
     ends = (("low", min), ("high", max))
-    return found[0] | {f"{name}_{word}": pick(row[name] for row in found) for name in RANGED for word, pick in ends}
+    return rows[0] | {f"{name}_{word}": pick(row[name] for row in rows) for name in RANGED for word, pick in ends}
 
 
 def _found(run: Trajectory, end: float) -> Row:
@@ -150,9 +150,9 @@ def answer(rows: Rows, case: Case) -> Answer:
     units, table = case.units, []
     finest = min((row["dt"] for row in rows if row["dt"]), default=0.0)
     impulses: dict[str, float] = {}
-    for cells, own in sorted(groups(rows, "cells").items()):
-        soft = [r for r in own if r["method"] == EXACT and r["node"] == NODE and _stiff(r) < np.inf]
-        rigid = [row for row in own if _stiff(row) == np.inf and row["dt"] in (0.0, finest)]
+    for cells, group in sorted(groups(rows, "cells").items()):
+        soft = [r for r in group if r["method"] == EXACT and r["node"] == NODE and _stiff(r) < np.inf]
+        rigid = [row for row in group if _stiff(row) == np.inf and row["dt"] in (0.0, finest)]
         impulses |= {f"{name_of(row)}, {cells} cells": row["impulse"] for row in rigid}
         table += [
             {
@@ -196,22 +196,22 @@ def picture(records: Records) -> Picture:
     upper, lower = [], []
     for name, words, quantity in PANELS:
         lines: list[Mark] = []
-        for (method, grid), own in groups(soft, "method", "cells").items():
+        for (method, grid), group in groups(soft, "method", "cells").items():
             style = _look(method) | ({} if grid == coarse else {"linestyle": "--", "ms": 3.5})
             label = short(method) + ("" if grid == coarse else f", {grid} cells")
-            lines.append(Curve([_stiff(row) for row in own], column(own, name), label, style))
+            lines.append(Curve([_stiff(row) for row in group], column(group, name), label, style))
         dots: list[Mark] = []
-        for (grid, step), own in groups(hard, "cells", "dt").items():
-            at = np.array([names.index(name_of(row)) for row in own], float)
+        for (grid, step), group in groups(hard, "cells", "dt").items():
+            at = np.array([names.index(name_of(row)) for row in group], float)
             style = _look(EXACT) if not step else {"color": COLOURS[0], "marker": "o"}
             style |= {"linestyle": "", "mfc": style["color"] if step in (0.0, finest) else "white"}
             label = (
                 "exact" if not step else "schemes, finest time step" if step == finest else "schemes, case's time step"
             )
             label, size = (label, 5.5) if grid == coarse else (f"{label}, {grid} cells", 3.5)
-            dots.append(Curve(column(own, name), at, label, style | {"ms": size}))
+            dots.append(Curve(column(group, name), at, label, style | {"ms": size}))
             if name in RANGED and step == finest:
-                low, high = (column(own, f"{name}_{word}") for word in ("low", "high"))
+                low, high = (column(group, f"{name}_{word}") for word in ("low", "high"))
                 dots.append(Ranges(at, low, high, look={"color": COLOURS[0], "lw": 1.2}))
         up, title = Axis(words, quantity, "log" if name == "impacts" else "linear"), words.partition(",")[0]
         upper.append(Panel(title, Axis("stop stiffness κ", "stop stiffness", "log"), up, lines))

@@ -112,8 +112,8 @@ def points(
             remedy = "name it with its values: --parameter loads[0].time.scale --values 0.5:2:16, or stops.stiffness"
             raise InputError("parameter", parameter, "be another one for a case that samples drive", remedy)
     if values is None and parameter == "frequency":
-        own = 2.0 * np.pi / drive_period(system_of(case, form))
-        values = np.linspace(0.7 * own, 1.3 * own, count).tolist()
+        drive = 2.0 * np.pi / drive_period(system_of(case, form))
+        values = np.linspace(0.7 * drive, 1.3 * drive, count).tolist()
     if second is None and second_values is not None:
         raise InputError("second_values", second_values, "be left out without second", "name the second parameter")
     axes = {parameter: values} if second is None else {parameter: values, second: second_values}
@@ -133,7 +133,7 @@ def points(
         if along is None or not len(along):
             raise InputError("values", along, f"be given for {name}", "for example 8:14:400 or 8,9,10.5")
     grid = [[number(name, x) for x in along] for name, along in axes.items() if along is not None]
-    rest = {
+    shared = {
         "parameter": parameter, "second": second, "coupled": list(follow), "method": method,
         "form": form, "contact": contact,
         "dt": None if method == EXACT else positive("dt", dt),
@@ -144,22 +144,22 @@ def points(
     def whole(value: Sequence[float]) -> list[float]:
         return [*value, *(number(name, rule(value[0])) for name, rule in follow.items())]
 
-    ends = [setup_of(base, rest, whole(value)) for value in product(*([min(axis), max(axis)] for axis in grid))]
-    together = all(name in IN_STEP for name in names_of(rest))
+    ends = [setup_of(base, shared, whole(value)) for value in product(*([min(axis), max(axis)] for axis in grid))]
+    together = all(name in IN_STEP for name in names_of(shared))
     whole_cost = len(list(product(*grid))) * max(_seconds(setup, PERIODS + TRANSIENT) for setup in ends)
     share = min(1.0, BUDGET / whole_cost)
     if recorded:
         periods, transient = 1, 0
     periods = max(LEAST, int(share * PERIODS)) if periods is None else periods
     transient = max(LEAST, int(share * TRANSIENT)) if transient is None else transient
-    rest |= {"periods": periods, "transient": transient}
+    shared |= {"periods": periods, "transient": transient}
     seconds = max(_seconds(setup, periods + transient) + (0.0 if together else SETTING_UP) for setup in ends)
     if second is not None and parameter in IN_STEP:  # what marches together stands together
         wanted = [whole([x, y]) for y in grid[1] for x in grid[0]]
     else:
         wanted = [whole(value) for value in product(*grid)]
     size = max(1, min(int(BATCH / seconds), -(-len(wanted) // BATCHES)))
-    return [{**rest, "values": wanted[i : i + size]} for i in range(0, len(wanted), size)]
+    return [{**shared, "values": wanted[i : i + size]} for i in range(0, len(wanted), size)]
 
 
 def _seconds(setup: Setup, periods: int) -> float:
@@ -210,8 +210,8 @@ def _rows(point: Point, named: Row, many: Ensemble, i: int) -> list[Row]:
         return [named | {"failed": str(Diverged(point["method"], many.diverged[i], "use a smaller dt"))}]
     rows: list[Row] = []
     for place, seen in enumerate(many.contacts, 1):
-        found = {"count": seen.impact_count[i], "fraction": seen.fraction[i], "peak_force": seen.peak_force[i]}
-        rows.append(named | {"kind": "contact", "contact_number": place} | {n: x.item() for n, x in found.items()})
+        statistics = {"count": seen.impact_count[i], "fraction": seen.fraction[i], "peak_force": seen.peak_force[i]}
+        rows.append(named | {"kind": "contact", "contact_number": place} | {n: x.item() for n, x in statistics.items()})
     if point["second"] is None and "t_end" not in point:
         section = enumerate(many.tip[i, point["transient"] + 1 :].tolist(), point["transient"] + 1)
         rows += [named | {"kind": "section", "period": n, "tip": tip} for n, tip in section]
@@ -220,11 +220,11 @@ def _rows(point: Point, named: Row, many: Ensemble, i: int) -> list[Row]:
 
 def sections(rows: Rows) -> dict[float, Array]:
     """The section of every value of the parameter, in order of value."""
-    found: dict[float, list[float]] = {}
+    tips: dict[float, list[float]] = {}
     for row in rows:
         if row["kind"] == "section":
-            found.setdefault(row[row["parameter"]], []).append(row["tip"])
-    return {value: np.array(found[value]) for value in sorted(found)}
+            tips.setdefault(row[row["parameter"]], []).append(row["tip"])
+    return {value: np.array(tips[value]) for value in sorted(tips)}
 
 
 def repeats_after(section: Array, size: float) -> int | None:
@@ -255,11 +255,11 @@ def answer(rows: Rows, case: Case) -> Answer:
         f"{name} {value(name, f'{min(r[name] for r in rows):g} to {max(r[name] for r in rows):g}')}" for name in names
     ]
     parts, table = [], []
-    if found := sections(rows):
-        size = max(float(np.max(np.abs(section))) for section in found.values())
-        repeats = [repeats_after(section, size) for section in found.values()]
+    if by_value := sections(rows):
+        size = max(float(np.max(np.abs(section))) for section in by_value.values())
+        repeats = [repeats_after(section, size) for section in by_value.values()]
         several, short = sum(p is not None and p > 1 for p in repeats), repeats.count(None)
-        text = f"repeats itself every period of the drive at {repeats.count(1)} of {len(found)} values"
+        text = f"repeats itself every period of the drive at {repeats.count(1)} of {len(by_value)} values"
         parts.append(
             f"the tip {text}, every 2 to {LONGEST} periods at {several}, not at {repeats.count(0)} (to {SAME:g})"
         )
@@ -311,7 +311,7 @@ def picture(records: Records) -> Picture:
     rows, case = records.numbers, records.case
     contacts = [row for row in rows if row["kind"] == "contact"]
     if isinstance(rows[0]["second"], str):
-        lines = [_maps(own, place, case) for place, own in by_contact(contacts).items()]
+        lines = [_maps(group, place, case) for place, group in by_contact(contacts).items()]
         return Picture(lines, 4.4 * len(lines))
     name, colour = rows[0]["parameter"], look(rows[0]["method"])["color"]
     points = [row for row in rows if row["kind"] == "section"]
@@ -319,7 +319,7 @@ def picture(records: Records) -> Picture:
     # The fainter the more points there are, so that dense bands and single curves can be told apart.
     faint = {"alpha": float(np.clip(2e4 / max(1, len(points)), 0.15, 0.9)), "rasterized": True}
     dots = {"linestyle": "", "marker": ".", "ms": 3.0, "mew": 0.0, "color": colour}
-    section = [Curve(column(points, name), column(points, "tip"), look=dots | faint)]
+    section = [Curve.over(points, name, "tip", look=dots | faint)]
     tip = Axis(f"{tip_name(case.beam)} {tip_symbol(case.beam, 'nT')}", "length")
     line = 0.7 if len({row[name] for row in contacts}) <= 400 else 0.0  # more points than that are a band
     colours = [colour, *(other for other in COLOURS if other != colour)]
@@ -331,24 +331,24 @@ def picture(records: Records) -> Picture:
         ("peak_force", r"peak $|\sigma|$", "force", "largest contact force"),
     ):
         marks = []
-        for i, (place, own) in enumerate(by_contact(contacts).items()):
-            own.sort(key=lambda row: row[name])
+        for i, (place, group) in enumerate(by_contact(contacts).items()):
+            group.sort(key=lambda row: row[name])
             style = {"lw": line, "linestyle": dashed(i), "marker": ".", "ms": 3.0 if line else 1.5}
-            marks.append(Curve(column(own, name), _measured(own, quantity, over), place.strip(),
+            marks.append(Curve(column(group, name), _measured(group, quantity, over), place.strip(),
                                style | {"color": colours[i % len(colours)]}))  # fmt: skip
         panels.append([Panel(title, across, Axis(label, unit, limits=(0.0, None)), marks, empty="no contact",
                              legend="inside" if len(marks) > 1 else "")])  # fmt: skip
     return Picture(panels, 8.2, heights=(1.0, 1.0, 1.0) if recorded else (3.0, 1.0, 1.0), shared_x=True)
 
 
-def _maps(own: list[Row], place: str, case: Case) -> list[Panel]:
-    names = (own[0]["parameter"], own[0]["second"])
-    x, y = (column(own, name) for name in names)
+def _maps(group: list[Row], place: str, case: Case) -> list[Panel]:
+    names = (group[0]["parameter"], group[0]["second"])
+    x, y = (column(group, name) for name in names)
     across, up = (Axis(named(case, name), scale=_scale(values)) for name, values in zip(names, (x, y), strict=True))
     force = case.units.label(r"peak force $|\sigma|$", "force")
-    counted, over = _rate(own, case)
+    counted, over = _rate(group, case)
     return [
-        Panel(label + place, across, up, [Map(x, y, _measured(own, quantity, over), label)])
+        Panel(label + place, across, up, [Map(x, y, _measured(group, quantity, over), label)])
         for quantity, label in (
             ("count", counted), ("fraction", "share of time in contact"), ("peak_force", force)
         )

@@ -218,7 +218,7 @@ class Records:
             reasons = {row.get("failed") or row["refused"] for row in self.rows}
             return Answer(f"No point could be evaluated: {'; '.join(sorted(reasons))}" if reasons else "No points.")
         parts = by_contact(self.numbers) if self.study.each_contact else {"": self.numbers}
-        answer = Answer.of_contacts({place: self.study.answer(own, self.case) for place, own in parts.items()})
+        answer = Answer.of_contacts({place: self.study.answer(group, self.case) for place, group in parts.items()})
         named = answer.worded(self.words)
         if not self._substitute or (str(named), named.table) == (str(answer), answer.table):
             return named
