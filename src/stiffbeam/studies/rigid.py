@@ -113,8 +113,8 @@ def answer(rows: Rows, case: Case) -> Answer:
     return Answer(
         f"The tip approaches that of rigid stops like kappa^-({order}) (theory: 1/2), from kappa = {first} on.",
         table,
-        f"At {which} = {here} the first {softest['rigid_impacts']:g} rigid impacts are {softest['impacts']:g}. The tip "
-        f"is {percent(softest['tip_error'])} of its largest displacement off.",
+        f"At {which} = {here} the motion has {softest['impacts']:g} of the first {softest['rigid_impacts']:g} rigid "
+        f"impacts, and its tip is {percent(softest['tip_error'])} of its largest displacement off.",
     )
 
 
