@@ -276,19 +276,13 @@ def run_figure(run: Trajectory, **kwargs: Any) -> Figure:
             line = "--" if name in ("viscous", "stop_dissipation") else "-"
             label = name.replace("stop_dissipation", "taken by stops")
             energy.plot(run.t, getattr(run.energy, name), lw=0.9, ls=line, color=colour, label=label)
-        energy.legend(
-            frameon=False,
-            fontsize=8.5,
-            ncols=4 if len(names) > 5 else 5,
-            loc="upper center",
-            bbox_to_anchor=(0.5, -0.16),
-        )
+        columns = 4 if len(names) > 5 else 5
+        energy.legend(frameon=False, fontsize=8.5, ncols=columns, loc="upper center", bbox_to_anchor=(0.5, -0.16))
     else:
         energy.text(0.5, 0.5, "not saved with the run", transform=energy.transAxes, ha="center", color="0.35")
-    for axis, title in zip(
-        (tip, force, portrait, energy), ("displacement", "contact", "phases", "energy"), strict=True
-    ):
-        axis.set_title(f"({'abcd'[(tip, force, portrait, energy).index(axis)]}) {title}", loc="left")
+    titles = ("(a) displacement", "(b) contact", "(c) phases", "(d) energy")
+    for axis, title in zip((tip, force, portrait, energy), titles, strict=True):
+        axis.set_title(title, loc="left")
     return figure
 
 

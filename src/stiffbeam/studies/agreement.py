@@ -46,7 +46,7 @@ class Agreement:
     skipped: dict[str, str] = field(default_factory=dict)
 
     def to_dict(self) -> dict[str, Any]:
-        """What was found as plain numbers and texts, for JSON."""
+        """All results as plain numbers and texts, for JSON."""
         names = list(self.references)
         return {
             "measured": ["seconds"],

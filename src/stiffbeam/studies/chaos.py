@@ -1,4 +1,4 @@
-"""How fast neighbouring motions diverge: Lyapunov exponents of the exact flow and of the schemes, and the portrait.
+"""Divergence of neighbouring motions: Lyapunov exponents of the exact flow and of the schemes, and the portrait.
 
 The horizon is shorter than a period of the drive, so one run from t = 0 sees one phase of it only. Pairs
 are therefore started at many times along the exact motion and followed while their distance is small. The tangent flow

@@ -1,4 +1,4 @@
-"""What several studies need: schemes by label, a reference solved once."""
+"""Choices and helpers that several studies share: schemes by label, a reference solved once, orders, axes."""
 
 from __future__ import annotations
 
@@ -220,8 +220,10 @@ def halved(end: float, dt: float, halvings: int, per_octave: int = 1) -> list[in
 
 
 def to_the_end(steps: int, outputs: int) -> int:
-    """Every how many steps to keep, for ``outputs`` or up to twice as many: of these with the last step among them,
-    where the number of steps has such a divisor."""
+    """Return the spacing of the steps that are kept, for ``outputs`` to twice as many of them.
+
+    The last step is among them where the number of steps has such a divisor.
+    """
     most = max(1, steps // outputs)
     return next((every for every in range(most, most // 2, -1) if steps % every == 0), most)
 

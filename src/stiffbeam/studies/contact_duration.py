@@ -1,4 +1,4 @@
-"""How long contacts last: from the entry into a stop to the exit from it, at every stop.
+"""Durations of contacts: from the entry into a stop to the exit from it, at every stop.
 
     duration = t_exit - t_entry
 

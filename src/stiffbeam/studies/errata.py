@@ -1,4 +1,4 @@
-"""What each misprint that runs costs: its error beside the corrected scheme's, smooth and through contact."""
+"""The cost of each misprint that runs: its error beside the corrected scheme's, smooth and through contact."""
 
 from __future__ import annotations
 
@@ -22,6 +22,7 @@ from .converge import ROUNDING, smooth_end
 from .engine.study import Answer, Point, Records, Row, Rows, declared
 
 SAMPLES = 1000
+EXTRAPOLATED = "extrapolated contact"
 COARSER = 16  # times dt to start from without contact, where smaller steps soon reach rounding
 
 
@@ -46,7 +47,7 @@ def points(
         readings = [(f"printed({name})", "implicit") for name in forms_of(common.scheme_of(label))]
         touches = window and common.takes(case, common.scheme_of(label))
         if touches and common.takes_extrapolation(case):
-            readings.append(("extrapolated contact", "extrapolated"))
+            readings.append((EXTRAPOLATED, "extrapolated"))
         kinds = [kind for kind, span in (("smooth", smooth), ("contact", touches)) if span]
         for reading, contact in readings:
             for kind in kinds:
@@ -71,11 +72,12 @@ def evaluate(case: Case, point: Point) -> list[Row]:
     exact = common.solve_once(system, point["t_end"])
     scheme = common.scheme_of(point["scheme"])
     right = _error(system, scheme, point, exact, "implicit")
-    row: Row = {"dt": point["t_end"] / point["steps"], "error": right}
-    if point["reading"] == "extrapolated contact":
-        return [row | {"error_printed": _error(system, scheme, point, exact, "extrapolated")}]
-    name = point["reading"].removeprefix("printed(").removesuffix(")")
-    return [row | {"error_printed": _error(system, scheme.printed(name), point, exact, "implicit")}]
+    if point["reading"] == EXTRAPOLATED:
+        printed = _error(system, scheme, point, exact, "extrapolated")
+    else:
+        name = point["reading"].removeprefix("printed(").removesuffix(")")
+        printed = _error(system, scheme.printed(name), point, exact, "implicit")
+    return [{"dt": point["t_end"] / point["steps"], "error": right, "error_printed": printed}]
 
 
 def _error(system: System, scheme: Scheme, point: Point, exact: Reference, contact: str) -> float:
@@ -113,7 +115,6 @@ def answer(rows: Rows, case: Case) -> Answer:
 
 
 ERRORS = ("error", "error_printed")
-EXTRAPOLATED = "extrapolated contact"
 MISPRINTS = [misprint for name in SCHEMES for misprint in forms_of(make(name))]
 PANELS = (  # the kind, whether the contact is extrapolated, and the title
     ("smooth", False, "without contact: error as printed over right"),

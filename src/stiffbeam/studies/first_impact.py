@@ -1,4 +1,4 @@
-"""How hard the first impact is, grid by grid: the contact of one point, and the speed that it meets its stop with.
+"""The first impact grid by grid: the contact of one point, and the speed with which it meets its stop.
 
 A free end that moves at speed V shows a stop the impedance Z(s) = A sqrt(s), A = (EI m^3)^(1/4)/sqrt(2), of a beam so
 long that nothing comes back. On compliance kappa the penetration and the force are
@@ -148,7 +148,10 @@ def look_span(problem: BeamProblem) -> float:
 
 
 def first_crossing(tip: Callable[[float], float], t: Array, u: Array, g1: float, g2: float) -> float:
-    """When the tip first leaves [g1, g2]. Raises InputError where it does not on the grid t (k,) of u (k,)."""
+    """Return the time when the tip first leaves [g1, g2].
+
+    Raises InputError where it does not on the grid t (k,) of u (k,).
+    """
     out = np.flatnonzero((u > g2) | (u < g1))
     if not len(out):
         rule = "be reached within two of the beam's first periods"
@@ -184,7 +187,7 @@ def beam_tip(problem: BeamProblem, start: str, t: float, count: int = MODES) -> 
 
 
 def beam_speed(problem: BeamProblem, start: str) -> float:
-    """With which the beam itself meets its stop, to 1e-3."""
+    """Return the speed with which the beam itself meets its stop, to 1e-3."""
     stops, times = problem.all_stops[0], np.linspace(0.0, look_span(problem), LOOK + 1)
     u = np.array([beam_tip(problem, start, t, 400)[0] for t in times])
     when = first_crossing(lambda t: beam_tip(problem, start, t)[0], times, u, stops.g1, stops.g2)
@@ -192,7 +195,7 @@ def beam_speed(problem: BeamProblem, start: str) -> float:
 
 
 def orders(rows: Rows) -> dict[str, Order]:
-    """Of the peak force in h, by form, with its base: against the finest grid of all, which is left out."""
+    """Return the orders of the peak force in h, by form, with the base moving, against the finest grid of all."""
     smooth = [row for row in numeric(rows) if row["start"] == SMOOTH]
     finest = min(smooth, key=lambda row: (row["form"] != "hermite", -row["cells"]), default=None)
     by_form = {}

@@ -11,7 +11,6 @@ discrete gradient's is the share of the step in contact, and so its derivative k
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Annotated
 
@@ -170,23 +169,17 @@ def named(method: str) -> str:
 
 def picture(records: Records) -> Picture:
     """Errors of value and derivative over the step; panels for implicit and for conserving contact."""
-    pick: dict[str, Callable[[str], bool]] = {
-        "": lambda method: not method.endswith(CONSERVING),
-        ", conserving contact": lambda method: method.endswith(CONSERVING),
-    }
     lines = []
-    for title, chosen in pick.items():
-        group = [row for row in records.numbers if chosen(row["method"])]
-        group = [row | {"method": row["method"].removesuffix(CONSERVING)} for row in group]
-        group.sort(key=lambda row: row["dt"])
-        if group:
-            panels = []
-            for what in ("value", "derivative"):
-                error = Axis(f"relative error of the {what}, rms", scale="log")
-                panels.append(
-                    Panel(f"{what}{title}", common.STEP, error, curves(group, "dt", f"{what}_error", "method"))
-                )
-            lines.append(panels)
+    for title, conserving in (("", False), (", conserving contact", True)):
+        rows = [row for row in records.numbers if row["method"].endswith(CONSERVING) == conserving]
+        rows = [row | {"method": row["method"].removesuffix(CONSERVING)} for row in rows]
+        rows.sort(key=lambda row: row["dt"])
+        panels = [
+            Panel(f"{what}{title}", common.STEP, Axis(f"relative error of the {what}, rms", scale="log"),
+                  curves(rows, "dt", f"{what}_error", "method"))
+            for what in ("value", "derivative")
+        ]  # fmt: skip
+        lines += [panels] if rows else []
     return Picture(lines, 5.2 * len(lines), 5)
 
 

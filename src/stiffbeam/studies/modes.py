@@ -56,19 +56,14 @@ def evaluate(case: Case, point: Point) -> list[Row]:
             rows.append({"mode": j + 1, "omega": float(omega), "refused": reason})
             continue
         theory = amplification(scheme, omega * dt / (2.0 * np.pi), xi)
-        rows.append(
-            {
-                "mode": j + 1,
-                "omega": float(omega),
-                "dt_over_period": float(omega * dt / (2.0 * np.pi)),
-                "period_elongation": float(errors.period_elongation[j]),
-                "period_elongation_error": float(errors.elongation_error[j]),
-                "period_elongation_theory": float(theory.period_elongation[0]),
-                "damping_ratio": float(errors.damping_ratio[j]),
-                "damping_ratio_error": float(errors.damping_error[j]),
-                "damping_ratio_theory": float(theory.damping_ratio[0]),
+        row = {"mode": j + 1, "omega": float(omega), "dt_over_period": float(omega * dt / (2.0 * np.pi))}
+        for name, error in (("period_elongation", "elongation_error"), ("damping_ratio", "damping_error")):
+            row |= {
+                name: float(getattr(errors, name)[j]),
+                f"{name}_error": float(getattr(errors, error)[j]),
+                f"{name}_theory": float(getattr(theory, name)[0]),
             }
-        )
+        rows.append(row)
     return rows
 
 

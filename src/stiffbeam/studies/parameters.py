@@ -1,4 +1,4 @@
-"""What a sweep can vary: parameters of the beam, its stops and its drive, the step, and a scheme's own."""
+"""The parameters that a sweep can vary: those of the beam, its stops and its drive, the step, and a scheme's own."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ AT_STOP = {"stiffness": "stop stiffness", "damping": "stop damping", "dissipatio
 
 
 def quantity_of(case: Case, parameter: str) -> str:
-    """What a parameter counts, in the case's units; "" for one of a scheme, which has no dimension.
+    """Return the quantity of a parameter, whose unit the case knows; "" for one of a scheme, without dimension.
 
     The amplitude is the base's, else that of the loads.
     """

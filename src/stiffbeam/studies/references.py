@@ -59,7 +59,7 @@ def _checked(file: Path, entry: dict[str, Any] | None) -> dict[str, Any]:
 
 
 def _contradicted(file: Path, solution: Trajectory, entry: dict[str, Any]) -> str:
-    """What the manifest says of a file that is not so; empty where all of it is."""
+    """Return the first contradiction between a file and its entry in the manifest, "" where there is none."""
     import xarray as xr
 
     with xr.open_dataset(file, engine="h5netcdf", decode_times=False) as data:

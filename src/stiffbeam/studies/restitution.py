@@ -80,7 +80,7 @@ def zeta_of(e: float) -> float:
 
 
 def kelvin_voigt_restitution(zeta: float) -> float:
-    """What it is where the stop does not pull."""
+    """Return the restitution where the stop does not pull."""
     w = math.sqrt(1.0 - zeta * zeta)
     return math.exp(-zeta * (math.pi - math.atan2(2.0 * zeta * w, 1.0 - 2.0 * zeta * zeta)) / w)
 

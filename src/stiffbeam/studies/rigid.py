@@ -68,6 +68,7 @@ def evaluate(case: Case, point: Point) -> list[Row]:
     error = tip_error(exact.at(t)[0], rigid.at(t)[0])
     inside = exact.impacts.until(end)
     pairs = min(n, inside.count)
+    peak = float(np.max(inside.peaks[np.isfinite(inside.peaks)], initial=0.0))
     return [
         {
             "kappa": kappa,
@@ -77,8 +78,8 @@ def evaluate(case: Case, point: Point) -> list[Row]:
             "impacts": inside.count,
             "rigid_impacts": n,
             "impact_time_error": float(np.max(np.abs(inside.times[:pairs] - times[:pairs]), initial=0.0)),
-            "penetration": float(np.max(inside.peaks[np.isfinite(inside.peaks)], initial=0.0)) / kappa,
-            "peak_force": float(np.max(inside.peaks[np.isfinite(inside.peaks)], initial=0.0)),
+            "penetration": peak / kappa,
+            "peak_force": peak,
             "impulse_error": _impulse_error(inside.impulses[:pairs], rigid.impacts.impulses[:pairs]),
         }
     ]

@@ -79,7 +79,7 @@ def points(
 
 
 def first_touch(case: Case, cells: int) -> float:
-    """When the tip first reaches a stop, whatever that is made of."""
+    """Return the time when the tip first reaches a stop."""
     span = look_span(case.problem)
     free = solve(
         without_contact(semidiscretise(case.problem, cells)), span, EXACT, np.linspace(0.0, span, LOOK + 1), 0.0, None

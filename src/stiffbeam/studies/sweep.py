@@ -205,7 +205,7 @@ def _march(point: Point, setups: list[Setup]) -> Ensemble:
 
 
 def _rows(point: Point, named: Row, many: Ensemble, i: int) -> list[Row]:
-    """What member i has shown after the transient."""
+    """Return the rows of member i after the transient."""
     if np.isfinite(many.diverged[i]):
         return [named | {"failed": str(Diverged(point["method"], many.diverged[i], "use a smaller dt"))}]
     rows: list[Row] = []
