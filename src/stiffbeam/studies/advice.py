@@ -270,10 +270,13 @@ PAST = "past the horizon t = {:.4g} no step gives one motion: motions 1e-16 apar
 
 @dataclass(frozen=True)
 class Advice:
-    """The result of ``advise``. chosen: the advised run, None where there is none. cannot: what no run gives, and why; the
-    advised run gives the rest. trusted_until: the time to which its tip stays within the wanted error (without one,
-    1e-3), at most the horizon. members: of the ensembles, 0 for one motion. scatter: the standard deviation of an exact
-    member, over the mean, by quantity. remark: that nothing moves or nothing touches, else ""."""
+    """The result of ``advise``.
+
+    chosen: the advised run, None where there is none. cannot: the quantities that no run gives, and why; the advised
+    run gives the others. trusted_until: the time to which its tip stays within the wanted error (without one, 1e-3),
+    at most the horizon. members: of the ensembles, 0 for one motion. scatter: the standard deviation of an exact
+    member, over the mean, by quantity. remark: that nothing moves or nothing touches, else "".
+    """
 
     want: dict[str, float]
     t_end: float

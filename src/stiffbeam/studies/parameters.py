@@ -16,7 +16,6 @@ from ..model.contact import Stops
 from ..model.drive import Drive
 from ..model.members import value_at, varied, with_values
 from ..model.problem import PointLoad
-from ..model.semidiscretisation import semidiscretise
 from ..model.system import System
 from ..model.time_functions import Harmonic
 from ..schemes import Scheme
@@ -44,20 +43,13 @@ def _clearance(system: System, value: float) -> System:
     return _stops(system, move)
 
 
-def _beam(system: System, **changes: float) -> System:
-    if system.problem is None:
-        remedy = "a system has frequency, amplitude, ..."
-        raise InputError("parameter", " and ".join(changes), "be asked of a beam", remedy)
-    return semidiscretise(replace(system.problem, **changes), system.cells or system.size, system.form)
-
-
 PARAMETERS: dict[str, Callable[[System, float], System]] = {
     "frequency": lambda system, value: with_values(system, {"frequency": value}),
     "amplitude": lambda system, value: with_values(system, {"amplitude": value}),
     "clearance": _clearance,
     "stop-stiffness": lambda system, value: _stops(system, lambda stops: replace(stops, stiffness=value)),
-    "stiffness": lambda system, value: _beam(system, stiffness=value),
-    "viscosity": lambda system, value: _beam(system, viscosity=value),
+    "stiffness": lambda system, value: with_values(system, {"stiffness": value}),
+    "viscosity": lambda system, value: with_values(system, {"viscosity": value}),
 }
 IN_STEP = ("amplitude", "clearance", "stop-stiffness")  # members of one ensemble
 
