@@ -289,7 +289,7 @@ def render(picture: Picture, title: str, units: Units, words: Callable[[str], st
 
 
 def _label(along: Axis, units: Units, words: Callable[[str], str]) -> str:
-    return units.label(words(along.label), along.quantity) if along.quantity else words(along.label)
+    return units.label(words(along.label), along.quantity)
 
 
 def _draw(axis: Axes, panel: Panel, letter: str, units: Units, words: Callable[[str], str]) -> None:

@@ -225,6 +225,5 @@ PHYSICAL = {"stiffness": "bending stiffness $EI$", "viscosity": r"bending viscos
 
 def named(case: Case, name: str) -> str:
     """A parameter on an axis, with its unit where it has one."""
-    quantity = quantity_of(case, name)
     names = NAMES | (PHYSICAL if case.units.known else {})
-    return case.units.label(names.get(name, name), quantity) if quantity else names.get(name, name)
+    return case.units.label(names.get(name, name), quantity_of(case, name))

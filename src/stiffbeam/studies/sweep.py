@@ -240,63 +240,55 @@ def answer(rows: Rows, case: Case) -> Answer:
     """The range of impact counts and peak forces over the values, and where the motion is periodic."""
     units, first = case.units, rows[0]
     names = [name for name in (first["parameter"], first["second"]) if isinstance(name, str)]
-    quantities = {name: quantity_of(case, name) for name in names}
 
-    def value(name: str, x: str) -> str:
-        return units.measure(x, quantities[name]) if quantities[name] else x
+    def value(name: str, text: str) -> str:
+        return f"{name} {units.measure(text, quantity_of(case, name))}"
 
-    def amount(x: float, quantity: str) -> str:
-        return units.measure(x, quantity, ".4g") if quantity else f"{x:.4g}"
-
-    def at(row: Row) -> str:
-        return ", ".join(f"{name} {value(name, f'{row[name]:.5g}')}" for name in names)
-
-    ranges = [
-        f"{name} {value(name, f'{min(r[name] for r in rows):g} to {max(r[name] for r in rows):g}')}" for name in names
-    ]
-    parts, table = [], []
-    if by_value := sections(rows):
-        size = max(float(np.max(np.abs(section))) for section in by_value.values())
-        repeats = [repeats_after(section, size) for section in by_value.values()]
-        several, short = sum(p is not None and p > 1 for p in repeats), repeats.count(None)
-        text = f"repeats itself every period of the drive at {repeats.count(1)} of {len(by_value)} values"
-        parts.append(
-            f"the tip {text}, every 2 to {LONGEST} periods at {several}, not at {repeats.count(0)} (to {SAME:g})"
-        )
-        if short:
-            parts.append(f"{first['periods']:g} periods are too few to tell at {short}: {LONGEST + 1} would do")
     counted, over = _rate(rows, case)
+    columns = (
+        ("count", counted, "", over),
+        ("fraction", "time in contact, %", "", 0.01),
+        ("peak_force", "largest force", "force", 1.0),
+    )
+    table = []
     for place, contacts in by_contact([r for r in rows if r["kind"] == "contact"]).items():
-        for name, words, quantity, scale in (
-            ("count", counted, "", over), ("fraction", "time in contact, %", "", 0.01),
-            ("peak_force", "largest force", "force", 1.0),
-        ):  # fmt: skip
+        for name, words, quantity, scale in columns:
             known = [r for r in contacts if np.isfinite(r[name])]  # a rigid stop has impulses, no peak forces
-            if known:
-                low, high = (pick(known, key=lambda r: r[name]) for pick in (min, max))
-                least, most = (f"{amount(r[name] / scale, quantity)} at {at(r)}" for r in (low, high))
-                table.append({"over all values": words + place, "least": least, "most": most})
+            ends = [pick(known, key=lambda r: r[name]) for pick in (min, max)] if known else []
+            texts = [
+                f"{units.measure(row[name] / scale, quantity, '.4g')} at "
+                + ", ".join(value(varied, f"{row[varied]:.5g}") for varied in names)
+                for row in ends
+            ]
+            table += [{"over all values": words + place, "least": texts[0], "most": texts[1]}] if texts else []
     system = case.system(first["form"])
     lossy = [c.stops.damping or c.stops.dissipation or c.stops.restitution not in (None, 1.0) for c in system.contacts]
-    free = not system.damped and not any(lossy)
-    most = [
-        f"{line['over all values']} {line['most']} at most" for line in table if "impacts" in line["over all values"]
+    notes = f"{first['periods']:g} periods of the drive after {first['transient']:g}."
+    if "t_end" in first:
+        notes = f"Runs over the record, t = 0 to {units.measure(first['t_end'], 'time', 'g')}."
+    elif not system.damped and not any(lossy):
+        notes += " Nothing damps this system, so its transient never ends: another start gives another answer."
+    most = [f"{x['over all values']} {x['most']} at most" for x in table if "impacts" in x["over all values"]]
+    ranges = (value(x, f"{min(r[x] for r in rows):g} to {max(r[x] for r in rows):g}") for x in names)
+    verdict = "; ".join(_periodicity(rows) or most) or "no contact"
+    return Answer(f"{first['method']} over {' and '.join(ranges)}: {verdict}.", table, notes)
+
+
+def _periodicity(rows: Rows) -> list[str]:
+    """At how many values the tip repeats itself, in words; nothing without sections."""
+    by_value = sections(rows)
+    if not by_value:
+        return []
+    size = max(float(np.max(np.abs(section))) for section in by_value.values())
+    repeats = [repeats_after(section, size) for section in by_value.values()]
+    several, short = sum(p is not None and p > 1 for p in repeats), repeats.count(None)
+    words = [
+        f"the tip repeats itself every period of the drive at {repeats.count(1)} of {len(by_value)} values, every 2 to "
+        f"{LONGEST} periods at {several}, not at {repeats.count(0)} (to {SAME:g})"
     ]
-    span = (
-        f"Runs over the record, t = 0 to {units.measure(first['t_end'], 'time', 'g')}."
-        if "t_end" in first
-        else f"{first['periods']:g} periods of the drive after {first['transient']:g}."
-    )
-    return Answer(
-        f"{first['method']} over {' and '.join(ranges)}: {'; '.join(parts or most) or 'no contact'}.",
-        table,
-        span
-        + (
-            " Nothing damps this system, so its transient never ends: another start gives another answer."
-            if free and "t_end" not in first
-            else ""
-        ),
-    )
+    if short:
+        words.append(f"{rows[0]['periods']:g} periods are too few to tell at {short}: {LONGEST + 1} would do")
+    return words
 
 
 def _rate(rows: Rows, case: Case) -> tuple[str, float]:
