@@ -15,6 +15,8 @@ from ..files.cases import Case
 from ..march.ensemble import integrate_ensemble
 from ..measures.errors import Order, observed_order
 from ..measures.impacts import first_impacts_end
+from ..model.closed_form import natural_frequencies
+from ..model.contact import Stops
 from ..model.members import Members as MemberSystems
 from ..model.modes import modes
 from ..model.system import System
@@ -148,6 +150,18 @@ def takes(case: Case, scheme: Scheme) -> bool:
 def takes_extrapolation(case: Case) -> bool:
     """Return True where the stops' force is one of the position alone, which the paper's extrapolated contact needs."""
     return not any(c.stops.rigid or c.stops.dissipative for c in case.system(case.forms[0]).contacts)
+
+
+def tip_stops(case: Case) -> Stops:
+    """Return the stops of a beam that has its only ones at the tip, at rest. Raises InputError for any other case."""
+    if case.beam is None or len(case.problem.all_stops) != 1:
+        raise InputError("case", case.name, "be a beam with stops at one place", "for example table10")
+    stops = case.problem.all_stops[0]
+    if stops.motion is not None or stops.position not in (None, case.problem.length):
+        remedy = "move them to the tip and leave their motion out"
+        raise InputError("case", case.name, "have stops at rest at the tip", remedy)
+    natural_frequencies(case.problem, 1)
+    return stops
 
 
 def smoke_options(study: Study, case: Case) -> dict[str, Any]:

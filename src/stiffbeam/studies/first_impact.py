@@ -36,7 +36,7 @@ from ..model.problem import BeamProblem
 from ..model.semidiscretisation import semidiscretise
 from ..model.time_functions import Harmonic
 from ..references import solve
-from .common import Cells
+from .common import Cells, tip_stops
 from .engine.study import Answer, Point, Records, Row, Rows, declared
 
 OWN, SMOOTH = "at rest", "with its base"
@@ -69,12 +69,7 @@ def points(
 def _plain(case: Case) -> None:
     """Raise InputError unless the beam is that of the theory."""
     problem = case.problem
-    natural_frequencies(problem, 1)
-    stops = problem.all_stops
-    if len(stops) != 1 or stops[0].position not in (None, problem.length) or stops[0].motion is not None:
-        remedy = "move the stops to the tip and take motion away"
-        raise InputError("case", f"{len(stops)} stops", "have stops at rest at the tip, and none else", remedy)
-    stops[0].require_linear("the first impact's force")
+    tip_stops(case).require_linear("the first impact's force")
     if problem.viscosity or problem.loads or not isinstance(problem.base, Harmonic):
         remedy = "set viscosity to 0 and take the loads away"
         raise InputError("case", "damped or loaded", "be moved by a harmonic base only, without viscosity", remedy)

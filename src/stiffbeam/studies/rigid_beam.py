@@ -14,18 +14,17 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from ..basics.validation import InputError, positive
+from ..basics.validation import positive
 from ..figures import COLOURS, Axis, Curve, Mark, Panel, Picture, Ranges, column, groups, look, short
 from ..files.cases import Case
 from ..march.integrate import integrate
 from ..measures.report import percent
 from ..measures.smooth_motion import without_contact
-from ..model.closed_form import natural_frequencies
 from ..model.semidiscretisation import semidiscretise
 from ..references import solve
 from ..references.exact.rigid_reference import solve_rigid
 from ..trajectory.trajectory import Trajectory
-from .common import Cells, Dt, Numbers, extremes, label_of, scheme_of
+from .common import Cells, Dt, Numbers, extremes, label_of, scheme_of, tip_stops
 from .engine.study import Answer, Point, Records, Row, Rows, declared
 from .first_impact import LOOK, first_crossing, look_span
 
@@ -57,13 +56,7 @@ def points(
 
     cells: by default the case's and twice as many.
     """
-    if case.beam is None or len(case.problem.all_stops) != 1:
-        raise InputError("case", case.name, "be a beam with stops at one place", "for example table10")
-    stops = case.problem.all_stops[0]
-    if stops.motion is not None or stops.position not in (None, case.problem.length):
-        remedy = "move them to the tip and leave their motion out"
-        raise InputError("case", case.name, "have stops at rest at the tip", remedy)
-    natural_frequencies(case.problem, 1)
+    tip_stops(case)
     values = KAPPAS if kappas is None else [positive("kappas", kappa) for kappa in kappas]
     plan: list[Point] = []
     for number in cells or [case.cells, 2 * case.cells]:
