@@ -13,7 +13,7 @@ from ..files.cases import Case
 from ..measures.amplification import amplification
 from ..schemes import HHT, SCHEMES, GeneralisedAlpha, Scheme, registered
 from ..schemes.sdirk import GAMMA_MIN
-from .common import Schemes, extremes, scheme_labels, scheme_of
+from .common import Schemes, extremes, scheme_labels, scheme_of, significant
 from .engine.study import Answer, Point, Records, Row, Rows, declared
 
 TENTH = 0.1  # of a period: where the literature compares
@@ -71,18 +71,17 @@ def answer(rows: Rows, _: Case) -> Answer:
     at = [r for r in rows if r["dt_over_period"] == TENTH]
     base = [r for r in at if r["scheme"] in {str(s) for s in registered()}] or at
     base.sort(key=lambda r: abs(r["period_elongation"]))
-    elongation = extremes({r["scheme"]: 100.0 * r["period_elongation"] for r in base}, "{:.3g} %".format)
-    damping = extremes({r["scheme"]: r["damping_ratio"] for r in base}, "{:.2g}".format)
+    texts = {
+        "period_elongation": lambda value: f"{significant(100.0 * value, '.3g')} %",
+        "damping_ratio": lambda value: significant(value, ".2g"),
+    }
+    elongation, damping = (extremes({r["scheme"]: r[name] for r in base}, text) for name, text in texts.items())
     unstable = sorted({r["scheme"] for r in rows if np.isfinite(r["stable_to"])})
     gaps = [abs(r["spectral_radius"] - r["spectral_radius_theory"]) for r in rows]
     return Answer(
         f"At dt/T = 0.1 the period elongation is {elongation} and the damping ratio {damping}.",
         [
-            {
-                "dt/T = 0.1": r["scheme"],
-                "period elongation": f"{100 * r['period_elongation']:.3g} %",
-                "damping ratio": f"{r['damping_ratio']:.2g}",
-            }
+            {"dt/T = 0.1": r["scheme"]} | {name.replace("_", " "): text(r[name]) for name, text in texts.items()}
             for r in base
         ],
         f"Unstable at some step: {', '.join(unstable) or 'none of these and their families'}. The spectral "

@@ -203,6 +203,11 @@ def system_of(case: Case, form: str) -> System:
     return case.system(form)
 
 
+def significant(value: float, form: str, least: float = 1e-12) -> str:
+    """A number as text, "0" where its size is below ``least``: rounding."""
+    return "0" if abs(value) < least else f"{value:{form}}"
+
+
 def extremes(values: Mapping[str, float], written: Callable[[float], str]) -> str:
     """The least and the largest of the numbers that are known, each with the short name of its method."""
     known = sorted((value, short(name)) for name, value in values.items() if np.isfinite(value))

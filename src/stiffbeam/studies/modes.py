@@ -15,7 +15,7 @@ from ..measures.amplification import amplification, free_mode_errors
 from ..measures.smooth_motion import without_contact
 from ..model.modes import undamped_modes
 from ..model.natural_modes import modes
-from .common import Dt, Form, Schemes, extremes, scheme_labels, scheme_of, system_of
+from .common import Dt, Form, Schemes, extremes, scheme_labels, scheme_of, significant, system_of
 from .engine.study import Answer, Point, Records, Row, Rows, declared
 
 
@@ -75,13 +75,17 @@ def answer(rows: Rows, _: Case) -> Answer:
             "No mode is measured: each dies too soon, or is followed for less than half a period. Take more steps."
         )
     first = {scheme: group[0] for scheme, group in groups(measured, "scheme").items()}
+    texts = {
+        "period_elongation": ("late", lambda value: f"{significant(100.0 * value, '.2g')} %"),
+        "damping_ratio": ("damping ratio", lambda value: significant(value, ".1e")),
+    }
     table = [
-        {f"mode {row['mode']}": scheme, "late": f"{100 * row['period_elongation']:.2g} %",
-         "damping ratio": f"{row['damping_ratio']:.1e}"}
+        {f"mode {row['mode']}": scheme} | {words: text(row[name]) for name, (words, text) in texts.items()}
         for scheme, row in first.items()
-    ]  # fmt: skip
-    late = extremes({scheme: 100 * row["period_elongation"] for scheme, row in first.items()}, "{:.2g} %".format)
-    damped = extremes({scheme: row["damping_ratio"] for scheme, row in first.items()}, "{:.1e}".format)
+    ]
+    late, damped = (
+        extremes({scheme: row[name] for scheme, row in first.items()}, text) for name, (_, text) in texts.items()
+    )
     period, damping = (np.max(np.nan_to_num(_distances(measured, name))) for name, *_ in QUANTITIES)
     left = len(rows) - len(measured)
     return Answer(
