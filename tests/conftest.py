@@ -22,6 +22,7 @@ import numpy as np
 import pytest
 
 import stiffbeam as sb
+from stiffbeam.basics import storage
 
 
 @pytest.hookimpl(wrapper=True)
@@ -37,23 +38,29 @@ def pytest_collection():
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Of a test marked ``fast(n)`` n parametrisations, spread evenly, stay in the fast suite; the others are slow.
+    """Of a test marked ``fast(n, slow=m)`` n parametrisations, spread evenly, stay in the fast suite.
 
-    Campaigns have no time limit.
+    m others, spread evenly too, are slow, all of them without ``slow``; the rest is for campaigns, which have no time
+    limit.
     """
     kinds: dict[str, list[pytest.Item]] = {}
     for item in items:
         if item.get_closest_marker("fast"):
             kinds.setdefault(item.nodeid.partition("[")[0], []).append(item)
     for same in kinds.values():
-        n = same[0].get_closest_marker("fast").args[0]
-        kept = {len(same) * k // n for k in range(n)}
-        for i, item in enumerate(same):
-            if i not in kept:
-                item.add_marker("slow")
+        share = same[0].get_closest_marker("fast")
+        slow = [item for item in same if item not in _spread(same, share.args[0])]
+        some = _spread(slow, share.kwargs.get("slow", len(slow)))
+        for item in slow:
+            item.add_marker("slow" if item in some else "campaign")
     for item in items:
         if item.get_closest_marker("campaign"):
             item.add_marker(pytest.mark.timeout(0))  # they take what they take
+
+
+def _spread(items: list[pytest.Item], n: int) -> list[pytest.Item]:
+    """``n`` of the items, spread evenly, or all that there are."""
+    return [items[len(items) * k // n] for k in range(n)] if n < len(items) else items
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -62,6 +69,14 @@ def compiled() -> None:
     from stiffbeam.march.warm import warm_up
 
     warm_up()
+
+
+@pytest.fixture
+def own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty cache of references in ``tmp_path``; compiled kernels are those of every other test."""
+    (tmp_path / "numba").symlink_to(storage.directory() / "numba")
+    monkeypatch.setattr(storage, "directory", lambda: tmp_path)
+    return tmp_path
 
 
 @pytest.fixture

@@ -37,12 +37,12 @@ def work(pipe, seed: int, only: tuple[str, ...], limit: float) -> None:
 
     for stream in (1, 2):  # SUNDIALS writes its warnings there
         os.dup2(os.open(os.devnull, os.O_WRONLY), stream)
-    from judge import judge, methods_for, warm_up
+    from judge import ADAPTIVE, judge, methods_for, warm_up
     from random_systems import case
 
     random_case = lru_cache(maxsize=1)(case)  # what is known of a system is kept from method to method
     warnings.simplefilter("ignore")
-    warm_up()
+    warm_up(tuple(method for method in only if method in ("exact", *ADAPTIVE)))
     pipe.send("ready")
     while True:
         index, method = pipe.recv()

@@ -27,7 +27,7 @@ def test_nothing_certified_is_wrong(index):
 
 
 @pytest.mark.parametrize(
-    "systems", [pytest.param(24, marks=pytest.mark.slow), pytest.param(120, marks=pytest.mark.campaign)]
+    "systems", [pytest.param(12, marks=pytest.mark.slow), pytest.param(120, marks=pytest.mark.campaign)]
 )
 def test_nothing_certified_is_wrong_by_any_method(systems):
     """With every method in turn, each under a time limit of its own."""

@@ -200,7 +200,7 @@ def test_a_sample_of_wild_constructors_ends_in_a_result_or_a_refusal():
 
 
 @pytest.mark.parametrize(
-    "every", [pytest.param(50, marks=pytest.mark.slow), pytest.param(10, marks=pytest.mark.campaign)]
+    "every", [pytest.param(100, marks=pytest.mark.slow), pytest.param(10, marks=pytest.mark.campaign)]
 )
 def test_wild_inputs_end_in_a_result_or_a_refusal(every):
     """Of the ten thousand of ``python tests/campaigns/fuzz.py --seed 1 --inputs 10000``."""

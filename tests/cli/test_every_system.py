@@ -58,15 +58,20 @@ WAITING: dict[tuple[str, str], str] = {}  # cells that fail yet, with the reason
 
 
 def cells(names: tuple[str, ...]) -> list[Any]:
-    """Every system times these commands or studies, slow but for FAST; those that wait are expected to fail."""
+    """Every system times these commands or studies: FAST, else every second one slow as on a chessboard, or a campaign.
+
+    Those that wait are expected to fail.
+    """
+    order = list(BENCHES)
 
     def cell(what: str, name: str) -> Any:
-        marks = [] if (what, name) in FAST else [pytest.mark.slow]
+        odd = (names.index(what) + order.index(name)) % 2
+        marks = [] if (what, name) in FAST else [pytest.mark.campaign if odd else pytest.mark.slow]
         if (what, name) in WAITING:
             marks += [pytest.mark.xfail(reason=WAITING[what, name], strict=True)]
         return pytest.param(what, name, id=f"{what}-{name.replace(' ', '-')}", marks=marks)
 
-    return [cell(what, name) for what in names for name in (list(BENCHES)[:1] if what in ANY_CASE else BENCHES)]
+    return [cell(what, name) for what in names for name in (order[:1] if what in ANY_CASE else order)]
 
 
 @pytest.mark.parametrize(("study", "name"), cells(tuple(STUDIES)))

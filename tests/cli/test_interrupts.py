@@ -36,7 +36,7 @@ COMMANDS: dict[str, list[str]] = {
        if name != "sweep"},
 }  # fmt: skip
 AT_ONCE = {"score", "reference", "advise"}  # a phase is half of it
-OFTEN = ("compare", "reference", "animate", "score", "sweep", "ensemble")
+OFTEN = ("compare", "reference", "sweep")
 
 
 def test_every_command_is_here_or_takes_no_time():

@@ -252,7 +252,7 @@ BALL = sb.System.from_matrices(
         (one(100.0, speed=1.0), 200.0, "Trapezoidal"),
         pytest.param(one(np.inf, 1.0, start=-1.0), 50.0, "MoreauJean", marks=pytest.mark.slow),
         (one(np.inf, 0.0, start=-1.0), 50.0, "MoreauJean"),  # parts once, where one grazes
-        pytest.param(BALL, 50.0, "MoreauJean", marks=pytest.mark.slow),
+        pytest.param(BALL, 50.0, "MoreauJean", marks=pytest.mark.campaign),
     ],
 )
 def test_neighbours_that_part_like_a_power_of_time_have_no_exponent(system, t_end, scheme):

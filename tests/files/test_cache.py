@@ -34,10 +34,9 @@ def assert_same(a, b):
 
 
 @pytest.fixture
-def folder(tmp_path, monkeypatch):
+def folder(own_cache):
     """The folder of the cached files, empty."""
-    monkeypatch.setattr(storage, "directory", lambda: tmp_path)
-    return tmp_path / "references"
+    return own_cache / "references"
 
 
 @pytest.fixture(scope="module")

@@ -253,7 +253,7 @@ def test_workers_end_with_a_killed_parent(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "wanted", [pytest.param(10, marks=pytest.mark.slow), pytest.param(100, marks=pytest.mark.campaign)]
+    "wanted", [pytest.param(4, marks=pytest.mark.slow), pytest.param(100, marks=pytest.mark.campaign)]
 )
 def test_kills_lose_no_finished_point(wanted, tmp_path):
     found = kills(2, wanted, tmp_path)

@@ -14,7 +14,6 @@ import pytest
 import xarray as xr
 
 import stiffbeam as sb
-from stiffbeam.basics import storage
 from stiffbeam.basics.exact_float import ExactFloat, as_doubles, exact_float, exact_value
 from stiffbeam.files.cases import case_text, find_case, paper_cases
 from stiffbeam.files.store import freeze
@@ -230,18 +229,17 @@ def _fingerprint(file):
 
 
 @pytest.mark.slow
-def test_the_caches_hold_both_and_never_serve_one_for_the_other(tmp_path, monkeypatch):
+def test_the_caches_hold_both_and_never_serve_one_for_the_other(own_cache):
     from stiffbeam.studies import common
 
     pytest.importorskip("flint")
-    monkeypatch.setattr(storage, "directory", lambda: tmp_path)
     case = dataclasses.replace(sb.paper_case(12), cells=8)
     systems = [system_of(case), system_of(case, doubles=True)]
     for turn in (1, 2):
-        a, b = (sb.cached_reference(system, 1.5, "multiprecision") for system in systems)
-        assert len(list((tmp_path / "references").iterdir())) == 2
+        a, b = (sb.cached_reference(system, 0.3, "multiprecision") for system in systems)
+        assert len(list((own_cache / "references").iterdir())) == 2
         apart = np.abs(a.tip - b.tip) / np.max(np.abs(a.tip))
-        horizon = sb.reference(systems[0], 1.5, t_eval=a.t).horizon
+        horizon = sb.reference(systems[0], 0.3, t_eval=a.t).horizon
         assert np.max(apart[a.t <= 0.5 * horizon]) < 1e-9
         assert np.max(apart) > 0.1, turn
         assert "upper = 0.001" in a.provenance["parameters"]
@@ -249,7 +247,9 @@ def test_the_caches_hold_both_and_never_serve_one_for_the_other(tmp_path, monkey
     assert common.solve_once(systems[0], 0.01) is common.solve_once(systems[0], 0.01)
     assert common.solve_once(systems[0], 0.01) is not common.solve_once(systems[1], 0.01)
     opened = []
-    for file in (tmp_path / "references").iterdir():  # each opens with its own system, whichever the folder lists first
+    for file in (
+        own_cache / "references"
+    ).iterdir():  # each opens with its own system, whichever the folder lists first
         own = sb.load(file, next(s for s in systems if s.fingerprint == _fingerprint(file)))
         other = next(s for s in systems if s.fingerprint != own.fingerprint)
         opened.append(own.fingerprint)

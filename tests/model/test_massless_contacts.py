@@ -294,7 +294,7 @@ def two_bodies(seed):
     return sb.System.from_matrices(mass, stiffness, loads=[load], contacts=contacts, initial_velocity=velocity)
 
 
-@pytest.mark.fast(2)
+@pytest.mark.fast(2, slow=5)
 @pytest.mark.parametrize(("seed", "nodes"), [(s, n) for s in range(6) for n in (None, [2, 5], [3, 5, 6])])
 def test_the_same_motion_as_of_nodes_of_two_bodies_in_balance(seed, nodes):
     system = two_bodies(seed)

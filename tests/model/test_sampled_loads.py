@@ -197,8 +197,8 @@ def test_a_measured_base_motion_moves_the_beam_as_its_harmonic_does(form):
     assert np.max(np.abs(precise.tip - b.at(precise.t)[0])) < 1e-10
 
 
-def test_a_measured_run_travels_is_cached_frozen_and_repeated(tmp_path, monkeypatch):
-    monkeypatch.setenv("STIFFBEAM_CACHE_DIR", str(tmp_path))
+@pytest.mark.usefixtures("own_cache")
+def test_a_measured_run_travels_is_cached_frozen_and_repeated():
     system = hammered(sb.Sampled(np.linspace(0, 2, 9), [0, 9, 0, -7, 5, 0, 0, 3, 0]), 0.01)
     one = sb.cached_reference(system, 2.0, "multiprecision")
     copy = pickle.loads(pickle.dumps(system))

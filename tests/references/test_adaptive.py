@@ -254,8 +254,9 @@ def test_other_units_give_the_same_solution(method):
     assert b.work.counters["rhs"] == pytest.approx(a.work.counters["rhs"], rel=0.05)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", range(40))
+@pytest.mark.parametrize(
+    "seed", [pytest.param(s, marks=pytest.mark.slow if s % 2 else pytest.mark.campaign) for s in range(40)]
+)
 def test_nothing_certified_is_wrong_on_random_systems_with_pulses(seed):
     """Held against a Runge-Kutta method of its own with 2^18 fixed steps, which begins and ends pulses on a step."""
     system, description = random_system(seed)

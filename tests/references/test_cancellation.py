@@ -180,7 +180,7 @@ def test_outputs_at_the_zeros_of_a_motion_are_not_certified():
 
 
 @pytest.mark.parametrize(
-    "systems", [pytest.param(100, marks=pytest.mark.slow), pytest.param(2600, marks=pytest.mark.campaign)]
+    "systems", [pytest.param(50, marks=pytest.mark.slow), pytest.param(2600, marks=pytest.mark.campaign)]
 )
 @pytest.mark.parametrize("method", ["exact", "multiprecision"])
 def test_random_linear_systems(method, systems):
@@ -199,10 +199,7 @@ def test_random_systems_with_contacts_and_extreme_numbers(seed):
 
 @pytest.mark.parametrize(
     "seed",
-    [
-        pytest.param(seed, marks=pytest.mark.slow if seed in (3, 4, 5, 9) else pytest.mark.campaign)
-        for seed in range(3, 15)
-    ],
+    [pytest.param(seed, marks=pytest.mark.slow if seed in (4, 9) else pytest.mark.campaign) for seed in range(3, 15)],
 )
 def test_more_random_systems_with_contacts(seed):
     """Three to 340 seconds a system, nearly all of them in mpmath."""

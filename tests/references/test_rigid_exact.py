@@ -250,7 +250,7 @@ def test_random_chattering_systems():
 
 
 @pytest.mark.parametrize(
-    "systems", [pytest.param(150, marks=pytest.mark.slow), pytest.param(1000, marks=pytest.mark.campaign)]
+    "systems", [pytest.param(80, marks=pytest.mark.slow), pytest.param(1000, marks=pytest.mark.campaign)]
 )
 def test_more_random_chattering_systems(systems):
     held, _ = follow(systems, 2)

@@ -41,7 +41,7 @@ def test_at_tolerance_1e_12_the_solvers_agree_on_table_10(method, bound, exact_t
     assert list(other.impacts.stops) == list(exact_table10.impacts.stops)
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_dop853_at_its_tightest_shows_the_exact_solution_good_to_1e_12(exact_table10, table10_system):
     from scipy.integrate import solve_ivp
 
@@ -56,8 +56,11 @@ def test_dop853_at_its_tightest_shows_the_exact_solution_good_to_1e_12(exact_tab
 
 @pytest.mark.parametrize(
     "method",
-    [pytest.param(m.name, marks=pytest.mark.campaign if m.name == "kvaerno3" else pytest.mark.slow) for m in ADAPTIVE],
-)  # of third order: a minute of steps
+    [
+        pytest.param(m.name, marks=pytest.mark.campaign if m.name in ("kvaerno3", "radau") else pytest.mark.slow)
+        for m in ADAPTIVE
+    ],
+)  # some take 15 s to a minute of steps
 def test_at_tolerance_1e_8_the_solvers_agree_to_the_second_impact(method, table10_system):
     times = np.linspace(0.0, 0.054, 28)
     exact = solve(table10_system, 0.054, "exact", times, 0.0, None)

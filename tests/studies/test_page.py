@@ -288,7 +288,7 @@ def test_a_browser_shows_every_figure_and_follows_every_link(made, tmp_path, wid
 # ---------------------------------------------------------------- everything
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_the_whole_reproduction(tmp_path):
     """Every table, claim and misprint on one page; small ensembles, for time."""
     from dumont2002.reading import Reading

@@ -213,7 +213,11 @@ def test_bad_input_is_named_with_its_remedy(call, words):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("scheme", [sb.HHT(-0.1), sb.Trapezoidal(), sb.ExponentialFlow()], ids=str)
+@pytest.mark.parametrize(
+    "scheme",
+    [sb.HHT(-0.1), *(pytest.param(s, marks=pytest.mark.campaign) for s in (sb.Trapezoidal(), sb.ExponentialFlow()))],
+    ids=str,
+)
 def test_the_means_of_fine_steps_are_those_of_exact_members(scheme):
     """Table 10 at dt = 1.6e-6. With starts 1e-12 apart HHT was 10 % off, of which +-3 % was said."""
     system, dt, members = paper_case(10).system("displacement"), 1e-4 / 64, 48

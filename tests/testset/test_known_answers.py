@@ -296,7 +296,7 @@ def test_an_adaptive_reference_meets_the_others(name, how):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("processor", ["this", "Nehalem", "Haswell"])
+@pytest.mark.parametrize("processor", ["this", pytest.param("Nehalem", marks=pytest.mark.campaign), "Haswell"])
 def test_the_generator_makes_the_files_that_are_there(tmp_path, processor):
     """Those that take seconds, remade beside the files: their data, and all digits of the answers to these data.
 

@@ -19,9 +19,24 @@ KNOWN = {
 class Units:
     """Units of lengths, times and forces; every other unit follows from these three.
 
-    A beam is integrated in its own units, so that u is in ``length``, t in ``time``, sigma in ``force`` and
-    an energy in force times length. Masses are force time^2/length: kg for metres, tonnes for millimetres,
-    seconds and newtons. Raises InputError for a name that is not among ``KNOWN``.
+    A beam is integrated in its own units: u is in ``length``, t in ``time``, sigma in ``force`` and an energy in force
+    times length. A mass is in force time^2/length: kg for metres, tonnes for millimetres, seconds and newtons.
+
+    Parameters
+    ----------
+    length, time, force : str
+        Names among ``KNOWN``; "1" is no dimension.
+
+    Raises
+    ------
+    InputError
+        For any other name.
+
+    Examples
+    --------
+    >>> import stiffbeam as sb
+    >>> sb.Units(length="mm").length
+    'mm'
     """
 
     length: str = "m"

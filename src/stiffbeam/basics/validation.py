@@ -20,9 +20,25 @@ MOST = 2**53  # integers up to here are floats as well
 
 
 class InputError(ValueError):
-    """Bad input: ``field`` must obey ``rule`` but is ``value``; ``remedy`` says what to do.
+    """Bad input: ``field`` must obey ``rule`` but is ``value``; ``remedy`` proposes a fix.
 
-    The message is one line of at most 300 letters, whatever the value is.
+    A ValueError. The message is one line of at most 300 letters.
+
+    Parameters
+    ----------
+    field : str
+        Name of the argument, option or entry of a file.
+    value : object
+    rule, remedy : str
+
+    Examples
+    --------
+    >>> import stiffbeam as sb
+    >>> try:
+    ...     sb.HHT(alpha=0.1)
+    ... except sb.InputError as error:
+    ...     print(error.field)
+    alpha
     """
 
     def __init__(self, field: str, value: Any, rule: str, remedy: str) -> None:

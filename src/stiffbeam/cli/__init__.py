@@ -7,7 +7,6 @@ import signal
 import sys
 from typing import NoReturn
 
-# In the order of the help.
 from . import advise as advise
 from . import animate as animate
 from . import cases as cases

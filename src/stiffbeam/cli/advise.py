@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from ..basics.progress import TALK, progress
+from . import completion
 from .application import app
 from .options import Case, Form, Json, TEnd
 from .output import check_json, default_folder, make_folder, say, write_json
@@ -23,7 +24,9 @@ def advise(
             help="errors that may be, of tip, impacts, peak_force, impulse; tip=1e-3,impacts=0.05,... if not given"
         ),
     ] = None,
-    schemes: Annotated[str | None, typer.Option(help="comma-separated, instead of all")] = None,
+    schemes: Annotated[
+        str | None, typer.Option(help="comma-separated, instead of all", autocompletion=completion.schemes)
+    ] = None,
     form: Form = None,
     t_end: TEnd = None,
     most_steps: Annotated[int | None, typer.Option(help="of a run, where the search ends")] = None,

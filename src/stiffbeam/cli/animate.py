@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from ..basics.progress import progress
+from . import completion
 from .application import app
 from .options import Case, Dt, Json, TEnd
 from .output import check_json, default_folder, say, write_json
@@ -16,7 +17,10 @@ from .output import check_json, default_folder, say, write_json
 @app.command()
 def animate(
     case: Case,
-    schemes: Annotated[str | None, typer.Option(help="comma-separated; default: the case's first run")] = None,
+    schemes: Annotated[
+        str | None,
+        typer.Option(help="comma-separated; default: the case's first run", autocompletion=completion.schemes),
+    ] = None,
     dt: Dt = None,
     t_end: TEnd = None,
     seconds: Annotated[float, typer.Option(help="length of the film")] = 8.0,

@@ -14,6 +14,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from ..basics.progress import Show, progress
+from . import completion
 from .options import Case, Jobs, Json, labels, numbers, shared, values_of
 from .output import check_json, console, default_folder, file_name, make_folder, say, write_json
 
@@ -82,7 +83,9 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
         "stiffbeam sweep my-beam.toml --parameter amplitude --values 5e-4:2e-3:100",
     ),
 }
-STATUS = "Exit status: 0 done; 1 a run failed, or nothing was found or agrees; 2 bad input; 130 interrupted, repeat it."
+STATUS = (
+    "Exit status: 0 success; 1 a run or check failed; 2 invalid input; 130 or 143 interrupted (run again to resume)."
+)
 
 
 def epilog(name: str) -> str:
@@ -90,7 +93,14 @@ def epilog(name: str) -> str:
     return "\n\n".join(["Examples:", *(f"  {line}" for line in EXAMPLES.get(name, ())), STATUS])
 
 
-PANEL = "Studies"
+STUDY = "Studies: one question each"
+GROUPS: dict[str, tuple[str, ...]] = {  # in the order of the help; a command without a group comes last
+    "Compare and choose": ("compare", "advise", "doubt", "animate"),
+    "Reference solutions": ("reference", "score"),
+    STUDY: ("studies",),  # then every study
+    "The paper": ("reproduce",),
+    "Tools": ("cases", "doctor"),
+}
 Out = Annotated[
     Path | None, typer.Option(help="folder for records, picture and journal; default: stiffbeam-output/CASE")
 ]
@@ -110,10 +120,12 @@ class Commands(TyperGroup):
     """
 
     def list_commands(self, ctx: Any) -> list[str]:
-        """The commands written by hand, then one for each study."""
+        """All commands, group by group."""
         from ..studies import STUDIES
 
-        return [*super().list_commands(ctx), *(name.replace("_", "-") for name in STUDIES)]
+        each = [name.replace("_", "-") for name in STUDIES]
+        listed = [name for group, names in GROUPS.items() for name in (*names, *(each if group == STUDY else ()))]
+        return [*listed, *(name for name in super().list_commands(ctx) if name not in listed)]
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         """A command by name; that of a study is made when it is asked for."""
@@ -129,7 +141,7 @@ class _Study(TyperCommand):
     """A study by its name and a line of help, until it is called."""
 
     def __init__(self, name: str, line: str) -> None:
-        super().__init__(name, help=line, rich_help_panel=PANEL)
+        super().__init__(name, help=line, rich_help_panel=STUDY)
 
     def make_context(self, info_name: str | None, args: list[str], parent: Any = None, **extra: Any) -> Any:
         assert self.name is not None
@@ -138,8 +150,9 @@ class _Study(TyperCommand):
 
 
 def _dressed(command: Any, name: str) -> Any:
-    """The command with what all have: --quiet, --verbose, examples and exit status in its help."""
+    """The command with what all have: its group, --quiet, --verbose, examples and exit status in its help."""
     if command.epilog is None:
+        command.rich_help_panel = next((group for group, names in GROUPS.items() if name in names), None)
         command.params = [*command.params, *shared()]
         command.epilog = epilog(name)
     return command
@@ -196,7 +209,8 @@ def _option(parameter: inspect.Parameter, hint: Any) -> Any:
     words = next((text for text in get_args(hint)[1:] if isinstance(text, str)), "")
     if parameter.default not in (None, parameter.empty) and not isinstance(parameter.default, bool):
         words += f"; default: {parameter.default}"
-    return Annotated[_plain(hint)[0] | None, typer.Option(help=words)]
+    complete = completion.BY_OPTION.get(parameter.name)
+    return Annotated[_plain(hint)[0] | None, typer.Option(help=words, autocompletion=complete)]
 
 
 def _ask(

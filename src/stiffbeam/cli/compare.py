@@ -13,6 +13,7 @@ import typer
 from ..basics.progress import progress
 from ..basics.storage import write_whole
 from ..references.registry import BUDGET, COMPARED, REFERENCES
+from . import completion
 from .application import app
 from .options import Case, Dt, Json, TEnd
 from .output import check_json, console, default_folder, file_name, json_text, make_folder, say, write_json
@@ -34,17 +35,22 @@ def compare(
         str | None,
         typer.Option(
             help="comma-separated schemes, solvers and functions module:function, e.g. "
-            "'BDF2,HHT(alpha=-0.2)@displacement,SDIRK.printed,mymodule:radau'"
+            "'BDF2,HHT(alpha=-0.2)@displacement,SDIRK.printed,mymodule:radau'",
+            autocompletion=completion.integrators,
         ),
     ] = None,
     references: Annotated[
         str | None,
         typer.Option(
             help="comma-separated, the first that can take the case is the main one; default: "
-            f"those of {','.join(COMPARED)} that can"
+            f"those of {','.join(COMPARED)} that can",
+            autocompletion=completion.methods,
         ),
     ] = None,
-    contact: Annotated[str, typer.Option(help="implicit, conserving, or extrapolated as in the paper")] = "implicit",
+    contact: Annotated[
+        str,
+        typer.Option(help="implicit, conserving, or extrapolated as in the paper", autocompletion=completion.contact),
+    ] = "implicit",
     dt: Dt = None,
     t_end: TEnd = None,
     out: Annotated[

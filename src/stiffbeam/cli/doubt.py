@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from ..basics.progress import progress
+from . import completion
 from .application import app
 from .options import Case, Json
 from .output import check_json, say, write_json
@@ -19,7 +20,10 @@ def doubt(
     uncertain: Annotated[
         str | None, typer.Option(help="path=tolerance,..., relative; default: what the case file states")
     ] = None,
-    scheme: Annotated[str | None, typer.Option(help="whose error is measured; default: the case's first")] = None,
+    scheme: Annotated[
+        str | None,
+        typer.Option(help="whose error is measured; default: the case's first", autocompletion=completion.schemes),
+    ] = None,
     dt: Annotated[float | None, typer.Option(help="time step, instead of the case's")] = None,
     members: Annotated[int, typer.Option(help="systems that are drawn, each solved on two meshes")] = 48,
     seed: Annotated[int, typer.Option(help="of the draws")] = 1,

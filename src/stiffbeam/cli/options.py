@@ -9,6 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from ..basics.progress import TALK
+from . import completion
 
 
 def labels(text: str | None) -> list[str] | None:
@@ -66,10 +67,13 @@ def _verbose(value: bool) -> None:
     TALK.verbose = value
 
 
-Case = Annotated[str, typer.Argument(help="table1 .. table17, a case file, or file.toml:name")]
+CASE: dict[str, Any] = {"help": "table1 .. table17, a case file, or file.toml:name", "autocompletion": completion.cases}
+Case = Annotated[str, typer.Argument(**CASE)]
 Dt = Annotated[float | None, typer.Option(help="time step instead of the case's")]
 TEnd = Annotated[float | None, typer.Option(help="end time instead of the case's")]
-Form = Annotated[str | None, typer.Option(help="displacement, velocity-curvature or hermite")]
+Form = Annotated[
+    str | None, typer.Option(help="displacement, velocity-curvature or hermite", autocompletion=completion.form)
+]
 Jobs = Annotated[int | None, typer.Option(help="processes; default: one per core")]
 Json = Annotated[Path | None, typer.Option("--json", metavar="FILE", help="write the records here, - for stdout")]
 References = Annotated[

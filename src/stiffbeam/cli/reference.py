@@ -9,16 +9,21 @@ import typer
 
 from ..basics.progress import Show, progress
 from ..references.registry import ADAPTIVE, BEST, METHODS, MULTIPRECISION, REFERENCES
+from . import completion
 from .application import app
-from .options import Form, Json, TEnd
+from .options import CASE, Form, Json, TEnd
 from .output import check_json, console, make_folder, say, write_json
 
 
 @app.command("reference")
 def reference_command(
-    case: Annotated[str | None, typer.Argument(help="table1 .. table17, a case file, or file.toml:name")] = None,
+    case: Annotated[str | None, typer.Argument(**CASE)] = None,
     method: Annotated[
-        str | None, typer.Option(help=f"{', '.join(METHODS)}; all: hold them together; default: the best for the case")
+        str | None,
+        typer.Option(
+            help=f"{', '.join(METHODS)}; all: hold them together; default: the best for the case",
+            autocompletion=completion.methods,
+        ),
     ] = None,
     form: Form = None,
     digits: Annotated[str, typer.Option(help="of multiprecision: a number, or auto")] = "auto",

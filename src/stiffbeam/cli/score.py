@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from ..basics.progress import progress
+from . import completion
 from .application import app
 from .options import Json
 from .output import check_json, console, make_folder, say, write_json
@@ -17,9 +18,14 @@ from .output import check_json, console, make_folder, say, write_json
 def score(
     integrators: Annotated[
         str | None,
-        typer.Argument(help="comma-separated: schemes, solvers, module:function; e.g. 'HHT(alpha=-0.1),cvode'"),
+        typer.Argument(
+            help="comma-separated: schemes, solvers, module:function; e.g. 'HHT(alpha=-0.1),cvode'",
+            autocompletion=completion.integrators,
+        ),
     ] = None,
-    problem: Annotated[str | None, typer.Option(help="comma-separated names; all by default")] = None,
+    problem: Annotated[
+        str | None, typer.Option(help="comma-separated names; all by default", autocompletion=completion.problems)
+    ] = None,
     trajectory: Annotated[
         list[Path] | None,
         typer.Option(help="score this file instead: columns t, u and, if known, v; again for other steps"),

@@ -8,12 +8,12 @@ from typing import Any
 import typer
 
 from ..basics.progress import progress
-from .application import PANEL, Out, Smoke, app, print_records, run_one, takes
+from .application import Out, Smoke, app, print_records, run_one, takes
 from .options import Case, Jobs, Json, References
 from .output import check_json, write_json
 
 
-@app.command(rich_help_panel=PANEL)
+@app.command()
 def studies(
     case: Case = "table10",
     out: Out = None,

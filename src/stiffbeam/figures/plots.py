@@ -190,10 +190,32 @@ def plot_scorecard(card: Any, ax: Axes | None = None, **kwargs: Any) -> Axes | F
 
 
 def mode_shapes(system: System, count: int = 4) -> Figure:
-    """The first ``count`` shapes, in any scale: of a beam v(x), of matrices the unknowns in their order.
+    """Return a figure of the first natural mode shapes: of a beam v(x), of matrices the unknowns in their order.
 
-    A complex shape, of damping that couples the modes, is drawn in its two phases, a quarter of a period apart:
-    the part in phase with its largest entry in full, the other dashed.
+    A complex shape belongs to damping that couples the modes. It is drawn in two phases a quarter of a period apart:
+    the part in phase with its largest entry as a full line, the other dashed.
+
+    Parameters
+    ----------
+    system : System
+    count : int
+        Number of shapes; all where the system has fewer.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+
+    Raises
+    ------
+    InputError
+        For a count that is not positive.
+
+    Examples
+    --------
+    >>> import stiffbeam as sb
+    >>> figure = sb.mode_shapes(sb.paper_case(10).system(), count=3)
+    >>> len(figure.axes[0].lines) >= 3
+    True
     """
     natural, units = modes(system), system.units
     count = min(integer("count", count, 1), len(natural.omega))

@@ -26,13 +26,32 @@ from .reader import Reader, SystemReader
 
 @dataclass(frozen=True)
 class Case:
-    """A problem with the grid, step, time span and runs to make of it.
+    """A problem with the grid, time step, time span and runs to make of it, as a case file holds them.
 
-    The problem's numbers are those of the file as written, 0.001 and "pi/2" exactly: float64 sees the nearest
+    The problem has the numbers of the file as they are written, such as 0.001 and "pi/2": float64 takes the nearest
     doubles, multiprecision the numbers themselves.
-    runs: (scheme, form) pairs. published: what the source reports, by kind and run. notes: what is
-    inferred rather than stated, each with its reason. uncertain: distributions of parameters by path, from which
-    ensembles are drawn.
+
+    Parameters
+    ----------
+    name, title : str
+    problem : BeamProblem
+    cells : int
+        Cells of the grid.
+    dt, t_end : float
+    runs : sequence of (Scheme, form)
+    published : dict
+        Values that the source reports, by kind and run.
+    notes : sequence of str
+        What is inferred rather than stated in the source, each with its reason.
+    uncertain : mapping of path to Uncertain
+        Distributions of parameters, from which ensembles are drawn.
+
+    Examples
+    --------
+    >>> import stiffbeam as sb
+    >>> case = sb.paper_case(10)
+    >>> case.cells, case.dt, case.system()
+    (25, 0.0001, <System, displacement: 25 unknowns, 2 loads, 1 contacts>)
     """
 
     name: str
@@ -153,7 +172,28 @@ MOST_BYTES, MOST_LINE, MOST_DOTS = 1 << 20, 1 << 16, 50  # of a case file, a lin
 
 
 def paper_case(table: int) -> Case:
-    """Table 1..17 of Dumont (2002)."""
+    """Return the case of a table of Dumont (2002).
+
+    Parameters
+    ----------
+    table : int
+        1 to 17.
+
+    Returns
+    -------
+    Case
+
+    Raises
+    ------
+    InputError
+        For any other number.
+
+    Examples
+    --------
+    >>> import stiffbeam as sb
+    >>> sb.paper_case(10).problem.stiffness
+    300.0
+    """
     integer("table", table, 1)
     return find_case(f"table{table}")
 
@@ -211,7 +251,42 @@ def parse_case(text: str, source: str) -> Case:
 
 
 def load_cases(file: str | Path) -> dict[str, Case]:
-    """The cases of a TOML file by name. Raises InputError naming file, field, value and rule."""
+    """Return the cases of a TOML file by name.
+
+    Parameters
+    ----------
+    file : path
+
+    Returns
+    -------
+    dict of str to Case
+
+    Raises
+    ------
+    InputError
+        Names file, field, value and rule.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> import stiffbeam as sb
+    >>> text = '''
+    ... [[case]]
+    ... name = "strip"
+    ... dt = 1e-4
+    ... t_end = 1.0
+    ... cells = 25
+    ... [case.problem]
+    ... stiffness = 300.0
+    ... stops = { upper = 0.1, stiffness = 5e6 }
+    ... base = { amplitude = 0.2, frequency = 10.0 }
+    ... '''
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     file = pathlib.Path(folder, "strip.toml")
+    ...     _ = file.write_text(text)
+    ...     list(sb.load_cases(file))
+    ['strip']
+    """
     file = file_path("case file", file, "stiffbeam cases --show table10 prints one")
     try:
         data = _toml(_bounded(file))

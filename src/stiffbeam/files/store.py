@@ -269,13 +269,37 @@ def _hash(data: xr.Dataset) -> str:
 
 
 def load(file: str | Path, system: System | None = None, t_eval: ArrayLike | None = None) -> Trajectory:
-    """Read a file written by ``save`` or a frozen reference. Raises InputError for a file that is neither,
-    or is damaged, or is of another ``system``.
+    """Return the run of a file that ``save`` has written, or of a frozen reference.
 
-    A frozen reference answers at any time, and comes at ``t_eval``; what was saved without ``system`` answers at the
-    times it was saved at. Without ``system`` a trajectory does without, a frozen reference has its own case. With it
-    a scheme's run and an exact solution have states and field too: made again on first use, since a run is a
-    function of its arguments. So an exact solution answers ``at`` any time.
+    Parameters
+    ----------
+    file : path
+    system : System, optional
+        The system that the run is of. With it a scheme's run and an exact solution have states and the field over x
+        again: they are computed anew on first use. So an exact solution answers ``at`` any time. Without it a
+        trajectory has what the file holds, and a frozen reference uses its own case.
+    t_eval : array (k,), optional
+        Output times of a frozen reference, which answers at any time.
+
+    Returns
+    -------
+    Trajectory
+        A Reference where the file holds one.
+
+    Raises
+    ------
+    InputError
+        For a file of another kind, a damaged file, and a file of another ``system``.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import stiffbeam as sb
+    >>> run = sb.integrate(sb.paper_case(10).system(), sb.HHT(alpha=-0.1), dt=1e-4, t_end=0.1)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     again = sb.load(run.save(f"{folder}/run.nc"))
+    >>> bool((again.tip == run.tip).all())
+    True
     """
     path = file_path("file", file, "give one that save() has written")
     if not path.is_file():

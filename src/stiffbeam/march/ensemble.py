@@ -32,17 +32,45 @@ def integrate_ensemble(
     progress: Progress | None = None,
     since: float = 0.0,
 ) -> Ensemble:
-    """``integrate`` for every member, on all cores; each has the bits of its solo run on the same engine.
+    """Return the runs of all members of an ensemble, on all cores; each is equal to the bit to its single run.
 
-    members: from ``perturbed`` or ``varied``, or systems that differ from ``system`` in initial data, stops, loads and
-    motions only; where their records (Sampled) or, of ``varied`` and ``uncertain``, their matrices differ, each is set
-    up by itself. every: keep tip and tip velocity
-    at every so many steps; None keeps none, and memory does not grow with the steps but for the impacts.
-    engine: "numba" or "direct", see ``integrate``; equal to rounding.
-    progress: called with the number of member-steps done. since: the time, a whole number of steps,
-    after which contacts are recorded; one that is there then is no impact, and impulses are the sum of dt F over the
-    steps after it, without half weights at its ends. A member that overflows is
-    marked in ``diverged`` and the others go on. Raises InputError for bad arguments.
+    Parameters
+    ----------
+    system : System
+    scheme : Scheme
+    dt, t_end : float
+    members : Members or sequence of System
+        From ``perturbed``, ``varied`` or ``uncertain``, or systems that differ from ``system`` in initial data, stops,
+        loads and motions only. Members with records (Sampled) or matrices of their own are set up one by one.
+    contact : {"implicit", "extrapolated", "conserving"}
+        As in ``integrate``.
+    every : int, optional
+        Keep tip and tip velocity every so many steps. None keeps none; memory then grows with the impacts only.
+    engine : {"numba", "direct"}
+        As in ``integrate``.
+    progress : callable, optional
+        Called with the number of member-steps done.
+    since : float
+        Contacts are recorded after this time, a whole number of steps. A contact that is there then is no impact.
+        Impulses are the sum of dt F over the steps after it, without half weights at the ends.
+
+    Returns
+    -------
+    Ensemble
+        A member that overflows is marked in ``diverged``; the others go on.
+
+    Raises
+    ------
+    InputError
+        For bad arguments.
+
+    Examples
+    --------
+    >>> import stiffbeam as sb
+    >>> system = sb.paper_case(10).system()
+    >>> many = sb.integrate_ensemble(system, sb.HHT(alpha=-0.1), 1e-4, 0.5, sb.perturbed(system, 16))
+    >>> many.impact_count.shape
+    (16,)
     """
     begun = wall_clock()
     members = as_members(system, members)

@@ -25,18 +25,27 @@ STABLE = 1e-9  # a radius above 1 by less is rounding
 
 @dataclass(frozen=True, eq=False)
 class Amplification:
-    """One step on q'' + 2 xi w q' + w^2 q = 0, T = 2 pi/w; every array has the shape of dt_over_period.
+    """One step on q'' + 2 xi w q' + w^2 q = 0, T = 2 pi/w; every array has the shape of ``dt_over_period``.
 
-    With lambda the principal root, of the complex ones that of largest modulus, and its frequency
-    W dt = |arg lambda| in (0, pi):
+    lambda is the principal root, the complex one of largest modulus, and its frequency is W dt = |arg lambda| in
+    (0, pi). Beyond dt/T = 1/2 the sampled oscillation is aliased, and W is that of the alias.
 
-        spectral_radius    max |root|: > 1 is unstable
-        period_elongation  w_d/W - 1 with w_d = w sqrt(1 - xi^2): > 0 means a longer period, late
-        damping_ratio      -ln |lambda|/sqrt(ln^2 |lambda| + (W dt)^2): xi itself for the exact flow
+    Parameters
+    ----------
+    scheme : Scheme
+    dt_over_period : array
+    spectral_radius : array
+        max |root|: a scheme is unstable where it exceeds 1.
+    period_elongation : array
+        w_d/W - 1 with w_d = w sqrt(1 - xi^2): positive means a longer period, so the scheme lags. NaN where the
+        principal roots are real.
+    damping_ratio : array
+        -ln |lambda|/sqrt(ln^2 |lambda| + (W dt)^2): xi itself for the exact flow. NaN where the principal roots are
+        real.
 
-    The last two are NaN where the principal roots are real. Beyond dt/T = 1/2 the sampled oscillation is
-    aliased, and they are those of the alias frequency.
-    Source: Hughes, The Finite Element Method (1987), Section 9.3.
+    References
+    ----------
+    Hughes, The Finite Element Method (1987), Section 9.3.
     """
 
     scheme: Scheme
@@ -63,10 +72,36 @@ class Amplification:
 def amplification(
     scheme: Scheme, dt_over_period: ArrayLike, damping_ratio: float = 0.0, source: str = "kernel"
 ) -> Amplification:
-    """The roots of ``scheme`` at each dt/T > 0, with the physical damping xi = ``damping_ratio`` in [0, 1).
+    """Return spectral radius, period elongation and damping ratio of a scheme on the linear oscillator.
 
-    source "kernel": eigenvalues of the propagator that the march uses. "closed form": roots of the
-    scheme's characteristic polynomial, refused where it states none.
+    Parameters
+    ----------
+    scheme : Scheme
+    dt_over_period : array_like
+        dt/T > 0.
+    damping_ratio : float
+        Physical damping xi in [0, 1).
+    source : {"kernel", "closed form"}
+        "kernel": eigenvalues of the propagator that the march uses. "closed form": roots of the scheme's
+        characteristic polynomial, for schemes that state one.
+
+    Returns
+    -------
+    Amplification
+        Arrays of the shape of ``dt_over_period``.
+
+    Raises
+    ------
+    InputError
+        For steps that are not positive, a damping ratio outside [0, 1), and a closed form that the scheme does not
+        state.
+
+    Examples
+    --------
+    >>> import stiffbeam as sb
+    >>> answer = sb.amplification(sb.Trapezoidal(), [0.1])
+    >>> float(answer.spectral_radius[0].round(12)), float(answer.period_elongation[0].round(4))
+    (1.0, 0.0321)
     """
     rule = f"be one or more positive numbers from {SHORTEST:g} to {LONGEST:g}, in one dimension"
     x = np.atleast_1d(numbers("dt_over_period", dt_over_period, rule))

@@ -73,12 +73,34 @@ def tip_error(u: Array, u_ref: Array) -> TipError:
 
 
 def stays_within(run: Trajectory | Sequence[ArrayLike], reference: Reference, error: float) -> float:
-    """The time to which |u_run - u_ref| <= error max |u_ref|, the largest over the whole window, at every output.
+    """Return the time to which |u_run - u_ref| <= error max |u_ref|, with the maximum over the whole window.
 
-    ``run`` is a run or its arrays (t, tip) or (t, tip, tip velocity), as of ``compare``.
-    The last output before the first that is further off, at most the window's end, the smaller of t_end and the
-    horizon: past it the reference itself is not known. Raises InputError where the systems differ, where the
-    reference has no horizon, and where it does not know the run's times.
+    Parameters
+    ----------
+    run : Trajectory or arrays
+        A run, or its arrays (t, tip) or (t, tip, tip_velocity), as in ``compare``.
+    reference : Reference
+    error : float
+        Relative to the largest displacement of the reference.
+
+    Returns
+    -------
+    float
+        The last output before the first one that is further off. At most the end of the window, which is the smaller of
+        t_end and the horizon.
+
+    Raises
+    ------
+    InputError
+        Where the systems differ, the reference has no horizon, or it has no values at the run's times.
+
+    Examples
+    --------
+    >>> import stiffbeam as sb
+    >>> system = sb.paper_case(10).system()
+    >>> run = sb.integrate(system, sb.HHT(alpha=-0.1), dt=1e-5, t_end=0.2)
+    >>> 0.0 < sb.stays_within(run, sb.reference(system, 0.2), error=0.01) < 0.2
+    True
     """
     positive("error", error)
     run = run_of(run, reference, "stays_within")

@@ -36,22 +36,47 @@ from .time_functions import LoadFunction, TimeFunction, load_function
 class Stops(Parameters):
     """F = -(kappa d^p (1 + lambda d') + c d')_+ into the upper stop, d = u - g2 > 0, mirrored at the lower.
 
-    ``lower`` is g1 and ``upper`` is g2 > g1 (displacements); ``None`` leaves that side free.
-    ``stiffness`` is kappa > 0, force per displacement^p; ``exponent`` is p >= 1; ``damping`` is c >= 0, force
-    per velocity; ``dissipation`` is lambda >= 0, per velocity. F < 0 on the upper stop, F > 0 on the lower.
+    F < 0 at the upper stop, F > 0 at the lower. A stop only pushes: where damping would turn F into a pull, contact
+    ends before d = 0. With c > 0 the force jumps by c d' at entry. U = kappa d^(p+1)/(p+1) is the energy stored at d;
+    the rest of the work of F is dissipated.
 
-        exponent 1                      linear compliance (2.4); with damping > 0 unilateral Kelvin-Voigt
-        exponent 3/2                    Hertz; any exponent: Kuttler and Shillor's power law
-        dissipation > 0                 Hunt and Crossley, see ``from_restitution``
+    Parameters
+    ----------
+    lower, upper : float, optional
+        g1 and g2 > g1, displacements. None leaves that side free.
+    stiffness : float
+        kappa > 0, force per displacement^p. ``inf`` is a rigid stop: a reaction of any size where the gap is closed,
+        none elsewhere.
+    exponent : float
+        p >= 1: 1 is linear compliance (2.4), 3/2 Hertz's law, any other the power law of Kuttler and Shillor.
+    damping : float
+        c >= 0, force per velocity: with p = 1 the unilateral Kelvin-Voigt law.
+    dissipation : float
+        lambda >= 0, per velocity: the law of Hunt and Crossley, see ``from_restitution``.
+    restitution : float, optional
+        Of rigid stops: Newton's e in [0, 1], u'+ = -e u'-. None where no impact law is needed, see
+        ``System.massless_contacts``.
+    position : float, optional
+        Of a beam's stops: x; None is the tip. A contact of matrices has its row instead.
+    motion : time function, optional
+        Of a beam's stops: m(t), by which both move; d is then that of v = u(x, t) - m(t). None: stops at rest. A
+        contact of matrices has its offset instead.
 
-    A stop only pushes: where damping would turn F into a pull, contact ends, before d = 0. With c > 0 the force
-    jumps by c d' at entry. U = kappa d^(p+1)/(p+1) is the energy stored at d; the rest of its work is dissipated.
-    ``stiffness=inf`` is a rigid stop: a reaction of any size where the gap is closed, none elsewhere. ``restitution``
-    is then Newton's e in [0, 1], u'+ = -e u'-; None where no impact law is needed, see ``System.massless_contacts``.
-    For a beam, d is that of v = u(x, t) - m(t): ``position`` is x, None the tip, and ``motion`` is m, by which both
-    stops move (a time function, with the sign of u), None for stops at rest. A contact of matrices has both in its
-    row and offset. A number given as a text ("0.001", "1/3"), Fraction or Decimal is carried exactly into
-    multiprecision. Source: Dumont (2002), eq. (2.4); Hunt and Crossley, J. Appl. Mech. 42 (1975) 440-445.
+    Raises
+    ------
+    InputError
+        For stops that bound no side, cross each other, or have a law that is none of these.
+
+    References
+    ----------
+    Dumont (2002), eq. (2.4); Hunt and Crossley, J. Appl. Mech. 42 (1975) 440-445.
+
+    Examples
+    --------
+    >>> import stiffbeam as sb
+    >>> stops = sb.Stops(lower=-0.1, upper=0.1, stiffness=5e6)
+    >>> round(float(stops.force(0.101, 0.0)), 6)  # 0.001 beyond the upper stop
+    -5000.0
     """
 
     lower: float | None = None
@@ -296,8 +321,26 @@ NUMBERS = {
 class Contact:
     """Stops that act on the position row @ q + offset(t), with the force row^T F(row @ q + offset(t)).
 
-    ``row`` has shape (n,). ``offset`` (a time function or None) moves the contact point against the
-    stops, as a moving support does in absolute coordinates.
+    Parameters
+    ----------
+    row : array (n,)
+        Which combination of the unknowns meets the stops.
+    stops : Stops
+        Their gaps and their law.
+    offset : time function, optional
+        Moves the contact point against the stops, as a moving support does in absolute coordinates.
+
+    Raises
+    ------
+    InputError
+        For a row that is zero or not finite, and for an offset that is no time function.
+
+    Examples
+    --------
+    >>> import stiffbeam as sb
+    >>> contact = sb.Contact([0.0, 1.0], sb.Stops(upper=0.1, stiffness=1e4), offset=sb.Harmonic(0.02, 5.0))
+    >>> contact.row
+    array([0., 1.])
     """
 
     row: Array

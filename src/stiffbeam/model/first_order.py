@@ -37,8 +37,29 @@ class FirstOrderContact:
 class FirstOrderSystem:
     """y' = A y + sum_k b_k f_k(t) + sum_c column_c F_c(row_c y + o_c(t)),  m unknowns.
 
-    matrix: A, (m, m). loads: pairs (b_k, f_k). observe: the row of ``tip`` in y. y0: (m,).
-    to_q, to_v: (n, m), q = to_q y and q' = to_v y of the ``system`` it was made from.
+    Made by ``System.first_order``.
+
+    Parameters
+    ----------
+    matrix : array (m, m)
+        A.
+    loads : sequence of (array (m,), time function)
+        Pairs (b_k, f_k).
+    contacts : sequence of FirstOrderContact
+    observe : array (m,), optional
+        The row of ``tip`` in y.
+    y0 : array (m,)
+    to_q, to_v : array (n, m)
+        q = to_q y and q' = to_v y of the second-order system.
+    system : System
+        The system it was made from.
+
+    Examples
+    --------
+    >>> import stiffbeam as sb
+    >>> system = sb.paper_case(10).system("velocity-curvature")
+    >>> system.first_order().matrix.shape
+    (51, 51)
     """
 
     matrix: Array

@@ -147,11 +147,30 @@ def _root(mass: Array) -> tuple[Callable[[Array], Array], Callable[[Array], Arra
 
 
 def modal_damping(mass: ArrayLike, stiffness: ArrayLike, ratio: float | Sequence[float]) -> Array:
-    """C = M Phi diag(2 zeta_j omega_j) Phi^T M, Phi^T M Phi = I: damping that leaves the natural modes as they are.
+    """Return C = M Phi diag(2 zeta_j omega_j) Phi^T M, Phi^T M Phi = I: damping that keeps the natural modes.
 
-    mass, stiffness: (n, n), dense or SciPy sparse. ratio: zeta of every mode, or of the first ones, 0 of the rest; a
-    rigid motion has none. Returns (n, n), for ``System.from_matrices``. Raises InputError for a negative ratio, for
-    more of them than modes, and for matrices that make no System.
+    Parameters
+    ----------
+    mass, stiffness : array (n, n)
+        Dense or SciPy sparse.
+    ratio : float or sequence of float
+        zeta of every mode, or of the first ones; the others have none. A rigid motion has none either.
+
+    Returns
+    -------
+    array (n, n)
+        ``damping`` of ``System.from_matrices``.
+
+    Raises
+    ------
+    InputError
+        For a negative ratio, for more ratios than modes, and for matrices that make no System.
+
+    Examples
+    --------
+    >>> import stiffbeam as sb
+    >>> sb.modal_damping([[2.0]], [[8.0]], 0.05)
+    array([[0.4]])
     """
     system = System.from_matrices(mass, stiffness, observe=np.ones(np.shape(mass)[0]))
     return damping_of(undamped_modes(system), ratio)

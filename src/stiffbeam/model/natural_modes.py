@@ -23,20 +23,29 @@ FARTHEST = 2.0**200  # times a step: nothing stops a motion that long
 
 @dataclass(frozen=True, eq=False)
 class NaturalModes:
-    """The free motions of a system away from its stops, slowest first.
+    """Free motions of a system away from its stops, slowest first.
 
-    omega: (k,) angular frequencies. shapes: (n, k), a column a mode, shape^H M shape = 1, its largest entry
-    positive. damping_ratio: (k,). Where the damping does not couple the modes (``coupled`` False), k = n and
+    Where the damping does not couple the modes, k = n and
 
         q = shape eta,   eta'' + 2 ratio omega eta' + omega^2 eta = 0,
 
-    omega the undamped frequency; the ratio is NaN for a rigid motion, omega = 0. Where it does, a mode is
-    q = Re(shape e^(lambda t)) with (lambda^2 M + lambda C + K) shape = 0, its shape complex,
+    with the undamped frequency omega; the ratio is NaN for a rigid motion, omega = 0. Where it does couple them, a mode
+    is q = Re(shape e^(lambda t)) with (lambda^2 M + lambda C + K) shape = 0 and a complex shape,
 
         omega = |lambda|,   ratio = -Re lambda / |lambda|,
 
-    one for every pair of conjugate lambda, and one of ratio 1 for every real lambda: a motion that only decays. So
-    k > n then, if there are any. Both say the same of a single underdamped degree of freedom.
+    one for every pair of conjugate lambda, and one of ratio 1 for every real lambda, a motion that only decays; then
+    k > n. For one underdamped degree of freedom the two definitions agree.
+
+    Parameters
+    ----------
+    omega : array (k,)
+        Angular frequencies.
+    shapes : array (n, k)
+        A column per mode, shape^H M shape = 1, its largest entry positive.
+    damping_ratio : array (k,)
+    coupled : bool
+        True where the damping couples the modes.
     """
 
     omega: Array
@@ -53,7 +62,27 @@ class NaturalModes:
 
 
 def modes(system: System) -> NaturalModes:
-    """The natural modes of ``system`` without contact, whatever its damping. Raises InputError for no System."""
+    """Return the natural modes of a system away from its stops, whatever its damping.
+
+    Parameters
+    ----------
+    system : System
+
+    Returns
+    -------
+    NaturalModes
+
+    Raises
+    ------
+    InputError
+        For anything but a System.
+
+    Examples
+    --------
+    >>> import stiffbeam as sb
+    >>> sb.modes(sb.System.from_matrices([[2.0]], [[8.0]], damping=[[0.4]], observe=[1.0])).omega
+    array([2.])
+    """
     require_system(system)
     basis = decoupled.modes(system)
     if basis is not None:
@@ -104,14 +133,35 @@ def eigenvalues_off(values: Any, x: Any, damping: Array, omega: Array) -> Any:
 
 
 def static_equilibrium(system: System, t: float | None = None) -> Array:
-    """q (n,) with K q = sum_k p_k f_k + sum_c row_c^T F_c(row_c q + o_c): at rest, contact included.
+    """Return q (n,) with K q = sum_k p_k f_k + sum_c row_c^T F_c(row_c q + o_c): at rest, contact included.
 
-    t: None asks for loads and offsets that are all Constant; else they are frozen at their values at time t. The
-    equilibrium is unique where K, or K with the springs of the closed stops, is positive definite. As initial data:
-    ``replace(system, q0=q, v0=0 * q)``, or ``initial_displacement=q`` of ``System.from_matrices``. Of a beam q is in
-    v = u - phi (1 - (x/L)^2).
-    Raises InputError for loads that are not constant without ``t``, for rigid stops, and for a system that neither
-    its stiffness nor its closed stops hold.
+    The equilibrium is unique where K, or K with the springs of the closed stops, is positive definite. To start from
+    it: ``replace(system, q0=q, v0=0 * q)``, or ``initial_displacement=q`` of ``System.from_matrices``. The q of a beam
+    is in v = u - phi (1 - (x/L)^2).
+
+    Parameters
+    ----------
+    system : System
+    t : float, optional
+        The time at which loads and offsets are taken. Not needed where all are Constant.
+
+    Returns
+    -------
+    array (n,)
+
+    Raises
+    ------
+    InputError
+        For loads that are not constant without ``t``, for rigid stops, and for a system that neither its stiffness nor
+        its closed stops hold.
+
+    Examples
+    --------
+    >>> import stiffbeam as sb
+    >>> floor = sb.Contact([1.0], sb.Stops(lower=0.0, stiffness=1000.0))
+    >>> ball = sb.System.from_matrices([[2.0]], [[0.0]], loads=[([1.0], sb.Constant(-20.0))], contacts=[floor])
+    >>> sb.static_equilibrium(ball)
+    array([-0.02])
     """
     require_system(system)
     functions = [f for _, f in system.loads] + [contact.offset for contact in system.contacts]

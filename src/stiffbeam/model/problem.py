@@ -19,10 +19,24 @@ from .time_functions import LoadFunction, TimeFunction, derivative, in_closed_fo
 
 @dataclass(frozen=True)
 class PolynomialProfile:
-    """p(x) = sum_k coefficients[k] x^k, the constant first; what a case file gives as a list.
+    """p(x) = sum_k coefficients[k] x^k, the constant first; a case file gives it as a list.
 
-    Coefficients given as texts, Fractions or Decimals keep their exact values for multiprecision.
-    Raises InputError for what is no number, and for none at all.
+    Parameters
+    ----------
+    coefficients : sequence of float
+        Texts, Fractions and Decimals keep their exact values for multiprecision.
+
+    Raises
+    ------
+    InputError
+        For an empty sequence, and for entries that are no numbers.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import stiffbeam as sb
+    >>> sb.PolynomialProfile([0.1, 0.0, 2.0])(np.array([0.0, 0.5, 1.0]))
+    array([0.1, 0.6, 2.1])
     """
 
     coefficients: tuple[float, ...]
@@ -126,7 +140,26 @@ def profile_values(name: str, profile: Profile, x: Array) -> Array:
 
 @dataclass(frozen=True)
 class PointLoad:
-    """f(x, t) = time(t) delta(x - position): a Dirac load of resultant time(t), 0 < position <= beam length."""
+    """f(x, t) = time(t) delta(x - position): a force on one point of a beam.
+
+    Parameters
+    ----------
+    position : float
+        0 < position <= beam length.
+    time : time function
+        The resultant, a force. A bare function of t is allowed for loads.
+
+    Raises
+    ------
+    InputError
+        For a position that is not positive, and a time that is no function.
+
+    Examples
+    --------
+    >>> import stiffbeam as sb
+    >>> sb.PointLoad(position=0.23, time=sb.Harmonic(67.024, 6.0)).position
+    0.23
+    """
 
     position: float
     time: LoadFunction
@@ -138,7 +171,27 @@ class PointLoad:
 
 @dataclass(frozen=True)
 class DistributedLoad:
-    """f(x, t) = shape(x) time(t), force per unit length; ``shape`` takes an array of x."""
+    """f(x, t) = shape(x) time(t), force per unit length of a beam.
+
+    Parameters
+    ----------
+    shape : function or PolynomialProfile
+        From an array of x to an array.
+    time : time function
+        A bare function of t is allowed for loads.
+
+    Raises
+    ------
+    InputError
+        For a shape or a time that is no function.
+
+    Examples
+    --------
+    >>> import stiffbeam as sb
+    >>> weight = sb.DistributedLoad(shape=sb.PolynomialProfile([1.0]), time=sb.Constant(-9.81))
+    >>> weight.time
+    Constant(level=-9.81)
+    """
 
     shape: Profile
     time: LoadFunction
@@ -160,22 +213,60 @@ class BeamProblem:
         sigma(L,t) = -kappa [(u(L,t) - g2)_+ - (g1 - u(L,t))_+]        (2.4) normal compliance
         EI u_xx(L,t) + eta u_xxt(L,t) = 0                              (2.5) no moment at the tip
 
-    That is the paper's beam. ``supports`` names other ends, at x = 0 and x = L, for form="hermite": clamped holds
-    u and u_x, pinned u, free neither. tip_mass: a point mass at x = L. mass_damping: a, the force -a m u_t per
-    length on the velocity u_t itself, and -a tip_mass u_t at the tip. For form="hermite" too: rotary_inertia, J per
-    length, (m u_tt - (J u_xtt)_x in (2.1); for a section rho I), tip_inertia, of the tip mass about itself, sections,
-    where EI, eta, m and J are others, and modal_damping, ratios added to the modes of v, see ``sections``.
-    stiffness: EI > 0, the paper's k^2. viscosity: eta >= 0 (Kelvin-Voigt), the paper's d. length: L.
-    mass_per_length: m. stops: g1, g2, kappa, and where along the beam, at the tip if they do not say; several in
-    a list, each a point force -kappa [(u - g2)_+ - (g1 - u)_+] delta(x - position); None for no contact.
-    base: phi, None for a clamp at rest.
-    loads: f. initial_displacement, initial_velocity: u0(x), v0(x) taking an array of x in [0, L] to one of
-    values, functions or a PolynomialProfile; None is at rest, u0 = phi(0) and v0 = 0.
-    A number given as a text ("0.001", "1/3", "2*pi*50"), Fraction or Decimal is carried exactly into
-    multiprecision; a float is the double it is.
-    The beam is taken as it is given: every result is in the units of these numbers, and ``units`` names
-    them. By default they are the paper's, L = m = 1 and no dimension; ``from_physical`` has the physical
-    names. Raises InputError (a ValueError) naming field, value and rule. Source: Dumont (2002), Section 2.
+    The beam is integrated in the units of these numbers. By default they are the paper's, with L = m = 1;
+    ``from_physical`` takes the names and units of a physical beam. A number given as a text ("0.001", "1/3",
+    "2*pi*50"), Fraction or Decimal is carried exactly into multiprecision; a float is the double that it is.
+
+    Parameters
+    ----------
+    stiffness : float
+        EI > 0, the paper's k^2.
+    viscosity : float
+        eta >= 0 (Kelvin-Voigt), the paper's d.
+    length, mass_per_length : float
+        L and m.
+    stops : Stops or sequence of Stops, optional
+        g1, g2, kappa and the place along the beam, the tip by default. Each of several is a point force at its
+        ``position``. None: no contact.
+    base : TimeFunction, optional
+        phi; None is a clamp at rest.
+    loads : sequence of PointLoad and DistributedLoad
+        f.
+    initial_displacement, initial_velocity : function or PolynomialProfile, optional
+        u0(x) and v0(x), from an array of x in [0, L] to an array. None is at rest: u0 = phi(0), v0 = 0.
+    units : Units
+        Names of the units, for tables and files.
+    supports : str
+        Ends at x = 0 and x = L: "clamped-free" is the paper's; others are for form="hermite". A clamped end holds u and
+        u_x, a pinned one u, a free one neither.
+    tip_mass : float
+        Point mass at x = L.
+    mass_damping : float
+        a of the force -a m u_t per length, and -a tip_mass u_t at the tip.
+    rotary_inertia, tip_inertia : float
+        For form="hermite": J per length, m u_tt - (J u_xtt)_x in (2.1), rho I of a section; and the inertia of the tip
+        mass about itself.
+    modal_damping : float or sequence of float
+        For form="hermite": damping ratios that are added to the modes of v.
+    sections : sequence of Section
+        For form="hermite": where EI, eta, m and J differ.
+
+    Raises
+    ------
+    InputError
+        A ValueError that names field, value and rule.
+
+    References
+    ----------
+    Dumont (2002), Section 2.
+
+    Examples
+    --------
+    >>> import stiffbeam as sb
+    >>> stops, base = sb.Stops(lower=-0.1, upper=0.1, stiffness=5e6), sb.Harmonic(amplitude=0.2, frequency=10.0)
+    >>> problem = sb.BeamProblem(stiffness=300.0, stops=stops, base=base)
+    >>> problem.length, problem.supports
+    (1.0, 'clamped-free')
     """
 
     stiffness: float

@@ -26,12 +26,31 @@ class Sampled:
         "linear"    f(t_i + s) = values_i + s (values_{i+1} - values_i)/(t_{i+1} - t_i)
         "cubic"     the cubic with the values and the slopes m_i, m_{i+1} of the spline (not-a-knot, C^2)
 
-    t: increasing times, two at least. values: one per time; both are copied and cannot be written to.
-    Values outside the samples are refused with InputError: let a pulse end with samples of 0. A jump is two samples
-    close to each other. A derivative that would hold impulses is refused too, such as the acceleration of a polygon,
-    whose slopes jump. Two records with equal numbers are equal, in any process. The numbers are taken as doubles, and
-    so are the slopes m_i, from which the cubic follows exactly.
-    Raises InputError for other times, other values or another kind.
+    A jump is two samples close to each other. Two records with equal numbers are equal, in any process. The samples and
+    the slopes m_i are doubles, from which the function follows exactly.
+
+    Parameters
+    ----------
+    t : array (N,)
+        Increasing times, at least two. Copied; the copy is read-only.
+    values : array (N,)
+        One value per time. Copied; the copy is read-only.
+    kind : {"linear", "cubic"}
+    derivative : int
+        Order of the derivative that the function is.
+
+    Raises
+    ------
+    InputError
+        For times that do not increase, for values that are not finite, for a derivative that would hold impulses, such
+        as the acceleration of a polygon, and for times outside the samples: let a pulse end with samples of 0.
+
+    Examples
+    --------
+    >>> import stiffbeam as sb
+    >>> record = sb.Sampled([0.0, 1.0, 2.0], [0.0, 4.0, 0.0])
+    >>> float(record.value(0.25))
+    1.0
     """
 
     t: Array
@@ -228,11 +247,37 @@ PER_PERIOD = 16  # samples in the shortest period: the spline between them is of
 
 
 def noise(t_end: float, rms: float, band: tuple[float, float], seed: int) -> Sampled:
-    """f(t) = rms sqrt(2/n) sum_k cos(w_k t + phase_k) on [0, t_end], as a cubic record.
+    """Return f(t) = rms sqrt(2/n) sum_k cos(w_k t + phase_k) on [0, t_end], as a cubic record.
 
-    w_k: the n multiples of 2 pi/t_end in ``band`` = (low, high), angular frequencies; phases uniform, from ``seed``.
-    Its spectrum is flat in the band and nothing outside, its mean square over t_end rms^2. Raises InputError for a
-    band without a multiple of 2 pi/t_end.
+    The w_k are the n multiples of 2 pi/t_end in the band. The spectrum is flat in the band and zero outside; the mean
+    square over t_end is rms^2.
+
+    Parameters
+    ----------
+    t_end : float
+    rms : float
+        Root mean square, in the unit of the load.
+    band : (float, float)
+        Lowest and highest angular frequency.
+    seed : int
+        Of the uniform phases.
+
+    Returns
+    -------
+    Sampled
+
+    Raises
+    ------
+    InputError
+        For a band without a multiple of 2 pi/t_end.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import stiffbeam as sb
+    >>> record = sb.noise(t_end=10.0, rms=2.0, band=(5.0, 50.0), seed=1)
+    >>> round(float(np.sqrt(np.mean(record.values[:-1] ** 2))), 6)
+    2.0
     """
     base = 2.0 * np.pi / positive("t_end", t_end)
     low, high = non_negative("band", band[0]), positive("band", band[1])
@@ -250,10 +295,35 @@ def noise(t_end: float, rms: float, band: tuple[float, float], seed: int) -> Sam
 
 
 def random_phases(record: Sampled, seed: int) -> Sampled:
-    """Another record with the amplitude spectrum of an equidistant one, and phases from ``seed``.
+    """Return a record with the amplitude spectrum of another one and random phases.
 
-    The mean and the mean square of its values are the record's; its last sample repeats the first. Raises InputError
-    for times that are not equidistant.
+    Mean and mean square of the values are those of the record. The last sample repeats the first.
+
+    Parameters
+    ----------
+    record : Sampled
+        Equidistant.
+    seed : int
+        Of the uniform phases.
+
+    Returns
+    -------
+    Sampled
+
+    Raises
+    ------
+    InputError
+        For times that are not equidistant.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import stiffbeam as sb
+    >>> t = np.linspace(0.0, 10.0, 501)
+    >>> measured = sb.Sampled(t, np.sin(3.0 * t) + 0.5 * np.cos(17.0 * t))
+    >>> other = sb.random_phases(measured, seed=1)
+    >>> bool(np.isclose(np.mean(other.values[:-1] ** 2), np.mean(measured.values[:-1] ** 2)))
+    True
     """
     step = np.diff(record.t)
     if len(step) < 3 or np.ptp(step) > 1e-6 * step[0]:

@@ -205,13 +205,36 @@ _PROCESS, _CALLABLES = uuid4().hex, {}
 class System:
     """M q'' + C q' + K q = sum_k p_k f_k(t) + sum_c row_c^T F_c(row_c q + o_c(t)),  n unknowns.
 
-    mass, damping, stiffness: (n, n), symmetric; M positive definite, C and K positive semidefinite.
-    loads: pairs (p_k of shape (n,), f_k). contacts: where the stops act. observe: the row of ``tip``,
-    None for the position of the first contact. q0, v0: (n,) initial data. All are checked and copied, the
-    copies cannot be written to. Another system is made with ``dataclasses.replace``; what followed from
-    the replaced field, as a beam's factor of its stiffness, is then no longer offered (see Origin).
-    Make one with ``semidiscretise`` or ``System.from_matrices``. Raises InputError naming what is wrong:
-    shape, symmetry, definiteness, a subclass.
+    Make one with ``semidiscretise`` or ``System.from_matrices``, and a changed one with ``dataclasses.replace``. What
+    was derived from a replaced field, such as a beam's factor of its stiffness, is then no longer offered (see Origin).
+    All arrays are checked and copied; the copies are read-only.
+
+    Parameters
+    ----------
+    mass, damping, stiffness : array (n, n)
+        Symmetric; M positive definite, C and K positive semidefinite.
+    loads : sequence of (array (n,), time function)
+        Pairs (p_k, f_k).
+    contacts : sequence of Contact
+        Where stops act.
+    observe : array (n,), optional
+        The row of ``tip``; by default ``tip`` is the position of the first contact.
+    q0, v0 : array (n,)
+        Initial displacements and velocities.
+    origin : Origin, optional
+        The beam and grid that the matrices came from.
+
+    Raises
+    ------
+    InputError
+        For a wrong shape, a matrix that is not symmetric or not definite, and for a subclass.
+
+    Examples
+    --------
+    >>> import stiffbeam as sb
+    >>> stops = sb.Stops(upper=0.1, stiffness=1e4)
+    >>> sb.System.from_matrices([[1.0]], [[4.0]], contacts=[sb.Contact([1.0], stops)], initial_velocity=[1.0])
+    <System, matrices: 1 unknowns, 0 loads, 1 contacts>
     """
 
     mass: Array

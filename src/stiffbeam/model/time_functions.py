@@ -19,7 +19,23 @@ from .sampled import Sampled
 class TimeFunction(Protocol):
     """f(t) with two derivatives, vectorised: an array of times gives an array of that shape.
 
-    Besides, an attribute ``breakpoints`` may state the times where f is not smooth (see ``breakpoints_of``).
+    ``Harmonic``, ``Constant``, ``Sampled`` and ``Sum`` are time functions. A class of your own needs the three methods
+    ``value``, ``rate`` and ``acceleration``. An attribute ``breakpoints`` may state the times where f is not smooth, so
+    that adaptive solvers restart there.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import stiffbeam as sb
+    >>> class Ramp:
+    ...     def value(self, t):
+    ...         return 2.0 * np.asarray(t)
+    ...     def rate(self, t):
+    ...         return 2.0 + 0.0 * np.asarray(t)
+    ...     def acceleration(self, t):
+    ...         return 0.0 * np.asarray(t)
+    >>> isinstance(Ramp(), sb.TimeFunction)
+    True
     """
 
     def value(self, t: ArrayLike, /) -> Array:
@@ -37,9 +53,28 @@ class TimeFunction(Protocol):
 
 @dataclass(frozen=True)
 class Harmonic:
-    """f(t) = amplitude sin(frequency t + phase); ``frequency`` is angular (rad per time) and > 0.
+    """f(t) = amplitude sin(frequency t + phase).
 
     A number given as a text ("0.2", "pi/2", "2*pi*50"), Fraction or Decimal is carried exactly into multiprecision.
+
+    Parameters
+    ----------
+    amplitude : float
+    frequency : float
+        Angular frequency > 0, in radians per unit of time.
+    phase : float
+        In radians; pi/2 makes a cosine.
+
+    Raises
+    ------
+    InputError
+        For a number that is not finite, and a frequency that is not positive.
+
+    Examples
+    --------
+    >>> import stiffbeam as sb
+    >>> float(sb.Harmonic(amplitude=0.2, frequency=10.0, phase="pi/2").value(0.0))
+    0.2
     """
 
     amplitude: float
@@ -81,7 +116,24 @@ class Harmonic:
 
 @dataclass(frozen=True)
 class Constant:
-    """f(t) = level."""
+    """f(t) = level.
+
+    Parameters
+    ----------
+    level : float
+        A text ("9.81"), Fraction or Decimal is carried exactly into multiprecision.
+
+    Raises
+    ------
+    InputError
+        For a level that is not finite.
+
+    Examples
+    --------
+    >>> import stiffbeam as sb
+    >>> float(sb.Constant(-9.81).value(3.0))
+    -9.81
+    """
 
     level: float
     breakpoints: ClassVar[tuple[float, ...]] = ()

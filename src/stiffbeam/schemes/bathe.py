@@ -8,14 +8,32 @@ from .scheme import Array, Equation, Scheme, Step, in_interval, oscillator
 
 
 class Bathe(Scheme):
-    """With s = ``split``, the share of the step that the trapezoidal rule takes,
+    """Trapezoidal rule over a share s of the step, then a three-point backward formula over the rest:
 
         y^{n+s} = y^n + s dt/2 (f^n + f^{n+s}),
         s (2 - s) y^{n+1} = y^{n+s} - (1 - s)^2 y^n + s (1 - s) dt f^{n+1}.
 
-    Order 2, L-stable for s in (0, 1). s = 1/2 is Bathe's choice; s = 2 - sqrt 2 is TR-BDF2, where both
-    stages solve with the same matrix. State: (y^n, f^n). Sources: Bathe and Baig, Comput. Struct. 83
-    (2005) 2513-2524; Bank et al., IEEE Trans. Electron Devices 32 (1985) 1992-2007.
+    Order 2, L-stable. State: (y^n, f^n).
+
+    Parameters
+    ----------
+    split : float
+        s in (0, 1). 1/2 is Bathe's choice; 2 - sqrt 2 is TR-BDF2, where both stages solve with the same matrix.
+
+    Raises
+    ------
+    InputError
+        For any other share.
+
+    References
+    ----------
+    Bathe and Baig, Comput. Struct. 83 (2005) 2513-2524; Bank et al., IEEE Trans. Electron Devices 32 (1985) 1992-2007.
+
+    Examples
+    --------
+    >>> import stiffbeam as sb
+    >>> sb.Bathe(split=0.5)
+    Bathe(split=0.5)
     """
 
     name = "bathe"

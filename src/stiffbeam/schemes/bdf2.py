@@ -11,9 +11,18 @@ from .theta import Theta
 class BDF2(Scheme):
     """y^{n+1} = 4/3 y^n - 1/3 y^{n-1} + (2 dt/3) f(t^{n+1}, y^{n+1}).
 
-    Order 2, L-stable; the first step is the theta-method's with theta = 1/2. State: (y^n, y^{n-1}).
-    Extrapolated contact: v* = 4/3 v^n - 1/3 v^{n-1} + (2 dt/3)(2 v_t^n - v_t^{n-1}), from the values
-    the paper names. Source: Dumont (2002), (4.5) on (3.12) and (4.11) on (3.5).
+    Order 2, L-stable. The first step is the theta-method's with theta = 1/2. State: (y^n, y^{n-1}). The extrapolated
+    contact takes v* = 4/3 v^n - 1/3 v^{n-1} + (2 dt/3)(2 v_t^n - v_t^{n-1}), from the values that the paper names.
+
+    References
+    ----------
+    Dumont (2002), (4.5) on (3.12) and (4.11) on (3.5).
+
+    Examples
+    --------
+    >>> import stiffbeam as sb
+    >>> sb.BDF2()
+    BDF2()
     """
 
     name = "bdf2"

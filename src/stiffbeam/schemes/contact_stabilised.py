@@ -13,14 +13,23 @@ class ContactStabilisedNewmark(RigidScheme):
 
         q+ = q_p + dt^2/2 a,  v+ = v + dt a,  M a = (f + f+)/2 - C (v + v+)/2 - K (q + q+)/2 + B^T R,
 
-    0 <= R _|_ gap(q+) >= 0. Without nu the force of a lasting contact would swing from zero to twice its value. With
-    E = 1/2 v^T M v + 1/2 q^T K q, without damping,
+    0 <= R _|_ gap(q+) >= 0. Without nu the force of a persistent contact would swing between zero and twice its value.
+    With E = 1/2 v^T M v + 1/2 q^T K q, without damping,
 
         E+ - E = (f + f+)/2 . (q+ - q) + R (gap+ - gap) - nu B a,
 
-    and where R > 0, gap+ = 0: it loses R gap. It has no restitution: a body rebounds by its own elasticity.
+    and where R > 0, gap+ = 0: it dissipates R gap. It has no restitution: a body rebounds by its own elasticity.
     Order 1. State: (q, v, f).
-    Source: Deuflhard, Krause and Ertel, Int. J. Numer. Methods Eng. 73 (2008) 1274-1290.
+
+    References
+    ----------
+    Deuflhard, Krause and Ertel, Int. J. Numer. Methods Eng. 73 (2008) 1274-1290.
+
+    Examples
+    --------
+    >>> import stiffbeam as sb
+    >>> sb.ContactStabilisedNewmark()
+    ContactStabilisedNewmark()
     """
 
     name = "contact-stabilised"

@@ -11,11 +11,20 @@ from .scheme import Array, Equation, Scheme, Step, oscillator
 class ExponentialFlow(Scheme):
     """y^{n+1} = e^{A dt} y^n + dt phi_1(A dt) B f^n + dt phi_2(A dt) B (f^{n+1} - f^n).
 
-    phi_1(z) = (e^z - 1)/z, phi_2(z) = (e^z - 1 - z)/z^2. Free motion is exact at any step; loads and reactions
-    are interpolated linearly, order 2. Between contacts there is neither period elongation nor dissipation; all errors
-    come from the contact. Take contact="conserving": with "implicit" the stops do work on the motion,
-    the largest forces of Table 10 at dt = 1e-4 are twice as large. State: (y, f), the force carried.
-    Source: Hochbruck and Ostermann, Acta Numerica 19 (2010) 209-286.
+    phi_1(z) = (e^z - 1)/z, phi_2(z) = (e^z - 1 - z)/z^2. Free motion is exact at any step; loads and reactions are
+    interpolated linearly, order 2. Between contacts there is neither period elongation nor dissipation: all errors come
+    from the contact. Use contact="conserving". With "implicit" the stops do work on the motion, and the largest forces
+    of Table 10 at dt = 1e-4 are twice as large. State: (y, f).
+
+    References
+    ----------
+    Hochbruck and Ostermann, Acta Numerica 19 (2010) 209-286.
+
+    Examples
+    --------
+    >>> import stiffbeam as sb
+    >>> sb.ExponentialFlow()
+    ExponentialFlow()
     """
 
     name = "exponential-flow"

@@ -12,9 +12,28 @@ class GeneralisedAlpha(WeightedNewmark):
         alpha_m = (2 rho - 1)/(rho + 1),    beta  = (1 - alpha_m + alpha_f)^2/4,
         alpha_f = rho/(rho + 1),            gamma = 1/2 - alpha_m + alpha_f.
 
-    Order 2, A-stable for rho in [0, 1]; rho = 1 loses no energy on a linear system, rho = 0 removes the
-    highest modes in one step. The weights fall on the old values, as in Chung and Hulbert; HHT is
-    alpha_m = 0, alpha_f = -alpha. Source: Chung and Hulbert, J. Appl. Mech. 60 (1993) 371-375, (25)-(27).
+    Order 2, A-stable. The weights fall on the old values, as in Chung and Hulbert. HHT is alpha_m = 0 and
+    alpha_f = -alpha.
+
+    Parameters
+    ----------
+    rho : float
+        In [0, 1]: 1 dissipates no energy on a linear system, 0 removes the highest modes in one step.
+
+    Raises
+    ------
+    InputError
+        For any other rho.
+
+    References
+    ----------
+    Chung and Hulbert, J. Appl. Mech. 60 (1993) 371-375, (25)-(27).
+
+    Examples
+    --------
+    >>> import stiffbeam as sb
+    >>> sb.GeneralisedAlpha(rho=0.8)
+    GeneralisedAlpha(rho=0.8)
     """
 
     name = "generalised-alpha"

@@ -12,13 +12,30 @@ class HHT(WeightedNewmark):
         q^{n+1} = q^n + dt v^n + dt^2 [(1/2 - beta) a^n + beta a^{n+1}],    beta = (1 - alpha)^2/4,
         v^{n+1} = v^n + dt [(1 - gamma) a^n + gamma a^{n+1}],               gamma = 1/2 - alpha.      (4.13)
 
-    The weighted Newmark step with alpha_m = 0 and alpha_f = -alpha. Order 2, A-stable for alpha in
-    [-1/3, 0]; alpha = 0 is the trapezoidal rule. Mind the sign: other packages write this alpha as
-    alpha_H = -alpha in [0, 1/3], or as 1 + alpha in [2/3, 1].
-    Re-deriving the acceleration each step from M a = N, or leaving any force out of the weighting as the
-    paper prints (``Scheme.printed``), drops to first order. The contact enters as
-    (1 + alpha) sigma(v^{n+1}) - alpha sigma(v^n). Source: Dumont (2002), (4.13); Hilber, Hughes and
-    Taylor, Earthquake Eng. Struct. Dyn. 5 (1977) 283-292.
+    The weighted Newmark step with alpha_m = 0 and alpha_f = -alpha. Order 2, A-stable. The contact enters as
+    (1 + alpha) sigma(v^{n+1}) - alpha sigma(v^n). The order drops to 1 where the acceleration is computed again from
+    M a = N in each step, and where a force is left out of the weighting as the paper prints (``Scheme.printed``).
+
+    Parameters
+    ----------
+    alpha : float
+        In [-1/3, 0]; 0 is the trapezoidal rule. Other packages write alpha_H = -alpha in [0, 1/3], or 1 + alpha in
+        [2/3, 1].
+
+    Raises
+    ------
+    InputError
+        For any other alpha.
+
+    References
+    ----------
+    Dumont (2002), (4.13); Hilber, Hughes and Taylor, Earthquake Eng. Struct. Dyn. 5 (1977) 283-292.
+
+    Examples
+    --------
+    >>> import stiffbeam as sb
+    >>> sb.HHT(alpha=-0.1)
+    HHT(alpha=-0.1)
     """
 
     name = "hht"

@@ -17,10 +17,29 @@ class MoreauJean(RigidScheme):
 
         E+ - E = f_m . (q+ - q) + (1/2 - theta) (|v+ - v|_M^2 + |q+ - q|_K^2) + (1 - theta (1 + e)) U P,
 
-    the last term where U+ = -e U. So theta = 1/2 takes nothing but what Newton's law takes, (1 - e)/2 |U| P, and
-    e = 1 keeps E; but within a lasting contact steps with U > 0 and P > 0 gain. The gap is kept to O(dt): a penetration
-    stays until the body leaves the stop. theta in [1/2, 1], order 1.
-    Source: Jean, Comput. Methods Appl. Mech. Eng. 177 (1999) 235-257; Acary, ZAMM 96 (2016) 585-603.
+    the last term where U+ = -e U. So theta = 1/2 dissipates only what Newton's law dissipates, (1 - e)/2 |U| P, and
+    e = 1 conserves E. Within a persistent contact, steps with U > 0 and P > 0 gain energy. The gap is kept to O(dt): a
+    penetration stays until the body leaves the stop. Order 1.
+
+    Parameters
+    ----------
+    theta : float
+        In [1/2, 1].
+
+    Raises
+    ------
+    InputError
+        For any other theta.
+
+    References
+    ----------
+    Jean, Comput. Methods Appl. Mech. Eng. 177 (1999) 235-257; Acary, ZAMM 96 (2016) 585-603.
+
+    Examples
+    --------
+    >>> import stiffbeam as sb
+    >>> sb.MoreauJean(theta=0.5)
+    MoreauJean(theta=0.5)
     """
 
     name = "moreau-jean"

@@ -13,15 +13,24 @@ class MoreauJeanBilbao(RigidScheme):
 
         phi = (1 + b - 2 exp(-sigma dt) cos(dt sqrt(w^2 - sigma^2)))/(w dt)^2,
 
-    sigma half the damping: free motion under a constant load is exact at any step, since q+ - A q + b q- = 0 is.
+    with sigma half the damping. Free motion under a constant load is exact at any step, since q+ - A q + b q- = 0 is.
     R acts as the load does, with 0 <= R _|_ U+ + e U >= 0 where the gap of q + dt v/2 is closed. With
     E = 1/2 v.(1/phi) v + 1/2 q.w^2 q - dt/2 v.w^2 q, which lies between two steps, without damping,
 
         E+ - E = f . dt (v + v+)/2 + dt R (U + U+)/2:
 
-    what Newton's law takes, (1 - e)/2 |U| P, and nothing else. Order 1 through impacts, no phase error between
-    them. State: (q, v, f), v the backward difference.
-    Source: Bilbao, J. Audio Eng. Soc. 61 (2013) 376-389; Siconos, MoreauJeanBilbaoOSI.
+    it dissipates what Newton's law dissipates, (1 - e)/2 |U| P, and nothing else. Order 1 through impacts, no phase
+    error between them. State: (q, v, f), v the backward difference.
+
+    References
+    ----------
+    Bilbao, J. Audio Eng. Soc. 61 (2013) 376-389; Siconos, MoreauJeanBilbaoOSI.
+
+    Examples
+    --------
+    >>> import stiffbeam as sb
+    >>> sb.MoreauJeanBilbao()
+    MoreauJeanBilbao()
     """
 
     name = "moreau-jean-bilbao"

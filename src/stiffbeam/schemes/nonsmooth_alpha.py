@@ -14,17 +14,35 @@ class NonsmoothGeneralisedAlpha(RigidScheme):
 
         v~ = v + dt [(1 - gamma) a + gamma a+],  M s+ = f+ - C v~ - K q+,
         (1 - alpha_m) a+ + alpha_m a = (1 - alpha_f) s+ + alpha_f s,
-        0 <= nu _|_ gap(q+) >= 0;  where q+ is at the stop 0 <= P _|_ U+ + e U >= 0, else P = 0.
+        0 <= nu _|_ gap(q+) >= 0;  where q+ is at the stop 0 <= P _|_ U+ + e U >= 0, else P = 0,
 
-    alpha_m, alpha_f, beta, gamma of generalised-alpha with spectral radius ``rho`` at infinity. Gap and velocity both
-    hold at every step; nu does not enter the condition of P, so that the two problems are solved one after the other.
-    With rho = 1 and no damping,
-    E = 1/2 v^T M v + 1/2 q^T K q, x_m = (x + x+)/2,
+    with alpha_m, alpha_f, beta and gamma of generalised-alpha. Gap and velocity conditions both hold at every step. nu
+    does not enter the condition of P, so the two problems are solved one after the other. With rho = 1, without
+    damping, E = 1/2 v^T M v + 1/2 q^T K q and x_m = (x + x+)/2,
 
         E+ - E = f_m . (q+ - q) + P U_m + (dt P/2 - nu) B a_m;
 
-    rho < 1 damps the highest modes besides. Order 1 through impacts. State: (q, v, a, s).
-    Source: Bruels, Acary and Cardona, Comput. Methods Appl. Mech. Eng. 281 (2014) 131-161, C v~ here for C v.
+    rho < 1 also damps the highest modes. Order 1 through impacts. State: (q, v, a, s).
+
+    Parameters
+    ----------
+    rho : float
+        Spectral radius at infinite frequency, in [0, 1].
+
+    Raises
+    ------
+    InputError
+        For any other rho.
+
+    References
+    ----------
+    Bruels, Acary and Cardona, Comput. Methods Appl. Mech. Eng. 281 (2014) 131-161; here C v~ in the place of C v.
+
+    Examples
+    --------
+    >>> import stiffbeam as sb
+    >>> sb.NonsmoothGeneralisedAlpha(rho=0.8)
+    NonsmoothGeneralisedAlpha(rho=0.8)
     """
 
     name = "nonsmooth-alpha"

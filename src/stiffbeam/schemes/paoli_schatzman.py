@@ -14,14 +14,32 @@ class PaoliSchatzman(RigidScheme):
         0 <= P  _|_  B (q+ + e q-)/(1 + e) + g0 >= 0.
 
     With E between two steps, 1/2 |v|_M^2 + 1/2 |(q + q-)/2|_K^2 + (beta - 1/4) dt^2/2 |v|_K^2, v = (q - q-)/dt,
-    without damping and where P > 0 puts the bracket to zero,
+    without damping and where P > 0 makes the bracket zero,
 
         E+ - E = f . (q+ - q-)/2 - (1 + e) P gap-/(2 dt),    gap- = B q- + g0.
 
-    So it loses for e = 0, whose positions keep every gap open; for e > 0 it gains where a position went beyond the
-    stop.
-    Stable at any step for beta >= 1/4; order 1. State: (q, v, f), v the backward difference.
-    Source: Paoli and Schatzman, SIAM J. Numer. Anal. 40 (2002) 702-733; Dumont and Paoli, ESAIM M2AN 40 (2006) 705-734.
+    So it dissipates for e = 0, whose positions keep every gap open. For e > 0 it gains energy where a position was
+    beyond the stop. Order 1. State: (q, v, f), v the backward difference.
+
+    Parameters
+    ----------
+    beta : float
+        Stable at any step for beta >= 1/4.
+
+    Raises
+    ------
+    InputError
+        For any smaller beta.
+
+    References
+    ----------
+    Paoli and Schatzman, SIAM J. Numer. Anal. 40 (2002) 702-733; Dumont and Paoli, ESAIM M2AN 40 (2006) 705-734.
+
+    Examples
+    --------
+    >>> import stiffbeam as sb
+    >>> sb.PaoliSchatzman(beta=0.25)
+    PaoliSchatzman(beta=0.25)
     """
 
     name = "paoli-schatzman"

@@ -23,9 +23,18 @@ AHEAD = 0.5  # of a step, where ``predict`` looks
 class RigidScheme(Scheme):
     """A scheme for stops with stiffness=inf: a linear step, and a reaction at each node after its condition.
 
-    At node i a step returns the pair (x_new, x_old) that ``conditions[i]`` speaks of, in the place of (q, q').
-    Reactions are forces: what acts over one step at a constant force is its impulse over dt, whatever the scheme
-    calls an impulse. ``start`` makes the first state. State: (q, v, f), f the load carried, unless it says else.
+    At node i a step returns the pair (x_new, x_old) to which ``conditions[i]`` applies, in the place of (q, q').
+    Reactions are forces: a constant force over one step is its impulse over dt, also where the literature writes the
+    scheme with impulses. ``start`` makes the first state. State: (q, v, f) with the load f, unless a subclass documents
+    another.
+
+    Examples
+    --------
+    >>> import stiffbeam as sb
+    >>> ball = sb.problem("bouncing-ball")
+    >>> run = sb.integrate(ball.system, sb.MoreauJean(theta=0.5), dt=1e-3, t_end=1.3)
+    >>> run.impacts.count
+    5
     """
 
     second_order_only: ClassVar[bool] = True

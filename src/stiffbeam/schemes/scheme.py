@@ -18,12 +18,24 @@ FACTS: dict[str, Any] = {"name": "", "paper": "", "look": None, "variants": ()} 
 class Scheme(ABC):
     """A fixed-step scheme on M q'' + C q' + K q = f, or on y' = A y + f.
 
-    ``nodes`` are the c_i in t_n + c_i dt at which the scheme needs the force. ``step`` must be linear in (state, loads,
-    reactions) and give the same result for the same input. The state at node i must not depend on a force at a later
-    node; ``integrate`` checks this. The state z has shape (components, ..., n) and starts with y (see equations).
+    ``integrate`` accepts any subclass with ``nodes`` and ``step``. The nodes are the c_i in t_n + c_i dt at which the
+    scheme needs the force. ``step`` must be linear in (state, loads, reactions) and give the same result for the same
+    input. The state at node i must not depend on a force at a later node; ``integrate`` checks this. The state z has
+    shape (components, ..., n) and starts with y (see ``equations``).
 
-    ``integrate`` accepts any subclass with ``nodes`` and ``step``. A subclass inherits none of the FACTS below: its
-    name, unless it states one, is the name of its class in small letters.
+    A subclass inherits none of the FACTS below. Its name, unless it states one, is the name of its class in small
+    letters.
+
+    Examples
+    --------
+    The backward Euler method:
+
+    >>> import stiffbeam as sb
+    >>> class Backward(sb.Scheme):
+    ...     nodes = (1.0,)
+    ...     def step(self, equation, dt, z, loads, react):
+    ...         y = z[: equation.order]
+    ...         return y + dt * equation.implicit_rate(dt, y, react(0, loads[0]))
     """
 
     name: ClassVar[str] = ""

@@ -25,16 +25,32 @@ class SDIRK(Scheme):
 
         sigma = -(gamma^3 - 3 gamma^2 + 2 gamma - 1/3)/(gamma^2 - 2 gamma + 1/2)
 
-    Stiffly accurate and L-stable for gamma in [0.18043, 2.18560]; order 3 for gamma = 0.435866521508459
-    (the default, the paper's 0.4359), else 2. The paper prints sigma without its minus sign, which
-    costs an order: ``printed("sigma")``. Refused where sigma vanishes or has its pole (a coefficient
-    beyond 1e3, near gamma = 0.25777, 0.29289, 0.60507). gamma > 1 puts nodes beyond the step
-    (Remark 8), gamma in (0.2929, 1/3) too.
+    Stiffly accurate and L-stable; order 3 for the default gamma, the paper's 0.4359, else 2. The paper prints sigma
+    without its minus sign, which costs an order: ``printed("sigma")``. State: y.
 
-    nystrom=False solves for the rates K_i of y = (q, q') or of a first-order y, (4.10) and (4.12);
-    nystrom=True for the accelerations alone with Abar = A A and Bbar = b^T A, (4.14), which needs a
-    second-order system. The two are equal. State: y. Source: Dumont (2002), (4.7)-(4.14); Owren and
-    Simonsen, Comput. Methods Appl. Mech. Eng. 122 (1995) 1-10.
+    Parameters
+    ----------
+    gamma : float
+        In [0.18043, 2.18560], but not where sigma vanishes or has its pole (a coefficient beyond 1e3, near 0.25777,
+        0.29289 and 0.60507). gamma > 1 and gamma in (0.2929, 1/3) put nodes beyond the step (Remark 8).
+    nystrom : bool
+        False solves for the rates K_i of y = (q, q'), or of a first-order y: (4.10) and (4.12). True solves for the
+        accelerations alone, with Abar = A A and Bbar = b^T A: (4.14), on second-order systems. The two are equal.
+
+    Raises
+    ------
+    InputError
+        For any other gamma.
+
+    References
+    ----------
+    Dumont (2002), (4.7)-(4.14); Owren and Simonsen, Comput. Methods Appl. Mech. Eng. 122 (1995) 1-10.
+
+    Examples
+    --------
+    >>> import stiffbeam as sb
+    >>> sb.SDIRK().nodes[0]
+    0.435866521508459
     """
 
     name = "sdirk"

@@ -9,10 +9,29 @@ from .scheme import Array, Equation, Scheme, Step, in_interval, oscillator
 
 
 class Theta(Scheme):
-    """y^{n+1} = y^n + dt [(1 - theta) f^n + theta f^{n+1}], theta in [1/2, 1].
+    """y^{n+1} = y^n + dt [(1 - theta) f^n + theta f^{n+1}].
 
-    Order 2 for theta = 1/2 (the trapezoidal rule), else 1; A-stable. State: (y^n, f^n), the rate
-    carried. Source: Dumont (2002), Section 5.2.1.
+    Order 2 for theta = 1/2 (the trapezoidal rule), else 1; A-stable. State: (y^n, f^n).
+
+    Parameters
+    ----------
+    theta : float
+        In [1/2, 1].
+
+    Raises
+    ------
+    InputError
+        For any other theta.
+
+    References
+    ----------
+    Dumont (2002), Section 5.2.1.
+
+    Examples
+    --------
+    >>> import stiffbeam as sb
+    >>> sb.Theta(theta=1.0)
+    Theta(theta=1.0)
     """
 
     name = "theta"

@@ -8,8 +8,17 @@ from .theta import Theta
 class Trapezoidal(Theta):
     """y^{n+1} = y^n + dt/2 (f^n + f^{n+1}): the theta-method with theta = 1/2.
 
-    Order 2, A-stable. Loses no energy on a linear system, and does not damp the highest modes at all.
-    Source: Newmark, J. Eng. Mech. Div. ASCE 85 (1959) 67-94, beta = 1/4, gamma = 1/2.
+    Order 2, A-stable. It dissipates no energy on a linear system, and does not damp the highest modes.
+
+    References
+    ----------
+    Newmark, J. Eng. Mech. Div. ASCE 85 (1959) 67-94, beta = 1/4, gamma = 1/2.
+
+    Examples
+    --------
+    >>> import stiffbeam as sb
+    >>> sb.Trapezoidal()
+    Trapezoidal()
     """
 
     name = "trapezoidal"

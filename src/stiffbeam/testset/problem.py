@@ -54,13 +54,37 @@ class Statistics:
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """One problem. Its numbers are the doubles that a TOML reader gives, and the answers are those of these doubles.
+    """One problem of the test set with its known answers.
 
-    answers: by name. Those a score measures: ``tip`` and ``tip_velocity`` at the ``samples`` times k t_end/samples,
-    k = 1, 2, ...; ``impacts`` and ``releases``, the times of entry into the stops of the first contact and of exit;
-    ``peak_force``; ``energy`` at t_end, against ``energy_scale``. steps: of a fixed-step run, each a multiple of
-    ``samples``. order_limit: the order beyond which no fixed-step scheme can go that does not look for the switches,
-    because of the law: 2 for a kink of the force, 1 for a jump of force or velocity. data: the [system] of the file.
+    Its numbers are the doubles that a TOML reader gives; the answers are those of these doubles.
+
+    Parameters
+    ----------
+    number : int
+    name, title, source : str
+    catches : str
+        Which mistakes of an integrator it finds.
+    t_end : float
+    samples : int
+        ``tip`` and ``tip_velocity`` are known at the times k t_end/samples, k = 1, 2, ...
+    steps : sequence of int
+        Numbers of steps of the fixed-step runs, each a multiple of ``samples``.
+    order_limit : float
+        Highest order of fixed-step schemes that do not locate events, given the law: 2 for a kink of the force, 1 for a
+        jump of force or velocity.
+    answers : mapping of str to Answer
+        A score measures ``tip`` and ``tip_velocity``; ``impacts`` and ``releases``, the times of entry into the stops
+        of the first contact and of exit; ``peak_force``; and ``energy`` at t_end, against ``energy_scale``.
+    data : mapping
+        The [system] of the file.
+    statistics : Statistics, optional
+        Values past the horizon.
+
+    Examples
+    --------
+    >>> import stiffbeam as sb
+    >>> sorted(sb.problem("bouncing-ball").answers)[:2]
+    ['accumulation', 'energy']
     """
 
     number: int
@@ -175,12 +199,44 @@ def _all() -> dict[str, Problem]:
 
 
 def problems() -> dict[str, Problem]:
-    """The test set: vibro-impact problems with known answers, by name."""
+    """Return the test set: vibro-impact problems with known answers, by name.
+
+    Returns
+    -------
+    dict of str to Problem
+
+    Examples
+    --------
+    >>> import stiffbeam as sb
+    >>> list(sb.problems())[:2]
+    ['free-oscillator', 'bilinear-oscillator']
+    """
     return dict(_all())
 
 
 def problem(name: str) -> Problem:
-    """One problem of the test set by its name. Raises InputError."""
+    """Return one problem of the test set.
+
+    Parameters
+    ----------
+    name : str
+        As ``problems()`` lists it.
+
+    Returns
+    -------
+    Problem
+
+    Raises
+    ------
+    InputError
+        For an unknown name.
+
+    Examples
+    --------
+    >>> import stiffbeam as sb
+    >>> sb.problem("bouncing-ball").system
+    <System, matrices: 1 unknowns, 1 loads, 1 contacts>
+    """
     if name not in _all():
         raise InputError("problem", name, "be one of the test set", near(name, _all()))
     return _all()[name]

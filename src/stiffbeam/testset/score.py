@@ -30,19 +30,45 @@ def score(
     statistics: bool = True,
     progress: bool | Show = False,
 ) -> Scorecard:
-    """The errors of integrators on problems whose answers are known: against cost, with orders, impacts, forces.
+    """Return the errors of integrators on problems with known answers: against cost, with orders, impacts and forces.
 
-    integrators: one or a list of: a Scheme; the label of a scheme or of a reference solver ("HHT(alpha=-0.1)",
-    "cvode"); a function solve(system, dt, t_end) -> (t, u) or (t, u, v), u and v the tip (k,) or all unknowns (k, n)
-    at times t (k,); runs recorded on the problems' systems (``Trajectory.from_arrays``), those of one name an
-    integrator. None: our schemes and solvers. problems: names, all by default. order: that of the functions
-    on smooth motion; where ``free-oscillator`` is among the problems, what is seen there if it is more.
-    statistics: also past the horizon. progress: True shows a bar, or a function show(what, done, total).
+    A fixed-step integrator makes one run at each of the problem's ``steps``, an adaptive one at relative tolerances of
+    1e-4, 1e-6 and 1e-8. An integrator that refuses a problem is "not taken". One that breaks off, raises or returns a
+    wrong shape is "failed", with the reason, and the others go on. A step at which it overflows is left out where
+    shorter ones do not overflow.
 
-    A fixed-step integrator makes one run at each of the problem's ``steps``, an adaptive one at relative tolerances
-    of 1e-4, 1e-6 and 1e-8. What an integrator refuses is "not taken"; what it breaks off, or a function raises or
-    returns in no fit shape, is "failed", with the reason; a step at which it overflows is left out where shorter ones
-    do not; the others go on. Raises InputError for what is neither integrator nor problem.
+    Parameters
+    ----------
+    integrators : one or a sequence, optional
+        A Scheme; the label of a scheme or reference solver ("HHT(alpha=-0.1)", "cvode"); a function
+        solve(system, dt, t_end) -> (t, u) or (t, u, v), where u and v are the tip (k,) or all unknowns (k, n) at the
+        times t (k,); or runs recorded on the problems' systems (``Trajectory.from_arrays``), those of one name as one
+        integrator. By default all schemes and solvers of the package.
+    problems : str, Problem or a sequence, optional
+        By default all.
+    order : float, optional
+        Order of the functions on smooth motion. Where ``free-oscillator`` is among the problems, the order measured
+        there counts if it is higher.
+    statistics : bool
+        Also measure past the horizon.
+    progress : bool or callable
+        True shows a bar; a function is called as show(what, done, total).
+
+    Returns
+    -------
+    Scorecard
+
+    Raises
+    ------
+    InputError
+        For anything that is neither an integrator nor a problem.
+
+    Examples
+    --------
+    >>> import stiffbeam as sb
+    >>> card = sb.score(sb.HHT(alpha=-0.1), "free-oscillator")
+    >>> len(card.entries)
+    1
     """
     if progress is True:
         with shown() as show:

@@ -20,7 +20,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, repr=False)
 class Scorecard:
-    """The entries of a score, integrator by integrator, problem by problem."""
+    """Entries of a score, integrator by integrator and problem by problem.
+
+    Parameters
+    ----------
+    entries : sequence of Entry
+    version : str
+        Version of the test set.
+    """
 
     entries: tuple[Entry, ...]
     version: str = VERSION

@@ -127,12 +127,34 @@ class Runs:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Ensemble(Runs):
-    """The runs of M members.
+    """Runs of M members of an ensemble.
 
-    contacts: one record per contact; the arrays over members of the first stand on the ensemble itself.
-    t: (k,) output times; k = 0 unless they were asked for. work.steps counts member-steps. ledger(i): the energy
-    ledger of member i at the output times, at the start and the end where there are none, made by going through the
-    member once more.
+    The arrays over the members of the first contact are attributes of the ensemble itself, such as ``impact_count``.
+
+    Parameters
+    ----------
+    tip, tip_velocity : array (M, k)
+    contacts : sequence of ContactStatistics
+        One per contact, arrays over the members.
+    diverged : array (M,)
+        The time at which a member overflowed, else NaN.
+    members : Members
+    t : array (k,)
+        Output times; k = 0 unless they were asked for.
+    work : Work
+        ``steps`` counts member-steps.
+    provenance : dict
+    ledger : callable
+        ledger(i): the energy ledger of member i at the output times, or at start and end where there are none, from a
+        second run of the member.
+
+    Examples
+    --------
+    >>> import stiffbeam as sb
+    >>> system = sb.paper_case(10).system()
+    >>> many = sb.integrate_ensemble(system, sb.BDF2(), 1e-4, 0.5, sb.perturbed(system, 8), every=100)
+    >>> many.tip.shape
+    (8, 51)
     """
 
     members: Members

@@ -29,19 +29,36 @@ COLUMNS = tuple(IMPACT_FIELDS)  # attributes of Impacts: times, ends, stops, pea
 class Impacts:
     """Entries into a stop, in order of time; one array (count,) for each column.
 
-    kind "event": t* > 0 where chi goes from 0 to +-1. kind "sampled": steps n >= 1 with chi_n != 0 and
-    chi_n != chi_{n-1}; the time is the first crossing of the stop by the cubic Hermite interpolant of (u, u'), and so
-    is the end, in the first step that leaves the stop. Against rigid stops an impact of a scheme is a row of steps with
-    a reaction. Contact at t = 0 is no impact, in either kind and with every law: neither what begins
-    beyond a stop or exactly on one without leaving it (u' into it or zero), nor the blow of a rigid stop
-    at t = 0. It ends when the gap first opens; what is entered after that counts. Its force and impulse belong
-    to the contact all the same, and ``at_start`` has them in a row of its own, which tables and files list first and
-    flag as open at the start. Nor does touching without penetration count; at a start at rest on a stop
-    whose force is exactly zero the rounding decides.
-    times: of entry. ends: of exit. stops: +1 upper, -1 lower. peaks: max |sigma|. impulses: integral of
-    |sigma|. Ends, peaks and impulses are NaN for an impact still open at the end, and where the solver does
-    not measure them. at_start: the contact that is there at t = 0, a table of one row with time 0; None where there is
-    none or where it never presses.
+    An impact of kind "event" is a time t* > 0 where the contact state chi goes from 0 to +-1. One of kind "sampled" is
+    a step n >= 1 with chi_n != 0 and chi_n != chi_{n-1}; its time is the first crossing of the stop by the cubic
+    Hermite interpolant of (u, u'), and so is its end, in the first step that leaves the stop. Against rigid stops a
+    scheme's impact is a row of steps with a reaction.
+
+    Contact at t = 0 is no impact, in either kind and with every law: neither a motion that begins beyond a stop, or
+    exactly on one without leaving it, nor the impact of a rigid stop at t = 0. That contact ends when the gap first
+    opens, and later entries count. Its force and impulse belong to the contact, and ``at_start`` holds them in a row of
+    its own, which tables and files list first and flag as open at the start. Touching without penetration does not
+    count either. For a start at rest on a stop whose force is exactly zero, rounding decides.
+
+    Parameters
+    ----------
+    times, ends : array (count,)
+        Of entry and of exit.
+    stops : array (count,)
+        +1 upper, -1 lower.
+    peaks, impulses : array (count,)
+        max |sigma| and the integral of |sigma|. Ends, peaks and impulses are NaN for an impact still open at the end,
+        and where the solver does not measure them.
+    kind : {"event", "sampled"}
+    at_start : Impacts, optional
+        The contact at t = 0, a table of one row with time 0; None where there is none or where it never presses.
+
+    Examples
+    --------
+    >>> import stiffbeam as sb
+    >>> impacts = sb.reference(sb.paper_case(10).system(), t_end=0.2).impacts
+    >>> impacts.count, impacts.kind
+    (42, 'event')
     """
 
     times: Array

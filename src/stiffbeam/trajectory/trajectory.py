@@ -49,7 +49,15 @@ def versions() -> dict[str, str]:
 
 
 class Diverged(RuntimeError):
-    """A run overflowed: ``scheme`` at time ``t``; ``remedy`` says what to try."""
+    """A run of a scheme that overflowed; the message states a remedy.
+
+    Parameters
+    ----------
+    scheme, remedy : str
+        Label of the scheme, and a fix.
+    t : float
+        Time of the first value that is not finite.
+    """
 
     def __init__(self, scheme: str, t: float, remedy: str) -> None:
         self.scheme, self.t, self.remedy = scheme, t, remedy
@@ -60,7 +68,14 @@ class Diverged(RuntimeError):
 
 
 class SolverFailure(RuntimeError):
-    """A reference solver gave up: ``solver`` at time ``t``; the message says why and what to try."""
+    """A reference solver that could not go on; the message states the reason and a remedy.
+
+    Parameters
+    ----------
+    solver, reason, remedy : str
+    t : float
+        The time that the solver had reached.
+    """
 
     def __init__(self, solver: str, t: float, reason: str, remedy: str) -> None:
         self.solver, self.t, self.reason, self.remedy = solver, t, reason, remedy
@@ -76,11 +91,8 @@ class Unfinished(RuntimeError):
 
 @dataclass(frozen=True)
 class Work:
-    """Cost of a run. steps: of a fixed-step scheme, 0 for a reference, whose counters tell.
-
-    seconds: of the processor for all of it but compilation, for ensembles those that passed; march_seconds: the
-    stepping alone.
-    """
+    """Cost of a run. steps: of a fixed-step scheme, 0 for a reference, which has counters. seconds: processor time
+    without compilation, wall time for ensembles. march_seconds: the stepping alone."""
 
     steps: int = 0
     seconds: float = 0.0
@@ -97,8 +109,27 @@ class Work:
 class Trajectory:
     """A run at its output times t (k,): tip and tip_velocity (k,), contacts, work, provenance.
 
-    ``energy`` and ``states`` are made on first use, those of a scheme by going through the run once more,
-    equal to rounding, since a run is a function of its arguments; a loaded file has what was saved.
+    ``integrate``, ``reference`` and ``load`` return it; ``from_arrays`` makes one of a run by another program.
+    ``energy`` and ``states`` are computed on first use. Those of a scheme come from a second run, equal to rounding. A
+    loaded file has those that were saved.
+
+    Parameters
+    ----------
+    t, tip, tip_velocity : array (k,)
+    contacts : sequence of ContactRecord
+        Position, velocity, force and impacts of every contact.
+    work : Work
+        Steps, seconds and counters.
+    provenance : dict
+        Scheme, step, versions and what else repeats the run.
+    system : System, optional
+
+    Examples
+    --------
+    >>> import stiffbeam as sb
+    >>> run = sb.integrate(sb.paper_case(10).system(), sb.HHT(alpha=-0.1), dt=1e-4, t_end=0.1)
+    >>> run.t.shape, run.tip.shape, run.contact_force.shape
+    ((1001,), (1001,), (1001,))
     """
 
     t: Array
@@ -414,11 +445,26 @@ def output_index(t: Array, times: Array, method: str) -> NDArray[np.int64]:
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Reference(Trajectory):
-    """A Trajectory that says to which time it can be trusted, and has values between its outputs where the solver does.
+    """A Trajectory with the time to which it is reliable, and, of some solvers, values between its outputs.
 
-    horizon: the time to which an independent or more precise solution agrees with it, |du| <= 1e-3 max|u| of the
-    tip and of every contact, and impact times to a thousandth of the longest natural period and to a twentieth of the
-    mean time between them; NaN where nothing has been compared. provenance["horizon_against"] says with what.
+    Parameters
+    ----------
+    horizon : float
+        The time to which an independent or more precise solution agrees with it: |du| <= 1e-3 max|u| for the tip and
+        for every contact, and impact times to a thousandth of the longest natural period and to a twentieth of the mean
+        time between them. NaN where nothing has been compared. ``provenance["horizon_against"]`` names the other
+        solution.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import stiffbeam as sb
+    >>> reference = sb.reference(sb.paper_case(10).system(), t_end=0.2)
+    >>> reference.horizon
+    0.2
+    >>> tip, velocity = reference.at(np.array([0.05, 0.1]))
+    >>> tip.shape
+    (2,)
     """
 
     horizon: float = float("nan")
