@@ -92,12 +92,12 @@ def evaluate(case: Case, point: Point) -> list[Row]:
         rigid = any(contact.stops.rigid for contact in system.contacts)
         ends = np.array([0.0, end])
         run = solve_rigid(system, end, ends, trusted=False) if rigid else solve(system, end, EXACT, ends, 0.0, None)
-        return [_with_ranges([_found(run, end)])]
+        return [_with_ranges([_figures(run, end)])]
     scheme = scheme_of(method.removesuffix(" conserving"))
     treatment = "conserving" if method == CONSERVING else "implicit"
     steps = round(end / point["dt"])
     asked = [steps, *(max(1, round((1.0 + share) * steps)) for share in NEARBY)]
-    return [_with_ranges([_found(integrate(system, scheme, end / n, end, treatment, every=n), end) for n in asked])]
+    return [_with_ranges([_figures(integrate(system, scheme, end / n, end, treatment, every=n), end) for n in asked])]
 
 
 def _with_ranges(rows: list[Row]) -> Row:
@@ -106,7 +106,7 @@ def _with_ranges(rows: list[Row]) -> Row:
     return rows[0] | {f"{name}_{word}": pick(row[name] for row in rows) for name in RANGED for word, pick in ends}
 
 
-def _found(run: Trajectory, end: float) -> Row:
+def _figures(run: Trajectory, end: float) -> Row:
     """Impulse, time in contact, impacts and energy lost of a run in [0, end]."""
     record, energy = run.contacts[0], run.energy
     most = float(energy.supplied[-1])
