@@ -233,7 +233,7 @@ def _block(rows: Rows, treated: Rows, units: Units, place: str) -> list[list[Pan
         Panel(f"over the parameter{place}", Axis(f"parameter, {at_dt}"), counted,
               [*_over_parameters(over), *truth["count"]], legend="inside", empty=nothing),
         Panel(f"how treated{place}", Axis(f"impacts, {at_dt}", limits=(0.0, None)), lines,
-              _treatments(runs, treated, names), legend="inside", empty=nothing),
+              _treatments(runs, treated, names), empty=nothing),
     ]  # fmt: skip
     return [upper, lower]
 
@@ -261,14 +261,10 @@ def _treatments(runs: Rows, treated: Rows, names: list[str]) -> list[Mark]:
     at = np.array([names.index(row["scheme"]) for row in treated], float)
     failed = at[["failed" in row for row in treated]] if len(at) else at
     dots = {"linestyle": "", "color": "black", "ms": 6}
+    counts = [implicit.get((row["scheme"], row["dt"]), np.nan) for row in treated]
     return [
-        Curve(
-            [implicit.get((row["scheme"], row["dt"]), np.nan) for row in treated],
-            at,
-            "implicit",
-            dots | {"marker": "o"},
-        ),
-        Curve(column(treated, "count"), at, "extrapolated", dots | {"marker": "s", "mfc": "white"}),
+        Curve(counts, at, "implicit contact", dots | {"marker": "o"}),
+        Curve(column(treated, "count"), at, "extrapolated contact", dots | {"marker": "s", "mfc": "white"}),
         *([Curve(0.0 * failed, failed, "overflowed", dots | {"marker": "x", "mew": 2})] if len(failed) else []),
     ]
 
