@@ -22,7 +22,7 @@ def test_overdamped_modes_are_listed_with_the_reason_and_the_others_measured():
     assert records.refusals
     assert all("does not oscillate" in row["refused"] for row in records.refusals)
     assert len(records.found) + len(records.refusals) == 8
-    assert "in mode 1" in records.answer
+    assert "Mode 1 is late" in records.answer
     records.figure().canvas.draw()
 
 

@@ -8,23 +8,22 @@ import numpy as np
 import pytest
 from bouncing_bar import CONTACTS, IMPULSE, PERIOD, pressure
 
-from stiffbeam.studies import bouncing_bar as bar
-from stiffbeam.studies import study
+from stiffbeam.studies import rigid_bar, study
 
 
 def test_heights_and_forces_in_rational_numbers():
     heights = {2: F(5, 3), F(7, 3): F(40, 9), F(5, 2): F(145, 36), F(8, 3): F(35, 9), 3: F(40, 9), F(10, 3): F(5, 3),
                F(29, 6): F(15, 4), F(16, 3): F(5)}  # fmt: skip
     for t, height in heights.items():
-        wave, slope, closed, start = bar.pieces(20)[int(3 * t)]
+        wave, slope, closed, start = rigid_bar.segments(20)[int(3 * t)]
         s = t - F(int(3 * t), 3)
         assert start + wave * s + slope * s * s / 2 == height
         assert not closed
     t = np.linspace(0.001, 5.3, 1000)
-    assert np.allclose(bar.pressure(t), pressure(t), rtol=1e-12, atol=1e-9)
-    assert np.allclose(bar.foot(t + PERIOD), bar.foot(t), atol=1e-12)
+    assert np.allclose(rigid_bar.pressure(t), pressure(t), rtol=1e-12, atol=1e-9)
+    assert np.allclose(rigid_bar.foot(t + PERIOD), rigid_bar.foot(t), atol=1e-12)
     for a, b in CONTACTS:  # the force is linear in time
-        assert np.mean(bar.pressure(np.linspace(a, b, 9)[1:-1])) * (b - a) == pytest.approx(IMPULSE)
+        assert np.mean(rigid_bar.pressure(np.linspace(a, b, 9)[1:-1])) * (b - a) == pytest.approx(IMPULSE)
 
 
 def by_characteristics(height, speed, gravity, steps):
@@ -56,7 +55,7 @@ def test_a_bar_thrown_at_a_wall():
 
 def test_the_closed_form_is_that_of_the_characteristics():
     _, feet, pressures = by_characteristics(5, 0, 10, 320)
-    assert np.allclose(bar.foot(np.arange(161) / 30.0), np.array(feet, float), rtol=0.0, atol=1e-12)
+    assert np.allclose(rigid_bar.foot(np.arange(161) / 30.0), np.array(feet, float), rtol=0.0, atol=1e-12)
     known = {
         60: F(5, 3),
         70: F(40, 9),
@@ -81,9 +80,9 @@ def test_the_closed_form_is_where_many_elements_go():
     t = np.linspace(0.0, 3.0, 3001)
     found = []
     for cells in (50, 200):
-        system = bar.bar(cells, sb.Stops(lower=0.0, stiffness=np.inf)).massless_contacts()
+        system = rigid_bar.bouncing_bar(cells, sb.Stops(lower=0.0, stiffness=np.inf)).massless_contacts()
         height = np.maximum(sb.reference(system, 3.0, t_eval=t).tip, 0.0)
-        found.append(np.mean(np.abs(height - bar.foot(t))))
+        found.append(np.mean(np.abs(height - rigid_bar.foot(t))))
     assert found[1] < 0.35 * found[0]
     assert found[1] < 0.01
 

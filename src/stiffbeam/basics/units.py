@@ -74,16 +74,18 @@ class Units:
         }
 
     def of(self, quantity: str) -> str:
-        """The unit of a quantity, "" where it has none: ``of("velocity")`` is "m/s"."""
-        return self._names[quantity] if self.known else ""
+        """The unit of a quantity, "" where it has none and for the quantity "": ``of("velocity")`` is "m/s"."""
+        return self._names[quantity] if self.known and quantity else ""
 
     def label(self, text: str, quantity: str) -> str:
         """``text`` with the unit of its quantity behind it, as on an axis: "time $t$ (s)"."""
-        return f"{text} ({self.of(quantity)})" if self.known else text
+        unit = self.of(quantity)
+        return f"{text} ({unit})" if unit else text
 
-    def measure(self, text: str, quantity: str) -> str:
-        """A number with its unit, as in a sentence: "70.2 N"."""
-        return f"{text} {self.of(quantity)}" if self.known else text
+    def measure(self, value: str | float, quantity: str, form: str = "") -> str:
+        """A number with its unit, as in a sentence: ``measure(70.21, "force", ".3g")`` is "70.2 N"."""
+        unit = self.of(quantity)
+        return f"{value:{form}} {unit}" if unit else f"{value:{form}}"
 
     def __str__(self) -> str:
         return self.note or f"{self.length}, {self.time}, {self.force}"

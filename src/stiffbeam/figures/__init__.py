@@ -3,7 +3,6 @@
 from .chart import (
     Axis,
     Band,
-    Bars,
     Curve,
     Level,
     Map,
@@ -35,7 +34,7 @@ from .panels import (
 )
 
 __all__ = [
-    "COLOURS", "EXACT", "MARKERS", "Axis", "Band", "Bars", "Curve", "Level", "Map", "Mark", "Note", "Panel", "Picture",
+    "COLOURS", "EXACT", "MARKERS", "Axis", "Band", "Curve", "Level", "Map", "Mark", "Note", "Panel", "Picture",
     "Ranges", "column", "curves", "dashed", "default_label", "groups", "heading", "look", "new_figure", "numeric",
     "render", "save_figure", "short", "style_of", "tip_name", "tip_symbol",
 ]  # fmt: skip

@@ -180,7 +180,7 @@ def _stage(system: System, films: list[_Film], t: Array) -> tuple[Any, Any]:
             for mark, edge in zip(pair, edges, strict=True):
                 mark.set_data([x - width, x + width], [edge[k], edge[k]])
         past = " (past the horizon)" if any(t[k] > film.horizon for film in films) else ""
-        clock.set_text(f"$t$ = {units.measure(f'{t[k]:.4g}', 'time')}{past}")
+        clock.set_text(f"$t$ = {units.measure(t[k], 'time', '.4g')}{past}")
         cursor.set_xdata([t[k], t[k]])
 
     draw(0)

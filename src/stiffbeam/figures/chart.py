@@ -35,6 +35,7 @@ if TYPE_CHECKING:
 
 Row = TypeVar("Row", bound=Mapping[str, Any])
 LINE = 118  # letters in a line of a title
+WIDE = 34  # letters in an entry of a legend below a panel from which on it fills a line
 LOG_RANGE = 30.0  # ratio of the values of a map from which on its colours are logarithmic
 NONE = np.zeros(0)
 
@@ -68,6 +69,14 @@ class Curve:
     label: str = ""
     look: dict[str, Any] = field(default_factory=dict)
 
+    @classmethod
+    def over(
+        cls, rows: Iterable[Mapping[str, Any]], x: str, y: str, label: str = "", look: dict[str, Any] | None = None
+    ) -> Curve:
+        """Return the curve of column y over column x."""
+        rows = list(rows)
+        return cls(column(rows, x), column(rows, y), label, look or {})
+
     @property
     def values(self) -> Array:
         """The values along y that are drawn."""
@@ -81,24 +90,22 @@ class Curve:
 
 @dataclass(frozen=True)
 class Ranges:
-    """Bars from ``low`` to ``high`` at each place: along "x" at heights ``at``, along "y" at abscissae ``at``."""
+    """Horizontal lines from ``low`` to ``high`` at heights ``at``."""
 
     at: Any
     low: Any
     high: Any
-    along: str = "x"
     label: str = ""
     look: dict[str, Any] = field(default_factory=dict)
 
     @property
     def values(self) -> Array:
         """The values along y that are drawn."""
-        return np.append(self.low, self.high).astype(float) if self.along == "y" else np.asarray(self.at, float)
+        return np.asarray(self.at, float)
 
     def draw(self, axis: Axes) -> None:
         """Draw it."""
-        lines = axis.hlines if self.along == "x" else axis.vlines
-        lines(self.at, self.low, self.high, label=self.label, **self.look)
+        axis.hlines(self.at, self.low, self.high, label=self.label, **self.look)
 
 
 @dataclass(frozen=True)
@@ -139,30 +146,6 @@ class Band:
             axis.fill_between(self.x, self.low, self.high, **style)
         elif np.isfinite(self.low) and np.isfinite(self.high):
             axis.axhspan(self.low, self.high, **style)
-
-
-@dataclass(frozen=True)
-class Bars:
-    """Bars of given heights at ``x``, with a text over each where ``texts`` has one."""
-
-    x: Any
-    heights: Any
-    label: str = ""
-    look: dict[str, Any] = field(default_factory=dict)
-    texts: Sequence[str] = ()
-
-    @property
-    def values(self) -> Array:
-        """The values along y that are drawn."""
-        return np.asarray(self.heights, float)
-
-    def draw(self, axis: Axes) -> None:
-        """Draw it."""
-        axis.bar(self.x, self.heights, 0.38, label=self.label or None, edgecolor="white", **self.look)
-        for x, height, text in zip(self.x, self.heights, self.texts, strict=False):
-            if np.isfinite(height):
-                axis.annotate(text, (x, height), (0, 2 if height >= 0.0 else -10), textcoords="offset points",
-                              ha="center", fontsize=8)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -214,7 +197,7 @@ class Map:
         axis.figure.colorbar(drawn, ax=axis, label=self.label)
 
 
-Mark = Curve | Ranges | Level | Band | Bars | Note | Map
+Mark = Curve | Ranges | Level | Band | Note | Map
 
 
 @dataclass(frozen=True)
@@ -262,8 +245,8 @@ def curves(
     """
     below = {"exact": {"lw": exact, "zorder": 1.5}}
     return [
-        Curve(column(own, x), scale * column(own, y), short(label), look(label) | below.get(label, {}) | style)
-        for label, own in groups(rows, by).items()
+        Curve(column(group, x), scale * column(group, y), short(label), look(label) | below.get(label, {}) | style)
+        for label, group in groups(rows, by).items()
     ]
 
 
@@ -297,6 +280,8 @@ def render(picture: Picture, title: str, units: Units, words: Callable[[str], st
             if picture.shared_x and i + 1 < len(picture.lines):
                 axis.tick_params(labelbottom=False)
                 axis.set_xlabel("")
+            if len(line) > 3 and axis.get_xscale() == "linear":
+                axis.locator_params(axis="x", nbins=3)
             above[j * width], left = axis, axis
             common += [] if panel.legend else [axis]
     shared_legend(figure, picture.columns, common, words)
@@ -304,7 +289,7 @@ def render(picture: Picture, title: str, units: Units, words: Callable[[str], st
 
 
 def _label(along: Axis, units: Units, words: Callable[[str], str]) -> str:
-    return units.label(words(along.label), along.quantity) if along.quantity else words(along.label)
+    return units.label(words(along.label), along.quantity)
 
 
 def _draw(axis: Axes, panel: Panel, letter: str, units: Units, words: Callable[[str], str]) -> None:
@@ -317,8 +302,6 @@ def _draw(axis: Axes, panel: Panel, letter: str, units: Units, words: Callable[[
         mark.draw(axis)
     axis.grid(color="0.92")
     axis.set_axisbelow(True)
-    if any(isinstance(mark, Bars) for mark in panel.marks):
-        axis.margins(y=0.15)  # for the texts over them
     log_scale(axis, panel.x.scale == "log", panel.y.scale == "log")
     if panel.y.scale == "signed log":
         values = np.concatenate([mark.values for mark in panel.marks if not isinstance(mark, Ranges)])
@@ -347,7 +330,7 @@ def _draw(axis: Axes, panel: Panel, letter: str, units: Units, words: Callable[[
         place: dict[str, Any] = {
             "loc": "upper center",
             "bbox_to_anchor": (0.5, -0.14),
-            "ncols": 2,
+            "ncols": 2 if max(map(len, entries)) < WIDE else 1,
             "columnspacing": 1.0,
         }
         axis.legend(entries.values(), entries.keys(), frameon=False, fontsize=8.5,

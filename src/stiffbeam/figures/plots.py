@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..basics.validation import InputError
+from ..basics.validation import InputError, integer
 from ..measures.comparison import Comparison
+from ..model.natural_modes import modes
 from ..model.system import System
 from ..trajectory.ensemble import Ensemble
 from ..trajectory.impacts import Impacts
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+POINTS = 200  # along a beam
 ONE = 3.6  # height of a picture of one panel, in inches
 
 
@@ -146,7 +148,7 @@ def plot_comparison(comparison: Comparison, ax: Axes | None = None, **kwargs: An
 
 def plot_advice(advice: Any, ax: Axes | None = None, **kwargs: Any) -> Axes | Figure:
     """The worst error over the wanted one of every run that was tried, against its cost; the advised run is black."""
-    axis, returned = _axes(ax, f"Runs tried to t = {advice.system.units.measure(f'{advice.t_end:g}', 'time')}")
+    axis, returned = _axes(ax, f"Runs tried to t = {advice.system.units.measure(advice.t_end, 'time', 'g')}")
     runs: dict[str, list[Any]] = {}
     for probe in advice.candidates:
         runs.setdefault(probe.label, []).append(probe)
@@ -193,6 +195,64 @@ def plot_scorecard(card: Any, ax: Axes | None = None, **kwargs: Any) -> Axes | F
         axis.set_yscale("log")
     _legend_once(axis)
     return returned
+
+
+def mode_shapes(system: System, count: int = 4) -> Figure:
+    """Return a figure of the first natural mode shapes: of a beam v(x), of matrices the unknowns in their order.
+
+    A complex shape belongs to damping that couples the modes. It is drawn in two phases a quarter of a period apart:
+    the part in phase with its largest entry as a full line, the other dashed.
+
+    Parameters
+    ----------
+    system : System
+    count : int
+        Number of shapes; all where the system has fewer.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+
+    Raises
+    ------
+    InputError
+        For a count that is not positive.
+
+    Examples
+    --------
+    >>> import stiffbeam as sb
+    >>> figure = sb.mode_shapes(sb.paper_case(10).system(), count=3)
+    >>> len(figure.axes[0].lines) >= 3
+    True
+    """
+    natural, units = modes(system), system.units
+    count = min(integer("count", count, 1), len(natural.omega))
+    figure = new_figure(1.6 * count + 0.4, width=7.0)
+    beam = system.problem
+    axes = np.ravel(figure.subplots(count, 1, sharex=True, squeeze=False))
+    places = [beam.length if s.position is None else float(s.position) for s in beam.all_stops] if beam else []
+    for j, axis in enumerate(axes):
+        for part, style in ((np.real(natural.shapes[:, j]), "-"), (np.imag(natural.shapes[:, j]), "--")):
+            if not np.any(part):
+                continue
+            if beam is None:
+                x, y = np.arange(1, system.size + 1), part
+            else:
+                x = np.linspace(0.0, beam.length, POINTS)
+                still = system.displacement([0.0], np.zeros((1, system.size)), x)  # the base alone
+                y = (system.displacement([0.0], part[None], x) - still)[0]
+            axis.plot(x, y, style, color=COLOURS[0], marker="" if beam else "o")
+        axis.axhline(0.0, color="0.7", lw=0.8)
+        for place in places:
+            axis.axvline(place, color="0.7", lw=0.8, ls=":")
+        omega = units.measure(natural.omega[j], "frequency", ".5g")
+        ratio = natural.damping_ratio[j]
+        damping = f", damping ratio {ratio:.3g}" if np.isfinite(ratio) and ratio else ""
+        axis.set_title(f"mode {j + 1}: $\\omega$ = {omega}{damping}", loc="left", fontsize=9)
+        axis.set_yticks([])
+    label = "unknown" if beam is None else units.label("place along the beam $x$", "length")
+    axes[-1].set_xlabel(f"{label}; dotted: stops" if places else label)
+    return figure
 
 
 def _legend_once(axis: Axes) -> None:

@@ -58,7 +58,7 @@ def four_panels(
     for contact in (contact.stops for i, contact in enumerate(system.contacts) if system.reads_tip(i)):
         draw_stops(displacement, contact, horizontal=True)
     displacement.set(xlabel=units.label("time $t$", "time"), ylabel=displacement_label, xlim=(0.0, window))
-    to = units.measure(f"{window:.3g}", "time")
+    to = units.measure(window, "time", ".3g")
     displacement.set_title(f"(a) displacement to the horizon t = {to}", loc="left")
     _draw_errors(errors, runs, [compare(x, main) for x in runs] if comparisons is None else comparisons, window)
     errors.set(xlabel=units.label("time $t$", "time"), ylabel=f"largest error so far / max |{symbol}|")
@@ -215,7 +215,7 @@ def _draw_spectra(
         axis.set_xlim(0.0, 15.5 * drive)
         axis.set_xticks([k * drive for k in (1, 3, 5, 7, 9, 11, 13, 15)])
         axis.set_xticklabels([f"{k}a" if k > 1 else "a" for k in (1, 3, 5, 7, 9, 11, 13, 15)])
-        a = units.measure(f"{drive:g}", "frequency")
+        a = units.measure(drive, "frequency", "g")
         axis.set_xlabel(f"angular frequency, in multiples of the drive a = {a}")
     else:
         axis.set_xlabel(units.label("angular frequency", "frequency"))
@@ -226,7 +226,7 @@ def _draw_spectra(
         axis.set_yscale("log")
         axis.set_ylim(top * 1e-4, top * 2.0)
     axis.set_ylabel(units.label(f"amplitude of {tip_symbol(system.problem)}", "length"))
-    to = units.measure(f"{whole:g}", "time")
+    to = units.measure(whole, "time", "g")
     span = f" to t = {to}, one realisation each" if np.isfinite(whole) else ""
     axis.set_title(f"({letter}) spectrum{span}", loc="left")
 
@@ -276,26 +276,18 @@ def run_figure(run: Trajectory, **kwargs: Any) -> Figure:
             line = "--" if name in ("viscous", "stop_dissipation") else "-"
             label = name.replace("stop_dissipation", "taken by stops")
             energy.plot(run.t, getattr(run.energy, name), lw=0.9, ls=line, color=colour, label=label)
-        energy.legend(
-            frameon=False,
-            fontsize=8.5,
-            ncols=4 if len(names) > 5 else 5,
-            loc="upper center",
-            bbox_to_anchor=(0.5, -0.16),
-        )
+        columns = 4 if len(names) > 5 else 5
+        energy.legend(frameon=False, fontsize=8.5, ncols=columns, loc="upper center", bbox_to_anchor=(0.5, -0.16))
     else:
         energy.text(0.5, 0.5, "not saved with the run", transform=energy.transAxes, ha="center", color="0.35")
-    for axis, title in zip(
-        (tip, force, portrait, energy), ("displacement", "contact", "phases", "energy"), strict=True
-    ):
-        axis.set_title(f"({'abcd'[(tip, force, portrait, energy).index(axis)]}) {title}", loc="left")
+    titles = ("(a) displacement", "(b) contact", "(c) phases", "(d) energy")
+    for axis, title in zip((tip, force, portrait, energy), titles, strict=True):
+        axis.set_title(title, loc="left")
     return figure
 
 
 def comparison_figure(run: Trajectory, reference: Reference) -> Figure:
     """A run beside its reference, in the four panels of ``stiffbeam compare``."""
-    from .runs import four_panels
-
     title = f"{short(run.provenance['method'])} beside {short(reference.provenance['method'])}"
     note = run.units.note
     return four_panels(f"{title} ({note})" if note else title, [run], [reference])

@@ -98,7 +98,7 @@ def remark(system: System, reference: Reference) -> str:
         return AT_REST
     if not reference.contacts or any(c.impacts.count or c.fraction for c in reference.contacts):
         return ""
-    return f"No impacts: the motion reaches no stop to t = {system.units.measure(f'{reference.t[-1]:g}', 'time')}."
+    return f"No impacts: the motion reaches no stop to t = {system.units.measure(reference.t[-1], 'time', 'g')}."
 
 
 SEEN = 0.9  # of the exact impacts: what the times of a run of anyone's must show of them
@@ -409,4 +409,4 @@ def _place(system: System, i: int) -> str:
         return f"contact {i + 1}"
     position = system.problem.all_stops[i].position
     length = system.problem.length if position is None else position
-    return f"stops at x = {system.units.measure(f'{float(length):g}', 'length')}"
+    return f"stops at x = {system.units.measure(float(length), 'length', 'g')}"

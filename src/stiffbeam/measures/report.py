@@ -204,7 +204,7 @@ def _whole(comparisons: Sequence[Comparison], truth: Reference | None) -> Table:
     if not beyond and parted < first.window:
         beyond = f"; impacts differ from t = {units.measure(number(parted), 'time')} on"
     table = _table(
-        f"To t = {units.measure(f'{end:g}', 'time')}, {form} form{beyond}",
+        f"To t = {units.measure(end, 'time', 'g')}, {form} form{beyond}",
         (
             "ns per\nstep",
             "impacts",

@@ -64,73 +64,60 @@ if TYPE_CHECKING:
 COLUMNS = (("impacts", "impact_count"), ("peak_force", "peak_force"), ("impulse", "impulse"))  # of an ensemble
 
 
-class Criterion:
-    """The errors of a run with this scheme, contact treatment and step, and what it cost."""
+class Motion:
+    """Errors of one motion against the exact one."""
 
-    def __init__(self) -> None:
-        self.scatter: dict[str, float] = {}
-        self.point = {"members": 0}  # what tells its runs from those of another criterion
-
-    def errors(
-        self, system: System, scheme: Scheme, contact: str, dt: float, t_end: float
-    ) -> tuple[dict[str, Any], float]:
-        """(relative errors by name, seconds of one run); Diverged where a run overflows."""
-        raise NotImplementedError
-
-
-class Motion(Criterion):
-    """One motion against the exact one."""
+    members = 0
+    scatter: Mapping[str, float] = {}
 
     def __init__(self, exact: Reference) -> None:
-        super().__init__()
         self.exact = exact
 
     def errors(
         self, system: System, scheme: Scheme, contact: str, dt: float, t_end: float
     ) -> tuple[dict[str, Any], float]:
-        """Errors of tip (rms), impact count, peak force and impulse, the worst over the contacts."""
+        """Errors of tip (rms), impact count, peak force and impulse, the worst over the contacts, and seconds."""
         run = integrate(system, scheme, dt, t_end, contact)
-        found = {"tip": tip_error(run.tip, self.exact.at(run.t)[0]).rms}
         pairs = list(zip(run.contacts, self.exact.contacts, strict=True))
-        found["impacts"] = max(
-            (abs(a.impacts.count - b.impacts.count) / max(b.impacts.count, 1) for a, b in pairs), default=0.0
-        )
+        counts = (abs(a.impacts.count - b.impacts.count) / max(b.impacts.count, 1) for a, b in pairs)
+        errors = {"tip": tip_error(run.tip, self.exact.at(run.t)[0]).rms, "impacts": max(counts, default=0.0)}
         for name in ("peak_force", "impulse"):
-            found[name] = max((_relative(getattr(a, name), getattr(b, name)) for a, b in pairs), default=0.0)
-        return found, run.work.march_seconds
+            errors[name] = max((_relative(getattr(a, name), getattr(b, name)) for a, b in pairs), default=0.0)
+        return errors, run.work.march_seconds
 
 
-def _relative(found: float, wanted: float) -> float:
-    if wanted == 0.0:
-        return 0.0 if found == 0.0 else np.inf
-    return abs(found / wanted - 1.0)
-
-
-class Statistics(Criterion):
-    """Means over perturbed members against those of the exact ensemble, with the interval of the difference."""
+class Statistics:
+    """Errors of means over perturbed members against those of the exact ensemble."""
 
     def __init__(self, system: System, t_end: float, members: int) -> None:
-        super().__init__()
-        self.point = {"members": members}
-        self.members = perturbed_members(system, members, SPREAD, t_end=t_end)
-        self.exact = reference_ensemble(system, t_end, self.members)
+        self.members = members
+        self.systems = perturbed_members(system, members, SPREAD, t_end=t_end)
+        self.exact = reference_ensemble(system, t_end, self.systems)
         self.scatter = {
-            name: max((_deviation(getattr(contact, own)) for contact in self.exact.contacts), default=0.0)
-            for name, own in COLUMNS
+            name: max((_deviation(getattr(contact, column)) for contact in self.exact.contacts), default=0.0)
+            for name, column in COLUMNS
         }
 
     def errors(
         self, system: System, scheme: Scheme, contact: str, dt: float, t_end: float
     ) -> tuple[dict[str, Any], float]:
-        """Errors of the means over all members, with their intervals, the worst over the contacts."""
-        many = integrate_ensemble(system, scheme, dt, t_end, self.members, contact)
+        """Errors of the means with the 95 % intervals of the differences, the worst over the contacts, and seconds of
+        a member; Diverged where one overflows."""
+        many = integrate_ensemble(system, scheme, dt, t_end, self.systems, contact)
         if np.any(np.isfinite(many.diverged)):
             raise Diverged(str(scheme), float(np.nanmin(many.diverged)), "use a smaller dt")
-        found: dict[str, float] = {}
-        for name, own in COLUMNS:
+        errors: dict[str, float] = {}
+        for name, column in COLUMNS:
             pairs = zip(many.contacts, self.exact.contacts, strict=True)
-            found[name] = max(_mean_off(getattr(a, own), getattr(b, own)) for a, b in pairs)
-        return found, many.work.march_seconds / len(self.members)
+            errors[name] = max(_mean_error(getattr(a, column), getattr(b, column)) for a, b in pairs)
+        return errors, many.work.march_seconds / len(self.systems)
+
+
+def _relative(value: float, exact: float) -> float:
+    """|value - exact| over the exact value; where that is 0, infinite unless the value is 0 too."""
+    if exact == 0.0:
+        return 0.0 if value == 0.0 else np.inf
+    return abs(value / exact - 1.0)
 
 
 def _deviation(values: Array) -> float:
@@ -138,13 +125,11 @@ def _deviation(values: Array) -> float:
     return float(np.std(values, ddof=1)) / mean if mean else 0.0
 
 
-def _mean_off(found: Array, wanted: Array) -> float:
-    """|difference of the means| and its 95 % interval, over the wanted mean."""
-    off, interval = difference(np.asarray(found, float), np.asarray(wanted, float))
-    mean = float(np.mean(wanted))
-    if mean == 0.0:
-        return 0.0 if off == 0.0 else np.inf
-    return (abs(off) + interval) / mean
+def _mean_error(values: Array, exact: Array) -> float:
+    """|difference of the means| with its 95 % interval, over the exact mean."""
+    off, interval = difference(np.asarray(values, float), np.asarray(exact, float))
+    mean = float(np.mean(exact))
+    return _relative(off, mean) if mean == 0.0 else (abs(off) + interval) / mean
 
 
 Tell = Callable[[str], None]
@@ -176,56 +161,54 @@ class Probe:
 
 
 def search(
-    system: System, t_end: float, candidates: list[tuple[Scheme, str]], criterion: Criterion, want: dict[str, float],
-    most: int, show: Show, tell: Tell, journal: Journal | None,
+    probe: Callable[[Scheme, str, int], Probe | None], candidates: list[tuple[Scheme, str]], want: dict[str, float],
+    steps: int, most: int, between: int, show: Show, tell: Tell,
 ) -> tuple[list[Probe], Probe | None]:  # fmt: skip
-    """All candidates together from coarse to fine, each until two steps in a row meet the want and so do those between
-    them, or it costs more than the best that does; what is known after every refinement is told."""
+    """Return every run that was tried, and the cheapest that meets the want.
 
-    def run(scheme: Scheme, contact: str, steps: int) -> Probe | None:
-        return _probe(system, t_end, scheme, contact, steps, criterion, journal)
-
+    All candidates are refined together, from ``steps`` to ``most``, each until two numbers of steps in a row meet the
+    want and so do ``between`` numbers between them, or until it costs more than the best that does.
+    """
     tried: list[Probe] = []
     best: Probe | None = None
-    steps = min(most, max(4, int(np.ceil(PER_PERIOD * t_end / _period(system, t_end)))))
     alive: list[tuple[Scheme, str, Probe | None]] = [(scheme, contact, None) for scheme, contact in candidates]
     while alive and steps <= most:
-        left, here = [], []
+        refined, level = [], []
         for done, (scheme, contact, before) in enumerate(alive):
             show(f"advise: runs of {steps} steps", done, len(alive))
             good = before if before is not None and before.meets(want) else None
             if best is not None and (good.work if good else steps * len(scheme.nodes)) >= best.work:
                 continue
-            probe = run(scheme, contact, steps)
-            if probe is None:
+            run = probe(scheme, contact, steps)
+            if run is None:
                 continue  # what this scheme or these stops do not take
-            here.append(probe)
-            if good and probe.meets(want):
-                others = _between(good, partial(run, scheme, contact), want) if isinstance(criterion, Motion) else []
+            level.append(run)
+            if good and run.meets(want):
+                others = _between(good, partial(probe, scheme, contact), want, between)
                 tried += others
                 if all(p.meets(want) for p in others):
                     best = good
                     tell(f"cheapest so far: {best.label}, {best.steps} steps, {best.work} linear solves")
                     continue
-            left.append((scheme, contact, probe))
-        if here:
-            least = {name: min(here, key=lambda p, name=name: p.errors[name]) for name in want}
+            refined.append((scheme, contact, run))
+        if level:
+            least = {name: min(level, key=lambda p, name=name: p.errors[name]) for name in want}
             words = ", ".join(f"{name} {p.errors[name]:.2g} ({p.label})" for name, p in least.items())
             tell(f"{steps} steps: {words}")
-        tried, alive, steps = tried + here, left, 2 * steps
+        tried, alive, steps = tried + level, refined, 2 * steps
     return tried, best
 
 
-def _between(coarse: Probe, probe: Callable[[int], Probe | None], want: Mapping[str, float]) -> list[Probe]:
-    """Runs of steps between those of ``coarse`` and their half, as far as they meet the want."""
-    found: list[Probe] = []
-    for k in range(1, BETWEEN + 1):
-        one = probe(round(coarse.steps * 2.0 ** (k / (BETWEEN + 1))))
-        if one is not None:
-            found.append(one)
-            if not one.meets(want):
+def _between(coarse: Probe, probe: Callable[[int], Probe | None], want: Mapping[str, float], count: int) -> list[Probe]:
+    """``count`` runs of steps between those of ``coarse`` and their half, as far as they meet the want."""
+    runs: list[Probe] = []
+    for k in range(1, count + 1):
+        run = probe(round(coarse.steps * 2.0 ** (k / (count + 1))))
+        if run is not None:
+            runs.append(run)
+            if not run.meets(want):
                 break
-    return found
+    return runs
 
 
 def _period(system: System, t_end: float) -> float:
@@ -234,22 +217,21 @@ def _period(system: System, t_end: float) -> float:
 
 
 def _probe(
-    system: System, t_end: float, scheme: Scheme, contact: str, steps: int, criterion: Criterion,
-    journal: Journal | None,
+    system: System, t_end: float, criterion: Motion | Statistics, journal: Journal | None,
+    scheme: Scheme, contact: str, steps: int,
 ) -> Probe | None:  # fmt: skip
     """The run of these steps, read where the journal has it; None where it is refused."""
     dt, work = t_end / steps, steps * len(scheme.nodes)
-    point = {"system": system.fingerprint, "t_end": t_end, "contact": contact, "steps": steps, **criterion.point}
+    point = {"system": system.fingerprint, "t_end": t_end, "contact": contact, "steps": steps}
+    point["members"] = criterion.members
     if journal is not None:
         point["scheme"] = label_of(scheme)  # a scheme of one's own need not have one
         if rows := journal.rows(point):
             return Probe(scheme, contact, dt, steps, work, **rows[0])
     try:
         errors, seconds = criterion.errors(system, scheme, contact, dt, t_end)
-    except Diverged:
-        errors, seconds = dict.fromkeys(map(str, QUANTITIES), np.inf), 0.0
-    except InputError as error:
-        if error.field != "dt":  # else a step at which it is refused
+    except (Diverged, InputError) as error:
+        if isinstance(error, InputError) and error.field != "dt":  # else a step at which it is refused
             return None
         errors, seconds = dict.fromkeys(map(str, QUANTITIES), np.inf), 0.0
     if journal is not None:
@@ -269,13 +251,13 @@ def cheapest(tried: list[Probe], want: dict[str, float]) -> Probe | None:
 def unreached(tried: list[Probe], want: dict[str, float], most: int) -> dict[str, str]:
     """Wanted quantities that are met from no step on; where there is none, the one that costs most."""
     alone = {name: cheapest(tried, {name: x}) for name, x in want.items()}
-    found = {}
+    reasons = {}
     for name in [name for name, probe in alone.items() if probe is None]:
         best = min(tried, key=lambda p, name=name: p.errors[name])
         runs = f"{'from no step on all' if best.meets({name: want[name]}) else 'none'} of {len(tried)} runs of up to "
-        found[name] = f"{runs}{most} steps; the best has {best.errors[name]:.2g}, {best.label} at dt = {best.dt:.3g}"
-    if found:
-        return found
+        reasons[name] = f"{runs}{most} steps; the best has {best.errors[name]:.2g}, {best.label} at dt = {best.dt:.3g}"
+    if reasons:
+        return reasons
     name = max(alone, key=lambda n: alone[n].work)  # type: ignore[union-attr]
     probe = alone[name]
     assert probe is not None
@@ -357,20 +339,20 @@ class Advice:
 
     def __str__(self) -> str:
         units = self.system.units
-        end = units.measure(f"{self.t_end:g}", "time")
+        end = units.measure(self.t_end, "time", "g")
         lines = [self.remark] if self.remark else []
         if self.recommendation is not None:
             p = self.recommendation
             met = ", ".join(f"{name} {p.errors[name]:.2g} of {self.want[name]:g}" for name in self.attainable)
             over = f", means over {self.members} members whose starts differ by {SPREAD:g}" if self.members else ""
-            dt = units.measure(f"{p.dt:.6g}", "time")
+            dt = units.measure(p.dt, "time", ".6g")
             cost = f"{p.steps} steps to t = {end}, {p.work} linear solves, {p.seconds:.2g} s here"
             lines.append(f"{p.label}, dt = {dt}: {cost}{over}")
             lines.append(f"errors, beside those of the mesh: {met}")
             if self.scatter:
                 single = ", ".join(f"{name} {self.scatter[name]:.2g}" for name in self.attainable)
                 lines.append(f"a single motion scatters about its mean by (relative) {single}: run an ensemble")
-            until = units.measure(f"{self.trusted_until:.4g}", "time")
+            until = units.measure(self.trusted_until, "time", ".4g")
             lines.append(f"its tip stays within {self.want.get('tip', WANT['tip']):g} of the exact one to t = {until}")
         lines += [f"cannot be had: {name} to {self.want[name]:g}: {why}" for name, why in self.unattainable.items()]
         return "\n".join(lines)
@@ -386,10 +368,6 @@ class Advice:
         return f"<Advice to t = {self.t_end:g}: {found}; cannot be had: {', '.join(self.unattainable) or 'none'}>"
 
 
-def quiet(line: str) -> None:
-    """Tells nothing."""
-
-
 def advise(
     system: System,
     want: Mapping[str, float] | None = None,
@@ -399,7 +377,7 @@ def advise(
     most_steps: int | None = None,
     members: int = 48,
     progress: bool | Show = False,
-    tell: Tell = quiet,
+    tell: Tell = lambda line: None,
     journal: Journal | None = None,
 ) -> Advice:
     """The cheapest run of ``schemes`` that gives what is wanted to t_end, and what no run gives.
@@ -429,40 +407,34 @@ def advise(
     show("advise: the exact motion", 0, 0)
     exact = best_reference(system, positive("t_end", t_end))
     past = exact.horizon < t_end
-    criterion: Criterion = Statistics(system, t_end, members) if past else Motion(exact)
+    criterion = Statistics(system, t_end, members) if past else Motion(exact)
     cannot = {"tip": PAST.format(exact.horizon)} if past and "tip" in wanted else {}
-    left = {name: x for name, x in wanted.items() if name not in cannot}
+    open_wants = {name: x for name, x in wanted.items() if name not in cannot}
     direct = MOST_MEMBER if past else MOST_DIRECT
     most = most_steps or (direct if modes(system) is None else MOST_STEPS)
     candidates, most = _candidates(schemes, contacts), integer("most_steps", most, 1)
-    tried, chosen = (
-        search(system, t_end, candidates, criterion, left, most, show, tell, journal) if left else ([], None)
-    )
-    if left and not tried:
+    coarsest = min(most, max(4, int(np.ceil(PER_PERIOD * t_end / _period(system, t_end)))))
+    probe = partial(_probe, system, t_end, criterion, journal)
+    tried: list[Probe] = []
+    chosen: Probe | None = None
+    if open_wants:
+        tried, chosen = search(probe, candidates, open_wants, coarsest, most, 0 if past else BETWEEN, show, tell)
+    if open_wants and not tried:
         remedy = "pass schemes that take its stops" if system.contacts else "pass other schemes"
         raise InputError("schemes", ", ".join(dict.fromkeys(str(s) for s, _ in candidates)), "take the system", remedy)
-    while chosen is None and left:
-        worst = unreached(tried, left, most)
+    while chosen is None and open_wants:
+        worst = unreached(tried, open_wants, most)
         cannot |= worst
-        left = {name: x for name, x in left.items() if name not in worst}
-        chosen = cheapest(tried, left) if left else None
+        open_wants = {name: x for name, x in open_wants.items() if name not in worst}
+        chosen = cheapest(tried, open_wants) if open_wants else None
     until = 0.0
     if chosen is not None:
         run = integrate(system, chosen.scheme, chosen.dt, t_end, chosen.contact)
         until = stays_within(run, exact, wanted.get("tip", WANT["tip"]))
     return Advice(
-        wanted,
-        float(t_end),
-        exact.horizon,
-        members if past else 0,
-        chosen,
-        cannot,
-        until,
-        tuple(tried),
-        system,
-        criterion.scatter,
-        remark(system, exact),
-    )
+        wanted, float(t_end), exact.horizon, criterion.members, chosen, cannot, until, tuple(tried), system,
+        dict(criterion.scatter), remark(system, exact),
+    )  # fmt: skip
 
 
 def _wanted(system: System, want: Mapping[str, float] | None) -> dict[str, float]:

@@ -46,7 +46,7 @@ class Agreement:
     skipped: dict[str, str] = field(default_factory=dict)
 
     def to_dict(self) -> dict[str, Any]:
-        """What was found as plain numbers and texts, for JSON."""
+        """All results as plain numbers and texts, for JSON."""
         names = list(self.references)
         return {
             "measured": ["seconds"],
@@ -130,9 +130,9 @@ def _impact_difference(a: Reference, b: Reference, end: float) -> float:
     for x, y in zip(a.contacts, b.contacts, strict=True):
         if "sampled" in (x.impacts.kind, y.impacts.kind):
             return float("nan")
-        own, other = x.impacts.until(end).times, y.impacts.until(end).times
-        n = min(len(own), len(other))
-        largest = max(largest, float(np.max(np.abs(own[:n] - other[:n]), initial=0.0)))
+        one, other = x.impacts.until(end).times, y.impacts.until(end).times
+        n = min(len(one), len(other))
+        largest = max(largest, float(np.max(np.abs(one[:n] - other[:n]), initial=0.0)))
     return largest
 
 

@@ -13,8 +13,8 @@ from ..files.cases import Case
 from ..measures.amplification import amplification
 from ..schemes import HHT, SCHEMES, GeneralisedAlpha, Scheme, registered
 from ..schemes.sdirk import GAMMA_MIN
-from .common import Schemes, extremes, scheme_labels, scheme_of
-from .engine.study import Answer, Point, Records, Row, Rows, Study
+from .common import Schemes, extremes, scheme_labels, scheme_of, significant
+from .engine.study import Answer, Point, Records, Row, Rows, declared
 
 TENTH = 0.1  # of a period: where the literature compares
 
@@ -51,16 +51,16 @@ def evaluate(case: Case, point: Point) -> list[Row]:
     """One row for every dt/T: spectral radius, period elongation and damping ratio, measured and in closed form."""
     scheme, xi = _scheme(point["scheme"]), point["damping"]
     x = np.union1d(np.logspace(-3, 3, 6 * point["per_decade"] + 1), [TENTH])
-    found = amplification(scheme, x, xi)
+    errors = amplification(scheme, x, xi)
     try:
         theory = amplification(scheme, x, xi, source="closed form")
     except InputError:
         theory = None  # the scheme states no polynomial
     rows = []
     for i, value in enumerate(x):
-        row = {"name": scheme.name, **scheme.parameters, "dt_over_period": float(value), "stable_to": found.stable_to}
+        row = {"name": scheme.name, **scheme.parameters, "dt_over_period": float(value), "stable_to": errors.stable_to}
         for name in ("spectral_radius", "period_elongation", "damping_ratio"):
-            row[name] = float(getattr(found, name)[i])
+            row[name] = float(getattr(errors, name)[i])
             row[f"{name}_theory"] = float(getattr(theory, name)[i]) if theory else float("nan")
         rows.append(row)
     return rows
@@ -71,18 +71,17 @@ def answer(rows: Rows, _: Case) -> Answer:
     at = [r for r in rows if r["dt_over_period"] == TENTH]
     base = [r for r in at if r["scheme"] in {str(s) for s in registered()}] or at
     base.sort(key=lambda r: abs(r["period_elongation"]))
-    elongation = extremes({r["scheme"]: 100.0 * r["period_elongation"] for r in base}, "{:.3g} %".format)
-    damping = extremes({r["scheme"]: r["damping_ratio"] for r in base}, "{:.2g}".format)
+    texts = {
+        "period_elongation": lambda value: f"{significant(100.0 * value, '.3g')} %",
+        "damping_ratio": lambda value: significant(value, ".2g"),
+    }
+    elongation, damping = (extremes({r["scheme"]: r[name] for r in base}, text) for name, text in texts.items())
     unstable = sorted({r["scheme"] for r in rows if np.isfinite(r["stable_to"])})
     gaps = [abs(r["spectral_radius"] - r["spectral_radius_theory"]) for r in rows]
     return Answer(
         f"At dt/T = 0.1 the period elongation is {elongation} and the damping ratio {damping}.",
         [
-            {
-                "dt/T = 0.1": r["scheme"],
-                "period elongation": f"{100 * r['period_elongation']:.3g} %",
-                "damping ratio": f"{r['damping_ratio']:.2g}",
-            }
+            {"dt/T = 0.1": r["scheme"]} | {name.replace("_", " "): text(r[name]) for name, text in texts.items()}
             for r in base
         ],
         f"Unstable at some step: {', '.join(unstable) or 'none of these and their families'}. The spectral "
@@ -111,12 +110,12 @@ def picture(records: Records) -> Picture:
     labels = list(dict.fromkeys(row["scheme"] for row in rows))
     defaults = [label for name in SCHEMES if name != "theta" and (label := default_label(name)) in labels]
     shown = labels if records.options.get("schemes") else defaults or labels
-    own = {label: [row for row in rows if row["scheme"] == label] for label in shown}
-    undamped = [short(x) for x in own if max(r["damping_ratio"] for r in own[x] if _sampled(r)) <= NO_DAMPING]
+    by_label = {label: [row for row in rows if row["scheme"] == label] for label in shown}
+    undamped = [short(x) for x in by_label if max(r["damping_ratio"] for r in by_label[x] if _sampled(r)) <= NO_DAMPING]
     upper = []
     for name, title, axis in PANELS:
         limits = (None, None) if name == "spectral_radius" else (1e-3, HALF)
-        marks: list[Mark] = [mark for label in shown for mark in _curves(own[label], name, label)]
+        marks: list[Mark] = [mark for label in shown for mark in _curves(by_label[label], name, label)]
         if name == "damping_ratio" and undamped:
             marks.append(Note(f"none: {', '.join(undamped)}", 0.97, 0.03, "xy", {"ha": "right"}))
         upper.append(Panel(title, Axis(r"$\Delta t/T$", scale="log", limits=limits), axis, marks))
@@ -160,13 +159,9 @@ def _family(rows: Rows, name: str) -> Panel | None:
     return Panel(f"{title}, Δt/T = 0.1", Axis(symbol), Axis("per cent"), [*marks, Level(0.0)], legend="inside")
 
 
-STUDY = Study(
-    name="amplification",
-    question="What does one step of each scheme make of a free oscillation: how late, how much weaker, how stable?",
-    points=points,
-    evaluate=evaluate,
-    answer=answer,
-    picture=picture,
+STUDY = declared(
+    __name__,
+    "What does one step of each scheme make of a free oscillation: how late, how much weaker, how stable?",
     marches=False,
     of_case=False,
     smoke={"schemes": ["BDF2", "HHT(alpha=-0.1)", "SDIRK(gamma=0.4359)"], "per_decade": 10},

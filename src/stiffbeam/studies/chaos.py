@@ -1,4 +1,4 @@
-"""How fast neighbouring motions diverge: Lyapunov exponents of the exact flow and of the schemes, and the portrait.
+"""Divergence of neighbouring motions: Lyapunov exponents of the exact flow and of the schemes, and the portrait.
 
 The horizon is shorter than a period of the drive, so one run from t = 0 sees one phase of it only. Pairs
 are therefore started at many times along the exact motion and followed while their distance is small. The tangent flow
@@ -32,7 +32,7 @@ from ..references.exact.lyapunov import MERGED, lyapunov
 from ..trajectory.ensemble import Ensemble
 from ..trajectory.trajectory import SolverFailure
 from .common import Dt, Form, Schemes, extremes, scheme_labels, scheme_of, solve_once, system_of
-from .engine.study import Answer, Point, Records, Row, Rows, Study
+from .engine.study import Answer, Point, Records, Row, Rows, declared
 
 LINEAR = 1e-4  # of the motion's size: a pair farther apart no longer grows in proportion
 ROUNDED = 1e-13  # of it: the distance of a closer pair is rounding
@@ -69,8 +69,8 @@ def points(
         span = max(min(exact.horizon, case.t_end) / 2.0, STEPS * dt)
     known = exact.provenance["method"] == "exact"
     size = (CLOSE if known else CLOSE_TO_TOLERANCE) if size is None else positive("size", size)
-    rest = {"form": form, "dt": dt, "starts": starts, "size": size, "span": dt * round(span / dt)}
-    pairs = [{"kind": "pairs", "method": method} | rest for method in ["exact", *scheme_labels(case, schemes)]]
+    shared = {"form": form, "dt": dt, "starts": starts, "size": size, "span": dt * round(span / dt)}
+    pairs = [{"kind": "pairs", "method": method} | shared for method in ["exact", *scheme_labels(case, schemes)]]
     drive = drive_frequency(system_of(case, form))
     tangent = {"kind": "tangent", "method": "tangent flow", "form": form}
     portrait = {"kind": "portrait", "method": "exact", "form": form, "drive": drive}
@@ -220,16 +220,16 @@ def _portrait(case: Case, point: Point) -> list[Row]:
 def exponents(rows: Rows) -> dict[str, tuple[float, float] | None]:
     """Mean exponent of every method and the half-width of its 95 % interval, by their scatter; None where the distances
     do not change exponentially."""
-    found: dict[str, tuple[float, float] | None] = {}
+    means: dict[str, tuple[float, float] | None] = {}
     for method in dict.fromkeys(r["method"] for r in rows):
-        own, late = (_finite(rows, method, name) for name in ("exponent", "late"))
-        if len(own) > 1:
+        values, late = (_finite(rows, method, name) for name in ("exponent", "late"))
+        if len(values) > 1:
             of_median = max(0, int(0.5 * len(late) - 0.98 * np.sqrt(len(late))))  # rank of its 95 % bound
             late = np.sort(late)
             grown = len(late) > 1 and (late[of_median] > THREEFOLD or late[-1 - of_median] < -THREEFOLD)
-            interval = float(1.96 * np.std(own, ddof=1) / np.sqrt(len(own)))
-            found[method] = (float(np.mean(own)), interval) if grown else None
-    return found
+            interval = float(1.96 * np.std(values, ddof=1) / np.sqrt(len(values)))
+            means[method] = (float(np.mean(values)), interval) if grown else None
+    return means
 
 
 def _finite(rows: Rows, method: str, name: str) -> Array:
@@ -239,12 +239,12 @@ def _finite(rows: Rows, method: str, name: str) -> Array:
 
 def answer(rows: Rows, case: Case) -> Answer:
     """The exponents with their intervals, method by method."""
-    units, found = case.units, exponents(rows)
-    if not found:
+    units, means = case.units, exponents(rows)
+    if not means:
         return Answer("No pair could be followed long enough.")
-    none = [method for method, known in found.items() if known is None]
+    none = [method for method, known in means.items() if known is None]
     unseen = f"No exponential change of the distance is seen for {', '.join(none)}" if none else ""
-    known = {method: pair for method, pair in found.items() if pair is not None}
+    known = {method: pair for method, pair in means.items() if pair is not None}
     if not known:
         return Answer(f"{unseen}: most pairs do not part or approach threefold in the second half of the span.")
     unit = units.of("rate") and f" {units.of('rate')}"
@@ -272,9 +272,9 @@ def picture(records: Records) -> Picture:
     pairs = [row for row in rows if "distance" in row]
     distances = curves(pairs, "t", "distance", "method", exact=2.0, marker="")
     distances += [Level(LINEAR), Note("grows in proportion below", 0.02, 1.2 * LINEAR, "x")]
-    found, jitter = exponents(rows), np.random.default_rng(0)
+    means, jitter = exponents(rows), np.random.default_rng(0)
     rates: list[Mark] = [Level(0.0, of="x", look={"ls": "-"})]
-    for i, (method, known) in enumerate(found.items()):
+    for i, (method, known) in enumerate(means.items()):
         values, colour = _finite(rows, method, "exponent"), look(method)["color"]
         dots = {"linestyle": "", "marker": ".", "ms": 3, "color": colour, "alpha": 0.5}
         rates.append(Curve(values, i + jitter.uniform(-0.25, 0.25, len(values)), look=dots))
@@ -286,14 +286,14 @@ def picture(records: Records) -> Picture:
     here, there = Axis(u, "length"), Axis(ahead, "length")
     speed = Axis(u.replace("u(", "u_t("), "velocity")
     dots = {"linestyle": "", "marker": ".", "ms": 1.2, "color": "black", "alpha": 0.45}
-    delayed, portrait = ([Curve(column(path, "u"), column(path, name), look=dots)] for name in ("u_delayed", "v"))
+    delayed, portrait = ([Curve.over(path, "u", name, look=dots)] for name in ("u_delayed", "v"))
     exponent = Axis(r"exponent $\lambda$ in $e^{\lambda t}$", "rate")
     return Picture([
         [
             Panel("geometric mean over the pairs", Axis("time since the start of the pair", "time"),
                   Axis("distance over the motion's size", scale="log"), distances),
             Panel("exponents: every start, mean, 95 % interval", exponent,
-                  Axis(names=[short(method) for method in found]), rates),
+                  Axis(names=[short(method) for method in means]), rates),
         ],
         [
             Panel("delayed by a period T of the drive, exact, single run", here, there, delayed),
@@ -302,13 +302,9 @@ def picture(records: Records) -> Picture:
     ], 8.6)  # fmt: skip
 
 
-STUDY = Study(
-    name="chaos",
-    question="How fast do neighbouring motions diverge, and do the schemes diverge as fast as the exact flow?",
-    points=points,
-    evaluate=evaluate,
-    answer=answer,
-    picture=picture,
+STUDY = declared(
+    __name__,
+    "How fast do neighbouring motions diverge, and do the schemes diverge as fast as the exact flow?",
     needs_motion=True,
     all_cores=True,
     smoke={"schemes": ["HHT(alpha=-0.1)"], "starts": 6},

@@ -1,4 +1,4 @@
-"""What several studies need: schemes by label, a reference solved once."""
+"""Choices and helpers that several studies share: schemes by label, a reference solved once, orders, axes."""
 
 from __future__ import annotations
 
@@ -10,21 +10,27 @@ import numpy as np
 
 from ..basics.arrays import Array
 from ..basics.validation import InputError, sequence
-from ..figures import Curve, short
+from ..figures import Axis, Curve, short
 from ..files.cases import Case
-from ..measures.errors import Order
+from ..march.ensemble import integrate_ensemble
+from ..measures.errors import Order, observed_order
 from ..measures.impacts import first_impacts_end
+from ..model.closed_form import natural_frequencies
+from ..model.contact import Stops
+from ..model.members import EnsembleMembers
 from ..model.modes import modes
 from ..model.system import System
 from ..references import best_reference
 from ..references import takes as method_takes
+from ..references.ensemble import reference_ensemble
 from ..references.registry import REFERENCES
 from ..schemes import RIGID, SCHEMES, RigidScheme, Scheme, make, takes_stops
 from ..schemes.labels import parse_run, user_label
 from ..schemes.labels import scheme_of as known_scheme
 from ..testset.integrators import FUNCTION, SCHEME, Integrator, integrator, integrators
-from ..trajectory.trajectory import Reference, Trajectory, Work
-from .engine.study import Study
+from ..trajectory.ensemble import Ensemble
+from ..trajectory.trajectory import Diverged, Reference, Trajectory, Work
+from .engine.study import Rows, Study
 
 # What the options of several studies are and mean; the commands read it here.
 Schemes = Annotated[list[str] | None, "with commas between them, e.g. 'BDF2,HHT(alpha=-0.2)'; default: all"]
@@ -45,6 +51,7 @@ Numbers = Annotated[list[float] | None, "with commas between them"]
 Cells = Annotated[list[int] | None, "grids, with commas between them"]
 Treatment = Annotated[str, "implicit, conserving, or extrapolated as in the paper"]
 
+STEP = Axis(r"time step $\Delta t$", "time", "log")  # the horizontal axis of what is measured over dt
 _REFERENCES: dict[tuple[str, float], Reference] = {}
 _KEPT = 4
 
@@ -62,13 +69,13 @@ def scheme_labels(case: Case, schemes: Sequence[str | Scheme] | None = None) -> 
             if not isinstance(label, (str, Scheme)):
                 raise InputError("schemes", label, "be schemes or their labels", "for example 'HHT(alpha=-0.1)'")
         return [label_of(label) for label in schemes]
-    own: dict[str, Scheme] = {}
+    stated: dict[str, Scheme] = {}
     for scheme, _ in case.runs:
-        own.setdefault(scheme.name, scheme)
-    others = {name: make(name) for name in (*SCHEMES, *RIGID) if name != "theta" and name not in own}
+        stated.setdefault(scheme.name, scheme)
+    others = {name: make(name) for name in (*SCHEMES, *RIGID) if name != "theta" and name not in stated}
     taken = {name: scheme for name, scheme in others.items() if takes(case, scheme)}
-    known = own | taken
-    return [label_of(known[name]) for name in dict.fromkeys((*SCHEMES, *RIGID, *own)) if name in known]
+    known = stated | taken
+    return [label_of(known[name]) for name in dict.fromkeys((*SCHEMES, *RIGID, *stated)) if name in known]
 
 
 def integrators_of(case: Case, given: Sequence[Any] | None = None) -> list[Integrator]:
@@ -155,6 +162,18 @@ def takes_extrapolation(case: Case) -> bool:
     return not any(c.stops.rigid or c.stops.dissipative for c in case.system(case.forms[0]).contacts)
 
 
+def tip_stops(case: Case) -> Stops:
+    """Return the stops of a beam that has its only ones at the tip, at rest. Raises InputError for any other case."""
+    if case.beam is None or len(case.problem.all_stops) != 1:
+        raise InputError("case", case.name, "be a beam with stops at one place", "for example table10")
+    stops = case.problem.all_stops[0]
+    if stops.motion is not None or stops.position not in (None, case.problem.length):
+        remedy = "move them to the tip and leave their motion out"
+        raise InputError("case", case.name, "have stops at rest at the tip", remedy)
+    natural_frequencies(case.problem, 1)
+    return stops
+
+
 def smoke_options(study: Study, case: Case) -> dict[str, Any]:
     """The study's options for a run of seconds on ``case``: a system of matrices keeps its own time span, and in place
     of schemes without a law for its stops runs the first of its own, and leaves out solvers that do not take it."""
@@ -194,6 +213,11 @@ def system_of(case: Case, form: str) -> System:
     return case.system(form)
 
 
+def significant(value: float, form: str, least: float = 1e-12) -> str:
+    """A number as text, "0" where its size is below ``least``: rounding."""
+    return "0" if abs(value) < least else f"{value:{form}}"
+
+
 def extremes(values: Mapping[str, float], written: Callable[[float], str]) -> str:
     """The least and the largest of the numbers that are known, each with the short name of its method."""
     known = sorted((value, short(name)) for name, value in values.items() if np.isfinite(value))
@@ -203,6 +227,12 @@ def extremes(values: Mapping[str, float], written: Callable[[float], str]) -> st
     if written(low) == written(high):
         return f"{written(low)} ({first if len(known) == 1 else 'all'})"
     return f"{written(low)} ({first}) to {written(high)} ({last})"
+
+
+def order_over(rows: Rows, step: Callable[[Any], float], error: str) -> Order:
+    """The observed order of column ``error`` in a step that is taken from each row, of errors above 0."""
+    kept = [row for row in rows if row[error] > 0.0]
+    return observed_order([step(row) for row in kept], [row[error] for row in kept])
 
 
 def fit(x: Array, order: Order, look: Mapping[str, Any]) -> list[Curve]:
@@ -219,10 +249,23 @@ def halved(end: float, dt: float, halvings: int, per_octave: int = 1) -> list[in
 
 
 def to_the_end(steps: int, outputs: int) -> int:
-    """Every how many steps to keep, for ``outputs`` or up to twice as many: of these with the last step among them,
-    where the number of steps has such a divisor."""
+    """Return the spacing of the steps that are kept, for ``outputs`` to twice as many of them.
+
+    The last step is among them where the number of steps has such a divisor.
+    """
     most = max(1, steps // outputs)
     return next((every for every in range(most, most // 2, -1) if steps % every == 0), most)
+
+
+def run_members(method: str, members: EnsembleMembers, dt: float, t_end: float, contact: str = "implicit") -> Ensemble:
+    """The ensemble of a scheme by its label, or of the exact solution. Raises Diverged where a member overflows."""
+    if method == "exact":
+        return reference_ensemble(members.system, t_end, members)
+    many = integrate_ensemble(members.system, scheme_of(method), dt, t_end, members, contact)
+    if np.any(np.isfinite(many.diverged)):
+        remedy = "use a smaller dt" if contact == "implicit" else "use the implicit contact or a smaller dt"
+        raise Diverged(method, float(np.nanmin(many.diverged)), remedy)
+    return many
 
 
 def solve_once(system: System, t_end: float) -> Reference:

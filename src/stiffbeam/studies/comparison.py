@@ -62,10 +62,10 @@ class _Solver:
             seconds = self.seconds(system, float(times[-1]), method)
             part = next((p for p in parts if seconds * len(p) / len(times) <= self.budget), times)
         free = replace(self, budget=np.inf) if part is not times else self
-        found = free(system, float(part[-1]), method, part)
+        solution = free(system, float(part[-1]), method, part)
         if len(part) < len(times):
-            found.provenance["budget"] = f"to t = {part[-1]:.3g} of {times[-1]:.3g}: the budget ends there"
-        return found
+            solution.provenance["budget"] = f"to t = {part[-1]:.3g} of {times[-1]:.3g}: the budget ends there"
+        return solution
 
     def seconds(self, system: System, t_end: float, method: str) -> float:
         if self.budget == np.inf:
@@ -157,19 +157,19 @@ def compare_case(
         method_of(name, "references")
     result = CaseComparison(case)
     pairs = list(case.runs if runs is None else runs)
-    chosen = {form: integrators(x for x, own in pairs if own == form) for form in dict.fromkeys(f for _, f in pairs)}
+    chosen = {
+        form: integrators(x for x, of_run in pairs if of_run == form) for form in dict.fromkeys(f for _, f in pairs)
+    }
     solvers = [one.source for several in chosen.values() for one in several if one.kind == SOLVER]
     references = list(dict.fromkeys([*references, *solvers]))
     refused: list[Diverged | InputError | SolverFailure] = []
     for form, several in chosen.items():
         system = case.system(form)
-        main = _main_reference(system, case, references, result, progress, replace(solver, budget=4.0 * budget))
-        further = []
-        if main is not None:
-            keep(main)
-            for other in _further_references(system, case, references, main, result, progress, solver):
-                keep(other)
-                further.append(other)
+        solved = []
+        for one in _references(system, case, references, result, progress, solver):
+            keep(one)
+            solved.append(one)
+        main = solved[0] if solved else None
         if not rigid:
             progress(COMPILING, 0, 0)
             warm_up(by_law)
@@ -189,7 +189,7 @@ def compare_case(
                 progress(f"measuring {label}", 0, 0)
                 _measure(result, run, main)
         if main is not None:
-            for other in further:
+            for other in solved[1:]:
                 _measure(result, other, main)
             if main.horizon < case.t_end and (true := truth(case, form, case.t_end)) is not None:
                 result.truths[form] = true
@@ -210,56 +210,33 @@ def _run(one: Integrator, system: System, case: Case, contact: str, show: Callab
     return one.run(system, case.dt, case.t_end)
 
 
-def _main_reference(
-    system: System,
-    case: Case,
-    references: Sequence[str],
-    result: CaseComparison,
-    progress: Progress,
-    solver: _Solver,
-) -> Reference | None:
-    for method in references:
-        progress(f"{method}@{system.form}", 0, 0)
-        steps = round(case.t_end / case.dt)
-        try:
-            # The adaptive solvers answer at the times they were asked for: the runs' own steps.
-            times = None if method in ("exact", "multiprecision") else np.arange(steps + 1) * case.dt
-            main = solver(system, case.t_end, method, times)
-        except (InputError, SolverFailure) as error:
-            result.note(f"{method}@{system.form}", error)
-            continue
-        result.references.append(main)
-        return main
-    return None
-
-
-def _further_references(
-    system: System,
-    case: Case,
-    references: Sequence[str],
-    main: Reference,
-    result: CaseComparison,
-    progress: Progress,
-    solver: _Solver,
+def _references(
+    system: System, case: Case, methods: Sequence[str], result: CaseComparison, progress: Progress, solver: _Solver
 ) -> Iterator[Reference]:
-    window = min(case.t_end, main.horizon)
-    steps = int(np.floor(window / case.dt * (1 + 1e-12)))
-    if steps < 2:
-        return
-    times = np.arange(steps + 1) * case.dt
-    tried = {label.partition("@")[0] for label, _ in result.failures} | {main.provenance["method"]}
-    for method in references:
-        if method in tried:
-            continue
+    """Yield the main reference, the first of ``methods`` that can take the system, then the others to its horizon."""
+    main, window = None, case.t_end
+    steps = round(case.t_end / case.dt)
+    for method in dict.fromkeys(methods):
         label = f"{method}@{system.form}"
-        progress(f"{label} to the horizon {window:.3g}", 0, 0)
         try:
-            further = solver.as_far_as(system, times, method)
+            if main is None:
+                progress(label, 0, 0)
+                # The adaptive solvers answer at the times they were asked for: the runs' own steps.
+                times = None if method in ("exact", "multiprecision") else np.arange(steps + 1) * case.dt
+                solution = replace(solver, budget=4.0 * solver.budget)(system, case.t_end, method, times)
+            else:
+                progress(f"{label} to the horizon {window:.3g}", 0, 0)
+                solution = solver.as_far_as(system, np.arange(steps + 1) * case.dt, method)
         except (InputError, SolverFailure) as error:
             result.note(label, error)
             continue
-        result.references.append(further)
-        yield further
+        if main is None:
+            main, window = solution, min(case.t_end, solution.horizon)
+            steps = int(np.floor(window / case.dt * (1 + 1e-12)))
+        result.references.append(solution)
+        yield solution
+        if steps < 2:
+            return
 
 
 def rehearse(by_law: bool = False) -> None:

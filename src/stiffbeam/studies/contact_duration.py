@@ -1,4 +1,4 @@
-"""How long contacts last: from the entry into a stop to the exit from it, at every stop.
+"""Durations of contacts: from the entry into a stop to the exit from it, at every stop.
 
     duration = t_exit - t_entry
 
@@ -19,15 +19,12 @@ import numpy as np
 from ..basics.arrays import Array
 from ..figures import Axis, Curve, Level, Mark, Panel, Picture, column, curves, groups, look, short
 from ..files.cases import Case
-from ..march.ensemble import integrate_ensemble
 from ..march.integrate import integrate
 from ..measures.impacts import longest_delay, match
 from ..measures.report import percent
 from ..model.members import SPREAD, perturbed_members
-from ..references.ensemble import reference_ensemble
-from ..trajectory.trajectory import Diverged
 from . import common
-from .engine.study import Answer, Point, Records, Row, Rows, Study, by_contact
+from .engine.study import Answer, Point, Records, Row, Rows, by_contact, declared
 
 SIDES = {1: "upper", -1: "lower"}
 LEVELS = np.linspace(0.01, 0.99, 50)  # of the cumulative distribution
@@ -44,19 +41,18 @@ def points(
     impacts: common.ImpactCount = 4,
     members: common.Members = 48,
 ) -> list[Point]:
-    """Contact by contact at ``dt`` (the case's), dt/2, ... until the first impacts are over, as
-    many as ``impacts`` says; the
-    distributions at ``dt`` to ``t_end``, over ``members`` perturbed runs of every scheme and of the exact solution."""
-    rest = {"form": form, "t_end": t_end, "members": members}
+    """Contact by contact at ``dt`` (the case's), dt/2, ... until the first impacts are over, as many as ``impacts``
+    says; the distributions at ``dt`` to ``t_end``, over ``members`` perturbed runs of schemes and exact solution."""
+    shared = {"form": form, "t_end": t_end, "members": members}
     labels = common.scheme_labels(case, schemes)
-    found = [{"task": "ensemble", "method": label, "dt": dt} | rest for label in ["exact", *labels]]
+    plan = [{"task": "ensemble", "method": label, "dt": dt} | shared for label in ["exact", *labels]]
     end = common.first_impacts(case, form, impacts)
     pairs = [
-        {"task": "pairs", "method": label, "dt": end / steps} | rest | {"t_end": end}
+        {"task": "pairs", "method": label, "dt": end / steps} | shared | {"t_end": end}
         for label in labels
         for steps in common.halved(end, dt, halvings)
     ]
-    return found + pairs
+    return plan + pairs
 
 
 def evaluate(case: Case, point: Point) -> list[Row]:
@@ -70,14 +66,14 @@ def _pairs(case: Case, point: Point) -> list[Row]:
     exact = common.solve_once(system, case.t_end)
     run = integrate(system, common.scheme_of(point["method"]), point["dt"], end, every=round(end / point["dt"]))
     rows = []
-    for number, (own, other) in enumerate(zip(run.contacts, exact.contacts, strict=True), 1):
-        first = slice(0, match(own.impacts, other.impacts, end, longest_delay(system, case.t_end)).matched)
-        found, wanted = own.impacts.take(first), other.impacts.take(first)
+    for number, (contact, exact_contact) in enumerate(zip(run.contacts, exact.contacts, strict=True), 1):
+        first = slice(0, match(contact.impacts, exact_contact.impacts, end, longest_delay(system, case.t_end)).matched)
+        run_impacts, exact_impacts = contact.impacts.take(first), exact_contact.impacts.take(first)
         for side, name in SIDES.items():
-            lasting = np.nan_to_num(wanted.durations) > 0.0  # not so at rigid stops
-            here = (wanted.stops == side) & lasting & np.isfinite(found.durations)
-            errors = np.abs(found.durations[here] / wanted.durations[here] - 1.0)
-            there = int(np.sum(other.impacts.until(end).stops == side))
+            lasting = np.nan_to_num(exact_impacts.durations) > 0.0  # not so at rigid stops
+            here = (exact_impacts.stops == side) & lasting & np.isfinite(run_impacts.durations)
+            errors = np.abs(run_impacts.durations[here] / exact_impacts.durations[here] - 1.0)
+            there = int(np.sum(exact_contact.impacts.until(end).stops == side))
             row = {"kind": "pairs", "contact_number": number, "stop": name, "exact": there, "pairs": len(errors)}
             largest = float(np.max(errors)) if len(errors) else float("nan")
             rows.append(row | {"error": largest})
@@ -88,12 +84,7 @@ def _ensemble(case: Case, point: Point) -> list[Row]:
     """The distribution of durations over all contacts of all members, stop by stop."""
     system, t_end = common.system_of(case, point["form"]), point["t_end"]
     members = perturbed_members(system, point["members"], SPREAD, t_end=t_end)
-    if point["method"] == "exact":
-        many = reference_ensemble(system, t_end, members)
-    else:
-        many = integrate_ensemble(system, common.scheme_of(point["method"]), point["dt"], t_end, members)
-    if np.any(np.isfinite(many.diverged)):
-        raise Diverged(point["method"], float(np.nanmin(many.diverged)), "use a smaller dt")
+    many = common.run_members(point["method"], members, point["dt"], t_end)
     rows: list[Row] = []
     for number, seen in enumerate(many.contacts, 1):
         for side, name in SIDES.items():
@@ -125,24 +116,24 @@ def answer(rows: Rows, case: Case) -> Answer:
     """The median duration and the one from which half of the time in contact is spent, at every stop of one contact."""
     units, table, parts = case.units, [], []
     for name in SIDES.values():
-        own = [row for row in rows if row["stop"] == name]
-        paired = sorted((row for row in own if row["kind"] == "pairs" and row["pairs"]), key=lambda row: -row["dt"])
+        group = [row for row in rows if row["stop"] == name]
+        paired = sorted((row for row in group if row["kind"] == "pairs" and row["pairs"]), key=lambda row: -row["dt"])
         finest = {row["method"]: row for row in paired}  # the last of a method
-        summaries = {row["method"]: row for row in own if row["kind"] == "summary"}
+        summaries = {row["method"]: row for row in group if row["kind"] == "summary"}
         for method in dict.fromkeys([*summaries, *finest]):
             line = {"stop": name, "method": short(method)}
             if row := summaries.get(method):
-                median, half = (units.measure(f"{row[key]:.2g}", "time") for key in ("median", "half_time"))
+                median, half = (units.measure(row[key], "time", ".2g") for key in ("median", "half_time"))
                 line |= {"contacts a run": f"{row['contacts']:.4g}", "median": median, "half of the time from": half}
             if row := finest.get(method):
-                dt = units.measure(format(row["dt"], ".2g"), "time")
+                dt = units.measure(row["dt"], "time", ".2g")
                 line["first ones off by"] = f"{percent(row['error'])} (at most, of {row['pairs']}, dt = {dt})"
             table.append(line)
         medians = {method: row["median"] for method, row in summaries.items()}
         exact = medians.pop("exact", np.nan)
         if summaries:
-            known = "" if np.isnan(exact) else f"exact {units.measure(f'{exact:.2g}', 'time')}, "
-            schemes = common.extremes(medians, lambda value: units.measure(f"{value:.2g}", "time"))
+            known = "" if np.isnan(exact) else f"exact {units.measure(exact, 'time', '.2g')}, "
+            schemes = common.extremes(medians, lambda value: units.measure(value, "time", ".2g"))
             parts.append(f"{known}schemes {schemes} at the {name} stop")
     if not table:
         return Answer("No contact came to an end.")
@@ -155,14 +146,14 @@ def picture(records: Records) -> Picture:
     """For every contact: the error of the durations over the step while impacts match, then for each of its
     stops the cumulative distribution over the members; the exact one is black."""
     lines = []
-    for place, own in by_contact(records.numbers).items():
-        pairs = [row for row in own if row["kind"] == "pairs" and row["exact"]]
-        first = Panel(f"the first contacts{place}", Axis(r"time step $\Delta t$", "time", "log"),
+    for place, group in by_contact(records.numbers).items():
+        pairs = [row for row in group if row["kind"] == "pairs" and row["exact"]]
+        first = Panel(f"the first contacts{place}", common.STEP,
                       Axis("largest relative error of the duration", scale="log"), _errors(pairs),
                       empty="no contact matches" if pairs else "no impact so early")  # fmt: skip
         panels = [first]
-        for name in _sides(records.case, own[0]):
-            rows = [row for row in own if row["kind"] == "quantile" and row["stop"] == name]
+        for name in _sides(records.case, group[0]):
+            rows = [row for row in group if row["kind"] == "quantile" and row["stop"] == name]
             step = next((row["dt"] for row in rows if row["method"] != "exact"), np.nan)
             marks = curves(rows, "duration", "level", "method", exact=2.2, marker="")
             marks.append(Level(step, "one time step", "x"))
@@ -182,10 +173,12 @@ def _sides(case: Case, row: Row) -> list[str]:
 def _errors(rows: Sequence[Row]) -> list[Mark]:
     """The largest error at any stop; hollow where some of the exact contacts have no match."""
     marks: list[Mark] = []
-    for label, own in groups(rows, "method").items():
-        at = {dt: here for dt, here in sorted(groups(own, "dt").items()) if np.any(np.isfinite(column(here, "error")))}
+    for label, group in groups(rows, "method").items():
+        at = {
+            dt: here for dt, here in sorted(groups(group, "dt").items()) if np.any(np.isfinite(column(here, "error")))
+        }
         steps, errors = np.array(list(at)), np.array([np.nanmax(column(here, "error")) for here in at.values()])
-        whole = np.array([all(row["pairs"] == row["exact"] for row in own) for own in at.values()], bool)
+        whole = np.array([all(row["pairs"] == row["exact"] for row in group) for group in at.values()], bool)
         marks += [Curve(steps, np.where(whole, errors, np.nan), short(label), look(label)),
                   Curve(steps[~whole], errors[~whole], look=look(label) | HOLLOW)]  # fmt: skip
     if any(row["pairs"] < row["exact"] for row in rows):
@@ -194,13 +187,9 @@ def _errors(rows: Sequence[Row]) -> list[Mark]:
 
 
 HOLLOW = {"linestyle": "", "mfc": "white", "ms": 4.0}
-STUDY = Study(
-    name="contact_duration",
-    question="How long do contacts last, and have the schemes' contacts the durations of the exact ones?",
-    points=points,
-    evaluate=evaluate,
-    answer=answer,
-    picture=picture,
+STUDY = declared(
+    __name__,
+    "How long do contacts last, and have the schemes' contacts the durations of the exact ones?",
     needs_motion=True,
     each_contact=True,
     smoke={"schemes": ["HHT(alpha=-0.1)"], "halvings": 3, "impacts": 2, "members": 3, "t_end": 0.4},

@@ -11,7 +11,7 @@ from typing import Annotated
 import numpy as np
 
 from ..basics.validation import InputError
-from ..figures import Axis, Curve, Panel, Picture, column, groups, look, short
+from ..figures import Axis, Curve, Panel, Picture, groups, look, short
 from ..files.cases import Case
 from ..measures.errors import Order, observed_order, tip_error
 from ..measures.impacts import impact_times, matched_until
@@ -22,7 +22,7 @@ from ..model.scales import scales
 from ..model.system import System
 from ..testset.integrators import RECORDED, SOLVER
 from . import common
-from .engine.study import Answer, Point, Records, Row, Rows, Study
+from .engine.study import Answer, Point, Records, Row, Rows, declared
 
 KINDS = ("smooth", "contact")
 PER_OCTAVE = 4  # steps per halving through contact, where the error varies irregularly: the worst of an octave counts
@@ -53,7 +53,7 @@ def points(
         if one.kind == SOLVER:
             remedy = "stiffbeam precision shows its error against its work"
             raise InputError("schemes", one.label, "have a time step that can be halved, not a tolerance", remedy)
-    found: list[Point] = []
+    plan: list[Point] = []
     for kind in KINDS if kinds is None else kinds:
         if kind == "smooth":
             end, per_octave = smooth_end(system, case.t_end), 1
@@ -66,23 +66,23 @@ def points(
         else:
             raise InputError("kinds", kind, f"be among {KINDS}", "for example ('smooth',)")
         for one in chosen:
-            rest = {"kind": kind, "scheme": one.label, "form": form, "contact": contact, "t_end": end}
+            shared = {"kind": kind, "scheme": one.label, "form": form, "contact": contact, "t_end": end}
             if one.kind == RECORDED:  # of the case itself, which is no smooth motion
                 runs = common.recorded_points(one, system) if kind == "contact" else []
-                found += [
-                    rest | {"steps": round(end / run["dt"]), "recorded": run["recorded"],
+                plan += [
+                    shared | {"steps": round(end / run["dt"]), "recorded": run["recorded"],
                             "octave": round(float(np.log2(runs[0]["dt"] / run["dt"])))}
                     for run in runs
                 ]  # fmt: skip
                 continue
-            found += [
-                rest | {"steps": steps, "octave": k // per_octave}
+            plan += [
+                shared | {"steps": steps, "octave": k // per_octave}
                 for k, steps in enumerate(common.halved(end, dt, halvings, per_octave))
             ]
-    if not found and any(one.kind == RECORDED for one in chosen):
+    if not plan and any(one.kind == RECORDED for one in chosen):
         rule = "be asked about contact: recorded runs are of the case itself"
         raise InputError("kinds", kinds, rule, "give a function, which runs on the smooth motion too")
-    return list({(p["kind"], p["scheme"], p["steps"]): p for p in found}.values())
+    return list({(p["kind"], p["scheme"], p["steps"]): p for p in plan}.values())
 
 
 def smooth_end(system: System, t_end: float) -> float:
@@ -130,10 +130,10 @@ def envelope(rows: Rows) -> tuple[list[float], list[float]]:
     """(dt, error) of the worst point of every octave whose points all count."""
     steps, errors = [], []
     for octave in sorted({r["octave"] for r in rows}):
-        own = [r for r in rows if r["octave"] == octave]
-        if all(not r["left_out"] for r in own):
-            steps.append(max(r["dt"] for r in own))
-            errors.append(max(r["error_rms"] for r in own))
+        group = [r for r in rows if r["octave"] == octave]
+        if all(not r["left_out"] for r in group):
+            steps.append(max(r["dt"] for r in group))
+            errors.append(max(r["error_rms"] for r in group))
     return steps, errors
 
 
@@ -145,24 +145,24 @@ def orders(rows: Rows) -> dict[tuple[str, str], Order]:
 
 def answer(rows: Rows, case: Case) -> Answer:
     """The observed orders, without contact and through the first impacts, or as the motion starts without any."""
-    found = orders(rows)
+    observed = orders(rows)
     start = next((row for row in rows if row["kind"] == "contact" and not row["impacts"]), None)
     through, column = "through the first impacts", "order through the first impacts"
     notes = "Through the first impacts"
     if start is not None:
         through, column = "as the motion starts", "order without impacts, as it starts"
-        end = case.units.measure(format(start["t_end"], "g"), "time")
+        end = case.units.measure(start["t_end"], "time", "g")
         notes = f"No impacts to t = {end}, the motion as it starts"
     words = {"smooth": ("without contact", "order without contact"), "contact": (through, column)}
-    kinds = [kind for kind in words if any(k == kind for k, _ in found)]
-    slopes = {kind: {s: o.slope for (k, s), o in found.items() if k == kind and not o.unclear} for kind in kinds}
+    kinds = [kind for kind in words if any(k == kind for k, _ in observed)]
+    slopes = {kind: {s: o.slope for (k, s), o in observed.items() if k == kind and not o.unclear} for kind in kinds}
     said = [
-        f"{common.extremes(own, '{:.2f}'.format) if own else 'no clear rate'} {words[kind][0]}"
-        for kind, own in slopes.items()
+        f"{common.extremes(group, '{:.2f}'.format) if group else 'no clear rate'} {words[kind][0]}"
+        for kind, group in slopes.items()
     ]
     table = [
-        {"scheme": scheme} | {words[kind][1]: _shown(found.get((kind, scheme))) for kind in kinds}
-        for scheme in dict.fromkeys(scheme for _, scheme in found)
+        {"scheme": scheme} | {words[kind][1]: _shown(observed.get((kind, scheme))) for kind in kinds}
+        for scheme in dict.fromkeys(scheme for _, scheme in observed)
     ]
     return Answer(
         f"Observed orders: {', '.join(said)}.",
@@ -182,16 +182,18 @@ REASONS = {"impacts differ": "o", "error above 10 %": "^", "motion not resolved"
 def picture(records: Records) -> Picture:
     """Filled markers enter the slope; hollow ones do not, their shape says why."""
     rows = records.numbers
-    found, panels = orders(rows), []
-    for kind, own in groups(rows, "kind").items():
-        through = "through the first impacts" if any(row["impacts"] for row in own) else "as it starts, no impacts"
+    observed, panels = orders(rows), []
+    for kind, group in groups(rows, "kind").items():
+        through = "through the first impacts" if any(row["impacts"] for row in group) else "as it starts, no impacts"
         title = "without contact, slow motion" if kind == "smooth" else through
-        marks = [mark for label, mine in groups(own, "scheme").items() for mark in _points(mine, found[kind, label])]
-        met = [reason for reason in REASONS if any(reason == reason_of(row, own) for row in own)]
+        marks = [
+            mark for label, mine in groups(group, "scheme").items() for mark in _points(mine, observed[kind, label])
+        ]
+        met = [reason for reason in REASONS if any(reason == reason_of(row, group) for row in group)]
         marks += [Curve([], [], f"left out: {reason}", {"linestyle": "", "marker": REASONS[reason], "mfc": "white",
                                                          "mec": "0.35"}) for reason in met]  # fmt: skip
         error = Axis("tip error, rms, relative", scale="log", cap=1e3)
-        panels.append(Panel(title, Axis(r"time step $\Delta t$", "time", "log"), error, marks, (3, 2, 1), "below"))
+        panels.append(Panel(title, common.STEP, error, marks, (3, 2, 1), "below"))
     return Picture([panels], 6.4)
 
 
@@ -201,27 +203,23 @@ def reason_of(row: Row, rows: Rows) -> str:
     return row["left_out"] or ("its octave has one of these" if any(r["left_out"] for r in octave) else "")
 
 
-def _points(own: Rows, order: Order) -> list[Curve]:
+def _points(group: Rows, order: Order) -> list[Curve]:
     """Points and slope of one scheme; in its look those that count."""
-    own = sorted(own, key=lambda row: row["dt"])
-    style = look(own[0]["scheme"])
-    label = f"{short(own[0]['scheme'])}: {_shown(order)}"
-    marks = [Curve(column(own, "dt"), column(own, "error_rms"), look=style | {"marker": "", "lw": 0.5, "alpha": 0.6}),
+    group = sorted(group, key=lambda row: row["dt"])
+    style = look(group[0]["scheme"])
+    label = f"{short(group[0]['scheme'])}: {_shown(order)}"
+    marks = [Curve.over(group, "dt", "error_rms", look=style | {"marker": "", "lw": 0.5, "alpha": 0.6}),
              Curve([], [], label, style)]  # fmt: skip
-    for reason, mine in {reason: [r for r in own if reason_of(r, own) == reason] for reason in ["", *REASONS]}.items():
+    for reason, mine in {
+        reason: [r for r in group if reason_of(r, group) == reason] for reason in ["", *REASONS]
+    }.items():
         fill = {"mfc": "white", "marker": REASONS[reason]} if reason else {}
-        marks.append(
-            Curve(column(mine, "dt"), column(mine, "error_rms"), look=style | {"linestyle": "", "ms": 4} | fill)
-        )
-    return marks + common.fit(np.array(envelope(own)[0]), order, style)
+        marks.append(Curve.over(mine, "dt", "error_rms", look=style | {"linestyle": "", "ms": 4} | fill))
+    return marks + common.fit(np.array(envelope(group)[0]), order, style)
 
 
-STUDY = Study(
-    name="converge",
-    question="At which rate does each scheme approach the exact solution, smooth and through contact?",
-    points=points,
-    evaluate=evaluate,
-    answer=answer,
-    picture=picture,
+STUDY = declared(
+    __name__,
+    "At which rate does each scheme approach the exact solution, smooth and through contact?",
     smoke={"schemes": ["BDF2", "SDIRK(gamma=0.4359, nystrom=True)"], "halvings": 4, "impacts": 2},
 )

@@ -37,6 +37,7 @@ from ..references.ensemble import reference_ensemble
 from ..schemes import Scheme
 from ..trajectory.ensemble import Ensemble
 from ..trajectory.trajectory import Diverged
+from .engine.study import Answer
 
 RESAMPLES = 2000
 ROUNDING = 1e-15  # of the motion, between starts that float64 hardly tells apart
@@ -114,18 +115,15 @@ class Doubt:
     def __str__(self) -> str:
         """The verdicts, then the columns with their intervals."""
         values = (self.dt, self.t_end, self.horizon, self.data_horizon)
-        dt, end, rounding, data = (self.units.measure(f"{x:.4g}", "time") for x in values)
+        dt, end, rounding, data = (self.units.measure(x, "time", ".4g") for x in values)
         head = f"{self.scheme}, dt = {dt}, {self.members} members to t = {end}"
         known = (
             f"Rounding leaves the motion certain to t = {rounding}, data to t = {data} "
             f"(95 % of the members within {percent(self.tolerance)})."
         )
         names = list(self.budgets[0].shares)
-        lines = [["95 % intervals", *names]]
-        lines += [[x.quantity, *(str(x.shares[name]) for name in names)] for x in self.budgets]
-        widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
-        table = ["  ".join(map(str.ljust, line, widths)).rstrip() for line in lines]
-        return "\n".join([head, known, *(budget.verdict for budget in self.budgets), *table])
+        table = [{"95 % intervals": x.quantity} | {name: str(x.shares[name]) for name in names} for x in self.budgets]
+        return Answer("\n".join([head, known, *(budget.verdict for budget in self.budgets)]), table).text()
 
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers and texts."""

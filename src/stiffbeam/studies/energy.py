@@ -6,15 +6,14 @@ from typing import Any
 
 import numpy as np
 
-from ..basics.units import Units
-from ..figures import Axis, Bars, Level, Mark, Note, Panel, Picture, column, curves, groups, short
+from ..figures import Axis, Level, Mark, Note, Panel, Picture, Ranges, column, curves, groups, short
 from ..files.cases import Case
 from ..march.integrate import integrate
 from ..measures.report import DASH, percent
 from ..trajectory.ledger import Ledger, supplied
 from ..trajectory.trajectory import Trajectory
 from . import common
-from .engine.study import Answer, Point, Records, Row, Rows, Study
+from .engine.study import Answer, Point, Records, Row, Rows, declared
 
 OUTPUTS = 200  # times at which the ledger is kept
 FIRST_ORDER = ", first order"  # (3.5): the same system, marched in (v, v')
@@ -36,15 +35,15 @@ def points(
     labels = common.scheme_labels(case, schemes)
     kinds = forms or list(case.forms)
     span = {"t_end": t_end, "contact": contact}
-    found: list[Point] = []
+    plan: list[Point] = []
     for form in kinds:
-        found.append({"scheme": "exact", "form": form, "dt": 0.0} | span)
-        found += [{"scheme": label, "form": form, "dt": dt} | span for label in labels]
+        plan.append({"scheme": "exact", "form": form, "dt": 0.0} | span)
+        plan += [{"scheme": label, "form": form, "dt": dt} | span for label in labels]
     # The direct march of the paper's (3.5) is slow, and the same scheme to rounding: a tenth of the span shows it.
     first = [label for label in labels if not common.scheme_of(label).second_order_only][:1] if forms is None else []
     short = {"t_end": dt * max(2, round(0.1 * t_end / dt)), "contact": contact}
-    found += [{"scheme": label, "form": kinds[0] + FIRST_ORDER, "dt": dt} | short for label in first]
-    return found
+    plan += [{"scheme": label, "form": kinds[0] + FIRST_ORDER, "dt": dt} | short for label in first]
+    return plan
 
 
 def evaluate(case: Case, point: Point) -> list[Row]:
@@ -83,99 +82,98 @@ def last_rows(rows: Rows) -> list[Row]:
 def answer(rows: Rows, case: Case) -> Answer:
     """The energy that every run has lost at its end, as a share of the most energy given, and its part in contact."""
     units, table, lost, ends = case.units, [], {}, []
+    last = last_rows(rows)
     closed = [
-        f"{abs(row['lost_fraction']):.0e} ({row['form']}, to t = {units.measure(format(row['t'], '.3g'), 'time')})"
-        for row in last_rows(rows)
+        f"{abs(row['lost_fraction']):.0e} ({row['form']}, to t = {units.measure(row['t'], 'time', '.3g')})"
+        for row in last
         if row["scheme"] == "exact"
     ]
-    for row in last_rows(rows):
-        if row["scheme"] == "exact" or row["form"] != rows[0]["form"]:
-            continue
-        share = row["lost_in_contact"] / row["loss"] if row["loss"] else float("nan")
+    for row in (row for row in last if row["scheme"] != "exact" and row["form"] == rows[0]["form"]):
+        share = row["lost_in_contact"] / row["loss"] if row["loss"] else np.nan
         if not row["sure"]:
             said = UNKNOWN
         elif np.isfinite(row["lost_fraction"]):
             lost[row["scheme"]], said = row["lost_fraction"], percent(row["lost_fraction"])
         else:  # on balance nothing was put in
-            said = units.measure(f"{row['loss']:.2g}", "energy") + " in all"
+            said = units.measure(row["loss"], "energy", ".2g") + " in all"
         ends.append(row["t"])
         part = f"{100 * share:z.0f} %" if row["sure"] else DASH
         table.append({"scheme": row["scheme"], "energy lost": said, "of it in contact": part})
-    end = units.measure(f"{max(ends or [row['t'] for row in rows]):g}", "time")
+    end = units.measure(max(ends or [row["t"] for row in rows]), "time", "g")
     unknown = f" {UNKNOWN.capitalize()}: the steps do not resolve the damping." if UNKNOWN in str(table) else ""
     return Answer(
-        f"Energy lost to t = {end}, of the most that start and loads have given: {common.extremes(lost, percent)}.",
+        f"Schemes lose {common.extremes(lost, percent)} of the energy supplied to t = {end}, the exact flow none.",
         table,
-        f"Single runs. The ledger of the exact flow closes to {', '.join(closed) or DASH}.{unknown}",
+        "Supplied: initial energy plus the most work of the loads. Single runs. The ledger of the exact flow closes to "
+        f"{', '.join(closed) or DASH}.{unknown}",
     )
 
 
 UNKNOWN = "not known"
-MOST = 120.0  # per cent: longer bars are cut, their numbers stand beside them
+MOST = 100.0  # per cent: a share beyond it is a number at the edge, without a bar
 ROUNDING = 1e-9  # of the largest energy: less is no loss
-PARTS = (("lost_in_contact", "in contact", {"color": "0.3"}),
-         ("lost_free", "between impacts", {"color": "0.75", "hatch": "///"}))  # fmt: skip
+PARTS = (("lost_in_contact", "in contact", "0.3", -0.18), ("lost_free", "between impacts", "0.65", 0.18))
 
 
 def picture(records: Records) -> Picture:
-    """Energies over time, and in the end their share of the most energy given."""
-    rows = records.numbers
+    """Above: energies over time. Below: for each form the shares of the supplied energy lost at the end."""
+    rows, units = records.numbers, records.case.units
     main = [row for row in rows if row["form"] == rows[0]["form"]]
     sizes = [abs(row["energy"]) + abs(row["input"]) for row in main]
     had = max((x for x in sizes if np.isfinite(x)), default=0.0)
     upper = []
-    for name, words, _ in PARTS:
+    for name, words, *_ in PARTS:
         lines = curves(main, "t", name, "scheme", exact=3.0, marker="")
         real = any(np.any(np.abs(line.values) > ROUNDING * had) for line in lines)
         scale: dict[str, Any] = {"scale": "signed log"} if real else {"limits": (-had, had)} if had else {}
-        title = f"lost {words} ({main[0]['form']} form, exact to its horizon)"
+        title = f"lost {words}, {main[0]['form']} form"
         upper.append(Panel(title, Axis("time $t$", "time"), Axis("energy lost so far", "energy", **scale), lines))
-    return Picture([upper, [_bars(rows, records.case.units)]], 8.2, heights=(1.0, 1.15))
+    runs = {form: groups(group, "scheme") for form, group in groups(rows, "form").items()}
+    names = [name for name in dict.fromkeys(row["scheme"] for row in rows) if name != "exact"]
+    lower = []
+    for form, of_form in runs.items():
+        end = units.measure(max(group[-1]["t"] for group in of_form.values()), "time", "g")
+        lower.append(_shares(f"{form.rpartition(', ')[2]} to t = {end}", of_form, names))
+    return Picture([upper, lower], 8.2, heights=(1.0, 1.15))
 
 
-def _bars(rows: Rows, units: Units) -> Panel:
-    """The last share of every run, in contact and free side by side, cut at +-MOST; the forms apart."""
-    runs = {key: own for key, own in groups(rows, "form", "scheme").items() if key[1] != "exact"}
-    forms = list(dict.fromkeys(form for form, _ in runs))
-    x = np.array([i + 0.5 * forms.index(form) for i, (form, _) in enumerate(runs)])
-    marks: list[Mark] = [Level(0.0, look={"ls": "-"})]
-    for k, (name, words, style) in enumerate(PARTS):
-        shares = np.array([_share(own, name) if own[-1]["sure"] else np.nan for own in runs.values()])
-        texts = [f"{'' if abs(share) < MOST else '↑'}{_percent(share)}" for share in shares]
-        marks.append(Bars(x + 0.4 * k - 0.2, np.clip(shares, -MOST, MOST), words, style, texts))
-    unsure = [place for place, own in zip(x, runs.values(), strict=True) if not own[-1]["sure"]]
-    marks += [Note(UNKNOWN, place, 0.02, "y", {"rotation": 90, "ha": "center"}) for place in unsure]
-    for (form, _), place in reversed(list(zip(runs, x, strict=True))):
-        if place == min(p for (f, _), p in zip(runs, x, strict=True) if f == form):
-            end = units.measure(f"{runs[form, next(s for f, s in runs if f == form)][-1]['t']:g}", "time")
-            words = form.replace(FIRST_ORDER, ",\nfirst order")
-            marks += [Level(place - 0.75, of="x"), Note(f"{words} to t = {end}", place - 0.7, 0.98, "y", {"va": "top"})]
-    ticks = {place: short(scheme) for place, (_, scheme) in zip(x, runs, strict=True)}
-    across = Axis(ticks=ticks, limits=(-0.7, float(x[-1]) + 0.9) if len(x) else (None, None))
-    return Panel("lost in the end, of initial energy and the most work put in", across,
-                 Axis("per cent of the most energy given"), marks, legend="inside")  # fmt: skip
+def _shares(title: str, runs: dict[str, list[Row]], names: list[str]) -> Panel:
+    """Shares in contact and between impacts, a bar each in the line of its scheme; beyond MOST numbers at the edge."""
+    lines = [(i, runs[label]) for i, label in enumerate(names) if label in runs]
+    bars = [
+        (i + place, _share(group, name), words, colour) for name, words, colour, place in PARTS for i, group in lines
+    ]
+    reach = 1.35 * max([1.0, *(abs(share) for _, share, *_ in bars if abs(share) <= MOST)])
+    marks: list[Mark] = [Level(0.0, of="x", look={"ls": "-"})]
+    for at, share, words, colour in bars:
+        look = {"va": "center", "ha": "left", "fontsize": 7.5}
+        if abs(share) <= MOST:
+            marks.append(Ranges(at, min(share, 0.0), max(share, 0.0), label=words, look={"color": colour, "lw": 7.0}))
+            marks.append(Note(f" {_percent(share)} ", share, at, look=look | ({"ha": "right"} if share < 0.0 else {})))
+        elif np.isfinite(share):
+            edge = {"ha": "left" if share < 0.0 else "right", "fontweight": "bold"}
+            marks.append(Note(f" off scale: {_percent(share)} ", np.sign(share) * reach, at, look=look | edge))
+    marks += [Note(f" {UNKNOWN}", 0.0, i, look={"va": "center"}) for i, group in lines if not group[-1]["sure"]]
+    across = Axis("per cent of the energy supplied", limits=(-reach, reach))
+    return Panel(title, across, Axis(names=[short(name) for name in names]), marks)
 
 
-def _share(own: Rows, name: str) -> float:
-    """Per cent of the most energy given; NaN where that is nothing."""
-    most = supplied(column(own, "energy")[0], column(own, "input"))[-1]
-    return 100.0 * own[-1][name] / most if most > 0.0 else np.nan
+def _share(group: Rows, name: str) -> float:
+    """Per cent of the energy supplied; NaN where that is nothing or the loss is not known."""
+    most = supplied(column(group, "energy")[0], column(group, "input"))[-1]
+    return 100.0 * group[-1][name] / most if most > 0.0 else np.nan
 
 
-def _percent(height: float) -> str:
-    """A share as it stands over its bar: two digits while it is below 10, "0" for rounding errors only."""
-    if abs(height) < 0.05:
-        return "0" if abs(height) < 1e-6 else "<0.1"
-    return f"{height:.2g}" if abs(height) < 10.0 else f"{height:.0f}" if abs(height) < 1e4 else f"{height:.0e}"
+def _percent(share: float) -> str:
+    """A share as it stands beside its bar: two digits while it is below 10, "0" for rounding errors only."""
+    if abs(share) < 0.05:
+        return "0" if abs(share) < 1e-6 else "<0.1"
+    return f"{share:.2g}" if abs(share) < 10.0 else f"{share:.0f}" if abs(share) < 1e4 else f"{share:.0e}"
 
 
-STUDY = Study(
-    name="energy",
-    question="Where does the energy go: how much does each scheme lose, in contact and between impacts?",
-    points=points,
-    evaluate=evaluate,
-    answer=answer,
-    picture=picture,
+STUDY = declared(
+    __name__,
+    "Where does the energy go: how much does each scheme lose, in contact and between impacts?",
     needs_motion=True,
     smoke={"schemes": ["HHT(alpha=-0.1)", "BDF2"], "t_end": 0.05},
 )

@@ -43,7 +43,7 @@ from ..testset.integrators import RECORDED
 from ..trajectory.ensemble import Ensemble, Runs
 from ..trajectory.trajectory import Diverged, Trajectory
 from . import common
-from .engine.study import Answer, Point, Records, Row, Rows, Study, by_contact
+from .engine.study import Answer, Point, Records, Row, Rows, by_contact, declared
 
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 SAMPLES = 4000  # tip samples of a member, for the spectrum
@@ -78,19 +78,19 @@ def points(
     if case.uncertain:
         named = ", ".join(f"{path} {one.text}" for path, one in case.uncertain.items())
         drawn = {"drawn": named, "distributions": [[path, repr(one)] for path, one in case.uncertain.items()]}
-    rest = drawn | {
+    shared = drawn | {
         "form": form, "dt": dt, "t_end": t_end,
         "members": members, "size": size, "seed": seed, "contact": contact,
     }  # fmt: skip
-    found: list[Point] = [{"method": "exact"} | rest]
+    plan: list[Point] = [{"method": "exact"} | shared]
     for one in common.integrators_of(case, schemes):
         if one.kind == RECORDED:
             runs = [run["recorded"] for run in common.recorded_points(one, case.system(form))]
             integer(f"members of {one.label}", len(runs), 2)
-            found.append(rest | {"method": one.label, "members": len(runs), "recorded": runs})
+            plan.append(shared | {"method": one.label, "members": len(runs), "recorded": runs})
         elif one.label != "exact":
-            found.append({"method": one.label} | rest)
-    return found
+            plan.append({"method": one.label} | shared)
+    return plan
 
 
 def evaluate(case: Case, point: Point) -> list[Row]:
@@ -170,8 +170,8 @@ def _spectrum(t: Array, tips: Array, drive: float) -> list[Row]:
 
 def distribution(rows: Rows, method: str, quantity: str) -> Array:
     """The values of ``quantity``, of one contact, over the members that reached the end and have it."""
-    own = [r for r in rows if r["kind"] == "member" and r["method"] == method and not r["diverged"]]
-    values = np.array([r[quantity] for r in own], float)
+    group = [r for r in rows if r["kind"] == "member" and r["method"] == method and not r["diverged"]]
+    values = np.array([r[quantity] for r in group], float)
     return values[np.isfinite(values)]
 
 
@@ -186,7 +186,7 @@ def answer(rows: Rows, case: Case) -> Answer:
     exact, units, first = distribution(rows, "exact", "count"), case.units, rows[0]
     if not len(exact):
         return Answer("No member of the exact solution reached the end: there is nothing to compare with.")
-    end, dt = (units.measure(f"{first[name]:g}", "time") for name in ("t_end", "dt"))
+    end, dt = (units.measure(first[name], "time", "g") for name in ("t_end", "dt"))
     table, means = [], {}
     for method in dict.fromkeys(r["method"] for r in rows):
         count, share, force, lost, had = (
@@ -239,12 +239,12 @@ def picture(records: Records) -> Picture:
     """Every member a dot in the line of its method and contact, the mean as a bar; forces as quantiles; spectra."""
     rows, beam = records.numbers, records.case.beam
     lines = [
-        (method, place, own)
+        (method, place, group)
         for method, mine in groups(rows, "method").items()
-        for place, own in by_contact(mine).items()
+        for place, group in by_contact(mine).items()
     ]
     names = Axis(names=[short(method) + place for method, place, _ in lines])
-    end = records.case.units.measure(f"{rows[0]['t_end']:g}", "time")
+    end = records.case.units.measure(rows[0]["t_end"], "time", "g")
     force = Axis(r"peak force of an impact $\max|\sigma|$", "force", "log")
     spectra = [row for row in rows if row["kind"] == "spectrum"]
     exact = [row for row in spectra if row["method"] == "exact"]
@@ -260,7 +260,7 @@ def picture(records: Records) -> Picture:
         [
             Panel("impacts, member by member", Axis(f"impacts to t = {end}"), names, _dots(lines, "count")),
             Panel("time in contact", Axis("share of the time in contact, %"), names, _dots(lines, "fraction", 100.0)),
-            Panel(f"energy lost, of {LEDGERS} members; exact: none", Axis("energy", "energy"), names,
+            Panel(f"energy lost, {LEDGERS} members", Axis("energy", "energy"), names,
                   [*_dots(lines, "energy_lost"), Level(0.0, of="x", look={"color": "black"})]),
         ],
         [
@@ -278,8 +278,8 @@ def _dots(lines: list[tuple[str, str, list[Row]]], quantity: str, scale: float =
         if len(values):
             heights, mean = i + jitter.uniform(-0.28, 0.28, len(values)), float(np.mean(values))
             dots = {"linestyle": "", "marker": ".", "ms": 3, "color": colour, "alpha": 0.45}
-            marks += [Curve(values, heights, look=dots), Ranges(mean, i - 0.38, i + 0.38, "y",
-                                                                look={"color": colour, "lw": 2.2})]  # fmt: skip
+            bar = Curve([mean, mean], [i - 0.38, i + 0.38], look={"color": colour, "lw": 2.2})
+            marks += [Curve(values, heights, look=dots), bar]
             marks += [Level(mean, of="x", look={"color": "black"})] if method == "exact" else []
     return marks
 
@@ -288,21 +288,17 @@ def _peaks(lines: list[tuple[str, str, list[Row]]]) -> list[Mark]:
     """Quantiles of the peak force of all impacts."""
     marks = list[Mark]()
     for i, (method, _, rows) in enumerate(lines):
-        if own := [row for row in rows if row["kind"] == "peak"]:
-            force, colour = column(own, "force"), look(method)["color"]
+        if group := [row for row in rows if row["kind"] == "peak"]:
+            force, colour = column(group, "force"), look(method)["color"]
             marks += [Ranges(i, force[k], force[-1 - k], look={"color": colour, "lw": width})
                       for k, width in ((0, 1.2), (1, 5.0))]  # fmt: skip
             marks.append(Curve(force[2], i, look={"marker": "o", "mfc": "white", "color": colour, "linestyle": ""}))
     return marks
 
 
-STUDY = Study(
-    name="ensemble",
-    question="Past the horizon, do the schemes at least have the right distribution of impacts, forces and spectra?",
-    points=points,
-    evaluate=evaluate,
-    answer=answer,
-    picture=picture,
+STUDY = declared(
+    __name__,
+    "Past the horizon, do the schemes at least have the right distribution of impacts, forces and spectra?",
     needs_motion=True,
     needs_stops=True,
     all_cores=True,

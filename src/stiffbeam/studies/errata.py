@@ -1,4 +1,4 @@
-"""What each misprint that runs costs: its error beside the corrected scheme's, smooth and through contact."""
+"""The cost of each misprint that runs: its error beside the corrected scheme's, smooth and through contact."""
 
 from __future__ import annotations
 
@@ -19,9 +19,10 @@ from ..schemes.misprints import forms_of
 from ..trajectory.trajectory import Reference
 from . import common
 from .converge import ROUNDING, smooth_end
-from .engine.study import Answer, Point, Records, Row, Rows, Study
+from .engine.study import Answer, Point, Records, Row, Rows, declared
 
 SAMPLES = 1000
+EXTRAPOLATED = "extrapolated contact"
 COARSER = 16  # times dt to start from without contact, where smaller steps soon reach rounding
 
 
@@ -37,7 +38,7 @@ def points(
     """Every misprint of the case's schemes, and the paper's extrapolated contact, at steps from ``dt`` downwards."""
     window = common.first_impacts(case, form, impacts) if case.has_stops else 0.0
     smooth = smooth_end(common.system_of(case, form), case.t_end)
-    found: list[Point] = []
+    plan: list[Point] = []
     labels = common.scheme_labels(case, schemes)
     if schemes is None:  # without contact, a misprint costs the same whatever the stops are
         have = {common.scheme_of(label).name for label in labels}
@@ -46,21 +47,21 @@ def points(
         readings = [(f"printed({name})", "implicit") for name in forms_of(common.scheme_of(label))]
         touches = window and common.takes(case, common.scheme_of(label))
         if touches and common.takes_extrapolation(case):
-            readings.append(("extrapolated contact", "extrapolated"))
+            readings.append((EXTRAPOLATED, "extrapolated"))
         kinds = [kind for kind, span in (("smooth", smooth), ("contact", touches)) if span]
         for reading, contact in readings:
             for kind in kinds:
                 if kind == "smooth" and contact == "extrapolated":
                     continue  # there is none to extrapolate
                 end, first = (window, dt) if kind == "contact" else (smooth, COARSER * dt)
-                found += [
+                plan += [
                     {"scheme": label, "reading": reading, "kind": kind, "form": form, "t_end": end, "steps": steps}
                     for steps in common.halved(end, first, halvings)
                 ]
-    if not found:
+    if not plan:
         remedy = "take SDIRK, or stops whose force depends on the position alone"
         raise InputError("schemes", ", ".join(labels), "have a misprint that runs", remedy)
-    return found
+    return plan
 
 
 def evaluate(case: Case, point: Point) -> list[Row]:
@@ -71,11 +72,12 @@ def evaluate(case: Case, point: Point) -> list[Row]:
     exact = common.solve_once(system, point["t_end"])
     scheme = common.scheme_of(point["scheme"])
     right = _error(system, scheme, point, exact, "implicit")
-    row: Row = {"dt": point["t_end"] / point["steps"], "error": right}
-    if point["reading"] == "extrapolated contact":
-        return [row | {"error_printed": _error(system, scheme, point, exact, "extrapolated")}]
-    name = point["reading"].removeprefix("printed(").removesuffix(")")
-    return [row | {"error_printed": _error(system, scheme.printed(name), point, exact, "implicit")}]
+    if point["reading"] == EXTRAPOLATED:
+        printed = _error(system, scheme, point, exact, "extrapolated")
+    else:
+        name = point["reading"].removeprefix("printed(").removesuffix(")")
+        printed = _error(system, scheme.printed(name), point, exact, "implicit")
+    return [{"dt": point["t_end"] / point["steps"], "error": right, "error_printed": printed}]
 
 
 def _error(system: System, scheme: Scheme, point: Point, exact: Reference, contact: str) -> float:
@@ -88,14 +90,14 @@ def _error(system: System, scheme: Scheme, point: Point, exact: Reference, conta
 def answer(rows: Rows, case: Case) -> Answer:
     """The ratio of both errors at the largest and the smallest step, and both orders without contact."""
     table, ratios = [], {}
-    for (scheme, reading, kind), own in groups(rows, "scheme", "reading", "kind").items():
-        counted = [r for r in own if r["error"] > ROUNDING * r["steps"]]
+    for (scheme, reading, kind), group in groups(rows, "scheme", "reading", "kind").items():
+        counted = [r for r in group if r["error"] > ROUNDING * r["steps"]]
         right, printed = (observed_order(column(counted, "dt"), column(counted, name)) for name in ERRORS)
         coarse, fine = (
-            f"{row['error_printed'] / row['error']:.3g} (dt = {case.units.measure(format(row['dt'], '.2g'), 'time')})"
-            for row in (own[0], own[-1])
+            f"{row['error_printed'] / row['error']:.3g} (dt = {case.units.measure(row['dt'], 'time', '.2g')})"
+            for row in (group[0], group[-1])
         )
-        ratios[f"{short(scheme)} {reading}, {kind}"] = own[-1]["error_printed"] / own[-1]["error"]
+        ratios[f"{short(scheme)} {reading}, {kind}"] = group[-1]["error_printed"] / group[-1]["error"]
         orders = kind == "smooth" and np.isfinite(printed.slope)
         table.append({
             "error, times the right scheme's": f"{short(scheme)} {reading}, {kind}",
@@ -105,14 +107,14 @@ def answer(rows: Rows, case: Case) -> Answer:
         })  # fmt: skip
     compared = any(row["kind"] == "contact" for row in rows)
     return Answer(
-        f"At the finest dt the error changes by a factor of {common.extremes(ratios, '{:.3g}'.format)}.",
+        f"At the finest dt a misprint or extrapolated contact multiplies the error by "
+        f"{common.extremes(ratios, '{:.3g}'.format)}.",
         table,
         "" if compared else "No first impacts were compared: the cost of a misprint in contact is not known.",
     )
 
 
 ERRORS = ("error", "error_printed")
-EXTRAPOLATED = "extrapolated contact"
 MISPRINTS = [misprint for name in SCHEMES for misprint in forms_of(make(name))]
 PANELS = (  # the kind, whether the contact is extrapolated, and the title
     ("smooth", False, "without contact: error as printed over right"),
@@ -123,34 +125,33 @@ PANELS = (  # the kind, whether the contact is extrapolated, and the title
 
 def picture(records: Records) -> Picture:
     """First the errors without contact, then the factor by which each reading changes the error."""
-    step = Axis(r"time step $\Delta t$", "time", "log")
-    found = groups(records.numbers, "scheme", "reading", "kind")
+    evaluated = groups(records.numbers, "scheme", "reading", "kind")
     left_out = groups(records.failures + records.refusals, "scheme", "reading", "kind")
-    smooth = {key: own for key, own in found.items() if key[2] == "smooth"}
+    smooth = {key: rows for key, rows in evaluated.items() if key[2] == "smooth"}
     errors: list[Mark] = []
-    for scheme, rows in {key[0]: own for key, own in reversed(smooth.items())}.items():
+    for scheme, rows in {key[0]: rows for key, rows in reversed(smooth.items())}.items():
         right = look(scheme) | {"linestyle": "-"}
-        errors.append(Curve(column(rows, "dt"), column(rows, "error"), f"{short(scheme)}, right", right))
-    errors += [Curve(column(own, "dt"), column(own, "error_printed"), _name(*key[:2]), look(key[0]) | _printed(key[1]))
-               for key, own in smooth.items()]  # fmt: skip
+        errors.append(Curve.over(rows, "dt", "error", f"{short(scheme)}, right", right))
+    errors += [Curve.over(rows, "dt", "error_printed", _name(*key[:2]), look(key[0]) | _printed(key[1]))
+               for key, rows in smooth.items()]  # fmt: skip
     error, none = Axis("tip error, rms, relative", scale="log"), "no such reading"
     title = "without contact: right (full) and as printed (dashed)"
-    panels = [Panel(title, step, error, errors, (3, 2, 1), "below", none)]
+    panels = [Panel(title, common.STEP, error, errors, (3, 2, 1), "below", none)]
     for kind, extrapolated, title in PANELS:
         marks: list[Mark] = [Level(1.0)]
         largest = 0.0
-        for key in [*found, *(key for key in left_out if key not in found)]:
-            scheme, reading, own = key[0], key[1], found.get(key, [])
+        for key in [*evaluated, *(key for key in left_out if key not in evaluated)]:
+            scheme, reading, rows = key[0], key[1], evaluated.get(key, [])
             if (key[2], reading == EXTRAPOLATED) != (kind, extrapolated):
                 continue
             missing = len(left_out.get(key, ()))
             text = _name(scheme, reading) + (f" ({missing} time steps left out)" if missing else "")
-            factors = column(own, "error_printed") / column(own, "error")
+            factors = column(rows, "error_printed") / column(rows, "error")
             largest = max([largest, *factors[np.isfinite(factors)]])
             style = look(scheme) | ({} if extrapolated else _printed(reading))
-            marks.append(Curve(column(own, "dt"), factors, text, style))
+            marks.append(Curve(column(rows, "dt"), factors, text, style))
         factor = Axis("times the error", scale="log" if largest > 5.0 else "linear")
-        panels.append(Panel(title, step, factor, marks, legend="below", empty=none))
+        panels.append(Panel(title, common.STEP, factor, marks, legend="below", empty=none))
     return Picture([panels[:2], panels[2:]], 8.6)
 
 
@@ -165,13 +166,9 @@ def _printed(reading: str) -> dict[str, Any]:
     return {"mfc": "white", "linestyle": dashed(1 + i), "marker": MARKERS[i % len(MARKERS)]}
 
 
-STUDY = Study(
-    name="errata",
-    question="What does each misprint that runs cost, and what does the paper's linearised contact?",
-    points=points,
-    evaluate=evaluate,
-    answer=answer,
-    picture=picture,
+STUDY = declared(
+    __name__,
+    "What does each misprint that runs cost, and what does the paper's linearised contact?",
     needs_motion=True,
     smoke={"schemes": ["HHT(alpha=-0.1)"], "halvings": 3, "impacts": 2},
 )

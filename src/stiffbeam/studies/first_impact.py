@@ -1,4 +1,4 @@
-"""How hard the first impact is, grid by grid: the contact of one point, and the speed that it meets its stop with.
+"""The first impact grid by grid: the contact of one point, and the speed with which it meets its stop.
 
 A free end that moves at speed V shows a stop the impedance Z(s) = A sqrt(s), A = (EI m^3)^(1/4)/sqrt(2), of a beam so
 long that nothing comes back. On compliance kappa the penetration and the force are
@@ -36,8 +36,8 @@ from ..model.problem import BeamProblem
 from ..model.semidiscretisation import semidiscretise
 from ..model.time_functions import Harmonic
 from ..references import solve
-from .common import Cells
-from .engine.study import Answer, Point, Records, Row, Rows, Study
+from .common import Cells, tip_stops
+from .engine.study import Answer, Point, Records, Row, Rows, declared
 
 OWN, SMOOTH = "at rest", "with its base"
 CELLS = (10, 20, 40, 80, 160, 320, 640)
@@ -69,12 +69,7 @@ def points(
 def _plain(case: Case) -> None:
     """Raise InputError unless the beam is that of the theory."""
     problem = case.problem
-    natural_frequencies(problem, 1)
-    stops = problem.all_stops
-    if len(stops) != 1 or stops[0].position not in (None, problem.length) or stops[0].motion is not None:
-        remedy = "move the stops to the tip and take motion away"
-        raise InputError("case", f"{len(stops)} stops", "have stops at rest at the tip, and none else", remedy)
-    stops[0].require_linear("the first impact's force")
+    tip_stops(case).require_linear("the first impact's force")
     if problem.viscosity or problem.loads or not isinstance(problem.base, Harmonic):
         remedy = "set viscosity to 0 and take the loads away"
         raise InputError("case", "damped or loaded", "be moved by a harmonic base only, without viscosity", remedy)
@@ -150,7 +145,10 @@ def look_span(problem: BeamProblem) -> float:
 
 
 def first_crossing(tip: Callable[[float], float], t: Array, u: Array, g1: float, g2: float) -> float:
-    """When the tip first leaves [g1, g2]. Raises InputError where it does not on the grid t (k,) of u (k,)."""
+    """Return the time when the tip first leaves [g1, g2].
+
+    Raises InputError where it does not on the grid t (k,) of u (k,).
+    """
     out = np.flatnonzero((u > g2) | (u < g1))
     if not len(out):
         rule = "be reached within two of the beam's first periods"
@@ -186,7 +184,7 @@ def beam_tip(problem: BeamProblem, start: str, t: float, count: int = MODES) -> 
 
 
 def beam_speed(problem: BeamProblem, start: str) -> float:
-    """With which the beam itself meets its stop, to 1e-3."""
+    """Return the speed with which the beam itself meets its stop, to 1e-3."""
     stops, times = problem.all_stops[0], np.linspace(0.0, look_span(problem), LOOK + 1)
     u = np.array([beam_tip(problem, start, t, 400)[0] for t in times])
     when = first_crossing(lambda t: beam_tip(problem, start, t)[0], times, u, stops.lower_bound, stops.upper_bound)
@@ -194,15 +192,15 @@ def beam_speed(problem: BeamProblem, start: str) -> float:
 
 
 def orders(rows: Rows) -> dict[str, Order]:
-    """Of the peak force in h, by form, with its base: against the finest grid of all, which is left out."""
+    """Return the orders of the peak force in h, by form, with the base moving, against the finest grid of all."""
     smooth = [row for row in numeric(rows) if row["start"] == SMOOTH]
     finest = min(smooth, key=lambda row: (row["form"] != "hermite", -row["cells"]), default=None)
-    found = {}
+    by_form = {}
     for form in dict.fromkeys(row["form"] for row in smooth):
-        own = [row for row in smooth if row["form"] == form and row is not finest and row["h_over_l"] < 1.0]
-        errors = [abs(row["peak_force"] / finest["peak_force"] - 1.0) for row in own]  # type: ignore[index]
-        found[form] = observed_order([1.0 / row["cells"] for row in own], errors)
-    return found
+        group = [row for row in smooth if row["form"] == form and row is not finest and row["h_over_l"] < 1.0]
+        errors = [abs(row["peak_force"] / finest["peak_force"] - 1.0) for row in group]  # type: ignore[index]
+        by_form[form] = observed_order([1.0 / row["cells"] for row in group], errors)
+    return by_form
 
 
 def answer(rows: Rows, case: Case) -> Answer:
@@ -216,18 +214,16 @@ def answer(rows: Rows, case: Case) -> Answer:
     ]
     finest = max((cells for cells, _ in off), default=0)
     still = ", ".join(f"{share} ({form})" for (cells, form), share in off.items() if cells == finest)
-    rest = f"From rest the speed V at the impact is off by {still} on {finest} cells." if off else ""
+    at_rest = f"From rest the speed V at the impact is off by {still} on {finest} cells." if off else ""
     if not smooth:
-        return Answer(rest, table)
+        return Answer(at_rest, table)
     best = min(smooth, key=lambda row: row["h_over_l"])
-    parts = [f"{'at ' if order.unclear else 'like h^'}{order} ({form})"
-             for form, order in orders(rows).items() if np.isfinite(order.slope)]  # fmt: skip
+    rates = ", ".join(f"{order} ({form})" for form, order in orders(rows).items() if np.isfinite(order.slope))
     return Answer(
-        f"Moving with its base at the start, the first impact has a peak force of {best['share']:.4f} "
-        f"V (A^2 kappa)^(1/3) on {best['cells']} cells (theory {largest_penetration():.4f})"
-        + (f", approached {', '.join(parts)} where h < l." if parts else "."),
+        f"With its base moving, the first impact has a peak force of {best['share']:.4f} V (A^2 kappa)^(1/3) on "
+        f"{best['cells']} cells; theory gives {largest_penetration():.4f}.",
         table,
-        rest,
+        (f"Orders in h of this force where h < l: {rates}. " if rates else "") + at_rest,
     )
 
 
@@ -241,12 +237,12 @@ def picture(records: Records) -> Picture:
         Level(problem.length / wave_length(problem), "cells as wide as the wave l", "x"),
     ]
     errors: list[Mark] = []
-    for (form, start), own in groups(rows, "form", "start").items():
+    for (form, start), group in groups(rows, "form", "start").items():
         style = style_of(forms.index(form)) | {"linestyle": dashed(starts.index(start))}
         style |= {} if start == OWN else {"mfc": "white"}
-        own.sort(key=lambda row: row["cells"])
-        cells, ratio = column(own, "cells"), column(own, "speed") / column(own, "beam_speed")
-        share, label = column(own, "share"), f"{form}, {start}"
+        group.sort(key=lambda row: row["cells"])
+        cells, ratio = column(group, "cells"), column(group, "speed") / column(group, "beam_speed")
+        share, label = column(group, "share"), f"{form}, {start}"
         speeds.append(Curve(cells, ratio, label, style))
         forces.append(Curve(cells, share * ratio, label, style))
         errors += [Curve(cells, np.abs(share / largest_penetration() - 1.0), label, style)] * (start == SMOOTH)
@@ -261,13 +257,9 @@ def picture(records: Records) -> Picture:
 
 
 BEAM = {"color": "black", "ls": "-"}
-STUDY = Study(
-    name="first_impact",
-    question="How hard is the first impact, and how fine must the mesh be?",
-    points=points,
-    evaluate=evaluate,
-    answer=answer,
-    picture=picture,
+STUDY = declared(
+    __name__,
+    "How hard is the first impact, and how fine must the mesh be?",
     marches=False,
     needs_stops=True,
     smoke={"cells": [8, 16, 32], "forms": ["displacement", "hermite"]},

@@ -11,7 +11,6 @@ discrete gradient's is the share of the step in contact, and so its derivative k
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Annotated
 
@@ -23,13 +22,12 @@ from ..basics.validation import InputError
 from ..figures import Axis, Panel, Picture, curves, groups, short
 from ..files.cases import Case
 from ..march.integrate import integrate
-from ..measures.errors import observed_order
 from ..model.modes import undamped_modes
 from ..model.system import System
 from ..references import reference, takes
 from ..trajectory.trajectory import SolverFailure
 from . import common
-from .engine.study import Answer, Point, Records, Row, Rows, Study
+from .engine.study import Answer, Point, Records, Row, Rows, declared
 
 WIDTH = 1e-7  # of the starts' velocities: differences are of rounding below, of the next impact above
 SPREAD = 0.1  # of the largest velocity: the starts
@@ -91,10 +89,10 @@ def evaluate(case: Case, point: Point) -> list[Row]:
     return [{"value_error": relative(values, exact), "derivative_error": relative(derived, slopes)}]
 
 
-def relative(found: Array, exact: Array) -> float:
-    """Root mean square of found - exact over that of the exact values, of those that are known."""
+def relative(values: Array, exact: Array) -> float:
+    """Root mean square of values - exact over that of the exact values, of those that are known."""
     known = np.isfinite(exact)
-    return float(np.sqrt(np.mean((found - exact)[known] ** 2) / np.mean(exact[known] ** 2)))
+    return float(np.sqrt(np.mean((values - exact)[known] ** 2) / np.mean(exact[known] ** 2)))
 
 
 def starts_of(system: System, end: float, count: int, direction: Array) -> tuple[list[Array], float]:
@@ -133,24 +131,24 @@ def answer(rows: Rows, case: Case) -> Answer:
     table: list[dict[str, str]] = []
     orders: dict[str, dict[str, float]] = {"value": {}, "derivative": {}}
     finest = min(row["dt"] for row in rows)
-    for method, own in groups(rows, "method").items():
-        own.sort(key=lambda row: -row["dt"])
+    for method, group in groups(rows, "method").items():
+        group.sort(key=lambda row: -row["dt"])
         line = {"method": named(method)}
         for what in orders:
-            settled = tail([row for row in own if row[f"{what}_error"] > FLOOR], f"{what}_error")
-            order = observed_order([row["dt"] for row in settled], [row[f"{what}_error"] for row in settled])
+            settled = tail([row for row in group if row[f"{what}_error"] > FLOOR], f"{what}_error")
+            order = common.order_over(settled, lambda row: row["dt"], f"{what}_error")
             line[f"order of the {what}"] = str(order) if np.isfinite(order.slope) else "not settled"
             if np.isfinite(order.slope) and not order.unclear:
                 orders[what][method] = order.slope
         for what in orders:
-            line[f"{what} off by"] = f"{own[0][f'{what}_error']:.2g}"
+            line[f"{what} off by"] = f"{group[0][f'{what}_error']:.2g}"
         for what in orders:
-            line[f"{what}, finest"] = f"{own[-1][f'{what}_error']:.2g}"
+            line[f"{what}, finest"] = f"{group[-1][f'{what}_error']:.2g}"
         table.append(line)
     ranges = {what: common.extremes(found, lambda x: f"{x:.2f}") for what, found in orders.items()}
     verdict = f"Order of the value: {ranges['value']}; of its derivative: {ranges['derivative']}."
     starts = rows[0]["starts"]
-    step = case.units.measure(format(finest, ".2g"), "time")
+    step = case.units.measure(finest, "time", ".2g")
     notes = (
         f"Errors relative to the exact values, rms over {starts} starts. Orders with 95 % intervals, over the {FINEST} "
         f"finest steps as far as errors are between {FLOOR:g} and {SETTLED:g}. Finest step {step}."
@@ -171,32 +169,23 @@ def named(method: str) -> str:
 
 def picture(records: Records) -> Picture:
     """Errors of value and derivative over the step; panels for implicit and for conserving contact."""
-    pick: dict[str, Callable[[str], bool]] = {
-        "": lambda method: not method.endswith(CONSERVING),
-        ", conserving contact": lambda method: method.endswith(CONSERVING),
-    }
     lines = []
-    for title, chosen in pick.items():
-        own = [row for row in records.numbers if chosen(row["method"])]
-        own = [row | {"method": row["method"].removesuffix(CONSERVING)} for row in own]
-        own.sort(key=lambda row: row["dt"])
-        if own:
-            panels = []
-            for what in ("value", "derivative"):
-                step = Axis(r"time step $\Delta t$", "time", "log")
-                error = Axis(f"relative error of the {what}, rms", scale="log")
-                panels.append(Panel(f"{what}{title}", step, error, curves(own, "dt", f"{what}_error", "method")))
-            lines.append(panels)
+    for title, conserving in (("", False), (", conserving contact", True)):
+        rows = [row for row in records.numbers if row["method"].endswith(CONSERVING) == conserving]
+        rows = [row | {"method": row["method"].removesuffix(CONSERVING)} for row in rows]
+        rows.sort(key=lambda row: row["dt"])
+        panels = [
+            Panel(f"{what}{title}", common.STEP, Axis(f"relative error of the {what}, rms", scale="log"),
+                  curves(rows, "dt", f"{what}_error", "method"))
+            for what in ("value", "derivative")
+        ]  # fmt: skip
+        lines += [panels] if rows else []
     return Picture(lines, 5.2 * len(lines), 5)
 
 
-STUDY = Study(
-    name="gradient",
-    question="How exact is the derivative of each scheme, beside its value?",
-    points=points,
-    evaluate=evaluate,
-    answer=answer,
-    picture=picture,
+STUDY = declared(
+    __name__,
+    "How exact is the derivative of each scheme, beside its value?",
     needs_motion=True,
     needs_stops=True,
     smoke={"schemes": ["trapezoidal"], "halvings": 3, "impacts": 2, "starts": 2},

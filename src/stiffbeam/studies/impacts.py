@@ -7,7 +7,7 @@ where a multiprecision solution is given.
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -15,34 +15,17 @@ import numpy as np
 
 from ..basics.arrays import Array
 from ..basics.units import Units
-from ..figures import (
-    Axis,
-    Band,
-    Bars,
-    Curve,
-    Level,
-    Mark,
-    Panel,
-    Picture,
-    column,
-    curves,
-    look,
-    numeric,
-    short,
-    style_of,
-)
+from ..figures import Axis, Band, Curve, Level, Mark, Panel, Picture, column, curves, look, numeric, short, style_of
 from ..files.cases import Case
-from ..march.ensemble import integrate_ensemble
 from ..march.integrate import integrate
 from ..measures.impacts import longest_delay, match
 from ..measures.report import percent
 from ..model.members import SPREAD, perturbed_members
-from ..references.ensemble import reference_ensemble
 from ..schemes import HHT, SDIRK
 from ..trajectory.ensemble import Ensemble
-from ..trajectory.trajectory import Diverged, Reference
+from ..trajectory.trajectory import Reference
 from . import common
-from .engine.study import Answer, Point, Records, Row, Rows, Study, by_contact
+from .engine.study import Answer, Point, Records, Row, Rows, by_contact, declared
 from .references import frozen
 
 REFERENCE = "reference"  # in the place of a scheme: the exact motion, sampled
@@ -68,31 +51,31 @@ def points(
     the exact solution. references: a folder of frozen multiprecision solutions, from which the exact
     counts are taken; else they are float64's.
     """
-    rest = {"form": form, "t_end": t_end, "references": references, "members": members}
+    shared = {"form": form, "t_end": t_end, "references": references, "members": members}
     labels = common.scheme_labels(case, schemes)
-    found = [{"scheme": EXACT, "contact": "implicit", "dt": 0.0, "purpose": "step"} | rest]
-    found += [
-        {"scheme": label, "contact": "implicit", "dt": dt / 2**k, "purpose": "step"} | rest
+    plan = [{"scheme": EXACT, "contact": "implicit", "dt": 0.0, "purpose": "step"} | shared]
+    plan += [
+        {"scheme": label, "contact": "implicit", "dt": dt / 2**k, "purpose": "step"} | shared
         for label in [REFERENCE, *labels]
         for k in range(halvings)
     ]
     if sensitivity:
         family = [*(HHT(a) for a in (0.0, -0.05, -0.1, -0.2, -0.3)), *(SDIRK(g) for g in (0.2, 0.35, 0.4359, 0.8, 1.0))]
         family = [scheme for scheme in family if common.takes(case, scheme)]
-        found += [{"scheme": str(s), "contact": "implicit", "dt": dt, "purpose": "parameter"} | rest for s in family]
+        plan += [{"scheme": str(s), "contact": "implicit", "dt": dt, "purpose": "parameter"} | shared for s in family]
         moved = labels if common.takes_extrapolation(case) else []
-        found += [{"scheme": s, "contact": "extrapolated", "dt": dt, "purpose": "contact"} | rest for s in moved]
-    return found
+        plan += [{"scheme": s, "contact": "extrapolated", "dt": dt, "purpose": "contact"} | shared for s in moved]
+    return plan
 
 
 def evaluate(case: Case, point: Point) -> list[Row]:
     """One row for each contact: counts, forces and impulses of one scheme, of the exact ensemble or of a reference."""
     system = common.system_of(case, point["form"])
     dt, t_end = point["dt"], point["t_end"]
+    count = point["members"] * (8 if point["scheme"] == EXACT else 1)
+    members = perturbed_members(system, count, SPREAD, t_end=t_end)
     if point["scheme"] == EXACT:
-        return _statistics(
-            reference_ensemble(system, t_end, perturbed_members(system, 8 * point["members"], SPREAD, t_end=t_end))
-        )
+        return _statistics(common.run_members(EXACT, members, dt, t_end))
     exact = reference_solution(case, point)
     if point["scheme"] == REFERENCE:
         # What a perfect scheme would count with this step: the sampled rule on the exact position, which never
@@ -105,19 +88,13 @@ def evaluate(case: Case, point: Point) -> list[Row]:
             }
             for i, record in enumerate(exact.contacts)
         ]  # fmt: skip
-    scheme, members = (
-        common.scheme_of(point["scheme"]),
-        perturbed_members(system, point["members"], SPREAD, t_end=t_end),
-    )
-    many = integrate_ensemble(system, scheme, dt, t_end, members, point["contact"])
-    if np.any(np.isfinite(many.diverged)):
-        raise Diverged(point["scheme"], float(np.nanmin(many.diverged)), "use the implicit contact or a smaller dt")
+    many = common.run_members(point["scheme"], members, dt, t_end, point["contact"])
     horizon = min(t_end, common.solve_once(system, t_end).horizon)
     steps = max(2, round(horizon / dt))
-    run = integrate(system, scheme, dt, steps * dt, point["contact"], every=steps)
+    run = integrate(system, common.scheme_of(point["scheme"]), dt, steps * dt, point["contact"], every=steps)
     rows = _statistics(many)
-    for row, own, record in zip(rows, run.contacts, exact.contacts, strict=True):
-        row |= asdict(match(own.impacts, record.impacts, horizon, longest_delay(system, horizon)))
+    for row, contact, record in zip(rows, run.contacts, exact.contacts, strict=True):
+        row |= asdict(match(contact.impacts, record.impacts, horizon, longest_delay(system, horizon)))
         row |= {
             "horizon": horizon,
             "reference_count": record.impacts.until(t_end).count,
@@ -137,24 +114,23 @@ def _statistics(many: Ensemble) -> list[Row]:
             "fraction": float(np.mean(seen.fraction)),
             "peak_force": float(np.mean(seen.peak_force)),
             "impulse": float(np.mean(seen.impulse)),
-            "median_peak": _median(seen.impacts.peaks),
+            "median_peak": _median(seen.impacts.peaks[np.isfinite(seen.impacts.peaks)]),
         }
         for i, seen in enumerate(many.contacts, 1)
     ]
 
 
 def _median(peaks: Array) -> float:
-    """Of the impacts that are over."""
-    peaks = peaks[np.isfinite(peaks)]
+    """The median of some peaks, NaN of none."""
     return float(np.median(peaks)) if len(peaks) else float("nan")
 
 
 def reference_solution(case: Case, point: Point) -> Reference:
     """The frozen multiprecision solution where there is one over the span, else float64's exact one."""
     if point["references"] is not None:
-        found = frozen(Path(point["references"]), case, point["form"], point["t_end"])
-        if found is not None:
-            return found
+        solution = frozen(Path(point["references"]), case, point["form"], point["t_end"])
+        if solution is not None:
+            return solution
     return common.solve_once(common.system_of(case, point["form"]), point["t_end"])
 
 
@@ -163,9 +139,9 @@ def right_from(rows: Rows, scheme: str, tolerance: float = 0.05) -> float:
     exact = next((r for r in rows if r["scheme"] == EXACT), None)
     if exact is None:
         return float("nan")
-    own = sorted((r for r in rows if r["scheme"] == scheme and r["purpose"] == "step"), key=lambda r: r["dt"])
+    group = sorted((r for r in rows if r["scheme"] == scheme and r["purpose"] == "step"), key=lambda r: r["dt"])
     largest = float("nan")
-    for row in own:
+    for row in group:
         spreads = row["count_spread"] ** 2 / row["members"] + exact["count_spread"] ** 2 / (8 * exact["members"])
         if abs(row["count"] - exact["count"]) > tolerance * exact["count"] + 1.96 * np.sqrt(spreads):
             break
@@ -190,27 +166,27 @@ def answer(rows: Rows, case: Case) -> Answer:
         largest = right_from(rows, row["scheme"])
         right = np.isfinite(largest)
         limit = largest if right else min(r["dt"] for r in steps if r["scheme"] == row["scheme"])
-        at = f"dt = {units.measure(format(limit, '.2g'), 'time')}"
+        at = f"dt = {units.measure(limit, 'time', '.2g')}"
         counts[row["scheme"]] = row["count"]
         table.append({"scheme": short(row["scheme"]), "impacts": f"{row['count']:.4g}",
                       "in contact": percent(row["fraction"]),
                       "right to 5 %": f"from {at} on" if right else f"not yet at {at}"})  # fmt: skip
-    end, step = (units.measure(f"{x:g}", "time") for x in (first["t_end"], coarse))
+    end, step = (units.measure(x, "time", "g") for x in (first["t_end"], coarse))
     members = first["members"]
     runs = f"means over {members:g} runs whose starts differ by {SPREAD:g}" if members > 1 else "one run each"
     return Answer(
-        f"At dt = {step} the schemes count {common.extremes(counts, '{:.4g}'.format)} impacts to t = {end}, the exact "
-        f"motion {first['reference_count']:g} and its ensemble {exact['count']:.4g} ± {exact['count_spread']:.2g}.",
+        f"At dt = {step} schemes count {common.extremes(counts, '{:.4g}'.format)} impacts to t = {end}; exact motions "
+        f"have {exact['count']:.4g} ± {exact['count_spread']:.2g}.",
         table,
-        f"{_known(rows)}. Its ensemble is in contact {percent(exact['fraction'])} of the time. Schemes: {runs}.",
+        f"Exact motions are in contact {percent(exact['fraction'])} of the time; a single one, by {_precision(rows)}, "
+        f"has {first['reference_count']:g} impacts. Schemes: {runs}.",
     )
 
 
-def _known(rows: Rows) -> str:
-    """The exact motion."""
+def _precision(rows: Rows) -> str:
+    """The precision of the single exact motion in words."""
     digits = max((row["reference_digits"] for row in rows if row.get("reference_digits", 0) > 0), default=0)
-    known = f"{digits:g} digits, parameters as written" if digits else "float64, a single run past its horizon"
-    return f"The exact motion: {known}"
+    return f"{digits:g} digits and parameters as written" if digits else "float64 past its horizon"
 
 
 OVER_STEP = (
@@ -219,93 +195,83 @@ OVER_STEP = (
     ("peak_force", "how hard", 1.0, Axis("largest contact force", "force", limits=(0.0, None))),
 )
 PARAMETERS = {"hht": ("alpha", "HHT over -α", -1.0), "sdirk": ("gamma", "SDIRK-OS over γ", 1.0)}
-BLACK = {"color": "black", "ls": "-", "lw": 1.6}
+SAMPLED = {"color": "0.45", "marker": "*", "ms": 6, "linestyle": ":"}
 
 
 def picture(records: Records) -> Picture:
-    """For each contact, above: over the step, with the exact values in black. Below: how long the impacts are
+    """For each contact, above: over the step, with the exact ensemble in black. Below: how long the impacts are
     the exact ones, and at the coarsest step what parameters and the treatment of the contact do."""
-    asked = numeric(records.rows)
+    treated = by_contact([row for row in numeric(records.rows) if row["purpose"] == "contact"])
     blocks = by_contact(records.numbers)
     lines = []
     for place, rows in blocks.items():
-        treated = by_contact([row for row in asked if row["purpose"] == "contact"])
         lines += _block(rows, treated.get(place, []), records.case.units, place)
-    return Picture(lines, 7.8 * len(blocks), 5, heights=(1.4, 1.0) * len(blocks), widths=(1.5, 1.0, 1.0))
+    return Picture(lines, 7.8 * len(blocks), 4, heights=(1.4, 1.0) * len(blocks), widths=(1.5, 1.0, 1.0))
 
 
 def _block(rows: Rows, treated: Rows, units: Units, place: str) -> list[list[Panel]]:
     """The six panels of one contact."""
     runs = [row for row in rows if row["purpose"] == "step" and row["scheme"] not in (REFERENCE, EXACT)]
-    sampled = sorted((row for row in rows if row["scheme"] == REFERENCE), key=lambda row: row["dt"])
-    count = runs[0]["reference_count"] if runs else np.nan
-    step, nothing = Axis(r"time step $\Delta t$", "time", "log"), "not asked for" if runs else ""
-    upper = []
-    for name, title, scale, axis in OVER_STEP:
-        marks: list[Mark] = [*curves(runs, "dt", name, "scheme", scale)]
-        value = count if name == "count" else scale * sampled[0][name] if sampled else np.nan
-        if name == "count":
-            marks += [Curve(column(sampled, "dt"), column(sampled, name), "exact, sampled at the time steps",
-                            look(REFERENCE) | {"ms": 6})]  # fmt: skip
-        marks.append(Level(value, "exact", look=BLACK))
-        for row in (row for row in rows if row["scheme"] == EXACT):
-            mean, spread = scale * row[name], row["count_spread"]
-            marks += [Band(mean - spread, mean + spread, label="exact members, mean ± spread")] * (name == "count")
-            marks.append(Level(mean, look={"color": "0.3"}))
-        upper.append(Panel(title + place, step, axis, marks))
-    horizon = runs[0]["horizon"] if runs else np.nan
-    matched = [
-        *curves(runs, "dt", "matched_until", "scheme"),
-        Level(horizon, "horizon of float64", look={"color": "k"}),
+    single = sorted((row for row in rows if row["scheme"] == REFERENCE), key=lambda row: row["dt"])
+    truth = {name: [mark for row in rows if row["scheme"] == EXACT for mark in _exact(row, name, scale)]
+             for name, _, scale, _ in OVER_STEP}  # fmt: skip
+    upper = [
+        Panel(title + place, common.STEP, axis, [*curves(runs, "dt", name, "scheme", scale), *truth[name]])
+        for name, title, scale, axis in OVER_STEP
     ]
+    sampled = Curve.over(single, "dt", "count", "one exact motion at the time steps", SAMPLED)
+    upper[0] = replace(upper[0], marks=[*upper[0].marks, sampled])
+    horizon = Level(runs[0]["horizon"] if runs else np.nan, "horizon of float64", look={"color": "k"})
     over = [row for row in rows if row["purpose"] == "parameter"]
-    dt = units.measure(f"{(over or treated or [{'dt': np.nan}])[0]['dt']:g}", "time")
-    counted = Axis("impacts counted", limits=(0.0, None))
+    at_dt = f"at Δt = {units.measure((over or treated or [{'dt': np.nan}])[0]['dt'], 'time', 'g')}"
+    counted, nothing = Axis("impacts counted", limits=(0.0, None)), "not asked for" if runs else ""
     names = list(dict.fromkeys(row["scheme"] for row in treated))
-    treatments = Axis(f"treatment of contact, at Δt = {dt}", ticks={float(i): short(x) for i, x in enumerate(names)})
-    exact = Level(count, look=BLACK)
+    lines = Axis(names=[short(name) for name in names])
     lower = [
-        Panel(f"how far they match{place}", step, Axis("exact impacts followed to $t$", "time"), matched),
-        Panel(f"over the parameter{place}", Axis(f"parameter, at Δt = {dt}"), counted,
-              [*_over_parameters(over), exact], legend="inside", empty=nothing),
-        Panel(f"how treated{place}", treatments, counted, [*_contact(runs, treated, names), exact], legend="inside",
-              empty=nothing),
+        Panel(f"how far they match{place}", common.STEP, Axis("exact impacts followed to $t$", "time"),
+              [*curves(runs, "dt", "matched_until", "scheme"), horizon]),
+        Panel(f"over the parameter{place}", Axis(f"parameter, {at_dt}"), counted,
+              [*_over_parameters(over), *truth["count"]], legend="inside", empty=nothing),
+        Panel(f"how treated{place}", Axis(f"impacts, {at_dt}", limits=(0.0, None)), lines,
+              _treatments(runs, treated, names), empty=nothing),
     ]  # fmt: skip
     return [upper, lower]
+
+
+def _exact(row: Row, name: str, scale: float) -> list[Mark]:
+    """The mean over the exact members, of the count with their spread."""
+    mean, spread = scale * row[name], row["count_spread"]
+    band = [Band(mean - spread, mean + spread, label="spread of the exact members")] if name == "count" else []
+    return [*band, Level(mean, "exact, mean over members", look={"color": "black", "ls": "-", "lw": 1.6})]
 
 
 def _over_parameters(rows: Rows) -> list[Mark]:
     marks: list[Mark] = []
     for i, (name, (parameter, text, sign)) in enumerate(PARAMETERS.items()):
-        own = [row for row in rows if common.scheme_of(row["scheme"]).name == name]
-        points = sorted((sign * common.scheme_of(row["scheme"]).parameters[parameter], row["count"]) for row in own)
-        style = style_of(i, i) | {"color": look(name)["color"]}
+        group = [row for row in rows if common.scheme_of(row["scheme"]).name == name]
+        points = sorted((sign * common.scheme_of(row["scheme"]).parameters[parameter], row["count"]) for row in group)
         x, y = np.array(points).reshape(-1, 2).T
-        marks.append(Curve(x, y, text, style))
+        marks.append(Curve(x, y, text, style_of(i, i) | {"color": look(name)["color"]}))
     return marks
 
 
-def _contact(runs: Rows, treated: Rows, names: list[str]) -> list[Mark]:
-    """Implicit beside extrapolated contact at the same step, a cross where it overflowed."""
-    counts = {(row["scheme"], row["dt"]): row["count"] for row in runs}
-    implicit = [counts.get((row["scheme"], row["dt"]), np.nan) for row in treated]
-    x = np.array([names.index(row["scheme"]) for row in treated], float)
-    failed = np.array([x for x, row in zip(x, treated, strict=True) if "failed" in row])
-    cross = {"linestyle": "", "marker": "x", "ms": 8, "mew": 2, "color": "black", "clip_on": False}
+def _treatments(runs: Rows, treated: Rows, names: list[str]) -> list[Mark]:
+    """Implicit beside extrapolated contact at the same step in the line of each scheme, a cross where it overflowed."""
+    implicit = {(row["scheme"], row["dt"]): row["count"] for row in runs}
+    at = np.array([names.index(row["scheme"]) for row in treated], float)
+    failed = at[["failed" in row for row in treated]] if len(at) else at
+    dots = {"linestyle": "", "color": "black", "ms": 6}
+    counts = [implicit.get((row["scheme"], row["dt"]), np.nan) for row in treated]
     return [
-        Bars(x - 0.2, implicit, "implicit", {"color": "0.3"}),
-        Bars(x + 0.2, column(treated, "count"), "extrapolated", {"color": "0.75", "hatch": "///"}),
-        *([Curve(failed + 0.2, 0.0 * failed, "overflowed", cross)] if len(failed) else []),
+        Curve(counts, at, "implicit contact", dots | {"marker": "o"}),
+        Curve(column(treated, "count"), at, "extrapolated contact", dots | {"marker": "s", "mfc": "white"}),
+        *([Curve(0.0 * failed, failed, "overflowed", dots | {"marker": "x", "mew": 2})] if len(failed) else []),
     ]
 
 
-STUDY = Study(
-    name="impacts",
-    question="How many impacts does each scheme count, and from which time step on is the count right?",
-    points=points,
-    evaluate=evaluate,
-    answer=answer,
-    picture=picture,
+STUDY = declared(
+    __name__,
+    "How many impacts does each scheme count, and from which time step on is the count right?",
     needs_motion=True,
     needs_stops=True,
     each_contact=True,

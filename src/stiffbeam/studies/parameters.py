@@ -1,4 +1,4 @@
-"""What a sweep can vary: parameters of the beam, its stops and its drive, the step, and a scheme's own."""
+"""The parameters that a sweep can vary: those of the beam, its stops and its drive, the step, and a scheme's own."""
 
 from __future__ import annotations
 
@@ -16,7 +16,6 @@ from ..model.contact import Stops
 from ..model.drive import Drive
 from ..model.members import value_at, varied_members, with_values
 from ..model.problem import PointLoad
-from ..model.semidiscretisation import semidiscretise
 from ..model.system import System
 from ..model.time_functions import Harmonic
 from ..schemes import Scheme
@@ -44,20 +43,13 @@ def _clearance(system: System, value: float) -> System:
     return _stops(system, move)
 
 
-def _beam(system: System, **changes: float) -> System:
-    if system.problem is None:
-        remedy = "a system has frequency, amplitude, ..."
-        raise InputError("parameter", " and ".join(changes), "be asked of a beam", remedy)
-    return semidiscretise(replace(system.problem, **changes), system.cells or system.size, system.form)
-
-
 PARAMETERS: dict[str, Callable[[System, float], System]] = {
     "frequency": lambda system, value: with_values(system, {"frequency": value}),
     "amplitude": lambda system, value: with_values(system, {"amplitude": value}),
     "clearance": _clearance,
     "stop-stiffness": lambda system, value: _stops(system, lambda stops: replace(stops, stiffness=value)),
-    "stiffness": lambda system, value: _beam(system, stiffness=value),
-    "viscosity": lambda system, value: _beam(system, viscosity=value),
+    "stiffness": lambda system, value: with_values(system, {"stiffness": value}),
+    "viscosity": lambda system, value: with_values(system, {"viscosity": value}),
 }
 IN_STEP = ("amplitude", "clearance", "stop-stiffness")  # members of one ensemble
 
@@ -90,7 +82,7 @@ AT_STOP = {"stiffness": "stop stiffness", "damping": "stop damping", "dissipatio
 
 
 def quantity_of(case: Case, parameter: str) -> str:
-    """What a parameter counts, in the case's units; "" for one of a scheme, which has no dimension.
+    """Return the quantity of a parameter, whose unit the case knows; "" for one of a scheme, without dimension.
 
     The amplitude is the base's, else that of the loads.
     """
@@ -122,8 +114,8 @@ def parameters_of(method: str) -> list[str]:
     """The names that can be varied with this method."""
     if method == EXACT:
         return list(PARAMETERS)
-    own = scheme_of(method).parameters
-    return [*PARAMETERS, "dt", *(name for name, value in own.items() if not isinstance(value, bool))]
+    parameters = scheme_of(method).parameters
+    return [*PARAMETERS, "dt", *(name for name, value in parameters.items() if not isinstance(value, bool))]
 
 
 def setup_of(system: System, point: Point, value: Sequence[float]) -> Setup:
@@ -153,8 +145,8 @@ def setup_of(system: System, point: Point, value: Sequence[float]) -> Setup:
 
 def names_of(point: Point) -> list[str]:
     """The names of a value's numbers: the parameters, then what is coupled to the first."""
-    own = [point["parameter"], point["second"]]
-    return [name for name in own if name is not None] + point["coupled"]
+    names = [point["parameter"], point["second"]]
+    return [name for name in names if name is not None] + point["coupled"]
 
 
 def drive_period(system: System, parameter: str = "frequency") -> float:
@@ -233,6 +225,5 @@ PHYSICAL = {"stiffness": "bending stiffness $EI$", "viscosity": r"bending viscos
 
 def named(case: Case, name: str) -> str:
     """A parameter on an axis, with its unit where it has one."""
-    quantity = quantity_of(case, name)
     names = NAMES | (PHYSICAL if case.units.known else {})
-    return case.units.label(names.get(name, name), quantity) if quantity else names.get(name, name)
+    return case.units.label(names.get(name, name), quantity_of(case, name))

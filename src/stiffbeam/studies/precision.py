@@ -9,7 +9,7 @@ from typing import Annotated
 import numpy as np
 
 from ..basics.validation import InputError, near
-from ..figures import Axis, Curve, Level, Mark, Note, Panel, Picture, Ranges, column, curves, groups, look, short
+from ..figures import Axis, Curve, Level, Mark, Note, Panel, Picture, column, curves, groups, look, short
 from ..files.cases import Case
 from ..measures.errors import tip_error
 from ..measures.impacts import matched_until
@@ -21,7 +21,7 @@ from ..references.request import Steps
 from ..testset.integrators import RECORDED, SOLVER
 from ..trajectory.trajectory import Reference, Trajectory
 from . import common
-from .engine.study import Answer, Point, Records, Row, Rows, Study
+from .engine.study import Answer, Point, Records, Row, Rows, declared
 
 SLOW, TOO_SLOW = 1.0, 10.0  # seconds in the registry: only the two loosest tolerances, not at all, unless asked for
 METHODS = [m.name for m in REFERENCES.values() if m.kind != MULTIPRECISION]  # which has no error to be seen
@@ -66,20 +66,20 @@ def points(
             raise InputError("method", method, "be a reference solver", near(method, METHODS))
     end = common.first_impacts(case, form, impacts)
     horizon = min(common.solve_once(system, case.t_end).horizon, case.t_end)
-    rest = {"form": form, "t_end": end, "horizon": horizon}
-    found: list[Point] = []
+    shared = {"form": form, "t_end": end, "horizon": horizon}
+    plan: list[Point] = []
     for one in chosen:
-        method = {"method": one.label, "rtol": 0.0} | rest
+        method = {"method": one.label, "rtol": 0.0} | shared
         if one.kind == RECORDED:
-            found += [method | entries for entries in common.recorded_points(one, system)]
+            plan += [method | entries for entries in common.recorded_points(one, system)]
         elif one.kind != SOLVER:
-            found += [method | {"dt": end / steps} for steps in common.halved(end, dt, halvings)]
+            plan += [method | {"dt": end / steps} for steps in common.halved(end, dt, halvings)]
     fast = [m for m in METHODS if REFERENCES[m].seconds < TOO_SLOW and takes(m, system, case.t_end)]
     for method in fast if methods is None and not asked else dict.fromkeys(asked):
         affordable = TOLERANCES[: 2 if REFERENCES[method].seconds >= SLOW else None]
         levels = [0.0] if method == "exact" else tolerances or affordable
-        found += [{"method": method, "dt": 0.0, "rtol": rtol} | rest for rtol in levels]
-    return found
+        plan += [{"method": method, "dt": 0.0, "rtol": rtol} | shared for rtol in levels]
+    return plan
 
 
 def evaluate(case: Case, point: Point) -> list[Row]:
@@ -150,19 +150,19 @@ def cheapest(rows: Rows, error: float, cost: str) -> list[tuple[float, str]]:
 
     A method whose points are all below ``error`` stands with the cost of the cheapest and "at most".
     """
-    found = []
+    costs = []
     for method in dict.fromkeys(r["method"] for r in rows):
-        own = sorted((r for r in rows if r["method"] == method and np.isfinite(r[cost])), key=lambda r: r[cost])
-        if not own:
+        group = sorted((r for r in rows if r["method"] == method and np.isfinite(r[cost])), key=lambda r: r[cost])
+        if not group:
             continue
-        missed = [i for i, r in enumerate(own) if not r["error"] <= error]
+        missed = [i for i, r in enumerate(group) if not r["error"] <= error]
         if not missed:
-            found.append((float(own[0][cost]), method + AT_MOST))
-        elif missed[-1] + 1 < len(own):
-            coarse, fine = own[missed[-1]], own[missed[-1] + 1]
+            costs.append((float(group[0][cost]), method + AT_MOST))
+        elif missed[-1] + 1 < len(group):
+            coarse, fine = group[missed[-1]], group[missed[-1] + 1]
             share = np.log(coarse["error"] / error) / np.log(coarse["error"] / fine["error"])
-            found.append((float(coarse[cost] * (fine[cost] / coarse[cost]) ** share), method))
-    return sorted(found)
+            costs.append((float(coarse[cost] * (fine[cost] / coarse[cost]) ** share), method))
+    return sorted(costs)
 
 
 def answer(rows: Rows, case: Case) -> Answer:
@@ -172,64 +172,55 @@ def answer(rows: Rows, case: Case) -> Answer:
     best = []
     for error in ERRORS:
         for cost, word, written in (("work", "solves", "{:.3g}"), ("seconds", "ms", "{:.2g}")):
-            found = cheapest(others, error, cost)
-            for value, method in found:
+            costs = cheapest(others, error, cost)
+            for value, method in costs:
                 written_value = written.format(value * (1e3 if cost == "seconds" else 1.0))
                 name, bound = method.removesuffix(AT_MOST), "≤ " * method.endswith(AT_MOST)
                 table[name][f"{word} for {error:g}"] = bound + written_value
-            if found and cost == "work":
-                value, method = found[0]
+            if costs and cost == "work":
+                value, method = costs[0]
                 bound = "at most " * method.endswith(AT_MOST)
-                best.append(f"{error:g} costs {bound}{value:.3g} solves or evaluations "
-                            f"({short(method.removesuffix(AT_MOST))})")  # fmt: skip
-    tracked = {m: max(own, key=lambda r: r["tracked"])
-               for m, own in groups([r for r in rows if np.isfinite(r["tracked"])], "method").items()}  # fmt: skip
+                name = short(method.removesuffix(AT_MOST))
+                best.append(f"{bound}{value:.3g} for a tip error of {error:g} ({name})")
+    tracked = {m: max(group, key=lambda r: r["tracked"])
+               for m, group in groups([r for r in rows if np.isfinite(r["tracked"])], "method").items()}  # fmt: skip
     for method, row in sorted(tracked.items(), key=lambda item: -item[1]["tracked"]):
-        until, dt = (
-            units.measure(format(row[name], form), "time") for name, form in (("tracked", ".3g"), ("dt", ".2g"))
-        )
+        until, dt = units.measure(row["tracked"], "time", ".3g"), units.measure(row["dt"], "time", ".2g")
         table[method]["impacts followed"] = f"to t = {until} with dt = {dt}"
     notes = [
         f"Tip errors {ERRORS[0]:g} and {ERRORS[1]:g} that all finer runs keep, without set-up, interpolated between "
         "runs: a time step between two may do worse. Solves: linear solves or evaluations."
     ]
     if tracked:
-        notes.append(f"Impacts can be followed to t = {units.measure(format(rows[0]['horizon'], '.3g'), 'time')}.")
+        notes.append(f"Impacts can be followed to t = {units.measure(rows[0]['horizon'], 'time', '.3g')}.")
     if shares := {r["method"]: r["python"] / r["seconds"] for r in rows if r["python"] > 0.0}:
         parts = [f"{method} {100 * share:.0f} %" for method, share in shares.items()]
         notes.append(f"At least this part of it are Python's calls of the right-hand side: {', '.join(parts)}.")
     notes += [f"The exact solution takes {1e3 * r['seconds']:.2g} ms." for r in rows if r["method"] == "exact"]
-    verdict = f"With the cheapest method a tip error of {', one of '.join(best)}."
-    if not best:
-        verdict = "No method reached a tip error of 0.001."
+    verdict = f"Fewest solves or evaluations: {', '.join(best)}." if best else "No method reached a tip error of 0.001."
     return Answer(verdict, [{"method": method} | cells for method, cells in table.items()], " ".join(notes))
 
 
 ERRORS = (1e-3, 1e-5)
-WHISKERS = "seconds of stepping; whiskers: left without\nPython's calls of the right-hand side, right with set-up"
 
 
 def picture(records: Records) -> Picture:
-    """Lower left is better in the first two panels, upper left in the last, whose lines join the best so far.
-
-    A whisker over the seconds reaches left to the time without Python's calls of the right-hand side, right to the
-    time with the set-up.
-    """
+    """Lower left is better in the first two panels, upper left in the last, whose lines join the best so far."""
     rows = [row for row in records.numbers if row["method"] != "exact"]
     rows.sort(key=lambda row: (row["dt"], row["rtol"]))
     panels = []
     for cost, words, title in (("work", "linear solves or evaluations", "error against work"),
-                               ("seconds", WHISKERS, "error against time")):  # fmt: skip
+                               ("seconds", "seconds of stepping", "error against time")):  # fmt: skip
         marks = curves(rows, cost, "error", "method")
         marks += [Level(row[cost], "exact", "x", {"color": "black", "ls": "-", "lw": 1.8})
                   for row in records.numbers if row["method"] == "exact"]  # fmt: skip
-        marks += _whiskers(rows) if cost == "seconds" else _failed(records.rows)
+        marks += _failed(records.rows) if cost == "work" else []
         panels.append(Panel(title, Axis(words, scale="log"), Axis("tip error, rms, relative", scale="log"), marks))
     tracked = [row for row in rows if np.isfinite(row["tracked"])]
     best: list[Mark] = []
-    for label, own in groups(tracked, "method").items():
-        own.sort(key=lambda row: row["tracked_seconds"])
-        seconds, until, style = column(own, "tracked_seconds"), column(own, "tracked"), look(label)
+    for label, group in groups(tracked, "method").items():
+        group.sort(key=lambda row: row["tracked_seconds"])
+        seconds, until, style = column(group, "tracked_seconds"), column(group, "tracked"), look(label)
         best += [Curve(seconds, until, look=style | {"linestyle": ""}),
                  Curve(seconds, np.maximum.accumulate(until), short(label),
                        style | {"marker": "", "drawstyle": "steps-post"})]  # fmt: skip
@@ -238,15 +229,6 @@ def picture(records: Records) -> Picture:
                         Axis("exact impacts followed to $t$", "time", limits=(0.0, None)), best,
                         empty="no contact to follow"))  # fmt: skip
     return Picture([panels], 6.2, 5)
-
-
-def _whiskers(rows: Rows) -> list[Mark]:
-    marks: list[Mark] = []
-    for label, own in groups(rows, "method").items():
-        seconds, python, setup, error = (column(own, name) for name in ("seconds", "python", "setup", "error"))
-        style = {"lw": 0.8, "alpha": 0.7, "color": look(label)["color"]}
-        marks.append(Ranges(error, np.maximum(seconds - python, 0.02 * seconds), seconds + setup, look=style))
-    return marks
 
 
 def _failed(rows: Rows) -> list[Mark]:
@@ -260,13 +242,9 @@ def _failed(rows: Rows) -> list[Mark]:
     ]  # fmt: skip
 
 
-STUDY = Study(
-    name="precision",
-    question="Which method reaches a given error at least cost, and which tracks the solution longest for its cost?",
-    points=points,
-    evaluate=evaluate,
-    answer=answer,
-    picture=picture,
+STUDY = declared(
+    __name__,
+    "Which method reaches a given error at least cost, and which tracks the solution longest for its cost?",
     needs_motion=True,
     smoke={
         "schemes": ["BDF2", "SDIRK(gamma=0.4359)"],

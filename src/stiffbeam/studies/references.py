@@ -49,22 +49,22 @@ def check(target: Path, progress: Progress = lambda what, done, total: None) -> 
 def _checked(file: Path, entry: dict[str, Any] | None) -> dict[str, Any]:
     record: dict[str, Any] = {"file": file.name, "problem": ""}
     try:
-        found = load(file)
-        record |= {"impacts": found.impacts.count, "t_end": found.provenance["t_end"]}
+        solution = load(file)
+        record |= {"impacts": solution.impacts.count, "t_end": solution.provenance["t_end"]}
         if entry is not None:
-            record["problem"] = _contradicted(file, found, entry)
+            record["problem"] = _contradicted(file, solution, entry)
     except InputError as error:
         record["problem"] = str(error)
     return record
 
 
-def _contradicted(file: Path, found: Trajectory, entry: dict[str, Any]) -> str:
-    """What the manifest says of a file that is not so; empty where all of it is."""
+def _contradicted(file: Path, solution: Trajectory, entry: dict[str, Any]) -> str:
+    """Return the first contradiction between a file and its entry in the manifest, "" where there is none."""
     import xarray as xr
 
     with xr.open_dataset(file, engine="h5netcdf", decode_times=False) as data:
         written = data.attrs.get("hash"), data.attrs.get("bound")
-    notes, contacts = found.provenance, found.contacts
+    notes, contacts = solution.provenance, solution.contacts
     facts = {
         "impacts": sum(contact.impacts.count for contact in contacts), "t_end": notes["t_end"], "form": notes["form"],
         "digits": notes.get("digits"), "confirmed_with": notes.get("digits_confirmed_with"),
@@ -79,7 +79,7 @@ def _contradicted(file: Path, found: Trajectory, entry: dict[str, Any]) -> str:
             return f"the manifest says {said} {name.replace('_', ' ')}, and not {fact}"
     for table in entry.get("tables", ()):
         case = paper_cases().get(table)
-        if case is None or system_of(case, entry["form"]).fingerprint != found.fingerprint:
+        if case is None or system_of(case, entry["form"]).fingerprint != solution.fingerprint:
             return f"the manifest says it is of {table}, which is another system"
     return ""
 
@@ -91,9 +91,9 @@ def frozen(folder: Path, case: Case, form: str, t_end: float) -> Reference | Non
     """
     for entry in _entries(folder):
         if case.name in entry["tables"] and entry["form"] == form and entry["t_end"] >= t_end:
-            found = load(folder / entry["file"])
-            if isinstance(found, Reference) and found.fingerprint == system_of(case, form).fingerprint:
-                return found
+            solution = load(folder / entry["file"])
+            if isinstance(solution, Reference) and solution.fingerprint == system_of(case, form).fingerprint:
+                return solution
     return None
 
 
@@ -133,12 +133,12 @@ def wanted() -> list[tuple[str, str, list[str]]]:
 
     Tables with the same physics, grid and time span share one reference.
     """
-    found: dict[tuple[str, float], tuple[str, str, list[str]]] = {}
+    systems: dict[tuple[str, float], tuple[str, str, list[str]]] = {}
     for case in paper_cases().values():
         for form in ["displacement", *sorted({form for _, form in case.runs} - {"displacement"})]:
             key = (system_of(case, form).fingerprint, case.t_end)
-            found.setdefault(key, (case.name, form, []))[2].append(case.name)
-    return list(found.values())
+            systems.setdefault(key, (case.name, form, []))[2].append(case.name)
+    return list(systems.values())
 
 
 def remake(

@@ -28,7 +28,7 @@ from ..model.restitution import dissipation_for, restitution_of
 from ..model.system import System
 from ..references import solve
 from .common import extremes
-from .engine.study import Answer, Point, Records, Row, Rows, Study
+from .engine.study import Answer, Point, Records, Row, Rows, declared
 
 FORMULAS: dict[str, Callable[[float], float]] = {  # lambda v from the e that is wanted
     "Hunt-Crossley": lambda e: 1.5 * (1.0 - e),
@@ -80,7 +80,7 @@ def zeta_of(e: float) -> float:
 
 
 def kelvin_voigt_restitution(zeta: float) -> float:
-    """What it is where the stop does not pull."""
+    """Return the restitution where the stop does not pull."""
     w = math.sqrt(1.0 - zeta * zeta)
     return math.exp(-zeta * (math.pi - math.atan2(2.0 * zeta * w, 1.0 - 2.0 * zeta * zeta)) / w)
 
@@ -98,11 +98,11 @@ def measured(law: dict[str, Any], delivered: float) -> float:
 
 def answer(rows: Rows, case: Case) -> Answer:
     """By how much each formula misses the restitution that is wanted, where it does most."""
-    worst = [max(own, key=_error) for own in groups(rows, "formula").values()]
+    worst = [max(group, key=_error) for group in groups(rows, "formula").values()]
     apart = max((abs(row["measured"] - row["delivered"]) for row in rows), default=math.nan)
     off = extremes({row["formula"]: _error(row) for row in worst}, "{:.2g}".format)
     return Answer(
-        f"Where it is largest, the error of the restitution that a formula delivers is {off}.",
+        f"The formulas miss the wanted restitution by {off}, each where it is worst.",
         [{"formula": row["formula"], "delivered less wanted": f"{row['delivered'] - row['wanted']:+.2g}",
           "at e": f"{row['wanted']:g}"} for row in worst],
         f"Balls taken through the stops agree with the closed forms to {apart:.1g}.",
@@ -117,10 +117,10 @@ def picture(records: Records) -> Picture:
     """Lines: closed forms; markers: balls."""
     panels = []
     for title, words, less in (("e delivered", "e delivered", 0.0),
-                               ("too much of it", "e delivered \N{MINUS SIGN} e wanted", 1.0)):  # fmt: skip
+                               ("its error", "e delivered \N{MINUS SIGN} e wanted", 1.0)):  # fmt: skip
         marks = []
-        for i, (name, own) in enumerate(groups(records.numbers, "formula").items()):
-            wanted, delivered, measured = (column(own, key) for key in ("wanted", "delivered", "measured"))
+        for i, (name, group) in enumerate(groups(records.numbers, "formula").items()):
+            wanted, delivered, measured = (column(group, key) for key in ("wanted", "delivered", "measured"))
             style = style_of(i) | ({"color": "black"} if name == OWN else {})
             line = style | {"linestyle": "--" if name == KELVIN_VOIGT else "-", "marker": ""}
             label = "exact: Stops.from_restitution" if name == OWN else name
@@ -132,13 +132,9 @@ def picture(records: Records) -> Picture:
     return Picture([panels], 4.8, 5)
 
 
-STUDY = Study(
-    name="restitution",
-    question="A stop is made to give back a share e of the speed: which formula delivers that e?",
-    points=points,
-    evaluate=evaluate,
-    answer=answer,
-    picture=picture,
+STUDY = declared(
+    __name__,
+    "A stop is made to give back a share e of the speed: which formula delivers that e?",
     marches=False,
     of_case=False,
     smoke={"wanted": [0.3, 0.9], "formulas": ["Hunt-Crossley", "from_restitution", "Kelvin-Voigt"]},

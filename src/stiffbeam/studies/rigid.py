@@ -14,12 +14,12 @@ from ..basics.arrays import Array
 from ..basics.validation import InputError
 from ..figures import Axis, Curve, Level, Mark, Panel, Picture, column, dashed, style_of
 from ..files.cases import Case
-from ..measures.errors import observed_order, tip_error
+from ..measures.errors import tip_error
 from ..measures.report import percent
 from ..model.members import varied_members
 from ..references.exact.rigid_reference import rigid_limit
-from .common import Form, ImpactCount, fit, solve_once, system_of
-from .engine.study import Answer, Point, Records, Row, Rows, Study
+from .common import Form, ImpactCount, fit, order_over, solve_once, system_of
+from .engine.study import Answer, Point, Records, Row, Rows, declared
 
 SAMPLES = 4000
 
@@ -35,9 +35,9 @@ def points(
     ``impacts`` says."""
     system = system_of(case, form)
     if len(system.contacts) != 1:
-        found = f"{len(system.contacts)} contacts"
+        count = f"{len(system.contacts)} contacts"
         remedy = "keep the stops at one place"
-        raise InputError("case", found, "have stops at one place, neither none nor several", remedy)
+        raise InputError("case", count, "have stops at one place, neither none nor several", remedy)
     system.contacts[0].stops.require_linear("a limit of rigid stops")
     if system.contacts[0].offset is not None:
         raise InputError("stops", "moving ones", "be at rest for rigid stops", "their limit is known without motion")
@@ -63,11 +63,12 @@ def evaluate(case: Case, point: Point) -> list[Row]:
     end = 0.5 * float(times[n - 1] + times[n])
     compliant = varied_members(system, stops=[replace(stops, stiffness=kappa)])[0]
     # The window is short against the horizon, and the same for every kappa.
-    found = solve_once(compliant, min(case.t_end, 2.0 * end))
+    exact = solve_once(compliant, min(case.t_end, 2.0 * end))
     t = np.linspace(0.0, end, SAMPLES)
-    error = tip_error(found.at(t)[0], rigid.at(t)[0])
-    inside = found.impacts.until(end)
+    error = tip_error(exact.at(t)[0], rigid.at(t)[0])
+    inside = exact.impacts.until(end)
     pairs = min(n, inside.count)
+    peak = float(np.max(inside.peaks[np.isfinite(inside.peaks)], initial=0.0))
     return [
         {
             "kappa": kappa,
@@ -77,17 +78,17 @@ def evaluate(case: Case, point: Point) -> list[Row]:
             "impacts": inside.count,
             "rigid_impacts": n,
             "impact_time_error": float(np.max(np.abs(inside.times[:pairs] - times[:pairs]), initial=0.0)),
-            "penetration": float(np.max(inside.peaks[np.isfinite(inside.peaks)], initial=0.0)) / kappa,
-            "peak_force": float(np.max(inside.peaks[np.isfinite(inside.peaks)], initial=0.0)),
+            "penetration": peak / kappa,
+            "peak_force": peak,
             "impulse_error": _impulse_error(inside.impulses[:pairs], rigid.impacts.impulses[:pairs]),
         }
     ]
 
 
-def _impulse_error(found: Array, wanted: Array) -> float:
-    """Of the first impact whose impulse is known, relative."""
-    known = np.isfinite(found)
-    return float(abs(found[known][0] / wanted[known][0] - 1.0)) if np.any(known) else float("nan")
+def _impulse_error(impulses: Array, rigid: Array) -> float:
+    """The relative error of the first impulse that is known."""
+    known = np.isfinite(impulses)
+    return float(abs(impulses[known][0] / rigid[known][0] - 1.0)) if np.any(known) else float("nan")
 
 
 def same_impacts(rows: Rows) -> list[Row]:
@@ -106,15 +107,15 @@ def answer(rows: Rows, case: Case) -> Answer:
     ]  # fmt: skip
     if len(near) < 2:
         return Answer("At no stiffness tried are there as many impacts as on rigid stops.", table)
-    order = observed_order([1.0 / r["kappa"] for r in near], [r["tip_error"] for r in near])
-    own = min(rows, key=lambda r: r["kappa"])
-    which = "the case's kappa" if own["factor"] == 1.0 else "kappa"
-    first, here = (units.measure(f"{r['kappa']:.2g}", "stop stiffness") for r in (near[0], own))
+    order = order_over(near, lambda row: 1.0 / row["kappa"], "tip_error")
+    softest = min(rows, key=lambda r: r["kappa"])
+    which = "the case's kappa" if softest["factor"] == 1.0 else "kappa"
+    first, here = (units.measure(r["kappa"], "stop stiffness", ".2g") for r in (near[0], softest))
     return Answer(
         f"The tip approaches that of rigid stops like kappa^-({order}) (theory: 1/2), from kappa = {first} on.",
         table,
-        f"At {which} = {here} the first {own['rigid_impacts']:g} rigid impacts are {own['impacts']:g} and the tip is "
-        f"{percent(own['tip_error'])} of its largest displacement off.",
+        f"At {which} = {here} the motion has {softest['impacts']:g} of the first {softest['rigid_impacts']:g} rigid "
+        f"impacts, and its tip is {percent(softest['tip_error'])} of its largest displacement off.",
     )
 
 
@@ -135,35 +136,31 @@ def picture(records: Records) -> Picture:
     """Hollow markers: as yet another number of impacts than rigid stops have. Lines: fits to the others."""
     rows = sorted(records.numbers, key=lambda row: row["kappa"])
     kappa = Axis("stiffness of the stops κ", "stop stiffness", "log")
-    own = records.case.system().contacts[0].stops.stiffness
+    kappa_of_case = records.case.system().contacts[0].stops.stiffness
     panels = []
     for title, axis, names in PANELS:
-        marks: list[Mark] = [Level(own, "κ of the case", "x")]
+        marks: list[Mark] = [Level(kappa_of_case, "κ of the case", "x")]
         for i, (name, words) in enumerate(names):
             near, other = (
                 [row for row in rows if row[name] > 0.0 and (row in same_impacts(rows)) == same]
                 for same in (True, False)
             )
             style = style_of(i) | {"linestyle": "", "ms": 5}
-            order = observed_order(1.0 / column(near, "kappa"), column(near, name))
+            order = order_over(near, lambda row: 1.0 / row["kappa"], name)
             label = f"{words} in 1/κ: {order}" if np.isfinite(order.slope) else words
-            marks.append(Curve(column(near, "kappa"), column(near, name), label, style))
+            marks.append(Curve.over(near, "kappa", name, label, style))
             if other:
                 hollow = "other impacts than rigid stops"
-                marks.append(Curve(column(other, "kappa"), column(other, name), hollow, style | {"mfc": "white"}))
+                marks.append(Curve.over(other, "kappa", name, hollow, style | {"mfc": "white"}))
             line = fit(1.0 / column(near, "kappa"), order, style | {"linestyle": dashed(i)})
             marks += [Curve(1.0 / curve.x, curve.y, look=curve.look) for curve in line]
         panels.append(Panel(title, kappa, axis, marks, legend="inside"))
     return Picture([panels[:3], panels[3:]], 8.0)
 
 
-STUDY = Study(
-    name="rigid",
-    question="How stiff must a stop be before it acts like a rigid one, and how fast is that limit approached?",
-    points=points,
-    evaluate=evaluate,
-    answer=answer,
-    picture=picture,
+STUDY = declared(
+    __name__,
+    "How stiff must a stop be before it acts like a rigid one, and how fast is that limit approached?",
     needs_motion=True,
     needs_stops=True,
     marches=False,

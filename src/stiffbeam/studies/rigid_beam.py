@@ -14,19 +14,18 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from ..basics.validation import InputError, positive
-from ..figures import Axis, Curve, Mark, Panel, Picture, Ranges, column, groups, look, short
+from ..basics.validation import positive
+from ..figures import COLOURS, Axis, Curve, Mark, Panel, Picture, Ranges, column, groups, look, short
 from ..files.cases import Case
 from ..march.integrate import integrate
 from ..measures.report import percent
 from ..measures.smooth_motion import without_contact
-from ..model.closed_form import natural_frequencies
 from ..model.semidiscretisation import semidiscretise
 from ..references import solve
 from ..references.exact.rigid_reference import solve_rigid
 from ..trajectory.trajectory import Trajectory
-from .common import Cells, Dt, Numbers, extremes, label_of, scheme_of
-from .engine.study import Answer, Point, Records, Row, Rows, Study
+from .common import Cells, Dt, Numbers, extremes, label_of, scheme_of, tip_stops
+from .engine.study import Answer, Point, Records, Row, Rows, declared
 from .first_impact import LOOK, first_crossing, look_span
 
 EXACT, CONSERVING = "exact", "Trapezoidal conserving"
@@ -57,29 +56,23 @@ def points(
 
     cells: by default the case's and twice as many.
     """
-    if case.beam is None or len(case.problem.all_stops) != 1:
-        raise InputError("case", case.name, "be a beam with stops at one place", "for example table10")
-    stops = case.problem.all_stops[0]
-    if stops.motion is not None or stops.position not in (None, case.problem.length):
-        remedy = "move them to the tip and leave their motion out"
-        raise InputError("case", case.name, "have stops at rest at the tip", remedy)
-    natural_frequencies(case.problem, 1)
+    tip_stops(case)
     values = KAPPAS if kappas is None else [positive("kappas", kappa) for kappa in kappas]
-    found: list[Point] = []
+    plan: list[Point] = []
     for number in cells or [case.cells, 2 * case.cells]:
         end = dt * np.ceil((first_touch(case, number) + WINDOW) / dt)
         asked = [(method, NODE, None, float(kappa)) for kappa in values for method in COMPLIANT]
         asked += [(*entry, None) for entry in RIGID]
         for method, node, e, kappa in asked:
-            rest = {"node": node, "restitution": e, "kappa": kappa, "cells": int(number), "t_end": float(end)}
+            shared = {"node": node, "restitution": e, "kappa": kappa, "cells": int(number), "t_end": float(end)}
             label = method if method in (EXACT, CONSERVING) else label_of(method)
             steps = [0.0] if method == EXACT else [dt / part for part in divide or [1, 10]]
-            found += [{"method": label, "dt": step} | rest for step in steps]
-    return found
+            plan += [{"method": label, "dt": step} | shared for step in steps]
+    return plan
 
 
 def first_touch(case: Case, cells: int) -> float:
-    """When the tip first reaches a stop, whatever that is made of."""
+    """Return the time when the tip first reaches a stop."""
     span = look_span(case.problem)
     free = solve(
         without_contact(semidiscretise(case.problem, cells)), span, EXACT, np.linspace(0.0, span, LOOK + 1), 0.0, None
@@ -101,21 +94,21 @@ def evaluate(case: Case, point: Point) -> list[Row]:
         rigid = any(contact.stops.rigid for contact in system.contacts)
         ends = np.array([0.0, end])
         run = solve_rigid(system, end, ends, trusted=False) if rigid else solve(system, end, EXACT, ends, 0.0, None)
-        return [_with_ranges([_found(run, end)])]
+        return [_with_ranges([_figures(run, end)])]
     scheme = scheme_of(method.removesuffix(" conserving"))
     treatment = "conserving" if method == CONSERVING else "implicit"
     steps = round(end / point["dt"])
     asked = [steps, *(max(1, round((1.0 + share) * steps)) for share in NEARBY)]
-    return [_with_ranges([_found(integrate(system, scheme, end / n, end, treatment, every=n), end) for n in asked])]
+    return [_with_ranges([_figures(integrate(system, scheme, end / n, end, treatment, every=n), end) for n in asked])]
 
 
-def _with_ranges(found: list[Row]) -> Row:
+def _with_ranges(rows: list[Row]) -> Row:
     """The first of some runs, and the least and the most that any of them gives."""
     ends = (("low", min), ("high", max))
-    return found[0] | {f"{name}_{word}": pick(row[name] for row in found) for name in RANGED for word, pick in ends}
+    return rows[0] | {f"{name}_{word}": pick(row[name] for row in rows) for name in RANGED for word, pick in ends}
 
 
-def _found(run: Trajectory, end: float) -> Row:
+def _figures(run: Trajectory, end: float) -> Row:
     """Impulse, time in contact, impacts and energy lost of a run in [0, end]."""
     record, energy = run.contacts[0], run.energy
     most = float(energy.supplied[-1])
@@ -152,9 +145,9 @@ def answer(rows: Rows, case: Case) -> Answer:
     units, table = case.units, []
     finest = min((row["dt"] for row in rows if row["dt"]), default=0.0)
     impulses: dict[str, float] = {}
-    for cells, own in sorted(groups(rows, "cells").items()):
-        soft = [r for r in own if r["method"] == EXACT and r["node"] == NODE and _stiff(r) < np.inf]
-        rigid = [row for row in own if _stiff(row) == np.inf and row["dt"] in (0.0, finest)]
+    for cells, group in sorted(groups(rows, "cells").items()):
+        soft = [r for r in group if r["method"] == EXACT and r["node"] == NODE and _stiff(r) < np.inf]
+        rigid = [row for row in group if _stiff(row) == np.inf and row["dt"] in (0.0, finest)]
         impulses |= {f"{name_of(row)}, {cells} cells": row["impulse"] for row in rigid}
         table += [
             {
@@ -167,10 +160,10 @@ def answer(rows: Rows, case: Case) -> Answer:
             }
             for row in [*sorted(soft, key=_stiff), *rigid]
         ]
-    impulse = extremes(impulses, lambda value: units.measure(f"{value:.3g}", "impulse"))
-    window, step = (units.measure(f"{x:.2g}", "time") for x in (WINDOW, finest))
+    impulse = extremes(impulses, lambda value: units.measure(value, "impulse", ".3g"))
+    window, step = (units.measure(x, "time", ".2g") for x in (WINDOW, finest))
     return Answer(
-        f"Impulse on rigid stops within {window} of the first touch: {impulse}.",
+        f"Within {window} of the first touch a rigid stop gives an impulse of {impulse}.",
         table,
         f"Schemes at dt = {step}, with the range over steps within 2 % of it.",
     )
@@ -182,69 +175,53 @@ PANELS = (
     ("impacts", "impacts", ""),
     ("lost", "energy lost, share", ""),
 )
-SMALL, LARGE = 3.0, 5.5  # marks of the finest grid and of the case's
 
 
 def picture(records: Records) -> Picture:
-    """Above: over the stiffness of the stops, the case's grid; below: rigid stops, an entry a line.
+    """Above: the finest step over the stiffness of the stops. Below: rigid stops, a line for each method.
 
-    Black: exact. Filled: the finest step, or none; hollow: the case's; lines: what steps near the finest give.
-    Small: the finest grid, of exact motions only.
+    Schemes on the case's grid, exact motions on all; thin lines: the range over steps near the finest.
     """
     rows = sorted(records.numbers, key=_stiff)
-    grids = sorted({row["cells"] for row in rows})
-    steps = sorted({row["dt"] for row in rows if row["dt"]}, reverse=True)
+    coarse, finest = min(row["cells"] for row in rows), min((row["dt"] for row in rows if row["dt"]), default=0.0)
     names = list(dict.fromkeys(name_of(row) for row in records.numbers if _stiff(row) == np.inf))
-    shown = [row for row in rows if row["cells"] == grids[0] or row["method"] == EXACT]
+    shown = [row for row in rows if row["cells"] == coarse or row["method"] == EXACT]
+    soft = [row for row in shown if _stiff(row) < np.inf and row["dt"] in (0.0, finest)]
+    hard = [row for row in shown if _stiff(row) == np.inf]
     upper, lower = [], []
     for name, words, quantity in PANELS:
-        soft: list[Mark] = []
-        hard: list[Mark] = []
-        for (method, grid, step), own in groups(shown, "method", "cells", "dt").items():
-            whole, style = step in (0.0, *steps[-1:]), _mark(method, grid == grids[0])
-            style |= {} if whole else {"mfc": "white"}
-            line = {"lw": 1.6 if method == EXACT else 0.9, "linestyle": "-" if whole else ":"}
-            mine = [row for row in own if _stiff(row) < np.inf]
-            label = short(method) if whole and grid == grids[0] else ""
-            soft.append(Curve([_stiff(row) for row in mine], column(mine, name), label, style | line))
-            mine = [row for row in own if _stiff(row) == np.inf]
-            at = np.array([names.index(name_of(row)) for row in mine], float)
-            hard.append(Curve(column(mine, name), at, look=style | {"linestyle": ""}))
-            if name in RANGED and whole and method != EXACT:
-                low, high = (column(mine, f"{name}_{word}") for word in ("low", "high"))
-                hard.append(Ranges(at, low, high, look={"color": style["color"], "lw": 1.6, "alpha": 0.5}))
-        if name == PANELS[0][0]:
-            soft += _legend(grids)
-        up = Axis(words, quantity, "log" if name == "impacts" else "linear")
-        stiffness = Axis("stiffness of the stops κ", "stop stiffness", "log")
-        upper.append(Panel(words.partition(",")[0], stiffness, up, soft))
-        lower.append(Panel(words.partition(",")[0], Axis(words, quantity), Axis(names=names), hard))
-    return Picture([upper, lower], 9.0, 5)
+        lines: list[Mark] = []
+        for (method, grid), group in groups(soft, "method", "cells").items():
+            style = _look(method) | ({} if grid == coarse else {"linestyle": "--", "ms": 3.5})
+            label = short(method) + ("" if grid == coarse else f", {grid} cells")
+            lines.append(Curve([_stiff(row) for row in group], column(group, name), label, style))
+        dots: list[Mark] = []
+        for (grid, step), group in groups(hard, "cells", "dt").items():
+            at = np.array([names.index(name_of(row)) for row in group], float)
+            style = _look(EXACT) if not step else {"color": COLOURS[0], "marker": "o"}
+            style |= {"linestyle": "", "mfc": style["color"] if step in (0.0, finest) else "white"}
+            label = (
+                "exact" if not step else "schemes, finest time step" if step == finest else "schemes, case's time step"
+            )
+            label, size = (label, 5.5) if grid == coarse else (f"{label}, {grid} cells", 3.5)
+            dots.append(Curve(column(group, name), at, label, style | {"ms": size}))
+            if name in RANGED and step == finest:
+                low, high = (column(group, f"{name}_{word}") for word in ("low", "high"))
+                dots.append(Ranges(at, low, high, look={"color": COLOURS[0], "lw": 1.2}))
+        up, title = Axis(words, quantity, "log" if name == "impacts" else "linear"), words.partition(",")[0]
+        upper.append(Panel(title, Axis("stop stiffness κ", "stop stiffness", "log"), up, lines))
+        lower.append(Panel("on rigid stops", Axis(words, quantity), Axis(names=names), dots))
+    return Picture([upper, lower], 9.0, 4)
 
 
-def _legend(grids: list[int]) -> list[Mark]:
-    styles: dict[str, dict[str, Any]] = {
-        "finest time step": {}, "the case's time step": {"mfc": "white"}, f"{grids[-1]} cells": {"ms": SMALL},
-        "time steps near it": {"marker": "", "linestyle": "-", "lw": 1.6, "alpha": 0.5},
-    }  # fmt: skip
-    mark = {"marker": "o", "linestyle": "", "ms": LARGE, "color": "0.4"}
-    return [Curve([], [], words, mark | style) for words, style in styles.items()]
-
-
-def _mark(method: str, of_the_case: bool) -> dict[str, Any]:
+def _look(method: str) -> dict[str, Any]:
     """The look of a method: that of its scheme, with a square for contact that conserves."""
-    style = look(method.removesuffix(" conserving"))
-    style |= {"marker": "s"} if method == CONSERVING else {"marker": "o"} if method == EXACT else {}
-    return {name: style[name] for name in ("color", "marker")} | {"ms": LARGE if of_the_case else SMALL}
+    return look(method.removesuffix(" conserving")) | ({"marker": "s"} if method == CONSERVING else {})
 
 
-STUDY = Study(
-    name="rigid_beam",
-    question="From soft stops to rigid ones: what do the schemes make of a beam's impulse, contact and energy?",
-    points=points,
-    evaluate=evaluate,
-    answer=answer,
-    picture=picture,
+STUDY = declared(
+    __name__,
+    "From soft stops to rigid ones: what do the schemes make of a beam's impulse, contact and energy?",
     needs_motion=True,
     needs_stops=True,
     smoke={"kappas": [1e6], "cells": [6], "divide": [1]},

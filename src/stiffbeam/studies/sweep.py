@@ -31,7 +31,7 @@ from ..schemes.rigid_scheme import RigidScheme
 from ..trajectory.ensemble import Ensemble
 from ..trajectory.trajectory import Diverged, SolverFailure
 from .common import Form, Treatment, label_of, scheme_of, system_of
-from .engine.study import Answer, Point, Records, Row, Rows, Study, by_contact
+from .engine.study import Answer, Point, Records, Row, Rows, by_contact, declared
 from .parameters import (
     EXACT,
     IN_STEP,
@@ -112,8 +112,8 @@ def points(
             remedy = "name it with its values: --parameter loads[0].time.scale --values 0.5:2:16, or stops.stiffness"
             raise InputError("parameter", parameter, "be another one for a case that samples drive", remedy)
     if values is None and parameter == "frequency":
-        own = 2.0 * np.pi / drive_period(system_of(case, form))
-        values = np.linspace(0.7 * own, 1.3 * own, count).tolist()
+        drive = 2.0 * np.pi / drive_period(system_of(case, form))
+        values = np.linspace(0.7 * drive, 1.3 * drive, count).tolist()
     if second is None and second_values is not None:
         raise InputError("second_values", second_values, "be left out without second", "name the second parameter")
     axes = {parameter: values} if second is None else {parameter: values, second: second_values}
@@ -133,7 +133,7 @@ def points(
         if along is None or not len(along):
             raise InputError("values", along, f"be given for {name}", "for example 8:14:400 or 8,9,10.5")
     grid = [[number(name, x) for x in along] for name, along in axes.items() if along is not None]
-    rest = {
+    shared = {
         "parameter": parameter, "second": second, "coupled": list(follow), "method": method,
         "form": form, "contact": contact,
         "dt": None if method == EXACT else positive("dt", dt),
@@ -144,22 +144,22 @@ def points(
     def whole(value: Sequence[float]) -> list[float]:
         return [*value, *(number(name, rule(value[0])) for name, rule in follow.items())]
 
-    ends = [setup_of(base, rest, whole(value)) for value in product(*([min(axis), max(axis)] for axis in grid))]
-    together = all(name in IN_STEP for name in names_of(rest))
+    ends = [setup_of(base, shared, whole(value)) for value in product(*([min(axis), max(axis)] for axis in grid))]
+    together = all(name in IN_STEP for name in names_of(shared))
     whole_cost = len(list(product(*grid))) * max(_seconds(setup, PERIODS + TRANSIENT) for setup in ends)
     share = min(1.0, BUDGET / whole_cost)
     if recorded:
         periods, transient = 1, 0
     periods = max(LEAST, int(share * PERIODS)) if periods is None else periods
     transient = max(LEAST, int(share * TRANSIENT)) if transient is None else transient
-    rest |= {"periods": periods, "transient": transient}
+    shared |= {"periods": periods, "transient": transient}
     seconds = max(_seconds(setup, periods + transient) + (0.0 if together else SETTING_UP) for setup in ends)
     if second is not None and parameter in IN_STEP:  # what marches together stands together
         wanted = [whole([x, y]) for y in grid[1] for x in grid[0]]
     else:
         wanted = [whole(value) for value in product(*grid)]
     size = max(1, min(int(BATCH / seconds), -(-len(wanted) // BATCHES)))
-    return [{**rest, "values": wanted[i : i + size]} for i in range(0, len(wanted), size)]
+    return [{**shared, "values": wanted[i : i + size]} for i in range(0, len(wanted), size)]
 
 
 def _seconds(setup: Setup, periods: int) -> float:
@@ -205,13 +205,13 @@ def _march(point: Point, setups: list[Setup]) -> Ensemble:
 
 
 def _rows(point: Point, named: Row, many: Ensemble, i: int) -> list[Row]:
-    """What member i has shown after the transient."""
+    """Return the rows of member i after the transient."""
     if np.isfinite(many.diverged[i]):
         return [named | {"failed": str(Diverged(point["method"], many.diverged[i], "use a smaller dt"))}]
     rows: list[Row] = []
     for place, seen in enumerate(many.contacts, 1):
-        found = {"count": seen.impact_count[i], "fraction": seen.fraction[i], "peak_force": seen.peak_force[i]}
-        rows.append(named | {"kind": "contact", "contact_number": place} | {n: x.item() for n, x in found.items()})
+        statistics = {"count": seen.impact_count[i], "fraction": seen.fraction[i], "peak_force": seen.peak_force[i]}
+        rows.append(named | {"kind": "contact", "contact_number": place} | {n: x.item() for n, x in statistics.items()})
     if point["second"] is None and "t_end" not in point:
         section = enumerate(many.tip[i, point["transient"] + 1 :].tolist(), point["transient"] + 1)
         rows += [named | {"kind": "section", "period": n, "tip": tip} for n, tip in section]
@@ -220,11 +220,11 @@ def _rows(point: Point, named: Row, many: Ensemble, i: int) -> list[Row]:
 
 def sections(rows: Rows) -> dict[float, Array]:
     """The section of every value of the parameter, in order of value."""
-    found: dict[float, list[float]] = {}
+    tips: dict[float, list[float]] = {}
     for row in rows:
         if row["kind"] == "section":
-            found.setdefault(row[row["parameter"]], []).append(row["tip"])
-    return {value: np.array(found[value]) for value in sorted(found)}
+            tips.setdefault(row[row["parameter"]], []).append(row["tip"])
+    return {value: np.array(tips[value]) for value in sorted(tips)}
 
 
 def repeats_after(section: Array, size: float) -> int | None:
@@ -240,63 +240,55 @@ def answer(rows: Rows, case: Case) -> Answer:
     """The range of impact counts and peak forces over the values, and where the motion is periodic."""
     units, first = case.units, rows[0]
     names = [name for name in (first["parameter"], first["second"]) if isinstance(name, str)]
-    quantities = {name: quantity_of(case, name) for name in names}
 
-    def value(name: str, x: str) -> str:
-        return units.measure(x, quantities[name]) if quantities[name] else x
+    def value(name: str, text: str) -> str:
+        return f"{name} {units.measure(text, quantity_of(case, name))}"
 
-    def amount(x: float, quantity: str) -> str:
-        return units.measure(f"{x:.4g}", quantity) if quantity else f"{x:.4g}"
-
-    def at(row: Row) -> str:
-        return ", ".join(f"{name} {value(name, f'{row[name]:.5g}')}" for name in names)
-
-    ranges = [
-        f"{name} {value(name, f'{min(r[name] for r in rows):g} to {max(r[name] for r in rows):g}')}" for name in names
-    ]
-    parts, table = [], []
-    if found := sections(rows):
-        size = max(float(np.max(np.abs(section))) for section in found.values())
-        repeats = [repeats_after(section, size) for section in found.values()]
-        several, short = sum(p is not None and p > 1 for p in repeats), repeats.count(None)
-        text = f"repeats itself every period of the drive at {repeats.count(1)} of {len(found)} values"
-        parts.append(
-            f"the tip {text}, every 2 to {LONGEST} periods at {several}, not at {repeats.count(0)} (to {SAME:g})"
-        )
-        if short:
-            parts.append(f"{first['periods']:g} periods are too few to tell at {short}: {LONGEST + 1} would do")
     counted, over = _rate(rows, case)
+    columns = (
+        ("count", counted, "", over),
+        ("fraction", "time in contact, %", "", 0.01),
+        ("peak_force", "largest force", "force", 1.0),
+    )
+    table = []
     for place, contacts in by_contact([r for r in rows if r["kind"] == "contact"]).items():
-        for name, words, quantity, scale in (
-            ("count", counted, "", over), ("fraction", "time in contact, %", "", 0.01),
-            ("peak_force", "largest force", "force", 1.0),
-        ):  # fmt: skip
+        for name, words, quantity, scale in columns:
             known = [r for r in contacts if np.isfinite(r[name])]  # a rigid stop has impulses, no peak forces
-            if known:
-                low, high = (pick(known, key=lambda r: r[name]) for pick in (min, max))
-                least, most = (f"{amount(r[name] / scale, quantity)} at {at(r)}" for r in (low, high))
-                table.append({"over all values": words + place, "least": least, "most": most})
+            ends = [pick(known, key=lambda r: r[name]) for pick in (min, max)] if known else []
+            texts = [
+                f"{units.measure(row[name] / scale, quantity, '.4g')} at "
+                + ", ".join(value(varied, f"{row[varied]:.5g}") for varied in names)
+                for row in ends
+            ]
+            table += [{"over all values": words + place, "least": texts[0], "most": texts[1]}] if texts else []
     system = case.system(first["form"])
     lossy = [c.stops.damping or c.stops.dissipation or c.stops.restitution not in (None, 1.0) for c in system.contacts]
-    free = not system.damped and not any(lossy)
-    most = [
-        f"{line['over all values']} {line['most']} at most" for line in table if "impacts" in line["over all values"]
+    notes = f"{first['periods']:g} periods of the drive after {first['transient']:g}."
+    if "t_end" in first:
+        notes = f"Runs over the record, t = 0 to {units.measure(first['t_end'], 'time', 'g')}."
+    elif not system.damped and not any(lossy):
+        notes += " Nothing damps this system, so its transient never ends: another start gives another answer."
+    most = [f"{x['over all values']} {x['most']} at most" for x in table if "impacts" in x["over all values"]]
+    ranges = (value(x, f"{min(r[x] for r in rows):g} to {max(r[x] for r in rows):g}") for x in names)
+    verdict = "; ".join(_periodicity(rows) or most) or "no contact"
+    return Answer(f"{first['method']} over {' and '.join(ranges)}: {verdict}.", table, notes)
+
+
+def _periodicity(rows: Rows) -> list[str]:
+    """At how many values the tip repeats itself, in words; nothing without sections."""
+    by_value = sections(rows)
+    if not by_value:
+        return []
+    size = max(float(np.max(np.abs(section))) for section in by_value.values())
+    repeats = [repeats_after(section, size) for section in by_value.values()]
+    several, short = sum(p is not None and p > 1 for p in repeats), repeats.count(None)
+    words = [
+        f"the tip repeats itself every period of the drive at {repeats.count(1)} of {len(by_value)} values, every 2 to "
+        f"{LONGEST} periods at {several}, not at {repeats.count(0)} (to {SAME:g})"
     ]
-    span = (
-        f"Runs over the record, t = 0 to {units.measure(format(first['t_end'], 'g'), 'time')}."
-        if "t_end" in first
-        else f"{first['periods']:g} periods of the drive after {first['transient']:g}."
-    )
-    return Answer(
-        f"{first['method']} over {' and '.join(ranges)}: {'; '.join(parts or most) or 'no contact'}.",
-        table,
-        span
-        + (
-            " Nothing damps this system, so its transient never ends: another start gives another answer."
-            if free and "t_end" not in first
-            else ""
-        ),
-    )
+    if short:
+        words.append(f"{rows[0]['periods']:g} periods are too few to tell at {short}: {LONGEST + 1} would do")
+    return words
 
 
 def _rate(rows: Rows, case: Case) -> tuple[str, float]:
@@ -311,7 +303,7 @@ def picture(records: Records) -> Picture:
     rows, case = records.numbers, records.case
     contacts = [row for row in rows if row["kind"] == "contact"]
     if isinstance(rows[0]["second"], str):
-        lines = [_maps(own, place, case) for place, own in by_contact(contacts).items()]
+        lines = [_maps(group, place, case) for place, group in by_contact(contacts).items()]
         return Picture(lines, 4.4 * len(lines))
     name, colour = rows[0]["parameter"], look(rows[0]["method"])["color"]
     points = [row for row in rows if row["kind"] == "section"]
@@ -319,7 +311,7 @@ def picture(records: Records) -> Picture:
     # The fainter the more points there are, so that dense bands and single curves can be told apart.
     faint = {"alpha": float(np.clip(2e4 / max(1, len(points)), 0.15, 0.9)), "rasterized": True}
     dots = {"linestyle": "", "marker": ".", "ms": 3.0, "mew": 0.0, "color": colour}
-    section = [Curve(column(points, name), column(points, "tip"), look=dots | faint)]
+    section = [Curve.over(points, name, "tip", look=dots | faint)]
     tip = Axis(f"{tip_name(case.beam)} {tip_symbol(case.beam, 'nT')}", "length")
     line = 0.7 if len({row[name] for row in contacts}) <= 400 else 0.0  # more points than that are a band
     colours = [colour, *(other for other in COLOURS if other != colour)]
@@ -331,24 +323,24 @@ def picture(records: Records) -> Picture:
         ("peak_force", r"peak $|\sigma|$", "force", "largest contact force"),
     ):
         marks = []
-        for i, (place, own) in enumerate(by_contact(contacts).items()):
-            own.sort(key=lambda row: row[name])
+        for i, (place, group) in enumerate(by_contact(contacts).items()):
+            group.sort(key=lambda row: row[name])
             style = {"lw": line, "linestyle": dashed(i), "marker": ".", "ms": 3.0 if line else 1.5}
-            marks.append(Curve(column(own, name), _measured(own, quantity, over), place.strip(),
+            marks.append(Curve(column(group, name), _measured(group, quantity, over), place.strip(),
                                style | {"color": colours[i % len(colours)]}))  # fmt: skip
         panels.append([Panel(title, across, Axis(label, unit, limits=(0.0, None)), marks, empty="no contact",
                              legend="inside" if len(marks) > 1 else "")])  # fmt: skip
     return Picture(panels, 8.2, heights=(1.0, 1.0, 1.0) if recorded else (3.0, 1.0, 1.0), shared_x=True)
 
 
-def _maps(own: list[Row], place: str, case: Case) -> list[Panel]:
-    names = (own[0]["parameter"], own[0]["second"])
-    x, y = (column(own, name) for name in names)
+def _maps(group: list[Row], place: str, case: Case) -> list[Panel]:
+    names = (group[0]["parameter"], group[0]["second"])
+    x, y = (column(group, name) for name in names)
     across, up = (Axis(named(case, name), scale=_scale(values)) for name, values in zip(names, (x, y), strict=True))
     force = case.units.label(r"peak force $|\sigma|$", "force")
-    counted, over = _rate(own, case)
+    counted, over = _rate(group, case)
     return [
-        Panel(label + place, across, up, [Map(x, y, _measured(own, quantity, over), label)])
+        Panel(label + place, across, up, [Map(x, y, _measured(group, quantity, over), label)])
         for quantity, label in (
             ("count", counted), ("fraction", "share of time in contact"), ("peak_force", force)
         )
@@ -370,13 +362,9 @@ def _scale(values: Array) -> str:
     return "log" if even else "linear"
 
 
-STUDY = Study(
-    name="sweep",
-    question="How does the motion change with a parameter: periodic or not, how many impacts, how hard?",
-    points=points,
-    evaluate=evaluate,
-    answer=answer,
-    picture=picture,
+STUDY = declared(
+    __name__,
+    "How does the motion change with a parameter: periodic or not, how many impacts, how hard?",
     named_by=("parameter", "second"),
     smoke={"count": 4, "periods": 3, "transient": 1},
 )

@@ -1,1 +1,1 @@
-"""What runs a study: points, processes, journal."""
+"""The engine of studies: points, processes, journal."""

@@ -113,7 +113,7 @@ def _key(point: Point) -> str:
 
 
 def _source(point: Point) -> str:
-    """Of the schemes of one's own in a point, what their modules hold."""
+    """Return the source text of the modules of a user's schemes in a point."""
     return "".join(
         user_source(value) for value in point.values() if not isinstance(value, list) and value not in REFERENCES
     )

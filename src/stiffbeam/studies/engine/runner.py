@@ -76,8 +76,8 @@ def run_study(
                     progress(f"{study.command}: {COMPILING}", 0, 0)
                 warm_up(any_law(system, "implicit"))  # here, and not in each of the processes
         progress(study.command, finished, len(points))
-        with closing(_evaluate_all(study, case, missing, jobs, executor)) as found:  # ends the processes too
-            for point, rows in found:
+        with closing(_evaluate_all(study, case, missing, jobs, executor)) as results:  # ends the processes too
+            for point, rows in results:
                 journal.keep(point, rows)
                 finished += 1
                 progress(study.command, finished, len(points))
@@ -172,12 +172,12 @@ def evaluate_point(evaluate: Callable[[Case, Point], list[Row]], case: Case, poi
     """The rows at one point, each with the point's own entries but lists; a failure as a row."""
     with _ALONE:
         try:
-            found = evaluate(case, point)
+            rows = evaluate(case, point)
         except InputError as error:  # what cannot be asked here: an answer, and the same the next time
-            found = [{"refused": str(error)}]
+            rows = [{"refused": str(error)}]
         except (Diverged, SolverFailure) as error:
-            found = [{"failed": str(error)}]
+            rows = [{"failed": str(error)}]
         except (ArithmeticError, np.linalg.LinAlgError) as error:
-            found = [{"failed": f"{type(error).__name__}: {error}"}]
-    own = {name: value for name, value in point.items() if not isinstance(value, list)}
-    return [own | row for row in found]
+            rows = [{"failed": f"{type(error).__name__}: {error}"}]
+    entries = {name: value for name, value in point.items() if not isinstance(value, list)}
+    return [entries | row for row in rows]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 import json
 import re
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
@@ -168,10 +169,23 @@ class Study:
         return self.name.replace("_", "-")
 
 
+def declared(module: str, question: str, **options: Any) -> Study:
+    """Return the study of a module: its points, evaluate, answer and picture, under the module's name.
+
+    module: ``__name__``, in the last statement of the module. options: the other fields of ``Study``.
+    """
+    parts = vars(sys.modules[module])
+    functions = [parts[name] for name in ("points", "evaluate", "answer", "picture")]
+    return Study(module.rpartition(".")[2], question, *functions, **options)
+
+
 @dataclass(frozen=True)
 class Records:
-    """What a study found. rows: flat dictionaries; one with ``failed`` says why its point has nothing else,
-    one with ``refused`` why it cannot be asked there."""
+    """The rows of a study and what follows from them.
+
+    rows: flat dictionaries. One with ``failed`` names the reason why its point has nothing else, one with ``refused``
+    why it cannot be asked there.
+    """
 
     study: Study
     case: Case
@@ -204,7 +218,7 @@ class Records:
             reasons = {row.get("failed") or row["refused"] for row in self.rows}
             return Answer(f"No point could be evaluated: {'; '.join(sorted(reasons))}" if reasons else "No points.")
         parts = by_contact(self.numbers) if self.study.each_contact else {"": self.numbers}
-        answer = Answer.of_contacts({place: self.study.answer(own, self.case) for place, own in parts.items()})
+        answer = Answer.of_contacts({place: self.study.answer(group, self.case) for place, group in parts.items()})
         named = answer.worded(self.words)
         if not self._substitute or (str(named), named.table) == (str(answer), answer.table):
             return named
