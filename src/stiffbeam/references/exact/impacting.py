@@ -139,6 +139,7 @@ class RigidMotion:
 
 RADIANS = 1.0  # of the fastest motion, in one stretch
 CHATTER = 1e-6
+NEAR = 1e-9  # of the motion: the distance to a stop at which a flight ends
 MOST_IMPACTS = 200_000
 NOTHING = 1e-100  # of the fastest impact: contacts that throw each other off by less are at rest
 MOST_AT_ONCE = 10_000
@@ -153,17 +154,22 @@ class Flights:
     """Motion in closed form while no contact is on its stop, by the compiled loop of piecewise; of a copy moved by
     ``roundings`` in its modes and where a flight starts."""
 
-    def __init__(self, system: System, t_end: float, roundings: float, seed: int) -> None:
+    def __init__(self, system: System, t_end: float, radian: float, roundings: float, seed: int) -> None:
         size = roundings * EPS
         self.size, self.t_end, self.noise = size, t_end, np.random.default_rng([seed, 98])
         self.regimes = Regimes(Source(system, span=t_end), Perturbation(size, size, seed) if size else None)
         self.contacts = len(system.contacts)
         number = self.regimes.at((0,) * self.contacts, t_end)
-        self.possible = self.regimes.made[number].followed
+        self.possible = self.regimes.made[number].followed and math.isfinite(radian)
+        self.g1, self.g2 = self.regimes.table.g1.copy(), self.regimes.table.g2.copy()
+        self.rows, self.radian = np.abs([contact.row for contact in system.contacts]), radian
+        self.gaps = np.max(np.nan_to_num(np.abs([self.g1, self.g2]), posinf=0.0), axis=0)
 
     def next(self, t: float, q: Array, v: Array) -> tuple[Motion, float]:
         """The flight from q, q' at t and the time at which its first gap closes, or t_end."""
         table, m = self.regimes.table, self.contacts
+        near = NEAR * (self.gaps + self.rows @ (np.abs(q) + self.radian * np.abs(v)))
+        table.g1[:], table.g2[:] = self.g1 + near, self.g2 - near  # the series decides on all that comes so close
         eta, rate = self.regimes.start(q, v, self.t_end)
         K = table.sigma.shape[1]
         noise = self.noise.uniform(-1.0, 1.0, (1, 3, K)) if self.size else QUIET
@@ -199,7 +205,7 @@ class Tracer:
         # A contact at its stop: side, zeros of its gap or, where it is held, of its reaction, and its speed.
         self.fresh: dict[int, tuple[int, int, float]] = {}
         self.random = np.random.default_rng(self.seed)
-        self.flights, self.free_until = Flights(system, t_end, self.roundings, self.seed), 0.0
+        self.flights, self.free_until = Flights(system, t_end, self.radian, self.roundings, self.seed), 0.0
         self._start()
         still, turns = 0, dict[int, int]()  # events at one time, and the contacts hit in them
         while self.t < t_end:
