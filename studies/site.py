@@ -33,8 +33,8 @@ CHAPTERS = {
         "studies/steel_strip.py", "studies/hermite_model.py", "studies/hammer.py", "studies/base_motion.py",
     ],
     "Answers": [
-        "studies/gallery.md", "studies/README.md", "reference/problems/README.md", "studies/other_engines.md",
-        "studies/engines/README.md", "reference/README.md",
+        "studies/gallery.md", "studies/README.md", "studies/speed.md", "reference/problems/README.md",
+        "studies/other_engines.md", "studies/engines/README.md", "reference/README.md",
     ],
     "Theory": ["studies/theory/horizon.md", "studies/theory/march.md", "studies/theory/exact.md"],
     "Reference": [

@@ -107,7 +107,7 @@ def witness(system: sb.System, times: np.ndarray, rtol: float = 1e-13) -> np.nda
             rate[n:] += p * f(t)
         for row, push, stops, o in contacts:
             u = row @ y[:n] + o(t)
-            rate[n:] -= push * stops.stiffness * (max(u - stops.g2, 0.0) - max(stops.g1 - u, 0.0))
+            rate[n:] -= push * stops.stiffness * (max(u - stops.upper_bound, 0.0) - max(stops.lower_bound - u, 0.0))
         return rate
 
     closed = system.stiffness + sum(c.stops.stiffness * np.outer(c.row, c.row) for c in system.contacts)

@@ -14,6 +14,7 @@ from importlib import metadata as _metadata
 from pathlib import Path as _Path
 from typing import Any as _Any
 
+from .basics.deprecation import warn_of as _warn_of
 from .basics.pictures import DRAW as _DRAW
 
 _SCHEMES = "schemes.registry"  # every class in it is public
@@ -24,6 +25,17 @@ _MODULE = {
     if isinstance(node, _ast.ImportFrom) and node.module != _SCHEMES
     for alias in node.names
 }
+_RENAMED = {
+    "Growth": "PerturbationGrowth",
+    "Members": "EnsembleMembers",
+    "Reduced": "ReducedModel",
+    "Section": "BeamSection",
+    "Sum": "Superposition",
+    "perturbed": "perturbed_members",
+    "reduced": "reduce_model",
+    "uncertain": "uncertain_members",
+    "varied": "varied_members",
+}  # old names, which warn
 
 
 def _draw(module: str, function: str) -> _Any:
@@ -51,6 +63,9 @@ def __getattr__(name: str) -> _Any:
         return _metadata.version("stiffbeam")
     if name == "__all__":
         return sorted({*_MODULE, *_schemes()})
+    if name in _RENAMED:
+        _warn_of(f"stiffbeam.{name}", f"stiffbeam.{_RENAMED[name]}")
+        return getattr(_importlib.import_module(__name__), _RENAMED[name])
     if name in _MODULE:
         value = getattr(_importlib.import_module(f".{_MODULE[name]}", __name__), name)
     elif not name.startswith("_") and name in _schemes():

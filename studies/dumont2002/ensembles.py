@@ -16,7 +16,7 @@ from stiffbeam.basics.arrays import Array
 from stiffbeam.files.cases import paper_case
 from stiffbeam.march.ensemble import integrate_ensemble
 from stiffbeam.measures.spectrum import whole_periods
-from stiffbeam.model.members import SPREAD, perturbed
+from stiffbeam.model.members import SPREAD, perturbed_members
 from stiffbeam.model.semidiscretisation import semidiscretise
 from stiffbeam.references.ensemble import reference_ensemble
 from stiffbeam.schemes import Scheme
@@ -76,14 +76,14 @@ def _steps(made: Made) -> tuple[int, int]:
 def _drawn(made: Made, name: str, members: int, seed: int, end: float, every: int, t: Array) -> Ensemble:
     if name in made.systems:
         system = made.systems[name]
-        return reference_ensemble(system, end, perturbed(system, members, PERTURBATION, seed), t)
+        return reference_ensemble(system, end, perturbed_members(system, members, PERTURBATION, seed), t)
     scheme, form = made.equations[name]
     return _marched(made, scheme, form, members, seed, end, every)
 
 
 def _marched(made: Made, scheme: Scheme, form: str, members: int, seed: int, end: float, every: int) -> Ensemble:
     system, chosen = made.systems[form], made.reading.scheme(scheme)
-    copies = perturbed(system, members, PERTURBATION, seed)
+    copies = perturbed_members(system, members, PERTURBATION, seed)
     return integrate_ensemble(system, chosen, made.case.dt, end, copies, made.reading.contact, every)
 
 

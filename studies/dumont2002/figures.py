@@ -296,7 +296,7 @@ def close_up(made: Made) -> Figure:
         label = f"{EQUATIONS[equation].scheme.upper()} {equation}"
         axis.plot(run.t[here], run.tip[here], color=STYLE[equation][0], lw=1.6, label=label)
     draw_stops(axis, made.stops, horizontal=True)
-    stop = made.stops.g2
+    stop = made.stops.upper_bound
     axis.set(xlim=(start, end), ylim=(0.6 * stop, 1.03 * stop), xlabel="time $t$", ylabel=TIP)
     axis.annotate("stop", (end, stop), xytext=(-2, 3), textcoords="offset points", ha="right", fontsize=8)
     axis.legend(loc="lower center", frameon=False, fontsize=9)

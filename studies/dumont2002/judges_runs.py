@@ -13,10 +13,10 @@ from stiffbeam.files.cases import paper_case
 from stiffbeam.march.ensemble import integrate_ensemble
 from stiffbeam.march.integrate import integrate
 from stiffbeam.measures.errors import tip_error
-from stiffbeam.model.members import perturbed
+from stiffbeam.model.members import perturbed_members
 from stiffbeam.model.semidiscretisation import semidiscretise
 from stiffbeam.references import reference
-from stiffbeam.references.exact.tangent import lyapunov
+from stiffbeam.references.exact.lyapunov import lyapunov
 from stiffbeam.schemes import HHT, SDIRK, Trapezoidal
 
 from .costs import CPU_TABLES, ERRORS, ratios, steps_needed, written_ratios
@@ -216,7 +216,7 @@ def trapezoidal(e: Evidence, table: int) -> Finding:
 def _energy_gains(table: int, contact: str, members: int, seed: int) -> tuple[float, ...]:
     """Energy that the trapezoidal rule adds to T, over the most energy that the beam was given, by member."""
     case = paper_case(table)
-    copies = perturbed(semidiscretise(case.problem, case.cells), members, PERTURBATION, seed)
+    copies = perturbed_members(semidiscretise(case.problem, case.cells), members, PERTURBATION, seed)
     runs = (integrate(member, Trapezoidal(), case.dt, case.t_end, contact, every=100) for member in copies)
     return tuple(-run.energy.lost_fraction() for run in runs)
 
@@ -236,7 +236,7 @@ def growth(table: int, reading: Reading, members: int, seed: int) -> tuple[float
     system, chosen = semidiscretise(case.problem, case.cells, form), reading.scheme(scheme)
 
     def tips(size: float) -> tuple[np.ndarray, np.ndarray]:
-        copies = perturbed(system, members, size, seed) if size else [system]
+        copies = perturbed_members(system, members, size, seed) if size else [system]
         run = integrate_ensemble(system, chosen, case.dt, case.t_end, copies, reading.contact, every=5)
         return run.t, run.tip
 
@@ -246,7 +246,7 @@ def growth(table: int, reading: Reading, members: int, seed: int) -> tuple[float
         times.append(float(np.median(np.where(np.any(apart, axis=1), t[np.argmax(apart, axis=1)], np.inf))))
     early, late = times
     rate = math.log(1e4) / (late - early) if math.isfinite(late) and late > early else None
-    return rate, tuple(lyapunov(x, case.t_end).exponent for x in perturbed(system, members, PERTURBATION, seed))
+    return rate, tuple(lyapunov(x, case.t_end).exponent for x in perturbed_members(system, members, PERTURBATION, seed))
 
 
 @judge

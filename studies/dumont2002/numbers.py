@@ -84,7 +84,7 @@ def exact_name(form: str, row: Numbers) -> str:
 
 def _penetration(u: Array, made: Made) -> float:
     """The farthest the tip gets into a stop."""
-    return float(max(0.0, np.max(u) - made.stops.g2, made.stops.g1 - np.min(u)))
+    return float(max(0.0, np.max(u) - made.stops.upper_bound, made.stops.lower_bound - np.min(u)))
 
 
 def _other_contact(made: Made, equation: str) -> Numbers:

@@ -65,7 +65,7 @@ def decimals(value: float | None, scale: float, places: int) -> str:
 def parameters(number: int) -> Iterator[tuple[str, str]]:
     """The paper's table in its symbols, with T beside it."""
     case = paper_cases()[f"table{number}"]
-    problem, stops = case.problem, case.problem.one_stops("case")
+    problem, stops = case.problem, case.problem.single_stops("case")
     yield "k²", written(problem.stiffness)
     if problem.loads:
         load = problem.loads[0]

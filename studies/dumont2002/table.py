@@ -43,7 +43,7 @@ class Made:
     @property
     def stops(self) -> Stops:
         """The stops of the tip."""
-        return self.case.problem.one_stops("case")
+        return self.case.problem.single_stops("case")
 
     @property
     def drive(self) -> float:

@@ -53,7 +53,7 @@ def statistics_of(definition: Definition) -> dict[str, Any] | None:
         return None
     t_end, steps = definition.statistics
     system = problem_of(definition).system
-    members = sb.perturbed(system, members=MEMBERS, size=SIZE, seed=SEED)
+    members = sb.perturbed_members(system, members=MEMBERS, size=SIZE, seed=SEED)
     ensemble = sb.reference_ensemble(system, t_end, members=members)
     contact = ensemble.contact
     peaks = [np.nanmedian(contact.impacts_of(i).peaks) for i in range(MEMBERS)]

@@ -93,7 +93,8 @@ def saved(suffix: Any) -> Any:
 CONSTRUCTORS = [
     Surface("Harmonic", functools.partial(of_time, sb.Harmonic), {"amplitude": 0.2, "frequency": 10.0, "phase": 0.3}),
     Surface("Constant", functools.partial(of_time, sb.Constant), {"level": 0.1}, 2),
-    Surface("Sum", lambda a, b: of_time(lambda: sb.Sum(a, b)), {"a": sb.Constant(1.0), "b": sb.Harmonic(1.0, 2.0)}),
+    Surface("Superposition", lambda a, b: of_time(lambda: sb.Superposition(a, b)),
+            {"a": sb.Constant(1.0), "b": sb.Harmonic(1.0, 2.0)}),
     Surface("Sampled", functools.partial(of_time, sb.Sampled),
             {"t": [0.0, 0.5, 1.0, 2.0], "values": [0.0, 1.0, 0.0, 0.0], "kind": "cubic", "derivative": 0}),
     Surface("Stops", of_stops, STOPS | {"exponent": 1.5, "damping": 2.0, "dissipation": 0.1}, 8),
@@ -133,7 +134,7 @@ CONSTRUCTORS = [
     Surface("Trajectory.from_arrays", sb.Trajectory.from_arrays,
             {"t": np.linspace(0.0, 1.0, 11), "tip": np.zeros(11), "tip_velocity": np.zeros(11), "system": mass(),
              "name": "mine"}),
-    Surface("Members", lambda **x: sb.integrate_ensemble(beam(), sb.HHT(), 1e-3, 0.01, sb.Members(**x)),
+    Surface("Members", lambda **x: sb.integrate_ensemble(beam(), sb.HHT(), 1e-3, 0.01, sb.EnsembleMembers(**x)),
             {"system": beam(), "parameter": "start", "values": [1.0, 2.0], "fields": {"q0": [np.zeros(4)] * 2}}),
 ]  # fmt: skip
 
@@ -166,9 +167,9 @@ FUNCTIONS = [
     Surface("modes", sb.modes, {"system": beam()}, 1),
     Surface("static_equilibrium", sb.static_equilibrium, {"system": mass(load=sb.Constant(1.0))}, 1),
     Surface("mode_shapes", sb.mode_shapes, {"system": beam()}, 1),
-    Surface("perturbed", lambda **x: list(sb.perturbed(**x)[:3]),
+    Surface("perturbed", lambda **x: list(sb.perturbed_members(**x)[:3]),
             {"system": beam(), "members": 3, "size": 1e-12, "seed": 1, "scale": 1.0}, 6),
-    *(Surface(f"varied {name}", lambda name=name, **x: marched(sb.varied(beam(), **{name: x["values"]})[0]),
+    *(Surface(f"varied {name}", lambda name=name, **x: marched(sb.varied_members(beam(), **{name: x["values"]})[0]),
               {"values": values})
       for name, values in (("frequency", [9.0, 10.0]), ("amplitude", [0.1, 0.2]), ("stops", [sb.Stops(**STOPS)]))),
     Surface("amplification", sb.amplification,
@@ -212,5 +213,5 @@ def numbers_in(found: Any, seen: frozenset[int] = frozenset()) -> Any:
         yield from (("peak_force", c.peak_force[whole]) for c in found.contacts)
     elif isinstance(found, sb.Amplification):
         yield "spectral_radius", found.spectral_radius
-    elif isinstance(found, sb.Growth):
+    elif isinstance(found, sb.PerturbationGrowth):
         yield "log_growth", found.log_growth

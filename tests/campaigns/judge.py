@@ -2,7 +2,7 @@
 
 Verdicts: "right"; "refused" (InputError, SolverFailure, Diverged); "wrong"; "not finite"; "exception" (any
 other); "short" (right, but trusted to less than a fifth of what float64 can know); "open" (the judge
-does not know itself).
+does not know itself). "agreement" after other methods holds their references against one another.
 """
 
 from __future__ import annotations
@@ -20,6 +20,11 @@ import stiffbeam as sb
 from stiffbeam.references import best_reference
 from stiffbeam.references.registry import REFERENCES
 
+AGREEMENT = "agreement"
+# Every family of solvers that a comparison may show, and at the end their references against one another.
+EVERY_REFERENCE = (
+    "exact", "multiprecision", "cvode", "cvode-adams", "ida", "kvaerno5", "radau", "dop853", "diffrax:Tsit5", AGREEMENT
+)  # fmt: skip
 ADAPTIVE = [method.name for method in REFERENCES.values() if method.kind == "adaptive"]
 OUTPUTS = 401
 DISPLACEMENT = 1e-3  # of max |u|: what a horizon promises
@@ -69,6 +74,12 @@ def truth_of(case: Case) -> Truth:
     return Truth(case)
 
 
+@lru_cache(maxsize=1)
+def references_of(case: Case) -> dict[str, sb.Reference]:
+    """The references of a case by method, as far as they have been computed."""
+    return {}
+
+
 def judge(case: Case, method: str, seed: int = 0) -> list[Verdict]:
     """What ``method`` of the package makes of the case: a reference method, "ensemble" or "schemes"."""
     try:
@@ -85,7 +96,9 @@ def judge(case: Case, method: str, seed: int = 0) -> list[Verdict]:
         assert truth is not None
         if method == "ensemble":
             return [judge_ensemble(system, truth)]
-        ref = sb.reference(system, case.t_end, method, t_eval=truth.t)
+        if method == AGREEMENT:
+            return [judge_agreement(references_of(case), truth)]
+        ref = references_of(case)[method] = sb.reference(system, case.t_end, method, t_eval=truth.t)
         return [judge_reference(ref, truth, method)]
     except (sb.InputError, sb.SolverFailure, sb.Diverged) as error:
         return [Verdict("refused", method, f"{type(error).__name__}: {error}"[:240])]
@@ -130,7 +143,33 @@ def judge_reference(ref: sb.Reference, truth: Truth, method: str) -> Verdict:
     if horizon < 0.2 * truth.known:
         early = "curve right" if np.all(error[truth.t <= 0.5 * truth.known] <= promised) else "curve wrong"
         return Verdict("short", method, f"horizon {horizon / end:.3g} t_end, known to {truth.known / end:.3g}, {early}")
-    return Verdict("right", method)
+    known = inside & (truth.t <= truth.known)
+    return Verdict("right", method, "", float(np.max(error[known], initial=0.0)) / truth.scale, horizon / end)
+
+
+def judge_agreement(references: dict[str, sb.Reference], truth: Truth) -> Verdict:
+    """Every two references follow one another at the tip and at every contact up to the earlier horizon.
+
+    Each promises ``DISPLACEMENT`` of the true motion, so that two may differ by twice that.
+    """
+    names, largest = list(references), (0.0, "")
+    for k, one in enumerate(names):
+        for other in names[:k]:
+            a, b = references[one], references[other]
+            horizon = min(a.horizon, b.horizon)
+            inside = (truth.t <= horizon) & (horizon > 0.0)
+            pairs = [(a.tip, b.tip, truth.scale)] + [
+                (x.position, y.position, reach) for x, y, reach in zip(a.contacts, b.contacts, truth.reach, strict=True)
+            ]
+            for x, y, scale in pairs:
+                off = float(np.max(np.abs(x - y)[inside], initial=0.0)) / max(scale, 1e-300)
+                largest = max(largest, (off, f"{one} and {other} to {horizon / truth.case.t_end:.4g} t_end"))
+    if len(names) < 2:
+        return Verdict("open", AGREEMENT, f"{len(names)} references")
+    reason = f"{len(names)} references, |du| = {largest[0]:.3g} max|u| between {largest[1]}"
+    horizon = min(reference.horizon for reference in references.values()) / truth.case.t_end
+    outcome = "wrong" if largest[0] > 2.04 * DISPLACEMENT else "right"
+    return Verdict(outcome, AGREEMENT, reason, largest[0], horizon)
 
 
 def judge_contact(ref: sb.Reference, truth: Truth, i: int, method: str, until: float) -> str:
@@ -276,9 +315,7 @@ def warm_up(only: tuple[str, ...] = ()) -> None:
 def methods_for(case: Case, index: int) -> list[str]:
     """What is asked of a case: the exact solution always, the others in turn, of a pulse the adaptive solvers
     too, where they do not have too many periods of the fastest motion to follow."""
-    flexible = [c.kappa * float(c.row @ np.linalg.solve(case.mass, c.row)) for c in case.contacts]
-    phase = case.t_end * float(np.sqrt(case.frequencies[-1] ** 2 + sum(flexible)))
-    able = [m for m in ADAPTIVE if phase < {"radau": 1e3, "dop853": 3e3}.get(m, 1e4)]
+    able = [method for method in ADAPTIVE if _affordable(case, method)]
     turn = index // 12
     if any(wave[0] in PULSES for wave in case.waves):
         return ["exact", *(able[(turn + k) % len(able)] for k in range(min(3, len(able)))), "schemes"]
@@ -286,6 +323,18 @@ def methods_for(case: Case, index: int) -> list[str]:
     cheap = case.size <= 2 and case.notes not in ("long time", "several contacts")
     third = third if cheap or third != "multiprecision" else "schemes"
     return ["exact", *able[turn % max(1, len(able)) :][:1], third]
+
+
+def _affordable(case: Case, method: str) -> bool:
+    """Return True where an adaptive method has few enough periods of the fastest motion to follow."""
+    flexible = [c.kappa * float(c.row @ np.linalg.solve(case.mass, c.row)) for c in case.contacts]
+    phase = case.t_end * float(np.sqrt(case.frequencies[-1] ** 2 + sum(flexible)))
+    return method not in ADAPTIVE or phase < {"radau": 1e3, "kvaerno5": 1e3, "dop853": 3e3}.get(method, 1e4)
+
+
+def every_reference(case: Case) -> list[str]:
+    """Every method that can follow a case in seconds, and ``AGREEMENT``."""
+    return [method for method in EVERY_REFERENCE if _affordable(case, method.replace("diffrax:Tsit5", "dop853"))]
 
 
 def judged(seed: int, index: int, only: tuple[str, ...] = ()) -> list[Verdict]:

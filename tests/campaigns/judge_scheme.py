@@ -21,11 +21,17 @@ with warnings.catch_warnings():
 
 @dataclass(frozen=True)
 class Verdict:
-    """``outcome`` of ``subject``, a method or a scheme; ``reason``: what is wrong, or why it was refused."""
+    """``outcome`` of ``subject``, a method or a scheme; ``reason``: what is wrong, or why it was refused.
+
+    difference: largest |du| inside the horizon over max |u|, from the true motion or between references; horizon:
+    as a share of the span. NaN where neither was measured.
+    """
 
     outcome: str
     subject: str
     reason: str = ""
+    difference: float = float("nan")
+    horizon: float = float("nan")
 
 
 class Pulse:

@@ -42,7 +42,7 @@ REFUSED = {
     "a profile that fails": lambda: sb.BeamProblem(stiffness=1.0, initial_velocity=lambda x: 1 / 0),
     "stops that are a number": lambda: sb.BeamProblem.from_physical(**CLAMPED, stops=0.0),
     "a length of zero": lambda: sb.BeamProblem.from_physical(**CLAMPED | {"length": 0.0}),
-    "a frequency whose square overflows": lambda: sb.varied(beam(), frequency=[1e300]),
+    "a frequency whose square overflows": lambda: sb.varied_members(beam(), frequency=[1e300]),
     "a step longer than all there is": lambda: sb.integrate(beam(), sb.HHT(), 1e300, 1e300),
     "more steps than there are floats": lambda: sb.integrate(beam(), sb.HHT(), 1e-300, 1.0),
     "outputs at 1e15 steps": lambda: sb.integrate(beam(), sb.HHT(), 1e-15, 1.0),
@@ -58,8 +58,8 @@ REFUSED = {
     "complex initial data": lambda: sb.System.from_matrices([[1.0]], [[1.0]], observe=[1.0], initial_velocity=[1j]),
     "complex output times": lambda: sb.reference(mass(), 0.5, "cvode", t_eval=[0.0, 0.5 + 0j]),
     "a complex load": lambda: mass(load=lambda t: 1j * t) and sb.reference(mass(load=lambda t: 1j * t), 0.5, "cvode"),
-    "a seed below zero": lambda: sb.perturbed(beam(), 3, seed=-1),
-    "1e18 members": lambda: sb.perturbed(beam(), 10**18),
+    "a seed below zero": lambda: sb.perturbed_members(beam(), 3, seed=-1),
+    "1e18 members": lambda: sb.perturbed_members(beam(), 10**18),
     "a contact that is not there": lambda: exact().at([0.01], contact=5),
     "a contact from behind": lambda: exact().impacts_sampled(1e-3, contact=-1),
     "impacts sampled 1e15 times": lambda: exact().impacts_sampled(1e-17),
@@ -120,13 +120,13 @@ def test_a_message_shows_the_value_and_not_only_its_shape_and_cuts_what_is_long(
 
 def test_what_work_may_cost_is_set_from_outside(monkeypatch):
     many = {"members": 2000}
-    sb.perturbed(beam(), **many)
+    sb.perturbed_members(beam(), **many)
     monkeypatch.setenv("STIFFBEAM_MEMORY", "1e-4")
     with pytest.raises(sb.InputError, match=r"no more than 0.0001 GiB of memory \(it would take some 0.00.*MEMORY"):
-        sb.perturbed(beam(), **many)
+        sb.perturbed_members(beam(), **many)
     monkeypatch.setenv("STIFFBEAM_MEMORY", "lots")
     with pytest.raises(sb.InputError, match="STIFFBEAM_MEMORY must be a number > 0, got 'lots': unset it"):
-        sb.perturbed(beam(), **many)
+        sb.perturbed_members(beam(), **many)
     monkeypatch.delenv("STIFFBEAM_MEMORY")
     monkeypatch.setenv("STIFFBEAM_SECONDS", "0.001")
     with pytest.raises(sb.InputError, match="give a larger dt"):

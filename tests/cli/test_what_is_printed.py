@@ -299,7 +299,7 @@ def test_a_short_blow_perturbs_by_the_motion_it_makes():
     blow = sb.Sampled([0.0, 1e-5, 2e-5, 9.0], [0.0, 400.0, 0.0, 0.0], "linear")
     contact = sb.Contact([1.0], sb.Stops(upper=1.0, stiffness=1e3))
     system = sb.System.from_matrices([[1.0]], [[100.0]], loads=[([1.0], blow)], contacts=[contact])
-    members = sb.perturbed(system, 200)
+    members = sb.perturbed_members(system, 200)
     speeds = np.array([member.v0[0] for member in members])
     assert 0.9e-3 * 4e-3 < np.max(np.abs(speeds)) <= 1e-3 * 4e-3
 

@@ -34,7 +34,7 @@ def test_a_trajectory_is_a_table_with_all_its_contacts_and_its_ledger(ran):
 
 def test_an_ensemble_has_a_line_per_member_and_a_comparison_is_one(ran):
     system, run, ref = ran
-    ensemble = sb.integrate_ensemble(system, sb.HHT(-0.1), 1e-3, 1.0, members=sb.perturbed(system, 3))
+    ensemble = sb.integrate_ensemble(system, sb.HHT(-0.1), 1e-3, 1.0, members=sb.perturbed_members(system, 3))
     frame = ensemble.to_dataframe()
     assert len(frame) == 3
     assert frame["impact_count_1"].tolist() == ensemble.contacts[1].impact_count.tolist()
@@ -74,7 +74,7 @@ def test_what_an_unknown_contact_is_survives_a_file(tmp_path):
 def test_every_repr_fits_on_two_lines(ran):
     system, run, ref = ran
     shown = [run, ref, run.impacts, run.contacts[0], run.energy, sb.compare(run, ref), system,
-             sb.integrate_ensemble(system, sb.HHT(), 1e-2, 0.1, members=sb.perturbed(system, 3)),
+             sb.integrate_ensemble(system, sb.HHT(), 1e-2, 0.1, members=sb.perturbed_members(system, 3)),
              sb.Sampled(np.linspace(0, 1, 10001), np.zeros(10001))]  # fmt: skip
     for x in shown:
         assert len(repr(x)) < 240, repr(x)

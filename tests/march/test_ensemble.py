@@ -36,15 +36,15 @@ def assert_same_bits(ensemble, i, run):
         assert np.array_equal(getattr(ledger, field.name), getattr(run.energy, field.name)), field.name
 
 
-def members_of(kind: str, system: sb.System) -> sb.Members:
+def members_of(kind: str, system: sb.System) -> sb.EnsembleMembers:
     if kind == "perturbed":
-        return sb.perturbed(system, 9, 1e-10)
+        return sb.perturbed_members(system, 9, 1e-10)
     if kind == "frequency":
-        return sb.varied(system, frequency=np.linspace(9.0, 11.0, 9))
+        return sb.varied_members(system, frequency=np.linspace(9.0, 11.0, 9))
     if kind == "amplitude":
-        return sb.varied(system, amplitude=np.linspace(0.15, 0.25, 9))
+        return sb.varied_members(system, amplitude=np.linspace(0.15, 0.25, 9))
     gaps, stiffness = np.linspace(0.08, 0.12, 9), np.geomspace(1e6, 1e7, 9)
-    return sb.varied(system, stops=[sb.Stops(-g, g, stiffness=k) for g, k in zip(gaps, stiffness, strict=True)])
+    return sb.varied_members(system, stops=[sb.Stops(-g, g, stiffness=k) for g, k in zip(gaps, stiffness, strict=True)])
 
 
 KINDS = ("perturbed", "frequency", "amplitude", "stops")
@@ -54,7 +54,7 @@ def test_members_with_laws_of_several_kinds_keep_their_places(system):
     """They are marched apart, those of one kind together."""
     linear, hertz = sb.Stops(-0.1, 0.1, stiffness=5e6), sb.Stops(-0.1, 0.1, stiffness=1e7, exponent=1.5)
     damped = sb.Stops(-0.1, 0.1, stiffness=5e6, damping=100.0)
-    members = sb.varied(system, stops=[hertz, linear, damped, linear, hertz, damped, linear])
+    members = sb.varied_members(system, stops=[hertz, linear, damped, linear, hertz, damped, linear])
     ensemble = sb.integrate_ensemble(system, sb.HHT(-0.1), 1e-4, 0.3, members, every=10)
     assert len(set(ensemble.impact_count.tolist())) == 3
     for i in range(len(members)):
@@ -107,7 +107,7 @@ def test_slices_and_stretches_of_any_size_give_the_same_bits(system, monkeypatch
     from stiffbeam.march import block_march
     from stiffbeam.march import ensemble as module
 
-    members = sb.perturbed(system, 20)
+    members = sb.perturbed_members(system, 20)
     whole = sb.integrate_ensemble(system, sb.BDF2(), 1e-4, 0.5, members, every=5)
     monkeypatch.setattr(module, "MEMBERS_PER_SLICE", 3)
     monkeypatch.setattr(block_march, "STEPS_PER_CALL", 1)
@@ -148,7 +148,7 @@ def test_the_company_of_a_member_does_not_change_its_bits(system, monkeypatch):
     monkeypatch.setenv("STIFFBEAM_THREADS", "1")
     monkeypatch.setattr(block_march, "STEPS_REPLAYED", 64)
     monkeypatch.setattr(block_march, "STEPS_PER_CALL", 7 * 70)
-    members = sb.varied(system, frequency=np.linspace(9.0, 11.0, 28))  # four slices of seven
+    members = sb.varied_members(system, frequency=np.linspace(9.0, 11.0, 28))  # four slices of seven
     many = sb.integrate_ensemble(system, sb.HHT(-0.1), 1e-4, 0.6, members, every=5)
     for i in (0, 6, 27):
         assert_same_bits(many, i, sb.integrate(members[i], sb.HHT(-0.1), 1e-4, 0.6, every=5))
@@ -157,7 +157,7 @@ def test_the_company_of_a_member_does_not_change_its_bits(system, monkeypatch):
 @pytest.mark.parametrize("load", [None, lambda t: 15.0 * np.sin(4.0 * t)], ids=["harmonic", "sampled"])
 def test_several_contacts_a_moving_stop_and_sampled_loads(load):
     system = two_contacts() if load is None else two_contacts(load=load)
-    members = sb.perturbed(system, 5, 1e-8)
+    members = sb.perturbed_members(system, 5, 1e-8)
     ensemble = sb.integrate_ensemble(system, sb.HHT(-0.1), 2e-3, 3.0, members, every=1)
     for i in (0, 4):
         assert_same_bits(ensemble, i, sb.integrate(members[i], sb.HHT(-0.1), 2e-3, 3.0))
@@ -170,7 +170,7 @@ def test_damping_that_does_not_decouple_is_marched_in_dense_blocks():
         mass, stiffness, np.diag([0.0, 1.0]), loads=[([0.0, 1.0], sb.Harmonic(50.0, 6.0))],
         contacts=[sb.Contact([0.0, 1.0], sb.Stops(upper=0.1, stiffness=1e4))],
     )  # fmt: skip
-    members = sb.varied(system, frequency=[5.0, 6.0, 7.0])
+    members = sb.varied_members(system, frequency=[5.0, 6.0, 7.0])
     ensemble = sb.integrate_ensemble(system, sb.HHT(-0.1), 1e-3, 2.0, members, every=4)
     assert ensemble.provenance["march"] == "dense blocks"
     assert_same_bits(ensemble, 2, sb.integrate(members[2], sb.HHT(-0.1), 1e-3, 2.0, every=4))
@@ -181,7 +181,7 @@ def test_perturbations_are_of_the_stated_size(system):
     from stiffbeam.model.modes import modes
 
     basis = modes(system)
-    members = sb.perturbed(system, 400, 1e-6, seed=3)
+    members = sb.perturbed_members(system, 400, 1e-6, seed=3)
     start = np.max(np.hypot(basis.omega * basis.to_modal(system.q0), basis.to_modal(system.v0)))
     drive = sum(
         np.abs(basis.force(p)) * abs(f.amplitude) / np.maximum(basis.omega, f.frequency) for p, f in system.loads
@@ -193,7 +193,7 @@ def test_perturbations_are_of_the_stated_size(system):
         assert 0.99 < np.max(np.abs(r)) < 1.0 + 1e-6
         assert np.allclose(np.mean(r, axis=0), 0.0, atol=5 * 3**-0.5 / 20)  # five standard errors
         assert np.allclose(np.std(r, axis=0), 3**-0.5, atol=0.1)
-    again = sb.perturbed(system, 3, 1e-6, seed=3)
+    again = sb.perturbed_members(system, 3, 1e-6, seed=3)
     assert all(np.array_equal(a.q0, b.q0) for a, b in zip(again, members[:3], strict=True))
 
 
@@ -201,19 +201,19 @@ def test_a_system_at_rest_at_zero_is_perturbed_in_proportion_to_its_load():
     def system(load):
         return sb.System.from_matrices([[1.0]], [[4.0]], loads=[([1.0], load)], observe=[1.0])
 
-    small, large = (sb.perturbed(system(sb.Harmonic(a, 3.0)), 1, 1e-3) for a in (1.0, 10.0))
+    small, large = (sb.perturbed_members(system(sb.Harmonic(a, 3.0)), 1, 1e-3) for a in (1.0, 10.0))
     assert np.isclose(large[0].v0[0], 10.0 * small[0].v0[0], rtol=1e-12)
     assert 0.0 < abs(small[0].v0[0]) <= 1e-3 * 1.0 / 3.0
     with pytest.raises(sb.InputError, match="scale"):
-        sb.perturbed(system(lambda t: np.sin(3.0 * t)), 1)
-    assert sb.perturbed(system(lambda t: np.sin(3.0 * t)), 1, scale=1.0)[0].v0[0] != 0.0
+        sb.perturbed_members(system(lambda t: np.sin(3.0 * t)), 1)
+    assert sb.perturbed_members(system(lambda t: np.sin(3.0 * t)), 1, scale=1.0)[0].v0[0] != 0.0
 
 
 def test_a_member_that_overflows_leaves_the_others_alone():
     case = sb.paper_case(11)
     system = sb.semidiscretise(case.problem, case.cells)
     stops = [case.problem.stops, sb.Stops(-10.0, 10.0, stiffness=2e7)]
-    members = sb.varied(system, stops=stops)
+    members = sb.varied_members(system, stops=stops)
     ensemble = sb.integrate_ensemble(system, sb.HHT(-0.1), 2.5e-4, case.t_end, members, "extrapolated")
     with pytest.raises(sb.Diverged) as caught:
         sb.integrate(members[0], sb.HHT(-0.1), 2.5e-4, case.t_end, "extrapolated")
@@ -223,13 +223,13 @@ def test_a_member_that_overflows_leaves_the_others_alone():
 
 
 def test_the_statistics_of_an_ensemble_are_those_of_its_impacts(system):
-    ensemble = sb.integrate_ensemble(system, sb.HHT(-0.1), 1e-4, 1.0, sb.perturbed(system, 6))
+    ensemble = sb.integrate_ensemble(system, sb.HHT(-0.1), 1e-4, 1.0, sb.perturbed_members(system, 6))
     peaks = [np.nanmax(ensemble.contact.impacts_of(i).peaks) for i in range(6)]
     assert np.all(peaks <= ensemble.peak_force)
     assert ensemble.impacts.count == np.sum(ensemble.impact_count)
     assert ensemble.work.steps == 60_000
     done = []
-    sb.integrate_ensemble(system, sb.HHT(-0.1), 1e-4, 0.1, sb.perturbed(system, 6), progress=done.append)
+    sb.integrate_ensemble(system, sb.HHT(-0.1), 1e-4, 0.1, sb.perturbed_members(system, 6), progress=done.append)
     assert done[-1] == 6000
     assert done == sorted(done)
 
@@ -237,16 +237,22 @@ def test_the_statistics_of_an_ensemble_are_those_of_its_impacts(system):
 @pytest.mark.parametrize(
     ("make", "field"),
     [
-        (lambda s: sb.perturbed(s, 0), "members"),
-        (lambda s: sb.varied(s), "varied"),
-        (lambda s: sb.varied(s, frequency=[1.0], amplitude=[1.0]), "varied"),
-        (lambda s: sb.varied(s, frequency=[-1.0]), "frequency"),
-        (lambda s: sb.varied(s, stops=[0.1]), "stops"),
-        (lambda s: sb.integrate_ensemble(s, sb.HHT(), 1e-4, 0.1, sb.perturbed(s, 1), engine="fortran"), "engine"),
-        (lambda s: sb.integrate_ensemble(s, sb.HHT(), 1e-4, 0.1, sb.perturbed(s, 1), engine="jax"), "leave engine out"),
+        (lambda s: sb.perturbed_members(s, 0), "members"),
+        (lambda s: sb.varied_members(s), "varied"),
+        (lambda s: sb.varied_members(s, frequency=[1.0], amplitude=[1.0]), "varied"),
+        (lambda s: sb.varied_members(s, frequency=[-1.0]), "frequency"),
+        (lambda s: sb.varied_members(s, stops=[0.1]), "stops"),
+        (
+            lambda s: sb.integrate_ensemble(s, sb.HHT(), 1e-4, 0.1, sb.perturbed_members(s, 1), engine="fortran"),
+            "engine",
+        ),
+        (
+            lambda s: sb.integrate_ensemble(s, sb.HHT(), 1e-4, 0.1, sb.perturbed_members(s, 1), engine="jax"),
+            "leave engine out",
+        ),
         (lambda s: sb.integrate_ensemble(s, sb.HHT(), 1e-4, 0.1, []), "members"),
         (lambda s: sb.integrate_ensemble(s, sb.HHT(), 1e-4, 0.1, [sb.semidiscretise(s.problem, 8)]), "members"),
-        (lambda s: sb.varied(two_contacts(), frequency=[1.0]), "frequency"),
+        (lambda s: sb.varied_members(two_contacts(), frequency=[1.0]), "frequency"),
     ],
 )
 def test_bad_arguments_are_named(make, field, system):

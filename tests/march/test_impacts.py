@@ -33,10 +33,10 @@ def spans(t: np.ndarray, u: np.ndarray, v: np.ndarray, stops: sb.Stops) -> list[
     for k in range(1, len(t)):
         if chi[k] != chi[k - 1]:
             if chi[k - 1] != 0 and begun is not None:
-                found.append((begun, root(k, stops.g2 if chi[k - 1] > 0 else stops.g1)))
+                found.append((begun, root(k, stops.upper_bound if chi[k - 1] > 0 else stops.lower_bound)))
                 begun = None
             if chi[k] != 0:
-                begun = root(k, stops.g2 if chi[k] > 0 else stops.g1)
+                begun = root(k, stops.upper_bound if chi[k] > 0 else stops.lower_bound)
     return found if begun is None else [*found, (begun, np.nan)]
 
 

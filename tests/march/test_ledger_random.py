@@ -30,7 +30,9 @@ def random_run(rng: np.random.Generator) -> sb.Trajectory:
     def function() -> object:
         wave = sb.Harmonic(rng.normal(), rng.uniform(0.3, 3.0) * slow, phase=rng.uniform(0.0, 6.0))
         samples = sb.Sampled(np.linspace(0.0, 200.0 / slow, 401), rng.normal(size=401), kind="linear")
-        return [sb.Constant(rng.normal()), wave, sb.Sum(wave, sb.Constant(rng.normal())), samples][rng.integers(4)]
+        return [sb.Constant(rng.normal()), wave, sb.Superposition(wave, sb.Constant(rng.normal())), samples][
+            rng.integers(4)
+        ]
 
     contacts = []
     for _ in range(m):

@@ -32,7 +32,7 @@ def call(name: str, end: float = PAST_THE_HORIZON) -> str:
     elif name == "direct":
         run = sb.integrate(system.first_order(), sb.SDIRK(), 1e-4, 0.02)
     elif name == "perturbed":
-        many = sb.integrate_ensemble(system, sb.HHT(-0.1), 1e-4, end, sb.perturbed(system, 5), every=100)
+        many = sb.integrate_ensemble(system, sb.HHT(-0.1), 1e-4, end, sb.perturbed_members(system, 5), every=100)
         return bits(many.tip, many.impacts.times, many.impulse)
     else:
         run = sb.integrate(system, sb.BDF2() if name == "bdf2" else sb.HHT(-0.1), 1e-4, end)
@@ -76,9 +76,11 @@ def test_after_ensembles_of_other_sizes(first, monkeypatch):
     tips = []
     for members, threads in ((1, "1"), (7, "2"), (70, "1"), (70, "3")):
         monkeypatch.setenv("STIFFBEAM_THREADS", threads)
-        many = sb.integrate_ensemble(system, sb.SDIRK(), 1e-4, 1.0, sb.perturbed(system, members), every=50)
+        many = sb.integrate_ensemble(system, sb.SDIRK(), 1e-4, 1.0, sb.perturbed_members(system, members), every=50)
         tips.append(many.tip[0])
-        exact = sb.reference_ensemble(system, 0.2, sb.perturbed(system, min(members, 9)), np.linspace(0.0, 0.2, 50))
+        exact = sb.reference_ensemble(
+            system, 0.2, sb.perturbed_members(system, min(members, 9)), np.linspace(0.0, 0.2, 50)
+        )
         tips.append(exact.tip[0])
     assert len({bits(tip) for tip in tips[::2]}) == len({bits(tip) for tip in tips[1::2]}) == 1
     assert {name: call(name) for name in CALLS} == first
@@ -89,7 +91,7 @@ def test_the_count_of_table_10_does_not_depend_on_what_ran_before():
     case = sb.paper_case(10)
     system = semidiscretise(case.problem, case.cells)
     counts = {sb.integrate(system, sb.HHT(-0.1), 1e-4, 2.0).impacts.count for _ in range(2)}
-    sb.integrate_ensemble(system, sb.HHT(-0.1), 1e-4, 2.0, sb.perturbed(system, 3))
+    sb.integrate_ensemble(system, sb.HHT(-0.1), 1e-4, 2.0, sb.perturbed_members(system, 3))
     counts.add(sb.integrate(system, sb.HHT(-0.1), 1e-4, 2.0).impacts.count)
     assert len(counts) == 1
     assert sb.integrate(system, sb.HHT(-0.1), 1e-4, 1e-3).provenance["engine"] == "numba"

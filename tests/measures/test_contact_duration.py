@@ -34,8 +34,8 @@ def test_durations_are_those_that_a_fine_grid_sees(monkeypatch):
     fine = 2e-7
     u = exact.at(np.arange(0.0, SMALL.t_end, fine))[0]
     stops = SMALL.problem.stops
-    assert np.any(u > stops.g2)
-    for name, beyond in (("upper", u > stops.g2), ("lower", u < stops.g1)):
+    assert np.any(u > stops.upper_bound)
+    for name, beyond in (("upper", u > stops.upper_bound), ("lower", u < stops.lower_bound)):
         changes = np.flatnonzero(np.diff(beyond.astype(int)))
         lengths = np.sort(fine * np.diff(changes)[::2])  # whole contacts: in at an even change, out at the next
         rows = [r for r in records.found if r["kind"] == "summary" and r["stop"] == name and r["method"] == "exact"]

@@ -51,7 +51,7 @@ def cells(thing) -> list[list[str]]:
 def things():
     system = two_contacts()
     run, reference = sb.integrate(system, sb.HHT(-0.1), 1e-3, 2.0), sb.reference(system, 2.0)
-    members = sb.varied(system, {"stops[0].stiffness": [2e3, 3e3, 4e3]})
+    members = sb.varied_members(system, {"stops[0].stiffness": [2e3, 3e3, 4e3]})
     return {
         "system": system,
         "beam": sb.paper_case(10).system(),

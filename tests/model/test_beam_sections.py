@@ -13,7 +13,7 @@ import stiffbeam as sb
 from stiffbeam.files.cases import load_cases
 
 EI, L, M, J = 3.0, 2.0, 0.7, 0.02  # no quantity is 1
-PARTS = (sb.Section(0.0, 0.5, stiffness=2.5, mass=1.4), sb.Section(1.5, 2.0, stiffness=0.3, mass=0.6))
+PARTS = (sb.BeamSection(0.0, 0.5, stiffness=2.5, mass=1.4), sb.BeamSection(1.5, 2.0, stiffness=0.3, mass=0.6))
 LENGTHS = ((0.5, 2.5, 1.4), (1.0, 1.0, 1.0), (0.5, 0.3, 0.6))  # length, EI and m over those of the middle
 
 
@@ -131,15 +131,15 @@ def test_modal_damping_is_the_ratio_asked_for():
 
 def test_what_cannot_be_is_refused():
     for fields, words in (
-        ({"sections": [sb.Section(0.0, 0.5), sb.Section(0.4, 1.0)]}, "at or past the end"),
-        ({"sections": [sb.Section(1.0, 2.5)]}, "lie on the beam"),
+        ({"sections": [sb.BeamSection(0.0, 0.5), sb.BeamSection(0.4, 1.0)]}, "at or past the end"),
+        ({"sections": [sb.BeamSection(1.0, 2.5)]}, "lie on the beam"),
         ({"modal_damping": -0.1}, "modal_damping"),
         ({"tip_inertia": 1.0, "supports": "pinned-pinned"}, "tip_inertia"),
     ):
         with pytest.raises(sb.InputError, match=words):
             beam(**fields)
     with pytest.raises(sb.InputError, match="end must be > section"):
-        sb.Section(0.5, 0.5)
+        sb.BeamSection(0.5, 0.5)
     with pytest.raises(sb.InputError, match="put a node where a section ends"):
         sb.semidiscretise(beam(sections=PARTS), 7, "hermite")
     for fields in ({"rotary_inertia": J}, {"sections": PARTS}, {"modal_damping": 0.1}):
@@ -169,6 +169,6 @@ sections = [{ begin = 0.0, end = 0.25, stiffness = 2.0 }, { begin = 0.5, end = 1
     case = load_cases(file)["stepped"]
     assert case.problem == sb.BeamProblem(
         stiffness=3.0, rotary_inertia=0.02, tip_inertia=0.01, modal_damping=(0.01, 0.02),
-        sections=(sb.Section(0.0, 0.25, stiffness=2.0), sb.Section(0.5, 1.0, mass=0.5)),
+        sections=(sb.BeamSection(0.0, 0.25, stiffness=2.0), sb.BeamSection(0.5, 1.0, mass=0.5)),
     )  # fmt: skip
     assert {form for _, form in case.runs} == {"hermite"}

@@ -49,7 +49,7 @@ def test_a_side_without_a_stop_is_free():
     assert np.array_equal(upper.force(far) != 0.0, [False, False, False, True, True])
     assert np.array_equal(lower.state(far), [-1, -1, 0, 0, 0])
     assert np.array_equal(upper.state(far), [0, 0, 0, 1, 1])
-    assert (lower.g2, upper.g1) == (math.inf, -math.inf)
+    assert (lower.upper_bound, upper.lower_bound) == (math.inf, -math.inf)
 
 
 def test_contact_begins_strictly_beyond_the_stop():
@@ -72,7 +72,7 @@ def test_the_force_is_minus_the_slope_of_the_energy(stops, v):
     slope = (stops.energy(v + h) - stops.energy(v - h)) / ((v + h) - (v - h))
     # A central difference is exact on a parabola; a kink within h costs at most h kappa. Rounding: the
     # penetration p < 8 has the error eps |v|, which is kappa p eps |v|/h = 1e-9 kappa in the slope.
-    kink = min(abs(v - stops.g1), abs(v - stops.g2)) <= h
+    kink = min(abs(v - stops.lower_bound), abs(v - stops.upper_bound)) <= h
     assert abs(slope + stops.force(v)) <= stops.stiffness * (2e-9 + (h if kink else 0.0))
 
 
@@ -80,7 +80,7 @@ def test_the_force_is_minus_the_slope_of_the_energy(stops, v):
 def test_the_stage_equation_holds_to_rounding(stops, r, s):
     force = float(stops.solve(r, s))
     v = r + s * force
-    g = max(abs(x) for x in (stops.g1, stops.g2) if math.isfinite(x))
+    g = max(abs(x) for x in (stops.lower_bound, stops.upper_bound) if math.isfinite(x))
     # v has the error eps (|r| + |s F|), F(v) kappa times that and its own eps |g|.
     tolerance = 8.0 * EPS * (stops.stiffness * (abs(r) + abs(s * force) + g) + abs(force)) + 1e-300
     assert abs(force - stops.force(v)) <= tolerance
@@ -98,7 +98,7 @@ def test_a_very_compliant_beam_stops_at_the_stop(stops, r):
     s = 1e12 / stops.stiffness
     v = r + s * float(stops.solve(r, s))
     # The penetration left is p/(1 + 1e12).
-    assert abs(v - np.clip(r, stops.g1, stops.g2)) < 1e-11
+    assert abs(v - np.clip(r, stops.lower_bound, stops.upper_bound)) < 1e-11
 
 
 def test_arrays_of_positions_and_compliances_are_solved_elementwise():
@@ -142,7 +142,7 @@ def by_enumeration(r, S, stops):
     """The forces of the regime, of all 3^m, whose positions contradict it least."""
     best, found = math.inf, None
     for regime in itertools.product((-1, 0, 1), repeat=len(stops)):
-        gaps = [s.g2 if k > 0 else s.g1 for s, k in zip(stops, regime, strict=True) if k]
+        gaps = [s.upper_bound if k > 0 else s.lower_bound for s, k in zip(stops, regime, strict=True) if k]
         if not np.all(np.isfinite(gaps)):
             continue
         closed = np.flatnonzero(regime)
@@ -155,8 +155,8 @@ def by_enumeration(r, S, stops):
         v = r + S @ force
         wrong = 0.0
         for x, k, stop in zip(v, regime, stops, strict=True):
-            inside = max(stop.g1 - x, x - stop.g2, 0.0)
-            wrong = max(wrong, inside if k == 0 else max(0.0, stop.g2 - x if k > 0 else x - stop.g1))
+            inside = max(stop.lower_bound - x, x - stop.upper_bound, 0.0)
+            wrong = max(wrong, inside if k == 0 else max(0.0, stop.upper_bound - x if k > 0 else x - stop.lower_bound))
         if wrong < best:
             best, found = wrong, force
     # One regime is consistent, up to the rounding of its positions.
@@ -184,7 +184,7 @@ def several(draw):
             )
         )
         if draw(st.integers(0, 7)) == 0:
-            r[c] = stops[c].g1 if stops[c].lower is not None else stops[c].g2  # exactly on the edge
+            r[c] = stops[c].lower_bound if stops[c].lower is not None else stops[c].upper_bound  # exactly on the edge
     return r, 0.5 * (S + S.T), stops
 
 

@@ -185,7 +185,7 @@ def test_members_of_an_ensemble_have_the_bits_of_their_solo_runs():
         *(stops_of(rng, law) for law in LAWS),
         sb.Stops(-0.1, 0.05, stiffness=50.0),
     ]
-    members = sb.varied(system, stops=stops)
+    members = sb.varied_members(system, stops=stops)
     every = sb.integrate_ensemble(system, sb.HHT(-0.1), 1e-3, 2.0, members, every=1)
     for i, member in enumerate(members):
         assert np.array_equal(every.tip[i], sb.integrate(member, sb.HHT(-0.1), 1e-3, 2.0).tip)

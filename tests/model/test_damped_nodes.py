@@ -42,7 +42,7 @@ class Node:
     def gap(self, side, t):
         """b on the stop, and its rate."""
         o, rate = self.moved(t)
-        return ((self.stops.g2 if side > 0 else self.stops.g1) - o) / self.s, -rate / self.s
+        return ((self.stops.upper_bound if side > 0 else self.stops.lower_bound) - o) / self.s, -rate / self.s
 
     def rate(self, t, y):
         """b' if it were free, and the forces on the others but for C_ib b'."""
@@ -69,7 +69,7 @@ class Node:
         return found
 
     def sides(self):
-        return [x for x, g in ((1, self.stops.g2), (-1, self.stops.g1)) if np.isfinite(g)]
+        return [x for x, g in ((1, self.stops.upper_bound), (-1, self.stops.lower_bound)) if np.isfinite(g)]
 
     def solve(self, y, times):
         """States (times, 2n + 1), and the times of all entries and of all releases."""

@@ -86,21 +86,21 @@ def test_the_papers_first_order_form_takes_a_contact_anywhere(systems, form):
 
 def test_a_drive_is_varied_with_the_problems_initial_data_or_not_at_all(systems):
     system = systems["displacement"]
-    varied = sb.varied(system, frequency=[11.0])[0]
+    varied = sb.varied_members(system, frequency=[11.0])[0]
     assert varied.problem.base.frequency == 11.0
     assert varied.fingerprint == sb.semidiscretise(varied.problem, 8).fingerprint
     with pytest.raises(sb.InputError, match="initial data"):
-        sb.varied(replace(system, q0=system.q0 + 1e-3), frequency=[11.0])
+        sb.varied_members(replace(system, q0=system.q0 + 1e-3), frequency=[11.0])
 
 
 def test_members_differ_in_what_a_march_can_tell_apart(systems):
     system = systems["displacement"]
     with pytest.raises(sb.InputError, match="differ in"):
-        sb.Members(system, "form", [1.0], {"form": ["hermite"]})
-    assert sb.Members(system, "stiffness", [1.0], {"stiffness": [4.0 * system.stiffness]}).separate
+        sb.EnsembleMembers(system, "form", [1.0], {"form": ["hermite"]})
+    assert sb.EnsembleMembers(system, "stiffness", [1.0], {"stiffness": [4.0 * system.stiffness]}).separate
     elsewhere = (sb.Contact(np.eye(8)[3], system.contacts[0].stops),)
     with pytest.raises(sb.InputError, match="contact rows"):
-        sb.Members(system, "contacts", [1.0], {"contacts": [elsewhere]})
+        sb.EnsembleMembers(system, "contacts", [1.0], {"contacts": [elsewhere]})
 
 
 def test_arrays_cannot_be_changed_in_place(systems):

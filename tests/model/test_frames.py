@@ -72,7 +72,7 @@ def test_impulses_and_ledger_know_a_drive_faster_than_every_mode():
 
 def test_a_multiprecision_member_is_that_member(table10):
     system = sb.semidiscretise(table10, 8)
-    member = sb.perturbed(system, 1, 1e-2)[0]
+    member = sb.perturbed_members(system, 1, 1e-2)[0]
     t = np.linspace(0.0, 0.05, 21)
     many = sb.reference(member, 0.05, "multiprecision", t_eval=t)
     exact = sb.reference(member, 0.05, t_eval=t)
@@ -90,7 +90,7 @@ def test_members_may_have_different_numbers_of_frequencies(monkeypatch):
         loads=(sb.PointLoad(0.5, sb.Harmonic(1.0, 6.0)),),
     )
     system = sb.semidiscretise(beam, 8)
-    members = sb.varied(system, frequency=[5.0, 6.0, 7.0])
+    members = sb.varied_members(system, frequency=[5.0, 6.0, 7.0])
     for threads in ("1", "2"):
         monkeypatch.setenv("STIFFBEAM_THREADS", threads)
         many = sb.integrate_ensemble(system, sb.HHT(), 1e-4, 0.3, members, every=10)

@@ -167,7 +167,7 @@ def test_ensembles_have_the_same_members():
     found = {}
     for name, (length, time, force) in SCALES.items():
         own = system(name, "displacement")
-        members = sb.perturbed(own, members=5, size=1e-3, seed=3)
+        members = sb.perturbed_members(own, members=5, size=1e-3, seed=3)
         for kind, many in (
             ("hht", sb.integrate_ensemble(own, sb.HHT(-0.1), DT / time, STEPS * DT / time, members)),
             ("exact", sb.reference_ensemble(own, STEPS * DT / time, members)),

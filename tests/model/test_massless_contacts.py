@@ -249,7 +249,9 @@ class Balance:
         for sides in product((0, 1, -1), repeat=len(base)):
             on = [c for c, side in enumerate(sides) if side]
             stops = [system.contacts[c].stops for c in on]
-            target = np.array([x.g2 if sides[c] > 0 else x.g1 for c, x in zip(on, stops, strict=True)])
+            target = np.array(
+                [x.upper_bound if sides[c] > 0 else x.lower_bound for c, x in zip(on, stops, strict=True)]
+            )
             if not np.all(np.isfinite(target)):
                 continue
             W = self.W[np.ix_(on, b)]
@@ -259,7 +261,7 @@ class Balance:
             F[on] = found[len(b) :]
             u = self.W[:, b] @ found[: len(b)] + base
             free = all(
-                c.stops.g1 <= u[k] + 1e-13 and u[k] - 1e-13 <= c.stops.g2
+                c.stops.lower_bound <= u[k] + 1e-13 and u[k] - 1e-13 <= c.stops.upper_bound
                 for k, c in enumerate(system.contacts)
                 if not sides[k]
             )

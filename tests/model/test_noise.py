@@ -91,7 +91,7 @@ def test_members_with_noise_of_their_own_are_their_solo_runs(moving):
 def test_members_made_by_hand_are_their_solo_runs_too():
     """Members with loads of their own, which nothing has looked at before."""
     one, two = shaken(0), shaken(1)
-    members = sb.Members(one, "noise", [0, 1], {"loads": [one.loads, two.loads]})
+    members = sb.EnsembleMembers(one, "noise", [0, 1], {"loads": [one.loads, two.loads]})
     many = sb.integrate_ensemble(one, sb.BDF2(), 1e-3, T_END, members, every=10)
     np.testing.assert_array_equal(many.tip[1], sb.integrate(two, sb.BDF2(), 1e-3, T_END, every=10).tip)
 

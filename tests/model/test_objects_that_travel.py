@@ -22,7 +22,7 @@ SCREEN = 24 * 80  # characters
 def things(table10):
     system = sb.semidiscretise(table10, 25)
     run, reference = sb.integrate(system, sb.HHT(), 1e-4, 0.1), sb.reference(system, 0.1)
-    members = sb.perturbed(system, 8)
+    members = sb.perturbed_members(system, 8)
     return {
         "case": sb.paper_case(10), "system": system, "run": run, "reference": reference, "members": members,
         "comparison": sb.compare(run, reference), "ledger": run.energy, "contact": system.contacts[0],

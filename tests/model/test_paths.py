@@ -100,27 +100,29 @@ def test_an_amplitude_goes_with_the_square_of_the_frequency():
     """From rest: q = F/(k - w^2) (sin w t - w/w_0 sin w_0 t) with F = c w^2."""
     system = sb.System.from_matrices([[1.0]], [[4.0]], loads=[([1.0], sb.Harmonic(1.0, 1.0))], observe=[1.0])
     frequencies, t = np.array([1.0, 1.5, 3.0]), np.linspace(0.0, 5.0, 6)
-    members = sb.varied(system, {"frequency": frequencies, "loads[0].time.amplitude": 0.2 * frequencies**2})
+    members = sb.varied_members(system, {"frequency": frequencies, "loads[0].time.amplitude": 0.2 * frequencies**2})
     for w, member in zip(frequencies, members, strict=True):
         q = 0.2 * w**2 / (4.0 - w**2) * (np.sin(w * t) - 0.5 * w * np.sin(2.0 * t))
         assert sb.reference(member, 5.0, t_eval=t).tip == pytest.approx(q, abs=1e-10)
 
 
 def test_drives_of_one_frequency_go_together_with_their_phases():
-    both = sb.Sum(sb.Harmonic(1.0, 2.0), sb.Harmonic(3.0, 2.0, 0.5))
+    both = sb.Superposition(sb.Harmonic(1.0, 2.0), sb.Harmonic(3.0, 2.0, 0.5))
     system = sb.System.from_matrices([[1.0]], [[4.0]], loads=[([1.0], both)], observe=[1.0])
-    member = sb.varied(system, frequency=[5.0])[0]
+    member = sb.varied_members(system, frequency=[5.0])[0]
     terms = [term for _, term in member.loads[0][1].terms]
     assert terms == [sb.Harmonic(1.0, 5.0), sb.Harmonic(3.0, 5.0, 0.5)]
     with pytest.raises(sb.InputError, match="by its path"):
-        sb.varied(system, amplitude=[5.0])
+        sb.varied_members(system, amplitude=[5.0])
 
 
 def test_paths_of_a_beam_change_its_problem():
     drive = sb.Harmonic(0.02, 5.0)
     stops = [sb.Stops(-0.1, 0.1, stiffness=1e4), sb.Stops(upper=0.1, stiffness=1e4, position=0.5)]
     system = sb.semidiscretise(sb.BeamProblem(stiffness=3.0, stops=stops, base=drive), 6)
-    members = sb.varied(system, {"base.frequency": [7.0], "stops[1].damping": [2.0], "contacts[0].stops.upper": [0.2]})
+    members = sb.varied_members(
+        system, {"base.frequency": [7.0], "stops[1].damping": [2.0], "contacts[0].stops.upper": [0.2]}
+    )
     changed = [sb.Stops(-0.1, 0.2, stiffness=1e4), sb.Stops(upper=0.1, stiffness=1e4, position=0.5, damping=2.0)]
     built = sb.semidiscretise(sb.BeamProblem(stiffness=3.0, stops=changed, base=sb.Harmonic(0.02, 7.0)), 6)
     assert members[0].fingerprint == built.fingerprint
@@ -131,14 +133,14 @@ def test_paths_of_a_beam_change_its_problem():
 )
 def test_a_path_that_is_not_there_is_answered_with_those_that_are(path):
     with pytest.raises(sb.InputError, match=r"did you mean|known: frequency"):
-        sb.varied(ball(), {path: [1.0]})
+        sb.varied_members(ball(), {path: [1.0]})
 
 
 def test_members_with_other_matrices_are_the_beams_of_their_stiffness():
     def beam(stiffness: float) -> sb.System:
         return sb.semidiscretise(sb.BeamProblem(stiffness=stiffness, base=sb.Harmonic(0.02, 5.0)), 6)
 
-    members = sb.varied(beam(3.0), {"stiffness": [4.0, 3.0]})
+    members = sb.varied_members(beam(3.0), {"stiffness": [4.0, 3.0]})
     assert [m.fingerprint for m in members] == [beam(4.0).fingerprint, beam(3.0).fingerprint]
     many = sb.integrate_ensemble(beam(3.0), sb.HHT(-0.1), 1e-3, 0.1, members, every=1)
     for tip, stiffness in zip(many.tip, (4.0, 3.0), strict=True):
@@ -200,7 +202,7 @@ def test_a_scheme_with_an_impact_law_sweeps_a_rigid_stop():
 def test_the_only_stops_of_a_beam_have_paths(path):
     stops = sb.Stops(-0.1, 0.1, stiffness=np.inf, restitution=0.5)
     system = sb.semidiscretise(sb.BeamProblem(stiffness=3.0, stops=stops, base=sb.Harmonic(0.02, 5.0)), 6)
-    member = sb.varied(system, {path: [0.7]})[0]
+    member = sb.varied_members(system, {path: [0.7]})[0]
     assert member.contacts[0].stops == sb.Stops(-0.1, 0.1, stiffness=np.inf, restitution=0.7)
 
 

@@ -145,7 +145,7 @@ def test_a_reference_arrives_with_its_horizon_and_can_be_compared_with(table10, 
 @pytest.mark.parametrize("kind", ["schemes", "exact"])
 def test_an_ensemble_arrives_with_its_members_and_ledgers(kind):
     system = two_contacts()
-    members = sb.perturbed(system, 3, 1e-6)
+    members = sb.perturbed_members(system, 3, 1e-6)
     if kind == "exact":
         found = sb.reference_ensemble(system, 1.0, members, np.linspace(0.0, 1.0, 5))
     else:

@@ -55,7 +55,7 @@ def test_a_stiffness_that_does_not_show_changes_no_scale(floor):
     for t_end in (np.inf, 5.0):
         assert scales(free, t_end).period == pytest.approx(scales(held, t_end).period, rel=1e-12)
     assert longest_delay(free, 5.0) == pytest.approx(longest_delay(held, 5.0), rel=1e-12)
-    a, b = (sb.perturbed(system, 3) for system in (free, held))
+    a, b = (sb.perturbed_members(system, 3) for system in (free, held))
     for one, other in zip(a, b, strict=True):
         assert np.allclose(one.q0, other.q0, rtol=1e-9)
         assert np.allclose(one.v0, other.v0, rtol=1e-9)
@@ -65,7 +65,7 @@ def test_perturbations_of_a_ball_are_of_the_order_of_size_times_the_motion():
     """At most 2 of the height and the speed of the fall; members that fall make as many impacts as it."""
     for floor in FLOORS.values():
         system = ball(0.0, floor)
-        members = sb.perturbed(system, 20, 1e-3)
+        members = sb.perturbed_members(system, 20, 1e-3)
         q, v = (np.array([getattr(x, name)[0] for x in members]) for name in ("q0", "v0"))
         assert 1e-4 < np.max(np.abs(q - 1.0)) <= 2e-3
         assert 1e-3 < np.max(np.abs(v)) <= 1e-3 * np.sqrt(2.0 * G) * 1.01

@@ -35,7 +35,7 @@ def test_a_mass_that_only_a_weak_dashpot_moves_moves(c, scheme):
 def test_members_are_perturbed_in_proportion_to_what_a_dashpot_lets_move():
     """The load c sin t moves mass 1 by 1, not by c."""
     for c in (1e2, 1e9):
-        members = sb.perturbed(dragged(c), 20, 1e-3)
+        members = sb.perturbed_members(dragged(c), 20, 1e-3)
         q, v = (np.array(members.fields[name]) for name in ("q0", "v0"))
         assert 1e-4 < np.max(np.abs(q)) < 1e-2
         assert 1e-4 < np.max(np.abs(v)) < 1e-2

@@ -14,8 +14,8 @@ from stiffbeam.model.stage import BY_LAW, solve_stage
 
 def _brute(stops: sb.Stops, r: float, w: float, s: float, s_rate: float) -> float:
     """|F| by bisection on what the law says, jump included."""
-    sign = 1.0 if r > stops.g2 else -1.0
-    d0, rate0 = (r - stops.g2, w) if sign > 0 else (stops.g1 - r, -w)
+    sign = 1.0 if r > stops.upper_bound else -1.0
+    d0, rate0 = (r - stops.upper_bound, w) if sign > 0 else (stops.lower_bound - r, -w)
 
     def excess(P: float) -> float:
         d, rate = d0 - s * P, rate0 - s_rate * P
@@ -45,7 +45,7 @@ def test_stage_equation_of_one_contact(seed):
         s, s_rate = 10.0 ** rng.uniform(-12, 2, size=2) * (rng.random(2) < 0.9)
         S, S_rate = np.array([[s]]), np.array([[s_rate]])
         F = solve_stage(np.array([r]), np.array([w]), S, S_rate, one, BY_LAW, stops.law[None])[0]
-        want = _brute(stops, r, w, s, s_rate) if stops.g1 > r or r > stops.g2 else 0.0
+        want = _brute(stops, r, w, s, s_rate) if stops.lower_bound > r or r > stops.upper_bound else 0.0
         assert math.isclose(abs(F), want, rel_tol=1e-12, abs_tol=1e-14)
         assert F * r <= 0.0 or F == 0.0
 

@@ -140,18 +140,18 @@ def test_the_problem_of_a_system_has_its_stops_where_they_are():
     assert system.problem == problem
     assert system.problem.all_stops == (MIDDLE, TIP)
     assert pickle.loads(pickle.dumps(system)).problem == problem
-    softer = sb.varied(system, stops=[[sb.Stops(-0.03, 0.03, stiffness=1.0), TIP]])[0]
+    softer = sb.varied_members(system, stops=[[sb.Stops(-0.03, 0.03, stiffness=1.0), TIP]])[0]
     assert softer.problem is not None
     assert softer.problem.all_stops[0] == sb.Stops(
         -0.03, 0.03, stiffness=1.0, position=0.6, motion=sb.Harmonic(0.004, 7.0, phase=0.3)
     )
-    slower = sb.varied(system, frequency=[9.0])[0]  # the base's: the gap follows it
+    slower = sb.varied_members(system, frequency=[9.0])[0]  # the base's: the gap follows it
     assert slower.fingerprint == sb.semidiscretise(beam(MIDDLE, TIP, base=sb.Harmonic(0.2, 9.0)), CELLS).fingerprint
     elsewhere = sb.Contact(np.ones(CELLS), TIP)
     assert replace(system, contacts=(elsewhere,)).problem is None
 
 
-def test_one_stops_in_a_list_is_that_stops_and_at_the_tip_nothing_changes():
+def test_single_stops_in_a_list_is_that_stops_and_at_the_tip_nothing_changes():
     assert sb.BeamProblem(stiffness=K2, stops=[TIP]) == sb.BeamProblem(stiffness=K2, stops=TIP)
     assert sb.BeamProblem(stiffness=K2, stops=[]).stops is None
     plain, placed = (
@@ -236,7 +236,7 @@ def test_a_case_file_lists_them(tmp_path):
         (lambda: sb.Stops(upper=0.1, stiffness=1.0, motion=0.1), "stops.motion must be"),
         (lambda: sb.BeamProblem(stiffness=1.0, stops=[TIP, 3]), "stops must be a Stops or a list of them"),
         (lambda: sb.Contact(np.ones(3), MIDDLE), "contact.stops.position must be None in a contact"),
-        (lambda: beam(MIDDLE, TIP).one_stops("case"), "case must have stops at one place"),
+        (lambda: beam(MIDDLE, TIP).single_stops("case"), "case must have stops at one place"),
     ],
 )
 def test_what_makes_no_sense_is_refused(make, message):

@@ -46,7 +46,7 @@ PATHS = {"stiffness": 0.01, "stops.stiffness": sb.Uncertain(deviation=0.1), "loa
 
 def test_members_with_other_matrices_are_the_beams_built_by_hand():
     system = tube()
-    members = sb.uncertain(system, PATHS, 5)
+    members = sb.uncertain_members(system, PATHS, 5)
     many = sb.integrate_ensemble(system, HHT, 2e-4, 0.5, members, every=1)
     assert members.separate
     assert len({m.stiffness.tobytes() for m in members}) == 5
@@ -61,7 +61,9 @@ def test_members_with_other_matrices_are_the_beams_built_by_hand():
 
 def test_the_exact_members_are_the_exact_beams_built_by_hand():
     system = tube()
-    members = sb.uncertain(system, {"stiffness": 0.05, "stops[0].position": sb.Uncertain(between=(0.5, 0.6))}, 3)
+    members = sb.uncertain_members(
+        system, {"stiffness": 0.05, "stops[0].position": sb.Uncertain(between=(0.5, 0.6))}, 3
+    )
     exact = sb.reference_ensemble(system, 0.2, members)
     for i, (bending, place) in enumerate(members.values):
         assert_alike(exact, i, sb.reference(tube(300.0 * bending, place=place), 0.2), 1e-6)
@@ -69,7 +71,7 @@ def test_the_exact_members_are_the_exact_beams_built_by_hand():
 
 def test_members_that_share_their_matrices_march_side_by_side():
     system = tube()
-    members = sb.uncertain(system, {"stops[1].upper": 0.1, "stops[0].stiffness": 0.1}, 4)
+    members = sb.uncertain_members(system, {"stops[1].upper": 0.1, "stops[0].stiffness": 0.1}, 4)
     assert not members.separate
     many = sb.integrate_ensemble(system, HHT, 5e-4, 0.5, members)
     for i, member in enumerate(members):
@@ -80,7 +82,7 @@ def test_members_that_share_their_matrices_march_side_by_side():
 def test_a_factor_on_a_record_is_that_of_each_member():
     """The record is one object in all members: a march that looked at it alone gave all the load of the first."""
     system = tube()
-    members = sb.varied(system, {"loads[0].time.scale": [0.5, 1.0, 2.0]})
+    members = sb.varied_members(system, {"loads[0].time.scale": [0.5, 1.0, 2.0]})
     many = sb.integrate_ensemble(system, HHT, 5e-4, 0.5, members)
     exact = sb.reference_ensemble(system, 0.1, members)
     for i, level in enumerate((0.5, 1.0, 2.0)):
@@ -98,13 +100,13 @@ def test_matrices_by_a_function_and_by_a_factor_are_one():
         return sb.System.from_matrices(mass, values["k"] * stiffness, loads=loads, contacts=[contact])
 
     names = {"k": sb.Uncertain(tolerance=0.1), "gap": sb.Uncertain(between=(0.003, 0.004))}
-    members = sb.uncertain(build, names, 4, nominal={"k": 1.0})
+    members = sb.uncertain_members(build, names, 4, nominal={"k": 1.0})
     assert members.system.stiffness[0, 0] == 900.0  # the nominal one, with the gap in the middle
     assert members.system.contacts[0].stops.upper == pytest.approx(0.0035)
     many = sb.integrate_ensemble(members.system, HHT, 1e-3, 2.0, members)
     for i, (k, gap) in enumerate(members.values):
         assert_alike(many, i, sb.integrate(build({"k": k, "gap": gap}), HHT, 1e-3, 2.0), 1e-12)
-    by_factor = sb.uncertain(build({"k": 1.0, "gap": 0.0035}), {"stiffness.scale": 0.1}, 4)
+    by_factor = sb.uncertain_members(build({"k": 1.0, "gap": 0.0035}), {"stiffness.scale": 0.1}, 4)
     assert by_factor.separate
     for member, (factor,) in zip(by_factor, by_factor.values, strict=True):
         np.testing.assert_allclose(member.stiffness, factor * stiffness, rtol=1e-15)
@@ -120,9 +122,9 @@ def test_draws_have_their_distributions_and_more_members_keep_the_first():
         "stops[0].stiffness": sb.Uncertain(deviation=0.1),
         "loads[0].time.phase": sb.Uncertain(between=(0.0, 6.0)),
     }
-    many = sb.uncertain(system, paths, 4000)
-    np.testing.assert_array_equal(many.values[:7], sb.uncertain(system, paths, 7).values)
-    assert np.any(many.values[:7] != sb.uncertain(system, paths, 7, seed=2).values)
+    many = sb.uncertain_members(system, paths, 4000)
+    np.testing.assert_array_equal(many.values[:7], sb.uncertain_members(system, paths, 7).values)
+    assert np.any(many.values[:7] != sb.uncertain_members(system, paths, 7, seed=2).values)
     uniform, normal, phase = many.values.T
     for values, mean, deviation in (
         (uniform, 1.0, 0.2 / np.sqrt(3)),
@@ -153,7 +155,7 @@ REFUSED: dict[str, tuple[dict[str, Any], str]] = {
 def test_what_cannot_be_drawn_is_refused(what):
     paths, words = REFUSED[what]
     with pytest.raises(sb.InputError, match=words):
-        sb.uncertain(tube(), paths, 3)
+        sb.uncertain_members(tube(), paths, 3)
 
 
 @pytest.mark.parametrize(
@@ -210,7 +212,7 @@ def test_a_case_file_states_what_is_uncertain_and_the_ensemble_draws_it(tmp_path
     result = CliRunner().invoke(app, [*arguments, "--out", str(tmp_path), "--json", "-"])
     assert result.exit_code == 0, result.output
     said = json.loads(result.stdout)
-    drawn = sb.uncertain(tube(), PATHS, 4)
+    drawn = sb.uncertain_members(tube(), PATHS, 4)
     for row in (r for r in said["rows"] if r["kind"] == "member" and r["method"] == "HHT(alpha=-0.1)"):
         bending, kappa, level = drawn.values[row["member"]]
         run = sb.integrate(tube(300.0 * bending, (1e4 * kappa, 2e4 * kappa), level), HHT, 2e-4, 0.5)
@@ -236,7 +238,7 @@ def test_a_case_file_that_states_no_distribution_is_refused_with_its_place(line,
 
 def test_an_ensemble_of_drawn_members_is_saved_with_its_numbers(tmp_path: Path):
     system = tube()
-    many = sb.integrate_ensemble(system, HHT, 1e-3, 0.1, sb.uncertain(system, PATHS, 3))
+    many = sb.integrate_ensemble(system, HHT, 1e-3, 0.1, sb.uncertain_members(system, PATHS, 3))
     assert many.save(tmp_path / "many.nc").is_file()
     frame = many.to_dataframe()
     drawn = many.to_xarray()

@@ -32,7 +32,7 @@ def march(system: sb.System, scheme: sb.Scheme, dt: float, steps: int) -> np.nda
     rows = [basis.force(row).astype(Real) for row, _ in system.channels]
     offsets = [offset for _, offset in system.channels]
     loads = [(basis.force(vector).astype(Real), function) for vector, function in system.loads]
-    laws = [(Real(c.stops.stiffness), Real(c.stops.g1), Real(c.stops.g2)) for c in system.contacts]
+    laws = [(Real(c.stops.stiffness), Real(c.stops.lower_bound), Real(c.stops.upper_bound)) for c in system.contacts]
     m, nothing = len(laws), np.zeros(system.size, Real)
 
     def load(t: Real) -> np.ndarray:

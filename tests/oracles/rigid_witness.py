@@ -134,7 +134,7 @@ class Witness:
             (c, side)
             for c, x in enumerate(self.s.contacts)
             for side in (1, -1)
-            if np.isfinite((x.stops.g1, x.stops.g2)[side > 0])
+            if np.isfinite((x.stops.lower_bound, x.stops.upper_bound)[side > 0])
         ]
         while len(out) < len(times):
             events, what = [], []

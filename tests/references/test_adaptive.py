@@ -238,7 +238,11 @@ def test_other_units_give_the_same_solution(method):
         contacts=[
             sb.Contact(
                 contact.row,
-                sb.Stops(contact.stops.g1 / L, contact.stops.g2 / L, stiffness=M / T**2 * contact.stops.stiffness),
+                sb.Stops(
+                    contact.stops.lower_bound / L,
+                    contact.stops.upper_bound / L,
+                    stiffness=M / T**2 * contact.stops.stiffness,
+                ),
                 sb.Harmonic(contact.offset.amplitude / L, contact.offset.frequency / T),
             )
         ],

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import stiffbeam as sb
-from stiffbeam.references.adaptive import cvode, ida, sundials_library
+from stiffbeam.references.adaptive import sundials, sundials_library
 
 METHODS = ("cvode", "cvode-adams", "ida")
 
@@ -17,8 +17,7 @@ def in_python(monkeypatch):
 
     def reference(*arguments, **keywords) -> sb.Reference:
         with monkeypatch.context() as patch:
-            for module in (cvode, ida):
-                patch.setattr(module, "available", lambda: False)
+            patch.setattr(sundials, "available", lambda: False)
             return sb.reference(*arguments, **keywords)
 
     return reference
@@ -64,7 +63,7 @@ SYSTEMS = {
     ),
     "polygon": lambda: chain(3, last(3, upper=0.02, stiffness=1e4), [(np.ones(3), record("linear"))]),
     "cubic record and a harmonic": lambda: chain(
-        3, last(3, upper=0.02, stiffness=1e4), [(np.ones(3), sb.Sum(record("cubic"), sb.Harmonic(3.0, 11.0)))]
+        3, last(3, upper=0.02, stiffness=1e4), [(np.ones(3), sb.Superposition(record("cubic"), sb.Harmonic(3.0, 11.0)))]
     ),
     "moving stop": lambda: chain(
         3, [sb.Contact(np.eye(3)[-1], sb.Stops(upper=0.02, stiffness=1e4), offset=sb.Harmonic(0.01, 20.0))]

@@ -13,7 +13,7 @@ import stiffbeam as sb
 from stiffbeam.basics.validation import InputError
 from stiffbeam.piecewise.events import LET_GO
 from stiffbeam.piecewise.tracer import tracer_of
-from stiffbeam.references.exact import tangent
+from stiffbeam.references.exact import lyapunov as tangent
 
 TIMES = np.linspace(0.0, 3.0, 61)
 
@@ -193,7 +193,7 @@ def test_a_recorded_load_and_an_ensemble():
         assert other.impacts.count == run.impacts.count > 1
         assert np.max(np.abs(run.tip - other.tip)) < error * np.max(np.abs(run.tip))
     assert np.max(np.abs(run.energy.loss)) < 1e-12 * np.max(run.energy.energy)
-    members = sb.perturbed(system, 3, 1e-3)
+    members = sb.perturbed_members(system, 3, 1e-3)
     every = sb.reference_ensemble(system, 3.0, members, t_eval=TIMES)
     for i, member in enumerate(members):
         assert np.array_equal(every.tip[i], sb.reference(member, 3.0, t_eval=TIMES).tip)

@@ -13,11 +13,11 @@ from edge_systems import KINDS, edge_system, witness
 
 import stiffbeam as sb
 from stiffbeam.basics.validation import InputError
-from stiffbeam.piecewise.audit import audit
+from stiffbeam.piecewise.measures import audit
 from stiffbeam.piecewise.tracer import tracer_of
 from stiffbeam.references import solve
 from stiffbeam.references.ensemble import reference_ensemble
-from stiffbeam.references.exact.rigid import rigid_limit
+from stiffbeam.references.exact.rigid_reference import rigid_limit
 
 
 def one_mass(load: float, kappa: float = 1e4, **kwargs) -> sb.System:
@@ -300,7 +300,7 @@ def test_a_motion_below_the_rounding_of_its_amplitudes_is_no_solution():
     with pytest.raises(sb.SolverFailure):
         sb.reference(system, 1e-5)
     with pytest.raises(sb.SolverFailure):
-        sb.reference_ensemble(system, 1e-5, sb.perturbed(system, 2, 1e-12))
+        sb.reference_ensemble(system, 1e-5, sb.perturbed_members(system, 2, 1e-12))
     assert sb.reference(system, 1e-5, "cvode").horizon > 0.0
 
 

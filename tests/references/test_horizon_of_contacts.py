@@ -90,7 +90,7 @@ def random_system(seed):
         if not rigid:
             law = {"stiffness": float(10.0 ** rng.uniform(0, 5) * M[c, c] / row[c] ** 2)}
         stops = sb.Stops(upper=g, **law) if rng.random() < 0.6 else sb.Stops(lower=-abs(g), upper=abs(g), **law)
-        q0[c] = np.clip(q0[c], (stops.g1 + 0.3 * abs(g)) / row[c], (stops.g2 - 0.3 * abs(g)) / row[c])
+        q0[c] = np.clip(q0[c], (stops.lower_bound + 0.3 * abs(g)) / row[c], (stops.upper_bound - 0.3 * abs(g)) / row[c])
         contacts.append(sb.Contact(row, stops))
     harmonic = sb.Harmonic(10.0 ** rng.uniform(-1, 1), 10.0 ** rng.uniform(-0.5, 1), rng.uniform(0, 6))
     loads = [(rng.normal(size=n) * np.diag(M), load) for load in (harmonic, sb.Constant(rng.normal()))]

@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 
 import stiffbeam as sb
 from stiffbeam.basics.validation import InputError
-from stiffbeam.references.exact import tangent
+from stiffbeam.references.exact import lyapunov as tangent
 from stiffbeam.references.exact.impacting import Tracer
 from stiffbeam.references.exact.taylor import first_zero
 
@@ -112,7 +112,7 @@ def test_a_mass_that_is_held_has_no_neighbours(row, stop):
 def test_members_have_the_bits_of_their_solo_runs():
     system = system_of(3)
     times = np.linspace(0.0, 1.5, 31)
-    members = sb.perturbed(system, 3, 1e-3)
+    members = sb.perturbed_members(system, 3, 1e-3)
     many = sb.reference_ensemble(system, 1.5, members, t_eval=times)
     late = sb.reference_ensemble(system, 1.5, members, since=0.7)
     for i, member in enumerate(members):

@@ -19,7 +19,7 @@ def test_members_are_all_of_one_kind():
     with pytest.raises(InputError, match=r"member|matrices|load"):
         sb.integrate_ensemble(system, sb.BDF2(), 0.02, 1.0, [system, soft])
     with pytest.raises(InputError, match="members"):
-        sb.integrate_ensemble(system, sb.BDF2(), 0.02, 1.0, sb.varied(system, stops=[soft.contacts[0].stops]))
+        sb.integrate_ensemble(system, sb.BDF2(), 0.02, 1.0, sb.varied_members(system, stops=[soft.contacts[0].stops]))
 
 
 @pytest.mark.parametrize(

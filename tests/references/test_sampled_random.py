@@ -35,7 +35,7 @@ def random_system(seed: int, most: int = 25) -> tuple[sb.System, float]:
         return (
             f
             if rng.random() < 0.6
-            else sb.Sum(f, sb.Harmonic(0.5 * size, slowest * rng.uniform(0.3, 3.0)), sb.Constant(size / 5))
+            else sb.Superposition(f, sb.Harmonic(0.5 * size, slowest * rng.uniform(0.3, 3.0)), sb.Constant(size / 5))
         )
 
     row = np.eye(n)[-1] if rng.random() < 0.7 else rng.normal(size=n)

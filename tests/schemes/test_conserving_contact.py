@@ -198,7 +198,7 @@ class TestRefusals:
 
     def test_members_that_dissipate(self):
         linear = free_beam(6)
-        members = sb.varied(linear, stops=[sb.Stops(upper=0.1, stiffness=10.0, damping=1.0)])
+        members = sb.varied_members(linear, stops=[sb.Stops(upper=0.1, stiffness=10.0, damping=1.0)])
         with pytest.raises(InputError, match=r"stops\.damping"):
             sb.integrate_ensemble(linear, sb.Trapezoidal(), 1e-3, 0.1, members, contact="conserving")
 

@@ -121,7 +121,7 @@ def test_an_equilibrium_on_a_stop_is_no_motion():
 
 def test_an_ensemble_has_the_bits_of_its_members():
     system, _ = chain(1, e=0.5)
-    members = sb.perturbed(system, 3, scale=1e-3)
+    members = sb.perturbed_members(system, 3, scale=1e-3)
     found = sb.integrate_ensemble(system, sb.MoreauJean(), 0.02, 4.0, members)
     solo = [sb.integrate(member, sb.MoreauJean(), 0.02, 4.0) for member in members]
     assert np.array_equal([run.contacts[0].impulse for run in solo], found.impulse)

@@ -291,7 +291,18 @@ def test_a_step_that_breaks_the_contract_is_refused(three_masses):
     class Forgetful(Own):
         nodes = (0.5, 1.0)
 
-    for scheme, word in ((Nonlinear(), "linear"), (LooksAhead(), "causal"), (Forgetful(), "and 2 y")):
+    class RadauIIA(Own):
+        nodes = (1 / 3, 1.0)
+
+        def step(self, equation, dt, z, loads, reactions):
+            stages = dt * np.array([[5 / 12, -1 / 12], [3 / 4, 1 / 4]])
+            rates = equation.implicit_rate(stages, z, np.stack(loads) + np.stack(reactions))
+            return z + stages[-1] @ rates, list(z + stages @ rates)
+
+    for scheme, word in (
+        (Nonlinear(), "linear"), (LooksAhead(), r"causal.*fully implicit.*system\.ode\(\)"), (Forgetful(), "and 2 y"),
+        (RadauIIA(), r"one number.*fully implicit.*solve\(system, dt, t_end\)"),
+    ):  # fmt: skip
         with pytest.raises(sb.InputError, match=word):
             sb.integrate(three_masses, scheme, 0.01, 0.1)
     run = sb.integrate(three_masses, Own(), 0.01, 0.1)

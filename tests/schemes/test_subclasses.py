@@ -79,7 +79,7 @@ STOPS = Unchecked(upper=1.0, stiffness=1.0)
         lambda: Sagging.from_matrices(ONE, ONE, observe=ROW),
         lambda: type("MyContact", (sb.Contact,), {})(ROW, sb.Stops(upper=1.0, stiffness=1.0)),
         lambda: type("MyBeam", (sb.BeamProblem,), {})(stiffness=1.0),
-        lambda: sb.varied(
+        lambda: sb.varied_members(
             sb.System.from_matrices(ONE, ONE, contacts=[sb.Contact(ROW, sb.Stops(upper=1.0, stiffness=1.0))]),
             stops=[STOPS],
         ),

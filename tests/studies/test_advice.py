@@ -39,30 +39,30 @@ def judged(family, number) -> tuple[bool, str]:
     system = system_of(case)
     advice = sb.advise(system, t_end=case.t_end, members=12 if sb.modes(system).coupled else 48)
     if advice.members:  # past the horizon: means over other members than those it has seen
-        good = set(advice.cannot) >= {"tip"}
-        if advice.chosen is not None:
-            members = sb.perturbed(system, 96, 1e-3, seed=99)
+        good = set(advice.unattainable) >= {"tip"}
+        if advice.recommendation is not None:
+            members = sb.perturbed_members(system, 96, 1e-3, seed=99)
             exact = sb.reference_ensemble(system, case.t_end, members)
-            own = advice.chosen
+            own = advice.recommendation
             many = sb.integrate_ensemble(system, own.scheme, own.dt, case.t_end, members, own.contact)
             pairs = list(zip(many.contacts, exact.contacts, strict=True))
             for name, column in (("impacts", "impact_count"), ("peak_force", "peak_force")):
-                if name in advice.cannot:
+                if name in advice.unattainable:
                     continue
                 for a, b in pairs:
                     x, y = np.asarray(getattr(a, column), float), np.asarray(getattr(b, column), float)
                     slack = 1.96 * np.sqrt(np.var(x, ddof=1) / len(x) + np.var(y, ddof=1) / len(y))
                     good &= bool(abs(np.mean(x) - np.mean(y)) <= WANT[name] * np.mean(y) + slack)
         return good, repr(advice)
-    if advice.chosen is None:
-        return len(advice.cannot) > 0, repr(advice)
+    if advice.recommendation is None:
+        return len(advice.unattainable) > 0, repr(advice)
     errors = errors_by_another_solver(case, advice.run())
-    good = all(errors[name] <= 1.001 * WANT[name] for name in WANT if name not in advice.cannot)
+    good = all(errors[name] <= 1.001 * WANT[name] for name in WANT if name not in advice.unattainable)
     # What no run has reached is not reached by another solver's count of the finest one either.
-    finest = max((p for p in advice.tried), key=lambda p: p.steps)
+    finest = max((p for p in advice.candidates), key=lambda p: p.steps)
     run = sb.integrate(system, finest.scheme, finest.dt, case.t_end, finest.contact)
     misses = errors_by_another_solver(case, run)
-    good &= all(misses[name] > 0.5 * WANT[name] for name in advice.cannot)
+    good &= all(misses[name] > 0.5 * WANT[name] for name in advice.unattainable)
     return good, f"{advice!r} {errors}"
 
 
@@ -83,17 +83,17 @@ def test_the_advised_run_meets_the_want_and_its_double_step_does_not():
     system = bouncing_chain()
     advice = sb.advise(system, {"tip": 1e-2, "impacts": 0.2}, 6.0, [sb.HHT(alpha=-0.1), sb.BDF2()])
     run, exact = advice.run(), sb.reference(system, 6.0)
-    assert advice.chosen is not None
-    assert not advice.cannot
+    assert advice.recommendation is not None
+    assert not advice.unattainable
     error = np.sqrt(np.mean((run.tip - exact.at(run.t)[0]) ** 2)) / np.max(np.abs(exact.at(run.t)[0]))
-    assert error == pytest.approx(advice.chosen.errors["tip"], rel=1e-9)
+    assert error == pytest.approx(advice.recommendation.errors["tip"], rel=1e-9)
     assert error <= 1e-2
-    good = [p for p in advice.tried if p.meets(advice.want) and p.work < advice.chosen.work]
+    good = [p for p in advice.candidates if p.meets(advice.want) and p.work < advice.recommendation.work]
     for p in good:  # each is followed by one that does not meet it, to its half or between the two
-        finer = [x for x in advice.tried if x.label == p.label and p.steps < x.steps <= 2 * p.steps]
+        finer = [x for x in advice.candidates if x.label == p.label and p.steps < x.steps <= 2 * p.steps]
         assert not finer or not all(x.meets(advice.want) for x in finer), p
     assert set(QUANTITIES) <= {name.removeprefix("error_") for name in advice.to_dataframe()}
-    assert json.loads(json.dumps(advice.to_dict()))["advised"]["scheme"] == str(advice.chosen.scheme)
+    assert json.loads(json.dumps(advice.to_dict()))["recommendation"]["scheme"] == str(advice.recommendation.scheme)
 
 
 def test_a_step_that_is_right_by_chance_is_not_advised(monkeypatch):
@@ -106,19 +106,19 @@ def test_a_step_that_is_right_by_chance_is_not_advised(monkeypatch):
 
     monkeypatch.setattr(advice.Motion, "errors", swinging)
     found = sb.advise(bouncing_chain(), {"impacts": 0.05}, 6.0, [sb.HHT(alpha=-0.1)])
-    assert found.chosen is not None
-    assert found.chosen.steps >= 512
-    assert any(64 < p.steps < 128 for p in found.tried)
+    assert found.recommendation is not None
+    assert found.recommendation.steps >= 512
+    assert any(64 < p.steps < 128 for p in found.candidates)
 
 
 def test_what_cannot_be_had_is_said_with_the_best_there_is():
     advice = sb.advise(bouncing_chain(), {"tip": 1e-15, "peak_force": 0.1}, 4.0, [sb.HHT(alpha=-0.1)], most_steps=4096)
-    assert set(advice.cannot) == {"tip"}
-    assert advice.chosen is not None
-    assert advice.chosen.errors["peak_force"] <= 0.1
-    assert "none of" in advice.cannot["tip"]
+    assert set(advice.unattainable) == {"tip"}
+    assert advice.recommendation is not None
+    assert advice.recommendation.errors["peak_force"] <= 0.1
+    assert "none of" in advice.unattainable["tip"]
     nothing = sb.advise(bouncing_chain(), {"tip": 1e-15}, 4.0, [sb.HHT(alpha=-0.1)], most_steps=512)
-    assert nothing.chosen is None
+    assert nothing.recommendation is None
     with pytest.raises(InputError, match="advice"):
         nothing.run()
 
@@ -126,7 +126,7 @@ def test_what_cannot_be_had_is_said_with_the_best_there_is():
 def test_past_the_horizon_the_tip_cannot_be_had_and_means_can(table10):
     system = sb.semidiscretise(table10, 8)
     advice = sb.advise(system, {"tip": 1e-2, "impacts": 0.3}, 1.0, [sb.HHT(alpha=-0.1)], members=12, most_steps=2**16)
-    assert "past the horizon" in advice.cannot["tip"]
+    assert "past the horizon" in advice.unattainable["tip"]
     assert advice.members == 12
     assert advice.horizon < 1.0
     assert advice.trusted_until <= advice.horizon
@@ -154,10 +154,12 @@ def test_a_search_that_was_stopped_goes_on_and_tells_what_it_knows(tmp_path, mon
         again = sb.advise(system, {"tip": 1e-2}, 6.0, **given, tell=told.append, journal=journal)
     assert told[2:] == whole
     assert "cheapest so far" in "".join(whole)
-    assert len(set(runs)) == len(runs) - 1 == len(again.tried)  # of all runs only the interrupted one twice
-    assert [(p.label, p.steps, p.errors) for p in again.tried] == [(p.label, p.steps, p.errors) for p in alone.tried]
+    assert len(set(runs)) == len(runs) - 1 == len(again.candidates)  # of all runs only the interrupted one twice
+    assert [(p.label, p.steps, p.errors) for p in again.candidates] == [
+        (p.label, p.steps, p.errors) for p in alone.candidates
+    ]
     other = sb.advise(system, {"tip": 1e-2}, 6.0, [sb.BDF2()], most_steps=8192)
-    assert other.chosen is None or other.chosen.work >= alone.chosen.work
+    assert other.recommendation is None or other.recommendation.work >= alone.recommendation.work
 
 
 def test_bad_wants_are_refused(three_masses):
@@ -214,7 +216,7 @@ def test_rigid_stops_with_a_restitution_are_advised():
         contacts=[sb.Contact([1.0], sb.Stops(upper=0.1, stiffness=float("inf"), restitution=0.7))],
     )  # fmt: skip
     advice = sb.advise(system, {"impacts": 0.05, "tip": 2e-2}, 3.0)
-    assert advice.chosen is not None
+    assert advice.recommendation is not None
     run, exact = advice.run(), sb.reference(system, 3.0)
     assert (
         abs(run.contacts[0].impacts.count - exact.contacts[0].impacts.count) <= 0.05 * exact.contacts[0].impacts.count

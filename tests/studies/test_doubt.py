@@ -36,7 +36,7 @@ def test_the_interval_of_a_scatter_covers_the_known_one():
     known = np.sqrt(1.0 - mean**2) / mean  # the mean of kappa itself is 1
     inside = 0
     for seed in range(CASES):
-        members = sb.uncertain(system, {"stops.stiffness": tolerance}, 48, seed)
+        members = sb.uncertain_members(system, {"stops.stiffness": tolerance}, 48, seed)
         forces = 3.0 * np.sqrt(2.0 * 1e4 * members.values[:, 0])
         if not seed:
             exact = sb.reference_ensemble(system, 0.2, members)
@@ -113,7 +113,7 @@ def test_the_source_that_is_large_by_construction_is_named(source):
     else:
         each = [
             sb.reference(sb.semidiscretise(replace(beam(24, dt, 0.2).problem, stiffness=3.0 * x), 24), 0.6)
-            for x in sb.uncertain(beam(24, dt, 0.2).system(), {"stiffness": 0.2}, 12).values[:, 0]
+            for x in sb.uncertain_members(beam(24, dt, 0.2).system(), {"stiffness": 0.2}, 12).values[:, 0]
         ]
         forces = [one.contacts[0].peak_force for one in each]
         assert shares["data"].value == pytest.approx(np.std(forces, ddof=1) / np.mean(forces), rel=1e-6)

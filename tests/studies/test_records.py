@@ -108,7 +108,7 @@ def test_an_exact_sweep_over_a_stop_and_a_level_has_the_exact_impacts(folder, na
     assert len(records.rows) == 4
     for row in records.rows:
         system = scaled(name, row[SCALE])
-        system = sb.varied(system, {"stops.stiffness": [row["stops.stiffness"]]})[0]
+        system = sb.varied_members(system, {"stops.stiffness": [row["stops.stiffness"]]})[0]
         exact = sb.reference(system, case.t_end)
         assert (row["count"], row["peak_force"]) == (
             exact.impacts.count,

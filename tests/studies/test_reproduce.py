@@ -156,7 +156,7 @@ def test_one_stop_excites_even_multiples_and_is_lopsided(hht):
     # The mean over eight runs that differ by rounding: of 3a and above, 6a is the largest, near the first mode 60.9.
     assert run.system is not None
     many = sb.integrate_ensemble(
-        run.system, sb.HHT(-0.01), case.dt, case.t_end, sb.perturbed(run.system, 8, 1e-12), every=1
+        run.system, sb.HHT(-0.01), case.dt, case.t_end, sb.perturbed_members(run.system, 8, 1e-12), every=1
     )
     sizes = np.mean([multiple_amplitudes(*amplitude_spectrum(many.t, u, 10.0), 10.0) for u in many.tip], axis=0)
     assert np.argmax(sizes[2:]) == 3

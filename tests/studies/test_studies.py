@@ -221,8 +221,8 @@ def test_bad_input_is_named_with_its_remedy(call, words):
 def test_the_means_of_fine_steps_are_those_of_exact_members(scheme):
     """Table 10 at dt = 1.6e-6. With starts 1e-12 apart HHT was 10 % off, of which +-3 % was said."""
     system, dt, members = paper_case(10).system("displacement"), 1e-4 / 64, 48
-    exact = sb.reference_ensemble(system, 5.0, sb.perturbed(system, 192)).contacts[0].impact_count
-    found = sb.integrate_ensemble(system, scheme, dt, 5.0, sb.perturbed(system, members))
+    exact = sb.reference_ensemble(system, 5.0, sb.perturbed_members(system, 192)).contacts[0].impact_count
+    found = sb.integrate_ensemble(system, scheme, dt, 5.0, sb.perturbed_members(system, members))
     count = found.contacts[0].impact_count
     deviation = np.sqrt(np.var(exact, ddof=1) / len(exact) + np.var(count, ddof=1) / members)
     assert abs(np.mean(count) - np.mean(exact)) < 4.0 * deviation

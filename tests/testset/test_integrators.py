@@ -155,7 +155,7 @@ def test_studies_run_a_function_as_the_scheme_that_it_is(tmp_path):
 def test_an_ensemble_takes_functions_solvers_and_recorded_members():
     """One motion: the exact counts of every member; recorded runs of the same members give the function's numbers."""
     system, dt, t_end = pair(), 0.01, 0.5
-    members = sb.perturbed(system, 3, 1e-3, 1, t_end=t_end)
+    members = sb.perturbed_members(system, 3, 1e-3, 1, t_end=t_end)
     runs = []
     for member in members:
         t, q, v = radau(member, dt, t_end)

@@ -31,7 +31,7 @@ def newmark(system, dt, t_end, kappa=1.0, late=False, pull=False):
     """The trapezoidal rule for one mass, with an error on request: the stop's stiffness times kappa, its force of the
     step before, or a damper that may pull."""
     m, k, c = system.mass[0, 0], system.stiffness[0, 0], system.contacts[0].stops
-    stiff, damp, g = kappa * c.stiffness, c.damping, c.g2
+    stiff, damp, g = kappa * c.stiffness, c.damping, c.upper_bound
     steps = round(t_end / dt)
     u, v = np.empty(steps + 1), np.empty(steps + 1)
     u[0], v[0] = system.q0[0], system.v0[0]

@@ -68,5 +68,5 @@ def advise(
         )  # fmt: skip
     if not write_json("advise", {"case": chosen.name} | advice.to_dict(), json_file):
         say(str(advice))
-    if advice.chosen is None:
+    if advice.recommendation is None:
         raise typer.Exit(1)

@@ -201,4 +201,4 @@ def _stop_marks(system: System, i: int, t: Array) -> tuple[float, tuple[Array, A
 
 
 def _edges(contact: Any) -> tuple[float, float]:
-    return contact.stops.g1, contact.stops.g2
+    return contact.stops.lower_bound, contact.stops.upper_bound

@@ -150,19 +150,27 @@ def plot_advice(advice: Any, ax: Axes | None = None, **kwargs: Any) -> Axes | Fi
     """The worst error over the wanted one of every run that was tried, against its cost; the advised run is black."""
     axis, returned = _axes(ax, f"Runs tried to t = {advice.system.units.measure(advice.t_end, 'time', 'g')}")
     runs: dict[str, list[Any]] = {}
-    for probe in advice.tried:
+    for probe in advice.candidates:
         runs.setdefault(probe.label, []).append(probe)
 
     def worst(probe: Any) -> float:
-        return max((probe.errors[name] / advice.want[name] for name in advice.want_met), default=np.nan)
+        return max((probe.errors[name] / advice.want[name] for name in advice.attainable), default=np.nan)
 
     for label, probes in runs.items():
         probes.sort(key=lambda probe: probe.work)
         style: dict[str, Any] = look(str(probes[0].scheme)) | {"ms": 4, "lw": 1.0, "label": label} | kwargs
         axis.plot([p.work for p in probes], [worst(p) for p in probes], **style)
     axis.axhline(1.0, color="0.4", lw=0.9, ls="--")
-    if advice.chosen is not None:
-        axis.plot([advice.chosen.work], [worst(advice.chosen)], "o", ms=10, mfc="none", color="black", label="advised")
+    if advice.recommendation is not None:
+        axis.plot(
+            [advice.recommendation.work],
+            [worst(advice.recommendation)],
+            "o",
+            ms=10,
+            mfc="none",
+            color="black",
+            label="advised",
+        )
     axis.set(xscale="log", yscale="log", xlabel="linear solves", ylabel="worst error / wanted error")
     _legend_once(axis)
     return returned

@@ -176,7 +176,7 @@ def zoom_on_stop(axis: Axes, reference: Reference, start: float, end: float, con
     if not record.impacts.count:
         return
     side = int(record.impacts.stops[0])
-    stop = record.stops.g2 if side > 0 else record.stops.g1
+    stop = record.stops.upper_bound if side > 0 else record.stops.lower_bound
     t = reference.t[(reference.t >= start) & (reference.t <= end)]
     u, _ = reference.at(np.linspace(start, end, 800) if reference.solution is not None else t, contact)
     outside = float(np.max(side * (u - stop)))
@@ -188,7 +188,7 @@ def zoom_on_stop(axis: Axes, reference: Reference, start: float, end: float, con
 
 def draw_stops(axis: Axes, stops: Stops, horizontal: bool) -> None:
     """Dotted lines where the stops are."""
-    for stop in (stops.g1, stops.g2):
+    for stop in (stops.lower_bound, stops.upper_bound):
         if np.isfinite(stop):
             line = axis.axhline if horizontal else axis.axvline
             line(stop, color="0.45", lw=0.9, ls=":", zorder=0)

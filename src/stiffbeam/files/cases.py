@@ -15,10 +15,10 @@ from ..basics.exact_float import exact_float
 from ..basics.units import Units
 from ..basics.validation import InputError, file_path, integer, near, positive, step_count
 from ..model.contact import Stops
-from ..model.problem import BeamProblem, DistributedLoad, Load, PointLoad, Section
+from ..model.problem import BeamProblem, BeamSection, DistributedLoad, Load, PointLoad
 from ..model.semidiscretisation import FORMS, semidiscretise
 from ..model.system import System
-from ..model.uncertain import KINDS, Uncertain, uncertain
+from ..model.uncertain import KINDS, Uncertain, uncertain_members
 from ..schemes import BDF2, HHT, RIGID, SDIRK, Scheme, make, takes_stops
 from ..schemes.labels import parse_run
 from .reader import Reader, SystemReader
@@ -437,7 +437,7 @@ class _Reader(Reader):
     def drawn_from(self, case: Case) -> Case:
         """The case, after one draw of its uncertain parameters: a path that it does not have is refused here."""
         if case.uncertain:
-            self.build(uncertain, case.system(), case.uncertain, 1)
+            self.build(uncertain_members, case.system(), case.uncertain, 1)
         return case
 
     def problem(self) -> BeamProblem:
@@ -473,10 +473,10 @@ class _Reader(Reader):
             sections=[part.section() for part in self.one_or_several("sections")],
         )
 
-    def section(self) -> Section:
+    def section(self) -> BeamSection:
         self.only({"begin", "end", "stiffness", "mass"})
         numbers = {name: self.number(name) for name in ("stiffness", "mass") if name in self.table}
-        return self.build(Section, self.number("begin"), self.number("end"), **numbers)
+        return self.build(BeamSection, self.number("begin"), self.number("end"), **numbers)
 
     def units(self) -> Units:
         self.only({"length", "time", "force"})

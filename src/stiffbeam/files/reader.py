@@ -14,7 +14,7 @@ from ..model.contact_law import LINEAR
 from ..model.problem import PolynomialProfile
 from ..model.sampled import Sampled
 from ..model.system import System
-from ..model.time_functions import Constant, Harmonic, LoadFunction, Sum, TimeFunction
+from ..model.time_functions import Constant, Harmonic, LoadFunction, Superposition, TimeFunction
 
 SUFFIXES = (".mtx", ".npz", ".npy")
 
@@ -199,13 +199,14 @@ class Reader:
         if "sum" in self.table:
             self.only({"sum"} | besides)
             parts = self.tables("sum", "{ amplitude = ..., frequency = ... }")
-            return self.build(Sum, *(part.time_function(set()) for part in parts))
+            return self.build(Superposition, *(part.time_function(set()) for part in parts))
         if "sampled" in self.table:
             return self.sampled(besides)
         if "constant" in self.table:
             self.only({"constant"} | besides)
             return self.build(Constant, self.number("constant"))
-        self.only({"amplitude", "frequency", "phase"} | besides)
+        others = {"constant", "sampled", "sum"}  # for the message: there is none of them here
+        self.only({"amplitude", "frequency", "phase"} | others | besides)
         return self.build(Harmonic, self.number("amplitude"), self.number("frequency"), self.number("phase", 0.0))
 
     def stops(self, besides: set[str]) -> Stops:

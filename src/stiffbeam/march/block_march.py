@@ -12,7 +12,7 @@ from ..basics.compiled import clock
 from ..model.contact import laws
 from ..model.contact_law import all_laws
 from ..model.contact_law import jumps as force_jumps
-from ..model.members import Members
+from ..model.members import EnsembleMembers
 from ..model.stage import LINEAR
 from ..model.system import System
 from ..model.time_functions import offset_rate, offset_values
@@ -139,7 +139,7 @@ class March:
 
     def __post_init__(self) -> None:
         system, M = self.stepper.system, len(self.members)
-        if isinstance(self.members, Members):
+        if isinstance(self.members, EnsembleMembers):
             self._systems, (q0, v0) = self.members.systems(), self.members.starts()
         else:
             self._systems = list(self.members)

@@ -10,7 +10,7 @@ import numpy as np
 from ..basics.compiled import wall_clock
 from ..basics.resources import cores, over_slices
 from ..basics.validation import InputError
-from ..model.members import Members, as_members, march_apart
+from ..model.members import EnsembleMembers, as_members, march_apart
 from ..model.system import System
 from ..schemes import Scheme
 from ..trajectory.ensemble import MEMBERS_PER_SLICE, Ensemble, Progress, Runs, gathered, record_from
@@ -25,7 +25,7 @@ def integrate_ensemble(
     scheme: Scheme,
     dt: float,
     t_end: float,
-    members: Members | Sequence[System],
+    members: EnsembleMembers | Sequence[System],
     contact: str = "implicit",
     every: int | None = None,
     engine: str = "numba",
@@ -39,9 +39,10 @@ def integrate_ensemble(
     system : System
     scheme : Scheme
     dt, t_end : float
-    members : Members or sequence of System
-        From ``perturbed``, ``varied`` or ``uncertain``, or systems that differ from ``system`` in initial data, stops,
-        loads and motions only. Members with records (Sampled) or matrices of their own are set up one by one.
+    members : EnsembleMembers or sequence of System
+        From ``perturbed_members``, ``varied_members`` or ``uncertain_members``, or systems that differ from
+        ``system`` in initial data, stops, loads and motions only. Members with records (Sampled) or matrices of their
+        own are set up one by one.
     contact : {"implicit", "extrapolated", "conserving"}
         As in ``integrate``.
     every : int, optional
@@ -68,7 +69,7 @@ def integrate_ensemble(
     --------
     >>> import stiffbeam as sb
     >>> system = sb.paper_case(10).system()
-    >>> many = sb.integrate_ensemble(system, sb.HHT(alpha=-0.1), 1e-4, 0.5, sb.perturbed(system, 16))
+    >>> many = sb.integrate_ensemble(system, sb.HHT(alpha=-0.1), 1e-4, 0.5, sb.perturbed_members(system, 16))
     >>> many.impact_count.shape
     (16,)
     """
@@ -86,7 +87,7 @@ def integrate_ensemble(
 
     apart = march_apart(members)
 
-    def march(part: Members) -> Runs:
+    def march(part: EnsembleMembers) -> Runs:
         if apart:
             each = [part[i : i + 1] for i in range(len(part))]
             return Runs.joined([_alone(plan, one[0]).runs(one, every, passed) for one in each])
@@ -109,5 +110,5 @@ def _alone(plan: Plan, member: System) -> Plan:
     return Plan.of(member, plan.scheme, plan.dt, plan.t_end, plan.contact, 1, plan.engine)
 
 
-def _ledger(plan: Plan, members: Members, every: int, apart: bool, i: int) -> Ledger:
+def _ledger(plan: Plan, members: EnsembleMembers, every: int, apart: bool, i: int) -> Ledger:
     return (_alone(plan, members[i]) if apart else plan).ledger(members[i], every)

@@ -15,7 +15,7 @@ from ..basics.resources import afford
 from ..basics.validation import InputError, integer, itself, one_of, positive, step_count
 from ..model.contact import Contact
 from ..model.first_order import FirstOrderSystem
-from ..model.members import Members
+from ..model.members import EnsembleMembers
 from ..model.modes import modes
 from ..model.system import System
 from ..model.time_functions import covered
@@ -178,7 +178,7 @@ class Plan:
             return rigid_pieces(system, self.scheme, self.dt, self.steps)
         return direct_pieces(system, self.scheme, self.dt, self.steps, self.contact)
 
-    def runs(self, members: Members, every: int | None, since: int = 0) -> Runs:
+    def runs(self, members: EnsembleMembers, every: int | None, since: int = 0) -> Runs:
         """The runs of members, their contacts after step ``since``; outputs where ``every`` is given."""
         if self.stepper is None:
             return Runs.of([seen_directly(self, member, every, None, since) for member in members])
@@ -188,7 +188,7 @@ class Plan:
         parts, places = [], []
         for stepper in dict.fromkeys(kinds):
             places_of_kind = [i for i, kind in enumerate(kinds) if kind is stepper]
-            march = stepper.start(members.chosen(places_of_kind), self.steps, every, since)
+            march = stepper.start(members.subset(places_of_kind), self.steps, every, since)
             for _ in march.advance():
                 pass
             parts.append(march.runs())

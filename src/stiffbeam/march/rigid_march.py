@@ -156,7 +156,7 @@ def _probed(
         if not isinstance(scheme, RigidScheme):
             _require_lasting_contact(scheme)
     scale = np.array([1.0 + e if kind == RESTITUTED else np.ones(m) for kind in kinds])
-    ends = np.array([[s.g1, s.g2] for s in stops]).reshape(m, 2)
+    ends = np.array([[s.lower_bound, s.upper_bound] for s in stops]).reshape(m, 2)
     still = np.array([[0.0 if np.isfinite(g) else g for g in own] for own in ends]).reshape(m, 2)
     bounds = np.array(
         [scale[s][:, None] * ends if kind in (POSITION, RESTITUTED) else still for s, kind in enumerate(kinds)]
@@ -237,8 +237,8 @@ def _first_reactions(view: _View, system: System, force: Array) -> Array:
         u = float(rows[c] @ view.y0[0] + offset_values(contact.offset, 0.0))
         rate = float(rows[c] @ view.y0[1] + offset_rate(contact.offset, 0.0))
         rest = abs(rate) == 0.0
-        law[c, 1] = 0.0 if rest and u <= contact.stops.g1 else -np.inf
-        law[c, 2] = 0.0 if rest and u >= contact.stops.g2 else np.inf
+        law[c, 1] = 0.0 if rest and u <= contact.stops.lower_bound else -np.inf
+        law[c, 2] = 0.0 if rest and u >= contact.stops.upper_bound else np.inf
         pull = 0.0 if contact.offset is None else float(contact.offset.acceleration(0.0))  # type: ignore[union-attr]
         r[c] = rows[c] @ acceleration + pull
     if not len(rows):

@@ -16,7 +16,7 @@ from ..model.natural_modes import modes
 from ..model.sampled import Sampled
 from ..model.scales import oscillates
 from ..model.system import System
-from ..model.time_functions import Sum, parts
+from ..model.time_functions import Superposition, parts
 
 
 def drive_frequency(system: System) -> float:
@@ -54,7 +54,7 @@ def smooth_motion(system: System) -> System:
         (p, [(factor, f) for factor, f in parts(function) if not isinstance(f, Sampled)])
         for p, function in system.loads
     ]
-    system = replace(system, loads=tuple((p, Sum.weighted(kept)) for p, kept in loads if kept))
+    system = replace(system, loads=tuple((p, Superposition.weighted(kept)) for p, kept in loads if kept))
     y, g = steady_state(system)
     q, v = g @ y, Drive.of(system).derivative() @ g @ y
     size = float(np.max(np.abs(q))) or 1.0

@@ -6,12 +6,13 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..basics.arrays import Array, is_read_only, read_only
+from ..basics.deprecation import Renamed
 from ..basics.validation import InputError, itself, non_negative, number, numbers, positive
 from .contact_law import (
     LAW,
@@ -110,7 +111,7 @@ class Stops(Parameters):
             object.__setattr__(self, "restitution", float(self.restitution))
         if self.lower is None and self.upper is None:
             raise InputError("stops", "no side", "have a lower or an upper stop", "for no contact leave stops out")
-        if not self.g1 < self.g2:
+        if not self.lower_bound < self.upper_bound:
             rule = f"be > stops.lower = {self.lower}"
             raise InputError("stops.upper", self.upper, rule, "leave a gap between them")
         if self.position is not None:
@@ -147,14 +148,17 @@ class Stops(Parameters):
         return f"Stops({', '.join(f'{name}={getattr(self, name)!r}' for name in shown)})"
 
     @property
-    def g1(self) -> float:
+    def lower_bound(self) -> float:
         """The lower stop, -inf where that side is free."""
         return -math.inf if self.lower is None else float(self.lower)
 
     @property
-    def g2(self) -> float:
+    def upper_bound(self) -> float:
         """The upper stop, +inf where that side is free."""
         return math.inf if self.upper is None else float(self.upper)
+
+    g1: ClassVar = Renamed("lower_bound")
+    g2: ClassVar = Renamed("upper_bound")
 
     @property
     def rigid(self) -> bool:
@@ -170,7 +174,9 @@ class Stops(Parameters):
     @cached_property
     def coefficients(self) -> Law:
         """(kappa, g1, g2, p, c, lambda) as the functions of contact_law take them."""
-        return Law(float(self.stiffness), self.g1, self.g2, *(float(getattr(self, name)) for name in LINEAR))
+        return Law(
+            float(self.stiffness), self.lower_bound, self.upper_bound, *(float(getattr(self, name)) for name in LINEAR)
+        )
 
     @property
     def law(self) -> Array:
@@ -203,7 +209,7 @@ class Stops(Parameters):
     def penetration(self, v: ArrayLike) -> Array:
         """v - clip(v, g1, g2): > 0 into the upper stop, < 0 into the lower, 0 between them."""
         v = np.asarray(v, float)
-        return v - np.clip(v, self.g1, self.g2)
+        return v - np.clip(v, self.lower_bound, self.upper_bound)
 
     def spring(self, side: int) -> tuple[float, float]:
         """(kappa, kappa g): on ``side``, +1 or -1, F(v) = kappa g - kappa v; g = 0 for a side without a stop.
@@ -211,7 +217,7 @@ class Stops(Parameters):
         Raises InputError where the law is not that, or that and -c v'.
         """
         self.require_linear("a closed form between its switches", damped=True)
-        gap = self.g2 if side > 0 else self.g1
+        gap = self.upper_bound if side > 0 else self.lower_bound
         return float(self.stiffness), self.stiffness * (gap if math.isfinite(gap) else 0.0)
 
     def require_linear(self, for_what: str, damped: bool = False) -> None:
@@ -256,7 +262,7 @@ class Stops(Parameters):
 
     def force_in(self, xp: Any, v: Any, velocity: Any = None) -> Any:
         """``force`` by the functions of ``xp``."""
-        out = xp.clip(v, self.g1, self.g2) - v  # F pushes this way
+        out = xp.clip(v, self.lower_bound, self.upper_bound) - v  # F pushes this way
         side = xp.sign(out)
         return side * self.pressure_in(xp, xp.abs(out), None if velocity is None else -side * velocity)
 
@@ -296,7 +302,7 @@ class Stops(Parameters):
         Without damping that is v > g2 and v < g1 (strict). With a damped stop contact ends earlier; needs ``velocity``.
         """
         v = np.asarray(v, float)
-        chi = (v > self.g2).astype(np.int64) - (v < self.g1).astype(np.int64)
+        chi = (v > self.upper_bound).astype(np.int64) - (v < self.lower_bound).astype(np.int64)
         return chi * (self.force(v, velocity) != 0.0) if self.dissipative else chi
 
     def solve(self, r: ArrayLike, s: ArrayLike) -> Array:

@@ -97,7 +97,7 @@ class Drive:
     def split(self, terms: Iterable[Term], width: int) -> tuple[Array, list[Term]]:
         """sum_k p_k f_k(t) = g(t) @ basis + sum over the rest; basis is (d, width).
 
-        A Sum is taken term by term. The rest are the terms that are neither Harmonic nor Constant.
+        A Superposition is taken term by term. The rest are the terms that are neither Harmonic nor Constant.
         """
         basis, rest = np.zeros((self.size, width)), []
         for vector, function in ((factor * p, f) for p, whole in terms for factor, f in parts(whole)):
@@ -186,7 +186,10 @@ def stays_at_rest(system: System) -> bool:
     """
     if np.any(system.q0) or np.any(system.v0) or any(np.any(p) and not _zero(f) for p, f in system.loads):
         return False
-    return all(_zero(contact.offset) and contact.stops.g1 <= 0.0 <= contact.stops.g2 for contact in system.contacts)
+    return all(
+        _zero(contact.offset) and contact.stops.lower_bound <= 0.0 <= contact.stops.upper_bound
+        for contact in system.contacts
+    )
 
 
 def _zero(function: LoadFunction | None) -> bool:

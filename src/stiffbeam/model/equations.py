@@ -22,6 +22,11 @@ import scipy.sparse
 from ..basics.arrays import Array
 from ..basics.validation import InputError
 
+# Stages that depend on each other, as of Radau IIA: no scheme's step, but any other program's.
+FULLY_IMPLICIT = (
+    "a fully implicit method runs everywhere as a function solve(system, dt, t_end), its equation is system.ode()"
+)
+
 
 class Equation:
     """The equation that a scheme steps; ``order`` 1 or 2.
@@ -98,6 +103,9 @@ class SecondOrder(Equation):
 
         Solved for q'' first: (q - r_q)/c would lose eps |q|/c in the velocity.
         """
+        if np.ndim(c):
+            rule = "be one number: the stages are solved one after the other"
+            raise InputError("implicit_rate: c", f"{np.ndim(c)} dimensions", rule, FULLY_IMPLICIT)
         ahead = np.stack([r[0] + c * r[1], r[1]])
         acceleration = self.solve(c, c * c, self.net_force(ahead, force))
         return np.stack([r[1] + c * acceleration, acceleration])

@@ -7,12 +7,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
 from decimal import Decimal
 from numbers import Real
-from typing import Any, cast
+from typing import Any, ClassVar, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array, same
+from ..basics.deprecation import Renamed
 from ..basics.resources import afford
 from ..basics.validation import InputError, integer, itself, near, non_negative, number, numbers, positive, sequence
 from .contact import Contact, Stops
@@ -22,7 +23,7 @@ from .sampled import Sampled
 from .scales import scales
 from .semidiscretisation import semidiscretise
 from .system import System, finite_vector, require_system
-from .time_functions import Constant, Harmonic, LoadFunction, Sum, TimeFunction, parts, parts_of
+from .time_functions import Constant, Harmonic, LoadFunction, Superposition, TimeFunction, parts, parts_of
 
 DIFFERENT = ("loads", "contacts", "q0", "v0", "origin")  # what members may differ in and still march side by side
 LINEAR = ("mass", "damping", "stiffness", "observe")  # where they differ in these too, each marches by itself
@@ -31,11 +32,12 @@ LINEAR = ("mass", "damping", "stiffness", "observe")  # where they differ in the
 # 1e-12 the counts of Table 10 that HHT, the trapezoidal rule and the exponential flow make at fine steps were 4 to 10 %
 # below the exact ones, of which +-3 % was said; with 1e-3 they agree.
 SPREAD = 1e-3
+STARTS, SYSTEMS = "initial data", "systems"  # what differs where a member has a number and no value
 SCALE = "scale"  # the last name of a path to a time function or an array: a factor on it
 
 
 @dataclass(frozen=True, eq=False)
-class Members(Sequence[System]):
+class EnsembleMembers(Sequence[System]):
     """Systems that share mass, damping, stiffness and contact rows with ``system``, or are ``separate``.
 
     ``parameter`` says what differs and ``values`` holds its value for each member. ``fields``: for each of
@@ -53,7 +55,7 @@ class Members(Sequence[System]):
         require_system(self.system)
         if not isinstance(self.parameter, str) or not isinstance(self.fields, Mapping):
             rule = "be a name, and its fields a dictionary"
-            remedy = "make them with perturbed or varied"
+            remedy = "make them with perturbed_members or varied_members"
             raise InputError("members.parameter", (self.parameter, self.fields), rule, remedy)
         sequence("members.values", self.values, "be one value per member")
         for name, values in self.fields.items():
@@ -71,32 +73,34 @@ class Members(Sequence[System]):
                 remedy = "make the others with replace(contact, stops=...)"
                 raise InputError("members", "contacts on other rows", "share contact rows with the system", remedy)
 
+    chosen: ClassVar = Renamed("subset")
+
     @property
     def separate(self) -> bool:
         """True where matrices or contact rows differ from member to member."""
         return any(name in self.fields for name in LINEAR)
 
     def __repr__(self) -> str:
-        return f"<Members: {len(self)} of {self.system!r}, {self.parameter}>"
+        return f"<EnsembleMembers: {len(self)} of {self.system!r}, {self.parameter}>"
 
     def __len__(self) -> int:
         return len(self.values)
 
     def __getitem__(self, i: Any) -> Any:
-        """The system of member i, or those of a slice as Members."""
+        """The system of member i, or those of a slice as EnsembleMembers."""
         if isinstance(i, slice):
             fields = {name: values[i] for name, values in self.fields.items()}
-            return Members(self.system, self.parameter, self.values[i], fields)
+            return EnsembleMembers(self.system, self.parameter, self.values[i], fields)
         if not -len(self) <= i < len(self):
             raise IndexError(i)
         return replace(self.system, **{name: values[i] for name, values in self.fields.items()})
 
-    def chosen(self, rows: Sequence[int]) -> Members:
+    def subset(self, rows: Sequence[int]) -> EnsembleMembers:
         """The members of these numbers."""
         if len(rows) == len(self):
             return self
         fields = {name: [values[i] for i in rows] for name, values in self.fields.items()}
-        return Members(self.system, self.parameter, [self.values[i] for i in rows], fields)
+        return EnsembleMembers(self.system, self.parameter, [self.values[i] for i in rows], fields)
 
     def systems(self) -> list[System]:
         """One for each, or one for all where they differ in initial data alone."""
@@ -133,11 +137,11 @@ class Members(Sequence[System]):
         return (self[i] for i in range(len(self)))
 
 
-def as_members(system: System, members: Members | Sequence[System]) -> Members:
+def as_members(system: System, members: EnsembleMembers | Sequence[System]) -> EnsembleMembers:
     """``members`` checked against ``system``: at least one, and one linear part."""
     require_system(system)
-    if not isinstance(members, Members):
-        rule, remedy = "be Members or a list of systems", "make them with perturbed or varied"
+    if not isinstance(members, EnsembleMembers):
+        rule, remedy = "be EnsembleMembers or a list of systems", "make them with perturbed_members or varied_members"
         systems = sequence("members", members, rule, remedy)
         for member in systems:
             require_system(member, "members")
@@ -151,7 +155,7 @@ def as_members(system: System, members: Members | Sequence[System]) -> Members:
                 rule = "share every callable load and offset with the system"
                 raise InputError("members", member.form, rule, "integrate such systems one by one")
         fields = {name: [getattr(member, name) for member in systems] for name in DIFFERENT}
-        members = Members(system, "systems", np.arange(len(systems)), fields)
+        members = EnsembleMembers(system, SYSTEMS, np.arange(len(systems)), fields)
     elif members.system.fingerprint != system.fingerprint:
         remedy = "make the members anew from this system, or integrate members.system"
         raise InputError("members", members.parameter, "be made from the system that is integrated", remedy)
@@ -171,7 +175,7 @@ def _callables(loads: Any, contacts: Any) -> list[tuple[Any, ...]]:
     return [(i, id(f), *rest) for i, f, *rest in _terms(loads, contacts) if not isinstance(f, Sampled)]
 
 
-def march_apart(members: Members) -> bool:
+def march_apart(members: EnsembleMembers) -> bool:
     """Tell whether each member is marched with matrices or loads of its own: its matrices differ, or its functions of
     time differ from the system's in more than harmonics and constants."""
     if members.separate:
@@ -185,14 +189,14 @@ def march_apart(members: Members) -> bool:
     )
 
 
-def perturbed(
+def perturbed_members(
     system: System,
     members: int,
     size: float = SPREAD,
     seed: int = 1,
     scale: float | None = None,
     t_end: float = np.inf,
-) -> Members:
+) -> EnsembleMembers:
     """``members`` copies of ``system`` whose initial data differ by ``size`` of the motion's own scale.
 
         r_j eta_j and eta_j' of every mode j each change by size V x, x uniform in [-1, 1],
@@ -220,17 +224,17 @@ def perturbed(
     scale = motion.speed
     q0 = [system.q0 + size * scale * basis.to_nodal(x) for x in eta]
     v0 = [system.v0 + size * scale * basis.to_nodal(x) for x in noise[:, 1]]
-    return Members(system, "initial data", np.arange(members), {"q0": q0, "v0": v0})
+    return EnsembleMembers(system, STARTS, np.arange(members), {"q0": q0, "v0": v0})
 
 
-def varied(
+def varied_members(
     system: System,
     parameters: Mapping[str, ArrayLike] | None = None,
     *,
     frequency: ArrayLike | None = None,
     amplitude: ArrayLike | None = None,
     stops: Sequence[Stops | Sequence[Stops]] | None = None,
-) -> Members:
+) -> EnsembleMembers:
     """One member per value of a parameter, or of several that vary together.
 
     Parameters
@@ -246,7 +250,7 @@ def varied(
 
     Returns
     -------
-    Members
+    EnsembleMembers
 
     Raises
     ------
@@ -259,7 +263,9 @@ def varied(
     chosen = [parameters, frequency, amplitude, stops]
     if sum(x is not None for x in chosen) != 1 or (stops is None and not columns):
         remedy = "for several that vary together pass a mapping of their paths"
-        raise InputError("varied", sorted(columns), "be given one of parameters, frequency, amplitude, stops", remedy)
+        raise InputError(
+            "varied_members", sorted(columns), "be given one of parameters, frequency, amplitude, stops", remedy
+        )
     if stops is not None:
         return _with_stops(system, stops)
     grid = {name: np.atleast_1d(numbers(name, x)).ravel() for name, x in columns.items()}
@@ -276,7 +282,7 @@ def varied(
     return members_of(system, ", ".join(grid), values, members)
 
 
-def members_of(system: System, parameter: str, values: Any, systems: Sequence[System]) -> Members:
+def members_of(system: System, parameter: str, values: Any, systems: Sequence[System]) -> EnsembleMembers:
     """The ``systems`` as members of ``system``, separate where one of them has other matrices or contact rows."""
     alike = all(
         all(same(getattr(member, part), getattr(system, part)) for part in LINEAR)
@@ -284,7 +290,7 @@ def members_of(system: System, parameter: str, values: Any, systems: Sequence[Sy
         for member in systems
     )
     names = DIFFERENT if alike else (*DIFFERENT, *LINEAR)
-    return Members(system, parameter, values, {name: [getattr(x, name) for x in systems] for name in names})
+    return EnsembleMembers(system, parameter, values, {name: [getattr(x, name) for x in systems] for name in names})
 
 
 def with_values(system: System, values: Mapping[str, float]) -> System:
@@ -383,7 +389,7 @@ def _replaced(thing: Any, keys: list[Any], value: float) -> Any:
     key, *others = keys
     if key == SCALE and not others and isinstance(thing, (TimeFunction, np.ndarray)):
         is_array = isinstance(thing, np.ndarray)
-        return value * thing if is_array else Sum.weighted((value * factor, f) for factor, f in parts(thing))
+        return value * thing if is_array else Superposition.weighted((value * factor, f) for factor, f in parts(thing))
     if _timed(thing) and key == "time":
         return (thing[0], _replaced(thing[1], others, value))
     if isinstance(thing, (tuple, list, np.ndarray)) and isinstance(key, int):
@@ -393,7 +399,9 @@ def _replaced(thing: Any, keys: list[Any], value: float) -> Any:
     if not is_dataclass(thing) or key not in [x.name for x in fields(thing)]:
         raise LookupError(key)
     new = _replaced(getattr(thing, key), others, value)
-    return Sum.weighted(new) if isinstance(thing, Sum) else replace(cast("Any", thing), **{key: new})
+    return (
+        Superposition.weighted(new) if isinstance(thing, Superposition) else replace(cast("Any", thing), **{key: new})
+    )
 
 
 def _timed(thing: Any) -> bool:
@@ -416,7 +424,7 @@ def _paths(thing: Any, path: str = "") -> list[str]:
     return [path] if isinstance(thing, (Real, Decimal)) and not isinstance(thing, bool) else []
 
 
-def _with_stops(system: System, stops: Sequence[Stops | Sequence[Stops]]) -> Members:
+def _with_stops(system: System, stops: Sequence[Stops | Sequence[Stops]]) -> EnsembleMembers:
     contacts = []
     for entry in sequence("stops", stops, "be the Stops of each member"):
         each: list[Any] = list(entry) if isinstance(entry, (tuple, list)) else [entry]
@@ -429,7 +437,7 @@ def _with_stops(system: System, stops: Sequence[Stops | Sequence[Stops]]) -> Mem
         contacts.append(tuple(replace(contact, stops=stop) for contact, stop in pairs))
     if not contacts:
         raise InputError("stops", stops, "name at least one member", "give one value or more")
-    return Members(system, "stops", list(stops), {"contacts": contacts})
+    return EnsembleMembers(system, "stops", list(stops), {"contacts": contacts})
 
 
 def _driven(system: System, name: str, value: float) -> System:
@@ -455,8 +463,8 @@ def _driven(system: System, name: str, value: float) -> System:
         raise InputError("system", "moving stops", rule, "name one by its path: loads[0].time.amplitude")
 
     def change(function: Any) -> Any:
-        if isinstance(function, Sum):
-            return Sum.weighted((factor, change(f)) for factor, f in function.terms)
+        if isinstance(function, Superposition):
+            return Superposition.weighted((factor, change(f)) for factor, f in function.terms)
         moves = isinstance(function, Harmonic) and function.frequency == shared
         return replace(function, **{name: value}) if moves and (name == "frequency" or function in drive) else function
 

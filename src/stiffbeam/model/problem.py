@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array
+from ..basics.deprecation import Renamed
 from ..basics.units import NON_DIMENSIONAL, SI, Units
 from ..basics.validation import InputError, itself, non_negative, number, numbers, one_of, positive, sequence
 from .contact import Stops
@@ -57,7 +58,7 @@ class PolynomialProfile:
 
 
 @dataclass(frozen=True)
-class Section:
+class BeamSection:
     """A part of the beam, begin <= x <= end, with ``stiffness`` times its EI and eta, and ``mass`` times its mass and
     rotary inertia per length. Raises InputError unless 0 <= begin < end and both factors are positive."""
 
@@ -75,11 +76,13 @@ class Section:
             raise InputError("section.end", self.end, f"be > section.begin = {self.begin:g}", remedy)
 
 
-def checked(sections: Sequence[Section], length: float) -> tuple[Section, ...]:
+def checked(sections: Sequence[BeamSection], length: float) -> tuple[BeamSection, ...]:
     """In order along the beam. Raises InputError for sections that overlap or leave it."""
     for section in sections:
-        if not isinstance(section, Section):
-            raise InputError("sections", section, "be Section objects", "for example Section(0.0, 0.2, stiffness=2.0)")
+        if not isinstance(section, BeamSection):
+            raise InputError(
+                "sections", section, "be BeamSection objects", "for example BeamSection(0.0, 0.2, stiffness=2.0)"
+            )
     ordered = tuple(sorted(sections, key=lambda s: s.begin))
     for one, after in pairwise(ordered):
         if after.begin < one.end:
@@ -94,7 +97,7 @@ def checked(sections: Sequence[Section], length: float) -> tuple[Section, ...]:
     return ordered
 
 
-def factors(sections: Sequence[Section], x: ArrayLike, name: str) -> Array:
+def factors(sections: Sequence[BeamSection], x: ArrayLike, name: str) -> Array:
     """The factor ``name`` at x, 1 outside the sections; at a joint that of the section which begins there."""
     x = np.asarray(x, float)
     values = np.ones(x.shape)
@@ -103,7 +106,7 @@ def factors(sections: Sequence[Section], x: ArrayLike, name: str) -> Array:
     return values
 
 
-def element_factors(sections: Sequence[Section], length: float, M: int, name: str) -> Array:
+def element_factors(sections: Sequence[BeamSection], length: float, M: int, name: str) -> Array:
     """Factors of M equal elements, (M,). Raises InputError where a section does not end at a node."""
     for section in sections:
         for x in (section.begin, section.end):
@@ -248,7 +251,7 @@ class BeamProblem:
         mass about itself.
     modal_damping : float or sequence of float
         For form="hermite": damping ratios that are added to the modes of v.
-    sections : sequence of Section
+    sections : sequence of BeamSection
         For form="hermite": where EI, eta, m and J differ.
 
     Raises
@@ -285,7 +288,7 @@ class BeamProblem:
     rotary_inertia: float = 0.0
     tip_inertia: float = 0.0
     modal_damping: float | Sequence[float] = 0.0
-    sections: Sequence[Section] = ()
+    sections: Sequence[BeamSection] = ()
 
     def __post_init__(self) -> None:
         itself("problem", self, BeamProblem)
@@ -328,12 +331,14 @@ class BeamProblem:
         """The stops in the order given, () for none."""
         return (self.stops,) if isinstance(self.stops, Stops) else tuple(self.stops or ())
 
-    def one_stops(self, field: str) -> Stops:
+    def single_stops(self, field: str) -> Stops:
         """The stops of a problem that has them at one place. Raises InputError for none and for several."""
         if not isinstance(self.stops, Stops):
             rule, remedy = "have stops at one place, neither none nor several", "keep the stops at one place"
             raise InputError(field, f"{len(self.all_stops)} stops", rule, remedy)
         return self.stops
+
+    one_stops: ClassVar = Renamed("single_stops")
 
     @property
     def for_elements(self) -> tuple[str, ...]:
@@ -431,7 +436,7 @@ class BeamProblem:
         rotary_inertia: float = 0.0,
         tip_inertia: float = 0.0,
         modal_damping: float | Sequence[float] = 0.0,
-        sections: Sequence[Section] = (),
+        sections: Sequence[BeamSection] = (),
     ) -> BeamProblem:
         """rho A U_TT = -EI U_XXXX - eta U_XXXXT + f on 0 < X < L: the beam in metres, seconds and newtons.
 

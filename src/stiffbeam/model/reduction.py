@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import scipy.linalg
@@ -23,6 +23,7 @@ import scipy.sparse.linalg
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array
+from ..basics.deprecation import Renamed
 from ..basics.resources import afford
 from ..basics.validation import InputError, integer, non_negative
 from .contact import Contact
@@ -38,29 +39,33 @@ HELD = 1e-13  # of the largest pivot: a smaller one is a motion that nothing hol
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Reduced:
+class ReducedModel:
     """system: of r unknowns z, diagonal without damping. basis: T, (n, r). omega: the k natural frequencies that were
-    kept. left_out: the next one. start_lost: share of the initial data's norm |q0|_M, |v0|_M that T does not hold.
-    static_lost: share of the strain energy of a static deflection that T does not hold, the largest over the loads,
-    contacts and the observed row. It is more than rounding where a deflection moves hardly any mass, as that of a load
-    on unknowns without mass does."""
+    kept. first_omitted: the next one. initial_data_error: share of the initial data's norm |q0|_M, |v0|_M that T does
+    not hold. static_error: share of the strain energy of a static deflection that T does not hold, the largest over the
+    loads, contacts and the observed row. It is more than rounding where a deflection moves hardly any mass, as that of
+    a load on unknowns without mass does."""
 
     system: System
     basis: Array
     omega: Array
-    left_out: float
-    start_lost: float
-    static_lost: float
+    first_omitted: float
+    initial_data_error: float
+    static_error: float
     mass: Any = field(repr=False)
     stiffness: Any = field(repr=False)
     rows: Array = field(repr=False)
+
+    left_out: ClassVar = Renamed("first_omitted")
+    start_lost: ClassVar = Renamed("initial_data_error")
+    static_lost: ClassVar = Renamed("static_error")
 
     def __repr__(self) -> str:
         kept = (
             f"{len(self.omega)} modes to {self.omega[-1]:.4g} and {self.basis.shape[1] - len(self.omega)} deflections"
         )
-        lost = f", {self.static_lost:.2g} of a static deflection lost" if self.static_lost > SOFT else ""
-        return f"<Reduced: {len(self.basis)} unknowns in {kept}, first left out {self.left_out:.4g}{lost}>"
+        lost = f", {self.static_error:.2g} of a static deflection lost" if self.static_error > SOFT else ""
+        return f"<ReducedModel: {len(self.basis)} unknowns in {kept}, first left out {self.first_omitted:.4g}{lost}>"
 
     def expand(self, z: ArrayLike) -> Array:
         """q = T z; z (..., r) gives (..., n)."""
@@ -80,7 +85,7 @@ class Reduced:
         return float(np.max(np.divide(norm(deflections - exact), size, out=np.ones_like(size), where=size > 0.0)))
 
 
-def reduced(
+def reduce_model(
     mass: Any,
     stiffness: Any,
     damping: Any = None,
@@ -90,7 +95,7 @@ def reduced(
     initial_displacement: ArrayLike | None = None,
     initial_velocity: ArrayLike | None = None,
     modes: int = 40,
-) -> Reduced:
+) -> ReducedModel:
     """The arguments of ``System.from_matrices``, (n, n) dense or SciPy sparse, and the number of ``modes`` to keep.
 
     Unknowns may be without mass. Raises InputError for a stiffness that does not hold the system, for as many modes
@@ -143,7 +148,7 @@ def reduced(
         np.max(1.0 - np.divide(held, strain, out=np.ones_like(strain), where=strain > 0.0), initial=0.0)
     )
     kept = np.sqrt(squares)
-    return Reduced(system, T, kept[:modes], float(kept[modes]), max(lost), max(static_lost, 0.0), M, K, rows)
+    return ReducedModel(system, T, kept[:modes], float(kept[modes]), max(lost), max(static_lost, 0.0), M, K, rows)
 
 
 def _lowest(M: Any, K: Any, solve: Callable[[Array], Array], modes: int) -> tuple[Array, Array]:

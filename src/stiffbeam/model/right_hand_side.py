@@ -181,7 +181,7 @@ class RightHandSide:
         i, side = self.sides[k]
         c = self.first_order.contacts[i]
         u, v = self.first_order.contact_motion(c, self._inside(t), z[: self.states])
-        depth = side * (u - (c.contact.stops.g2 if side > 0 else c.contact.stops.g1))
+        depth = side * (u - (c.contact.stops.upper_bound if side > 0 else c.contact.stops.lower_bound))
         return max(0.0, pressure(max(0.0, float(depth)), side * float(v), c.contact.stops.coefficients))
 
     @property
@@ -194,8 +194,8 @@ class RightHandSide:
         """(contact, +1 upper or -1 lower) of every gap."""
         sides = []
         for i, c in enumerate(self.first_order.contacts):
-            sides += [(i, 1)] if np.isfinite(c.contact.stops.g2) else []
-            sides += [(i, -1)] if np.isfinite(c.contact.stops.g1) else []
+            sides += [(i, 1)] if np.isfinite(c.contact.stops.upper_bound) else []
+            sides += [(i, -1)] if np.isfinite(c.contact.stops.lower_bound) else []
         return sides
 
     @cached_property

@@ -67,8 +67,13 @@ def scales(system: System, t_end: float = np.inf, speed: float | None = None) ->
     if np.any(drifts):
         others = [*(_contact_rate(system, x, largest) for x in system.contacts), *Drive.of(system).frequencies]
         least = np.full(len(rates), min((x for x in others if x > 0.0), default=np.inf))
-        for contact in (x for x in system.contacts if np.isfinite(x.stops.g2 - x.stops.g1)):
-            across = 2.0 * largest * np.abs(basis.force(contact.row)) / (contact.stops.g2 - contact.stops.g1)
+        for contact in (x for x in system.contacts if np.isfinite(x.stops.upper_bound - x.stops.lower_bound)):
+            across = (
+                2.0
+                * largest
+                * np.abs(basis.force(contact.row))
+                / (contact.stops.upper_bound - contact.stops.lower_bound)
+            )
             least = np.where(across > 0.0, np.minimum(least, across), least)
         rates = np.where(drifts, np.where(np.isfinite(least), least, 0.0), rates)
     return Scales(largest, np.maximum(rates, 2.0 * np.pi / t_end))
@@ -113,7 +118,7 @@ def _fall(system: System, force: Array, amplitude: float, sign: float) -> Array:
     f = sign * amplitude * force
     for contact, u in zip(system.contacts, system.positions(0.0, system.q0), strict=False):
         along, stops = basis.force(contact.row), contact.stops
-        for side, gap in ((1.0, stops.g2 - u), (-1.0, u - stops.g1)):
+        for side, gap in ((1.0, stops.upper_bound - u), (-1.0, u - stops.lower_bound)):
             towards = side * along * f > 0.0
             if np.isfinite(gap) and np.any(towards):
                 pressed = np.abs(f[towards] / along[towards])

@@ -25,7 +25,16 @@ from .field import beam_field, beam_field_rate, beam_stress
 from .first_order import FirstOrderSystem, interleaved
 from .problem import BeamProblem
 from .sampled import Sampled
-from .time_functions import Constant, Derivative, Harmonic, LoadFunction, Sum, evaluate, load_function, offset_values
+from .time_functions import (
+    Constant,
+    Derivative,
+    Harmonic,
+    LoadFunction,
+    Superposition,
+    evaluate,
+    load_function,
+    offset_values,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -74,7 +83,7 @@ def definite_matrix(name: str, matrix: Array) -> Array:
         return matrix
     if name == "mass":
         if not _factorises(matrix):
-            remedy, least = "stiffbeam.reduced condenses unknowns without mass", np.linalg.eigvalsh(matrix)[0]
+            remedy, least = "stiffbeam.reduce_model condenses unknowns without mass", np.linalg.eigvalsh(matrix)[0]
             raise InputError(name, f"least eigenvalue {least:.3g}", "be positive definite", remedy)
     elif (least := _least(matrix)) < -1e-10:
         rule, remedy = "be positive semidefinite", "look at its signs"
@@ -560,7 +569,7 @@ def _describe(function: LoadFunction | None) -> str:
         return repr(function)
     if isinstance(function, Sampled):
         return f"sampled {function.digest}"
-    if isinstance(function, Sum):
+    if isinstance(function, Superposition):
         return " + ".join(f"{factor!r} ({_describe(f)})" for factor, f in function.terms)
     if isinstance(function, Derivative):
         return f"derivative {function.order} of ({_describe(function.function)})"

@@ -108,8 +108,8 @@ def data_of(system: System) -> SystemData:
         rows=np.array([contact.row for contact in system.contacts]).reshape(m, n),
         kappa=np.array([0.0 if s.rigid else float(s.stiffness) for s in stops]),
         c=np.array([float(s.damping) for s in stops]),
-        lower=np.array([finite(s.g1) for s in stops]),
-        upper=np.array([finite(s.g2) for s in stops]),
+        lower=np.array([finite(s.lower_bound) for s in stops]),
+        upper=np.array([finite(s.upper_bound) for s in stops]),
         restitution=np.array([s.restitution or 0.0 for s in stops], float),
         observe=np.zeros(n) if system.observe is None else system.observe,
         loads=np.array([vector for vector, _ in loads]).reshape(len(loads), n),
@@ -126,16 +126,18 @@ def _structure(system: System) -> list[object]:
     """Everything but numbers: a derivative in what changes it does not exist."""
     leaves = [leaf for _, leaf in load_terms(system)] + [leaf for _, _, leaf in offset_terms(system)]
     kinds = [(type(f), f.t.tobytes(), f.degree) if isinstance(f, Sampled) else type(f) for f in leaves]
-    sides = [(np.isfinite(c.stops.g1), np.isfinite(c.stops.g2), c.stops.rigid) for c in system.contacts]
+    sides = [
+        (np.isfinite(c.stops.lower_bound), np.isfinite(c.stops.upper_bound), c.stops.rigid) for c in system.contacts
+    ]
     return [*kinds, *sides, system.size]
 
 
 def slopes(system: System, wrt: Sequence[str]) -> tuple[list[str], list[SystemData], Array]:
     """Names of the columns, derivatives of the data in each, and their relative bounds (columns,).
 
-    wrt: paths as ``varied`` takes them; "initial_displacement" and "initial_velocity" alone are all their n entries,
-    named q0[i] and v0[i]. Raises InputError for a path that the system does not have, and for a parameter in which its
-    data have no derivative.
+    wrt: paths as ``varied_members`` takes them; "initial_displacement" and "initial_velocity" alone are all their n
+    entries, named q0[i] and v0[i]. Raises InputError for a path that the system does not have, and for a
+    parameter in which its data have no derivative.
     """
     base = data_of(system)
     names: list[str] = []

@@ -19,9 +19,9 @@ from .sampled import Sampled
 class TimeFunction(Protocol):
     """f(t) with two derivatives, vectorised: an array of times gives an array of that shape.
 
-    ``Harmonic``, ``Constant``, ``Sampled`` and ``Sum`` are time functions. A class of your own needs the three methods
-    ``value``, ``rate`` and ``acceleration``. An attribute ``breakpoints`` may state the times where f is not smooth, so
-    that adaptive solvers restart there.
+    ``Harmonic``, ``Constant``, ``Sampled`` and ``Superposition`` are time functions. A class of your own needs the
+    three methods ``value``, ``rate`` and ``acceleration``. An attribute ``breakpoints`` may state the times where f is
+    not smooth, so that adaptive solvers restart there.
 
     Examples
     --------
@@ -156,35 +156,38 @@ class Constant:
 
 
 @dataclass(frozen=True, init=False, repr=False)
-class Sum:
-    """f(t) = sum_k factor_k f_k(t) of ``terms`` = ((factor_k, f_k), ...); ``Sum(f_1, f_2, ...)`` has factors 1.
+class Superposition:
+    """f(t) = sum_k factor_k f_k(t) of ``terms`` = ((factor_k, f_k), ...).
 
-    Takes functions with value, rate and acceleration. Raises InputError for anything else, a bare callable
-    included: it has no rate.
+    ``Superposition(f_1, f_2, ...)`` has factors 1. Takes functions with value, rate and acceleration. Raises
+    InputError for anything else, a bare callable included: it has no rate.
     """
 
     terms: tuple[tuple[float, LoadFunction], ...]
 
     def __init__(self, *functions: TimeFunction) -> None:
-        itself("time function", self, Sum)
+        itself("time function", self, Superposition)
         if not functions:
-            raise InputError("Sum", "nothing", "have at least one function of time", "for none give Constant(0.0)")
+            raise InputError(
+                "Superposition", "nothing", "have at least one function of time", "for none give Constant(0.0)"
+            )
         for function in functions:
             if not isinstance(function, TimeFunction):
                 remedy = "for example Harmonic or Sampled"
-                raise InputError("Sum", function, "add functions with value, rate and acceleration", remedy)
-            load_function("Sum", function)
+                raise InputError("Superposition", function, "add functions with value, rate and acceleration", remedy)
+            load_function("Superposition", function)
         object.__setattr__(self, "terms", tuple((1.0, function) for function in functions))
 
     @classmethod
-    def weighted(cls, terms: Iterable[tuple[float, LoadFunction]]) -> Sum:
+    def weighted(cls, terms: Iterable[tuple[float, LoadFunction]]) -> Superposition:
         """A sum of multiples of functions that have been checked; a bare callable has its rate by differences."""
         total = object.__new__(cls)
         object.__setattr__(total, "terms", tuple((float(factor), f) for factor, f in terms))
         return total
 
     def __repr__(self) -> str:
-        return f"Sum({', '.join(repr(f) if factor == 1.0 else f'{factor:g} * {f!r}' for factor, f in self.terms)})"
+        terms = (repr(f) if factor == 1.0 else f"{factor:g} * {f!r}" for factor, f in self.terms)
+        return f"Superposition({', '.join(terms)})"
 
     @property
     def breakpoints(self) -> Array | None:
@@ -234,8 +237,8 @@ KNOWN = (Harmonic, Constant, Sampled)  # what closed forms are made of
 
 
 def parts(function: LoadFunction | None) -> tuple[tuple[float, LoadFunction], ...]:
-    """The (factor, f) that a Sum, or a Sum of Sums, adds up; any other function itself, none for None."""
-    if isinstance(function, Sum):
+    """The (factor, f) that a Superposition, of others too, adds up; any other function itself, none for None."""
+    if isinstance(function, Superposition):
         return tuple((factor * inner, f) for factor, term in function.terms for inner, f in parts(term))
     return () if function is None else ((1.0, function),)
 
@@ -262,8 +265,8 @@ def derivative(function: TimeFunction, order: int) -> LoadFunction:
         return Constant(0.0)
     if isinstance(function, Sampled):
         return function.derived(order)
-    if isinstance(function, Sum) and in_closed_form(function):
-        return Sum.weighted((factor, derivative(f, order)) for factor, f in function.terms)  # type: ignore[arg-type]
+    if isinstance(function, Superposition) and in_closed_form(function):
+        return Superposition.weighted((factor, derivative(f, order)) for factor, f in function.terms)  # type: ignore[arg-type]
     return Derivative(function, order)
 
 
@@ -278,10 +281,10 @@ def covered(functions: Iterable[LoadFunction | None], t_end: float) -> None:
 def load_function(field: str, function: Any, remedy: str = "for example Constant(0.1)") -> Any:
     """``function`` if it is one of time: a Harmonic or Constant itself, a TimeFunction, or a callable.
 
-    A subclass of Harmonic, Constant, Sampled or Sum is refused: these are computed with as numbers, and what it
-    overrides would be ignored.
+    A subclass of Harmonic, Constant, Sampled or Superposition is refused: these are computed with as numbers, and
+    what it overrides would be ignored.
     """
-    for known in (*KNOWN, Sum):
+    for known in (*KNOWN, Superposition):
         if isinstance(function, known):
             itself(field, function, known)
             return function
@@ -297,7 +300,7 @@ def evaluate(function: LoadFunction, t: ArrayLike) -> Array:
     t = np.asarray(t, float)
     remedy = "write it with NumPy functions, for example numpy.where for an if"
     try:
-        result = function.value(t) if isinstance(function, (*KNOWN, Sum, TimeFunction)) else function(t)
+        result = function.value(t) if isinstance(function, (*KNOWN, Superposition, TimeFunction)) else function(t)
     except InputError:
         raise
     except Exception as error:  # whatever the functions of others raise
@@ -360,4 +363,4 @@ def combined(*terms: tuple[float, LoadFunction | None]) -> LoadFunction | None:
         return Harmonic(factor * f.amplitude, f.frequency, f.phase)
     if all(isinstance(f, Constant) for _, f in kept):
         return Constant(sum(factor * f.level for factor, f in kept if isinstance(f, Constant)))
-    return f if len(kept) == 1 and factor == 1.0 else Sum.weighted(kept)
+    return f if len(kept) == 1 and factor == 1.0 else Superposition.weighted(kept)

@@ -11,7 +11,7 @@ import numpy as np
 from ..basics.arrays import Array
 from ..basics.resources import afford
 from ..basics.validation import InputError, integer, near, number, positive
-from .members import Members, members_of, value_at, varied
+from .members import EnsembleMembers, members_of, value_at, varied_members
 from .system import System, require_system
 
 KINDS = ("tolerance", "deviation", "between")
@@ -93,13 +93,13 @@ class Uncertain:
         return float(rng.normal(1.0, self.deviation))
 
 
-def uncertain(
+def uncertain_members(
     system: System | Callable[[dict[str, float]], System],
     parameters: Mapping[str, Uncertain | float],
     members: int,
     seed: int = 1,
     nominal: Mapping[str, float] | None = None,
-) -> Members:
+) -> EnsembleMembers:
     """Members whose parameters are drawn independently of each other, for ``integrate_ensemble`` and
     ``reference_ensemble``.
 
@@ -109,7 +109,7 @@ def uncertain(
         A function takes a dictionary of the drawn values and returns a System, for matrices of your own; its systems
         have one size.
     parameters : mapping of path to Uncertain or number
-        Paths as in ``varied``: of a beam "stiffness", "mass_per_length", "viscosity", "stops[0].upper",
+        Paths as in ``varied_members``: of a beam "stiffness", "mass_per_length", "viscosity", "stops[0].upper",
         "stops[0].position", "loads[0].time.scale", "loads[0].time.phase", of matrices "stiffness.scale". A number is a
         tolerance. "stops.stiffness",
         without an index, is one draw for all contacts: a common factor on the values of each.
@@ -121,7 +121,7 @@ def uncertain(
 
     Returns
     -------
-    Members
+    EnsembleMembers
         ``values`` are the draws, (members, parameters), in the order of ``parameters``: factors, or the values of
         ``between``. Members that share their matrices march side by side, others one by one.
 
@@ -134,9 +134,8 @@ def uncertain(
     --------
     >>> import stiffbeam as sb
     >>> system = sb.paper_case(10).system()
-    >>> many = sb.integrate_ensemble(
-    ...     system, sb.HHT(-0.1), 1e-4, 0.1, sb.uncertain(system, {"stiffness": 0.001, "stops.stiffness": 0.1}, 8)
-    ... )
+    >>> members = sb.uncertain_members(system, {"stiffness": 0.001, "stops.stiffness": 0.1}, 8)
+    >>> many = sb.integrate_ensemble(system, sb.HHT(-0.1), 1e-4, 0.1, members)
     >>> len(many.impact_count)
     8
     """
@@ -156,8 +155,8 @@ def uncertain(
             if place in columns:
                 raise InputError("uncertain", path, "name each number once", f"{place} has a distribution already")
             columns[place] = drawn if one.between is not None else drawn * _nominal(system, place, one)
-    members_drawn = varied(system, columns)
-    return Members(system, ", ".join(known), draws, members_drawn.fields)
+    members_drawn = varied_members(system, columns)
+    return EnsembleMembers(system, ", ".join(known), draws, members_drawn.fields)
 
 
 def _checked(parameters: Mapping[str, Uncertain | float]) -> dict[str, Uncertain]:
@@ -201,7 +200,7 @@ def _nominal(system: System, path: str, one: Uncertain) -> float:
         raise InputError("uncertain", path, "be the path to one number", remedy)
     value = _value(system, path)
     if value is None:
-        varied(system, {path: [1.0]})  # which lists the paths that there are, where it is none
+        varied_members(system, {path: [1.0]})  # which lists the paths that there are, where it is none
         raise InputError("uncertain", path, "have a value that a tolerance is relative to", "state it between two")
     if value == 0.0 or not np.isfinite(value):
         remedy = "state it between two values, or leave it out"
@@ -214,7 +213,7 @@ def _built(
     known: Mapping[str, Uncertain],
     draws: Array,
     nominal: Mapping[str, Any],
-) -> Members:
+) -> EnsembleMembers:
     """Members that a function builds, and the one of the nominal values as their system."""
     if not callable(build):
         raise InputError("system", type(build).__name__, "be a System or a function that builds one", "pass a System")

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..basics.arrays import Array
+from ..basics.compiled import formula
 from ..model.contact import Stops
 from ..model.system import System
 
@@ -42,6 +43,7 @@ def pressed(sides: ArrayLike) -> NDArray[np.int64]:
     return np.where(np.abs(sides) == LET_GO, 0, sides)
 
 
+@formula
 def next_side(old: int, met: int, force: bool) -> int:
     """The side after a switch of a contact; met: the stop; force: whether it is y that became 0, not d."""
     if old == 0:
@@ -81,7 +83,7 @@ def entry(system: System, before: NDArray[np.int64], after: NDArray[np.int64], d
 
 def pressure(stops: Stops, side: NDArray[np.int64], u: Array, velocity: Array) -> Array:
     """kappa d + c d' on the given sides, which are pressed: of size c d' at the entry too, where d is rounding."""
-    depth = u - np.where(side > 0, stops.g2, stops.g1)
+    depth = u - np.where(side > 0, stops.upper_bound, stops.lower_bound)
     return np.maximum(side * (float(stops.stiffness) * depth + float(stops.damping) * velocity), 0.0)
 
 

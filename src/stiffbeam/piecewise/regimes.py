@@ -251,7 +251,7 @@ class Regimes:
         contacts, n, F = source.system.contacts, source.system.size, len(source.drive.frequencies)
         m, d = len(contacts), source.drive.size
         sigma, omega, level = np.zeros((3, R, K))
-        g1, g2 = np.array([(c.stops.g1, c.stops.g2) for c in contacts], float).reshape(m, 2).T.copy()
+        g1, g2 = np.array([(c.stops.lower_bound, c.stops.upper_bound) for c in contacts], float).reshape(m, 2).T.copy()
         return Table(
             np.zeros((R, m), np.int64), np.zeros(R, np.int64), np.zeros(R, np.int64), sigma, omega, level,
             np.zeros((R, K + F), np.int64), np.zeros((R, 2, K + F)), np.zeros((R, 4, K, n)), np.zeros((R, 4, n, K)),

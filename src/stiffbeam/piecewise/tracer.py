@@ -13,7 +13,6 @@ from ..basics.resources import Forecast
 from ..model.drive import Drive
 from ..model.system import System
 from ..trajectory.trajectory import SolverFailure
-from .chains import seen_by
 from .events import LET_GO, next_side, pressed, side_of, watched
 from .exponential_search import Cells, pass_samples, search
 from .follow import DONE, FULL, UNKNOWN, follow
@@ -22,6 +21,7 @@ from .motion import Motion
 from .regimes import Known, Regimes, Source
 from .rounding import Perturbation
 from .search import search as leap
+from .spectrum import seen_by
 from .terms import OMEGA, SIGMA, SQUARE, X, Y, layout
 from .touching import ORDER, REMEDY
 
@@ -169,7 +169,9 @@ class Gaps:
         shifts, rest = drive.offsets(system)
         self.offsets = phasors(shifts)[:, :m].T  # (m, 1 + F)
         self.recorded = drive.recorded(rest, shifts.shape[1])[:, :m].T  # (m, R)
-        self.g1, self.g2 = (np.array([getattr(c.stops, side) for c in system.contacts]) for side in ("g1", "g2"))
+        self.g1, self.g2 = (
+            np.array([getattr(c.stops, side) for c in system.contacts]) for side in ("lower_bound", "upper_bound")
+        )
         self.lags = np.array([float(c.stops.damping) / float(c.stops.stiffness) for c in system.contacts])
 
     def next_switch(

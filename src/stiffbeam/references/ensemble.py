@@ -13,9 +13,9 @@ from ..basics.compiled import wall_clock
 from ..basics.progress import silent
 from ..basics.resources import cores, over_slices
 from ..basics.validation import InputError, numbers, positive
-from ..model.members import Members, as_members
+from ..model.members import EnsembleMembers, as_members
 from ..model.system import System
-from ..piecewise.audit import audit, within_float64
+from ..piecewise.measures import audit, within_float64
 from ..piecewise.regimes import Known
 from ..piecewise.tracer import tracer_of
 from ..trajectory.ensemble import MEMBERS_PER_SLICE, Ensemble, Progress, Runs, gathered, record_from
@@ -30,7 +30,7 @@ from .exact.rigid_reference import solve_rigid
 def reference_ensemble(
     system: System,
     t_end: float,
-    members: Members | Sequence[System],
+    members: EnsembleMembers | Sequence[System],
     t_eval: ArrayLike | None = None,
     progress: Progress | None = None,
     since: float = 0.0,
@@ -59,7 +59,7 @@ def reference_ensemble(
     one = _solve if method == "exact" else partial(_adaptive, method)
     first = one(members[0], t_end, at, known, since)
 
-    def solve(part: Members) -> Runs:
+    def solve(part: EnsembleMembers) -> Runs:
         return Runs.joined([Runs.of([one(member, t_end, at, known, since)], len(times)) for member in part])
 
     own = members.system
@@ -67,7 +67,7 @@ def reference_ensemble(
     if exact and set(members.fields) <= {"q0", "v0"}:
         tracer = tracer_of(own, known=known, span=t_end)  # one for all
 
-        def solve(part: Members) -> Runs:
+        def solve(part: EnsembleMembers) -> Runs:
             runs = []
             for i in range(len(part)):
                 start = part.start(i)
@@ -100,5 +100,5 @@ def _adaptive(method: str, system: System, t_end: float, at: Array, known: Known
     return solve_by(system, t_end, method, at, BEST_RTOL, None)
 
 
-def _ledger(one: Callable[..., Reference], members: Members, t_end: float, at: Array, i: int) -> Ledger:
+def _ledger(one: Callable[..., Reference], members: EnsembleMembers, t_end: float, at: Array, i: int) -> Ledger:
     return one(members[i], t_end, at, {}, 0.0).energy

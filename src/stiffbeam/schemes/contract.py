@@ -6,7 +6,7 @@ import numpy as np
 
 from ..basics.arrays import Array
 from ..basics.validation import InputError
-from ..model.equations import Modal
+from ..model.equations import FULLY_IMPLICIT, Modal
 from .scheme import Scheme
 
 _KEPT: set[tuple[type, str]] = set()  # the schemes of this package that have been found to keep it
@@ -71,8 +71,7 @@ def check_contract(scheme: Scheme) -> None:
                 f"{scheme}.step",
                 f"a state before node {later} that moves with the force there",
                 "be causal",
-                "order the nodes so that every one depends on its own and earlier forces only; a fully implicit method "
-                "runs as a function solve(system, dt, t_end) in score and in the studies precision and converge",
+                f"let every node depend on its own and earlier forces only; {FULLY_IMPLICIT}",
             )
     if own:
         _KEPT.add(name)

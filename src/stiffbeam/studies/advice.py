@@ -25,11 +25,12 @@ from dataclasses import dataclass, field
 from functools import partial
 from html import escape
 from itertools import takewhile
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from ..basics.arrays import Array
+from ..basics.deprecation import Renamed
 from ..basics.html import html_table
 from ..basics.pictures import DRAW
 from ..basics.progress import Show, silent
@@ -42,7 +43,7 @@ from ..march.integrate import integrate
 from ..measures.comparison import remark
 from ..measures.errors import stays_within, tip_error
 from ..model.drive import Drive
-from ..model.members import SPREAD, perturbed
+from ..model.members import SPREAD, perturbed_members
 from ..model.modes import modes
 from ..model.scales import scales
 from ..model.system import System
@@ -90,7 +91,7 @@ class Statistics:
 
     def __init__(self, system: System, t_end: float, members: int) -> None:
         self.members = members
-        self.systems = perturbed(system, members, SPREAD, t_end=t_end)
+        self.systems = perturbed_members(system, members, SPREAD, t_end=t_end)
         self.exact = reference_ensemble(system, t_end, self.systems)
         self.scatter = {
             name: max((_deviation(getattr(contact, column)) for contact in self.exact.contacts), default=0.0)
@@ -270,43 +271,50 @@ PAST = "past the horizon t = {:.4g} no step gives one motion: motions 1e-16 apar
 
 @dataclass(frozen=True)
 class Advice:
-    """The result of ``advise``.
+    """Outcome of ``advise``.
 
-    chosen: the advised run, None where there is none. cannot: the quantities that no run gives, and why; the advised
-    run gives the others. trusted_until: the time to which its tip stays within the wanted error (without one, 1e-3),
-    at most the horizon. members: of the ensembles, 0 for one motion. scatter: the standard deviation of an exact
-    member, over the mean, by quantity. remark: that nothing moves or nothing touches, else "".
+    recommendation: the cheapest run that gives what can be had, None where there is none. unattainable: what no run
+    gives, and why. trusted_until: the time to which the tip of the recommended run stays within the wanted error
+    (without one, 1e-3), at most the horizon. members: of the ensembles, 0 for one motion. candidates: every run that
+    was tried. scatter: the standard deviation of an exact member, over the mean, by quantity. remark: that nothing
+    moves or nothing touches, else "".
     """
 
     want: dict[str, float]
     t_end: float
     horizon: float
     members: int
-    chosen: Probe | None
-    cannot: dict[str, str]
+    recommendation: Probe | None
+    unattainable: dict[str, str]
     trusted_until: float
-    tried: tuple[Probe, ...] = field(repr=False)
+    candidates: tuple[Probe, ...] = field(repr=False)
     system: System = field(repr=False)
     scatter: dict[str, float] = field(default_factory=dict)
     remark: str = ""
+    chosen: ClassVar = Renamed("recommendation")
+    cannot: ClassVar = Renamed("unattainable")
+    tried: ClassVar = Renamed("candidates")
+    want_met: ClassVar = Renamed("attainable")
 
     def run(self, every: int = 1) -> Trajectory:
         """The advised run. Raises InputError where nothing could be advised."""
-        if self.chosen is None:
-            raise InputError("advice", "none", "name a run", "; ".join(self.cannot.values()))
-        return integrate(self.system, self.chosen.scheme, self.chosen.dt, self.t_end, self.chosen.contact, every)
+        if self.recommendation is None:
+            raise InputError("advice", "none", "name a run", "; ".join(self.unattainable.values()))
+        run = self.recommendation
+        return integrate(self.system, run.scheme, run.dt, self.t_end, run.contact, every)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers and texts."""
-        chosen = self.chosen and {
-            "scheme": str(self.chosen.scheme), "contact": self.chosen.contact, "dt": self.chosen.dt,
-            "steps": self.chosen.steps, "work": self.chosen.work, "seconds": self.chosen.seconds,
-            "errors": dict(self.chosen.errors),
+        run = self.recommendation
+        recommendation = run and {
+            "scheme": str(run.scheme), "contact": run.contact, "dt": run.dt, "steps": run.steps, "work": run.work,
+            "seconds": run.seconds, "errors": dict(run.errors),
         }  # fmt: skip
         return {
-            "measured": ["advised.seconds"], "want": self.want, "t_end": self.t_end, "horizon": self.horizon,
-            "members": self.members, "advised": chosen, "cannot": self.cannot, "trusted_until": self.trusted_until,
-            "scatter": self.scatter, "remark": self.remark, "units": str(self.system.units),
+            "measured": ["recommendation.seconds"], "want": self.want, "t_end": self.t_end, "horizon": self.horizon,
+            "members": self.members, "recommendation": recommendation, "unattainable": self.unattainable,
+            "trusted_until": self.trusted_until, "scatter": self.scatter, "remark": self.remark,
+            "units": str(self.system.units),
         }  # fmt: skip
 
     def plot(self, ax: Axes | None = None, **kwargs: Any) -> Axes | Figure:
@@ -317,46 +325,47 @@ class Advice:
     def _repr_html_(self) -> str:
         heads = ["run", "time step", "linear solves", *(f"error of {name}" for name in self.want)]
         rows = [
-            [("advised: " if p is self.chosen else "") + p.label, f"{p.dt:.4g}", str(p.work),
+            [("advised: " if p is self.recommendation else "") + p.label, f"{p.dt:.4g}", str(p.work),
              *(f"{p.errors[name]:.2g}" for name in self.want)]
-            for p in self.tried
+            for p in self.candidates
         ]  # fmt: skip
         return "".join(f"<p>{escape(line)}</p>" for line in str(self).splitlines()) + html_table(heads, rows)
 
     def to_dataframe(self) -> pandas.DataFrame:
         """One line for each run that was tried."""
-        columns = {x: [getattr(p, x) for p in self.tried] for x in ("contact", "dt", "steps", "work", "seconds")}
-        errors = {f"error_{name}": [p.errors.get(name, np.nan) for p in self.tried] for name in QUANTITIES}
-        return table({"scheme": [str(p.scheme) for p in self.tried]} | columns | errors)
+        columns = {x: [getattr(p, x) for p in self.candidates] for x in ("contact", "dt", "steps", "work", "seconds")}
+        errors = {f"error_{name}": [p.errors.get(name, np.nan) for p in self.candidates] for name in QUANTITIES}
+        return table({"scheme": [str(p.scheme) for p in self.candidates]} | columns | errors)
 
     def __str__(self) -> str:
         units = self.system.units
         end = units.measure(self.t_end, "time", "g")
         lines = [self.remark] if self.remark else []
-        if self.chosen is not None:
-            p = self.chosen
-            met = ", ".join(f"{name} {p.errors[name]:.2g} of {self.want[name]:g}" for name in self.want_met)
+        if self.recommendation is not None:
+            p = self.recommendation
+            met = ", ".join(f"{name} {p.errors[name]:.2g} of {self.want[name]:g}" for name in self.attainable)
             over = f", means over {self.members} members whose starts differ by {SPREAD:g}" if self.members else ""
             dt = units.measure(p.dt, "time", ".6g")
             cost = f"{p.steps} steps to t = {end}, {p.work} linear solves, {p.seconds:.2g} s here"
             lines.append(f"{p.label}, dt = {dt}: {cost}{over}")
             lines.append(f"errors, beside those of the mesh: {met}")
             if self.scatter:
-                single = ", ".join(f"{name} {self.scatter[name]:.2g}" for name in self.want_met)
+                single = ", ".join(f"{name} {self.scatter[name]:.2g}" for name in self.attainable)
                 lines.append(f"a single motion scatters about its mean by (relative) {single}: run an ensemble")
             until = units.measure(self.trusted_until, "time", ".4g")
             lines.append(f"its tip stays within {self.want.get('tip', WANT['tip']):g} of the exact one to t = {until}")
-        lines += [f"cannot be had: {name} to {self.want[name]:g}: {why}" for name, why in self.cannot.items()]
+        lines += [f"cannot be had: {name} to {self.want[name]:g}: {why}" for name, why in self.unattainable.items()]
         return "\n".join(lines)
 
     @property
-    def want_met(self) -> list[str]:
+    def attainable(self) -> list[str]:
         """The quantities whose wanted errors can be met."""
-        return [name for name in self.want if name not in self.cannot]
+        return [name for name in self.want if name not in self.unattainable]
 
     def __repr__(self) -> str:
-        found = "nothing" if self.chosen is None else f"{self.chosen.label}, dt = {self.chosen.dt:.6g}"
-        return f"<Advice to t = {self.t_end:g}: {found}; cannot be had: {', '.join(self.cannot) or 'none'}>"
+        run = self.recommendation
+        found = "nothing" if run is None else f"{run.label}, dt = {run.dt:.6g}"
+        return f"<Advice to t = {self.t_end:g}: {found}; cannot be had: {', '.join(self.unattainable) or 'none'}>"
 
 
 def advise(

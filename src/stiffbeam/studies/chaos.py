@@ -26,9 +26,9 @@ from ..model.modes import undamped_modes
 from ..model.sampled import Sampled
 from ..model.scales import scales
 from ..model.system import System
-from ..model.time_functions import Constant, Harmonic, LoadFunction, Sum, parts_of
+from ..model.time_functions import Constant, Harmonic, LoadFunction, Superposition, parts_of
 from ..references.ensemble import reference_ensemble
-from ..references.exact.tangent import MERGED, lyapunov
+from ..references.exact.lyapunov import MERGED, lyapunov
 from ..trajectory.ensemble import Ensemble
 from ..trajectory.trajectory import SolverFailure
 from .common import Dt, Form, Schemes, extremes, scheme_labels, scheme_of, solve_once, system_of
@@ -147,8 +147,8 @@ def later(system: System, t: float, q: Array, v: Array) -> System:
             return replace(function, phase=(function.phase + function.frequency * t) % (2.0 * np.pi))
         if isinstance(function, Sampled):
             return replace(function, t=function.t - t)
-        if isinstance(function, Sum):
-            return Sum.weighted((factor, shift(f)) for factor, f in function.terms)
+        if isinstance(function, Superposition):
+            return Superposition.weighted((factor, shift(f)) for factor, f in function.terms)
         if not isinstance(function, Constant):
             rule = "be made of Harmonic, Constant and Sampled to be started later"
             raise InputError("time function", function, rule, "sample it: Sampled(t, values, 'cubic')")

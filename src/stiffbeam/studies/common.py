@@ -17,7 +17,7 @@ from ..measures.errors import Order, observed_order
 from ..measures.impacts import first_impacts_end
 from ..model.closed_form import natural_frequencies
 from ..model.contact import Stops
-from ..model.members import Members as MemberSystems
+from ..model.members import EnsembleMembers
 from ..model.modes import modes
 from ..model.system import System
 from ..references import best_reference
@@ -44,6 +44,8 @@ Dt = Annotated[float, "time step to start from, instead of the case's"]
 End = Annotated[float, "end time instead of the case's"]
 Halvings = Annotated[int, "how many steps dt, dt/2, dt/4, ..."]
 ImpactCount = Annotated[int, "the window ends when so many impacts are over"]
+REPEATS = 3  # the fastest counts: what else the machine did is not the method's cost
+ENOUGH = 0.2  # seconds, after which a run is not repeated
 Members = Annotated[int, "perturbed runs of each method"]
 Numbers = Annotated[list[float] | None, "with commas between them"]
 Cells = Annotated[list[int] | None, "grids, with commas between them"]
@@ -130,6 +132,14 @@ def run_of(
     share = t_end / float(t[-1])
     seconds, evaluations = share * recorded[3][0], round(share * recorded[3][1])
     return replace(run, work=Work(len(run.t) - 1, seconds, seconds, {"evaluations": evaluations}))
+
+
+def fastest(run: Callable[[], Trajectory]) -> Trajectory:
+    """The fastest of up to REPEATS runs, fewer of one that takes long."""
+    runs = [run()]
+    while len(runs) < REPEATS and sum(one.work.seconds for one in runs) < ENOUGH:
+        runs.append(run())
+    return min(runs, key=lambda one: one.work.march_seconds)
 
 
 def evaluations_of(label: str, run: Trajectory) -> int:
@@ -247,7 +257,7 @@ def to_the_end(steps: int, outputs: int) -> int:
     return next((every for every in range(most, most // 2, -1) if steps % every == 0), most)
 
 
-def run_members(method: str, members: MemberSystems, dt: float, t_end: float, contact: str = "implicit") -> Ensemble:
+def run_members(method: str, members: EnsembleMembers, dt: float, t_end: float, contact: str = "implicit") -> Ensemble:
     """The ensemble of a scheme by its label, or of the exact solution. Raises Diverged where a member overflows."""
     if method == "exact":
         return reference_ensemble(members.system, t_end, members)

@@ -31,6 +31,7 @@ from ..schemes import HHT
 from ..testset.integrators import RECORDED, SCHEME, SOLVER, Integrator, integrators
 from ..trajectory.recorder import sampled_impacts
 from ..trajectory.trajectory import Diverged, Reference, SolverFailure, Trajectory
+from . import common
 
 SHARES = [0.7**k for k in range(14)]  # of the horizon, where a reference ends that the budget cuts short
 Progress = Callable[[str, int, int], None]  # (what is running, done, total); total 0: unknown
@@ -201,9 +202,8 @@ def _run(one: Integrator, system: System, case: Case, contact: str, show: Callab
     """Return the run of an integrator that chooses no steps itself: of a scheme with its progress, a recorded one."""
     steps = round(case.t_end / case.dt)
     if one.kind == SCHEME:
-        return integrate(
-            system, one.source, case.dt, case.t_end, contact, progress=lambda done: show(done, steps)
-        )  # fmt: skip
+        arguments = (system, one.source, case.dt, case.t_end, contact)
+        return common.fastest(lambda: integrate(*arguments, progress=lambda done: show(done, steps)))
     show(0, 0)
     if one.kind == RECORDED and len(one.source) == 1:
         return one.source[0]

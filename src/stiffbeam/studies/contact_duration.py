@@ -22,7 +22,7 @@ from ..files.cases import Case
 from ..march.integrate import integrate
 from ..measures.impacts import longest_delay, match
 from ..measures.report import percent
-from ..model.members import SPREAD, perturbed
+from ..model.members import SPREAD, perturbed_members
 from . import common
 from .engine.study import Answer, Point, Records, Row, Rows, by_contact, declared
 
@@ -83,7 +83,7 @@ def _pairs(case: Case, point: Point) -> list[Row]:
 def _ensemble(case: Case, point: Point) -> list[Row]:
     """The distribution of durations over all contacts of all members, stop by stop."""
     system, t_end = common.system_of(case, point["form"]), point["t_end"]
-    members = perturbed(system, point["members"], SPREAD, t_end=t_end)
+    members = perturbed_members(system, point["members"], SPREAD, t_end=t_end)
     many = common.run_members(point["method"], members, point["dt"], t_end)
     rows: list[Row] = []
     for number, seen in enumerate(many.contacts, 1):
@@ -167,7 +167,7 @@ def picture(records: Records) -> Picture:
 def _sides(case: Case, row: Row) -> list[str]:
     """The sides on which the contact of this row has a stop."""
     stops = common.system_of(case, row["form"]).contacts[row["contact_number"] - 1].stops
-    return [name for side, name in SIDES.items() if np.isfinite(stops.g2 if side > 0 else stops.g1)]
+    return [name for side, name in SIDES.items() if np.isfinite(stops.upper_bound if side > 0 else stops.lower_bound)]
 
 
 def _errors(rows: Sequence[Row]) -> list[Mark]:

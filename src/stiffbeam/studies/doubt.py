@@ -30,8 +30,8 @@ from ..basics.validation import InputError, integer, number, positive
 from ..files.cases import Case
 from ..march.ensemble import integrate_ensemble
 from ..measures.report import percent
-from ..model.members import perturbed
-from ..model.uncertain import uncertain
+from ..model.members import perturbed_members
+from ..model.uncertain import uncertain_members
 from ..references import best_reference
 from ..references.ensemble import reference_ensemble
 from ..schemes import Scheme
@@ -274,7 +274,7 @@ def doubt(
     scheme, form = (case.runs[0][0] if scheme is None else scheme), case.forms[0]
     dt, t_end = (case.dt if dt is None else positive("dt", dt)), case.t_end
     system = case.system(form)
-    drawn = uncertain(system, case.uncertain, members, seed)
+    drawn = uncertain_members(system, case.uncertain, members, seed)
     every = max(1, round(t_end / dt) // OUTPUTS)
     show(f"doubt: {scheme}, {members} members", 0, 0)
     runs = integrate_ensemble(system, scheme, dt, t_end, drawn, every=every)
@@ -286,12 +286,14 @@ def doubt(
     if case.beam is not None:
         show("doubt: the exact members on twice the cells", 0, 0)
         fine = replace(case, cells=2 * case.cells).system(form)
-        columns["mesh"] = reference_ensemble(fine, t_end, uncertain(fine, case.uncertain, members, seed), runs.t)
+        columns["mesh"] = reference_ensemble(
+            fine, t_end, uncertain_members(fine, case.uncertain, members, seed), runs.t
+        )
     show("doubt: rounding", 0, 0)
     horizon = min(best_reference(system, t_end).horizon, t_end)
     past: Ensemble | None = None
     if horizon < t_end:
-        starts = perturbed(system, members, ROUNDING, seed, t_end=t_end)
+        starts = perturbed_members(system, members, ROUNDING, seed, t_end=t_end)
         past = reference_ensemble(system, t_end, starts, runs.t)
     return Doubt(
         str(scheme), float(dt), float(t_end), members, horizon,

@@ -34,9 +34,9 @@ from ..march.ensemble import integrate_ensemble
 from ..measures.report import DASH, percent
 from ..measures.smooth_motion import drive_frequency
 from ..measures.spectrum import amplitude_spectrum, drive_amplitude
-from ..model.members import SPREAD, Members, perturbed
+from ..model.members import SPREAD, EnsembleMembers, perturbed_members
 from ..model.system import System
-from ..model.uncertain import uncertain
+from ..model.uncertain import uncertain_members
 from ..references.ensemble import reference_ensemble
 from ..schemes.labels import scheme_of as known_scheme
 from ..testset.integrators import RECORDED
@@ -68,7 +68,7 @@ def points(
     """The exact solution and every scheme at ``dt`` (the case's), each with the same ``members`` initial
     data, perturbed by ``size`` relative to the motion. Where the case states uncertain parameters the members
     are drawn from these instead, and start alike. A solver runs to its default tolerance; recorded runs of one
-    name are members themselves, for the user to perturb (``perturbed``)."""
+    name are members themselves, for the user to perturb (``perturbed_members``)."""
     integer("members", members, 2)  # one has no spread
     if case.uncertain and size is not None:
         remedy = "its members differ by their parameters"
@@ -142,11 +142,11 @@ def evaluate(case: Case, point: Point) -> list[Row]:
     return rows + _spectrum(t, many.tip[whole], drive)
 
 
-def members_of(case: Case, system: System, point: Point) -> Members:
+def members_of(case: Case, system: System, point: Point) -> EnsembleMembers:
     """The members of a point: systems with drawn parameters, or with perturbed starts."""
     if case.uncertain:
-        return uncertain(system, case.uncertain, point["members"], point["seed"])
-    return perturbed(system, point["members"], point["size"], point["seed"], t_end=point["t_end"])
+        return uncertain_members(system, case.uncertain, point["members"], point["seed"])
+    return perturbed_members(system, point["members"], point["size"], point["seed"], t_end=point["t_end"])
 
 
 def _sampled(run: Trajectory, t: Array) -> Trajectory:

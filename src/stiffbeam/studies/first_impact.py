@@ -86,7 +86,9 @@ def evaluate(case: Case, point: Point) -> list[Row]:
     free_system = without_contact(system)
     span = look_span(problem)
     free = solve(free_system, span, "exact", np.linspace(0.0, span, LOOK + 1), 0.0, None)
-    when = first_crossing(lambda t: free.at(np.array([t]))[0][0], free.t, free.tip, stops.g1, stops.g2)
+    when = first_crossing(
+        lambda t: free.at(np.array([t]))[0][0], free.t, free.tip, stops.lower_bound, stops.upper_bound
+    )
     speed = abs(float(free.at(np.array([when]))[1][0]))
     end = when + WINDOW * tau(problem)
     contact = solve(system, end, "exact", np.array([0.0, end]), 0.0, None).contacts[0]
@@ -185,7 +187,7 @@ def beam_speed(problem: BeamProblem, start: str) -> float:
     """Return the speed with which the beam itself meets its stop, to 1e-3."""
     stops, times = problem.all_stops[0], np.linspace(0.0, look_span(problem), LOOK + 1)
     u = np.array([beam_tip(problem, start, t, 400)[0] for t in times])
-    when = first_crossing(lambda t: beam_tip(problem, start, t)[0], times, u, stops.g1, stops.g2)
+    when = first_crossing(lambda t: beam_tip(problem, start, t)[0], times, u, stops.lower_bound, stops.upper_bound)
     return abs(beam_tip(problem, start, when)[1])
 
 

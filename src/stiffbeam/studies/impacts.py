@@ -20,7 +20,7 @@ from ..files.cases import Case
 from ..march.integrate import integrate
 from ..measures.impacts import longest_delay, match
 from ..measures.report import percent
-from ..model.members import SPREAD, perturbed
+from ..model.members import SPREAD, perturbed_members
 from ..schemes import HHT, SDIRK
 from ..trajectory.ensemble import Ensemble
 from ..trajectory.trajectory import Reference
@@ -73,7 +73,7 @@ def evaluate(case: Case, point: Point) -> list[Row]:
     system = common.system_of(case, point["form"])
     dt, t_end = point["dt"], point["t_end"]
     count = point["members"] * (8 if point["scheme"] == EXACT else 1)
-    members = perturbed(system, count, SPREAD, t_end=t_end)
+    members = perturbed_members(system, count, SPREAD, t_end=t_end)
     if point["scheme"] == EXACT:
         return _statistics(common.run_members(EXACT, members, dt, t_end))
     exact = reference_solution(case, point)

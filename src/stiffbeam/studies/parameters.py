@@ -14,7 +14,7 @@ from ..basics.validation import InputError, number, positive
 from ..files.cases import Case
 from ..model.contact import Stops
 from ..model.drive import Drive
-from ..model.members import value_at, varied, with_values
+from ..model.members import value_at, varied_members, with_values
 from ..model.problem import PointLoad
 from ..model.system import System
 from ..model.time_functions import Harmonic
@@ -29,7 +29,7 @@ def _stops(system: System, change: Callable[[Stops], Stops]) -> System:
     if not system.contacts:
         remedy = "vary another parameter, or give the case stops"
         raise InputError("parameter", "one of the stops", "be asked of a case with stops", remedy)
-    return varied(system, stops=[[change(contact.stops) for contact in system.contacts]])[0]
+    return varied_members(system, stops=[[change(contact.stops) for contact in system.contacts]])[0]
 
 
 def _clearance(system: System, value: float) -> System:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections import Counter, defaultdict
-from collections.abc import Callable
 from typing import Annotated
 
 import numpy as np
@@ -27,8 +26,6 @@ from .engine.study import Answer, Point, Records, Row, Rows, declared
 SLOW, TOO_SLOW = 1.0, 10.0  # seconds in the registry: only the two loosest tolerances, not at all, unless asked for
 METHODS = [m.name for m in REFERENCES.values() if m.kind != MULTIPRECISION]  # which has no error to be seen
 TOLERANCES = (1e-4, 1e-6, 1e-8, 1e-10)
-REPEATS = 3  # the fastest counts: what else the machine did is not the method's cost
-ENOUGH = 0.2  # seconds, after which a run is not repeated
 SAMPLES = 1000
 CALLS = 500
 AT_MOST = " at most"  # after the name of a method whose cheapest run has a smaller error
@@ -99,7 +96,7 @@ def _steps(system: System, exact: Reference, point: Point, end: float) -> Row:
     def once() -> Trajectory:
         return common.run_of(label, recorded, system, end / steps, end, every=max(1, steps // SAMPLES))
 
-    run = once() if recorded else _fastest(once)
+    run = once() if recorded else common.fastest(once)
     error = tip_error(run.tip, exact.at(run.t)[0]).rms
     return _cost(run, common.evaluations_of(label, run)) | {"error": error, "python": 0.0}
 
@@ -107,11 +104,11 @@ def _steps(system: System, exact: Reference, point: Point, end: float) -> Row:
 def _solver(system: System, exact: Reference, point: Point, end: float) -> Row:
     times, method = np.linspace(0.0, end, SAMPLES + 1), point["method"]
     steps = Steps() if method == "exact" else Steps(events=False)
-    run = _fastest(lambda: solve(system, end, method, times, point["rtol"] or 1e-10, None, steps=steps))
+    run = common.fastest(lambda: solve(system, end, method, times, point["rtol"] or 1e-10, None, steps=steps))
     error = 0.0 if method == "exact" else tip_error(run.tip, exact.at(times)[0]).rms
     if "stages" in run.work.counters:  # it steps to every output, which a user may not ask for
         bare = np.array([0.0, end])
-        run = _fastest(lambda: solve(system, end, method, bare, point["rtol"], None, steps=steps))
+        run = common.fastest(lambda: solve(system, end, method, bare, point["rtol"], None, steps=steps))
     work = max(run.work.counters.values(), default=0)
     in_python = run.provenance.get("callbacks") == "Python" and "rhs" in run.work.counters
     python = run.work.counters["rhs"] * _call(system) if in_python else 0.0
@@ -132,14 +129,6 @@ def _call(system: System) -> float:
         rhs(0.0, z, out)
         least = min(least, time.perf_counter() - begun)
     return least
-
-
-def _fastest(run: Callable[[], Trajectory]) -> Trajectory:
-    """The fastest of up to REPEATS runs."""
-    runs = [run()]
-    while len(runs) < REPEATS and sum(one.work.seconds for one in runs) < ENOUGH:
-        runs.append(run())
-    return min(runs, key=lambda one: one.work.march_seconds)
 
 
 def _tracked(system: System, exact: Reference, point: Point) -> Row:

@@ -16,8 +16,8 @@ from ..figures import Axis, Curve, Level, Mark, Panel, Picture, column, dashed, 
 from ..files.cases import Case
 from ..measures.errors import tip_error
 from ..measures.report import percent
-from ..model.members import varied
-from ..references.exact.rigid import rigid_limit
+from ..model.members import varied_members
+from ..references.exact.rigid_reference import rigid_limit
 from .common import Form, ImpactCount, fit, order_over, solve_once, system_of
 from .engine.study import Answer, Point, Records, Row, Rows, declared
 
@@ -61,7 +61,7 @@ def evaluate(case: Case, point: Point) -> list[Row]:
         raise InputError("impacts", n, f"be fewer than the {rigid.impacts.count} of the rigid stops", remedy)
     times = rigid.impacts.times
     end = 0.5 * float(times[n - 1] + times[n])
-    compliant = varied(system, stops=[replace(stops, stiffness=kappa)])[0]
+    compliant = varied_members(system, stops=[replace(stops, stiffness=kappa)])[0]
     # The window is short against the horizon, and the same for every kappa.
     exact = solve_once(compliant, min(case.t_end, 2.0 * end))
     t = np.linspace(0.0, end, SAMPLES)

@@ -78,7 +78,9 @@ def first_touch(case: Case, cells: int) -> float:
         without_contact(semidiscretise(case.problem, cells)), span, EXACT, np.linspace(0.0, span, LOOK + 1), 0.0, None
     )
     stops = case.problem.all_stops[0]
-    return first_crossing(lambda t: free.at(np.array([t]))[0][0], free.t, free.tip, stops.g1, stops.g2)
+    return first_crossing(
+        lambda t: free.at(np.array([t]))[0][0], free.t, free.tip, stops.lower_bound, stops.upper_bound
+    )
 
 
 def evaluate(case: Case, point: Point) -> list[Row]:

@@ -16,7 +16,7 @@ from ..basics.pictures import DRAW
 from ..basics.units import Units
 from ..basics.validation import InputError, non_negative
 from ..model.contact import Stops
-from ..model.members import Members
+from ..model.members import EnsembleMembers
 from .dataset import arrays_of, save
 from .impacts import Impacts
 from .ledger import Ledger
@@ -138,7 +138,7 @@ class Ensemble(Runs):
         One per contact, arrays over the members.
     diverged : array (M,)
         The time at which a member overflowed, else NaN.
-    members : Members
+    members : EnsembleMembers
     t : array (k,)
         Output times; k = 0 unless they were asked for.
     work : Work
@@ -152,12 +152,12 @@ class Ensemble(Runs):
     --------
     >>> import stiffbeam as sb
     >>> system = sb.paper_case(10).system()
-    >>> many = sb.integrate_ensemble(system, sb.BDF2(), 1e-4, 0.5, sb.perturbed(system, 8), every=100)
+    >>> many = sb.integrate_ensemble(system, sb.BDF2(), 1e-4, 0.5, sb.perturbed_members(system, 8), every=100)
     >>> many.tip.shape
     (8, 51)
     """
 
-    members: Members
+    members: EnsembleMembers
     t: Array
     work: Work
     provenance: dict[str, Any]
@@ -266,7 +266,7 @@ class Ensemble(Runs):
 
 
 def gathered(
-    members: Members,
+    members: EnsembleMembers,
     parts: list[Runs],
     t: Array,
     work: Work,

@@ -187,7 +187,7 @@ class ContactRecord:
     @property
     def scale(self) -> float:
         """Scale of an error of ``position``: max |position|, or the gap to the nearer stop."""
-        nearer = min((abs(g) for g in (self.stops.g1, self.stops.g2) if np.isfinite(g)), default=0.0)
+        nearer = min((abs(g) for g in (self.stops.lower_bound, self.stops.upper_bound) if np.isfinite(g)), default=0.0)
         return max(float(np.max(np.abs(self.position))), nearer)
 
     def __repr__(self) -> str:

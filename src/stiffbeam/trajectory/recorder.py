@@ -222,7 +222,7 @@ def rebounds(t: Array, u: Array, v: Array | None, stops: Stops) -> Impacts:
     """
     step, rows = np.diff(t), np.zeros((0, 2))
     rates = np.diff(u) / step
-    for sign, g in ((-1.0, stops.g1), (1.0, stops.g2)):
+    for sign, g in ((-1.0, stops.lower_bound), (1.0, stops.upper_bound)):
         if not np.isfinite(g):
             continue
         arriving, leaving = sign * np.append(0.0, rates), sign * np.append(rates, rates[-1])
@@ -305,14 +305,14 @@ class Reactions:
     def __init__(self, stops: Stops, dt: float, u0: float, v0: float, since: int = 0) -> None:
         self.stops, self.dt, self.since = stops, dt, since
         self._fed: list[Array] = []
-        self._closed = bool(u0 <= stops.g1 or u0 >= stops.g2)  # since t = 0
+        self._closed = bool(u0 <= stops.lower_bound or u0 >= stops.upper_bound)  # since t = 0
         self._last = -1  # the step in which that contact opens
 
     def feed(self, u: Array, v: Array, means: Array | None = None, node_forces: Array | None = None) -> None:
         """Positions and velocities at the ends of the next steps (k,), and their reactions."""
         assert means is not None
         if self._closed:
-            free = np.flatnonzero((u > self.stops.g1) & (u < self.stops.g2))
+            free = np.flatnonzero((u > self.stops.lower_bound) & (u < self.stops.upper_bound))
             self._closed = not len(free)
             self._last += len(u) if self._closed else 1 + int(free[0])
         self._fed.append(np.array(means, float))

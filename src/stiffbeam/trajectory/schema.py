@@ -15,6 +15,7 @@ import numpy as np
 from ..basics.text import table
 from ..basics.units import NON_DIMENSIONAL, ONE, Units
 from ..basics.validation import InputError, near
+from ..model.members import STARTS, SYSTEMS
 
 if TYPE_CHECKING:
     import pandas
@@ -194,9 +195,11 @@ def _coordinates(result: Any, impacts: Iterable[Any], x: Any, many: bool) -> Val
         if contacts:
             each = [np.repeat(members, contact.impact_count) for contact in contacts]
             values["impact_member"] = (IM, np.concatenate(each))
-        if result.values is not None:
+        if result.values is not None and result.members.parameter not in (STARTS, SYSTEMS):
             values[parameter_name(result.members.parameter)] = (("member",), result.values)
-        elif (drawn := np.asarray(result.members.values)).ndim == 2 and drawn.dtype.kind == "f":  # by ``uncertain``
+        elif (
+            drawn := np.asarray(result.members.values)
+        ).ndim == 2 and drawn.dtype.kind == "f":  # by ``uncertain_members``
             for path, column in zip(result.members.parameter.split(", "), drawn.T, strict=True):
                 values[parameter_name(path)] = (("member",), column)
     return values

@@ -9,12 +9,13 @@ from dataclasses import dataclass, field, fields
 from functools import cache, cached_property, reduce
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..basics.arrays import Array
+from ..basics.deprecation import Renamed
 from ..basics.html import html_facts
 from ..basics.pictures import DRAW
 from ..basics.resources import afford
@@ -37,8 +38,7 @@ if TYPE_CHECKING:
     from ..model.system import System
     from .ledger import Ledger
 
-# A run at every step in pieces that share end points: times (k + 1,), q (k + 1, n), q' (k + 1, n), and the forces
-# (k + 1, contacts) that nodes found, NaN for none, see contact_law.found_force.
+# A run at every step in pieces that share end points: times (k + 1,), q (k + 1, n), q' (k + 1, n), forces (k + 1, m).
 Pieces = Callable[[], Iterator[tuple[Array, Array, Array, Array]]]
 
 
@@ -142,7 +142,8 @@ class Trajectory:
     pieces: Pieces | None = field(default=None, repr=False)
     ledger: Callable[[], Ledger] | None = field(default=None, repr=False)  # at the output times
     diverged: float = field(default=float("nan"), repr=False)  # when it overflowed; ``integrate`` raises then
-    read_for: str = field(default="", repr=False)  # the fingerprint of a system that is not at hand
+    stored_fingerprint: str = field(default="", repr=False)  # the fingerprint of a system that is not at hand
+    read_for: ClassVar = Renamed("stored_fingerprint")
 
     @classmethod
     def from_arrays(
@@ -243,7 +244,7 @@ class Trajectory:
     @property
     def fingerprint(self) -> str:
         """That of the system, see ``System.fingerprint``; empty for arrays without one."""
-        return self.read_for if self.system is None else self.system.fingerprint
+        return self.stored_fingerprint if self.system is None else self.system.fingerprint
 
     @cached_property
     def states(self) -> tuple[Array, Array]:
@@ -519,8 +520,8 @@ class Reference(Trajectory):
         Parameters
         ----------
         wrt : sequence of str
-            Paths as ``varied`` takes them: "stops[0].stiffness", "stops.upper", "loads[0].time.amplitude", "viscosity",
-            "q0[2]", "v0[0]"; "initial_displacement" and "initial_velocity" are all their n entries.
+            Paths as ``varied_members`` takes them: "stops[0].stiffness", "stops.upper", "loads[0].time.amplitude",
+            "viscosity", "q0[2]", "v0[0]"; "initial_displacement" and "initial_velocity" are all their n entries.
         t : (k,) array, optional
             Increasing times in [0, t_end]; the output times by default.
 

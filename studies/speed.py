@@ -1,0 +1,399 @@
+"""How fast are a step, a run, an ensemble and a reference, beside programs written by hand and solvers of others?
+
+    python studies/speed.py [steps sizes members references compare] [--quick] [--record]
+
+Table 10, M = 25, in one process. All programs of a table take turns; each number is the least of several in processor
+time, without compilation, so that ratios within a table hold on a busy machine. The programs of a step agree to 1e-9
+before chaos, and every reference states its distance from the exact one. What is not installed is named and left out.
+Last, `stiffbeam compare table10` runs in two fresh processes, from an empty cache and again.
+
+Prints the tables and ends with status 1 where a ratio is worse than the one recorded in speed.json by more than a
+third. ``--record`` writes what was measured to speed.json and, from it, the page speed.md.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import json
+import os
+import platform
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Generator
+from functools import partial
+from pathlib import Path
+from typing import Any
+from unittest.mock import patch
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # idle threads of a library would count as ours
+
+import numpy as np
+from hand_written import ALPHA, Timed, in_c, jax_scan, numba_loop, numpy_loop, timed
+
+import stiffbeam as sb
+from stiffbeam.basics.resources import cores
+from stiffbeam.march.block_march import March
+from stiffbeam.march.integrate import Plan
+from stiffbeam.references import solve
+from stiffbeam.references.adaptive import cvode, ida
+
+RECORD, PAGE = (Path(__file__).with_suffix(suffix) for suffix in (".json", ".md"))
+SCHEMES = {"HHT": sb.HHT(ALPHA), "BDF2": sb.BDF2(), "SDIRK-OS": sb.SDIRK(nystrom=True)}
+BY_HAND: dict[str, Callable[..., tuple[Timed, np.ndarray]]] = {
+    "C, number of modes fixed": partial(in_c, fixed=True),
+    "C": in_c,
+    "numba": numba_loop,
+    "JAX scan": jax_scan,
+    "NumPy loop": numpy_loop,
+}
+ANCHOR = "HHT by hand: C"
+WHOLE = "`integrate` with every step kept"
+RTOL, T_END = 1e-9, 0.1  # of the references
+SUNDIALS = ("cvode", "cvode-adams", "ida")
+TURN, LONG = 0.02, 2.0  # seconds: a turn of a short program; a run that is not repeated
+TOLERATED = 4 / 3  # how much worse than recorded a ratio may be
+Rows = dict[str, dict[str, Any]]
+
+
+def least(runs: dict[str, Timed], repetitions: int) -> dict[str, float]:
+    """The least seconds of each, taken in turns; one run of each beforehand.
+
+    A short run is repeated within its turn, where the processor's clock and caches have settled; one of seconds is not
+    repeated at all.
+    """
+    times = {name: [run(), run()] for name, run in runs.items()}
+    for _ in range(repetitions):
+        for name, run in runs.items():
+            shortest = min(times[name])
+            times[name] += [run() for _ in range(0 if shortest > LONG else min(20, 1 + int(TURN / shortest)))]
+    return {name: min(values[1:]) for name, values in times.items()}
+
+
+def table10(cells: int = 25) -> tuple[sb.System, float]:
+    """The system of Table 10 and the paper's time step."""
+    case = sb.paper_case(10)
+    return sb.semidiscretise(case.problem, cells), case.dt
+
+
+def steps(
+    cells: int, count: int, repetitions: int, missing: list[str], wanted: Callable[[str], bool] = lambda name: True
+) -> dict[str, float]:
+    """Nanoseconds per step of the programs by hand, of the march alone and of whole runs."""
+    system, dt = table10(cells)
+    runs: dict[str, Timed] = {}
+    counts: dict[str, int] = {}
+    tip = sb.integrate(system, SCHEMES["HHT"], dt, 500 * dt).tip
+    for name, make in BY_HAND.items():
+        label = f"HHT by hand: {name}"
+        counts[label] = min(count, 1000) if make is numpy_loop else count
+        try:
+            runs[label], result = make(system, dt, counts[label])
+        except (ImportError, OSError) as error:
+            missing.append(f"{label} ({error})")
+            continue
+        runs[label]()
+        assert np.max(np.abs(result[: len(tip)] - tip)) < 1e-9, f"{label} marches another scheme"
+    for name, scheme in SCHEMES.items():
+        stepper = Plan.of(system, scheme, dt, count * dt, "implicit", 1, "numba").stepper
+        assert stepper is not None
+
+        def march(stepper=stepper) -> float:
+            stepping = March(stepper, (system,), count, None)
+            for _ in stepping.advance():
+                pass
+            return stepping.seconds
+
+        def whole(scheme=scheme) -> sb.Trajectory:
+            return sb.integrate(system, scheme, dt, count * dt)
+
+        runs[f"{name}, march with impacts and peaks"] = march
+        runs[f"{name}, {WHOLE}"] = timed(whole)
+        runs[f"{name}, {WHOLE}, and energy balance"] = timed(lambda whole=whole: whole().energy)
+    runs = {name: run for name, run in runs.items() if wanted(name)}
+    return {name: 1e9 * x / counts.get(name, count) for name, x in least(runs, repetitions).items()}
+
+
+def sizes(count: int, repetitions: int, cells: tuple[int, ...]) -> Rows:
+    """Nanoseconds per step by the number of cells."""
+    rows: Rows = {}
+    for M in cells:
+        found = steps(M, count, repetitions, [], lambda name: "march" in name or name.endswith((": C", "NumPy loop")))
+        rows[str(M)] = {name.partition(",")[0]: ns for name, ns in found.items()}
+    return rows
+
+
+def members(size: int, count: int, repetitions: int) -> dict[str, float]:
+    """Nanoseconds per member and step of ensembles on all threads, in processor time over threads."""
+    system, dt = table10()
+    starts, frequencies = (
+        sb.perturbed_members(system, size),
+        sb.varied_members(system, frequency=np.linspace(9.0, 11.0, size)),
+    )
+
+    def run(scheme: sb.Scheme, ensemble: Any = starts) -> Timed:
+        return timed(lambda: sb.integrate_ensemble(system, scheme, dt, count * dt, ensemble), cores())
+
+    runs = {f"{name}, member of {size}": run(scheme) for name, scheme in SCHEMES.items()}
+    runs[f"HHT, member of {size}, each with its own drive frequency"] = run(SCHEMES["HHT"], frequencies)
+    return {name: 1e9 * x / (size * count) for name, x in least(runs, repetitions).items()}
+
+
+@contextlib.contextmanager
+def python_callbacks() -> Generator[None, None, None]:
+    """Let CVODE and IDA call Python functions, through scikit-sundae."""
+    with patch.object(cvode, "available", lambda: False), patch.object(ida, "available", lambda: False):
+        yield
+
+
+def references(t_end: float, repetitions: int, missing: list[str]) -> Rows:
+    """Milliseconds of every solver to t_end, its distance from the exact solution and its counters."""
+    system, _ = table10()
+    t = np.linspace(0.0, t_end, 101)
+    exact = sb.reference(system, t_end, t_eval=t).tip
+    found: dict[str, sb.Reference] = {}
+    tips: dict[str, Callable[[], np.ndarray]] = {}
+
+    def ours(method: str, name: str, python: bool = False) -> Callable[[], np.ndarray]:
+        def run() -> np.ndarray:
+            with python_callbacks() if python else contextlib.nullcontext():
+                found[name] = solve(system, t_end, method, t, RTOL, 1e-12)
+            assert (found[name].provenance.get("callbacks") == "Python") == python or method not in SUNDIALS
+            return found[name].tip
+
+        return run
+
+    for method in ("exact", *SUNDIALS, "dop853", "kvaerno5", "diffrax:Dopri8"):
+        tips[method] = ours(method, method)
+        if method in SUNDIALS:
+            tips[f"{method}, Python callbacks"] = ours(method, f"{method}, Python callbacks", True)
+    for name, make in {
+        "SciPy's DOP853 on `system.ode()`": _scipy,
+        "diffrax' Dopri8 on `system.ode()`": _diffrax,
+    }.items():
+        try:
+            tips[name] = make(system, t)
+        except ImportError as error:
+            missing.append(f"{name} ({error})")
+    errors = {name: float(np.max(np.abs(solver() - exact)) / np.max(np.abs(exact))) for name, solver in tips.items()}
+    seconds = least({name: timed(solver) for name, solver in tips.items()}, repetitions)
+    counters = {name: dict(reference.work.counters) for name, reference in found.items()}
+    return {name: {"ms": 1e3 * seconds[name], "error": errors[name], "work": counters.get(name, {})} for name in tips}
+
+
+def _scipy(system: sb.System, t: np.ndarray) -> Callable[[], np.ndarray]:
+    from scipy.integrate import solve_ivp
+
+    ode = system.ode()
+    return lambda: ode.tip(t, solve_ivp(ode.rhs, (0.0, t[-1]), ode.y0, "DOP853", t, rtol=RTOL, atol=1e-12).y.T)
+
+
+def _diffrax(system: sb.System, t: np.ndarray) -> Callable[[], np.ndarray]:
+    import diffrax
+    import jax
+
+    jax.config.update("jax_enable_x64", True)
+    ode = system.ode()
+
+    @jax.jit
+    def run(y0):
+        control = diffrax.PIDController(rtol=RTOL, atol=1e-12)
+        return diffrax.diffeqsolve(
+            diffrax.ODETerm(ode.jax), diffrax.Dopri8(), 0.0, t[-1], None, y0,
+            saveat=diffrax.SaveAt(ts=jax.numpy.asarray(t)), stepsize_controller=control, max_steps=2_000_000,
+        ).ys  # fmt: skip
+
+    return lambda: ode.tip(t, np.asarray(run(ode.y0)))
+
+
+def compare_table10() -> Rows:
+    """Seconds of the command in a fresh process: of the clock and of the processor."""
+    rows: Rows = {}
+    with tempfile.TemporaryDirectory() as folder:
+        environment = os.environ | {"STIFFBEAM_CACHE_DIR": f"{folder}/cache", "MPLBACKEND": "agg"}
+        for name in ("none: all are compiled", "read from the cache"):
+            begun, before = time.perf_counter(), os.times()
+            command = [sys.executable, "-c", "from stiffbeam.cli import main; main()", "compare", "table10"]
+            subprocess.run(command, cwd=folder, env=environment, check=True, capture_output=True)
+            after = os.times()
+            busy = after.children_user + after.children_system - before.children_user - before.children_system
+            rows[name] = {"seconds": time.perf_counter() - begun, "processor": busy}
+    return rows
+
+
+def measure(parts: list[str], quick: bool) -> dict[str, Any]:
+    """Return the tables that are asked for, and the ratios that are watched."""
+    missing: list[str] = []
+    count, repetitions = (2000, 1) if quick else (20_000, 9)
+    tables: dict[str, Callable[[], Any]] = {
+        "steps": lambda: steps(25, count, repetitions, missing),
+        "whole": lambda: {str(k): _whole(k, repetitions) for k in ((2000,) if quick else (20_000, 50_000))},
+        "sizes": lambda: sizes(count // 4, repetitions, (10, 25) if quick else (10, 25, 50, 100, 200, 400)),
+        "members": lambda: members(8 if quick else 200, count, 1 if quick else 5),
+        "references": lambda: references(0.02 if quick else T_END, 1 if quick else 3, missing),
+        "compare": lambda: {} if quick else compare_table10(),
+    }
+    machine = f"{_processor()}, {cores()} threads, Python {platform.python_version()}"
+    record: dict[str, Any] = {"machine": machine} | {name: tables[name]() for name in tables if name in parts}
+    return record | {"missing": missing, "ratios": ratios_of(record)}
+
+
+def ratios_of(record: dict[str, Any]) -> dict[str, float]:
+    """The ratios that are watched; smaller is better."""
+    ratios: dict[str, float] = {}
+    if ns := record.get("steps"):
+        unit = _unit(ns)
+        ratios |= {f"{name} / {unit}": x / ns[unit] for name, x in ns.items() if "by hand" not in name}
+    if rows := record.get("references"):
+        cost = {name: row["ms"] for name, row in rows.items()}
+        ratios |= {f"{name} / exact": x / cost["exact"] for name, x in cost.items() if name != "exact"}
+        ratios |= {f"{m} / {m}, Python callbacks": cost[m] / cost[f"{m}, Python callbacks"] for m in SUNDIALS}
+    return ratios
+
+
+def _unit(ns: dict[str, float]) -> str:
+    """The program that the others are multiples of."""
+    return next(name for name in (ANCHOR, "HHT by hand: numba") if name in ns)
+
+
+def _whole(count: int, repetitions: int) -> dict[str, float]:
+    """Ratio of `integrate`, set-up and every step kept, to the same number of steps in C."""
+    found = steps(25, count, repetitions, [], lambda name: name == ANCHOR or name.endswith(WHOLE))
+    unit = found.pop(ANCHOR, float("nan"))
+    return {name.partition(",")[0]: ns / unit for name, ns in found.items()}
+
+
+def _processor() -> str:
+    """Model of the processor where Linux names it."""
+    with contextlib.suppress(OSError):
+        for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    return platform.machine()
+
+
+def page(record: dict[str, Any]) -> str:
+    """The record in Markdown: the tables of speed.md."""
+    lines = [
+        "# Speed", "",
+        "Written by `python studies/speed.py --record`: Table 10 with 25 cells, the least of several runs in",
+        "processor time, without compilation, programs of one table by turns. Ratios hold within a table; times depend",
+        f"on the machine: {record['machine']}.",
+    ]  # fmt: skip
+    for name, rows in TABLES.items():
+        if record.get(name):
+            lines += ["", *rows(record[name])]
+    return "\n".join(lines + [f"\nNot measured: {name}." for name in record["missing"]]) + "\n"
+
+
+def _page_of_steps(ns: dict[str, float]) -> list[str]:
+    unit = ns[_unit(ns)]
+    return [
+        "## A time step", "",
+        "[`hand_written.py`](hand_written.py) and [`hand_written.c`](hand_written.c) are HHT-alpha written by hand:",
+        "in C with `restrict` and `-O3 -march=native`, in numba and in JAX one linear map of the modes per step. They",
+        "keep the tip only. The march of stiffbeam also finds each impact with its time, peak and impulse. Ratios are",
+        "to C with any number of modes.", "",
+        "| program | ns per step | ratio |", "|---|---|---|",
+        *(f"| {name} | {x:.3g} | {x / unit:.3g} |" for name, x in ns.items()),
+    ]  # fmt: skip
+
+
+def _page_of_runs(runs: dict[str, dict[str, float]]) -> list[str]:
+    return [
+        "Whole runs by `integrate`, set-up included, every step kept, as multiples of as many steps in C:", "",
+        "| steps | " + " | ".join(SCHEMES) + " |", "|---" * (1 + len(SCHEMES)) + "|",
+        *(f"| {count} | " + " | ".join(f"{x:.3g}" for x in row.values()) + " |" for count, row in runs.items()),
+    ]  # fmt: skip
+
+
+def _page_of_sizes(rows: Rows) -> list[str]:
+    names = next(iter(rows.values()))
+    return [
+        "## By the number of cells", "", "Nanoseconds per step of the march.", "",
+        "| cells | " + " | ".join(names) + " |", "|---" * (len(names) + 1) + "|",
+        *(f"| {M} | " + " | ".join(f"{x:.3g}" for x in row.values()) + " |" for M, row in rows.items()),
+    ]  # fmt: skip
+
+
+def _page_of_members(ns: dict[str, float]) -> list[str]:
+    return [
+        "## An ensemble", "", "Processor time over threads, all threads at work.", "",
+        "| program | ns per member and step |", "|---|---|", *(f"| {name} | {x:.3g} |" for name, x in ns.items()),
+    ]  # fmt: skip
+
+
+def _page_of_references(rows: Rows) -> list[str]:
+    lines = [
+        "## A reference", "",
+        f"To t = {T_END} at rtol {RTOL:g}. The error is the largest difference of the tip's displacement from the",
+        "exact one, over its largest. Solvers on `system.ode()` are called as a user calls them and step across",
+        "events.", "", "| solver | ms | over exact | error | work |", "|---|---|---|---|---|",
+    ]  # fmt: skip
+    for name, row in rows.items():
+        work = ", ".join(f"{count} {what}" for what, count in row["work"].items() if what in ("steps", "rhs", "stages"))
+        ratio = row["ms"] / rows["exact"]["ms"]
+        lines.append(f"| {name} | {row['ms']:.3g} | {ratio:.3g} | {row['error']:.1e} | {work} |")
+    lines += [
+        "", "CVODE and IDA run without Python in their steps. The same functions as Python callbacks of scikit-sundae",
+        "take the same steps:", "", "| method | time compiled / Python | counters |", "|---|---|---|",
+    ]  # fmt: skip
+    for m in SUNDIALS:
+        other = rows[f"{m}, Python callbacks"]
+        equal = "equal" if rows[m]["work"] == other["work"] else "differ"
+        lines.append(f"| {m} | {rows[m]['ms'] / other['ms']:.2f} | {equal} |")
+    return lines
+
+
+def _page_of_compare(rows: Rows) -> list[str]:
+    return [
+        "## The first minute", "", "`stiffbeam compare table10`, each time in a fresh process:", "",
+        "| compiled kernels | seconds | processor |", "|---|---|---|",
+        *(f"| {name} | {x['seconds']:.1f} | {x['processor']:.1f} |" for name, x in rows.items()),
+    ]  # fmt: skip
+
+
+TABLES: dict[str, Callable[[Any], list[str]]] = {
+    "steps": _page_of_steps,
+    "whole": _page_of_runs,
+    "sizes": _page_of_sizes,
+    "members": _page_of_members,
+    "references": _page_of_references,
+    "compare": _page_of_compare,
+}
+
+
+def missed(ratios: dict[str, float], recorded: dict[str, float]) -> list[str]:
+    """Ratios that are worse than recorded by more than a third; smaller is better."""
+    return [
+        f"{name}: {ratios[name]:.3g}, recorded {value:.3g}"
+        for name, value in recorded.items()
+        if name in ratios and ratios[name] > TOLERATED * value
+    ]
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("parts", nargs="*", default=list(TABLES), help=f"tables to measure: {', '.join(TABLES)}")
+    parser.add_argument("--quick", action="store_true", help="a smoke run: small sizes, no ratio is judged")
+    parser.add_argument("--record", action="store_true", help="write speed.json and speed.md")
+    options = parser.parse_args()
+    if unknown := set(options.parts) - set(TABLES):
+        parser.error(f"no tables: {', '.join(sorted(unknown))}; choose from {', '.join(TABLES)}")
+    record = measure(options.parts, options.quick)
+    print(page(record))
+    recorded = json.loads(RECORD.read_text(encoding="utf-8")) if RECORD.exists() else {"ratios": {}}
+    failures = [] if options.quick else missed(record["ratios"], recorded["ratios"])
+    for line in failures:
+        print(f"worse by more than a third: {line}", file=sys.stderr)
+    if options.record:
+        recorded |= record | {"ratios": recorded["ratios"] | record["ratios"]}
+        RECORD.write_text(json.dumps(recorded, indent=2) + "\n", encoding="utf-8")
+        PAGE.write_text(page(recorded), encoding="utf-8")
+    return 1 if failures else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
