@@ -48,11 +48,11 @@ from .references.ensemble import reference_ensemble as reference_ensemble
 from .references.exact.continuation import Branch as Branch
 from .references.exact.continuation import continuation as continuation
 from .references.exact.derivative import Derivative as Derivative
+from .references.exact.lyapunov import PerturbationGrowth as PerturbationGrowth
+from .references.exact.lyapunov import lyapunov as lyapunov
 from .references.exact.orbit import Orbit as Orbit
 from .references.exact.orbit import periodic_orbit as periodic_orbit
-from .references.exact.rigid import rigid_limit as rigid_limit
-from .references.exact.tangent import PerturbationGrowth as PerturbationGrowth
-from .references.exact.tangent import lyapunov as lyapunov
+from .references.exact.rigid_reference import rigid_limit as rigid_limit
 from .schemes.registry import *  # noqa: F403
 from .studies import study as study
 from .studies.advice import Advice as Advice

@@ -63,7 +63,7 @@ def test_a_method_that_is_added_needs_its_file_and_its_line_only(monkeypatch):
     from stiffbeam.figures import look, short
     from stiffbeam.studies.agreement import agree
 
-    added = Method("bulirsch", "adaptive.cvode", "Bulirsch", 99, 0.2, libraries={"numpy": "numpy"})
+    added = Method("bulirsch", "adaptive.sundials", "Bulirsch", 99, 0.2, libraries={"numpy": "numpy"})
     monkeypatch.setitem(registry.REFERENCES, "bulirsch", added)
     system = sb.semidiscretise(sb.paper_case(10).problem, 8)
     run = sb.reference(system, 0.01, "bulirsch", rtol=1e-8)

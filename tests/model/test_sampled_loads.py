@@ -11,7 +11,7 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 import stiffbeam as sb
-from stiffbeam.piecewise.polynomial_answer import answers
+from stiffbeam.piecewise.linear import answers
 from stiffbeam.references import solve
 
 TIMES = np.array([0.0, 0.1, 0.25, 0.3, 0.7, 1.0])

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import stiffbeam as sb
-from stiffbeam.piecewise.oscillation import from_rest
+from stiffbeam.piecewise.terms import from_rest
 from stiffbeam.references.horizon import DISPLACEMENT_TOLERANCE
 from stiffbeam.references.multiprecision.multiprecision import AGREEMENT, carry
 

@@ -12,8 +12,7 @@ from vibro_impact import Case, Contact
 from vibro_march import solve
 
 import stiffbeam as sb
-from stiffbeam.piecewise.chains import differences, largest
-from stiffbeam.piecewise.spectrum import groups
+from stiffbeam.piecewise.spectrum import differences, groups, largest
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import stiffbeam as sb
-from stiffbeam.references.adaptive import cvode, ida, sundials_library
+from stiffbeam.references.adaptive import sundials, sundials_library
 
 METHODS = ("cvode", "cvode-adams", "ida")
 
@@ -17,8 +17,7 @@ def in_python(monkeypatch):
 
     def reference(*arguments, **keywords) -> sb.Reference:
         with monkeypatch.context() as patch:
-            for module in (cvode, ida):
-                patch.setattr(module, "available", lambda: False)
+            patch.setattr(sundials, "available", lambda: False)
             return sb.reference(*arguments, **keywords)
 
     return reference

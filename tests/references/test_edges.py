@@ -13,11 +13,11 @@ from edge_systems import KINDS, edge_system, witness
 
 import stiffbeam as sb
 from stiffbeam.basics.validation import InputError
-from stiffbeam.piecewise.audit import audit
+from stiffbeam.piecewise.measures import audit
 from stiffbeam.piecewise.tracer import tracer_of
 from stiffbeam.references import solve
 from stiffbeam.references.ensemble import reference_ensemble
-from stiffbeam.references.exact.rigid import rigid_limit
+from stiffbeam.references.exact.rigid_reference import rigid_limit
 
 
 def one_mass(load: float, kappa: float = 1e4, **kwargs) -> sb.System:

@@ -10,7 +10,6 @@ import pytest
 from scipy.optimize import brentq
 
 import stiffbeam as sb
-from stiffbeam.piecewise.oscillation import oscillations
 from stiffbeam.piecewise.search import search
 from stiffbeam.piecewise.terms import (
     CONSTANT,
@@ -24,6 +23,7 @@ from stiffbeam.piecewise.terms import (
     cubic,
     layout,
     measure,
+    oscillations,
     resolved,
 )
 

@@ -12,7 +12,7 @@ from stiffbeam.basics.validation import InputError
 from stiffbeam.measures.errors import observed_order
 from stiffbeam.model.modes import modes
 from stiffbeam.model.semidiscretisation import FORMS
-from stiffbeam.references.exact.rigid import rigid_limit
+from stiffbeam.references.exact.rigid_reference import rigid_limit
 
 
 def oscillator(stiffness: float, kappa: float, lower: float, upper: float, start: float, speed: float) -> sb.System:

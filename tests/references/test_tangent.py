@@ -12,7 +12,7 @@ from systems import two_contacts
 import stiffbeam as sb
 from stiffbeam.piecewise.tracer import tracer_of
 from stiffbeam.references import solve
-from stiffbeam.references.exact import tangent
+from stiffbeam.references.exact import lyapunov as tangent
 
 
 def table(number: int) -> sb.System:

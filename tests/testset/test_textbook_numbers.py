@@ -22,8 +22,8 @@ import scipy.optimize
 
 import stiffbeam as sb
 from stiffbeam.model.restitution import dissipation_for
-from stiffbeam.references.exact.impact_tangent import Neighbours
 from stiffbeam.references.exact.impacting import Tracer
+from stiffbeam.references.exact.lyapunov import Struck
 
 INF = float("inf")
 
@@ -129,11 +129,12 @@ def test_the_multipliers_of_the_impact_oscillator(w, V, t0, multipliers):
     e, T = 0.8, 2.0 * np.pi / w
     drive = sb.Harmonic(1.0, w, w * t0 + 0.5 * np.pi)
     one = mass(1.0, sb.Stops(upper=0.0, stiffness=INF, restitution=e), drive, v=-e * V)
-    flow = Neighbours(Tracer(one).solve(1.01 * T))
-    after = int(np.argmax(np.array([0.0, *flow.times[1:]]) > 0.99 * T))
+    motion = Tracer(one).solve(1.01 * T)
+    flow = Struck(one, motion, 1.01 * T)
+    after = int(np.argmax(np.array([0.0, *motion.times[1:]]) > 0.99 * T))
     dq, dv = np.eye(2)[:1], np.eye(2)[1:]
     for k in range(after):
-        dq, dv = flow.across(k + 1, *flow.flow(k, float(np.diff(flow.times)[k]), dq, dv))
+        dq, dv = flow.across(k + 1, *flow.flow(k, float(np.diff(motion.times)[k]), dq, dv))
     monodromy = np.vstack([dq, dv])
     assert np.trace(monodromy) == pytest.approx(sum(multipliers), rel=1e-12)
     assert np.linalg.det(monodromy) == pytest.approx(e * e, rel=1e-12)

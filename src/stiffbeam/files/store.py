@@ -26,7 +26,7 @@ from ..basics.validation import InputError, file_path, numbers
 from ..march.integrate import Plan
 from ..model.contact import Stops
 from ..model.system import System, require_system
-from ..piecewise.measures import Solution
+from ..piecewise.motion import Motion
 from ..piecewise.rounding import Perturbation
 from ..piecewise.tracer import tracer_of
 from ..references import solve
@@ -69,7 +69,7 @@ def freeze(reference: Reference, case: str, file: str | Path) -> dict[str, Any]:
     if case and _system_of(case, "case", reference.system.form).fingerprint != reference.fingerprint:
         remedy = "numbers in a case are decimals: solve the system of the case itself"
         raise InputError("case", case.partition("[case.problem]")[2].strip(), "make the reference's system", remedy)
-    solution: Solution = reference.solution
+    solution: Motion = reference.solution
     for share in (0.1, 0.01, 0.001):  # a run of near grazes can magnify the last bits more than three tries show
         stored = _states_to_store(reference, solution, t_end, share * BOUND)
         dataset = _dataset(reference, solution, case, t_end, stored)
@@ -127,7 +127,7 @@ def _system_of(case: str, source: str, form: str) -> System:
     return parse_case(case, source).system(form)
 
 
-def _states_to_store(reference: Reference, solution: Solution, t_end: float, bound: float) -> Array:
+def _states_to_store(reference: Reference, solution: Motion, t_end: float, bound: float) -> Array:
     """The pieces whose initial states a file needs.
 
     From each of them float64 is followed until it is off by ``bound`` of max |u| or of t_end, and the next is the
@@ -167,7 +167,7 @@ def _states_to_store(reference: Reference, solution: Solution, t_end: float, bou
             span *= 2
 
 
-def _dataset(reference: Reference, solution: Solution, case: str, t_end: float, stored: Array) -> xr.Dataset:
+def _dataset(reference: Reference, solution: Motion, case: str, t_end: float, stored: Array) -> xr.Dataset:
     """The switches, and the states at the start of the pieces ``stored``."""
     assert reference.system is not None
     sides = solution.sides.astype(np.int8)
@@ -211,13 +211,13 @@ def _dataset(reference: Reference, solution: Solution, case: str, t_end: float, 
     )
 
 
-def _march(system: System, data: xr.Dataset, source: str) -> Solution:
+def _march(system: System, data: xr.Dataset, source: str) -> Motion:
     """Re-march from stored state to stored state, holding every switch against the file."""
     tracer = tracer_of(system)
     times, sides = data["switch_time"].values, data["side"].values.astype(np.int64)
     sides = sides[:, None] if sides.ndim == 1 else sides
     stored, t_end = data["stored_switch"].values, float(data.attrs["t_end"])
-    parts: list[Solution] = []
+    parts: list[Motion] = []
     for row, piece in enumerate(stored):
         last = stored[row + 1] if row + 1 < len(stored) else len(times)
         # To the middle of the piece after the span, so that rounding cannot hide its last switch.
@@ -243,7 +243,7 @@ def _contact_state(
     return tuple(sides[piece].tolist()), q, v, resting
 
 
-def _deviation(data: xr.Dataset, a: Solution, reference: Reference) -> float:
+def _deviation(data: xr.Dataset, a: Motion, reference: Reference) -> float:
     """Largest difference in position of a contact or the tip over max |u|, in the middle of every piece, between
     ``a`` and what the file makes of it; infinite where it makes other switches."""
     assert reference.system is not None
@@ -258,7 +258,7 @@ def _deviation(data: xr.Dataset, a: Solution, reference: Reference) -> float:
     return float(np.max(difference) / np.max(np.abs(reference.tip)))
 
 
-def _positions(system: System, solution: Solution, t: Array) -> Array:
+def _positions(system: System, solution: Motion, t: Array) -> Array:
     """Positions of every channel, (times, channels)."""
     return np.stack([solution.observed(t, row)[0] for row, _ in system.channels], axis=-1)
 

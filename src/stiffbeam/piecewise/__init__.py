@@ -2,13 +2,14 @@
 
 tracer                             follows a motion: the compiled loop, and what it leaves to sums of exponentials
 regimes, linear                    regimes as pairs, made as they are met; complex modes where damping couples
-spectrum, chains                   eigenvalues in groups; where they meet
+spectrum                           eigenvalues in groups, and chains where they meet
 follow                             the compiled loop from event to event
-terms, oscillation, search         what a contact sees of a segment, one mode, and the search for its next event
+terms, search                      what a contact sees of a segment, and the search for its next event
 exponential_search                 the search where forces are polynomials or eigenvalues meet, sample by sample
-touching, cubics                   what both rest on: safe steps along a gap
+touching                           what both rest on: safe steps along a gap
 events                             what damped stops do at an event
-motion, pressing                   what is read of a motion at any time; peaks and impulses
-measures, audit                    contact records and energy; where the energy does not balance
+motion                             what is read of a motion at any time; peaks and impulses
+generator, tangent                 the flow of a regime with its derivatives; derivatives along a motion
+measures                           contact records and energy; where the energy does not balance
 rounding                           what float64 loses, for perturbed copies
 """

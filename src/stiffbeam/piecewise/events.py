@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..basics.arrays import Array
+from ..basics.compiled import formula
 from ..model.contact import Stops
 from ..model.system import System
 
@@ -42,6 +43,7 @@ def pressed(sides: ArrayLike) -> NDArray[np.int64]:
     return np.where(np.abs(sides) == LET_GO, 0, sides)
 
 
+@formula
 def next_side(old: int, met: int, force: bool) -> int:
     """The side after a switch of a contact; met: the stop; force: whether it is y that became 0, not d."""
     if old == 0:

@@ -11,8 +11,8 @@ import numpy as np
 from ..basics.arrays import Array, IntArray
 from ..basics.compiled import compiled
 from ..trajectory.trajectory import SolverFailure
-from .chains import differences, largest
-from .polynomial_answer import answers, forced_derivatives, forced_sizes
+from .linear import answers, forced_derivatives, forced_sizes
+from .spectrum import differences, largest
 from .touching import (
     CLOSES,
     EPS,
@@ -62,9 +62,9 @@ def search(
                        + sum_bj chained_cb0j D_bj(tau)] + sum_j shift_cj tau^j
 
     a = real + i imaginary: (m, K); sigma <= 0. eigenvalues: lambda (k,); seen: (m, k, P), shift: (m, P), the
-    forces and offsets that are polynomials (polynomial_answer.py); P = 0 where there are none, else t_end is
+    forces and offsets that are polynomials (linear.py); P = 0 where there are none, else t_end is
     as far as they go. nodes: (b, K), counts: (b,), chained: (m, b, ORDER + 1, K), the terms of
-    chains and their derivatives (chains.py). chi, g1, g2: (m,). resting: (m,), not 0 for a contact
+    chains and their derivatives (spectrum.py). chi, g1, g2: (m,). resting: (m,), not 0 for a contact
     that has switched at t_start, so that its gap is exactly zero. Returns (tau, contact, side,
     evaluations); contact -1: none before t_end. Every gap that is open or closed is kept positive, see
     ``gap_step``. Raises SolverFailure as ``switching.search`` does.
@@ -208,7 +208,7 @@ class Cells(NamedTuple):
 @compiled
 def newton_form(cells: Cells, b: int, c: Array, spin: Array, force: Array, B: Array, g: Array) -> None:
     """Newton's form g (K, K) of chain b from the coefficients c, the drives ``spin`` and the forces (k, P), see
-    chains.py; and its matrix with these forces into B (K, K)."""
+    spectrum.py; and its matrix with these forces into B (K, K)."""
     size, k, d = cells.counts[b], cells.parts[b, 0], cells.parts[b, 1]
     B[:], g[:] = cells.B[b], 0.0
     for i in range(k):

@@ -18,10 +18,9 @@ import numpy as np
 
 from ..basics.arrays import Array, IntArray
 from ..basics.compiled import compiled, inlined
-from .events import LET_GO
-from .oscillation import oscillations, pair
+from .events import LET_GO, next_side
 from .search import search
-from .terms import CONSTANT, LEVEL, OMEGA, SIGMA, SQUARE, X, Y, layout
+from .terms import CONSTANT, LEVEL, OMEGA, SIGMA, SQUARE, X, Y, layout, oscillations, pair
 
 DONE, FULL, UNKNOWN = 0, 1, 2  # why the loop ends; UNKNOWN: no such regime in the table, or one that it cannot follow
 # Of ``outward``, which parts of q and q' the pairs make, and of ``inward``, which parts of x and y they make.
@@ -242,33 +241,15 @@ def unsettle(
 
 
 @compiled
-def watch(
-    table: Table, r: int, x: Array, y: Array, start: float, sides: IntArray, switched: IntArray, t_end: float,
-    damped: int | None,
-) -> tuple[float, int, int, int]:  # fmt: skip
-    """(tau, contact, its new side, evaluations) of the first event of a segment that begins at ``start`` with the pairs
-    x, y; contact -1 where there is none before t_end. sides, switched: (m,), not 0 for those that switched there.
-    damped: as in ``follow``."""
-    m, K = sides.size, x.size + table.frequencies.size
-    speeds, terms, seen, pairs = layout(m, K, table.closes[r])
-    see(table, r, x, y, start, speeds, terms, seen)
-    see_close(table, r, pairs, np.arange(m))
-    if damped is not None:
-        return watch_damped(table, r, start, sides, switched, t_end, speeds, terms, seen, pairs)
-    tau, which, side, used = search(
-        speeds, terms, seen, pairs, sides, table.g1, table.g2, switched, start, t_end
-    )  # fmt: skip
-    return tau, which, (side if which >= 0 and sides[which] == 0 else 0), used
+def watched_of_damped(
+    table: Table, r: int, start: float, sides: IntArray, switched: IntArray, speeds: Array, terms: Array, seen: Array,
+    pairs: Array,
+) -> tuple[IntArray, IntArray, IntArray, Array, Array, IntArray, Array, Array, Array]:  # fmt: skip
+    """Gaps to search where stops are damped: of such a stop d or y = d + lag d' is watched, and of one that has let go
+    both.
 
-
-@compiled
-def watch_damped(
-    table: Table, r: int, start: float, sides: IntArray, switched: IntArray, t_end: float, speeds: Array,
-    terms: Array, seen: Array, pairs: Array,
-) -> tuple[float, int, int, int]:  # fmt: skip
-    """``watch`` where stops are damped: of such a stop d or y = d + lag d' is watched, and of one that has let go both.
-
-    speeds, terms, seen, pairs: as contacts see them that are not damped.
+    speeds, terms, seen, pairs: as contacts see them that are not damped. Returns the contact of every gap, 1 where it
+    is a force, sides, stops, 1 where it is zero at ``start``, and terms, seen and pairs of the gaps.
     """
     m, K = sides.size, speeds.shape[1]
     count = m
@@ -310,18 +291,7 @@ def watch_damped(
             still = own if gone else (lag == 0.0 or abs(y_now) < abs(d))
             resting[w] = switched[i] != 0 and still
         extra += gone
-    tau, which, stop, used = search(speeds, all_terms, all_seen, all_pairs, chi, g1, g2, resting, start, t_end)
-    if which < 0:
-        return tau, -1, 0, used
-    contact = int(at[which])
-    side = int(sides[contact])
-    if side == 0:
-        side = int(stop)
-    elif force[which] == 0:
-        side = 0
-    else:
-        side = LET_GO * side if abs(side) == 1 else side // LET_GO
-    return tau, contact, side, used
+    return at, force, chi, g1, g2, resting, all_terms, all_seen, all_pairs
 
 
 @compiled
@@ -356,10 +326,25 @@ def follow(
         for i in range(sides.size):
             out_sides[count, i] = sides[i]
         count += 1
-        tau, contact, side, used = watch(table, r, x, y, t, sides, switched, t_end, damped)
+        swings, terms, seen, close = layout(sides.size, pairs + table.frequencies.size, table.closes[r])
+        see(table, r, x, y, t, swings, terms, seen)
+        see_close(table, r, close, np.arange(sides.size))
+        at, force, chi, g1, g2, resting = sides, sides, sides, table.g1, table.g2, switched
+        if damped is not None:
+            at, force, chi, g1, g2, resting, terms, seen, close = watched_of_damped(
+                table, r, t, sides, switched, swings, terms, seen, close
+            )
+        tau, contact, stop, used = search(swings, terms, seen, close, chi, g1, g2, resting, t, t_end)
         evaluations += used
         if contact < 0 or t + tau >= t_end:
             return DONE, count, evaluations, t
+        side = stop
+        if damped is not None:
+            by_force = force[contact] != 0
+            contact = at[contact]
+            side = next_side(sides[contact], stop, by_force)
+        elif sides[contact] != 0:
+            side = 0
         turn(table, r, x, y, t, tau, x1, y1, work)
         drive(table, t + tau, g)
         leave(table, r, x1, y1, g, q, v)

@@ -1,10 +1,22 @@
-"""Contacts and energy of the exact solution, to rounding."""
+"""Contacts and energy of the exact solution, to rounding; where the energy ledger opens there is no solution.
+
+    E - E_0 = input - dissipation,   E = 1/2 q'^T M q' + 1/2 q^T K q + sum_c U_c
+
+Inside a piece the closed form keeps the balance of its own regime, in which U_c = kappa gap^2/2 wherever
+chi says that contact c is closed. So the ledger of the whole can open in three places only: at the start;
+at a switch, by the energies on its two sides and by the energy of a jump between them; and inside a piece
+whose gap is not on the side that chi says, by what is wrong with U_c there. All of it is added up.
+
+A motion far smaller than the amplitudes it is the difference of has lost its digits with the balance intact:
+there the observed positions do not start where they should.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Generator, Iterator
+from contextlib import contextmanager
 from functools import partial
-from typing import Any, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,91 +26,19 @@ from ..basics.resources import afford
 from ..model.system import System
 from ..trajectory.impacts import ContactRecord, Impacts
 from ..trajectory.ledger import Ledger
+from ..trajectory.trajectory import SolverFailure
 from .events import LET_GO, peak_between, pressed, pressure
+from .touching import EPS, REMEDY
+
+if TYPE_CHECKING:
+    from .motion import Motion
 
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(10)
 PEAK_STEPS = 8  # of the Illinois method, from a bracket of two samples: to 1e-12 on Table 10
 RIVAL = 0.96  # of the largest sample: nodes lie within 0.48 radians of the fastest motion, cos 0.24 = 0.972
 
 
-class Solution(Protocol):
-    """Contract of every exact solution: segments between events, each linear, of n unknowns and m contacts."""
-
-    @property
-    def times(self) -> Array:
-        """The starts of the pieces, (pieces,)."""
-        ...
-
-    @property
-    def sides(self) -> NDArray[np.int64]:
-        """The side of every contact in every piece, (pieces, m), see events."""
-        ...
-
-    @property
-    def evaluations(self) -> int:
-        """Number of gap evaluations in the event search."""
-        ...
-
-    @property
-    def shortest_period(self) -> float:
-        """Shortest period of the modes of all regimes and of the drive."""
-        ...
-
-    @property
-    def periods(self) -> Array:
-        """The shortest period of every piece's own regime and of the drive, (pieces,)."""
-        ...
-
-    @property
-    def fastest_decay(self) -> float:
-        """The largest rate at which a part of a piece dies out, 0 for none."""
-        ...
-
-    @classmethod
-    def joined(cls, parts: Any, /) -> Any:
-        """One solution from consecutive ones of the same tracer."""
-        ...
-
-    def first(self, count: int, /) -> Any:
-        """The first ``count`` pieces."""
-        ...
-
-    def state_at_start(self, piece: int, /) -> tuple[Array, Array]:
-        """q, q' (1, n) where a piece begins, from that piece."""
-        ...
-
-    def flow(self, piece: int, tau: float, dq: Array, dv: Array, /) -> tuple[Array, Array]:
-        """The homogeneous flow of a piece's regime over tau: (n, k) -> (n, k)."""
-        ...
-
-    def states(self, t: Array, /) -> tuple[Array, Array]:
-        """q, q' (k, n) at any times t (k,)."""
-        ...
-
-    def states_in(self, t: Array, piece: NDArray[np.int64], /) -> tuple[Array, Array]:
-        """q, q' (k, n) as the given pieces (k,) have them at times t, which may be their ends."""
-        ...
-
-    def observed(self, t: Array, row: Array, /) -> tuple[Array, Array]:
-        """row @ q and its rate at any times t (k,), (k,) each; row: (n,)."""
-        ...
-
-    def press(
-        self, system: System, contact: int, starts: Array, ends: Array, sides: NDArray[np.int64], /
-    ) -> tuple[Array, Array]:
-        """Peak |sigma| and impulse of a contact in the spans [starts, ends] (k,) in which it is on ``sides``."""
-        ...
-
-    def offset(self, system: System, channel: int, /) -> Callable[[Array], tuple[Array, Array]]:
-        """o(t) and o'(t) of a channel, (k,) each."""
-        ...
-
-    def work(self, system: System, edges: Array, /) -> tuple[Array, Array]:
-        """Work of loads and moving stops, and viscous loss, between consecutive edges, among them every switch."""
-        ...
-
-
-def path_of(system: System, solution: Solution, times: Array, channel: int) -> tuple[Array, Array]:
+def path_of(system: System, solution: Motion, times: Array, channel: int) -> tuple[Array, Array]:
     """Position and velocity of a channel at any times."""
     row, offset = system.channels[channel]
     u, v = solution.observed(times, row)
@@ -108,7 +48,7 @@ def path_of(system: System, solution: Solution, times: Array, channel: int) -> t
     return u + shift, v + shift_rate
 
 
-def entries(solution: Solution, i: int, t_end: float) -> Impacts:
+def entries(solution: Motion, i: int, t_end: float) -> Impacts:
     """The impacts of contact i, entries into a stop, without what they measure."""
     starts, _, sides = _closed(solution, i, t_end)
     counted = starts > 0.0
@@ -116,20 +56,20 @@ def entries(solution: Solution, i: int, t_end: float) -> Impacts:
 
 
 def contact_record(
-    system: System, solution: Solution, i: int, t: Array, t_end: float, since: float = 0.0
+    system: System, solution: Motion, i: int, t: Array, t_end: float, since: float = 0.0
 ) -> ContactRecord:
     """Contact history in [since, t_end] by events: impacts are the switches from free to a stop."""
     return record_of(system, solution, i, path_of(system, solution, t, i), t_end, since)
 
 
-def contact_between(system: System, solution: Solution, start: float, end: float, i: int) -> ContactRecord:
+def contact_between(system: System, solution: Motion, start: float, end: float, i: int) -> ContactRecord:
     """``contact_record`` of [start, end], a part of the solution's span."""
     pieces = solution.first(max(1, int(np.searchsorted(solution.times, end))))
     return contact_record(system, pieces, i, np.array([start, end]), end, start)
 
 
 def record_of(
-    system: System, solution: Solution, i: int, seen: tuple[Array, Array], t_end: float, since: float
+    system: System, solution: Motion, i: int, seen: tuple[Array, Array], t_end: float, since: float
 ) -> ContactRecord:
     """``contact_record`` with the position and velocity that are ``seen`` at the output times."""
     contact = system.contacts[i]
@@ -161,7 +101,7 @@ def record_of(
     )
 
 
-def _closed(solution: Solution, i: int, t_end: float) -> tuple[Array, Array, NDArray[np.int64]]:
+def _closed(solution: Motion, i: int, t_end: float) -> tuple[Array, Array, NDArray[np.int64]]:
     """Start, end and side of every span in which the contact stays on one stop.
 
     Pieces of no length, where it touches and turns straight back, do not count; pieces in which only
@@ -178,7 +118,7 @@ def _closed(solution: Solution, i: int, t_end: float) -> tuple[Array, Array, NDA
 
 
 def pressed_by(
-    system: System, solution: Solution, i: int, starts: Array, ends: Array, sides: NDArray[np.int64]
+    system: System, solution: Motion, i: int, starts: Array, ends: Array, sides: NDArray[np.int64]
 ) -> tuple[Array, Array]:
     """Peak |sigma| and impulse, the integral of |sigma|, of contact i in the spans [starts, ends] on ``sides``.
 
@@ -276,7 +216,7 @@ def panels(longest: float, starts: Array, ends: Array, decay: float = 0.0) -> tu
     return index, left, np.where(last, ends[index], np.append(left[1:], 0.0)) - left
 
 
-def work_of_damping(system: System, solution: Solution, edges: Array) -> tuple[Array, Array]:
+def work_of_damping(system: System, solution: Motion, edges: Array) -> tuple[Array, Array]:
     """Between consecutive edges, which include every switch: what moving stops put in by -c d', and what stops take.
 
         input = -int F_c o' dt, F_c = -c u' where pressed      taken = int c u'^2 dt where pressed, U where let go
@@ -305,7 +245,7 @@ def work_of_damping(system: System, solution: Solution, edges: Array) -> tuple[A
     return given, taken
 
 
-def exact_ledger(system: System, solution: Solution, times: Array) -> Ledger:
+def exact_ledger(system: System, solution: Motion, times: Array) -> Ledger:
     """The exact flow's ledger at increasing times.
 
     input = int (sum_k f_k p_k^T q' - sum_c F_c o_c') dt and viscous = int q'^T C q' dt are exact to
@@ -320,3 +260,120 @@ def exact_ledger(system: System, solution: Solution, times: Array) -> Ledger:
     start = np.zeros(1)
     loss = system.energy(start, *solution.states(start))[0] - sum(energies) + given - taken - stops
     return Ledger(times, *energies, given, taken, loss, np.zeros(len(times)), loss, stops)
+
+
+ROUNDINGS = 64.0  # that a switch may cost, each as large as the stiffest mode makes it
+SEEN, LOST = 1e-6, 1e-3  # of the largest energy so far: less is not held against it, more is never rounding
+NOTHING = 1e-20  # of the largest energy of all: what rounding makes of none
+START = 1e-3  # of the largest displacement: what a start may be off
+
+
+@contextmanager
+def within_float64(solver: str, t_end: float) -> Generator[None, None, None]:
+    """Turn overflows, NaN and matrices without eigenvectors into SolverFailure: nothing that is not finite gets out."""
+    try:
+        with np.errstate(over="raise", divide="raise", invalid="raise"):
+            yield
+    except (ArithmeticError, np.linalg.LinAlgError) as error:
+        if isinstance(error, OverflowError) or "overflow" in str(error):
+            raise SolverFailure(solver, t_end, f"the motion overflows float64 ({error})", REMEDY) from None
+        reason = f"float64 has no result for a step of the calculation ({error})"
+        raise SolverFailure(solver, t_end, reason, "use the method multiprecision") from None
+
+
+def audit(
+    system: System,
+    solution: Motion,
+    t_end: float,
+    solver: str = "exact",
+    start: tuple[Array, Array] | None = None,
+) -> None:
+    """Raise SolverFailure with the first time by which the ledger of [0, t_end] has opened.
+
+    It is open where the sum of its openings exceeds what rounding explains, for every switch ROUNDINGS eps
+    (w |q|_M sqrt(2 E) + 2 E) with the fastest frequency w, though not less than SEEN nor more than LOST of
+    the energy, and the rounding of the terms of q^T K q, which cancel where a body moves as a whole. Pieces are
+    looked at in the middle. Rigid stops turn velocities: there energies are compared, not velocities. start: q, q' (n,)
+    at t = 0, None for those of the system.
+    """
+    q0, v0 = (system.q0, system.v0) if start is None else start
+    times, sides = solution.times, solution.sides
+    count, ends = len(times), np.append(times[1:], t_end)
+    pieces, when = np.arange(count), np.concatenate([times, ends])
+    q, v = solution.states_in(when, np.concatenate([pieces, pieces]))
+    finite = np.isfinite(q) & np.isfinite(v)
+    if not finite.all():
+        raise SolverFailure(solver, float(np.min(when[~finite.all(axis=1)])), "the motion is not finite", REMEDY)
+    _start(system, solution, t_end, solver, q0, (when, q))
+    after, before = slice(0, count), slice(count, 2 * count - 1)
+    # The states, the jumps at the switches, and the start that is given.
+    kinetic, elastic = system.free_energies(*(np.vstack([x, x[1:count] - x[before], y]) for x, y in ((q, q0), (v, v0))))
+    free = kinetic + elastic
+    stops, inside, held = _stops(system, solution, q, ends, sides)
+    energy = free[: 2 * count] + stops
+    opening = np.zeros(count + 1)  # at the start, and at the end of every piece
+    if times[0] == 0.0:
+        opening[0] = abs(energy[0] - free[-1] - system.contact_energy(times[:1], q0[None])[0])
+    opening[1:-1] = np.abs(energy[after][1:] - energy[before])
+    if solver != "rigid":
+        opening[1:-1] += free[2 * count : -1]
+        opening[1:] += inside
+    length = np.sqrt(np.sum(q * (q @ system.mass), axis=1))
+    positive = np.maximum(energy, 0.0)
+    rounding = 2.0 * np.pi / solution.shortest_period * length * np.sqrt(2.0 * positive) + 2.0 * positive
+    terms = EPS * np.sum(np.abs(q) * (np.abs(q) @ np.abs(system.stiffness)), axis=1)
+    allowed, cancelled = (np.cumsum(np.append(x[after], 0.0) + np.append(0.0, x[count:])) for x in (rounding, terms))
+    largest = np.maximum.accumulate(np.maximum(np.maximum(energy[after], energy[count:]), held))
+    largest = np.append(largest, largest[-1])
+    allowed = np.clip(ROUNDINGS * EPS * np.sqrt(system.size) * allowed, SEEN * largest, LOST * largest)
+    allowed += cancelled
+    total = np.cumsum(opening)
+    open_at = np.flatnonzero(total > allowed + NOTHING * largest[-1])
+    if len(open_at):
+        k = int(open_at[0])
+        share = total[k] / max(largest[k], 1e-300)
+        reason = f"the energy balance is open, by {share:.2g} of the energy"
+        raise SolverFailure(solver, float(np.append(0.0, ends)[k]), reason, REMEDY)
+
+
+def _start(system: System, solution: Motion, t_end: float, solver: str, q0: Array, ends: tuple[Array, Array]) -> None:
+    """Raise SolverFailure where an observed position starts off by more than START of its largest value; ends: the
+    times (k,) and q (k, n) of the ends of all pieces, the start first."""
+    if solution.times[0] != 0.0:
+        return
+    for channel, (row, _) in enumerate(system.channels):
+        given = float(row @ q0 + solution.offset(system, channel)(np.zeros(1))[0][0])
+        positions = _looks(system, solution, t_end, channel, ends)
+        if all(abs(u[0] - given) > START * max(abs(given), float(np.max(np.abs(u)))) for u in positions):
+            reason = "the motion is smaller than the rounding of the amplitudes it is the difference of"
+            raise SolverFailure(solver, 0.0, reason, "use multiprecision")
+
+
+def _looks(system: System, solution: Motion, t_end: float, channel: int, ends: tuple[Array, Array]) -> Iterator[Array]:
+    """Positions of a channel, its start first: at the switches, between them, and of what soon dies out."""
+    row, shift = system.channels[channel][0], solution.offset(system, channel)
+    yield ends[1] @ row + shift(ends[0])[0]
+    t = np.linspace(0.0, t_end, 33)
+    yield solution.observed(t, row)[0] + shift(t)[0]
+    t = np.append(0.0, np.geomspace(min(solution.shortest_period, t_end) / 8.0, t_end, 64))
+    yield solution.observed(t, row)[0] + shift(t)[0]
+
+
+def _stops(
+    system: System, solution: Motion, q: Array, ends: Array, sides: NDArray[np.int64]
+) -> tuple[Array, Array, Array]:
+    """sum_c U_c of the regimes at the starts and then the ends of all pieces, how much it is wrong in the middle of
+    each, and how large it is there: what moving stops press into a body at rest is nothing at every switch."""
+    times, count = solution.times, len(ends)
+    when, middle = np.concatenate([times, ends]), 0.5 * (times + ends)
+    total, wrong, held = np.zeros(2 * count), np.zeros(count), np.zeros(count)
+    for i, contact in enumerate(system.contacts):
+        shift, stops, chi = solution.offset(system, i), contact.stops, sides[:, i]
+        stop = np.where(chi > 0, stops.upper_bound, np.where(chi < 0, stops.lower_bound, 0.0))
+        closed = np.where(chi != 0, 0.5 * stops.spring(1)[0], 0.0)
+        u = q @ contact.row + shift(when)[0]
+        total += np.tile(closed, 2) * (u - np.tile(stop, 2)) ** 2
+        u = solution.observed(middle, contact.row)[0] + shift(middle)[0]
+        held += stops.energy(u)
+        wrong += np.abs(closed * (u - stop) ** 2 - stops.energy(u))
+    return total, wrong, held

@@ -18,7 +18,7 @@ WIDE = 100  # modes up to which extended precision, which no library is fast in,
 class Perturbation(NamedTuple):
     """A change of the size of float64's rounding, for a perturbed copy of the solution.
 
-    frequency: of the modes, see ``perturbed_modes``; state: of every initial modal amplitude
+    frequency: of the modes, see ``Correction.perturbed``; state: of every initial modal amplitude
     relative to the largest in energy, of every modal force, of the change between modes and at every switch
     of every amplitude relative to the terms it is made of, of the time of the switch, and relative to its norm of
     every matrix that damped modes are taken of; seed: of the random signs and sizes.
@@ -84,10 +84,3 @@ def correction(system: System, springs: Sequence[tuple[Array, float]], base: Mod
     np.fill_diagonal(E, (0.5 * (1 - np.diag(R))).astype(float))
     lost = float(np.finfo(wide).eps) / float(np.finfo(float).eps) * (terms + terms.T)
     return Correction(base, squares.astype(float), E, np.where(near, 0.0, lost / apart), np.diag(lost).copy())
-
-
-def perturbed_modes(
-    system: System, springs: Sequence[tuple[Array, float]], base: Modes, size: float, rng: np.random.Generator
-) -> Modes:
-    """``base`` without what is wrong with it, and off by ``size``, see ``Correction``."""
-    return correction(system, springs, base).perturbed(size, rng)

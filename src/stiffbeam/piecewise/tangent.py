@@ -83,7 +83,7 @@ class Tangent:
         for p, column in enumerate(generators.columns):
             start[: generators.n, p], start[generators.n : 2 * generators.n, p] = column.q0, column.v0
         start[: 2 * generators.n, self.parameters :] = directions
-        self.last = self._follow(start)
+        self.last = self._follow(start) if self.count else start
 
     def _regime_sides(self, i: int) -> tuple[int, ...]:
         sides = self.path.sides[i]
@@ -97,7 +97,7 @@ class Tangent:
             driven[members] = self.regimes[members[0]].seen(eye, self.Z[members], self.lengths[members])
         for i, (regime, tau) in enumerate(zip(self.regimes, self.lengths.tolist(), strict=True)):
             if i:
-                dZ = self._across(i, dZ)
+                dZ = self.across(i, dZ)
             self.dZ[i] = dZ
             dZ = regime.ahead(dZ, tau)
             dZ[:, : self.parameters] += driven[i]
@@ -111,7 +111,7 @@ class Tangent:
             total[p] += each @ Z
         return total
 
-    def _across(self, i: int, dZ: Array) -> Array:
+    def across(self, i: int, dZ: Array) -> Array:
         """dZ behind the event at which segment i begins, from that before it."""
         before, after = self.path.sides[i - 1], self.path.sides[i]
         if self.path.rigid:
@@ -217,14 +217,14 @@ class Tangent:
         if grazes(form, flows[0], Z, self.graze):
             self.grazes.append(float(self.path.times[i]))
         gone = self.slope_of(form, derived, Z, dZ)
-        late = -gone / arriving[0] if arriving[0] else np.full(self.count, np.nan)
+        late = -gone / arriving[0] if arriving[0] else np.full(dZ.shape[1], np.nan)
         moved = dZ + np.outer(flows[0].A @ Z, late)
         # the blow and its derivative
         H = data.rows[list(taking)]
         solve = saddle(data.mass, H)
         shift = np.array([rate[2 * n :] @ Z[2 * n :] for rate, _ in rates])
         X = solve(np.concatenate([data.mass @ Z[n : 2 * n], -e * arriving - shift])[:, None])
-        right = np.zeros((n + len(taking), self.count))
+        right = np.zeros((n + len(taking), dZ.shape[1]))
         right[:n] = data.mass @ moved[n : 2 * n]
         for k, (c, (rate, rate_slopes)) in enumerate(zip(taking, rates, strict=True)):
             right[n + k] = -e[k] * self.slope_of(rate, rate_slopes, Z, moved) - rate[2 * n :] @ moved[2 * n :]

@@ -13,7 +13,6 @@ from ..basics.resources import Forecast
 from ..model.drive import Drive
 from ..model.system import System
 from ..trajectory.trajectory import SolverFailure
-from .chains import seen_by
 from .events import LET_GO, next_side, pressed, side_of, watched
 from .exponential_search import Cells, pass_samples, search
 from .follow import DONE, FULL, UNKNOWN, follow
@@ -22,6 +21,7 @@ from .motion import Motion
 from .regimes import Known, Regimes, Source
 from .rounding import Perturbation
 from .search import search as leap
+from .spectrum import seen_by
 from .terms import OMEGA, SIGMA, SQUARE, X, Y, layout
 from .touching import ORDER, REMEDY
 

@@ -15,7 +15,7 @@ from ..basics.resources import cores, over_slices
 from ..basics.validation import InputError, numbers, positive
 from ..model.members import EnsembleMembers, as_members
 from ..model.system import System
-from ..piecewise.audit import audit, within_float64
+from ..piecewise.measures import audit, within_float64
 from ..piecewise.regimes import Known
 from ..piecewise.tracer import tracer_of
 from ..trajectory.ensemble import MEMBERS_PER_SLICE, Ensemble, Progress, Runs, gathered, record_from

@@ -52,7 +52,7 @@ def exact_horizon(
     as free would be held back by a stiffness within the rounding of K, or one that damping makes slow decays at a rate
     that is lost beside the fast ones. ``horizon_predicted``: the horizon that the tangent flow predicts.
     """
-    from .exact.tangent import predicted_horizon
+    from .exact.lyapunov import predicted_horizon
 
     eps = MARGIN * float(np.finfo(float).eps)
     tolerance, solution = time_tolerance(system, t_end), reference.solution

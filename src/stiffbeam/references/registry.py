@@ -79,11 +79,11 @@ _BY_LIBRARY = {
 REFERENCES = _References(
     (method.name, method)
     for method in (
-        Method("exact", "exact.piecewise", "exact", 0, 0.004, EXACT),
+        Method("exact", "exact", "exact", 0, 0.004, EXACT),
         Method("multiprecision", "multiprecision.multiprecision", "multiprecision", 1, 0.13, MULTIPRECISION, _FLINT),
-        Method("cvode", "adaptive.cvode", "CVODE BDF", 2, 0.4, libraries=_SUNDIALS),
-        Method("cvode-adams", "adaptive.cvode", "CVODE Adams", 3, 0.3, libraries=_SUNDIALS),
-        Method("ida", "adaptive.ida", "IDA", 4, 0.6, libraries=_SUNDIALS),
+        Method("cvode", "adaptive.sundials", "CVODE BDF", 2, 0.4, libraries=_SUNDIALS),
+        Method("cvode-adams", "adaptive.sundials", "CVODE Adams", 3, 0.3, libraries=_SUNDIALS),
+        Method("ida", "adaptive.sundials", "IDA", 4, 0.6, libraries=_SUNDIALS),
         Method("kvaerno3", "adaptive.diffrax", "Kvaerno3", 5, 11.0, libraries=_DIFFRAX, solver="Kvaerno3"),
         Method("kvaerno5", "adaptive.diffrax", "Kvaerno5", 6, 2.0, libraries=_DIFFRAX, solver="Kvaerno5"),
         Method("dop853", "adaptive.scipy", "DOP853", 7, 0.45, libraries=_SCIPY, solver="DOP853"),

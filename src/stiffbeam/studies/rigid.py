@@ -17,7 +17,7 @@ from ..files.cases import Case
 from ..measures.errors import observed_order, tip_error
 from ..measures.report import percent
 from ..model.members import varied_members
-from ..references.exact.rigid import rigid_limit
+from ..references.exact.rigid_reference import rigid_limit
 from .common import Form, ImpactCount, fit, solve_once, system_of
 from .engine.study import Answer, Point, Records, Row, Rows, Study
 

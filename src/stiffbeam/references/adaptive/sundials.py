@@ -1,4 +1,4 @@
-"""What CVODE and IDA share through scikit-sundae: one phase, from its start to a root or its end."""
+"""CVODE, SUNDIALS' variable-order multistep solver, and IDA, that for implicit systems, through scikit-sundae."""
 
 from __future__ import annotations
 
@@ -7,11 +7,92 @@ from typing import Any
 
 import numpy as np
 
+from ...basics.arrays import Array
 from ...model.right_hand_side import RightHandSide
-from ...trajectory.trajectory import SolverFailure
+from ...trajectory.trajectory import Reference, SolverFailure
+from ..request import KEEP, RESTART, Request
 from . import sundials_library
+from .adaptive import Solver, in_phases, reference_from
 from .restarts import Outcome, Phase, Root, refuse_endless
-from .sundials_library import CompiledSolver
+from .sundials_library import CompiledSolver, available
+
+
+def solve(request: Request) -> Reference:
+    """Return the solution by IDA or CVODE, as the method is named."""
+    return _ida(request) if request.method == "ida" else _cvode(request)
+
+
+def _cvode(request: Request) -> Reference:
+    """BDF orders 1-5 or Adams-Moulton orders 1-12, Newton with the analytic Jacobian.
+
+    The Jacobian is banded where the system's is. Adams starts anew at every switch, where a method of
+    high order gains by a smooth right-hand side; BDF goes through, and error control finds the kink: it
+    is of order 5 at most and takes long to raise its order again. Undamped, these systems lie on the
+    imaginary axis, where BDF of order 3 and above is unstable and Adams needs a fifth of the work.
+    """
+    method, adams = request.method, request.method == "cvode-adams"
+
+    def solver(rhs: RightHandSide, rtol: float, atol: Array) -> Solver:
+        from sksundae.cvode import CVODE
+
+        if not rhs.in_python and available():
+            return compiled(method, CompiledSolver("CVode", rhs, rtol, atol, adams))
+
+        def right(t: float, z: Array, rate: Array) -> None:
+            rhs(t, z, rate)
+
+        def jacobian(t: float, z: Array, rate: Array, J: Array) -> None:
+            J[:] = rhs.jacobian(t, z)
+
+        def run(phase: Phase) -> Outcome:
+            def roots(t: float, z: Array, out: Array) -> None:
+                phase.watch(t, z, out)
+
+            family = "Adams" if adams else "BDF"
+            options = linear_solver(rhs) | phase_options(phase, roots)
+            cvode = CVODE(right, method=family, rtol=rtol, atol=atol, jacfn=jacobian, **options)
+            cvode.init_step(phase.start, phase.z)
+            return advance(method, cvode, phase)
+
+        return run
+
+    return reference_from(request, in_phases(method, solver), RESTART if adams else KEEP)
+
+
+def _ida(request: Request) -> Reference:
+    """BDF orders 1-5 on the residual of M q'' + C q' + K q = f, the mass matrix not inverted.
+
+        F(t, y, y') = E y' - g(t, y),  y = (q_1, q_1', ..., q_n, q_n')
+
+    with the analytic iteration matrix c_j E - dg/dy, banded where M, C and K are. Goes through the switches
+    as CVODE's BDF does.
+    """
+    mass, right = request.system.descriptor()
+
+    def solver(rhs: RightHandSide, rtol: float, atol: Array) -> Solver:
+        from sksundae.ida import IDA
+
+        if not rhs.in_python and available():
+            return compiled("ida", CompiledSolver("IDA", rhs, rtol, atol))
+
+        def residual(t: float, z: Array, rate: Array, res: Array) -> None:
+            rhs.residual(t, z, rate, res)
+
+        def jacobian(t: float, z: Array, rate: Array, res: Array, cj: float, J: Array) -> None:
+            J[:] = rhs.jacobian(t, z, cj, -1.0)
+
+        def run(phase: Phase) -> Outcome:
+            def roots(t: float, z: Array, rate: Array, out: Array) -> None:
+                phase.watch(t, z, out)
+
+            options = linear_solver(rhs) | phase_options(phase, roots)
+            ida = IDA(residual, rtol=rtol, atol=atol, jacfn=jacobian, **options)
+            ida.init_step(phase.start, phase.z, rhs.rate(phase.start, phase.z))
+            return advance("ida", ida, phase)
+
+        return run
+
+    return reference_from(request, in_phases("ida", solver), KEEP, mass, right)
 
 
 def linear_solver(rhs: RightHandSide) -> dict[str, Any]:

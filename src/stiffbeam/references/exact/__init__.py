@@ -1,7 +1,24 @@
 """The exact solution in float64, a client of the room piecewise. In the order of reading:
 
-piecewise                          what is called: refusals, the Reference, perturbed copies
-tangent                            growth of perturbations along the solution
+piecewise                          compliant stops: refusals, the Reference, perturbed copies
+lyapunov                           growth of perturbations along the solution
 rigid_reference, impacting, taylor rigid stops with restitution: the Reference, impact by impact, one segment
-rigid                              the same for restitution 1 by closed forms, the end of kappa -> infinity
+derivative, orbit, continuation    derivatives in parameters; periodic orbits, and branches of them
 """
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from ...trajectory.trajectory import Reference
+    from ..request import Request
+
+
+def solve(request: Request) -> Reference:
+    """Return the exact solution; of a request it takes system, t_end and t_eval."""
+    from .piecewise import solve_exact
+    from .rigid_reference import solve_rigid
+
+    rigid = any(contact.stops.rigid for contact in request.system.contacts)
+    return (solve_rigid if rigid else solve_exact)(request.system, request.t_end, request.t_eval)

@@ -22,8 +22,8 @@ from ...basics.resources import afford
 from ...basics.validation import InputError, numbers
 from ...model.system import System, require_system
 from ...model.system_data import ORDER_8, slope_of
-from ...piecewise.audit import within_float64
 from ...piecewise.generator import Generators
+from ...piecewise.measures import within_float64
 from ...piecewise.tangent import Tangent
 from ...trajectory.trajectory import SolverFailure
 from .orbit import ALONE, Orbit, PeriodMap, periodic_orbit

@@ -21,7 +21,7 @@ from ...piecewise.rounding import Perturbation
 from ...piecewise.tangent import Forms, Path, Tangent
 from ...piecewise.tracer import tracer_of
 from ...trajectory.trajectory import Reference
-from .impacted import Solution as Impacted
+from .impacting import RigidMotion
 from .impacting import Tracer as ImpactTracer
 
 PER_PERIOD = 12  # samples in the shortest period, among which a peak is looked for
@@ -321,7 +321,7 @@ def tops(tangent: Tangent, forms: Forms, segments: IntArray, shortest: float) ->
 
 def path_of_solution(system: System, solution: Any, t_end: float) -> Path:
     """Segments of an exact solution, compliant or rigid."""
-    if isinstance(solution, Impacted):
+    if isinstance(solution, RigidMotion):
         sides = np.zeros((len(solution.times), len(system.contacts)), np.int64)
         for k, held in enumerate(solution.held):
             sides[k, list(held)] = 1
@@ -343,7 +343,7 @@ def derivative(reference: Reference, wrt: Sequence[str], t: Array) -> Derivative
     system, solution = reference.system, reference.solution
     assert system is not None
     rigid = any(contact.stops.rigid for contact in system.contacts)
-    if solution is None or rigid != isinstance(solution, Impacted):
+    if solution is None or rigid != isinstance(solution, RigidMotion):
         rule, remedy = 'be of method "exact" and solved in this process for a derivative', "take stiffbeam.reference"
         raise InputError("reference", reference.provenance["method"], rule, remedy)
     names, columns, bounds = slopes(system, wrt)
@@ -363,7 +363,7 @@ def ends_of(system: System, solution: Any, tangent: Tangent) -> list[tuple[float
     """
     ends = [(t, "a contact grazes its stop") for t in tangent.grazes]
     ends += [(t, "two impacts at one time change each other") for t in tangent.ties]
-    if isinstance(solution, Impacted):
+    if isinstance(solution, RigidMotion):
         ends += [(t, "the impacts of a chatter end") for t, _ in solution.stuck]
         if np.isfinite(solution.tie):
             ends.append((solution.tie, "two contacts close together, and their order decides"))

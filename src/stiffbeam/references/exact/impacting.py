@@ -4,7 +4,8 @@
     among those that are approached; one that this drives into its stop is hit after it
     M q'' + C q' + K q = f + row^T R,   u = g while a contact is held; it lets go where R = 0
 
-Between events the motion is a Taylor series (taylor.py); an event is the first zero of a gap or of a reaction in it.
+Far from events the motion is in closed form, by the compiled loop of piecewise; around them, and while a contact is
+held, it is a Taylor series (taylor.py): an event is the first zero of a gap or of a reaction in it.
 After an impact the gap's series starts with an exact zero and the exact speed, so that flights of any length are
 found to rounding, relative to themselves. Where e < 1 impacts may accumulate: speeds v_k = e^k v_0 under the
 acceleration a into the stop end after 2 v/(a (1 - e)) to first order. Once that is short against every motion, CHATTER
@@ -14,19 +15,127 @@ radians, the rest of the series is summed with a and a' as they are, the speed t
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass, field
+from fractions import Fraction
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...basics.arrays import Array
+from ...basics.exact_float import exact_value
 from ...basics.validation import InputError
 from ...model.active_set import solve_node
 from ...model.system import System
+from ...piecewise.follow import DONE, follow
+from ...piecewise.motion import Motion
+from ...piecewise.regimes import Regimes, Source
+from ...piecewise.rounding import Perturbation
 from ...piecewise.touching import EPS
+from ...piecewise.tracer import QUIET
 from ...trajectory.trajectory import SolverFailure
 from ..rigid_stops import order_decides
-from .impacted import Event, Solution
-from .starting import on_stops, together_but_for_rounding
 from .taylor import Model, first_zero, rate, stays, value
+
+LEFT = 1e-12  # of the distance between a stop and a start, relative: the start is on the stop
+
+
+def on_stops(model: Model) -> dict[int, int]:
+    """The contacts on their stops at t = 0, by their sides. Raises InputError for one beyond its stop."""
+    closed = {}
+    for contact, each in enumerate(model.system.contacts):
+        moved = float(model.shift(contact, 0.0)[0])
+        u = float(model.rows[contact] @ model.system.q0) + moved
+        for side, g in ((1, each.stops.upper_bound), (-1, each.stops.lower_bound)):
+            if math.isfinite(g) and side * (u - g) >= -LEFT * max(abs(g), abs(moved)):
+                if side * (u - g) > LEFT * max(abs(g), abs(moved)):
+                    remedy = "move the stop or the start"
+                    raise InputError("initial displacement", u, "lie between rigid stops", remedy)
+                closed[contact] = side
+    return closed
+
+
+def off_stop(model: Model, contact: int, side: int) -> bool:
+    """Whether the start, as it is written, is not exactly on the stop of a contact."""
+    each = model.system.contacts[contact]
+    ratio, pi = exact_value(each.stops.upper if side > 0 else each.stops.lower)  # type: ignore[arg-type]
+    terms = zip(model.rows[contact].tolist(), model.system.q0.tolist(), strict=True)
+    shifted = model.shift(contact, 0.0)[0] != 0.0
+    return pi or shifted or sum(Fraction(row) * Fraction(q) for row, q in terms) != ratio
+
+
+def together_but_for_rounding(model: Model, compliance: Array, closed: dict[int, int], going: dict[int, int]) -> bool:
+    """Whether contacts that move each other start on their stops but for rounding, so that who is hit first is not
+    known."""
+    joined = {c for c in closed for x in going if c != x and compliance[c, x]}
+    return any(off_stop(model, c, closed[c]) for c in joined | (going.keys() if joined else set()))
+
+
+def at_rest(model: Model) -> list[int]:
+    """Contacts that start at rest on their stops as they are written, not but for rounding."""
+    found = []
+    for contact, each in enumerate(model.system.contacts):
+        still = each.offset is None and not np.any(model.rows[contact] * model.system.v0)
+        stops = (1, each.stops.upper_bound), (-1, each.stops.lower_bound)
+        if still and any(math.isfinite(g) and not off_stop(model, contact, side) for side, g in stops):
+            found.append(contact)
+    return found
+
+
+@dataclass(eq=False)
+class Event:
+    """An impact on ``side`` of a contact; ``end`` > ``time`` where the contact is then held."""
+
+    contact: int
+    side: int
+    time: float
+    impulse: float
+    end: float = math.nan
+
+
+@dataclass(eq=False)
+class RigidMotion:
+    """Stretches from times (k,) on, with states and the contacts held in each; what impacts took."""
+
+    model: Model
+    times: list[float] = field(default_factory=list)
+    states: list[tuple[Array, Array]] = field(default_factory=list)
+    held: list[tuple[int, ...]] = field(default_factory=list)
+    events: list[Event] = field(default_factory=list)
+    struck: list[tuple[float, int, float]] = field(default_factory=list)  # time, contact, impulse that is no event's
+    blows: list[tuple[int, int]] = field(default_factory=list)  # stretch at whose start it is, contact
+    taken: list[tuple[float, float, float]] = field(default_factory=list)  # time, energy taken, put in by stops moving
+    stuck: list[tuple[float, int]] = field(default_factory=list)  # where a contact's impacts ended, and which
+    tie: float = math.inf  # where two contacts first close together but for rounding, and the order matters
+    flights: dict[int, Motion] = field(default_factory=dict)  # stretches in closed form, by their places
+
+    def at(self, t: Array) -> tuple[Array, Array, Array]:
+        """q, q' (k, n) and reactions (k, m), of held contacts only, at times in any order."""
+        t = np.asarray(t, float)
+        q, v = np.empty((2, len(t), self.model.system.size))
+        R = np.zeros((len(t), len(self.model.rows)))
+        piece = self.stretch_at(t)
+        for k in np.unique(piece):
+            here = np.flatnonzero(piece == k)
+            if k in self.flights:
+                q[here], v[here] = self.flights[k].states_in(t[here], np.zeros(len(here), np.int64))
+                continue
+            start, moving = self.states[k]
+            c, reactions = self.model.stretch(self.times[k], start, moving, self.held[k])
+            powers = (t[here] - self.times[k])[:, None] ** np.arange(len(c))
+            q[here] = powers @ c
+            v[here] = powers[:, :-1] @ (np.arange(1, len(c))[:, None] * c[1:])
+            if len(self.held[k]):
+                R[here[:, None], list(self.held[k])] = powers[:, : len(reactions)] @ reactions
+        return q, v, R
+
+    def stretch_at(self, t: Array) -> NDArray[np.int64]:
+        """The stretch that each time (k,) lies in; a switch belongs to the one it begins."""
+        return np.maximum(np.searchsorted(self.times, t, side="right") - 1, 0)
+
+    def is_held(self, t: Array, contact: int) -> NDArray[np.bool_]:
+        """Whether the contact is held at times t (k,)."""
+        return np.array([contact in held for held in self.held])[self.stretch_at(t)]
+
 
 RADIANS = 1.0  # of the fastest motion, in one stretch
 CHATTER = 1e-6
@@ -38,6 +147,34 @@ TOGETHER = 16.0  # roundings of the time: which of two contacts closes first is 
 SLOW = 1e-12  # of the fastest impact: of two that are so slow it does not matter which comes first
 ROUNDINGS = 4.0  # of a velocity
 RELEASED = 3  # zeros of the gap of a contact that presses no more
+
+
+class Flights:
+    """Motion in closed form while no contact is on its stop, by the compiled loop of piecewise; of a copy moved by
+    ``roundings`` in its modes and where a flight starts."""
+
+    def __init__(self, system: System, t_end: float, roundings: float, seed: int) -> None:
+        size = roundings * EPS
+        self.size, self.t_end, self.noise = size, t_end, np.random.default_rng([seed, 98])
+        self.regimes = Regimes(Source(system, span=t_end), Perturbation(size, size, seed) if size else None)
+        self.contacts = len(system.contacts)
+        number = self.regimes.at((0,) * self.contacts, t_end)
+        self.possible = self.regimes.made[number].followed
+
+    def next(self, t: float, q: Array, v: Array) -> tuple[Motion, float]:
+        """The flight from q, q' at t and the time at which its first gap closes, or t_end."""
+        table, m = self.regimes.table, self.contacts
+        eta, rate = self.regimes.start(q, v, self.t_end)
+        K = table.sigma.shape[1]
+        noise = self.noise.uniform(-1.0, 1.0, (1, 3, K)) if self.size else QUIET
+        sides = np.zeros((1, m), np.int64)
+        out = np.empty(1), np.empty(1, np.int64), sides, *np.zeros((2, 1, K))
+        why, _, used, end = follow(
+            table, t, self.t_end, eta, rate, np.abs(eta), np.abs(rate), sides[0].copy(), sides[0].copy(), noise,
+            self.size, *out, None,
+        )  # fmt: skip
+        times, regime, _, x, y = out
+        return Motion(self.regimes, times, sides, regime, x, y, used), self.t_end if why == DONE else end
 
 
 class Tracer:
@@ -52,20 +189,23 @@ class Tracer:
         self.e = np.array([contact.stops.restitution for contact in system.contacts], float)
         self.compliance = np.ascontiguousarray(self.model.rows @ self.model.back)
 
-    def solve(self, t_end: float) -> Solution:
+    def solve(self, t_end: float) -> RigidMotion:
         """Raises InputError for more than MOST_IMPACTS impacts, SolverFailure where the motion cannot go on."""
         model, system = self.model, self.system
         self.t, self.q, self.v = 0.0, system.q0.copy(), system.v0.copy()
-        self.found = Solution(model)
+        self.found = RigidMotion(model)
         self.held: dict[int, int] = {}
         self.fastest = 0.0  # speed of an impact so far
         # A contact at its stop: side, zeros of its gap or, where it is held, of its reaction, and its speed.
         self.fresh: dict[int, tuple[int, int, float]] = {}
         self.random = np.random.default_rng(self.seed)
+        self.flights, self.free_until = Flights(system, t_end, self.roundings, self.seed), 0.0
         self._start()
         still, turns = 0, dict[int, int]()  # events at one time, and the contacts hit in them
         while self.t < t_end:
             held = tuple(sorted(self.held))
+            if not held and not self.fresh and self.flights.possible and self.t >= self.free_until:
+                self._fly()
             c, R = model.stretch(self.t, self.q, self.v, held)
             self._record(held)
             edge = model.next_edge(self.t, t_end)
@@ -107,15 +247,42 @@ class Tracer:
             event.end = event.time if math.isnan(event.end) else event.end
         return self.found
 
-    def _perturb(self, c: Array, R: Array, held: tuple[int, ...], s: float, edge: float) -> float:
-        """Move the state after s by roundings of the terms it is summed from, held contacts kept where they are.
-        Return the time, moved likewise, which shifts loads and stops against the motion."""
+    def _fly(self) -> None:
+        """Go on in closed form to where the next event is half a stretch away, if that is far."""
+        stretch = self.radians * self.radian
+        flight = self._flight(stretch)
+        if flight is not None and self.roundings:
+            # Loads that cancel are one load there: what their sum loses in every stretch is lost at once.
+            c, R = self.model.stretch(self.t, self.q, self.v, ())
+            self._perturb(c, R, (), stretch, math.inf, (self.free_until - self.t) / stretch)
+            flight = self._flight(stretch)
+        if flight is not None:
+            self.found.flights[len(self.found.times)] = flight
+            self._record(())
+            self.t = self.free_until - 0.5 * stretch
+            q, v = flight.states_in(np.array([self.t]), np.zeros(1, np.int64))
+            self.q, self.v = q[0], v[0]
+
+    def _flight(self, stretch: float) -> Motion | None:
+        """The flight that begins now, None where it is short; ``free_until``: where it ends."""
+        try:
+            flight, self.free_until = self.flights.next(self.t, self.q, self.v)
+        except SolverFailure:  # a gap that float64 cannot follow so: its series goes on
+            self.free_until = math.inf
+            return None
+        return flight if self.free_until - 0.5 * stretch > self.t + stretch else None
+
+    def _perturb(
+        self, c: Array, R: Array, held: tuple[int, ...], s: float, edge: float, stretches: float = 1.0
+    ) -> float:
+        """Move the state after s by roundings of the terms it is summed from in so many ``stretches``, held contacts
+        kept where they are. Return the time, moved likewise, which shifts loads and stops against the motion."""
         sizes, model, at = np.abs(c), self.model, list(held)
         # Damping brings copies to rest, and equal to the bit: they diverge again by what the loads lose.
         terms = model.load_sizes(self.t) + np.abs(model.stiff) @ sizes[0] + np.abs(model.damp) @ sizes[1]
         terms += np.abs(model.back[:, at]) @ np.abs(R[0])
         lost = np.array([value(sizes, s) + 0.5 * s * s * terms, rate(sizes, s) + s * terms])
-        lost *= self.roundings * EPS * self.random.uniform(-1.0, 1.0, lost.shape)
+        lost *= self.roundings * EPS * math.sqrt(stretches) * self.random.uniform(-1.0, 1.0, lost.shape)
         if at:
             lost -= np.linalg.solve(self.compliance[np.ix_(at, at)], model.rows[at] @ lost.T).T @ model.back[:, at].T
         self.q, self.v = self.q + lost[0], self.v + lost[1]

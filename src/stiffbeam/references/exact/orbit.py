@@ -22,9 +22,9 @@ from ...basics.validation import InputError, numbers, positive
 from ...model.sampled import Sampled
 from ...model.system import System, require_system
 from ...model.time_functions import Harmonic, parts_of
-from ...piecewise.audit import within_float64
 from ...piecewise.events import switched_by_force
 from ...piecewise.generator import Generators
+from ...piecewise.measures import within_float64
 from ...piecewise.tangent import GRAZE, Path, Tangent, monodromy
 from ...piecewise.tracer import Tracer, tracer_of
 from ...trajectory.trajectory import Reference, SolverFailure, Trajectory

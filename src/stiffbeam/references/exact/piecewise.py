@@ -22,26 +22,16 @@ from ...model.modes import undamped_modes
 from ...model.sampled import Sampled
 from ...model.system import System
 from ...model.time_functions import covered, parts_of
-from ...piecewise.audit import audit, within_float64
-from ...piecewise.measures import Solution, contact_between, entries, exact_ledger, path_of, record_of
+from ...piecewise.measures import audit, contact_between, entries, exact_ledger, path_of, record_of, within_float64
+from ...piecewise.motion import Motion
 from ...piecewise.regimes import Known, Source
 from ...piecewise.rounding import Perturbation
 from ...piecewise.tracer import Tracer, tracer_of
 from ...trajectory.impacts import ContactRecord
 from ...trajectory.trajectory import Reference, Work, versions
 from ..agreement import Watched
-from ..request import Request, output_times
+from ..request import output_times
 from .derivative import derivative
-
-
-def solve(request: Request) -> Reference:
-    """``solve_exact`` as a registered reference: of a request it takes system, t_end and t_eval. Rigid stops go
-    from impact to impact, see rigid_reference."""
-    if any(contact.stops.rigid for contact in request.system.contacts):
-        from .rigid_reference import solve_rigid
-
-        return solve_rigid(request.system, request.t_end, request.t_eval)
-    return solve_exact(request.system, request.t_end, request.t_eval)
 
 
 def solve_exact(
@@ -80,7 +70,7 @@ def solve_exact(
 
 
 def observations(
-    system: System, solution: Solution, t: Array, t_end: float, since: float
+    system: System, solution: Motion, t: Array, t_end: float, since: float
 ) -> tuple[Array, Array, tuple[ContactRecord, ...]]:
     """Tip and tip velocity at the times t (k,), and the records of the contacts."""
     seen = [path_of(system, solution, t, channel) for channel in range(len(system.channels))]
@@ -102,7 +92,7 @@ def copies(system: System, t_end: float, t: Array, size: float) -> Iterator[Watc
 
 def reference_of(
     system: System,
-    solution: Solution,
+    solution: Motion,
     t_end: float,
     t_eval: Array | None,
     begun: float,

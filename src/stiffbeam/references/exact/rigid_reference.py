@@ -11,10 +11,11 @@ import numpy as np
 
 from ...basics.arrays import Array
 from ...basics.compiled import clock
-from ...basics.validation import positive
-from ...model.system import System
+from ...basics.validation import InputError, numbers, positive
+from ...model.drive import Drive
+from ...model.system import System, require_system
 from ...model.time_functions import evaluate, offset_rate, offset_values
-from ...piecewise.audit import ROUNDINGS, within_float64
+from ...piecewise.measures import ROUNDINGS, within_float64
 from ...piecewise.touching import EPS
 from ...trajectory.impacts import ContactRecord, Impacts
 from ...trajectory.ledger import Ledger
@@ -23,9 +24,8 @@ from ..agreement import apart, scales_of, watched
 from ..request import output_times
 from ..rigid_stops import require_rigid
 from .derivative import derivative
-from .impacted import Solution
-from .impacting import RADIANS, Tracer
-from .starting import at_rest
+from .impacting import RADIANS, RigidMotion, Tracer, at_rest
+from .piecewise import refuse
 from .taylor import Model
 
 COPIES = ((0.7, 4.0), (0.55, -4.0), (0.85, 16.0))  # radians a segment, roundings of the start and of every segment
@@ -79,7 +79,7 @@ def solve_rigid(
     return replace(found, horizon=horizon, provenance=provenance)
 
 
-def _reference(system: System, solution: Solution, t: Array, t_end: float, begun: float, since: float) -> Reference:
+def _reference(system: System, solution: RigidMotion, t: Array, t_end: float, begun: float, since: float) -> Reference:
     seconds = clock() - begun
     q, v, R = solution.at(t)
 
@@ -116,7 +116,7 @@ def _reference(system: System, solution: Solution, t: Array, t_end: float, begun
     )  # fmt: skip
 
 
-def _seen(solution: Solution, t: Array, q: Array, v: Array, channel: int) -> tuple[Array, Array]:
+def _seen(solution: RigidMotion, t: Array, q: Array, v: Array, channel: int) -> tuple[Array, Array]:
     """Position and velocity of a channel; of a held contact those of its stop, not what rounding leaves of them."""
     system = solution.model.system
     row, offset = system.channels[channel]
@@ -130,7 +130,7 @@ def _seen(solution: Solution, t: Array, q: Array, v: Array, channel: int) -> tup
     return u, w
 
 
-def _withheld(system: System, solution: Solution, t_end: float) -> tuple[float, Array]:
+def _withheld(system: System, solution: RigidMotion, t_end: float) -> tuple[float, Array]:
     """The rounding of what held contacts withhold: of the energy and of the positions (n,) that forces would give the
     system in one stretch, were it free. A body that is pressed on its stop at rest has none of its own. A load that
     rises from zero is looked at where the last stretch ends, too."""
@@ -143,7 +143,7 @@ def _withheld(system: System, solution: Solution, t_end: float) -> tuple[float, 
     return ROUNDINGS * EPS * energy, ROUNDINGS * EPS * np.max(np.abs(acceleration), axis=0) * longest**2
 
 
-def _beyond(system: System, solution: Solution, kept: Array) -> float:
+def _beyond(system: System, solution: RigidMotion, kept: Array) -> float:
     """How far the starts of the stretches lie beyond stops, but for rounding and what is ``kept`` of it (n,), over the
     largest gap or displacement."""
     times, q = np.array(solution.times), np.array([q for q, _ in solution.states])
@@ -162,7 +162,7 @@ def _beyond(system: System, solution: Solution, kept: Array) -> float:
     return worst
 
 
-def _held(solution: Solution, t_end: float, since: float = 0.0) -> list[list[tuple[float, float, float]]]:
+def _held(solution: RigidMotion, t_end: float, since: float = 0.0) -> list[list[tuple[float, float, float]]]:
     """For every contact the stretches (from, to, impulse of the reaction) in which it is held after ``since``."""
     found: list[list[tuple[float, float, float]]] = [[] for _ in solution.model.rows]
     ends = [*solution.times[1:], t_end]
@@ -178,7 +178,7 @@ def _held(solution: Solution, t_end: float, since: float = 0.0) -> list[list[tup
 
 
 def _contact(
-    solution: Solution, c: int, held: list[Any], t_end: float, since: float
+    solution: RigidMotion, c: int, held: list[Any], t_end: float, since: float
 ) -> tuple[Impacts, float, float, float]:
     """Impacts, share of time, peak and impulse of a contact: a rigid stop has no largest force, NaN. What a contact
     that is held after an impact presses, and what it takes from impacts of others, counts with that impact."""
@@ -205,7 +205,7 @@ def _contact(
     return impacts, share, math.nan if events or held else 0.0, total
 
 
-def _ledger(system: System, solution: Solution, t: Array) -> Ledger:
+def _ledger(system: System, solution: RigidMotion, t: Array) -> Ledger:
     """Input and viscous by quadrature in every stretch, stop_dissipation from the impulses."""
     edges = np.unique(np.concatenate([[0.0], t, [x for x in solution.times if x < t[-1]]]))
     points, weights = GAUSS
@@ -279,3 +279,40 @@ def _horizon(system: System, found: Reference, kept: Array, t: Array, t_end: flo
             alone = rest[(rest > last + tolerance) & (rest < t_end - tolerance)]
             horizon = min(horizon, float(np.min(alone, initial=horizon)))
     return horizon
+
+
+def rigid_limit(system: System, t_end: float, t_eval: Array | None = None) -> Reference:
+    """The solution on [0, t_end] with the stops of ``system``'s one contact made rigid, restitution 1, node with mass.
+
+        q'+ = q'- - 2 (row q'-)/(row M^-1 row^T) M^-1 row^T     where the gap closes, nothing elsewhere
+
+    This is where compliant stops go for kappa -> infinity on a given mesh: the tip has mass, and a spring that grows
+    without bound turns its velocity round. It is not the limit of the body: impacts grow in number with the cells, and
+    a body whose contact nodes have no mass (``System.massless_contacts``) does not chatter so.
+
+    Takes what the exact solution without damping takes. The Reference has impacts with impulses
+    |M (q'+ - q'-)| along the row, no forces (they are impulses) and no horizon; its ledger leaves the
+    stops' energy out. Raises InputError for other systems, or for more than 200 000 impacts; SolverFailure
+    where a load presses the contact on its stop at rest, which no impact describes, and where the energy
+    balance is open.
+    """
+    require_system(system)
+    refuse(system, positive("t_end", t_end))
+    remedy = "take stiffbeam.reference, or a scheme for rigid stops"
+    if len(system.contacts) != 1 or system.damped:
+        raise InputError(
+            "system", "a damped one, or not one contact", "be undamped with one contact for rigid stops", remedy
+        )
+    if records := Drive.of(system).records:
+        raise InputError("time function", records[0], "be Harmonic or Constant for rigid stops", remedy)
+    contact = system.contacts[0]
+    if contact.offset is not None:
+        raise InputError("contact.offset", contact.offset, "be None for rigid stops", remedy)
+    stops = replace(contact.stops, stiffness=math.inf, restitution=1.0)
+    times = None if t_eval is None else numbers("t_eval", t_eval)
+    found = solve_rigid(replace(system, contacts=(replace(contact, stops=stops),)), t_end, times, trusted=False)
+    for t, held in zip(found.solution.times, found.solution.held, strict=True):
+        if held:
+            raise SolverFailure("rigid", t, "the contact is pressed on its stop without speed", "use compliant stops")
+    record = replace(found.contacts[0], stops=contact.stops, force=np.full(len(found.t), np.nan))
+    return replace(found, system=system, contacts=(record,), provenance=found.provenance | {"method": "rigid"})

@@ -109,12 +109,6 @@ class Model:
         sizes = [sum(abs(term[0]) for term in terms(f, t)) for _, f in self.system.loads]
         return np.abs(self.loads).T @ np.array(sizes, float)
 
-    def neighbours(self, dq: Array, dv: Array, held: tuple[int, ...], tau: float) -> tuple[Array, Array]:
-        """Differences (n, k) of two motions after tau, without loads."""
-        forces, shifts = np.zeros((ORDER - 1, len(dq))), np.zeros((ORDER + 1, len(held)))
-        found = [self._series(forces, shifts, q, v, held)[0] for q, v in zip(dq.T, dv.T, strict=True)]
-        return np.transpose([value(c, tau) for c in found]), np.transpose([rate(c, tau) for c in found])
-
     def _series(self, forces: Array, shifts: Array, q: Array, v: Array, held: tuple[int, ...]) -> tuple[Array, Array]:
         at = list(held)
         rows, back = np.ascontiguousarray(self.rows[at]), np.ascontiguousarray(self.back[:, at])

@@ -2,8 +2,7 @@
 
 multiprecision          what is called: how many digits, and two runs that have to agree
 rational                the system from its exact parameters
-linear_flow             all that drives it as z' = G z, its power series, and certain zeros of them
-splitting, compliant    G in the blocks that float64 knows, and motion between compliant stops
-grazes                  contacts that float64 does not see
+linear_flow             all that drives it as z' = G z: blocks that float64 knows, power series, certain zeros of them
+compliant               motion between compliant stops, and contacts that float64 does not see
 rigid, impacting        rigid stops, from impact to impact by series alone: no code is shared with float64's
 """

@@ -11,20 +11,31 @@ The first zero of a series is one for certain, by Bernstein coefficients of ball
     p(a + w y) = sum_i b_i (K over i) y^i (1 - y)^(K - i),   b_i = sum_{k <= i} (i over k)/(K over k) p_k
 
 No change of sign among the b_i: no zero in the interval. One: exactly one zero (Descartes). More: look at less of it.
+
+For motions between compliant stops the flow is split into blocks: those that float64 knows, refined to the digits
+carried.
+
+    z = V y,   y' = T y,   T = L G V block by block,   L = V^-1
+    V <- V (I + E),   E_ij T_jj - T_ii E_ij = T_ij
+
+The second line is Newton's method, which squares its error at each turn. A pair of conjugate eigenvalues is a block
+[[sigma, -omega], [omega, sigma]], which is one complex number, w' = lambda w. Eigenvalues that meet, and a drive in
+resonance with them, share a block of any size, which moves by its matrix exponential. A block that is larger than
+need be costs time and nothing else: what float64 cannot separate is joined.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 from itertools import pairwise
 from math import comb
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from flint import arb, arb_mat, arb_poly, ctx, fmpq
+from flint import acb, arb, arb_mat, arb_poly, ctx, fmpq
 
 from ...basics.arrays import Array
 from ...model.drive import Drive
@@ -304,3 +315,155 @@ def _root(p: list[Any], low: Any, high: Any) -> Any:
             return following
         x = following
     return x
+
+
+START_BITS = 120  # of the first turn, which begins with the 53 of float64
+MAX_TURNS = 40
+TOO_FAR = 0.1  # an entry of E: blocks with larger ones are joined
+CLOSE = 1e-6  # of their size: eigenvalues of a mode and of a drive that are in resonance
+NOTHING = 1e-9  # of the largest eigenvalue
+
+
+class Block(NamedTuple):
+    """Places in y, and the eigenvalues by float64; one conjugate pair, or any."""
+
+    places: list[int]
+    values: list[complex]
+    pair: bool
+
+    def __add__(self, other: Block) -> Block:  # type: ignore[override]
+        return Block(self.places + other.places, self.values + other.values, pair=False)
+
+
+class Split:
+    """The flow of G (N, N) in ``blocks``, at the current precision, from a V (N, N) that is known to ``bits``.
+
+    Of the coordinates those from ``drives`` on depend on themselves alone; their columns may begin as unit vectors.
+    """
+
+    def __init__(self, G: Any, V: Any, blocks: list[Block], drives: int, bits: int = 0) -> None:
+        self.G, self.V, self.N, self.blocks, self.drives = G, V, G.nrows(), blocks, drives
+        target = ctx.prec
+        try:
+            while apart := self._refine(target, max(START_BITS, 2 * bits)):
+                self.V = V
+                self._join(*apart)
+        finally:
+            ctx.prec = self.bits = target
+        identity = arb_mat([[arb(int(i == j)) for j in range(self.N)] for i in range(self.N)])
+        self.L = self.V.solve(identity, algorithm="approx").mid()
+        self._pairs = [(*block.places, self._diagonal[block.places[0]]) for block in self.blocks if block.pair]
+        self._rest = [(block.places, self._diagonal[block.places[0]]) for block in self.blocks if not block.pair]
+
+    def ahead(self, y: Any, tau: Any) -> Any:
+        """y (N, 1) at tau later."""
+        y = y.entries()
+        for a, b, rate in self._pairs:
+            w = acb(y[a], y[b]) * (rate * tau).exp()
+            y[a], y[b] = w.real, w.imag
+        for places, T in self._rest:
+            part = (T * tau).exp() * arb_mat([[y[k]] for k in places])
+            for k, x in zip(places, part.entries(), strict=True):
+                y[k] = x
+        return arb_mat(self.N, 1, y)
+
+    def _join(self, i: int, j: int) -> None:
+        """Blocks i <= j, or a pair that is none."""
+        both = self.blocks[i]._replace(pair=False) if i == j else self.blocks[i] + self.blocks[j]
+        self.blocks = [*self.blocks[:i], both, *(x for k, x in enumerate(self.blocks) if k > i and k != j)]
+
+    def again(self, G: Any) -> Split:
+        """The same of a G that differs in what drives it, or of which more digits are known."""
+        return Split(G, self.V, self.blocks, self.drives, self.bits)
+
+    def _refine(self, target: int, precision: int) -> tuple[int, int] | None:
+        """Refine V; two blocks that cannot be separated, None where all are."""
+        size = arb(1)
+        for turn in range(MAX_TURNS):
+            ctx.prec = min(target, precision)
+            T = self.V.solve(self.G * self.V, algorithm="approx").mid().tolist()
+            self._diagonal = dict(self._parts(T))
+            E = [[arb(0)] * len(T) for _ in T]
+            largest, worst = arb(0), (0, 0)
+            for i, j, places, entries in self._steps(T):
+                for (a, b), x in zip(places, entries, strict=True):
+                    if not x.is_finite():
+                        return min(i, j), max(i, j)
+                    E[a][b] = x
+                    if turn == 0 and b >= self.drives:  # of any size: how far a drive moves the modes
+                        size = abs(x) if abs(x) > size else size
+                    elif not abs(x) / size <= largest:
+                        largest, worst = abs(x) / size, (min(i, j), max(i, j))
+            if turn == MAX_TURNS - 1 or not largest < TOO_FAR:
+                return worst
+            self.V = (self.V + self.V * arb_mat(E)).mid()
+            # The next error is the square of this one, and the one after that has to be carried.
+            bits = target if largest == 0 else math.floor(-float(largest.log()) / math.log(2.0))
+            if ctx.prec == target and 2 * bits > target - 40 and (turn > 0 or precision > START_BITS):
+                return None
+            precision = max(START_BITS, 4 * bits + 120)
+        return None
+
+    def _parts(self, T: list[list[Any]]) -> Iterator[tuple[int, Any]]:
+        """The blocks of T by their first places: lambda of a pair, else a matrix."""
+        for places, _, pair in self.blocks:
+            if pair:
+                a, b = places
+                rate = acb((T[a][a] + T[b][b]) / 2, (T[b][a] - T[a][b]) / 2).mid()
+                decays = abs(rate.real) > abs(rate.imag) * arb(2) ** (-7 * ctx.prec // 8)  # or that is rounding
+                yield a, rate if decays else acb(0, rate.imag)
+            else:
+                yield places[0], arb_mat([[T[a][b] for b in places] for a in places])
+
+    def _steps(self, T: list[list[Any]]) -> Iterator[tuple[int, int, list[tuple[int, int]], list[Any]]]:
+        """E of blocks i, j by its places, where it is not 0 for certain."""
+        for i, one in enumerate(self.blocks):
+            if min(one.places) >= self.drives:
+                continue
+            mine = self._diagonal[one.places[0]]
+            for j, other in enumerate(self.blocks):
+                places = [(a, b) for a in one.places for b in other.places]
+                if i == j and not one.pair:
+                    continue
+                if i == j:  # what keeps a pair from its form joins w to its conjugate
+                    (a, b), rate = one.places, mine
+                    x = acb(T[a][a] - T[b][b], T[b][a] + T[a][b]) / acb(0, -4 * rate.imag)
+                    yield i, j, places, [x.real.mid(), x.imag.mid(), x.imag.mid(), -x.real.mid()]
+                elif one.pair and other.pair:
+                    (a, b), (c, d), rate = one.places, other.places, self._diagonal[other.places[0]]
+                    apart, omega = rate.real - mine, rate.imag
+                    scale = 1 / (apart * apart + omega * omega)
+                    x, y = acb(T[a][c], T[b][c]) * scale, acb(T[a][d], T[b][d]) * scale
+                    x, y = (apart * x - omega * y).mid(), (omega * x + apart * y).mid()
+                    yield i, j, places, [x.real, y.real, x.imag, y.imag]
+                else:
+                    yield i, j, places, self._sylvester(T, one, other)
+
+    def _sylvester(self, T: list[list[Any]], one: Block, other: Block) -> list[Any]:
+        """E_ij of blocks of any size, line by line."""
+        places = [(a, b) for a in one.places for b in other.places]
+        matrix = [[(T[d][b] if a == c else 0) - (T[a][c] if b == d else 0) for c, d in places] for a, b in places]
+        try:
+            found = arb_mat(matrix).solve(arb_mat([[T[a][b]] for a, b in places]))
+        except ZeroDivisionError:
+            return [arb("inf")] * len(places)
+        return found.mid().entries()
+
+
+def with_drives(modes: Sequence[Block], drives: Sequence[Block]) -> list[Block]:
+    """All blocks by float64, those joined of which eigenvalues of modes and of drives meet."""
+    blocks, alone = list(modes), []
+    nothing = NOTHING * max(abs(x) for block in (*modes, *drives) for x in block.values)
+    for drive in drives:
+        near = [block for block in blocks if _meet(block, drive, nothing)]
+        blocks = [block for block in blocks if block not in near]
+        if near:
+            blocks.append(sum(near[1:], near[0]) + drive)
+        else:
+            alone.append(drive)
+    return blocks + alone
+
+
+def _meet(block: Block, drive: Block, nothing: float) -> bool:
+    pairs = ((x, y) for x in block.values for y in drive.values)
+    return any(abs(x - y) <= CLOSE * (abs(x) + abs(y)) + nothing for x, y in pairs)

@@ -19,13 +19,12 @@ from ...basics.arrays import Array
 from ...basics.compiled import clock
 from ...basics.validation import InputError, positive
 from ...model.system import System
-from ...piecewise.measures import Solution
+from ...piecewise.motion import Motion
 from ...trajectory.trajectory import Reference, SolverFailure
+from ..exact.lyapunov import lyapunov
 from ..exact.piecewise import reference_of, refuse
-from ..exact.tangent import lyapunov
 from ..request import Request
-from .compliant import GUARD_BITS, Known, follow
-from .grazes import MOST, Sampler, Switch, grazes_of, passed_over
+from .compliant import GUARD_BITS, MOST, Known, Sampler, Switch, follow, grazes_of, passed_over
 
 BITS = math.log2(10.0)
 MAX_DIGITS = 20_000
@@ -49,7 +48,7 @@ def solve(request: Request) -> Reference:
     are taken at their exact values, all others are the doubles they are; provenance["parameters"] names the
     exact ones. Past the horizon of float64 the two readings have different solutions. t_end and output
     times are doubles: nothing magnifies their rounding. Which switch is next is found in float64 and then refined;
-    what float64 passes over is looked for where gaps turn (grazes.py): of compliant stops a contact less deep than
+    what float64 passes over is looked for where gaps turn (compliant.py): of compliant stops a contact less deep than
     1e-18 of the motion counts as none, see provenance["grazes"]. Between rigid stops power series in balls decide.
     """
     system, t_end, t_eval, digits = request.system, request.t_end, request.t_eval, request.digits
@@ -94,14 +93,14 @@ def solve(request: Request) -> Reference:
         wanted, guard = math.ceil(1.25 * wanted) + 15, math.ceil(1.25 * guard) + 50
 
 
-def march(system: System, t_end: float, digits: int) -> Solution:
+def march(system: System, t_end: float, digits: int) -> Motion:
     """The solution carried with ``digits`` at the start, its states rounded to float64."""
     return carry(system, t_end, digits, GUARD_BITS)[0]
 
 
 def carry(
     system: System, t_end: float, digits: int, guard: int, known: Known | None = None
-) -> tuple[Solution, Sampler, Solution]:
+) -> tuple[Motion, Sampler, Motion]:
     """Follow the solution with ``digits`` at the start beside the ``guard`` bits that the outputs need: rounded to
     float64, what samples its channels before that, and the first again by sums that do not cancel.
 

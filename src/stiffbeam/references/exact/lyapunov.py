@@ -17,19 +17,22 @@ from ...basics.validation import integer, positive
 from ...model.modes import undamped_modes
 from ...model.system import System, require_system
 from ...model.time_functions import offset_rate
-from ...piecewise.audit import audit, within_float64
 from ...piecewise.events import entry
-from ...piecewise.measures import Solution
+from ...piecewise.generator import Generators
+from ...piecewise.measures import audit, within_float64
 from ...piecewise.motion import Motion
+from ...piecewise.tangent import Tangent
 from ...piecewise.tracer import tracer_of
 from ...trajectory.trajectory import SolverFailure
 from ..rigid_stops import require_rigid
-from .impact_tangent import Neighbours
+from .derivative import path_of_solution
+from .impacting import RigidMotion
 from .impacting import Tracer as ImpactTracer
 from .piecewise import afford_search, refuse
 
 RANDOM = 3  # tangent vectors beside the direction of the motion itself
 SAMPLES = 200  # times beside the switches
+ROUNDING = 1e-14  # of a vector, what a projection leaves of one along its own direction
 LEAST = 1e-150  # size of a vector: its square is a number yet
 MERGED = "neighbouring motions become equal and have no exponent: their tangent vectors vanish below float64"
 
@@ -79,7 +82,7 @@ def lyapunov(system: System, t_end: float, seed: int = 0) -> PerturbationGrowth:
     if rigid:
         require_rigid(system, t_end)
         with within_float64("lyapunov", t_end):
-            return growth(system, Neighbours(ImpactTracer(system).solve(t_end)), t_end, seed)
+            return growth(system, ImpactTracer(system).solve(t_end), t_end, seed)
     refuse(system, t_end)
     with within_float64("lyapunov", t_end):
         afford_search(system, t_end)
@@ -89,27 +92,28 @@ def lyapunov(system: System, t_end: float, seed: int = 0) -> PerturbationGrowth:
 
 
 def growth(
-    system: System, solution: Solution | Neighbours, t_end: float, seed: int = 0, enough: float = np.inf
+    system: System, solution: Motion | RigidMotion, t_end: float, seed: int = 0, enough: float = np.inf
 ) -> PerturbationGrowth:
     """``lyapunov`` along a solution that is there already, ended where a growth, ln, is ``enough``."""
     dq, dv = _vectors(system, seed)
-    if isinstance(solution, Neighbours):  # those of a contact that is held stay on its stop
-        dq, dv = _unit(system, *solution.on_stops(0, dq, dv))
+    along = Struck(system, solution, t_end) if isinstance(solution, RigidMotion) else Pressed(system, solution)
+    dq, dv = _unit(system, *along.start(dq, dv))
     if not dq.shape[1]:
         raise SolverFailure("lyapunov", 0.0, MERGED, "shorten t_end")
-    edges = np.union1d(solution.times[solution.times < t_end], np.linspace(0.0, t_end, SAMPLES + 1))
+    times = np.asarray(solution.times)
+    edges = np.union1d(times[times < t_end], np.linspace(0.0, t_end, SAMPLES + 1))
     if isinstance(solution, Motion):
         passed, logs = solution.grow(system, edges, dq, dv, enough)
         if passed == len(edges) - 1 or np.max(logs[passed]) > enough:
             return PerturbationGrowth(edges[: passed + 1], logs[: passed + 1])
-    piece = np.maximum(np.searchsorted(solution.times, edges[:-1], side="right") - 1, 0)
+    segment = np.maximum(np.searchsorted(times, edges[:-1], side="right") - 1, 0)
     logs, last = np.zeros((len(edges), dq.shape[1])), 0
-    for i, (k, tau) in enumerate(zip(piece.tolist(), np.diff(edges).tolist(), strict=True)):
+    for i, (k, tau) in enumerate(zip(segment.tolist(), np.diff(edges).tolist(), strict=True)):
         for new in range(last + 1, k + 1):
-            dq, dv = _across(system, solution, new, dq, dv)
+            dq, dv = along.across(new, dq, dv)
         last = k
         try:
-            dq, dv, logs[i + 1] = _carried(system, solution, k, tau, dq, dv, logs[i], float(edges[i]))
+            dq, dv, logs[i + 1] = _carried(system, along, k, tau, dq, dv, logs[i], float(edges[i]))
         except SolverFailure:
             if not np.isfinite(enough):
                 raise
@@ -119,22 +123,79 @@ def growth(
     return PerturbationGrowth(edges, logs)
 
 
-def _across(system: System, solution: Solution | Neighbours, piece: int, dq: Array, dv: Array) -> tuple[Array, Array]:
-    """The vectors behind the switch at which a piece begins."""
-    if isinstance(solution, Neighbours):
-        return solution.across(piece, dq, dv)
-    return dq, entry(system, solution.sides[piece - 1], solution.sides[piece], dq, dv)
+@dataclass(frozen=True, eq=False)
+class Pressed:
+    """Tangent vectors (n, k) along a motion between compliant stops."""
+
+    system: System
+    solution: Motion
+
+    def start(self, dq: Array, dv: Array) -> tuple[Array, Array]:
+        """Vectors at t = 0."""
+        return dq, dv
+
+    def flow(self, segment: int, tau: float, dq: Array, dv: Array) -> tuple[Array, Array]:
+        """Vectors at tau after dq, dv in a segment."""
+        return self.solution.flow(segment, tau, dq, dv)
+
+    def across(self, segment: int, dq: Array, dv: Array) -> tuple[Array, Array]:
+        """Vectors behind the event at which a segment begins."""
+        return dq, entry(self.system, self.solution.sides[segment - 1], self.solution.sides[segment], dq, dv)
+
+
+class Struck:
+    """Tangent vectors (n, k) along a motion between rigid stops.
+
+    A contact that is held leaves of them what is M-orthogonal to M^-1 row^T: impulses along the row do not touch it.
+    """
+
+    def __init__(self, system: System, solution: RigidMotion, t_end: float) -> None:
+        self.n, self.held = system.size, solution.held
+        self.tangent = Tangent(Generators(system), path_of_solution(system, solution, t_end))
+
+    def start(self, dq: Array, dv: Array) -> tuple[Array, Array]:
+        """Vectors at t = 0."""
+        return self._on_stops(0, dq, dv)
+
+    def flow(self, segment: int, tau: float, dq: Array, dv: Array) -> tuple[Array, Array]:
+        """Vectors at tau after dq, dv in a segment."""
+        return self._split(self.tangent.regimes[segment].ahead(self._joined(dq, dv), tau))
+
+    def across(self, segment: int, dq: Array, dv: Array) -> tuple[Array, Array]:
+        """Vectors behind the event at which a segment begins."""
+        dq, dv = self._split(self.tangent.across(segment, self._joined(dq, dv)))
+        newly_held = set(self.held[segment]) - set(self.held[segment - 1])
+        return self._on_stops(segment, dq, dv) if newly_held else (dq, dv)
+
+    def _joined(self, dq: Array, dv: Array) -> Array:
+        return np.vstack([dq, dv, np.zeros((self.tangent.generators.basis.size, dq.shape[1]))])
+
+    def _split(self, dZ: Array) -> tuple[Array, Array]:
+        return dZ[: self.n], dZ[self.n : 2 * self.n]
+
+    def _on_stops(self, segment: int, dq: Array, dv: Array) -> tuple[Array, Array]:
+        """Projection of vectors while the contacts of a segment are held; zero where all that is left is rounding."""
+        data, held = self.tangent.generators.data, list(self.held[segment])
+        if not held:
+            return dq, dv
+        rows = data.rows[held]
+        back = np.linalg.solve(data.mass, rows.T)
+        kept = [x - back @ np.linalg.solve(rows @ back, rows @ x) for x in (dq, dv)]
+        size = [np.linalg.norm(x, axis=0) for x in (*kept, dq, dv)]
+        return np.where(size[0] > ROUNDING * size[2], kept[0], 0.0), np.where(
+            size[1] > ROUNDING * size[3], kept[1], 0.0
+        )
 
 
 def _carried(
-    system: System, solution: Solution | Neighbours, piece: int, tau: float, dq: Array, dv: Array, log: Array, t: float
+    system: System, along: Pressed | Struck, segment: int, tau: float, dq: Array, dv: Array, log: Array, t: float
 ) -> tuple[Array, Array, Array]:
     """Unit vectors and the ln of their growth after tau more; in ever shorter parts where damping leaves
     nothing of them that float64 can hold."""
     for parts in (1, 10, 100, 1000):
         q, v, total = dq, dv, log
         for _ in range(parts):
-            q, v = solution.flow(piece, tau / parts, q, v)
+            q, v = along.flow(segment, tau / parts, q, v)
             size = _norm(system, q, v)
             if not np.all((size > LEAST) & np.isfinite(size)):
                 break
@@ -144,7 +205,7 @@ def _carried(
     raise SolverFailure("lyapunov", t, MERGED, "shorten t_end")
 
 
-def predicted_horizon(system: System, solution: Solution, t_end: float, tolerance: float) -> float:
+def predicted_horizon(system: System, solution: Motion, t_end: float, tolerance: float) -> float:
     """The first time at which rounding, eps (1 + w_max t) |Phi(t)| of the motion, reaches ``tolerance`` of it.
 
     An error eps w_max of the frequencies turns a mode by eps w_max t: that much more than a rounding of
