@@ -200,7 +200,7 @@ def test_the_command(command):
     arguments = ("--t-end", "0.05", "--want", "tip=0.05", "--schemes", "hht,bdf2", "--most-steps", "4096")
     code, out, err = command("advise", "table10", *arguments, "--json", "-")
     assert code == 0, err
-    assert json.loads(out)["advised"]["errors"]["tip"] <= 0.05
+    assert json.loads(out)["recommendation"]["errors"]["tip"] <= 0.05
     code, out, _ = command("advise", "table10", *arguments)
     assert code == 0
     assert "linear solves" in out

@@ -165,7 +165,7 @@ def test_orders_counts_and_advice_on_a_record(folder, name):
     counts = asked(folder, "impacts", name, "--schemes", HHT, "--halvings", "3", "--members", "2", "--no-sensitivity")
     assert {row["reference_count"] for row in counts["rows"] if row["scheme"] == HHT} == {exact.impacts.count}
     want = ("--want", "impacts=0.1,peak_force=0.05", "--schemes", HHT, "--members", "4")
-    advised = asked(folder, "advise", name, *want)["advised"]
+    advised = asked(folder, "advise", name, *want)["recommendation"]
     scheme = parse_run(advised["scheme"])[0]
     run = sb.integrate(case.system(), scheme, advised["dt"], case.t_end, advised["contact"])
     other = sb.reference(case.system(), case.t_end, "cvode", rtol=1e-10)  # which shares no code with the exact one
