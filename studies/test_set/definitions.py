@@ -128,15 +128,15 @@ LAWS = "closed form; parameters chosen here"
 DEFINITIONS = [
     Definition(
         "free-oscillator", "A mass that never reaches its stop", LAWS,
-        "Nothing: there is no contact, so every integrator shows the order it has on smooth motion, against which "
-        "its order on the problems with contact is held. A stop that acts before it is reached shows here.",
+        "A stop that acts before the mass reaches it. There is no contact, so every integrator shows its order on "
+        "smooth motion. Its order on the problems with contact is compared with this one.",
         6.0, mass(1.0, 10.0, 0.0078125, 0.0, upper=0.01, stiffness=50.0), linear, order_limit=9.0,
         more=lambda truth: {"period": (2 * mp.pi / mp.sqrt(10), "2 pi/sqrt(k/m)")},
     ),
     Definition(
         "bilinear-oscillator", "A mass on a spring with a stop at its rest position", LAWS,
-        "The kink of the force at every passage. The period does not depend on the amplitude; a contact that is one "
-        "step late, or a force taken from the step before, makes it longer in proportion to the step.",
+        "The kink of the force at every passage. The period does not depend on the amplitude. A contact that is one "
+        "step late, or a force from the previous step, makes the period longer in proportion to the step.",
         4.5, mass(1.0, 10.0, -0.015625, 0.0, upper=0.0, stiffness=50.0), linear,
         more=lambda truth: {"frequency": (2 * mp.sqrt(600) / (mp.sqrt(10) + mp.sqrt(60)), "2 w1 w2/(w1 + w2)"),
                             "period": bilinear_period(10.0, 50.0, 0.0, 0.015625)},
@@ -144,90 +144,91 @@ DEFINITIONS = [
     Definition(
         "bilinear-gap", "A mass on a spring with a gap to its stop", f"{LAWS}, gap and stop of Code_Aster's test "
         f"SDND122",
-        "Time of flight and time of contact differ and the period depends on the amplitude: a stop that is entered "
-        "too deep or left too late changes the amplitude and with it every later impact.",
+        "Wrong depth or wrong release of a contact. Time of flight and time of contact differ, and the period depends "
+        "on the amplitude. A penetration that is too deep or a release that is too late changes the amplitude and "
+        "every later impact.",
         5.0, mass(1.0, 10.0, -0.02, 0.0, upper=0.01, stiffness=50.0), linear,
         more=lambda truth: {"period": bilinear_period(10.0, 50.0, 0.01, 0.02)},
     ),
     Definition(
         "mass-on-a-stop", "A mass thrown onto a stiff stop, again and again", "Code_Aster's test SDND101 (V5.01.101)",
-        "A contact twelve times shorter than the flight: steps that resolve the flight do not resolve the contact, "
-        "and dissipative schemes lose speed at each. It starts on the stop at speed.",
+        "A contact twelve times shorter than the flight. Steps that resolve the flight do not resolve the contact, and "
+        "dissipative schemes lose speed at each contact. The motion starts on the stop with speed.",
         0.8, mass(100.0, 1e4, 0.0, 1.0, upper=0.0, stiffness=1e6), linear, base=2, more=sdnd101,
     ),
     Definition(
         "kelvin-voigt", "A mass against a spring and damper that push only",
         "T. Schwager and T. Poeschel, Granular Matter 9 (2007) 465-469: release where the force is zero",
-        "The force jumps at the entry, and must not pull before the release. A damper that pulls gives the naive "
-        "restitution 0.729 instead of 0.744.",
+        "The jump of the force at the entry, and a force that pulls before the release. A damper that pulls gives the "
+        "naive restitution 0.729 instead of 0.744.",
         5.0, mass(1.0, 0.0, -0.5, 1.0, upper=0.0, stiffness=1.0, damping=0.2), damped_stop, order_limit=1.0,
     ),
     Definition(
         "hertz", "A ball on a Hertzian stop", "H. Hertz (1882); closed form",
-        "The force is a power 3/2 of the depth, so its slope is zero at the entry: a linear stop of the same peak "
-        "force has another contact time. The law has a potential and gives all speed back.",
+        "The force is a power 3/2 of the depth, so its slope is zero at the entry. A linear stop with the same peak "
+        "force has a different contact time. The law has a potential and returns all the speed.",
         0.03125, mass(1.0, 0.0, -0.0078125, 1.0, upper=0.0, stiffness=1e6, exponent=1.5), power_stop, order_limit=2.5,
     ),
     Definition(
         "hunt-crossley", "A ball on a stop that dissipates with depth",
         "K. H. Hunt and F. R. E. Crossley, J. Appl. Mech. 42 (1975) 440-445; restitution by Lambert's W",
-        "The damping grows with the depth, so the force is continuous. The restitution depends on lambda v only; the "
-        "formulas in use for it (Lankarani-Nikravesh and others) are off by up to 0.5.",
+        "The damping grows with the depth, so the force is continuous. The restitution depends on lambda v only. The "
+        "usual formulas for it (Lankarani-Nikravesh and others) are off by up to 0.5.",
         5.0, mass(1.0, 0.0, -0.5, 1.0, upper=0.0, stiffness=1.0, exponent=1.5, dissipation=1.0), power_stop,
         order_limit=2.5,
     ),
     Definition(
         "two-mass-chain", "Two masses, the second before a stop", LAWS,
-        "Two frequencies without a common period: impacts come at irregular intervals and with different speeds, and "
-        "an error of one impact is carried by the other mode to the next.",
+        "Two frequencies without a common period. Impacts occur at irregular intervals and with different speeds. The "
+        "other mode carries the error of one impact to the next.",
         20.0, {"mass": [[1.0, 0.0], [0.0, 1.0]], "stiffness": [[2.0, -1.0], [-1.0, 1.0]],
                "initial_displacement": [-0.5, -1.0], "initial_velocity": [0.0, 0.0],
                "contacts": [{"row": [0.0, 1.0], "upper": 0.25, "stiffness": 100.0}]}, linear, base=2,
     ),
     Definition(
         "elastic-bar", "A bar thrown at a wall", BARS.format("first") + "; Code_Aster's V5.03.100",
-        "A wave that runs through the bar and back ends the contact. Mass at the contact node makes the force "
-        "oscillate and the node bounce; here it has none, so an oscillating force is the integrator's.",
+        "A wave that runs through the bar and back ends the contact. With mass at the contact node the force "
+        "oscillates and the node bounces. Here this node has no mass, so the integrator causes any oscillation of the "
+        "force.",
         1.5, bar(20, 0.0, 10.0), linear, more=continuum,
     ),
     Definition(
         "bouncing-bar", "A bar bouncing under gravity", BARS.format("second"),
-        "Twice a period: the first contact leaves a wave in the bar, the second takes it out again. What the first "
-        "contact loses, or gains, is seen by the second.",
+        "Two contacts per period. The first contact leaves a wave in the bar, and the second one removes it. An energy "
+        "error of the first contact changes the second.",
         6.0, bar(20, 10.0, 0.0), linear, base=4, more=bouncing,
     ),
     Definition(
         "aster-beam", "A cantilever pushed onto an elastic support", "Code_Aster's test SDNL104 (V5.02.104), its "
         "data on 8 cubic elements; the support is under the free end, where the force acts",
-        "A constant force from the first moment on presses the beam on its support, from which it is thrown back by "
-        "its own bending waves: long and short contacts in one run.",
+        "Long and short contacts in one run. A constant force presses the beam on its support from the start, and its "
+        "bending waves throw it back.",
         0.3, aster(), linear, base=16, ladder=COARSE, order_limit=0.0,
     ),
     Definition(
         "table10", "The beam between stops", DUMONT.format(10),
-        "Stiff stops on a beam of 25 cells: contacts of two of the paper's steps of 1e-4. Close motions are "
-        "still close at t = 0.1; past t = 0.4 only distributions can be compared, see the statistics.",
+        "Stiff stops on a beam of 25 cells. A contact lasts two of the steps of 1e-4 that the paper uses. Neighbouring "
+        "motions are still close at t = 0.1. Past t = 0.4 only distributions can be compared, see the statistics.",
         0.1, paper(10), linear, base=50, ladder=COARSE, order_limit=0.0,
         statistics=(1.0, (10_000, 40_000, 160_000)),
     ),
     Definition(
         "table12", "The beam between narrow stops", DUMONT.format(12),
-        "The same on 50 cells with a hundredth of the gap and six times the frequency: ten times as "
-        "chaotic. To t = 0.01 pointwise, then the statistics.",
+        "The same on 50 cells with a hundredth of the gap and six times the frequency. It is ten times as chaotic. "
+        "Compare pointwise to t = 0.01, then the statistics.",
         0.01, paper(12), linear, base=25, ladder=COARSE, order_limit=0.0,
         statistics=(0.1, (10_000, 40_000, 160_000)),
     ),
     Definition(
         "table14", "The beam with one stop", DUMONT.format(14),
-        "One stop just below the rest position: long flights and bursts of impacts after each of them.",
+        "Long flights, each followed by a burst of impacts. The one stop is just below the rest position.",
         0.2, paper(14), linear, base=50, ladder=COARSE, order_limit=0.0,
         statistics=(1.0, (20_000, 80_000, 320_000)),
     ),
     Definition(
         "hammer-pulse", "Two masses struck by a hammer", LAWS,
-        "A triangular pulse of 2 ms in half a second: an adaptive solver steps over it and returns the state of "
-        "rest, a "
-        "fixed-step scheme that samples it at the wrong places puts in the wrong momentum.",
+        "A triangular pulse of 2 ms in half a second. An adaptive solver may step over it and return the state of "
+        "rest. A fixed-step scheme that samples it at the wrong times adds the wrong momentum.",
         0.5, {"mass": [[1.0, 0.0], [0.0, 0.5]], "stiffness": [[20000.0, -10000.0], [-10000.0, 10000.0]],
               "initial_displacement": [0.0, 0.0], "initial_velocity": [0.0, 0.0],
               "loads": [{"vector": [1.0, 0.0], "times": [0.0, 0.125, 0.1259765625, 0.126953125, 0.5],
@@ -237,13 +238,13 @@ DEFINITIONS = [
     Definition(
         "stop-along-the-beam", "A cantilever with stops at half its length", "the beam of Dumont (2002) on 6 cubic "
         "elements",
-        "The tip is free and swings on after the middle is held: the stops are not where the motion is observed, and "
-        "they move with the base.",
+        "Stops that are not at the observed point, and that move with the base. The tip is free and moves on after the "
+        "stop holds the middle of the beam.",
         0.25, along(), linear, base=16, ladder=COARSE, order_limit=0.0,
     ),
     Definition(
         "two-stops-at-once", "Two masses that meet their stops at the same time", LAWS,
-        "Both contacts close and open at the same instant, for ever: a solver that takes one event at a time must not "
+        "Both contacts always close and open at the same instant. A solver that handles one event at a time must not "
         "lose the other. By symmetry each mass is the bilinear oscillator with a gap.",
         5.0, {"mass": [[1.0, 0.0], [0.0, 1.0]], "stiffness": [[15.0, -5.0], [-5.0, 15.0]],
               "initial_displacement": [-0.02, -0.02], "initial_velocity": [0.0, 0.0],
@@ -253,23 +254,23 @@ DEFINITIONS = [
     ),
     Definition(
         "bouncing-ball", "A ball that comes to rest", "textbook; impacts accumulate at a finite time",
-        "Infinitely many impacts before t = 1.3546, and rest after: an integrator that locates each of them never gets "
-        "there, one that steps over them must neither fall through the floor nor bounce on.",
+        "Infinitely many impacts before t = 1.3546, and rest after that. An integrator that locates each impact never "
+        "reaches this time. One that steps over them must neither fall through the floor nor continue to bounce.",
         1.5, mass(1.0, 0.0, 1.0, 0.0, loads=[{"vector": [1.0], "constant": -9.81}], lower=0.0, stiffness=INF,
                   restitution=0.5), ball, base=2, order_limit=1.0,
     ),
     Definition(
         "preloaded-chatter", "A preloaded mass that chatters to rest", LAWS,
-        "The same accumulation, with flights 2 atan(e^k) that a spring makes; the spring then holds the mass on its "
-        "stop.",
+        "The same accumulation of impacts, with flights of 2 atan(e^k) under a spring. The spring then holds the mass "
+        "on its stop.",
         4.0, mass(1.0, 1.0, 0.0, -1.0, loads=[{"vector": [1.0], "constant": 1.0}], upper=0.0, stiffness=INF,
                   restitution=0.5), chatter, samples=64, order_limit=1.0,
     ),
     Definition(
         "impact-oscillator", "A periodic orbit of the impact oscillator", "S. W. Shaw and P. J. Holmes, J. "
         "Sound Vib. 90 (1983) 129-155; the rational orbit w = 2, e = 0.8",
-        "One impact per period of the drive at speed 20/3, with multipliers 0.8 and 0.8: a wrong restitution moves to "
-        "another orbit, an impact that is late by a share of the step shifts it by the same share.",
+        "One impact per period of the drive at speed 20/3, with multipliers 0.8 and 0.8. A wrong restitution leads to "
+        "another orbit. An impact that is late by a fraction of the step shifts the orbit by the same fraction.",
         10.0, mass(1.0, 1.0, 0.0, -16.0 / 3.0, loads=drive(-1.0, 2.0, 0.0),
                    upper=0.0, stiffness=INF, restitution=0.8), rigid, order_limit=1.0,
         more=lambda truth: {"impact_speed": (mp.mpf(20) / 3, "x'' + x = cos(w t), x <= 0: of the exact orbit"),
@@ -277,17 +278,16 @@ DEFINITIONS = [
     ),
     Definition(
         "impact-transient", "Nine impacts of the impact oscillator", "the impact oscillator at w = 2.8, e = 0.8",
-        "From rest near the stop, with slow and fast impacts and three within 0.6: near a stop that is almost grazed "
-        "the time of an impact is most sensitive.",
+        "The motion starts from rest near the stop, with slow and fast impacts and three within 0.6. Near a grazing "
+        "contact the impact time is most sensitive.",
         20.0, mass(1.0, 1.0, -0.1, 0.0, loads=drive(1.0, 2.8, float(np.pi / 2)),
                    upper=0.0, stiffness=INF, restitution=0.8), rigid, samples=64, base=8, order_limit=1.0,
     ),
     Definition(
         "nonsmooth-mode", "A nonsmooth mode of two masses", "closed form of nonsmooth modal analysis, one impact a "
         "period, e = 1",
-        "A conservative periodic motion of period 10 with one elastic impact: energy that is lost or gained at the "
-        "impact, "
-        "and any error of its time, breaks the period.",
+        "A conservative periodic motion of period 10 with one elastic impact. An energy error at the impact or an "
+        "error of its time destroys the period.",
         25.0, nonsmooth_mode(), rigid, base=2, order_limit=1.0,
         more=lambda truth: {"period": (mp.mpf(10), "by construction"),
                             "speed_after": (mp.mpf("-0.04387968785686229"), "of the second mass, to 16 digits")},
@@ -295,8 +295,9 @@ DEFINITIONS = [
     Definition(
         "sticking-phase", "Two masses, one of which sticks", "after H. Le Thi, S. Junca, M. Legrand: periodic "
         "motions with one sticking phase per period",
-        "The second mass arrives at the stop without speed, to rounding, stays for 2.05 and leaves where its contact "
-        "force vanishes: an event that is a graze, a contact without an impact, a release that is not one of the gap.",
+        "The second mass reaches the stop with zero speed, to rounding, stays for 2.05 and leaves when its contact "
+        "force vanishes. The solver must handle a grazing event, a contact without an impact, and a release that the "
+        "gap does not show.",
         16.0, {"mass": [[1.0, 0.0], [0.0, 1.0]], "stiffness": [[2.0, -1.0], [-1.0, 1.0]], "observe": [1.0, 0.0],
                "initial_displacement": [1.0, 1.0], "initial_velocity": [-float(sticking_phase()[2]), 0.0],
                "contacts": [{"row": [0.0, 1.0], "upper": 1.0, "stiffness": INF, "restitution": 0.0}]},
@@ -305,8 +306,8 @@ DEFINITIONS = [
     Definition(
         "nonsmooth-beam-mode", "A nonsmooth mode of the beam", "the same construction on the beam of Dumont (2002), "
         "8 cells",
-        "Eight modes, one elastic impact a period. A mesh node with mass and e = 1: the worst semi-discretisation of "
-        "rigid contact, and here with an exact solution.",
+        "Eight modes and one elastic impact per period. A mesh node with mass and e = 1 is the worst "
+        "semi-discretisation of rigid contact. Here it has an exact solution.",
         0.3, nonsmooth_beam(), rigid, base=8, ladder=COARSE, order_limit=0.0,
     ),
 ]  # fmt: skip

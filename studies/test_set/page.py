@@ -58,25 +58,30 @@ def _value(answer: Answer) -> str:
 
 HEAD = """# Problems with known answers, version {version}
 
-{count} vibro-impact problems whose answers are known to 30 digits, as plain data for programs in any language: one TOML
-file each, with matrices, contact law, loads, initial data and answers. Numbers are the doubles that a TOML reader
-gives; the answers, decimals in quotes, are those of these doubles.
+{count} vibro-impact problems whose answers are known to 30 digits. They are plain data for programs in any language.
+Each is one TOML file with matrices, contact law, loads, initial data and answers. Numbers are the doubles that a TOML
+reader returns. The answers are decimals in quotes, computed for exactly these doubles.
 
     M q'' + C q' + K q = sum of vector f(t) + sum of row^T F(row q + offset(t))
 
-`mass`, `damping` and `stiffness` are rows, or `bands`: the diagonal, then the one beside it and so on, all symmetric. A
-load is a `vector` times `constant`, or `amplitude` sin(`frequency` t + `phase`), or straight lines between `values` at
-`times`. A contact acts where `row` q + `offset` passes `upper` upwards or `lower` downwards by d > 0, with the force
-(`stiffness` d^`exponent` (1 + `dissipation` d') + `damping` d')₊ against it; `stiffness = inf` is a rigid stop with
-Newton's `restitution`. `observe` is the row of the tip u, the first contact's where it is left out. `tip` and
-`tip_velocity` are known at the times k `t_end`/`samples`, k = 1, 2, …, rounded to doubles; `impacts` and `releases` of
-the first contact by events, a contact that is there at the start is none.
+* `mass`, `damping` and `stiffness` are symmetric matrices, given as rows or as `bands`: the diagonal, then the next
+  diagonal and so on.
+* A load is a `vector` times a function of time. The function is `constant`, or
+  `amplitude` sin(`frequency` t + `phase`), or straight lines between `values` at `times`.
+* A contact acts if `row` q + `offset` passes `upper` upwards or `lower` downwards by d > 0. The force against it is
+  (`stiffness` d^`exponent` (1 + `dissipation` d') + `damping` d')₊.
+* `stiffness = inf` is a rigid stop with Newton's `restitution`.
+* `observe` is the row of the tip u; by default it is the row of the first contact.
+* `tip` and `tip_velocity` are given at the times k `t_end`/`samples`, k = 1, 2, …, rounded to doubles.
+* `impacts` and `releases` are the event times of the first contact. A contact that is closed at the start does not
+  count as an impact.
 
 ## Score your integrator
 
-In Python, a function of the system (`.mass`, `.damping`, `.stiffness`, `.q0`, `.v0`, `.load(t)`, `.contacts[i].row`,
-`.contacts[i].stops` and, where what a contact sees is not row q alone, `.contacts[i].offset`) with a fixed step, that
-returns times and tip, or times, positions and velocities of all unknowns:
+In Python, write a function of the system, the time step and the end time. It runs with a fixed step and returns times
+and tip, or times, positions and velocities of all unknowns. The system has `.mass`, `.damping`, `.stiffness`, `.q0`,
+`.v0`, `.load(t)`, `.contacts[i].row` and `.contacts[i].stops`. If the position at a contact is not row q alone, it also
+has `.contacts[i].offset`. For example:
 
 ```python
 import numpy as np
@@ -108,38 +113,60 @@ problems = ["free-oscillator", "bilinear-oscillator", "bilinear-gap", "two-mass-
 print(sb.score(central_differences, problems))
 ```
 
-Any other program writes a CSV file with the columns t, u and, if it knows it, v, with equal steps to `t_end`; several
-files with different steps have an order:
+Any other program writes a CSV file with the columns t, u and, if available, v, with equal steps up to `t_end`. Several
+files with different steps also give an order:
 
     stiffbeam score --list                                   the problems
     stiffbeam score --list --problem bouncing-ball           the file of one
     stiffbeam score --trajectory ball.csv --problem bouncing-ball
     stiffbeam score mymodule:solve                           a function as above, in mymodule.py
 
-The errors are those of the tip at the sample times over its largest size (rms), of the impact times, of the peak force,
-taken between the steps by cubics, and of the energy at the end. An integrator is flagged where its error does not fall
-as the step does, or more slowly than its order on `free-oscillator` and the kink or jump of the law allow, and where
-its velocity is not the rate of its tip; where a file has too few digits to tell, the card says so. `stiffbeam score`
-alone scores this package's schemes and solvers in less than a minute; `--out DIR` writes a page with pictures,
-`--json FILE` records, and `--latex --problem NAME` a table for a paper. A test that takes `known_problem`, of the
-package's pytest plugin, runs once for every problem.
+The score contains these errors:
+
+* of the tip at the sample times, as rms relative to its largest value;
+* of the impact times;
+* of the peak force, interpolated between the steps by cubics;
+* of the energy at the end.
+
+An integrator is flagged in three cases:
+
+* its error does not fall with the step;
+* its error falls more slowly than its order on `free-oscillator` and the kink or jump of the law allow;
+* its velocity is not the rate of its tip.
+
+If a file has too few digits to decide, the score card states this.
+
+| command or fixture | result |
+|---|---|
+| `stiffbeam score` | scores of this package's schemes and solvers, in less than a minute |
+| `--out DIR` | a page with pictures |
+| `--json FILE` | records |
+| `--latex --problem NAME` | a table for a paper |
+| a test that uses `known_problem`, of the package's pytest plugin | runs once for every problem |
 
 """
 
 TAIL = """
 ## How the answers are made, and changed
 
-`python studies/test_set/make.py` makes every file, picture and this page: closed forms and quadratures in mpmath with
-60 digits, and for piecewise-linear systems the multiprecision solution of stiffbeam (python-flint), twice with
-different precision. `tests/testset/test_known_answers.py` holds each against a second way that shares no code with the
-first: matrix exponentials between switches, in mpmath where the system is small, and Runge-Kutta of order 8 with
-events; `tests/testset/test_known_answers_by_series.py` every digit of the piecewise-linear ones against Taylor series
-in whole numbers.
+`python studies/test_set/make.py` makes every file, every picture and this page. The answers come from
+
+* closed forms and quadratures in mpmath with 60 digits;
+* for piecewise-linear systems, the multiprecision solution of stiffbeam (python-flint), computed twice with different
+  precision.
+
+Two tests check them with methods that share no code with the first solution:
+
+* `tests/testset/test_known_answers.py` uses matrix exponentials between events, in mpmath if the system is small, and
+  Runge-Kutta of order 8 with events;
+* `tests/testset/test_known_answers_by_series.py` compares every digit of the piecewise-linear answers with Taylor
+  series in whole numbers.
+
 Continuum values are marked as such. Cite the test set by its version, see [`CITATION.cff`](../../CITATION.cff).
 
 | version | change of answers |
 |---|---|
 | 1.0 | first |
-| 2.0 | hertz, hunt-crossley: the velocity at the first touch, 1 and not 1.00018; their 25th digits |
-| 3.0 | times of switches and peak forces of the piecewise-linear problems: up to three of the last of 30 digits |
+| 2.0 | hertz, hunt-crossley: the velocity at the first touch is 1, not 1.00018; changes in the 25th digits |
+| 3.0 | event times and peak forces of the piecewise-linear problems: changes in up to three of the last of 30 digits |
 """

@@ -151,6 +151,31 @@ def test_the_case_file_runs(tmp_path):
     assert problem.stops.motion == problem.base
 
 
+def test_public_names_have_numpydoc_sections():
+    """Functions: all four, but for those that take nothing; classes: an example, or the fields that they hold."""
+    import inspect
+
+    import stiffbeam as sb
+
+    missing = []
+    for name in sb.__all__:
+        value = getattr(sb, name)
+        text = inspect.getdoc(value) or ""
+        has = {
+            s
+            for s in ("Parameters", "Attributes", "Returns", "Raises", "Examples")
+            if f"\n{s}\n{'-' * len(s)}\n" in text
+        }
+        if inspect.isclass(value):
+            missing += [] if has & {"Parameters", "Attributes", "Examples"} else [name]
+        elif callable(value):
+            wanted = (
+                {"Parameters", "Returns", "Raises", "Examples"} if inspect.signature(value).parameters else {"Returns"}
+            )
+            missing += [f"{name}: {', '.join(sorted(wanted - has))}"] if wanted - has else []
+    assert missing == []
+
+
 def test_examples_in_docstrings_print_what_they_show():
     import doctest
     import inspect

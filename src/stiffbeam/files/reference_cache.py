@@ -39,15 +39,36 @@ def cached_reference(
     switches: str | None = None,
     progress: bool | Show = False,
 ) -> Reference:
-    """``reference`` with the same arguments and defaults, from the cache where it is there and whole.
+    """Return ``reference`` with the same arguments and defaults, from the cache where it holds the answer.
 
-    The key is the system's fingerprint, every argument and the versions of the libraries, so a changed
-    parameter never finds an old file. A damaged file is named in a warning and remade. Writing is
-    atomic: two processes that compute the same reference leave one good file. A multiprecision
-    reference confirmed to t_end answers at any time, but for rigid stops; the others come back without their states:
-    outputs, impacts, energy, horizon, work and provenance of the run that was made; ``provenance["kept"]``
-    says so. "exact" is solved anew, which takes no longer than reading a file. The files that were not used for
-    longest go when there is more than a gigabyte of them. Raises InputError for a bare callable.
+    The key is the system's fingerprint, every argument and the versions of the libraries, so a changed parameter never
+    finds an old file. A damaged file is named in a warning and computed again. Writing is atomic: two processes that
+    compute the same reference leave one good file. Files that have not been used for longest are deleted when the cache
+    exceeds a gigabyte.
+
+    A multiprecision reference that is confirmed to t_end answers at any time, except with rigid stops. The others come
+    back without states: with outputs, impacts, energy, horizon, work and provenance, as ``provenance["kept"]`` says.
+    "exact" is solved again, which takes no longer than reading a file.
+
+    Parameters
+    ----------
+    system, t_end, method, t_eval, rtol, atol, digits, breakpoints, max_step, switches, progress
+        As in ``reference``.
+
+    Returns
+    -------
+    Reference
+
+    Raises
+    ------
+    InputError
+        As ``reference`` does, and for a bare callable, which has no fingerprint.
+
+    Examples
+    --------
+    >>> import stiffbeam as sb
+    >>> sb.cached_reference(sb.paper_case(10).system(), 0.1).horizon
+    0.1
     """
     method_of(method)
     if method == "exact":

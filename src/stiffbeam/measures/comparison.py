@@ -124,18 +124,40 @@ class ContactComparison:
 
 @dataclass(frozen=True, repr=False)
 class Comparison:
-    """A run against a reference on [0, window], window = min(t_end, horizon); totals to t_end apart.
+    """A run against a reference on [0, window], window = min(t_end, horizon), and totals to t_end beside it.
 
-    tip_error_rms, tip_error_max: of u_run - u_ref at the run's steps, over max |u_ref|; matched_until: the time to
-    which the impacts match at all contacts, at most the window, NaN where the run does not tell of all;
-    tip_error_matched: the rms up to there.
-    dt: the median step. error: u_run - u_ref over max |u_ref| at the steps of the window, whose ``times`` are (k,); not
-    among the records of ``to_dict``.
-    energy_lost: the ledger's loss over the most energy supplied, see ``Ledger.supplied``. contacts: one for each of the
-    system's, in its order. switches: what an adaptive solver does at a switch, "restart" or "through", else "".
-    totals_energy_lost: energy_lost to t_end. units: what times, forces and impulses are counted in. missing: what
-    the run does not hold and why; its numbers are NaN, and its impacts -1. remark: that nothing moves or nothing
-    touches, else "". pair: the run and the reference.
+    Parameters
+    ----------
+    label, reference : str
+    units : Units
+        Of times, forces and impulses.
+    dt : float
+        The median time step.
+    steps, seconds, ns_per_step, engine
+        Cost of the run.
+    switches : str
+        Treatment of events by an adaptive solver, "restart" or "through", else empty.
+    window, t_end : float
+    tip_error_rms, tip_error_max : float
+        Of u_run - u_ref at the run's steps, over max |u_ref|.
+    tip_error_matched : float
+        The rms up to ``matched_until``.
+    matched_until : float
+        The time to which the impacts match at all contacts, at most the window. NaN where the run lacks impacts.
+    phase : PhaseLag
+    energy_lost : float
+        Numerical dissipation over the largest energy supplied, see ``Ledger.supplied``.
+    contacts : sequence of ContactComparison
+        In the system's order.
+    totals_energy_lost : float
+        ``energy_lost`` to t_end.
+    missing : sequence of str
+        What the run does not hold, with the reason; its numbers are NaN, and its counts of impacts -1.
+    remark : str
+        States that nothing moves or that nothing touches a stop, else empty.
+    error, times : array (k,)
+        u_run - u_ref over max |u_ref| at the steps of the window, which ``to_dict`` leaves out.
+    pair : (Trajectory, Reference)
     """
 
     label: str

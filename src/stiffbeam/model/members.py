@@ -38,12 +38,32 @@ SCALE = "scale"  # the last name of a path to a time function or an array: a fac
 
 @dataclass(frozen=True, eq=False)
 class EnsembleMembers(Sequence[System]):
-    """Systems that share mass, damping, stiffness and contact rows with ``system``, or are ``separate``.
+    """Members of an ensemble: systems that differ from ``system`` in a few fields, made on demand.
 
-    ``parameter`` says what differs and ``values`` holds its value for each member. ``fields``: for each of
-    loads, contacts, q0, v0 and origin that differs, one value per member; ``members[i]`` is made on demand. Members
-    whose matrices differ have fields mass, damping, stiffness and observe too.
-    Raises InputError for any other field, and for contacts elsewhere than the system's.
+    They share mass, damping, stiffness and contact rows with ``system``, or are ``separate``.
+
+    Parameters
+    ----------
+    system : System
+    parameter : str
+        What differs.
+    values : array or sequence
+        One value of the parameter per member.
+    fields : mapping of str to sequence
+        For each of loads, contacts, q0, v0 and origin that differs, one value per member; for separate members also
+        mass, damping, stiffness and observe.
+
+    Raises
+    ------
+    InputError
+        For any other field, and for contacts on other rows than the system's.
+
+    Examples
+    --------
+    >>> import stiffbeam as sb
+    >>> members = sb.varied_members(sb.paper_case(10).system(), {"stops.stiffness": [1e6, 5e6]})
+    >>> len(members), members[0].contacts[0].stops.stiffness
+    (2, 1000000.0)
     """
 
     system: System
@@ -197,16 +217,43 @@ def perturbed_members(
     scale: float | None = None,
     t_end: float = np.inf,
 ) -> EnsembleMembers:
-    """``members`` copies of ``system`` whose initial data differ by ``size`` of the motion's own scale.
+    """Return copies of a system whose initial data differ by a small random part of its motion.
 
         r_j eta_j and eta_j' of every mode j each change by size V x, x uniform in [-1, 1],
 
-    in undamped modal coordinates with unit mass, eta = shapes^T M q, with the speed V and the turning rates r_j of
-    ``scales.Scales``: so a system that starts at rest at zero is perturbed in proportion to what drives it. A mode that
-    nothing turns is perturbed in its speed alone. ``size``: see SPREAD. ``scale`` sets V; it has to where time
-    functions are callables and the start is at rest at zero. ``t_end``: the length of the runs, in which a slower
-    motion counts as none. Reproducible from ``seed``; members k are the
-    first k of any larger ensemble.
+    in undamped modal coordinates with unit mass, eta = shapes^T M q. The speed V and the rates r_j are those of
+    ``scales.Scales``, so a system that starts at rest is perturbed in proportion to what drives it. A mode without
+    restoring force is perturbed in its speed alone.
+
+    Parameters
+    ----------
+    system : System
+    members : int
+    size : float
+        Relative to the motion. With the default, members diverge before a scheme leaves the exact motion.
+    seed : int
+        Members k are the first k of any larger ensemble.
+    scale : float, optional
+        V; needed where time functions are callables and the start is at rest at zero.
+    t_end : float
+        Length of the runs. A motion that is slower counts as none.
+
+    Returns
+    -------
+    EnsembleMembers
+
+    Raises
+    ------
+    InputError
+        For a system whose motion has no scale.
+
+    Examples
+    --------
+    >>> import stiffbeam as sb
+    >>> system = sb.paper_case(10).system()
+    >>> many = sb.integrate_ensemble(system, sb.HHT(alpha=-0.1), 1e-4, 0.5, sb.perturbed_members(system, 16))
+    >>> many.impact_count.shape
+    (16,)
     """
     require_system(system)
     integer("members", members, 1)
@@ -235,7 +282,7 @@ def varied_members(
     amplitude: ArrayLike | None = None,
     stops: Sequence[Stops | Sequence[Stops]] | None = None,
 ) -> EnsembleMembers:
-    """One member per value of a parameter, or of several that vary together.
+    """Return one member per value of a parameter, or of several that vary together.
 
     Parameters
     ----------
@@ -256,6 +303,13 @@ def varied_members(
     ------
     InputError
         Also for a path that the system does not have; the message lists those that it has.
+
+    Examples
+    --------
+    >>> import stiffbeam as sb
+    >>> members = sb.varied_members(sb.paper_case(10).system(), frequency=[9.0, 10.0, 11.0])
+    >>> len(members)
+    3
     """
     require_system(system)
     short = {"frequency": frequency, "amplitude": amplitude}

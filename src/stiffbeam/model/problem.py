@@ -59,8 +59,27 @@ class PolynomialProfile:
 
 @dataclass(frozen=True)
 class BeamSection:
-    """A part of the beam, begin <= x <= end, with ``stiffness`` times its EI and eta, and ``mass`` times its mass and
-    rotary inertia per length. Raises InputError unless 0 <= begin < end and both factors are positive."""
+    """A part of a beam, begin <= x <= end, with another stiffness and mass.
+
+    Parameters
+    ----------
+    begin, end : float
+    stiffness : float
+        Factor on the beam's EI and eta.
+    mass : float
+        Factor on its mass and rotary inertia per length.
+
+    Raises
+    ------
+    InputError
+        Unless 0 <= begin < end and both factors are positive.
+
+    Examples
+    --------
+    >>> import stiffbeam as sb
+    >>> sb.BeamSection(begin=0.0, end=0.5, stiffness=2.0)
+    BeamSection(begin=0.0, end=0.5, stiffness=2.0, mass=1.0)
+    """
 
     begin: float
     end: float

@@ -40,11 +40,27 @@ HELD = 1e-13  # of the largest pivot: a smaller one is a motion that nothing hol
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ReducedModel:
-    """system: of r unknowns z, diagonal without damping. basis: T, (n, r). omega: the k natural frequencies that were
-    kept. first_omitted: the next one. initial_data_error: share of the initial data's norm |q0|_M, |v0|_M that T does
-    not hold. static_error: share of the strain energy of a static deflection that T does not hold, the largest over the
-    loads, contacts and the observed row. It is more than rounding where a deflection moves hardly any mass, as that of
-    a load on unknowns without mass does."""
+    """A reduced system of r unknowns z with q = T z.
+
+    Parameters
+    ----------
+    system : System
+        Of z, diagonal without damping.
+    basis : array (n, r)
+        T.
+    omega : array (k,)
+        Natural frequencies that were kept.
+    first_omitted : float
+        The next one.
+    initial_data_error : float
+        Share of the norms |q0|_M, |v0|_M of the initial data that T does not hold.
+    static_error : float
+        Share of the strain energy of a static deflection that T does not hold, the largest over loads, contacts and the
+        observed row. Larger than rounding where a deflection moves little mass, such as that of a load on unknowns
+        without mass.
+    mass, stiffness : array (n, n)
+    rows : array
+    """
 
     system: System
     basis: Array
@@ -96,10 +112,37 @@ def reduce_model(
     initial_velocity: ArrayLike | None = None,
     modes: int = 40,
 ) -> ReducedModel:
-    """The arguments of ``System.from_matrices``, (n, n) dense or SciPy sparse, and the number of ``modes`` to keep.
+    """Return a large system reduced to natural modes and static deflections, by Craig and Bampton's idea.
 
-    Unknowns may be without mass. Raises InputError for a stiffness that does not hold the system, for as many modes
-    as the mass matrix has rank, for a mass matrix with a negative eigenvalue, and as ``System`` does.
+    Parameters
+    ----------
+    mass, stiffness, damping : array (n, n)
+        Dense or SciPy sparse. Unknowns may be without mass.
+    loads, contacts, observe, initial_displacement, initial_velocity
+        As for ``System.from_matrices``.
+    modes : int
+        Number of natural modes to keep.
+
+    Returns
+    -------
+    ReducedModel
+
+    Raises
+    ------
+    InputError
+        For a stiffness that does not hold the system, for as many modes as the mass matrix has rank, for a mass matrix
+        with a negative eigenvalue, and as ``System`` does.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import stiffbeam as sb
+    >>> n = 200
+    >>> stiffness = n**2 * (2.0 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1))
+    >>> contact = sb.Contact(np.eye(n)[-1], sb.Stops(upper=0.1, stiffness=1e4))
+    >>> small = sb.reduce_model(np.eye(n), stiffness, contacts=[contact], initial_velocity=np.ones(n), modes=10)
+    >>> small.system.size < 20
+    True
     """
     M, K = (scipy.sparse.csc_array(x, dtype=float) for x in (mass, stiffness))
     n = int(M.shape[0])  # type: ignore[index]

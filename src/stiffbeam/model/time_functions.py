@@ -157,10 +157,23 @@ class Constant:
 
 @dataclass(frozen=True, init=False, repr=False)
 class Superposition:
-    """f(t) = sum_k factor_k f_k(t) of ``terms`` = ((factor_k, f_k), ...).
+    """f(t) = sum_k factor_k f_k(t) of ``terms`` = ((factor_k, f_k), ...); ``Superposition(f_1, f_2, ...)`` has factors
+    1.
 
-    ``Superposition(f_1, f_2, ...)`` has factors 1. Takes functions with value, rate and acceleration. Raises
-    InputError for anything else, a bare callable included: it has no rate.
+    Parameters
+    ----------
+    *functions : TimeFunction
+
+    Raises
+    ------
+    InputError
+        For anything without value, rate and acceleration, such as a bare function.
+
+    Examples
+    --------
+    >>> import stiffbeam as sb
+    >>> float(sb.Superposition(sb.Constant(1.0), sb.Harmonic(2.0, 3.0, phase="pi/2")).value(0.0))
+    3.0
     """
 
     terms: tuple[tuple[float, LoadFunction], ...]

@@ -35,15 +35,41 @@ def reference_ensemble(
     progress: Progress | None = None,
     since: float = 0.0,
 ) -> Ensemble:
-    """The exact solution of every member, on all cores; each has the bits of its solo run. Stops may be rigid.
+    """Return the exact solutions of all members, on all cores; each is equal to the bit to its single solution.
 
-    Where the first member has no exact solution, all are solved one after the other by the adaptive solver of
-    ``best_reference``, as ``provenance["method"]`` says.
-    t_eval: (k,) times at which tip and tip velocity are kept, None for none. progress: called with the
-    number of members done. since: the time after which contacts are recorded, of exact solutions only.
-    ``provenance["horizon"]`` is
-    that of the first member: past it statistics over the members are all that means anything. Raises
-    InputError and SolverFailure as ``best_reference`` does.
+    Where the first member has no exact solution, the adaptive solver of ``best_reference`` solves all, one after the
+    other, as ``provenance["method"]`` says.
+
+    Parameters
+    ----------
+    system : System
+        Its stops may be rigid.
+    t_end : float
+    members : EnsembleMembers or sequence of System
+    t_eval : array (k,), optional
+        Times at which tip and tip velocity are kept; by default none.
+    progress : callable, optional
+        Called with the number of members done.
+    since : float
+        Contacts are recorded after this time, for exact solutions only.
+
+    Returns
+    -------
+    Ensemble
+        ``provenance["horizon"]`` is that of the first member. Beyond it only statistics over the members are
+        meaningful.
+
+    Raises
+    ------
+    InputError, SolverFailure
+        As ``best_reference`` does.
+
+    Examples
+    --------
+    >>> import stiffbeam as sb
+    >>> system = sb.paper_case(10).system()
+    >>> sb.reference_ensemble(system, 0.2, sb.perturbed_members(system, 4)).impact_count.shape
+    (4,)
     """
     begun = wall_clock()
     members = as_members(system, members)

@@ -39,10 +39,33 @@ def find_study(name: str) -> Study:
 
 
 def study(name: str, case: Any = "table10", **options: Any) -> Records:
-    """Run a study on a case; options are those of ``run_study`` and the study's own.
+    """Return the records of a study on a case or system.
 
-    >>> records = study("amplification", schemes=["BDF2", "HHT(alpha=-0.1)"])  # doctest: +SKIP
-    >>> records.answer, records.to_dataframe(), records.figure()  # doctest: +SKIP
+    Parameters
+    ----------
+    name : str
+        One of ``stiffbeam --help``, such as "converge", "precision", "energy".
+    case : str, Case or System
+        The label of a case, a case, or a system of your own (with dt= and t_end=).
+    **options
+        Those of ``run_study`` and of the study itself, as its command lists them.
+
+    Returns
+    -------
+    Records
+        With ``answer`` (text), ``to_dataframe()``, ``figure()`` and ``save()``.
+
+    Raises
+    ------
+    InputError
+        For an unknown study, an unknown option, and a case that the study cannot take.
+
+    Examples
+    --------
+    >>> import stiffbeam as sb
+    >>> records = sb.study("amplification", schemes=["BDF2", "HHT(alpha=-0.1)"], per_decade=3)
+    >>> "scheme" in records.to_dataframe()
+    True
     """
     from .engine.runner import run_study
 

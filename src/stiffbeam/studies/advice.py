@@ -271,13 +271,29 @@ PAST = "past the horizon t = {:.4g} no step gives one motion: motions 1e-16 apar
 
 @dataclass(frozen=True)
 class Advice:
-    """Outcome of ``advise``.
+    """Outcome of ``advise``: the recommended run, and what no run reaches.
 
-    recommendation: the cheapest run that gives what can be had, None where there is none. unattainable: what no run
-    gives, and why. trusted_until: the time to which the tip of the recommended run stays within the wanted error
-    (without one, 1e-3), at most the horizon. members: of the ensembles, 0 for one motion. candidates: every run that
-    was tried. scatter: the standard deviation of an exact member, over the mean, by quantity. remark: that nothing
-    moves or nothing touches, else "".
+    Parameters
+    ----------
+    want : dict of str to float
+        Admissible error per quantity.
+    t_end, horizon : float
+    members : int
+        Of the ensembles past the horizon, 0 where there is none.
+    recommendation : Probe, optional
+        The cheapest run; None where there is none.
+    unattainable : dict of str to str
+        Quantities that no run reaches, with the reason. The recommended run reaches the others.
+    trusted_until : float
+        The time to which the recommended run's tip stays within the wanted error (1e-3 without one), at most the
+        horizon.
+    candidates : sequence of Probe
+        All runs that were tried.
+    system : System
+    scatter : dict of str to float
+        Standard deviation of an exact member over the mean, by quantity.
+    remark : str
+        States that nothing moves or that nothing touches a stop, else empty.
     """
 
     want: dict[str, float]
@@ -380,15 +396,51 @@ def advise(
     tell: Tell = lambda line: None,
     journal: Journal | None = None,
 ) -> Advice:
-    """The cheapest run of ``schemes`` that gives what is wanted to t_end, and what no run gives.
+    """Return the cheapest run of ``schemes`` that reaches the wanted errors up to t_end, and what no run reaches.
 
-    want: the errors that may be, by quantity: tip, impacts, peak_force, impulse; default 1e-3, 0.05 and 0.05 of the
-    first three. schemes: by default every registered one. contacts: the treatments tried; "conserving" with the
-    schemes that have it. most_steps: where the search ends, by default 2^20 steps, of a march with matrices 2^14 and
-    for means 2^11. members: past the horizon, perturbed runs behind each mean. progress: as in ``reference``.
-    tell: called with a line of what is known after every refinement. journal: keeps finished runs, so that a search
-    that was stopped goes on. Takes what the exact reference takes. On 20 random systems it had not seen
-    (``tests/studies/test_advice.py``) every advised run met its tolerances by an independent solver. Raises InputError.
+    On 20 random systems that it had not seen (``tests/studies/test_advice.py``) every advised run met its tolerances,
+    measured by an independent solver.
+
+    Parameters
+    ----------
+    system : System
+        As for the exact reference.
+    want : mapping of str to float, optional
+        Admissible error per quantity: tip, impacts, peak_force, impulse. By default 1e-3, 0.05 and 0.05 of the first
+        three.
+    t_end : float
+    schemes : sequence of Scheme, optional
+        By default every registered one.
+    contacts : sequence of str
+        Treatments of contact to try; "conserving" with the schemes that have it.
+    most_steps : int, optional
+        Where the search ends: by default 2^20 steps, 2^14 of a march with matrices, 2^11 for means.
+    members : int
+        Perturbed runs behind each mean past the horizon.
+    progress : bool or callable
+        As in ``reference``.
+    tell : callable
+        Called with one line of text after every refinement.
+    journal : Journal, optional
+        Keeps finished runs, so that a search that was interrupted goes on.
+
+    Returns
+    -------
+    Advice
+
+    Raises
+    ------
+    InputError
+        For bad arguments, and for a system without a reference.
+
+    Examples
+    --------
+    >>> import stiffbeam as sb
+    >>> spring = sb.Contact([1.0], sb.Stops(upper=0.1, stiffness=400.0))
+    >>> system = sb.System.from_matrices([[1.0]], [[4.0]], contacts=[spring], initial_velocity=[1.0])
+    >>> advice = sb.advise(system, {"tip": 0.01}, t_end=3.0, schemes=[sb.Trapezoidal()], most_steps=4096)
+    >>> advice.recommendation is not None
+    True
     """
     if progress is True:
         with shown() as show:

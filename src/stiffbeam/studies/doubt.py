@@ -99,8 +99,22 @@ class Budget:
 
 @dataclass(frozen=True)
 class Doubt:
-    """Budgets of all quantities. horizon: to which rounding leaves the nominal motion certain. data_horizon: to which
-    95 % of the members agree to ``tolerance`` of the largest |u|; both at most t_end. units: of the case."""
+    """Budgets of uncertainty of all quantities, and the times to which the motion is known.
+
+    Parameters
+    ----------
+    scheme : str
+    dt, t_end : float
+    members : int
+    horizon : float
+        The time to which rounding leaves the nominal motion certain, at most t_end.
+    data_horizon : float
+        The time to which 95 % of the members agree to ``tolerance`` of the largest |u|, at most t_end.
+    tolerance : float
+    units : Units
+    budgets : sequence of Budget
+        One per quantity.
+    """
 
     scheme: str
     dt: float

@@ -60,8 +60,24 @@ class _Point:
 
 @dataclass(frozen=True, eq=False)
 class Branch:
-    """Periodic orbits along a branch. values: (k,), of the parameter; q, v: (k, n), their starts; multipliers:
-    (k, 2n), the largest first; events: (k,), how many in a period. folds, flips: values of the parameter there."""
+    """Periodic orbits along a parameter.
+
+    Parameters
+    ----------
+    parameter : str
+    values : array (k,)
+        Of the parameter.
+    q, v : array (k, n)
+        States at the start of the period.
+    multipliers : array (k, 2n)
+        Floquet multipliers, the largest first.
+    events : array (k,)
+        Number of events in a period.
+    folds, flips : array
+        Values of the parameter at folds and period doublings.
+    make_system, period : callable
+        Of the parameter.
+    """
 
     parameter: str
     values: Array

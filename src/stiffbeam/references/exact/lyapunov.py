@@ -39,9 +39,16 @@ MERGED = "neighbouring motions become equal and have no exponent: their tangent 
 
 @dataclass(frozen=True, eq=False)
 class PerturbationGrowth:
-    """log_growth: ln(|Phi(t) z|/|z|), (k, vectors), at times t (k,), in the energy norm without contact,
-    |z|^2 = dq'^T M dq' + dq^T K dq. The first RANDOM vectors are random, the last, where it is not at
-    rest, is the direction of the motion at t = 0."""
+    """Growth of tangent vectors along an exact motion, ln(|Phi(t) z|/|z|).
+
+    The energy norm without contact, |z|^2 = dq'^T M dq' + dq^T K dq, is that of the growth.
+
+    Parameters
+    ----------
+    t : array (k,)
+    log_growth : array (k, vectors)
+        The first vectors are random. The last one is the direction of the motion at t = 0, where it is not at rest.
+    """
 
     t: Array
     log_growth: Array
@@ -68,12 +75,36 @@ class PerturbationGrowth:
 
 
 def lyapunov(system: System, t_end: float, seed: int = 0) -> PerturbationGrowth:
-    """The growth of tangent vectors along the exact float64 motion on [0, t_end].
+    """Return the growth of tangent vectors along the exact float64 motion on [0, t_end].
 
-    Past the horizon that motion is another one of the same system, along which the growth is as good an
-    estimate as along the true one. Against rigid stops too; there a chatter that ends takes what it had magnified
-    back, and of a motion at rest on its stops nothing is left: SolverFailure. Takes what the exact solution takes
-    and raises InputError as it does.
+    Beyond the horizon that motion is another one of the same system, and the growth along it is as good an estimate.
+
+    Parameters
+    ----------
+    system : System
+        As for the exact solution; stops may be rigid.
+    t_end : float
+    seed : int
+        Of the random directions.
+
+    Returns
+    -------
+    PerturbationGrowth
+
+    Raises
+    ------
+    InputError
+        As the exact solution does.
+    SolverFailure
+        Where a motion against rigid stops comes to rest: the end of chatter takes back what it had magnified, and
+        nothing is left of a neighbouring motion.
+
+    Examples
+    --------
+    >>> import stiffbeam as sb
+    >>> growth = sb.lyapunov(sb.paper_case(10).system(), 0.5)
+    >>> bool(growth.log_growth[-1, 0] > 10.0)
+    True
     """
     require_system(system)
     t_end = positive("t_end", t_end)

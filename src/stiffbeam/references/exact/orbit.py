@@ -49,11 +49,28 @@ SETTLE = 60  # periods that are run for a guess where none is stated
 class Orbit:
     """A periodic motion of the exact flow: q(t + period) = q(t).
 
-    q, v: (n,), its state at t = 0. residual: largest |h| at an event over its terms, for rigid stops the closure.
-    closure: the largest relative difference of the state after a period of the exact flow. multipliers: (2n,), Floquet
-    multipliers, the largest first; those below 1e-14 of the largest are rounding. monodromy: (2n, 2n), of (q, q').
-    event_times: (k,), in [0, period). event_contacts and event_sides: (k,), which contact changes and to which side.
-    log_determinant: ln |det| of the monodromy, segment by segment, -inf where a rigid contact is held.
+    Parameters
+    ----------
+    system : System
+    period : float
+    q, v : array (n,)
+        State at t = 0.
+    residual : float
+        Largest |h| at an event over its terms; for rigid stops the closure.
+    closure : float
+        Largest relative difference of the state after a period of the exact flow.
+    multipliers : array (2n,)
+        Floquet multipliers, the largest first; those below 1e-14 of the largest are rounding.
+    monodromy : array (2n, 2n)
+        Of (q, q').
+    event_times : array (k,)
+        In [0, period).
+    event_contacts, event_sides : array (k,)
+        The contact that changes, and the side that it changes to.
+    log_determinant : float
+        ln |det| of the monodromy, summed over the segments; -inf where a rigid contact is held.
+    path : Path
+        The events and segments of one period.
     """
 
     system: System

@@ -289,13 +289,35 @@ MOST_IMPACTS = 200_000
 
 
 def rigid_limit(system: System, t_end: float, t_eval: Array | None = None) -> Reference:
-    """The solution on [0, t_end] with the stops of ``system``'s one contact made rigid, restitution 1, node with mass.
+    """Return the solution with the stops of a system's one contact made rigid, restitution 1, on a node with mass.
 
-    Takes what the exact solution without damping takes. The Reference has impacts with impulses
-    |M (q'+ - q'-)| along the row, no forces (they are impulses) and no horizon; its ledger leaves the
-    stops' energy out. Raises InputError for other systems, or for more than 200 000 impacts; SolverFailure
-    where a load presses the contact on its stop at rest, which no impact describes, and where the energy
-    balance is open.
+    Parameters
+    ----------
+    system : System
+        As for the exact solution without damping.
+    t_end : float
+    t_eval : array (k,), optional
+
+    Returns
+    -------
+    Reference
+        With impulses |M (q'+ - q'-)| along the row in the place of forces, and without horizon. Its ledger leaves the
+        stops' energy out.
+
+    Raises
+    ------
+    InputError
+        For other systems, and for more than 200 000 impacts.
+    SolverFailure
+        Where a load presses the contact at rest on its stop, which no impact describes, and where the energy balance
+        does not close.
+
+    Examples
+    --------
+    >>> import stiffbeam as sb
+    >>> system = sb.paper_case(10).system()
+    >>> sb.rigid_limit(system, 0.2).impacts.count > 10
+    True
     """
     begun = clock()
     require_system(system)
