@@ -38,7 +38,7 @@ from stiffbeam.basics.resources import cores
 from stiffbeam.march.block_march import March
 from stiffbeam.march.integrate import Plan
 from stiffbeam.references import solve
-from stiffbeam.references.adaptive import cvode, ida
+from stiffbeam.references.adaptive import sundials
 
 RECORD, PAGE = (Path(__file__).with_suffix(suffix) for suffix in (".json", ".md"))
 SCHEMES = {"HHT": sb.HHT(ALPHA), "BDF2": sb.BDF2(), "SDIRK-OS": sb.SDIRK(nystrom=True)}
@@ -144,7 +144,7 @@ def members(size: int, count: int, repetitions: int) -> dict[str, float]:
 @contextlib.contextmanager
 def python_callbacks() -> Generator[None, None, None]:
     """Let CVODE and IDA call Python functions, through scikit-sundae."""
-    with patch.object(cvode, "available", lambda: False), patch.object(ida, "available", lambda: False):
+    with patch.object(sundials, "available", lambda: False):
         yield
 
 
