@@ -250,14 +250,20 @@ def variables() -> str:
 
 
 def as_written(app: object, what: str, name: str, value: object, options: object, lines: list[str]) -> None:
-    """Let the formulas of a docstring stand as they are: indented blocks, and bars of absolute values in sentences."""
+    """Let the formulas of a docstring stand as they are: indented blocks, and bars of absolute values in sentences.
+
+    An indented block after an empty line is a formula; after a line of text it describes the parameter on that line.
+    """
     bare: list[str] = []
+    block = "text"
     for before, line in zip(["", *lines], lines, strict=False):
-        indented = line.startswith("    ")
-        if indented and not before.strip() and bare:
-            bare += ["::", ""]
+        if line.strip() and not line.startswith("    "):
+            block = "text"
+        elif line.strip() and block == "text":
+            block = "description" if before.strip() else "formula"
+            bare += ["::", ""] if block == "formula" and bare else []
         code = line.split("``")
-        code[::2] = [text if indented else text.replace("|", r"\|") for text in code[::2]]
+        code[::2] = [text if block == "formula" else text.replace("|", r"\|") for text in code[::2]]
         bare.append("``".join(code))
     lines[:] = bare
 
