@@ -55,7 +55,7 @@ def on_stops(model: Model) -> dict[int, int]:
 
 
 def off_stop(model: Model, contact: int, side: int) -> bool:
-    """Whether the start, as it is written, is not exactly on the stop of a contact."""
+    """Tell whether the start, as it is written, is not exactly on the stop of a contact."""
     each = model.system.contacts[contact]
     ratio, pi = exact_value(each.stops.upper if side > 0 else each.stops.lower)  # type: ignore[arg-type]
     terms = zip(model.rows[contact].tolist(), model.system.q0.tolist(), strict=True)
@@ -64,7 +64,7 @@ def off_stop(model: Model, contact: int, side: int) -> bool:
 
 
 def together_but_for_rounding(model: Model, compliance: Array, closed: dict[int, int], going: dict[int, int]) -> bool:
-    """Whether contacts that move each other start on their stops but for rounding, so that who is hit first is not
+    """Tell whether contacts that move each other start on their stops but for rounding, so that who is hit first is not
     known."""
     joined = {c for c in closed for x in going if c != x and compliance[c, x]}
     return any(off_stop(model, c, closed[c]) for c in joined | (going.keys() if joined else set()))
@@ -133,7 +133,7 @@ class RigidMotion:
         return np.maximum(np.searchsorted(self.times, t, side="right") - 1, 0)
 
     def is_held(self, t: Array, contact: int) -> NDArray[np.bool_]:
-        """Whether the contact is held at times t (k,)."""
+        """Truth values (k,): the contact is held at times t."""
         return np.array([contact in held for held in self.held])[self.stretch_at(t)]
 
 

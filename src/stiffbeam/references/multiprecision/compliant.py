@@ -337,14 +337,14 @@ def passed_over(system: System, solution: Motion, sample: Sampler, t_end: float,
 
 
 def looks(solution: Motion, t_end: float) -> tuple[NDArray[np.int64], Array]:
-    """How often the gaps are looked at in every piece, and how far apart that is, (pieces,) each."""
+    """Number of gap evaluations in every segment, and their distance in time, (segments,) each."""
     length = np.diff(np.append(solution.times, t_end))
     count = np.ceil(np.maximum(1.0, PER_PERIOD * length / np.minimum(solution.periods, t_end)))
     return count.astype(np.int64), length / count
 
 
 def grazes_of(solution: Motion, t_end: float) -> str:
-    """Which of them are decided, in words."""
+    """Sentence that says which grazes are decided."""
     count = float(np.sum(looks(solution, t_end)[0]))
     if count > MOST_LOOKS:
         return f"by float64, to 1e-12 of the motion: {count:.1g} looks are more than {MOST_LOOKS:.0e}"
@@ -352,7 +352,7 @@ def grazes_of(solution: Motion, t_end: float) -> str:
 
 
 def _turns(system: System, solution: Motion, contact: int, t_end: float) -> Iterator[Turn]:
-    """Where the gaps of a contact turn close to zero, by float64."""
+    """Turns of the gaps of a contact close to zero, in float64."""
     stops, sides = system.contacts[contact].stops, solution.sides[:, contact]
     count, apart = looks(solution, t_end)
     before = np.concatenate([[0], np.cumsum(count)])
