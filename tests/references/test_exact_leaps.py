@@ -26,6 +26,16 @@ from stiffbeam.piecewise.terms import (
     oscillations,
     resolved,
 )
+from stiffbeam.piecewise.touching import safe_step
+
+
+def test_a_kernel_without_an_entry_for_python_refuses_a_call():
+    """Before it is compiled and after: numba alone would jump to address 0."""
+    for t_end in (0.0, 0.01):
+        if t_end:
+            sb.reference(sb.paper_case(10).system(), t_end)
+        with pytest.raises(TypeError, match="safe_step is compiled for other kernels"):
+            safe_step(1.0, 1.0, 1.0)
 
 
 def random_terms(rng, damped, m=1, K=9):

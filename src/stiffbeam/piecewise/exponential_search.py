@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..basics.arrays import Array, IntArray
-from ..basics.compiled import compiled
+from ..basics.compiled import compiled, inner
 from ..trajectory.trajectory import SolverFailure
 from .linear import answers, forced_derivatives, forced_sizes
 from .spectrum import differences, largest
@@ -29,7 +29,7 @@ from .touching import (
 )
 
 
-@compiled
+@inner
 def derivatives(sigma: Array, omega: Array, real: Array, imaginary: Array, tau: float, d: Array, b: Array) -> None:
     """The derivatives of Re sum_k (real + i imaginary)_k exp((sigma_k + i omega_k) tau) at tau into d, and the
     sizes of its terms into b, (ORDER + 1,)."""
@@ -205,7 +205,7 @@ class Cells(NamedTuple):
     parts: IntArray
 
 
-@compiled
+@inner
 def newton_form(cells: Cells, b: int, c: Array, spin: Array, force: Array, B: Array, g: Array) -> None:
     """Newton's form g (K, K) of chain b from the coefficients c, the drives ``spin`` and the forces (k, P), see
     spectrum.py; and its matrix with these forces into B (K, K)."""
@@ -226,7 +226,7 @@ def newton_form(cells: Cells, b: int, c: Array, spin: Array, force: Array, B: Ar
                 g[j, i] += B[i, n] * g[j - 1, n]
 
 
-@compiled
+@inner
 def see_chain(cells: Cells, b: int, B: Array, g: Array, chained: Array) -> None:
     """The derivatives of what the gaps see of chain b into chained (m, b, ORDER + 1, K), from its Newton form g, which
     is changed by that."""

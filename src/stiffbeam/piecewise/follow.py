@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..basics.arrays import Array, IntArray
-from ..basics.compiled import compiled, inlined
+from ..basics.compiled import compiled, inner, inner_inlined
 from .events import LET_GO, next_side
 from .search import search
 from .terms import CONSTANT, LEVEL, OMEGA, SIGMA, SQUARE, X, Y, layout, oscillations, pair
@@ -65,7 +65,7 @@ class Table(NamedTuple):
     lags: Array
 
 
-@inlined
+@inner_inlined
 def regime_at(table: Table, sides: IntArray) -> int:
     """The regime of contacts on these sides (m,), -1 where the loop cannot follow it."""
     for r in range(table.sides.shape[0]):
@@ -78,7 +78,7 @@ def regime_at(table: Table, sides: IntArray) -> int:
     return -1
 
 
-@inlined
+@inner_inlined
 def see(table: Table, r: int, x: Array, y: Array, start: float, speeds: Array, terms: Array, seen: Array) -> None:
     """Terms of the gaps in a segment that begins at ``start`` with the pairs x, y, see terms.py."""
     size = table.sizes[r]
@@ -101,7 +101,7 @@ def see(table: Table, r: int, x: Array, y: Array, start: float, speeds: Array, t
         seen[i, CONSTANT] = table.waves[r, i, 0]
 
 
-@inlined
+@inner_inlined
 def see_close(table: Table, r: int, pairs: Array, at: IntArray) -> None:
     """The close pairs as the contacts ``at`` see them, see ``terms.layout``."""
     for k in range(pairs.shape[0]):
@@ -112,7 +112,7 @@ def see_close(table: Table, r: int, pairs: Array, at: IntArray) -> None:
             pairs[k, 4 + i] = table.rows[r, 0, at[i], j]
 
 
-@inlined
+@inner_inlined
 def turn(table: Table, r: int, x: Array, y: Array, start: float, tau: float, x1: Array, y1: Array, work: Array) -> None:
     """The pairs and the answers of close pairs at start + tau into x1, y1 (size,), from those at ``start``; work: (3, K
     at least)."""
@@ -135,7 +135,7 @@ def turn(table: Table, r: int, x: Array, y: Array, start: float, tau: float, x1:
         y1[j] += rate
 
 
-@inlined
+@inner_inlined
 def drive(table: Table, t: float, g: Array) -> None:
     """g(t) = (1, sin, cos, ...) into (d,)."""
     g[0] = 1.0
@@ -143,7 +143,7 @@ def drive(table: Table, t: float, g: Array) -> None:
         g[1 + 2 * k], g[2 + 2 * k] = math.sin(table.frequencies[k] * t), math.cos(table.frequencies[k] * t)
 
 
-@inlined
+@inner_inlined
 def leave(table: Table, r: int, x: Array, y: Array, g: Array, q: Array, v: Array) -> None:
     """q and q' (n,) of the pairs x, y, which it may change, and the drive g."""
     A, B = table.outward[r, PLACE_X], table.outward[r, PLACE_Y]
@@ -170,7 +170,7 @@ def leave(table: Table, r: int, x: Array, y: Array, g: Array, q: Array, v: Array
             v[i] += D[j, i] * x[j]
 
 
-@inlined
+@inner_inlined
 def enter(table: Table, r: int, q: Array, v: Array, g: Array, x: Array, y: Array, work: Array) -> None:
     """The pairs x, y (size,) of q and q' where the drive is g; work: (2, n at least)."""
     A, B = table.inward[r, X_PLACE], table.inward[r, X_SPEED]
@@ -201,7 +201,7 @@ def enter(table: Table, r: int, q: Array, v: Array, g: Array, x: Array, y: Array
             y[j] += D[i, j] * place[i]
 
 
-@inlined
+@inner_inlined
 def sizes_of(table: Table, r: int, x: Array, y: Array, q: Array, v: Array, places: Array, speeds: Array) -> None:
     """Sizes of the terms of q and q', the root of the sum of their squares, into places and speeds (n,)."""
     outward = table.outward[r]
@@ -213,7 +213,7 @@ def sizes_of(table: Table, r: int, x: Array, y: Array, q: Array, v: Array, place
         places[i], speeds[i] = math.sqrt(a), math.sqrt(b)
 
 
-@inlined
+@inner_inlined
 def unsettle(
     table: Table, r: int, places: Array, speeds: Array, t: float, noise: Array, size: float, x: Array, y: Array
 ) -> None:
@@ -240,7 +240,7 @@ def unsettle(
         x[j] += moved
 
 
-@compiled
+@inner
 def watched_of_damped(
     table: Table, r: int, start: float, sides: IntArray, switched: IntArray, speeds: Array, terms: Array, seen: Array,
     pairs: Array,

@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..basics.arrays import Array
-from ..basics.compiled import compiled
+from ..basics.compiled import compiled, inner
 from ..model.drive import Drive
 from ..model.graded import congruence, uncoupled
 from ..model.modes import Modes, undamped_modes
@@ -304,7 +304,7 @@ def forced(eigenvalues: Array, tau: Array, force: Array, out: Array) -> None:
             out[i, k] = total
 
 
-@compiled
+@inner
 def forced_derivatives(eigenvalues: Array, seen: Array, shift: Array, tau: float, d: Array) -> None:
     """Add to d (ORDER + 1,) the derivatives at tau of Re sum_kj seen_kj psi_j(lambda_k, .) + sum_j shift_j tau^j.
 
@@ -330,7 +330,7 @@ def forced_derivatives(eigenvalues: Array, seen: Array, shift: Array, tau: float
             value *= j - i
 
 
-@compiled
+@inner
 def forced_sizes(eigenvalues: Array, seen: Array, shift: Array, rest: float, b: Array) -> None:
     """Bounds of the same derivatives over [0, rest], into b (ORDER + 1,).
 

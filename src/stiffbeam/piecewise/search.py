@@ -22,7 +22,7 @@ import math
 import numpy as np
 
 from ..basics.arrays import Array, IntArray
-from ..basics.compiled import compiled
+from ..basics.compiled import compiled, inner
 from ..trajectory.trajectory import SolverFailure
 from .terms import (
     B0,
@@ -59,7 +59,7 @@ from .touching import (
 )
 
 
-@compiled
+@inner
 def least(p0: float, p1: float, p2: float, p3: float, step: float) -> float:
     """The least value of a cubic on [0, step]."""
     low = min(p0, p0 + step * (p1 + step * (p2 + step * p3)))
@@ -75,7 +75,7 @@ def least(p0: float, p1: float, p2: float, p3: float, step: float) -> float:
     return low
 
 
-@compiled
+@inner
 def reached(p0: float, p1: float, p2: float, p3: float, step: float) -> float:
     """An s <= ``step`` before which a cubic with p0 > 0 stays positive, close to where it does not."""
     s = 0.0
@@ -99,7 +99,7 @@ SAFELY = 0.9  # of the longest leap that its error would have allowed
 CLEAR, CROSSES, UNKNOWN = 1, -1, 0
 
 
-@compiled
+@inner
 def side_of(chi: int, side: int) -> int:
     """The sign with which u - stop is the gap of a contact in state ``chi`` from the stop on ``side``, 0 for none."""
     sign = 0
@@ -110,7 +110,7 @@ def side_of(chi: int, side: int) -> int:
     return sign
 
 
-@compiled
+@inner
 def first_leap(terms: Array, seen: Array, chi: IntArray, g1: Array, g2: Array, resting: IntArray, rest: float) -> float:
     """A step whose cubic errs by half of what every gap allows; a guess."""
     step = rest
@@ -128,7 +128,7 @@ def first_leap(terms: Array, seen: Array, chi: IntArray, g1: Array, g2: Array, r
     return step
 
 
-@compiled
+@inner
 def pin(
     speeds: Array, terms: Array, seen: Array, pairs: Array, damped: bool, start: float, tau: float, until: float,
     sign: float, stop: float, end: int, i: int,

@@ -24,7 +24,7 @@ import math
 import numpy as np
 
 from ..basics.arrays import Array
-from ..basics.compiled import compiled, in_order
+from ..basics.compiled import compiled, in_order, inner
 from .touching import ORDER
 
 # pi/2 in three parts, the first of 33 bits: k times it is exact for |k| < 2^20.
@@ -32,7 +32,7 @@ QUARTER, QUARTER_2, QUARTER_3 = 1.57079632673412561417, 6.07710050630396597660e-
 MOST_RADIANS = 1.6e6  # that many quarters
 
 
-@compiled
+@inner
 def oscillation(omega: float, tau: float) -> tuple[float, float, float]:
     """cos(omega tau), sin(omega tau)/omega, (1 - cos(omega tau))/omega^2, regular at omega = 0."""
     x = omega * tau
@@ -118,7 +118,7 @@ def from_rest(omega: float, frequency: float, tau: float) -> tuple[float, float]
     return cosine, frequency * tau**3 * total
 
 
-@compiled
+@inner
 def pair(
     w: float, frequency: float, force_sine: float, force_cosine: float, start: float, tau: float
 ) -> tuple[float, float, float]:
@@ -134,7 +134,7 @@ def pair(
     return eta, a * (over - frequency * sine) + b * frequency * cosine, force - w * w * eta
 
 
-@compiled
+@inner
 def pair_sizes(
     w: float, frequency: float, force_sine: float, force_cosine: float, rest: float
 ) -> tuple[float, float, float]:
@@ -171,14 +171,14 @@ def layout(m: int, K: int, p: int) -> tuple[Array, Array, Array, Array]:
     return np.zeros((6, K)), np.zeros((m, 9, K)), np.zeros((m, SEEN)), np.zeros((p, 4 + m))
 
 
-@compiled
+@inner
 def hypotenuse(a: float, b: float) -> float:
     """sqrt(a^2 + b^2), or where that is not safe in float64 the larger |a| + |b|; for vector registers."""
     square = a * a + b * b
     return math.sqrt(square) if 1e-280 < square < 1e280 else abs(a) + abs(b)
 
 
-@compiled
+@inner
 def read(
     speeds: Array,
     terms: Array,
@@ -232,7 +232,7 @@ def carry(
         read(speeds, terms, seen, pairs, damped, start, tau, end, i)
 
 
-@compiled
+@inner
 def bounds(speeds: Array, terms: Array, seen: Array, pairs: Array, damped: bool, rest: float, end: int, i: int) -> None:
     """Into B0, B2 >= |u''| and B3 >= |u'''| of contact i, from the terms at ``end`` on; B0: the size of u.
 
@@ -330,7 +330,7 @@ def cubic(
     return u0, v0, p2, p3, bend * step**4 / 384.0 + rest
 
 
-@compiled
+@inner
 def curvature(speeds: Array, terms: Array, pairs: Array, start: float, tau: float, end: int, i: int) -> float:
     """u'' of contact i at tau, the terms there at ``end``."""
     total = 0.0
@@ -342,7 +342,7 @@ def curvature(speeds: Array, terms: Array, pairs: Array, start: float, tau: floa
     return total
 
 
-@compiled
+@inner
 def derivatives(
     speeds: Array, terms: Array, seen: Array, pairs: Array, start: float, tau: float, rest: float, end: int, i: int,
     d: Array, b: Array,

@@ -15,7 +15,7 @@ from __future__ import annotations
 import math
 
 from ..basics.arrays import Array
-from ..basics.compiled import compiled
+from ..basics.compiled import inner
 
 EPS = 2.220446049250313e-16
 ORDER = 8
@@ -32,7 +32,7 @@ SHORTEST = 1e-30  # step, of t_end: so that time goes on at t = 0 too
 REMEDY = "check the stops and stiffnesses for sizes that float64 cannot hold together"
 
 
-@compiled
+@inner
 def stands_still(evaluations: int, sigma: Array, omega: Array, tau: float, rest: float) -> bool:
     """True where so many ``evaluations`` on [0, tau] are more than any sum of exp((sigma_k + i omega_k) s) needs, or at
     that pace too many on [0, rest]."""
@@ -47,14 +47,14 @@ def stands_still(evaluations: int, sigma: Array, omega: Array, tau: float, rest:
     return evaluations > STALLED + PER_RADIAN * radians
 
 
-@compiled
+@inner
 def safe_step(gap: float, rate: float, b2: float) -> float:
     """The positive root of gap + rate s - b2 s^2/2 = 0, gap >= 0: the gap cannot close before."""
     root = math.sqrt(rate * rate + 2.0 * b2 * gap)
     return (rate + root) / b2 if rate > 0.0 else (2.0 * gap / (root - rate) if root > rate else 0.0)
 
 
-@compiled
+@inner
 def gap_step(gap: float, rate: float, b2: float, b3: float, band: float, t: float) -> tuple[float, int]:
     """(s, verdict) for a gap with its rate: OPEN, it stays positive for s; CLOSES at s; or UNCLEAR.
 
@@ -79,7 +79,7 @@ def gap_step(gap: float, rate: float, b2: float, b3: float, band: float, t: floa
     return 0.0, UNCLEAR
 
 
-@compiled
+@inner
 def taylor_step(d: Array, b: Array, nu: float, switched: bool) -> tuple[float, int]:
     """(s, verdict) from the derivatives d (ORDER + 1,) of a gap and their sizes b.
 
@@ -126,7 +126,7 @@ def taylor_step(d: Array, b: Array, nu: float, switched: bool) -> tuple[float, i
     return last, verdict
 
 
-@compiled
+@inner
 def as_gap(d: Array, b: Array, sign: float, stop: float, zero: bool) -> None:
     """From a position's derivatives to those of the gap sign (u - stop); ``zero``: it is exactly zero."""
     d[0] = 0.0 if zero else d[0] - stop
