@@ -15,6 +15,8 @@ Source: Van Loan, IEEE Trans. Automat. Control 23 (1978) 395-404; Najfeld and Ha
 
 from __future__ import annotations
 
+import math
+from bisect import bisect_right
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -32,6 +34,8 @@ from ..model.time_functions import Constant, Harmonic
 WORST = 1e5  # condition of the eigenvectors, in units of energy, up to which they are used
 NEAR = 0.05  # of the lowest frequency: eigenvalues that lie closer have their difference by sinh(x)/x
 RECORD_TERMS = 3  # s, s^2, s^3
+ORDER = 18  # of a Taylor series: 1/(ORDER + 1)! = 8e-18 is left out of a radian of the fastest motion
+OVER_FACTORIALS = np.array([1.0 / math.factorial(k) for k in range(ORDER + 1)])
 Complex = Any  # arrays of complex128
 
 
@@ -51,7 +55,7 @@ class TimeBasis:
         self.pair = [pairs.index(key) for key in keys]
         self.frequencies = np.array([key[0] for key in pairs], float)
         self.edges = np.unique(np.concatenate([np.zeros(0), *(record.t for record in self.records)]))
-        self.F = len(pairs)
+        self.F, self._edges = len(pairs), self.edges.tolist()
         self.size = 1 + 2 * self.F + (RECORD_TERMS if self.records else 0)
         self.R = self._generator(self.frequencies)
         if self.records:
@@ -67,9 +71,7 @@ class TimeBasis:
 
     def interval(self, t: float) -> int:
         """The edge that a time follows, 0 where there are no records."""
-        if not len(self.edges):
-            return 0
-        return int(np.clip(np.searchsorted(self.edges, t, side="right") - 1, 0, len(self.edges) - 2))
+        return min(max(bisect_right(self._edges, t) - 1, 0), max(len(self._edges) - 2, 0))
 
     def values(self, t: float, interval: int) -> Array:
         """g(t), (d,)."""
@@ -325,6 +327,20 @@ class RegimeFlow:
         """exp(A tau), (N, N)."""
         return self.ahead(np.eye(self.generators.N), tau)
 
+    def series(self, Z: Array) -> Array:
+        """Taylor series of the motions from Z (..., N): coefficients (ORDER + 1, ..., N) of the powers of tau."""
+        C = np.empty((ORDER + 1, *Z.shape))
+        C[0] = Z
+        for k in range(ORDER):
+            np.matmul(C[k], self._turned, out=C[k + 1])
+        C *= OVER_FACTORIALS.reshape(-1, *[1] * Z.ndim)
+        return C
+
+    @cached_property
+    def _turned(self) -> Array:
+        """A transposed, in rows."""
+        return np.ascontiguousarray(self.A.T)
+
     def ahead(self, dZ: Array, tau: float) -> Array:
         """exp(A tau) dZ, (N, columns)."""
         if self.eigen is None:
@@ -381,9 +397,11 @@ def saddle(M: Array, H: Array) -> Callable[[Array], Array]:
     inner = H @ back
 
     def solve(right: Array) -> Array:
-        free = cho_solve(factor, right[:n])
-        R = np.linalg.solve(inner, right[n:] - H @ free)
-        return np.concatenate([free + back @ R, R])
+        x, R = cho_solve(factor, right[:n]), np.zeros_like(right[n:])
+        for _ in range(2):  # what rounding leaves of forces that cancel would move a body at rest
+            step = np.linalg.solve(inner, right[n:] - H @ x)
+            x, R = x + back @ step, R + step
+        return np.concatenate([x, R])
 
     return solve
 

@@ -42,10 +42,10 @@ def path_of(system: System, solution: Motion, times: Array, channel: int) -> tup
     """Position and velocity of a channel at any times."""
     row, offset = system.channels[channel]
     u, v = solution.observed(times, row)
-    if offset is None:
-        return u, v
-    shift, shift_rate = solution.offset(system, channel)(times)
-    return u + shift, v + shift_rate
+    if offset is not None:
+        shift, shift_rate = solution.offset(system, channel)(times)
+        u, v = u + shift, v + shift_rate
+    return solution.settled(system, times, channel, u, v)
 
 
 def entries(solution: Motion, i: int, t_end: float) -> Impacts:

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..basics.arrays import Array, IntArray
-from ..basics.compiled import compiled
+from ..basics.compiled import compiled, inner
+from ..model.contact import Contact
 from ..model.drive import Drive
 from ..model.system import System
 from .events import LET_GO
@@ -223,14 +224,22 @@ class Motion:
                 for k in np.flatnonzero(np.any(basis, axis=1)):
                     power += g[:, k] * self.observed(t, basis[k])[1]
             for i, contact, offset in moving:
-                o, rate = offset(t)
-                u = self.observed(t, contact.row)[0] + o
-                for side in (-1, 1):
-                    kappa, constant = contact.stops.spring(side)
-                    power -= np.where(self.sides[piece, i] == side, constant - kappa * u, 0.0) * rate
+                power -= self.force(contact, i, t, piece) * offset(t)[1]
             for total, values in ((given, power), (taken, drag)):
                 np.add.at(total, index[part], values.reshape(-1, len(NODES)) @ WEIGHTS * width[part] / 2.0)
         return given, taken
+
+    def settled(self, system: System, t: Array, channel: int, u: Array, v: Array) -> tuple[Array, Array]:
+        """Position u and velocity v of a channel at times t, without the rounding of what a rigid stop holds."""
+        return u, v
+
+    def force(self, contact: Contact, i: int, t: Array, piece: NDArray[np.int64]) -> Array:
+        """Force of stop i on its contact, without that of a damper, at times t (k,) in the given segments."""
+        u, sigma = self.observed(t, contact.row)[0] + self.drive.offset(self.regimes.source.system, i)(t)[0], 0.0
+        for side in (-1, 1):
+            kappa, constant = contact.stops.spring(side)
+            sigma = sigma + np.where(self.sides[piece, i] == side, constant - kappa * u, 0.0)
+        return np.asarray(sigma)
 
 
 def oscillating(pairs: Pairs) -> Array:
@@ -338,7 +347,7 @@ def observe(
         i += count
 
 
-@compiled
+@inner
 def energy_norm(omega: Array, q: Array, v: Array) -> float:
     """sqrt(v^T M v + q^T K q) of amplitudes q and rates v of the free modes."""
     total = 0.0
@@ -436,7 +445,7 @@ RADIANS = 1.5  # of the fastest motion between two samples: cubics through them 
 RIVAL = 0.96  # of the largest sample: what is less does not hide the peak, cos(1.5/2) = 0.73 with its slopes
 
 
-@compiled
+@inner
 def fastest_of(speeds: Array, pairs: Array) -> float:
     """The largest frequency among the terms and close pairs."""
     found = speeds[OMEGA, speeds.shape[1] - 1]
@@ -445,7 +454,7 @@ def fastest_of(speeds: Array, pairs: Array) -> float:
     return found
 
 
-@compiled
+@inner
 def top(
     speeds: Array, terms: Array, seen: Array, pairs: Array, start: float, tau: float, width: float, sign: float,
     stop: float, rise: float, fall: float,
@@ -475,7 +484,7 @@ def top(
     return found
 
 
-@compiled
+@inner
 def peak(
     speeds: Array, terms: Array, seen: Array, pairs: Array, start: float, a: float, b: float, sign: float, stop: float
 ) -> float:
@@ -500,7 +509,7 @@ def peak(
     return found
 
 
-@compiled
+@inner
 def area(
     speeds: Array, terms: Array, seen: Array, pairs: Array, start: float, a: float, b: float, stop: float
 ) -> float:

@@ -272,7 +272,7 @@ class Regimes:
         table.order[r, : len(order)] = order
         table.speeds[r, 0, : len(order)], table.speeds[r, 1, : len(order)] = sigma[order], omega[order]
         table.outward[r, :, :size], table.inward[r, :, :, :size] = made.outward, made.inward
-        table.response[r] = made.response
+        table.response[r, :, :, : made.response.shape[2]] = made.response
         for i, contact in enumerate(source.system.contacts):
             row = self.free.force(contact.row)
             table.rows[r, :, i, :size] = made.outward[:2] @ row

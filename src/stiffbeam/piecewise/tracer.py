@@ -67,15 +67,7 @@ class Tracer:
             if not self.regimes.made[r].followed:
                 why, part, t = self._alone(r, t, t_end, q, v, here, switched)
             else:
-                table, K = self.regimes.table, self.regimes.table.sigma.shape[1]
-                times, regime, chi = np.empty(room), np.empty(room, np.int64), np.empty((room, m), np.int64)
-                x, y = np.zeros((2, room, K))
-                noise = self.noise.uniform(-1.0, 1.0, (room, 3, K)) if self.size else QUIET
-                why, count, used, t = follow(
-                    table, t, t_end, q, v, places, speeds, here, switched, noise, self.size, times, regime, chi, x, y,
-                    1 if np.any(table.lags > 0.0) else None,
-                )  # fmt: skip
-                part = Motion(self.regimes, times[:count], chi[:count], regime[:count], x[:count], y[:count], used)
+                why, part, t = self.ahead(t, t_end, q, v, places, speeds, here, switched, room)
                 room = min(4 * room, EVENTS_PER_CALL) if why == FULL else room
             parts.append(part)
             kept += len(part.times)
@@ -85,6 +77,21 @@ class Tracer:
             if kept - marked >= EVENTS_PER_CALL:
                 refuse_accumulation(since, t, max(x.fastest for x in self.regimes.made), self.drive)
                 since, marked = t, kept
+
+    def ahead(
+        self, t: float, t_end: float, q: Array, v: Array, places: Array, speeds: Array, sides: NDArray[np.int64],
+        switched: NDArray[np.int64], room: int,
+    ) -> tuple[int, Motion, float]:  # fmt: skip
+        """``follow`` through at most ``room`` segments; why it ended, the motion, and the time of the last event."""
+        table, K = self.regimes.table, self.regimes.table.sigma.shape[1]
+        times, regime, chi = np.empty(room), np.empty(room, np.int64), np.empty((room, len(sides)), np.int64)
+        x, y = np.zeros((2, room, K))
+        noise = self.noise.uniform(-1.0, 1.0, (room, 3, K)) if self.size else QUIET
+        why, count, used, t = follow(
+            table, t, t_end, q, v, places, speeds, sides, switched, noise, self.size, times, regime, chi, x, y,
+            1 if np.any(table.lags > 0.0) else None,
+        )  # fmt: skip
+        return why, Motion(self.regimes, times[:count], chi[:count], regime[:count], x[:count], y[:count], used), t
 
     def _alone(
         self, r: int, t: float, t_end: float, q: Array, v: Array, sides: NDArray[np.int64], switched: NDArray[np.int64]

@@ -63,8 +63,10 @@ def _reach(run: Trajectory) -> Array:
     return length * np.sqrt(np.sum(rows * np.linalg.solve(system.mass, rows.T).T, axis=1))
 
 
-def agree_until(a: Watched, b: Watched, tolerance: float, scales: Sequence[float], part: float = 1.0) -> float:
-    """See ``agreement``; part: of the tolerances."""
+def agree_until(
+    a: Watched, b: Watched, tolerance: float, scales: Sequence[float], part: float = 1.0, chatters: bool = False
+) -> float:
+    """See ``agreement``; part: of the tolerances; chatters: see ``impacts_match_until``."""
     end = float(min(a.t[-1], b.t[-1]))
     horizon = end
     for u, other, scale in zip(a.paths, b.paths, scales, strict=True):
@@ -73,16 +75,17 @@ def agree_until(a: Watched, b: Watched, tolerance: float, scales: Sequence[float
             horizon = min(horizon, float(a.t[max(0, int(np.argmin(close)) - 1)]))
     for c, d in zip(a.impacts, b.impacts, strict=True):
         least = min(tolerance, apart(max(c.count, d.count), end))
-        horizon = min(horizon, impacts_match_until(c, d, part * least, end))
+        horizon = min(horizon, impacts_match_until(c, d, part * least, end, chatters))
     return horizon
 
 
-def impacts_match_until(a: Impacts, b: Impacts, tolerance: float, end: float) -> float:
+def impacts_match_until(a: Impacts, b: Impacts, tolerance: float, end: float, chatters: bool = False) -> float:
     """The time of the first impact that does not match, else ``end``.
 
     The i-th impacts of a and b match where they are on the same stop with times that differ by ``tolerance``
     at most. Impacts within the tolerance of the start do not count: a motion that starts on a stop may enter
     it or be in it already. Nor do those within the tolerance of ``end``, whose partner may come just after.
+    chatters: nor those without a partner that come at once after the last one with a partner.
     """
     a, b = (_after(tolerance, x) for x in (a, b))
     n = min(a.count, b.count)
@@ -92,6 +95,8 @@ def impacts_match_until(a: Impacts, b: Impacts, tolerance: float, end: float) ->
         return float(min(a.times[k], b.times[k]))
     unpaired = np.concatenate([a.times[n:], b.times[n:]])
     unpaired = unpaired[unpaired < end - tolerance]
+    if chatters and n:
+        unpaired = unpaired[unpaired > a.times[n - 1] + tolerance]
     return float(np.min(unpaired)) if len(unpaired) else end
 
 

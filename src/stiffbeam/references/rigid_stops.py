@@ -1,17 +1,23 @@
-"""What a system must have for its solution between rigid stops, in float64 and in many digits alike."""
+"""Systems with rigid stops: their refusals and their start, and blows whose order decides what follows."""
 
 from __future__ import annotations
+
+import math
+from fractions import Fraction
 
 import numpy as np
 
 from ..basics.arrays import Array
+from ..basics.exact_float import exact_value
 from ..basics.validation import InputError
 from ..model.active_set import solve_node
+from ..model.contact import Contact
 from ..model.system import System
-from ..model.time_functions import covered
+from ..model.time_functions import covered, offset_values
 
 MOST_BLOWS = 1000  # of one order; what they have not settled by then is as good as settled, or has no end
 SPENT = 1e-12  # of the fastest approach: a contact so slow is hit no more
+LEFT = 1e-12  # of the distance between a stop and a start, relative: the start is on the stop
 ALIKE = 1e-6  # of the largest impulse: orders that differ by less give one result
 
 
@@ -63,3 +69,49 @@ def order_decides(compliance: Array, e: Array, speeds: Array, sides: dict[int, i
         if np.max(np.abs(total - together)) > ALIKE * np.max(np.abs(together)):
             return True
     return False
+
+
+def shift_at_start(contact: Contact) -> float:
+    """The offset at t = 0."""
+    return float(offset_values(contact.offset, np.zeros(1))[0])
+
+
+def on_stops(system: System) -> dict[int, int]:
+    """The contacts on their stops at t = 0, by their sides. Raises InputError for one beyond its stop."""
+    closed = {}
+    for contact, each in enumerate(system.contacts):
+        moved = shift_at_start(each)
+        u = float(each.row @ system.q0) + moved
+        for side, g in ((1, each.stops.upper_bound), (-1, each.stops.lower_bound)):
+            if math.isfinite(g) and side * (u - g) >= -LEFT * max(abs(g), abs(moved)):
+                if side * (u - g) > LEFT * max(abs(g), abs(moved)):
+                    remedy = "move the stop or the start"
+                    raise InputError("initial displacement", u, "lie between rigid stops", remedy)
+                closed[contact] = side
+    return closed
+
+
+def off_stop(system: System, contact: int, side: int) -> bool:
+    """Tell whether the start, as it is written, is not exactly on the stop of a contact."""
+    each = system.contacts[contact]
+    ratio, pi = exact_value(each.stops.upper if side > 0 else each.stops.lower)  # type: ignore[arg-type]
+    terms = zip(each.row.tolist(), system.q0.tolist(), strict=True)
+    return pi or shift_at_start(each) != 0.0 or sum(Fraction(row) * Fraction(q) for row, q in terms) != ratio
+
+
+def together_but_for_rounding(system: System, compliance: Array, closed: dict[int, int], going: dict[int, int]) -> bool:
+    """Tell whether contacts that move each other start on their stops but for rounding, so that who is hit first is not
+    known."""
+    joined = {c for c in closed for x in going if c != x and compliance[c, x]}
+    return any(off_stop(system, c, closed[c]) for c in joined | (going.keys() if joined else set()))
+
+
+def at_rest(system: System) -> list[int]:
+    """Contacts that start at rest on their stops as they are written, not but for rounding."""
+    resting = []
+    for contact, each in enumerate(system.contacts):
+        still = each.offset is None and not np.any(each.row * system.v0)
+        stops = (1, each.stops.upper_bound), (-1, each.stops.lower_bound)
+        if still and any(math.isfinite(g) and not off_stop(system, contact, side) for side, g in stops):
+            resting.append(contact)
+    return resting

@@ -2,7 +2,8 @@
 
 piecewise                          compliant stops: refusals, the Reference, perturbed copies
 lyapunov                           growth of perturbations along the solution
-rigid_reference, impacting, taylor rigid stops with restitution: the Reference, impact by impact, one segment
+rigid_reference, rigid_motion      rigid stops with restitution: the Reference, and what is read of a motion
+impacting, taylor                  its solver, from event to event, and the first zero of a series
 derivative, orbit, continuation    derivatives in parameters; periodic orbits, and branches of them
 """
 

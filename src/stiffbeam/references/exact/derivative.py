@@ -21,8 +21,8 @@ from ...piecewise.rounding import Perturbation
 from ...piecewise.tangent import Forms, Path, Tangent
 from ...piecewise.tracer import tracer_of
 from ...trajectory.trajectory import Reference
-from .impacting import RigidMotion
 from .impacting import Tracer as ImpactTracer
+from .rigid_motion import RigidMotion
 
 PER_PERIOD = 12  # samples in the shortest period, among which a peak is looked for
 STEPS = 12  # of Newton's method for a peak: two samples bracket it to a twelfth of a period
@@ -321,21 +321,15 @@ def tops(tangent: Tangent, forms: Forms, segments: IntArray, shortest: float) ->
 
 def path_of_solution(system: System, solution: Any, t_end: float) -> Path:
     """Segments of an exact solution, compliant or rigid."""
-    if isinstance(solution, RigidMotion):
-        sides = np.zeros((len(solution.times), len(system.contacts)), np.int64)
-        for k, held in enumerate(solution.held):
-            sides[k, list(held)] = 1
-        hits: dict[int, list[int]] = {}
-        for segment, contact in solution.blows:
-            hits.setdefault(segment, [])
-            if contact not in hits[segment]:
-                hits[segment].append(contact)
-        q, v = (np.array(x) for x in zip(*solution.states, strict=True))
-        return Path(np.array(solution.times), sides, q, v, t_end, True, hits)
     count = int(np.searchsorted(solution.times, t_end, side="left"))
     times = solution.times[: max(1, count)]
     q, v = solution.states_in(times, np.arange(len(times)))
-    return Path(times, solution.sides[: len(times)], q, v, t_end)
+    if not isinstance(solution, RigidMotion):
+        return Path(times, solution.sides[: len(times)], q, v, t_end)
+    hits: dict[int, list[int]] = {}
+    for segment, contact in dict.fromkeys(solution.blows):
+        hits.setdefault(segment, []).append(contact)
+    return Path(times, np.abs(solution.sides[: len(times)]), q, v, t_end, True, hits)
 
 
 def derivative(reference: Reference, wrt: Sequence[str], t: Array) -> Derivative:

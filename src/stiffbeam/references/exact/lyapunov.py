@@ -26,9 +26,9 @@ from ...piecewise.tracer import tracer_of
 from ...trajectory.trajectory import SolverFailure
 from ..rigid_stops import require_rigid
 from .derivative import path_of_solution
-from .impacting import RigidMotion
 from .impacting import Tracer as ImpactTracer
 from .piecewise import afford_search, refuse
+from .rigid_motion import RigidMotion
 
 RANDOM = 3  # tangent vectors beside the direction of the motion itself
 SAMPLES = 200  # times beside the switches
@@ -122,9 +122,7 @@ def lyapunov(system: System, t_end: float, seed: int = 0) -> PerturbationGrowth:
         return growth(system, solution, t_end, seed)
 
 
-def growth(
-    system: System, solution: Motion | RigidMotion, t_end: float, seed: int = 0, enough: float = np.inf
-) -> PerturbationGrowth:
+def growth(system: System, solution: Motion, t_end: float, seed: int = 0, enough: float = np.inf) -> PerturbationGrowth:
     """``lyapunov`` along a solution that is there already, ended where a growth, ln, is ``enough``."""
     dq, dv = _vectors(system, seed)
     along = Struck(system, solution, t_end) if isinstance(solution, RigidMotion) else Pressed(system, solution)
@@ -133,7 +131,7 @@ def growth(
         raise SolverFailure("lyapunov", 0.0, MERGED, "shorten t_end")
     times = np.asarray(solution.times)
     edges = np.union1d(times[times < t_end], np.linspace(0.0, t_end, SAMPLES + 1))
-    if isinstance(solution, Motion):
+    if isinstance(along, Pressed):
         passed, logs = solution.grow(system, edges, dq, dv, enough)
         if passed == len(edges) - 1 or np.max(logs[passed]) > enough:
             return PerturbationGrowth(edges[: passed + 1], logs[: passed + 1])

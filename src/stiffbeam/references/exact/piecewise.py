@@ -7,7 +7,7 @@ contain none (search.py).
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import asdict
 from functools import partial
 from itertools import count
@@ -99,10 +99,12 @@ def reference_of(
     method: str,
     notes: dict[str, Any],
     since: float = 0.0,
+    observe: Callable[..., Any] = observations,
 ) -> Reference:
-    """A piecewise solution as a Reference; ``begun`` is the clock when the work on it began."""
+    """A piecewise solution as a Reference; ``begun`` is the clock when the work on it began. observe: of rigid stops
+    their own ``observations``."""
     t = output_times(t_eval, t_end)
-    tip, velocity, contacts = observations(system, solution, t, t_end, since)
+    tip, velocity, contacts = observe(system, solution, t, t_end, since)
     seconds = clock() - begun
     return Reference(
         t=t,

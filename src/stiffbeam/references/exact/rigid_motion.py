@@ -1,0 +1,152 @@
+"""A motion between rigid stops, and what is read of it at any time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...basics.arrays import Array, IntArray
+from ...model.contact import Contact
+from ...model.system import System
+from ...piecewise.generator import ORDER, Generators, RegimeFlow
+from ...piecewise.motion import Motion
+from ...trajectory.impacts import Impacts
+
+FEW = 2000  # numbers, of which all terms of their series are held at once
+LOCAL = 3  # in the place of sides: the segments that are Taylor series
+
+
+@dataclass(eq=False)
+class Event:
+    """An impact on ``side`` of a contact; ``end`` > ``time`` where the contact is then held."""
+
+    contact: int
+    side: int
+    time: float
+    impulse: float
+    end: float = math.nan
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class RigidMotion(Motion):
+    """A motion between rigid stops: sides are those of held contacts. Segments in the regime LOCAL are Taylor series of
+    ``generators`` from q, q' in the place of pairs; the others are flights in closed form.
+
+    struck: (time, contact, impulse that is no event's). blows: (segment at whose start it is, contact). taken: (time,
+    energy taken by impacts, put in by stops moving). stuck: (time, contact) where impacts accumulate. tie: where two
+    contacts first close together but for rounding, and the order matters. fastest: rate of any motion or drive.
+    """
+
+    generators: Generators
+    fastest: float
+    events: list[Event]
+    struck: list[tuple[float, int, float]]
+    blows: list[tuple[int, int]]
+    taken: list[tuple[float, float, float]]
+    stuck: list[tuple[float, int]]
+    tie: float
+
+    @property
+    def shortest_period(self) -> float:
+        """Shortest period of any motion or drive."""
+        return 2.0 * np.pi / max(self.fastest, 1e-300)
+
+    @property
+    def held(self) -> list[tuple[int, ...]]:
+        """The contacts that are held in every segment."""
+        return [tuple(np.flatnonzero(sides).tolist()) for sides in self.sides]
+
+    def at(self, t: Array) -> tuple[Array, Array, Array]:
+        """q, q' (k, n) and reactions (k, m), of held contacts only, at times in any order."""
+        t = np.asarray(t, float)
+        return *self.states(t), self.reactions(t, self.piece_at(t))
+
+    def reactions(self, t: Array, piece: NDArray[np.int64]) -> Array:
+        """Reactions (k, m) at times in the given segments, 0 where a contact is not held."""
+        R = np.zeros((len(t), self.sides.shape[1]))
+        holding = np.flatnonzero(np.any(self.sides[piece] != 0, axis=1))
+        for flow, points, which, tau, C in self.expanded(piece[holding], t[holding]):
+            R[holding[points][:, None], flow.held] = horner(C @ flow.reactions.T, which, tau)
+        return R
+
+    def settled(self, system: System, t: Array, channel: int, u: Array, v: Array) -> tuple[Array, Array]:
+        """Position and velocity of a channel; of a held contact those of its stop."""
+        if channel >= len(system.contacts):
+            return u, v
+        stops, side = system.contacts[channel].stops, self.sides[self.piece_at(t), channel]
+        u = np.where(side > 0, stops.upper_bound, np.where(side < 0, stops.lower_bound, u))
+        return u, np.where(side != 0, 0.0, v)
+
+    def force(self, contact: Contact, i: int, t: Array, piece: NDArray[np.int64]) -> Array:
+        """Reaction of stop i at times in the given segments."""
+        return self.reactions(t, piece)[:, i]
+
+    @cached_property
+    def flows(self) -> tuple[list[RegimeFlow], IntArray, Array]:
+        """Flows of the segments that are Taylor series, which of them every segment has, and Z (segments, N) at the
+        starts."""
+        basis, flows, number = self.generators.basis, dict[int, RegimeFlow](), []
+        Z = np.empty((len(self.times), self.generators.N))
+        Z[:, : 2 * self.generators.n] = np.hstack([z[:, : self.generators.n] for z in (self.x, self.y)])
+        places: dict[int, int] = {}
+        for k, (t, sides) in enumerate(zip(self.times.tolist(), self.sides.tolist(), strict=True)):
+            interval = basis.interval(t)
+            flow = self.generators.regime(tuple(map(abs, sides)), True, interval)
+            flows[id(flow)], Z[k, 2 * self.generators.n :] = flow, basis.values(t, interval)
+            number.append(places.setdefault(id(flow), len(places)))
+        return list(flows.values()), np.array(number), Z
+
+    def expanded(
+        self, piece: NDArray[np.int64], t: Array
+    ) -> Iterator[tuple[RegimeFlow, IntArray, IntArray, Array, Array]]:
+        """Taylor series of the segments that times (k,) lie in: a flow, its points among the times, the series that
+        each of them needs, the time since its start, and coefficients (ORDER + 1, series, N)."""
+        flows, number, Z = self.flows
+        most = max(1, 1_000_000 // ((ORDER + 1) * self.generators.N))
+        order = np.lexsort((piece, number[piece]))
+        new = np.diff(piece[order], prepend=-1) != 0
+        series = np.cumsum(new) - 1  # in order of flows and segments
+        segments = piece[order][new]
+        cuts = np.flatnonzero(np.diff(number[segments], prepend=-1) != 0).tolist()
+        for begin, end in pairwise([*cuts, len(segments)]):
+            flow = flows[number[segments[begin]]]
+            for first in range(begin, end, most):
+                last = min(first + most, end)
+                a, b = np.searchsorted(series, [first, last])
+                points, at = order[a:b], segments[first:last]
+                yield flow, points, series[a:b] - first, t[points] - self.times[piece[points]], flow.series(Z[at])
+
+    def _alone(self, piece: NDArray[np.int64], t: Array, row: Array, u: Array, v: Array) -> None:
+        super()._alone(piece, t, row, u, v)
+        n, local = self.generators.n, self.regimes.number[(LOCAL,) * self.sides.shape[1]]
+        here, Z = np.flatnonzero(self.regime[piece] == local), self.flows[2]
+        still = t[here] == self.times[piece[here]]
+        start, here = here[still], here[~still]
+        u[start], v[start] = Z[piece[start], :n] @ row.T, Z[piece[start], n : 2 * n] @ row.T
+        for _, points, which, tau, C in self.expanded(piece[here], t[here]):
+            both = np.stack([C[..., :n] @ row.T, C[..., n : 2 * n] @ row.T], axis=2)
+            u[here[points]], v[here[points]] = np.moveaxis(horner(both, which, tau), 1, 0)
+
+
+def impacts_of(solution: RigidMotion, i: int, since: float = 0.0) -> Impacts:
+    """Impacts of contact i from ``since`` on, with the impulses of the blows alone."""
+    events = [(x.time, x.side, x.end, x.impulse) for x in solution.events if x.contact == i and x.time >= since]
+    times, sides, ends, impulses = np.array(events).reshape(-1, 4).T
+    return Impacts.at(times, sides, "event", ends=ends, impulses=impulses)
+
+
+def horner(C: Array, which: IntArray, tau: Array) -> Array:
+    """The series ``which`` (k,) among C (terms, series, ...) at tau (k,)."""
+    tau = tau.reshape(-1, *[1] * (C.ndim - 2))
+    if len(which) * C[0, 0].size < FEW:
+        return np.sum(C[:, which] * tau ** np.arange(len(C)).reshape(-1, *[1] * tau.ndim), axis=0)
+    total = C[-1][which]
+    for c in C[-2::-1]:
+        total = c[which] + tau * total
+    return total
