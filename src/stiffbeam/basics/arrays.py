@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from contextlib import AbstractContextManager
+from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib import import_module
 from typing import Any
 from weakref import WeakValueDictionary
@@ -63,10 +64,20 @@ def step_lengths(t: Array) -> Array:
     return np.gradient(t) if len(t) > 1 else np.ones(len(t))
 
 
-def double_precision() -> AbstractContextManager[Any]:
-    """A context in which JAX computes in float64; outside it stays as it was."""
+@contextmanager
+def float64_on_the_processor() -> Iterator[None]:
+    """A context in which JAX computes in float64 on the processor; outside it stays as it was.
+
+    A step of a small stiff system is a chain of hundreds of short operations. Each of them costs a launch on a
+    graphics card, which JAX takes by default where there is one.
+    """
     import jax
 
     # A switch of the whole process in older versions of JAX moved out of ``experimental``.
     home = jax if hasattr(jax, "enable_x64") else import_module("jax.experimental")
-    return home.enable_x64(True)
+    try:
+        processor = jax.local_devices(backend="cpu")[0]
+    except RuntimeError:  # JAX_PLATFORMS leaves the processor out
+        processor = None
+    with home.enable_x64(True), jax.default_device(processor):
+        yield
