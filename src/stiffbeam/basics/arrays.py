@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Generator
 from contextlib import contextmanager
 from importlib import import_module
 from typing import Any
@@ -65,7 +65,7 @@ def step_lengths(t: Array) -> Array:
 
 
 @contextmanager
-def float64_on_the_processor() -> Iterator[None]:
+def float64_on_the_processor() -> Generator[None]:
     """A context in which JAX computes in float64 on the processor; outside it stays as it was.
 
     A step of a small stiff system is a chain of hundreds of short operations. Each of them costs a launch on a
