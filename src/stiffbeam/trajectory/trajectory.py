@@ -91,8 +91,10 @@ class Unfinished(RuntimeError):
 
 @dataclass(frozen=True)
 class Work:
-    """Cost of a run. steps: of a fixed-step scheme, 0 for a reference, which has counters. seconds: processor time
-    without compilation, wall time for ensembles. march_seconds: the stepping alone."""
+    """Cost of a run. steps: of a fixed-step scheme, 0 for a reference. seconds: processor time without compilation, wall
+    time for ensembles. march_seconds: the stepping alone. counters: of a reference, what its solver counts: "rhs",
+    "jacobians" and "restarts" of adaptive ones, of SUNDIALS' also "steps", "error_test_failures" and
+    "convergence_failures"."""
 
     steps: int = 0
     seconds: float = 0.0

@@ -151,7 +151,9 @@ def advance(method: str, solver: Any, phase: Phase) -> Outcome:
         if ended_by:
             break
         states.append(z)
-    counters = {} if result is None else {"rhs": int(result.nfev), "jacobians": int(result.njev)}
+    counters: dict[str, int] = {}
+    if result is not None:
+        counters = {"rhs": int(result.nfev), "jacobians": int(result.njev), **getattr(result, "statistics", {})}
     return Outcome(
         t if ended_by else phase.end, z, states[: len(phase.times)], ended_by, phase.watch.missed(ended_by), counters
     )

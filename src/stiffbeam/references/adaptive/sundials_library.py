@@ -111,6 +111,11 @@ ADAMS, BDF, NORMAL = 1, 2, 1
 ROOT_RETURN, TOO_MUCH_WORK = 2, -1
 STEPS_A_CALL = 20_000  # after which Python may look for an interrupt
 MAX_STEPS = 10_000_000  # to one output; SUNDIALS' default of 500 ends most contact runs
+STATISTICS = {
+    "steps": "GetNumSteps",
+    "error_test_failures": "GetNumErrTestFails",
+    "convergence_failures": "GetNumNonlinSolvConvFails",
+}
 POINTER, INTEGER, LONG, DOUBLE = ctypes.c_void_p, ctypes.c_int, ctypes.c_long, ctypes.c_double
 
 
@@ -219,7 +224,7 @@ class _Memory:
 
 
 class Step(NamedTuple):
-    """End of one call of the solver, in the words of scikit-sundae's result."""
+    """End of one call of the solver, in the words of scikit-sundae's result; and STATISTICS, which that leaves out."""
 
     t: float
     y: Array
@@ -229,6 +234,7 @@ class Step(NamedTuple):
     nfev: int
     njev: int
     i_events: list[IntArray]
+    statistics: dict[str, int]
 
 
 class CompiledSolver:
@@ -311,11 +317,16 @@ class CompiledSolver:
         if status == ROOT_RETURN:
             call(f"{family}GetRootInfo", self._solver, POINTER(self._flags.ctypes.data))
             found.append(self._flags[: self._watched].astype(np.int64))
-        evaluations, jacobians = LONG(), LONG()
         counted = "GetNumRhsEvals" if family == "CVode" else "GetNumResEvals"
-        call(f"{family}{counted}", self._solver, ctypes.byref(evaluations))
-        call(f"{family}GetNumJacEvals", self._solver, ctypes.byref(jacobians))
+        evaluations, jacobians = self._count(counted), self._count("GetNumJacEvals")
+        statistics = {word: self._count(name) for word, name in STATISTICS.items()}
         call(f"{family}ClearStopTime", self._solver)
         message = call.messages.get(status, f"SUNDIALS returned {status}")
         y = self._y.copy()
-        return Step(reached.value, y, status >= 0, status, message, evaluations.value, jacobians.value, found)
+        return Step(reached.value, y, status >= 0, status, message, evaluations, jacobians, found, statistics)
+
+    def _count(self, name: str) -> int:
+        """Return one of the counts that the solver keeps since its start."""
+        number = LONG()
+        self._call(f"{self.family}{name}", self._solver, ctypes.byref(number))
+        return number.value
