@@ -1,4 +1,4 @@
-"""What do two processes, and two workers of a Dask cluster, make of a sweep that one process can do?
+"""How much faster is a sweep in two processes, or with two workers of a Dask cluster, than in one process?
 
 400 values on Table 10, HHT(-0.1), 100 000 steps each: of the clearance, whose values march as ensembles,
 and of the drive frequency, where every value has a step and so a propagator of its own; and the clearance

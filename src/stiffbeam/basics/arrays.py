@@ -34,7 +34,7 @@ def aligned(shape: tuple[int, ...]) -> Array:
 
 
 def read_only(values: ArrayLike) -> Array:
-    """A copy of ``values`` that cannot be written to, or ``values`` itself where it is one.
+    """A read-only copy of ``values``, or ``values`` itself if ``read_only`` made it.
 
     Results computed from it hold as long as it lives, and two that are one object are equal for good.
     """
@@ -47,20 +47,20 @@ def read_only(values: ArrayLike) -> Array:
 
 
 def is_read_only(values: Any) -> bool:
-    """Tell whether ``read_only`` made it, so that no one holds a view that can be written to."""
+    """Return True if ``read_only`` made the array, so that no writable view of it exists."""
     return isinstance(values, np.ndarray) and _READ_ONLY.get(id(values)) is values and not values.flags.writeable
 
 
 def same(a: Array | None, b: Array | None) -> bool:
-    """Equal number by number, None being equal to itself only."""
+    """Return True if a and b are equal number by number; None equals only itself."""
     if a is None or b is None:
         return a is b
     return a is b or np.array_equal(a, b)
 
 
 def step_lengths(t: Array) -> Array:
-    """Length of time (k,) that each of the times t (k,) stands for: half of both intervals beside it, at the ends a
-    whole one; dt everywhere for equidistant times, 1 for a single time."""
+    """Length of time (k,) that each of the times t (k,) represents: half of both intervals next to it, at the ends a
+    whole interval. It is dt everywhere for equidistant times, and 1 for a single time."""
     return np.gradient(t) if len(t) > 1 else np.ones(len(t))
 
 

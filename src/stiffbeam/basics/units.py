@@ -92,12 +92,12 @@ class Units:
 
     @property
     def known(self) -> bool:
-        """Tell whether the quantities have units with names."""
+        """Return True if the units of the quantities have names."""
         return self not in (NON_DIMENSIONAL, UNKNOWN)
 
     @property
     def note(self) -> str:
-        """The note on numbers that stand without units; "" where every number has its own."""
+        """Note for tables whose numbers have no units; "" if every number has its own."""
         return {NON_DIMENSIONAL: "non-dimensional", UNKNOWN: "in the units of the matrices"}.get(self, "")
 
 

@@ -1,4 +1,4 @@
-"""Pictures of runs: one by itself, and runs beside their reference in four panels."""
+"""Pictures of runs: a single one, and runs beside their reference in four panels."""
 
 from __future__ import annotations
 
@@ -187,7 +187,7 @@ def zoom_on_stop(axis: Axes, reference: Reference, start: float, end: float, con
 
 
 def draw_stops(axis: Axes, stops: Stops, horizontal: bool) -> None:
-    """Dotted lines where the stops are."""
+    """Dotted lines at the stops."""
     for stop in (stops.lower_bound, stops.upper_bound):
         if np.isfinite(stop):
             line = axis.axhline if horizontal else axis.axvline

@@ -1,4 +1,4 @@
-"""Past the horizon: what remains comparable there, the distributions over many perturbed runs.
+"""Statistics past the horizon: distributions over many perturbed runs.
 
 Impacts and their rate, time in contact, largest forces, energy and spectra, with their spread over the members.
 """

@@ -1,4 +1,4 @@
-"""The parameters that a sweep can vary: those of the beam, its stops and its drive, the step, and a scheme's own."""
+"""Parameters of a sweep: those of the beam, its stops and its drive, the time step, and a scheme's own."""
 
 from __future__ import annotations
 
@@ -56,8 +56,8 @@ IN_STEP = ("amplitude", "clearance", "stop-stiffness")  # members of one ensembl
 
 @dataclass(frozen=True)
 class Setup:
-    """One value of the parameters, ready to run. scheme: None for the exact solution. period: T of the drive, the whole
-    run where samples drive it."""
+    """A value of the parameters, ready to run. scheme: None for the exact solution. period: T of the drive, or the
+    whole run if samples drive it."""
 
     system: System
     scheme: Scheme | None
@@ -66,7 +66,7 @@ class Setup:
 
     @property
     def kind(self) -> tuple[Any, ...]:
-        """Equal for setups that can march together."""
+        """Key that is equal for setups that can run together."""
         system = self.system
         arrays = system.mass, system.stiffness, system.damping, *(contact.row for contact in system.contacts)
         return str(self.scheme), self.dt, self.period, *(array.tobytes() for array in arrays)
@@ -119,7 +119,7 @@ def parameters_of(method: str) -> list[str]:
 
 
 def setup_of(system: System, point: Point, value: Sequence[float]) -> Setup:
-    """One value on the case's system. Raises InputError where a value cannot be."""
+    """Setup with one value on the case's system. Raises InputError for an impossible value."""
     dt = point["dt"]
     scheme = None if point["method"] == EXACT else scheme_of(point["method"])
     for name, x in zip(names_of(point), value, strict=True):

@@ -67,7 +67,7 @@ def points(
     ] = "frequency",
     values: Annotated[
         Sequence[float] | None,
-        "start:stop:count, start:stop:count:log, or with commas between them; in the case's units",
+        "start:stop:count, start:stop:count:log, or comma-separated; in the case's units",
     ] = None,
     second: Annotated[str | None, "another parameter: impacts and forces on a grid"] = None,
     second_values: Annotated[Sequence[float] | None, "as --values"] = None,
@@ -80,10 +80,10 @@ def points(
     ] = None,
     form: Form,
     contact: Treatment = "implicit",
-    dt: Annotated[float, "the nearest step that divides the period is taken; default: the case's"],
-    periods: Annotated[int | None, "of the drive, that are looked at; default: 60, fewer where these take long"] = None,
-    transient: Annotated[int | None, "periods of the drive before them; default: 100, or fewer as well"] = None,
-    count: Annotated[int, "drive frequencies where no values are given"] = 200,
+    dt: Annotated[float, "time step, rounded to one that divides the period; default: the case's"],
+    periods: Annotated[int | None, "periods of the drive to record; default: 60, fewer if these take long"] = None,
+    transient: Annotated[int | None, "periods of the drive before the recorded ones; default: 100, or fewer"] = None,
+    count: Annotated[int, "number of drive frequencies if no values are given"] = 200,
 ) -> list[Point]:
     """Batches of values, each a line of the journal; with ``second`` a grid, without sections.
 
@@ -275,7 +275,7 @@ def answer(rows: Rows, case: Case) -> Answer:
 
 
 def _periodicity(rows: Rows) -> list[str]:
-    """At how many values the tip repeats itself, in words; nothing without sections."""
+    """Sentence with the number of values at which the tip repeats itself; empty without sections."""
     by_value = sections(rows)
     if not by_value:
         return []
@@ -364,7 +364,7 @@ def _scale(values: Array) -> str:
 
 STUDY = declared(
     __name__,
-    "How does the motion change with a parameter: periodic or not, how many impacts, how hard?",
+    "How does the motion change with a parameter: periodicity, number of impacts, forces?",
     named_by=("parameter", "second"),
     smoke={"count": 4, "periods": 3, "transient": 1},
 )

@@ -137,8 +137,8 @@ def _march(
     name: str, kind: Kind, numbers: Any, t: Any, z: Any, dt: Any, end: Any, rtol: Any, atol: Any, max_step: Any,
     count: Any,
 ) -> tuple[Any, Any, Any, Any, Any]:  # fmt: skip
-    """Up to ``count`` accepted steps from (t, z) towards ``end``: their times and states, how many were made, how many
-    were tried, and the length of the next."""
+    """Up to ``count`` accepted steps from (t, z) towards ``end``: their times and states, the numbers of accepted and
+    of tried steps, and the length of the next."""
     import diffrax
     import jax.numpy as jnp
     import optimistix
@@ -194,7 +194,7 @@ def _field(kind: Kind, t: Any, z: Any, numbers: Any) -> Any:
 
 
 def _chosen(keep: Any, new: Any, old: Any) -> Any:
-    """The tree ``new`` where a step is kept, else ``old``."""
+    """The tree ``new`` if the step is kept, else ``old``."""
     import jax
     import jax.numpy as jnp
 

@@ -1,4 +1,4 @@
-"""CVODE and IDA of the SUNDIALS libraries that scikit-sundae brings along, called with compiled equations.
+"""CVODE and IDA of the SUNDIALS libraries inside scikit-sundae, called with compiled equations.
 
 scikit-sundae takes Python functions only, and three quarters of a solve are spent in them. Its extension modules are
 linked to the libraries, so their functions are found through them; with the equations of
@@ -138,7 +138,7 @@ class _Library:
 
 @lru_cache
 def _libraries() -> dict[str, _Library] | None:
-    """The libraries of CVODE and IDA, None where they are not as expected."""
+    """The libraries of CVODE and IDA, None if they are not as expected."""
     try:
         libraries = {family: _Library(import_module(f"sksundae._cy_{family.lower()}")) for family in ("CVode", "IDA")}
         return libraries if all(_as_expected(library) for library in libraries.values()) else None
