@@ -1,6 +1,6 @@
 """Engines of others on the test set: SciPy with events, and diffrax, with the options that suit them best.
 
-    python studies/other_engines.py            writes studies/other_engines.md, some three minutes
+    python studies/other_engines.py            writes studies/other_engines.md, two minutes
 
 SciPy: solve_ivp with DOP853, a terminal event at every switch and a new start with a smooth right-hand side;
 a rigid stop turns the velocity round at the event. diffrax: Dopri8 with its PID controller, through the switches,

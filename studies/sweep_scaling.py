@@ -6,7 +6,7 @@ with ten times the steps. One process marches on one thread and on all cores; tw
 workers, on one thread each, so that all but the first use two cores. One of the workers gets SIGKILL
 after the second batch. "All" counts everything; "sweep" leaves out what is paid once, the start of
 processes or workers and their import of the package. Everything must find identical records. The BLAS
-has one thread everywhere: on matrices this small more of them only wait. Run (two minutes; two cores):
+has one thread everywhere: on matrices this small more of them only wait. Run (90 s; two cores):
 
     OPENBLAS_NUM_THREADS=1 python studies/sweep_scaling.py
 
