@@ -87,6 +87,19 @@ def test_this_installation_has_compiled_callbacks():
 
 
 @pytest.mark.parametrize("method", METHODS)
+def test_a_start_on_a_stop_is_no_warning_of_the_library(method, capfd):
+    """An event function that is zero for the first step made SUNDIALS write to the terminal."""
+    still = sb.System.from_matrices(
+        [[0.05]],
+        [[1.2e4]],
+        loads=[([1.0], sb.Sampled([0.0, 0.01, 0.012, 0.03], [0.0, 0.0, -150.0, -150.0]))],
+        contacts=[sb.Contact([1.0], sb.Stops(lower=-8e-3, upper=0.0, stiffness=5e6, damping=100.0))],
+    )
+    assert sb.reference(still, 0.03, method).impacts.count > 0
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("method", METHODS)
 def test_a_step_bound_tells_the_number_of_steps(method):
     """A slow motion, on which no step fails: after a start each step has the longest length."""
     slow = sb.System.from_matrices([[1.0]], [[1e-4]], initial_velocity=[1.0], observe=[1.0])

@@ -130,7 +130,7 @@ def plot_comparison(comparison: Comparison, ax: Axes | None = None, **kwargs: An
         if comparison.pair is None:
             remedy = "compare the run and the reference again"
             raise InputError("plot", "a comparison without its runs", "be asked of what compare returned", remedy)
-        return comparison_figure(*comparison.pair)
+        return comparison_figure(comparison)
     method = comparison.label.partition("@")[0]
     error = np.maximum.accumulate(np.abs(comparison.error))
     seen = error > 0.0

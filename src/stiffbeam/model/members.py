@@ -373,13 +373,17 @@ def with_values(system: System, values: Mapping[str, float]) -> System:
                 raise LookupError(path)
             system = _placed(system, keys, value)
         except LookupError as error:
-            root = system.problem or system
-            known = list(dict.fromkeys(["frequency", "amplitude", *_paths(root)]))
+            known = list(dict.fromkeys(["frequency", "amplitude", *paths_of(system)]))
             raise InputError("parameter", path, "be a path to a number of the system", near(path, known)) from error
     return system
 
 
 _KEY = re.compile(r"([A-Za-z_]\w*)|\[(\d+)\]")
+
+
+def paths_of(system: System) -> list[str]:
+    """The paths to all numbers of the problem or the system outside matrices and vectors."""
+    return _paths(system.problem or system)
 
 
 def value_at(system: System, path: str) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -129,15 +130,13 @@ def best_reference(
 
     An adaptive solution replaces the exact one only for a law or a function of time that has no exact solution, see
     ``substitute``: numbers that are too large for the exact solution are no easier for SUNDIALS. Raises InputError with
-    the reason of the exact solution if no method supports the system, and SolverFailure if the supporting one fails.
+    the reason of the last method that was asked, and SolverFailure if the supporting one fails.
     """
-    refusals: list[InputError] = []
-    for method in BEST if substitute(system, t_end) else BEST[:1]:
-        try:
+    *others, last = BEST[1:] if substitute(system, t_end) else BEST[:1]
+    for method in others:
+        with suppress(InputError):
             return reference(system, t_end, method, t_eval, rtol=BEST_RTOL, progress=progress)
-        except InputError as error:
-            refusals.append(error)
-    raise refusals[0]
+    return reference(system, t_end, last, t_eval, rtol=BEST_RTOL, progress=progress)
 
 
 def substitute(system: System, t_end: float) -> str:

@@ -81,7 +81,7 @@ def last_rows(rows: Rows) -> list[Row]:
 
 def answer(rows: Rows, case: Case) -> Answer:
     """Energy lost at the end of every run, as a share of the energy supplied, and its part in contact."""
-    units, table, lost, ends = case.units, [], {}, []
+    units, table, lost, ends, known = case.units, [], {}, [], True
     last = last_rows(rows)
     closed = [
         f"{abs(row['lost_fraction']):.0e} ({row['form']}, to t = {units.measure(row['t'], 'time', '.3g')})"
@@ -91,7 +91,9 @@ def answer(rows: Rows, case: Case) -> Answer:
     for row in (row for row in last if row["scheme"] != "exact" and row["form"] == rows[0]["form"]):
         share = row["lost_in_contact"] / row["loss"] if row["loss"] else np.nan
         if not row["sure"]:
-            said = UNKNOWN
+            most = _supplied([r for r in rows if r["scheme"] == row["scheme"] and r["form"] == row["form"]])
+            said = f"{percent(row['loss'] / most)} ± {percent(row['spread'] / most)}" if most > 0.0 else UNKNOWN
+            known = False
         elif np.isfinite(row["lost_fraction"]):
             lost[row["scheme"]], said = row["lost_fraction"], percent(row["lost_fraction"])
         else:  # on balance nothing was put in
@@ -100,9 +102,16 @@ def answer(rows: Rows, case: Case) -> Answer:
         part = f"{100 * share:z.0f} %" if row["sure"] else DASH
         table.append({"scheme": row["scheme"], "energy lost": said, "of it in contact": part})
     end = units.measure(max(ends or [row["t"] for row in rows]), "time", "g")
-    unknown = f" {UNKNOWN.capitalize()}: the steps do not resolve the damping." if UNKNOWN in str(table) else ""
+    unknown = (
+        "" if known else " ±: the difference of two rules for the work of dampers, which takes smaller steps to know."
+    )
+    verdict = f"Schemes lose {common.extremes(lost, percent)} of the energy supplied to t = {end}, the exact flow none."
+    if not lost and not known:
+        verdict = (
+            f"The steps do not resolve the work of dampers to t = {end}: what schemes lose is known to the ± only."
+        )
     return Answer(
-        f"Schemes lose {common.extremes(lost, percent)} of the energy supplied to t = {end}, the exact flow none.",
+        verdict,
         table,
         "Supplied: initial energy plus the most work of the loads. Single runs. The energy balance of the exact flow "
         f"closes to {', '.join(closed) or DASH}.{unknown}",
@@ -158,9 +167,14 @@ def _shares(title: str, runs: dict[str, list[Row]], names: list[str]) -> Panel:
     return Panel(title, across, Axis(names=[short(name) for name in names]), marks)
 
 
+def _supplied(group: Rows) -> float:
+    """The energy supplied up to the last of these rows of one run."""
+    return float(supplied(column(group, "energy")[0], column(group, "input"))[-1])
+
+
 def _share(group: Rows, name: str) -> float:
     """Per cent of the energy supplied; NaN if that is zero or the loss is not known."""
-    most = supplied(column(group, "energy")[0], column(group, "input"))[-1]
+    most = _supplied(group)
     return 100.0 * group[-1][name] / most if most > 0.0 else np.nan
 
 

@@ -57,7 +57,7 @@ IN_STEP = ("amplitude", "clearance", "stop-stiffness")  # members of one ensembl
 @dataclass(frozen=True)
 class Setup:
     """A value of the parameters, ready to run. scheme: None for the exact solution. period: T of the drive, or the
-    whole run if samples drive it."""
+    whole run where the case has no such period."""
 
     system: System
     scheme: Scheme | None
@@ -135,6 +135,7 @@ def setup_of(system: System, point: Point, value: Sequence[float]) -> Setup:
             scheme = changed.printed(scheme.erratum) if scheme.erratum else changed
     whole = point.get("t_end")
     period = drive_period(system, point["parameter"]) if whole is None else whole
+    assert period is not None
     if dt is None:
         return Setup(system, None, 0.0, period)
     if dt > 0.5 * period:
@@ -149,17 +150,20 @@ def names_of(point: Point) -> list[str]:
     return [name for name in names if name is not None] + point["coupled"]
 
 
-def drive_period(system: System, parameter: str = "frequency") -> float:
-    """T = 2 pi/a of the frequency that drives the system; of several, that of the drive whose parameter is varied."""
-    frequencies = Drive.of(system).frequencies
-    if len(frequencies) == 1:
-        return 2.0 * np.pi / frequencies[0]
+def drive_period(system: System, parameter: str = "frequency") -> float | None:
+    """T = 2 pi/a of the frequency that drives the system; of several, that of the drive whose parameter is varied.
+
+    None where no drive has a period, or none of several is meant; or where a record drives the system.
+    """
+    drive = Drive.of(system)
+    if drive.records:
+        return None
+    if len(drive.frequencies) == 1:
+        return 2.0 * np.pi / drive.frequencies[0]
     try:
         return 2.0 * np.pi / value_at(system, f"{parameter.rpartition('.')[0]}.frequency")
     except LookupError:
-        rule = "have one, for a section once a period, or the parameter be one of a Harmonic"
-        remedy = "drive the case by one Harmonic, or name a parameter of one by its path: loads[0].time.amplitude"
-        raise InputError("case", f"{len(frequencies)} drive frequencies", rule, remedy) from None
+        return None
 
 
 Coupling = str | Callable[[float], float]

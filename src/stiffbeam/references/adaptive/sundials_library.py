@@ -297,6 +297,7 @@ class CompiledSolver:
         call(f"{family}SetMaxStep", self._solver, DOUBLE(longest))
         events = cvode_events if family == "CVode" else ida_events
         call(f"{family}RootInit", self._solver, INTEGER(self._watched), POINTER(events.address))
+        call(f"{family}SetNoInactiveRootWarn", self._solver)  # a start on a stop has such a root
         if self._watched:
             directions = np.array(phase.watch.directions, np.int32)
             call(f"{family}SetRootDirection", self._solver, POINTER(directions.ctypes.data))
