@@ -409,7 +409,7 @@ def advise(
         As for the exact reference.
     want : mapping of str to float, optional
         Admissible error per quantity: tip, impacts, peak_force, impulse. By default 1e-3, 0.05 and 0.05 of the first
-        three.
+        three; of rigid stops impulse in the place of peak_force.
     t_end : float
     schemes : sequence of Scheme, optional
         By default every registered one.
@@ -493,8 +493,11 @@ def advise(
 
 def _wanted(system: System, want: Mapping[str, float] | None) -> dict[str, float]:
     wanted = dict(WANT if want is None else want)
+    rigid = any(contact.stops.rigid for contact in system.contacts)
     if want is None and not system.contacts:
         wanted = {"tip": WANT["tip"]}
+    elif want is None and rigid:
+        wanted["impulse"] = wanted.pop("peak_force")
     if not wanted:
         raise InputError("want", want, "name at least one quantity", f"known: {', '.join(QUANTITIES)}")
     for name, tolerance in wanted.items():
@@ -504,6 +507,10 @@ def _wanted(system: System, want: Mapping[str, float] | None) -> dict[str, float
         if name != "tip" and not system.contacts:
             remedy = "ask for tip only, or give the system contacts"
             raise InputError("want", name, "be asked of a system with contacts", remedy)
+        if name == "peak_force" and rigid:
+            raise InputError(
+                "want", name, "be asked of compliant stops", "ask for impulse: a blow has no largest force"
+            )
     return wanted
 
 
