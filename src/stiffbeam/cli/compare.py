@@ -166,16 +166,19 @@ def _draw(result: CaseComparison, folder: Path) -> list[Path]:
     forms = list(dict.fromkeys(r.provenance["form"] for r in result.references))
     for form in forms:
         from ..figures import save_figure
-        from ..figures.runs import four_panels
+        from ..figures.runs import four_panels, verdict
 
         runs = [run for run in result.runs if run.provenance["form"] == form]
         references = [one for one in result.references if one.provenance["form"] == form]
-        named = ": ".join(dict.fromkeys([result.case.name, result.case.title]))
         dt = units.measure(f"{result.case.dt:g}", "time")
-        details = [form, f"dt = {dt}", result.case.grid, *filter(None, [units.note])]
-        title = f"{named} ({', '.join(details)})".replace("$", r"\$")  # no formula of matplotlib's
+        details = ", ".join(filter(None, [form, f"dt = {dt}", result.case.grid, units.note]))
         name = "comparison.png" if form == forms[0] else f"comparison-{form}.png"
         comparisons = [c for c in result.comparisons if c.reference == references[0].label] if references else []
+        own = [c for c in comparisons if c.label in {run.label for run in runs}]
+        named = list(dict.fromkeys([result.case.name, result.case.title]))
+        heads = [named[0], *([verdict(own)] if own else [])]
+        title = "\n".join([": ".join(heads), ", ".join([*named[1:], details])])
+        title = title.replace("$", r"\$")  # no formula of matplotlib's
         written.append(save_figure(four_panels(title, runs, references, comparisons), folder / name))
     text = StringIO()
     Console(file=text, width=WIDTH, markup=False, emoji=False).print(_tables(result))

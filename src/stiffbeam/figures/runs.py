@@ -295,17 +295,31 @@ def run_figure(run: Trajectory, **kwargs: Any) -> Figure:
     return figure
 
 
+def verdict(comparisons: Sequence[Comparison]) -> str:
+    """A sentence on runs with one reference: how long their impacts match, or how far off the tip is.
+
+    Of several runs the first and the last to part from the reference are named.
+    """
+    units = comparisons[0].units
+    known = [c for c in comparisons if np.isfinite(c.matched_until) and c.contacts]
+    ends = sorted((c.matched_until, short(c.label.partition("@")[0])) for c in known)
+    if not ends:
+        errors = sorted(c.tip_error_rms for c in comparisons)
+        span = " to ".join(dict.fromkeys(percent(error) for error in (errors[0], errors[-1])))
+        return f"tip error {span} rms to t = {units.measure(comparisons[0].window, 'time', '.3g')}"
+    (first, early), (last, late) = ([units.measure(t, "time", ".3g"), name] for t, name in (ends[0], ends[-1]))
+    if len(ends) == 1:
+        return f"impacts match to t = {first}, tip error {percent(known[0].tip_error_matched)} rms"
+    return f"impacts match to t = {first}" + (f" ({early}) to {last} ({late})" if first != last else " in all runs")
+
+
 def comparison_figure(result: Comparison) -> Figure:
     """A run beside its reference, in the four panels of ``stiffbeam compare``; the title says how far they agree.
 
     The comparison has its ``pair`` of run and reference.
     """
     assert result.pair is not None
-    (run, reference), units = result.pair, result.units
-    known = np.isfinite(result.matched_until)
-    end, error = (result.matched_until, result.tip_error_matched) if known else (result.window, result.tip_error_rms)
-    to = units.measure(end, "time", ".3g")
-    names = [short(solution.provenance["method"]) for solution in (run, reference)]
-    reach = f"impacts match to t = {to}, tip error" if known and run.contacts else f"to t = {to} the tip error is"
-    title = f"{names[0]} against {names[1]}: {reach} {percent(error)} rms"
-    return four_panels(f"{title} ({units.note})" if units.note else title, [run], [reference], [result])
+    names = " against ".join(short(solution.provenance["method"]) for solution in result.pair)
+    title, note = f"{names}: {verdict([result])}", result.units.note
+    run, reference = result.pair
+    return four_panels(f"{title} ({note})" if note else title, [run], [reference], [result])

@@ -130,7 +130,7 @@ class SystemCase(Case):
     @property
     def grid(self) -> str:
         """The number of unknowns, in words."""
-        return f"{self.matrices.size} unknowns"
+        return f"{self.matrices.size} unknown{'s' * (self.matrices.size > 1)}"
 
     @property
     def forms(self) -> tuple[str, ...]:
