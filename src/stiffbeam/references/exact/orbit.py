@@ -12,7 +12,7 @@ Source: Leine and Nijmeijer, Dynamics and Bifurcations of Non-Smooth Mechanical 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +33,9 @@ from .derivative import ends_of, path_of_solution
 from .impacting import Tracer as ImpactTracer
 from .piecewise import afford_search, refuse, solve_exact
 from .rigid_reference import solve_rigid
+
+if TYPE_CHECKING:
+    from ..proof.orbit_proof import OrbitProof
 
 NEWTON = 40  # iterations of shooting
 HALVINGS = 8  # of a step that makes the defect larger
@@ -104,6 +107,45 @@ class Orbit:
     def events(self) -> Array:
         """Event times in [0, period), (k,)."""
         return self.event_times
+
+    def prove(self, bits: int | None = None) -> OrbitProof:
+        """Proof by ball arithmetic that this orbit exists and is locally unique, with enclosures.
+
+        Proved are the orbit's existence, its event times and start, the signs of all gaps between its events, that no
+        other motion of its period is near, and its multipliers. It is proved of the exact numbers of the system, as
+        ``method="multiprecision"`` takes them, and of 2 pi turns/w of its drive as period.
+
+        Parameters
+        ----------
+        bits : int, optional
+            Precision of the balls, 64 and more. By default from the growth of radii along the orbit, and doubled up to
+            4096 where that is not enough.
+
+        Returns
+        -------
+        OrbitProof
+            ``.proved .event_times .q .v .period .multipliers .stable``; where the proof fails, ``.reason .remedy``.
+
+        Raises
+        ------
+        InputError
+            For frequencies without an exact common period, and for ``bits`` out of range.
+
+        Examples
+        --------
+        >>> import numpy as np, stiffbeam as sb
+        >>> stop = sb.Contact([1.0], sb.Stops(upper=0.5, stiffness=4.0))
+        >>> load = ([1.0], sb.Harmonic(0.3, 1.2))
+        >>> oscillator = sb.System.from_matrices([[1.0]], [[1.0]], [[0.1]], loads=[load], contacts=[stop])
+        >>> proof = sb.periodic_orbit(oscillator, 2 * np.pi / 1.2).prove()
+        >>> proof.proved, proof.stable, proof.radius < 1e-30
+        (True, True, True)
+        >>> print(proof.event_times[0].str(20))
+        [1.1916868494821465711 +/- 2.48e-20]
+        """
+        from ..proof.orbit_proof import prove
+
+        return prove(self, bits)
 
     def reference(self, periods: float = 1.0, t_eval: Any = None) -> Reference:
         """The exact motion from the orbit's start. An unstable orbit is left after ln(1e16)/ln|multiplier| periods."""
