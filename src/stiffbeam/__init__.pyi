@@ -60,6 +60,10 @@ from .studies.advice import Advice as Advice
 from .studies.advice import advise as advise
 from .studies.doubt import Doubt as Doubt
 from .studies.doubt import doubt as doubt
+from .testset.orbits import EnclosedAnswer as EnclosedAnswer
+from .testset.orbits import FrozenOrbit as FrozenOrbit
+from .testset.orbits import frozen_orbit as frozen_orbit
+from .testset.orbits import frozen_orbits as frozen_orbits
 from .testset.problem import Problem as Problem
 from .testset.problem import problem as problem
 from .testset.problem import problems as problems

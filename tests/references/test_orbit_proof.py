@@ -190,11 +190,11 @@ def test_orbits_that_do_not_exist_are_not_proved():
 
 def test_a_contact_of_two_that_is_left_out_is_seen():
     """A second stop inside the motion that the itinerary does not know."""
-    first = sb.Contact([1.0, 0.0], sb.Stops(upper=0.2, stiffness=100.0))
+    first = sb.Contact(np.array([1.0, 0.0]), sb.Stops(upper=0.2, stiffness=100.0))
     load = ([1.0, 0.0], sb.Harmonic(1.0, 1.1))
 
     def system(lower: float) -> sb.System:
-        second = sb.Contact([0.0, 1.0], sb.Stops(lower=lower, stiffness=1e-6))
+        second = sb.Contact(np.array([0.0, 1.0]), sb.Stops(lower=lower, stiffness=1e-6))
         matrices = np.eye(2), [[2.0, -1.0], [-1.0, 2.0]], 0.2 * np.eye(2)
         return sb.System.from_matrices(*matrices, loads=[load], contacts=[first, second])
 
@@ -222,7 +222,7 @@ def test_what_a_proof_refuses():
 
 
 def test_two_contacts_at_one_time_are_not_proved():
-    contacts = [sb.Contact(row, sb.Stops(upper=0.2, stiffness=50.0)) for row in ([1.0, 0.0], [0.0, 1.0])]
+    contacts = [sb.Contact(np.array(row), sb.Stops(upper=0.2, stiffness=50.0)) for row in ([1.0, 0.0], [0.0, 1.0])]
     load = ([1.0, 1.0], sb.Harmonic(1.0, 1.1))
     system = sb.System.from_matrices(np.eye(2), np.eye(2), 0.2 * np.eye(2), loads=[load], contacts=contacts)
     proof = sb.periodic_orbit(system, 2.0 * np.pi / 1.1).prove()

@@ -71,6 +71,17 @@ class OrbitProof:
         True: all multipliers lie inside the unit circle. False: at least one lies outside. None: neither is proved.
     distance : float
         Largest difference of the float64 orbit from the ball of the state at t = 0, over the largest q or q'.
+    motion : ProvedMotion or None
+        The segments, for ``states``.
+
+    Examples
+    --------
+    >>> import numpy as np, stiffbeam as sb
+    >>> load = ([1.0], sb.Harmonic(1.0, 2.0))
+    >>> free = sb.System.from_matrices([[1.0]], [[1.0]], [[0.1]], loads=[load], observe=[1.0])
+    >>> proof = sb.periodic_orbit(free, np.pi).prove()
+    >>> print(proof.q[0].str(15), proof.stable)
+    [-0.0221238938053097 +/- 3.58e-17] True
     """
 
     proved: bool
@@ -87,6 +98,17 @@ class OrbitProof:
     multipliers: tuple[Any, ...] = field(default=(), repr=False)
     stable: bool | None = None
     distance: float = np.nan
+    motion: ProvedMotion | None = field(default=None, repr=False)
+
+    def states(self, count: int) -> tuple[list[tuple[Any, ...]], list[tuple[Any, ...]]]:
+        """Balls of q and of q' at the times k period/count, k < count: (count, n) each.
+
+        Raises InputError where nothing is proved, and for a time that is an event.
+        """
+        if self.motion is None:
+            raise InputError("proof", self.reason, "be a proof that holds for enclosures of states", self.remedy)
+        with carried(self.bits):
+            return self.motion.states(self.period, count)
 
     @property
     def radius(self) -> float:
@@ -102,6 +124,30 @@ class OrbitProof:
             f" locally unique, {kind}, largest multiplier {_shown(self.multipliers[0])}; proved with {self.bits} bits,"
             f" {self.distance:.1e} from the float64 orbit>"
         )
+
+
+@dataclass(frozen=True, eq=False)
+class ProvedMotion:
+    """States (N, 1) at the starts of all segments, the balls of these times, and the regimes from there on."""
+
+    balls: BallSystem
+    starts: list[Any]
+    states_there: list[Any]
+    sides: tuple[tuple[int, ...], ...]
+
+    def states(self, period: Any, count: int) -> tuple[list[tuple[Any, ...]], list[tuple[Any, ...]]]:
+        """See ``OrbitProof.states``."""
+        n, positions, velocities = self.balls.n, [], []
+        for k in range(count):
+            t = period * k / count
+            if any(not (t > start or t < start) for start in self.starts[1:]):
+                raise InputError("count", count, "leave the events out", f"the time {k}/{count} of the period is one")
+            i = sum(bool(t > start) for start in self.starts[1:])
+            Z = (self.balls.regime(self.sides[i]) * (t - self.starts[i])).exp() * self.states_there[i]
+            values = (self.balls.frame * Z).entries()
+            positions.append(tuple(values[:n]))
+            velocities.append(tuple(values[n : 2 * n]))
+        return positions, velocities
 
 
 class NotProved(Exception):
@@ -268,6 +314,7 @@ def _attempt(orbit: Orbit, plan: Itinerary, exact: ExactPeriod, frame: Array) ->
         "multipliers": tuple(multipliers),
         "stable": True if all(inside) else False if outside else None,
         "distance": distance,
+        "motion": ProvedMotion(balls, [arb(0), *times], chain.after, plan.sides),
     }
 
 
