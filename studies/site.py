@@ -34,7 +34,7 @@ CHAPTERS = {
     ],
     "Answers": [
         "studies/gallery.md", "studies/README.md", "studies/speed.md", "reference/problems/README.md",
-        "studies/other_engines.md", "studies/engines/README.md", "reference/README.md",
+        "reference/orbits/README.md", "studies/other_engines.md", "studies/engines/README.md", "reference/README.md",
     ],
     "Theory": ["studies/theory/horizon.md", "studies/theory/march.md", "studies/theory/exact.md"],
     "Reference": [

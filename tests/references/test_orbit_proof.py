@@ -101,6 +101,19 @@ def test_a_mass_on_a_stop_returns_in_50_digits_with_the_multipliers_of_the_proof
         assert abs(centre(product.real) - determinant) < mp.mpf(10) ** -18
 
 
+def test_states_over_the_period_are_those_of_the_float64_flow():
+    system = one_mass(upper=0.2, stiffness=300.0, damping=3.0)
+    orbit = sb.periodic_orbit(system, 2.0 * np.pi / 2.2)
+    q, v = orbit.prove().states(40)
+    run = orbit.reference(t_eval=np.arange(40) * orbit.period / 40)
+    for balls, values in zip((q, v), run.states, strict=True):
+        assert np.allclose([[float(x) for x in line] for line in balls], values, rtol=0.0, atol=1e-12)
+        assert max(float(x.rad()) for line in balls for x in line) < 1e-30
+    failed = replace(orbit, q=orbit.q + 0.1).prove()
+    with pytest.raises(sb.InputError, match="proof must be a proof that holds"):
+        failed.states(4)
+
+
 def test_the_impact_oscillator():
     """Trace of the closed form, determinant e^2, and the motion in mpmath: rigid, unstable."""
     stops = {"upper": 0.0, "stiffness": np.inf, "restitution": 0.8}

@@ -502,7 +502,8 @@ def spectrum(D: Any) -> list[Any]:
             real = real.union(arb(centres[member].real, radii[member]))
             imag = imag.union(arb(centres[member].imag, radii[member])) if len(groups[i]) > 1 else imag
         enclosures.append(acb(real, imag))
-    return sorted(enclosures, key=lambda x: -float(abs(x.mid())))
+    # of a conjugate pair, equal but for rounding, the one with positive imaginary part first
+    return sorted(enclosures, key=lambda x: (-float(f"{float(abs(x.mid())):.12e}"), -float(x.imag)))
 
 
 def _top(matrix: Any, size: int) -> Any:
