@@ -14,7 +14,7 @@ from typing import Any
 import mpmath as mp
 
 TERMS = 45  # of a series
-LOOKS = 8  # for events, within a step
+LOOKS = 24  # for events, within a step
 
 
 def exact(matrix: Any) -> Any:

@@ -37,7 +37,7 @@ def random_system(seed: int) -> tuple[sb.System, float]:
         {"stiffness": np.inf, "restitution": rng.uniform(0.3, 0.9)},
     ][seed % 3]
     contacts = []
-    for _ in range(int(rng.integers(1, 3))):
+    for _ in range(min(int(rng.integers(1, 3)), n)):
         bounds = {"lower": -rng.uniform(0.05, 0.4), "upper": rng.uniform(0.05, 0.4)}
         bounds = {side: bounds[side] for side in [["lower"], ["upper"], ["lower", "upper"]][rng.integers(3)]}
         contacts.append(sb.Contact(rng.normal(size=n), sb.Stops(**bounds, **law)))
@@ -138,7 +138,7 @@ def test_random_orbits_that_are_proved_are_motions_of_the_law(seed):
     proof = orbit.prove()
     if proof.proved:
         assert proof.distance < 1e-9
-        assert_moves_back(system, proof, 25)
+        assert_moves_back(system, proof, 40)
         assert proof.stable == orbit.stable or abs(abs(orbit.multipliers[0]) - 1.0) < 1e-8
     # where all contacts are apart from a graze, nothing else may keep it from being proved
     assert proof.proved or "graze" in proof.reason or "sides" in proof.reason or "hits" in proof.reason

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -210,9 +211,11 @@ def prove(orbit: Orbit, bits: int | None = None) -> OrbitProof:
                 with carried(used):
                     enclosures = _attempt(orbit, plan, exact, frame)
                 return OrbitProof(True, "", "", used, time.perf_counter() - begun, exact.text, **enclosures)
-            except NotProved as condition:
-                if condition.hopeless or bits is not None or 2 * used > MOST_BITS:
-                    raise
+            except (NotProved, ArithmeticError, ValueError) as error:  # balls too wide to divide by, or to convert
+                if not isinstance(error, NotProved):
+                    error = NotProved(f"the balls grow too wide: {error}")
+                if error.hopeless or bits is not None or 2 * used > MOST_BITS:
+                    raise error from None
                 used *= 2
     except NotProved as condition:
         failure = condition
@@ -256,7 +259,8 @@ def itinerary_of(orbit: Orbit) -> Itinerary:
 
 def _enough_bits(orbit: Orbit, plan: Itinerary, exact: ExactPeriod, frame: Array) -> int:
     """Bits that a proof needs: what products of balls lose, for F, and as much again for F' over the box."""
-    with carried(TRIAL_BITS):
+    lost = np.inf
+    with carried(TRIAL_BITS), suppress(NotProved, ArithmeticError, ValueError):
         balls, times = BallSystem(orbit.system, frame), [arb(t) for t in plan.times]
         chain = linked(balls, plan, _flows(balls, plan, times, exact.ball))
         radii = [float((f.rad() / abs(rate)).upper()) for f, rate in zip(chain.F, chain.rates, strict=True)]
