@@ -22,6 +22,13 @@ def exact(matrix: Any) -> Any:
     return mp.matrix([[mp.mpf(float(x)) for x in line] for line in matrix])
 
 
+def wave(f: Any, t: Any, k: int) -> Any:
+    """Coefficient k of a Harmonic at t + s."""
+    w = mp.mpf(float(f.frequency))
+    turned = mp.sin(w * t + mp.mpf(float(f.phase)) + k * mp.pi / 2)
+    return mp.mpf(float(f.amplitude)) * w**k * turned / mp.factorial(k)
+
+
 def horner(p: list[Any], s: Any) -> Any:
     """sum_k p_k s^k."""
     total = mp.mpf(0)
@@ -42,18 +49,26 @@ class PreciseMotion:
         self.stiff, self.damped = inverse * exact(system.stiffness), inverse * exact(system.damping)
         self.step = mp.mpf(step)
 
+    def offset(self, c: int, t: Any) -> list[Any]:
+        """Coefficients of the offset of a contact at t + s."""
+        f = self.contacts[c].offset
+        if f is None:
+            return [mp.mpf(0)] * (TERMS + 2)
+        return [wave(f, t, k) for k in range(TERMS + 2)]
+
     def taylor(self, t: Any, q: Any, v: Any, pressed: tuple[int, ...]) -> list[Any]:
         """Coefficients of q(t + s): (k + 1)(k + 2) q_{k+2} = what k-th coefficients of the forces do."""
-        series = [q, v]
-        turned = [[mp.sin(f.frequency * t + f.phase + k * mp.pi / 2) for k in range(4)] for _, f in self.loads]
+        series, offsets = [q, v], [self.offset(c, t) for c in range(len(pressed))]
         for k in range(TERMS):
             rate = (k + 1) * series[k + 1]
             a = -(self.stiff * series[k]) - self.damped * rate
-            for (p, f), turn in zip(self.loads, turned, strict=True):
-                a += p * (mp.mpf(f.amplitude) * mp.mpf(f.frequency) ** k * turn[k % 4] / mp.factorial(k))
+            for p, f in self.loads:
+                a += p * wave(f, t, k)
             for c, side in enumerate(pressed):
                 if side:
-                    a += self.back[c] * self.force(c, side, series[k], rate, k)
+                    o = offsets[c]
+                    u, du = self.along(c, series[k]) + o[k], self.along(c, rate) + (k + 1) * o[k + 1]
+                    a += self.back[c] * self.force(c, u - (self.stop(c, side) if k == 0 else 0), du)
             series.append(a / ((k + 1) * (k + 2)))
         return series
 
@@ -65,26 +80,28 @@ class PreciseMotion:
         stops = self.contacts[c].stops
         return mp.mpf(stops.upper_bound if side > 0 else stops.lower_bound)
 
-    def force(self, c: int, side: int, q: Any, v: Any, k: int) -> Any:
+    def force(self, c: int, beyond: Any, rate: Any) -> Any:
+        """Of u - g and its rate."""
         stops = self.contacts[c].stops
-        depth = self.along(c, q) - (self.stop(c, side) if k == 0 else 0)
-        return -mp.mpf(stops.stiffness) * depth - mp.mpf(stops.damping) * self.along(c, v)
+        return -mp.mpf(stops.stiffness) * beyond - mp.mpf(stops.damping) * rate
 
-    def state(self, c: int, q: Any, v: Any) -> int:
+    def state(self, c: int, t: Any, q: Any, v: Any) -> int:
         """0 short of both stops, 1 and -1 pressed, 2 and -2 beyond and not pressed."""
+        o = self.offset(c, t)
+        u, rate = self.along(c, q) + o[0], self.along(c, v) + o[1]
         for side in (1, -1):
-            if abs(self.stop(c, side)) < mp.inf and side * (self.along(c, q) - self.stop(c, side)) > 0:
-                return side if self.contacts[c].stops.rigid or -side * self.force(c, side, q, v, 0) > 0 else 2 * side
+            if abs(self.stop(c, side)) < mp.inf and side * (u - self.stop(c, side)) > 0:
+                return side if -side * self.force(c, u - self.stop(c, side), rate) > 0 else 2 * side
         return 0
 
     def over(self, t_end: Any, q: Any, v: Any) -> tuple[list[tuple[Any, int, int]], Any, Any]:
         """Events (time, contact, new side) on (0, t_end), q and v there."""
         t, q, v = mp.mpf(0), mp.matrix(q), mp.matrix(v)
-        sides, events = [self.state(c, q, v) for c in range(len(self.rows))], []
+        sides, events = [self.state(c, t, q, v) for c in range(len(self.rows))], []
         while t < t_end:
             h = min(self.step, t_end - t)
             series = self.taylor(t, q, v, tuple(s if abs(s) == 1 else 0 for s in sides))
-            first = min((e for c, s in enumerate(sides) for e in self.leaves(series, c, s, h)), default=None)
+            first = min((e for c, s in enumerate(sides) for e in self.leaves(series, t, c, s, h)), default=None)
             h = h if first is None else first[0]
             q = sum((x * h**k for k, x in enumerate(series)), mp.zeros(self.n, 1))
             v = sum((k * x * h ** (k - 1) for k, x in enumerate(series) if k), mp.zeros(self.n, 1))
@@ -93,15 +110,16 @@ class PreciseMotion:
                 _, c, new = first
                 stops = self.contacts[c].stops
                 if stops.rigid:
-                    loss = (1 + mp.mpf(stops.restitution)) * self.along(c, v) / self.along(c, self.back[c])
+                    rate = self.along(c, v) + self.offset(c, t)[1]
+                    loss = (1 + mp.mpf(stops.restitution)) * rate / self.along(c, self.back[c])
                     v, new = v - self.back[c] * loss, 0
                 sides[c] = new
                 events.append((t, c, new))
         return events, q, v
 
-    def leaves(self, series: list[Any], c: int, old: int, h: Any) -> list[tuple[Any, int, int]]:
+    def leaves(self, series: list[Any], t: Any, c: int, old: int, h: Any) -> list[tuple[Any, int, int]]:
         """Zeros on (0, h] of what keeps a contact on its side, with the side after it."""
-        u = [self.along(c, x) for x in series]
+        u = [self.along(c, x) + o for x, o in zip(series, self.offset(c, t), strict=True)]
         stops, zeros = self.contacts[c].stops, []
         lag = mp.mpf(0) if stops.rigid else mp.mpf(stops.damping) / mp.mpf(stops.stiffness)
         for side in (1, -1):
