@@ -133,7 +133,7 @@ class ProvedMotion:
 
     balls: BallSystem
     starts: list[Any]
-    states_there: list[Any]
+    initial_states: list[Any]
     sides: tuple[tuple[int, ...], ...]
 
     def states(self, period: Any, count: int) -> tuple[list[tuple[Any, ...]], list[tuple[Any, ...]]]:
@@ -144,7 +144,7 @@ class ProvedMotion:
             if any(not (t > start or t < start) for start in self.starts[1:]):
                 raise InputError("count", count, "leave the events out", f"the time {k}/{count} of the period is one")
             i = sum(bool(t > start) for start in self.starts[1:])
-            Z = (self.balls.regime(self.sides[i]) * (t - self.starts[i])).exp() * self.states_there[i]
+            Z = (self.balls.regime(self.sides[i]) * (t - self.starts[i])).exp() * self.initial_states[i]
             values = (self.balls.frame * Z).entries()
             positions.append(tuple(values[:n]))
             velocities.append(tuple(values[n : 2 * n]))
@@ -467,9 +467,9 @@ def _distance(orbit: Orbit, balls: BallSystem, chain: Chain) -> float:
     """Largest difference of the float64 start, relative to the largest q or q' of the orbit."""
     n, states = balls.n, [(balls.frame * Z).entries() for Z in chain.after]
     worst = 0.0
-    for part, given in ((slice(0, n), orbit.q), (slice(n, 2 * n), orbit.v)):
+    for part, start in ((slice(0, n), orbit.q), (slice(n, 2 * n), orbit.v)):
         size = max(max((abs(float(x)) for x in Z[part]), default=0.0) for Z in states)
-        away = max(float(abs(x - arb(float(y))).upper()) for x, y in zip(states[0][part], given, strict=True))
+        away = max(float(abs(x - arb(float(y))).upper()) for x, y in zip(states[0][part], start, strict=True))
         worst = max(worst, away / max(size, 1e-300))
     return worst
 
