@@ -12,14 +12,27 @@ from itertools import pairwise
 from typing import Any
 
 import mpmath as mp
+import numpy as np
 
 TERMS = 45  # of a series
+RADIANS = 2.5  # of the fastest motion, in one step: RADIANS^TERMS/TERMS! is 1e-38
 LOOKS = 24  # for events, within a step
 
 
 def exact(matrix: Any) -> Any:
     """The doubles of a matrix."""
     return mp.matrix([[mp.mpf(float(x)) for x in line] for line in matrix])
+
+
+def fastest(system: Any) -> float:
+    """Largest rate of the motion with all springs and dampers of the stops in action."""
+    n, stiffness, damping = system.size, system.stiffness.copy(), system.damping.copy()
+    for contact in system.contacts:
+        if not contact.stops.rigid:
+            stiffness += float(contact.stops.stiffness) * np.outer(contact.row, contact.row)
+            damping += float(contact.stops.damping) * np.outer(contact.row, contact.row)
+    A = np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(system.mass, np.hstack([stiffness, damping]))]])
+    return float(np.max(np.abs(np.linalg.eigvals(A))))
 
 
 def wave(f: Any, t: Any, k: int) -> Any:
@@ -47,7 +60,7 @@ class PreciseMotion:
         self.back = [inverse * mp.matrix(row) for row in self.rows]
         self.loads = [(inverse * mp.matrix([mp.mpf(float(x)) for x in p]), f) for p, f in system.loads]
         self.stiff, self.damped = inverse * exact(system.stiffness), inverse * exact(system.damping)
-        self.step = mp.mpf(step)
+        self.step = min(mp.mpf(step), mp.mpf(RADIANS / fastest(system)))
 
     def offset(self, c: int, t: Any) -> list[Any]:
         """Coefficients of the offset of a contact at t + s."""
