@@ -11,6 +11,7 @@ Source: Leine and Nijmeijer, Dynamics and Bifurcations of Non-Smooth Mechanical 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -21,10 +22,12 @@ from ...basics.arrays import Array
 from ...basics.validation import InputError, numbers, positive
 from ...model.sampled import Sampled
 from ...model.system import System, require_system
+from ...model.system_data import SystemData
 from ...model.time_functions import Harmonic, parts_of
 from ...piecewise.events import switched_by_force
 from ...piecewise.generator import Generators
 from ...piecewise.measures import within_float64
+from ...piecewise.regimes import Known
 from ...piecewise.tangent import GRAZE, Path, Tangent, monodromy
 from ...piecewise.tracer import Tracer, tracer_of
 from ...trajectory.trajectory import Reference, SolverFailure, Trajectory
@@ -56,7 +59,7 @@ class Orbit:
     q, v : array (n,)
         State at t = 0.
     residual : float
-        Largest |h| at an event over its terms; for rigid stops the closure.
+        Largest |h| at an event over its terms' largest values; for rigid stops the closure.
     closure : float
         Largest relative difference of the state after a period of the exact flow.
     multipliers : array (2n,)
@@ -118,11 +121,13 @@ class Orbit:
 class PeriodMap:
     """The exact flow of a system over a period, with its derivative."""
 
-    def __init__(self, system: System, period: float) -> None:
+    def __init__(
+        self, system: System, period: float, columns: Sequence[SystemData] = (), known: Known | None = None
+    ) -> None:
         self.system, self.period = system, period
         self.rigid = any(contact.stops.rigid for contact in system.contacts)
-        self.generators = Generators(system)
-        self.tracer: Tracer | None = None if self.rigid else tracer_of(system, span=period)
+        self.generators = Generators(system, columns)
+        self.tracer: Tracer | None = None if self.rigid else tracer_of(system, known=known, span=period)
 
     def path(self, z: Array) -> Path:
         """Segments of a period from the state z (2n,)."""
@@ -326,7 +331,7 @@ def polished(mapping: PeriodMap, z: Array, tangent: Tangent) -> tuple[Array, flo
         for i in range(k):
             states.append(np.concatenate([flows[i][: 2 * n] @ states[-1], g[i + 1]]))
         h = np.array([form @ Z for form, Z in zip(forms, states[1:], strict=True)])
-        terms = np.array([np.abs(form) @ np.abs(Z) for form, Z in zip(forms, states[1:], strict=True)])
+        terms = np.array([np.abs(form) @ np.append(size, np.ones(generators.basis.size)) for form in forms])
         error = float(np.max(np.abs(h) / terms))
         if error >= best:
             break
