@@ -58,7 +58,15 @@ NOISE = 1e-9  # of a test function: below it its sign is rounding, as without da
 LAST = 20  # points of which the tangent is kept
 NEARLY = 1e-4  # of the range: the distance of a grazing that ends a branch from its last point
 SPLIT = 12  # halvings of a step between two grazings
-AWAY = (1e-2, 3e-3, 3e-2, 1e-3, 1e-1)  # distances from a flip at which the branch of twice the period is looked for
+AWAY = (
+    1e-2,
+    3e-3,
+    1e-3,
+    1e-4,
+    3e-2,
+    1e-5,
+    1e-1,
+)  # distances from a flip at which the branch of twice the period is looked for
 TESTS: dict[str, Callable[[NDArray[np.complex128]], float]] = {
     "fold": lambda m: float(np.prod(m - 1.0).real),
     "flip": lambda m: float(np.prod(m + 1.0).real),
@@ -78,11 +86,14 @@ class Bifurcation:
         Of the parameter.
     z : array (2n,)
         The state (q, q') at the start of the period.
+    place : int
+        Number of the orbits of the branch before it.
     """
 
     kind: str
     value: float
     z: Array = field(repr=False)
+    place: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -217,11 +228,11 @@ class _Follower:
 
     def __init__(
         self, make_system: Callable[[float], System], period: Callable[[float], float], parameter: str,
-        limits: tuple[float, float], count: int, grazings: bool,
+        limits: tuple[float, float], first_step: float, most: int, grazings: bool,
     ) -> None:  # fmt: skip
         self.make_system, self.period, self.parameter, self.limits = make_system, period, parameter, limits
-        self.span, self.count, self.grazings = limits[1] - limits[0], count, grazings
-        self.first_step = 1.0 / (count - 1)
+        self.span, self.most, self.grazings = limits[1] - limits[0], most, grazings
+        self.first_step = first_step
         self.scale = np.ones(0)
         self._known: tuple[System, Known] | None = None
         self._last: tuple[float, PeriodMap, float] | None = None
@@ -323,7 +334,7 @@ class _Follower:
 
     def follow(self, start: _Point, step: float, loses: bool = False) -> Branch:
         """The branch from a point on. loses: it is of twice the period, and ends where it is of one."""
-        (low, high), most = self.limits, MOST * self.count
+        low, high = self.limits
         points, recent, bifurcations = [start.kept], deque([start], LAST), list[Bifurcation]()
         point, bend, end = start, None, ""
         while not end:
@@ -339,13 +350,13 @@ class _Follower:
                     end = f"at {point.value:.10g} {reason}"
                     graze = self.grazed(list(recent))
                     if graze is not None:
-                        bifurcations.append(Bifurcation("grazing", graze, point.z))
+                        bifurcations.append(Bifurcation("grazing", graze, point.z, len(points)))
                         end = f"at {graze:.10g} a contact grazes its rigid stop, where the flow has no derivative"
                 continue
             if loses and (new.other_half() / self.scale) @ (point.other_half() / self.scale) < 0.0:
                 end = f"at {point.value:.10g} it comes back to a branch of half its period"
                 break
-            bifurcations += self.between(point, new)
+            bifurcations += [replace(x, place=len(points)) for x in self.between(point, new)]
             if not low <= new.value <= high:
                 end = "at the end of the values"
                 last = self.reached(point, new, low if new.value < low else high)
@@ -357,8 +368,8 @@ class _Follower:
             recent.append(point)
             step *= LONGER if count <= FAST else SHORTER if count >= SLOW else 1.0
             step = min(step, 4.0 * self.first_step)
-            if len(points) >= most:
-                end = f"at {point.value:.10g} after {most} points: start again from there"
+            if len(points) >= self.most:
+                end = f"at {point.value:.10g} after {self.most} orbits: start again from there"
         if len(points) < 2:
             raise SolverFailure("continuation", start.value, end.partition(" ")[2], "take closer values")
         values, states, multipliers, events = (np.array(x) for x in zip(*points, strict=True))
@@ -432,7 +443,13 @@ class _Follower:
         """The branch of twice the period that leaves at a flip, along the vector that a period turns round."""
         period = self.period
         follower = _Follower(
-            self.make_system, lambda x: 2.0 * period(x), self.parameter, self.limits, self.count, self.grazings
+            self.make_system,
+            lambda x: 2.0 * period(x),
+            self.parameter,
+            self.limits,
+            self.first_step,
+            self.most,
+            self.grazings,
         )
         follower.scale = self.scale
         with within_float64("continuation", period(flip.value)):
@@ -513,6 +530,7 @@ def continuation(
     period: float | Callable[[float], float],
     guess: Any = None,
     grazings: bool = False,
+    most: int | None = None,
 ) -> Branch:
     """Periodic orbits along a branch, through folds and past flips, stable or not.
 
@@ -531,6 +549,8 @@ def continuation(
     grazings : bool
         Locate where a compliant undamped stop is touched for the first or last time. Two touches of one contact of
         which one is born and one dies between two points cancel.
+    most : int
+        Number of orbits after which the branch ends; by default 20 for each of the values.
 
     Returns
     -------
@@ -564,10 +584,11 @@ def continuation(
     of_value = period if callable(period) else lambda _: float(period)  # type: ignore[arg-type]
     limits = float(np.min(along)), float(np.max(along))
     afford("values", len(along), "take fewer", seconds=0.02 * len(along))
+    most = MOST * len(along) if most is None else integer("most", most, 2)
     first = make_system(float(along[0]))
     require_system(first)
     start = periodic_orbit(first, of_value(float(along[0])), guess)
-    follower = _Follower(make_system, of_value, parameter, limits, len(along), grazings)
+    follower = _Follower(make_system, of_value, parameter, limits, 1.0 / (len(along) - 1), most, grazings)
     follower.scale = _units(start.path)
     with within_float64("continuation", start.period):
         normal = np.append(np.zeros(2 * first.size), np.sign(along[-1] - along[0]))

@@ -38,6 +38,8 @@ from .piecewise import afford_search, refuse, solve_exact
 from .rigid_reference import solve_rigid
 
 NEWTON = 40  # iterations of shooting
+HOPELESS, ASTRAY = 15, 0.1  # iterations after which a larger relative defect is given up
+APART = 1e13  # growth of a distance in a period, of which shooting can make nothing
 HALVINGS = 8  # of a step that makes the defect larger
 POLISH = 12  # iterations of the event times
 CLOSED = 1e-9  # relative defect of shooting from which the event times go on
@@ -152,6 +154,15 @@ class PeriodMap:
             solution = self.tracer.solve(self.period, (z[:n].copy(), z[n:].copy()))
         return solution
 
+    def ahead(self, z: Array, periods: int) -> Array:
+        """The state so many periods after z (2n,)."""
+        t = np.array([self.period])
+        for _ in range(periods):
+            solution = self.solve(z)
+            q, v = solution.at(t)[:2] if self.rigid else solution.states(t)
+            z = np.concatenate([q[0], v[0]])
+        return z
+
     def flow(self, z: Array) -> tuple[Array, Array, Tangent]:
         """State after a period, its derivative (2n, 2n), and the tangent along the way."""
         path = self.path(z)
@@ -205,14 +216,8 @@ def periodic_orbit(system: System, period: float, guess: Any = None) -> Orbit:
     >>> round(float(np.linalg.det(orbit.monodromy)), 9)  # e^2
     0.64
     """
-    require_system(system)
-    period = positive("period", period)
-    _repeats(system, period)
-    if any(contact.stops.rigid for contact in system.contacts):
-        require_rigid(system, period)
-    else:
-        refuse(system, period)
-        afford_search(system, period)
+    require_periodic(system, period)
+    period = float(period)
     with within_float64("periodic_orbit", period):
         mapping = PeriodMap(system, period)
         z = _guessed(mapping, guess)
@@ -224,6 +229,18 @@ def periodic_orbit(system: System, period: float, guess: Any = None) -> Orbit:
             closure = float(np.max(np.abs(end - z) / mapping.sizes(tangent)))
         _isolated(mapping, z, closure)
         return orbit_of(mapping, z, tangent, closure, residual)
+
+
+def require_periodic(system: System, period: float) -> None:
+    """Raise InputError for loads that do not repeat after a period, and for stops without an exact solution."""
+    require_system(system)
+    period = positive("period", period)
+    _repeats(system, period)
+    if any(contact.stops.rigid for contact in system.contacts):
+        require_rigid(system, period)
+    else:
+        refuse(system, period)
+        afford_search(system, period)
 
 
 def _isolated(mapping: PeriodMap, z: Array, closure: float) -> None:
@@ -282,9 +299,12 @@ def shoot(mapping: PeriodMap, z: Array) -> tuple[Array, Tangent, float]:
     end, D, tangent = mapping.flow(z)
     scale = mapping.sizes(tangent)
     defect = float(np.max(np.abs(end - z) / scale))
-    for _ in range(NEWTON):
-        if defect < ROUNDING:
+    for iteration in range(NEWTON):
+        if defect < ROUNDING or (iteration >= HOPELESS and defect > ASTRAY):
             break
+        if (growth := float(np.linalg.norm(D * scale / scale[:, None]))) > APART:
+            reason = f"neighbouring motions part by {growth:.0e} in a period, more than float64 has digits"
+            raise SolverFailure("periodic_orbit", mapping.period, reason, "damp the system, or drive it faster")
         step = np.linalg.solve((D - np.eye(len(z))) * scale, -(end - z)) * scale
         best = None
         for halving in range(HALVINGS):
@@ -394,9 +414,7 @@ def _guessed(mapping: PeriodMap, guess: Any) -> Array:
     system, n = mapping.system, mapping.system.size
     if guess is None:
         z = np.concatenate([system.q0, system.v0])
-        for _ in range(SETTLE):
-            z = mapping.flow(z)[0]
-        return z
+        return mapping.ahead(z, SETTLE)
     if isinstance(guess, Orbit):
         pair: Any = (guess.q, guess.v)
     elif isinstance(guess, Trajectory):
