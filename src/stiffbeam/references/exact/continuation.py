@@ -17,7 +17,7 @@ of Applied Bifurcation Theory (2004), section 10.2.
 
 from __future__ import annotations
 
-from collections import Counter, deque
+from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -35,11 +35,12 @@ from ...piecewise.measures import within_float64
 from ...piecewise.regimes import Known
 from ...piecewise.tangent import Path, Tangent
 from ...trajectory.trajectory import SolverFailure
-from .grazing import events, rigid_grazing, shallowest, turn
+from .grazing import distances, events, rigid_grazing, shallowest, turn
 from .orbit import ALONE, Orbit, PeriodMap, periodic_orbit
 
 CORRECTIONS = 8  # iterations of the corrector
 CLOSED = 1e-11  # relative defect at which a point counts
+ROUNDED = 1e-15  # of the derivative's norm: a defect that is rounding
 FAST, SLOW = 3, 6  # corrections up to which the next step is longer, from which on it is shorter
 LONGER, SHORTER, LOST, SHORTEST = (
     1.4,
@@ -49,13 +50,13 @@ LONGER, SHORTER, LOST, SHORTEST = (
 )  # of a step: after many corrections, and a failure; of the first
 MOST = 20  # points for each of the values, on a branch that turns back
 REACHED = 1e-6  # of the derivative's norm: distance of a multiplier from its value at a bifurcation
-OFF = 0.5  # of a step: distance of a point from the tangent from which on it may be of another branch
+OFF = 0.3  # of a step: distance of a point from the tangent from which on it may be of another branch
+LONGEST = 2.0  # steps, of the first one
 RESCALED = 3.0  # factor by which a motion grows or shrinks until it is the new unit
-TURN = 0.7  # cosine between the directions of neighbouring points, below which the step is shorter
+TURN = 0.8  # cosine between the directions of neighbouring points, below which the step is shorter
 ALONG = 0.5  # of the parameter's part of the direction: where so much is left two steps on, the value is stepped
 LINEAR = 1e-9  # of the derivatives of data by the parameter: those at both limits give the others
 NOISE = 1e-9  # of a test function: below it its sign is rounding, as without damping
-LAST = 20  # points of which the tangent is kept
 NEARLY = 1e-4  # of the range: the distance of a grazing that ends a branch from its last point
 SPLIT = 12  # halvings of a step between two grazings
 AWAY = (
@@ -294,7 +295,7 @@ class _Follower:
             bordered[:N, :N] = (D - np.eye(N)) * self.scale / self.scale[:, None]
             bordered[:N, N] = by_value * self.span / self.scale
             bordered[N] = normal
-            if size < CLOSED:
+            if size < max(CLOSED, ROUNDED * float(np.linalg.norm(bordered))):
                 direction = np.linalg.solve(bordered, np.append(np.zeros(N), 1.0))
                 direction /= np.linalg.norm(direction)
                 direction = direction if direction @ ahead >= 0.0 else -direction
@@ -335,9 +336,11 @@ class _Follower:
     def follow(self, start: _Point, step: float, loses: bool = False) -> Branch:
         """The branch from a point on. loses: it is of twice the period, and ends where it is of one."""
         low, high = self.limits
-        points, recent, bifurcations = [start.kept], deque([start], LAST), list[Bifurcation]()
+        points, bifurcations, near = [start.kept], list[Bifurcation](), list[tuple[float, float]]()
         point, bend, end = start, None, ""
         while not end:
+            if point.tangent.path.rigid and len(near) < len(points):
+                near.append(distances(point.tangent))
             reason = "the branch turns sharply"
             try:
                 new, count = self.ahead(point, step, bend)
@@ -348,7 +351,7 @@ class _Follower:
                 step, bend = step * LOST, None
                 if step < SHORTEST * self.first_step:
                     end = f"at {point.value:.10g} {reason}"
-                    graze = self.grazed(list(recent))
+                    graze = rigid_grazing([x[0] for x in points], near, NEARLY * self.span) if near else None
                     if graze is not None:
                         bifurcations.append(Bifurcation("grazing", graze, point.z, len(points)))
                         end = f"at {graze:.10g} a contact grazes its rigid stop, where the flow has no derivative"
@@ -365,9 +368,8 @@ class _Follower:
             bend = (new.direction - point.direction) / step
             point, step, bend = self.rescaled(new, step, bend)
             points.append(point.kept)
-            recent.append(point)
             step *= LONGER if count <= FAST else SHORTER if count >= SLOW else 1.0
-            step = min(step, 4.0 * self.first_step)
+            step = min(step, LONGEST * self.first_step)
             if len(points) >= self.most:
                 end = f"at {point.value:.10g} after {self.most} orbits: start again from there"
         if len(points) < 2:
@@ -378,12 +380,6 @@ class _Follower:
             self.parameter, values, states[:, :n], states[:, n:], multipliers, events.astype(np.int64),
             tuple(x for x in bifurcations if low <= x.value <= high), end, self,
         )  # fmt: skip
-
-    def grazed(self, points: list[_Point]) -> float | None:
-        """The parameter at which a branch ends whose last points come near a grazing of a rigid stop."""
-        if len(points) < 2 or not points[-1].tangent.path.rigid:
-            return None
-        return rigid_grazing([x.value for x in points], [x.tangent for x in points], NEARLY * self.span)
 
     def rescaled(self, point: _Point, step: float, bend: Array) -> tuple[_Point, float, Array | None]:
         """A point and a step in units of its motion, where that has become another by more than a factor."""

@@ -9,6 +9,7 @@ import numpy as np
 
 from ...piecewise.tangent import Tangent
 
+FAR = 0.1  # of the distance between two points: how far from the second one goes on
 SAMPLES = 401  # of a period, among which gaps turn
 TURNS = 12  # iterations of the time at which a gap turns
 
@@ -53,24 +54,23 @@ def turn(tangent: Tangent, contact: int, side: int, t: float) -> float:
     return gap
 
 
-def rigid_grazing(values: Sequence[float], tangents: Sequence[Tangent], near: float) -> float | None:
+def rigid_grazing(values: Sequence[float], seen: Sequence[tuple[float, float]], near: float) -> float | None:
     """The parameter, ``near`` the last point, at which the weakest impact or the smallest distance from a stop vanishes
-    if it goes on along the points. Points that are closer than what is left to it have only rounding."""
-    seen = [_distances(x) for x in tangents]
+    if it goes on along the points. seen: both at each, see ``distances``. Close points have only rounding."""
     for which in (0, 1):
         b = seen[-1][which]
         for value, a in ((x, y[which]) for x, y in zip(values[-2::-1], seen[-2::-1], strict=True)):
             if not (np.isfinite(a) and b < a):
-                break
+                continue
             ahead = b * (values[-1] - value) / (a - b)
-            if abs(ahead) < abs(values[-1] - value):
+            if abs(ahead) < FAR * abs(values[-1] - value):
                 if abs(ahead) < near:
                     return values[-1] + ahead
                 break
     return None
 
 
-def _distances(tangent: Tangent) -> tuple[float, float]:
+def distances(tangent: Tangent) -> tuple[float, float]:
     """The impulse of the weakest impact, and the smallest distance from a stop where a gap turns."""
     generators, t = tangent.generators, np.linspace(0.0, tangent.path.t_end, SAMPLES)
     impulses = [abs(x[0]) for of_segment in tangent.impulses.values() for x in of_segment.values()]
