@@ -42,16 +42,11 @@ CORRECTIONS = 8  # iterations of the corrector
 CLOSED = 1e-11  # relative defect at which a point counts
 ROUNDED = 1e-15  # of the derivative's norm: a defect that is rounding
 FAST, SLOW = 3, 6  # corrections up to which the next step is longer, from which on it is shorter
-LONGER, SHORTER, LOST, SHORTEST = (
-    1.4,
-    0.5,
-    0.25,
-    1e-10,
-)  # of a step: after many corrections, and a failure; of the first
+LONGER, SHORTER, LOST = 1.4, 0.5, 0.25  # of a step: after few corrections, after many, after a failure
+LONGEST, SHORTEST = 2.0, 1e-10  # steps, of the first one
 MOST = 20  # points for each of the values, on a branch that turns back
 REACHED = 1e-6  # of the derivative's norm: distance of a multiplier from its value at a bifurcation
 OFF = 0.3  # of a step: distance of a point from the tangent from which on it may be of another branch
-LONGEST = 2.0  # steps, of the first one
 RESCALED = 3.0  # factor by which a motion grows or shrinks until it is the new unit
 TURN = 0.8  # cosine between the directions of neighbouring points, below which the step is shorter
 ALONG = 0.5  # of the parameter's part of the direction: where so much is left two steps on, the value is stepped
@@ -59,15 +54,7 @@ LINEAR = 1e-9  # of the derivatives of data by the parameter: those at both limi
 NOISE = 1e-9  # of a test function: below it its sign is rounding, as without damping
 NEARLY = 1e-4  # of the range: the distance of a grazing that ends a branch from its last point
 SPLIT = 12  # halvings of a step between two grazings
-AWAY = (
-    1e-2,
-    3e-3,
-    1e-3,
-    1e-4,
-    3e-2,
-    1e-5,
-    1e-1,
-)  # distances from a flip at which the branch of twice the period is looked for
+AWAY = (1e-2, 3e-3, 1e-3, 1e-4, 3e-2, 1e-5, 1e-1)  # distances from a flip at which twice the period is looked for
 TESTS: dict[str, Callable[[NDArray[np.complex128]], float]] = {
     "fold": lambda m: float(np.prod(m - 1.0).real),
     "flip": lambda m: float(np.prod(m + 1.0).real),
