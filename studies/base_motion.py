@@ -1,11 +1,11 @@
-"""A beam on a shaking table whose motion was measured.
+"""A beam on a shaking table with a measured motion.
 
     python studies/base_motion.py --out FOLDER [--record table.csv]
 
-Without a record one is made: 2 kHz, a sweep from 4 to 14 Hz of 1.5 mm with noise of 2 micrometres, as a displacement
-sensor gives it. The beam needs the acceleration of its base. A polygon has none, and a spline through the noise has
-mostly noise; so the record is smoothed by a least-squares spline with a knot every 8 ms, which is said with what it
-takes away, and sampled as kind="cubic".
+Without a record the script makes one: 2 kHz, a sweep from 4 to 14 Hz of 1.5 mm with noise of 2 micrometres, as a
+displacement sensor gives it. The beam needs the acceleration of its base. A polygon has none, and the acceleration of a
+spline through the noise is mostly noise. The script therefore smooths the record by a least-squares spline with a knot
+every 8 ms, prints what this removes, and samples the result as kind="cubic".
 """
 
 from __future__ import annotations

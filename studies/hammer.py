@@ -2,9 +2,9 @@
 
     python studies/hammer.py --out FOLDER [--record hammer.csv]
 
-Without a record one is made as a data logger writes it: 25.6 kHz, a hit of 60 N for 4 ms, a second one as the
-hammer bounces, noise of 0.1 N and an offset of 0.05 N. What happens to it here is what a record needs: the offset
-is taken off, and it ends in zeros.
+Without a record the script makes one as a data logger writes it: 25.6 kHz, a hit of 60 N for 4 ms, a second one as the
+hammer bounces, noise of 0.1 N and an offset of 0.05 N. It then does what every record needs: it removes the offset and
+ends the record with zeros.
 """
 
 from __future__ import annotations

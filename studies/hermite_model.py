@@ -2,8 +2,8 @@
 
     python studies/hermite_model.py --out FOLDER
 
-The matrices are assembled here and written as Matrix Market files; a case file names them, and every command takes
-that file: stiffbeam compare FOLDER/model.toml, sweep, chaos, ensemble, advise, animate.
+The script assembles the matrices and writes them as Matrix Market files. A case file names them, and every command
+accepts it: stiffbeam compare FOLDER/model.toml, sweep, chaos, ensemble, advise, animate.
 """
 
 from __future__ import annotations

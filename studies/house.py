@@ -1,9 +1,9 @@
-"""Size of the package, and which of its files a call enters: what a debugger walks through.
+"""Size of the package, and the files that a call enters, as a debugger would.
 
     python studies/house.py                 the table
-    python studies/house.py --files HHT     and the files that the calls named so enter
+    python studies/house.py --files HHT     and the files that the calls of this name enter
 
-Counted is the second of two equal calls, so that nothing is imported, compiled or read from a cache for the first time.
+The second of two equal calls is counted, so that nothing is imported, compiled or read from a cache for the first time.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Engines of others on the test set: SciPy with events, and diffrax, with the options that suit them best.
 
-    python studies/other_engines.py            writes studies/other_engines.md, some three minutes
+    python studies/other_engines.py            writes studies/other_engines.md, two minutes
 
 SciPy: solve_ivp with DOP853, a terminal event at every switch and a new start with a smooth right-hand side;
 a rigid stop turns the velocity round at the event. diffrax: Dopri8 with its PID controller, through the switches,
@@ -197,24 +197,29 @@ def diffrax_through() -> ProblemSolver:
     return ProblemSolver("diffrax Dopri8", source=solve)
 
 
-PAGE = """# Other engines on the test set
+PAGE = """# SciPy and diffrax on the test set
 
-`python studies/other_engines.py`, {packages}; the options stand in its first lines. An adaptive engine is asked at
-relative tolerances of 1e-4, 1e-6 and 1e-8, and flagged where its error exceeds 10⁴ times the last. Beside them
-stiffbeam's own `dop853`, SciPy's solver behind its switches, and the exact solution.
+`python studies/other_engines.py` writes this page, here with {packages}.
+The first lines of the script give the options. Each adaptive solver runs at relative tolerances of 1e-4, 1e-6 and
+1e-8. It is flagged if its error exceeds 10⁴ times the last of these. The table also has stiffbeam's own
+`dop853`, which is SciPy's solver restarted at every event, and the exact solution.
 
 ```text
 {card}
 ```
 
-Both are right on everything compliant: with an event and a new start at every switch SciPy's DOP853 needs no more than
-its tolerance, and diffrax' error control finds the kinks by itself. Rigid stops are harder. Once the bounces are
-short, a rebound leaves the gap at zero to rounding, the next event is not seen, and the ball falls through the floor
-(bouncing-ball, preloaded-chatter: an integrator has to complete the series by itself). On nonsmooth-mode the mass is
-beyond its stop and back within one step; events are looked for between the ends of steps, where nothing changes sign,
-and max_step is the remedy. On sticking-phase the impacts have no end.
+Both solvers are right on every compliant problem. SciPy's DOP853, with an event and a restart at every change of
+contact, needs no setting but its tolerance. The error control of diffrax finds the kinks by itself.
 
-MuJoCo, EXUDYN, Siconos, GetFEM and PyBullet run by adapters of their own: [engines](engines/README.md).
+Rigid stops are harder:
+
+* bouncing-ball, preloaded-chatter: once the bounces are short, the gap after a rebound is zero to rounding. The solver
+  misses the next event, and the ball falls through the floor. An integrator has to complete such a series itself.
+* nonsmooth-mode: the mass passes its stop and returns within one step. Events are searched for between the ends of
+  steps, where no sign changes. The remedy is a smaller max_step.
+* sticking-phase: the impacts have no end.
+
+Other programs run through adapters: see [MuJoCo, EXUDYN, Siconos, GetFEM and PyBullet](engines/README.md).
 """
 
 

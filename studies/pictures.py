@@ -1,4 +1,4 @@
-"""The pictures of the README: the beam between its stops, and what the schemes of the paper make of its contacts.
+"""The pictures of the README: the beam between its stops, and the contacts of the paper's schemes.
 
 python studies/pictures.py        # writes studies/beam.svg and studies/contact.png, half a minute
 """

@@ -1,4 +1,4 @@
-"""Does the paper's ranking, HHT first, survive when error is counted as well as seconds?
+"""Does the paper's ranking, HHT first, hold at equal error?
 
     python studies/ranking.py
 

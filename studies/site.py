@@ -3,8 +3,8 @@
     python studies/site.py --out FOLDER             # every study in full: minutes the first time
     python studies/site.py --out FOLDER --smoke     # each study in its smallest configuration
 
-The pages are the Markdown files, scripts and notebooks of this repository. Scripts and cells are run and studies asked
-when the site is built, so what it shows is what they print. Sphinx makes it; a warning is an error.
+The pages are the Markdown files, scripts and notebooks of this repository. The build runs scripts, cells and studies,
+so the site shows what they print. Sphinx makes it; a warning is an error.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ CHAPTERS = {
     ],
     "Answers": [
         "studies/gallery.md", "studies/README.md", "studies/speed.md", "reference/problems/README.md",
-        "studies/other_engines.md", "studies/engines/README.md", "reference/README.md",
+        "studies/other_engines.md", "studies/engines/README.md", "reference/README.md", "reference/agreement.md",
     ],
     "Theory": ["studies/theory/horizon.md", "studies/theory/march.md", "studies/theory/exact.md"],
     "Reference": [
@@ -181,7 +181,7 @@ class Pages:
 
         parts = [
             "# All studies on Table 10",
-            "Each is one command. `python studies/site.py` asks all of them and writes this page with the pictures.",
+            "Each study is one command. `python studies/site.py` runs them all and writes this page and the pictures.",
         ]
         case = find_case("table10")
         folder = (self.folder / page).with_suffix("")

@@ -2,13 +2,13 @@
 
     python studies/speed.py [steps sizes members references compare] [--quick] [--record]
 
-Table 10, M = 25, in one process. All programs of a table take turns; each number is the least of several in processor
+Table 10, M = 25, in one process. All programs of a table take turns. Each number is the least of several in processor
 time, without compilation, so that ratios within a table hold on a busy machine. The programs of a step agree to 1e-9
-before chaos, and every reference states its distance from the exact one. What is not installed is named and left out.
-Last, `stiffbeam compare table10` runs in two fresh processes, from an empty cache and again.
+before chaos, and every reference states its distance from the exact one. Programs that are not installed are named and
+left out. Last, `stiffbeam compare table10` runs in two fresh processes, with an empty cache and again.
 
-Prints the tables and ends with status 1 where a ratio is worse than the one recorded in speed.json by more than a
-third. ``--record`` writes what was measured to speed.json and, from it, the page speed.md.
+It prints the tables and ends with status 1 if a ratio is worse than the one recorded in speed.json by more than a
+third. ``--record`` writes the measurements to speed.json and, from it, the page speed.md.
 """
 
 from __future__ import annotations
@@ -278,9 +278,9 @@ def page(record: dict[str, Any]) -> str:
     """The record in Markdown: the tables of speed.md."""
     lines = [
         "# Speed", "",
-        "Written by `python studies/speed.py --record`: Table 10 with 25 cells, the least of several runs in",
-        "processor time, without compilation, programs of one table by turns. Ratios hold within a table; times depend",
-        f"on the machine: {record['machine']}.",
+        "`python studies/speed.py --record` writes this page. All times are for Table 10 with 25 cells. Each is the",
+        "least processor time of several runs, without compilation; the programs of a table take turns. Ratios hold",
+        f"within a table. Times depend on the machine, here {record['machine']}.",
     ]  # fmt: skip
     for name, rows in TABLES.items():
         if record.get(name):
@@ -293,9 +293,9 @@ def _page_of_steps(ns: dict[str, float]) -> list[str]:
     return [
         "## A time step", "",
         "[`hand_written.py`](hand_written.py) and [`hand_written.c`](hand_written.c) are HHT-alpha written by hand:",
-        "in C with `restrict` and `-O3 -march=native`, in numba and in JAX one linear map of the modes per step. They",
-        "keep the tip only. The march of stiffbeam also finds each impact with its time, peak and impulse. Ratios are",
-        "to C with any number of modes.", "",
+        "in C with `restrict` and `-O3 -march=native`, in numba and in JAX. Each step is one linear map of the modes,",
+        "and only the tip is stored. The march (time loop) of stiffbeam also finds each impact with its time, peak",
+        "and impulse. Ratios are to C with any number of modes.", "",
         "| program | ns per step | ratio |", "|---|---|---|",
         *(f"| {name} | {x:.3g} | {x / unit:.3g} |" for name, x in ns.items()),
     ]  # fmt: skip
@@ -303,7 +303,7 @@ def _page_of_steps(ns: dict[str, float]) -> list[str]:
 
 def _page_of_runs(runs: dict[str, dict[str, float]]) -> list[str]:
     return [
-        "Whole runs by `integrate`, set-up included, every step kept, as multiples of as many steps in C:", "",
+        "Time of whole runs by `integrate`, with set-up and every step kept, over that of as many steps in C:", "",
         "| steps | " + " | ".join(SCHEMES) + " |", "|---" * (1 + len(SCHEMES)) + "|",
         *(f"| {count} | " + " | ".join(f"{x:.3g}" for x in row.values()) + " |" for count, row in runs.items()),
     ]  # fmt: skip
@@ -320,7 +320,7 @@ def _page_of_sizes(rows: Rows) -> list[str]:
 
 def _page_of_members(ns: dict[str, float]) -> list[str]:
     return [
-        "## An ensemble", "", "Processor time over threads, all threads at work.", "",
+        "## An ensemble", "", "Processor time over the number of threads, all threads at work.", "",
         "| program | ns per member and step |", "|---|---|", *(f"| {name} | {x:.3g} |" for name, x in ns.items()),
     ]  # fmt: skip
 

@@ -2,8 +2,8 @@
 
     python studies/steel_strip.py --out FOLDER
 
-Millimetre, second and newton belong together, so that the unit of mass is the tonne and E is in N/mm^2. The same
-strip in metres gives the same forces, which is checked.
+Millimetre, second and newton are consistent units: the unit of mass is the tonne and E is in N/mm^2. The script checks
+that the same strip in metres gives the same forces.
 """
 
 from __future__ import annotations

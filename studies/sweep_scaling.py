@@ -1,4 +1,4 @@
-"""What do two processes, and two workers of a Dask cluster, make of a sweep that one process can do?
+"""How much faster is a sweep in two processes, or with two workers of a Dask cluster, than in one process?
 
 400 values on Table 10, HHT(-0.1), 100 000 steps each: of the clearance, whose values march as ensembles,
 and of the drive frequency, where every value has a step and so a propagator of its own; and the clearance
@@ -6,7 +6,7 @@ with ten times the steps. One process marches on one thread and on all cores; tw
 workers, on one thread each, so that all but the first use two cores. One of the workers gets SIGKILL
 after the second batch. "All" counts everything; "sweep" leaves out what is paid once, the start of
 processes or workers and their import of the package. Everything must find identical records. The BLAS
-has one thread everywhere: on matrices this small more of them only wait. Run (two minutes; two cores):
+has one thread everywhere: on matrices this small more of them only wait. Run (90 s; two cores):
 
     OPENBLAS_NUM_THREADS=1 python studies/sweep_scaling.py
 

@@ -1,8 +1,8 @@
-"""What of the installation is how large, and what is loaded when.
+"""Sizes of the installed packages, and modules that are loaded at each moment.
 
     python studies/weight.py
 
-Sizes are those of the files that each distribution lists; what is loaded is counted in a fresh Python.
+Sizes are those of the files that each distribution lists. Loaded modules are counted in a fresh Python.
 """
 
 from __future__ import annotations

@@ -2,9 +2,9 @@
 
     python studies/engines/run_all.py [--python NAME=PATH ...] [--runs DIR] [--beside NAMES]
 
-writes README.md of this folder. Each engine runs by its adapter, in the interpreter that has it: this one, or PATH.
-One that is not installed is said to be so. DIR keeps the runs, and gives those that it holds already. NAMES: schemes
-and solvers of this package to show beside them. Some ten minutes.
+writes README.md of this folder, in some ten minutes. Each engine runs by its adapter, in the interpreter that has it:
+this one, or PATH. The page names the engines that are not installed. DIR keeps the runs; runs that it already holds are
+not repeated. NAMES are schemes and solvers of this package to show beside the engines.
 """
 
 from __future__ import annotations
@@ -28,45 +28,60 @@ ADAPTERS = {
 }
 
 
-PAGE = """# Engines of others on the test set
+PAGE = """# External engines on the test set
 
-`python studies/engines/run_all.py --python NAME=PATH ...` runs each engine by its adapter in this folder, in the
-interpreter that has it, over [the problems](../../reference/problems/README.md), and scores what it has written. Beside
-them stand solvers of this package (`--beside`). MuJoCo, EXUDYN and PyBullet come by pip (`pip install
-"stiffbeam[engines]"`), Siconos and GetFEM with Debian (python3-siconos, python3-getfem). An adapter needs NumPy, its
-engine and `problem_file.py`, which reads the TOML files: the way to add another one.
+`python studies/engines/run_all.py --python NAME=PATH ...` runs each engine on
+[the problems](../../reference/problems/README.md) and scores its output. Each engine has an adapter in this folder. The
+adapter runs in the Python interpreter PATH that has the engine. `--beside` names solvers of this package that the table
+shows too.
+
+| engine | install with |
+|---|---|
+| MuJoCo, EXUDYN, PyBullet | pip: `pip install "stiffbeam[engines]"` |
+| Siconos, GetFEM | Debian: python3-siconos, python3-getfem |
+
+An adapter needs NumPy, its engine and `problem_file.py`, which reads the TOML files.
+[CONTRIBUTING](../../CONTRIBUTING.md#add-an-external-engine) shows how to add an engine.
 
 ```text
 {card}
 ```
 
-How each is set up; the first lines of its adapter say more:
+Settings of each engine (the docstring of its adapter gives more):
 
 {engines}
 {absent}
-Long runs are left out where an engine is called from Python at every step; such a cell is the finest of fewer steps.
+If Python calls an engine at every step, long runs are left out. The table then shows the finest of the other runs.
 
-What they get right: EXUDYN and Siconos take the trapezoidal rule on everything compliant that they can express, and
-print the same errors as each other, as GetFEM at the same steps, and as this package's own; only kelvin-voigt, where
-the force jumps within a step, is taken differently. EXUDYN's DOPRI5 meets its tolerance on all seventeen. MuJoCo has a
-spring with a dead band, which is a compliant stop without any approximation, and with RK4 it is more exact at the same
-step than the implicit rule wherever it is stable; where it is not, it warns. Siconos' Moreau-Jean converges on every
-rigid problem, and at second order through the sticking phase. PyBullet, made for speed, is of first order.
+Results:
 
-What to know: MuJoCo has no restitution; a limit tuned as a damped spring gives it back with a contact that lasts
-eight steps, so a rebound is late by as many (nonsmooth-mode needs more steps than are taken here). PyBullet by default
-pushes out of a plane with a speed of contactERP times depth over step, which is left to the ball; it is set to 0. On
-two-mass-chain and hammer-pulse its forces from the begin of a step cost it the order at these steps. EXUDYN's limit
-stops switch with the state of the step before; the law is a force function instead. GetFEM's and EXUDYN's contacts
-have no restitution, and Siconos' relations no power law.
+* EXUDYN and Siconos compute the trapezoidal rule on every compliant problem that they can express. Their errors equal
+  each other, those of GetFEM at the same time steps, and those of this package. The exception is kelvin-voigt, where
+  the force jumps within a step.
+* EXUDYN's DOPRI5 meets its tolerance on all seventeen compliant problems.
+* MuJoCo has a spring with a dead band, which is a compliant stop without any approximation. With RK4 it is more
+  accurate at the same time step than the implicit rule wherever it is stable. Where it is unstable, it warns.
+* Siconos' Moreau-Jean converges on every rigid problem, with second order through the sticking phase.
+* PyBullet, made for speed, is of first order.
 
-Not to be had: cardillo and Siconos are not on the package index, and Chrono's bindings come with conda only (the
-pychrono of the index is something else).
+Limitations:
+
+* MuJoCo has no restitution. A limit tuned as a damped spring gives the same rebound speed. Its contact lasts eight time
+  steps, so each rebound is late by eight steps. On nonsmooth-mode it needs more steps than these runs have.
+* By default PyBullet pushes a body out of a plane with the speed contactERP times depth over time step, and the ball
+  keeps this speed. The adapter therefore sets contactERP to 0. On two-mass-chain and hammer-pulse PyBullet loses order
+  at these time steps, because it uses the forces from the beginning of each step.
+* EXUDYN's limit stops open and close by the state of the previous step. The adapter gives the contact law as a force
+  function instead.
+* The contacts of GetFEM and EXUDYN have no restitution, and the relations of Siconos have no power law.
+
+Not included: cardillo is not on the package index, and Chrono's bindings come with conda only (the pychrono of the
+index is another program). Siconos is not on the package index either.
 """
 
 
 def runs_of(name: str, python: str, into: Path) -> tuple[list[Path], str]:
-    """Folders of the runs of one engine, and why there are none."""
+    """Folders of the runs of one engine, and the reason if there are none."""
     found = []
     for k, adapter in enumerate(ADAPTERS[name]):
         out = into / f"{name}{k}"
@@ -82,7 +97,7 @@ def runs_of(name: str, python: str, into: Path) -> tuple[list[Path], str]:
 
 
 def described(out: Path) -> str:
-    """Version and options, and what failed."""
+    """Version, options and failed runs of an engine, one line."""
     record = json.loads((out / "engine.json").read_text("utf-8"))
     failed = [
         f"{problem} in {', '.join(levels)} steps ({next(iter(levels.values())).partition(': ')[2]})"

@@ -20,7 +20,7 @@ from stiffbeam.cli import app
 from stiffbeam.studies import STUDIES
 
 SHORT = {"cases", "doctor"}  # they only tell what there is
-SAID = "stiffbeam: interrupted; what is finished is kept, give the same command again\n"
+SAID = "stiffbeam: interrupted; finished parts are kept, run the same command again\n"
 STATUS = {signal.SIGINT: 130, signal.SIGTERM: 143}
 COMMANDS: dict[str, list[str]] = {
     "compare": ["compare", "table10", "--t-end", "0.2", "--references", "cvode,exact", "--no-cache", "--out", "out"],

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import os
+import subprocess
+import sys
 from itertools import pairwise
 
 import numpy as np
@@ -309,6 +312,28 @@ def test_a_solver_by_its_name_in_a_library_finds_every_impact(method):
     assert run.impacts.times == pytest.approx(exact.impacts.times, abs=1e-6)
     assert run.impacts.peaks == pytest.approx(exact.impacts.peaks, rel=1e-5, nan_ok=True)  # one is open at the end
     assert run.contacts[0].impulse == pytest.approx(exact.contacts[0].impulse, rel=1e-5)
+
+
+ON_THE_SECOND_DEVICE = """
+import jax
+import stiffbeam as sb
+from stiffbeam.references.adaptive import diffrax
+
+jax.config.update("jax_default_device", jax.devices()[1])
+sb.reference(sb.problem("bilinear-gap").system, 0.01, "kvaerno3", rtol=1e-4)
+for program in diffrax._PROGRAMS.values():
+    print(*{f"cpu:{device.id}" for s in jax.tree.leaves(program.output_shardings) for device in s.device_set})
+"""
+
+
+@pytest.mark.slow
+def test_diffrax_stays_on_the_processor():
+    """JAX takes a graphics card by default, on which Kvaerno5 needs seven times as long (Table 10, an H200)."""
+    environment = {**os.environ, "XLA_FLAGS": "--xla_force_host_platform_device_count=2"}
+    done = subprocess.run(
+        [sys.executable, "-c", ON_THE_SECOND_DEVICE], env=environment, capture_output=True, text=True, check=True
+    )
+    assert done.stdout.split("\n") == ["cpu:0", ""]
 
 
 @pytest.mark.slow

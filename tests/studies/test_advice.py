@@ -233,3 +233,13 @@ def test_a_coarse_run_that_is_right_by_chance_is_no_advice():
     assert cheapest(tried[:4], {"peak_force": 0.05}) is None  # the finest alone has none that confirms it
     said = unreached(tried[:3], {"peak_force": 0.05}, 256)["peak_force"]
     assert said.startswith("from no step on all of 3 runs of up to 256 steps; the best has 0.01")
+
+
+def test_of_rigid_stops_the_impulse_is_asked_for():
+    """A blow has no largest force: asked for, it was nan, and "cannot be had"."""
+    ball = sb.problem("bouncing-ball").system
+    advice = sb.advise(ball, t_end=1.0, schemes=[sb.MoreauJean()], most_steps=4096)
+    assert set(advice.want) == {"tip", "impacts", "impulse"}
+    assert "nan" not in str(advice)
+    with pytest.raises(sb.InputError, match="ask for impulse"):
+        sb.advise(ball, {"peak_force": 0.1}, t_end=1.0)

@@ -214,4 +214,4 @@ def test_matrices_have_no_mesh_and_a_case_without_tolerances_is_refused():
     assert set(result["largest force"].shares) == {"rounding", "scheme", "data"}
     assert result["largest force"].dominant == "data"
     assert result["largest force"].verdict.endswith("%: the step is good enough.")
-    assert result["impacts"].verdict.startswith("impacts: no doubt is seen, 1 in all members")
+    assert result["impacts"].verdict.startswith("impacts: no uncertainty, 1 in all members")

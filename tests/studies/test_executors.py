@@ -81,7 +81,7 @@ def test_two_processes_find_what_one_does_and_one_may_be_killed(tmp_path, serial
 
 @pytest.mark.slow
 def test_a_pool_that_keeps_dying_is_given_up_and_says_how_to_go_on(tmp_path):
-    with pytest.raises(Unfinished, match="the same command goes on from there"):
+    with pytest.raises(Unfinished, match="run the same command again"):
         run_study(replace(find_study("sweep"), evaluate=die), TABLE10, tmp_path, jobs=2, **MANY)
 
 
@@ -155,7 +155,7 @@ def test_dask_workers_that_keep_dying_are_given_up(tmp_path):
     with (
         dask.config.set({"distributed.scheduler.allowed-failures": 0}),
         distributed.LocalCluster(n_workers=1, threads_per_worker=1, processes=True, dashboard_address=":0") as cluster,
-        pytest.raises(Unfinished, match="the same command goes on from there"),
+        pytest.raises(Unfinished, match="run the same command again"),
         scheduler(cluster.scheduler_address) as executor,
     ):
         run_study(replace(find_study("sweep"), evaluate=die), TABLE10, tmp_path, executor=executor, **MANY)

@@ -94,7 +94,7 @@ def test_laws_and_drives_without_an_exact_period_are_refused():
     record = sb.Sampled(np.array([0.0, 30.0]), np.array([0.0, 1.0]))
     hertz = sb.Contact(np.ones(1), sb.Stops(upper=0.0, stiffness=400.0, exponent=1.5))
     for load, contact, words in (
-        (([1.0], record), STOP, "an orbit needs a periodic drive"),
+        (([1.0], record), STOP, "have one drive frequency"),
         (LOAD, hertz, "a linear law"),
     ):
         system = sb.System.from_matrices([[1.0]], [[1.0]], [[0.2]], loads=[load], contacts=[contact])

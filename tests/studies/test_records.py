@@ -118,11 +118,11 @@ def test_an_exact_sweep_over_a_stop_and_a_level_has_the_exact_impacts(folder, na
 
 
 REFUSED = {
-    "frequency": ({}, r"for a case that samples drive, got 'frequency': .*loads\[0\].time.scale"),
+    "frequency": ({}, r"for a case without a period, got 'frequency': .*loads\[0\].time.scale"),
     "amplitude": ({"parameter": "amplitude", "values": [1.0, 2.0]}, r"exactly one Harmonic .*loads\[0\].time.scale"),
     "periods": (
         {"parameter": SCALE, "values": [1.0], "periods": 3},
-        "periods must be left out for a case that samples",
+        "periods must be left out for a case without a period",
     ),
     "path": (
         {"parameter": "loads[0].time.amplitude", "values": [1.0]},

@@ -207,12 +207,43 @@ def test_bad_input_is_refused_before_anything_runs(bad):
         study("sweep", TABLE10, **options)
 
 
-def test_a_case_without_a_drive_of_its_own_is_refused():
+def test_a_case_without_a_drive_has_no_frequency_to_vary():
     still = replace(TABLE10, problem=replace(TABLE10.problem, base=None))
-    with pytest.raises(sb.InputError, match="one, for a section once a period"):
+    with pytest.raises(sb.InputError, match=r"be another one for a case without a period.*such as \w"):
         study("sweep", still)
     with pytest.raises(sb.InputError, match="case with stops"):
         study("sweep", LINEAR, parameter="clearance", values=[0.1])
+
+
+def dropped(height: float) -> sb.System:
+    """A mass that falls onto a damped stop."""
+    return sb.System.from_matrices(
+        [[1.5]],
+        [[0.0]],
+        loads=[([1.0], sb.Constant(-14.7))],
+        contacts=[sb.Contact([1.0], sb.Stops(lower=0.0, stiffness=2e3, damping=20.0))],
+        initial_displacement=[height],
+    )
+
+
+@pytest.mark.parametrize("method", ["exact", "BDF2"])
+def test_a_drop_without_a_drive_is_swept_from_its_start_to_its_end(method):
+    """The largest force over heights of fall, against single exact solutions."""
+    heights = [0.1, 0.2, 0.3]
+    records = sb.study("sweep", dropped(0.1), dt=1e-4, t_end=1.0, parameter="q0[0]", values=heights, method=method)
+    assert [row["q0[0]"] for row in records.rows] == heights
+    for row in records.rows:
+        exact = sb.reference(dropped(row["q0[0]"]), 1.0)
+        assert row["count"] == exact.impacts.count
+        assert row["peak_force"] == pytest.approx(exact.contacts[0].peak_force, rel=1e-7 if method == "exact" else 1e-2)
+    assert "Single runs, t = 0 to 1" in str(records.answer)
+
+
+def test_several_drives_have_no_period_unless_one_is_named():
+    mass = replace(dropped(0.0), loads=[([1.0], sb.Superposition(sb.Harmonic(5.0, 3.0), sb.Harmonic(7.0, 8.1)))])
+    options = {"dt": 1e-3, "t_end": 2.0, "method": "BDF2"}
+    whole = sb.study("sweep", mass, parameter="contacts[0].stops.stiffness", values=[1e3, 2e3], **options)
+    assert {row["kind"] for row in whole.rows} == {"contact"}
 
 
 def run_cli(*arguments: str):

@@ -103,7 +103,7 @@ def test_wrong_units_are_told_by_their_factor(factor, word):
     card = sb.score(wrong, SOME[1])
     assert outcomes(card) == {SOME[1]: NOT_FALLING}
     assert card.entries[0].best.factor == pytest.approx(factor, rel=1e-3)
-    assert re.search(rf"but for a constant factor of {factor:g}\d*: {word}\?", " ".join(str(card).split()))
+    assert re.search(rf"times a constant factor of {factor:g}\d*: {word}\?", " ".join(str(card).split()))
     assert not np.isfinite(sb.score(newmark, SOME[1]).entries[0].best.factor)
 
 

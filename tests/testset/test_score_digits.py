@@ -41,7 +41,7 @@ def test_exact_motions_in_few_digits_are_told_apart(exact, name):
     runs = [(t, rounded(u), rounded(v)) for t, u, v in exact]
     card = score_trajectories(NAME, runs)
     assert card.entries[0].outcome == FEW_DIGITS
-    assert "write more of them" in str(card)
+    assert "write more digits" in str(card)
     assert not card.flagged
     assert outcome([(rounded(t), rounded(u), rounded(v)) for t, u, v in runs]) == FEW_DIGITS
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from contextlib import AbstractContextManager
+from collections.abc import Generator
+from contextlib import contextmanager
 from importlib import import_module
 from typing import Any
 from weakref import WeakValueDictionary
@@ -33,7 +34,7 @@ def aligned(shape: tuple[int, ...]) -> Array:
 
 
 def read_only(values: ArrayLike) -> Array:
-    """A copy of ``values`` that cannot be written to, or ``values`` itself where it is one.
+    """A read-only copy of ``values``, or ``values`` itself if ``read_only`` made it.
 
     Results computed from it hold as long as it lives, and two that are one object are equal for good.
     """
@@ -46,27 +47,37 @@ def read_only(values: ArrayLike) -> Array:
 
 
 def is_read_only(values: Any) -> bool:
-    """Tell whether ``read_only`` made it, so that no one holds a view that can be written to."""
+    """Return True if ``read_only`` made the array, so that no writable view of it exists."""
     return isinstance(values, np.ndarray) and _READ_ONLY.get(id(values)) is values and not values.flags.writeable
 
 
 def same(a: Array | None, b: Array | None) -> bool:
-    """Equal number by number, None being equal to itself only."""
+    """Return True if a and b are equal number by number; None equals only itself."""
     if a is None or b is None:
         return a is b
     return a is b or np.array_equal(a, b)
 
 
 def step_lengths(t: Array) -> Array:
-    """Length of time (k,) that each of the times t (k,) stands for: half of both intervals beside it, at the ends a
-    whole one; dt everywhere for equidistant times, 1 for a single time."""
+    """Length of time (k,) that each of the times t (k,) represents: half of both intervals next to it, at the ends a
+    whole interval. It is dt everywhere for equidistant times, and 1 for a single time."""
     return np.gradient(t) if len(t) > 1 else np.ones(len(t))
 
 
-def double_precision() -> AbstractContextManager[Any]:
-    """A context in which JAX computes in float64; outside it stays as it was."""
+@contextmanager
+def float64_on_the_processor() -> Generator[None]:
+    """A context in which JAX computes in float64 on the processor; outside it stays as it was.
+
+    A step of a small stiff system is a chain of hundreds of short operations. Each of them costs a launch on a
+    graphics card, which JAX takes by default where there is one.
+    """
     import jax
 
     # A switch of the whole process in older versions of JAX moved out of ``experimental``.
     home = jax if hasattr(jax, "enable_x64") else import_module("jax.experimental")
-    return home.enable_x64(True)
+    try:
+        processor = jax.local_devices(backend="cpu")[0]
+    except RuntimeError:  # JAX_PLATFORMS leaves the processor out
+        processor = None
+    with home.enable_x64(True), jax.default_device(processor):
+        yield

@@ -1,4 +1,4 @@
-"""Names that have been replaced: they work, and warn with the new one."""
+"""Old names: they still work, and warn with the new name."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from typing import Any
 
 
 def warn_of(old: str, new: str, stacklevel: int = 3) -> None:
-    """Warn that ``old`` is called ``new`` now; shown to whoever uses the old name."""
+    """Warn that ``old`` is now called ``new``. The warning points to the caller."""
     warnings.warn(f"{old} is called {new} now", DeprecationWarning, stacklevel=stacklevel)
 
 
 class Renamed:
-    """An attribute under its old name: reading it warns and gives the new one.
+    """An attribute under its old name. Reading it warns and returns the attribute under the new name.
 
     >>> class Ledger:
     ...     supplied = 3.0

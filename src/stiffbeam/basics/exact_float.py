@@ -1,4 +1,4 @@
-"""Numbers as they were written: float64 in value, with the exact number behind it for multiprecision.
+"""Numbers in their written form: a float64 value with the exact number attached, for multiprecision.
 
 0.001 in a case file or in the paper is the decimal 1/1000; the double next to it is another number, and
 past the horizon of float64 its problem is another problem.

@@ -1,4 +1,4 @@
-"""Writing arrays as a netCDF-4 file that appears whole or not at all, and knowing them again.
+"""netCDF-4 files: write arrays as a file that is either complete or absent, and verify a file by its checksum.
 
 Behind the file's own bytes stands their sha256, which HDF5 passes over: HDF5 may hang or crash on a damaged file, so
 one is opened only where that is right, or where another process has read all of it in time.
@@ -59,19 +59,19 @@ class Arrays:
 
     @classmethod
     def of(cls, data: xr.Dataset) -> Arrays:
-        """The variables of a dataset as they are."""
+        """The variables of a dataset, unchanged."""
         each = {str(name): (tuple(map(str, x.dims)), x.values, dict(x.attrs)) for name, x in data.variables.items()}
         return cls(each, dict(data.attrs))
 
     def to_xarray(self) -> xr.Dataset:
-        """The same as a dataset."""
+        """The variables as an xarray.Dataset."""
         import xarray as xr
 
         coordinates, data = self._parts()
         return xr.Dataset(data, coords=coordinates, attrs=self.attributes)
 
     def to_dict(self) -> dict[str, Any]:
-        """The same as ``xarray.Dataset.to_dict`` makes it, from which ``xarray.Dataset.from_dict`` makes it again."""
+        """The variables in the layout of ``xarray.Dataset.to_dict``, which ``xarray.Dataset.from_dict`` reads."""
         sizes = {dim: n for dims, x, _ in self.variables.values() for dim, n in zip(dims, np.shape(x), strict=True)}
         coordinates, data = (
             {
@@ -141,8 +141,8 @@ def write(data: Arrays, file: str | Path, compression: int = 0) -> Path:
 
 
 def require_whole(file: Path) -> None:
-    """Raise InputError for a file that its seal contradicts, and for one without a seal that is not read to its end
-    by a process of its own, within ``SECONDS`` and 8 GiB."""
+    """Raise InputError if a file does not match its checksum. A file without checksum must be readable to its end, by a
+    separate process, within ``SECONDS`` and 8 GiB."""
     content = file.read_bytes()
     body, seal, digest = content[-LENGTH:].rpartition(SEAL)
     body = content[:-LENGTH] + body
@@ -154,7 +154,7 @@ def require_whole(file: Path) -> None:
 
 
 def _unreadable(file: Path, size: int) -> str:
-    """Why not all of the file can be read, "" where it can."""
+    """Reason why the file cannot be read to its end; "" if it can."""
     words = [sys.executable, "-P", "-c", READ_ALL, str(file.absolute()), str(8 * 2**30)]
     seconds = SECONDS * (1.0 + size / 1e8)
     try:

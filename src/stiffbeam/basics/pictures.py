@@ -1,4 +1,4 @@
-"""Pictures that objects offer by name. The entrance of the package sets what draws them, which lies to their right."""
+"""Pictures that objects call by name. ``stiffbeam/__init__.py`` sets the functions that draw them."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ Show = Callable[[str, int, int], None]
 
 @dataclass
 class Talk:
-    """Amount of output on the way: ``--quiet`` nothing, ``--verbose`` every phase in a line of its own."""
+    """Amount of progress output: nothing with ``--quiet``, one line for each phase with ``--verbose``."""
 
     quiet: bool = False
     verbose: bool = False
@@ -23,7 +23,7 @@ TALK = Talk()
 
 
 def silent(what: str, done: int, total: int) -> None:
-    """Shows nothing."""
+    """Progress function that shows nothing."""
 
 
 @contextmanager
@@ -41,7 +41,7 @@ def progress() -> Generator[Show, None, None]:
     from rich.text import Text
 
     class Clock(ProgressColumn):
-        """Seconds of the phase so far, and where its length is known those that are left."""
+        """Elapsed seconds of the phase, and the estimated rest if the length of the phase is known."""
 
         def render(self, task: Task) -> Text:
             left = "" if task.time_remaining is None else f", about {task.time_remaining:.0f} s left"
@@ -65,7 +65,7 @@ def progress() -> Generator[Show, None, None]:
 
 
 class _Phases:
-    """Which call of show(what, done, total) begins a phase."""
+    """Detector of the calls of show(what, done, total) that begin a phase."""
 
     def __init__(self) -> None:
         self.last = ("", 0, -1)
@@ -77,7 +77,7 @@ class _Phases:
 
 
 def _lines() -> Show:
-    """A line on stderr, with the time so far, where a phase begins."""
+    """Progress as lines on stderr: one at the start of each phase, with the elapsed time."""
     begun, phases = time.perf_counter(), _Phases()
 
     def show(what: str, done: int, total: int) -> None:

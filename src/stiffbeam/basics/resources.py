@@ -1,4 +1,4 @@
-"""Memory, time and threads: a call that would take too much is refused before it begins.
+"""Memory, time and threads: a call that would take too much raises an error before it begins.
 
 STIFFBEAM_MEMORY, in GiB, and STIFFBEAM_SECONDS raise or lower what is allowed, STIFFBEAM_THREADS sets the threads.
 """
@@ -34,7 +34,7 @@ def afford(field: str, value: Any, remedy: str, *, floats: float = 0.0, seconds:
 
 
 class Forecast:
-    """Work over [0, t_end] whose extent shows only on the way: its first part tells what the whole would take."""
+    """Estimate of the cost of work over [0, t_end], extrapolated from its first part."""
 
     def __init__(self, t_end: float) -> None:
         from .compiled import clock  # here, since ``afford`` is asked where numba is not needed
@@ -44,7 +44,8 @@ class Forecast:
         self._early = min(60.0, 0.05 * _allowed("STIFFBEAM_SECONDS", SECONDS))
 
     def check(self, t: float, floats: float = 0.0) -> None:
-        """At time t, with so many numbers kept: raise InputError where all of it is too much, see ``afford``."""
+        """Raise InputError at time t if the whole would be too much, given the amount of numbers so far; see
+        ``afford``."""
         share = max(t / self.t_end, 1e-12)
         if floats > self._many:
             afford("t_end", self.t_end, "shorten t_end", floats=floats / share)
@@ -68,7 +69,7 @@ Part = TypeVar("Part", bound=Sized)
 
 
 def cores() -> int:
-    """The threads an ensemble marches on: STIFFBEAM_THREADS, else the cores this process may use."""
+    """Number of threads of an ensemble: STIFFBEAM_THREADS, or the cores that this process may use."""
     wanted = os.environ.get("STIFFBEAM_THREADS", "").strip()
     if wanted:
         if not wanted.isdigit() or int(wanted) < 1:
@@ -84,7 +85,7 @@ def over_slices(
     threads: int,
     progress: Callable[[int], None] | None,
 ) -> Iterator[Part]:
-    """``work`` on slices of at most ``most`` items, what it makes of each, as long as the slice, in order.
+    """Results of ``work`` on slices of at most ``most`` items, in order; each result is as long as its slice.
 
     progress: called with the number of items done. Where a slice fails, those not begun are left out.
     """

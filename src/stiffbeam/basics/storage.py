@@ -1,4 +1,4 @@
-"""The cache directory, and files that appear whole or not at all."""
+"""The cache directory, and files that are either complete or absent."""
 
 from __future__ import annotations
 
@@ -45,11 +45,11 @@ def directory() -> Path:
 
 
 class _Shared(OSError):
-    """A folder into which somebody else may put code."""
+    """A folder into which another user may put code."""
 
 
 def _require_private(folder: Path) -> None:
-    """Raise where the folder, or a file of kernels in it, is another user's, or others may write there."""
+    """Raise an error if another user owns the folder or a kernel file in it, or may write there."""
     if not hasattr(os, "getuid") or not folder.exists():
         return
     kernels = folder.glob("*/*") if folder.name == "numba" else ()
@@ -61,7 +61,8 @@ def _require_private(folder: Path) -> None:
 
 @cache
 def source_hash(folder: Path = Path(__file__).parents[1]) -> str:
-    """Hash of the code and data in a folder, the package's by default: results of an edited one are not those of it."""
+    """Hash of the code and data in a folder, by default the package's. It changes with every edit, so old results are
+    not reused."""
     digest = hashlib.sha256()
     for file in sorted({*folder.rglob("*.py"), *folder.rglob("*.toml")}):
         digest.update(file.read_bytes())
@@ -72,7 +73,7 @@ PARTIAL = re.compile(r"\.(.+)\.([^.]*)-(\d+)-[0-9a-f]{8}\.partial")  # name, hos
 
 
 def write_whole(file: str | Path, content: str | bytes) -> Path:
-    """Put ``content`` into the file, text in UTF-8; what was there stays until all of it is on the disk.
+    """Write ``content`` to the file, text in UTF-8. The old content stays until the new one is completely on the disk.
 
     Folders on the way are made, the file has the mode that the umask gives, and what a killed process of this
     machine left half-written for the same file goes. Raises InputError for a place that cannot be written to, and
@@ -107,7 +108,7 @@ def _remove_left_over(path: Path, host: str) -> None:
 
 
 def _lives(process: int) -> bool:
-    """Tell whether there is a process of that number."""
+    """Return True if a process with that number exists."""
     try:
         os.kill(process, 0)
     except ProcessLookupError:

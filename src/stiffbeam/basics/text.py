@@ -33,12 +33,12 @@ class _Short(reprlib.Repr):
 
 
 def shown(value: Any) -> str:
-    """The repr of ``value``, shortened; also of a value that has none."""
+    """The shortened repr of ``value``; also works for a value whose repr fails."""
     return printable(_Short().repr(value))
 
 
 def printable(text: str) -> str:
-    """``text`` on one line: what steers a terminal is written as its escape, "\\x1b"."""
+    """``text`` on one line. Terminal control characters are written as their escapes, "\x1b"."""
     return "".join(x if x.isprintable() else ascii(x)[1:-1] for x in " ".join(text.split()))
 
 
@@ -73,7 +73,7 @@ def plain(value: Any) -> Any:
 
 
 def table(columns: dict[str, Any], attributes: dict[str, Any] | None = None) -> pandas.DataFrame:
-    """A DataFrame of the columns; what belongs to all of it stands in ``attrs``."""
+    """A DataFrame of the columns; attributes of the whole table are in ``attrs``."""
     import pandas
 
     frame = pandas.DataFrame(columns)

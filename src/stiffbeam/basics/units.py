@@ -5,8 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .arrays import Array
 from .validation import InputError
 
+CYCLES = {"s": "Hz", "ms": "kHz", "µs": "MHz", "us": "MHz", "ns": "GHz"}  # one period in each unit of time
 ONE = "1"  # the unit of a number without dimension, as netCDF writes it
 KNOWN = {
     "length": ("m", "mm", "cm", "dm", "km", "µm", "um", "nm", "in", "ft", "yd", ONE, "?"),
@@ -61,6 +66,7 @@ class Units:
             "force": F,
             "velocity": f"{L}/{T}",
             "frequency": f"rad/{T}",
+            "cyclic frequency": CYCLES.get(T, f"1/{T}"),
             "rate": f"1/{T}",
             "stop stiffness": f"{F}/{L}",
             "stop damping": f"{F} {T}/{L}",
@@ -92,12 +98,19 @@ class Units:
 
     @property
     def known(self) -> bool:
-        """Tell whether the quantities have units with names."""
+        """Return True if the units of the quantities have names."""
         return self not in (NON_DIMENSIONAL, UNKNOWN)
+
+    def cycles(self, omega: ArrayLike) -> tuple[Array, str, str]:
+        """An axis of frequencies: values, label and quantity for ``of``; angular where there is no unit of time."""
+        values = np.asarray(omega, float)
+        if not self.known:
+            return values, r"angular frequency $\omega$", "frequency"
+        return values / (2.0 * np.pi), "frequency", "cyclic frequency"
 
     @property
     def note(self) -> str:
-        """The note on numbers that stand without units; "" where every number has its own."""
+        """Note for tables whose numbers have no units; "" if every number has its own."""
         return {NON_DIMENSIONAL: "non-dimensional", UNKNOWN: "in the units of the matrices"}.get(self, "")
 
 

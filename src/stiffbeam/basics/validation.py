@@ -1,4 +1,4 @@
-"""One error type for bad input: it names the field, the value, the rule and the remedy."""
+"""The error type for invalid input, with the field, the value, the rule and a fix; and the checks that raise it."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class InputError(ValueError):
         super().__init__(sentence([field, rule, shown(value), remedy], (" must ", ", got ", ": ")))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """It arrives whole from a worker process."""
+        """Arguments to rebuild the error in another process, without loss."""
         return type(self), (self.field, self.value, self.rule, self.remedy)
 
 
@@ -141,7 +141,7 @@ def integer(field: str, value: Any, least: int) -> int:
 
 
 def one_of(field: str, value: Any, known: Iterable[str], rule: str = "be one that there is") -> str:
-    """``value`` where it is one of the ``known`` names."""
+    """``value`` if it is one of the ``known`` names; else raise InputError."""
     names = list(known)
     if not isinstance(value, str) or value not in names:
         raise InputError(field, value, rule, near(value, names))
@@ -158,7 +158,7 @@ def file_path(field: str, value: Any, remedy: str = "give a shorter one") -> Pat
 
 
 def itself(field: str, value: Any, known: type) -> None:
-    """Refuse a subclass of ``known``: its fields are what is computed with, what it overrides would be ignored."""
+    """Raise InputError for a subclass of ``known``: the computation uses its fields only and would ignore overrides."""
     if type(value) is not known:
         name = known.__name__
         if not isinstance(value, known):

@@ -66,7 +66,7 @@ def main() -> None:
     except (KeyboardInterrupt, SystemExit) as stop:
         if isinstance(stop, SystemExit) and stop.code != INTERRUPTED:
             raise
-        print("stiffbeam: interrupted; what is finished is kept, give the same command again", file=sys.stderr)
+        print("stiffbeam: interrupted; finished parts are kept, run the same command again", file=sys.stderr)
         if stopped:  # at once: what the compiler had half made can crash the end of the interpreter
             sys.stdout.flush()
             sys.stderr.flush()

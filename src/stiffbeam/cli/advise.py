@@ -1,4 +1,4 @@
-"""``stiffbeam advise``: which scheme and step give what is wanted."""
+"""``stiffbeam advise``: the scheme and time step for a given error."""
 
 from __future__ import annotations
 
@@ -20,21 +20,19 @@ def advise(
     case: Case,
     want: Annotated[
         str | None,
-        typer.Option(
-            help="errors that may be, of tip, impacts, peak_force, impulse; tip=1e-3,impacts=0.05,... if not given"
-        ),
+        typer.Option(help="admissible errors of tip, impacts, peak_force, impulse; default: tip=1e-3,impacts=0.05,..."),
     ] = None,
     schemes: Annotated[
-        str | None, typer.Option(help="comma-separated, instead of all", autocompletion=completion.schemes)
+        str | None, typer.Option(help="comma-separated; default: all", autocompletion=completion.schemes)
     ] = None,
     form: Form = None,
     t_end: TEnd = None,
-    most_steps: Annotated[int | None, typer.Option(help="of a run, where the search ends")] = None,
-    members: Annotated[int, typer.Option(help="past the horizon, perturbed runs behind each mean")] = 48,
+    most_steps: Annotated[int | None, typer.Option(help="most steps of a run; the search ends there")] = None,
+    members: Annotated[int, typer.Option(help="perturbed runs per mean, past the horizon")] = 48,
     out: Annotated[Path | None, typer.Option(help="folder for the journal; default: stiffbeam-output/CASE")] = None,
     json_file: Json = None,
 ) -> None:
-    """The cheapest scheme, contact and step that give a wanted error, and what no step gives.
+    """Find the cheapest scheme, contact treatment and time step for given errors, and the errors that no step reaches.
 
     After every refinement a line on stderr says the least errors so far; a search that was stopped goes on.
     """

@@ -27,7 +27,7 @@ def animate(
     out: Annotated[Path | None, typer.Option(help=".gif or .mp4; default: stiffbeam-output/CASE/animation.gif")] = None,
     json_file: Json = None,
 ) -> None:
-    """A film: the beam between its stops, schemes beside the exact motion, impacts flashing."""
+    """Film of the beam between its stops: schemes beside the exact motion, with a flash at each impact."""
     from ..basics.validation import InputError
     from ..figures.animation import animate as film
     from ..files.cases import find_case

@@ -1,4 +1,4 @@
-"""``stiffbeam cases``: what can be run."""
+"""``stiffbeam cases``: list the cases."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .output import check_json, console, say, write_json
 
 @app.command()
 def cases(
-    show: Annotated[str | None, typer.Option(help="print one case as TOML, a start for your own file")] = None,
+    show: Annotated[str | None, typer.Option(help="print one case as TOML, as a start for your own file")] = None,
     json_file: Json = None,
 ) -> None:
     """List the paper's cases."""

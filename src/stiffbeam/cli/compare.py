@@ -1,4 +1,4 @@
-"""``stiffbeam compare``: the main job."""
+"""``stiffbeam compare``: schemes beside references, the main command."""
 
 from __future__ import annotations
 
@@ -42,8 +42,8 @@ def compare(
     references: Annotated[
         str | None,
         typer.Option(
-            help="comma-separated, the first that can take the case is the main one; default: "
-            f"those of {','.join(COMPARED)} that can",
+            help="comma-separated; the first that supports the case is the main one; default: "
+            f"those of {','.join(COMPARED)} that support it",
             autocompletion=completion.methods,
         ),
     ] = None,
@@ -59,10 +59,10 @@ def compare(
     json_file: Json = None,
     cache: Annotated[
         bool,
-        typer.Option("--cache/--no-cache", help="keep the references and use those that are kept, or not"),
+        typer.Option("--cache/--no-cache", help="store references and use stored ones, or compute all anew"),
     ] = True,
     budget: Annotated[
-        float, typer.Option(help="seconds that one reference may take; one that would take more ends earlier")
+        float, typer.Option(help="seconds for each reference; one that needs more ends earlier")
     ] = BUDGET,
 ) -> None:
     """Run schemes beside SUNDIALS and the exact solution: table, picture, trajectories."""
@@ -118,7 +118,7 @@ def _like_case(run: tuple[Integrator, str], text: str, case: CaseFile) -> tuple[
 
 
 def _truth(case: CaseFile, form: str, t_end: float) -> Reference | None:
-    """The frozen solution of a table of the paper, None where its physics or span is another."""
+    """The stored solution of a table of the paper, None if its physics or span differs."""
     from ..studies.references import frozen, shipped
 
     folder = shipped()
@@ -127,7 +127,8 @@ def _truth(case: CaseFile, form: str, t_end: float) -> Reference | None:
 
 
 def _clear(folder: Path) -> list[str]:
-    """Remove what an earlier comparison wrote here, so that old and new never stand side by side; its names.
+    """Remove the files of an earlier comparison in this folder, so that old and new ones do not mix; return their
+    names.
 
     Only files that a comparison writes: its list may have been made by anyone. One that is cut or no list is
     passed over, and written anew.
@@ -165,16 +166,19 @@ def _draw(result: CaseComparison, folder: Path) -> list[Path]:
     forms = list(dict.fromkeys(r.provenance["form"] for r in result.references))
     for form in forms:
         from ..figures import save_figure
-        from ..figures.runs import four_panels
+        from ..figures.runs import four_panels, verdict
 
         runs = [run for run in result.runs if run.provenance["form"] == form]
         references = [one for one in result.references if one.provenance["form"] == form]
-        named = ": ".join(dict.fromkeys([result.case.name, result.case.title]))
         dt = units.measure(f"{result.case.dt:g}", "time")
-        details = [form, f"dt = {dt}", result.case.grid, *filter(None, [units.note])]
-        title = f"{named} ({', '.join(details)})".replace("$", r"\$")  # no formula of matplotlib's
+        details = ", ".join(filter(None, [form, f"dt = {dt}", result.case.grid, units.note]))
         name = "comparison.png" if form == forms[0] else f"comparison-{form}.png"
         comparisons = [c for c in result.comparisons if c.reference == references[0].label] if references else []
+        own = [c for c in comparisons if c.label in {run.label for run in runs}]
+        named = list(dict.fromkeys([result.case.name, result.case.title]))
+        heads = [named[0], *([verdict(own)] if own else [])]
+        title = "\n".join([": ".join(heads), ", ".join([*named[1:], details])])
+        title = title.replace("$", r"\$")  # no formula of matplotlib's
         written.append(save_figure(four_panels(title, runs, references, comparisons), folder / name))
     text = StringIO()
     Console(file=text, width=WIDTH, markup=False, emoji=False).print(_tables(result))
@@ -197,7 +201,7 @@ def _print_result(result: CaseComparison, written: list[Path], earlier: list[str
     terminal.print(Text.assemble((result.case.name, "bold"), f"  {result.case.title}"))
     terminal.print(_tables(result))
     if any(c.steps and c.window < c.t_end * (1 - 1e-9) for c in result.comparisons):
-        say(f"\nWhat holds past the horizon, with its spread over many runs: stiffbeam ensemble {shlex.quote(case)}")
+        say(f"\nStatistics past the horizon, over many runs: stiffbeam ensemble {shlex.quote(case)}")
     replaced = f", in place of {len(earlier)} of an earlier comparison" if earlier else ""
     files = f"{len(written)} files in {written[-1].parent}" if written else "nothing"
     say(f"\nWritten: {files}{replaced}")

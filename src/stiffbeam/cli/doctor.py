@@ -1,4 +1,4 @@
-"""``stiffbeam doctor``: what is installed, where things are kept, and whether every solver works here."""
+"""``stiffbeam doctor``: versions, folders, and a test of every solver."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 @app.command()
 def doctor(json_file: Json = None) -> None:
-    """Say what is installed and where caches are, and try every solver on a small problem."""
+    """Print versions and cache folders, and test every solver on a small problem."""
     from rich.table import Table
 
     from ..basics.progress import progress
@@ -75,7 +75,7 @@ def _places() -> dict[str, Any]:
 
 
 def _solvers(show: Show) -> list[dict[str, Any]]:
-    """Every reference, and a scheme, on a mass that meets a stop once, held against the exact solution."""
+    """Results of every reference and a scheme on a mass that meets a stop once, compared with the exact solution."""
     import numpy as np
 
     from ..march.integrate import integrate

@@ -1,4 +1,4 @@
-"""``stiffbeam doubt``: which part of an answer's doubt is rounding, scheme, mesh, data."""
+"""``stiffbeam doubt``: contributions of rounding, scheme, mesh and data to the uncertainty."""
 
 from __future__ import annotations
 
@@ -18,21 +18,20 @@ from .output import check_json, say, write_json
 def doubt(
     case: Case,
     uncertain: Annotated[
-        str | None, typer.Option(help="path=tolerance,..., relative; default: what the case file states")
+        str | None, typer.Option(help="path=tolerance,..., relative; default: those of the case file")
     ] = None,
     scheme: Annotated[
         str | None,
-        typer.Option(help="whose error is measured; default: the case's first", autocompletion=completion.schemes),
+        typer.Option(help="scheme to examine; default: the case's first", autocompletion=completion.schemes),
     ] = None,
     dt: Annotated[float | None, typer.Option(help="time step, instead of the case's")] = None,
-    members: Annotated[int, typer.Option(help="systems that are drawn, each solved on two meshes")] = 48,
-    seed: Annotated[int, typer.Option(help="of the draws")] = 1,
-    tolerance: Annotated[float, typer.Option(help="to which members agree in the data horizon, of the largest |u|")] = (
-        0.05
-    ),
+    members: Annotated[int, typer.Option(help="number of random systems, each solved on two meshes")] = 48,
+    seed: Annotated[int, typer.Option(help="seed of the random systems")] = 1,
+    tolerance: Annotated[float, typer.Option(help="for the data horizon, relative to the largest |u|")] = 0.05,
     json_file: Json = None,
 ) -> None:
-    """Rounding, scheme, mesh and data: how much doubt each adds to every quantity, and which is the largest.
+    """Contributions of rounding, scheme, mesh and data to the uncertainty of every quantity, and the largest of the
+    four.
 
     The tolerances are those of the case file, under [case.uncertain].
     """

@@ -75,16 +75,16 @@ Form = Annotated[
     str | None, typer.Option(help="displacement, velocity-curvature or hermite", autocompletion=completion.form)
 ]
 Jobs = Annotated[int | None, typer.Option(help="processes; default: one per core")]
-Json = Annotated[Path | None, typer.Option("--json", metavar="FILE", help="write the records here, - for stdout")]
+Json = Annotated[Path | None, typer.Option("--json", metavar="FILE", help="write the records to FILE, - for stdout")]
 References = Annotated[
-    Path | None, typer.Option(help="folder of frozen references; default: ./reference, else those of the package")
+    Path | None, typer.Option(help="folder of stored references; default: ./reference, or those of the package")
 ]
 Quiet = Annotated[
-    bool, typer.Option("--quiet", "-q", callback=_quiet, expose_value=False, help="say nothing; errors and --json stay")
+    bool, typer.Option("--quiet", "-q", callback=_quiet, expose_value=False, help="print nothing but errors and --json")
 ]
 Verbose = Annotated[
     bool,
-    typer.Option("--verbose", "-v", callback=_verbose, expose_value=False, help="a line on stderr for every phase"),
+    typer.Option("--verbose", "-v", callback=_verbose, expose_value=False, help="one line on stderr per phase"),
 ]
 
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def console(width: int | None = None) -> Console:
-    """The terminal as it is, silent with --quiet; ``width``: of what is piped. Names and messages may hold [/]."""
+    """The terminal, silent with --quiet; ``width``: for piped output. Names and messages may contain [/]."""
     from rich.console import Console
 
     wide = None if sys.stdout.isatty() else width
@@ -26,7 +26,7 @@ def console(width: int | None = None) -> Console:
 
 
 def say(text: str) -> None:
-    """A line as it is, of any length; nothing with --quiet."""
+    """Print a line unchanged, of any length; nothing with --quiet."""
     if not TALK.quiet:
         print(text)
 
@@ -43,7 +43,7 @@ def file_name(label: str) -> str:
 
 
 def make_folder(folder: Path, option: str = "--out") -> Path:
-    """``folder``, made where it is not there; InputError where that cannot be, or nothing can be written there."""
+    """``folder``, created if necessary; InputError if that is impossible or nothing can be written there."""
     from ..basics.validation import InputError, file_path
 
     file_path(option, folder)
@@ -58,7 +58,7 @@ def make_folder(folder: Path, option: str = "--out") -> Path:
 
 
 def check_json(file: Path | None) -> None:
-    """InputError for a --json that no file can be, before anything is computed."""
+    """Raise InputError for a --json that cannot be a file, before anything is computed."""
     if file is None or str(file) == "-":
         return
     from ..basics.validation import InputError, file_path
@@ -78,7 +78,8 @@ def json_text(command: str, records: Mapping[str, Any]) -> str:
 
 
 def write_json(command: str, records: Mapping[str, Any], file: Path | None) -> bool:
-    """Write the records where --json says; whether that is the terminal, which then shows nothing else."""
+    """Write the records to the file of --json. Returns True if that is the standard output, which then has nothing
+    else."""
     if file is None:
         return False
     text = json_text(command, records)

@@ -21,22 +21,22 @@ def reference_command(
     method: Annotated[
         str | None,
         typer.Option(
-            help=f"{', '.join(METHODS)}; all: hold them together; default: the best for the case",
+            help=f"{', '.join(METHODS)}; all: compare them; default: the best for the case",
             autocompletion=completion.methods,
         ),
     ] = None,
     form: Form = None,
-    digits: Annotated[str, typer.Option(help="of multiprecision: a number, or auto")] = "auto",
-    rtol: Annotated[float | None, typer.Option(help="of the adaptive solvers; 1e-10 if not given")] = None,
+    digits: Annotated[str, typer.Option(help="digits of multiprecision: a number, or auto")] = "auto",
+    rtol: Annotated[float | None, typer.Option(help="rtol of the adaptive solvers; default: 1e-10")] = None,
     t_end: TEnd = None,
     budget: Annotated[
-        float | None, typer.Option(help="seconds for --method all, 60 if not given; the rest is named as skipped")
+        float | None, typer.Option(help="seconds for --method all; default: 60, others are skipped")
     ] = None,
     out: Annotated[Path | None, typer.Option(help="netCDF file to write")] = None,
-    check: Annotated[Path | None, typer.Option(help="verify a frozen file, or a folder with a manifest")] = None,
-    remake: Annotated[Path | None, typer.Option(help="compute what is missing of the paper's references here")] = None,
-    cache: Annotated[bool, typer.Option("--cache", help="keep the reference and use one that is kept")] = False,
-    doubles: Annotated[bool, typer.Option("--doubles", help="read decimals as the doubles nearest to them")] = False,
+    check: Annotated[Path | None, typer.Option(help="verify a stored file, or a folder with a manifest")] = None,
+    remake: Annotated[Path | None, typer.Option(help="compute missing references of the paper here")] = None,
+    cache: Annotated[bool, typer.Option("--cache", help="store the reference, and use a stored one")] = False,
+    doubles: Annotated[bool, typer.Option("--doubles", help="read decimals as the nearest doubles")] = False,
     json_file: Json = None,
 ) -> None:
     """Make, compare and check reference solutions."""
@@ -82,7 +82,7 @@ def _references(
     budget: float | None,
     out: Path | None, cache: bool, doubles: bool, show: Show,
 ) -> list[dict[str, Any]]:  # fmt: skip
-    """One reference, saved, or the agreement of all methods."""
+    """Records of one reference, saved, or of the agreement of all methods."""
     from dataclasses import replace
 
     from ..basics.exact_float import as_doubles

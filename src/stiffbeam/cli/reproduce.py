@@ -35,7 +35,7 @@ def reproduce(
     jobs: Jobs = None,
     json_file: Json = None,
 ) -> None:
-    """Remake Dumont (2002) in a checkout: tables, figures, claims and misprints on one page."""
+    """Reproduce Dumont (2002) in a checkout: tables, figures, claims and misprints on one page."""
     from ..basics.resources import cores
 
     tables = _tables(what, number)
@@ -94,7 +94,7 @@ def _check(out: Path, jobs: int | None, json_file: Path | None) -> None:
 
 
 def _command() -> str:
-    """The command as it was typed, but for the place of the program."""
+    """The command line as typed, without the folder of the program."""
     return shlex.join(["stiffbeam", *sys.argv[1:]])
 
 

@@ -28,7 +28,7 @@ def score(
     ] = None,
     trajectory: Annotated[
         list[Path] | None,
-        typer.Option(help="score this file instead: columns t, u and, if known, v; again for other steps"),
+        typer.Option(help="score this file instead: columns t, u and, if known, v; repeat for other time steps"),
     ] = None,
     show: Annotated[bool, typer.Option("--list", help="list the problems, or print the file of one --problem")] = False,
     latex: Annotated[bool, typer.Option(help="one --problem as a LaTeX table")] = False,

@@ -1,4 +1,4 @@
-"""A film of runs side by side: the beam between its stops, schemes beside the exact motion, impacts flashing."""
+"""Film of runs side by side: the beam between its stops, schemes beside the exact motion, a flash at each impact."""
 
 from __future__ import annotations
 
@@ -36,11 +36,11 @@ def animate(
 ) -> Path:
     """Write the motion of ``runs``, all of one system, as .gif or .mp4, ``seconds`` long.
 
-    Above the beam, or of matrices every contact point, between its stops, with a flash where a run is on a stop in
-    the frame's time, as large as the root of the impact's peak force, on one scale for all runs; below the tip over
-    time. Past the horizon of a reference its curve is grey: from there on it is one motion among many. t_end: by
-    default that of the run that ends first. dpi: 90 makes frames of 720 x 504. Raises InputError for runs of several
-    systems or without theirs, and where no writer is installed.
+    Above: the beam, or for matrices every contact point, between its stops. A flash marks a run that is on a stop
+    during the frame; its size is the root of the impact's peak force, on one scale for all runs. Below: the tip over
+    time. Past the horizon of a reference its curve is grey: from there on it is one realisation. t_end: by default that
+    of the run that ends first. dpi: 90 makes frames of 720 x 504. Raises InputError for runs of several systems or
+    without theirs, and if no writer is installed.
     """
     path = Path(file)
     system = _system(runs)

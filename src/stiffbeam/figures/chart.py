@@ -110,7 +110,7 @@ class Ranges:
 
 @dataclass(frozen=True)
 class Level:
-    """A value right through the panel: of y, or of x. It says nothing where there is no data beside it."""
+    """A horizontal or vertical line through the whole panel. It is hidden if the panel has no data."""
 
     value: float
     label: str = ""
@@ -150,7 +150,7 @@ class Band:
 
 @dataclass(frozen=True)
 class Note:
-    """Words at (x, y), in the data's numbers or as "x", "y" or "xy" say in shares of the panel."""
+    """Text at (x, y), in data coordinates or, as named by "x", "y" or "xy", in shares of the panel."""
 
     text: str
     x: float
@@ -252,12 +252,13 @@ def curves(
 
 
 def style_of(i: int, j: int = 0) -> dict[str, Any]:
-    """The look of what is no method: the colour of the first number, the dashes of the second, a marker of both."""
+    """Line style of a curve that belongs to no method: the first number gives the colour, the second the dashes, both
+    the marker."""
     return {"color": COLOURS[i % len(COLOURS)], "marker": MARKERS[(i + 3 * j) % len(MARKERS)], "linestyle": dashed(j)}
 
 
 def render(picture: Picture, title: str, units: Units, words: Callable[[str], str] = str) -> Figure:
-    """Draw a picture. words: what every text passes through."""
+    """Draw a picture. words: a function that every text passes through."""
     figure = new_figure(picture.height)
     width = len(title) // -(-len(title) // LINE) + 8  # lines of about one length
     figure.suptitle("\n".join(textwrap.wrap(title, width, break_on_hyphens=False)), fontsize=11)

@@ -1,4 +1,4 @@
-"""The look of each method, and what several pictures need. matplotlib is loaded by what draws."""
+"""Line styles of the methods, and parts that several pictures share. The functions that draw load matplotlib."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ def new_figure(height: float, title: str = "", width: float = 11.0) -> Figure:
 
 
 def numeric(rows: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """The rows with NaN in the place of None."""
+    """The rows with NaN instead of None."""
     return [{key: np.nan if value is None else value for key, value in row.items()} for row in rows]
 
 
@@ -174,7 +174,7 @@ def signed_log(axis: Axes, values: Iterable[Array], threshold: float) -> None:
 
 
 def say_empty(axis: Axes, text: str = "no point could be evaluated") -> None:
-    """Words in the place of curves that do not exist."""
+    """Text in a panel without curves."""
     axis.text(0.5, 0.5, text, transform=axis.transAxes, ha="center", va="center", color="0.35", in_layout=False)
     axis.set(xticks=[], yticks=[])
 

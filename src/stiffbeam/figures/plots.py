@@ -1,4 +1,4 @@
-"""One picture for each kind of result, into axes that the caller has or into a figure of its own.
+"""One picture for each kind of result, into axes of the caller or into a new figure.
 
 Every function takes ``ax=None`` and arguments of ``Axes.plot``. It returns the axes it was given, or the new figure,
 which a notebook shows. The exact motion is black, a method has its look of every other picture.
@@ -29,7 +29,7 @@ ONE = 3.6  # height of a picture of one panel, in inches
 
 
 def _axes(ax: Axes | None, title: str) -> tuple[Axes, Axes | Figure]:
-    """The axes to draw into, and what the caller gets."""
+    """The axes to draw into, and the object to return."""
     if ax is not None:
         return ax, ax
     figure = new_figure(ONE, title, width=8.0)
@@ -130,7 +130,7 @@ def plot_comparison(comparison: Comparison, ax: Axes | None = None, **kwargs: An
         if comparison.pair is None:
             remedy = "compare the run and the reference again"
             raise InputError("plot", "a comparison without its runs", "be asked of what compare returned", remedy)
-        return comparison_figure(*comparison.pair)
+        return comparison_figure(comparison)
     method = comparison.label.partition("@")[0]
     error = np.maximum.accumulate(np.abs(comparison.error))
     seen = error > 0.0

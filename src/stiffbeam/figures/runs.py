@@ -1,4 +1,4 @@
-"""Pictures of runs: one by itself, and runs beside their reference in four panels."""
+"""Pictures of runs: a single one, and runs beside their reference in four panels."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 
 from ..basics.arrays import Array
 from ..measures.comparison import Comparison, compare
+from ..measures.report import percent
 from ..measures.smooth_motion import drive_frequency
 from ..measures.spectrum import amplitude_spectrum
 from ..model.contact import Stops
@@ -83,16 +84,17 @@ def four_panels(
 
 
 def _curves(
-    main: Reference, runs: Sequence[Trajectory], window: float, contact: int | None = None
+    main: Reference, runs: Sequence[Trajectory], end: float, contact: int | None = None, start: float = 0.0
 ) -> Iterator[tuple[int | None, Trajectory, Array, tuple[Array, Array]]]:
-    """(index, run, t, (u, u')) of the reference, whose index is None, and of the runs, at the tip or a contact."""
+    """(index, run, t, (u, u')) of the reference, whose index is None, and of the runs, at the tip or a contact, from
+    ``start`` to ``end``."""
     if main.solution is not None:
-        fine = np.linspace(0.0, window, 6000)
+        fine = np.linspace(start, end, 6000)
         yield None, main, fine, main.at(fine, contact)
     else:
         yield None, main, main.t, _path(main, contact)
     for i, run in enumerate(runs):
-        here = run.t <= window
+        here = (run.t >= start) & (run.t <= end)
         u, v = _path(run, contact)
         yield i, run, run.t[here], (u[here], v[here])
 
@@ -140,9 +142,8 @@ def _zoom(axis: Axes, main: Reference, runs: Sequence[Trajectory], window: float
     """The first impacts at a contact, or the first oscillations of the tip."""
     assert main.system is not None
     start, end = first_contact(main, main.system, window, contact or 0)
-    for index, run, t, (u, _) in _curves(main, runs, window, contact):
-        near = (t >= start) & (t <= end)
-        _draw(axis, t[near], u[near], index, run)
+    for index, run, t, (u, _) in _curves(main, runs, end, contact, start):
+        _draw(axis, t, u, index, run)
     axis.set_xlim(start, end)
     if contact is not None:
         draw_stops(axis, main.system.contacts[contact].stops, horizontal=True)
@@ -187,7 +188,7 @@ def zoom_on_stop(axis: Axes, reference: Reference, start: float, end: float, con
 
 
 def draw_stops(axis: Axes, stops: Stops, horizontal: bool) -> None:
-    """Dotted lines where the stops are."""
+    """Dotted lines at the stops."""
     for stop in (stops.lower_bound, stops.upper_bound):
         if np.isfinite(stop):
             line = axis.axhline if horizontal else axis.axvline
@@ -203,22 +204,30 @@ def _draw_spectra(
         if isinstance(run, Reference):
             continue  # ends at the horizon
         omega, amplitude = amplitude_spectrum(run.t, run.tip, drive, run.tip_velocity)
-        axis.plot(omega, amplitude, lw=0.9, label=short(run.provenance["method"]), zorder=2 + i, **line_of(run))
+        axis.plot(
+            units.cycles(omega)[0],
+            amplitude,
+            lw=0.9,
+            label=short(run.provenance["method"]),
+            zorder=2 + i,
+            **line_of(run),
+        )
         whole = min(whole, float(run.t[-1]))
     if runs and references:
         t = runs[0].t
         if references[0].solution is not None and float(references[0].provenance["t_end"]) >= t[-1] * (1 - 1e-9):
             u, v = references[0].at(t)
             omega, amplitude = amplitude_spectrum(t, u, drive, v)
-            axis.plot(omega, amplitude, color="black", lw=2.2, alpha=0.38, zorder=1)
+            axis.plot(units.cycles(omega)[0], amplitude, color="black", lw=2.2, alpha=0.38, zorder=1)
+    at, label, quantity = units.cycles(drive)
+    a = float(at)
     if drive:
-        axis.set_xlim(0.0, 15.5 * drive)
-        axis.set_xticks([k * drive for k in (1, 3, 5, 7, 9, 11, 13, 15)])
+        axis.set_xlim(0.0, 15.5 * a)
+        axis.set_xticks([k * a for k in (1, 3, 5, 7, 9, 11, 13, 15)])
         axis.set_xticklabels([f"{k}a" if k > 1 else "a" for k in (1, 3, 5, 7, 9, 11, 13, 15)])
-        a = units.measure(drive, "frequency", "g")
-        axis.set_xlabel(f"angular frequency, in multiples of the drive a = {a}")
+        axis.set_xlabel(f"{label}, in multiples of the drive a = {units.measure(a, quantity, 'g')}")
     else:
-        axis.set_xlabel(units.label("angular frequency", "frequency"))
+        axis.set_xlabel(units.label(label, quantity))
     curves = [(np.asarray(line.get_xdata()), np.asarray(line.get_ydata())) for line in axis.get_lines()]
     visible = [y[x <= axis.get_xlim()[1]] for x, y in curves]
     top = max((float(np.max(y)) for y in visible), default=0.0)
@@ -286,8 +295,31 @@ def run_figure(run: Trajectory, **kwargs: Any) -> Figure:
     return figure
 
 
-def comparison_figure(run: Trajectory, reference: Reference) -> Figure:
-    """A run beside its reference, in the four panels of ``stiffbeam compare``."""
-    title = f"{short(run.provenance['method'])} beside {short(reference.provenance['method'])}"
-    note = run.units.note
-    return four_panels(f"{title} ({note})" if note else title, [run], [reference])
+def verdict(comparisons: Sequence[Comparison]) -> str:
+    """A sentence on runs with one reference: how long their impacts match, or how far off the tip is.
+
+    Of several runs the first and the last to part from the reference are named.
+    """
+    units = comparisons[0].units
+    known = [c for c in comparisons if np.isfinite(c.matched_until) and c.contacts]
+    ends = sorted((c.matched_until, short(c.label.partition("@")[0])) for c in known)
+    if not ends:
+        errors = sorted(c.tip_error_rms for c in comparisons)
+        span = " to ".join(dict.fromkeys(percent(error) for error in (errors[0], errors[-1])))
+        return f"tip error {span} rms to t = {units.measure(comparisons[0].window, 'time', '.3g')}"
+    (first, early), (last, late) = ([units.measure(t, "time", ".3g"), name] for t, name in (ends[0], ends[-1]))
+    if len(ends) == 1:
+        return f"impacts match to t = {first}, tip error {percent(known[0].tip_error_matched)} rms"
+    return f"impacts match to t = {first}" + (f" ({early}) to {last} ({late})" if first != last else " in all runs")
+
+
+def comparison_figure(result: Comparison) -> Figure:
+    """A run beside its reference, in the four panels of ``stiffbeam compare``; the title says how far they agree.
+
+    The comparison has its ``pair`` of run and reference.
+    """
+    assert result.pair is not None
+    names = " against ".join(short(solution.provenance["method"]) for solution in result.pair)
+    title, note = f"{names}: {verdict([result])}", result.units.note
+    run, reference = result.pair
+    return four_panels(f"{title} ({note})" if note else title, [run], [reference], [result])

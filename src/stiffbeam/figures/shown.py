@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 
 class ShownFigure(Figure):
-    """A matplotlib figure that is the picture of a notebook cell whose last line it is.
+    """A matplotlib figure that a notebook shows as the value of a cell.
 
     IPython learns to draw bare figures only from pyplot, which this package does not load.
     """

@@ -1,1 +1,1 @@
-"""Case files, trajectories on disk and frozen references."""
+"""Case files, trajectories on disk, and stored references."""

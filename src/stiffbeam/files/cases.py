@@ -1,4 +1,4 @@
-"""Cases: the paper's 17 tables, a user's own files and systems, one form for all."""
+"""Cases: the paper's 17 tables, a user's own files, and systems, in one form."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ class Case:
 
     @property
     def has_stops(self) -> bool:
-        """Tell whether the problem has a stop."""
+        """Return True if the problem has a stop."""
         return self.problem.stops is not None
 
     @property
@@ -100,7 +100,7 @@ class Case:
 
 @dataclass(frozen=True)
 class SystemCase(Case):
-    """A case of a System. ``problem`` and ``cells`` raise InputError: what refines a grid needs a beam."""
+    """A case of a System. ``problem`` and ``cells`` raise InputError, because mesh refinement needs a beam."""
 
     problem: BeamProblem = field(init=False, repr=False, compare=False)
     cells: int = field(init=False, repr=False, compare=False)
@@ -124,13 +124,13 @@ class SystemCase(Case):
 
     @property
     def has_stops(self) -> bool:
-        """Tell whether the system has a contact."""
+        """Return True if the system has a contact."""
         return bool(self.matrices.contacts)
 
     @property
     def grid(self) -> str:
         """The number of unknowns, in words."""
-        return f"{self.matrices.size} unknowns"
+        return f"{self.matrices.size} unknown{'s' * (self.matrices.size > 1)}"
 
     @property
     def forms(self) -> tuple[str, ...]:
@@ -233,12 +233,12 @@ def paper_cases() -> dict[str, Case]:
 
 
 def paper_text() -> str:
-    """The data file of the paper's tables, for a start of one's own."""
+    """The data file of the paper's tables, as a start for a case file."""
     return files("stiffbeam.files").joinpath("paper.toml").read_text(encoding="utf-8")
 
 
 def case_text(name: str) -> str:
-    """The case as the TOML of a file of its own; ``name`` as in ``find_case``."""
+    """The case as the text of a TOML file; ``name`` as in ``find_case``."""
     case = find_case(name)
     text = paper_text() if name in paper_cases() else Path(case_file(name)).read_text(encoding="utf-8")
     blocks = ["[[case]]" + block.rstrip() + "\n" for block in re.split(r"(?m)^\[\[case\]\]", text)[1:]]

@@ -1,4 +1,4 @@
-"""References of anyone's system, computed once and kept in the cache directory."""
+"""References of any system, computed once and stored in the cache directory."""
 
 from __future__ import annotations
 
@@ -46,9 +46,9 @@ def cached_reference(
     compute the same reference leave one good file. Files that have not been used for longest are deleted when the cache
     exceeds a gigabyte.
 
-    A multiprecision reference that is confirmed to t_end answers at any time, except with rigid stops. The others come
-    back without states: with outputs, impacts, energy, horizon, work and provenance, as ``provenance["kept"]`` says.
-    "exact" is solved again, which takes no longer than reading a file.
+    A multiprecision reference that is confirmed to t_end can be evaluated at any time, except with rigid stops. The
+    others are loaded without states: with outputs, impacts, energy, horizon, work and provenance, as
+    ``provenance["kept"]`` states. "exact" is solved again, which takes no longer than reading a file.
 
     Parameters
     ----------

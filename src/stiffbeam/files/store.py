@@ -1,8 +1,8 @@
-"""Reading what was saved, trajectories and frozen references, and freezing a multiprecision solution.
+"""Read saved trajectories and stored references, and store a multiprecision solution.
 
-A frozen reference is a small file, from which float64 gives any time: every switching time, and the full state at some
-of the switches. From one of these states float64 loses only a few digits on the way to the next, so re-marching between
-them gives the solution at any time within the stated bound, however far errors have grown before it.
+A stored ("frozen") reference is a small file from which float64 computes the solution at any time. It has every event
+time, and the full state at some of the events. From one of these states to the next float64 loses only a few digits.
+Integrating again between them gives the solution at any time within the stated bound, past the float64 horizon too.
 """
 
 from __future__ import annotations
@@ -44,15 +44,15 @@ BOUND = 1e-9  # of max |u| and of the times: the accuracy that re-marching may l
 
 
 def can_freeze(reference: Reference) -> bool:
-    """Tell whether it is multiprecision, confirmed to its end, and between compliant stops: pieces between rigid ones
-    cannot be marched again in float64."""
+    """Return True if the solution is multiprecision, confirmed to its end, and between compliant stops. Segments
+    between rigid stops cannot be integrated again in float64."""
     system, t_end = reference.system, float(reference.provenance["t_end"])
     confirmed = reference.provenance["method"] == "multiprecision" and reference.horizon >= t_end
     return confirmed and system is not None and not any(contact.stops.rigid for contact in system.contacts)
 
 
 def freeze(reference: Reference, case: str, file: str | Path) -> dict[str, Any]:
-    """Write a multiprecision ``reference`` of the TOML text ``case``; returns what a manifest says of it:
+    """Write a multiprecision ``reference`` of the TOML text ``case`` to a file. Returns its entry for a manifest:
     impacts of all its contacts, the largest share of contact and force among them.
 
     With an empty ``case`` the file can be read together with its system only; another must make that system.
@@ -98,7 +98,7 @@ def freeze(reference: Reference, case: str, file: str | Path) -> dict[str, Any]:
 
 
 def load_frozen(data: xr.Dataset, path: Path, system: System | None = None, t_eval: Array | None = None) -> Reference:
-    """The Reference in an opened file; its content is checked against the hash, its switches re-marched.
+    """The Reference in an opened file. Its content is checked against the hash, and its events are computed again.
 
     system: what the file is of, by default what its case makes. t_eval: output times, by default 2001.
     """
@@ -128,7 +128,7 @@ def _system_of(case: str, source: str, form: str) -> System:
 
 
 def _states_to_store(reference: Reference, solution: Motion, t_end: float, bound: float) -> Array:
-    """The pieces whose initial states a file needs.
+    """The segments whose initial states a file needs.
 
     From each of them float64 is followed until it is off by ``bound`` of max |u| or of t_end, and the next is the
     last piece before that. Followed three times, twice with frequencies changed in their last bits: on
@@ -168,7 +168,7 @@ def _states_to_store(reference: Reference, solution: Motion, t_end: float, bound
 
 
 def _dataset(reference: Reference, solution: Motion, case: str, t_end: float, stored: Array) -> xr.Dataset:
-    """The switches, and the states at the start of the pieces ``stored``."""
+    """Dataset of the event times, and of the states at the start of the segments ``stored``."""
     assert reference.system is not None
     sides = solution.sides.astype(np.int8)
     sides = sides[:, 0] if sides.shape[1] == 1 else sides
@@ -212,7 +212,7 @@ def _dataset(reference: Reference, solution: Motion, case: str, t_end: float, st
 
 
 def _march(system: System, data: xr.Dataset, source: str) -> Motion:
-    """Re-march from stored state to stored state, holding every switch against the file."""
+    """Integrate again from stored state to stored state, and compare every event with the file."""
     tracer = tracer_of(system)
     times, sides = data["switch_time"].values, data["side"].values.astype(np.int64)
     sides = sides[:, None] if sides.ndim == 1 else sides
@@ -220,7 +220,7 @@ def _march(system: System, data: xr.Dataset, source: str) -> Motion:
     parts: list[Motion] = []
     for row, piece in enumerate(stored):
         last = stored[row + 1] if row + 1 < len(stored) else len(times)
-        # To the middle of the piece after the span, so that rounding cannot hide its last switch.
+        # To the middle of the segment after the span, so that rounding cannot hide its last event.
         until = (
             0.5 * (times[last] + (times[last + 1] if last + 1 < len(times) else t_end)) if last < len(times) else t_end
         )
@@ -244,8 +244,8 @@ def _contact_state(
 
 
 def _deviation(data: xr.Dataset, a: Motion, reference: Reference) -> float:
-    """Largest difference in position of a contact or the tip over max |u|, in the middle of every piece, between
-    ``a`` and what the file makes of it; infinite where it makes other switches."""
+    """Largest difference in position of a contact or the tip over max |u|, in the middle of every segment, between
+    ``a`` and the motion from the file; infinite if the events differ."""
     assert reference.system is not None
     try:
         b = _march(reference.system, data, "the file to be")
@@ -264,7 +264,7 @@ def _positions(system: System, solution: Motion, t: Array) -> Array:
 
 
 def _hash(data: xr.Dataset) -> str:
-    """Hash of everything in the file but the hash itself, and what depends on the machine."""
+    """Hash of the content of the file, without the hash itself and machine-dependent entries."""
     return netcdf.Arrays.of(data).hash(data.attrs.keys() - {"hash", "deviation"})
 
 
@@ -379,7 +379,8 @@ def _from_dataset(data: xr.Dataset, path: Path, system: System | None) -> Trajec
 
 
 def _pieces_of(system: System, notes: dict[str, Any]) -> Pieces | None:
-    """The states of a scheme's run, marched again; None for arrays of one's own and a scheme that no label makes."""
+    """The states of a scheme's run, integrated again; None for arrays of another program and for a scheme that its
+    label does not define."""
     if notes.get("source") == "arrays":
         return None
     try:

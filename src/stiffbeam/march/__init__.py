@@ -1,4 +1,4 @@
-"""Marching a scheme over a system, in the order of reading:
+"""Time loops of the schemes on a system, in reading order:
 
     integrate, ensemble    what is called: one run, many members
     choice                 which march pays, and how its nodes find their forces

@@ -56,10 +56,10 @@ def block_length(coordinates: Coordinates, scheme: Scheme) -> int:
 
 @dataclass(frozen=True, eq=False)
 class Stepper:
-    """A scheme on a system in coordinates: what every member shares, made once.
+    """A scheme on a system in coordinates: the data that all members share, computed once.
 
-    The propagators of the starter and of the blocks know the linear part only. Members may differ in
-    initial data, in their stops and in the frequencies and amplitudes of their harmonic loads.
+    The propagators of the starter and of the blocks contain the linear part only. Members may differ in initial data,
+    in their stops and in the frequencies and amplitudes of their harmonic loads.
     """
 
     coordinates: Coordinates
@@ -82,7 +82,7 @@ class Stepper:
         engine: str = "numba",
         rule: int | None = None,
     ) -> Stepper:
-        """rule: for stops of that kind, the system's own unless given."""
+        """Stepper of a scheme on a system. rule: for this kind of stops, by default that of the system."""
         system, starter = coordinates.system, scheme.starter
         rule = rule_of(system.contacts, contact) if rule is None else rule
         one = None if starter is None else build(starter, coordinates, dt, 1, contact, reduced=False, rule=rule)
@@ -94,7 +94,7 @@ class Stepper:
 
     @property
     def system(self) -> System:
-        """Whose matrices are marched."""
+        """The system whose matrices are used."""
         return self.coordinates.system
 
     @property
@@ -121,7 +121,7 @@ class Stepper:
 
 @dataclass(eq=False)
 class March:
-    """Members on their way: they march in step, segment by segment."""
+    """Ensemble members in progress. They advance together, segment by segment."""
 
     stepper: Stepper
     members: Sequence[System]
@@ -286,7 +286,7 @@ class March:
         )
 
     def _finish(self) -> None:
-        """Put the impacts in order, leave open those that are, and count the start and the end."""
+        """Sort the impacts, leave open contacts open, and include the forces at start and end."""
         tally, events = self.state.tally, self.events
         open_rows = tally[..., ROW][(tally[..., SIDE] != 0.0) & (tally[..., ROW] >= 0.0)].astype(int)
         events[open_rows[:, None], [IMPACT_PEAK, IMPACT_IMPULSE, END]] = np.nan
@@ -298,7 +298,7 @@ class March:
 
 @dataclass(frozen=True, eq=False)
 class Segment:
-    """Consecutive steps of the only member of a march, with what they can be made again from."""
+    """Consecutive steps of the only member of a march, with the data to compute them again."""
 
     march: March
     block: Propagator

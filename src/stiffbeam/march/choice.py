@@ -1,4 +1,4 @@
-"""Which march a run takes, which rule its nodes find their forces by, and what of it a scheme cannot do.
+"""Choice of the march of a run and of the rule for its contact forces, and checks that the scheme supports them.
 
 A block of K steps is a product with (R + D) x D numbers, D = k N for the k components that a scheme carries of N
 unknowns, once the powers of one step are made. A single step is a few products with N x N matrices in Python.
@@ -43,7 +43,7 @@ def rule_of(contacts: Sequence[Contact], contact: str) -> int:
 
 
 def scheme_for(scheme: Scheme, contact: str) -> Scheme:
-    """The scheme itself, or its form for contact="conserving". Raises InputError where it has none."""
+    """The scheme itself, or its form for contact="conserving". Raises InputError if it has no such form."""
     if contact != "conserving":
         return scheme
     if scheme.conserving is None:
@@ -68,8 +68,8 @@ def require_giving_way(scheme: Scheme, S: Array, S_rate: Array) -> None:
 def require_moved(scheme: Scheme, S: Array) -> None:
     """Raise InputError unless a force moves its node, s > 0, for stops with c > 0.
 
-    Their force jumps at the stop. A node that gives way finds one that holds it there; another takes F of a state,
-    and rounding says which. S: (..., m, m).
+    Their force jumps at the stop. A node that yields to a force finds the one that holds it there. Another node
+    evaluates F from a state, and rounding decides the result. S: (..., m, m).
     """
     if not np.all(np.diagonal(S, axis1=-2, axis2=-1) > 0.0):
         rule = "move every node by the force there, for stops with damping, whose force jumps"
@@ -77,7 +77,7 @@ def require_moved(scheme: Scheme, S: Array) -> None:
 
 
 def unsolved(scheme: Scheme, t: float) -> SolverFailure:
-    """The forces of several contacts at one node were not found."""
+    """Error: the forces of several contacts at one node were not found."""
     reason = "the forces of several contacts at once were not found"
     return SolverFailure(str(scheme), t, reason, "use a smaller dt, or the solver cvode")
 
@@ -91,14 +91,15 @@ LEAST, LONGEST = 32, 256  # force nodes of a block; more pay more for the contac
 
 
 def nodes_per_block(coordinates: Coordinates, scheme: Scheme) -> int:
-    """More where the product with the transition is large, since it is shared by the steps of a block."""
+    """Force nodes per block: more if the product with the transition is large, since all steps of a block share it."""
     return (
         LEAST if isinstance(coordinates, InModes) else int(np.clip(_carried(coordinates, scheme) / 4, LEAST, LONGEST))
     )
 
 
 def pays(coordinates: Coordinates, scheme: Scheme, steps: int) -> bool:
-    """Return True where blocks are faster than ``steps`` direct ones, set-up included; in modes always."""
+    """Return True if blocks are faster than ``steps`` direct steps, including set-up; always True in modal
+    coordinates."""
     if isinstance(coordinates, InModes):
         return True
     D, N, S = _carried(coordinates, scheme), coordinates.rows.shape[1], len(scheme.nodes)
@@ -113,7 +114,7 @@ def pays(coordinates: Coordinates, scheme: Scheme, steps: int) -> bool:
 
 
 def _carried(coordinates: Coordinates, scheme: Scheme) -> int:
-    """D."""
+    """Number D of state components of a block."""
     return len(independent(scheme, coordinates.equation.order, 1.0)[0]) * coordinates.rows.shape[1]
 
 
@@ -130,7 +131,7 @@ def is_rigid(system: System, scheme: Scheme) -> bool:
 
 
 def require_rigid(system: System, scheme: Scheme, contact: str) -> None:
-    """Raise InputError where the scheme, the restitution of the stops, or the start do not fit."""
+    """Raise InputError if the scheme, the restitution of the stops, or the start do not fit together."""
     if contact != "implicit":
         raise InputError("contact", contact, "be 'implicit' for rigid stops", "a reaction is no function of positions")
     restitutes = isinstance(scheme, RigidScheme) and scheme.restitutes

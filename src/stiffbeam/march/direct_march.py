@@ -24,7 +24,7 @@ STEPS_PER_PIECE = 4096
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """Consecutive steps first + 1 .. first + k of a run; valid until the next piece is made."""
+    """Consecutive steps first + 1 .. first + k of a run. Valid until the next piece is made."""
 
     first: int
     positions: Array  # (k, channels) at the ends of the steps
@@ -38,10 +38,10 @@ class Piece:
 def direct_pieces(
     system: System | FirstOrderSystem, scheme: Scheme, dt: float, steps: int, contact: str
 ) -> Iterator[Piece]:
-    """Step by step with the scheme's own ``step`` on matrices; contact by superposition.
+    """Pieces of a run step by step, with the scheme's own ``step`` on matrices. Contact by superposition.
 
-    A step is linear in the contact forces, so the step is taken without them, the forces are found
-    node by node from its positions and the probed compliances, and their responses are added.
+    A step is linear in the contact forces. It is first computed without them. The forces are then found node by node
+    from the positions and the compliances, and their responses are added.
     """
     view = Together.of(system)
     history, done = [view.start(view.system.q0, view.system.v0)], 0

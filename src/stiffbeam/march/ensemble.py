@@ -106,7 +106,7 @@ def integrate_ensemble(
 
 
 def _alone(plan: Plan, member: System) -> Plan:
-    """The plan of a member with records of its own, whose loads no other shares."""
+    """Plan of a member with its own records, whose loads no other member shares."""
     return Plan.of(member, plan.scheme, plan.dt, plan.t_end, plan.contact, 1, plan.engine)
 
 

@@ -1,4 +1,4 @@
-"""integrate: the arguments checked, the march chosen, its run as a trajectory."""
+"""integrate: check the arguments, choose the march, return the run as a trajectory."""
 
 from __future__ import annotations
 
@@ -40,8 +40,8 @@ DIRECT, RIGID = "direct", "rigid steps"
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """A run whose arguments have been checked. ``stepper``: of the march in blocks, None where that does not pay and
-    for rigid stops; ``rigid``: whether they are.
+    """A run whose arguments have been checked. ``stepper``: of the march in blocks, None if blocks do not pay or the
+    stops are rigid. ``rigid``: True for rigid stops.
 
     A pickled one is made again from ``given``, the System or FirstOrderSystem, and its other arguments.
     """
@@ -122,7 +122,7 @@ class Plan:
         return cls(system, parent, scheme, dt, steps, t_end, contact, form, omega_max, engine, stepper)
 
     def afford(self, members: int, every: int | None) -> None:
-        """Refuse more outputs than there is memory for, and more steps than anyone waits for."""
+        """Raise InputError for outputs that exceed the memory and for runs that take too long."""
         contacts = len(self.system.contacts)
         kept = 0 if every is None else self.steps // every + 1
         remedy = "give a larger `every`" if every is not None else "take fewer members"
@@ -135,7 +135,7 @@ class Plan:
         afford("dt", self.dt, "give a larger dt, or fewer members", seconds=seconds)
 
     def stepper_for(self, contacts: Sequence[Contact]) -> Stepper:
-        """The block march for the contacts of a member, whose law may be another kind than the system's."""
+        """The block march for the contacts of a member. Their law may be of another kind than that of the system."""
         assert self.stepper is not None
         rule = rule_of(contacts, self.contact)
         if rule not in self._steppers:
@@ -170,7 +170,7 @@ class Plan:
         return (RIGID if self.rigid else DIRECT) if self.stepper is None else self.stepper.kind
 
     def pieces(self, system: System | FirstOrderSystem) -> Iterator[Piece]:
-        """The run in pieces, where it is not in blocks."""
+        """The run in pieces, if it is not computed in blocks."""
         if self.rigid and isinstance(system, System):  # it may be a member with stops of its own
             if not is_rigid(system, self.scheme):
                 raise InputError("members", "compliant stops", "have rigid ones where one has", "integrate them apart")
@@ -179,7 +179,7 @@ class Plan:
         return direct_pieces(system, self.scheme, self.dt, self.steps, self.contact)
 
     def runs(self, members: EnsembleMembers, every: int | None, since: int = 0) -> Runs:
-        """The runs of members, their contacts after step ``since``; outputs where ``every`` is given."""
+        """Runs of the members, with contacts after step ``since``, and with outputs if ``every`` is given."""
         if self.stepper is None:
             return Runs.of([seen_directly(self, member, every, None, since) for member in members])
         contacts = members.all_contacts()
@@ -347,9 +347,9 @@ def integrate(
     InputError
         For bad arguments.
     Diverged
-        Where the run overflows.
+        If the run overflows.
     SolverFailure
-        Where the forces of several contacts at once are not found.
+        If the forces of several contacts at once are not found.
 
     Examples
     --------

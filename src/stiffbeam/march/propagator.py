@@ -172,12 +172,12 @@ class Propagator:
 
     @property
     def scheme(self) -> Scheme:
-        """Whose steps these are."""
+        """The scheme whose steps these are."""
         return self.one.scheme
 
     @property
     def coordinates(self) -> Coordinates:
-        """In which they are taken."""
+        """The coordinates of the steps."""
         return self.one.coordinates
 
     @property

@@ -165,9 +165,9 @@ class ModeErrors:
         period_elongation  m/(w_d - m)                              > 0: late
         damping_ratio      (xi w - s)/hypot(xi w - s, w_d - m)      the exact flow has xi
 
-    *_error: the possible error of the fit, 3 max|residual|/(span) for a slope. NaN where the mode is not
-    excited, dies within a few steps, turns by more than half a circle per step against the exact one or is not followed
-    for half a period: what a scheme adds to z turns like e^{-2 i w t}, and less than one turn of it is taken for slope.
+    *_error: the possible error of the fit, 3 max|residual|/(span) for a slope. NaN if the mode is not excited, dies
+    within a few steps, turns by more than half a circle per step against the exact one, or is not followed for half a
+    period. A scheme adds to z a part that turns like e^{-2 i w t}, and less than one turn of it would count as slope.
     """
 
     omega: Array

@@ -93,7 +93,7 @@ AT_REST = (
 
 
 def remark(system: System, reference: Reference) -> str:
-    """One sentence where the motion of ``system`` stays at rest or touches no stop, else ""."""
+    """Sentence for a ``system`` whose motion stays at rest or touches no stop; "" for others."""
     if stays_at_rest(system):
         return AT_REST
     if not reference.contacts or any(c.impacts.count or c.fraction for c in reference.contacts):
@@ -107,11 +107,11 @@ UNKNOWN = ContactMeasures(-1, -1, np.nan, np.nan, np.nan)
 
 @dataclass(frozen=True)
 class ContactComparison:
-    """One contact of the run against the same of the reference.
+    """Comparison of one contact of the run with the same contact of the reference.
 
-    place: where it is, "" for the only contact. run, reference: on [0, window], the reference's impacts sampled
-    at the run's steps and its share, peak and impulse by events where it knows its switches, else sampled too.
-    run_totals, reference_totals: the same to t_end, one realisation each and not comparable with one another.
+    place: its place, "" for the only contact. run, reference: on [0, window]; the reference's impacts are sampled at
+    the run's steps, and its share, peak and impulse are by events if it has them, else sampled too. run_totals,
+    reference_totals: the same to t_end, single runs that are comparable only statistically.
     """
 
     place: str
@@ -259,8 +259,8 @@ def compare(run: Trajectory | Sequence[ArrayLike], reference: Reference) -> Comp
     Raises
     ------
     InputError
-        Where the systems differ, where a scheme's outputs are thinned, and where the reference has no horizon or does
-        not answer at the run's times.
+        If the systems differ, if a scheme's outputs are thinned, or if the reference has no horizon or no values at the
+        run's times.
 
     Examples
     --------

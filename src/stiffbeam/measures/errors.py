@@ -92,7 +92,7 @@ def stays_within(run: Trajectory | Sequence[ArrayLike], reference: Reference, er
     Raises
     ------
     InputError
-        Where the systems differ, the reference has no horizon, or it has no values at the run's times.
+        If the systems differ, the reference has no horizon, or it has no values at the run's times.
 
     Examples
     --------
@@ -124,7 +124,7 @@ class Order:
 
     @property
     def unclear(self) -> bool:
-        """Tell whether the interval is too wide to speak of a rate."""
+        """Return True if the interval is too wide for a convergence rate."""
         return 2.0 * self.interval > WIDEST
 
     def __str__(self) -> str:

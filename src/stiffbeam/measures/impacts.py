@@ -1,4 +1,4 @@
-"""A contact in numbers, and the comparison of two impact sequences: pairs, delays, the time to which they match."""
+"""Measures of a contact, and the comparison of two impact sequences: pairs, delays, the time to which they match."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from ..trajectory.trajectory import Reference, Trajectory
 
 @dataclass(frozen=True)
 class ContactMeasures:
-    """One contact of one trajectory over a span: sampled impacts, share of steps in contact, peak |sigma| and
-    impulse, the sum of |sigma| dt; by ``events`` the share of time, the peak between the steps and the
-    integral of |sigma|. event_impacts: the impacts that the trajectory itself has, of a reference by events."""
+    """Measures of one contact of a trajectory over a span: sampled impacts, share of steps in contact, peak |sigma| and
+    impulse, the sum of |sigma| dt. If by ``events``: the share of time, the peak between the steps and the integral of
+    |sigma|. event_impacts: the impacts of the trajectory itself; those of a reference are by events."""
 
     impacts: int
     event_impacts: int
@@ -34,7 +34,7 @@ class Matching:
 
     A pair holds if both hit the same stop and |t_run - t_ref| is less than half the smaller gap to the
     neighbouring reference impacts, and no more than ``longest_delay``. matched_until: the reference time of
-    the first pair that does not hold (of an impact without a partner: its own time), else the window.
+    the first pair that does not hold, the time of an impact without a partner, or the window.
     first_error: t_run - t_ref of the first pair; median_delay: of all pairs that hold; > 0 means late, NaN
     where there is no pair.
     """
@@ -46,7 +46,8 @@ class Matching:
 
 
 def longest_delay(system: System, t_end: float) -> float:
-    """A quarter of the longest time scale of a run to t_end: an impact that is later than that follows nothing."""
+    """A quarter of the longest time scale of a run to t_end. An impact that is later belongs to no impact of the
+    reference."""
     return 0.25 * scales(system, t_end).period
 
 

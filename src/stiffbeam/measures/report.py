@@ -50,7 +50,7 @@ def percent(value: float, sign: str = "") -> str:
 
 
 def _names(comparisons: Sequence[Comparison]) -> list[str]:
-    """Short names, whole labels where two runs would share one; of an adaptive solver also what it does at a switch."""
+    """Short names, or whole labels if two runs would share one; for an adaptive solver also its treatment of events."""
     methods = [c.label.partition("@")[0] for c in comparisons]
     names = [short(method) for method in methods]
     names = [method if names.count(name) > 1 else name for method, name in zip(methods, names, strict=True)]
@@ -100,7 +100,7 @@ def comparison_tables(
     truths: Mapping[str, Reference] | None = None,
     refused: Container[str] = (),
 ) -> RenderableType:
-    """One table per form inside the horizon, the whole runs in a table of their own, the failures.
+    """Tables of a comparison: one per form inside the horizon, one of the whole runs, and the failures.
 
     truths: by form, a solution that holds over the whole span where there is one. refused: the labels of those
     failures that cannot be asked of the case.
@@ -174,7 +174,7 @@ def _inside(comparisons: Sequence[Comparison]) -> Table:
 
 
 def _several(comparison: Comparison) -> tuple[ContactComparison, ...]:
-    """The contacts that get a line of their own: all of them, where they are more than one."""
+    """The contacts with their own lines: all of them if there are several."""
     return comparison.contacts if len(comparison.contacts) > 1 else ()
 
 
@@ -199,7 +199,7 @@ def _whole(comparisons: Sequence[Comparison], truth: Reference | None) -> Table:
     first = comparisons[0]
     method, _, form = first.reference.partition("@")
     units, end = first.units, max(c.t_end for c in comparisons)
-    beyond = ": one realisation each, not comparable" if first.window < end * (1 - 1e-9) else ""
+    beyond = ": one realisation each, compare statistically" if first.window < end * (1 - 1e-9) else ""
     parted = min((c.matched_until for c in comparisons if not np.isnan(c.matched_until)), default=first.window)
     if not beyond and parted < first.window:
         beyond = f"; impacts differ from t = {units.measure(number(parted), 'time')} on"
@@ -248,15 +248,15 @@ def _explanation(comparisons: Sequence[Comparison], references: Sequence[Referen
         for r in references
     ]
     lines += [
-        "Tip error: rms over max |u|, as long as the impacts of all runs match. Lag > 0: late; in brackets the "
-        "median impact delay where the phase lag is undefined. Energy lost: by the scheme itself, not by dampers and "
-        "stops, of the most energy that start and loads have given; – where the step does not resolve what dampers "
-        "take. Impacts: sampled at the run's steps, [by events].",
+        "Tip error: rms over max |u|, up to the time to which the impacts of all runs match. Lag > 0: late; in "
+        "brackets the median impact delay if the phase lag is undefined. Energy lost: numerical dissipation, as a "
+        "share of the initial energy plus the work of the loads; – if the step does not resolve the dissipation of "
+        "dampers. Impacts: sampled at the run's steps, [by events].",
     ]
     if any(contact.reference_totals.events for c in comparisons for contact in c.contacts):
-        lines.append("Contact, peak force and impulse of the reference: by events, between the steps too.")
+        lines.append("Contact, peak force and impulse of the reference: by events, not sampled.")
     if any(c.switches in ("restart", "through") for c in comparisons):
-        lines.append("Restart: the solver starts anew at every switch; through: its error control finds the kink.")
+        lines.append("Restart: integration restarts at each event; through: the solver steps across it.")
     for c in comparisons:
         lengths = np.diff(c.times)
         if np.ptp(lengths) > EVEN * c.dt:
@@ -274,10 +274,10 @@ def _explanation(comparisons: Sequence[Comparison], references: Sequence[Referen
     if in_numpy:
         lines += [
             f"ns/step in NumPy: {', '.join(dict.fromkeys(in_numpy))}.",
-            "Modes that do not decouple march without the compiler.",
+            "Systems whose modes do not decouple run without compiled code.",
         ]
     if any(map(_several, comparisons)):
-        lines.append("Several contacts: impacts match as long as they do at every contact; each contact has a line.")
+        lines.append("Several contacts: each has a line. Impacts match as long as they match at all contacts.")
     lines += [f"{c.label.partition('@')[0]}, {reason}." for c in comparisons for reason in c.missing]
     return "\n".join(lines) + "\n"
 
@@ -290,7 +290,7 @@ def comparison_text(comparisons: Sequence[Comparison]) -> str:
 
 
 def comparison_html(comparisons: Sequence[Comparison]) -> str:
-    """The same for a notebook: tables and paragraphs."""
+    """Tables and paragraphs of a comparison in HTML, for a notebook."""
     tables = comparison_tables(comparisons)
     assert isinstance(tables, Group)
     return "".join(_html(part) for part in tables.renderables)

@@ -1,4 +1,4 @@
-"""A system's smooth motion without contact: the steady response to every load, and the lowest mode."""
+"""Smooth motion of a system without contact: the steady response to every load, and the lowest mode."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def slowest_period(system: System, t_end: float = np.inf) -> float:
 
 
 def without_contact(system: System) -> System:
-    """The same system with its stops taken away; ``tip`` stays what it was."""
+    """The system without its stops; ``tip`` is unchanged."""
     row = system.channels[system.tip_channel][0]
     return replace(system, contacts=(), observe=row)
 

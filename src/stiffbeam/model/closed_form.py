@@ -1,4 +1,4 @@
-"""The beam without contact in closed form, before any grid: what a semi-discrete system converges to."""
+"""The beam without contact in closed form, without a grid: the limit of the semi-discrete systems."""
 
 from __future__ import annotations
 

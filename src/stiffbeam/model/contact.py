@@ -162,7 +162,7 @@ class Stops(Parameters):
 
     @property
     def rigid(self) -> bool:
-        """Whether stiffness is inf."""
+        """True if stiffness is inf."""
         return isinstance(self.stiffness, (int, float)) and self.stiffness == math.inf
 
     def require_compliant(self, for_what: str) -> None:
@@ -216,7 +216,7 @@ class Stops(Parameters):
 
         Raises InputError where the law is not that, or that and -c v'.
         """
-        self.require_linear("a closed form between its switches", damped=True)
+        self.require_linear("a closed form between its events", damped=True)
         gap = self.upper_bound if side > 0 else self.lower_bound
         return float(self.stiffness), self.stiffness * (gap if math.isfinite(gap) else 0.0)
 
@@ -229,13 +229,13 @@ class Stops(Parameters):
 
     @property
     def data(self) -> dict[str, float]:
-        """What makes the law again: ``Stops(**data)``; what is left at its default is left out."""
+        """Arguments of the law for ``Stops(**data)``, without those at their defaults."""
         law = {name: default for name, default in NUMBERS.items() if name not in ("position", "motion")}
         return {x: float(getattr(self, x)) for x, default in law.items() if getattr(self, x) != default}
 
     @staticmethod
     def of(data: Any) -> Stops:
-        """From ``data``, or from the list (lower, upper, stiffness) that files of linear stops held once."""
+        """Stops from ``data``, or from the list (lower, upper, stiffness) in older files of linear stops."""
         return Stops(**data) if isinstance(data, dict) else Stops(data[0], data[1], stiffness=data[2])
 
     def pressure(self, depth: ArrayLike, rate: ArrayLike | None = None) -> Array:
@@ -407,5 +407,5 @@ def laws(contacts: Sequence[Contact]) -> Array:
 
 
 def linear(contacts: Sequence[Contact]) -> bool:
-    """Whether every stop has the linear law."""
+    """True if every stop has the linear law."""
     return all(contact.stops.linear for contact in contacts)

@@ -1,4 +1,4 @@
-"""The law of contact, written once: kernels, NumPy and JAX, the discrete gradient, ledger and files take it from here.
+"""The contact law. Kernels, NumPy, JAX, the discrete gradient, the energy balance and files all use this module.
 
     F = -(f(d) (1 + lambda d') + c d')_+,  f = kappa d^p,  into the upper stop, d = u - g2 > 0, mirrored below
 
@@ -38,7 +38,8 @@ LINEAR: dict[str, float] = {x.name: getattr(Parameters, x.name) for x in fields(
 
 
 class Law(NamedTuple):
-    """The same numbers as kernels take them, between the stops; the rows of an array of laws hold them in this order.
+    """The parameters of the law in the form for kernels, with the stops g1 and g2. An array of laws has them in this
+    order.
 
     Those after g2 stand in the order of ``Parameters``.
     """

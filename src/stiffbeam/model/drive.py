@@ -1,4 +1,5 @@
-"""Time functions as numbers: harmonics g(t) = (1, sin w1 t, cos w1 t, sin w2 t, ...), polynomials between samples."""
+"""Time functions as numbers: harmonics g(t) = (1, sin w1 t, cos w1 t, sin w2 t, ...), and polynomials between
+samples."""
 
 from __future__ import annotations
 
@@ -180,7 +181,7 @@ class Drive:
 
 
 def stays_at_rest(system: System) -> bool:
-    """Tell whether q = 0 at all times: the system starts at 0 without velocity, and no load or stop pushes it.
+    """Return True if q = 0 at all times: the system starts at 0 without velocity, and no load or stop pushes it.
 
     A bare callable, whose values are not known, and a stop that moves count as a push.
     """

@@ -65,7 +65,7 @@ def beam_field(problem: BeamProblem, form: str, t: Array, q: Array, x: ArrayLike
 
 
 def beam_field_rate(problem: BeamProblem, form: str, t: Array, v: Array, x: ArrayLike, slopes: int = 0) -> Array:
-    """The same of u_t, from v = q'."""
+    """Velocity u_t of the beam from v = q', as ``beam_field`` gives u from q."""
     return _derivative(problem, form, v, x, slopes, _base(problem, t, "rate"))
 
 

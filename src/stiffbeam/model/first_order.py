@@ -83,7 +83,7 @@ class FirstOrderSystem:
         return f"<FirstOrderSystem of {self.system!r}>"
 
     def is_of_its_system(self) -> bool:
-        """Tell whether it is, number by number, the first-order form of ``system``: a changed one is not."""
+        """Return True if it is, number by number, the first-order form of ``system``."""
         again = self.system.first_order()
         arrays = [(getattr(self, x), getattr(again, x)) for x in ("matrix", "observe", "y0", "to_q", "to_v")]
         if len(self.loads) != len(again.loads) or len(self.contacts) != len(again.contacts):

@@ -42,40 +42,42 @@ def massless_contacts(
         M_ii q_i'' + C_ii q_i' + (K_ii - K_ib K_bb^-1 K_bi) q_i = f_i - K_ib K_bb^-1 f_b + r^T F(r q_i + S f_b + o),
         r = W_i - S K_bi.
 
-    So a contact's position is u_f, the position that it would have without the stop; the nodes themselves are at
-    ``stops.penetration`` less, on the stop while it is pressed. No impact law is needed: stops have no restitution.
-    A row may read one node (a body and a wall), two (rod on rod: two springs in series) or more (a point between
-    nodes), and unknowns that keep their mass (a ball on a rod). Neighbouring nodes have a G that is not diagonal:
-    their forces solve a linear complementarity problem, which is no law of scalar stops, and they are refused. An
-    obstacle along a string, a rod or a surface has contacts at every second node: they meet only over nodes with mass.
+    A contact's position is therefore u_f, the position without the stop. The nodes themselves are at u_f less
+    ``stops.penetration``, that is on the stop while it is pressed. No impact law is needed, so stops have no
+    restitution. A row may read one node (a body and a wall), two nodes (rod on rod: two springs in series) or more (a
+    point between nodes), and unknowns that keep their mass (a ball on a rod). Neighbouring nodes have a G that is not
+    diagonal. Their forces solve a linear complementarity problem, which is not a law of scalar stops, so such contacts
+    raise an error. An obstacle along a string, a rod or a surface has contacts at every second node: these interact
+    only through nodes with mass.
 
-    nodes: the unknowns without mass. None: all that contacts read and that stiffness couples to others; an unknown
-    coupled to no other is a body of its own and keeps its mass. Contacts that read none of them stay as they are.
+    nodes: the unknowns without mass. None: all unknowns that contacts read and that stiffness couples to others. An
+    unknown that is coupled to no other is a separate body and keeps its mass. Contacts that read none of the nodes are
+    unchanged.
 
-    redistribute: where the mass of the nodes goes. "neighbour": to the unknown that each is coupled to most,
-    M_jj + M_bb, for a mass matrix without coupling at b. "renard": the matrix M~ with the entries of M, none at b,
-    that is nearest to M (sum of squares) among those with X^T M~ X = X^T M X, X = (1, x) for a beam, so that mass,
-    centre and inertia are kept, and the motions without strain for matrices.
+    redistribute: new place of the nodes' mass. "neighbour": the unknown to which each node is coupled most, M_jj +
+    M_bb, for a mass matrix without coupling at b. "renard": the matrix M~ with the entries of M, none at b, that is
+    nearest to M (sum of squares) among those with X^T M~ X = X^T M X. X = (1, x) for a beam, so mass, centre and
+    inertia are kept; for matrices X are the motions without strain.
 
-    damping: the damping that acts on the nodes. "none": nothing. With C_bb > 0 a node has a first-order equation, and
-    between contacts a state of its own, for which a System has no place. Where C_b = beta K_b, with one beta for all
-    nodes of a contact, as in a body of one material, the nodes move the others by F alone, and that is the force of a
+    damping: the damping that acts on the nodes. "none": no damping there. With C_bb > 0 a node has a first-order
+    equation, and between contacts a state of its own, which a System cannot hold. If C_b = beta K_b, with one beta for
+    all nodes of a contact, as in a body of one material, the nodes move the others by F alone, which is the force of a
     Kelvin-Voigt stop:
 
         u + beta u' = u_f + beta u_f' + G F      free: u - u_f decays with exp(-t/beta)
         F = -(kappa d + c d')_+,   d = u_f - g,   kappa = 1/G_cc,   c = beta/G_cc,   C_ii - C_ib C_bb^-1 C_bi for C_ii
 
-    "relaxed": these stops, met by u_f. It is exact but for exp(-flight/beta), flight the time from the start or from a
-    contact to the next one, ``impacts.times[1:] - impacts.ends[:-1]``; for rigid stops, and Harmonic and Constant
-    loads on the node. Where flights are not long, leave the node a little of its mass and take restitution=0: the
-    error is of first order in that mass. "condensed": no c, so that a contact is without the node's damping; what is
-    between contacts stays; for any damping of the node.
+    "relaxed": these stops, for u_f. The error is exp(-flight/beta), where flight is the time from the start or from a
+    contact to the next contact, ``impacts.times[1:] - impacts.ends[:-1]``. It needs rigid stops, and Harmonic and
+    Constant loads on the node. If flights are not long, leave the node a little of its mass and use restitution=0: the
+    error is of first order in that mass. "condensed": no c, so contacts are without the node's damping; the motion
+    between contacts keeps it; for any damping of the node.
 
     Raises InputError for contacts whose nodes move each other (neighbours, and several contacts at one node); a rigid
-    stop on no node; damping of the node that ``damping`` does not take; stops with a law that is not linear, or with
-    restitution; a load on the node that is a bare callable; a mass that cannot be moved; and where ``observe`` reads
-    the node.
-    Source: Khenous, Laborde and Renard, Eur. J. Mech. A 27 (2008) 918-932; the condensation is this module's own.
+    stop on no node; damping of the node that ``damping`` does not allow; stops with a law that is not linear, or with
+    restitution; a load on the node that is a bare callable; a mass that cannot be moved; and an ``observe`` that reads
+    the node. Source: Khenous, Laborde and Renard, Eur. J. Mech. A 27 (2008) 918-932; the condensation is this module's
+    own.
     """
     one_of("redistribute", redistribute, REDISTRIBUTIONS)
     one_of("damping", damping, DAMPINGS)
@@ -141,7 +143,8 @@ def _nodes(system: System, rows: Array, nodes: Sequence[int] | None) -> list[int
 
 
 def _require_condensable(contact: Contact, c: int, light: bool) -> None:
-    """Refuse contact ``c``, ``light`` where it reads a node without mass, for the law of its stops."""
+    """Raise InputError if the law of the stops of contact ``c`` does not fit; ``light``: it reads a node without
+    mass."""
     stops = contact.stops
     if light and stops.restitution is not None:
         rule = "be left out for a massless contact, which has no velocity to turn round"
@@ -155,7 +158,7 @@ def _require_condensable(contact: Contact, c: int, light: bool) -> None:
 
 
 def _require_unseen(system: System, nodes: list[int]) -> None:
-    """Refuse an ``observe`` and loads for which the position of a node would have to be known."""
+    """Raise InputError for an ``observe`` and for loads that need the position of a node."""
     if system.observe is not None and np.any(system.observe[nodes]):
         rule = "not read a massless contact node, which is no linear function of the others"
         remedy = "dataclasses.replace(system, observe=None) makes .tip the first contact's position"
@@ -179,8 +182,8 @@ def _held(system: System, nodes: list[int]) -> Array:
 
 
 def _require_independent(compliance: Array, linked: NDArray[np.bool_]) -> None:
-    """Refuse contacts that move each other, for which G is not diagonal; linked (contacts, contacts): whose nodes are
-    coupled or the same."""
+    """Raise InputError for contacts that move each other, for which G is not diagonal; linked (contacts, contacts):
+    whose nodes are coupled or the same."""
     size = np.sqrt(np.diag(compliance))
     pairs = np.argwhere(np.triu(np.abs(compliance) > ROUNDING * np.outer(size, size), 1))
     if not len(pairs):

@@ -38,7 +38,7 @@ SCALE = "scale"  # the last name of a path to a time function or an array: a fac
 
 @dataclass(frozen=True, eq=False)
 class EnsembleMembers(Sequence[System]):
-    """Members of an ensemble: systems that differ from ``system`` in a few fields, made on demand.
+    """Members of an ensemble: systems that differ from ``system`` in a few fields. Each is made when it is needed.
 
     They share mass, damping, stiffness and contact rows with ``system``, or are ``separate``.
 
@@ -123,7 +123,7 @@ class EnsembleMembers(Sequence[System]):
         return EnsembleMembers(self.system, self.parameter, [self.values[i] for i in rows], fields)
 
     def systems(self) -> list[System]:
-        """One for each, or one for all where they differ in initial data alone."""
+        """Systems of the members: one each, or a single one if they differ in initial data alone."""
         return [self.system] if set(self.fields) <= {"q0", "v0"} else list(self)
 
     def all_contacts(self) -> Sequence[tuple[Contact, ...]]:
@@ -196,7 +196,7 @@ def _callables(loads: Any, contacts: Any) -> list[tuple[Any, ...]]:
 
 
 def march_apart(members: EnsembleMembers) -> bool:
-    """Tell whether each member is marched with matrices or loads of its own: its matrices differ, or its functions of
+    """Return True if each member is integrated with its own matrices or loads: its matrices differ, or its functions of
     time differ from the system's in more than harmonics and constants."""
     if members.separate:
         return True
@@ -352,12 +352,12 @@ def with_values(system: System, values: Mapping[str, float]) -> System:
 
     A path leads through attributes and indexes from the problem of a beam ("base.frequency",
     "loads[0].time.amplitude", "viscosity") or from a system of matrices ("loads[0].time.phase", "q0[2]").
-    "contacts[i].stops" and "stops[i]" are one, and "stops" without an index are those of all contacts.
-    "loads[0].time.scale" and "base.scale" are factors on a time function, 1 for what it is: the level of a record. So
-    are "mass.scale", "damping.scale" and "stiffness.scale" of matrices.
-    Two names are short: "frequency" is that of every Harmonic with the drive's frequency, in loads, base, stop motions
-    and sums; "amplitude" is that of the drive. The drive is the base motion, else the loads, else the motion of the
-    stops. A beam that starts with the speed of its base starts with the new one. Raises InputError.
+    "contacts[i].stops" and "stops[i]" are the same, and "stops" without an index means all contacts.
+    "loads[0].time.scale" and "base.scale" are factors on a time function, with nominal value 1: the level of a record.
+    So are "mass.scale", "damping.scale" and "stiffness.scale" of matrices. Two names are short: "frequency" is that of
+    every Harmonic with the drive's frequency, in loads, base, stop motions and sums; "amplitude" is that of the drive.
+    The drive is the base motion, else the loads, else the motion of the stops. A beam that starts with the speed of its
+    base starts with the new one. Raises InputError.
     """
     if system.problem is not None and not (system.origin and system.origin.starts(system)):
         remedy = "give the beam its initial data in the problem, or build the systems one by one"
@@ -373,13 +373,17 @@ def with_values(system: System, values: Mapping[str, float]) -> System:
                 raise LookupError(path)
             system = _placed(system, keys, value)
         except LookupError as error:
-            root = system.problem or system
-            known = list(dict.fromkeys(["frequency", "amplitude", *_paths(root)]))
+            known = list(dict.fromkeys(["frequency", "amplitude", *paths_of(system)]))
             raise InputError("parameter", path, "be a path to a number of the system", near(path, known)) from error
     return system
 
 
 _KEY = re.compile(r"([A-Za-z_]\w*)|\[(\d+)\]")
+
+
+def paths_of(system: System) -> list[str]:
+    """The paths to all numbers of the problem or the system outside matrices and vectors."""
+    return _paths(system.problem or system)
 
 
 def value_at(system: System, path: str) -> float:
@@ -464,7 +468,7 @@ def _timed(thing: Any) -> bool:
 
 
 def _paths(thing: Any, path: str = "") -> list[str]:
-    """The paths to all numbers that are no entries of arrays."""
+    """The paths to all numbers outside arrays."""
     if _timed(thing):
         return _paths(thing[1], f"{path}.time")
     if isinstance(thing, Sampled):

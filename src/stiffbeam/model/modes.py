@@ -92,7 +92,8 @@ def _damped(system: System, springs: tuple[tuple[Array, float], ...] = ()) -> Mo
 
 
 def _proportional(system: System) -> bool:
-    """Tell whether the damping is alpha M + beta K to the rounding of every entry, sharper than products of shapes."""
+    """Return True if the damping is alpha M + beta K to the rounding of every entry. This test is sharper than products
+    of shapes."""
     C, on = system.damping, system.damping != 0.0
     for parts in ([system.mass], [system.stiffness], [system.mass, system.stiffness]):
         columns = np.stack([part[on] for part in parts], axis=1) / np.abs(C[on])[:, None]

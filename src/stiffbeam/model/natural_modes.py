@@ -93,7 +93,7 @@ def modes(system: System) -> NaturalModes:
 
 
 def _complex_modes(system: System) -> NaturalModes:
-    """From the eigenvalues of the first-order form in undamped modal coordinates, scaled by their frequencies."""
+    """Modes from the eigenvalues of the first-order form in undamped modal coordinates, scaled by their frequencies."""
     basis = decoupled.undamped_modes(system)
     n, scale = system.size, np.where(basis.omega > 0.0, basis.omega, 1.0)
     # z = (scale eta, eta'): entries of one size, so that the slow eigenvalues are as good as the fast ones.

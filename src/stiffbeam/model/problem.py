@@ -96,7 +96,7 @@ class BeamSection:
 
 
 def checked(sections: Sequence[BeamSection], length: float) -> tuple[BeamSection, ...]:
-    """In order along the beam. Raises InputError for sections that overlap or leave it."""
+    """Sections in order along the beam. Raises InputError if they overlap or leave the beam."""
     for section in sections:
         if not isinstance(section, BeamSection):
             raise InputError(
@@ -236,8 +236,8 @@ class BeamProblem:
         EI u_xx(L,t) + eta u_xxt(L,t) = 0                              (2.5) no moment at the tip
 
     The beam is integrated in the units of these numbers. By default they are the paper's, with L = m = 1;
-    ``from_physical`` takes the names and units of a physical beam. A number given as a text ("0.001", "1/3",
-    "2*pi*50"), Fraction or Decimal is carried exactly into multiprecision; a float is the double that it is.
+    ``from_physical`` has the names and units of a physical beam. A number given as a text ("0.001", "1/3", "2*pi*50"),
+    Fraction or Decimal keeps its exact value in multiprecision; a float is a double.
 
     Parameters
     ----------
@@ -361,7 +361,7 @@ class BeamProblem:
 
     @property
     def for_elements(self) -> tuple[str, ...]:
-        """Names of the properties that only form="hermite" can take."""
+        """Names of the properties that need form="hermite"."""
         names = ("rotary_inertia", "tip_inertia", "modal_damping", "sections")
         held = () if self.supports == "clamped-free" else ("supports",)
         return (*held, *(name for name in names if np.any(getattr(self, name))))
@@ -382,7 +382,7 @@ class BeamProblem:
                 raise InputError(name, getattr(self, name), f"be 0 for a {self.supports} beam", "its end does not move")
 
     def _check_stops(self) -> None:
-        """One Stops stays itself, several are a tuple."""
+        """Checked stops: one Stops as it is, several as a tuple."""
         argument = self.stops
         if isinstance(argument, (list, tuple)):
             object.__setattr__(self, "stops", argument[0] if len(argument) == 1 else tuple(argument) or None)

@@ -1,4 +1,5 @@
-"""The same right-hand side in JAX, traceable, with the system's numbers as an argument: one program per shape."""
+"""The right-hand side in JAX. It can be traced, and the system's numbers are an argument: one program for each
+shape."""
 
 from __future__ import annotations
 

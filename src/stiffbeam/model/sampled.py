@@ -182,11 +182,11 @@ class Sampled:
         return self._derivative(t, 0)
 
     def rate(self, t: ArrayLike) -> Array:
-        """Its first derivative; InputError where the interpolant jumps."""
+        """First derivative at t. Raises InputError if the interpolant jumps."""
         return self._derivative(t, 1)
 
     def acceleration(self, t: ArrayLike) -> Array:
-        """Its second derivative; InputError where it does not exist."""
+        """Second derivative at t. Raises InputError if it does not exist."""
         return self._derivative(t, 2)
 
     def _derivative(self, t: ArrayLike, order: int) -> Array:

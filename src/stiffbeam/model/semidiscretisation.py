@@ -37,7 +37,7 @@ Row = Callable[[float], Array]
 
 
 def contacts(problem: BeamProblem, row: Row) -> tuple[Contact, ...]:
-    """One contact per stops, in their order."""
+    """Contacts of the stops, one each, in their order."""
     return tuple(_contact(problem, stops, row) for stops in problem.all_stops)
 
 

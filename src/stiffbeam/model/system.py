@@ -78,7 +78,7 @@ def _dense(name: str, matrix: Any) -> Any:
 
 
 def definite_matrix(name: str, matrix: Array) -> Array:
-    """The matrix once it is known to be positive semidefinite, the mass positive definite; looked at once."""
+    """The matrix if it is positive semidefinite, the mass positive definite; checked once."""
     if _DEFINITE.get((name, id(matrix))) is matrix:
         return matrix
     if name == "mass":
@@ -93,8 +93,8 @@ def definite_matrix(name: str, matrix: Array) -> Array:
 
 
 def _least(matrix: Array) -> float:
-    """The least eigenvalue with the diagonal scaled to ones, which keeps its sign: what is soft may not be hidden
-    by what is stiff."""
+    """The least eigenvalue with the diagonal scaled to ones. Scaling keeps its sign, and stiff parts cannot hide soft
+    ones."""
     diagonal = np.diag(matrix)
     size = np.sqrt(np.abs(diagonal))
     size = np.where(size > 0.0, size, 1.0)
@@ -122,11 +122,11 @@ def finite_vector(name: str, vector: ArrayLike, n: int) -> Array:
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Origin:
-    """A beam, its discretisation, and the arrays that came of them.
+    """A beam, its discretisation, and the arrays that they give.
 
-    Each method answers for a given system by comparing the arrays it has with those made here, number by
-    number. So a system whose stiffness was replaced has no factor from the old one, and no beam: data
-    that do not belong to its matrices cannot be reached. The comparison costs n^2 and is made once.
+    Each method compares the arrays of a given system with those of the origin, number by number. A system whose
+    stiffness was replaced therefore has no factor from the old one, and no beam: it never gets data that do not belong
+    to its matrices. The comparison costs n^2 and is made once.
 
     cells: of the grid. stiffness_factor: G with G^T G = stiffness. contacts: one per stops of the problem, in
     order. tip: the row of u(L, t). paper_form: makes the paper's own first-order form of a system with these
@@ -161,7 +161,7 @@ class Origin:
         self.freeze()  # a pickled array can be written to again
 
     def has_matrices_of(self, system: System) -> bool:
-        """Tell whether mass, damping and stiffness are still those that the origin made."""
+        """Return True if mass, damping and stiffness are still those of the origin."""
         return all(same(getattr(self, name), getattr(system, name)) for name in ("mass", "damping", "stiffness"))
 
     def first_order_of(self, system: System) -> FirstOrderSystem | None:
@@ -169,7 +169,7 @@ class Origin:
         return self.paper_form(system, self.problem) if self.has_matrices_of(system) else None
 
     def form_of(self, system: System) -> str | None:
-        """Its name, where the matrices are these."""
+        """Name of the form, if the system still has its matrices."""
         return self.form if self.has_matrices_of(system) else None
 
     def units_of(self, system: System) -> Units | None:
@@ -181,7 +181,7 @@ class Origin:
         return self.stiffness_factor if same(self.stiffness, system.stiffness) else None
 
     def starts(self, system: System) -> bool:
-        """Tell whether the system has the initial data of the problem."""
+        """Return True if the system has the initial data of the problem."""
         return same(self.q0, system.q0) and same(self.v0, system.v0)
 
     def problem_of(self, system: System) -> BeamProblem | None:
@@ -214,9 +214,9 @@ _PROCESS, _CALLABLES = uuid4().hex, {}
 class System:
     """M q'' + C q' + K q = sum_k p_k f_k(t) + sum_c row_c^T F_c(row_c q + o_c(t)),  n unknowns.
 
-    Make one with ``semidiscretise`` or ``System.from_matrices``, and a changed one with ``dataclasses.replace``. What
-    was derived from a replaced field, such as a beam's factor of its stiffness, is then no longer offered (see Origin).
-    All arrays are checked and copied; the copies are read-only.
+    Make a system with ``semidiscretise`` or ``System.from_matrices``, and a changed one with ``dataclasses.replace``.
+    Data derived from a replaced field, such as a beam's factor of its stiffness, are then no longer available (see
+    Origin). All arrays are checked and copied; the copies are read-only.
 
     Parameters
     ----------
@@ -317,7 +317,7 @@ class System:
         initial_displacement: ArrayLike | None = None,
         initial_velocity: ArrayLike | None = None,
     ) -> System:
-        """Anyone's finite-element model: dense or SciPy sparse matrices, any contact row; at rest at zero
+        """System of any finite-element model: dense or SciPy sparse matrices, any contact row. It is at rest at zero
         without initial data. Raises InputError as the class does."""
         mass = symmetric_matrix("mass", mass)
         nothing = np.zeros(len(mass))
@@ -354,12 +354,14 @@ class System:
     def massless_contacts(
         self, redistribute: str = "neighbour", damping: str = "none", nodes: Sequence[int] | None = None
     ) -> System:
-        """Rigid stops on contact nodes without mass: an ordinary system with stops of the nodes' own stiffness.
+        """System with rigid stops on contact nodes without mass: an ordinary system with stops of the nodes' own
+        stiffness.
 
-        redistribute: "neighbour" or "renard", where their mass goes. damping: "relaxed" for the damping of a material,
-        exact where the flights between contacts are long against C_bb/K_bb of the node, or "condensed", which leaves
-        the node's out of the contact. nodes: the unknowns without mass, None for all that contacts read and stiffness
-        couples to others. For conditions and sources see ``model.massless``; raises InputError where they do not hold.
+        redistribute: "neighbour" or "renard", the new place of their mass. damping: "relaxed" for the damping of a
+        material, exact if the flights between contacts are long compared with C_bb/K_bb of the node, or "condensed",
+        which leaves the node's damping out of the contact. nodes: the unknowns without mass; None for all unknowns that
+        contacts read and that stiffness couples to others. For conditions and sources see ``model.massless``; raises
+        InputError if they do not hold.
         """
         from .massless import massless_contacts
 
@@ -377,7 +379,7 @@ class System:
 
     @property
     def damped(self) -> bool:
-        """Tell whether any entry of the damping matrix is not zero."""
+        """True if any entry of the damping matrix is not zero."""
         return bool(np.any(self.damping))
 
     @cached_property
@@ -412,7 +414,7 @@ class System:
         return 0 if self.observe is None else len(self.contacts)
 
     def reads_tip(self, contact: int) -> bool:
-        """Tell whether a contact acts on the tip itself."""
+        """Return True if a contact acts on the tip itself."""
         (row, offset), (tip, tip_offset) = self.channels[contact], self.channels[self.tip_channel]
         return np.array_equal(row, tip) and offset == tip_offset
 
@@ -512,7 +514,7 @@ class System:
 
     @property
     def exact_parameters(self) -> tuple[str, ...]:
-        """The numbers that multiprecision takes at their exact value, not at that of the double, as ``name = text``."""
+        """The numbers that multiprecision uses at their exact value, not as doubles, as ``name = text``."""
         if self.problem is not None and self.form != "hermite":
             return tuple(exact_parts(self.problem))
         return (*exact_parts(self.loads, "loads"), *exact_parts(self.contacts, "contacts"))
@@ -521,14 +523,13 @@ class System:
     def fingerprint(self) -> str:
         """A hash of everything that determines the solution; equal for equal systems in any process.
 
-        Numbers count by their exact values: a stop at the decimal 0.001 and one at the double next to it make
-        two systems, whose motions part at the horizon of float64.
-        A bare callable cannot be hashed by content: it counts as equal to itself only, in this process.
+        Numbers count by their exact values: a stop at the decimal 0.001 and one at the nearest double make two systems,
+        whose motions diverge at the horizon of float64.
         """
         return hashlib.sha256(b"".join(self._content().values())).hexdigest()
 
     def _content(self, read: Callable[[Any], Any] = lambda value: value) -> dict[str, bytes]:
-        """Content of the fingerprint by name; with ``read`` = as_doubles what float64 makes of it."""
+        """Content of the fingerprint by name; with ``read`` = as_doubles the values in float64."""
         loads = (vector.tobytes() + _describe(read(function)).encode() for vector, function in self.loads)
         contacts = (
             c.row.tobytes() + repr(read(c.stops)).encode() + _describe(read(c.offset)).encode() for c in self.contacts
@@ -547,7 +548,8 @@ class System:
         }
 
     def differences(self, other: System) -> list[str]:
-        """In what another system differs: its size and form, or mass, damping, stiffness, initial data, loads, ..."""
+        """Names of the differences from another system: its size and form, or mass, damping, stiffness, initial data,
+        loads, ..."""
         of_both = (("unknowns", self.size, other.size), ("form", self.form, other.form))
         whole = [f"{name} ({a} and {b})" for name, a, b in of_both if a != b]
         mine, theirs = self._content(as_doubles), other._content(as_doubles)
@@ -556,7 +558,7 @@ class System:
 
 
 def require_system(system: Any, field: str = "system") -> System:
-    """``system`` where it is a System itself."""
+    """``system`` if it is exactly a System, not a subclass."""
     if not isinstance(system, System):
         remedy = "make it with semidiscretise or from_matrices"
         raise InputError(field, f"a {type(system).__name__}", "be a System", remedy)

@@ -1,4 +1,4 @@
-"""All numbers of a system as arrays, and their derivatives in a parameter.
+"""All numbers of a system as arrays, and their derivatives with respect to a parameter.
 
     theta -> (M, C, K, rows, stops, loads, offsets, q0, v0)
 
@@ -61,11 +61,11 @@ class SystemData:
     v0: Array
 
     def vector(self) -> Array:
-        """All numbers in a row."""
+        """All numbers as one vector."""
         return np.concatenate([getattr(self, x.name).ravel() for x in fields(self)])
 
     def of_vector(self, numbers: Array) -> SystemData:
-        """The same arrays with other numbers."""
+        """Arrays of the same shapes with the numbers of a vector."""
         arrays, k = {}, 0
         for x in fields(self):
             old = getattr(self, x.name)
@@ -123,7 +123,7 @@ def data_of(system: System) -> SystemData:
 
 
 def _structure(system: System) -> list[object]:
-    """Everything but numbers: a derivative in what changes it does not exist."""
+    """All data of a system that are not numbers. With respect to these there is no derivative."""
     leaves = [leaf for _, leaf in load_terms(system)] + [leaf for _, _, leaf in offset_terms(system)]
     kinds = [(type(f), f.t.tobytes(), f.degree) if isinstance(f, Sampled) else type(f) for f in leaves]
     sides = [

@@ -262,7 +262,7 @@ def parts_of(function: LoadFunction | None) -> tuple[LoadFunction, ...]:
 
 
 def in_closed_form(function: LoadFunction | None) -> bool:
-    """Tell whether it is made of Harmonic, Constant and Sampled: known by numbers, which can be hashed and saved."""
+    """Return True if the function is made of Harmonic, Constant and Sampled, whose numbers can be hashed and saved."""
     return all(isinstance(part, KNOWN) for part in parts_of(function))
 
 

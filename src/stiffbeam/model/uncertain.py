@@ -19,7 +19,7 @@ KINDS = ("tolerance", "deviation", "between")
 
 @dataclass(frozen=True)
 class Uncertain:
-    """Distribution of one parameter with the nominal value x. One of the three is given:
+    """Distribution of one parameter with the nominal value x, by one of these arguments:
 
         tolerance = r       uniform in x (1 - r), x (1 + r)
         deviation = s       normal, mean x and standard deviation s |x|
@@ -35,7 +35,7 @@ class Uncertain:
     Raises
     ------
     InputError
-        Where none or several are given, and for numbers that state no distribution.
+        If none or several are given, and for numbers that state no distribution.
 
     Examples
     --------
@@ -73,7 +73,7 @@ class Uncertain:
 
     @property
     def kind(self) -> str:
-        """The name of what is given: "tolerance", "deviation" or "between"."""
+        """Name of the argument that was given: "tolerance", "deviation" or "between"."""
         return next(name for name in KINDS if getattr(self, name) is not None)
 
     @property
@@ -84,7 +84,7 @@ class Uncertain:
         return f"±{100 * self.tolerance:g} %" if self.tolerance else f"deviation {100 * (self.deviation or 0.0):g} %"
 
     def draw(self, rng: np.random.Generator) -> float:
-        """One draw: a factor on the nominal value, or the value itself of ``between``."""
+        """A random value: a factor on the nominal value, or the value itself for ``between``."""
         if self.between is not None:
             return float(rng.uniform(*self.between))
         if self.tolerance is not None:

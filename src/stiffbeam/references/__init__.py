@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -38,7 +39,7 @@ def reference(
 ) -> Reference:
     """Return a reference solution on [0, t_end], with the horizon to which it can be trusted.
 
-    Contact runs are chaotic: past ``horizon`` no float64 solution is *the* one.
+    Contact runs are chaotic: past ``horizon`` every float64 solution is one of many possible motions.
 
     Parameters
     ----------
@@ -48,8 +49,8 @@ def reference(
         End of the solution.
     method : str
         "exact" (piecewise linear, closed form between events; rigid stops from impact to impact); "multiprecision" (the
-        first in as many ``digits`` as error growth requires, confirmed with more: trusted to t_end; on rigid stops by
-        code of its own); "cvode" (BDF), "cvode-adams" and "ida" (BDF on the residual, no mass inverted) of SUNDIALS;
+        exact solution in as many ``digits`` as error growth requires, confirmed with more digits; for rigid stops with
+        separate code); "cvode" (BDF), "cvode-adams" and "ida" (BDF on the residual, no mass inverted) of SUNDIALS;
         "kvaerno3" and "kvaerno5" (ESDIRK) of diffrax; "dop853", "radau" and "lsoda" of SciPy; any solver of these two
         libraries with error control by its name there, such as "diffrax:Tsit5" and "scipy:RK45".
     t_eval : (k,) array, optional
@@ -72,7 +73,7 @@ def reference(
     progress : bool or callable
         True shows a bar in a terminal or a notebook, by solutions done: the reference itself and those its horizon is
         measured with. A function is called as show(what, done, total), total 0 where it is not known. Without either,
-        work of minutes is announced by a warning, with an estimate from a pilot run.
+        a warning announces work of minutes, with an estimate from a pilot run.
 
     Returns
     -------
@@ -85,7 +86,7 @@ def reference(
     InputError
         For an argument that is wrong or that the method cannot take, and where its library is missing.
     SolverFailure
-        Where the method gives up.
+        If the method gives up.
 
     Examples
     --------
@@ -125,23 +126,21 @@ def reference(
 def best_reference(
     system: System, t_end: float, t_eval: ArrayLike | None = None, progress: bool | Show = False
 ) -> Reference:
-    """The exact solution of a system, else an adaptive one to 1e-12 that restarts at every event; with its horizon.
+    """The exact solution of a system, or else an adaptive one to 1e-12 that restarts at every event; with its horizon.
 
-    An adaptive solution stands in only for a law or a function of time that has no exact solution, see ``substitute``:
-    numbers that are too large for the exact solution are no easier for SUNDIALS. Raises InputError with the reason of
-    the exact solution where no method takes the system, and SolverFailure where the one that takes it gives up.
+    An adaptive solution replaces the exact one only for a law or a function of time that has no exact solution, see
+    ``substitute``: numbers that are too large for the exact solution are no easier for SUNDIALS. Raises InputError with
+    the reason of the last method that was asked, and SolverFailure if the supporting one fails.
     """
-    refusals: list[InputError] = []
-    for method in BEST if substitute(system, t_end) else BEST[:1]:
-        try:
+    *others, last = BEST[1:] if substitute(system, t_end) else BEST[:1]
+    for method in others:
+        with suppress(InputError):
             return reference(system, t_end, method, t_eval, rtol=BEST_RTOL, progress=progress)
-        except InputError as error:
-            refusals.append(error)
-    raise refusals[0]
+    return reference(system, t_end, last, t_eval, rtol=BEST_RTOL, progress=progress)
 
 
 def substitute(system: System, t_end: float) -> str:
-    """Sentence that names the best reference of a system without an exact solution, and the reason; else empty."""
+    """Sentence with the best reference of a system that has no exact solution, and the reason; else empty."""
     from .exact.piecewise import refuse
 
     if any(contact.stops.rigid for contact in system.contacts):
@@ -150,12 +149,12 @@ def substitute(system: System, t_end: float) -> str:
         refuse(system, t_end)
     except InputError as error:
         rule = f"{error.field} must {error.rule}"
-        return f"No exact solution ({rule}): {BEST[1]} at rtol {BEST_RTOL:g} stands for it."
+        return f"No exact solution ({rule}): {BEST[1]} at rtol {BEST_RTOL:g} replaces it."
     return ""
 
 
 def takes(method: str, system: System, t_end: float) -> bool:
-    """Return True where ``method`` takes the stops of a system; an exact one must take its functions of time too."""
+    """Return True if ``method`` supports the stops of a system and, for an exact method, its functions of time."""
     if REFERENCES[method].kind == ADAPTIVE:
         return not any(contact.stops.rigid for contact in system.contacts)
     return not substitute(system, t_end)
@@ -171,7 +170,7 @@ def solve(
     digits: int | str = "auto",
     steps: Steps = Steps(),  # noqa: B008
 ) -> Reference:
-    """``reference`` without the horizon, but for multiprecision, which brings its own; t_eval: (k,) or None.
+    """``reference`` without the horizon, except for multiprecision, which computes its own; t_eval: (k,) or None.
 
     Raises InputError for what the method cannot take or a library that is missing, SolverFailure where it
     gives up.

@@ -1,4 +1,4 @@
-"""reference_ensemble: the best reference of many members of one system, exact ones side by side on all cores."""
+"""reference_ensemble: the best references of many members of one system; exact ones in parallel on all cores."""
 
 from __future__ import annotations
 

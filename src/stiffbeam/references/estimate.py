@@ -1,4 +1,4 @@
-"""How long a reference will take, before it is begun: pilot runs over small parts of the span."""
+"""Estimated time of a reference before it begins, from pilot runs over small parts of the span."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ def expected_seconds(
     system: System, t_end: float, method: str, rtol: float, atol: float | None, steps: Steps,
     solve: Callable[..., Reference], worth: float, solutions: float | None = None,
 ) -> float:  # fmt: skip
-    """Return the seconds that a reference will take, 0.0 where they are far below ``worth``.
+    """Return the estimated seconds of a reference, 0.0 if they are far below ``worth``.
 
     solutions: how often the method solves; by default as often as a reference with its horizon asks for.
 
-    The registry's seconds, scaled to the size, the fastest period and the samples of the loads, decide that first;
-    only where they come near ``worth`` are there pilot runs. The first over each span compile what it needs and are
-    not counted; what setting up costs is in both of the others, and is not taken times the span. A multiprecision
-    solution has no estimate (0.0): its digits grow with the span. Neither has one that is refused or fails.
+    The registry's seconds, scaled to the size, the fastest period and the samples of the loads, decide first. Only if
+    they come near ``worth`` are there pilot runs. The first pilot over each span compiles its code and is not counted.
+    Set-up time is part of both others and is not multiplied by the span. A multiprecision solution has no estimate
+    (0.0), because its digits grow with the span. Neither has one that is refused or fails.
     """
     entry = REFERENCES[method]
     if entry.kind == MULTIPRECISION:

@@ -1,4 +1,4 @@
-"""Horizons: how long a reference can be trusted, from how long it agrees with another or with copies of itself."""
+"""Horizons: the time to which a reference agrees with another solution or with perturbed copies of itself."""
 
 from __future__ import annotations
 
@@ -40,10 +40,10 @@ def time_tolerance(system: System, t_end: float = np.inf) -> float:
 def exact_horizon(
     reference: Reference, system: System, t_end: float, show: Show = silent
 ) -> tuple[float, dict[str, Any]]:
-    """How long the exact float64 solution can be trusted, and what that rests on.
+    """Horizon of the exact float64 solution, and the evidence for it.
 
     COPIES of the solution are perturbed by MARGIN times what its own construction loses to rounding, in
-    frequencies, forces and at every switch. The horizon is the time to which all of them agree with the
+    frequencies, forces and at every event. The horizon is the time to which all of them agree with the
     solution to half the tolerance. Rounding and perturbations grow at the same rate, but start in different
     directions. For its error to be twice that of every copy, rounding has to start 2 MARGIN times closer to
     the direction of growth than each of them: a chance of the order of (2 MARGIN)^-COPIES, 2e-4. The margin
@@ -82,7 +82,7 @@ def _of_free_modes(system: System) -> float:
 
 
 def _of_slow_modes(system: System, sides: NDArray[np.int64]) -> float:
-    """See ``known_until``, while the contacts press on these sides."""
+    """Horizon from slow modes while the contacts press on these sides, see ``known_until``."""
     closed = [
         (x.row, *x.stops.spring(1), x.stops.damping) for x, side in zip(system.contacts, sides, strict=False) if side
     ]
@@ -94,7 +94,7 @@ def _of_slow_modes(system: System, sides: NDArray[np.int64]) -> float:
 
 
 def _soon(reference: Reference, system: System, t_end: float, eps: float) -> float:
-    """The horizon by outputs at t_end 2^-k, where it ends before the first of the reference's own.
+    """The horizon by outputs at t_end 2^-k, if it ends before the first output of the reference.
 
     Its tolerance stays that of the reference's outputs: where all of these are zeros of the motion, as good as
     none of their digits is right, however large the motion is between them. Raises SolverFailure where it ends
@@ -122,15 +122,15 @@ def with_horizon(
     solve: Callable[..., Reference],
     show: Show = silent,
 ) -> Reference:
-    """``reference`` with its horizon, and in the provenance what it was measured against.
+    """``reference`` with its horizon; the provenance names the solution that it was compared with.
 
-    The exact solution is compared with perturbed copies of itself, see ``exact_horizon``. Any other solution
-    is compared with the exact one, or where that does not exist with itself at ten times its rtol, or at a tenth where
-    it steps across kinks, with steps of less than half the length and the functions of time sampled at other points. A
-    load that one of the two missed makes them differ; a load that both missed is not found. The provenance says with
-    what the reference was compared. Both must agree to half the tolerance, so that each may be off by the other half.
-    solve: what solves anew, with the arguments of ``references.solve``. Raises SolverFailure for an exact solution of
-    which nothing can be trusted.
+    The exact solution is compared with perturbed copies of itself, see ``exact_horizon``. Any other solution is
+    compared with the exact one. If that does not exist, it is compared with itself at ten times its rtol, or at a tenth
+    if it steps across kinks, with steps of less than half the length and the functions of time sampled at other points.
+    A load that one of the two missed makes them differ; a load that both missed is not found. The provenance names the
+    other solution. Both must agree to half the tolerance, so that each may be off by the other half. solve: the
+    function that solves again, with the arguments of ``references.solve``. Raises SolverFailure for an exact solution
+    without any valid time span.
     """
     tolerance = time_tolerance(system, t_end)
     notes: dict[str, Any] = {}

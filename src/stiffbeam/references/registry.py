@@ -1,4 +1,4 @@
-"""The reference solvers and what is known of each. A new one is one file and one line here.
+"""The reference solvers and their properties. A new solver is one file, and one line here.
 
 Everything that lists solvers reads this: ``reference`` and its commands, the cache, studies, pictures, tests. Beside
 those that have a line, any solver of ``LIBRARIES`` is a method by its name there: "diffrax:Tsit5", "scipy:RK45".
@@ -18,12 +18,12 @@ EXACT, MULTIPRECISION, ADAPTIVE = "exact", "multiprecision", "adaptive"
 class Method:
     """A reference solver.
 
-    name: what users write. module: in this folder, with ``solve(request) -> Reference``. label: its name in
-    pictures. look: the number of its dashes and marker there, which no other has and which stays. seconds:
-    what Table 10 takes to t = 0.06 at rtol 1e-6, roughly, for those who run the fast ones first or leave
-    the slow ones out. kind: EXACT (closed form between switches, in float64), MULTIPRECISION (the same in
-    many digits) or ADAPTIVE (error control: takes rtol, atol and Steps; its impacts are events). libraries: import
-    name and distribution of what it needs. solver: the name of its class in a library that has several.
+    name: the name for users. module: in this folder, with ``solve(request) -> Reference``. label: its name in pictures.
+    look: the number of its dashes and marker there, unique and permanent. seconds: time for Table 10 to t = 0.06 at
+    rtol 1e-6, roughly, to run fast methods first or leave slow ones out. kind: EXACT (closed form between events, in
+    float64), MULTIPRECISION (the same in many digits) or ADAPTIVE (error control: uses rtol, atol and Steps; its
+    impacts are events). libraries: import name and distribution of its dependencies. solver: the name of its class in a
+    library that has several.
     """
 
     name: str

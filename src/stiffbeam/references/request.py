@@ -1,4 +1,4 @@
-"""What a reference is asked for: the arguments of ``reference``, in one piece for every solver."""
+"""The arguments of ``reference`` as one object for every solver."""
 
 from __future__ import annotations
 
@@ -13,16 +13,15 @@ from ..basics.validation import InputError
 if TYPE_CHECKING:
     from ..model.system import System
 
-RESTART, KEEP = "restart", "through"  # what a solver does at a switch
+RESTART, KEEP = "restart", "through"  # treatment of events by a solver
 
 
 class Steps(NamedTuple):
-    """What bounds the steps of an adaptive solver beside its tolerances, and what it does at a switch.
+    """Bounds of the steps of an adaptive solver besides its tolerances, and its treatment of events.
 
-    breakpoints: times at which it starts anew. max_step: its longest step, None for what the functions
-    of time ask for. switches: "restart", "through" or None for the method's default. other: scan at other
-    points and step shorter, for a second opinion. events: False leaves the roots out where a solver goes
-    through the switches, so that impacts are the sampled ones.
+    breakpoints: times of a restart. max_step: longest step, None for what the functions of time require. switches:
+    "restart", "through" or None for the method's default. other: scan at other points and shorter steps, for a second
+    opinion. events: False leaves the roots out if a solver steps through the events; impacts are then the sampled ones.
     """
 
     breakpoints: Array | Sequence[float] = ()

@@ -78,6 +78,7 @@ def check_contract(scheme: Scheme) -> None:
 
 
 def is_known(scheme: Scheme) -> bool:
-    """Whether the scheme, and the one that it is a form of, are of this package: type and label say what it does."""
+    """Return True if the scheme, and the scheme of which it is a form, are of this package. Type and label then define
+    it."""
     inner = getattr(scheme, "scheme", None)
     return type(scheme).__module__.rpartition(".")[0] == __package__ and (inner is None or is_known(inner))

@@ -42,16 +42,16 @@ class MeanReaction(Scheme):
         return np.concatenate([y, loads[0][None]]), [y]
 
     def characteristic(self, x: float, xi: float) -> Array | None:
-        """That of the scheme it is a form of: without contact both take the same step."""
+        """Characteristic polynomial of the original scheme: without contact both forms take the same step."""
         return self.scheme.characteristic(x, xi)
 
     @property
     def parameters(self) -> dict[str, Any]:
-        """Those of the scheme it is a form of."""
+        """Parameters of the original scheme."""
         return self.scheme.parameters
 
     def label(self, digits: int | None = None, kind: str = "") -> str:
-        """That of the scheme it is a form of."""
+        """Label of the original scheme."""
         return self.scheme.label(digits, kind)
 
 

@@ -39,7 +39,7 @@ class MoreauJeanBilbao(RigidScheme):
     conditions = (VELOCITY,)
 
     def start(self, equation: Equation, dt: float, y: Array, force: Array) -> Array:
-        """With the exact q(-dt) under the load at t = 0."""
+        """State at t = 0, with the exact q(-dt) under the load at t = 0."""
         before = equation.backward(dt, y, force)
         return np.stack([y[0], (y[0] - before) / dt, force])
 

@@ -55,7 +55,7 @@ class PaoliSchatzman(RigidScheme):
         return {"beta": self.beta}
 
     def start(self, equation: Equation, dt: float, y: Array, force: Array) -> Array:
-        """With q- such that (q+ - q-)/(2 dt) is the velocity given."""
+        """State at t = 0, with q- such that (q+ - q-)/(2 dt) is the initial velocity."""
         bent = equation.solve(0.0, self.beta * dt**2, equation.net_force(y, force))
         return np.stack([y[0], y[1] - 0.5 * dt * bent, force])
 

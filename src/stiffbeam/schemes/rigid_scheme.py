@@ -1,4 +1,4 @@
-"""What a scheme for rigid stops states beside its step: what each reaction is complementary to."""
+"""The interface of schemes for rigid stops: a step, and for each reaction the quantity complementary to it."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class RigidScheme(Scheme):
 
     @property
     def restitutes(self) -> bool:
-        """Whether it has Newton's law of restitution."""
+        """True if the scheme has Newton's law of restitution."""
         return any(condition != POSITION for condition in self.conditions)
 
     def predict(self, equation: Equation, dt: float, z: Array) -> list[Array]:

@@ -1,4 +1,4 @@
-"""What a scheme is: a linear step from (state, forces at the nodes) to (new state, states at the nodes)."""
+"""The interface of schemes: a linear step from (state, forces at the nodes) to (new state, states at the nodes)."""
 
 from __future__ import annotations
 
@@ -23,8 +23,7 @@ class Scheme(ABC):
     input. The state at node i must not depend on a force at a later node; ``integrate`` checks this. The state z has
     shape (components, ..., n) and starts with y (see ``equations``).
 
-    A subclass inherits none of the FACTS below. Its name, unless it states one, is the name of its class in small
-    letters.
+    A subclass inherits none of the FACTS below. By default its name is that of its class in small letters.
 
     Examples
     --------
@@ -82,7 +81,7 @@ class Scheme(ABC):
     def predict(self, equation: Equation, dt: float, z: Array) -> list[Array]:
         """Positions at the nodes from known values, for the extrapolated contact: q + c_i dt q'.
 
-        The paper names no formula but for BDF2; this one survives its Tables 10-13, v* = q does not.
+        The paper gives a formula for BDF2 only. This one reproduces its Tables 10-13; v* = q does not.
         """
         y = z[: equation.order]
         velocity = equation.velocity(y)
@@ -111,7 +110,7 @@ class Scheme(ABC):
 
     @classmethod
     def printed_forms(cls) -> list[type[Scheme]]:
-        """Its subclasses that state an ``erratum``; none of a scheme that is itself a printed form."""
+        """Subclasses of the scheme that state an ``erratum``; none if the scheme is itself a printed form."""
         return [] if cls.erratum else [form for form in cls.__subclasses__() if form.erratum]
 
     @classmethod
@@ -152,7 +151,7 @@ class Scheme(ABC):
         return self.label()
 
     def __repr__(self) -> str:
-        """The call that makes it again."""
+        """The constructor call of the scheme."""
         call, printed, erratum = self.label().partition(".printed(")
         call = call if call.endswith(")") else f"{call}()"
         return f"{call}.printed({erratum.removesuffix(')')!r})" if printed else call

@@ -1,21 +1,21 @@
-"""advise: the scheme, the contact and the step that a wanted error needs, found by probing.
+"""advise: find the scheme, the contact treatment and the time step for given errors, by trial runs.
 
     error(tip)         rms of (u - u_exact)/max |u_exact| over the run's steps
     error(impacts)     |N - N_exact|/max(N_exact, 1), N the impacts to t_end, those of the exact motion by events
     error(peak_force)  |F - F_exact|/F_exact, F the largest contact force to t_end
     error(impulse)     likewise, of the integral of |sigma|
 
-of several contacts the largest. Every scheme runs with 2^k n steps, k = 0, 1, ...; a step counts where it, its half
-and BETWEEN steps between the two all meet what is wanted: errors through contact do not decrease steadily, and a count
-or a peak may be right by chance. The cheapest in linear solves
-(steps times stages) is named: whatever solves the system, that is what a step costs. All schemes are refined
-together: no fine run is made of one where a coarse run of another is enough. Where not all that is wanted can be had,
-the rest counts where every finer step meets it too.
+With several contacts the largest error counts. Every scheme runs with 2^k n steps, k = 0, 1, ... A time step counts if
+it, its half and BETWEEN steps between the two all meet the requirements: errors through contact do not decrease
+steadily, and a count or a peak may be right by chance. The result is the cheapest run in linear solves (steps times
+stages), which are the cost of a step in any program. All schemes are refined together: a scheme is not run finely if a
+coarse run of another is enough. If some requirements cannot be met, the others count only if every finer step meets
+them too.
 
-Past the horizon one motion has no meaning, so there the means over perturbed members are compared, and a mean is
-right where it and the 95 % interval of the difference lie within what is wanted; the tip has no such mean. The members
-differ by a thousandth of the motion: they diverge as soon as a scheme diverges from the exact motion. Members closer
-together would all follow one motion of that scheme first, and their mean would say nothing about the distribution.
+Past the horizon a single motion has no meaning, so the means over perturbed members are compared. A mean is right if it
+and the 95 % interval of the difference lie within the admissible error; the tip has no such mean. The members differ by
+a thousandth of the motion, so they diverge as soon as a scheme diverges from the exact motion. Closer members would all
+follow one motion of that scheme first, and their mean would contain no information on the distribution.
 """
 
 from __future__ import annotations
@@ -140,7 +140,7 @@ QUANTITIES = ("tip", *(name for name, _ in COLUMNS))
 
 @dataclass(frozen=True)
 class Probe:
-    """One run that was tried: its errors by quantity, infinite where it broke off. work: linear solves."""
+    """A trial run: its errors by quantity, infinite if it broke off. work: linear solves."""
 
     scheme: Scheme
     contact: str
@@ -164,7 +164,7 @@ def search(
     probe: Callable[[Scheme, str, int], Probe | None], candidates: list[tuple[Scheme, str]], want: dict[str, float],
     steps: int, most: int, between: int, show: Show, tell: Tell,
 ) -> tuple[list[Probe], Probe | None]:  # fmt: skip
-    """Return every run that was tried, and the cheapest that meets the want.
+    """Return all trial runs, and the cheapest one that meets the requirements.
 
     All candidates are refined together, from ``steps`` to ``most``, each until two numbers of steps in a row meet the
     want and so do ``between`` numbers between them, or until it costs more than the best that does.
@@ -220,7 +220,7 @@ def _probe(
     system: System, t_end: float, criterion: Motion | Statistics, journal: Journal | None,
     scheme: Scheme, contact: str, steps: int,
 ) -> Probe | None:  # fmt: skip
-    """The run of these steps, read where the journal has it; None where it is refused."""
+    """The run with this number of steps, from the journal if it is there; None if the scheme refuses it."""
     dt, work = t_end / steps, steps * len(scheme.nodes)
     point = {"system": system.fingerprint, "t_end": t_end, "contact": contact, "steps": steps}
     point["members"] = criterion.members
@@ -240,7 +240,8 @@ def _probe(
 
 
 def cheapest(tried: list[Probe], want: dict[str, float]) -> Probe | None:
-    """The cheapest run that meets the want with all finer ones, one at least; else a coarse run meets it by chance."""
+    """The cheapest run that meets the requirements together with at least one finer run and all finer ones. Otherwise a
+    coarse run meets them by chance."""
     good: list[Probe] = []
     for label in dict.fromkeys(probe.label for probe in tried):
         finest_first = sorted((p for p in tried if p.label == label), key=lambda p: -p.steps)
@@ -249,7 +250,7 @@ def cheapest(tried: list[Probe], want: dict[str, float]) -> Probe | None:
 
 
 def unreached(tried: list[Probe], want: dict[str, float], most: int) -> dict[str, str]:
-    """Wanted quantities that are met from no step on; where there is none, the one that costs most."""
+    """Requirements that no step meets; if there is none, the one that costs most."""
     alone = {name: cheapest(tried, {name: x}) for name, x in want.items()}
     reasons = {}
     for name in [name for name, probe in alone.items() if probe is None]:
@@ -271,7 +272,7 @@ PAST = "past the horizon t = {:.4g} no step gives one motion: motions 1e-16 apar
 
 @dataclass(frozen=True)
 class Advice:
-    """Outcome of ``advise``: the recommended run, and what no run reaches.
+    """Outcome of ``advise``: the recommended run, and the errors that no run reaches.
 
     Parameters
     ----------
@@ -348,7 +349,7 @@ class Advice:
         return "".join(f"<p>{escape(line)}</p>" for line in str(self).splitlines()) + html_table(heads, rows)
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """One line for each run that was tried."""
+        """One row for each trial run."""
         columns = {x: [getattr(p, x) for p in self.candidates] for x in ("contact", "dt", "steps", "work", "seconds")}
         errors = {f"error_{name}": [p.errors.get(name, np.nan) for p in self.candidates] for name in QUANTITIES}
         return table({"scheme": [str(p.scheme) for p in self.candidates]} | columns | errors)
@@ -375,7 +376,7 @@ class Advice:
 
     @property
     def attainable(self) -> list[str]:
-        """The quantities whose wanted errors can be met."""
+        """The quantities whose admissible errors can be met."""
         return [name for name in self.want if name not in self.unattainable]
 
     def __repr__(self) -> str:
@@ -396,10 +397,11 @@ def advise(
     tell: Tell = lambda line: None,
     journal: Journal | None = None,
 ) -> Advice:
-    """Return the cheapest run of ``schemes`` that reaches the wanted errors up to t_end, and what no run reaches.
+    """Return the cheapest run of ``schemes`` that reaches the admissible errors up to t_end, and the errors that no run
+    reaches.
 
-    On 20 random systems that it had not seen (``tests/studies/test_advice.py``) every advised run met its tolerances,
-    measured by an independent solver.
+    An independent solver confirmed the tolerances of all advised runs on 20 random systems that were not used in the
+    development (``tests/studies/test_advice.py``).
 
     Parameters
     ----------
@@ -407,7 +409,7 @@ def advise(
         As for the exact reference.
     want : mapping of str to float, optional
         Admissible error per quantity: tip, impacts, peak_force, impulse. By default 1e-3, 0.05 and 0.05 of the first
-        three.
+        three; of rigid stops impulse in the place of peak_force.
     t_end : float
     schemes : sequence of Scheme, optional
         By default every registered one.
@@ -491,8 +493,11 @@ def advise(
 
 def _wanted(system: System, want: Mapping[str, float] | None) -> dict[str, float]:
     wanted = dict(WANT if want is None else want)
+    rigid = any(contact.stops.rigid for contact in system.contacts)
     if want is None and not system.contacts:
         wanted = {"tip": WANT["tip"]}
+    elif want is None and rigid:
+        wanted["impulse"] = wanted.pop("peak_force")
     if not wanted:
         raise InputError("want", want, "name at least one quantity", f"known: {', '.join(QUANTITIES)}")
     for name, tolerance in wanted.items():
@@ -502,6 +507,10 @@ def _wanted(system: System, want: Mapping[str, float] | None) -> dict[str, float
         if name != "tip" and not system.contacts:
             remedy = "ask for tip only, or give the system contacts"
             raise InputError("want", name, "be asked of a system with contacts", remedy)
+        if name == "peak_force" and rigid:
+            raise InputError(
+                "want", name, "be asked of compliant stops", "ask for impulse: a blow has no largest force"
+            )
     return wanted
 
 

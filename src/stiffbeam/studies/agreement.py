@@ -1,4 +1,4 @@
-"""Do the references agree, how long, and at what cost?"""
+"""Agreement of the references: how long they agree, and their cost."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def agree(
     rtol: float = RTOL,
     progress: Progress = lambda what, done, total: None,
 ) -> Agreement:
-    """Run every method that fits into ``budget`` seconds and hold all against the most precise.
+    """Run every method that fits into ``budget`` seconds and compare all with the most precise.
 
     Methods that would not finish within the seconds that are left are named as skipped, with the estimate.
     """
@@ -137,7 +137,7 @@ def _impact_difference(a: Reference, b: Reference, end: float) -> float:
 
 
 def _inconsistent(references: dict[str, Reference], baseline: str, rtol: float) -> dict[str, str]:
-    """The methods whose error before the first impact is larger than their tolerance allows."""
+    """The methods whose error before the first impact exceeds their tolerance."""
     inconsistent = {}
     best = references[baseline]
     first = float(min([*impact_times(best)[:1], best.t[-1]]))

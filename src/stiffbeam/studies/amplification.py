@@ -161,7 +161,7 @@ def _family(rows: Rows, name: str) -> Panel | None:
 
 STUDY = declared(
     __name__,
-    "What does one step of each scheme make of a free oscillation: how late, how much weaker, how stable?",
+    "How does one time step of each scheme change a free oscillation: period, damping, stability?",
     marches=False,
     of_case=False,
     smoke={"schemes": ["BDF2", "HHT(alpha=-0.1)", "SDIRK(gamma=0.4359)"], "per_decade": 10},

@@ -4,9 +4,9 @@ The horizon is shorter than a period of the drive, so one run from t = 0 sees on
 are therefore started at many times along the exact motion and followed while their distance is small. The tangent flow
 along the exact motion is an independent check: it needs no small distance.
 
-Neighbours of a motion that is not chaotic part in proportion to t at most: twofold while t doubles, and a blow that one
-of them misses parts them once. An exponent is given where most pairs, with 95 %, part or approach more than threefold
-in the second half of the time for which they are followed; a slope of ln distance there is for any pair.
+Neighbours of a motion that is not chaotic diverge at most in proportion to t: twofold while t doubles. An impact that
+one of them misses separates them once. An exponent is stated only if most pairs, with 95 %, diverge or approach more
+than threefold in the second half of their time span. A slope of ln distance alone exists for any pair.
 """
 
 from __future__ import annotations
@@ -51,9 +51,9 @@ def points(
     dt: Dt,
     starts: Annotated[int, "pairs of neighbouring motions"] = 48,
     size: Annotated[
-        float | None, "their distance, relative to the motion; default: 1e-11, without an exact solution 1e-7"
+        float | None, "distance of a pair, relative to the motion; default: 1e-11, without an exact solution 1e-7"
     ] = None,
-    span: Annotated[float | None, "how long they are followed; default: half the horizon"] = None,
+    span: Annotated[float | None, "time span of a pair; default: half the horizon"] = None,
 ) -> list[Point]:
     """The exact flow and every scheme at ``dt`` (the case's): ``starts`` pairs a distance ``size`` apart,
     followed for ``span`` (half the case's horizon); and the exact motion's portraits."""
@@ -117,7 +117,7 @@ def _pairs(case: Case, point: Point) -> list[Row]:
 
 
 def before_stops(system: System, dq: Array) -> Array:
-    """A step dq (n,) from the start of ``system`` to a neighbour that no rigid stop forbids.
+    """A step dq (n,) from the start of ``system`` to a neighbour that violates no rigid stop.
 
     Where it leads beyond a stop it is turned back: its part along M^-1 row^T changes sign, which keeps its size.
     """
@@ -137,7 +137,7 @@ def _recorded(system: System) -> float:
 
 
 def later(system: System, t: float, q: Array, v: Array) -> System:
-    """The system as it is from time ``t`` on, with t as its new zero and (q, v) its initial data.
+    """The system from time ``t`` on, with t as its new zero and (q, v) as its initial data.
 
     Raises InputError for a function of time that cannot be moved.
     """
@@ -170,8 +170,8 @@ def _distance(many: Ensemble, pairs: int, omega: float) -> Array:
 
 
 def growth(t: Array, distance: Array, least: float, limit: float) -> tuple[float, float]:
-    """The slope of ln distance over t until it is above ``limit``, or has been above ``least`` and is not any more, and
-    by how much it grows in the second half of that time; NaN where that is too short."""
+    """The slope of ln distance over t until the distance exceeds ``limit``, or falls again after it exceeded ``least``;
+    and its growth in the second half of that time, NaN if that is too short."""
     seen = distance > least
     over = (distance > limit) | (np.logical_or.accumulate(seen) & ~seen)
     end = int(np.argmax(over)) if np.any(over) else len(t)

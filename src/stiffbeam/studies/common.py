@@ -1,4 +1,4 @@
-"""Choices and helpers that several studies share: schemes by label, a reference solved once, orders, axes."""
+"""Options and helpers of several studies: schemes by label, references solved once, orders, axes."""
 
 from __future__ import annotations
 
@@ -33,22 +33,22 @@ from ..trajectory.trajectory import Diverged, Reference, Trajectory, Work
 from .engine.study import Rows, Study
 
 # What the options of several studies are and mean; the commands read it here.
-Schemes = Annotated[list[str] | None, "with commas between them, e.g. 'BDF2,HHT(alpha=-0.2)'; default: all"]
+Schemes = Annotated[list[str] | None, "comma-separated, e.g. 'BDF2,HHT(alpha=-0.2)'; default: all"]
 Integrators = Annotated[
     list[str] | None,
-    "schemes, reference solvers and functions module:function, with commas between them; default: all schemes",
+    "comma-separated schemes, reference solvers and functions module:function; default: all schemes",
 ]
 Form = Annotated[str, "displacement, velocity-curvature or hermite; default: the case's first"]
-Forms = Annotated[list[str] | None, "with commas between them; default: all the case can take"]
+Forms = Annotated[list[str] | None, "comma-separated; default: all that the case supports"]
 Dt = Annotated[float, "time step to start from, instead of the case's"]
 End = Annotated[float, "end time instead of the case's"]
-Halvings = Annotated[int, "how many steps dt, dt/2, dt/4, ..."]
-ImpactCount = Annotated[int, "the window ends when so many impacts are over"]
-REPEATS = 3  # the fastest counts: what else the machine did is not the method's cost
+Halvings = Annotated[int, "number of time steps dt, dt/2, dt/4, ..."]
+ImpactCount = Annotated[int, "number of impacts in the time window"]
+REPEATS = 3  # the fastest counts: other work of the machine is no cost of the method
 ENOUGH = 0.2  # seconds, after which a run is not repeated
 Members = Annotated[int, "perturbed runs of each method"]
-Numbers = Annotated[list[float] | None, "with commas between them"]
-Cells = Annotated[list[int] | None, "grids, with commas between them"]
+Numbers = Annotated[list[float] | None, "comma-separated"]
+Cells = Annotated[list[int] | None, "numbers of cells, comma-separated"]
 Treatment = Annotated[str, "implicit, conserving, or extrapolated as in the paper"]
 
 STEP = Axis(r"time step $\Delta t$", "time", "log")  # the horizontal axis of what is measured over dt
@@ -135,7 +135,7 @@ def run_of(
 
 
 def fastest(run: Callable[[], Trajectory]) -> Trajectory:
-    """The fastest of up to REPEATS runs, fewer of one that takes long."""
+    """The fastest of up to REPEATS runs; fewer repeats if a run takes long."""
     runs = [run()]
     while len(runs) < REPEATS and sum(one.work.seconds for one in runs) < ENOUGH:
         runs.append(run())
@@ -151,14 +151,15 @@ def evaluations_of(label: str, run: Trajectory) -> int:
 
 
 def takes(case: Case, scheme: Scheme) -> bool:
-    """Return True where ``scheme`` has a law for the stops of the case and takes its damping."""
+    """Return True if ``scheme`` supports the stops of the case and its damping."""
     system = case.system(case.forms[0])
     modal = isinstance(scheme, RigidScheme) and scheme.modal_only
     return takes_stops(scheme, (c.stops for c in system.contacts)) and not (modal and modes(system) is None)
 
 
 def takes_extrapolation(case: Case) -> bool:
-    """Return True where the stops' force is one of the position alone, which the paper's extrapolated contact needs."""
+    """Return True if the force of the stops depends on the position alone, as the paper's extrapolated contact
+    requires."""
     return not any(c.stops.rigid or c.stops.dissipative for c in case.system(case.forms[0]).contacts)
 
 
@@ -189,9 +190,9 @@ def smoke_options(study: Study, case: Case) -> dict[str, Any]:
 
 
 def label_of(scheme: str | Scheme) -> str:
-    """The label that makes the scheme again: studies travel to other processes as text.
+    """The label that defines the scheme, for other processes.
 
-    A scheme of one's own goes by ``module:Class``. Raises InputError where no label can make it again.
+    A user's scheme is named ``module:Class``. Raises InputError if no label can define it.
     """
     if isinstance(scheme, str):
         return label_of(scheme_of(scheme))

@@ -127,7 +127,7 @@ def answer(rows: Rows, case: Case) -> Answer:
                 line |= {"contacts a run": f"{row['contacts']:.4g}", "median": median, "half of the time from": half}
             if row := finest.get(method):
                 dt = units.measure(row["dt"], "time", ".2g")
-                line["first ones off by"] = f"{percent(row['error'])} (at most, of {row['pairs']}, dt = {dt})"
+                line["error of the first ones"] = f"{percent(row['error'])} (at most, of {row['pairs']}, dt = {dt})"
             table.append(line)
         medians = {method: row["median"] for method, row in summaries.items()}
         exact = medians.pop("exact", np.nan)
@@ -189,7 +189,7 @@ def _errors(rows: Sequence[Row]) -> list[Mark]:
 HOLLOW = {"linestyle": "", "mfc": "white", "ms": 4.0}
 STUDY = declared(
     __name__,
-    "How long do contacts last, and have the schemes' contacts the durations of the exact ones?",
+    "How long do contacts last, and do the contacts of the schemes last as long as the exact ones?",
     needs_motion=True,
     each_contact=True,
     smoke={"schemes": ["HHT(alpha=-0.1)"], "halvings": 3, "impacts": 2, "members": 3, "t_end": 0.4},

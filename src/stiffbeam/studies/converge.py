@@ -1,7 +1,7 @@
-"""Convergence in time: at which rate each scheme approaches the exact solution, smooth and through contact.
+"""Convergence in time: the order of each scheme, without contact and through contact.
 
-A point enters the slope only where it means something: the motion is resolved, the error is above
-rounding, and (in contact) every impact inside the window still has its partner.
+A point enters the slope only if the motion is resolved, the error is above rounding, and (in contact) every impact
+inside the window matches one of the reference.
 """
 
 from __future__ import annotations
@@ -45,8 +45,8 @@ def points(
 ) -> list[Point]:
     """Steps from ``dt`` (the case's) downwards, ``halvings`` times.
 
-    smooth: the case without stops on its slow motion, over one period of the drive or of the lowest
-    mode, whichever is longer. contact: the case itself until the first impacts are over, as many as ``impacts`` says.
+    smooth: the case without stops on its slow motion, over one period of the drive or of the lowest mode, whichever is
+    longer. contact: the case itself until the first ``impacts`` impacts are over.
     """
     system, chosen = common.system_of(case, form), common.integrators_of(case, schemes)
     for one in chosen:
@@ -99,7 +99,8 @@ def smooth_end(system: System, t_end: float) -> float:
 
 
 def evaluate(case: Case, point: Point) -> list[Row]:
-    """One row: the tip error at one step, why it does not count in the slope, or "", and the exact motion's impacts."""
+    """Row with the tip error at one step, the reason why it does not count in the slope, or "", and the impacts of the
+    exact motion."""
     system = common.system_of(case, point["form"])
     if point["kind"] == "smooth":
         system = smooth_motion(system)
@@ -180,7 +181,8 @@ REASONS = {"impacts differ": "o", "error above 10 %": "^", "motion not resolved"
 
 
 def picture(records: Records) -> Picture:
-    """Filled markers enter the slope; hollow ones do not, their shape says why."""
+    """Picture of errors over time steps. Filled markers enter the slope; hollow ones do not, and their shape gives the
+    reason."""
     rows = records.numbers
     observed, panels = orders(rows), []
     for kind, group in groups(rows, "kind").items():
@@ -198,7 +200,7 @@ def picture(records: Records) -> Picture:
 
 
 def reason_of(row: Row, rows: Rows) -> str:
-    """Why a point does not enter the slope of its scheme, "" where it does."""
+    """Reason why a point does not enter the slope of its scheme; "" if it does."""
     octave = [r for r in rows if (r["scheme"], r["octave"]) == (row["scheme"], row["octave"])]
     return row["left_out"] or ("its octave has one of these" if any(r["left_out"] for r in octave) else "")
 
@@ -220,6 +222,6 @@ def _points(group: Rows, order: Order) -> list[Curve]:
 
 STUDY = declared(
     __name__,
-    "At which rate does each scheme approach the exact solution, smooth and through contact?",
+    "At which rate does each scheme converge to the exact solution, without contact and through it?",
     smoke={"schemes": ["BDF2", "SDIRK(gamma=0.4359, nystrom=True)"], "halvings": 4, "impacts": 2},
 )

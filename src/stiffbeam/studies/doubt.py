@@ -1,15 +1,16 @@
-"""doubt: which part of an answer's doubt is rounding, which the scheme and its step, which the mesh, which the data.
+"""doubt: contributions of rounding, of scheme and time step, of the mesh, and of the data to the uncertainty of
+results.
 
     rounding    deviation(Q)/|mean(Q)| over exact motions whose starts differ by 1e-15; 0 up to the horizon
     scheme      |mean(Q_scheme - Q)|/|mean(Q)| over the drawn members, Q exact on the same mesh
     mesh        |mean(Q_fine - Q)|/|mean(Q)|, exact on twice as many cells
     data        deviation(Q)/|mean(Q)| over the drawn members
 
-Q: impacts, largest force, impulse and time in contact at each contact; all members have the same draws in every column.
-Of the tip the columns are rms distances over the largest |u|: from the exact tip of the same member, of data from the
-median over the members. Past the horizon the scatter of the data contains that of rounding: where both are large,
-the motion is chaotic and only its statistics mean something.
-Intervals hold with 95 %: bootstrap over the members (BCa).
+Q: impacts, largest force, impulse and time in contact at each contact; all members have the same random parameters in
+every column. For the tip the columns are rms distances over the largest |u|: from the exact tip of the same member, and
+for data from the median over the members. Past the horizon the scatter of the data contains that of rounding. If both
+are large, the motion is chaotic and only its statistics are meaningful. Intervals hold with 95 %: bootstrap over the
+members (BCa).
 """
 
 from __future__ import annotations
@@ -54,7 +55,7 @@ CURES = {
 
 @dataclass(frozen=True)
 class Share:
-    """One column of a budget: a relative doubt with the ends of its 95 % interval."""
+    """One column of a budget: a relative uncertainty with the ends of its 95 % interval."""
 
     value: float
     low: float
@@ -69,7 +70,7 @@ NONE = Share(0.0, 0.0, 0.0)
 
 @dataclass(frozen=True)
 class Budget:
-    """Doubt of one quantity by its sources. mean: over the exact members; of the tip its largest |u|."""
+    """Uncertainty of one quantity by its sources. mean: over the exact members; for the tip its largest |u|."""
 
     quantity: str
     mean: float
@@ -77,20 +78,20 @@ class Budget:
 
     @property
     def dominant(self) -> str:
-        """The source whose interval lies above all others; "" where intervals overlap."""
+        """The source whose interval lies above all others; "" if intervals overlap."""
         first, *others = sorted(self.shares, key=lambda name: -self.shares[name].value)
         clear = all(self.shares[first].low > self.shares[name].high for name in others)
         return first if clear else ""
 
     @property
     def verdict(self) -> str:
-        """A sentence that names the largest source and what to do about it."""
+        """Sentence with the largest source and a remedy."""
         first, second, *_ = sorted(self.shares, key=lambda name: -self.shares[name].value)
         if all(share.high == 0.0 for share in self.shares.values()):
-            return f"{self.quantity}: no doubt is seen, {self.mean:g} in all members by {', '.join(self.shares)}."
+            return f"{self.quantity}: no uncertainty, {self.mean:g} in all members for {', '.join(self.shares)}."
         if not self.dominant:
             large = " and ".join(f"{name} ({percent(self.shares[name].value)})" for name in (first, second))
-            return f"{self.quantity}: {large} are not told apart by so many members."
+            return f"{self.quantity}: {large} are too close to rank with so few members."
         rest = ", ".join(f"{name} {percent(x.value)}" for name, x in self.shares.items() if name != first)
         parts = "the step and the mesh are" if "mesh" in self.shares else "the step is"
         cure = CURES[first].format(parts=parts)
@@ -159,7 +160,7 @@ class Doubt:
 
 
 def bootstrap(statistic: Callable[[Array], Array], sample: Array, seed: int = 1) -> tuple[float, float]:
-    """Ends of the 95 % BCa interval of a statistic over a sample (M, ...), which it takes along its second axis.
+    """Ends of the 95 % BCa interval of a statistic over a sample (M, ...); the statistic works along the second axis.
 
     Bias correction and acceleration as in Efron, Better Bootstrap Confidence Intervals (1987), section 2. A sample
     whose values are all equal has an interval without width.
@@ -235,7 +236,7 @@ def doubt(
     tolerance: float = 0.05,
     progress: bool | Show = False,
 ) -> Doubt:
-    """Budget of doubt of a run: rounding, scheme and step, mesh and data, for every quantity at every contact.
+    """Budget of uncertainty of a run: rounding, scheme and step, mesh and data, for every quantity at every contact.
 
     Parameters
     ----------

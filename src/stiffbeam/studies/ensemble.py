@@ -1,4 +1,4 @@
-"""Past the horizon: what remains comparable there, the distributions over many perturbed runs.
+"""Statistics past the horizon: distributions over many perturbed runs.
 
 Impacts and their rate, time in contact, largest forces, energy and spectra, with their spread over the members.
 """
@@ -246,14 +246,16 @@ def picture(records: Records) -> Picture:
     names = Axis(names=[short(method) + place for method, place, _ in lines])
     end = records.case.units.measure(rows[0]["t_end"], "time", "g")
     force = Axis(r"peak force of an impact $\max|\sigma|$", "force", "log")
-    spectra = [row for row in rows if row["kind"] == "spectrum"]
+    units = records.case.units
+    _, label, quantity = units.cycles(0.0)
+    spectra = [row | {"across": float(units.cycles(row["omega"])[0])} for row in rows if row["kind"] == "spectrum"]
     exact = [row for row in spectra if row["method"] == "exact"]
     top = max((row["amplitude"] for row in spectra if row["amplitude"] > 0.0), default=np.nan)
-    amplitudes = curves(spectra, "omega", "amplitude", "method", exact=2.0, marker="")
+    amplitudes = curves(spectra, "across", "amplitude", "method", exact=2.0, marker="")
     if exact:
-        omega, low, high = (column(exact, name) for name in ("omega", "low", "high"))
-        amplitudes.append(Band(low, high, omega, "exact, 90 %"))
-    across = Axis(r"angular frequency $\omega$", "frequency")
+        at, low, high = (column(exact, name) for name in ("across", "low", "high"))
+        amplitudes.append(Band(low, high, at, "exact, 90 %"))
+    across = Axis(label, quantity)
     limits = (1e-4 * top, 2.0 * top) if np.isfinite(top) else (None, None)
     up = Axis(f"mean amplitude of {tip_symbol(beam)}", "length", "log", limits)
     return Picture([

@@ -1,4 +1,4 @@
-"""The cost of each misprint that runs: its error beside the corrected scheme's, smooth and through contact."""
+"""Error of each misprint that runs compared with the corrected scheme, without contact and through contact."""
 
 from __future__ import annotations
 
@@ -168,7 +168,7 @@ def _printed(reading: str) -> dict[str, Any]:
 
 STUDY = declared(
     __name__,
-    "What does each misprint that runs cost, and what does the paper's linearised contact?",
+    "How large is the error of each misprint that runs, and of the paper's linearised contact?",
     needs_motion=True,
     smoke={"schemes": ["HHT(alpha=-0.1)"], "halvings": 3, "impacts": 2},
 )

@@ -1,17 +1,17 @@
-"""The first impact grid by grid: the contact of one point, and the speed with which it meets its stop.
+"""The first impact on finer and finer grids: the contact of one point, and the speed at which it meets its stop.
 
-A free end that moves at speed V shows a stop the impedance Z(s) = A sqrt(s), A = (EI m^3)^(1/4)/sqrt(2), of a beam so
-long that nothing comes back. On compliance kappa the penetration and the force are
+A free end with speed V has the impedance Z(s) = A sqrt(s), A = (EI m^3)^(1/4)/sqrt(2), of a beam so long that no wave
+returns. On compliance kappa the penetration and the force are
 
     d = V t E(3/2, 2; -(t/tau)^(3/2)),   tau = (A/kappa)^(2/3),   F_max = 0.858 V (A^2 kappa)^(1/3) at 1.65 tau
 
 E the Mittag-Leffler function. The force comes from waves of length l = (EI/kappa)^(1/3): cells of h << l are needed. A
 rigid stop, kappa = inf, has F = A V/sqrt(pi t), without bound: no peak to converge to, but an impulse.
 
-V is the other half. A base that starts with a jump of its velocity excites mode n like 1/n, and the tip's speed is a
-sum of terms 4/(beta_n) cos(omega_n t) that no grid has beyond the beta* whose frequency error has made a radian by
-then, k beta*^2 t (beta* h)^p = 1: what is left out is of size beta*^(-1/2), h^(1/4) for p = 2 and h^(1/3) for p = 4,
-and of either sign. A beam that starts with the speed of its base has no such jump.
+The speed V has its own mesh error. A base that starts with a jump of its velocity excites mode n like 1/n. The tip's
+speed is then a sum of terms 4/(beta_n) cos(omega_n t). A grid lacks those beyond the beta* whose frequency error has
+reached a radian by then, k beta*^2 t (beta* h)^p = 1. The missing part has the size beta*^(-1/2), h^(1/4) for p = 2 and
+h^(1/3) for p = 4, and either sign. A beam that starts with the speed of its base has no such jump.
 """
 
 from __future__ import annotations

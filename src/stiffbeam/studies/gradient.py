@@ -3,10 +3,11 @@
     y(x) = tip at the end of the window from the start x,   dy = y'(x) d
 
 The direction d is a change of all velocities along the slowest mode. The exact derivative is that of the flow
-(``reference.derivative``), a scheme's is that of its map, by a central difference of width 1e-7 of the motion: what
-automatic differentiation of its steps gives, but where two of these differ in contact. Over several starts errors are
-root mean squares relative to the exact values. Implicit contact has a slope of 0 or of the stop's for a whole step; the
-discrete gradient's is the share of the step in contact, and so its derivative keeps the order of its value.
+(``reference.derivative``). A scheme's derivative is that of its map, by a central difference of width 1e-7 of the
+motion. Automatic differentiation of its steps gives the same, except where two of these runs differ in contact. Errors
+are root mean squares over several starts, relative to the exact values. Implicit contact has a slope of 0 or of the
+stop's for a whole step. The slope of the discrete gradient is the share of the step in contact, and so its derivative
+keeps the order of its value.
 """
 
 from __future__ import annotations
@@ -185,7 +186,7 @@ def picture(records: Records) -> Picture:
 
 STUDY = declared(
     __name__,
-    "How exact is the derivative of each scheme, beside its value?",
+    "How accurate are the value and the derivative of each scheme?",
     needs_motion=True,
     needs_stops=True,
     smoke={"schemes": ["trapezoidal"], "halvings": 3, "impacts": 2, "starts": 2},

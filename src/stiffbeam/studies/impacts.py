@@ -1,8 +1,8 @@
-"""Impacts: how many each scheme counts as its step shrinks, how hard, how long, against the exact ones.
+"""Impacts of each scheme over the time step: counts, forces and durations, compared with the exact ones.
 
-Past the horizon one count is one realisation of a chaotic motion. Counts are therefore means over perturbed
-members, of the schemes as of the exact solution; the exact motion is one realisation as well, known to the end
-where a multiprecision solution is given.
+Past the horizon one count is one realisation of a chaotic motion. Counts are therefore means over perturbed members,
+for the schemes and for the exact solution. The single exact motion is one realisation as well; a multiprecision
+solution gives it to the end.
 """
 
 from __future__ import annotations
@@ -126,7 +126,7 @@ def _median(peaks: Array) -> float:
 
 
 def reference_solution(case: Case, point: Point) -> Reference:
-    """The frozen multiprecision solution where there is one over the span, else float64's exact one."""
+    """The stored multiprecision solution if there is one over the span, else the exact solution in float64."""
     if point["references"] is not None:
         solution = frozen(Path(point["references"]), case, point["form"], point["t_end"])
         if solution is not None:
@@ -135,7 +135,8 @@ def reference_solution(case: Case, point: Point) -> Reference:
 
 
 def right_from(rows: Rows, scheme: str, tolerance: float = 0.05) -> float:
-    """The largest step from which on the count is exact to ``tolerance`` and the 95 % interval; NaN where none is."""
+    """The largest time step from which on the count is right to ``tolerance`` and the 95 % interval; NaN if there is
+    none."""
     exact = next((r for r in rows if r["scheme"] == EXACT), None)
     if exact is None:
         return float("nan")

@@ -19,7 +19,6 @@ from ..basics.arrays import Array
 from ..basics.validation import InputError, integer, near, number
 from ..figures import Axis, Curve, Level, Mark, Panel, Picture, column, groups, tip_name, tip_symbol
 from ..files.cases import Case
-from ..model.drive import Drive
 from ..model.system import System
 from ..references.exact.continuation import Bifurcation, Branch, continuation
 from ..references.exact.orbit import ALONE, Orbit, PeriodMap, periodic_orbit, require_periodic
@@ -27,7 +26,7 @@ from ..trajectory.trajectory import SolverFailure
 from . import sweep
 from .common import Form, Treatment, system_of
 from .engine.study import Answer, Point, Records, Row, Rows, declared
-from .parameters import EXACT, PARAMETERS, Coupling, couplings, is_path, named, quantity_of, setup_of
+from .parameters import EXACT, PARAMETERS, Coupling, couplings, drive_period, is_path, named, quantity_of, setup_of
 
 SETTLE, AGAIN = 60, 7  # periods before an orbit is looked for, and between the starts
 VALUES = 3  # of the parameter at which it is looked for
@@ -73,9 +72,9 @@ def points(
     """
     for option, given, least in (("length", length, 1), ("orbits", orbits, 2), ("starts", starts, 1)):
         integer(option, given, least)
-    if Drive.of(system_of(case, form)).records:
-        rule = "repeat: an orbit needs a periodic drive, and this case samples drive"
-        raise InputError("case", case.name, rule, "drive it by Harmonic functions")
+    if drive_period(system_of(case, form), parameter) is None:
+        remedy = "drive it by one Harmonic, or name a parameter of one of several: loads[0].time.amplitude"
+        raise InputError("case", case.name, "have one drive frequency, for an orbit to repeat", remedy)
     if parameter not in PARAMETERS and not is_path(parameter):
         rule = "be one of the system, a branch is one of the exact solution"
         raise InputError("parameter", parameter, rule, near(parameter, PARAMETERS))

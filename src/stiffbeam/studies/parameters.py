@@ -1,4 +1,4 @@
-"""The parameters that a sweep can vary: those of the beam, its stops and its drive, the step, and a scheme's own."""
+"""Parameters of a sweep: those of the beam, its stops and its drive, the time step, and a scheme's own."""
 
 from __future__ import annotations
 
@@ -56,8 +56,8 @@ IN_STEP = ("amplitude", "clearance", "stop-stiffness")  # members of one ensembl
 
 @dataclass(frozen=True)
 class Setup:
-    """One value of the parameters, ready to run. scheme: None for the exact solution. period: T of the drive, the whole
-    run where samples drive it."""
+    """A value of the parameters, ready to run. scheme: None for the exact solution. period: T of the drive, or the
+    whole run where the case has no such period."""
 
     system: System
     scheme: Scheme | None
@@ -66,7 +66,7 @@ class Setup:
 
     @property
     def kind(self) -> tuple[Any, ...]:
-        """Equal for setups that can march together."""
+        """Key that is equal for setups that can run together."""
         system = self.system
         arrays = system.mass, system.stiffness, system.damping, *(contact.row for contact in system.contacts)
         return str(self.scheme), self.dt, self.period, *(array.tobytes() for array in arrays)
@@ -119,7 +119,7 @@ def parameters_of(method: str) -> list[str]:
 
 
 def setup_of(system: System, point: Point, value: Sequence[float]) -> Setup:
-    """One value on the case's system. Raises InputError where a value cannot be."""
+    """Setup with one value on the case's system. Raises InputError for an impossible value."""
     dt = point["dt"]
     scheme = None if point["method"] == EXACT else scheme_of(point["method"])
     for name, x in zip(names_of(point), value, strict=True):
@@ -135,6 +135,7 @@ def setup_of(system: System, point: Point, value: Sequence[float]) -> Setup:
             scheme = changed.printed(scheme.erratum) if scheme.erratum else changed
     whole = point.get("t_end")
     period = drive_period(system, point["parameter"]) if whole is None else whole
+    assert period is not None
     if dt is None:
         return Setup(system, None, 0.0, period)
     if dt > 0.5 * period:
@@ -149,17 +150,20 @@ def names_of(point: Point) -> list[str]:
     return [name for name in names if name is not None] + point["coupled"]
 
 
-def drive_period(system: System, parameter: str = "frequency") -> float:
-    """T = 2 pi/a of the frequency that drives the system; of several, that of the drive whose parameter is varied."""
-    frequencies = Drive.of(system).frequencies
-    if len(frequencies) == 1:
-        return 2.0 * np.pi / frequencies[0]
+def drive_period(system: System, parameter: str = "frequency") -> float | None:
+    """T = 2 pi/a of the frequency that drives the system; of several, that of the drive whose parameter is varied.
+
+    None where no drive has a period, or none of several is meant; or where a record drives the system.
+    """
+    drive = Drive.of(system)
+    if drive.records:
+        return None
+    if len(drive.frequencies) == 1:
+        return 2.0 * np.pi / drive.frequencies[0]
     try:
         return 2.0 * np.pi / value_at(system, f"{parameter.rpartition('.')[0]}.frequency")
     except LookupError:
-        rule = "have one, for a section once a period, or the parameter be one of a Harmonic"
-        remedy = "drive the case by one Harmonic, or name a parameter of one by its path: loads[0].time.amplitude"
-        raise InputError("case", f"{len(frequencies)} drive frequencies", rule, remedy) from None
+        return None
 
 
 Coupling = str | Callable[[float], float]

@@ -51,10 +51,10 @@ def points(
     work: linear solves of a scheme; of a solver evaluations of the right-hand side, for an implicit one as many linear
     solves; of diffrax's solvers stages, at least (it does not count what Newton's method needs in each), in a run
     without outputs, since they step to each; of a function what its Trajectory counts, else its steps; of the exact
-    solution evaluations in the search for switches.
+    solution evaluations in the event search.
 
     seconds: of stepping, without setup, which is a column of its own. Impacts are not recorded, except by
-    solvers that start anew at each; a scheme's steps include the search for them. python: the part of the
+    solvers that restart at each; a scheme's steps include the search for them. python: the part of the
     seconds that a solver spends in Python's calls of the compiled right-hand side, at least: none where SUNDIALS calls
     it itself. All columns but seconds, setup, python and tracked_seconds are the same in every run.
     """
@@ -145,8 +145,8 @@ def _tracked(system: System, exact: Reference, point: Point) -> Row:
 
 
 def cheapest(rows: Rows, error: float, cost: str) -> list[tuple[float, str]]:
-    """(cost, method), the cheapest first, of an ``error`` that all dearer points keep as well: through contact a coarse
-    one may be right by chance. Interpolated from the point before.
+    """(cost, method), the cheapest first, for an ``error`` that all more expensive points keep as well: through contact
+    a coarse one may be right by chance. Interpolated from the point before.
 
     A method whose points are all below ``error`` stands with the cost of the cheapest and "at most".
     """
@@ -244,7 +244,7 @@ def _failed(rows: Rows) -> list[Mark]:
 
 STUDY = declared(
     __name__,
-    "Which method reaches a given error at least cost, and which tracks the solution longest for its cost?",
+    "Which method reaches a given error at the least cost, and which follows the exact impacts longest?",
     needs_motion=True,
     smoke={
         "schemes": ["BDF2", "SDIRK(gamma=0.4359)"],

@@ -1,4 +1,4 @@
-"""Frozen references in a folder with a manifest: find, check, list and remake them."""
+"""Stored references in a folder with a manifest: find, check, list and compute them."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ REPOSITORY = Path(__file__).parents[3] / "reference"
 
 
 def shipped() -> Path | None:
-    """The folder of frozen references: ``./reference``, else what came with the package."""
+    """Folder of stored references: ``./reference``, or that of the package."""
     return next((p for p in (Path("reference"), PACKAGED, REPOSITORY) if (p / MANIFEST).is_file()), None)
 
 
 def check(target: Path, progress: Progress = lambda what, done, total: None) -> list[dict[str, Any]]:
-    """Read a frozen file, or every file of a folder and of its manifest, and hold it against hash, system and
-    switches, and against what the manifest says of it. Returns one record a file; ``problem`` is empty for a good one.
+    """Check a stored file, or every file of a folder and of its manifest: hash, system, events and entry in the
+    manifest. Returns one record a file; ``problem`` is empty for a good one.
     """
     if not target.is_dir():
         return [_checked(target, None)]
@@ -59,7 +59,7 @@ def _checked(file: Path, entry: dict[str, Any] | None) -> dict[str, Any]:
 
 
 def _contradicted(file: Path, solution: Trajectory, entry: dict[str, Any]) -> str:
-    """Return the first contradiction between a file and its entry in the manifest, "" where there is none."""
+    """Return the first difference between a file and its entry in the manifest, "" if there is none."""
     import xarray as xr
 
     with xr.open_dataset(file, engine="h5netcdf", decode_times=False) as data:
@@ -85,9 +85,9 @@ def _contradicted(file: Path, solution: Trajectory, entry: dict[str, Any]) -> st
 
 
 def frozen(folder: Path, case: Case, form: str, t_end: float) -> Reference | None:
-    """The frozen solution of ``case`` over at least [0, t_end] in ``folder``, None where there is none.
+    """The stored solution of ``case`` over at least [0, t_end] in ``folder``, None if there is none.
 
-    A case that has a table's name but not its physics finds nothing.
+    A case with the name of a table but other physics has none.
     """
     for entry in _entries(folder):
         if case.name in entry["tables"] and entry["form"] == form and entry["t_end"] >= t_end:
@@ -117,7 +117,7 @@ def _entries(folder: Path) -> list[dict[str, Any]]:
 
 
 def note(folder: Path, entry: dict[str, Any]) -> None:
-    """Put an entry into the manifest, in the order of the tables."""
+    """Add an entry to the manifest, in the order of the tables."""
     try:
         entries = {e["file"]: e for e in _entries(folder)}
     except InputError:  # there is none, or it cannot be read
@@ -144,10 +144,11 @@ def wanted() -> list[tuple[str, str, list[str]]]:
 def remake(
     folder: Path, only: list[str] | None = None, progress: Progress = lambda what, done, total: None
 ) -> list[str]:
-    """Compute and freeze what is missing in ``folder``; returns the files written.
+    """Compute and store the missing references in ``folder``; returns the files written.
 
-    A file that is whole, of this version and what the manifest says is kept: interrupted work goes on where it
-    stopped, and deleting a file remakes it. ``only``: names of tables. All of them take about a quarter of an hour.
+    A file that is complete, of this version and as the manifest states is kept. Interrupted work continues where it
+    stopped, and a deleted file is computed again. ``only``: names of tables. All of them take about a quarter of an
+    hour.
     """
     from ..files.store import freeze
 

@@ -1,15 +1,15 @@
-"""Restitution wanted against restitution delivered: the formulas that turn an e into the damping of a stop.
+"""Requested and delivered restitution: formulas for the damping of a stop with a given e.
 
     Hunt-Crossley law   F = kappa d^p (1 + lambda d'):   e delivered by lambda v, see ``restitution_of``
     Kelvin-Voigt law    F = kappa d + c d', no pull:     e = exp(-zeta t), t = (pi - atan2(2 zeta w, 1 - 2 zeta^2))/w,
                                                          w = sqrt(1 - zeta^2), zeta = c/(2 sqrt(kappa m)) < 1
 
-A free mass m meets the stop at speed v. The formulas are approximations but for the last; what each delivers is known
-in closed form, and measured here on a ball that DOP853 takes through the stop. Sources: Hunt and Crossley (1975);
-Herbert and McWhannell (1977); Lee and Wang (1983); Lankarani and Nikravesh (1990); Gonthier et al. (2004); Flores et
-al. (2011); Hu and Guo (2015), all as compared in Rodrigues da Silva et al., Mech. Mach. Theory 167 (2022) 104501; of
-the Kelvin-Voigt law the formula by which a ball leaves where d = 0, Anagnostopoulos (1988), and the release where F = 0
-of Schwager and Poeschel, Granular Matter 9 (2007) 465-469.
+A free mass m meets the stop at speed v. All formulas but the last are approximations. The delivered e is known in
+closed form, and measured here by DOP853 on a ball. Sources: Hunt and Crossley (1975); Herbert and McWhannell (1977);
+Lee and Wang (1983); Lankarani and Nikravesh (1990); Gonthier et al. (2004); Flores et al. (2011); Hu and Guo (2015),
+all as compared in Rodrigues da Silva et al., Mech. Mach. Theory 167 (2022) 104501. For the Kelvin-Voigt law:
+Anagnostopoulos (1988), whose ball leaves where d = 0, and Schwager and Poeschel, Granular Matter 9 (2007) 465-469, with
+the release where F = 0.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ def points(
     wanted: Annotated[list[float] | None, "restitutions in (0, 1), with commas between them"] = None,
     formulas: Annotated[list[str] | None, "names, with commas between them; default: all"] = None,
 ) -> list[Point]:
-    """Every formula at every restitution, whatever the case is."""
+    """Every formula at every restitution; the case does not matter."""
     names = [*FORMULAS, KELVIN_VOIGT]
     for name in formulas or ():
         if name not in names:
@@ -97,7 +97,7 @@ def measured(law: dict[str, Any], delivered: float) -> float:
 
 
 def answer(rows: Rows, case: Case) -> Answer:
-    """By how much each formula misses the restitution that is wanted, where it does most."""
+    """Error of each formula: delivered less wanted restitution, where it is largest."""
     worst = [max(group, key=_error) for group in groups(rows, "formula").values()]
     apart = max((abs(row["measured"] - row["delivered"]) for row in rows), default=math.nan)
     off = extremes({row["formula"]: _error(row) for row in worst}, "{:.2g}".format)
@@ -105,7 +105,7 @@ def answer(rows: Rows, case: Case) -> Answer:
         f"The formulas miss the wanted restitution by {off}, each where it is worst.",
         [{"formula": row["formula"], "delivered less wanted": f"{row['delivered'] - row['wanted']:+.2g}",
           "at e": f"{row['wanted']:g}"} for row in worst],
-        f"Balls taken through the stops agree with the closed forms to {apart:.1g}.",
+        f"Simulated balls agree with the closed forms to {apart:.1g}.",
     )  # fmt: skip
 
 
@@ -134,7 +134,7 @@ def picture(records: Records) -> Picture:
 
 STUDY = declared(
     __name__,
-    "A stop is made to give back a share e of the speed: which formula delivers that e?",
+    "Which formula for the damping of a stop gives the requested restitution e?",
     marches=False,
     of_case=False,
     smoke={"wanted": [0.3, 0.9], "formulas": ["Hunt-Crossley", "from_restitution", "Kelvin-Voigt"]},

@@ -1,6 +1,6 @@
-"""Towards rigid stops: the compliant solution against restitution 1 on the node's own mass, as kappa grows.
+"""Convergence to rigid stops: the compliant solution against restitution 1 on the node's own mass, as kappa grows.
 
-A compliant stop turns the tip round in half a period of the spring, a rigid one at once: the rate is kappa^(-1/2).
+A compliant stop reverses the tip in half a period of the spring, a rigid one at once: the rate is kappa^(-1/2).
 """
 
 from __future__ import annotations
@@ -92,7 +92,7 @@ def _impulse_error(impulses: Array, rigid: Array) -> float:
 
 
 def same_impacts(rows: Rows) -> list[Row]:
-    """The rows with as many impacts as the rigid stops: from there on the limit is being approached."""
+    """The rows with as many impacts as the rigid stops. From there on the solution approaches the limit."""
     return [r for r in rows if r["impacts"] == r["rigid_impacts"]]
 
 

@@ -1,4 +1,4 @@
-"""All schemes on a rigid wall: the elastic bar that bounces under gravity, and its solution in rational numbers.
+"""All schemes on a rigid wall: the elastic bar that bounces under gravity, with its solution in rational numbers.
 
 E = 900, rho = 1, L = 10, so that c = 30; gravity 10, dropped at rest from 5: it lands at t = 1 with speed 10, stays
 for 2L/c = 2/3 and flies again, with period 16/3. Source: Doyen, Ern and Piperno, SIAM J. Sci. Comput. 33 (2011)
@@ -56,7 +56,7 @@ def points(
     schemes: Annotated[list[str] | None, "with commas between them; default: the table of the study"] = None,
     cells: Cells = None,
     courant: Annotated[float, "c dt/dx"] = 1.0,
-    starts: Annotated[int, "runs, each begun a share of a step later"] = 32,
+    starts: Annotated[int, "number of runs, each started a fraction of a step later"] = 32,
 ) -> list[Point]:
     """Every entry of the table on every mesh, by default of 25, 50 and 100 elements, at one Courant number.
 
@@ -256,7 +256,7 @@ def picture(records: Records) -> Picture:
 
 STUDY = declared(
     __name__,
-    "A bar bounces on a rigid wall: which scheme keeps its energy, and which finds the pressure?",
+    "A bar bounces on a rigid wall: which scheme conserves its energy, and which gives the right pressure?",
     of_case=False,
     smoke={"schemes": ["MoreauJean", "Trapezoidal"], "cells": [10, 20], "starts": 2},
 )

@@ -1,9 +1,9 @@
-"""The beam between stops from soft to rigid: what compliant stops tend to, scheme by scheme, beside rigid ones.
+"""The beam between stops from soft to rigid: limit of compliant stops, scheme by scheme, compared with rigid ones.
 
-From the first touch on, over a hundredth of a time unit, in which the tip bounces as the mesh lets it: the number of
-impacts converges neither with the mesh nor with kappa. What can be compared is the impulse, int |sigma| dt, the time in
-contact, and the energy that is lost. Beyond kappa = K_bb, what the grid itself puts behind its contact node
-(``System.massless_contacts``), a stop's stiffness changes the bouncing of one node and nothing of the beam.
+The span is a hundredth of a time unit from the first touch on. The tip bounces in a way that depends on the mesh: the
+number of impacts converges neither with the mesh nor with kappa. Comparable are the impulse, int |sigma| dt, the time
+in contact, and the energy lost. Beyond kappa = K_bb, the stiffness of the grid behind its contact node
+(``System.massless_contacts``), a stop's stiffness changes only the bouncing of one node.
 """
 
 from __future__ import annotations
@@ -103,7 +103,7 @@ def evaluate(case: Case, point: Point) -> list[Row]:
 
 
 def _with_ranges(rows: list[Row]) -> Row:
-    """The first of some runs, and the least and the most that any of them gives."""
+    """The first of some runs, with the least and the largest value of each quantity over all of them."""
     ends = (("low", min), ("high", max))
     return rows[0] | {f"{name}_{word}": pick(row[name] for row in rows) for name in RANGED for word, pick in ends}
 
@@ -221,7 +221,7 @@ def _look(method: str) -> dict[str, Any]:
 
 STUDY = declared(
     __name__,
-    "From soft stops to rigid ones: what do the schemes make of a beam's impulse, contact and energy?",
+    "From soft to rigid stops: how do the schemes change impulse, contact and energy of a beam?",
     needs_motion=True,
     needs_stops=True,
     smoke={"kappas": [1e6], "cells": [6], "divide": [1]},

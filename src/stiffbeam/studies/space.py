@@ -177,7 +177,7 @@ def _panel(title: str, group: Rows) -> Panel:
 
 STUDY = declared(
     __name__,
-    "How fast do both discretisations approach the beam itself, and does the contact follow?",
+    "How fast do both discretisations converge to the beam, and does the contact converge too?",
     marches=False,
     smoke={"cells": [6, 8, 12], "finest": 20},
 )

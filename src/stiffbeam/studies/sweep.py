@@ -8,8 +8,8 @@ same periods. Values that leave step and linear part alone (amplitude, clearance
 one ensemble. Without damping the exact motion depends on its initial data for ever; a scheme's section also depends on
 its numerical dissipation.
 
-A case that samples drive has no period: it runs once from 0 to its t_end at every value, with impacts per unit of time
-and without sections.
+A case has no period without a drive, with several frequencies, and if samples drive it. It runs once from 0 to its
+t_end at every value, with impacts per unit of time and without sections.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ from ..figures import COLOURS, Axis, Curve, Map, Panel, Picture, column, dashed,
 from ..files.cases import Case
 from ..march.ensemble import integrate_ensemble
 from ..model.drive import Drive
+from ..model.members import paths_of
 from ..references.ensemble import reference_ensemble
 from ..schemes.rigid_scheme import RigidScheme
 from ..trajectory.ensemble import Ensemble
@@ -67,7 +68,7 @@ def points(
     ] = "frequency",
     values: Annotated[
         Sequence[float] | None,
-        "start:stop:count, start:stop:count:log, or with commas between them; in the case's units",
+        "start:stop:count, start:stop:count:log, or comma-separated; in the case's units",
     ] = None,
     second: Annotated[str | None, "another parameter: impacts and forces on a grid"] = None,
     second_values: Annotated[Sequence[float] | None, "as --values"] = None,
@@ -80,10 +81,10 @@ def points(
     ] = None,
     form: Form,
     contact: Treatment = "implicit",
-    dt: Annotated[float, "the nearest step that divides the period is taken; default: the case's"],
-    periods: Annotated[int | None, "of the drive, that are looked at; default: 60, fewer where these take long"] = None,
-    transient: Annotated[int | None, "periods of the drive before them; default: 100, or fewer as well"] = None,
-    count: Annotated[int, "drive frequencies where no values are given"] = 200,
+    dt: Annotated[float, "time step, rounded to one that divides the period; default: the case's"],
+    periods: Annotated[int | None, "periods of the drive to record; default: 60, fewer if these take long"] = None,
+    transient: Annotated[int | None, "periods of the drive before the recorded ones; default: 100, or fewer"] = None,
+    count: Annotated[int, "number of drive frequencies if no values are given"] = 200,
 ) -> list[Point]:
     """Batches of values, each a line of the journal; with ``second`` a grid, without sections.
 
@@ -102,17 +103,21 @@ def points(
     for name, periods_given, least in (("periods", periods, 1), ("transient", transient, 0)):
         if periods_given is not None:
             integer(name, periods_given, least)
-    recorded = bool(Drive.of(system_of(case, form)).records)
-    if recorded:
+    period = drive_period(system_of(case, form), parameter)
+    once = period is None
+    if once:
         for name, stated in (("periods", periods), ("transient", transient)):
             if stated is not None:
                 remedy = f"it runs once from 0 to the case's t_end = {case.t_end:g}"
-                raise InputError(name, stated, "be left out for a case that samples drive", remedy)
+                raise InputError(name, stated, "be left out for a case without a period", remedy)
         if parameter == "frequency" and values is None:
-            remedy = "name it with its values: --parameter loads[0].time.scale --values 0.5:2:16, or stops.stiffness"
-            raise InputError("parameter", parameter, "be another one for a case that samples drive", remedy)
+            paths = sorted(paths_of(system_of(case, form)), key=lambda path: "[" not in path)  # loads and contacts
+            known = ", ".join(paths[:3])
+            remedy = f"name it with its values, --parameter NAME --values 0.5:2:16, such as {known}"
+            raise InputError("parameter", parameter, "be another one for a case without a period", remedy)
     if values is None and parameter == "frequency":
-        drive = 2.0 * np.pi / drive_period(system_of(case, form))
+        assert period is not None  # refused above
+        drive = 2.0 * np.pi / period
         values = np.linspace(0.7 * drive, 1.3 * drive, count).tolist()
     if second is None and second_values is not None:
         raise InputError("second_values", second_values, "be left out without second", "name the second parameter")
@@ -137,7 +142,7 @@ def points(
         "parameter": parameter, "second": second, "coupled": list(follow), "method": method,
         "form": form, "contact": contact,
         "dt": None if method == EXACT else positive("dt", dt),
-    } | ({"t_end": case.t_end} if recorded else {})  # fmt: skip
+    } | ({"t_end": case.t_end} if once else {})  # fmt: skip
     # Bad values are refused here, at the ends of the ranges; what a scheme refuses in between is a row.
     base = system_of(case, form)
 
@@ -148,7 +153,7 @@ def points(
     together = all(name in IN_STEP for name in names_of(shared))
     whole_cost = len(list(product(*grid))) * max(_seconds(setup, PERIODS + TRANSIENT) for setup in ends)
     share = min(1.0, BUDGET / whole_cost)
-    if recorded:
+    if once:
         periods, transient = 1, 0
     periods = max(LEAST, int(share * PERIODS)) if periods is None else periods
     transient = max(LEAST, int(share * TRANSIENT)) if transient is None else transient
@@ -265,7 +270,7 @@ def answer(rows: Rows, case: Case) -> Answer:
     lossy = [c.stops.damping or c.stops.dissipation or c.stops.restitution not in (None, 1.0) for c in system.contacts]
     notes = f"{first['periods']:g} periods of the drive after {first['transient']:g}."
     if "t_end" in first:
-        notes = f"Runs over the record, t = 0 to {units.measure(first['t_end'], 'time', 'g')}."
+        notes = f"Single runs, t = 0 to {units.measure(first['t_end'], 'time', 'g')}."
     elif not system.damped and not any(lossy):
         notes += " Nothing damps this system, so its transient never ends: another start gives another answer."
     most = [f"{x['over all values']} {x['most']} at most" for x in table if "impacts" in x["over all values"]]
@@ -275,7 +280,7 @@ def answer(rows: Rows, case: Case) -> Answer:
 
 
 def _periodicity(rows: Rows) -> list[str]:
-    """At how many values the tip repeats itself, in words; nothing without sections."""
+    """Sentence with the number of values at which the tip repeats itself; empty without sections."""
     by_value = sections(rows)
     if not by_value:
         return []
@@ -315,11 +320,11 @@ def picture(records: Records) -> Picture:
     tip = Axis(f"{tip_name(case.beam)} {tip_symbol(case.beam, 'nT')}", "length")
     line = 0.7 if len({row[name] for row in contacts}) <= 400 else 0.0  # more points than that are a band
     colours = [colour, *(other for other in COLOURS if other != colour)]
-    recorded, (counted, over) = "t_end" in rows[0], _rate(rows, case)
-    panels = [] if recorded else [[Panel("the tip once in every period $T$ of the drive", across, tip, section)]]
+    once, (counted, over) = "t_end" in rows[0], _rate(rows, case)
+    panels = [] if once else [[Panel("the tip once in every period $T$ of the drive", across, tip, section)]]
     for quantity, label, unit, title in (
         ("count", counted, "", "impacts"),
-        *([("fraction", "share of the time", "", "time in contact")] if recorded else []),
+        *([("fraction", "share of the time", "", "time in contact")] if once else []),
         ("peak_force", r"peak $|\sigma|$", "force", "largest contact force"),
     ):
         marks = []
@@ -330,7 +335,7 @@ def picture(records: Records) -> Picture:
                                style | {"color": colours[i % len(colours)]}))  # fmt: skip
         panels.append([Panel(title, across, Axis(label, unit, limits=(0.0, None)), marks, empty="no contact",
                              legend="inside" if len(marks) > 1 else "")])  # fmt: skip
-    return Picture(panels, 8.2, heights=(1.0, 1.0, 1.0) if recorded else (3.0, 1.0, 1.0), shared_x=True)
+    return Picture(panels, 8.2, heights=(1.0, 1.0, 1.0) if once else (3.0, 1.0, 1.0), shared_x=True)
 
 
 def _maps(group: list[Row], place: str, case: Case) -> list[Panel]:
@@ -364,7 +369,7 @@ def _scale(values: Array) -> str:
 
 STUDY = declared(
     __name__,
-    "How does the motion change with a parameter: periodic or not, how many impacts, how hard?",
+    "How does the motion change with a parameter: periodicity, number of impacts, forces?",
     named_by=("parameter", "second"),
     smoke={"count": 4, "periods": 3, "transient": 1},
 )

@@ -1,4 +1,4 @@
-"""What the digits of written numbers alone put into a motion: a file of six digits has no error below 1e-6."""
+"""Error of a motion from the rounding of its written numbers: a file with six digits has no error below 1e-6."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ SINGLE, NEAR = 2.0**-23, 5e-9  # the spacing of single precision; what a decimal
 
 
 def lost_to_digits(problem: Problem, motion: Motion) -> float:
-    """What rounding of the positions, and of times that are not equidistant, makes of the tip at most, over its largest
+    """Largest error of the tip from rounding of the positions, and of times that are not equidistant, over its largest
     displacement; 0 for doubles."""
     rounding = _spacing(motion.u)
     if rounding and np.ptp(np.diff(motion.t)) > 1e-9 * problem.t_end and "tip_velocity" in problem.answers:

@@ -1,6 +1,6 @@
-"""Integrators: schemes, reference solvers, anyone's functions and recorded runs, all asked the same way.
+"""Integrators: schemes, reference solvers, users' functions and recorded runs, with one interface.
 
-The score and the studies take each of them, under a label that no other has.
+The score and the studies accept each of them, under a unique label.
 """
 
 from __future__ import annotations
@@ -61,10 +61,10 @@ class Integrator:
     def run(self, system: System, dt: float, t_end: float, contact: str = "implicit", every: int = 1) -> Trajectory:
         """Return its run of a system with steps dt to t_end.
 
-        A solver chooses its steps itself, to its default tolerance, and answers at multiples of dt. contact, every: of
-        a scheme, see ``integrate``.
+        A solver chooses its own steps, to its default tolerance, and has outputs at multiples of dt. contact, every:
+        for a scheme, see ``integrate``.
 
-        Raises Diverged and SolverFailure where there is no run, InputError where it does not take the system.
+        Raises Diverged and SolverFailure if there is no run, InputError if it does not support the system.
         """
         if self.kind == SCHEME:
             return integrate(system, self.source, dt, t_end, contact, every=every)
@@ -86,7 +86,7 @@ class Integrator:
 
 @dataclass(frozen=True)
 class ProblemSolver(Integrator):
-    """Integrator for the score alone, which asks for the whole problem: source(problem, level, t_end) makes a run.
+    """Integrator for the score alone, which needs the whole problem: source(problem, level, t_end) makes a run.
 
     tolerances: True where its levels are tolerances.
     """
@@ -203,7 +203,7 @@ def _function_label(function: Any) -> str:
 
 
 def _called(maker: Integrator, system: System, dt: float, t_end: float) -> Trajectory:
-    """Return what a function makes of a system, as a run."""
+    """Return the result of a function on a system, as a run."""
     begun = clock()
     try:
         with np.errstate(over="ignore", invalid="ignore"):

@@ -1,4 +1,4 @@
-"""The errors of a motion against the answers of a problem. Nothing is solved here: the answers are read."""
+"""The errors of a motion against the answers of a problem, which are read from its file."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ CLOCKS = (1e3, 1e6, 1e9)  # milliseconds, microseconds, nanoseconds in place of 
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """What an integrator returned, at times t (k,): the tip u and its velocity v, None where it is not given.
+    """Output of an integrator at times t (k,): the tip u and its velocity v, None if it has none.
 
-    states: (q, q') at t_end, (n,) each. position, velocity: of the first contact against its stops, at t. impacts:
-    where the integrator knows their times by itself; else they are those of position and velocity.
+    states: (q, q') at t_end, (n,) each. position, velocity: of the first contact relative to its stops, at t. impacts:
+    the integrator's own impact times if it has them; else those of position and velocity.
     """
 
     t: Array
@@ -65,7 +65,7 @@ class Errors:
 
 
 def motion_of(problem: Problem, t: Any, u: Any, v: Any = None, t_end: float | None = None) -> Motion:
-    """Arrays of anyone's as a Motion: t (k,) increasing to t_end, u and v the tip (k,), or all unknowns (k, n).
+    """Arrays of any program as a Motion: t (k,) increasing to t_end, u and v the tip (k,), or all unknowns (k, n).
 
     Of rows at one time, as at an event, the last counts.
 
@@ -150,7 +150,7 @@ def _factor(seen: Array, known: Array) -> float:
 
 
 def _clock(problem: Problem, motion: Motion) -> float:
-    """The c of CLOCKS for which u(c t) is the known motion but for less than ``ALIKE``; NaN where there is none."""
+    """The c of CLOCKS for which u(c t) is the known motion to less than ``ALIKE``; NaN if there is none."""
     known = problem.answers["tip"].value
     for c in CLOCKS:
         if motion.t[0] <= c * problem.times[0] and c * problem.times[-1] <= motion.t[-1] * (1.0 + 1e-9):
@@ -173,8 +173,8 @@ def _at(times: Array, motion: Motion) -> Array:
 
 
 def impacts_of(problem: Problem, motion: Motion, t_end: float | None = None) -> Impacts | None:
-    """The impacts of the first contact to t_end: the motion's own, or by the rule for steps; None where it gives
-    neither, or positions only and steps too long for rebounds that follow each other."""
+    """The impacts of the first contact to t_end: the motion's own, or by the rule for steps. None if there are neither,
+    or only positions with steps too long for rebounds that follow each other."""
     if motion.impacts is not None:
         return motion.impacts
     u, v, t = motion.position, motion.velocity, motion.t
@@ -195,7 +195,7 @@ def impacts_of(problem: Problem, motion: Motion, t_end: float | None = None) -> 
 
 
 def offset_of(contact: Mapping[str, Any]) -> LoadFunction | None:
-    """How the contact point of a [[system.contacts]] moves against its stops."""
+    """Motion of the contact point of a [[system.contacts]] against its stops."""
     return time_function(contact["offset"]) if "offset" in contact else None
 
 

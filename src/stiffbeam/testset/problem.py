@@ -1,4 +1,4 @@
-"""A problem of the test set: a system as plain numbers, its known answers, and where it comes from."""
+"""A problem of the test set: a system as plain numbers, its known answers, and its source."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ LAW = ("lower", "upper", "stiffness", "exponent", "damping", "dissipation", "res
 
 @dataclass(frozen=True)
 class Answer:
-    """A known number, or several: ``digits`` as decimals in text, and ``how`` they were obtained."""
+    """A known number, or several: ``digits`` as decimals in text, and ``how``, the method that gave them."""
 
     digits: str | tuple[str, ...]
     how: str
@@ -39,8 +39,9 @@ class Answer:
 
 @dataclass(frozen=True)
 class Statistics:
-    """What is known past the horizon, where no single motion is: mean and standard deviation of each quantity over
-    ``members`` exact motions to ``t_end`` whose initial data differ by ``size``. steps: those a score is made with.
+    """Statistics past the horizon, where no single motion is known: mean and standard deviation of each quantity over
+    ``members`` exact motions to ``t_end`` whose initial data differ by ``size``. steps: the numbers of steps of a
+    score.
     """
 
     t_end: float
@@ -56,7 +57,7 @@ class Statistics:
 class Problem:
     """One problem of the test set with its known answers.
 
-    Its numbers are the doubles that a TOML reader gives; the answers are those of these doubles.
+    Its numbers are the doubles that a TOML reader returns, and the answers hold for these doubles.
 
     Parameters
     ----------
@@ -105,17 +106,17 @@ class Problem:
 
     @property
     def times(self) -> Array:
-        """Where tip and tip_velocity are known, (samples,)."""
+        """Times (samples,) of tip and tip_velocity."""
         return np.arange(1, self.samples + 1) * self.t_end / self.samples
 
     @property
     def rigid(self) -> bool:
-        """Whether a stop is rigid, with a restitution."""
+        """True if a stop is rigid, with a restitution."""
         return any(contact["stiffness"] == math.inf for contact in self.data.get("contacts", ()))
 
     @cached_property
     def system(self) -> System:
-        """What is integrated. Raises InputError where this version has no such stops."""
+        """The system to integrate. Raises InputError if this version lacks such stops."""
         where, data = f"{self.name}: system", self.data
         load = {"vector", "constant", "amplitude", "frequency", "phase", "times", "values", "kind"}
         contact = {"row", "offset", *LAW}
@@ -171,7 +172,7 @@ def _only(where: str, table: Mapping[str, Any], known: set[str]) -> None:
 
 
 def folder() -> Path:
-    """Where the problems are: in an installed package as it came, in the reference/ of a source tree."""
+    """Folder of the problems: inside an installed package, or reference/problems of a source tree."""
     packaged = Path(__file__).parents[1] / "frozen" / "problems"
     return packaged if packaged.is_dir() else Path(__file__).parents[3] / "reference" / "problems"
 

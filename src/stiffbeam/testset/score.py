@@ -1,4 +1,4 @@
-"""The score: integrators on the problems with known answers, and what their errors say."""
+"""The score: errors of integrators on the problems with known answers, and verdicts."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ def score(
 
     A fixed-step integrator makes one run at each of the problem's ``steps``, an adaptive one at relative tolerances of
     1e-4, 1e-6 and 1e-8. An integrator that refuses a problem is "not taken". One that breaks off, raises or returns a
-    wrong shape is "failed", with the reason, and the others go on. A step at which it overflows is left out where
-    shorter ones do not overflow.
+    wrong shape is "failed", with the reason, and the others go on. A step at which it overflows is left out if shorter
+    ones do not overflow.
 
     Parameters
     ----------
@@ -92,9 +92,9 @@ def score(
 
 
 def score_trajectories(name: str | Problem, runs: Sequence[tuple[Any, ...]], label: str = "trajectory") -> Scorecard:
-    """The score of runs of one problem, made by any program: each (t, u) or (t, u, v), t (k,), u and v the tip (k,)
-    or all unknowns (k, n). Several runs with different steps have an order; one has its errors only. Errors that do not
-    fall because the numbers have too few digits are told apart.
+    """The score of runs of one problem by any program: each (t, u) or (t, u, v), t (k,), u and v the tip (k,) or all
+    unknowns (k, n). Several runs with different steps have an order; a single run has only errors. Errors that do not
+    fall because the numbers have too few digits are marked as such.
 
     Raises InputError for arrays that do not fit the problem.
     """
@@ -108,7 +108,7 @@ def score_trajectories(name: str | Problem, runs: Sequence[tuple[Any, ...]], lab
 
 
 def _uncounted(each: Problem, made: Made, run: Run) -> str:
-    """Why impacts are not judged though the problem has some; empty where they are."""
+    """Reason why impacts are not judged although the problem has some; empty if they are."""
     known = each.answers.get("impacts")
     if run.errors.impacts >= 0 or known is None or not len(known.value):
         return ""
@@ -158,8 +158,8 @@ def _run(each: Problem, made: Made) -> Run:
 
 
 def _past(runner: Integrator, each: Problem) -> tuple[dict[str, float], ...]:
-    """At each of the steps: by how many standard deviations of the exact ensemble one run's quantities differ from its
-    mean."""
+    """Deviation of the statistics of one run from those of the exact ensemble, in standard deviations, at each of the
+    steps."""
     known, found = each.statistics, []
     assert known is not None
     stops = stops_of(each.data["contacts"][0])

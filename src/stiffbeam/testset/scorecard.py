@@ -1,4 +1,4 @@
-"""The scorecard: all that was measured, as records, tables and pictures."""
+"""The scorecard: all measurements of a score, as records, tables and pictures."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Scorecard:
 
     @property
     def flagged(self) -> tuple[Entry, ...]:
-        """The entries that the answers contradict, or that broke off."""
+        """The entries with wrong results, or that broke off."""
         return tuple(entry for entry in self.entries if entry.flagged)
 
     @property
@@ -48,7 +48,7 @@ class Scorecard:
         return list({entry.problem.name: entry.problem for entry in self.entries}.values())
 
     def entry(self, integrator: str, problem: str) -> Entry:
-        """One of them; KeyError where there is none."""
+        """One entry by integrator and problem; KeyError if there is none."""
         for each in self.entries:
             if (each.integrator, each.problem.name) == (integrator, problem):
                 return each

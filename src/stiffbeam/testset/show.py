@@ -18,10 +18,10 @@ if TYPE_CHECKING:
 
 MARKS = {NOT_FALLING: " !", LOW_ORDER: " <", FAILED: "failed", NOT_TAKEN: "–"}
 LEGEND = (
-    "rms error of the tip at the finest step or tolerance, over the largest displacement; ! it, or another error, does "
-    "not fall with the step, or misses the tolerance; < of too low an order; – not taken"
+    "rms error of the tip at the finest step or tolerance, over the largest displacement. ! this or another error does "
+    "not fall with the step, or misses the tolerance. < the order is too low. – not supported"
 )
-PAST_TITLE = "Past the horizon: one run, off by so many standard deviations of the exact motions"
+PAST_TITLE = "Past the horizon: deviation of one run, in standard deviations of the exact motions"
 ODD = 0.1  # of a velocity: what it is off by where more than the step is wrong with it
 COLUMNS = (
     "problem",
@@ -60,7 +60,7 @@ def _detail_row(e: Entry) -> list[str]:
 
 
 def _expected(e: Entry) -> str:
-    """The order expected; of an integrator whose own is not known the most that the problem allows."""
+    """The expected order; for an integrator of unknown order the largest that the problem allows."""
     if np.isfinite(e.expected) or e.adaptive or e.problem.order_limit <= 0.0:
         return f"{e.expected:.3g}" if np.isfinite(e.expected) else ""
     return f"≤ {e.problem.order_limit:.3g}"
@@ -124,7 +124,7 @@ def overview(card: Scorecard) -> RenderableType:
 
 
 def reasons(card: Scorecard) -> list[str]:
-    """Every flagged or refused entry in words; the same of several problems, and refusals of a field, in one line."""
+    """Every flagged or refused entry as a sentence; equal reasons of several problems share one line."""
     lines = [_words(e) for e in card.flagged]
     told: dict[tuple[str, str], list[str]] = {}  # the problems by integrator and reason
     for e in card.entries:
@@ -160,15 +160,15 @@ def _words(e: Entry) -> str:
 
 
 def _remark(e: Entry) -> str:
-    """Hint where the finest run is the known motion but for a factor, of it, its times or its velocity."""
+    """Hint if the finest run is the right motion except for a factor, of it, its times or its velocity."""
     if not e.runs:
         return ""
     errors = e.runs[-1].errors
     if np.isfinite(errors.factor):
         sort = "units?" if errors.factor > 0.0 else "signs?"
-        return f"the known motion but for a constant factor of {errors.factor:.4g}: {sort}"
+        return f"the right motion times a constant factor of {errors.factor:.4g}: {sort}"
     if np.isfinite(errors.clock):
-        return f"the known motion, but that its times are {errors.clock:g} times as long: units?"
+        return f"the right motion, but its times are {errors.clock:g} times as long: units?"
     if abs(errors.rate) > ODD and errors.velocity > ODD > errors.tip_rms:
         sort = "units?" if errors.rate > -1.0 else "signs?"
         return f"the velocity is the rate of the position over {1.0 + errors.rate:.4g}: {sort}"

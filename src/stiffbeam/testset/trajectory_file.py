@@ -1,4 +1,4 @@
-"""A trajectory that another program has written."""
+"""Reader of a trajectory file that another program wrote."""
 
 from __future__ import annotations
 

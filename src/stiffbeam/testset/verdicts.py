@@ -1,4 +1,4 @@
-"""One integrator on one problem: its runs, its observed order, and the verdict."""
+"""Verdict on one integrator and one problem: its runs, its observed order, and the outcome."""
 
 from __future__ import annotations
 
@@ -41,11 +41,11 @@ class Run:
 
 @dataclass(frozen=True)
 class Entry:
-    """One integrator on one problem. outcome: a verdict, "not taken" or "failed" with a ``reason``.
+    """Result of one integrator on one problem. outcome: a verdict, "not taken" or "failed" with a ``reason``.
 
     order: observed, through the errors above rounding. expected: the lesser of its order on smooth motion and the
-    ``order_limit`` of the problem; NaN where no order can be told. past: past the horizon, what each of the steps is
-    off in standard deviations of the exact ensemble. missed: what besides the tip does not converge.
+    ``order_limit`` of the problem; NaN if it is unknown. past: past the horizon, the deviation at each of the steps in
+    standard deviations of the exact ensemble. missed: errors besides the tip's that do not converge.
     """
 
     integrator: str
@@ -62,7 +62,7 @@ class Entry:
 
     @property
     def flagged(self) -> bool:
-        """Whether the answers say that something is wrong."""
+        """True if the outcome is a fault of the integrator."""
         return self.outcome in (NOT_FALLING, LOW_ORDER, FAILED)
 
     @property
@@ -113,8 +113,8 @@ def verdict(entry: Entry, smooth: float) -> Entry:
 
 
 def _missed(entry: Entry, levels: Array) -> tuple[str, ...]:
-    """What besides the tip does not converge. An impact that a run does not have is late by all of t_end, and so is one
-    that it has where there is none."""
+    """Names of the errors besides the tip's that do not converge. An impact that only one of run and answer has counts
+    as late by t_end."""
     errors = [run.errors for run in entry.runs]
     known = entry.problem.answers
     late = np.array([e.impact_time for e in errors]) / entry.problem.t_end
@@ -138,9 +138,9 @@ def _missed(entry: Entry, levels: Array) -> tuple[str, ...]:
 
 
 def _falls(levels: Array, errors: Array) -> bool:
-    """Whether the median of the finest errors is below ``FALL`` times that of steps four times as long, or the order
-    through the finer half of the runs may be 1/2 or more, its 95 % interval included; and the errors of the finest
-    third are not all alike without such an order.
+    """Return True if errors fall with the step. Either the median of the finest errors is below ``FALL`` times that of
+    steps four times as long, or the order through the finer half of the runs may be 1/2 or more, its 95 % interval
+    included. Without such an order the errors of the finest third must differ.
 
     Medians over a third of the runs each. One error may be small by chance, and those of impacts scatter as these lie
     within their steps; an error that has come to stay does neither, however much coarser steps add to it.
@@ -162,8 +162,8 @@ def _falls(levels: Array, errors: Array) -> bool:
 
 
 def with_digits(entry: Entry, lost: float) -> Entry:
-    """``entry``, neither praised nor flagged where errors that do not fall are no larger than what the digits of its
-    numbers alone make of the tip, ``lost``."""
+    """``entry`` without a verdict if errors that do not fall are no larger than ``lost``, the error of the tip from the
+    rounding of its numbers."""
     if entry.outcome != NOT_FALLING or not entry.best:
         return entry
     last = entry.best
@@ -173,17 +173,17 @@ def with_digits(entry: Entry, lost: float) -> Entry:
     }  # fmt: skip
     if not (last.tip_rms <= lost and all(abs(others[name]) <= MAGNIFIED * lost for name in entry.missed)):
         return entry
-    reason = f"the digits of its numbers alone make errors of up to {shown_error(lost)}: write more of them"
+    reason = f"rounding of its numbers alone causes errors of up to {shown_error(lost)}: write more digits"
     return replace(entry, outcome=FEW_DIGITS, reason=reason, missed=())
 
 
 def shown_error(x: float) -> str:
-    """Two digits, empty where it is not known."""
+    """An error with two digits, empty if it is not known."""
     return "" if not np.isfinite(x) else "0" if x == 0.0 else f"{x:.1e}"
 
 
 def summary(entries: Sequence[Entry]) -> str:
-    """How many entries have which outcome."""
+    """Number of entries for each outcome, as a sentence."""
     outcomes = [CONVERGES, ONE_RUN, TOO_ALIKE, FEW_DIGITS, LOW_ORDER, NOT_FALLING, FAILED, NOT_TAKEN]
     counts = {outcome: sum(entry.outcome == outcome for entry in entries) for outcome in outcomes}
     return ", ".join(f"{count} {outcome}" for outcome, count in counts.items() if count)

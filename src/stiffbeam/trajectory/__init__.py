@@ -1,1 +1,1 @@
-"""Runs, whoever made them: states, impacts, ledger."""
+"""Runs of schemes, solvers and other programs: states, impacts, energy balance."""

@@ -1,4 +1,4 @@
-"""Runs and ensembles as xarray datasets and as files, netCDF, CSV, MATLAB and JSON: walks over the schema."""
+"""Runs and ensembles as xarray datasets and as files in netCDF, CSV, MATLAB and JSON, by the table of variables."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ HASHED = ("stiffbeam_format", "kind", "fingerprint", "provenance", "work", "stop
 
 
 def arrays_of(result: Trajectory | Ensemble, x: Any = None) -> Arrays:
-    """All variables of a run or an ensemble with their attributes, provenance in those of the whole.
+    """All variables of a run or an ensemble with their attributes; the provenance is an attribute of the whole.
 
     Without xarray, which takes a second to import and a tenth of one to write.
     """

@@ -36,11 +36,11 @@ Progress = Callable[[int], None]
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ContactStatistics:
-    """One contact in all members, see ContactRecord.
+    """Record of one contact in all members, see ContactRecord.
 
-    fraction, peak_force, impulse: (M,). open_at_start: (M,), whether the contact is there at t = 0, which is no impact
-    and belongs to the other numbers all the same. impacts: those of all members, one member after the other;
-    member i has the rows offsets[i] to offsets[i + 1].
+    fraction, peak_force, impulse: (M,). open_at_start: (M,), True if the contact exists at t = 0, which is no impact
+    but is part of the other numbers. impacts: those of all members, one member after the other; member i has the rows
+    offsets[i] to offsets[i + 1].
     """
 
     fraction: Array
@@ -52,7 +52,8 @@ class ContactStatistics:
 
     @classmethod
     def of(cls, totals: Array, impacts: Impacts, member: NDArray[np.int64]) -> ContactStatistics:
-        """From (fraction, peak_force, impulse, open_at_start) by member, (4, M), and the member of every impact."""
+        """Statistics from (fraction, peak_force, impulse, open_at_start) by member, (4, M), and the member of every
+        impact."""
         fraction, peak_force, impulse, begun = totals
         offsets = np.concatenate([[0], np.cumsum(np.bincount(member, minlength=len(fraction)))])
         impacts = impacts.take(np.argsort(member, kind="stable"))
@@ -77,7 +78,7 @@ class ContactStatistics:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Runs:
-    """The records of M runs with their contacts: what an ensemble is joined from.
+    """Records of M runs with their contacts, the parts of an ensemble.
 
     tip, tip_velocity: (M, k) at the output times. diverged: (M,), the time at which a run overflowed, NaN for none;
     nothing is recorded after it.
@@ -109,7 +110,7 @@ class Runs:
 
     @classmethod
     def joined(cls, parts: Sequence[Runs], places: Sequence[int] | None = None) -> Runs:
-        """One after the other; places: where each run then belongs, (M,), None for there."""
+        """Several Runs as one. places: member numbers (M,) of each, None to keep their order."""
         if len(parts) == 1:
             return parts[0]
         place = np.arange(sum(map(len, parts))) if places is None else np.array(places)
@@ -187,7 +188,7 @@ class Ensemble(Runs):
 
     @property
     def fingerprint(self) -> str:
-        """That of the system, see ``System.fingerprint``."""
+        """Fingerprint of the system, see ``System.fingerprint``."""
         return self.members.system.fingerprint
 
     @property

@@ -1,4 +1,4 @@
-"""A user's own run: from its arrays all that follows from them, and a reason for what does not."""
+"""A run of another program: all results that follow from its arrays, and a reason for those that do not."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def run_fields(
     t: ArrayLike, tip: ArrayLike | None, tip_velocity: ArrayLike | None, system: System | None,
     states: tuple[ArrayLike, ArrayLike] | None, name: str,
 ) -> dict[str, Any]:  # fmt: skip
-    """The fields of a Trajectory but for its work, see ``Trajectory.from_arrays``."""
+    """The fields of a Trajectory except its work, see ``Trajectory.from_arrays``."""
     all_times = _row("t", t, None)
     times, rows = distinct_times("t", all_times)
     if times[0] != 0.0 or len(times) < 3:

@@ -34,11 +34,11 @@ class Impacts:
     Hermite interpolant of (u, u'), and so is its end, in the first step that leaves the stop. Against rigid stops a
     scheme's impact is a row of steps with a reaction.
 
-    Contact at t = 0 is no impact, in either kind and with every law: neither a motion that begins beyond a stop, or
-    exactly on one without leaving it, nor the impact of a rigid stop at t = 0. That contact ends when the gap first
-    opens, and later entries count. Its force and impulse belong to the contact, and ``at_start`` holds them in a row of
-    its own, which tables and files list first and flag as open at the start. Touching without penetration does not
-    count either. For a start at rest on a stop whose force is exactly zero, rounding decides.
+    Contact at t = 0 is no impact, in either kind and with every law. This holds for a motion that begins beyond a stop,
+    or exactly on one without leaving it, and for the impact of a rigid stop at t = 0. That contact ends when the gap
+    first opens, and later entries count. Its force and impulse belong to the contact, and ``at_start`` holds them in a
+    row of its own, which tables and files list first and mark as open at the start. Touching without penetration does
+    not count either. Limitation: for a start at rest on a stop whose force is exactly zero, rounding decides.
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ class Impacts:
 
     @property
     def durations(self) -> Array:
-        """From entry to exit, (count,)."""
+        """Durations of the contacts, from entry to exit, (count,)."""
         return self.ends - self.times
 
     def take(self, rows: Any) -> Impacts:
@@ -93,7 +93,7 @@ class Impacts:
         return Impacts.concatenate(rows), np.arange(sum(table.count for table in rows)) < len(rows) - 1
 
     def started(self, first: BoolArray) -> Impacts:
-        """The impacts of these rows without the ``first`` (count,), which are one contact that is there at t = 0."""
+        """The impacts of these rows without the ``first`` (count,) ones, which are a contact that exists at t = 0."""
         held, others = self.take(first), self.take(~first)
         if not held.count or np.all(held.impulses == 0.0):
             return others
@@ -103,13 +103,13 @@ class Impacts:
 
     @staticmethod
     def concatenate(tables: Sequence[Impacts]) -> Impacts:
-        """One table of the rows of several of one kind, which keep their order, without their ``at_start``."""
+        """One table of the rows of several tables of one kind, in their order, without their ``at_start``."""
         columns: Any = {name: np.concatenate([getattr(table, name) for table in tables]) for name in COLUMNS}
         return Impacts(**columns, kind=tables[0].kind)
 
     @staticmethod
     def at(times: ArrayLike, stops: ArrayLike, kind: str, **columns: ArrayLike) -> Impacts:
-        """Impacts of which some columns are known; the others are NaN. Events at t = 0 are the contact at the start."""
+        """Impacts with some columns given; the others are NaN. Events at t = 0 are the contact at the start."""
         times = np.asarray(times, float)
         others: Any = {name: np.asarray(columns.get(name, np.full(len(times), np.nan)), float)
                        for name in ("ends", "peaks", "impulses")}  # fmt: skip
@@ -158,11 +158,11 @@ class Impacts:
 class ContactRecord:
     """The record of one contact.
 
-    position, velocity: against its stops, row q + offset, of a beam u(x, t) - m(t), at the output times. force:
-    sigma on the beam, < 0 on the upper stop. impacts, share of time in contact, peak |sigma| and impulse: over
-    every step; peak and impulse count the force at t = 0 too, the impulse by the trapezoidal rule. Of rigid stops
-    force is the reaction, the mean over the step before in a scheme's run; in the exact one that of a held contact,
-    its impulses apart. They have impulses and no peak, NaN.
+    position, velocity: relative to its stops, row q + offset, for a beam u(x, t) - m(t), at the output times. force:
+    sigma on the beam, < 0 on the upper stop. impacts, share of time in contact, peak |sigma| and impulse: over every
+    step; peak and impulse include the force at t = 0, the impulse by the trapezoidal rule. For rigid stops force is the
+    reaction: in a scheme's run the mean over the previous step, in the exact solution that of a held contact without
+    its impulses. Rigid stops have impulses and no peak, NaN.
     """
 
     stops: Stops

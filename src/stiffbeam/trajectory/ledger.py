@@ -1,4 +1,4 @@
-"""The energy ledger: the energy balance of a scheme, step by step."""
+"""The energy balance of a run, step by step."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ RESOLVED = 1e-3  # of the energy supplied: what a loss may be off by where it is
 
 @dataclass(frozen=True, eq=False)
 class Ledger:
-    """Energy at times t (k,) and its balance since t = 0, every array (k,).
+    """Energy balance: energies at times t (k,), and work, dissipation and loss since t = 0; every array (k,).
 
         kinetic, elastic, stops    1/2 q'^T M q', 1/2 q^T K q (bending) and sum U; energy E is their sum
         input    sum over steps of 1/2 (F^n + F^{n+1}) . dq,  F the load vector; a stop that moves
@@ -86,7 +86,7 @@ class Ledger:
     def supplied(self) -> Array:
         """E_0 + the largest input so far, at these times: the most that start, loads and moving stops have supplied.
 
-        Not the input of the moment, which comes back to nothing whenever a load takes out what it has put in.
+        The input at one time would not do: it returns to zero whenever a load takes back its work.
         """
         return supplied(self.energy[0], self.input)
 
@@ -109,7 +109,7 @@ def supplied(start: float, work: Array) -> Array:
 def step_ledger(
     system: System, pieces: Iterator[tuple[Array, Array, Array, Array]], outputs: Array, impacts: bool | None = None
 ) -> Ledger:
-    """The ledger of a run from its states at every step, see ``Pieces``, kept at the times ``outputs``.
+    """The energy balance of a run from its states at every step, see ``Pieces``, stored at the times ``outputs``.
 
     impacts: None for compliant stops. Against rigid ones the pieces hold the mean reactions R of the steps instead of
     forces, and stop_dissipation is the sum of -dt R (U^n + U^{n+1})/2, U the velocity against the stop: what an impulse
@@ -197,7 +197,8 @@ def _motion(system: System, c: int, t: Array, q: Array, v: Array) -> tuple[Array
 
 
 def in_contact(system: System, t: Array, q: Array, v: Array, node_forces: Array | None = None) -> NDArray[np.bool_]:
-    """Tell whether any contact is closed at the times t (k,), states q, v (k, n); node_forces: see ``Pieces``."""
+    """Boolean (k,), True if any contact is closed at the times t (k,) with states q, v (k, n); node_forces: see
+    ``Pieces``."""
     touching = np.zeros(len(t), bool)
     for c, contact in enumerate(system.contacts):
         closed = contact.stops.state(*_motion(system, c, t, q, v)) != 0

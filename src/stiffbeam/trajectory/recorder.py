@@ -123,15 +123,15 @@ def record(
 
 
 def overflow(contacts: Sequence[ContactRecord], t_end: float) -> float:
-    """When a force overflowed though no position did: at the first impact whose impulse is beyond float64, or at the
-    latest at t_end; NaN where none did."""
+    """Time at which a force overflowed although no position did: the first impact whose impulse is beyond float64, at
+    the latest t_end. NaN if none did."""
     if all(np.isfinite(contact.impulse) for contact in contacts):
         return float("nan")
     return min((float(t) for c in contacts for t in c.impacts.times[np.isinf(c.impacts.impulses)]), default=t_end)
 
 
 class SampledImpacts:
-    """The sampled impacts of one contact after step ``since``, fed with consecutive pieces of positions."""
+    """The sampled impacts of one contact after step ``since``, from consecutive ranges of positions."""
 
     def __init__(self, stops: Stops, dt: float, u0: float, v0: float, since: int = 0) -> None:
         self.stops, self.dt, self.steps = stops, dt, 0
@@ -215,10 +215,10 @@ def contact_spans(t: Array, u: Array, v: Array, stops: Stops) -> Array:
 def rebounds(t: Array, u: Array, v: Array | None, stops: Stops) -> Impacts:
     """Impacts on rigid stops in positions u (k,), velocities v (k,) or None, at increasing times t (k,).
 
-    An impact is a step in which a body that approaches a stop, and would reach it within a step and a half, ceases to.
-    Its time is that at which the body would have been at the stop with the speed before. A millionth of the largest
-    speed is no approach: a body at rest on its stop may move by rounding. Where velocities are not given, each side of
-    the jump has differences of its own.
+    An impact is a step in which a body that approaches a stop, and would reach it within a step and a half, stops
+    approaching. Its time is that at which the body would have been at the stop with the previous speed. A speed below a
+    millionth of the largest is no approach: a body at rest on its stop may move by rounding. If velocities are not
+    given, each side of the jump has its own differences.
     """
     step, rows = np.diff(t), np.zeros((0, 2))
     rates = np.diff(u) / step
@@ -281,8 +281,8 @@ def sampled_record(t: Array, u: Array, v: Array, stops: Stops, smoothed: bool = 
 
 
 def as_it_starts(system: System, channel: int, t: Array, u: Array, v: Array) -> tuple[Array, Array]:
-    """u and v of a channel at the times t with what is given at t = 0: on a stop, rounding would tell the side. The
-    velocity of rigid stops is left, which a blow may have turned."""
+    """u and v of a channel at the times t with the given values at t = 0: on a stop, rounding would decide the side.
+    The velocity of rigid stops stays, because an impact may have turned it."""
     begins = t == 0.0
     if not np.any(begins):
         return u, v
@@ -294,12 +294,11 @@ def as_it_starts(system: System, channel: int, t: Array, u: Array, v: Array) -> 
 
 
 class Reactions:
-    """One contact, fed with the mean reactions R of consecutive steps; the impacts are those after step ``since``.
+    """Record of one contact from the mean reactions R of consecutive steps. Impacts are counted after step ``since``.
 
-    An impact is a row of steps with R of one sign: it begins with the first of them and ends with the last. One that
-    begins before a contact that is there at t = 0 has opened is part of that contact. A rigid stop has no largest
-    force, its impulse is what an impact leaves: peaks are NaN. The largest mean of a step, ``max(abs(force))``, grows
-    like 1/dt.
+    An impact is a sequence of steps with R of one sign: it begins with the first and ends with the last of them. An
+    impact before a contact at t = 0 has opened is part of that contact. A rigid stop has no largest force but an
+    impulse, so peaks are NaN. The largest mean of a step, ``max(abs(force))``, grows like 1/dt.
     """
 
     def __init__(self, stops: Stops, dt: float, u0: float, v0: float, since: int = 0) -> None:
@@ -318,7 +317,7 @@ class Reactions:
         self._fed.append(np.array(means, float))
 
     def record(self, position: Array, velocity: Array, every: int) -> ContactRecord:
-        """With position, velocity and the reaction of the step before at every ``every``-th step."""
+        """Contact record with position, velocity and the reaction of the previous step at every ``every``-th step."""
         R = np.concatenate([[0.0], *self._fed])
         force = R[::every][: len(position)]
         R = R[1 + self.since :]

@@ -50,8 +50,8 @@ def new_tally(u0: Array, v0: Array, law: Array, since: int = 0) -> Array:
 
 
 def side_at_start(u0: Array, v0: Array, law: Array) -> Array:
-    """The stop that contact begins on at t = 0, +-1 or 0: a start exactly on one that does not leave it is contact,
-    see ``Impacts``."""
+    """The stop of a contact that exists at t = 0, +-1, or 0: a start exactly on a stop that does not leave it is
+    contact, see ``Impacts``."""
     g1, g2 = law[..., G1], law[..., G2]
     upper, lower = (u0 > g2) | ((u0 == g2) & (v0 >= 0.0)), (u0 < g1) | ((u0 == g1) & (v0 <= 0.0))
     side = upper * 1.0 - lower * 1.0
@@ -67,7 +67,7 @@ def side_at_start(u0: Array, v0: Array, law: Array) -> Array:
 def scan(
     u: Array, count: int, law: Array, dt: float, tally: Array, i: int, c: int, events: Array, rows: int, first: int
 ) -> int:
-    """Take the steps u (count,) into the tally of contact c of member i; impacts that begin are appended.
+    """Add the steps u (count,) to the tally of contact c of member i; new impacts are appended.
 
     law: (M, m, 6), linear, see contact_law. tally: (M, m, 8). first: the number of steps before u. Row ``rows`` of
     ``events`` is the first free one. Of a new impact TIME, and of one that ends END, hold the step before the
@@ -246,7 +246,8 @@ def observe(
 
 @compiled
 def switch_time(u0: float, v0: float, u1: float, v1: float, side: float, law: Law, dt: float) -> float:
-    """When in its step, 0 to 1, contact with the stop on ``side`` begins or ends: the crossing of the stop.
+    """Fraction of the step, 0 to 1, at which contact with the stop on ``side`` begins or ends: the crossing of the
+    stop.
 
     At a damped stop that is penetrated, or held on to rounding, contact ends, and begins again, where the force
     changes sign.
@@ -267,7 +268,8 @@ def switch_time(u0: float, v0: float, u1: float, v1: float, side: float, law: La
 
 @compiled
 def crossing(u0: float, v0: float, u1: float, v1: float, stop: float, dt: float) -> float:
-    """When in its step, 0 to 1, the cubic Hermite interpolant of (u, u') first reaches a stop beyond u0."""
+    """Fraction of the step, 0 to 1, at which the cubic Hermite interpolant of (u, u') first reaches a stop beyond
+    u0."""
     sign = 1.0 if u1 > u0 else -1.0
     return first_crossing(sign * (stop - u0), -sign * v0 * dt, sign * (stop - u1), -sign * v1 * dt)
 

@@ -1,4 +1,4 @@
-"""The contract of data: name, dimensions, unit and meaning of everything that a result holds, in one table.
+"""Table of all variables of results: name, dimensions, unit and meaning.
 
 Attributes, DataFrames, Datasets and files of every format are walks over ``SCHEMA``; the documentation prints it.
 """
@@ -27,7 +27,7 @@ IMPACTS, ENERGY = "contacts[i].impacts", "energy"  # owners of attributes
 
 @dataclass(frozen=True)
 class Variable:
-    """One quantity of a result.
+    """Definition of one quantity of a result.
 
     name: in every table and file, and as ``run[name]``. dims: of a run; an ensemble has the dimension member too.
     quantity: what its unit follows from, see ``Units``; "" for a number without dimension. attribute: the attribute of
@@ -130,7 +130,7 @@ Values = dict[str, tuple[tuple[str, ...], Any]]
 
 
 def named(result: Any, name: str) -> Any:
-    """The values of one variable of a run or an ensemble. Raises InputError for what it does not hold."""
+    """The values of one variable of a run or an ensemble. Raises InputError for a variable that it lacks."""
     if name in BY_NAME:  # an energy is worked out only where it is asked for
         values = values_of(result, None, {name})
     else:
@@ -142,7 +142,7 @@ def named(result: Any, name: str) -> Any:
 
 
 def values_of(result: Any, x: Any = None, wanted: Container[str] = BY_NAME) -> Values:
-    """Dimensions and values of all that a run or an ensemble holds, by the names of the schema.
+    """Dimensions and values of all variables of a run or an ensemble, by the names of the schema.
 
     x: positions along the beam at which the field is wanted. wanted: the names to look for, all by default. The rows of
     impacts are those of all contacts, one contact after the other, and begin with the contact at t = 0 where there is
@@ -245,5 +245,5 @@ def frame_of(values: Values, index: str, units: Units | None = None, **attribute
 
 
 def renamed(variables: Iterable[Any]) -> dict[str, str]:
-    """The new names of the variables of an older file, by the names that stand in it."""
+    """The new names of the variables of an older file, by their names in the file."""
     return {name: BEFORE[name] for name in variables if name in BEFORE}

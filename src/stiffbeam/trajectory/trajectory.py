@@ -49,7 +49,7 @@ def versions() -> dict[str, str]:
 
 
 class Diverged(RuntimeError):
-    """A run of a scheme that overflowed; the message states a remedy.
+    """A run of a scheme that overflowed. The message gives a fix.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ class Diverged(RuntimeError):
 
 
 class SolverFailure(RuntimeError):
-    """A reference solver that could not go on; the message states the reason and a remedy.
+    """A reference solver that could not go on. The message gives the reason and a fix.
 
     Parameters
     ----------
@@ -86,13 +86,14 @@ class SolverFailure(RuntimeError):
 
 
 class Unfinished(RuntimeError):
-    """Work on several processes or machines stopped half-way; the message says why and how to go on."""
+    """Work on several processes or machines that stopped half-way. The message gives the reason and a fix."""
 
 
 @dataclass(frozen=True)
 class Work:
-    """Cost of a run. steps: of a fixed-step scheme, 0 for a reference, which has counters. seconds: processor time
-    without compilation, wall time for ensembles. march_seconds: the stepping alone."""
+    """Cost of a run. steps: of a scheme, 0 for a reference. seconds: processor time without compilation, wall time for
+    ensembles. march_seconds: the stepping alone. counters: of a reference, "rhs", "jacobians" and "restarts" of
+    adaptive solvers; with SUNDIALS also "steps", "error_test_failures" and "convergence_failures"."""
 
     steps: int = 0
     seconds: float = 0.0
@@ -107,7 +108,7 @@ class Work:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Trajectory:
-    """A run at its output times t (k,): tip and tip_velocity (k,), contacts, work, provenance.
+    """A run or reference at its output times t (k,): tip and tip_velocity (k,), contacts, work, provenance.
 
     ``integrate``, ``reference`` and ``load`` return it; ``from_arrays`` makes one of a run by another program.
     ``energy`` and ``states`` are computed on first use. Those of a scheme come from a second run, equal to rounding. A
@@ -157,18 +158,18 @@ class Trajectory:
         seconds: float = float("nan"),
         evaluations: int | None = None,
     ) -> Trajectory:
-        """A run of anyone's own: positions of the tip, and its velocity, at increasing times t (k,) from 0 on.
+        """A run of another program: positions of the tip, and its velocity, at increasing times t (k,) from 0 on.
 
-        A time may stand twice, or increase by rounding, at an event: the later row counts, and ``t`` has it once.
+        If a time occurs twice, or increases by rounding only, as at an event, the later row counts, and ``t`` has it
+        once.
 
-        tip_velocity: by default that of a cubic spline through the tip, which smooths every kink;
-        the provenance then says so. system: what was integrated; with it the run can be compared, and the
-        contact at the tip has its sampled impacts and force. states: (q, q'), each (k, n), which give the energy
-        ledger, every contact and the displacement, and where it is left out the tip. What the arrays do not hold is
-        NaN, or refused when it is asked for. name: its name in tables and pictures. seconds, evaluations: what the run
-        cost, for pictures of work and precision; by default its steps count.
-        provenance["dt"] is the median step. Raises InputError for times that decrease, for positions that differ at
-        one time, for other shapes, and for numbers that are not finite.
+        tip_velocity: by default that of a cubic spline through the tip, which smooths every kink; the provenance then
+        states this. system: what was integrated; with it the run can be compared, and the contact at the tip has its
+        sampled impacts and force. states: (q, q'), each (k, n); they give the energy balance, every contact, the
+        displacement and, if it is missing, the tip. Quantities that the arrays do not determine are NaN, or raise an
+        error when used. name: its name in tables and pictures. seconds, evaluations: cost of the run, for
+        work-precision diagrams; by default its steps count. provenance["dt"] is the median step. Raises InputError for
+        decreasing times, two positions at one time, other shapes, and numbers that are not finite.
         """
         entries = run_fields(t, tip, tip_velocity, system, states, name)
         counters = {} if evaluations is None else {"evaluations": integer("evaluations", evaluations, 1)}
@@ -206,7 +207,7 @@ class Trajectory:
 
     @property
     def units(self) -> Units:
-        """The units of its times, displacements, forces and energies."""
+        """Units of times, displacements, forces and energies."""
         named = self.provenance.get("units")
         return UNKNOWN if named is None else Units(**named)
 
@@ -238,12 +239,12 @@ class Trajectory:
 
     @property
     def impacts(self) -> Impacts:
-        """The impacts at the first contact, by this name's definition; ``contacts[i].impacts`` has every one."""
+        """The impacts at the first contact; ``contacts[i].impacts`` has those of every one."""
         return self.contacts[0].impacts if self.contacts else Impacts.none("none")
 
     @property
     def fingerprint(self) -> str:
-        """That of the system, see ``System.fingerprint``; empty for arrays without one."""
+        """Fingerprint of the system, see ``System.fingerprint``; empty for arrays without a system."""
         return self.stored_fingerprint if self.system is None else self.system.fingerprint
 
     @cached_property
@@ -270,8 +271,7 @@ class Trajectory:
 
     @property
     def nfev(self) -> int | None:
-        """Number of right-hand sides; 0 of a fixed-step scheme, which counts ``work.steps``, and of an exact solution.
-        None where the solver counts none."""
+        """Number of right-hand sides; 0 for schemes and exact solutions, None if the solver counts none."""
         return self._count("rhs", "stages")
 
     @property
@@ -302,7 +302,7 @@ class Trajectory:
 
     @property
     def message(self) -> str:
-        """One sentence for ``status``."""
+        """Sentence that explains ``status``."""
         if self.success:
             return f"Reached t = {self.units.measure(f'{self.t[-1]:g}', 'time')}."
         return f"Overflowed at t = {self.units.measure(f'{self.diverged:g}', 'time')}."
@@ -333,13 +333,13 @@ class Trajectory:
 
     @property
     def has_energy(self) -> bool:
-        """Tell whether the run has its energy ledger, made already or to be made."""
+        """True if the run has an energy balance, or can compute one."""
         return self.ledger is not None or "energy" in vars(self)
 
     @cached_property
     def energy(self) -> Ledger:
-        """The energy ledger at the output times, of a scheme added up over every step before them. Raises Diverged
-        where an energy is beyond float64 though the motion is not."""
+        """Energy balance at the output times; that of a scheme is summed over every step. Raises Diverged if an energy
+        is beyond float64 although the motion is not."""
         if self.ledger is None:
             reason = NO_STATES if self.provenance.get("source") == "arrays" else "a loaded file"
             if self.pieces is not None:
@@ -353,7 +353,7 @@ class Trajectory:
         return ledger
 
     def contact_between(self, start: float, end: float, contact: int = 0) -> ContactRecord | None:
-        """A contact in [start, end] by events, between the outputs too; None where only the outputs are known."""
+        """Record of a contact in [start, end] by events, also between outputs; None if only the outputs are known."""
         return None
 
     def displacement(self, x: ArrayLike) -> Array:
@@ -380,8 +380,8 @@ class Trajectory:
         return self.system
 
     def plot(self, ax: Axes | None = None, **kwargs: Any) -> Axes | Figure:
-        """Draw displacement, contact forces, phase portrait and energy, and return the Figure; or the tip alone into
-        ``ax``, and return that. kwargs: of ``Axes.plot``."""
+        """Draw displacement, contact forces, phase portrait and energy, and return the Figure; or draw the tip into
+        ``ax`` and return it. kwargs: of ``Axes.plot``."""
         return DRAW["run"](self, ax, **kwargs)
 
     def _repr_html_(self) -> str:
@@ -404,18 +404,18 @@ class Trajectory:
         ]
 
     def animate(self, file: str | Path, beside: Sequence[Trajectory] = (), **options: Any) -> Path:
-        """Write a film, .gif or .mp4, of this run and of those ``beside`` it between their stops, impacts flashing;
-        options: see ``figures.animation.animate``."""
+        """Write a film, .gif or .mp4, of this run and the runs ``beside`` it between their stops, with a flash at each
+        impact; options: see ``figures.animation.animate``."""
         return DRAW["film"]([self, *beside], file, **options)
 
     def save(self, file: str | Path) -> Path:
-        """Write it in the format that the suffix names: .nc (all of it, for ``stiffbeam.load``, xarray and ncdump),
-        .json, .mat or .csv. Raises InputError for any other."""
+        """Write the run in the format of the suffix: .nc (everything, for ``stiffbeam.load``, xarray and ncdump),
+        .json, .mat or .csv. Raises InputError for any other suffix."""
         return save(self, file)
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """Return a row for each output time, the index: tip, tip_velocity, ``contact_force_0`` and so on of every
-        contact, and the energies where the run has its ledger. Units and provenance in ``attrs``."""
+        """Return a row for each output time (the index): tip, tip_velocity, ``contact_force_0`` and so on of every
+        contact, and the energies if the run has an energy balance. Units and provenance in ``attrs``."""
         return frame_of(values_of(self), "time", self.units, provenance=self.provenance)
 
     def to_xarray(self, x: ArrayLike | None = None) -> xarray.Dataset:
@@ -425,7 +425,7 @@ class Trajectory:
 
 
 def _travels(value: Any) -> bool:
-    """Tell whether it can be sent to another process."""
+    """Return True if the object can be sent to another process."""
     try:
         pickle.dumps(value)
     except Exception:  # whatever the objects of others raise when they are pickled
@@ -492,7 +492,7 @@ class Reference(Trajectory):
         if not self.horizon < self.t[-1]:
             return ""
         known = self.units.measure(f"{self.horizon:.4g}", "time")
-        return f"; known to its horizon {known}, one of many motions after it"
+        return f"; valid to its horizon {known}, one realisation past it"
 
     def at(self, t: ArrayLike, contact: int | None = None) -> tuple[Array, Array]:
         """(tip, tip velocity) at any times in [0, t_end], or position and velocity of a contact."""
@@ -569,7 +569,7 @@ class Reference(Trajectory):
         return lambda times: state_at(times) if len(times) else (np.zeros((0, size)), np.zeros((0, size)))
 
     def contact_between(self, start: float, end: float, contact: int = 0) -> ContactRecord | None:
-        """See ``Trajectory.contact_between``; exact solutions on compliant stops know it."""
+        """Contact in [start, end]. Only exact solutions on compliant stops have it."""
         return None if self.contact_by_events is None else self.contact_by_events(start, end, contact)
 
     def impacts_sampled(self, dt: float, t_end: float | None = None, contact: int = 0) -> Impacts:

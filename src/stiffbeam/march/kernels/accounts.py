@@ -1,4 +1,5 @@
-"""The compiled energy ledger of a block march: step by step, and all steps at once of blocks without forces."""
+"""The compiled energy balance of a block march, step by step, or for all steps of a block without contact force at
+once."""
 
 from __future__ import annotations
 
@@ -12,7 +13,7 @@ from ...model.contact_law import damps, elastic_force, found_force, found_state,
 
 
 class Step(NamedTuple):
-    """One step of a scheme on a whole state (a, n), and what a stretch of them is given.
+    """One step of a scheme on a whole state (a, n), and the inputs of a range of steps.
 
     Forces are known here, so that no stop is asked; the other names are those of Block and Forcing. Component e of part
     j stands at e P + j, P >= n of whole vector registers, and a state is held twice, so that z[e P + d] is what is e
@@ -28,7 +29,8 @@ class Step(NamedTuple):
 
 @inlined
 def begin(start: Array, place: IntArray, n: int, P: int, z: Array) -> None:
-    """The state z of the components that are carried, in their ``place`` (see Propagator.unpack), the others zero."""
+    """Write the state z of the components that are carried in their ``place`` (see Propagator.unpack); the others are
+    zero."""
     for j in range(z.size):
         z[j] = 0.0
     half = z.size // 2
@@ -135,12 +137,12 @@ def account(
 ) -> None:  # fmt: skip
     """The ledger over a stretch of steps from step ``first``; rows of ``kept`` (outputs, 10) at every ``every``-th.
 
-    starts: (B, ..), the state at the starts of blocks of ``block`` steps, in its ``place``, see ``begin``. Those that
-    ``free`` knows and no force meets are taken at once, the others step by step.
-    y (2 n,) = (q, q') at the start, which a state that goes on as the run does need not begin with. met (2, m):
-    positions and rates of the contacts there, as given at t = 0, where rounding would tell the side of a stop.
-    balance (10,), see KINETIC..; all three are advanced in place. What is lost is the balance of a stretch of steps
-    in contact, or of one without, as long as it lasts: between its ends no energy is asked, and outputs do not end it.
+    starts: (B, ..), the state at the starts of blocks of ``block`` steps, in its ``place``, see ``begin``. Blocks in
+    ``free`` that no force meets are computed at once, the others step by step. y (2 n,) = (q, q') at the start; a
+    continued state may begin differently. met (2, m): positions and rates of the contacts there, with the given values
+    at t = 0, where rounding would decide the side of a stop. balance (10,), see KINETIC..; all three are updated in
+    place. The loss is computed over a range of consecutive steps in contact, or of consecutive steps without: between
+    its ends no energy is needed, and outputs do not end it.
     """
     transition, push, driven, forces, g = step
     squares, damping, loads, load_values, rows, offsets, offset_rates, law, found = energies

@@ -93,7 +93,7 @@ class Kept(NamedTuple):
 
 @compiled
 def resolve_several(push: Array, compliance: Array, law: Array, out: Array, forces: Array) -> bool:
-    """The stops of m contacts, the m entries of a node together. Whether any is met.
+    """Forces of the stops of m contacts, the m entries of a node together. Returns True if any stop is touched.
 
     Where one is met alone, and the force on it leaves the others open, that is all; else see ``solve_node``.
     """
@@ -332,7 +332,7 @@ def stop_eight(i: int, push: Array, g1: float, g2: float, stiff: Array, w: Array
 
 @inlined
 def stage_stiffnesses(compliance: Array, kappa: float, stiff: Array) -> None:
-    """That of every node of one contact, 0 for padding."""
+    """Stage stiffness of every node of one contact, 0 for padding."""
     for i in range(stiff.size):
         stiff[i] = 0.0
     for i in range(compliance.shape[0]):
@@ -341,7 +341,8 @@ def stage_stiffnesses(compliance: Array, kappa: float, stiff: Array) -> None:
 
 @inlined
 def resolve(push: Array, g1: float, g2: float, stiff: Array, out: Array, forces: Array) -> bool:
-    """The stops of one contact, node by node: eight push each other, then all that follows. Whether any is met."""
+    """Forces of the stops of one contact, node by node: eight push each other, then all that follow. Returns True if a
+    stop is touched."""
     touched = False
     for first in range(0, forces.size, 8):
         beyond = 0
@@ -361,7 +362,7 @@ def run(
     first: int, steps: int, dt: float, every: int, cursor: IntArray, linear: int | None = 1,
     by_law: int | None = None,
 ) -> bool:  # fmt: skip
-    """``steps`` steps of every member from step ``first``; whether all are done.
+    """Compute ``steps`` steps of every member from step ``first``. Returns True if all are done.
 
     law: (M, m, 6), the laws of every contact, see contact_law. events: the list of impacts, see sampling.
     cursor: (member, block, free row of events), advanced in place; where the list may not hold another

@@ -1,4 +1,4 @@
-"""The adaptive solvers, whose error control chooses their steps. In the order of reading:
+"""The adaptive solvers, whose error control chooses their steps. In reading order:
 
 sundials, diffrax, scipy                 one library each: ``solve(request)``
 sundials_library                         CVODE and IDA with compiled equations

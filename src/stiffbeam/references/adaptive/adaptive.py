@@ -1,4 +1,4 @@
-"""What the adaptive solvers share: tolerances, pieces and scales before them, the Reference after them."""
+"""Common parts of the adaptive solvers: tolerances, smooth intervals and scales before, the Reference after."""
 
 from __future__ import annotations
 
@@ -42,7 +42,8 @@ class Solve(NamedTuple):
 
 
 class Task(NamedTuple):
-    """What an adaptive solver is given: outputs t (k,), relative tolerance and those of every unknown (size,)."""
+    """Input of an adaptive solver: outputs t (k,), relative tolerance, and absolute tolerance of every unknown
+    (size,)."""
 
     rhs: RightHandSide
     pieces: Pieces
@@ -166,7 +167,7 @@ def reference_from(
 
 
 class Answers:
-    """States of the solution at any times: of its outputs, else those of the same solve with its outputs there.
+    """States of the solution at any times: its outputs, or those of a second solve with outputs at these times.
 
     The last answer is kept: a comparison asks the same times of the tip and of every contact.
     """
@@ -196,7 +197,7 @@ class Answers:
 
 
 def _taken_by_stops(rhs: RightHandSide, z: Array, positions: Array) -> Array:
-    """What the stops that damp have dissipated at the outputs: absorbed and stored no more."""
+    """Energy dissipated by the stops with damping at the outputs: absorbed less stored."""
     if not rhs.damped:
         return np.zeros(len(z))
     start, _ = rhs.channels(np.zeros(1), rhs.z0[None, : rhs.states])
@@ -208,7 +209,8 @@ def _taken_by_stops(rhs: RightHandSide, z: Array, positions: Array) -> Array:
 
 
 def _ledger(system: System, t: Array, q: Array, v: Array, given: Array, taken: Array, of_stops: Array) -> Ledger:
-    """The ledger with input and dissipation as the solver integrated them: the loss is the solver's own."""
+    """The energy balance with input and dissipation as the solver integrated them. The loss is then that of the
+    solver."""
     energies = system.energies(t, q, v)
     start = float(system.energy(np.zeros(1), system.q0[None], system.v0[None])[0])
     loss = start - sum(energies) + given - taken - of_stops
@@ -237,7 +239,7 @@ def contact_record(
     end: Array,
     t_end: float,
 ) -> ContactRecord:
-    """Contact ``i``: by its events where these were asked for, else sampled at the output times t.
+    """Record of contact ``i``: by its events if they were requested, else sampled at the output times t.
 
     Impulses are integrals that the solver carries, peaks the largest of the forces where the rate of the gap, of a
     damped stop that of the force, is zero or jumps: both as accurate as the motion. A peak is NaN where the solver saw

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ...basics.arrays import Array, double_precision
+from ...basics.arrays import Array, float64_on_the_processor
 from ...basics.compiled import stopped_clock
 from ...basics.validation import InputError
 from ...model.right_hand_side import RightHandSide
@@ -95,7 +95,7 @@ class Stepper:
 
     def _fill(self) -> bool:
         """Make up to ``_steps`` steps ahead; return False where there are none."""
-        with double_precision():
+        with float64_on_the_processor():
             ts, ys, made, tried, self._next = self._program(
                 self._numbers, self.t, self.y, self._next, self.t_bound, self._rtol, self._atol, self._max_step,
                 self._steps,
@@ -124,7 +124,7 @@ def _program(name: str, kind: Kind, numbers: Any, rhs: RightHandSide) -> tuple[C
         scalar, integer = jax.ShapeDtypeStruct((), np.float64), jax.ShapeDtypeStruct((), np.int64)
         vector = jax.ShapeDtypeStruct((rhs.size,), np.float64)
         begun = time.process_time()
-        with stopped_clock(), double_precision():
+        with stopped_clock(), float64_on_the_processor():
             shapes = jax.tree.map(lambda x: jax.ShapeDtypeStruct(np.shape(x), np.asarray(x).dtype), numbers)
             arguments = (shapes, scalar, vector, scalar, scalar, scalar, vector, scalar, integer)
             _PROGRAMS[key] = jax.jit(partial(_march, name, kind)).lower(*arguments).compile()
@@ -137,8 +137,8 @@ def _march(
     name: str, kind: Kind, numbers: Any, t: Any, z: Any, dt: Any, end: Any, rtol: Any, atol: Any, max_step: Any,
     count: Any,
 ) -> tuple[Any, Any, Any, Any, Any]:  # fmt: skip
-    """Up to ``count`` accepted steps from (t, z) towards ``end``: their times and states, how many were made, how many
-    were tried, and the length of the next."""
+    """Up to ``count`` accepted steps from (t, z) towards ``end``: their times and states, the numbers of accepted and
+    of tried steps, and the length of the next."""
     import diffrax
     import jax.numpy as jnp
     import optimistix
@@ -194,7 +194,7 @@ def _field(kind: Kind, t: Any, z: Any, numbers: Any) -> Any:
 
 
 def _chosen(keep: Any, new: Any, old: Any) -> Any:
-    """The tree ``new`` where a step is kept, else ``old``."""
+    """The tree ``new`` if the step is kept, else ``old``."""
     import jax
     import jax.numpy as jnp
 

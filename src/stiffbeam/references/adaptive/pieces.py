@@ -1,8 +1,8 @@
-"""Where the functions of time are smooth, and how long a step may be there, so that none leaps over a load.
+"""Smooth intervals of the functions of time, and the longest step in each, so that no step misses a load.
 
-An adaptive solver chooses its steps by the errors it sees, and it sees a load only where it evaluates it:
-at rest it doubles its step and leaps over a short pulse. So the time span is cut where a function of time
-is not smooth, and inside every piece the step is bounded by how fast the functions vary there.
+An adaptive solver chooses its steps by the errors that it estimates, and it evaluates a load only at its steps. At rest
+it doubles its step and can pass over a short pulse. The time span is therefore cut where a function of time is not
+smooth. Inside every interval the step is bounded by the rate at which the functions vary.
 """
 
 from __future__ import annotations
@@ -42,8 +42,8 @@ GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 
 
 class Piece(NamedTuple):
-    """[start, end] with smooth functions of time, which are to be evaluated in [first, last] only: a jump at
-    an end belongs to the neighbour. max_step: inf where nothing bounds it."""
+    """Interval [start, end] with smooth functions of time. They may be evaluated in [first, last] only: a jump at an
+    end belongs to the neighbour. max_step: inf without a bound."""
 
     start: float
     end: float
@@ -53,7 +53,7 @@ class Piece(NamedTuple):
 
 
 class Pieces(NamedTuple):
-    """The pieces of [0, t_end] in order; spacing of the scan, 0 where every function is in closed form."""
+    """The smooth intervals of [0, t_end] in order; spacing of the scan, 0 if every function is in closed form."""
 
     pieces: list[Piece]
     spacing: float
@@ -104,7 +104,7 @@ def smooth_pieces(system: System, t_end: float, steps: Steps) -> Pieces:
 
 
 def _points(system: System, t_end: float) -> int:
-    """Points of the scan: POINTS, more where that is coarse against the shortest natural period."""
+    """Number of points of the scan: POINTS, or more if that is coarse for the shortest natural period."""
     from ...model.modes import undamped_modes
 
     fastest = float(np.max(undamped_modes(system).omega, initial=0.0))
@@ -126,7 +126,7 @@ def _joined(cuts: list[tuple[float, float]], t_end: float) -> list[tuple[float, 
 
 
 def _least(t_end: float) -> float:
-    """Nothing shorter is a piece."""
+    """Shortest length of an interval."""
     return 64.0 * float(np.finfo(float).eps) * t_end
 
 
@@ -163,7 +163,7 @@ def _bounds(found: list[Array], start: float, end: float) -> list[tuple[float, f
 
 
 class _Scan:
-    """A function of time seen through its samples: windows of nine, tested at every dyadic scale.
+    """Scan of a function of time by samples: windows of nine, tested at every dyadic scale.
 
     A window is smooth where the polynomial of degree 4 through every other sample gives those between to
     RESOLVED of the function's range. Leaves are the longest smooth windows all of whose parts are smooth.
@@ -236,7 +236,7 @@ class _Scan:
 
     @property
     def rounding(self) -> float:
-        """What the samples' own rounding can amount to."""
+        """Bound of the rounding of the samples."""
         return 1e3 * np.finfo(float).eps * max(abs(self.low), abs(self.high))
 
     @property

@@ -1,9 +1,8 @@
-"""From piece to piece and from switch to switch: what drives an adaptive solver through its time span.
+"""Drive an adaptive solver through its time span, from one smooth interval and one event to the next.
 
-The solver starts anew wherever its right-hand side is not smooth: at the cuts of the functions of time,
-and, where it restarts at switches, at every entry into a stop and every exit from one. In a phase between
-two of them every contact keeps its side, so that the force is linear beyond the stop as well, and the
-switch is a root of a smooth function.
+The solver restarts wherever its right-hand side is not smooth: at the cuts of the functions of time and, if it restarts
+at events, at every entry into a stop and every exit from one. In a phase between two restarts every contact keeps its
+side. The force is then linear beyond the stop as well, and the event is a root of a smooth function.
 """
 
 from __future__ import annotations
@@ -37,7 +36,7 @@ class Scales(NamedTuple):
 
 
 def scales_of(first_order: FirstOrderSystem, t_end: float) -> Scales:
-    """The largest value that every unknown would take if it had the whole energy of the motion.
+    """The largest value that every unknown would reach with the whole energy of the motion.
 
         E = E_0 + 1/2 sum_k max|f_k|^2 p_k^T S p_k + 1/2 sum_c (max |o_c - o_c(0)|)^2/(1/kappa_c + r_c^T S r_c)
         |q_i| <= sqrt(2 E S_ii),  |q'_i| <= sqrt(2 E (M^-1)_ii),  S = (K + 2 M/t_end^2)^-1
@@ -103,7 +102,7 @@ class Root(NamedTuple):
 
 
 class Phase(NamedTuple):
-    """[start, end] from z, outputs at ``times`` in it, with steps up to max_step (inf: as long as they like)."""
+    """Interval [start, end] from z, with outputs at ``times`` in it and steps up to max_step (inf: no bound)."""
 
     start: float
     end: float
@@ -115,8 +114,8 @@ class Phase(NamedTuple):
 
 
 class Outcome(NamedTuple):
-    """Where a phase ended, with the states at its output times up to there. ended_by: the roots that ended
-    it; missed: they are rates, so the phase has to be made again, with a step that ends there."""
+    """End of a phase, with the states at its output times up to there. ended_by: the roots that ended it. missed: these
+    are rates, so the phase must be repeated with a step that ends there."""
 
     t: float
     z: Array
@@ -127,8 +126,8 @@ class Outcome(NamedTuple):
 
 
 class Watch:
-    """The roots of a phase: first every gap, then every gap's rate, and what each of them means. Of damped stops
-    see the kernel ``event_functions``: the gap is what is > 0 where they press, and the rates of the forces follow.
+    """Root functions of a phase: first every gap, then every gap's rate, and the meaning of each. For damped stops see
+    the kernel ``event_functions``: the gap is positive where they press, and the rates of the forces follow.
 
     In a phase with fixed sides a gap ends it, from below where the side is free, from above where it is
     closed. It is watched at a level a few roundings past where it starts, so that the root a phase starts
@@ -157,7 +156,7 @@ class Watch:
 
     @property
     def directions(self) -> list[int]:
-        """Of every root: +1 rising, -1 falling, 0 both."""
+        """Direction of every root: +1 rising, -1 falling, 0 both."""
         more = self.size // max(1, self.count) - 1  # rows of rates
         if not self.fixed:
             return [0] * self.count + [-1] * (more * self.count)
@@ -174,7 +173,7 @@ class Watch:
         return self._buffer
 
     def ends(self, roots: Sequence[Root]) -> bool:
-        """Return True where these simultaneous roots end the phase; peaks and switches that do not are noted."""
+        """Return True if these simultaneous roots end the phase. Peaks and events that do not are recorded."""
         for root in roots:
             k = root.which % self.count
             if root.which < self.count:
@@ -203,8 +202,8 @@ class Watch:
 
 
 class Contacts:
-    """The closed spans of every side, as the roots tell them: times, states and |F| at entries and exits; times and |F|
-    at ``peaks``. Forces are taken while the functions of time are asked inside their piece."""
+    """Closed intervals of every side from the roots: times, states and |F| at entries and exits; times and |F| at
+    ``peaks``. Forces are computed while the functions of time may be evaluated."""
 
     def __init__(self, rhs: RightHandSide, count: int) -> None:
         self.rhs = rhs
@@ -213,15 +212,15 @@ class Contacts:
         self.peaks: list[list[tuple[float, float]]] = [[] for _ in range(count)]
 
     def open(self, side: int) -> bool:
-        """Return True where the side has been entered and not left."""
+        """Return True if the side has been entered and not left."""
         return len(self.entries[side]) > len(self.exits[side])
 
     def switch(self, side: int, t: float, z: Array) -> None:
-        """Note that the side is entered, or left where it is open, at t with state z."""
+        """Record an event at t with state z: the side is left if it is open, else entered."""
         (self.exits if self.open(side) else self.entries)[side].append((t, z, self.rhs.pressing(t, z, side)))
 
     def note(self, watch: Watch) -> None:
-        """Take over what a phase has seen on its way; a side that is closed is not entered again."""
+        """Add the events of a phase. A side that is closed is not entered again."""
         for root in watch.switches:
             if (root.sign > 0) != self.open(root.which):
                 self.switch(root.which, root.time, root.z)
@@ -230,8 +229,8 @@ class Contacts:
             self.peaks[side].append((peak.time, self.rhs.pressing(peak.time, peak.z, side)))
 
     def pass_kink(self, t: float, z: Array) -> None:
-        """Note the forces where a phase begins or ends within a contact: that of a stop that moves or is damped may
-        turn there from rising to falling, and no rate is zero."""
+        """Record the forces where a phase begins or ends within a contact. The force of a moving or damped stop may
+        turn there from rising to falling without a zero of its rate."""
         for k, entries in enumerate(self.entries):
             contact = self.rhs.first_order.contacts[self.rhs.sides[k][0]].contact
             if self.open(k) and entries[-1][0] < t and (contact.offset is not None or contact.stops.dissipative):
@@ -327,8 +326,8 @@ def follow(
 
 
 def refuse_endless(method: str, t: float, evaluations: int, forecast: Forecast) -> None:
-    """Raise SolverFailure where a solver has done more work by time t than anybody waits for, and InputError where
-    what it has done tells that it will."""
+    """Raise SolverFailure for a solver that has done too much work by time t, and InputError if its work so far
+    predicts that it will."""
     forecast.check(t)
     if evaluations > MOST_EVALUATIONS:
         reason = f"{evaluations} evaluations of the right-hand side, more than {MOST_EVALUATIONS}"
@@ -343,7 +342,7 @@ def _extent(rhs: RightHandSide, scales: Scales, contact: int) -> float:
 
 
 def _closed_at_start(rhs: RightHandSide, z: Array) -> list[bool]:
-    """Inside the stop, or exactly on it and moving or pushed in."""
+    """True inside the stop, or exactly on it and moving or pushed in."""
     values = np.empty(rhs.roots)
     rhs.levels[:] = 0.0
     rhs.event_functions(0.0, z, values)

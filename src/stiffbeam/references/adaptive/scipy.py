@@ -1,4 +1,4 @@
-"""SciPy's solvers, outside witnesses of the other solver families; and the phases of any solver that is like them."""
+"""SciPy's solvers, independent of the other solver families; and the phases of any solver with SciPy's interface."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def solve(request: Request) -> Reference:
 def stepping(
     method: str, library: Any, steps_to_outputs: bool = False
 ) -> Callable[[RightHandSide, float, Array], Solver]:
-    """Return the maker of phases with an OdeSolver of SciPy's, an implicit one with the analytic Jacobian.
+    """Return a maker of phases with an OdeSolver of SciPy; an implicit one gets the analytic Jacobian.
 
     steps_to_outputs: a step of the full order leads to every output, where dense output is less accurate.
     """
@@ -112,8 +112,8 @@ def stepping(
 
 
 def refuse_stiff(system: System, t_end: float) -> None:
-    """Raise InputError where the fastest rate |lambda| of the free system makes an explicit method take more than
-    MOST_STEPS steps, each no longer than STABLE/|lambda|."""
+    """Raise InputError if an explicit method needs more than MOST_STEPS steps for the fastest rate |lambda| of the free
+    system, with steps of at most STABLE/|lambda|."""
     rate = float(np.max(np.abs(np.linalg.eigvals(system.first_order().matrix)), initial=0.0))
     steps = rate * positive("t_end", t_end) / STABLE
     if steps > MOST_STEPS:
@@ -166,7 +166,7 @@ def _polished(
 
 
 def _stepped(start: Any, stepper: Any, left: Array, t: float, counters: dict[str, int]) -> Array | None:
-    """The state at t by steps of the full order from ``left``, where the last step starts; None where they fail."""
+    """The state at t by steps of the full order from ``left``, where the last step starts; None if they fail."""
     if t - stepper.t_old <= SAME * abs(t):  # as where a sample is an output time but for rounding
         return left
     if t == stepper.t:

@@ -1,4 +1,4 @@
-"""CVODE, SUNDIALS' variable-order multistep solver, and IDA, that for implicit systems, through scikit-sundae."""
+"""SUNDIALS' variable-order multistep solvers CVODE and IDA (for implicit systems), through scikit-sundae."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from .sundials_library import CompiledSolver, available
 
 
 def solve(request: Request) -> Reference:
-    """Return the solution by IDA or CVODE, as the method is named."""
+    """Return the solution by IDA or CVODE, according to the name of the method."""
     return _ida(request) if request.method == "ida" else _cvode(request)
 
 
 def _cvode(request: Request) -> Reference:
     """BDF orders 1-5 or Adams-Moulton orders 1-12, Newton with the analytic Jacobian.
 
-    The Jacobian is banded where the system's is. Adams starts anew at every switch, where a method of
-    high order gains by a smooth right-hand side; BDF goes through, and error control finds the kink: it
-    is of order 5 at most and takes long to raise its order again. Undamped, these systems lie on the
+    The Jacobian is banded if the system's is. Adams restarts at every event, because a method of high order gains by a
+    smooth right-hand side. BDF steps through, and error control finds the kink: BDF has order 5 at most and needs many
+    steps to raise its order again. Undamped, these systems lie on the
     imaginary axis, where BDF of order 3 and above is unstable and Adams needs a fifth of the work.
     """
     method, adams = request.method, request.method == "cvode-adams"
@@ -64,8 +64,8 @@ def _ida(request: Request) -> Reference:
 
         F(t, y, y') = E y' - g(t, y),  y = (q_1, q_1', ..., q_n, q_n')
 
-    with the analytic iteration matrix c_j E - dg/dy, banded where M, C and K are. Goes through the switches
-    as CVODE's BDF does.
+    with the analytic iteration matrix c_j E - dg/dy, banded where M, C and K are. IDA steps through
+    the events like CVODE's BDF.
     """
     mass, right = request.system.descriptor()
 
@@ -104,7 +104,7 @@ def linear_solver(rhs: RightHandSide) -> dict[str, Any]:
 
 
 def compiled(method: str, solver: CompiledSolver) -> Callable[[Phase], Outcome]:
-    """Return what integrates a phase with a solver whose equations are compiled."""
+    """Return a function that integrates a phase by a solver with compiled equations."""
 
     def run(phase: Phase) -> Outcome:
         solver.init_step(phase)
@@ -151,7 +151,9 @@ def advance(method: str, solver: Any, phase: Phase) -> Outcome:
         if ended_by:
             break
         states.append(z)
-    counters = {} if result is None else {"rhs": int(result.nfev), "jacobians": int(result.njev)}
+    counters: dict[str, int] = {}
+    if result is not None:
+        counters = {"rhs": int(result.nfev), "jacobians": int(result.njev), **getattr(result, "statistics", {})}
     return Outcome(
         t if ended_by else phase.end, z, states[: len(phase.times)], ended_by, phase.watch.missed(ended_by), counters
     )

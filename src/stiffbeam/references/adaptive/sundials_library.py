@@ -1,4 +1,4 @@
-"""CVODE and IDA of the SUNDIALS libraries that scikit-sundae brings along, called with compiled equations.
+"""CVODE and IDA of the SUNDIALS libraries inside scikit-sundae, called with compiled equations.
 
 scikit-sundae takes Python functions only, and three quarters of a solve are spent in them. Its extension modules are
 linked to the libraries, so their functions are found through them; with the equations of
@@ -111,6 +111,11 @@ ADAMS, BDF, NORMAL = 1, 2, 1
 ROOT_RETURN, TOO_MUCH_WORK = 2, -1
 STEPS_A_CALL = 20_000  # after which Python may look for an interrupt
 MAX_STEPS = 10_000_000  # to one output; SUNDIALS' default of 500 ends most contact runs
+STATISTICS = {
+    "steps": "GetNumSteps",
+    "error_test_failures": "GetNumErrTestFails",
+    "convergence_failures": "GetNumNonlinSolvConvFails",
+}
 POINTER, INTEGER, LONG, DOUBLE = ctypes.c_void_p, ctypes.c_int, ctypes.c_long, ctypes.c_double
 
 
@@ -133,7 +138,7 @@ class _Library:
 
 @lru_cache
 def _libraries() -> dict[str, _Library] | None:
-    """The libraries of CVODE and IDA, None where they are not as expected."""
+    """The libraries of CVODE and IDA, None if they are not as expected."""
     try:
         libraries = {family: _Library(import_module(f"sksundae._cy_{family.lower()}")) for family in ("CVode", "IDA")}
         return libraries if all(_as_expected(library) for library in libraries.values()) else None
@@ -219,7 +224,7 @@ class _Memory:
 
 
 class Step(NamedTuple):
-    """End of one call of the solver, in the words of scikit-sundae's result."""
+    """End of one call of the solver, in the words of scikit-sundae's result; and STATISTICS, which that leaves out."""
 
     t: float
     y: Array
@@ -229,6 +234,7 @@ class Step(NamedTuple):
     nfev: int
     njev: int
     i_events: list[IntArray]
+    statistics: dict[str, int]
 
 
 class CompiledSolver:
@@ -291,6 +297,7 @@ class CompiledSolver:
         call(f"{family}SetMaxStep", self._solver, DOUBLE(longest))
         events = cvode_events if family == "CVode" else ida_events
         call(f"{family}RootInit", self._solver, INTEGER(self._watched), POINTER(events.address))
+        call(f"{family}SetNoInactiveRootWarn", self._solver)  # a start on a stop has such a root
         if self._watched:
             directions = np.array(phase.watch.directions, np.int32)
             call(f"{family}SetRootDirection", self._solver, POINTER(directions.ctypes.data))
@@ -311,11 +318,16 @@ class CompiledSolver:
         if status == ROOT_RETURN:
             call(f"{family}GetRootInfo", self._solver, POINTER(self._flags.ctypes.data))
             found.append(self._flags[: self._watched].astype(np.int64))
-        evaluations, jacobians = LONG(), LONG()
         counted = "GetNumRhsEvals" if family == "CVode" else "GetNumResEvals"
-        call(f"{family}{counted}", self._solver, ctypes.byref(evaluations))
-        call(f"{family}GetNumJacEvals", self._solver, ctypes.byref(jacobians))
+        evaluations, jacobians = self._count(counted), self._count("GetNumJacEvals")
+        statistics = {word: self._count(name) for word, name in STATISTICS.items()}
         call(f"{family}ClearStopTime", self._solver)
         message = call.messages.get(status, f"SUNDIALS returned {status}")
         y = self._y.copy()
-        return Step(reached.value, y, status >= 0, status, message, evaluations.value, jacobians.value, found)
+        return Step(reached.value, y, status >= 0, status, message, evaluations, jacobians, found, statistics)
+
+    def _count(self, name: str) -> int:
+        """Return one of the counts that the solver keeps since its start."""
+        number = LONG()
+        self._call(f"{self.family}{name}", self._solver, ctypes.byref(number))
+        return number.value

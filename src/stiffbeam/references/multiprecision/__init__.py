@@ -1,4 +1,4 @@
-"""The exact solution in many digits. In the order of reading:
+"""The exact solution in many digits. In reading order:
 
 multiprecision          what is called: how many digits, and two runs that have to agree
 rational                the system from its exact parameters

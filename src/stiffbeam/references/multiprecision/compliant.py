@@ -1,11 +1,11 @@
-"""Motion between compliant stops in many digits, from switch to switch: z' = G z, in blocks (linear_flow.py).
+"""Motion between compliant stops in many digits, from event to event: z' = G z, in blocks (linear_flow.py).
 
-Float64 finds the next switch from the state there, Newton's method doubles its digits, and one evaluation of the
-exponentials is made with all of them. Digits that the motion has used up are not carried on.
+Float64 finds the next event from the state, Newton's method doubles its digits, and one evaluation of the exponentials
+uses all of them. Digits that the motion has lost are dropped.
 
 Contacts that float64 cannot see: where a gap is almost zero as it turns, many digits say whether it is closed.
 
-The switches are sought in float64, where a gap that turns at less than the rounding of its terms counts as open.
+The event search runs in float64, where a gap that turns at less than the rounding of its terms counts as open.
 Near such a turn gap = d + a s^2/2, a > 0, s the time from it, and d in all the digits that are carried decides:
 
     d < 0    closed for 2 sqrt(-2 d/a): a contact, or a moment between two, that was passed over
@@ -42,7 +42,7 @@ from .linear_flow import DERIVATIVES, Block, LinearFlow, Split, with_drives
 from .rational import carried, exact_problem
 
 GUARD_BITS = 100  # below the digits that are lost: two doubles' worth for the outputs
-KNOWN_BITS = 28  # what float64 knows of a time between two switches
+KNOWN_BITS = 28  # precision of a time between two events in float64
 
 
 Known = dict[tuple[int, ...], Split]
@@ -134,7 +134,7 @@ def follow(
     """The solution on [0, t_end] carried with ``full`` bits at the start and ``guard`` at the end, rounded to
     float64, what samples its channels before it is rounded, and itself unrounded; ctx.prec has room to spare.
 
-    told: switches that float64 does not see, in order. known: see ``PreciseRegime``.
+    told: events that float64 does not see, in order. known: see ``PreciseRegime``.
     """
     room, drive = ctx.prec, Drive.of(system)
     flow, gaps = LinearFlow(system, full), Gaps(system, drive)
@@ -186,7 +186,7 @@ def follow(
                 z = (regime.split.V * regime.split.ahead(ahead, shift)).mid()
                 continue
             if when < t:
-                raise SolverFailure("multiprecision", begun, "a switch at a sample that float64 cannot place", REMEDY)
+                raise SolverFailure("multiprecision", begun, "an event at a sample that float64 cannot place", REMEDY)
         if edge >= t_end:
             break
         t, z, resting = arb(edge), flow.at_edge(pieces[-1].state(edge), arb(edge)), -1
@@ -251,7 +251,7 @@ def _locate(
 
     gap_at(tau) -> (gap, gap', y). Newton's method from the float64 time ``start``, the precision doubled at each turn,
     so that only one evaluation is made at full precision. Where the gap is zero as the piece begins, at rest on its
-    stop and pressed, that is the switch. Raises SolverFailure where Newton's method leads further than a fiftieth of
+    stop and pressed, that is the event. Raises SolverFailure where Newton's method leads further than a fiftieth of
     the ``shortest`` period away: two crossings so close to each other that float64 cannot tell them apart.
     """
     near = 0.02 * shortest
@@ -274,7 +274,7 @@ def _locate(
             return tau, shift, y
         tau = (tau + shift).mid()
     remedy = f"end before t = {t + start:.6g}" if t + start > near else "start a little off the stop"
-    raise SolverFailure("multiprecision", t + start, "the switch is a graze that float64 cannot place", remedy)
+    raise SolverFailure("multiprecision", t + start, "the event is a graze that float64 cannot place", remedy)
 
 
 PER_PERIOD = 16  # looks at a gap in the shortest period
@@ -283,7 +283,7 @@ CLOSE = 1e-9  # of the motion: deeper ones float64 sees
 TOUCH = 1e-18
 MOVES = 64.0 * EPS  # of the largest speed: a gap that turns more slowly rests
 HALVINGS = 60
-APART = 64.0 * EPS  # of the time: switches that are closer have one time in float64
+APART = 64.0 * EPS  # of the time: events that are closer have one time in float64
 MOST = 100  # that are passed over; each costs the whole solution once more
 
 
@@ -291,7 +291,7 @@ Sampler = Callable[..., tuple[Array, Array]]  # of the channels at any times, ro
 
 
 class Switch(NamedTuple):
-    """A switch that the search is told of: about when, of which contact, at the stop on which side."""
+    """An event that the search receives: approximate time, contact, and side of the stop."""
 
     t: float
     contact: int
@@ -310,7 +310,7 @@ class Turn(NamedTuple):
 
 
 def passed_over(system: System, solution: Motion, sample: Sampler, t_end: float, since: float) -> Switch | None:
-    """The first switch after ``since`` that is not in ``solution``; ``sample`` gives its channels in many digits.
+    """The first event after ``since`` that is missing in ``solution``; ``sample`` gives its channels in many digits.
 
     None too for more than ``MOST_LOOKS``. Raises SolverFailure where it ends before float64 can tell its end from its
     beginning.
@@ -344,7 +344,7 @@ def looks(solution: Motion, t_end: float) -> tuple[NDArray[np.int64], Array]:
 
 
 def grazes_of(solution: Motion, t_end: float) -> str:
-    """Sentence that says which grazes are decided."""
+    """Sentence that names the grazes that are decided."""
     count = float(np.sum(looks(solution, t_end)[0]))
     if count > MOST_LOOKS:
         return f"by float64, to 1e-12 of the motion: {count:.1g} looks are more than {MOST_LOOKS:.0e}"

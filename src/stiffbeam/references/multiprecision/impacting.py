@@ -1,4 +1,4 @@
-"""Motion between rigid stops in many digits: from event to event, and the accumulation of impacts by its series.
+"""Motion between rigid stops in many digits: from event to event; accumulating impacts are summed by their series.
 
     0 <= P _|_ U+ + e U- >= 0            what closes together, towards the inside; U+ = U- + A P, A = row M^-1 row^T
     0 <= R _|_ (u - g) >= 0              what rests on its stops, both in the order of their first derivatives
@@ -38,7 +38,7 @@ ON_THE_STOP = 1e-12  # of the heights that round the gap: a start so little beyo
 
 @dataclass(eq=False)
 class Impact:
-    """On ``side`` of a contact, with ``impulse``, held until ``end`` (NaN: to the end of the solution)."""
+    """Impact on ``side`` of a contact, with ``impulse``, held until ``end`` (NaN: to the end of the solution)."""
 
     contact: int
     side: int
@@ -49,7 +49,7 @@ class Impact:
 
 @dataclass(eq=False)
 class Stretch:
-    """From time t on z, with the contacts of the regime held, over ``length``."""
+    """Segment from time t on z, with the contacts of the regime held, over ``length``."""
 
     t: Any
     z: Any
@@ -59,9 +59,9 @@ class Stretch:
 
 @dataclass(eq=False)
 class Motion:
-    """What was found: the stretches, the impacts, energy taken (time, by the stops, put in by their motion), how long
-    each contact was held and pressed, the ends of chatter (time, contact), what its series leave out of a time, and
-    the first tie."""
+    """A solution: the segments, the impacts, energies (time, dissipated by the stops, input by their motion), times
+    held and pressed by contact, the ends of chatter (time, contact), the remainder of its series relative to the time,
+    and the first tie."""
 
     flow: LinearFlow
     stretches: list[Stretch] = field(default_factory=list)
@@ -290,7 +290,7 @@ class March:
         return sum((a * b for a, b in pairs), arb(0)).mid()
 
     def _settle(self, at_rest: dict[int, int]) -> None:
-        """Of the contacts at rest on their stops, hold those that press, in the order of derivatives."""
+        """Hold those contacts at rest on their stops that press, in the order of derivatives."""
 
         def violated(held: set[int]) -> Iterable[int]:
             regime = self.flow.regime(tuple(sorted(held)))
@@ -318,7 +318,7 @@ class March:
         self.held = {c: at_rest[c] for c in sorted(held)}
 
     def _complete(self, c: int, side: int) -> None:
-        """Where the impacts to come are over within what the digits tell, take the speed and hold: see above."""
+        """If the coming impacts end within the digits carried, remove the speed and hold the contact: see above."""
         self.unlisted.discard(c)
         e = self.e[c]
         if not e < 1:

@@ -95,7 +95,7 @@ class Series:
 
 
 class LinearFlow:
-    """What every regime of ``system`` shares, at the current precision, of which ``bits`` are to be right.
+    """Data that every regime of ``system`` shares, at the current precision, with ``bits`` correct bits.
 
     forms: the positions of all channels, (1, N) each, the contacts first. back: M^-1 row^T (N, m), what a unit of
     impulse on each contact does to z. compliance: row M^-1 row^T (m, m).
@@ -157,7 +157,7 @@ class LinearFlow:
         return arb_mat([[x] for x in values]).mid()
 
     def regime(self, held: tuple[int, ...]) -> Regime:
-        """With these contacts held, in order."""
+        """Regime with these contacts held, in order."""
         if held not in self._regimes:
             G, reactions = self.G, arb_mat(0, self.N)
             if held:
@@ -292,7 +292,7 @@ def _weights(count: int, precision: int) -> Any:  # the precision they are kept 
 
 
 def _one_change(b: list[Any]) -> bool:
-    """Return True where the signs go from + to - once, whatever those that are not known are."""
+    """Return True if the signs change from + to - once, whatever the undecided ones are."""
     known = [i for i, x in enumerate(b) if not x.contains(0)]
     changes = [(i, j) for i, j in pairwise(known) if (b[i] > 0) != (b[j] > 0)]
     unknown = len(b) - len(known)
@@ -373,7 +373,7 @@ class Split:
         self.blocks = [*self.blocks[:i], both, *(x for k, x in enumerate(self.blocks) if k > i and k != j)]
 
     def again(self, G: Any) -> Split:
-        """The same of a G that differs in what drives it, or of which more digits are known."""
+        """The split of another G, with other drives or more known digits."""
         return Split(G, self.V, self.blocks, self.drives, self.bits)
 
     def _refine(self, target: int, precision: int) -> tuple[int, int] | None:
@@ -451,7 +451,7 @@ class Split:
 
 
 def with_drives(modes: Sequence[Block], drives: Sequence[Block]) -> list[Block]:
-    """All blocks by float64, those joined of which eigenvalues of modes and of drives meet."""
+    """All blocks from float64. Blocks are joined if eigenvalues of their modes and drives meet."""
     blocks, alone = list(modes), []
     nothing = NOTHING * max(abs(x) for block in (*modes, *drives) for x in block.values)
     for drive in drives:

@@ -28,12 +28,12 @@ from .compliant import GUARD_BITS, MOST, Known, Sampler, Switch, follow, grazes_
 
 BITS = math.log2(10.0)
 MAX_DIGITS = 20_000
-CANCELLED = 1e-10  # of max |u|: more than that is lost by float64 sums between the switches
+CANCELLED = 1e-10  # of max |u|: more than that is lost by float64 sums between the events
 AGREEMENT = 1e-12  # of max |u| and of the time: how closely two precisions have to agree
 
 
 def solve(request: Request) -> Reference:
-    """The exact solution carried with ``digits`` decimal digits, and again with a quarter more.
+    """The exact solution with ``digits`` decimal digits, and again with a quarter more.
 
     "auto" estimates the digits from the growth of tangent vectors along the float64 solution, and goes
     on until both runs agree to t_end. A fixed number gives the horizon to which both
@@ -44,11 +44,11 @@ def solve(request: Request) -> Reference:
     any number of contacts, time functions made of Harmonic, Constant and Sampled, rigid stops too (rigid.py); raises
     InputError otherwise, SolverFailure where even ``MAX_DIGITS`` do not suffice.
 
-    True for which numbers: those of a case file, and in Python those given as texts, Fractions or Decimals,
-    are taken at their exact values, all others are the doubles they are; provenance["parameters"] names the
+    Numbers: those of a case file, and in Python those given as texts, Fractions or Decimals, have their exact
+    values. All others are doubles; provenance["parameters"] names the
     exact ones. Past the horizon of float64 the two readings have different solutions. t_end and output
-    times are doubles: nothing magnifies their rounding. Which switch is next is found in float64 and then refined;
-    what float64 passes over is looked for where gaps turn (compliant.py): of compliant stops a contact less deep than
+    times are doubles: nothing magnifies their rounding. Float64 finds the next event, which is then refined. Events
+    that float64 passes over are searched where gaps turn (compliant.py). On compliant stops a contact shallower than
     1e-18 of the motion counts as none, see provenance["grazes"]. Between rigid stops power series in balls decide.
     """
     system, t_end, t_eval, digits = request.system, request.t_end, request.t_eval, request.digits
@@ -86,7 +86,7 @@ def solve(request: Request) -> Reference:
                     "horizon": horizon,
                     "horizon_against": f"itself with {previous.provenance['digits']} digits",
                     "grazes": grazes_of(solution, t_end),
-                    "horizon_tolerance": f"|du| <= {AGREEMENT:g} max|u| at the output times, the same switches",
+                    "horizon_tolerance": f"|du| <= {AGREEMENT:g} max|u| at the output times, the same events",
                 }
                 return replace(run, horizon=horizon, provenance=run.provenance | notes)
         previous = run
@@ -162,7 +162,7 @@ def _estimate(system: System, t_end: float) -> int:
 
 
 def _agreement(a: Reference, b: Reference) -> float:
-    """The time to which two precisions agree in every switch and in the displacement."""
+    """The time to which two precisions agree in every event and in the displacement."""
     x, y = a.solution, b.solution
     n = min(len(x.times), len(y.times))
     apart = np.any(x.sides[:n] != y.sides[:n], axis=1)

@@ -1,4 +1,4 @@
-"""The semi-discrete problem without rounding: rational geometry, the given numbers at their exact values.
+"""The semi-discrete problem without rounding: rational geometry, and all numbers at their exact values.
 
 A beam's matrices are whole multiples of EI h^-3 or thirds and sixths of m h; the float64 entries of the
 System carry roundings that past the horizon lead to another trajectory.
@@ -65,7 +65,7 @@ class Exact:
 
 @contextmanager
 def carried(bits: int) -> Generator[None, None, None]:
-    """A precision of so many bits, for a while."""
+    """Context with a precision of so many bits."""
     before, ctx.prec = ctx.prec, bits
     try:
         yield

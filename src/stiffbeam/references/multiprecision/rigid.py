@@ -1,4 +1,4 @@
-"""The solution with rigid stops in many digits, as a Reference. It shares no code with that in float64."""
+"""The solution with rigid stops in many digits, as a Reference. It shares no code with the float64 solution."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ GAUSS = np.polynomial.legendre.leggauss(16)  # of a stretch of 4 radians at most
 
 
 def solve_rigid(request: Request) -> Reference:
-    """The solution from impact to impact carried with ``digits`` decimal digits, and again with more.
+    """The solution from impact to impact with ``digits`` decimal digits, and again with more.
 
     Takes what the exact solution takes of rigid stops with restitution in [0, 1]: any damping, several contacts, moving
     stops, time functions made of Harmonic, Constant and Sampled. "auto" begins with FIRST digits, and goes on until
@@ -157,7 +157,7 @@ class Solved:
         return found
 
     def impacts(self, contact: int) -> Impacts:
-        """Of one contact, in order; of one that is still held the end and impulse are not known."""
+        """Impacts of one contact, in order. If it is still held at the end, that end and the impulse are not known."""
         mine = [x for x in self.motion.impacts if x.contact == contact]
         ends = [math.nan if x.end is None else float(x.end) for x in mine]
         impulses = [math.nan if x.end is None else float(x.impulse) for x in mine]
@@ -165,7 +165,7 @@ class Solved:
         return Impacts.at(times, sides, "event", ends=ends, impulses=impulses)
 
     def reference(self, system: System, t: Array, t_end: float, begun: float) -> Reference:
-        """With outputs at ``t``."""
+        """The Reference with outputs at ``t``."""
         R, motion = self.reactions(t), self.motion
         contacts = []
         for c, contact in enumerate(system.contacts):
@@ -239,8 +239,8 @@ def _agreement(a: Solved, b: Solved, t_end: float) -> float:
 
 
 def _distinct(impacts: list[Impact]) -> list[Impact]:
-    """Without those that come within AGREEMENT after another of their contact: two contacts that hit each other in
-    turns until they rest do so more often with more digits."""
+    """Impacts without those within AGREEMENT after another of their contact. Two contacts that hit each other in turns
+    until they rest do so more often with more digits."""
     found: list[Impact] = []
     before: dict[int, Any] = {}
     for x in impacts:
