@@ -30,7 +30,7 @@ from .parameters import EXACT, PARAMETERS, Coupling, couplings, drive_period, is
 
 SETTLE, AGAIN = 60, 7  # periods before an orbit is looked for, and between the starts
 VALUES = 3  # of the parameter at which it is looked for
-STEPS = 20  # of a branch over the range, at least
+STEPS = (20, 50)  # least and most of a branch over the range, to start with
 DOUBLED = 2  # branches of twice the period that are followed
 PORTRAIT, PORTRAITS = 1200, 3  # samples of a portrait, and how many
 LINES = 24  # of the table
@@ -60,7 +60,7 @@ def points(
     periods: Annotated[int, "of the drive, that the diagram shows"] = 16,
     transient: Annotated[int, "periods of the drive before them"] = 32,
     count: Annotated[int, "drive frequencies where no values are given"] = 40,
-    orbits: Annotated[int, "most orbits of a branch, each way from its start"] = 150,
+    orbits: Annotated[int, "most orbits of a branch, each way from its start"] = 200,
     starts: Annotated[int, "states of a long run from which an orbit is looked for, at each of 3 values"] = 3,
     grazings: Annotated[bool, "locate where a stop is touched for the first or last time"] = False,
 ) -> list[Point]:
@@ -88,8 +88,8 @@ def points(
         raise InputError("values", values, "span a range", "for example 8:14:60")
     branch = {
         "kind": "branch", "parameter": parameter, "couple": texts, "form": form, "length": length,
-        "limits": [min(along), max(along)], "steps": max(len(along), STEPS), "orbits": orbits, "starts": starts,
-        "grazings": grazings,
+        "limits": [min(along), max(along)], "steps": int(np.clip(len(along), *STEPS)), "orbits": orbits,
+        "starts": starts, "grazings": grazings,
     }  # fmt: skip
     make, period = _maker(case, branch)
     for end in (min(along), max(along)):
