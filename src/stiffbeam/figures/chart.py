@@ -230,11 +230,11 @@ class Picture:
 
 def groups(rows: Iterable[Row], *names: str) -> dict[Any, list[Row]]:
     """The rows by the value of a column, or by the values of several."""
-    found: dict[Any, list[Row]] = {}
+    rows_by_key: dict[Any, list[Row]] = {}
     for row in rows:
         key = tuple(row.get(name) for name in names)
-        found.setdefault(key if len(names) > 1 else key[0], []).append(row)
-    return found
+        rows_by_key.setdefault(key if len(names) > 1 else key[0], []).append(row)
+    return rows_by_key
 
 
 def curves(
