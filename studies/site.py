@@ -29,7 +29,7 @@ CHAPTERS = {
     "How to": [
         "studies/guide/choose.md", "studies/guide/beam.md", "studies/guide/stops.md", "studies/guide/model.md",
         "studies/guide/ensembles.md", "studies/guide/references.md", "studies/guide/derivatives.md",
-        "studies/guide/solver.md", "studies/guide/other_tools.md",
+        "studies/guide/orbits.md", "studies/guide/solver.md", "studies/guide/other_tools.md",
         "studies/steel_strip.py", "studies/hermite_model.py", "studies/hammer.py", "studies/base_motion.py",
         "studies/loose_supports.py",
     ],

@@ -3,7 +3,8 @@
 piecewise                          compliant stops: refusals, the Reference, perturbed copies
 lyapunov                           growth of perturbations along the solution
 rigid_reference, impacting, taylor rigid stops with restitution: the Reference, impact by impact, one segment
-derivative, orbit, continuation    derivatives in parameters; periodic orbits, and branches of them
+derivative, orbit                  derivatives in parameters; periodic orbits
+continuation, grazing              branches of orbits; their touches of a stop that begin or end
 """
 
 from __future__ import annotations
