@@ -29,13 +29,14 @@ CHAPTERS = {
     "How to": [
         "studies/guide/choose.md", "studies/guide/beam.md", "studies/guide/stops.md", "studies/guide/model.md",
         "studies/guide/ensembles.md", "studies/guide/references.md", "studies/guide/derivatives.md",
-        "studies/guide/solver.md", "studies/guide/other_tools.md",
+        "studies/guide/orbits.md", "studies/guide/solver.md", "studies/guide/other_tools.md",
         "studies/steel_strip.py", "studies/hermite_model.py", "studies/hammer.py", "studies/base_motion.py",
         "studies/loose_supports.py",
     ],
     "Answers": [
         "studies/gallery.md", "studies/README.md", "studies/speed.md", "reference/problems/README.md",
-        "studies/other_engines.md", "studies/engines/README.md", "reference/README.md", "reference/agreement.md",
+        "reference/orbits/README.md", "studies/other_engines.md", "studies/engines/README.md", "reference/README.md",
+        "reference/agreement.md",
     ],
     "Theory": ["studies/theory/horizon.md", "studies/theory/march.md", "studies/theory/exact.md"],
     "Reference": [

@@ -53,12 +53,17 @@ from .references.exact.lyapunov import lyapunov as lyapunov
 from .references.exact.orbit import Orbit as Orbit
 from .references.exact.orbit import periodic_orbit as periodic_orbit
 from .references.exact.rigid_reference import rigid_limit as rigid_limit
+from .references.proof.orbit_proof import OrbitProof as OrbitProof
 from .schemes.registry import *  # noqa: F403
 from .studies import study as study
 from .studies.advice import Advice as Advice
 from .studies.advice import advise as advise
 from .studies.doubt import Doubt as Doubt
 from .studies.doubt import doubt as doubt
+from .testset.orbits import EnclosedAnswer as EnclosedAnswer
+from .testset.orbits import FrozenOrbit as FrozenOrbit
+from .testset.orbits import frozen_orbit as frozen_orbit
+from .testset.orbits import frozen_orbits as frozen_orbits
 from .testset.problem import Problem as Problem
 from .testset.problem import problem as problem
 from .testset.problem import problems as problems

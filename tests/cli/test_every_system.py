@@ -28,6 +28,7 @@ REFUSED = {
     "rigid_beam": "be a beam with stops",
     "rigid": "0 for rigid stops|at one place|at rest for rigid stops|for a limit of rigid stops",
     "sweep": "without a period|move at the drive's frequency|exactly one Harmonic drive",
+    "orbits": "a linear law|one drive frequency|exactly one Harmonic drive|be a multiple of 2 pi",
     "gradient": "have an exact solution",  # with power laws
     "errata": "keep the printed|have a misprint",  # some grow at some steps; HHT has none beside its contact
     "modes": "does not oscillate|no mode oscillates",  # over-damped, or without any stiffness beside the stops

@@ -177,7 +177,7 @@ def test_a_block_equals_its_definition_in_numpy(table10):
     w, expected = row[:R], row[R : R + 75]
     march = stepper.start([system], 32, 1)
     state = march.state._replace(z=z[None].copy())
-    kept = Kept(march.positions, march.velocities, march.found, np.zeros((1, len(z))), np.zeros((1, 32)))
+    kept = Kept(march.positions, march.velocities, march.node_forces, np.zeros((1, len(z))), np.zeros((1, 32)))
     cursor = np.zeros(3, np.int64)
     first = round(t / 1e-4)
     positions = np.zeros((1, first + 33, 1))

@@ -80,15 +80,15 @@ def run(
         forced = np.full((steps, m), np.nan)  # what the nodes found at the ends of the steps
         if m and block.end_first[0] < forces.shape[1]:
             forced = forces[:, ends[:, :m]].reshape(blocks * K, m)[:steps]
-        found = [
+        node_forces = [
             _sample(path[:, c], speeds[:, c], law[i, c], dt, marchers.tally[i, c], first, means[:, c], forced[:, c])
             for c in range(m)
         ]
-        if cursor[2] + sum(len(rows) for rows, *_ in found) > len(events):
+        if cursor[2] + sum(len(rows) for rows, *_ in node_forces) > len(events):
             cursor[0] = i
             return False
 
-        for c, (rows, tally, left, carried) in enumerate(found):
+        for c, (rows, tally, left, carried) in enumerate(node_forces):
             see = partial(_switch, path[:, c], velocities, marchers.velocity[i, c], Law(*law[i, c]), c, dt)
             for row in rows:
                 entered, ended = int(row[TIME]), int(row[END])
@@ -110,8 +110,8 @@ def run(
         if kept.positions.shape[1]:
             n = np.arange(first // every + 1, (first + steps) // every + 1)
             kept.positions[i, n], kept.velocities[i, n] = u[n * every - first - 1], velocities(n * every - first - 1)
-            if kept.found.shape[1]:
-                kept.found[i, n] = forced[n * every - first - 1]
+            if kept.node_forces.shape[1]:
+                kept.node_forces[i, n] = forced[n * every - first - 1]
         if len(kept.starts):
             kept.starts[:], kept.forces[:] = starts, forces
         marchers.z[i], marchers.position[i] = z, u[-1]
@@ -195,7 +195,7 @@ def _by_law(block: Block, law: Array, before: Array, row: Array, forces: Array) 
 
 
 def _sample(
-    path: Array, v: Array, law: Array, dt: float, before: Array, first: int, means: Array, found: Array
+    path: Array, v: Array, law: Array, dt: float, before: Array, first: int, means: Array, node_forces: Array
 ) -> tuple[Array, Array, int, tuple[float, float]]:
     """The impacts that begin in u_1.. of ``path`` (steps + 1,) as rows of events, the tally after, the step in
     which the impact that was open before ends, or -1, and what of peak and impulse belongs to that one.
@@ -205,8 +205,8 @@ def _sample(
     """
     stops, u = Stops.of_law(law), path[1:]
     chi, force = stops.state(u, v) * 1.0, stops.force(u, v)
-    if stops.jumps and np.all(np.isfinite(found)):  # on the stop the state does not tell the force
-        chi, force = -np.sign(found), found
+    if stops.jumps and np.all(np.isfinite(node_forces)):  # on the stop the state does not tell the force
+        chi, force = -np.sign(node_forces), node_forces
     last, counted = force[-1], first + np.arange(len(u)) >= before[SINCE]
     force = np.where(counted, np.abs(force), 0.0)
     pushed = np.where(counted, np.abs(means), 0.0) if np.all(np.isfinite(means)) else force  # what impulses are of

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
+import scipy.linalg
 
 import stiffbeam as sb
 
@@ -76,6 +78,135 @@ def test_the_flip_of_the_beam():
     assert np.allclose(branch.flips, 32.975300288681, rtol=0.0, atol=1e-9)
     assert len(branch.flips) == 1
     assert list(branch.stable[[0, -1]]) == [False, True]
+
+
+def grazed(gap: float, stiffness: float) -> sb.System:
+    """x'' + 0.1 x' + x = cos(2.8 t) below a stop: without contact |x| has the amplitude GRAZING."""
+    restitution = 0.8 if np.isinf(stiffness) else None
+    stop = sb.Contact(np.ones(1), sb.Stops(upper=gap, stiffness=stiffness, restitution=restitution))
+    load = ([1.0], sb.Harmonic(1.0, 2.8))
+    return sb.System.from_matrices([[1.0]], [[1.0]], [[0.1]], loads=[load], contacts=[stop])
+
+
+RESPONSE = 1.0 / (1.0 - 2.8**2 + 0.28j)
+GRAZING = abs(RESPONSE)
+
+
+@pytest.mark.parametrize(
+    ("values", "stiffness"),
+    [(np.linspace(0.2, 0.1, 9), 5.0), (np.linspace(0.2, 0.1, 9), np.inf), (np.linspace(0.05, 0.2, 9), np.inf)],
+)
+def test_a_grazing_in_closed_form(values, stiffness):
+    """The linear response reaches the stop: from without contact, and from the unstable orbit with an impact."""
+    guess = ([RESPONSE.imag], [2.8 * RESPONSE.real]) if values[0] > GRAZING else None
+    branch = sb.continuation(
+        lambda gap: grazed(gap, stiffness), "gap", values, turn(2.8), guess, grazings=np.isfinite(stiffness)
+    )
+    assert np.allclose(branch.at("grazing"), GRAZING, rtol=0.0, atol=1e-9)
+    assert len(branch.at("grazing")) == 1
+    if np.isinf(stiffness):
+        assert "grazes its rigid stop" in branch.end
+        assert np.all(branch.stable) == (values[0] > GRAZING)
+    else:
+        assert list(branch.events[[0, -1]]) == [0, 2]
+        assert branch.values[-1] == pytest.approx(0.1)
+
+
+def hard(frequency: float) -> sb.System:
+    stop = sb.Contact(np.ones(1), sb.Stops(upper=0.0, stiffness=400.0))
+    load = ([1.0], sb.Harmonic(1.0, frequency))
+    return sb.System.from_matrices([[1.0]], [[1.0]], [[0.2]], loads=[load], contacts=[stop])
+
+
+def test_a_march_comes_back_to_the_doubled_branch():
+    """Beside the flip it is near the orbit of one period; an adaptive march that starts off it settles on it."""
+    branch = sb.continuation(hard, "frequency", np.linspace(2.5, 2.65, 10), turn)
+    assert list(branch.stable[[0, -1]]) == [True, False]
+    doubled = branch.doubled(0)
+    assert np.all(doubled.stable)
+    assert 0.0 < doubled.values[0] - branch.flips[0] < 1e-3
+    w = float(doubled.values[-1])
+    q, v = doubled.q[-1], doubled.v[-1]
+    start = replace(hard(w), q0=q + 1e-2, v0=v, origin=None)
+    t = turn(w) * np.array([0.0, 100.0, 101.0, 102.0])
+    march = sb.reference(start, t[-1], method="dop853", t_eval=t, rtol=1e-10, atol=1e-12)
+    assert np.allclose(march.tip[[1, 3]], q[0], atol=1e-7)
+    assert abs(march.tip[2] - q[0]) > 0.1
+    with pytest.raises(sb.InputError, match="be the number of a flip, of which there are 1"):
+        branch.doubled(1)
+
+
+def test_a_branch_that_loses_its_symmetry():
+    """A mass between two stops: a multiplier is 1 without a fold where orbits that are not symmetric leave.
+
+    Witness: the map over half a period with the sign of the state turned, by differences, has the multiplier -1 there.
+    """
+
+    def symmetric(frequency: float) -> sb.System:
+        stop = sb.Contact(np.ones(1), sb.Stops(-0.5, 0.5, stiffness=50.0))
+        load = ([1.0], sb.Harmonic(2.0, frequency))
+        return sb.System.from_matrices([[1.0]], [[1.0]], [[0.1]], loads=[load], contacts=[stop])
+
+    branch = sb.continuation(symmetric, "frequency", np.linspace(4.0, 1.5, 20), turn)
+    assert [x.kind for x in branch.bifurcations] == ["branching"]
+    point = branch.bifurcations[0]
+    half = 0.5 * turn(point.value)
+
+    def turned(z: np.ndarray) -> np.ndarray:
+        moved = replace(symmetric(point.value), q0=z[:1], v0=z[1:], origin=None)
+        run = sb.reference(moved, half, method="dop853", t_eval=[0.0, half], rtol=1e-12, atol=1e-14)
+        return -np.array([run.tip[-1], run.tip_velocity[-1]])
+
+    assert np.allclose(turned(point.z), point.z, atol=1e-3)  # along the crossing branch z is known to sqrt(rounding)
+    h = 1e-5
+    slope = np.column_stack([(turned(point.z + h * e) - turned(point.z - h * e)) / (2.0 * h) for e in np.eye(2)])
+    assert np.min(np.abs(np.linalg.eigvals(slope) + 1.0)) < 1e-3
+
+
+@pytest.mark.slow
+def test_a_torus_of_two_masses():
+    """Where a pair of multipliers of an impacting orbit leaves the unit circle; witness: differences of a march.
+
+    The march: matrix exponentials between impacts, impacts by bisection.
+    """
+    m, c, zeta, e = np.array([1.0, 5.0]), np.array([[1.0, -1.0], [-1.0, 2.0]]), 0.1, 0.8
+
+    def masses(frequency: float) -> sb.System:
+        stop = sb.Contact(np.array([1.0, 0.0]), sb.Stops(upper=0.0, stiffness=np.inf, restitution=e))
+        load = ([1.0, 0.0], sb.Harmonic(1.0, frequency, phase=1.0))
+        return sb.System.from_matrices(np.diag(m), c, 2.0 * zeta * c, loads=[load], contacts=[stop])
+
+    branch = sb.continuation(masses, "frequency", np.linspace(1.75, 1.7, 6), turn)
+    assert [x.kind for x in branch.bifurcations] == ["torus"]
+    point, w = branch.bifurcations[0], branch.bifurcations[0].value
+    A = np.block([[np.zeros((2, 2)), np.eye(2)], [-c / m[:, None], -2.0 * zeta * c / m[:, None]]])
+    drive = np.linalg.solve(1j * w * np.eye(4) - A, np.array([0.0, 0.0, 1.0, 0.0]) * np.exp(1j))
+
+    def flow(z: np.ndarray, t: float, tau: float) -> np.ndarray:
+        now, then = ((drive * np.exp(1j * w * x)).imag for x in (t, t + tau))
+        return scipy.linalg.expm(A * tau) @ (z - now) + then
+
+    def mapped(z: np.ndarray) -> np.ndarray:
+        t, step = 0.0, turn(w) / 200
+        for _ in range(200):
+            ahead = flow(z, t, step)
+            if ahead[0] > 0.0:
+                low, high = 0.0, step
+                for _ in range(60):
+                    middle = 0.5 * (low + high)
+                    low, high = (low, middle) if flow(z, t, middle)[0] > 0.0 else (middle, high)
+                z = flow(z, t, low) * [1.0, 1.0, -e, 1.0]
+                ahead = flow(z, t + low, step - low)
+            z, t = ahead, t + step
+        return z
+
+    assert np.allclose(mapped(point.z), point.z, atol=1e-10)
+    h = 1e-6
+    slope = np.column_stack([(mapped(point.z + h * x) - mapped(point.z - h * x)) / (2.0 * h) for x in np.eye(4)])
+    leading = np.linalg.eigvals(slope)
+    leading = leading[np.argsort(-np.abs(leading))][:2]
+    assert np.allclose(np.abs(leading), 1.0, atol=1e-7)
+    assert np.min(np.abs(leading.imag)) > 0.1
 
 
 def test_what_a_continuation_refuses():

@@ -277,7 +277,7 @@ def test_the_exact_row_of_a_comparison_is_by_events_and_says_so():
     assert np.isclose(totals.impulse, ref.contacts[0].impulse, rtol=1e-12)
     sampled = np.max(np.abs(ref.contacts[0].stops.force(ref.at(run.t)[0])))
     assert totals.peak_force > sampled
-    assert "by events, between the steps too" in " ".join(str(comparison).split())
+    assert "by events, not sampled" in " ".join(str(comparison).split())
     assert not comparison.contacts[0].run_totals.events
 
 

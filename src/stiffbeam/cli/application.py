@@ -82,6 +82,7 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
         "stiffbeam sweep table10 --parameter frequency --values 8:14:400",
         "stiffbeam sweep my-beam.toml --parameter amplitude --values 5e-4:2e-3:100",
     ),
+    "orbits": ("stiffbeam orbits my-beam.toml --parameter frequency --values 30:36:60",),
 }
 STATUS = (
     "Exit status: 0 success; 1 a run or check failed; 2 invalid input; 130 or 143 interrupted (run again to resume)."

@@ -203,7 +203,7 @@ Mark = Curve | Ranges | Level | Band | Note | Map
 @dataclass(frozen=True)
 class Panel:
     """Marks on two axes. slopes: triangles to hold lines against. legend: "" for the picture's, "inside" the panel or
-    "below" it. empty: the words in a panel without data."""
+    "below" it. empty: the words in a panel without data. equal: both axes have one scale."""
 
     title: str
     x: Axis
@@ -212,6 +212,7 @@ class Panel:
     slopes: Sequence[float] = ()
     legend: str = ""
     empty: str = "no point could be evaluated"
+    equal: bool = False
 
 
 @dataclass(frozen=True)
@@ -229,11 +230,11 @@ class Picture:
 
 def groups(rows: Iterable[Row], *names: str) -> dict[Any, list[Row]]:
     """The rows by the value of a column, or by the values of several."""
-    found: dict[Any, list[Row]] = {}
+    rows_by_key: dict[Any, list[Row]] = {}
     for row in rows:
         key = tuple(row.get(name) for name in names)
-        found.setdefault(key if len(names) > 1 else key[0], []).append(row)
-    return found
+        rows_by_key.setdefault(key if len(names) > 1 else key[0], []).append(row)
+    return rows_by_key
 
 
 def curves(
@@ -281,8 +282,9 @@ def render(picture: Picture, title: str, units: Units, words: Callable[[str], st
             if picture.shared_x and i + 1 < len(picture.lines):
                 axis.tick_params(labelbottom=False)
                 axis.set_xlabel("")
-            if len(line) > 3 and axis.get_xscale() == "linear":
-                axis.locator_params(axis="x", nbins=3)
+            crowded = 3 if len(line) > 3 else 6 if any(x.equal for x in line) else 0
+            if crowded and axis.get_xscale() == "linear":
+                axis.locator_params(axis="x", nbins=crowded)
             above[j * width], left = axis, axis
             common += [] if panel.legend else [axis]
     shared_legend(figure, picture.columns, common, words)
@@ -324,6 +326,8 @@ def _draw(axis: Axes, panel: Panel, letter: str, units: Units, words: Callable[[
     if panel.y.limits[0] is not None and panel.y.limits[1] is None:
         axis.set_ylim(top=high + 0.05 * (high - panel.y.limits[0]))
     axis.set_ylim(*((len(panel.y.names) - 0.4, -0.6) if panel.y.names else panel.y.limits))
+    if panel.equal:
+        axis.set_aspect("equal")
     if panel.slopes:
         mark_order(axis, panel.slopes)
     entries = legend_entries([axis], words) if panel.legend else {}

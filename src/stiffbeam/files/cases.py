@@ -426,13 +426,13 @@ class _Reader(Reader):
                 else:
                     yield whole, value
 
-        found: dict[str, Uncertain] = {}
+        uncertain: dict[str, Uncertain] = {}
         for path, value in entries(self.get("uncertain", dict, "be a table of paths", {}), ""):
             options = value if isinstance(value, dict) else {"tolerance": value}
             where = f'{self.where}.uncertain "{path}"'
             type(self)(options, where).only(set(KINDS))
-            found[path] = type(self)(options, where).build(Uncertain, **options)
-        return found
+            uncertain[path] = type(self)(options, where).build(Uncertain, **options)
+        return uncertain
 
     def drawn_from(self, case: Case) -> Case:
         """The case, after one draw of its uncertain parameters: a path that it does not have is refused here."""

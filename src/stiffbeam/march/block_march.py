@@ -132,7 +132,7 @@ class March:
     seconds: float = 0.0
     positions: Array = field(init=False)  # (M, outputs, C)
     velocities: Array = field(init=False)
-    found: Array = field(init=False)  # (M, outputs, m), see Kept; no outputs where no force jumps
+    node_forces: Array = field(init=False)  # (M, outputs, m), see Kept; no outputs where no force jumps
     events: Array = field(init=False)  # (impacts, 7), see sampling; by member, in order of time
     state: Marchers = field(init=False)
     tally: Array = field(init=False)  # (M, m, 8) of the whole run, at the end
@@ -157,7 +157,7 @@ class March:
         if jumps:
             for made in filter(None, (self.stepper.starter, self.stepper.block)):
                 require_moved(made.scheme, made.compliances[0])
-        self.found = np.full((M, kept if jumps else 0, m), np.nan)
+        self.node_forces = np.full((M, kept if jumps else 0, m), np.nan)
         if kept:
             self.positions[:, 0], self.velocities[:, 0] = u, v
         begun = events_at_start(tally, self.law, self.stepper.dt, (u, v), self.stepper.contact == "conserving")
@@ -205,7 +205,7 @@ class March:
         rows = len(starts_at) if replayed is not None else 0
         starts = aligned((rows, self.state.z.shape[1]))
         forces = aligned((rows, len(block.block.push)))
-        kept = Kept(self.positions, self.velocities, self.found, starts, forces)
+        kept = Kept(self.positions, self.velocities, self.node_forces, starts, forces)
         cursor, march_rule = np.array([0, 0, self._rows]), block.block.rule
         while not self.stepper.run(
             block.block, self.law, forcing, inflow, self.state, kept, self.events, first, steps, dt, self.every or 1,
@@ -239,8 +239,10 @@ class March:
         contacts = []
         for c, contact in enumerate(self._systems[min(member, len(self._systems) - 1)].contacts):
             seen, tally = own[own[:, CONTACT] == c], self.tally[member, c]
-            found = self.found[member, :, c] if self.found.shape[1] else None
-            contacts.append(record(contact.stops, positions[:, c], velocities[:, c], tally, seen, self.steps, found))
+            node_forces = self.node_forces[member, :, c] if self.node_forces.shape[1] else None
+            contacts.append(
+                record(contact.stops, positions[:, c], velocities[:, c], tally, seen, self.steps, node_forces)
+            )
         dt, diverged = self.stepper.dt, int(self.state.diverged[member])
         if diverged < 0:
             raise unsolved(self.stepper.scheme, -diverged * dt)

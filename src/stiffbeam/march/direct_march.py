@@ -32,7 +32,7 @@ class Piece:
     states: Callable[[], tuple[Array, Array]]  # q, q' at the ends of the steps, each (k, n)
     seconds: float
     means: Array | None = None  # (k, contacts): the reactions, where they are means over the steps
-    found: Array | None = None  # (k, contacts): the forces that nodes found at the ends of the steps, see found_force
+    node_forces: Array | None = None  # (k, contacts): those that nodes found at the ends of steps, see force_of_node
 
 
 def direct_pieces(
@@ -110,7 +110,7 @@ def _direct_blocks(
         shift_rates = (
             np.stack([offset_rate(o, times) for o in offsets[:m]], axis=-1) if rule == BY_LAW else np.zeros_like(shifts)
         )
-        path, found = np.empty((count, *z.shape)), np.zeros((count, m))
+        path, node_forces = np.empty((count, *z.shape)), np.zeros((count, m))
         for k in range(count):
             predicted = scheme.predict(equation, dt, z) if contact == "extrapolated" else None
             z, stages = scheme.step(equation, dt, z, list(loads[k]), none)
@@ -130,7 +130,7 @@ def _direct_blocks(
                         f = stops[0].solve(arguments[s], response[s, 0, s, 0])
                     else:
                         f = solve_several(arguments[s], response[s, :, s].T, stops)
-                    found[k] = f
+                    node_forces[k] = f
                     if np.any(f):
                         arguments = arguments + np.tensordot(f, response[s], 1)
                         if rule == BY_LAW:
@@ -154,8 +154,8 @@ def _direct_blocks(
                 velocities,
                 lambda y=y: view.states(np.moveaxis(y, 1, 0)),
                 seconds,
-                found if rule == MEAN else None,
-                found if rule == BY_LAW and ends_at_node else None,
+                node_forces if rule == MEAN else None,
+                node_forces if rule == BY_LAW and ends_at_node else None,
             ),
             z,
         )

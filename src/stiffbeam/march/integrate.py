@@ -238,7 +238,7 @@ def seen_directly(
     thin = every or plan.steps + 1
     positions, velocities = np.empty((2, plan.steps // thin + 1, len(u0)))
     positions[0], velocities[0] = u0, v0
-    found = np.full((len(positions), len(parent.contacts)), np.nan)
+    node_forces = np.full((len(positions), len(parent.contacts)), np.nan)
     starts = zip(parent.contacts, u0.tolist(), v0.tolist(), strict=False)
     sampler_of = Reactions if plan.rigid else SampledImpacts
     samplers = [sampler_of(c.stops, plan.dt, u, v, since) for c, u, v in starts]
@@ -253,19 +253,19 @@ def seen_directly(
         here = np.arange(piece.first // thin + 1, done // thin + 1)
         positions[here] = piece.positions[here * thin - piece.first - 1]
         velocities[here] = piece.velocities[here * thin - piece.first - 1]
-        if piece.found is not None:
-            found[here] = piece.found[here * thin - piece.first - 1]
+        if piece.node_forces is not None:
+            node_forces[here] = piece.node_forces[here * thin - piece.first - 1]
         for i, sampler in enumerate(samplers):
-            own = (None if x is None else x[:, i] for x in (piece.means, piece.found))
+            own = (None if x is None else x[:, i] for x in (piece.means, piece.node_forces))
             sampler.feed(piece.positions[:, i], piece.velocities[:, i], *own)
         if progress is not None:
             progress(done)
     if every is None:
-        positions, velocities, found = positions[:0], velocities[:0], found[:0]
+        positions, velocities, node_forces = positions[:0], velocities[:0], node_forces[:0]
     tip = parent.tip_channel
     contacts = tuple(
         s.record(positions[:, i], velocities[:, i], thin) if isinstance(s, Reactions)
-        else record(s.stops, positions[:, i], velocities[:, i], s.tally, s.events, plan.steps, found[:, i])
+        else record(s.stops, positions[:, i], velocities[:, i], s.tally, s.events, plan.steps, node_forces[:, i])
         for i, s in enumerate(samplers)
     )  # fmt: skip
     diverged = overflow(contacts, plan.t_end) if np.isnan(diverged) else diverged
@@ -293,10 +293,10 @@ def _states(system: System, pieces: Iterator[Piece], dt: float) -> Iterator[tupl
     last = system.q0[None], system.v0[None], none
     for piece in pieces:
         q, v = piece.states()
-        new = q, v, np.repeat(none, len(q), axis=0) if piece.found is None else piece.found
-        q, v, found = (np.concatenate(both) for both in zip(last, new, strict=True))
-        yield (piece.first + np.arange(len(q))) * dt, q, v, found
-        last = q[-1:], v[-1:], found[-1:]
+        new = q, v, np.repeat(none, len(q), axis=0) if piece.node_forces is None else piece.node_forces
+        q, v, node_forces = (np.concatenate(both) for both in zip(last, new, strict=True))
+        yield (piece.first + np.arange(len(q))) * dt, q, v, node_forces
+        last = q[-1:], v[-1:], node_forces[-1:]
 
 
 def integrate(

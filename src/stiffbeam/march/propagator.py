@@ -61,9 +61,9 @@ class Entries:
         *batch, K, g = x.shape
         flat = np.zeros((*batch, K * g + 1), x.dtype)
         flat[..., :-1] = x.reshape(*batch, K * g)
-        found = np.zeros((*batch, width), x.dtype)
-        found[..., : len(self.place)] = flat[..., self.place]
-        return found
+        rows = np.zeros((*batch, width), x.dtype)
+        rows[..., : len(self.place)] = flat[..., self.place]
+        return rows
 
 
 class Powers:
@@ -89,12 +89,12 @@ class Powers:
     @cached_property
     def last(self) -> Array:
         """A^steps."""
-        found = None
+        sum_of_levels = None
         for i, level in enumerate(self.levels):
             if self.steps >> i & 1:
-                found = level if found is None else found @ level
-        assert found is not None
-        return found
+                sum_of_levels = level if sum_of_levels is None else sum_of_levels @ level
+        assert sum_of_levels is not None
+        return sum_of_levels
 
     def readings(self, reading: Array) -> Array:
         """reading A^j of (n, g, k) for j < steps: (n, steps, g, k)."""

@@ -100,13 +100,13 @@ def _stride(n: int) -> int:
 def _segments(stepper: Stepper, system: System, steps: int) -> Iterator[tuple[Segment, Propagator]]:
     """The run once more, segment by segment, with the propagator of its single steps."""
     one = build(stepper.scheme, stepper.coordinates, stepper.dt, 1, stepper.contact, reduced=False, rule=stepper.rule)
-    found: list[Segment] = []
-    for _ in stepper.start([system], steps, None).advance(found.append):
-        segment = found.pop()
+    segments: list[Segment] = []
+    for _ in stepper.start([system], steps, None).advance(segments.append):
+        segment = segments.pop()
         yield segment, one if segment.block is not stepper.starter else segment.block
 
 
-def found_at_ends(segment: Segment, step: Step, contacts: int) -> Array:
+def node_forces_at_ends(segment: Segment, step: Step, contacts: int) -> Array:
     """The forces (steps, contacts) that nodes found at the ends of the steps; NaN where the last node is not there."""
     block = segment.block.block
     if contacts and block.end_first[0] >= len(block.push):
@@ -126,10 +126,10 @@ def replay(stepper: Stepper, system: System, steps: int) -> Iterator[tuple[Array
         states_of(step, n, _stride(n), starts[0], place, *np.empty((2, 2 * out.shape[1])), out)
         z = out.reshape(segment.steps, -1, _stride(n))[..., :n].reshape(segment.steps, -1, N)
         q, v = coordinates.states(np.moveaxis(z, 1, 0)[: coordinates.equation.order])
-        new = q, v, found_at_ends(segment, step, m)
-        q, v, found = (np.concatenate(both) for both in zip(last, new, strict=True))
-        yield (segment.first + np.arange(len(q))) * stepper.dt, q, v, found
-        last = q[-1:], v[-1:], found[-1:]
+        new = q, v, node_forces_at_ends(segment, step, m)
+        q, v, node_forces = (np.concatenate(both) for both in zip(last, new, strict=True))
+        yield (segment.first + np.arange(len(q))) * stepper.dt, q, v, node_forces
+        last = q[-1:], v[-1:], node_forces[-1:]
 
 
 def block_ledger(stepper: Stepper, system: System, steps: int, every: int) -> Ledger:
@@ -169,10 +169,14 @@ def block_ledger(stepper: Stepper, system: System, steps: int, every: int) -> Le
         o, o_rate = np.zeros((2, 0, len(contacts)))
         if moving:
             o, o_rate = _sum(offsets, step.g, t, evaluate), _sum(offsets, step.g @ drive.derivative().T, t, offset_rate)
-        found = np.concatenate([last, found_at_ends(segment, step, len(contacts))])
-        last = found[-1:]
+        node_forces = np.concatenate([last, node_forces_at_ends(segment, step, len(contacts))])
+        last = node_forces[-1:]
         energies = Energies(
-            **shared, found=found, load_values=_sum(loads, step.g, t, evaluate), offsets=o, offset_rates=o_rate
+            **shared,
+            node_forces=node_forces,
+            load_values=_sum(loads, step.g, t, evaluate),
+            offsets=o,
+            offset_rates=o_rate,
         )
         if passed and free is None:
             free = free_block(step, place, n, P, apart * K, drive.transition(dt))

@@ -231,21 +231,21 @@ def law_force(u: float, v: float, law: Law) -> float:
 
 
 @compiled
-def found_force(u: float, v: float, found: float, law: Law) -> float:
-    """F at the end of a step whose node found the force ``found``, NaN for none.
+def force_of_node(u: float, v: float, node_force: float, law: Law) -> float:
+    """F at the end of a step whose node found ``node_force``, NaN for none.
 
     Where c > 0 the force jumps at d = 0. A node may end there, on the stop to rounding, under any force up to c u':
     its state does not tell which.
     """
-    return law_force(u, v, law) if math.isnan(found) or not jumps(law) else found
+    return law_force(u, v, law) if math.isnan(node_force) or not jumps(law) else node_force
 
 
 @compiled
-def found_state(u: float, v: float, found: float, law: Law) -> float:
+def state_of_node(u: float, v: float, node_force: float, law: Law) -> float:
     """chi there: where c > 0 the stop presses where a force was found."""
-    if math.isnan(found) or not jumps(law):
+    if math.isnan(node_force) or not jumps(law):
         return law_state(u, v, law)
-    return 0.0 if found == 0.0 else math.copysign(1.0, -found)
+    return 0.0 if node_force == 0.0 else math.copysign(1.0, -node_force)
 
 
 @compiled
@@ -312,15 +312,15 @@ def stage_press(d0: float, rate0: float, s: float, s_rate: float, law: Law) -> t
         slope = slope_rate = 0.0
         for _ in range(NEWTON):
             d, rate = d0 - s * P, rate0 - s_rate * P
-            found = pressure(d, rate, law)
+            trial = pressure(d, rate, law)
             to_depth, to_rate = slopes(d, rate, law)
             below = 1.0 + s * to_depth + s_rate * to_rate
             slope, slope_rate = to_depth / below, to_rate / below
-            if found > P:
+            if trial > P:
                 left = P
             else:
                 right = P
-            new = P + (found - P) / below
+            new = P + (trial - P) / below
             if not left <= new <= right:
                 new = 0.5 * (left + right)
             change, P = abs(new - P), new

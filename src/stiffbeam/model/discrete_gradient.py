@@ -52,15 +52,15 @@ def mean_force(r: float, u0: float, s: float, law: Law) -> tuple[float, float]:
     slope = secant(r, u0, law)
     if slope == 0.0:
         return 0.0, 0.0
-    F, found = 0.0, False
+    F, in_range = 0.0, False
     if is_spring(law):
         if slope > 0.0 and u0 >= law.g1:
             F = -_linear(r - law.g2, u0 - law.g2, s, law.kappa)
-            found = r + s * F >= law.g1
+            in_range = r + s * F >= law.g1
         elif slope < 0.0 and u0 <= law.g2:
             F = _linear(law.g1 - r, law.g1 - u0, s, law.kappa)
-            found = r + s * F <= law.g2
-    if not found:
+            in_range = r + s * F <= law.g2
+    if not in_range:
         # P = |F| in [0, |slope|]; the node moves back by s P.
         sign = math.copysign(1.0, slope)
         left, right, P = 0.0, abs(slope), 0.0

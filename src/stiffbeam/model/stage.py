@@ -126,10 +126,10 @@ def _alone(
                 rate += S_rate[c, e] * F[e]
                 size += abs(S[c, e] * F[e])
                 size_rate += abs(S_rate[c, e] * F[e])
-        found, slope, slope_rate = one(here, rate, S[c, c], S_rate[c, c], u0[c], rule, law, c)
-        f[c] = found
-        tolerance[c] = ROUNDINGS * 2.3e-16 * (abs(found) + abs(slope) * size + abs(slope_rate) * size_rate)
+        force, slope, slope_rate = one(here, rate, S[c, c], S_rate[c, c], u0[c], rule, law, c)
+        f[c] = force
+        tolerance[c] = ROUNDINGS * 2.3e-16 * (abs(force) + abs(slope) * size + abs(slope_rate) * size_rate)
         for e in range(m):
             J[c, e] = 1.0 if e == c else -slope * S[c, e] - slope_rate * S_rate[c, e]
-        total += (F[c] - found) ** 2
+        total += (F[c] - force) ** 2
     return total

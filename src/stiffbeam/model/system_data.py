@@ -164,10 +164,10 @@ def _value(system: System, path: str) -> float:
     """The number at a path; of "stops" without an index and of the drive's short names that of the first."""
     if path in ("frequency", "amplitude"):
         leaves = [leaf for _, leaf in load_terms(system)] + [leaf for _, _, leaf in offset_terms(system)]
-        found = [leaf for leaf in leaves if isinstance(leaf, Harmonic)]
+        drives = [leaf for leaf in leaves if isinstance(leaf, Harmonic)]
         if system.problem is not None and isinstance(system.problem.base, Harmonic):
-            found = [system.problem.base]
-        return float(getattr(found[0], path)) if found else 1.0
+            drives = [system.problem.base]
+        return float(getattr(drives[0], path)) if drives else 1.0
     path = re.sub(r"^stops\.", "stops[0].", path)
     try:
         return value_at(system, path)

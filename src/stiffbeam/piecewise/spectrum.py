@@ -77,7 +77,9 @@ def groups(
             found.append(Group(np.array([[1j * omega[j]]]), V @ np.array([[1.0], [1.0j]]), left @ V.T, True))
         else:
             found.append(Group(np.array([[0.0, s[j]], [-(omega[j] ** 2) / s[j], 0.0]], complex), V, V.T, False))
-    _, part = scipy.sparse.csgraph.connected_components(joined, directed=False)
+    part = np.zeros(n, np.int64)
+    if not np.all(joined):
+        _, part = scipy.sparse.csgraph.connected_components(joined, directed=False)
     for k in np.unique(part[damped]):
         here = np.flatnonzero(part == k)
         m, w, place = len(here), omega[here], np.append(here, n + here)

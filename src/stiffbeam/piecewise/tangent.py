@@ -117,6 +117,8 @@ class Tangent:
         if self.path.rigid:
             return self._struck(i, dZ) if i in self.path.hits else self._renewed(i, dZ)
         generators, n = self.generators, self.generators.n
+        if not self._jumps:
+            return self._renewed(i, dZ)
         for contact in np.flatnonzero((before == 0) & (after != 0)).tolist():
             c = generators.data.c[contact]
             if c > 0.0:
@@ -142,6 +144,11 @@ class Tangent:
         if basis.records:
             Z[2 * self.generators.n :] = basis.values(float(self.path.times[i]), self.intervals[i - 1])
         return Z
+
+    @cached_property
+    def _jumps(self) -> bool:
+        """True where the force of a stop jumps at its entry."""
+        return bool(np.any(self.generators.data.c > 0.0))
 
     @cached_property
     def _back(self) -> Array:

@@ -117,10 +117,10 @@ def reference(
     if not progress:
         warn_of_minutes(system, t_end, method, rtol, atol, steps, solve)
     show(f"{method}: solving", 0, 0)
-    found = solve(system, t_end, method, times, rtol, atol, digits, steps)
-    if REFERENCES[method].kind == MULTIPRECISION or not math.isnan(found.horizon):
-        return found  # confirmed by more digits, or by its own copies
-    return with_horizon(found, system, t_end, steps, solve, show)
+    solution = solve(system, t_end, method, times, rtol, atol, digits, steps)
+    if REFERENCES[method].kind == MULTIPRECISION or not math.isnan(solution.horizon):
+        return solution  # confirmed by more digits, or by its own copies
+    return with_horizon(solution, system, t_end, steps, solve, show)
 
 
 def best_reference(

@@ -37,13 +37,13 @@ class Method:
 
     def versions(self) -> dict[str, str]:
         """The versions of its libraries by distribution, "missing" for one that is not installed."""
-        found = {}
+        versions = {}
         for package in self.libraries.values():
             try:
-                found[package] = version(package)
+                versions[package] = version(package)
             except PackageNotFoundError:
-                found[package] = "missing"
-        return found
+                versions[package] = "missing"
+        return versions
 
 
 _SCIPY, _SUNDIALS, _FLINT = {"scipy": "scipy"}, {"sksundae": "scikit-sundae"}, {"flint": "python-flint"}

@@ -123,14 +123,14 @@ def user_class(name: str) -> type[Scheme]:
     """
     place, _, wanted = name.partition(":")
     module = _module(place, name)
-    found = getattr(module, wanted, None)
-    if not isinstance(found, type) or not issubclass(found, Scheme):
+    named = getattr(module, wanted, None)
+    if not isinstance(named, type) or not issubclass(named, Scheme):
         classes = [x for x, value in vars(module).items() if isinstance(value, type) and issubclass(value, Scheme)]
-        function = callable(found) and not isinstance(found, type)
+        function = callable(named) and not isinstance(named, type)
         takers = "score, compare, converge, precision and ensemble take these"
         remedy = f"it is a function: {takers}" if function else near(wanted, classes)
         raise InputError("scheme", name, f"name a Scheme class of {place}", remedy)
-    return found
+    return named
 
 
 def user_object(name: str) -> Any:
@@ -170,9 +170,9 @@ def user_label(scheme: Scheme) -> str:
         rule = "be registered, or be found in a module, for a study"
         raise InputError("schemes", f"a {kind.__qualname__} called {label}", rule, remedy)
     name, given = f"{kind.__module__}:{kind.__qualname__}", label.removeprefix(kind.__name__)
-    found = user_class(name)
+    named = user_class(name)
     try:
-        again = found is kind and vars(kind(**scheme.parameters)) == vars(scheme)
+        again = named is kind and vars(kind(**scheme.parameters)) == vars(scheme)
     except (TypeError, ValueError):  # other arguments; arrays, which are not simply equal
         again = False
     if not again:

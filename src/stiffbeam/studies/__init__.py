@@ -28,6 +28,7 @@ STUDIES = {
     "ensemble": "What holds past the horizon: impacts, time in contact, forces, energy over perturbed runs.",
     "chaos": "Lyapunov exponents of the exact flow and of the schemes; the delayed portrait.",
     "sweep": "Bifurcation diagrams, impacts and forces over one or two parameters; goes on after a kill.",
+    "orbits": "Periodic orbits over a parameter, stable or not, with folds, flips and multipliers.",
 }
 
 

@@ -381,8 +381,8 @@ class Advice:
 
     def __repr__(self) -> str:
         run = self.recommendation
-        found = "nothing" if run is None else f"{run.label}, dt = {run.dt:.6g}"
-        return f"<Advice to t = {self.t_end:g}: {found}; cannot be had: {', '.join(self.unattainable) or 'none'}>"
+        advised = "nothing" if run is None else f"{run.label}, dt = {run.dt:.6g}"
+        return f"<Advice to t = {self.t_end:g}: {advised}; cannot be had: {', '.join(self.unattainable) or 'none'}>"
 
 
 def advise(

@@ -146,7 +146,7 @@ def answer(rows: Rows, case: Case) -> Answer:
         for what in orders:
             line[f"{what}, finest"] = f"{group[-1][f'{what}_error']:.2g}"
         table.append(line)
-    ranges = {what: common.extremes(found, lambda x: f"{x:.2f}") for what, found in orders.items()}
+    ranges = {what: common.extremes(order_of, lambda x: f"{x:.2f}") for what, order_of in orders.items()}
     verdict = f"Order of the value: {ranges['value']}; of its derivative: {ranges['derivative']}."
     starts = rows[0]["starts"]
     step = case.units.measure(finest, "time", ".2g")

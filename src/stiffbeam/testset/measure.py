@@ -116,9 +116,9 @@ def errors_of(problem: Problem, motion: Motion) -> Errors:
     seen = _at(problem.times, motion)
     off = np.abs(seen - known) / np.max(np.abs(known))
     count, late, peak = -1, float("nan"), float("nan")
-    found = impacts_of(problem, motion)
-    if found is not None:
-        count, late = found.count, _late(problem, found.times)
+    impacts = impacts_of(problem, motion)
+    if impacts is not None:
+        count, late = impacts.count, _late(problem, impacts.times)
         peak = _peak(problem, motion)
     rms = float(np.sqrt(np.mean(off**2)))
     return Errors(rms, float(np.max(off)), count, late, peak, _energy_error(problem, motion),

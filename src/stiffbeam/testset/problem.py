@@ -117,23 +117,30 @@ class Problem:
     @cached_property
     def system(self) -> System:
         """The system to integrate. Raises InputError if this version lacks such stops."""
-        where, data = f"{self.name}: system", self.data
-        load = {"vector", "constant", "amplitude", "frequency", "phase", "times", "values", "kind"}
-        contact = {"row", "offset", *LAW}
-        for table in data.get("loads", ()):
-            _only(f"{where}.loads", table, load)
-        for table in data.get("contacts", ()):
-            _only(f"{where}.contacts", table, contact)
-        return System.from_matrices(
-            matrix(data["mass"]),
-            matrix(data["stiffness"]),
-            damping=None if "damping" not in data else matrix(data["damping"]),
-            loads=[(np.array(table["vector"], float), time_function(table)) for table in data.get("loads", ())],
-            contacts=[_contact(table) for table in data.get("contacts", ())],
-            observe=data.get("observe"),
-            initial_displacement=data.get("initial_displacement"),
-            initial_velocity=data.get("initial_velocity"),
-        )
+        return system_of(self.name, self.data)
+
+
+def system_of(name: str, data: Mapping[str, Any]) -> System:
+    """A System from the [system] of a file; ``name`` is for messages."""
+    where, load = (
+        f"{name}: system",
+        {"vector", "constant", "amplitude", "frequency", "phase", "times", "values", "kind"},
+    )
+    contact = {"row", "offset", *LAW}
+    for table in data.get("loads", ()):
+        _only(f"{where}.loads", table, load)
+    for table in data.get("contacts", ()):
+        _only(f"{where}.contacts", table, contact)
+    return System.from_matrices(
+        matrix(data["mass"]),
+        matrix(data["stiffness"]),
+        damping=None if "damping" not in data else matrix(data["damping"]),
+        loads=[(np.array(table["vector"], float), time_function(table)) for table in data.get("loads", ())],
+        contacts=[_contact(table) for table in data.get("contacts", ())],
+        observe=data.get("observe"),
+        initial_displacement=data.get("initial_displacement"),
+        initial_velocity=data.get("initial_velocity"),
+    )
 
 
 def matrix(given: ArrayLike | Mapping[str, Any]) -> Array:
@@ -171,10 +178,10 @@ def _only(where: str, table: Mapping[str, Any], known: set[str]) -> None:
             raise InputError(f"{where}.{key}", table[key], "be a known field", near(key, sorted(known)))
 
 
-def folder() -> Path:
-    """Folder of the problems: inside an installed package, or reference/problems of a source tree."""
-    packaged = Path(__file__).parents[1] / "frozen" / "problems"
-    return packaged if packaged.is_dir() else Path(__file__).parents[3] / "reference" / "problems"
+def folder(kind: str = "problems") -> Path:
+    """Folder of the problems: inside an installed package, or in reference/ of a source tree."""
+    packaged = Path(__file__).parents[1] / "frozen" / kind
+    return packaged if packaged.is_dir() else Path(__file__).parents[3] / "reference" / kind
 
 
 def read(text: str) -> Problem:

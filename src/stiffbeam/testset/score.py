@@ -121,8 +121,8 @@ def _problems(given: Any) -> list[Problem]:
     if given is None:
         return list(all_problems().values())
     chosen = [given] if isinstance(given, (str, Problem)) else list(given)
-    found = [x if isinstance(x, Problem) else problem(x) for x in chosen]
-    return sorted(found, key=lambda x: x.number)  # the smooth one first
+    problems = [x if isinstance(x, Problem) else problem(x) for x in chosen]
+    return sorted(problems, key=lambda x: x.number)  # the smooth one first
 
 
 def _entry(runner: Integrator, each: Problem, smooth: float, statistics: bool) -> Entry:
@@ -160,7 +160,7 @@ def _run(each: Problem, made: Made) -> Run:
 def _past(runner: Integrator, each: Problem) -> tuple[dict[str, float], ...]:
     """Deviation of the statistics of one run from those of the exact ensemble, in standard deviations, at each of the
     steps."""
-    known, found = each.statistics, []
+    known, rows = each.statistics, []
     assert known is not None
     stops = stops_of(each.data["contacts"][0])
     for steps in known.steps:
@@ -178,5 +178,5 @@ def _past(runner: Integrator, each: Problem) -> tuple[dict[str, float], ...]:
             "median_peak": float(np.median(peaks)) if len(peaks) else float("nan"),
         }
         off = {name: (seen[name] - mean) / deviation for name, (mean, deviation) in known.values.items()}
-        found.append({"steps": float(steps), **off})
-    return tuple(found)
+        rows.append({"steps": float(steps), **off})
+    return tuple(rows)

@@ -70,9 +70,9 @@ def _known(cell: str) -> str:
 
 def _columns(cells: list[str], where: str) -> list[str]:
     """t, u and v in the order of a line of names."""
-    found = [_known(cell) for cell in cells]
-    if sorted(found) not in COLUMNS:
+    columns = [_known(cell) for cell in cells]
+    if sorted(columns) not in COLUMNS:
         raise InputError(
             "--trajectory", f"{where}: {' '.join(cells)!r}", "name t, u and perhaps v, each once", "such as t,u,v"
         )
-    return found
+    return columns

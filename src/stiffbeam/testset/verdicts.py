@@ -127,14 +127,14 @@ def _missed(entry: Entry, levels: Array) -> tuple[str, ...]:
         "peak force": np.abs([e.peak_force for e in errors]),
         "energy": np.abs([e.energy for e in errors]),
     }
-    found = [name for name, x in judged.items() if np.all(np.isfinite(x)) and not _falls(levels, x)]
+    off_names = [name for name, x in judged.items() if np.all(np.isfinite(x)) and not _falls(levels, x)]
     velocity, rate = np.array([[e.velocity, abs(e.rate)] for e in errors]).T
     coarse = COARSE if entry.problem.order_limit == 0.0 else 0.0
     off = [np.all(np.isfinite(x)) and x[-1] > least and not _falls(levels, x)
            for x, least in ((velocity, coarse), (rate, RATE))]  # fmt: skip
     if any(off):
-        found.append("velocity")
-    return tuple(found)
+        off_names.append("velocity")
+    return tuple(off_names)
 
 
 def _falls(levels: Array, errors: Array) -> bool:

@@ -105,7 +105,7 @@ def record(
     node_forces: Array | None = None,
 ) -> ContactRecord:
     """With position and velocity at the output times, and the forces that nodes have there, NaN for none, see
-    ``found_force``; ``steps`` of the whole run."""
+    ``force_of_node``; ``steps`` of the whole run."""
     with np.errstate(over="ignore", invalid="ignore"):  # of which ``overflow`` tells
         force = stops.force(position, velocity)
     if node_forces is not None and stops.jumps:

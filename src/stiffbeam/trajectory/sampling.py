@@ -14,14 +14,14 @@ from ..model.contact_law import (
     Law,
     all_laws,
     damps,
-    found_force,
-    found_state,
+    force_of_node,
     is_linear,
     law_force,
     law_of,
     law_state,
     pressure,
     state,
+    state_of_node,
 )
 
 # A tally (..., 8) is what one contact has seen so far.
@@ -119,17 +119,17 @@ def scan(
 
 @compiled
 def scan_by_law(
-    u: Array, v: Array, found: Array, count: int, law: Array, dt: float, tally: Array, i: int, c: int, events: Array,
-    rows: int, first: int,
+    u: Array, v: Array, node_forces: Array, count: int, law: Array, dt: float, tally: Array, i: int, c: int,
+    events: Array, rows: int, first: int,
 ) -> int:  # fmt: skip
-    """``scan`` for any law, with the velocities v (count,) and the forces that nodes found, see ``found_force``:
+    """``scan`` for any law, with the velocities v (count,) and the forces that nodes found, see ``force_of_node``:
     contact is where the stop presses."""
     stop = law_of(law[i], c)
     side = tally[i, c, SIDE]
     row = int(tally[i, c, ROW])
     passed = int(tally[i, c, SINCE]) - first
     for k in range(count):
-        new = found_state(u[k], v[k], found[k], stop)
+        new = state_of_node(u[k], v[k], node_forces[k], stop)
         if new != side:
             if row >= 0:
                 events[row, END] = k
@@ -141,7 +141,7 @@ def scan_by_law(
                 events[row, IMPACT_PEAK] = events[row, IMPACT_IMPULSE] = 0.0
             side = new
         if side != 0.0 and k >= passed:
-            size = abs(found_force(u[k], v[k], found[k], stop))
+            size = abs(force_of_node(u[k], v[k], node_forces[k], stop))
             tally[i, c, TOUCHING] += 1.0
             tally[i, c, PEAK] = max(tally[i, c, PEAK], size)
             tally[i, c, IMPULSE] += size * dt
@@ -150,7 +150,7 @@ def scan_by_law(
                 events[row, IMPACT_IMPULSE] += size * dt
     tally[i, c, SIDE] = side
     tally[i, c, ROW] = row
-    tally[i, c, LAST] = abs(found_force(u[count - 1], v[count - 1], found[count - 1], stop))
+    tally[i, c, LAST] = abs(force_of_node(u[count - 1], v[count - 1], node_forces[count - 1], stop))
     return rows
 
 
@@ -196,13 +196,13 @@ def scan_means(
 
 @compiled
 def observe(
-    u: Array, v: Array, means: Array, found: Array, law: Array, dt: float, first: int, position: Array,
+    u: Array, v: Array, means: Array, node_forces: Array, law: Array, dt: float, first: int, position: Array,
     velocity: Array, tally: Array, diverged: BoolArray, events: Array, rows: int,
 ) -> int:  # fmt: skip
     """Take positions u and velocities v (M, steps, C) after step ``first`` of members that have not diverged.
 
     means: the reactions (M, steps, m) where they are means over the steps, else of no length. found: the forces
-    (M, steps, m) that nodes found, see ``found_force``, or of no length.
+    (M, steps, m) that nodes found, see ``force_of_node``, or of no length.
     position, velocity: (M, C) at step ``first``, brought up to date as the tallies (M, m, 8) are. The
     impacts that begin are written to ``events`` from row ``rows`` on, which must have room. Returns the
     first free row.
@@ -221,7 +221,7 @@ def observe(
             elif is_linear(law_of(law[i], c)):
                 new = scan(path, steps, law, dt, tally, i, c, events, rows, first)
             else:
-                forces = found[i, :, c].copy() if found.size else np.full(steps, np.nan)
+                forces = node_forces[i, :, c].copy() if node_forces.size else np.full(steps, np.nan)
                 new = scan_by_law(path, v[i, :, c].copy(), forces, steps, law, dt, tally, i, c, events, rows, first)
             # The end of the impact that was open before, then times and ends of the new ones.
             for change in range(2 * rows - 1, 2 * new):

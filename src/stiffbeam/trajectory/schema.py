@@ -162,11 +162,11 @@ def values_of(result: Any, x: Any = None, wanted: Container[str] = BY_NAME) -> V
             if getattr(result, "has_energy", False):
                 values[variable.name] = (dims, getattr(result.energy, field))
         elif not owner:
-            found = getattr(result, field)
+            numbers = getattr(result, field)
             if many and variable.name != "time":
                 dims = ("member", *dims)
-            if dims and (np.size(found) or not many):  # of a run that has not overflowed there is nothing to say
-                values[variable.name] = (dims, found)
+            if dims and (np.size(numbers) or not many):  # of a run that has not overflowed there is nothing to say
+                values[variable.name] = (dims, numbers)
         elif contacts and owner == IMPACTS:
             each = flags if field == "at_start" else [getattr(table, field) for table in impacts]
             column = np.concatenate(each)

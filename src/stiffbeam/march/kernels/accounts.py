@@ -9,7 +9,7 @@ import numpy as np
 
 from ...basics.arrays import Array, IntArray
 from ...basics.compiled import inlined
-from ...model.contact_law import damps, elastic_force, found_force, found_state, law_energy, law_of
+from ...model.contact_law import damps, elastic_force, force_of_node, law_energy, law_of, state_of_node
 
 
 class Step(NamedTuple):
@@ -95,7 +95,7 @@ class Energies(NamedTuple):
     offsets: Array  # (steps + 1, m), or no rows
     offset_rates: Array  # (steps + 1, m), or no rows
     law: Array  # (m, 6), see contact_law
-    found: Array  # (steps + 1, m): the forces that nodes found, see found_force
+    node_forces: Array  # (steps + 1, m): the forces that nodes found, see force_of_node
 
 
 class FreeBlock(NamedTuple):
@@ -145,7 +145,7 @@ def account(
     its ends no energy is needed, and outputs do not end it.
     """
     transition, push, driven, forces, g = step
-    squares, damping, loads, load_values, rows, offsets, offset_rates, law, found = energies
+    squares, damping, loads, load_values, rows, offsets, offset_rates, law, node_forces = energies
     paths, acting = free
     z, new, sums, q, v, x, force, beyond, power, last, pulled = work
     n, m, L, steps = squares.size, law.shape[0], loads.shape[0], forces.shape[0]
@@ -153,7 +153,7 @@ def account(
     for c in range(m):
         rated |= damps(law_of(law, c))
         last[c] = met[0, c]
-        force[c], beyond[c], held, pressed = _at_stop(law, found, c, 0, met[0, c], met[1, c])
+        force[c], beyond[c], held, pressed = _at_stop(law, node_forces, c, 0, met[0, c], met[1, c])
         power[c] = beyond[c] * met[1, c]
         stops += held
         touching += pressed
@@ -202,7 +202,7 @@ def account(
                     rate = sums[4 + m + c, i] if quiet else _seen(rows, c, new, P, n)
                     if offset_rates.shape[0]:
                         rate += offset_rates[k, c]
-                new_force, new_beyond, held, pressed = _at_stop(law, found, c, k, u, rate)
+                new_force, new_beyond, held, pressed = _at_stop(law, node_forces, c, k, u, rate)
                 stops += held
                 touching += pressed
                 own = 0.5 * (beyond[c] + new_beyond) * (u - last[c])
@@ -343,11 +343,11 @@ def _settle(
 
 
 @inlined
-def _at_stop(law: Array, found: Array, c: int, k: int, u: float, rate: float) -> tuple[float, float, float, bool]:
+def _at_stop(law: Array, node_forces: Array, c: int, k: int, u: float, rate: float) -> tuple[float, float, float, bool]:
     """Force, what of it is not from the energy, the energy, and whether the stop presses."""
     stop = law_of(law, c)
-    force = found_force(u, rate, found[k, c], stop)
-    pressed = found_state(u, rate, found[k, c], stop) != 0.0
+    force = force_of_node(u, rate, node_forces[k, c], stop)
+    pressed = state_of_node(u, rate, node_forces[k, c], stop) != 0.0
     # Contracted to one rounding, the difference of equal forces is not zero.
     beyond = force - elastic_force(u, stop) if damps(stop) else 0.0
     return force, beyond, law_energy(u, stop), pressed

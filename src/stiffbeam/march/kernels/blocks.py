@@ -86,7 +86,7 @@ class Kept(NamedTuple):
 
     positions: Array  # (M, outputs, C) at every ``every``-th step
     velocities: Array  # (M, outputs, C)
-    found: Array  # (M, outputs, m): the forces that nodes found, NaN where the end of a step is no node
+    node_forces: Array  # (M, outputs, m): the forces that nodes found, NaN where the end of a step is no node
     starts: Array  # (B, D + (a - 1) n): the state of the only member at the start of each block
     forces: Array  # (B, N)
 
@@ -375,7 +375,7 @@ def run(
     constant, frequencies, forced, forced_velocity = forcing
     inflow_rows, inflow_velocity = inflow
     states, position, last_velocity, tally, diverged = marchers
-    positions, velocities, found, starts, all_forces = kept
+    positions, velocities, node_forces, starts, all_forces = kept
     (R, D), a, N, m = reading.shape, transition.shape[0], push.shape[0], law.shape[1]
     K, C = velocity.shape[0], velocity.shape[1]
     n = (states.shape[1] - D) // max(1, a - 1)
@@ -454,8 +454,8 @@ def run(
                                 touched, speeds,
                             )  # fmt: skip
                         velocities[i, o, c] = speeds[k - eight]
-                        if found.shape[1] and c < m and end_first[c] < N:
-                            found[i, o, c] = forces[end_first[c] + k * end_stride[c]]
+                        if node_forces.shape[1] and c < m and end_first[c] < N:
+                            node_forces[i, o, c] = forces[end_first[c] + k * end_stride[c]]
                 # What is not at a node may be beyond a stop although no node is.
                 if c < m and (touched or tally[i, c, SIDE] != 0.0 or end_first[c] >= N):
                     for k in range(np.uint64(count)):

@@ -80,11 +80,11 @@ def smooth_pieces(system: System, t_end: float, steps: Steps) -> Pieces:
     rough_bound = math.inf
     for f in bare:
         scan = _Scan(f, t_end, count, steps.other)
-        found = [scan.rough(start, end) for start, end in _between(cuts, t_end)]
-        if None in found or sum(map(len, found)) > MOST_CUTS:  # type: ignore[arg-type]
+        kinks = [scan.rough(start, end) for start, end in _between(cuts, t_end)]
+        if None in kinks or sum(map(len, kinks)) > MOST_CUTS:  # type: ignore[arg-type]
             rough_bound = 8.0 * t_end / count
         else:
-            cuts = _joined(cuts + [b for some in found for b in some or ()], t_end)
+            cuts = _joined(cuts + [b for some in kinks for b in some or ()], t_end)
     edges: list[Piece] = []
     for first, last in _between(cuts, t_end):
         smooth = bare if rough_bound == math.inf else []
@@ -137,18 +137,18 @@ def _between(cuts: list[tuple[float, float]], t_end: float) -> list[tuple[float,
     return [(a, b) for a, b in zip(starts, ends, strict=True) if b - a > _least(t_end)]
 
 
-def _bounds(found: list[Array], start: float, end: float) -> list[tuple[float, float, float]]:
+def _bounds(leaf_edges: list[Array], start: float, end: float) -> list[tuple[float, float, float]]:
     """(start, end, longest step) of parts of [start, end], given the edges of the leaves of every function.
 
     Neighbouring leaves of like length make a part; where that is all there is, no bound is needed beyond
     the part's own length.
     """
-    if not found:
+    if not leaf_edges:
         return [(start, end, math.inf)]
-    edges = np.unique(np.concatenate([np.array([start, end]), *found]))
+    edges = np.unique(np.concatenate([np.array([start, end]), *leaf_edges]))
     middle = 0.5 * (edges[1:] + edges[:-1])
     size = np.full(len(middle), math.inf)
-    for leaves in found:
+    for leaves in leaf_edges:
         k = np.clip(np.searchsorted(leaves, middle) - 1, 0, len(leaves) - 2)
         size = np.minimum(size, np.diff(leaves)[k])
     classes = np.floor(np.log2(size) / 4.0)
@@ -215,18 +215,18 @@ class _Scan:
         while todo and len(edges) < MOST_CUTS:
             a, b, size, depth = todo.pop()
             t, smooth = self._smooth(a, b, size)
-            found, covered = [], np.zeros(size, bool)
+            leaf_edges, covered = [], np.zeros(size, bool)
             for level in range(len(smooth) - 1, -1, -1):
                 width = 2**level
                 new = np.flatnonzero(smooth[level] & ~covered[::width])
-                found += [t[8 * width * new], t[8 * width * (new + 1)]]
+                leaf_edges += [t[8 * width * new], t[8 * width * (new + 1)]]
                 for k in new:
                     covered[k * width : (k + 1) * width] = True
             bad = np.flatnonzero(~covered)
-            found += [t[8 * bad], t[8 * bad + 8]]
+            leaf_edges += [t[8 * bad], t[8 * bad + 8]]
             if depth < 4:
                 todo += [(float(t[8 * k]), float(t[8 * k + 8]), 64, depth + 1) for k in bad]
-            edges.append(np.concatenate(found))
+            edges.append(np.concatenate(leaf_edges))
         return np.unique(np.concatenate(edges))
 
     def _size(self, start: float, end: float) -> int:

@@ -128,7 +128,7 @@ def _located(stepper: Any, watch: Any, changed: Array) -> list[Root]:
     from scipy.optimize import brentq
 
     dense = stepper.dense_output()
-    found = []
+    roots = []
     for k in changed:
 
         def value(t: float, k: int = int(k)) -> float:
@@ -140,8 +140,8 @@ def _located(stepper: Any, watch: Any, changed: Array) -> list[Root]:
         else:
             xtol: Any = 1e-15 * abs(stepper.t)
             t: Any = brentq(value, stepper.t_old, stepper.t, xtol=xtol, rtol=np.float64(1e-14))
-        found.append(Root(int(k), 1 if high > low else -1, float(t), dense(t)))
-    return sorted(found, key=lambda root: root.time)
+        roots.append(Root(int(k), 1 if high > low else -1, float(t), dense(t)))
+    return sorted(roots, key=lambda root: root.time)
 
 
 def _polished(

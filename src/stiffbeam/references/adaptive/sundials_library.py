@@ -314,17 +314,17 @@ class CompiledSolver:
             status = call(name, *arguments, fails=False)
             if status != TOO_MUCH_WORK:
                 break
-        found: list[IntArray] = []
+        events: list[IntArray] = []
         if status == ROOT_RETURN:
             call(f"{family}GetRootInfo", self._solver, POINTER(self._flags.ctypes.data))
-            found.append(self._flags[: self._watched].astype(np.int64))
+            events.append(self._flags[: self._watched].astype(np.int64))
         counted = "GetNumRhsEvals" if family == "CVode" else "GetNumResEvals"
         evaluations, jacobians = self._count(counted), self._count("GetNumJacEvals")
         statistics = {word: self._count(name) for word, name in STATISTICS.items()}
         call(f"{family}ClearStopTime", self._solver)
         message = call.messages.get(status, f"SUNDIALS returned {status}")
         y = self._y.copy()
-        return Step(reached.value, y, status >= 0, status, message, evaluations, jacobians, found, statistics)
+        return Step(reached.value, y, status >= 0, status, message, evaluations, jacobians, events, statistics)
 
     def _count(self, name: str) -> int:
         """Return one of the counts that the solver keeps since its start."""

@@ -4,7 +4,8 @@ piecewise                          compliant stops: refusals, the Reference, per
 lyapunov                           growth of perturbations along the solution
 rigid_reference, rigid_motion      rigid stops with restitution: the Reference, and what is read of a motion
 impacting, taylor                  its solver, from event to event, and the first zero of a series
-derivative, orbit, continuation    derivatives in parameters; periodic orbits, and branches of them
+derivative, orbit                  derivatives in parameters; periodic orbits
+continuation, grazing              branches of orbits; their touches of a stop that begin or end
 """
 
 from __future__ import annotations

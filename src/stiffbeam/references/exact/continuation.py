@@ -1,16 +1,25 @@
-"""Branches of periodic orbits of the exact flow over a parameter: pseudo-arclength, with folds and flips located.
+"""Branches of periodic orbits of the exact flow over a parameter: pseudo-arclength, with bifurcations located.
 
     G(z, a) = P(z, a) - z = 0,   (dz, da) . (z - z0, a - a0) = ds
 
 The derivative of P by the parameter is that of the exact flow (piecewise/tangent.py), with the end of the period where
-it moves. A fold is where da changes its sign along the branch, a flip where det(D + I) does.
-Source: Seydel, Practical Bifurcation and Stability Analysis, 3rd ed. (2010), sections 4.5 and 5.3.
+it moves. Where the branch is far from a fold the parameter itself is stepped, so that a point takes one system. Test
+functions of the multipliers m change their sign at bifurcations:
+
+    fold, branching    prod (m_i - 1)       the branch turns back, or another crosses it
+    flip               prod (m_i + 1)       the branch of twice the period leaves it
+    torus              prod (m_i m_j - 1)   i < j, a pair that is complex
+
+At a grazing a gap touches zero: a pair of events is born or dies.
+Source: Seydel, Practical Bifurcation and Stability Analysis, 3rd ed. (2010), sections 4.5 and 5.3; Kuznetsov, Elements
+of Applied Bifurcation Theory (2004), section 10.2.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -19,43 +28,83 @@ from scipy.optimize import brentq
 
 from ...basics.arrays import Array
 from ...basics.resources import afford
-from ...basics.validation import InputError, numbers
+from ...basics.validation import InputError, integer, numbers
 from ...model.system import System, require_system
-from ...model.system_data import ORDER_8, slope_of
-from ...piecewise.generator import Generators
+from ...model.system_data import ORDER_8, SystemData, data_of, slope_of
 from ...piecewise.measures import within_float64
-from ...piecewise.tangent import Tangent
+from ...piecewise.regimes import Known
+from ...piecewise.tangent import Path, Tangent
 from ...trajectory.trajectory import SolverFailure
+from .grazing import distances, events, rigid_grazing, shallowest, turn
 from .orbit import ALONE, Orbit, PeriodMap, periodic_orbit
 
 CORRECTIONS = 8  # iterations of the corrector
 CLOSED = 1e-11  # relative defect at which a point counts
+ROUNDED = 1e-15  # of the derivative's norm: a defect that is rounding
 FAST, SLOW = 3, 6  # corrections up to which the next step is longer, from which on it is shorter
-LONGER, SHORTER, SHORTEST = 1.4, 0.5, 1e-5  # of a step, and of the first
+LONGER, SHORTER, LOST = 1.4, 0.5, 0.25  # of a step: after few corrections, after many, after a failure
+LONGEST, SHORTEST = 2.0, 1e-10  # steps, of the first one
 MOST = 20  # points for each of the values, on a branch that turns back
-REACHED = 1e-6  # of the derivative's norm: distance of a multiplier from 1 at a fold, from -1 at a flip
-TURN = 0.7  # cosine between the directions of neighbouring points, below which the step is halved
+REACHED = 1e-6  # of the derivative's norm: distance of a multiplier from its value at a bifurcation
+OFF = 0.3  # of a step: distance of a point from the tangent from which on it may be of another branch
+RESCALED = 3.0  # factor by which a motion grows or shrinks until it is the new unit
+TURN = 0.8  # cosine between the directions of neighbouring points, below which the step is shorter
+ALONG = 0.5  # of the parameter's part of the direction: where so much is left two steps on, the value is stepped
+LINEAR = 1e-9  # of the derivatives of data by the parameter: those at both limits give the others
+NOISE = 1e-9  # of a test function: below it its sign is rounding, as without damping
+NEARLY = 1e-4  # of the range: the distance of a grazing that ends a branch from its last point
+SPLIT = 12  # halvings of a step between two grazings
+AWAY = (1e-2, 3e-3, 1e-3, 1e-4, 3e-2, 1e-5, 1e-1)  # distances from a flip at which twice the period is looked for
+TESTS: dict[str, Callable[[NDArray[np.complex128]], float]] = {
+    "fold": lambda m: float(np.prod(m - 1.0).real),
+    "flip": lambda m: float(np.prod(m + 1.0).real),
+    "torus": lambda m: float(np.prod((np.outer(m, m) - 1.0)[np.triu_indices(len(m), 1)]).real),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Bifurcation:
+    """A located point of a branch.
+
+    Parameters
+    ----------
+    kind : str
+        "fold", "flip", "torus", "branching" or "grazing".
+    value : float
+        Of the parameter.
+    z : array (2n,)
+        The state (q, q') at the start of the period.
+    place : int
+        Number of the orbits of the branch before it.
+    """
+
+    kind: str
+    value: float
+    z: Array = field(repr=False)
+    place: int = 0
 
 
 @dataclass(frozen=True, eq=False)
 class _Point:
-    """A point of a branch, its direction, and what is looked at along it."""
+    """A point of a branch with its direction and the tangent along its orbit."""
 
     z: Array
     value: float
     direction: Array
-    derivative: Array
+    multipliers: NDArray[np.complex128]
+    size: float
     events: int
+    tangent: Tangent
 
     @property
-    def turns(self) -> float:
-        """The parameter's part of the direction, zero at a fold."""
-        return float(self.direction[-1])
+    def kept(self) -> tuple[float, Array, NDArray[np.complex128], int]:
+        """Its part in a branch: value, state, multipliers and number of events."""
+        return self.value, self.z, self.multipliers, self.events
 
-    @property
-    def flips(self) -> float:
-        """det(D + I), zero at a flip."""
-        return float(np.linalg.det(self.derivative + np.eye(len(self.derivative))))
+    def other_half(self) -> Array:
+        """z(T/2) - z(0), (2n,): on a branch of twice the period zero where that is left."""
+        half = np.array([0.5 * self.tangent.path.t_end])
+        return self.tangent.states(half)[0, : len(self.z)] - self.z
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,10 +122,10 @@ class Branch:
         Floquet multipliers, the largest first.
     events : array (k,)
         Number of events in a period.
-    folds, flips : array
-        Values of the parameter at folds and period doublings.
-    make_system, period : callable
-        Of the parameter.
+    bifurcations : tuple of Bifurcation
+        In the order of the branch.
+    end : str
+        The reason why the branch ends.
     """
 
     parameter: str
@@ -85,15 +134,17 @@ class Branch:
     v: Array
     multipliers: NDArray[np.complex128]
     events: NDArray[np.int64]
-    folds: Array
-    flips: Array
-    make_system: Callable[[float], System]
-    period: Callable[[float], float]
+    bifurcations: tuple[Bifurcation, ...]
+    end: str
+    follower: _Follower = field(repr=False)
 
     def __repr__(self) -> str:
+        counted = Counter(x.kind for x in self.bifurcations)
+        plural = {"torus": "tori"}
+        kinds = [f"{n} {plural.get(kind, kind + 's') if n != 1 else kind}" for kind, n in counted.items()]
         return (
             f"<Branch over {self.parameter}: {len(self.values)} orbits from {self.values[0]:g} to {self.values[-1]:g},"
-            f" {np.count_nonzero(self.stable)} stable, {len(self.folds)} folds, {len(self.flips)} flips>"
+            f" {np.count_nonzero(self.stable)} stable, {', '.join(kinds) or 'no bifurcation'}>"
         )
 
     @property
@@ -101,92 +152,351 @@ class Branch:
         """(k,), True where all multipliers lie inside the unit circle."""
         return np.abs(self.multipliers[:, 0]) < 1.0 - ALONE
 
+    def at(self, kind: str) -> Array:
+        """Values of the parameter at the bifurcations of a kind."""
+        return np.array([x.value for x in self.bifurcations if x.kind == kind])
+
+    @property
+    def folds(self) -> Array:
+        """Values of the parameter at which the branch turns back."""
+        return self.at("fold")
+
+    @property
+    def flips(self) -> Array:
+        """Values of the parameter at which a multiplier is -1."""
+        return self.at("flip")
+
     def orbit(self, i: int) -> Orbit:
         """The orbit of a point, with its event times solved for."""
         value = float(self.values[i])
-        return periodic_orbit(self.make_system(value), self.period(value), (self.q[i], self.v[i]))
+        return periodic_orbit(self.follower.make_system(value), self.follower.period(value), (self.q[i], self.v[i]))
+
+    def doubled(self, i: int = 0) -> Branch:
+        """The branch of twice the period that leaves this one at its flip number i.
+
+        It ends where it leaves the range of the parameter, or where it comes back to a branch of this period.
+
+        Parameters
+        ----------
+        i : int
+            Number of the flip, as in ``flips``.
+
+        Returns
+        -------
+        Branch
+            ``q`` and ``v`` are those at the start of one of its two periods.
+
+        Raises
+        ------
+        InputError
+            For a flip that the branch does not have.
+        SolverFailure
+            Where no orbit of twice the period is found beside the flip.
+
+        Examples
+        --------
+        >>> import numpy as np, stiffbeam as sb
+        >>> def stopped(w):
+        ...     stop = sb.Contact([1.0], sb.Stops(upper=0.0, stiffness=400.0))
+        ...     load = ([1.0], sb.Harmonic(1.0, w))
+        ...     return sb.System.from_matrices([[1.0]], [[1.0]], [[0.2]], loads=[load], contacts=[stop])
+        >>> branch = sb.continuation(stopped, "frequency", np.linspace(2.5, 2.65, 10), lambda w: 2 * np.pi / w)
+        >>> len(branch.flips), bool(np.all(branch.doubled(0).stable))
+        (1, True)
+        """
+        flips = [x for x in self.bifurcations if x.kind == "flip"]
+        integer("i", i, 0)
+        if i >= len(flips):
+            raise InputError("i", i, f"be the number of a flip, of which there are {len(flips)}", "see branch.flips")
+        return self.follower.doubled(flips[i])
 
 
 class _Follower:
     """Points of one branch, in units of the first orbit's motion and of the range of the parameter."""
 
     def __init__(
-        self, make_system: Callable[[float], System], period: Callable[[float], float], parameter: str, span: float
-    ) -> None:
-        self.make_system, self.period, self.parameter, self.span = make_system, period, parameter, span
+        self, make_system: Callable[[float], System], period: Callable[[float], float], parameter: str,
+        limits: tuple[float, float], first_step: float, most: int, grazings: bool,
+    ) -> None:  # fmt: skip
+        self.make_system, self.period, self.parameter, self.limits = make_system, period, parameter, limits
+        self.span, self.most, self.grazings = limits[1] - limits[0], most, grazings
+        self.first_step = first_step
         self.scale = np.ones(0)
+        self._known: tuple[System, Known] | None = None
+        self._last: tuple[float, PeriodMap, float] | None = None
+        self._slopes: tuple[Array, Array] | None = None  # at both limits, where they are linear between them
+        first, middle, last = (self._slope(x) for x in (limits[0], 0.5 * sum(limits), limits[1]))
+        if np.max(np.abs(0.5 * (first + last) - middle)) <= LINEAR * np.max(np.abs(middle)):
+            self._slopes = first, last
+
+    def mapping(self, value: float) -> tuple[PeriodMap, float]:
+        """The period map at a value of the parameter, with its derivative by it, and dT/da."""
+        if self._last is None or self._last[0] != value:
+            system, period = self.make_system(value), self.period(value)
+            if self._known is None or not _same_modes(self._known[0], system):
+                self._known = system, {}
+            mapping = PeriodMap(system, period, [self.slope(value, system)], self._known[1])
+            self._last = value, mapping, slope_of_period(self.period, value)
+        return self._last[1:]
+
+    def _slope(self, value: float, system: System | None = None) -> Array:
+        slope, _ = slope_of(self.make_system, system or self.make_system(value), value, self.parameter)
+        return slope.vector()
+
+    def slope(self, value: float, system: System) -> SystemData:
+        """Derivative of the data of the system by the parameter, without that of the initial data."""
+        if self._slopes is None:
+            vector = self._slope(value, system)
+        else:
+            share = (value - self.limits[0]) / self.span
+            vector = (1.0 - share) * self._slopes[0] + share * self._slopes[1]
+        vector[-2 * system.size :] = 0.0
+        return data_of(system).of_vector(vector)
 
     def flow(self, z: Array, value: float) -> tuple[Array, Array, Array, Tangent]:
         """P(z), its derivatives by z and by the parameter, and the tangent."""
-        system, period = self.make_system(value), self.period(value)
-        mapping = PeriodMap(system, period)
-        slope, _ = slope_of(self.make_system, system, value, self.parameter)
-        slope = slope.of_vector(np.concatenate([slope.vector()[: -2 * system.size], np.zeros(2 * system.size)]))
-        mapping.generators = Generators(system, [slope])
-        path, n = mapping.path(z), system.size
-        if 0 in path.hits:
-            raise SolverFailure(
-                "continuation", value, "the period starts with an impact", "shift the phase of the loads"
-            )
-        tangent = Tangent(mapping.generators, path, np.eye(2 * n))
+        mapping, longer = self.mapping(value)
+        end, D, tangent = mapping.flow(z)
         if tangent.ties or tangent.grazes:
             reason = "impacts at one time or a graze, where the flow has no derivative"
             raise SolverFailure("continuation", value, reason, "end before, or take other values")
-        regime, tau = tangent.regimes[-1], float(tangent.lengths[-1])
-        Z = regime.ahead(tangent.Z[-1][:, None], tau)[:, 0]
-        by_value = tangent.last[: 2 * n, 0] + (regime.A @ Z)[: 2 * n] * slope_of_period(self.period, value)
-        return Z[: 2 * n], tangent.last[: 2 * n, 1:], by_value, tangent
+        rate = tangent.regimes[-1].A[: len(z)] @ np.append(end, tangent.generators.basis.values(mapping.period, 0))
+        return end, D, tangent.last[: len(z), 0] + rate * longer, tangent
 
-    def point(self, z: Array, value: float, normal: Array, ahead: Array) -> tuple[_Point, int]:
-        """The point of the branch in the plane through (z, value) across ``normal``, and how many corrections it took.
+    def point(
+        self, z0: Array, value0: float, normal: Array, ahead: Array, guess: Array | None = None
+    ) -> tuple[_Point, int]:
+        """The point of the branch in the plane through (z0, value0) across ``normal``, and the number of corrections.
 
-        ahead: the direction along which the branch goes on. Raises SolverFailure where none is reached.
+        ahead: the direction along which the branch goes on. guess: a step (2n + 1,) in the plane to start from. Raises
+        SolverFailure where no point is reached.
         """
-        z0, value0 = z, value
+        z, value, N, before = z0, value0, len(z0), np.inf
+        if guess is not None:
+            z, value = z + guess[:N] * self.scale, value + float(guess[N]) * self.span
         for count in range(CORRECTIONS):
             end, D, by_value, tangent = self.flow(z, value)
             defect = (end - z) / self.scale
-            N = len(z)
+            size = float(np.max(np.abs(defect)))
             bordered = np.zeros((N + 1, N + 1))
             bordered[:N, :N] = (D - np.eye(N)) * self.scale / self.scale[:, None]
             bordered[:N, N] = by_value * self.span / self.scale
             bordered[N] = normal
-            moved = np.append((z - z0) / self.scale, (value - value0) / self.span)
-            if np.max(np.abs(defect)) < CLOSED:
+            if size < max(CLOSED, ROUNDED * float(np.linalg.norm(bordered))):
                 direction = np.linalg.solve(bordered, np.append(np.zeros(N), 1.0))
                 direction /= np.linalg.norm(direction)
                 direction = direction if direction @ ahead >= 0.0 else -direction
-                return _Point(z, value, direction, D, len(tangent.path.times) - 1), count
-            step = np.linalg.solve(bordered, -np.append(defect, normal @ moved))
-            z, value = z + step[:N] * self.scale, value + float(step[N]) * self.span
-            if not np.all(np.isfinite(z)) or np.linalg.norm(step) > 10.0:
+                m = np.asarray(np.linalg.eigvals(D), complex)
+                m = m[np.argsort(-np.abs(m), kind="stable")]
+                return _Point(
+                    z, value, direction, m, float(np.linalg.norm(D)), len(tangent.path.times) - 1, tangent
+                ), count
+            if count > 2 and size > before:
                 break
+            before = size
+            moved = np.append((z - z0) / self.scale, (value - value0) / self.span)
+            step = np.linalg.solve(bordered, -np.append(defect, normal @ moved))
+            if not np.linalg.norm(step) < 10.0:
+                break
+            z, value = z + step[:N] * self.scale, value + float(step[N]) * self.span
         raise SolverFailure("continuation", value, "the corrector does not converge", "take closer values")
 
-    def ahead(self, start: _Point, ds: float) -> tuple[_Point, int]:
-        """The point at the distance ds along the direction of another."""
-        z = start.z + ds * start.direction[:-1] * self.scale
-        value = start.value + ds * float(start.direction[-1]) * self.span
-        return self.point(z, value, start.direction, start.direction)
+    def ahead(self, start: _Point, ds: float, bend: Array | None = None) -> tuple[_Point, int]:
+        """The point at the distance ds along the direction of another; bend: the second derivative along the branch."""
+        N = len(start.z)
+        normal, guess = start.direction, None
+        if bend is not None:
+            if (normal[N] + 2.0 * ds * bend[N]) * np.sign(normal[N]) > ALONG * abs(normal[N]):
+                normal = np.append(np.zeros(N), 1.0)  # one system for all corrections
+            guess = 0.5 * ds**2 * bend
+            guess -= (normal @ guess) / (normal @ start.direction) * start.direction
+        z, value = (
+            start.z + ds * start.direction[:N] * self.scale,
+            start.value + ds * float(start.direction[N]) * self.span,
+        )
+        point, count = self.point(z, value, normal, start.direction, guess)
+        off = np.append((point.z - z) / self.scale, (point.value - value) / self.span)
+        if np.linalg.norm(off) > OFF * ds:
+            raise SolverFailure("continuation", value, "the corrector goes to another branch", "take closer values")
+        return point, count
 
-    def located(self, start: _Point, ds: float, test: Callable[[_Point], float], multiplier: float) -> float | None:
-        """The parameter where a test function vanishes between two points and a multiplier has its value there.
+    def follow(self, start: _Point, step: float, loses: bool = False) -> Branch:
+        """The branch from a point on. loses: it is of twice the period, and ends where it is of one."""
+        low, high = self.limits
+        points, bifurcations, near = [start.kept], list[Bifurcation](), list[tuple[float, float]]()
+        point, bend, end = start, None, ""
+        while not end:
+            if point.tangent.path.rigid and len(near) < len(points):
+                near.append(distances(point.tangent))
+            reason = "the branch turns sharply"
+            try:
+                new, count = self.ahead(point, step, bend)
+            except (SolverFailure, np.linalg.LinAlgError) as error:
+                reason = error.reason if isinstance(error, SolverFailure) else "the corrector does not converge"
+                new, count = None, CORRECTIONS
+            if new is None or new.direction @ point.direction < TURN:
+                step, bend = step * LOST, None
+                if step < SHORTEST * self.first_step:
+                    end = f"at {point.value:.10g} {reason}"
+                    graze = rigid_grazing([x[0] for x in points], near, NEARLY * self.span) if near else None
+                    if graze is not None:
+                        bifurcations.append(Bifurcation("grazing", graze, point.z, len(points)))
+                        end = f"at {graze:.10g} a contact grazes its rigid stop, where the flow has no derivative"
+                continue
+            if loses and (new.other_half() / self.scale) @ (point.other_half() / self.scale) < 0.0:
+                end = f"at {point.value:.10g} it comes back to a branch of half its period"
+                break
+            bifurcations += [replace(x, place=len(points)) for x in self.between(point, new)]
+            if not low <= new.value <= high:
+                end = "at the end of the values"
+                last = self.reached(point, new, low if new.value < low else high)
+                points += [] if last is None else [last.kept]
+                break
+            bend = (new.direction - point.direction) / step
+            point, step, bend = self.rescaled(new, step, bend)
+            points.append(point.kept)
+            step *= LONGER if count <= FAST else SHORTER if count >= SLOW else 1.0
+            step = min(step, LONGEST * self.first_step)
+            if len(points) >= self.most:
+                end = f"at {point.value:.10g} after {self.most} orbits: start again from there"
+        if len(points) < 2:
+            raise SolverFailure("continuation", start.value, end.partition(" ")[2], "take closer values")
+        values, states, multipliers, events = (np.array(x) for x in zip(*points, strict=True))
+        n = len(start.z) // 2
+        return Branch(
+            self.parameter, values, states[:, :n], states[:, n:], multipliers, events.astype(np.int64),
+            tuple(x for x in bifurcations if low <= x.value <= high), end, self,
+        )  # fmt: skip
 
-        None where the function jumps.
-        """
+    def rescaled(self, point: _Point, step: float, bend: Array) -> tuple[_Point, float, Array | None]:
+        """A point and a step in units of its motion, where that has become another by more than a factor."""
+        factor = _units(point.tangent.path) / self.scale
+        if np.all((factor < RESCALED) & (factor > 1.0 / RESCALED)):
+            return point, step, bend
+        self.scale = self.scale * factor
+        direction = point.direction / np.append(factor, 1.0)
+        size = float(np.linalg.norm(direction))
+        return replace(point, direction=direction / size), step * size, None
+
+    def reached(self, one: _Point, other: _Point, value: float) -> _Point | None:
+        """The point between two at a value of the parameter; None where it is not reached."""
+        z = one.z + (value - one.value) / (other.value - one.value) * (other.z - one.z)
         try:
-            at: Any = brentq(
-                lambda s: test(self.ahead(start, s)[0]) if s else test(start),
-                0.0,
-                ds,
-                xtol=1e-13,
-                rtol=np.float64(1e-14),
-            )
-            found = self.ahead(start, at)[0]
-        except (SolverFailure, ValueError):
+            return self.point(z, value, np.append(np.zeros(len(z)), 1.0), other.direction)[0]
+        except (SolverFailure, np.linalg.LinAlgError):
             return None
-        off = np.min(np.abs(np.linalg.eigvals(found.derivative) - multiplier))
-        return found.value if off <= REACHED * max(1.0, float(np.linalg.norm(found.derivative))) else None
+
+    def between(self, one: _Point, other: _Point) -> Iterator[Bifurcation]:
+        """The bifurcations between two neighbours."""
+        for kind, test in TESTS.items():
+            before, after = test(one.multipliers), test(other.multipliers)
+            if before * after < 0.0 and min(abs(before), abs(after)) > NOISE:
+                point = self.located(one, other, lambda x, test=test: test(x.multipliers))
+                if point is not None and _reached(kind, point):
+                    turns = one.direction[-1] * other.direction[-1] < 0.0
+                    name = "branching" if kind == "fold" and not turns else kind
+                    yield Bifurcation(name, point.value, point.z)
+        if self.grazings:
+            yield from self.grazings_between(one, other)
+
+    def grazings_between(self, one: _Point, other: _Point, depth: int = 0) -> Iterator[Bifurcation]:
+        """The grazings of compliant stops between two neighbours."""
+        before, after = (Counter(event[1:] for event in events(x.tangent)) for x in (one, other))
+        changes = (after - before) + (before - after)
+        if not changes:
+            return
+        contacts = {event[0] for event in changes}
+        if sum(changes.values()) == 2 and len(contacts) == 1:
+            contact = contacts.pop()
+            for t, side in shallowest((one if before.total() > after.total() else other).tangent, contact):
+                if turn(one.tangent, contact, side, t) * turn(other.tangent, contact, side, t) < 0.0:
+                    graze = self.located(one, other, lambda x, t=t, side=side: turn(x.tangent, contact, side, t))
+                    if graze is not None:
+                        yield Bifurcation("grazing", graze.value, graze.z)
+                    return
+        if depth < SPLIT:
+            try:
+                middle = self.inside(one, other, 0.5)
+            except (SolverFailure, np.linalg.LinAlgError):
+                return
+            yield from self.grazings_between(one, middle, depth + 1)
+            yield from self.grazings_between(middle, other, depth + 1)
+
+    def doubled(self, flip: Bifurcation) -> Branch:
+        """The branch of twice the period that leaves at a flip, along the vector that a period turns round."""
+        period = self.period
+        follower = _Follower(
+            self.make_system,
+            lambda x: 2.0 * period(x),
+            self.parameter,
+            self.limits,
+            self.first_step,
+            self.most,
+            self.grazings,
+        )
+        follower.scale = self.scale
+        with within_float64("continuation", period(flip.value)):
+            _, D, _, _ = self.flow(flip.z, flip.value)
+            m, vectors = np.linalg.eig(D * self.scale / self.scale[:, None])
+            across = np.real(vectors[:, np.argmin(np.abs(m + 1.0))])
+            normal = np.append(across / np.linalg.norm(across), 0.0)
+            for away in AWAY:
+                try:
+                    z = flip.z + away * normal[:-1] * self.scale
+                    point, _ = follower.point(z, flip.value, normal, normal)
+                except (SolverFailure, np.linalg.LinAlgError):
+                    continue
+                if np.linalg.norm(point.other_half() / self.scale) > away:
+                    return follower.follow(point, away, loses=True)
+        reason = "no orbit of twice the period is found beside the flip"
+        raise SolverFailure("continuation", flip.value, reason, "start periodic_orbit from a run beside it")
+
+    def inside(self, one: _Point, other: _Point, share: float) -> _Point:
+        """The point between two neighbours, in the plane across the cubic through them at a share of the way."""
+        apart = np.append((other.z - one.z) / self.scale, (other.value - one.value) / self.span)
+        length, s = float(np.linalg.norm(apart)), share
+        along = s * s * (3.0 - 2.0 * s) * apart
+        along += length * s * (1.0 - s) * ((1.0 - s) * one.direction - s * other.direction)
+        rate = 6.0 * s * (1.0 - s) * apart
+        rate += length * ((1.0 - s) * (1.0 - 3.0 * s) * one.direction + s * (3.0 * s - 2.0) * other.direction)
+        z, value = one.z + along[:-1] * self.scale, one.value + float(along[-1]) * self.span
+        return self.point(z, value, rate / np.linalg.norm(rate), one.direction)[0]
+
+    def located(self, one: _Point, other: _Point, test: Callable[[_Point], float]) -> _Point | None:
+        """The point between two neighbours where a test function vanishes, None where it is not reached."""
+        ends = {0.0: one, 1.0: other}
+        near = float(np.clip(1e-13 * abs(one.value) / max(abs(other.value - one.value), 1e-300), 1e-14, 1e-9))
+
+        def at(s: float) -> _Point:
+            return ends.get(s) or self.inside(one, other, s)
+
+        try:
+            share: Any = brentq(lambda s: test(at(s)), 0.0, 1.0, xtol=near, rtol=np.float64(1e-14))
+            return at(share)
+        except (SolverFailure, np.linalg.LinAlgError, ValueError):
+            return None
+
+
+def _units(path: Path) -> Array:
+    """The largest |q| and |q'| of a path for each entry of a state, (2n,)."""
+    return np.repeat([max(float(np.max(np.abs(x))), 1e-300) for x in (path.q, path.v)], path.q.shape[1])
+
+
+def _same_modes(one: System, other: System) -> bool:
+    """Return True where two systems have equal matrices and contacts, and so the same modes."""
+    pairs = [(one.mass, other.mass), (one.stiffness, other.stiffness)]
+    pairs += [(a.row, b.row) for a, b in zip(one.contacts, other.contacts, strict=True)]
+    springs = [[c.stops.stiffness for c in system.contacts] for system in (one, other)]
+    return springs[0] == springs[1] and all(np.array_equal(a, b) for a, b in pairs)
+
+
+def _reached(kind: str, point: _Point) -> bool:
+    """Return True where a multiplier has its value at a bifurcation: a test function jumps where an event goes."""
+    m = point.multipliers
+    if kind == "torus":
+        m = m[np.abs(m.imag) > REACHED]
+        return bool(len(m)) and bool(np.min(np.abs(np.abs(m) - 1.0)) <= REACHED * max(1.0, point.size))
+    return bool(np.min(np.abs(m - (1.0 if kind == "fold" else -1.0))) <= REACHED * max(1.0, point.size))
 
 
 def slope_of_period(period: Callable[[float], float], value: float) -> float:
@@ -202,6 +512,8 @@ def continuation(
     values: ArrayLike,
     period: float | Callable[[float], float],
     guess: Any = None,
+    grazings: bool = False,
+    most: int | None = None,
 ) -> Branch:
     """Periodic orbits along a branch, through folds and past flips, stable or not.
 
@@ -212,23 +524,29 @@ def continuation(
     parameter : str
         Its name, for tables and messages.
     values : sequence of float
-        From the first of these, which has an orbit near the guess, to the last; their mean distance is the first step.
-        The branch ends where it leaves their range.
+        The branch starts at the first of these, which has an orbit near the guess, towards the last. It ends where it
+        leaves their range. The first step is the range over their number.
     period : float or callable
         Of the orbits; of a driven system a function of the parameter, ``lambda w: 2 * np.pi / w``.
     guess : as for ``periodic_orbit``
+    grazings : bool
+        Locate where a compliant undamped stop is touched for the first or last time. Two touches of one contact of
+        which one is born and one dies between two points cancel.
+    most : int
+        Number of orbits after which the branch ends; by default 20 for each of the values.
 
     Returns
     -------
     Branch
-        ``.values .q .v .multipliers .stable .folds .flips .events``, and ``.orbit(i)``.
+        ``.values .q .v .multipliers .stable .bifurcations .folds .flips .events .end``, ``.orbit(i)`` and
+        ``.doubled(i)``.
 
     Raises
     ------
     InputError
         For values that are not two or more different numbers.
     SolverFailure
-        Where no orbit is near the guess, or the branch cannot be followed on.
+        Where no orbit is near the guess. A branch that cannot be followed on says why in ``.end``.
 
     Examples
     --------
@@ -247,60 +565,15 @@ def continuation(
             "values", values, "be two or more numbers, the last another than the first", "np.linspace(a, b, 50)"
         )
     of_value = period if callable(period) else lambda _: float(period)  # type: ignore[arg-type]
-    low, high = float(np.min(along)), float(np.max(along))
+    limits = float(np.min(along)), float(np.max(along))
     afford("values", len(along), "take fewer", seconds=0.02 * len(along))
+    most = MOST * len(along) if most is None else integer("most", most, 2)
     first = make_system(float(along[0]))
     require_system(first)
     start = periodic_orbit(first, of_value(float(along[0])), guess)
-    follower = _Follower(make_system, of_value, parameter, high - low)
-    z, value = np.concatenate([start.q, start.v]), float(along[0])
-    n = first.size
-    follower.scale = np.repeat(
-        [max(np.max(np.abs(start.path.q)), 1e-300), max(np.max(np.abs(start.path.v)), 1e-300)], n
-    )
-    with within_float64("continuation", of_value(value)):
-        normal = np.append(np.zeros(2 * n), np.sign(along[-1] - along[0]))
-        point, _ = follower.point(z, value, normal, normal)
-        points, folds, flips = [point], list[float](), list[float]()
-        step = first_step = 1.0 / (len(along) - 1)
-        while low <= point.value <= high and len(points) < MOST * len(along):
-            try:
-                new, count = follower.ahead(point, step)
-            except (SolverFailure, np.linalg.LinAlgError):
-                new, count = None, CORRECTIONS
-            if new is None or new.direction @ point.direction < TURN:
-                step *= SHORTER
-                if step < SHORTEST * first_step:
-                    reason = "the branch cannot be followed on" if new is None else "the branch turns sharply"
-                    raise SolverFailure("continuation", point.value, reason, "end before, or take closer values")
-                continue
-            if (
-                new.turns * point.turns < 0.0
-                and (at := follower.located(point, step, lambda x: x.turns, 1.0)) is not None
-            ):
-                folds.append(at)
-            if (
-                new.flips * point.flips < 0.0
-                and (at := follower.located(point, step, lambda x: x.flips, -1.0)) is not None
-            ):
-                flips.append(at)
-            point = new
-            points.append(point)
-            step *= LONGER if count <= FAST else SHORTER if count >= SLOW else 1.0
-            step = min(step, 4.0 * first_step)
-    inside = [x for x in points if low - 1e-12 <= x.value <= high + 1e-12]
-    return _branch(parameter, inside, (folds, flips), make_system, of_value, n)
-
-
-def _branch(
-    parameter: str, points: Sequence[_Point], special: tuple[list[float], list[float]],
-    make_system: Callable[[float], System], period: Callable[[float], float], n: int,
-) -> Branch:  # fmt: skip
-    multipliers = np.array([np.linalg.eigvals(x.derivative) for x in points], complex)
-    order = np.argsort(-np.abs(multipliers), axis=1, kind="stable")
-    states = np.array([x.z for x in points])
-    return Branch(
-        parameter, np.array([x.value for x in points]), states[:, :n], states[:, n:],
-        np.take_along_axis(multipliers, order, axis=1), np.array([x.events for x in points], np.int64),
-        np.array(special[0]), np.array(special[1]), make_system, period,
-    )  # fmt: skip
+    follower = _Follower(make_system, of_value, parameter, limits, 1.0 / (len(along) - 1), most, grazings)
+    follower.scale = _units(start.path)
+    with within_float64("continuation", start.period):
+        normal = np.append(np.zeros(2 * first.size), np.sign(along[-1] - along[0]))
+        point, _ = follower.point(np.concatenate([start.q, start.v]), float(along[0]), normal, normal)
+        return follower.follow(point, follower.first_step)

@@ -11,8 +11,9 @@ Source: Leine and Nijmeijer, Dynamics and Bifurcations of Non-Smooth Mechanical 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,10 +22,12 @@ from ...basics.arrays import Array
 from ...basics.validation import InputError, numbers, positive
 from ...model.sampled import Sampled
 from ...model.system import System, require_system
+from ...model.system_data import SystemData
 from ...model.time_functions import Harmonic, parts_of
 from ...piecewise.events import switched_by_force
 from ...piecewise.generator import Generators
 from ...piecewise.measures import within_float64
+from ...piecewise.regimes import Known
 from ...piecewise.tangent import GRAZE, Path, Tangent, monodromy
 from ...piecewise.tracer import Tracer, tracer_of
 from ...trajectory.trajectory import Reference, SolverFailure, Trajectory
@@ -34,7 +37,12 @@ from .impacting import Tracer as ImpactTracer
 from .piecewise import afford_search, refuse, solve_exact
 from .rigid_reference import solve_rigid
 
+if TYPE_CHECKING:
+    from ..proof.orbit_proof import OrbitProof
+
 NEWTON = 40  # iterations of shooting
+HOPELESS, ASTRAY = 15, 0.1  # iterations after which a larger relative defect is given up
+APART = 1e13  # growth of a distance in a period, of which shooting can make nothing
 HALVINGS = 8  # of a step that makes the defect larger
 POLISH = 12  # iterations of the event times
 CLOSED = 1e-9  # relative defect of shooting from which the event times go on
@@ -56,7 +64,7 @@ class Orbit:
     q, v : array (n,)
         State at t = 0.
     residual : float
-        Largest |h| at an event over its terms; for rigid stops the closure.
+        Largest |h| at an event over its terms' largest values; for rigid stops the closure.
     closure : float
         Largest relative difference of the state after a period of the exact flow.
     multipliers : array (2n,)
@@ -105,6 +113,45 @@ class Orbit:
         """Event times in [0, period), (k,)."""
         return self.event_times
 
+    def prove(self, bits: int | None = None) -> OrbitProof:
+        """Proof by ball arithmetic that this orbit exists and is locally unique, with enclosures.
+
+        Proved are the orbit's existence, its event times and start, the signs of all gaps between its events, that no
+        other motion of its period is near, and its multipliers. It is proved of the exact numbers of the system, as
+        ``method="multiprecision"`` takes them, and of 2 pi turns/w of its drive as period.
+
+        Parameters
+        ----------
+        bits : int, optional
+            Precision of the balls, 64 and more. By default from the growth of radii along the orbit, and doubled up to
+            4096 where that is not enough.
+
+        Returns
+        -------
+        OrbitProof
+            ``.proved .event_times .q .v .period .multipliers .stable``; where the proof fails, ``.reason .remedy``.
+
+        Raises
+        ------
+        InputError
+            For frequencies without an exact common period, and for ``bits`` out of range.
+
+        Examples
+        --------
+        >>> import numpy as np, stiffbeam as sb
+        >>> stop = sb.Contact([1.0], sb.Stops(upper=0.5, stiffness=4.0))
+        >>> load = ([1.0], sb.Harmonic(0.3, 1.2))
+        >>> oscillator = sb.System.from_matrices([[1.0]], [[1.0]], [[0.1]], loads=[load], contacts=[stop])
+        >>> proof = sb.periodic_orbit(oscillator, 2 * np.pi / 1.2).prove()
+        >>> proof.proved, proof.stable, proof.radius < 1e-30
+        (True, True, True)
+        >>> print(proof.event_times[0].str(20))
+        [1.1916868494821465711 +/- 2.48e-20]
+        """
+        from ..proof.orbit_proof import prove
+
+        return prove(self, bits)
+
     def reference(self, periods: float = 1.0, t_eval: Any = None) -> Reference:
         """The exact motion from the orbit's start. An unstable orbit is left after ln(1e16)/ln|multiplier| periods."""
         t_end = positive("periods", periods) * self.period
@@ -118,11 +165,13 @@ class Orbit:
 class PeriodMap:
     """The exact flow of a system over a period, with its derivative."""
 
-    def __init__(self, system: System, period: float) -> None:
+    def __init__(
+        self, system: System, period: float, columns: Sequence[SystemData] = (), known: Known | None = None
+    ) -> None:
         self.system, self.period = system, period
         self.rigid = any(contact.stops.rigid for contact in system.contacts)
-        self.generators = Generators(system)
-        self.tracer: Tracer | None = None if self.rigid else tracer_of(system, span=period)
+        self.generators = Generators(system, columns)
+        self.tracer: Tracer | None = None if self.rigid else tracer_of(system, known=known, span=period)
 
     def path(self, z: Array) -> Path:
         """Segments of a period from the state z (2n,)."""
@@ -146,6 +195,15 @@ class PeriodMap:
         else:
             solution = self.tracer.solve(self.period, (z[:n].copy(), z[n:].copy()))
         return solution
+
+    def ahead(self, z: Array, periods: int) -> Array:
+        """The state so many periods after z (2n,)."""
+        t = np.array([self.period])
+        for _ in range(periods):
+            solution = self.solve(z)
+            q, v = solution.at(t)[:2] if self.rigid else solution.states(t)
+            z = np.concatenate([q[0], v[0]])
+        return z
 
     def flow(self, z: Array) -> tuple[Array, Array, Tangent]:
         """State after a period, its derivative (2n, 2n), and the tangent along the way."""
@@ -200,14 +258,8 @@ def periodic_orbit(system: System, period: float, guess: Any = None) -> Orbit:
     >>> round(float(np.linalg.det(orbit.monodromy)), 9)  # e^2
     0.64
     """
-    require_system(system)
-    period = positive("period", period)
-    _repeats(system, period)
-    if any(contact.stops.rigid for contact in system.contacts):
-        require_rigid(system, period)
-    else:
-        refuse(system, period)
-        afford_search(system, period)
+    require_periodic(system, period)
+    period = float(period)
     with within_float64("periodic_orbit", period):
         mapping = PeriodMap(system, period)
         z = _guessed(mapping, guess)
@@ -219,6 +271,18 @@ def periodic_orbit(system: System, period: float, guess: Any = None) -> Orbit:
             closure = float(np.max(np.abs(end - z) / mapping.sizes(tangent)))
         _isolated(mapping, z, closure)
         return orbit_of(mapping, z, tangent, closure, residual)
+
+
+def require_periodic(system: System, period: float) -> None:
+    """Raise InputError for loads that do not repeat after a period, and for stops without an exact solution."""
+    require_system(system)
+    period = positive("period", period)
+    _repeats(system, period)
+    if any(contact.stops.rigid for contact in system.contacts):
+        require_rigid(system, period)
+    else:
+        refuse(system, period)
+        afford_search(system, period)
 
 
 def _isolated(mapping: PeriodMap, z: Array, closure: float) -> None:
@@ -277,9 +341,12 @@ def shoot(mapping: PeriodMap, z: Array) -> tuple[Array, Tangent, float]:
     end, D, tangent = mapping.flow(z)
     scale = mapping.sizes(tangent)
     defect = float(np.max(np.abs(end - z) / scale))
-    for _ in range(NEWTON):
-        if defect < ROUNDING:
+    for iteration in range(NEWTON):
+        if defect < ROUNDING or (iteration >= HOPELESS and defect > ASTRAY):
             break
+        if (growth := float(np.linalg.norm(D * scale / scale[:, None]))) > APART:
+            reason = f"neighbouring motions part by {growth:.0e} in a period, more than float64 has digits"
+            raise SolverFailure("periodic_orbit", mapping.period, reason, "damp the system, or drive it faster")
         step = np.linalg.solve((D - np.eye(len(z))) * scale, -(end - z)) * scale
         best = None
         for halving in range(HALVINGS):
@@ -326,7 +393,7 @@ def polished(mapping: PeriodMap, z: Array, tangent: Tangent) -> tuple[Array, flo
         for i in range(k):
             states.append(np.concatenate([flows[i][: 2 * n] @ states[-1], g[i + 1]]))
         h = np.array([form @ Z for form, Z in zip(forms, states[1:], strict=True)])
-        terms = np.array([np.abs(form) @ np.abs(Z) for form, Z in zip(forms, states[1:], strict=True)])
+        terms = np.array([np.abs(form) @ np.append(size, np.ones(generators.basis.size)) for form in forms])
         error = float(np.max(np.abs(h) / terms))
         if error >= best:
             break
@@ -389,9 +456,7 @@ def _guessed(mapping: PeriodMap, guess: Any) -> Array:
     system, n = mapping.system, mapping.system.size
     if guess is None:
         z = np.concatenate([system.q0, system.v0])
-        for _ in range(SETTLE):
-            z = mapping.flow(z)[0]
-        return z
+        return mapping.ahead(z, SETTLE)
     if isinstance(guess, Orbit):
         pair: Any = (guess.q, guess.v)
     elif isinstance(guess, Trajectory):

@@ -229,12 +229,12 @@ def _sample(
     times: list[float], pieces: list[Piece], t: Array, rounded: Callable[[Any], Any] = float
 ) -> tuple[Array, Array]:
     """Positions and velocities (k, channels) at any times, ``rounded``."""
-    found = []
+    states = []
     for when, k in zip(t.tolist(), np.maximum(np.searchsorted(times, t, "right") - 1, 0).tolist(), strict=True):
         with carried(pieces[k].bits):
             seen = pieces[k].regime.channels * pieces[k].ahead(when)
-            found.append([rounded(x) for x in seen.entries()])
-    u, v = np.array(found).reshape(len(t), 2, -1).transpose(1, 0, 2)
+            states.append([rounded(x) for x in seen.entries()])
+    u, v = np.array(states).reshape(len(t), 2, -1).transpose(1, 0, 2)
     return u, v
 
 

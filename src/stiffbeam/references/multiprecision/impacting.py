@@ -93,7 +93,7 @@ class March:
         self.unlisted: set[int] = set()
         self.soon = math.inf  # the length of a flight and a half
         self.scale = [0.0] * self.m  # of u', in the stretch before
-        self.found = Motion(self.flow, held=[0.0] * self.m, pressed=[0.0] * self.m)
+        self.motion = Motion(self.flow, held=[0.0] * self.m, pressed=[0.0] * self.m)
         rates = [np.sqrt(np.max(np.abs(np.linalg.eigvals(np.linalg.solve(system.mass, system.stiffness)))))]
         rates += [np.max(np.abs(np.linalg.eigvals(np.linalg.solve(system.mass, system.damping))))]
         self.fastest = max(*map(float, rates), *self.flow.drive.frequencies, 0.0)
@@ -109,7 +109,7 @@ class March:
         self._begin()
         forecast, still = Forecast(self.t_end), 0
         while self.t < self.t_end:
-            forecast.check(float(self.t), len(self.found.stretches) * self.flow.N * (self.bits / 32.0 + 4.0))
+            forecast.check(float(self.t), len(self.motion.stretches) * self.flow.N * (self.bits / 32.0 + 4.0))
             regime = self.flow.regime(tuple(sorted(self.held)))
             edge = self.flow.next_edge(self.t, self.t_end)
             rest = edge - self.t
@@ -131,36 +131,36 @@ class March:
                 self._settle(self.held)
             elif not whole:
                 self._meet(hits)
-        return self.found
+        return self.motion
 
     def _keep(self, regime: Regime, series: Series, x: Any) -> None:
         """Go on to x of the series."""
         length = (x * series.length).mid()
         if length > 0:
             self.scale = [series.sizes(rate)[0] for rate in self.flow.rates[: self.m]]
-            self.found.stretches.append(Stretch(self.t, self.z, regime, length))
+            self.motion.stretches.append(Stretch(self.t, self.z, regime, length))
         for i, c in enumerate(regime.held):
-            self.found.held[c] += float(length)
+            self.motion.held[c] += float(length)
             R = series.of(regime.reactions[i])
             impulse = abs(sum((r * x ** (k + 1) / (k + 1) for k, r in enumerate(R)), arb(0)) * series.length).mid()
             self._press(c, impulse)
         self.t, self.z = (self.t + length).mid(), series.at(x)
 
     def _press(self, contact: int, impulse: Any) -> None:
-        self.found.pressed[contact] += float(impulse)
+        self.motion.pressed[contact] += float(impulse)
         last = self._last(contact)
         if last is not None and last.end is None:
             last.impulse += impulse
 
     def _last(self, contact: int) -> Impact | None:
-        return next((x for x in reversed(self.found.impacts) if x.contact == contact), None)
+        return next((x for x in reversed(self.motion.impacts) if x.contact == contact), None)
 
     def _gap(self, contact: int, side: int, g: Any, series: Series) -> list[Any]:
         """The series of side (g - u), which is open where it is positive."""
-        found = [-side * x for x in series.of(self.flow.forms[contact])]
-        found[0] += side * g
-        found[0] = arb(found[0].mid(), found[0].rad() + abs(g).mid() * arb(2) ** -self.bits)
-        return found
+        gap = [-side * x for x in series.of(self.flow.forms[contact])]
+        gap[0] += side * g
+        gap[0] = arb(gap[0].mid(), gap[0].rad() + abs(g).mid() * arb(2) ** -self.bits)
+        return gap
 
     def _next(self, regime: Regime, series: Series) -> tuple[Any, dict[int, int]]:
         """The first event in the series and the contacts that close at it; None and none where there is none."""
@@ -209,18 +209,18 @@ class March:
         going = {c: closed[c] for c, speed in speeds.items() if speed > 0}
         near = {c for c, side, _ in self.stops if c in rounded and (c in going or side * self._speed(c) > 0)}
         if any(c != x and not self.flow.compliance[c, x].contains(0) for c in rounded for x in going.keys() | near):
-            self.found.tie = 0.0
+            self.motion.tie = 0.0
         if going:
             self._meet(going, resting={c: closed[c] for c, speed in speeds.items() if speed.contains(0)})
         else:
             self._settle({c: closed[c] for c, speed in speeds.items() if speed.contains(0)})
         for c in self.held:
             if self._last(c) is None:
-                self.found.impacts.append(Impact(c, self.held[c], self.t, arb(0)))
+                self.motion.impacts.append(Impact(c, self.held[c], self.t, arb(0)))
 
     def _meet(self, hits: dict[int, int], resting: dict[int, int] | None = None) -> None:
         """Newton's law where contacts close, then what is at rest on a stop is held or let go."""
-        if len(self.found.impacts) > MOST_IMPACTS:
+        if len(self.motion.impacts) > MOST_IMPACTS:
             rule = f"hold at most {MOST_IMPACTS} impacts"
             raise InputError("t_end", self.t_end, rule, f"end before t = {float(self.t):.6g}, or take e < 1")
         closed = {**self.held, **(resting or {}), **hits}
@@ -248,7 +248,7 @@ class March:
 
     def _note_order(self, closed: dict[int, int], before: dict[int, Any]) -> None:
         """Contacts on their stops now, before a blow of which the order would decide what follows."""
-        last = self.found.stretches[-1] if self.found.stretches else None
+        last = self.motion.stretches[-1] if self.motion.stretches else None
         pressed: set[int] = set()
         if last is not None:
             series = self.flow.series(last.regime, last.z, last.length)
@@ -260,15 +260,15 @@ class March:
         compliance = np.array(self.flow.compliance.tolist(), float)
         speeds = np.array([float(before[c]) if c in before else float(self._speed(c)) for c in range(self.m)])
         if order_decides(compliance, np.array(self.e, float), speeds, closed, pressed):
-            self.found.tie = min(self.found.tie, float(self.t))
+            self.motion.tie = min(self.motion.tie, float(self.t))
 
     def _list(self, c: int, side: int, impulse: Any) -> None:
         last = self._last(c)
         if c in self.unlisted and last is not None:
             last.impulse += impulse
         else:
-            self.found.impacts.append(Impact(c, side, self.t, impulse, self.t))
-        self.found.pressed[c] += float(impulse)
+            self.motion.impacts.append(Impact(c, side, self.t, impulse, self.t))
+        self.motion.pressed[c] += float(impulse)
 
     def _push(self, P: dict[int, Any]) -> None:
         """Apply impulses, and note what they take."""
@@ -281,7 +281,7 @@ class March:
         for c, (speed, own) in rates.items():
             taken -= P[c] * (speed + self._speed(c).mid()) / 2
             moved -= P[c] * own
-        self.found.taken.append((float(self.t), float(taken), float(moved)))
+        self.motion.taken.append((float(self.t), float(taken), float(moved)))
 
     def _offset(self, form: Any) -> Any:
         """The part of a form that depends on time alone: of a gap or its rate that of the offset."""
@@ -352,8 +352,8 @@ class March:
         last.end, here = None, self.t
         for x, side_of in {**self.held, c: side}.items():  # less on c than holding it that long brings
             self._press(x, (-side_of * P[x]).mid() if x in P else arb(0))
-        self.found.stuck.append(((self.t + T * (1 + T * (k / (3 * a) - drag / 6))).mid(), c))
-        self.found.left_out = max(self.found.left_out, float(T) * (float(T) * fast) ** 2)
+        self.motion.stuck.append(((self.t + T * (1 + T * (k / (3 * a) - drag / 6))).mid(), c))
+        self.motion.left_out = max(self.motion.left_out, float(T) * (float(T) * fast) ** 2)
         self._settle({**self.held, c: side})
         if c not in self.held:
             last.end = here

@@ -88,10 +88,10 @@ class Series:
 
     def powers(self, x: Any) -> list[Any]:
         """1, x, ..., x^K."""
-        found = [arb(1)]
+        powers = [arb(1)]
         for _ in range(self.coefficients.nrows() - 1):
-            found.append(found[-1] * x)
-        return found
+            powers.append(powers[-1] * x)
+        return powers
 
 
 class LinearFlow:
@@ -444,10 +444,10 @@ class Split:
         places = [(a, b) for a in one.places for b in other.places]
         matrix = [[(T[d][b] if a == c else 0) - (T[a][c] if b == d else 0) for c, d in places] for a, b in places]
         try:
-            found = arb_mat(matrix).solve(arb_mat([[T[a][b]] for a, b in places]))
+            entries = arb_mat(matrix).solve(arb_mat([[T[a][b]] for a, b in places]))
         except ZeroDivisionError:
             return [arb("inf")] * len(places)
-        return found.mid().entries()
+        return entries.mid().entries()
 
 
 def with_drives(modes: Sequence[Block], drives: Sequence[Block]) -> list[Block]:

@@ -114,10 +114,10 @@ def carry(
         told: list[Switch] = []
         known = {} if known is None else known
         for _ in range(MOST):
-            found = follow(system, t_end, full, guard, told, known)
-            another = passed_over(system, found[0], found[1], t_end, told[-1].t if told else 0.0)
+            solution = follow(system, t_end, full, guard, told, known)
+            another = passed_over(system, solution[0], solution[1], t_end, told[-1].t if told else 0.0)
             if another is None:
-                return found
+                return solution
             told.append(another)
         remedy = f"end before t = {told[0].t:.6g}"
         raise SolverFailure("multiprecision", told[-1].t, f"{MOST} contacts that float64 does not see", remedy)

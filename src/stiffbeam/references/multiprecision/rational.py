@@ -127,10 +127,10 @@ def exact_problem(system: System, drive: Drive) -> Exact:
 def channels(system: System, problem: Exact, drive: Drive) -> list[tuple[list[Any], list[Any], list[Any]]]:
     """Row (n,), offset in the drive coefficients (d,) and in the records (R,) of every channel: the contacts, and
     the observed row."""
-    found = [(contact.row, contact.offset, contact.recorded) for contact in problem.contacts]
-    for row, offset in system.channels[len(found) :]:
-        found.append(([arb(number(x)) for x in row], *offset_of(offset, drive)))
-    return found
+    channels = [(contact.row, contact.offset, contact.recorded) for contact in problem.contacts]
+    for row, offset in system.channels[len(channels) :]:
+        channels.append(([arb(number(x)) for x in row], *offset_of(offset, drive)))
+    return channels
 
 
 def offset_of(function: Any, drive: Drive) -> tuple[list[Any], list[Any]]:

@@ -58,7 +58,7 @@ def solve_rigid(request: Request) -> Reference:
         if wanted > LAST:
             raise SolverFailure("multiprecision", t_end, f"{wanted} digits are not enough", "shorten t_end")
         try:
-            found = Solved.of(system, t_end, wanted)
+            solved = Solved.of(system, t_end, wanted)
         except Undecided as touched:
             tries -= 1
             if digits != "auto" or not tries or previous is not None:
@@ -67,12 +67,12 @@ def solve_rigid(request: Request) -> Reference:
                 raise SolverFailure("multiprecision", touched.args[0], reason, remedy) from None
             wanted *= 2
             continue
-        run = found.reference(system, t, t_end, begun)
+        run = solved.reference(system, t, t_end, begun)
         if previous is not None:
             before, its_run = previous
-            horizon = min(_agreement(before, found, t_end), _outputs(its_run, run))
+            horizon = min(_agreement(before, solved, t_end), _outputs(its_run, run))
             if horizon >= t_end or digits != "auto":
-                horizon = min(horizon, float(np.max(t[t < found.motion.tie], initial=0.0)))
+                horizon = min(horizon, float(np.max(t[t < solved.motion.tie], initial=0.0)))
                 notes = {
                     "digits_confirmed_with": before.digits,
                     "horizon": horizon,
@@ -81,7 +81,7 @@ def solve_rigid(request: Request) -> Reference:
                 }
                 return replace(run, horizon=horizon, provenance=run.provenance | notes)
             wanted = max(wanted, math.ceil(wanted * t_end / max(horizon, 0.1 * t_end)))
-        previous, wanted = (found, run), math.ceil(1.25 * wanted) + 15
+        previous, wanted = (solved, run), math.ceil(1.25 * wanted) + 15
 
 
 def _require_known(system: System, t_end: float) -> None:
@@ -116,7 +116,7 @@ class Solved:
     def at(self, t: Array, forms: list[Any]) -> Array:
         """Forms (k, 1, N) of z at times in any order, (times, k), rounded once; 0 where all of it is rounding, as of a
         body at rest on its stop."""
-        found = np.empty((len(t), len(forms)))
+        values_at = np.empty((len(t), len(forms)))
         piece = np.maximum(np.searchsorted(self.times, t, side="right") - 1, 0)
         with carried(self.bits + SPARE):
             rows = arb_mat([form.entries() for form in forms]).transpose()
@@ -129,9 +129,9 @@ class Solved:
                 for i, when in zip(here.tolist(), t[here].tolist(), strict=True):
                     x = (arb(when) - stretch.t) / stretch.length
                     values = arb_mat([series.powers(x)]) * coefficients
-                    found[i] = [float(y.mid()) for y in values.entries()]
-                found[here] = np.where(np.abs(found[here]) <= rounding, 0.0, found[here])
-        return found
+                    values_at[i] = [float(y.mid()) for y in values.entries()]
+                values_at[here] = np.where(np.abs(values_at[here]) <= rounding, 0.0, values_at[here])
+        return values_at
 
     def observed(self, t: Array, channel: int) -> tuple[Array, Array]:
         """Position and velocity of a channel."""
@@ -148,13 +148,13 @@ class Solved:
 
     def reactions(self, t: Array) -> Array:
         """(k, m), of held contacts only."""
-        found = np.zeros((len(t), len(self.motion.held)))
+        reactions = np.zeros((len(t), len(self.motion.held)))
         piece = np.maximum(np.searchsorted(self.times, t, side="right") - 1, 0)
         for regime in {id(x.regime): x.regime for x in self.motion.stretches if x.regime.held}.values():
             here = np.flatnonzero([self.motion.stretches[k].regime is regime for k in piece.tolist()])
             if len(here):
-                found[here[:, None], list(regime.held)] = self.at(t[here], regime.reactions)
-        return found
+                reactions[here[:, None], list(regime.held)] = self.at(t[here], regime.reactions)
+        return reactions
 
     def impacts(self, contact: int) -> Impacts:
         """Impacts of one contact, in order. If it is still held at the end, that end and the impulse are not known."""
@@ -241,13 +241,13 @@ def _agreement(a: Solved, b: Solved, t_end: float) -> float:
 def _distinct(impacts: list[Impact]) -> list[Impact]:
     """Impacts without those within AGREEMENT after another of their contact. Two contacts that hit each other in turns
     until they rest do so more often with more digits."""
-    found: list[Impact] = []
+    distinct: list[Impact] = []
     before: dict[int, Any] = {}
     for x in impacts:
         if x.contact not in before or x.time - before[x.contact] > AGREEMENT * x.time:
-            found.append(x)
+            distinct.append(x)
         before[x.contact] = x.time
-    return found
+    return distinct
 
 
 def _outputs(a: Reference, b: Reference) -> float:

@@ -1,0 +1,392 @@
+"""Periodic orbits over a parameter: stable and unstable ones, with their bifurcations, over the sweep's diagram.
+
+    orbit: q(t + m T) = q(t), m periods of the drive (references/exact/orbit.py); branch: continuation.py
+
+The orbit at which the branch starts is looked for from the motion after many periods, at several values of the
+parameter. At a flip the branch of twice the period is followed too. The section of the exact solution or of a scheme,
+once a period, lies below (sweep.py): it shows what is attracting, the branch also what is not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from itertools import pairwise
+from typing import Annotated, Any
+
+import numpy as np
+
+from ..basics.arrays import Array
+from ..basics.validation import InputError, integer, near, number
+from ..figures import Axis, Curve, Level, Mark, Panel, Picture, column, groups, tip_name, tip_symbol
+from ..files.cases import Case
+from ..model.system import System
+from ..references.exact.continuation import Bifurcation, Branch, continuation
+from ..references.exact.orbit import ALONE, Orbit, PeriodMap, periodic_orbit, require_periodic
+from ..trajectory.trajectory import SolverFailure
+from . import sweep
+from .common import Form, Treatment, system_of
+from .engine.study import Answer, Point, Records, Row, Rows, declared
+from .parameters import EXACT, PARAMETERS, Coupling, couplings, drive_period, is_path, named, quantity_of, setup_of
+
+SETTLE, AGAIN = 60, 7  # periods before an orbit is looked for, and between the starts
+VALUES = 3  # of the parameter at which it is looked for
+STEPS = (20, 50)  # least and most of a branch over the range, to start with
+DOUBLED = 2  # branches of twice the period that are followed
+PORTRAIT, PORTRAITS = 1200, 3  # samples of a portrait, and how many
+LINES = 24  # of the table
+COLOUR = {"stable": "#0072B2", "marginal": "#7F7F7F", "unstable": "#D55E00"}
+MARKER = {"fold": "s", "flip": "D", "torus": "o", "branching": "^", "grazing": "|"}
+
+
+def points(
+    case: Case,
+    *,
+    parameter: Annotated[
+        str, "frequency, amplitude, clearance, stop-stiffness, stiffness, viscosity, or a path: stops[0].damping"
+    ] = "frequency",
+    values: Annotated[
+        Sequence[float] | None,
+        "start:stop:count, start:stop:count:log, or with commas between them; in the case's units",
+    ] = None,
+    couple: Annotated[
+        Mapping[str, Coupling] | Sequence[str] | None,
+        'parameters that follow x, the value of the first: "loads[0].time.amplitude=0.01*x**2"',
+    ] = None,
+    length: Annotated[int, "periods of the drive after which the orbit repeats itself"] = 1,
+    method: Annotated[str, "of the diagram below the branch: exact, or a scheme"] = EXACT,
+    form: Form,
+    contact: Treatment = "implicit",
+    dt: Annotated[float, "of a scheme; the nearest step that divides the period is taken; default: the case's"],
+    periods: Annotated[int, "of the drive, that the diagram shows"] = 16,
+    transient: Annotated[int, "periods of the drive before them"] = 32,
+    count: Annotated[int, "drive frequencies where no values are given"] = 40,
+    orbits: Annotated[int, "most orbits of a branch, each way from its start"] = 200,
+    starts: Annotated[int, "states of a long run from which an orbit is looked for, at each of 3 values"] = 3,
+    grazings: Annotated[bool, "locate where a stop is touched for the first or last time"] = False,
+) -> list[Point]:
+    """The branch of periodic orbits over the range of ``values``, and batches of values of the diagram below it.
+
+    values: of ``parameter``, in the case's own units; by default ``count`` drive frequencies from 0.7 to 1.3 of the
+    case's. Orbits are those of the exact solution, so stops are linear and loads repeat. couple: arithmetic of x, the
+    value of ``parameter``, for each parameter that follows it.
+    """
+    for option, given, least in (("length", length, 1), ("orbits", orbits, 2), ("starts", starts, 1)):
+        integer(option, given, least)
+    if drive_period(system_of(case, form), parameter) is None:
+        remedy = "drive it by one Harmonic, or name a parameter of one of several: loads[0].time.amplitude"
+        raise InputError("case", case.name, "have one drive frequency, for an orbit to repeat", remedy)
+    if parameter not in PARAMETERS and not is_path(parameter):
+        rule = "be one of the system, a branch is one of the exact solution"
+        raise InputError("parameter", parameter, rule, near(parameter, PARAMETERS))
+    texts = _texts(couple)
+    diagram = sweep.points(
+        case, parameter=parameter, values=values, couple=texts or None, method=method, form=form, contact=contact,
+        dt=dt, count=count, periods=periods, transient=transient,
+    )  # fmt: skip
+    along = [float(each[0]) for part in diagram for each in part["values"]]
+    if min(along) == max(along):
+        raise InputError("values", values, "span a range", "for example 8:14:60")
+    branch = {
+        "kind": "branch", "parameter": parameter, "couple": texts, "form": form, "length": length,
+        "limits": [min(along), max(along)], "steps": int(np.clip(len(along), *STEPS)), "orbits": orbits,
+        "starts": starts, "grazings": grazings,
+    }  # fmt: skip
+    make, period = _maker(case, branch)
+    for end in (min(along), max(along)):
+        require_periodic(make(end), period(end))
+    return [branch, *diagram]
+
+
+def _texts(couple: Mapping[str, Coupling] | Sequence[str] | None) -> list[str]:
+    """Couplings as texts "name=text": points are plain."""
+    if isinstance(couple, Mapping):
+        for name, rule in couple.items():
+            if not isinstance(rule, str):
+                raise InputError(f"couple {name}", rule, "be a text here", 'for example "0.01*x**2"')
+        return [f"{name}={rule}" for name, rule in couple.items()]
+    return [couple] if isinstance(couple, str) else list(couple or ())
+
+
+def _maker(case: Case, point: Point) -> tuple[Callable[[float], System], Callable[[float], float]]:
+    """The system and the period of the orbit as functions of the parameter."""
+    system, rules = system_of(case, point["form"]), couplings(point["couple"])
+    shared = {"parameter": point["parameter"], "second": None, "coupled": list(rules), "method": EXACT, "dt": None}
+
+    def setup(x: float) -> Any:
+        return setup_of(system, shared, [x, *(number(name, rule(x)) for name, rule in rules.items())])
+
+    low, high = (setup(x).period for x in point["limits"])
+    m, (first, last) = point["length"], point["limits"]
+    if low == high:
+        return lambda x: setup(x).system, lambda _: m * low
+    if abs(low * first - high * last) < 1e-12 * abs(low * first):  # T = 2 pi/x
+        return lambda x: setup(x).system, lambda x: m * low * first / x
+    return lambda x: setup(x).system, lambda x: m * setup(x).period
+
+
+def evaluate(case: Case, point: Point) -> list[Row]:
+    """Rows of the branches with their bifurcations and portraits, or the section at some values."""
+    if point.get("kind") != "branch":
+        return [row for row in sweep.evaluate(case, point) if row.get("kind") == "section" or "refused" in row]
+    make, period = _maker(case, point)
+    name, (low, high) = point["parameter"], point["limits"]
+    start, reason = _started(make, period, point)
+    if start is None:
+        return [{"kind": "end", "branch": 0, "length": point["length"], "count": 0, "reason": reason}]
+    value, orbit = start
+    rows: list[Row] = []
+    branches: list[tuple[int, Branch]] = []
+    grid = np.linspace(low, high, point["steps"])
+    for part, end in enumerate((high, low)):
+        if value != end:
+            along = [value, *(grid if end == high else grid[::-1])]
+            try:
+                branch = continuation(
+                    make, name, along, period, orbit, grazings=point["grazings"], most=point["orbits"]
+                )
+            except SolverFailure as failure:
+                rows.append(_end(part, point["length"], 0, failure.reason))
+                continue
+            branches.append((point["length"], branch))
+    rows += [row for i, (length, branch) in enumerate(branches) for row in _branch(i, length, branch, period)]
+    mains, followed = list(branches), list[float]()
+    for _, branch in mains:
+        for i, flip in enumerate(branch.flips):
+            if len(branches) - len(mains) == DOUBLED or any(abs(flip - x) < 1e-3 * (high - low) for x in followed):
+                continue  # a branch that left another flip has come back here
+            number, length = len(branches), 2 * point["length"]
+            try:
+                doubled = branch.doubled(i)
+            except SolverFailure as failure:
+                rows.append(_end(number, length, 0, f"at {flip:.10g} {failure.reason}"))
+                continue
+            followed += [float(flip), *doubled.values[-1:].tolist()]
+            branches.append((length, doubled))
+            rows += _branch(number, length, doubled, period)
+    return rows + _portraits(branches)
+
+
+def _started(
+    make: Callable[[float], System], period: Callable[[float], float], point: Point
+) -> tuple[tuple[float, Orbit] | None, str]:
+    """The value and orbit at which the branch starts, or None and the reason of the last failure."""
+    low, high = point["limits"]
+    reason = ""
+    for value in np.linspace(high, low, VALUES)[[1, 0, 2]].tolist():
+        system, T = make(value), period(value)
+        try:
+            mapping, n = PeriodMap(system, T), system.size
+            z = np.concatenate([system.q0, system.v0])
+            for i in range(point["starts"]):
+                z = mapping.ahead(z, AGAIN if i else SETTLE)
+                try:
+                    return (value, periodic_orbit(system, T, (z[:n], z[n:]))), ""
+                except SolverFailure as failure:
+                    reason = failure.reason
+        except (SolverFailure, ArithmeticError, np.linalg.LinAlgError) as failure:
+            reason = getattr(failure, "reason", str(failure))
+    return None, reason
+
+
+def _end(branch: int, length: int, count: int, reason: str) -> Row:
+    return {"kind": "end", "branch": branch, "length": length, "count": count, "reason": reason}
+
+
+def _stability(leading: complex) -> str:
+    size = abs(leading)
+    return "marginal" if abs(size - 1.0) <= ALONE else "stable" if size < 1.0 else "unstable"
+
+
+def _tip(system: System, q: Array) -> float:
+    return float(system.positions(0.0, q)[system.tip_channel])
+
+
+def _branch(i: int, length: int, branch: Branch, period: Callable[[float], float]) -> list[Row]:
+    """Rows of the orbits of a branch, one for each period of the drive, of its bifurcations and of its end."""
+    rows: list[Row] = []
+    name, make = branch.parameter, branch.follower.make_system
+    states = np.hstack([branch.q, branch.v])
+    for k, value in enumerate(branch.values.tolist()):
+        system, z, m = make(value), states[k], branch.multipliers[k]
+        tips = [_tip(system, z[: system.size])]
+        whole = branch.follower.period(value)
+        for _ in range(1, round(whole / period(value))):
+            z = PeriodMap(system, period(value)).flow(z)[0]
+            tips.append(_tip(system, z[: system.size]))
+        second = m[1] if len(m) > 1 else np.nan
+        rows += [
+            {"kind": "orbit", "branch": i, "length": length, "place": k, "phase": phase, name: value, "tip": tip,
+             "stability": _stability(m[0]), "events": int(branch.events[k]), "real": float(m[0].real),
+             "imag": float(m[0].imag), "second_real": float(second.real), "second_imag": float(second.imag)}
+            for phase, tip in enumerate(tips)
+        ]  # fmt: skip
+    rows += [_bifurcation(i, length, branch, x) for x in branch.bifurcations]
+    return [*rows, _end(i, length, len(branch.values), branch.end)]
+
+
+def _bifurcation(i: int, length: int, branch: Branch, at: Bifurcation) -> Row:
+    """Row of a bifurcation, with the stability of the orbits below and above it, or on both sides of a fold."""
+    k = min(max(at.place, 1), len(branch.values) - 1)
+    sides = [(branch.values[j], _stability(branch.multipliers[j, 0])) for j in (k - 1, k)]
+    if at.kind != "fold":
+        sides.sort()
+    system = branch.follower.make_system(at.value)
+    return {
+        "kind": "bifurcation", "branch": i, "length": length, branch.parameter: at.value, "what": at.kind,
+        "below": sides[0][1], "above": sides[1][1], "tip": _tip(system, at.z[: system.size]),
+    }  # fmt: skip
+
+
+def _portraits(branches: list[tuple[int, Branch]]) -> list[Row]:
+    """Phase portraits of orbits in the middle of the stable and unstable parts of the branches, a few."""
+    rows: list[Row] = []
+    chosen: list[tuple[int, Branch, int]] = []
+    for length, branch in branches:
+        for what in (branch.stable, ~branch.stable):
+            here = np.flatnonzero(what)
+            if len(here):
+                chosen.append((length, branch, int(here[len(here) // 2])))
+    seen: set[tuple[int, str]] = set()
+    for length, branch, k in chosen:
+        key = length, _stability(branch.multipliers[k, 0])
+        if key in seen or len(seen) == PORTRAITS:
+            continue
+        try:
+            orbit = branch.orbit(k)
+            run = orbit.reference(1.0, np.linspace(0.0, orbit.period, PORTRAIT))
+        except (SolverFailure, InputError):
+            continue
+        seen.add(key)
+        rows += [
+            {"kind": "portrait", "length": length, branch.parameter: float(branch.values[k]), "stability": key[1],
+             "t": float(t), "u": float(u), "v": float(v)}
+            for t, u, v in zip(run.t, run.tip, run.tip_velocity, strict=True)
+        ]  # fmt: skip
+    return rows
+
+
+def _periods(length: float) -> str:
+    return f"{length:g} period{'s' if length != 1 else ''}"
+
+
+def _said(row: Row) -> str:
+    """The orbits on both sides of a bifurcation, in words."""
+    below, above = row["below"], row["above"]
+    if row["what"] == "fold":
+        return "two unstable orbits meet" if below == above == "unstable" else f"{below} and {above} orbits meet"
+    return f"{below} on both sides" if below == above else f"{below} below, {above} above"
+
+
+def answer(rows: Rows, case: Case) -> Answer:
+    """The bifurcations at which the orbit gains or loses its stability, and a table of all."""
+    kinds = groups([row for row in rows if "kind" in row], "kind")
+    orbits, ends = kinds.get("orbit", []), kinds.get("end", [])
+    if not orbits:
+        reasons = dict.fromkeys(row["reason"] for row in ends)
+        return Answer(f"No orbit was found{''.join(f': {reason}' for reason in reasons)}.")
+    name = orbits[0]["parameter"]
+    units, quantity = case.units, quantity_of(case, name)
+    at = sorted(kinds.get("bifurcation", []), key=lambda row: (row["length"], row["what"] == "grazing", row[name]))
+
+    def value(row: Row, form: str) -> str:
+        return units.measure(f"{row[name]:{form}}", quantity)
+
+    table = [
+        {"bifurcation": row["what"], name: value(row, ".10g"), "orbit of": _periods(row["length"]),
+         "orbits": _said(row)}
+        for row in at[:LINES]
+    ]  # fmt: skip
+    main = min(row["length"] for row in orbits)
+    first = [row for row in orbits if row["length"] == main and row["phase"] == 0]
+    shares = [sum(row["stability"] == kind for row in first) for kind in COLOUR]
+    low, high = (pick(row[name] for row in first) for pick in (min, max))
+    ranges = units.measure(f"{low:g} to {high:g}", quantity)
+    changes = [row for row in at if row["length"] == main and row["below"] != row["above"] and row["what"] != "grazing"]
+    told = "; ".join(f"{row['what']} at {value(row, '.6g')}: {_said(row)}" for row in changes[:2])
+    more = f"; {len(changes) - 2} more changes of stability" if len(changes) > 2 else ""
+    if not told:
+        kind = max(zip(shares, COLOUR, strict=True))[1]
+        told = f"{kind} all along" if max(shares) == len(first) else "no located bifurcation changes their stability"
+    notes = []
+    for length, group in groups(ends, "length").items():
+        stops = dict.fromkeys(row["reason"] for row in group)
+        notes.append(f"Orbits of {_periods(length)}: {sum(row['count'] for row in group):g}; ends: {', '.join(stops)}.")
+    if len(at) > LINES:
+        notes.append(f"The table has {LINES} of {len(at)} bifurcations; all are in the records.")
+    return Answer(
+        f"Orbits of {_periods(main)} over {named_plainly(name)} {ranges}: {told}{more}.", table, " ".join(notes)
+    )
+
+
+def named_plainly(name: str) -> str:
+    """A parameter in a sentence."""
+    return name if is_path(name) else name.replace("-", " ")
+
+
+def picture(records: Records) -> Picture:
+    """The branches over the section; the multipliers in the complex plane; portraits of a few orbits."""
+    rows, case = records.numbers, records.case
+    kinds = groups([row for row in rows if "kind" in row], "kind")
+    orbits, section = kinds.get("orbit", []), kinds.get("section", [])
+    name = (orbits or section or rows)[0]["parameter"]
+    across = Axis(named(case, name))
+    dots = {"linestyle": "", "marker": ".", "ms": 3.4, "mew": 0.0, "color": "0.35", "alpha": 0.6, "rasterized": True}
+    method = section[0].get("method", EXACT) if section else EXACT
+    marks: list[Mark] = [Curve.over(section, name, "tip", f"section, {method}", dots)] if section else []
+    marks += _lines(orbits, name)
+    for kind, group in groups(kinds.get("bifurcation", []), "what").items():
+        what = str(kind)
+        style = {"linestyle": "", "marker": MARKER[what], "color": "black", "ms": 6, "zorder": 4, "mfc": "none"}
+        marks.append(Curve(column(group, name), column(group, "tip"), what, style))
+    tip = Axis(f"{tip_name(case.beam)} {tip_symbol(case.beam, 'nT')}", "length")
+    angle = np.linspace(0.0, 2.0 * np.pi, 181)
+    plane: list[Mark] = [Curve(np.cos(angle), np.sin(angle), look={"color": "0.5", "lw": 0.9}),
+                         Level(0.0, look={"color": "0.85"}), Level(0.0, of="x", look={"color": "0.85"})]  # fmt: skip
+    firsts = [row for row in orbits if row["phase"] == 0]
+    for stability, group in groups(firsts, "stability").items():
+        kind = str(stability)
+        style = {"linestyle": "", "marker": ".", "ms": 4, "color": COLOUR[kind], "alpha": 0.7}
+        both = [np.concatenate([column(group, f"{x}{part}") for x in ("", "second_")]) for part in ("real", "imag")]
+        plane.append(Curve(both[0], both[1], look=style))
+    u = tip_symbol(case.beam)
+    paths: list[Mark] = []
+    for (length, value, kind), group in groups(kinds.get("portrait", []), "length", name, "stability").items():
+        label = f"{_periods(length)}, {case.units.measure(f'{value:.5g}', quantity_of(case, name))}, {kind}"
+        style = {"color": COLOUR[kind], "lw": 1.0, "linestyle": "--" if kind == "unstable" else "-"}
+        paths.append(Curve.over(group, "u", "v", label, style | ({} if length == 1 else {"alpha": 0.6})))
+    return Picture([
+        [Panel("orbits and the tip once a period $T$ of the drive", across, tip, marks, legend="below")],
+        [
+            Panel("two leading multipliers", Axis("real part", limits=(-1.8, 1.8)),
+                  Axis("imaginary part", limits=(-1.2, 1.2)), plane, empty="no orbit", equal=True),
+            Panel("portraits", Axis(u, "length"), Axis(u.replace("u(", "u_t("), "velocity"), paths, legend="below",
+                  empty="no orbit"),
+        ],
+    ], 8.8, heights=(1.35, 1.0))  # fmt: skip
+
+
+def _lines(orbits: list[Row], name: str) -> list[Mark]:
+    """A line for each part of a branch of one stability, which ends in the next part."""
+    marks: list[Mark] = []
+    labelled: set[str] = set()
+    main = min((row["length"] for row in orbits), default=1)
+    for (_, length, _), group in groups(orbits, "branch", "length", "phase").items():
+        group = sorted(group, key=lambda row: row["place"])
+        x, y = column(group, name), column(group, "tip")
+        kind = np.array([row["stability"] for row in group])
+        begins = [0, *(np.flatnonzero(kind[1:] != kind[:-1]) + 1).tolist(), len(group)]
+        for i, j in pairwise(begins):
+            label = f"{kind[i]}, {_periods(length)}"
+            style: dict[str, Any] = {"color": COLOUR[kind[i]], "lw": 1.6, "alpha": 1.0 if length == main else 0.65}
+            style |= {"linestyle": "--" if kind[i] == "unstable" else "-", "marker": "" if j - i > 1 else "."}
+            marks.append(Curve(x[i : j + 1], y[i : j + 1], "" if label in labelled else label, style))
+            labelled.add(label)
+    return marks
+
+
+STUDY = declared(
+    __name__,
+    "Which periodic orbits are there over a parameter, stable or not, and where do they change?",
+    named_by=("parameter",),
+    smoke={"count": 4, "periods": 3, "transient": 1, "orbits": 10, "starts": 1},
+)

@@ -1,0 +1,116 @@
+"""Orbits over a parameter: the branch against the section that it should meet, and what the study says of it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import stiffbeam as sb
+from stiffbeam.cli import app
+from stiffbeam.studies import find_study, study
+from stiffbeam.studies.orbits import named_plainly
+from stiffbeam.studies.sweep import sections
+
+STOP = sb.Contact(np.ones(1), sb.Stops(upper=0.0, stiffness=400.0))
+LOAD = ([1.0], sb.Harmonic(1.0, 2.6))
+OSCILLATOR = sb.System.from_matrices([[1.0]], [[1.0]], [[0.2]], loads=[LOAD], contacts=[STOP])
+OPTIONS = {"dt": 1e-2, "t_end": 20.0, "starts": 1}
+VALUES = np.linspace(2.5, 2.65, 5).tolist()
+
+
+@pytest.fixture(scope="module")
+def records():
+    return study("orbits", OSCILLATOR, values=VALUES, periods=4, transient=60, **OPTIONS)
+
+
+def test_the_section_lies_on_the_stable_branch(records):
+    """Another way to the same motion: where the tip repeats itself once a period, it is the orbit's."""
+    orbits = [row for row in records.rows if row["kind"] == "orbit" and row["length"] == 1]
+    settled = {value: tips for value, tips in sections(records.rows).items() if np.ptp(tips) < 1e-4}
+    assert settled
+    orbits.sort(key=lambda row: row["frequency"])
+    w = [row["frequency"] for row in orbits]
+    for value, tips in settled.items():
+        tip = np.interp(value, w, [row["tip"] for row in orbits])
+        assert abs(tip - tips[-1]) < 1e-3
+
+
+def test_its_answer_names_the_flip(records):
+    assert records.answer.verdict.endswith("flip at 2.59107: stable below, unstable above.")
+    assert records.answer.table[0]["bifurcation"] == "flip"
+    assert records.answer.table[0]["frequency"].startswith("2.59106955")
+    lengths = {row["length"] for row in records.rows if row["kind"] == "orbit"}
+    assert lengths == {1, 2}
+    doubled = [row for row in records.rows if row["kind"] == "orbit" and row["length"] == 2]
+    assert {row["phase"] for row in doubled} == {0, 1}
+    assert {row["stability"] for row in doubled} == {"stable"}
+    _, plane, portraits = records.figure().axes
+    assert plane.get_aspect() == 1.0
+    assert len(portraits.get_lines()) == 3
+
+
+def test_couplings_and_paths_reach_the_branch():
+    """A load that grows with the square of the frequency, of a linear system: its response in closed form."""
+    load = ([1.0], sb.Harmonic(1.0, 2.0))
+    system = sb.System.from_matrices([[1.0]], [[1.0]], [[0.2]], loads=[load], observe=[1.0])
+    found = study(
+        "orbits", system, parameter="loads[0].time.frequency", values=[1.5, 2.5], periods=2, transient=1,
+        couple={"loads[0].time.amplitude": "0.1*x**2"}, **OPTIONS,
+    )  # fmt: skip
+    orbits = [row for row in found.rows if row["kind"] == "orbit"]
+    w = np.array([row["loads[0].time.frequency"] for row in orbits])
+    assert w.min() == pytest.approx(1.5)
+    assert w.max() == pytest.approx(2.5)
+    assert np.allclose([row["tip"] for row in orbits], (0.1 * w**2 / (1.0 - w**2 + 0.2j * w)).imag, atol=1e-9)
+    assert "stable all along" in found.answer
+
+
+def test_no_orbit_is_an_answer():
+    """Of Table 10 neighbours part within a period by more than float64 holds."""
+    case = replace(sb.paper_case(10), cells=8)
+    found = study("orbits", case, **find_study("orbits").smoke)
+    assert found.answer.verdict.startswith("No orbit was found: neighbouring motions part by")
+    assert not found.failures
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"parameter": "dt", "values": [1e-3, 2e-3]}, "be one of the system"),
+        ({"values": [2.0, 2.0]}, "span a range"),
+        ({"length": 0}, "be an integer >= 1"),
+        ({"couple": {"amplitude": abs}}, "be a text here"),
+    ],
+)
+def test_what_the_study_refuses(options, words):
+    with pytest.raises(sb.InputError, match=words):
+        study("orbits", OSCILLATOR, **OPTIONS, **options)
+
+
+def test_laws_and_drives_without_an_exact_period_are_refused():
+    record = sb.Sampled(np.array([0.0, 30.0]), np.array([0.0, 1.0]))
+    hertz = sb.Contact(np.ones(1), sb.Stops(upper=0.0, stiffness=400.0, exponent=1.5))
+    for load, contact, words in (
+        (([1.0], record), STOP, "have one drive frequency"),
+        (LOAD, hertz, "a linear law"),
+    ):
+        system = sb.System.from_matrices([[1.0]], [[1.0]], [[0.2]], loads=[load], contacts=[contact])
+        with pytest.raises(sb.InputError, match=words):
+            study("orbits", system, **OPTIONS)
+
+
+def test_the_command_names_its_files(tmp_path):
+    options = ["--values", "2:2.2:4", "--periods", "2", "--transient", "1", "--starts", "1", "--orbits", "4"]
+    case = tmp_path / "case.toml"
+    case.write_text(
+        '[[case]]\nname = "strip"\ndt = 1e-3\nt_end = 1.0\ncells = 4\n[case.problem]\nstiffness = 300.0\n'
+        "viscosity = 3.0\nbase = { amplitude = 0.2, frequency = 2.0 }\n"
+    )
+    result = CliRunner().invoke(app, ["orbits", str(case), "--out", str(tmp_path / "out"), "--jobs", "1", *options])
+    assert result.exit_code == 0, result.output
+    assert "stable all along" in " ".join(result.output.split())
+    assert (tmp_path / "out" / "orbits-frequency.png").is_file()
+    assert named_plainly("stop-stiffness") == "stop stiffness"
