@@ -35,13 +35,13 @@ def inner(function: Callable[..., Any]) -> Any:
 
 
 def in_order(function: Callable[..., Any]) -> Any:
-    """``function`` compiled with every sum in the order it is written in: where a later term takes up what an earlier
-    one has rounded off."""
+    """``function`` compiled with every sum in the written order. Use it if a later term restores what an earlier one
+    rounded off."""
     return _njit(function, fastmath={"contract"})
 
 
 def inlined(function: Callable[..., Any]) -> Any:
-    """``function`` compiled once and put where it is called, as machine code: for inner loops that give it arrays.
+    """``function`` compiled once and inserted as machine code at every call, for inner loops that pass arrays to it.
 
     It makes no arrays and returns none, so that it need not count references to those it is given, which takes locked
     instructions. Of numbers alone ``compiled`` is as fast.
@@ -55,12 +55,12 @@ def inner_inlined(function: Callable[..., Any]) -> Any:
 
 
 def formula(function: Callable[..., Any]) -> Callable[..., Any]:
-    """``function`` itself, which kernels may call too: arithmetic that numbers, NumPy and JAX arrays have in common."""
+    """``function`` unchanged, which kernels can call too: arithmetic that works on numbers, NumPy and JAX arrays."""
     return register_jitable(fastmath=FASTMATH, error_model="numpy")(function)
 
 
 class CFunction:
-    """A function that C can call, compiled when its ``address`` is first asked for and cached as kernels are."""
+    """A function that C can call. It is compiled at the first use of ``address`` and cached like the kernels."""
 
     def __init__(self, function: Callable[..., Any], signature: Any) -> None:
         self.__doc__, self.function, self.signature = function.__doc__, function, signature
@@ -87,7 +87,7 @@ def called_from_c(signature: Any) -> Callable[[Callable[..., Any]], CFunction]:
 
 
 class Clock:
-    """Seconds by ``now``, without those of compiling and loading kernels: what a run takes the second time."""
+    """Seconds by ``now`` without compiling and loading of kernels: the time that a second, equal run takes."""
 
     def __init__(self, now: Callable[[], float]) -> None:
         self._now, self._still, self._stopping, self._since = now, 0.0, 0, 0.0
@@ -97,13 +97,13 @@ class Clock:
         return (self._since if self._stopping else self._now()) - self._still
 
     def stop(self) -> None:
-        """Let it stand still, until ``go`` is called as often."""
+        """Stop the clock until ``go`` has been called as often as ``stop``."""
         if not self._stopping:
             self._since = self._now()
         self._stopping += 1
 
     def go(self) -> None:
-        """Let it go on."""
+        """Start the clock again, see ``stop``."""
         self._stopping -= 1
         if not self._stopping:
             self._still += self._now() - self._since
@@ -115,7 +115,7 @@ wall_clock = Clock(time.perf_counter)  # for work on several threads, which proc
 
 @contextmanager
 def stopped_clock() -> Generator[None, None, None]:
-    """Let the clocks stand still in this context."""
+    """Context in which all Clocks are stopped."""
     for each in (clock, wall_clock):
         each.stop()
     try:
@@ -127,7 +127,7 @@ def stopped_clock() -> Generator[None, None, None]:
 
 @lru_cache
 def directory(file: Path) -> Path:
-    """Folder of the compiled kernels of a source file: one folder per state of it and of what it imports.
+    """Folder of the compiled kernels of a source file. Each version of the file and of its imports has its own folder.
 
     numba itself looks at the file of the function it compiles, not at those of the functions in it, nor at whether
     bounds are checked.
@@ -151,7 +151,7 @@ def _sources(file: Path) -> frozenset[Path]:
 
 
 def _forgiving(kernel: Any) -> Any:
-    """A kernel whose file is damaged is compiled again, one that cannot be kept is used all the same.
+    """A kernel that is compiled again if its file is damaged, and that is used even if it cannot be stored.
 
     numba takes only a missing file as none: an index that is cut or full of zeros ended every later run.
     """
@@ -175,7 +175,7 @@ def _forgiving(kernel: Any) -> Any:
 
 
 def _one_program(kernel: Any) -> Any:
-    """A kernel that is not compiled again for every constant it is called with: numba takes each for a type."""
+    """A kernel that is compiled once for all constants. Otherwise numba treats each constant argument as a type."""
     template = kernel.get_call_template
 
     def get_call_template(args: Any, kws: Any) -> Any:
@@ -196,8 +196,7 @@ def _from_kernels_alone(kernel: Any) -> Any:
 
 
 def _without_collections(kernel: Any) -> Any:
-    """A kernel during whose compilation no garbage is collected: there is little, and to look for it takes a tenth
-    of the time."""
+    """A kernel that is compiled without garbage collection, which would find little and take a tenth of the time."""
     compile_all = kernel.compile  # with what it calls, which comes here again
 
     def collecting_after(signature: Any) -> Any:

@@ -1,4 +1,4 @@
-"""The Typer application: it makes a command of every study, and gives each its examples."""
+"""The Typer application: it makes a command of every study, and adds its examples."""
 
 from __future__ import annotations
 
@@ -105,8 +105,8 @@ GROUPS: dict[str, tuple[str, ...]] = {  # in the order of the help; a command wi
 Out = Annotated[
     Path | None, typer.Option(help="folder for records, picture and journal; default: stiffbeam-output/CASE")
 ]
-Smoke = Annotated[bool, typer.Option("--smoke", help="the small configuration: seconds instead of minutes")]
-Scheduler = Annotated[str | None, typer.Option(help="of Dask, e.g. tcp://host:8786: its workers instead of processes")]
+Smoke = Annotated[bool, typer.Option("--smoke", help="small configuration: seconds instead of minutes")]
+Scheduler = Annotated[str | None, typer.Option(help="Dask scheduler, e.g. tcp://host:8786, instead of processes")]
 LISTS: dict[type, Callable[[str | None], list[Any] | None]] = {
     str: labels,
     int: lambda text: numbers(text, int),
@@ -115,7 +115,7 @@ LISTS: dict[type, Callable[[str | None], list[Any] | None]] = {
 
 
 class Commands(TyperGroup):
-    """The commands there are, and one for each study; its module is imported when it is asked for.
+    """All commands, and one for each study, whose module is imported when it is needed.
 
     Contexts and commands are click's, or those of the copy that a newer typer brings.
     """
@@ -151,7 +151,7 @@ class _Study(TyperCommand):
 
 
 def _dressed(command: Any, name: str) -> Any:
-    """The command with what all have: its group, --quiet, --verbose, examples and exit status in its help."""
+    """The command with the common parts: its group, --quiet, --verbose, examples and exit status in its help."""
     if command.epilog is None:
         command.rich_help_panel = next((group for group, names in GROUPS.items() if name in names), None)
         command.params = [*command.params, *shared()]
@@ -206,7 +206,7 @@ def _reader(hint: Any) -> Callable[[str | None], list[Any] | None] | None:
 
 
 def _option(parameter: inspect.Parameter, hint: Any) -> Any:
-    """An option of the same name, None where it is not given, so that only what is given is passed on."""
+    """An option of the same name, None if it is not given, so that only given options are passed on."""
     words = next((text for text in get_args(hint)[1:] if isinstance(text, str)), "")
     if parameter.default not in (None, parameter.empty) and not isinstance(parameter.default, bool):
         words += f"; default: {parameter.default}"
@@ -218,7 +218,7 @@ def _ask(
     study: Study, case: str, out: Path | None, json_file: Path | None, jobs: int | None, smoke: bool,
     scheduler: str | None, values: dict[str, Any],
 ) -> None:  # fmt: skip
-    """Ask a study of a case; print and save what it finds."""
+    """Run a study on a case; print and save its results."""
     from ..files.cases import find_case
 
     check_json(json_file)
@@ -236,7 +236,7 @@ def run_one(
     study: Study, case: CaseFile, out: Path | None, jobs: int | None, values: dict[str, Any], smoke: bool, show: Show,
     workers: Executor | None = None,
 ) -> tuple[Records, list[Path]]:  # fmt: skip
-    """The records, and the files they were written to: none where no point could be evaluated."""
+    """The records of a study and the written files; no files if no point could be evaluated."""
     from ..basics.resources import cores
     from ..studies.common import smoke_options
     from ..studies.engine.runner import run_study
@@ -257,7 +257,7 @@ def run_one(
 
 
 def takes(study: Study, option: str) -> bool:
-    """Tell whether ``points`` of the study has this option."""
+    """Return True if ``points`` of the study has this option."""
     return option in inspect.signature(study.points).parameters
 
 
@@ -276,7 +276,7 @@ NAME = 36  # characters of a first column that are not broken
 
 
 def _table(lines: list[dict[str, str]]) -> Table:
-    """The lines of an answer under their headings, – where one has nothing to say."""
+    """The lines of an answer under their headings, – for empty entries."""
     from rich import box
     from rich.table import Table
 

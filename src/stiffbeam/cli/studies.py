@@ -22,7 +22,7 @@ def studies(
     smoke: Smoke = False,
     json_file: Json = None,
 ) -> None:
-    """Every study on one case; a second run goes on where the first was stopped."""
+    """Run every study on one case; a second run continues where the first was stopped."""
     from ..basics.validation import InputError
     from ..files.cases import find_case
     from ..studies import STUDIES, find_study

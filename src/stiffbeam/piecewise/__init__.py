@@ -1,4 +1,4 @@
-"""Linear systems that change at events. In the order of reading:
+"""Linear systems that change at events. In reading order:
 
 tracer                             follows a motion: the compiled loop, and what it leaves to sums of exponentials
 regimes, linear                    regimes as pairs, made as they are met; complex modes where damping couples

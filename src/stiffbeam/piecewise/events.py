@@ -1,4 +1,5 @@
-"""Stops with damping in the exact solution: unilateral Kelvin-Voigt, F = -(kappa d + c d')_+, linear in pieces.
+"""Events of stops with damping in the exact solution: unilateral Kelvin-Voigt, F = -(kappa d + c d')_+, piecewise
+linear.
 
 A contact is short of its stop (side 0), pressed (+-1), or beyond a stop that has let go (+-LET_GO). Of d, > 0 into
 the stop, and y = d + (c/kappa) d', which has the sign of the force without its cut,
@@ -6,7 +7,7 @@ the stop, and y = d + (c/kappa) d', which has the sign of the force without its 
     0 -> 1    where d = 0: the force jumps to c d'          1 -> 2    where y = 0: no adhesion
     2 -> 1    where y = 0 again                             2 -> 0    where d = 0
 
-Only the first switch turns tangent vectors: a neighbour enters later by -(row dq)/d', without the force c d' till then,
+Only the first event turns tangent vectors: a neighbour enters later by -(row dq)/d', without the force c d' until then,
 
     dq'+ = dq'- - c M^-1 row^T (row dq)
 
@@ -45,7 +46,7 @@ def pressed(sides: ArrayLike) -> NDArray[np.int64]:
 
 @formula
 def next_side(old: int, met: int, force: bool) -> int:
-    """The side after a switch of a contact; met: the stop; force: whether it is y that became 0, not d."""
+    """The side after an event of a contact; met: the stop; force: True if y became 0, not d."""
     if old == 0:
         return met
     if not force:
@@ -54,7 +55,7 @@ def next_side(old: int, met: int, force: bool) -> int:
 
 
 def switched_by_force(old: int, new: int) -> bool:
-    """Return True where y became 0."""
+    """Return True if y became 0."""
     return {abs(old), abs(new)} == {1, LET_GO}
 
 
@@ -73,7 +74,7 @@ def watched(sides: Sequence[int], lags: Array) -> list[tuple[int, float, int, bo
 
 
 def entry(system: System, before: NDArray[np.int64], after: NDArray[np.int64], dq: Array, dv: Array) -> Array:
-    """dq' (n, k) behind a switch from the sides ``before`` to those ``after`` (m,)."""
+    """dq' (n, k) after an event from the sides ``before`` to those ``after`` (m,)."""
     for contact, old, new in zip(system.contacts, before.tolist(), after.tolist(), strict=True):
         if contact.stops.damping > 0.0 and old == 0 and new:
             kick = np.linalg.solve(system.mass, contact.row)

@@ -1,4 +1,4 @@
-"""The compiled event search for sums of complex exponentials and answers to polynomials, see search.py; and the loop
+"""The compiled event search for sums of complex exponentials and responses to polynomials, see search.py; and the loop
 over the samples of records."""
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ def search(
     t_start: float, t_end: float, eigenvalues: Array, seen: Array, shift: Array, nodes: Array, counts: IntArray,
     chained: Array,
 ) -> tuple[float, int, int, int]:  # fmt: skip
-    """The first switch of m contacts whose positions are
+    """The first event of m contacts whose positions are
 
         u_c(tau) = Re [sum_k a_ck exp((sigma_k + i omega_k) tau) + sum_kj seen_ckj psi_j(lambda_k, tau)
                        + sum_bj chained_cb0j D_bj(tau)] + sum_j shift_cj tau^j
@@ -67,7 +67,7 @@ def search(
     chains and their derivatives (spectrum.py). chi, g1, g2: (m,). resting: (m,), not 0 for a contact
     that has switched at t_start, so that its gap is exactly zero. Returns (tau, contact, side,
     evaluations); contact -1: none before t_end. Every gap that is open or closed is kept positive, see
-    ``gap_step``. Raises SolverFailure as ``switching.search`` does.
+    ``gap_step``. Raises SolverFailure as ``search.search`` does.
     """
     m, K = real.shape
     series, sizes = np.empty(ORDER + 1), np.empty(ORDER + 1)
@@ -173,11 +173,11 @@ def search(
         if faint > FAINT:
             raise SolverFailure("exact", t_start + tau, "a contact moves by less than its rounding", REMEDY)
         if stands_still(evaluations, sigma, omega, tau, t_end - t_start):
-            raise SolverFailure("exact", t_start + tau, "the search for the next switch stands still", REMEDY)
+            raise SolverFailure("exact", t_start + tau, "the search for the next event stands still", REMEDY)
 
 
 class Cells(NamedTuple):
-    """A regime as ``pass_samples`` takes it, with k coefficients, m gaps that are watched, R records and b chains.
+    """A regime as input of ``pass_samples``, with k coefficients, m watched gaps, R records and b chains.
 
     eigenvalues: (k,). push: (k, R), the modal forces of the records. frequencies: (F,), of the drives. rows, W: (m, k),
     what the gaps see of all coefficients without their rates, and of those in no chain with them; waves: (m, 1 + F), of

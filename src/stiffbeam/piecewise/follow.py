@@ -1,4 +1,4 @@
-"""One compiled loop from event to event over the regimes known so far.
+"""The compiled loop from event to event over the regimes that are already in the table.
 
 In every regime the motion is a sum of pairs and of harmonic responses to the drive g(t),
 
@@ -67,7 +67,7 @@ class Table(NamedTuple):
 
 @inner_inlined
 def regime_at(table: Table, sides: IntArray) -> int:
-    """The regime of contacts on these sides (m,), -1 where the loop cannot follow it."""
+    """The regime of contacts on these sides (m,), -1 if the loop cannot follow it."""
     for r in range(table.sides.shape[0]):
         same = table.sizes[r] > 0
         for i in range(sides.size):

@@ -1,4 +1,4 @@
-"""One contact regime of a system with damping, several contacts or records: its sums of complex exponentials.
+"""One contact regime of a system with damping, several contacts or records, as sums of complex exponentials.
 
     q(t_0 + tau) = Re [ W y(tau) ] + Re [ X exp(i Omega (t_0 + tau)) ]
     y' = Lambda y + push r(t),  y(tau) = c exp(lambda tau) + sum_j f_j psi_j(lambda, tau)
@@ -59,7 +59,7 @@ class Regime:
 
     @cached_property
     def single(self) -> NDArray[np.bool_]:
-        """(k,), whether a coefficient is no part of a chain."""
+        """(k,), True for a coefficient that is not part of a chain."""
         alone = np.ones(len(self.eigenvalues), bool)
         for chain in self.chains:
             alone[chain.modes] = False
@@ -132,7 +132,7 @@ def regime_of(
         push += size * rounded_sum(records, shapes) * rng.uniform(-1.0, 1.0, push.shape)
         terms = rounded_sum(shapes.T, rounded_sum(C, shapes))
         damping += np.where(damping == 0.0, 0.0, size * terms * rng.uniform(-1.0, 1.0, damping.shape))
-        # Shapes that are not quite inverse to the way into them err alike at every switch.
+        # Shapes that are not the exact inverse of the way into them err alike at every event.
         to_modal += size * rounded_sum(shapes.T, system.mass) * rng.uniform(-1.0, 1.0, to_modal.shape)
         shapes = shapes * (1.0 + size * rng.uniform(-1.0, 1.0, shapes.shape))
         order = rng.permutation(order)  # the eigenvalue algorithm rounds otherwise
@@ -152,8 +152,8 @@ def _assembled(
     drive: Drive, omega: Array, shapes: Array, to_modal: Array, force: Complex, terms: Array, push: Array,
     damping: Array, span: float, size: float, rng: np.random.Generator | None,
 ) -> Regime:  # fmt: skip
-    """From the modes: force (1 + F, n) of the drives, sums of terms of the sizes ``terms``, push (R, n) of the records,
-    all modal. size, rng: as in ``groups``."""
+    """Regime from its modes: force (1 + F, n) of the drives, sums of terms of the sizes ``terms``, push (R, n) of the
+    records, all modal. size, rng: as in ``groups``."""
     n, rates = len(omega), 1j * np.array([0.0, *drive.frequencies])
     s, found = groups(omega, damping, span, size, rng)
     begins = np.cumsum([0, *(len(group.T) for group in found)])

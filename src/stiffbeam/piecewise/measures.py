@@ -1,11 +1,11 @@
-"""Contacts and energy of the exact solution, to rounding; where the energy ledger opens there is no solution.
+"""Contacts and energy of the exact solution, to rounding. If the energy balance does not close, there is no solution.
 
     E - E_0 = input - dissipation,   E = 1/2 q'^T M q' + 1/2 q^T K q + sum_c U_c
 
-Inside a piece the closed form keeps the balance of its own regime, in which U_c = kappa gap^2/2 wherever
-chi says that contact c is closed. So the ledger of the whole can open in three places only: at the start;
-at a switch, by the energies on its two sides and by the energy of a jump between them; and inside a piece
-whose gap is not on the side that chi says, by what is wrong with U_c there. All of it is added up.
+Inside a segment the closed form keeps the balance of its own regime, in which U_c = kappa gap^2/2 wherever chi is not 0
+for contact c. The balance of the whole can therefore fail in three places only: at the start; at an event, by the
+energies on its two sides and by the energy of a jump between them; and inside a segment whose gap is not on the side of
+chi, by the error of U_c there. All of these are added up.
 
 A motion far smaller than the amplitudes it is the difference of has lost its digits with the balance intact:
 there the observed positions do not start where they should.
@@ -49,7 +49,7 @@ def path_of(system: System, solution: Motion, times: Array, channel: int) -> tup
 
 
 def entries(solution: Motion, i: int, t_end: float) -> Impacts:
-    """The impacts of contact i, entries into a stop, without what they measure."""
+    """Impacts of contact i: entries into a stop, without peaks and impulses."""
     starts, _, sides = _closed(solution, i, t_end)
     counted = starts > 0.0
     return Impacts.at(starts[counted], sides[counted], "event")
@@ -58,7 +58,7 @@ def entries(solution: Motion, i: int, t_end: float) -> Impacts:
 def contact_record(
     system: System, solution: Motion, i: int, t: Array, t_end: float, since: float = 0.0
 ) -> ContactRecord:
-    """Contact history in [since, t_end] by events: impacts are the switches from free to a stop."""
+    """Contact history in [since, t_end] by events. Impacts are the events from free to a stop."""
     return record_of(system, solution, i, path_of(system, solution, t, i), t_end, since)
 
 
@@ -71,7 +71,7 @@ def contact_between(system: System, solution: Motion, start: float, end: float, 
 def record_of(
     system: System, solution: Motion, i: int, seen: tuple[Array, Array], t_end: float, since: float
 ) -> ContactRecord:
-    """``contact_record`` with the position and velocity that are ``seen`` at the output times."""
+    """``contact_record`` with given position and velocity at the output times."""
     contact = system.contacts[i]
     starts, ends, sides = _closed(solution, i, t_end)
     late = ends > since
@@ -102,10 +102,10 @@ def record_of(
 
 
 def _closed(solution: Motion, i: int, t_end: float) -> tuple[Array, Array, NDArray[np.int64]]:
-    """Start, end and side of every span in which the contact stays on one stop.
+    """Start, end and side of every interval in which the contact stays on one stop.
 
     Pieces of no length, where it touches and turns straight back, do not count; pieces in which only
-    other contacts switch belong together.
+    other contacts have events belong together.
     """
     ends = np.append(solution.times[1:], t_end)
     real = ends > solution.times
@@ -122,8 +122,8 @@ def pressed_by(
 ) -> tuple[Array, Array]:
     """Peak |sigma| and impulse, the integral of |sigma|, of contact i in the spans [starts, ends] on ``sides``.
 
-    |sigma| is smooth between two switches, of any contact: Gauss-Legendre panels no longer than the shortest
-    period, and graded towards the switch where a part dies out faster, integrate it to rounding; the peak is
+    |sigma| is smooth between two events, of any contact: Gauss-Legendre panels no longer than the shortest
+    period, and graded towards the event where a part dies out faster, integrate it to rounding; the peak is
     where u' changes sign beside one of the largest samples, found by the Illinois method; of a damped stop,
     whose force may be largest where it jumps, by the golden section.
     """
@@ -217,7 +217,8 @@ def panels(longest: float, starts: Array, ends: Array, decay: float = 0.0) -> tu
 
 
 def work_of_damping(system: System, solution: Motion, edges: Array) -> tuple[Array, Array]:
-    """Between consecutive edges, which include every switch: what moving stops put in by -c d', and what stops take.
+    """Work between consecutive edges, which include every event: input of moving stops by -c d', and dissipation of
+    stops.
 
         input = -int F_c o' dt, F_c = -c u' where pressed      taken = int c u'^2 dt where pressed, U where let go
 
@@ -246,7 +247,7 @@ def work_of_damping(system: System, solution: Motion, edges: Array) -> tuple[Arr
 
 
 def exact_ledger(system: System, solution: Motion, times: Array) -> Ledger:
-    """The exact flow's ledger at increasing times.
+    """Energy balance of the exact flow at increasing times.
 
     input = int (sum_k f_k p_k^T q' - sum_c F_c o_c') dt and viscous = int q'^T C q' dt are exact to
     rounding, so the loss left over is the error of the solution itself.
@@ -262,7 +263,7 @@ def exact_ledger(system: System, solution: Motion, times: Array) -> Ledger:
     return Ledger(times, *energies, given, taken, loss, np.zeros(len(times)), loss, stops)
 
 
-ROUNDINGS = 64.0  # that a switch may cost, each as large as the stiffest mode makes it
+ROUNDINGS = 64.0  # that an event may cost, each as large as the stiffest mode makes it
 SEEN, LOST = 1e-6, 1e-3  # of the largest energy so far: less is not held against it, more is never rounding
 NOTHING = 1e-20  # of the largest energy of all: what rounding makes of none
 START = 1e-3  # of the largest displacement: what a start may be off
@@ -270,7 +271,7 @@ START = 1e-3  # of the largest displacement: what a start may be off
 
 @contextmanager
 def within_float64(solver: str, t_end: float) -> Generator[None, None, None]:
-    """Turn overflows, NaN and matrices without eigenvectors into SolverFailure: nothing that is not finite gets out."""
+    """Turn overflows, NaN and matrices without eigenvectors into SolverFailure, so that every result is finite."""
     try:
         with np.errstate(over="raise", divide="raise", invalid="raise"):
             yield
@@ -288,7 +289,7 @@ def audit(
     solver: str = "exact",
     start: tuple[Array, Array] | None = None,
 ) -> None:
-    """Raise SolverFailure with the first time by which the ledger of [0, t_end] has opened.
+    """Raise SolverFailure with the first time at which the energy balance of [0, t_end] does not close.
 
     It is open where the sum of its openings exceeds what rounding explains, for every switch ROUNDINGS eps
     (w |q|_M sqrt(2 E) + 2 E) with the fastest frequency w, though not less than SEEN nor more than LOST of
@@ -306,7 +307,7 @@ def audit(
         raise SolverFailure(solver, float(np.min(when[~finite.all(axis=1)])), "the motion is not finite", REMEDY)
     _start(system, solution, t_end, solver, q0, (when, q))
     after, before = slice(0, count), slice(count, 2 * count - 1)
-    # The states, the jumps at the switches, and the start that is given.
+    # The states, the jumps at the events, and the given start.
     kinetic, elastic = system.free_energies(*(np.vstack([x, x[1:count] - x[before], y]) for x, y in ((q, q0), (v, v0))))
     free = kinetic + elastic
     stops, inside, held = _stops(system, solution, q, ends, sides)
@@ -350,7 +351,7 @@ def _start(system: System, solution: Motion, t_end: float, solver: str, q0: Arra
 
 
 def _looks(system: System, solution: Motion, t_end: float, channel: int, ends: tuple[Array, Array]) -> Iterator[Array]:
-    """Positions of a channel, its start first: at the switches, between them, and of what soon dies out."""
+    """Positions of a channel to check, its start first: at the events, between them, and at times of fast decay."""
     row, shift = system.channels[channel][0], solution.offset(system, channel)
     yield ends[1] @ row + shift(ends[0])[0]
     t = np.linspace(0.0, t_end, 33)

@@ -1,4 +1,4 @@
-"""A motion as segments between events, and what is read of it at any time: states, positions, work, tangent vectors."""
+"""A motion as segments between events, and its evaluation at any time: states, positions, work, tangent vectors."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class Motion:
 
     @classmethod
     def joined(cls, parts: Sequence[Motion]) -> Motion:
-        """One motion from consecutive ones of the same tracer."""
+        """One motion from consecutive motions of the same tracer."""
         whole = {name: np.concatenate([getattr(p, name) for p in parts]) for name in ("times", "sides", "regime")}
         K, ends = max(part.x.shape[1] for part in parts), np.cumsum([0, *(len(part.times) for part in parts)])
         for name in ("x", "y"):

@@ -1,4 +1,4 @@
-"""The regimes of a system, made as the motion meets them: as pairs, and as rows of the table that the loop follows.
+"""The regimes of a system, made when a motion first enters them: as pairs, and as rows of the table of the loop.
 
 Where nothing is damped the pairs are the modes of the system with the springs of its closed contacts. Else they are
 those of linear.py, complex where damping couples. Records and eigenvalues that meet have no pairs: such a regime keeps
@@ -53,7 +53,7 @@ class Pairs:
 
     @property
     def followed(self) -> bool:
-        """Return True where the loop can follow it."""
+        """True if the loop can follow the regime."""
         return self.exponentials is None or not (self.exponentials.chains or self.exponentials.push.shape[1])
 
     @property
@@ -201,7 +201,7 @@ def close_pairs(omega: Array, frequencies: Array, span: float) -> NDArray[np.int
 
 
 class Regimes:
-    """The regimes met so far of one system, or of a perturbed copy of it."""
+    """The regimes so far of one system, or of a perturbed copy of it."""
 
     def __init__(self, source: Source, perturbation: Perturbation | None = None) -> None:
         self.source, self.perturbation = source, perturbation
@@ -220,8 +220,8 @@ class Regimes:
         self.making = Lock()
 
     def at(self, sides: tuple[int, ...], t_end: float) -> int:
-        """The number of the regime with the contacts pressed on these sides; made for motions to t_end where it is not
-        there yet."""
+        """Number of the regime with the contacts pressed on these sides. It is made, for motions to t_end, if it is
+        new."""
         with self.making:
             if self.free is None:
                 open_ = (0,) * len(sides)
@@ -232,7 +232,7 @@ class Regimes:
         return self.number[sides]
 
     def add(self, sides: tuple[int, ...], made: Pairs) -> None:
-        """Take up a regime."""
+        """Add a regime to the table."""
         table, r = self.table, len(self.made)
         self.number[sides] = r
         self.made.append(made)

@@ -1,4 +1,4 @@
-"""Rounding of float64 in the modes of a system, and modes that are perturbed by as much: for copies of a solution."""
+"""Rounding of float64 in the modes of a system, and modes that are perturbed by as much, for copies of a solution."""
 
 from __future__ import annotations
 

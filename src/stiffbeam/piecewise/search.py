@@ -1,4 +1,4 @@
-"""The compiled search for the next switch: leaps that provably contain none, from one switch to the next.
+"""The compiled search for the next event: long steps (leaps) that provably contain none, from one event to the next.
 
 In every regime the gap is the distance to the stop (free) or the penetration (in contact), so gap >= 0 and the
 regime ends when it closes. Between the ends of a leap the gap is a cubic to
@@ -10,9 +10,9 @@ the leap ends before the cubic comes that close, or is made shorter. A gap that 
 steps that are safe by a lower bound, gap + gap' s - B2 s^2/2, and where it is zero to rounding its Taylor polynomial
 decides (touching.py).
 
-The search ends: a contact switches at most once at any instant of float64, so time goes on after as many
-switches as there are contacts, and since forces are continuous, true switches do not accumulate. Where
-it needs more evaluations than any such motion does, it raises SolverFailure with the time.
+The search terminates. A contact has at most one event at any instant of float64, so time goes on after as many events
+as there are contacts. Since forces are continuous, true events do not accumulate. If the search needs more evaluations
+than any such motion, it raises SolverFailure with the time.
 """
 
 from __future__ import annotations
@@ -167,7 +167,7 @@ def search(
     speeds: Array, terms: Array, seen: Array, pairs: Array, chi: IntArray, g1: Array, g2: Array, resting: IntArray,
     start: float, t_end: float,
 ) -> tuple[float, int, int, int]:  # fmt: skip
-    """The first switch of m contacts that see ``terms`` (see there) from the time ``start`` on.
+    """The first event of m contacts with the terms ``terms`` (see there) from the time ``start`` on.
 
     chi, g1, g2: (m,). resting: (m,), not 0 for a contact that has switched
     at ``start``, so that its gap is exactly zero. Returns (tau, contact, side, evaluations); contact -1: none before
@@ -194,7 +194,7 @@ def search(
         near &= resting[i] == 0
     while True:
         if stands_still(evaluations, speeds[SIGMA], speeds[OMEGA], tau, rest):
-            raise SolverFailure("exact", start + tau, "the search for the next switch stands still", REMEDY)
+            raise SolverFailure("exact", start + tau, "the search for the next event stands still", REMEDY)
         if not near:
             step = min(max(leap, EPS * (start + tau), SHORTEST * t_end), rest - tau)
             last = step >= rest - tau

@@ -1,4 +1,4 @@
-"""Eigenvalues of one regime in groups, each with a basis that holds its digits; where they meet, chains.
+"""Eigenvalues of one regime in groups, each with a well-conditioned basis; chains for eigenvalues that meet.
 
     z' = A z,  z = (s eta, eta'),  A = [[0, S], [-Omega^2/S, -D]],   z = sum over groups of V y,  y' = T y,  y = L z
 

@@ -1,4 +1,4 @@
-"""Derivatives along a motion: of its segments, of its events, and so of all that is read of it.
+"""Derivatives along a motion: of its segments, its events, and all quantities of the motion.
 
     within a segment     dZ' = A dZ + dA Z                                                   (generator.py)
     at an event h = 0    dt = -(h.dZ + dh.Z)/(h.Z'),  dZ+ = J (dZ- + Z'- dt) - Z'+ dt
@@ -112,7 +112,7 @@ class Tangent:
         return total
 
     def across(self, i: int, dZ: Array) -> Array:
-        """dZ behind the event at which segment i begins, from that before it."""
+        """dZ after the event at which segment i begins, from that before it."""
         before, after = self.path.sides[i - 1], self.path.sides[i]
         if self.path.rigid:
             return self._struck(i, dZ) if i in self.path.hits else self._renewed(i, dZ)
@@ -358,7 +358,7 @@ class Tangent:
 
 
 def grazes(form: Array, regime: RegimeFlow, Z: Array, depth: float = GRAZE) -> bool:
-    """Return True where a zero of the form h is a graze but for rounding: h'^2 <= 2 |h''| depth sum |terms of h|."""
+    """Return True if a zero of the form h is a graze to rounding: h'^2 <= 2 |h''| depth sum |terms of h|."""
     rate = regime.A @ Z
     size = float(np.abs(form) @ np.abs(Z))
     return float(form @ rate) ** 2 <= 2.0 * abs(float(form @ (regime.A @ rate))) * depth * size

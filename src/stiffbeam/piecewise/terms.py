@@ -210,7 +210,7 @@ def read(
 def carry(
     speeds: Array, terms: Array, seen: Array, pairs: Array, damped: bool, start: float, tau: float, end: int
 ) -> None:
-    """All terms, the positions and their rates at tau to the given ``end``. start: the time at which tau = 0."""
+    """All terms, the positions and their rates at tau, written to ``end``. start: the time at which tau = 0."""
     oscillations(speeds[OMEGA], tau, speeds[C], speeds[S], speeds[V])
     K, x, y = speeds.shape[1], END + 2 * end, END + 2 * end + 1
     if damped:

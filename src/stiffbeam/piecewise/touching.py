@@ -1,4 +1,4 @@
-"""Steps along a gap that provably miss no crossing, and which way a gap goes where it is zero.
+"""Steps along a gap that provably miss no crossing, and the direction of a gap that is zero.
 
 A gap counts as zero where rounding could have made it: |gap| <= N, N the rounding in the terms it is the
 sum of. Inside that band both regimes have the same forces to rounding, and the first derivative that
@@ -23,7 +23,7 @@ ROUNDINGS = 16.0  # of one term, that a sum and the state it starts from may hav
 
 OPEN, CLOSES, UNCLEAR = 1, -1, 0
 
-STALLED = 100_000  # evaluations without a switch, beside ...
+STALLED = 100_000  # evaluations without an event, beside ...
 PER_RADIAN = 2_000  # ... so many for each radian of the fastest motion, as long as it has not died out
 MOST = 1e12  # evaluations to the end, as it goes: a day of a small system
 DECAYED = 750.0  # exp(-that) is no number any more
@@ -34,8 +34,8 @@ REMEDY = "check the stops and stiffnesses for sizes that float64 cannot hold tog
 
 @inner
 def stands_still(evaluations: int, sigma: Array, omega: Array, tau: float, rest: float) -> bool:
-    """True where so many ``evaluations`` on [0, tau] are more than any sum of exp((sigma_k + i omega_k) s) needs, or at
-    that pace too many on [0, rest]."""
+    """True if so many ``evaluations`` on [0, tau] exceed the need of any sum of exp((sigma_k + i omega_k) s), or would
+    at that pace exceed it on [0, rest]."""
     if evaluations <= STALLED:
         return False
     if evaluations * rest > MOST * tau:
@@ -128,7 +128,7 @@ def taylor_step(d: Array, b: Array, nu: float, switched: bool) -> tuple[float, i
 
 @inner
 def as_gap(d: Array, b: Array, sign: float, stop: float, zero: bool) -> None:
-    """From a position's derivatives to those of the gap sign (u - stop); ``zero``: it is exactly zero."""
+    """Derivatives of the gap sign (u - stop) from those of a position; ``zero``: the gap is exactly zero."""
     d[0] = 0.0 if zero else d[0] - stop
     b[0] += abs(stop)
     for k in range(ORDER + 1):

@@ -1,4 +1,5 @@
-"""Following motions of a system in float64: the compiled loop, and the segments that it leaves to exponentials."""
+"""Follow motions of a system in float64: the compiled loop, and segments by exponentials that the loop cannot
+follow."""
 
 from __future__ import annotations
 
@@ -160,14 +161,14 @@ def tracer_of(
 
 
 def refuse_accumulation(start: float, end: float, fastest: float, drive: Drive) -> None:
-    """Raise SolverFailure where EVENTS_PER_CALL events follow each other within a period of the fastest motion: forces
-    are continuous, so none does that, and what does is rounding."""
+    """Raise SolverFailure if EVENTS_PER_CALL events follow each other within a period of the fastest motion. Forces are
+    continuous, so only rounding can cause this."""
     if (end - start) * max(fastest, *drive.frequencies, 0.0) < 2.0 * math.pi:
-        raise SolverFailure("exact", end, f"{EVENTS_PER_CALL} switches within the shortest period", REMEDY)
+        raise SolverFailure("exact", end, f"{EVENTS_PER_CALL} events within the shortest period", REMEDY)
 
 
 class Gaps:
-    """The contacts as the search sees them: rows (m, n), their offsets as phasors and as amplitudes of the records."""
+    """The contacts as input of the search: rows (m, n), their offsets as phasors and as amplitudes of the records."""
 
     def __init__(self, system: System, drive: Drive) -> None:
         m = len(system.contacts)
@@ -184,9 +185,9 @@ class Gaps:
     def next_switch(
         self, regime: Regime, c: Complex, chi: NDArray[np.int64], switched: NDArray[np.bool_], t: float, t_end: float
     ) -> tuple[float, int, int, int]:
-        """(tau, contact, its new side, evaluations) of the first switch after t, contact -1 where there is none.
+        """(tau, contact, its new side, evaluations) of the first event after t; contact -1 if there is none.
 
-        c: the coefficients at t. chi: the sides now. switched: (m,), the contacts that have switched at t. Up to t_end
+        c: the coefficients at t. chi: the sides now. switched: (m,), the contacts with an event at t. Up to t_end
         every record is one polynomial.
         """
         spin, records = spin_of(self.drive, np.array([t]))[0], self.drive.polynomials(t)

@@ -1,4 +1,4 @@
-"""How long two solutions of one system agree, at the tip and at every contact."""
+"""Agreement of two solutions of one system: the time to which they agree, at the tip and at every contact."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ LOOKS = 64  # output times at which the size of the whole motion is looked at
 
 
 class Watched(NamedTuple):
-    """What the horizon is measured by: positions at the times t (k,), of the tip and then of every contact, and when
-    each contact enters which stop."""
+    """Data that define the horizon: positions at the times t (k,), of the tip and then of every contact, and the
+    impacts of each contact."""
 
     t: Array
     paths: tuple[Array, ...]
@@ -40,7 +40,7 @@ def agreement(a: Trajectory, b: Trajectory, tolerance: float, part: float = 1.0)
 
 
 def watched(run: Trajectory) -> Watched:
-    """What a run tells of it, at its output times."""
+    """The data of a run that define the horizon, at its output times."""
     return Watched(run.t, (run.tip, *(c.position for c in run.contacts)), tuple(c.impacts for c in run.contacts))
 
 
@@ -105,6 +105,6 @@ def _after(t: float, impacts: Impacts) -> Impacts:
 
 
 def apart(count: int, end: float) -> float:
-    """A twentieth of the mean time between ``count`` impacts in [0, end]: two that are to be the same differ by less,
-    however slow the motion is that they are a part of."""
+    """A twentieth of the mean time between ``count`` impacts in [0, end]: corresponding impacts of two solutions must
+    differ by less, however slow the motion is."""
     return 0.05 * end / max(1, count)

@@ -22,8 +22,8 @@ ALIKE = 1e-6  # of the largest impulse: orders that differ by less give one resu
 
 
 def require_rigid(system: System, t_end: float) -> None:
-    """Raise InputError unless all stops are rigid with restitution, no contact follows from the others, and samples
-    go on to t_end."""
+    """Raise InputError unless all stops are rigid with restitution, the contact rows are independent, and samples go on
+    to t_end."""
     for contact in system.contacts:
         if not contact.stops.rigid:
             raise InputError("contacts", "rigid and compliant ones", "be all of one kind", "take stiff ones for inf")
@@ -39,7 +39,7 @@ def require_rigid(system: System, t_end: float) -> None:
 
 
 def order_decides(compliance: Array, e: Array, speeds: Array, sides: dict[int, int], pressed: set[int]) -> bool:
-    """Return whether blows one after the other, in two opposite orders, end otherwise than all of them at once.
+    """Return True if impacts in sequence, in two opposite orders, end differently from all of them at once.
 
     compliance: row M^-1 row^T (m, m). e: restitutions (m,). speeds: u' of every contact before (m,), 0 where it rests.
     sides: contacts that are on a stop at this time. pressed: those among them that a force holds there, which no change

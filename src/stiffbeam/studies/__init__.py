@@ -1,4 +1,4 @@
-"""Studies: questions asked of a case, records out. A new study is one module and one line here."""
+"""Studies: each answers a question about a case with records. A new study is one module and one line here."""
 
 from __future__ import annotations
 
@@ -10,30 +10,30 @@ from .engine.study import Records, Study
 
 # In this order: one step, one run, many runs, many steps.
 STUDIES = {
-    "amplification": "One step on a free oscillation: radius, period elongation, damping.",
-    "modes": "Phase lag and damping mode by mode on runs without contact, against theory.",
-    "energy": "The energy ledger of every scheme and of the exact flow, in every form.",
+    "amplification": "Spectral radius, period elongation and damping of one step on a free oscillation.",
+    "modes": "Phase lag and damping of every mode without contact, against theory.",
+    "energy": "Energy balance of every scheme and of the exact flow, in every form.",
     "converge": "Observed orders in time, smooth and through contact.",
     "gradient": "Value and derivative of every scheme against the exact ones, with the orders of both.",
     "space": "Convergence of both discretisations to the beam, and of the contact.",
-    "first_impact": "How hard the first impact is, from 10 to 640 cells, against the theory of a point contact.",
-    "rigid": "Towards rigid stops: kappa to infinity.",
+    "first_impact": "Force of the first impact, from 10 to 640 cells, against the theory of a point contact.",
+    "rigid": "Convergence to rigid stops: kappa to infinity.",
     "rigid_beam": "The beam from soft stops to rigid ones: impulse, time in contact, energy, scheme by scheme.",
-    "restitution": "Restitution wanted and delivered, by the formulas in use.",
-    "rigid_bar": "A bar bounces on a rigid wall: every scheme against the exact solution.",
-    "errata": "What each misprint of the paper costs.",
-    "impacts": "Impact counts against the step, with the exact count.",
-    "contact_duration": "How long contacts last, step by step inside the horizon and as distributions past it.",
-    "precision": "Work and precision: error against seconds and against work.",
-    "ensemble": "What holds past the horizon: impacts, time in contact, forces, energy over perturbed runs.",
-    "chaos": "Lyapunov exponents of the exact flow and of the schemes; the delayed portrait.",
-    "sweep": "Bifurcation diagrams, impacts and forces over one or two parameters; goes on after a kill.",
+    "restitution": "Requested and delivered restitution of the usual formulas.",
+    "rigid_bar": "Every scheme against the exact solution of a bar that bounces on a rigid wall.",
+    "errata": "Error of each misprint of the paper.",
+    "impacts": "Impact counts against the time step, with the exact count.",
+    "contact_duration": "Durations of contacts: errors inside the horizon, distributions past it.",
+    "precision": "Work-precision diagram: error against seconds and against work.",
+    "ensemble": "Statistics past the horizon: impacts, time in contact, forces and energy of perturbed runs.",
+    "chaos": "Lyapunov exponents of the exact flow and of the schemes; delayed phase portrait.",
+    "sweep": "Bifurcation diagram, impacts and forces over one or two parameters; continues after an interruption.",
     "orbits": "Periodic orbits over a parameter, stable or not, with folds, flips and multipliers.",
 }
 
 
 def find_study(name: str) -> Study:
-    """The registered study ``name``, as the command writes it or the module. Raises InputError for any other."""
+    """The registered study ``name``, as the command or the module writes it. Raises InputError for any other name."""
     name = name.replace("-", "_") if isinstance(name, str) else name
     one_of("study", name, STUDIES, "be a registered study")
     return import_module(f".{name}", __name__).STUDY

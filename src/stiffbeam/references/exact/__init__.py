@@ -1,4 +1,4 @@
-"""The exact solution in float64, a client of the room piecewise. In the order of reading:
+"""The exact solution in float64, based on the package piecewise. In reading order:
 
 piecewise                          compliant stops: refusals, the Reference, perturbed copies
 lyapunov                           growth of perturbations along the solution

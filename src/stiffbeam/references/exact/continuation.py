@@ -212,7 +212,7 @@ class Branch:
 
 
 class _Follower:
-    """Points of one branch, in units of the first orbit's motion and of the range of the parameter."""
+    """Points of one branch, in units of the first orbit's motion and of the parameter's range."""
 
     def __init__(
         self, make_system: Callable[[float], System], period: Callable[[float], float], parameter: str,

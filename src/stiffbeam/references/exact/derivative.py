@@ -1,4 +1,4 @@
-"""Derivatives of the exact solution in initial data and parameters: ``reference.derivative``."""
+"""Derivatives of the exact solution with respect to initial data and parameters: ``reference.derivative``."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ COPY = 4.0 * float(np.finfo(float).eps)
 
 @dataclass(frozen=True, eq=False)
 class Derivative:
-    """Derivatives of a Reference in p parameters, which are the last axis of every array.
+    """Derivatives of a Reference with respect to p parameters, which are the last axis of every array.
 
     Attributes
     ----------
@@ -176,7 +176,8 @@ class Derivative:
         return tuple(read(i) for i in range(len(self._system.contacts)))
 
     def _struck(self, i: int) -> tuple[Array, Array, Array]:
-        """Impacts on a rigid stop: a contact that is held after one has an impulse in time, which has none here."""
+        """Impacts on a rigid stop. A contact that is held after an impact has an impulse over time, which is left out
+        here."""
         impacts, tangent = self.reference.contacts[i].impacts, self.tangent
         times, impulses = np.full((2, len(impacts.times), len(self.wrt)), np.nan)
         for k, (t, end) in enumerate(zip(impacts.times.tolist(), impacts.ends.tolist(), strict=True)):
@@ -333,7 +334,7 @@ def path_of_solution(system: System, solution: Any, t_end: float) -> Path:
 
 
 def derivative(reference: Reference, wrt: Sequence[str], t: Array) -> Derivative:
-    """See ``Reference.derivative``."""
+    """Derivatives of an exact solution, see ``Reference.derivative``."""
     system, solution = reference.system, reference.solution
     assert system is not None
     rigid = any(contact.stops.rigid for contact in system.contacts)
@@ -373,7 +374,7 @@ def ends_of(system: System, solution: Any, tangent: Tangent) -> list[tuple[float
 
 
 def near_misses(system: System, tangent: Tangent, contact: int, side: int) -> list[float]:
-    """Times at which an open contact comes up to its stop but for rounding, and turns back before it."""
+    """Times at which an open contact reaches its stop to rounding and turns back."""
     path, forms = tangent.path, gap_forms(tangent, contact, side)
     segments = np.flatnonzero((path.sides[:, contact] == 0) & (tangent.lengths > 0.0))
     if not len(segments):
@@ -396,7 +397,7 @@ def near_misses(system: System, tangent: Tangent, contact: int, side: int) -> li
 
 
 def starts_on_stop(tangent: Tangent, contact: int, side: int) -> bool:
-    """Return True where a contact starts on its stop but for rounding, and its gap there depends on a parameter."""
+    """Return True if a contact starts on its stop to rounding, and its gap there depends on a parameter."""
     path, generators = tangent.path, tangent.generators
     gap, gaps = generators.gap(contact, side, tangent.intervals[0])
     Z, dZ = tangent.Z[0], tangent.dZ[0]

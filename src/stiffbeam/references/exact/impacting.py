@@ -430,7 +430,8 @@ class Tracer:
         return law
 
     def _complete(self, contact: int, side: int) -> bool:
-        """Where the impacts to come are over within CHATTER radians: take the speed and hold. Whether that is so."""
+        """If the coming impacts end within CHATTER radians, remove the speed and hold the contact. Returns True if
+        done."""
         e, speed = float(self.e[contact]), self.fresh[contact][2]
         if e >= 1.0:
             return False

@@ -1,9 +1,9 @@
-"""The tangent flow of the exact solution: how fast neighbouring motions diverge, and so what rounding costs.
+"""The tangent flow of the exact solution: the rate at which neighbouring motions diverge, and the loss of digits.
 
-    z(t) = Phi(t) z(0),  Phi(t) = flow of the last piece ... flow of the first,  |Phi(t) z| ~ exp(lambda t)
+    z(t) = Phi(t) z(0),  Phi(t) = flow of the last segment ... flow of the first,  |Phi(t) z| ~ exp(lambda t)
 
-A continuous force leaves tangent vectors alone at a switch (its saltation matrix is the identity), so that Phi is
-the product of the homogeneous flows of the pieces; at the entry into a damped stop the force jumps, see events.
+If the force is continuous, tangent vectors do not jump at an event (the saltation matrix is the identity), and Phi is
+the product of the homogeneous flows of the segments. At the entry into a damped stop the force jumps, see events.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from .piecewise import afford_search, refuse
 from .rigid_motion import RigidMotion
 
 RANDOM = 3  # tangent vectors beside the direction of the motion itself
-SAMPLES = 200  # times beside the switches
+SAMPLES = 200  # times besides the events
 ROUNDING = 1e-14  # of a vector, what a projection leaves of one along its own direction
 LEAST = 1e-150  # size of a vector: its square is a number yet
 MERGED = "neighbouring motions become equal and have no exponent: their tangent vectors vanish below float64"
@@ -96,7 +96,7 @@ def lyapunov(system: System, t_end: float, seed: int = 0) -> PerturbationGrowth:
     InputError
         As the exact solution does.
     SolverFailure
-        Where a motion against rigid stops comes to rest: the end of chatter takes back what it had magnified, and
+        If a motion against rigid stops comes to rest: the end of chatter takes back what it had magnified, and
         nothing is left of a neighbouring motion.
 
     Examples
@@ -123,7 +123,7 @@ def lyapunov(system: System, t_end: float, seed: int = 0) -> PerturbationGrowth:
 
 
 def growth(system: System, solution: Motion, t_end: float, seed: int = 0, enough: float = np.inf) -> PerturbationGrowth:
-    """``lyapunov`` along a solution that is there already, ended where a growth, ln, is ``enough``."""
+    """``lyapunov`` along an existing solution; it ends where a growth, ln, reaches ``enough``."""
     dq, dv = _vectors(system, seed)
     along = Struck(system, solution, t_end) if isinstance(solution, RigidMotion) else Pressed(system, solution)
     dq, dv = _unit(system, *along.start(dq, dv))
@@ -168,7 +168,7 @@ class Pressed:
         return self.solution.flow(segment, tau, dq, dv)
 
     def across(self, segment: int, dq: Array, dv: Array) -> tuple[Array, Array]:
-        """Vectors behind the event at which a segment begins."""
+        """Vectors after the event at which a segment begins."""
         return dq, entry(self.system, self.solution.sides[segment - 1], self.solution.sides[segment], dq, dv)
 
 
@@ -191,7 +191,7 @@ class Struck:
         return self._split(self.tangent.regimes[segment].ahead(self._joined(dq, dv), tau))
 
     def across(self, segment: int, dq: Array, dv: Array) -> tuple[Array, Array]:
-        """Vectors behind the event at which a segment begins."""
+        """Vectors after the event at which a segment begins."""
         dq, dv = self._split(self.tangent.across(segment, self._joined(dq, dv)))
         newly_held = set(self.held[segment]) - set(self.held[segment - 1])
         return self._on_stops(segment, dq, dv) if newly_held else (dq, dv)

@@ -246,7 +246,7 @@ def periodic_orbit(system: System, period: float, guess: Any = None) -> Orbit:
     InputError
         For loads that do not repeat, and for stops that the exact solution does not take.
     SolverFailure
-        Where Newton's method does not converge from the guess.
+        If Newton's method does not converge from the guess.
 
     Examples
     --------
@@ -438,7 +438,7 @@ def _jacobian(
 
 
 def _repeats(system: System, period: float) -> None:
-    """Refuse loads and stop motions that do not repeat after a period."""
+    """Raise InputError for loads and stop motions that do not repeat after a period."""
     for function in [*(f for _, f in system.loads), *(contact.offset for contact in system.contacts)]:
         for part in parts_of(function):
             if isinstance(part, Sampled):

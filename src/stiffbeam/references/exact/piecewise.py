@@ -1,8 +1,8 @@
-"""The exact solution: between switches the system is linear, so only the switching times are sought.
+"""The exact solution: between events the system is linear and has a closed form, so only event times are searched.
 
 With linear compliance every contact is free or on one of its stops, and each combination is a linear
-system with a solution in closed form. The time to the next switch is approached by steps that provably
-contain none (search.py).
+system with a solution in closed form. The search for the next event uses steps that provably contain none
+(search.py).
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ def solve_exact(
     known: Known | None = None,
     since: float = 0.0,
 ) -> Reference:
-    """The exact piecewise-linear solution in float64, with crossings that cannot be missed.
+    """The exact piecewise-linear solution in float64, with a search that misses no event deeper than rounding.
 
     Takes any damping, critical too, free bodies, drives in resonance with any regime, any number of contacts, linear
     stops, damped ones too (events.py), and time functions made of Harmonic, Constant and Sampled. Raises InputError
@@ -49,7 +49,7 @@ def solve_exact(
     rows, see ``Source``. Contacts are recorded from ``since`` on. Raises SolverFailure where the search cannot go on,
     or the energy balance of the motion is open.
 
-    With u the gap's position, u' its rate and B >= |u''| on the rest of the piece, no switch lies
+    With u the gap's position, u' its rate and B >= |u''| on the rest of the segment, no event lies
     before the smaller positive root s of (g2 - u) - u' s - B s^2/2 = 0 and (u - g1) + u' s - B s^2/2 = 0;
     B = sum_j |row_j| (amplitude of eta_j'') + that of the drive. Stepping by s approaches a transversal
     crossing quadratically and from before. After an event the gap is exactly 0 and s = 2 |u'|/B; where
@@ -79,7 +79,8 @@ def observations(
 
 
 def copies(system: System, t_end: float, t: Array, size: float) -> Iterator[Watched]:
-    """Copies of the exact solution without end, each perturbed by ``size`` in its own way; t: as in ``Watched``."""
+    """Perturbed copies of the exact solution, an endless sequence, each by ``size`` in its own way; t: as in
+    ``Watched``."""
     source = Source(system, span=t_end)
     for seed in count():
         with within_float64("exact", t_end):
@@ -135,15 +136,15 @@ def reference_of(
 
 
 def afford_search(system: System, t_end: float) -> None:
-    """Refuse a span in which the search for switches never arrives: some ten evaluations a fastest period."""
+    """Raise InputError for a span that is too long for the event search, at some ten evaluations per fastest period."""
     if system.contacts:
         fastest = max(float(undamped_modes(system).omega[-1]), *Drive.of(system).frequencies, 0.0)
         afford("t_end", t_end, "shorten t_end", seconds=t_end * fastest * system.size * 1e-8)
 
 
 def refuse(system: System, t_end: float) -> None:
-    """Raise InputError for laws that are not linear between their switches, for time functions without a closed
-    form, for damped stops that move by samples, and for samples that end before t_end."""
+    """Raise InputError for laws that are not linear between events, for time functions without a closed form, for
+    damped stops that move by samples, and for samples that end before t_end."""
     for contact in system.contacts:
         contact.stops.require_linear("the exact solution", damped=True)
         if contact.stops.damping > 0.0 and any(isinstance(part, Sampled) for part in parts_of(contact.offset)):

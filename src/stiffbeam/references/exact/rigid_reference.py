@@ -1,4 +1,4 @@
-"""The solution with rigid stops as a Reference: its contacts, its energy, and how long it can be trusted."""
+"""The solution with rigid stops as a Reference: its contacts, its energy and its horizon."""
 
 from __future__ import annotations
 
@@ -153,7 +153,7 @@ def ledger_of(system: System, solution: RigidMotion, t: Array) -> Ledger:
 
 
 def _horizon(tracer: Tracer, reference: Reference, kept: Array, t_end: float) -> float:
-    """See ``solve_rigid``. kept: of ``_withheld``, below which positions are rounding."""
+    """Horizon of the solution, see ``solve_rigid``. kept: from ``_withheld``; positions below it are rounding."""
     system, eps = tracer.system, float(np.finfo(float).eps)
     channels = system.tip_channel, *range(len(system.contacts))
     rounding = np.array([kept @ np.abs(system.channels[channel][0]) for channel in channels])
@@ -192,8 +192,8 @@ def _withheld(system: System, solution: RigidMotion, t_end: float) -> tuple[floa
 
 
 def _beyond(system: System, solution: RigidMotion, kept: Array) -> float:
-    """How far the starts of the stretches lie beyond stops, but for rounding and what is ``kept`` of it (n,), over the
-    largest gap or displacement."""
+    """Largest penetration at the starts of the segments, less rounding and ``kept`` (n,), relative to the largest gap
+    or displacement."""
     times, worst = solution.times, 0.0
     q, _ = solution.states_in(times, np.arange(len(times)))
     for contact in system.contacts:
@@ -211,7 +211,7 @@ def _beyond(system: System, solution: RigidMotion, kept: Array) -> float:
 
 
 def rigid_limit(system: System, t_end: float, t_eval: Array | None = None) -> Reference:
-    """Return the solution with the stops of a system's one contact made rigid, restitution 1, on a node with mass.
+    """Return the solution with the stops of a system's only contact made rigid, restitution 1, on a node with mass.
 
     Parameters
     ----------
@@ -231,8 +231,8 @@ def rigid_limit(system: System, t_end: float, t_eval: Array | None = None) -> Re
     InputError
         For other systems, and for more than 200 000 impacts.
     SolverFailure
-        Where a load presses the contact at rest on its stop, which no impact describes, and where the energy balance
-        does not close.
+        If a load presses the contact at rest on its stop, which no impact describes, or if the energy balance does not
+        close.
 
     Examples
     --------

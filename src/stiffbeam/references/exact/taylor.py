@@ -25,8 +25,8 @@ def _at(c: list[float], s: float) -> tuple[float, float]:
 
 
 def _near(c: Array) -> float | None:
-    """The first zero where it is so near that the series is a quadratic up to there: a body thrown off at the speed of
-    roundings comes back in no time, and such a root is lost among the others."""
+    """The first zero if the series is quadratic up to there. A body that leaves at the speed of rounding returns at
+    once, and such a root is lost among the others."""
     under = c[1] ** 2 - 4.0 * c[0] * c[2]
     if under < 0.0 or not (c[1] < 0.0 or c[2] < 0.0):
         return None
@@ -42,7 +42,7 @@ def _real_roots(c: Array) -> Array:
 
 
 def first_zero(gap: Array, length: float, zeros: int) -> float | None:
-    """Where a series that is positive at once, after a zero of multiplicity ``zeros`` at 0, next turns negative.
+    """First time at which a series turns negative that is positive right after a zero of multiplicity ``zeros`` at 0.
 
     None if not in (0, length]; 0.0 where it is negative from the start. One that is zero throughout never does.
     """

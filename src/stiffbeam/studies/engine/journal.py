@@ -1,4 +1,4 @@
-"""The journal: what a study has finished, so that an interrupted one goes on where it stopped."""
+"""The journal of a study: finished points, so that an interrupted study continues where it stopped."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ from .study import Point, Row
 
 
 class Journal:
-    """One line per finished point with its checksum, appended and flushed; a line cut short by a kill and one that
-    is not what was written are ignored. As a context manager it is locked: no other process works on it.
+    """Journal file with one line per finished point and its checksum, appended and flushed. Lines that are cut short by
+    a kill or do not match their checksum are ignored. As a context manager it is locked: no other process works on it.
 
     The file's name holds a hash of study, physics, grid, step, span and the package's source: a journal
     of anything else is never read, and never overwritten.
@@ -62,11 +62,11 @@ class Journal:
                 os.truncate(self.file, len(whole))  # never rewritten: a kill here must not lose the rest
 
     def rows(self, point: Point) -> list[Row] | None:
-        """The rows of a finished point, None where it is still to be evaluated."""
+        """The rows of a finished point, None if it is not evaluated yet."""
         return self.finished.get(_key(point))
 
     def keep(self, point: Point, rows: list[Row]) -> list[Row]:
-        """Note a finished point; the rows come back as a later run will read them."""
+        """Record a finished point; returns the rows as a later run will read them."""
         source = {"source": _source(point)} if _source(point) else {}
         line = json.dumps({"point": point, **source, "rows": rows}, default=_number)
         if self.file is not None:
@@ -75,7 +75,7 @@ class Journal:
                 with self.file.open("a", encoding="utf-8") as stream:
                     stream.write(json.dumps(entry | {"sum": _sum(entry)}) + "\n")
             except OSError as error:
-                remedy = f"{error.strerror}; what is finished is kept, the same command goes on from there"
+                remedy = f"{error.strerror}; finished points are kept, run the same command again"
                 raise InputError("journal", str(self.file), "be a file that can be written to", remedy) from None
         self.finished[_key(point)] = json.loads(line)["rows"]
         return self.finished[_key(point)]

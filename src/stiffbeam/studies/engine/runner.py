@@ -1,4 +1,4 @@
-"""Running a study: its points one by one or side by side, finished ones kept."""
+"""Run a study: its points one by one or in parallel; finished ones are kept."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from .workers import processes, starting
 
 Progress = Callable[[str, int, int], None]
 DEATHS = 3  # of processes without a point in between, until it is given up
-GO_ON = "what is finished is kept, the same command goes on from there"
+GO_ON = "finished points are kept, run the same command again"
 _ALONE = threading.Lock()  # a process evaluates one point at a time, whatever executor it belongs to
 
 
@@ -45,11 +45,11 @@ def run_study(
 ) -> Records:
     """Evaluate every point of ``study`` on ``case``; with a System ``dt`` and ``t_end`` have to be given.
 
-    folder: where the journal of finished points is kept; a second run with the same folder computes the
-    missing ones only. jobs: processes to use, unless an ``executor`` is given; a study that measures runs point
-    by point whatever they say. options: the study's own, see its ``points``. A point that fails is a row
-    with ``failed``, one that cannot be asked a row with ``refused``, each with the reason.
-    Raises InputError, also for a case that cannot travel to processes, and Unfinished where those keep dying.
+    folder: folder of the journal of finished points; a second run with the same folder computes the missing ones only.
+    jobs: processes to use, unless an ``executor`` is given; a study that measures time runs point by point in any case.
+    options: the study's own, see its ``points``. A point that fails is a row with ``failed``, one that is not possible
+    a row with ``refused``, each with the reason. Raises InputError, also for a case that cannot be sent to processes,
+    and Unfinished if those keep dying.
     """
     known = [name for name in inspect.signature(study.points).parameters if name != "case"]
     if isinstance(case, System):
@@ -112,7 +112,8 @@ def _evaluate_all(
 
 
 def _require_portable(study: Study, case: Case, points: list[Point]) -> None:
-    """Refuse what cannot be sent to another process before any is started: a pool waits for it for ever."""
+    """Raise InputError for what cannot be sent to another process, before any is started: a pool would wait for
+    ever."""
     remedy = "use jobs=1, or functions at the top of a module of their own in place of a lambda"
     rule = "travel to other processes"
     try:
@@ -129,7 +130,7 @@ def _require_portable(study: Study, case: Case, points: list[Point]) -> None:
 
 
 def _on_processes(study: Study, case: Case, points: list[Point], jobs: int) -> Iterator[tuple[Point, list[Row]]]:
-    """On processes that share the cores; where one is killed, new ones take what is missing.
+    """Rows from processes that share the cores. If one is killed, new ones compute the missing points.
 
     Never threads: SUNDIALS solvers do not share one.
     """

@@ -1,4 +1,4 @@
-"""The contract of a study: its question, the points where it is asked, the rows at one of them, answer and picture."""
+"""The interface of a study: its question, its points, the rows of one point, answer and picture."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def by_contact(rows: Rows) -> dict[str, list[Row]]:
 
 
 class Answer(str):
-    """A sentence that answers the question with numbers, the verdict, and what there is to note about it.
+    """The verdict, a sentence that answers the question with numbers, and remarks on it.
 
     table: the numbers behind it, one flat dictionary a line, texts as they are printed.
     """
@@ -65,7 +65,7 @@ class Answer(str):
 
     @classmethod
     def of_contacts(cls, answers: Mapping[str, Answer]) -> Answer:
-        """One answer of those at several contacts, by the place of each; what all note alike stands once."""
+        """Joint answer of those at several contacts, by the place of each; common notes appear once."""
 
         def joined(texts: Mapping[str, str]) -> str:
             if len(alike := set(texts.values())) == 1:
@@ -99,19 +99,19 @@ class Study:
     """points(case, **options) -> where to look; evaluate(case, point) -> rows; answer(rows, case) -> verdict and table;
     picture(records) -> panels, declared, see ``figures.chart``.
 
-    ``evaluate`` is a pure function at the top of its module, so that another process can call it; the
-    point's entries, lists left out, stand in each of its rows. The rows of one point must not depend on the
-    others; what needs them all (a slope, a ranking) belongs to ``answer`` and the picture, which are asked where there
-    are rows only and which get NaN for what a row leaves out. The picture's title is the verdict. Texts call the
-    reference "exact": where an adaptive solution stands in for the exact one they are given its name.
+    ``evaluate`` is a pure function at the top of its module, so that another process can call it. The point's entries,
+    without lists, are part of each of its rows. The rows of one point must not depend on the others. Results of all
+    rows (a slope, a ranking) belong to ``answer`` and the picture, which are called only if there are rows and get NaN
+    for missing entries. The picture's title is the verdict. Texts call the reference "exact"; if an adaptive solution
+    replaces the exact one, they get its name.
 
-    Options that several studies share are filled in and checked in ``plan``. smoke: options for a run of seconds.
-    measured: columns that are seconds of this machine, so points must not run
-    side by side; every other column has the same bits in every run on a machine, interrupted or not.
-    marches: some points run a scheme, so the march is compiled before any of them. needs_stops: it asks about
-    contact. needs_motion: about the case's own motion, so that a case at rest is refused. all_cores: a point keeps
-    every core busy by itself. each_contact: the answer is given contact by contact. of_case: the rows depend on the
-    case. named_by: options whose values stand in the names of the command's files.
+    ``plan`` fills in and checks the options that several studies share. smoke: options for a run of seconds. measured:
+    columns that are seconds of this machine, so points must not run in parallel; every other column has the same bits
+    in every run on a machine, interrupted or not. marches: some points run a scheme, so its loop is compiled before any
+    of them. needs_stops: the study is about contact. needs_motion: it is about the case's own motion, so that a case at
+    rest is refused. all_cores: a point keeps every core busy by itself. each_contact: the answer is given contact by
+    contact. of_case: the rows depend on the case. named_by: options whose values are part of the names of the command's
+    files.
     """
 
     name: str
@@ -165,7 +165,7 @@ class Study:
 
     @property
     def command(self) -> str:
-        """Its name on the command line."""
+        """Name of the study on the command line."""
         return self.name.replace("_", "-")
 
 
@@ -181,10 +181,10 @@ def declared(module: str, question: str, **options: Any) -> Study:
 
 @dataclass(frozen=True)
 class Records:
-    """The rows of a study and what follows from them.
+    """The rows of a study and the results from them.
 
-    rows: flat dictionaries. One with ``failed`` names the reason why its point has nothing else, one with ``refused``
-    why it cannot be asked there.
+    rows: flat dictionaries. A row with ``failed`` has the reason why its point has no result, one with ``refused`` the
+    reason why the point is impossible.
     """
 
     study: Study
@@ -229,8 +229,7 @@ class Records:
         return substitute(self.case.system(), self.case.t_end) if self.study.of_case else ""
 
     def words(self, text: str) -> str:
-        """A text with the name of the adaptive reference in the place of "exact", where it stands in for the exact
-        one."""
+        """A text with the name of the adaptive reference instead of "exact", if it replaces the exact one."""
         return re.sub(r"\bexact\b", short(BEST[1]), text) if self._substitute else text
 
     @property
@@ -245,7 +244,7 @@ class Records:
 
     @property
     def refusals(self) -> list[Row]:
-        """The rows of points that cannot be asked, as a misprint that grows at that step."""
+        """The rows of impossible points, such as a misprint that is unstable at that step."""
         return [row for row in self.rows if "refused" in row]
 
     @property

@@ -1,4 +1,4 @@
-"""The processes of a study: how they begin, and how they end."""
+"""The processes of a study: their start and their end."""
 
 from __future__ import annotations
 
@@ -16,7 +16,8 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 @contextmanager
 def starting(threads: int) -> Generator[None, None, None]:
-    """Processes begin with so many threads in the BLAS, which reads it as it is loaded, and undisturbed.
+    """Context in which processes start with this number of BLAS threads, which the BLAS reads when it is loaded, and
+    without interruption.
 
     The matrices are so small that its threads mostly wait for each other. Held while processes start and
     no longer: the environment belongs to everything that runs in this process.
