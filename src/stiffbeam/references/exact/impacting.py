@@ -374,7 +374,7 @@ class Tracer:
         return rates[:, 2 * self.n :] @ g
 
     def _roundings(self) -> Array:
-        """Of ``_speeds``: of a body that moves with its stop a chatter at that speed has no end."""
+        """Rounding errors of ``_speeds`` (m,). So slow a body on a moving stop would chatter for ever."""
         return ROUNDINGS * EPS * (np.abs(self.rows) @ np.abs(self.v) + np.abs(self._stop_speeds()))
 
     def _known_speeds(self) -> Array:

@@ -227,7 +227,7 @@ class SignProver:
     def segment(
         self, sides: Sequence[int], start: Any, end: Any, tau: Any, zeros: tuple[Any, Any], quantities: list[Watched]
     ) -> Iterator[tuple[Watched, Any, bool | None]]:
-        """What is not proved to be positive: quantity, time from the segment's start, False where it is negative.
+        """Quantities not proved to be positive, with the time from the segment's start, and False if they are negative.
 
         start, end: Z at the two ends, tau apart. zeros: keys of the forms that are zero there, None for none.
         """
