@@ -122,10 +122,8 @@ class Problem:
 
 def system_of(name: str, data: Mapping[str, Any]) -> System:
     """A System from the [system] of a file; ``name`` is for messages."""
-    where, load = (
-        f"{name}: system",
-        {"vector", "constant", "amplitude", "frequency", "phase", "times", "values", "kind"},
-    )
+    where = f"{name}: system"
+    load = {"vector", "constant", "amplitude", "frequency", "phase", "times", "values", "kind"}
     contact = {"row", "offset", *LAW}
     for table in data.get("loads", ()):
         _only(f"{where}.loads", table, load)

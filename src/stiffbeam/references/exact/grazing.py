@@ -24,12 +24,12 @@ def events(tangent: Tangent) -> list[tuple[float, int, int, int]]:
 def shallowest(tangent: Tangent, contact: int) -> list[tuple[float, int]]:
     """The middles and stops of the short touches and gaps of a contact, the shallowest first."""
     touches = [event for event in events(tangent) if event[1] == contact]
-    found = []
+    touched = []
     for (t, _, before, during), (later, _, _, after) in pairwise(touches):
         if before == after and 0 in (before, during):
             side = during or before
-            found.append((abs(_gap(tangent, contact, side, 0.5 * (t + later))[0]), 0.5 * (t + later), side))
-    return [(t, side) for _, t, side in sorted(found)]
+            touched.append((abs(_gap(tangent, contact, side, 0.5 * (t + later))[0]), 0.5 * (t + later), side))
+    return [(t, side) for _, t, side in sorted(touched)]
 
 
 def _gap(tangent: Tangent, contact: int, side: int, t: float) -> tuple[float, float, float]:
