@@ -23,7 +23,7 @@ class Method:
     rtol 1e-6, roughly, to run fast methods first or leave slow ones out. kind: EXACT (closed form between events, in
     float64), MULTIPRECISION (the same in many digits) or ADAPTIVE (error control: uses rtol, atol and Steps; its
     impacts are events). libraries: import name and distribution of its dependencies. solver: the name of its class in a
-    library that has several.
+    library that has several. extra: of stiffbeam, which installs its libraries; empty for a dependency.
     """
 
     name: str
@@ -34,6 +34,7 @@ class Method:
     kind: str = ADAPTIVE
     libraries: dict[str, str] = field(default_factory=dict)
     solver: str = ""
+    extra: str = ""
 
     def versions(self) -> dict[str, str]:
         """The versions of its libraries by distribution, "missing" for one that is not installed."""
@@ -89,6 +90,7 @@ REFERENCES = _References(
         Method("dop853", "adaptive.scipy", "DOP853", 7, 0.45, libraries=_SCIPY, solver="DOP853"),
         Method("radau", "adaptive.scipy", "Radau", 8, 3.5, libraries=_SCIPY, solver="Radau"),
         Method("lsoda", "adaptive.scipy", "LSODA", 9, 0.6, libraries=_SCIPY, solver="LSODA"),
+        Method("heyoka", "adaptive.heyoka", "heyoka", 10, 0.05, libraries={"heyoka": "heyoka"}, extra="heyoka"),
     )
 )
 METHODS = tuple(REFERENCES)
