@@ -16,6 +16,8 @@ from truth import Truth, piecewise
 import stiffbeam as sb
 from stiffbeam.testset.problem import Problem, matrix
 
+KAPPA, GAP, RESTITUTION = (f"contacts[0].stops.{x}" for x in ("stiffness", "upper", "restitution"))
+START, SPEED = "q0[0]", "v0[0]"
 FINE, COARSE = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32), (1, 2, 4, 8, 16, 32)
 
 
@@ -23,7 +25,8 @@ FINE, COARSE = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32), (1, 2, 4, 8, 16, 32)
 class Definition:
     """A problem to be made. truth: of the made problem; more: further answers, (value, how) by name.
 
-    steps: ``base`` times ``ladder`` times ``samples``. statistics: (t_end, step counts) of the ensemble, if any.
+    steps: ``base`` times ``ladder`` times ``samples``. parameters: paths of known derivatives.
+    statistics: (t_end, step counts) of the ensemble, if any.
     """
 
     name: str
@@ -39,6 +42,7 @@ class Definition:
     order_limit: float = 2.0
     more: Callable[[Truth], dict[str, tuple[Any, str]]] = lambda truth: {}
     statistics: tuple[float, tuple[int, ...]] | None = None
+    parameters: Sequence[str] = ()
 
     @property
     def steps(self) -> tuple[int, ...]:
@@ -88,7 +92,8 @@ def bouncing(truth: Truth) -> dict[str, tuple[Any, str]]:
 
 
 def damped_stop(problem: Problem) -> Truth:
-    return kelvin_voigt(1.0, 1.0, 0.2, -0.5, 1.0, problem.t_end, problem.samples)
+    law, u, v = problem.data["contacts"][0], problem.data["initial_displacement"], problem.data["initial_velocity"]
+    return kelvin_voigt(1.0, law["stiffness"], law["damping"], u[0], v[0], problem.t_end, problem.samples)
 
 
 def power_stop(problem: Problem) -> Truth:
@@ -137,7 +142,7 @@ DEFINITIONS = [
         "bilinear-oscillator", "A mass on a spring with a stop at its rest position", LAWS,
         "The kink of the force at every passage. The period does not depend on the amplitude. A contact that is one "
         "step late, or a force from the previous step, makes the period longer in proportion to the step.",
-        4.5, mass(1.0, 10.0, -0.015625, 0.0, upper=0.0, stiffness=50.0), linear,
+        4.5, mass(1.0, 10.0, -0.015625, 0.0, upper=0.0, stiffness=50.0), linear, parameters=(KAPPA, GAP, START),
         more=lambda truth: {"frequency": (2 * mp.sqrt(600) / (mp.sqrt(10) + mp.sqrt(60)), "2 w1 w2/(w1 + w2)"),
                             "period": bilinear_period(10.0, 50.0, 0.0, 0.015625)},
     ),
@@ -147,7 +152,7 @@ DEFINITIONS = [
         "Wrong depth or wrong release of a contact. Time of flight and time of contact differ, and the period depends "
         "on the amplitude. A penetration that is too deep or a release that is too late changes the amplitude and "
         "every later impact.",
-        5.0, mass(1.0, 10.0, -0.02, 0.0, upper=0.01, stiffness=50.0), linear,
+        5.0, mass(1.0, 10.0, -0.02, 0.0, upper=0.01, stiffness=50.0), linear, parameters=(KAPPA, GAP, START),
         more=lambda truth: {"period": bilinear_period(10.0, 50.0, 0.01, 0.02)},
     ),
     Definition(
@@ -155,6 +160,7 @@ DEFINITIONS = [
         "A contact twelve times shorter than the flight. Steps that resolve the flight do not resolve the contact, and "
         "dissipative schemes lose speed at each contact. The motion starts on the stop with speed.",
         0.8, mass(100.0, 1e4, 0.0, 1.0, upper=0.0, stiffness=1e6), linear, base=2, more=sdnd101,
+        parameters=(KAPPA, SPEED),
     ),
     Definition(
         "kelvin-voigt", "A mass against a spring and damper that push only",
@@ -162,12 +168,14 @@ DEFINITIONS = [
         "The jump of the force at the entry, and a force that pulls before the release. A damper that pulls gives the "
         "naive restitution 0.729 instead of 0.744.",
         5.0, mass(1.0, 0.0, -0.5, 1.0, upper=0.0, stiffness=1.0, damping=0.2), damped_stop, order_limit=1.0,
+        parameters=(KAPPA, "contacts[0].stops.damping", SPEED),
     ),
     Definition(
         "hertz", "A ball on a Hertzian stop", "H. Hertz (1882); closed form",
         "The force is a power 3/2 of the depth, so its slope is zero at the entry. A linear stop with the same peak "
         "force has a different contact time. The law has a potential and returns all the speed.",
         0.03125, mass(1.0, 0.0, -0.0078125, 1.0, upper=0.0, stiffness=1e6, exponent=1.5), power_stop, order_limit=2.5,
+        parameters=(KAPPA, START, SPEED),
     ),
     Definition(
         "hunt-crossley", "A ball on a stop that dissipates with depth",
@@ -175,7 +183,7 @@ DEFINITIONS = [
         "The damping grows with the depth, so the force is continuous. The restitution depends on lambda v only. The "
         "usual formulas for it (Lankarani-Nikravesh and others) are off by up to 0.5.",
         5.0, mass(1.0, 0.0, -0.5, 1.0, upper=0.0, stiffness=1.0, exponent=1.5, dissipation=1.0), power_stop,
-        order_limit=2.5,
+        order_limit=2.5, parameters=(KAPPA, "contacts[0].stops.dissipation", SPEED),
     ),
     Definition(
         "two-mass-chain", "Two masses, the second before a stop", LAWS,
@@ -184,6 +192,7 @@ DEFINITIONS = [
         20.0, {"mass": [[1.0, 0.0], [0.0, 1.0]], "stiffness": [[2.0, -1.0], [-1.0, 1.0]],
                "initial_displacement": [-0.5, -1.0], "initial_velocity": [0.0, 0.0],
                "contacts": [{"row": [0.0, 1.0], "upper": 0.25, "stiffness": 100.0}]}, linear, base=2,
+        parameters=(KAPPA, GAP, START),
     ),
     Definition(
         "elastic-bar", "A bar thrown at a wall", BARS.format("first") + "; Code_Aster's V5.03.100",
@@ -273,6 +282,7 @@ DEFINITIONS = [
         "another orbit. An impact that is late by a fraction of the step shifts the orbit by the same fraction.",
         10.0, mass(1.0, 1.0, 0.0, -16.0 / 3.0, loads=drive(-1.0, 2.0, 0.0),
                    upper=0.0, stiffness=INF, restitution=0.8), rigid, order_limit=1.0,
+        parameters=(RESTITUTION, SPEED),
         more=lambda truth: {"impact_speed": (mp.mpf(20) / 3, "x'' + x = cos(w t), x <= 0: of the exact orbit"),
                             "grazing_stop": (mp.mpf(1) / 3, "1/|1 - w^2|: the stop that the free motion just touches")},
     ),
@@ -282,6 +292,7 @@ DEFINITIONS = [
         "contact the impact time is most sensitive.",
         20.0, mass(1.0, 1.0, -0.1, 0.0, loads=drive(1.0, 2.8, float(np.pi / 2)),
                    upper=0.0, stiffness=INF, restitution=0.8), rigid, samples=64, base=8, order_limit=1.0,
+        parameters=(RESTITUTION, GAP, START),
     ),
     Definition(
         "nonsmooth-mode", "A nonsmooth mode of two masses", "closed form of nonsmooth modal analysis, one impact a "

@@ -35,6 +35,14 @@ def page_text(made: list[Problem]) -> str:
         for name, answer in p.answers.items():
             if name not in ("tip_velocity", "energy_scale"):
                 lines.append(f"| {_label(name, p)} | {_value(answer)} | {answer.how.replace('|', chr(92) + '|')} |")
+        if p.derivatives:
+            tips, velocities = p.derivatives["tip"], p.derivatives["tip_velocity"]
+            lines += [
+                "",
+                f"| derivative at t = {p.t_end:g} with respect to | of the tip | of its velocity |",
+                "|---|---|---|",
+            ]
+            lines += [f"| `{path}` | {tips[path].digits} | {velocities[path].digits} |" for path in tips]
         if p.statistics is not None:
             s = p.statistics
             values = (f"{n.replace('_', ' ')} {m:.4g} ± {d:.2g}" for n, (m, d) in s.values.items())
@@ -73,6 +81,7 @@ reader returns. The answers are decimals in quotes, computed for exactly these d
 * `stiffness = inf` is a rigid stop with Newton's `restitution`.
 * `observe` is the row of the tip u; by default it is the row of the first contact.
 * `tip` and `tip_velocity` are given at the times k `t_end`/`samples`, k = 1, 2, …, rounded to doubles.
+* `derivatives` of `tip` and `tip_velocity` at `t_end` are known for nine problems, by the path of a parameter.
 * `impacts` and `releases` are the event times of the first contact. A contact that is closed at the start does not
   count as an impact.
 
@@ -113,6 +122,11 @@ problems = ["free-oscillator", "bilinear-oscillator", "bilinear-gap", "two-mass-
 print(sb.score(central_differences, problems))
 ```
 
+If your integrator has gradients, return them as the fourth value: a dictionary from paths such as `"q0[0]"` or
+`"contacts[0].stops.stiffness"` to the derivative of the tip at the end time. The column "gradient" of the score is the
+largest relative error of those that the problem knows, and an error that does not fall with the step is flagged.
+`sb.problem("bilinear-gap").derivatives["tip"]` lists them.
+
 Any other program writes a CSV file with the columns t, u and, if available, v, with equal steps up to `t_end`. Several
 files with different steps also give an order:
 
@@ -126,7 +140,8 @@ The score contains these errors:
 * of the tip at the sample times, as rms relative to its largest value;
 * of the impact times;
 * of the peak force, interpolated between the steps by cubics;
-* of the energy at the end.
+* of the energy at the end;
+* of the derivatives of the tip at the end, if the integrator has gradients.
 
 An integrator is flagged in three cases:
 
@@ -155,7 +170,10 @@ TAIL = """
 * for piecewise-linear systems, the multiprecision solution of stiffbeam (python-flint), computed twice with different
   precision.
 
-Two tests check them with methods that share no code with the first solution:
+The derivatives come from differences of order 8 of these answers, and from Taylor series with variational equations in
+MPFR (heyoka). Both agree to 22 digits.
+
+Two tests check the answers with methods that share no code with the first solution:
 
 * `tests/testset/test_known_answers.py` uses matrix exponentials between events, in mpmath if the system is small, and
   Runge-Kutta of order 8 with events;

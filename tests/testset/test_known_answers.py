@@ -354,6 +354,7 @@ def test_the_generator_makes_the_files_that_are_there(tmp_path, processor):
         "for k, d in enumerate(make.DEFINITIONS, start=1):\n"
         "    if d.name not in ('hertz', 'hunt-crossley') and not d.name.startswith('table'):\n"
         "        there = (make.FOLDER / f'{d.name}.toml').read_text(encoding='utf-8')\n"
+        "        there = there.partition('\\n[derivatives]')[0]\n"
         "        if d.name in ('stop-along-the-beam', 'nonsmooth-beam-mode'):\n"
         "            starts = [f'initial_{x}' for x in ('displacement', 'velocity')]\n"
         "            start = {x: tomllib.loads(there)['system'][x] for x in starts}\n"

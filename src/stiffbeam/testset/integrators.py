@@ -6,14 +6,14 @@ The score and the studies accept each of them, under a unique label.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from ..basics.compiled import clock
-from ..basics.validation import InputError, one_of
+from ..basics.validation import InputError, near, number, one_of
 from ..march.integrate import integrate
 from ..model.system import System
 from ..references import solve
@@ -220,8 +220,7 @@ def _called(maker: Integrator, system: System, dt: float, t_end: float) -> Traje
         )  # fmt: skip
         run = replace(returned, work=work, provenance=returned.provenance | {"method": maker.label})
     else:
-        t, u, *rest = _finite_arrays(returned, maker.label)
-        v = rest[0] if rest else None
+        t, u, v = _finite_arrays(returned, maker.label)
         if u.ndim == 2 and v is None:
             u = system.positions(t, u)[:, system.tip_channel]
         states = (u, v) if u.ndim == 2 and v is not None else None
@@ -233,18 +232,34 @@ def _called(maker: Integrator, system: System, dt: float, t_end: float) -> Traje
     return run
 
 
-def _finite_arrays(returned: Any, label: str) -> list[Any]:
-    """Return the arrays of a function. Raises Diverged where they are not finite from some time on, InputError for no
-    tuple of two or three."""
-    if not isinstance(returned, (tuple, list)) or len(returned) not in (2, 3):
-        remedy = "return a tuple of arrays"
-        raise InputError("the integrator", type(returned).__name__, "return (t, u) or (t, u, v)", remedy)
-    arrays = [np.asarray(x, float) for x in returned]
+def _finite_arrays(returned: Any, label: str) -> tuple[Any, Any, Any]:
+    """Return t, u and v of a function, v None where it has none. Raises Diverged where they are not finite from some
+    time on, InputError for no tuple of two, three or, with gradients, four."""
+    if not isinstance(returned, (tuple, list)) or len(returned) not in (2, 3, 4):
+        rule, remedy = "return (t, u), (t, u, v) or (t, u, v, gradients)", "return a tuple of arrays"
+        raise InputError("the integrator", type(returned).__name__, rule, remedy)
+    arrays = [np.asarray(x, float) for x in returned[:3] if x is not None]
     bad = [~np.all(np.isfinite(x.reshape(len(x), -1)), axis=1) for x in arrays[1:] if x.ndim]
     if any(len(x) == len(arrays[0]) and np.any(x) for x in bad):
         first = min(int(np.argmax(x)) for x in bad if np.any(x))
         raise Diverged(label, float(arrays[0][first]), "more steps may help")
-    return arrays
+    return arrays[0], arrays[1], arrays[2] if len(arrays) > 2 else None
+
+
+def _gradients(problem: Problem, returned: Any) -> Mapping[str, float] | None:
+    """Return the gradients of a function that has some. Raises InputError for anything but numbers by path, and for
+    paths of which none is known."""
+    if len(returned) < 4:
+        return None
+    gradients = returned[3]
+    rule = 'map paths of parameters such as "q0[0]" to derivatives of the tip at t_end'
+    if not isinstance(gradients, Mapping):
+        raise InputError("gradients", type(gradients).__name__, rule, "return a dictionary")
+    known = problem.derivatives.get("tip", {})
+    if gradients and known and not known.keys() & gradients:
+        path = str(next(iter(gradients)))
+        raise InputError("gradients", path, f"name a derivative that {problem.name} has", near(path, sorted(known)))
+    return {str(path): number("gradients", value) for path, value in gradients.items()}
 
 
 # ---------------------------------------------------------------- runs of a problem with a known answer
@@ -281,7 +296,11 @@ def _by_solver(method: str, problem: Problem, rtol: float, t_end: float) -> Made
     q, v = run.states
     record = run.contacts[0]
     peak = record.peak_force if impacts is not None else None
-    motion = Motion(run.t, run.tip, run.tip_velocity, (q[-1], v[-1]), impacts=impacts, peak_force=peak)
+    paths = list(problem.derivatives.get("tip", ())) if method == "exact" and t_end == problem.t_end else []
+    gradients = dict(zip(paths, run.derivative(paths, run.t[-1:]).tip[-1].tolist(), strict=True)) if paths else None
+    motion = Motion(
+        run.t, run.tip, run.tip_velocity, (q[-1], v[-1]), impacts=impacts, peak_force=peak, gradients=gradients
+    )
     cost = max([0, *run.work.counters.values()])
     return Made(rtol, cost, run.work.seconds, motion)
 
@@ -295,7 +314,8 @@ def _by_function(function: Any, problem: Problem, steps: float, t_end: float) ->
     if isinstance(returned, Trajectory):
         returned = (returned.t, returned.tip, returned.tip_velocity)
     try:
-        return Made(steps, steps, seconds, motion_of(problem, *_finite_arrays(returned, "it"), t_end=t_end))
+        motion = motion_of(problem, *_finite_arrays(returned, "it"), t_end=t_end)
+        return Made(steps, steps, seconds, replace(motion, gradients=_gradients(problem, returned)))
     except InputError as error:  # it has taken the problem, and failed
         raise ValueError(str(error)) from None
 

@@ -28,7 +28,8 @@ class Motion:
     """Output of an integrator at times t (k,): the tip u and its velocity v, None if it has none.
 
     states: (q, q') at t_end, (n,) each. position, velocity: of the first contact relative to its stops, at t. impacts:
-    the integrator's own impact times if it has them; else those of position and velocity.
+    the integrator's own impact times if it has them; else those of position and velocity. gradients: derivatives of the
+    tip at t_end by the path of a parameter.
     """
 
     t: Array
@@ -39,6 +40,7 @@ class Motion:
     velocity: Array | None = None
     impacts: Impacts | None = None
     peak_force: float | None = None
+    gradients: Mapping[str, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -48,7 +50,8 @@ class Errors:
     the first ``PAIRED`` impact times, NaN where one is missing. peak_force: relative. energy: at t_end, over the energy
     the system has had; > 0 gained. factor: that of u over u_known, where u is the known motion but for it, NaN where it
     is 1 or there is none. clock: its times over those of the known motion, where it is that but for them, NaN else.
-    rate: what the tip's velocity has to be multiplied by to be the rate of its position, less 1.
+    rate: what the tip's velocity has to be multiplied by to be the rate of its position, less 1. gradient: the largest
+    relative error of the derivatives of the tip at t_end.
     What the motion does not give is NaN, or -1 impacts.
     """
 
@@ -62,6 +65,7 @@ class Errors:
     velocity: float = float("nan")
     rate: float = float("nan")
     clock: float = float("nan")
+    gradient: float = float("nan")
 
 
 def motion_of(problem: Problem, t: Any, u: Any, v: Any = None, t_end: float | None = None) -> Motion:
@@ -123,7 +127,7 @@ def errors_of(problem: Problem, motion: Motion) -> Errors:
     rms = float(np.sqrt(np.mean(off**2)))
     return Errors(rms, float(np.max(off)), count, late, peak, _energy_error(problem, motion),
                   _factor(seen, known), _velocity_error(problem, motion), _rate(motion),
-                  _clock(problem, motion) if rms > ALIKE else float("nan"))  # fmt: skip
+                  _clock(problem, motion) if rms > ALIKE else float("nan"), _gradient(problem, motion))  # fmt: skip
 
 
 def _velocity_error(problem: Problem, motion: Motion) -> float:
@@ -132,6 +136,12 @@ def _velocity_error(problem: Problem, motion: Motion) -> float:
     known = problem.answers["tip_velocity"].value
     seen = _at(problem.times, replace(motion, u=motion.v, v=None))
     return float(np.median(np.abs(seen - known)) / np.max(np.abs(known)))
+
+
+def _gradient(problem: Problem, motion: Motion) -> float:
+    """The largest relative error of the derivatives that are known."""
+    known, found = problem.derivatives.get("tip", {}), motion.gradients or {}
+    return max((abs(found[path] / known[path].value - 1.0) for path in known.keys() & found), default=float("nan"))
 
 
 def _rate(motion: Motion) -> float:

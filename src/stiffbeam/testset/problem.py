@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from functools import cache, cached_property
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,8 @@ from ..model.sampled import Sampled
 from ..model.system import System
 from ..model.time_functions import Constant, Harmonic, LoadFunction
 
-VERSION = "3.0"  # of the test set: the first number changes when an answer does, the second when problems are added
+# Of the test set: the first number changes when an answer does, the second when problems or answers are added.
+VERSION = "3.1"
 LAW = ("lower", "upper", "stiffness", "exponent", "damping", "dissipation", "restitution")
 
 
@@ -80,6 +81,9 @@ class Problem:
         The [system] of the file.
     statistics : Statistics, optional
         Values past the horizon.
+    derivatives : mapping of str to mapping of str to Answer
+        Of ``tip`` and ``tip_velocity`` at t_end, by the path of a parameter: ``derivatives["tip"]["q0[0]"]``. Empty
+        where none are known.
 
     Examples
     --------
@@ -100,6 +104,7 @@ class Problem:
     answers: Mapping[str, Answer]
     data: Mapping[str, Any]
     statistics: Statistics | None = None
+    derivatives: Mapping[str, Mapping[str, Answer]] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         return f"<Problem {self.name}: {self.title}>"
@@ -163,7 +168,7 @@ def time_function(table: Mapping[str, Any]) -> LoadFunction:
 
 def _contact(table: Mapping[str, Any]) -> Contact:
     law = {key: table[key] for key in LAW if key in table}
-    if law["stiffness"] == math.inf and "restitution" not in {field.name for field in fields(Stops)}:
+    if law["stiffness"] == math.inf and "restitution" not in {x.name for x in fields(Stops)}:
         remedy = "its integrator can be scored by a trajectory file"
         raise InputError("stops.stiffness", math.inf, "be finite: rigid stops are not among the laws", remedy)
     offset = time_function(table["offset"]) if "offset" in table else None
@@ -193,9 +198,15 @@ def read(text: str) -> Problem:
     if known is not None:
         values = {name: (x["mean"], x["deviation"]) for name, x in known.pop("values").items()}
         statistics = Statistics(**known | {"steps": tuple(known["steps"])}, values=values)
+    derivatives = table.get("derivatives", {})
+    how = derivatives.pop("how", "")
+    known_derivatives = {
+        what: {path: Answer(digits, how) for path, digits in values.items()} for what, values in derivatives.items()
+    }
     plain = ("number", "name", "title", "source", "catches", "t_end", "samples", "order_limit")
     given = {key: table[key] for key in plain}
-    return Problem(**given, steps=tuple(table["steps"]), answers=answers, data=table["system"], statistics=statistics)
+    return Problem(**given, steps=tuple(table["steps"]), answers=answers, data=table["system"], statistics=statistics,
+                   derivatives=known_derivatives)  # fmt: skip
 
 
 @cache

@@ -41,9 +41,10 @@ def score(
     ----------
     integrators : one or a sequence, optional
         A Scheme; the label of a scheme or reference solver ("HHT(alpha=-0.1)", "cvode"); a function
-        solve(system, dt, t_end) -> (t, u) or (t, u, v), where u and v are the tip (k,) or all unknowns (k, n) at the
-        times t (k,); or runs recorded on the problems' systems (``Trajectory.from_arrays``), those of one name as one
-        integrator. By default all schemes and solvers of the package.
+        solve(system, dt, t_end) -> (t, u), (t, u, v) or (t, u, v, gradients), where u and v are the tip (k,) or all
+        unknowns (k, n) at the times t (k,), and gradients the derivatives of the tip at t_end by paths such as
+        "q0[0]", see ``Problem.derivatives``; or runs recorded on the problems' systems (``Trajectory.from_arrays``),
+        those of one name as one integrator. By default all schemes and solvers of the package.
     problems : str, Problem or a sequence, optional
         By default all.
     order : float, optional

@@ -33,6 +33,7 @@ COLUMNS = (
     "impact times",
     "peak force",
     "energy",
+    "gradient",
     "outcome",
 )
 
@@ -55,6 +56,7 @@ def _detail_row(e: Entry) -> list[str]:
         f"{last.impacts}{_known(e)}" if last.impacts >= 0 else "",
         *(shown_error(abs(x)) for x in (last.impact_time, last.peak_force)),
         f"{last.energy:+.1e}" if np.isfinite(last.energy) else "",
+        shown_error(last.gradient),
         e.outcome,
     ]
 

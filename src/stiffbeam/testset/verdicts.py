@@ -126,6 +126,7 @@ def _missed(entry: Entry, levels: Array) -> tuple[str, ...]:
         "impact times": late,
         "peak force": np.abs([e.peak_force for e in errors]),
         "energy": np.abs([e.energy for e in errors]),
+        "gradient": np.array([e.gradient for e in errors]),
     }
     off_names = [name for name, x in judged.items() if np.all(np.isfinite(x)) and not _falls(levels, x)]
     velocity, rate = np.array([[e.velocity, abs(e.rate)] for e in errors]).T
@@ -169,7 +170,7 @@ def with_digits(entry: Entry, lost: float) -> Entry:
     last = entry.best
     others = {
         "impact times": last.impact_time / entry.problem.t_end, "peak force": last.peak_force, "energy": last.energy,
-        "velocity": last.velocity,
+        "velocity": last.velocity, "gradient": last.gradient,
     }  # fmt: skip
     if not (last.tip_rms <= lost and all(abs(others[name]) <= MAGNIFIED * lost for name in entry.missed)):
         return entry

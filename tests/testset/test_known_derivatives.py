@@ -1,0 +1,140 @@
+"""Derivatives of the test set: by ways of their own, and in the score."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import stiffbeam as sb
+from stiffbeam.testset.verdicts import CONVERGES, FAILED, NOT_FALLING
+
+mp = pytest.importorskip("mpmath")
+ROOT = Path(__file__).parents[2]
+FOLDER = ROOT / "reference" / "problems"
+FILES = {file.stem: tomllib.loads(file.read_text(encoding="utf-8")) for file in FOLDER.glob("*.toml")}
+KNOWN = sorted(name for name, file in FILES.items() if "derivatives" in file)
+CONTACT = {name: file["system"]["contacts"][0] for name, file in FILES.items()}
+POWERS = ("hertz", "hunt-crossley")
+KAPPA, DISSIPATION = "contacts[0].stops.stiffness", "contacts[0].stops.dissipation"
+
+
+def test_nine_problems_have_derivatives_of_tip_and_velocity_with_22_digits():
+    assert len(KNOWN) == 9
+    for name in KNOWN:
+        known = sb.problem(name).derivatives
+        assert set(known) == {"tip", "tip_velocity"}
+        assert known["tip"].keys() == known["tip_velocity"].keys()
+        for answer in known["tip"].values():
+            assert "22 digits" in answer.how
+            assert len(answer.digits.strip("-0.").partition("e")[0].replace(".", "")) >= 20 or answer.value == -1.0
+
+
+@pytest.mark.parametrize("name", [name for name in KNOWN if name not in POWERS])
+def test_the_derivatives_of_the_exact_solution(name):
+    """In double precision, segment by segment: no code of either way."""
+    problem = sb.problem(name)
+    paths = list(problem.derivatives["tip"])
+    found = sb.reference(problem.system, problem.t_end).derivative(paths)
+    for what, values in (("tip", found.tip), ("tip_velocity", found.tip_velocity)):
+        known = [problem.derivatives[what][path].value for path in paths]
+        assert values[-1] == pytest.approx(known, rel=1e-10, abs=1e-13)
+
+
+def restitution(x):
+    """e of Hunt and Crossley at lambda v = x."""
+    return mp.findroot(lambda e: x * (1 + e) - mp.log((1 + x) / (1 - e * x)), mp.mpf("0.6"))
+
+
+def test_power_laws_by_their_scaling():
+    """T is proportional to kappa^(-2/5) v^(-1/5) for Hertz and to kappa^(-2/5) for Hunt and Crossley, whose e depends
+    on lambda v only: lambda v (1 + e) = ln[(1 + lambda v)/(1 - e lambda v)]."""
+    with mp.workdps(40):
+        for name in POWERS:
+            file = FILES[name]
+            tip, velocity = (
+                {path: mp.mpf(x) for path, x in file["derivatives"][what].items()} for what in ("tip", "tip_velocity")
+            )
+            answers = {key: mp.mpf(x["value"]) for key, x in file["answers"].items() if isinstance(x["value"], str)}
+            T, e, kappa = answers["contact_time"], answers["restitution"], mp.mpf(CONTACT[name]["stiffness"])
+            assert abs(tip[KAPPA] / (-mp.mpf(2) / 5 * e * T / kappa) - 1) < mp.mpf(10) ** -21
+            assert velocity[KAPPA] == 0
+            if name == "hertz":  # tip = -v (t_end - t_0 - T), t_0 = -q0/v, v = 1
+                after = mp.mpf(file["t_end"]) + mp.mpf(file["system"]["initial_displacement"][0]) - T
+                entry = -mp.mpf(file["system"]["initial_displacement"][0])
+                assert abs(tip["v0[0]"] - (-after - entry - T / 5)) < mp.mpf(10) ** -21
+                assert (tip["q0[0]"], velocity["v0[0]"]) == (-1, -1)
+            else:
+                slope = mp.diff(restitution, 1)
+                assert abs(velocity[DISSIPATION] / -slope - 1) < mp.mpf(10) ** -12
+                assert abs(velocity["v0[0]"] / -(e + slope) - 1) < mp.mpf(10) ** -12
+
+
+@pytest.mark.slow
+def test_both_ways_agree_again_and_give_the_files_section():
+    pytest.importorskip("heyoka")
+    script = ROOT / "studies" / "test_set"
+    code = (
+        f"import sys; sys.path.insert(0, {str(script)!r})\n"
+        "import make\n"
+        "for d in make.DEFINITIONS:\n"
+        "    if d.name in ('bilinear-gap', 'kelvin-voigt', 'impact-oscillator'):\n"
+        "        there = (make.FOLDER / f'{d.name}.toml').read_text(encoding='utf-8')\n"
+        "        assert there.endswith(make.derivatives_text(d)), d.name\n"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True, timeout=300)
+
+
+def verlet(system, dt, t_end, q0=None, kappa=None):
+    """Central differences for one mass under a stop."""
+    c, steps = system.contacts[0].stops, round(t_end / dt)
+    kappa = c.stiffness if kappa is None else kappa
+    u, v = np.empty(steps + 1), np.empty(steps + 1)
+    u[0], v[0] = system.q0[0] if q0 is None else q0, system.v0[0]
+    acceleration = lambda x: -(system.stiffness[0, 0] * x + kappa * max(x - c.upper_bound, 0.0)) / system.mass[0, 0]  # noqa: E731
+    for n in range(steps):
+        half = v[n] + 0.5 * dt * acceleration(u[n])
+        u[n + 1] = u[n] + dt * half
+        v[n + 1] = half + 0.5 * dt * acceleration(u[n + 1])
+    return np.arange(steps + 1) * dt, u, v
+
+
+def with_differences(factor):
+    def solve(system, dt, t_end):
+        h = 1e-6
+        ends = [verlet(system, dt, t_end, q0=system.q0[0] + s * h)[1][-1] for s in (1.0, -1.0)]
+        return *verlet(system, dt, t_end), {"q0[0]": factor * (ends[0] - ends[1]) / (2.0 * h)}
+
+    return solve
+
+
+def test_a_score_shows_the_error_of_the_gradients_and_flags_a_wrong_one():
+    for factor, outcome in ((1.0, CONVERGES), (3.0, NOT_FALLING)):
+        entry = sb.score(with_differences(factor), "bilinear-gap").entries[0]
+        assert entry.outcome == outcome
+        assert entry.best.gradient == pytest.approx(abs(factor - 1.0), abs=0.1)
+        assert "gradient" in str(sb.score(with_differences(factor), "bilinear-gap"))
+        assert ("gradient" in entry.missed) == (factor != 1.0)
+    assert np.isnan(sb.score(verlet, "bilinear-gap").entries[0].best.gradient)
+
+
+def test_the_exact_solution_scores_its_own_derivatives():
+    card = sb.score("exact", ["bilinear-gap", "two-mass-chain", "impact-transient"])
+    assert all(0.0 <= entry.best.gradient < 1e-11 for entry in card.entries)
+
+
+def test_gradients_of_another_shape_or_name_are_told():
+    for gradients, words in (
+        ([1.0], "gradients must map paths"),
+        ({"q0": 1.0}, r"gradients must name a derivative that bilinear-gap has.*q0\[0\]"),
+        ({"q0[0]": "much"}, "gradients must be"),
+    ):
+        solve = lambda system, dt, t_end, x=gradients: (*verlet(system, dt, t_end), x)  # noqa: E731
+        entry = sb.score(solve, "bilinear-gap").entries[0]
+        assert entry.outcome == FAILED
+        assert re.search(words, entry.reason), entry.reason
