@@ -46,6 +46,11 @@ class Method:
                 versions[package] = "missing"
         return versions
 
+    @property
+    def installed(self) -> bool:
+        """True if its libraries are installed, as an extra's may not be."""
+        return "missing" not in self.versions().values()
+
 
 _SCIPY, _SUNDIALS, _FLINT = {"scipy": "scipy"}, {"sksundae": "scikit-sundae"}, {"flint": "python-flint"}
 _DIFFRAX = {"diffrax": "diffrax", "jax": "jax"}

@@ -74,7 +74,8 @@ def points(
             plan += [method | entries for entries in common.recorded_points(one, system)]
         elif one.kind != SOLVER:
             plan += [method | {"dt": end / steps} for steps in common.halved(end, dt, halvings)]
-    fast = [m for m in METHODS if REFERENCES[m].seconds < TOO_SLOW and takes(m, system, case.t_end)]
+    installed = [m for m in METHODS if REFERENCES[m].installed or not REFERENCES[m].extra]
+    fast = [m for m in installed if REFERENCES[m].seconds < TOO_SLOW and takes(m, system, case.t_end)]
     for method in fast if methods is None and not asked else dict.fromkeys(asked):
         affordable = TOLERANCES[: 2 if REFERENCES[method].seconds >= SLOW else None]
         levels = [0.0] if method == "exact" else tolerances or affordable
