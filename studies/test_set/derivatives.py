@@ -27,7 +27,7 @@ def derivatives(
     data: Mapping[str, Any], t_end: float, paths: Sequence[str], truth: Callable[[Mapping[str, Any]], Truth]
 ) -> dict[str, tuple[Any, Any]]:
     """Derivatives of tip and tip velocity at t_end by path. Raises AssertionError where the two ways differ."""
-    by_series = tangent(data, t_end, paths)
+    _, by_series = tangent(data, t_end, paths)
     found = {}
     for path in paths:
         differences = by_differences(data, path, truth)
@@ -81,8 +81,10 @@ class Number:
             self.options["prec"] = bits
 
 
-def tangent(data: Mapping[str, Any], t_end: float, paths: Sequence[str], bits: int = 170) -> dict[str, tuple[Any, Any]]:
-    """Derivatives of tip and tip velocity at t_end by heyoka's variational equations, phase by phase.
+def tangent(
+    data: Mapping[str, Any], t_end: float, paths: Sequence[str], bits: int = 170
+) -> tuple[Any, dict[str, tuple[Any, Any]]]:
+    """Tip at t_end, and by path its derivative and that of its velocity: heyoka's variational equations.
 
     For one contact of one unknown with a stop above, and a diagonal mass.
     """
@@ -180,7 +182,7 @@ def tangent(data: Mapping[str, Any], t_end: float, paths: Sequence[str], bits: i
             D = D - rate * (slope * D) / (slope * rate)[0]  # the event moves along the motion, and with it the time
             state, D = mp.matrix(final[: len(state)]), D[: len(state), :]
             if ended == 1:
-                return {path: (D[j, c], D[n + j, c]) for c, path in enumerate(paths)}
+                return state[j], {path: (D[j, c], D[n + j, c]) for c, path in enumerate(paths)}
             if rigid:
                 e = state[2 * n + 1 + own.index("restitution")] if "restitution" in own else mp.mpf(law["restitution"])
                 for c in range(len(paths)):

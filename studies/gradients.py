@@ -1,0 +1,276 @@
+"""Who gets a gradient through contact right: engines of others and schemes on the test set's known derivatives.
+
+    python studies/gradients.py            the engines without a record in studies/gradients.json, ten minutes for all,
+                                           and the tables of studies/guide/derivatives.md from the records
+
+Value: error of the tip at the end over the largest displacement. Gradient: largest relative error of its derivatives in
+the parameters that the problem knows. diffrax: jax.grad through the solve, the contact a penalty force. SciPy: central
+differences of solve_ivp, through the contacts or restarted at events. heyoka: variational equations, restarted at
+events. Schemes: central differences of their runs.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from collections.abc import Callable, Mapping, Sequence
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import stiffbeam as sb
+from stiffbeam.model.members import with_values
+from stiffbeam.testset.problem import Problem
+
+sys.path.insert(0, str(Path(__file__).parent / "test_set"))
+PAGE = Path(__file__).parent / "guide" / "derivatives.md"
+RECORDS = Path(__file__).with_suffix(".json")
+BEGIN, END = "<!-- made by studies/gradients.py -->", "<!-- end -->"
+COMPLIANT = ("bilinear-gap", "two-mass-chain", "hertz")
+RIGID = ("impact-oscillator", "impact-transient")
+WIDTH = 1e-6  # of a parameter, of central differences
+Found = tuple[float, Mapping[str, float]]  # tip at the end, and its derivatives
+
+
+def tip_by_theta(problem: Problem) -> tuple[list[str], np.ndarray]:
+    """Paths of the known derivatives, and the values of the parameters."""
+    paths = list(problem.derivatives["tip"])
+    return paths, np.array([value_of(problem, path) for path in paths])
+
+
+def value_of(problem: Problem, path: str) -> float:
+    """The number of a parameter in the problem's data."""
+    from derivatives import place
+
+    table, key = place(problem.data, path)
+    return float(table[key])
+
+
+def differences(problem: Problem, tip: Callable[[Mapping[str, float]], float]) -> Found:
+    """Central differences of a function of the parameters."""
+    paths, theta = tip_by_theta(problem)
+    found = {}
+    for path, value in zip(paths, theta, strict=True):
+        h = WIDTH * (abs(value) or 1.0)
+        found[path] = (tip({path: value + h}) - tip({path: value - h})) / (2.0 * h)
+    return tip({}), found
+
+
+class Model:
+    """Equations of a problem with one contact, in NumPy or JAX: y = (q, q'), theta by path."""
+
+    def __init__(self, problem: Problem) -> None:
+        data = problem.data
+        self.problem, self.n, self.contact = problem, len(data["initial_displacement"]), data["contacts"][0]
+        self.inverse = np.linalg.inv(np.array(data["mass"], float))
+        self.K, self.row = np.array(data["stiffness"], float), np.array(self.contact["row"], float)
+
+    def law(self, theta: Mapping[str, Any], name: str) -> Any:
+        default = self.contact.get(name, 1.0 if name == "exponent" else 0.0)
+        return theta.get(f"contacts[0].stops.{name}", default)
+
+    def start(self, theta: Mapping[str, Any], xp: Any) -> Any:
+        names = [f"{x}0[{i}]" for x in "qv" for i in range(self.n)]
+        values = [*self.problem.data["initial_displacement"], *self.problem.data["initial_velocity"]]
+        return xp.stack([xp.asarray(theta.get(a, b), float) for a, b in zip(names, values, strict=True)])
+
+    def depth(self, y: Any, theta: Mapping[str, Any]) -> Any:
+        return self.row @ y[: self.n] - self.law(theta, "upper")
+
+    def rate(self, t: Any, y: Any, theta: Mapping[str, Any], xp: Any, closed: bool | None = None) -> Any:
+        """y' with the contact closed, open, or as the depth says."""
+        force = -self.K @ y[: self.n]
+        for load in self.problem.data.get("loads", ()):
+            force = force + np.array(load["vector"]) * load["amplitude"] * xp.sin(load["frequency"] * t + load["phase"])
+        if closed is not False and np.isfinite(self.contact["stiffness"]):
+            d, p = self.depth(y, theta), self.law(theta, "exponent")
+            inside = d > 0.0
+            press = self.law(theta, "stiffness") * (
+                d if p == 1.0 else xp.where(inside, xp.where(inside, d, 1.0) ** p, 0)
+            )
+            force = force - self.row * (press if closed and p == 1.0 else xp.where(inside, press, 0.0))
+        return xp.concatenate([y[self.n :], self.inverse @ force])
+
+
+# ---------------------------------------------------------------- engines
+
+
+def by_diffrax(solver: str, rtol: float | None = None, steps: int | None = None) -> Callable[[Problem], Found]:
+    """jax.grad through diffrax with a penalty force: adaptive, or with equal steps."""
+
+    def engine(problem: Problem) -> Found:
+        import diffrax
+        import jax
+        import jax.numpy as jnp
+
+        model, (paths, theta) = Model(problem), tip_by_theta(problem)
+        largest = np.max(np.abs(problem.answers["tip"].value))
+        controller = diffrax.ConstantStepSize()
+        if rtol is not None:
+            controller = diffrax.PIDController(rtol=rtol, atol=rtol * 1e-2 * largest)
+
+        def tip(values: Any) -> Any:
+            named = dict(zip(paths, values, strict=True))
+            term = diffrax.ODETerm(lambda t, y, args: model.rate(t, y, named, jnp))
+            solution = diffrax.diffeqsolve(
+                term, getattr(diffrax, solver)(), 0.0, problem.t_end, None if steps is None else problem.t_end / steps,
+                model.start(named, jnp), stepsize_controller=controller, max_steps=500_000,
+            )  # fmt: skip
+            return model.row @ solution.ys[-1, : model.n]
+
+        value, gradient = jax.value_and_grad(tip)(jnp.asarray(theta))
+        return float(value), dict(zip(paths, np.asarray(gradient).tolist(), strict=True))
+
+    return engine
+
+
+def by_scipy(rtol: float, events: bool) -> Callable[[Problem], Found]:
+    """Central differences of solve_ivp with DOP853."""
+
+    def engine(problem: Problem) -> Found:
+        from scipy.integrate import solve_ivp
+
+        model = Model(problem)
+        options = {"method": "DOP853", "rtol": rtol, "atol": rtol * 1e-2 * np.max(np.abs(problem.answers["tip"].value))}
+
+        def tip(theta: Mapping[str, float]) -> float:
+            t, y, closed = 0.0, model.start(theta, np), False
+            while events:
+
+                def gap(t: float, y: np.ndarray) -> float:
+                    return model.depth(y, theta)
+
+                gap.terminal, gap.direction = True, -1.0 if closed else 1.0
+                path = solve_ivp(
+                    lambda t, y, closed=closed: model.rate(t, y, theta, np, closed), (t, problem.t_end), y,
+                    events=gap, **options,
+                )  # fmt: skip
+                t, y = path.t[-1], path.y[:, -1]
+                if path.status != 1:
+                    return float(model.row @ y[: model.n])
+                if problem.rigid:
+                    y = y.copy()
+                    y[model.n] *= -model.law(theta, "restitution")
+                else:
+                    closed = not closed
+            path = solve_ivp(lambda t, y: model.rate(t, y, theta, np), (0.0, problem.t_end), y, **options)
+            return float(model.row @ path.y[: model.n, -1])
+
+        return differences(problem, tip)
+
+    return engine
+
+
+def by_heyoka(problem: Problem) -> Found:
+    """heyoka's variational equations in double precision, with the change of the derivative at events."""
+    from derivatives import tangent
+
+    paths, _ = tip_by_theta(problem)
+    tip, found = tangent(dict(problem.data), problem.t_end, paths, bits=53)
+    return float(tip), {path: float(pair[0]) for path, pair in found.items()}
+
+
+def by_scheme(scheme: Any, steps: int, contact: str = "implicit") -> Callable[[Problem], Found]:
+    """Central differences of runs of a scheme."""
+
+    def engine(problem: Problem) -> Found:
+        def tip(theta: Mapping[str, float]) -> float:
+            system = with_values(problem.system, dict(theta)) if theta else problem.system
+            return float(sb.integrate(system, scheme, problem.t_end / steps, problem.t_end, contact).tip[-1])
+
+        return differences(problem, tip)
+
+    return engine
+
+
+def by_exact(problem: Problem) -> Found:
+    """``reference.derivative``."""
+    paths, _ = tip_by_theta(problem)
+    run = sb.reference(problem.system, problem.t_end)
+    return float(run.tip[-1]), dict(zip(paths, run.derivative(paths, run.t[-1:]).tip[-1].tolist(), strict=True))
+
+
+ENGINES: dict[str, Callable[[Problem], Found]] = {
+    "diffrax Tsit5, rtol 1e-6, jax.grad": by_diffrax("Tsit5", 1e-6),
+    "diffrax Tsit5, rtol 1e-9": by_diffrax("Tsit5", 1e-9),
+    "diffrax Kvaerno5, rtol 1e-6": by_diffrax("Kvaerno5", 1e-6),
+    "diffrax Kvaerno5, rtol 1e-9": by_diffrax("Kvaerno5", 1e-9),
+    "diffrax Tsit5, 1000 equal steps": by_diffrax("Tsit5", steps=1000),
+    "diffrax Tsit5, 16 000 equal steps": by_diffrax("Tsit5", steps=16_000),
+    "SciPy DOP853, rtol 1e-6, differences": by_scipy(1e-6, events=False),
+    "SciPy DOP853, rtol 1e-12, differences": by_scipy(1e-12, events=False),
+    "SciPy DOP853, rtol 1e-12, restarted at events": by_scipy(1e-12, events=True),
+    "heyoka, variational equations": by_heyoka,
+    "trapezoidal, 16 000 steps, differences": by_scheme(sb.Trapezoidal(), 16_000),
+    "trapezoidal, conserving contact": by_scheme(sb.Trapezoidal(), 16_000, "conserving"),
+    "exact solution, `reference.derivative`": by_exact,
+}
+OF_RIGID: dict[str, Callable[[Problem], Found]] = {
+    "SciPy DOP853, rtol 1e-12, restarted at events, differences": by_scipy(1e-12, events=True),
+    "heyoka, variational equations": by_heyoka,
+    "Moreau-Jean, 16 000 steps, differences": by_scheme(sb.MoreauJean(), 16_000),
+    "Paoli-Schatzman, 16 000 steps, differences": by_scheme(sb.PaoliSchatzman(), 16_000),
+    "nonsmooth generalised-alpha, 16 000 steps, differences": by_scheme(sb.NonsmoothGeneralisedAlpha(), 16_000),
+    "exact solution, `reference.derivative`": by_exact,
+}
+
+
+def errors(problem: Problem, found: Found) -> tuple[float, float]:
+    """Errors of value and gradient."""
+    known, (tip, gradient) = problem.answers["tip"].value, found
+    off = [abs(x / problem.derivatives["tip"][path].value - 1.0) for path, x in gradient.items()]
+    return abs(tip - known[-1]) / float(np.max(np.abs(known))), max(off)
+
+
+def record(engines: Mapping[str, Callable[[Problem], Found]], names: Sequence[str]) -> None:
+    """Add the errors of every engine on every problem to the records; those that are there stay."""
+    records = json.loads(RECORDS.read_text(encoding="utf-8")) if RECORDS.exists() else {}
+    for label, engine in engines.items():
+        for name in names:
+            of_engine = records.setdefault(label, {})
+            if name in of_engine:
+                continue
+            begun = time.perf_counter()
+            try:
+                value, gradient = errors(sb.problem(name), engine(sb.problem(name)))
+                of_engine[name] = {"value": value, "gradient": gradient}
+            except sb.InputError:  # no exact solution for a power law
+                of_engine[name] = {"value": None, "gradient": None}
+            print(f"{label}, {name}: {of_engine[name]}, {time.perf_counter() - begun:.1f} s", flush=True)
+            RECORDS.write_text(json.dumps(records, indent=1) + "\n", encoding="utf-8")
+
+
+def table(engines: Mapping[str, Callable[[Problem], Found]], names: Sequence[str]) -> list[str]:
+    """Rows of value and gradient of every engine on every problem, from the records."""
+    records = json.loads(RECORDS.read_text(encoding="utf-8"))
+    heads = " | ".join(f"{name}: value | gradient" for name in names)
+    rows = [f"| engine | {heads} |", "|---" * (1 + 2 * len(names)) + "|"]
+    for label in engines:
+        cells = [shown(records[label][name][what]) for name in names for what in ("value", "gradient")]
+        rows.append(f"| {label} | {' | '.join(cells)} |")
+    return rows
+
+
+def shown(x: float | None) -> str:
+    """An error with one digit."""
+    return "–" if x is None else f"{x:.0e}"
+
+
+def main() -> None:
+    import jax
+
+    jax.config.update("jax_enable_x64", True)
+    record(OF_RIGID, RIGID)
+    record(ENGINES, COMPLIANT)
+    libraries = ", ".join(f"{x} {version(x)}" for x in ("diffrax", "scipy", "heyoka"))
+    lines = [BEGIN, "", *table(ENGINES, COMPLIANT), "", "Rigid stops:", "", *table(OF_RIGID, RIGID), "",
+             f"Made with {libraries}.", "", END]  # fmt: skip
+    before, _, rest = PAGE.read_text(encoding="utf-8").partition(BEGIN)
+    PAGE.write_text(before + "\n".join(lines) + rest.partition(END)[2], encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
