@@ -123,6 +123,15 @@ def test_systems_of_one_shape_share_a_program():
         assert ("compile_seconds" in run.provenance) == compiling
 
 
+def test_a_system_without_contacts():
+    load = [([0.0, 1.0], sb.Harmonic(2.0, 3.0))]
+    stiffness = [[20.0, -10.0], [-10.0, 10.0]]
+    system = sb.System.from_matrices(np.eye(2), stiffness, 0.01 * np.eye(2), loads=load, observe=[0.0, 1.0])
+    exact, run = (solve(system, 5.0, method, None, 1e-12, None) for method in ("exact", "heyoka"))
+    assert np.max(np.abs(run.tip - exact.tip)) < 1e-12
+    assert np.max(np.abs(run.energy.viscous - exact.energy.viscous)) < 1e-12
+
+
 def test_the_horizon_and_other_units():
     """A motion a million times smaller and a thousand times faster takes the same steps."""
     runs = []

@@ -288,7 +288,8 @@ def _march(
     bound = _first_step(rhs, phase, program.pressed, roots)
     integrator.time = 0.0 if in_contact else phase.start
     integrator.state[:] = [*(phase.z / scales), *([0.0, *roots] if in_contact else [])]
-    integrator.reset_cooldowns()
+    if integrator.with_events:
+        integrator.reset_cooldowns()
     for peaks in program.peaks:
         peaks.zeros.clear()
 
