@@ -206,6 +206,7 @@ ENGINES: dict[str, Callable[[Problem], Found]] = {
     "heyoka, variational equations": by_heyoka,
     "trapezoidal, 16 000 steps, differences": by_scheme(sb.Trapezoidal(), 16_000),
     "trapezoidal, conserving contact": by_scheme(sb.Trapezoidal(), 16_000, "conserving"),
+    "trapezoidal, averaged contact": by_scheme(sb.Trapezoidal(), 16_000, "averaged"),
     "exact solution, `reference.derivative`": by_exact,
 }
 OF_RIGID: dict[str, Callable[[Problem], Found]] = {
