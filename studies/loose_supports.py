@@ -53,7 +53,7 @@ SOURCES = {"scheme": "#0072b2", "mesh": "#d55e00", "data": "#009e73"}
 
 
 def made(file: Path) -> Path:
-    """A reproducible record of 2 kHz: two tones and noise below 200 Hz, in N."""
+    """A reproducible record of 2 kHz: two tones and noise of 5 to 200 rad/s, in N."""
     t = np.arange(0.0, 0.25 + 1e-9, 5e-4)
     noise = sb.noise(0.25, rms=3.0, band=(5.0, 200.0), seed=19)
     force = 12.0 * np.sin(2 * np.pi * 22.0 * t) + 6.0 * np.sin(2 * np.pi * 61.0 * t + 1.0) + noise.value(t)

@@ -15,6 +15,8 @@ from .measures.amplification import amplification as amplification
 from .measures.comparison import Comparison as Comparison
 from .measures.comparison import compare as compare
 from .measures.errors import stays_within as stays_within
+from .measures.rates import ContactRates as ContactRates
+from .measures.rates import contact_rates as contact_rates
 from .model.contact import Contact as Contact
 from .model.contact import Stops as Stops
 from .model.first_order import FirstOrderSystem as FirstOrderSystem

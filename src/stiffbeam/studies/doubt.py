@@ -82,10 +82,15 @@ class Budget:
     dominant: str
 
     @property
+    def uncertain(self) -> bool:
+        """True if any source is not 0."""
+        return any(share.high for share in self.shares.values())
+
+    @property
     def verdict(self) -> str:
         """Sentence with the largest source and a remedy."""
         first, second, *_ = sorted(self.shares, key=lambda name: -self.shares[name].value)
-        if all(share.high == 0.0 for share in self.shares.values()):
+        if not self.uncertain:
             return f"{self.quantity}: no uncertainty, {self.mean:g} in all members for {', '.join(self.shares)}."
         if not self.dominant:
             large = " and ".join(f"{name} ({percent(self.shares[name].value)})" for name in (first, second))
@@ -362,7 +367,7 @@ def _tip(exact: Ensemble, columns: dict[str, Ensemble], past: Ensemble | None) -
 def _of_members(
     quantity: str, of: Callable[[Ensemble], Array], exact: Ensemble, columns: dict[str, Ensemble], past: Ensemble | None
 ) -> list[Budget]:
-    """The budget of a number that every member has; none where it is not finite, as the largest force of rigid stops."""
+    """The budget of a number of every member; none where it is not finite, as the largest force of rigid stops."""
     wanted = np.asarray(of(exact), float)
     if not np.all(np.isfinite(wanted)):
         return []
