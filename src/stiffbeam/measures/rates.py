@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     import pandas
 
 LEAST, MOST = 8, 200  # parts of a run
-ITERATIONS = 6
+ITERATIONS, LEAST_TAU = 6, 0.1  # impacts that keep a distance from each other have tau < 1
 CLOSE, MOST_NODES = 1e-6, 2_000_000  # change of the work between two quadratures, and where the refinement ends
 RATES = {"impact": "rate", "impulse": "force", "contact": "", "normal_work": "power", "sliding_work": "power"}
 # Times (k,), weights (k,) of an integral over time, and at these times F, v and the sliding velocity.
@@ -73,9 +73,9 @@ def stationary_mean(series: ArrayLike) -> Mean:
         gamma = covariance + (1.0 - lags / n) * variance
         pairs = (gamma / gamma[0]).reshape(-1, 2).sum(axis=1)[: max(1, n // LEAST)]
         first = int(np.argmax(np.append(pairs, -1.0) <= 0.0))
-        effective = n / max(1.0, 2.0 * float(np.sum(pairs[:first])) - 1.0)
+        effective = n / max(LEAST_TAU, 2.0 * float(np.sum(pairs[:first])) - 1.0)
         variance = gamma[0] / effective
-    half = float(student.ppf(0.975, effective - 1.0) * np.sqrt(variance)) if effective > 2.0 else np.inf
+    half = float(student.ppf(0.975, min(effective, n) - 1.0) * np.sqrt(variance)) if effective > 2.0 else np.inf
     return Mean(mean, mean - half, mean + half, effective)
 
 
