@@ -2,6 +2,7 @@
 
 from .basics.units import Units as Units
 from .basics.validation import InputError as InputError
+from .figures.paper import paper_figure as paper_figure
 from .figures.plots import mode_shapes as mode_shapes
 from .files.cases import Case as Case
 from .files.cases import load_cases as load_cases
