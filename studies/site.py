@@ -31,7 +31,7 @@ CHAPTERS = {
         "studies/guide/ensembles.md", "studies/guide/references.md", "studies/guide/derivatives.md",
         "studies/guide/orbits.md", "studies/guide/solver.md", "studies/guide/other_tools.md",
         "studies/steel_strip.py", "studies/hermite_model.py", "studies/hammer.py", "studies/base_motion.py",
-        "studies/loose_supports.py",
+        "studies/loose_supports.py", "studies/identify.py",
     ],
     "Answers": [
         "studies/gallery.md", "studies/README.md", "studies/speed.md", "reference/problems/README.md",

@@ -99,3 +99,14 @@ def test_the_tube_in_loose_supports(tmp_path):
             assert np.sum(works) == pytest.approx(np.trapezoid(force * np.abs(speed), t), rel=1e-3)
         np.testing.assert_allclose(table[:, 0], contact.impacts.times, atol=1e-6)
         np.testing.assert_allclose(table[:-1, 1], contact.impacts.peaks[:-1], rtol=1e-4)
+
+
+@pytest.mark.slow
+def test_identification(tmp_path):
+    """The exact motion leads back to the stop that made the record, within three of its own standard deviations."""
+    text = printed("identify", tmp_path, "--windows", "0.053", "0.06", "--grid", "9", "--noise", "1e-4")
+    error, deviation, gap, gap_deviation, misfit = numbers("exact motion", text)[:5]
+    assert abs(error) < 3.0 * deviation < 10.0
+    assert abs(gap) < 3.0 * gap_deviation < 1.0
+    assert misfit == pytest.approx(1.0, abs=0.3)
+    assert numbers("trapezoidal", text)[4] > 2.0  # of the noise: it has no parameters that fit

@@ -284,8 +284,8 @@ def doubt(
         To which members agree within the data horizon, relative to the largest displacement of the tip.
     progress : bool or callable
         As in ``reference``.
-    contact : {"implicit", "extrapolated", "conserving"}
-        As in ``integrate``.
+    contact : str
+        Treatment of contact as in ``integrate``.
 
     Returns
     -------
