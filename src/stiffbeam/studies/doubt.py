@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from statistics import NormalDist
 from typing import Any
 
@@ -382,9 +383,12 @@ def _contacts(exact: Ensemble, columns: dict[str, Ensemble], past: Ensemble | No
     for i in range(len(exact.contacts)):
         for quantity, field in QUANTITIES.items():
             place = f" at contact {i + 1}" if len(exact.contacts) > 1 else ""
-            of = lambda many, i=i, field=field: getattr(many.contacts[i], field)  # noqa: E731
-            budgets += _of_members(quantity + place, of, exact, columns, past)
+            budgets += _of_members(quantity + place, partial(_at_contact, i, field), exact, columns, past)
     return budgets
+
+
+def _at_contact(contact: int, field: str, many: Ensemble) -> Array:
+    return getattr(many.contacts[contact], field)
 
 
 def _energy(exact: Ensemble, columns: dict[str, Ensemble], past: Ensemble | None) -> list[Budget]:
