@@ -19,7 +19,7 @@ that its correlation does not swing; there are at most MOST of them.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -196,7 +196,7 @@ def contact_rates(
             window[3], impact[1] = np.nan, np.nan
         counts = np.histogram(contact.impacts.times, edges)[0]
         series = dict(zip(RATES, (counts, *window), strict=True))
-        rates.append({name: _mean(x / width) for name, x in series.items()})
+        rates.append({name: _rate(x / width) for name, x in series.items()})
         works.append(impact)
         sources.append(source)
     return ContactRates(float(since), end, tuple(rates), tuple(works), tuple(sources), run)
@@ -207,8 +207,12 @@ def _windows(run: Trajectory, since: float, end: float) -> Array:
     return np.linspace(since, end, min(max(parts, LEAST), MOST) + 1)
 
 
-def _mean(series: Array) -> Mean:
-    return stationary_mean(series) if np.all(np.isfinite(series)) else Mean(*4 * (float("nan"),))
+def _rate(series: Array) -> Mean:
+    """Mean of a series without negative entries, so that its interval ends at zero at the latest."""
+    if not np.all(np.isfinite(series)):
+        return Mean(*4 * (float("nan"),))
+    mean = stationary_mean(series)
+    return replace(mean, low=max(0.0, mean.low))
 
 
 def _tangents(run: Trajectory, tangents: Sequence[ArrayLike | None] | None) -> list[Array | None]:
