@@ -429,8 +429,8 @@ def _page_of_references(rows: Rows) -> list[str]:
 
 def _page_of_waits(rows: Rows) -> list[str]:
     lines = [
-        "## Waits", "", "Work beside the time steps. The ratio divides the first record by today's, both in multiples of",
-        "the first line of their own run, because the speed of the machine changes.", "",
+        "## Waits", "", "Work beside the time steps. The ratio divides the first record by today's, both in multiples",
+        "of the first line of their own run, because the speed of the machine changes.", "",
         "| work | unit | first record | today | ratio | goal |", "|---|---|---|---|---|---|",
     ]  # fmt: skip
     speed = rows[YARDSTICK]["amount"] / rows[YARDSTICK].get("first", rows[YARDSTICK]["amount"])
