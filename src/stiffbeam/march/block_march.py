@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
+import pickle
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from ..basics.arrays import Array, aligned
 from ..basics.compiled import clock
+from ..basics.recent import MOST, Recent, content
 from ..model.contact import laws
 from ..model.contact_law import all_laws
 from ..model.contact_law import jumps as force_jumps
 from ..model.members import EnsembleMembers
+from ..model.modes import matrices
 from ..model.stage import LINEAR
 from ..model.system import System
-from ..model.time_functions import offset_rate, offset_values
+from ..model.time_functions import Constant, Harmonic, LoadFunction, Superposition, offset_rate, offset_values
 from ..schemes import Scheme
+from ..schemes.contract import is_known
 from ..trajectory.ensemble import ContactStatistics, Runs
 from ..trajectory.recorder import events_at_start, forces_at, impacts_of, overflow, record, shares, with_ends
 from ..trajectory.sampling import (
@@ -41,6 +45,7 @@ from .kernels.blocks import Forcing, Kept, Marchers
 from .probe import Coordinates, InModes
 from .propagator import Propagator, build
 
+_RECENT: Recent[Stepper] = Recent(8)
 BLOCKS, DENSE = "modal blocks", "dense blocks"
 STEPS_PER_CALL = 1 << 16  # between two reports of progress
 STEPS_REPLAYED = 1 << 14  # held in memory at once where states, or sampled loads, are wanted
@@ -83,8 +88,23 @@ class Stepper:
         rule: int | None = None,
     ) -> Stepper:
         """Stepper of a scheme on a system. rule: for this kind of stops, by default that of the system."""
-        system, starter = coordinates.system, scheme.starter
+        system = coordinates.system
         rule = rule_of(system.contacts, contact) if rule is None else rule
+        if system.size > MOST or not is_known(scheme) or not coordinates.shared:
+            return cls._built(coordinates, scheme, dt, contact, engine, rule)
+        kind = type(scheme).step, type(scheme).predict, pickle.dumps(scheme), type(coordinates)
+        key = *kind, dt, contact, engine, rule, *matrices(system), *_linear_part(system)
+        stepper = _RECENT.get(key, lambda: cls._built(coordinates, scheme, dt, contact, engine, rule))
+        if stepper.system is system:
+            return stepper
+        return replace(stepper, coordinates=coordinates, scheme=scheme)
+
+    @classmethod
+    def _built(
+        cls, coordinates: Coordinates, scheme: Scheme, dt: float, contact: str, engine: str, rule: int
+    ) -> Stepper:
+        """``of``, computed."""
+        starter = scheme.starter
         one = None if starter is None else build(starter, coordinates, dt, 1, contact, reduced=False, rule=rule)
         block = build(scheme, coordinates, dt, block_length(coordinates, scheme), contact, rule=rule)
         for made in (one, block):
@@ -308,6 +328,33 @@ class Segment:
     steps: int
     starts: Array  # (B, D): the state at the start of each block
     forces: Array  # (B, N)
+
+
+def _linear_part(system: System) -> list[object]:
+    """Key of loads, rows and offsets: equal for systems on which a scheme has the same propagators and the same
+    forcing. A function that is no formula is equal to itself only."""
+    loads = [(content(vector), _formula(f)) for vector, f in system.loads]
+    channels = [(content(row), _formula(offset)) for row, offset in system.channels]
+    return [tuple(loads), tuple(channels), len(system.contacts), system.tip_channel]
+
+
+def _formula(function: LoadFunction | None) -> object:
+    if isinstance(function, Superposition):
+        return tuple((repr(factor), _formula(f)) for factor, f in function.terms)
+    return repr(function) if function is None or isinstance(function, (Harmonic, Constant)) else Identity(function)
+
+
+class Identity:
+    """Key that is equal for one object only, which lives as long as the key."""
+
+    def __init__(self, value: object) -> None:
+        self.value = value
+
+    def __hash__(self) -> int:
+        return id(self.value)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Identity) and other.value is self.value
 
 
 def functions(system: System) -> list[object]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -12,6 +13,7 @@ import scipy.linalg
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array
+from ..basics.recent import MOST, Recent, content
 from ..basics.validation import InputError
 from .equations import Modal
 from .graded import EPS, graded_eigenpairs, uncoupled
@@ -55,7 +57,7 @@ def undamped_modes(system: System, springs: tuple[tuple[Array, float], ...] = ()
     if springs:
         return _undamped(system, springs)
     if system not in _UNDAMPED:
-        _UNDAMPED[system] = _undamped(system)
+        _UNDAMPED[system] = _shared(system, _undamped)
     return _UNDAMPED[system]
 
 
@@ -72,12 +74,25 @@ def modes(system: System, springs: tuple[tuple[Array, float], ...] = ()) -> Mode
     if springs:
         return _damped(system, springs)
     if system not in _DAMPED:
-        _DAMPED[system] = _damped(system)
+        _DAMPED[system] = _shared(system, _damped)
     return _DAMPED[system]
 
 
 _UNDAMPED: WeakKeyDictionary[System, Modes] = WeakKeyDictionary()
 _DAMPED: WeakKeyDictionary[System, Modes | None] = WeakKeyDictionary()
+_RECENT: Recent[Any] = Recent(16)
+
+
+def _shared(system: System, find: Callable[[System], Any]) -> Any:
+    """Modes of ``system``, or of a recent one with the same matrices."""
+    if system.size > MOST:
+        return find(system)
+    return _RECENT.get((find, *matrices(system)), lambda: find(system))
+
+
+def matrices(system: System) -> tuple[bytes, ...]:
+    """Digests of the matrices of ``system`` and of the factor of its stiffness, on which its modes depend."""
+    return tuple(map(content, (system.mass, system.damping, system.stiffness, system.stiffness_factor)))
 
 
 @np.errstate(over="ignore")  # refused by ``_within_float64``
