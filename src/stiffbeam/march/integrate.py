@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
@@ -12,6 +12,7 @@ import numpy as np
 from ..basics.arrays import Array
 from ..basics.compiled import clock
 from ..basics.resources import afford
+from ..basics.units import KNOWN
 from ..basics.validation import InputError, integer, itself, one_of, positive, step_count
 from ..model.contact import Contact
 from ..model.first_order import FirstOrderSystem
@@ -154,7 +155,7 @@ class Plan:
         return {
             "method": str(self.scheme),
             "form": self.form,
-            "units": asdict(self.system.units),
+            "units": {name: getattr(self.system.units, name) for name in KNOWN},
             "contact": self.contact,
             "dt": float(self.dt),
             "t_end": float(self.t_end),

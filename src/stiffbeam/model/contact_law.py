@@ -64,7 +64,7 @@ def law_of(law: Array, c: int) -> Law:
 
 def all_laws(law: Array) -> Law:
     """An array of laws (.., 6) as one Law of arrays (..)."""
-    return Law(*np.moveaxis(law, -1, 0))
+    return Law(*(law[..., i] for i in range(LAW)))
 
 
 # ---------------------------------------------------------------- the terms
