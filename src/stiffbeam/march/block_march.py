@@ -368,7 +368,7 @@ class Segment:
 
 
 def _linear_part(system: System) -> tuple[object, ...]:
-    """Key of matrices, loads, rows and offsets: equal for systems on which a scheme has the same propagators and the same
+    """Key of matrices, loads, rows and offsets: equal for systems on which a scheme has the same propagators and
     forcing. A function that is no formula is equal to itself only."""
     loads = [(content(vector), _formula(f)) for vector, f in system.loads]
     channels = [(content(row), _formula(offset)) for row, offset in system.channels]

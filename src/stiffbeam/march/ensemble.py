@@ -19,6 +19,8 @@ from ..trajectory.trajectory import Work
 from .integrate import Plan
 from .warm import wait
 
+SLICE_SECONDS = 1e-3  # of stepping, below which a thread takes longer to start
+
 
 def integrate_ensemble(
     system: System,
@@ -93,7 +95,8 @@ def integrate_ensemble(
             return Runs.joined([_alone(plan, one[0]).runs(one, every, passed) for one in each])
         return plan.runs(part, every, passed)
 
-    parts = list(over_slices(march, members, MEMBERS_PER_SLICE, cores(), report))
+    least = int(SLICE_SECONDS / (plan.steps * plan.step_seconds))
+    parts = list(over_slices(march, members, MEMBERS_PER_SLICE, cores(), report, min(least, MEMBERS_PER_SLICE)))
     seconds = wall_clock() - begun
     return gathered(
         members,

@@ -228,7 +228,7 @@ class OneStep:
     def read(self, fields: Array) -> Array:
         """(g, batch) of fields (fields, batch, N)."""
         # Row by row and not as a matrix product, whose rounding depends on the size of the batch.
-        read = np.stack([np.sum(fields * row, axis=-1) for row in self.coordinates.rows])
+        read = np.array([np.sum(fields * row, axis=-1) for row in self.coordinates.rows])
         return read[self.readers.channel, self.readers.field]
 
     def shares(self, fields: Array) -> Array:

@@ -15,8 +15,6 @@ import math
 from dataclasses import dataclass, field, fields
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from ..basics.arrays import Array
 from ..basics.compiled import compiled, formula, inlined
 

@@ -41,6 +41,7 @@ from .parameters import (
     couplings,
     drive_period,
     is_path,
+    method_of,
     named,
     names_of,
     parameters_of,
@@ -149,7 +150,10 @@ def points(
     def whole(value: Sequence[float]) -> list[float]:
         return [*value, *(number(name, rule(value[0])) for name, rule in follow.items())]
 
-    ends = [setup_of(base, shared, whole(value)) for value in product(*([min(axis), max(axis)] for axis in grid))]
+    scheme = method_of(shared)
+    ends = [
+        setup_of(base, shared, whole(value), scheme) for value in product(*([min(axis), max(axis)] for axis in grid))
+    ]
     together = all(name in IN_STEP for name in names_of(shared))
     whole_cost = len(list(product(*grid))) * max(_seconds(setup, PERIODS + TRANSIENT) for setup in ends)
     share = min(1.0, BUDGET / whole_cost)
@@ -179,11 +183,11 @@ def evaluate(case: Case, point: Point) -> list[Row]:
     """Rows of every value and method of this point; a value that is refused gives a row with the reason."""
     rows: list[Row] = []
     groups: dict[tuple[Any, ...], list[tuple[Row, Setup]]] = {}
-    system = system_of(case, point["form"])
+    system, scheme = system_of(case, point["form"]), method_of(point)
     for value in point["values"]:
         named = dict(zip(names_of(point), value, strict=True))
         try:
-            setup = setup_of(system, point, value)
+            setup = setup_of(system, point, value, scheme)
             groups.setdefault(setup.kind, []).append((named | ({"dt": setup.dt} if setup.scheme else {}), setup))
         except InputError as error:
             rows.append(named | {"refused": str(error)})
