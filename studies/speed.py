@@ -265,7 +265,7 @@ def waits(quick: bool, repetitions: int) -> Rows:
     rows: Rows = {YARDSTICK: {"unit": "ms", "amount": 1e3 * seconds[YARDSTICK], "goal": None}}
     for name, (unit, scale, _, goal) in works.items():
         rows[name] = {"unit": unit, "amount": scale * seconds[name], "goal": goal}
-    return rows | _records_of_a_sweep(16 if quick else 100)
+    return rows | _records_of_a_sweep(16 if quick else 200)
 
 
 def _records_of_a_sweep(values: int) -> Rows:

@@ -14,6 +14,7 @@ t_end at every value, with impacts per unit of time and without sections.
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Mapping, Sequence
 from itertools import product
 from typing import Annotated, Any
@@ -33,6 +34,7 @@ from ..trajectory.ensemble import Ensemble
 from ..trajectory.trajectory import Diverged, SolverFailure
 from .common import Form, Treatment, label_of, scheme_of, system_of
 from .engine.study import Answer, Point, Records, Row, Rows, by_contact, declared
+from .engine.table import Selection
 from .parameters import (
     EXACT,
     IN_STEP,
@@ -229,10 +231,10 @@ def _rows(point: Point, named: Row, many: Ensemble, i: int) -> list[Row]:
 
 def sections(rows: Rows) -> dict[float, Array]:
     """The section of every value of the parameter, in order of value."""
-    tips: dict[float, list[float]] = {}
+    tips: dict[float, array[float]] = {}
     for row in rows:
         if row["kind"] == "section":
-            tips.setdefault(row[row["parameter"]], []).append(row["tip"])
+            tips.setdefault(row[row["parameter"]], array("d")).append(row["tip"])
     return {value: np.array(tips[value]) for value in sorted(tips)}
 
 
@@ -315,7 +317,7 @@ def picture(records: Records) -> Picture:
         lines = [_maps(group, place, case) for place, group in by_contact(contacts).items()]
         return Picture(lines, 4.4 * len(lines))
     name, colour = rows[0]["parameter"], look(rows[0]["method"])["color"]
-    points = [row for row in rows if row["kind"] == "section"]
+    points = Selection(rows, lambda row: row["kind"] == "section")
     across = Axis(named(case, name), scale=_scale(column(rows, name)))
     # The fainter the more points there are, so that dense bands and single curves can be told apart.
     faint = {"alpha": float(np.clip(2e4 / max(1, len(points)), 0.15, 0.9)), "rasterized": True}
