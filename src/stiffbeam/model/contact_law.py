@@ -62,7 +62,7 @@ def law_of(law: Array, c: int) -> Law:
 
 def all_laws(law: Array) -> Law:
     """An array of laws (.., 6) as one Law of arrays (..)."""
-    return Law(*(law[..., i] for i in range(LAW)))
+    return Law._make(law[..., i] for i in range(LAW))
 
 
 # ---------------------------------------------------------------- the terms

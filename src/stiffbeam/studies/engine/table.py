@@ -34,13 +34,19 @@ class Column:
             bits, first, codes = np.unique(numbers.view(np.int64), return_index=True, return_inverse=True)
             if len(bits) > min(CODES, len(values) // 8 + 1):
                 return cls(numbers, None)
-            return cls(codes.astype(np.uint8), [values[i] for i in first])
+            return cls.counted(codes, [values[i] for i in first])
         if kinds == {int} and min(values) >= -(2**63) and max(values) < 2**63:
             return cls(np.array(values, np.min_scalar_type(max(values)) if min(values) >= 0 else np.int64), None)
         place: dict[str, int] = {}
         codes = [place.setdefault(json.dumps(value, default=_plain), len(place)) for value in values]
-        dtype = np.min_scalar_type(len(place))
-        return cls(np.array(codes, dtype), [json.loads(text) for text in place])
+        return cls.counted(np.array(codes), [json.loads(text) for text in place])
+
+    @classmethod
+    def counted(cls, codes: NDArray[Any], values: list[Any]) -> Column:
+        """Column of few different values, by the place of each; a single one takes no place."""
+        dtype = np.min_scalar_type(len(values))
+        same = np.broadcast_to(np.zeros((), dtype), codes.shape)
+        return cls(codes.astype(dtype) if len(values) > 1 else same, values)
 
     def __iter__(self) -> Iterator[Any]:
         numbers = self.codes.tolist()
@@ -58,6 +64,8 @@ class Column:
         """The column of ``count`` values that ``to_json`` wrote. Raises ValueError for another number."""
         dtype, text, values = column
         codes = np.frombuffer(decompress(b64decode(text)), dtype) if text else np.zeros(count, dtype)
+        if values is not None and not text:
+            return cls.counted(codes, values)
         if len(codes) != count:
             raise ValueError(f"{len(codes)} values for {count} rows")
         return cls(codes, values)
