@@ -27,11 +27,12 @@ SWEEP = {"parameter": "frequency", "values": [8.0 + 0.2 * k for k in range(31)]}
 CHAPTERS = {
     "Tutorials": ["studies/first_beam.ipynb", "studies/guide/convergence.md", "studies/guide/runs.md"],
     "How to": [
-        "studies/guide/choose.md", "studies/guide/beam.md", "studies/guide/stops.md", "studies/guide/model.md",
+        "studies/guide/choose.md", "studies/guide/schemes.md", "studies/guide/beam.md", "studies/guide/stops.md",
+        "studies/guide/model.md",
         "studies/guide/ensembles.md", "studies/guide/references.md", "studies/guide/derivatives.md",
         "studies/guide/orbits.md", "studies/guide/solver.md", "studies/guide/other_tools.md",
         "studies/steel_strip.py", "studies/hermite_model.py", "studies/hammer.py", "studies/base_motion.py",
-        "studies/loose_supports.py",
+        "studies/loose_supports.py", "studies/identify.py",
     ],
     "Answers": [
         "studies/gallery.md", "studies/README.md", "studies/speed.md", "reference/problems/README.md",

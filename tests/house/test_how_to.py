@@ -89,3 +89,32 @@ def test_the_tube_in_loose_supports(tmp_path):
         table = np.genfromtxt(tmp_path / f"impacts-{number}.csv", delimiter=",", skip_header=1, usecols=(1, 4))
         np.testing.assert_allclose(table[:, 0], contact.impacts.times, atol=1e-6)
         np.testing.assert_allclose(table[:-1, 1], contact.impacts.peaks[:-1], rtol=1e-4)
+
+
+@pytest.mark.slow
+def test_identification(tmp_path):
+    """The exact motion leads back to the stop that made the record, within three of its own standard deviations."""
+    text = printed("identify", tmp_path, "--windows", "0.053", "0.06", "--grid", "9", "--noise", "1e-4")
+    error, deviation, gap, gap_deviation, misfit = numbers("exact motion", text)[:5]
+    assert abs(error) < 3.0 * deviation < 10.0
+    assert abs(gap) < 3.0 * gap_deviation < 1.0
+    assert misfit == pytest.approx(1.0, abs=0.3)
+    assert numbers("trapezoidal", text)[4] > 2.0  # of the noise: it has no parameters that fit
+
+
+@pytest.mark.slow
+def test_the_flip_of_a_scheme(monkeypatch):
+    """The exponential scheme puts the flip where its distance falls by four with half the step; implicit contact has
+    no multipliers there."""
+    monkeypatch.syspath_prepend(str(STUDIES))
+    import scheme_flips
+
+    flip, state = scheme_flips.exact_flip()
+    assert flip == pytest.approx(32.975300288681, abs=1e-9)
+    apart = [
+        float(scheme_flips.line(sb.ExponentialFlow(), "conserving", steps, flip, state)) for steps in (8000, 16000)
+    ]
+    assert apart[0] / apart[1] == pytest.approx(4.0, abs=1.5)
+    assert abs(apart[1]) < 0.02
+    refused = scheme_flips.line(sb.Trapezoidal(), "implicit", 8000, flip, state)
+    assert refused == "no periodic orbit found" or refused.startswith("multipliers with two widths")

@@ -55,7 +55,7 @@ def test_the_rooms_of_references_part():
     # The call finds solvers by their names in the registry, which no import shows: none of them may import it.
     # An ensemble is a client of the call.
     clients = {m for m, targets in arrows().items() if m.startswith("references.") and "references" in targets}
-    assert clients == {"references.ensemble"}
+    assert clients == {"references.ensemble", "references.jax_flow"}
 
 
 def test_a_method_that_is_added_needs_its_file_and_its_line_only(monkeypatch):

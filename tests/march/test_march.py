@@ -71,7 +71,7 @@ def with_dashpots(system):
     return replace(system, damping=damping)
 
 
-DENSE = [(s, c) for s in SCHEMES for c in CONTACTS if c != "conserving" or s.conserving is not None]
+DENSE = [(s, c) for s in SCHEMES for c in CONTACTS if choice.takes_contact(s, c)]
 
 
 @pytest.mark.parametrize(("scheme", "contact"), DENSE, ids=str)

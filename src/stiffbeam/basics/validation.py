@@ -186,3 +186,12 @@ def near(name: Any, known: Iterable[str]) -> str:
     letters = get_close_matches(name[:100].lower(), by_letters, n=3, cutoff=0.5) if isinstance(name, str) else []
     close = [by_letters[each] for each in letters]
     return "did you mean " + " or ".join(close) + "?" if close else "known: " + ", ".join(names)
+
+
+def require_jax_float64() -> None:
+    """Raise InputError if JAX works in single precision."""
+    import jax
+
+    if not jax.config.jax_enable_x64:  # type: ignore[attr-defined]
+        remedy = 'call jax.config.update("jax_enable_x64", True) first'
+        raise InputError("jax_enable_x64", False, "be True: double precision", remedy)

@@ -49,7 +49,9 @@ def compare(
     ] = None,
     contact: Annotated[
         str,
-        typer.Option(help="implicit, conserving, or extrapolated as in the paper", autocompletion=completion.contact),
+        typer.Option(
+            help="implicit, conserving, averaged, or extrapolated as in the paper", autocompletion=completion.contact
+        ),
     ] = "implicit",
     dt: Dt = None,
     t_end: TEnd = None,

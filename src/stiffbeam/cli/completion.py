@@ -58,7 +58,7 @@ def _problems() -> list[str]:
 schemes, methods, problems = list_of(_schemes), list_of(_methods), list_of(_problems)
 integrators = list_of(lambda: [*_schemes(), *_methods()])
 form = one_of(lambda: ("displacement", "velocity-curvature", "hermite"))
-contact = one_of(lambda: ("implicit", "extrapolated", "conserving"))
+contact = one_of(lambda: ("implicit", "extrapolated", "conserving", "averaged"))
 BY_OPTION: dict[str, Complete] = {
     "schemes": schemes,
     "scheme": schemes,

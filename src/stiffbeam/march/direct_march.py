@@ -11,12 +11,12 @@ from ..basics.arrays import Array
 from ..basics.compiled import clock
 from ..model.contact import laws, solve_several
 from ..model.first_order import FirstOrderSystem
-from ..model.stage import BY_LAW, LINEAR, MEAN, solve_stage
+from ..model.stage import AVERAGED, BY_LAW, LINEAR, MEAN, RATED, solve_stage
 from ..model.system import System
 from ..model.time_functions import offset_rate, offset_values
 from ..schemes import Scheme
 from .block_march import initial_channels
-from .choice import require_giving_way, require_moved, rule_of, unsolved
+from .choice import require_averages, require_giving_way, require_moved, rule_of, unsolved
 from .probe import Together, ends_there
 
 STEPS_PER_PIECE = 4096
@@ -64,6 +64,7 @@ def _direct_blocks(
     nodes, stops = scheme.nodes, [c.stops for c in system.contacts]
     S, m = len(nodes), len(stops)
     rule, law = rule_of(system.contacts, contact), laws(system.contacts)
+    way = 0.5 * dt if rule == AVERAGED else 1.0  # see Block
     offsets = [offset for _, offset in system.channels]
     t0 = np.asarray(first * dt)
     if first:
@@ -94,9 +95,12 @@ def _direct_blocks(
             ends_at_node = ends_at_node and ends_there(stages[-1][0], response_z[s, c][0])
             if contact != "extrapolated":
                 response[s, c] = np.array([y[0] for y in stages]) @ view.rows[:m].T
-                rates[s, c] = np.array([equation.velocity(y) for y in stages]) @ view.rows[:m].T
-    if rule == BY_LAW:
-        require_giving_way(scheme, *(np.array([x[s, :, s].T for s in range(S)]) for x in (response, rates)))
+                rates[s, c] = way * np.array([equation.velocity(y) for y in stages]) @ view.rows[:m].T
+    if rule in RATED:
+        compliances = [np.array([x[s, :, s].T for s in range(S)]) for x in (response, rates)]
+        require_giving_way(scheme, *compliances)
+        if rule == AVERAGED:
+            require_averages(scheme, *compliances)
         if any(stop.jumps for stop in stops):
             require_moved(scheme, np.array([response[s, :, s] for s in range(S)]))
     before = at_start[:m].copy()
@@ -108,7 +112,7 @@ def _direct_blocks(
         loads = view.load(system, times)
         shifts = np.stack([offset_values(o, times) for o in offsets[:m]], axis=-1) if m else np.zeros((count, S, 0))
         shift_rates = (
-            np.stack([offset_rate(o, times) for o in offsets[:m]], axis=-1) if rule == BY_LAW else np.zeros_like(shifts)
+            np.stack([offset_rate(o, times) for o in offsets[:m]], axis=-1) if rule in RATED else np.zeros_like(shifts)
         )
         path, node_forces = np.empty((count, *z.shape)), np.zeros((count, m))
         for k in range(count):
@@ -117,8 +121,9 @@ def _direct_blocks(
             if m:
                 arguments = np.array(predicted or [y[0] for y in stages]) @ view.rows[:m].T + shifts[k]
                 speeds = np.zeros((S, m))
-                if rule == BY_LAW:
-                    speeds = np.array([equation.velocity(y) for y in stages]) @ view.rows[:m].T + shift_rates[k]
+                if rule in RATED:
+                    moved = np.array([equation.velocity(y) for y in stages]) @ view.rows[:m].T + shift_rates[k]
+                    speeds = way * moved
                 for s in range(S):
                     if rule != LINEAR:
                         own = (arguments[s], response[s, :, s].T, rates[s, :, s].T)
@@ -133,7 +138,7 @@ def _direct_blocks(
                     node_forces[k] = f
                     if np.any(f):
                         arguments = arguments + np.tensordot(f, response[s], 1)
-                        if rule == BY_LAW:
+                        if rule in RATED:
                             speeds = speeds + np.tensordot(f, rates[s], 1)
                         z = z + np.tensordot(f, response_z[s], 1)
                 before = arguments[-1].copy()

@@ -1,4 +1,6 @@
-"""The mean force of a stop over a step, from the energies at its two ends: it neither gains nor loses any.
+"""Mean forces of a stop, from its energies at two positions: over a step, and around a node.
+
+Over a step the mean force neither gains nor loses energy:
 
     F = -(U(u+) - U(u0))/(u+ - u0),   u+ = r + s F
 
@@ -6,6 +8,15 @@ u0 at the start of the step, r where it would end without the force. F does the 
 whatever the step is, so that a scheme which conserves the energy of the linear system under a force that is
 constant over the step conserves the sum of both. U is convex, so its secant slope grows with u+ and there is
 one F. Source: Gonzalez, J. Nonlinear Sci. 6 (1996) 449-467; Simo and Tarnow, ZAMP 43 (1992) 757-792.
+
+Around a node it is the force averaged over one step, half of it before the node and half after, at the node's velocity:
+
+    F = -(U(u + h) - U(u - h))/(2 h),   u = r + s F,   h = w + s' F
+
+h is what the node covers in half a step. The windows of consecutive steps join, so that a contact acts for as long as
+it lasts, where F(u) acts for a whole number of steps. Both have order 2, but only the slope of the average has: it is
+the share of the window in contact. F is unique if s >= s', because U'' enters with weights s + s' and s - s' at the two
+ends. The averaged contact conserves no energy.
 """
 
 from __future__ import annotations
@@ -89,3 +100,40 @@ def _secant_slope(u: float, u0: float, slope: float, law: Law) -> float:
         d = abs(depth(0.5 * (u + u0), law.g1, law.g2))
         return 0.5 * elastic_slope(d, law) if d > 0.0 else 0.0
     return max(0.0, (elastic(depth(u, law.g1, law.g2), law) - slope) / (u - u0))
+
+
+@compiled
+def averaged_force(r: float, w: float, s: float, s_rate: float, law: Law) -> tuple[float, float, float]:
+    """(F, dF/dr, dF/dw) of the force averaged around a node, by Newton's method inside its bracket."""
+    mean = secant(r + w, r - w, law)
+    if mean == 0.0:
+        return 0.0, 0.0, 0.0
+    sign = math.copysign(1.0, mean)
+    left, right, P = 0.0, abs(mean), 0.0
+    to_depth = to_way = 0.0
+    for _ in range(NEWTON):
+        u, h = r - sign * s * P, w - sign * s_rate * P
+        value = sign * secant(u + h, u - h, law)
+        to_depth, to_way = _averaged_slopes(u, h, sign * value, law)
+        if value > P:
+            left = P
+        else:
+            right = P
+        new = P + (value - P) / (1.0 + s * to_depth + s_rate * to_way)
+        if not left <= new <= right:
+            new = 0.5 * (left + right)
+        change, P = abs(new - P), new
+        if change <= 2e-16 * P or left >= right:
+            break
+    below = 1.0 + s * to_depth + s_rate * to_way
+    return -sign * P, -to_depth / below, -to_way / below
+
+
+@compiled
+def _averaged_slopes(u: float, h: float, mean: float, law: Law) -> tuple[float, float]:
+    """Derivatives of (U(u + h) - U(u - h))/(2 h) by u and by h."""
+    d = depth(u, law.g1, law.g2)
+    if abs(h) <= 1e-7 * abs(d) or h == 0.0:
+        return (elastic_slope(abs(d), law) if d != 0.0 else 0.0), 0.0
+    ahead, behind = elastic(depth(u + h, law.g1, law.g2), law), elastic(depth(u - h, law.g1, law.g2), law)
+    return 0.5 * (ahead - behind) / h, (0.5 * (ahead + behind) - mean) / h

@@ -388,9 +388,16 @@ def paths_of(system: System) -> list[str]:
 
 
 def value_at(system: System, path: str) -> float:
-    """The number at a path of the problem or the matrices. Raises LookupError where there is none."""
-    start: tuple[Any, list[Any]] = _rooted(system, [int(index) if index else x for x, index in _KEY.findall(path)])
-    thing, keys = start
+    """The number at a path of the problem or the matrices. Raises LookupError where there is none, and where "stops"
+    stands for contacts with different numbers."""
+    keys: list[Any] = [int(index) if index else x for x, index in _KEY.findall(path)]
+    if keys[:1] == ["stops"] and (len(keys) < 2 or not isinstance(keys[1], int)):
+        rest = path.removeprefix("stops")
+        numbers = {value_at(system, f"stops[{i}]{rest}") for i in range(len(system.contacts))}
+        if len(numbers) != 1:
+            raise LookupError(path)
+        return numbers.pop()
+    thing, keys = _rooted(system, keys)
     for key in keys:
         if key == SCALE and isinstance(thing, (TimeFunction, np.ndarray)):
             thing = cast("Any", 1.0)

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array
 from ..basics.compiled import called_from_c
-from ..basics.validation import InputError, one_of
+from ..basics.validation import InputError, one_of, require_jax_float64
 from .right_hand_side import RightHandSide
 from .right_hand_side_jax import numbers_of, rate_of_state
 from .right_hand_side_kernels import floats, integers, right_hand_side
@@ -146,11 +146,7 @@ class ODE:
 
         Raises InputError where JAX works in single precision, and where a load or an offset is a Python function.
         """
-        import jax
-
-        if not jax.config.jax_enable_x64:  # type: ignore[attr-defined]
-            remedy = 'call jax.config.update("jax_enable_x64", True) first'
-            raise InputError("jax_enable_x64", False, "be True: double precision", remedy)
+        require_jax_float64()
         if self.form != FORMS[0]:
             raise InputError("form", self.form, "be 'explicit' for JAX", "system.ode().jax")
         kind, numbers = numbers_of(self._rhs)

@@ -1,4 +1,7 @@
-"""The contacts of one node under any law: u = r + S F, u' = w + S' F, every F_c after its own law."""
+"""The contacts of one node under any law: u = r + S F, u' = w + S' F, every F_c after its own law.
+
+w is the velocity at the node, for averaged contact the way of half a step at this velocity.
+"""
 
 from __future__ import annotations
 
@@ -7,11 +10,12 @@ import numpy as np
 from ..basics.arrays import Array
 from ..basics.compiled import compiled, inlined
 from .contact_law import law_of, stage_law
-from .discrete_gradient import mean_force
+from .discrete_gradient import averaged_force, mean_force
 
-# How a node finds its force: the linear law in closed form, any law, or its mean over the step by the discrete
-# gradient.
-LINEAR, BY_LAW, MEAN = range(3)
+# How a node finds its force: the linear law in closed form, any law, its mean over the step by the discrete gradient,
+# or its average around the node.
+LINEAR, BY_LAW, MEAN, AVERAGED = range(4)
+RATED = (BY_LAW, AVERAGED)  # these need the velocity at the node
 ITERATIONS = 200
 ROUNDINGS = 16.0
 
@@ -24,6 +28,8 @@ def one(
     if rule == MEAN:
         F, slope = mean_force(r, u0, s, law_of(law, c))
         return F, slope, 0.0
+    if rule == AVERAGED:
+        return averaged_force(r, w, s, s_rate, law_of(law, c))
     return stage_law(r, w, s, s_rate, law_of(law, c))
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..basics.arrays import Array
 from ..basics.validation import InputError, one_of
-from ..model.equations import Equation
+from ..model.equations import Equation, Modal
 
 Step = tuple[Array, list[Array]]  # z at t_{n+1}, and y at the nodes
 FACTS: dict[str, Any] = {"name": "", "paper": "", "look": None, "variants": ()}  # not inherited
@@ -31,10 +31,13 @@ class Scheme(ABC):
 
     >>> import stiffbeam as sb
     >>> class Backward(sb.Scheme):
-    ...     nodes = (1.0,)
-    ...     def step(self, equation, dt, z, loads, react):
-    ...         y = z[: equation.order]
-    ...         return y + dt * equation.implicit_rate(dt, y, react(0, loads[0]))
+    ...     order = 1
+    ...     def step(self, equation, dt, z, loads, reactions):
+    ...         y = z + dt * equation.implicit_rate(dt, z, loads[0] + reactions[0])
+    ...         return y, [y]
+    >>> run = sb.integrate(sb.paper_case(10).system(), Backward(), dt=1e-4, t_end=0.1)
+    >>> run.impacts.count > 0
+    True
     """
 
     name: ClassVar[str] = ""
@@ -72,6 +75,17 @@ class Scheme(ABC):
         """The form whose reaction is constant over the step, for schemes that conserve energy under such a force:
         the reaction at its one node is the mean over the step. None for others."""
         return None
+
+    @property
+    def averages(self) -> bool:
+        """True for schemes that take the averaged contact: one force in a step, which moves a free node at least as
+        far as half a step at the velocity it gives, see ``discrete_gradient``."""
+        if len(self.nodes) != 1:
+            return False
+        free, none = Modal(np.zeros(1), np.zeros(1)), np.zeros(1)
+        start = self.initial(free, [np.zeros((2, 1))] * self.history, none)
+        _, ((moved, speed),) = self.step(free, 1.0, start, [none], [np.ones(1)])
+        return bool(moved[0] >= 0.5 * (1.0 - 1e-9) * speed[0])
 
     @abstractmethod
     def step(self, equation: Equation, dt: float, z: Array, loads: list[Array], reactions: list[Array]) -> Step:

@@ -37,7 +37,7 @@ from ..basics.progress import Show, silent
 from ..basics.progress import progress as shown
 from ..basics.text import table
 from ..basics.validation import InputError, integer, near, one_of, positive
-from ..march.choice import CONTACTS
+from ..march.choice import CONTACTS, takes_contact
 from ..march.ensemble import integrate_ensemble
 from ..march.integrate import integrate
 from ..measures.comparison import remark
@@ -522,4 +522,4 @@ def _candidates(schemes: Sequence[Scheme] | None, contacts: Sequence[str]) -> li
     for scheme in chosen:
         if not isinstance(scheme, Scheme):
             raise InputError("schemes", scheme, "be Scheme objects", "for example stiffbeam.HHT(alpha=-0.1)")
-    return [(s, contact) for s in chosen for contact in contacts if contact != "conserving" or s.conserving is not None]
+    return [(s, contact) for s in chosen for contact in contacts if takes_contact(s, contact)]

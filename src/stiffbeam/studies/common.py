@@ -49,7 +49,7 @@ ENOUGH = 0.2  # seconds, after which a run is not repeated
 Members = Annotated[int, "perturbed runs of each method"]
 Numbers = Annotated[list[float] | None, "comma-separated"]
 Cells = Annotated[list[int] | None, "numbers of cells, comma-separated"]
-Treatment = Annotated[str, "implicit, conserving, or extrapolated as in the paper"]
+Treatment = Annotated[str, "implicit, conserving, averaged, or extrapolated as in the paper"]
 
 STEP = Axis(r"time step $\Delta t$", "time", "log")  # the horizontal axis of what is measured over dt
 _REFERENCES: dict[tuple[str, float], Reference] = {}

@@ -6,8 +6,8 @@ The direction d is a change of all velocities along the slowest mode. The exact 
 (``reference.derivative``). A scheme's derivative is that of its map, by a central difference of width 1e-7 of the
 motion. Automatic differentiation of its steps gives the same, except where two of these runs differ in contact. Errors
 are root mean squares over several starts, relative to the exact values. Implicit contact has a slope of 0 or of the
-stop's for a whole step. The slope of the discrete gradient is the share of the step in contact, and so its derivative
-keeps the order of its value.
+stop's for a whole step. The slopes of averaged and of conserving contact are the share of the step in contact, and so
+the derivative keeps the order of the value.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from ..basics.resources import afford
 from ..basics.validation import InputError
 from ..figures import Axis, Panel, Picture, curves, groups, short
 from ..files.cases import Case
+from ..march.choice import takes_contact
 from ..march.integrate import integrate
 from ..model.modes import undamped_modes
 from ..model.system import System
@@ -32,7 +33,7 @@ from .engine.study import Answer, Point, Records, Row, Rows, declared
 
 WIDTH = 1e-7  # of the starts' velocities: differences are of rounding below, of the next impact above
 SPREAD = 0.1  # of the largest velocity: the starts
-CONSERVING = " conserving"  # after a method's label
+CONTACTS = ("averaged", "conserving")  # after a method's label, implicit contact without
 SETTLED = 0.5  # relative error of a value or derivative below which its order is observed
 FLOOR = 2e-6  # relative error below which rounding of differences shows
 FINEST = 5  # steps at most from which an order is observed
@@ -48,8 +49,8 @@ def points(
     impacts: common.ImpactCount = 4,
     starts: Annotated[int, "how many starts around the case's"] = 16,
 ) -> list[Point]:
-    """Every scheme, with conserving contact too where it has that, at ``dt`` (the case's), dt/2, ..., until the first
-    impacts are over, as many as ``impacts`` says."""
+    """Every scheme, with averaged and conserving contact too where it takes that, at ``dt`` (the case's), dt/2, ...,
+    until the first impacts are over, as many as ``impacts`` says."""
     system = common.system_of(case, form)
     if not takes("exact", system, case.t_end):
         rule = "have an exact solution: linear stops, and functions of time in closed form"
@@ -57,14 +58,15 @@ def points(
     end = common.first_impacts(case, form, impacts)
     afford("starts", starts, "take fewer", seconds=6e-8 * starts * end / dt * 2.0**halvings * system.size)
     labels = common.scheme_labels(case, schemes)
-    conserving = [
-        label + CONSERVING
+    others = [
+        f"{label} {contact}"
+        for contact in CONTACTS
         for label in labels
-        if common.scheme_of(label).conserving is not None and common.takes_extrapolation(case)
+        if common.takes_extrapolation(case) and takes_contact(common.scheme_of(label), contact)
     ]
     return [
         {"method": label, "dt": end / steps, "form": form, "t_end": end, "starts": starts}
-        for label in [*labels, *conserving]
+        for label in [*labels, *others]
         for steps in common.halved(end, dt, halvings)
     ]
 
@@ -76,9 +78,8 @@ def evaluate(case: Case, point: Point) -> list[Row]:
     direction = direction / np.max(np.abs(direction))
     moved, size = starts_of(system, end, point["starts"], direction)
     exact, slopes = exact_values(system, end, moved, direction)
-    method = point["method"]
-    scheme = common.scheme_of(method.removesuffix(CONSERVING))
-    contact, steps = ("conserving" if method.endswith(CONSERVING) else "implicit"), round(end / point["dt"])
+    label, contact = parted(point["method"])
+    scheme, steps = common.scheme_of(label), round(end / point["dt"])
 
     def tip(velocity: Array) -> float:
         run = integrate(replace(system, v0=velocity), scheme, end / steps, end, contact=contact, every=steps)
@@ -165,15 +166,23 @@ def tail(rows: list[Row], error: str) -> list[Row]:
 
 def named(method: str) -> str:
     """Short name of a method and its contact."""
-    return short(method.removesuffix(CONSERVING)) + (CONSERVING if method.endswith(CONSERVING) else "")
+    label, contact = parted(method)
+    return short(label) + ("" if contact == "implicit" else f" {contact}")
+
+
+def parted(method: str) -> tuple[str, str]:
+    """Label of the scheme of a method, and its contact."""
+    label, _, contact = method.rpartition(" ")
+    return (label, contact) if contact in CONTACTS else (method, "implicit")
 
 
 def picture(records: Records) -> Picture:
-    """Errors of value and derivative over the step; panels for implicit and for conserving contact."""
+    """Errors of value and derivative over the step; a row of panels for every contact."""
     lines = []
-    for title, conserving in (("", False), (", conserving contact", True)):
-        rows = [row for row in records.numbers if row["method"].endswith(CONSERVING) == conserving]
-        rows = [row | {"method": row["method"].removesuffix(CONSERVING)} for row in rows]
+    for contact in ("implicit", *CONTACTS):
+        title = "" if contact == "implicit" else f", {contact} contact"
+        rows = [row | {"method": parted(row["method"])[0]} for row in records.numbers
+                if parted(row["method"])[1] == contact]  # fmt: skip
         rows.sort(key=lambda row: row["dt"])
         panels = [
             Panel(f"{what}{title}", common.STEP, Axis(f"relative error of the {what}, rms", scale="log"),

@@ -16,7 +16,7 @@ from ...basics.arrays import Array, IntArray
 from ...basics.compiled import compiled, inlined
 from ...model.active_set import solve_node
 from ...model.contact_law import G1, G2, KAPPA, law_of, stage_force, stage_stiffness, state
-from ...model.stage import MEAN, solve_stage
+from ...model.stage import AVERAGED, MEAN, solve_stage
 from ...trajectory.sampling import (
     CONTACT,
     END,
@@ -52,7 +52,8 @@ class Block(NamedTuple):
     velocity: Array  # (K, C, D): the channels' velocities at the ends of the steps
     velocity_push: Array  # (K, C, N)
     rates: Array  # (N,) integers: the entry that holds the velocity at a node; none where no force depends on it
-    rule: int  # how a node finds its force: LINEAR, BY_LAW or MEAN, see stage
+    rule: int  # how a node finds its force, see stage
+    way: float  # times the velocity at a node it is what ``stage`` takes: 1, for averages half a step
 
 
 class Forcing(NamedTuple):
@@ -132,8 +133,9 @@ def resolve_several(push: Array, compliance: Array, law: Array, out: Array, forc
 
 @compiled
 def resolve_by_law(
-    push: Array, compliance: Array, rates: IntArray, rule: int, law: Array, before: Array, out: Array, forces: Array
-) -> int:
+    push: Array, compliance: Array, rates: IntArray, rule: int, way: float, law: Array, before: Array, out: Array,
+    forces: Array,
+) -> int:  # fmt: skip
     """The stops under any law, node by node; ``before`` (m,): the positions one node ago, advanced in place.
 
     0 where none is met, 1 where one is, -1 - i where the forces of node i were not found.
@@ -149,14 +151,17 @@ def resolve_by_law(
             forces[first + c] = 0.0
             touched = touched or state(u, law[c, G1], law[c, G2]) != 0.0
             touched = touched or (rule == MEAN and state(before[c], law[c, G1], law[c, G2]) != 0.0)
+            if rule == AVERAGED:
+                h = abs(way * out[rates[first + c]])
+                touched = touched or u + h > law[c, G2] or u - h < law[c, G1]
         if touched:
             met = 1
             for c in range(m):
                 r[c] = out[first + c]
-                w[c] = out[rates[first + c]] if rated else 0.0
+                w[c] = way * out[rates[first + c]] if rated else 0.0
                 for e in range(m):
                     S[c, e] = compliance[first + e, c]
-                    S_rate[c, e] = push[first + e, rates[first + c]] if rated else 0.0
+                    S_rate[c, e] = way * push[first + e, rates[first + c]] if rated else 0.0
             force = solve_stage(r, w, S, S_rate, before, rule, law)
             for c in range(m):
                 if math.isnan(force[c]) and not math.isnan(r[c]):
@@ -371,7 +376,7 @@ def run(
     """
     # Fields are taken out once: every use of one would be counted, and no loop with it vectorised.
     reading, transition, push, compliance = block[:4]
-    end_first, end_stride, velocity, velocity_push, rates, rule = block[4:]
+    end_first, end_stride, velocity, velocity_push, rates, rule, way = block[4:]
     constant, frequencies, forced, forced_velocity = forcing
     inflow_rows, inflow_velocity = inflow
     states, position, last_velocity, tally, diverged = marchers
@@ -422,7 +427,7 @@ def run(
             if by_law is not None:
                 for c in range(m):
                     before[c] = position[i, c]
-                solved = resolve_by_law(push, compliance, rates, rule, law[i], before, out, forces)
+                solved = resolve_by_law(push, compliance, rates, rule, way, law[i], before, out, forces)
                 touched = solved != 0
                 if solved < 0:
                     diverged[i] = -(at + (-1 - solved) * K // compliance.shape[0] + 1)

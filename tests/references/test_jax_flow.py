@@ -1,0 +1,140 @@
+"""The exact solution as a JAX function: value, derivative in every direction, transformations, refusals."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+import stiffbeam as sb
+
+jax = pytest.importorskip("jax")
+PATHS = ["stops.stiffness", "stops.upper", "base.amplitude"]
+TIMES = np.linspace(0.0, 0.05, 26)
+
+
+@pytest.fixture(autouse=True)
+def _double_precision() -> Iterator[None]:
+    jax.config.update("jax_enable_x64", True)
+    yield
+    jax.config.update("jax_enable_x64", False)
+
+
+@pytest.fixture(scope="module")
+def beam() -> sb.System:
+    base = sb.Harmonic(amplitude=0.2, frequency=10.0)
+    problem = sb.BeamProblem(stiffness=300.0, stops=sb.Stops(-0.1, 0.1, stiffness=5e6), base=base)
+    return sb.semidiscretise(problem, cells=10)
+
+
+def oscillator(stiffness: float, amplitude: float) -> sb.System:
+    stops = sb.Stops(upper=0.5, stiffness=stiffness)
+    load = ([1.0], sb.Harmonic(amplitude=amplitude, frequency=2.0))
+    return sb.System.from_matrices([[1.0]], [[1.0]], loads=[load], contacts=[sb.Contact([1.0], stops)])
+
+
+def tips_of_scipy(theta: np.ndarray, t: np.ndarray) -> np.ndarray:
+    """Positions of the oscillator by DOP853 with restarts at the stop, in a few lines of their own."""
+    from scipy.integrate import solve_ivp
+
+    def gap(_t, y):
+        return y[0] - 0.5
+
+    gap.terminal = True
+    values, y, now, pressed = np.empty(len(t)), np.zeros(2), 0.0, False
+    while now < t[-1]:
+
+        def rate(time, y, closed=pressed):
+            return [y[1], theta[1] * np.sin(2.0 * time) - y[0] - theta[0] * (y[0] - 0.5) * closed]
+
+        gap.direction = -1.0 if pressed else 1.0
+        run = solve_ivp(rate, (now, t[-1]), y, "DOP853", events=gap, dense_output=True, rtol=1e-13, atol=1e-14)
+        for k in np.flatnonzero((t >= now) & (t <= run.t[-1])):
+            values[k] = run.sol(t[k])[0]
+        now, y, pressed = run.t[-1], run.y[:, -1], not pressed
+    return values
+
+
+def test_gradient_of_a_misfit_is_that_of_another_solver():
+    theta, t = np.array([40.0, 1.7]), np.linspace(0.0, 9.0, 19)
+    flow = sb.jax_flow(oscillator(*theta), ["stops.stiffness", "loads[0].time.amplitude"], t)
+    assert np.array_equal(flow.start, theta)
+    data = tips_of_scipy(np.array([44.0, 1.6]), t)
+    misfit = jax.jit(lambda x: 0.5 * ((flow(x) - data) ** 2).sum())
+    value, slope = jax.value_and_grad(misfit)(theta)
+
+    def witness(x):
+        return 0.5 * np.sum((tips_of_scipy(x, t) - data) ** 2)
+
+    assert value == pytest.approx(witness(theta), rel=1e-9)
+    for i, h in enumerate((1e-3, 1e-4)):
+        far, near = (
+            (witness(theta + width * h * np.eye(2)[i]) - witness(theta - width * h * np.eye(2)[i])) / (2.0 * width * h)
+            for width in (2.0, 1.0)
+        )
+        assert float(slope[i]) == pytest.approx((4.0 * near - far) / 3.0, rel=1e-6)
+
+
+def test_value_and_derivative_are_those_of_the_reference(beam):
+    flow = sb.jax_flow(beam, PATHS, TIMES)
+    run = sb.reference(beam, TIMES[-1], t_eval=TIMES)
+    assert np.array_equal(flow(flow.start), run.tip)
+    exact = run.derivative(PATHS).tip
+    assert np.allclose(jax.jacfwd(flow)(flow.start), exact, rtol=1e-12, atol=0.0)
+    assert np.allclose(jax.jacrev(flow)(flow.start), exact, rtol=1e-12, atol=0.0)
+
+
+def test_values_move_with_the_parameters_and_map_over_batches(beam):
+    flow = sb.jax_flow(beam, PATHS, TIMES)
+    batch = flow.start * np.array([[1.0], [1.01]])
+    values = jax.vmap(flow)(batch)
+    moved = sb.varied_members(beam, dict(zip(PATHS, batch[1:].T, strict=True)))[0]
+    assert np.array_equal(values[1], sb.reference(moved, TIMES[-1], t_eval=TIMES).tip)
+    assert not np.array_equal(values[0], values[1])
+
+
+def test_state_and_velocity(beam):
+    state = sb.jax_flow(beam, PATHS, TIMES[:6], "state")
+    run = sb.reference(beam, TIMES[5], t_eval=TIMES[:6])
+    assert np.array_equal(state(state.start), np.hstack(run.states))
+    assert jax.jacobian(state)(state.start).shape == (6, 2 * beam.size, 3)
+    speed = sb.jax_flow(beam, PATHS, TIMES[:6], "tip_velocity")
+    assert np.array_equal(speed(speed.start), run.tip_velocity)
+
+
+def test_past_the_end_of_a_chatter_the_derivative_is_not_a_number():
+    stops = sb.Stops(lower=0.0, stiffness=np.inf, restitution=0.5)
+    ball = sb.System.from_matrices(
+        [[1.0]], [[0.0]], loads=[([1.0], sb.Constant(-2.0))], initial_displacement=[1.0],
+        contacts=[sb.Contact([1.0], stops)],
+    )  # fmt: skip
+    flow = sb.jax_flow(ball, ["q0[0]"], [0.5, 1.5, 3.5])  # bounces end at t = 3
+    slope = jax.jacfwd(flow)(flow.start)
+    assert slope[0, 0] == pytest.approx(1.0, rel=1e-13)
+    assert np.isfinite(slope[1, 0])
+    assert np.isnan(slope[2, 0])
+
+
+@pytest.mark.parametrize(
+    ("change", "match"),
+    [
+        ({"wrt": ["stops.stifness"]}, "did you mean"),
+        ({"wrt": "stops.upper"}, "list"),
+        ({"quantity": "tips"}, "did you mean tip"),
+        ({"t": [0.1, 0.05]}, "increasing"),
+        ({"t": np.linspace(0.0, 1.0, 11)}, "horizon"),
+    ],
+)
+def test_refusals(beam, change, match):
+    with pytest.raises(sb.InputError, match=match):
+        sb.jax_flow(**({"system": beam, "wrt": PATHS, "t": TIMES, "quantity": "tip"} | change))
+
+
+def test_single_precision_and_wrong_shapes_are_refused(beam):
+    flow = sb.jax_flow(beam, PATHS, TIMES)
+    with pytest.raises(sb.InputError, match="shape"):
+        flow(1.0)
+    jax.config.update("jax_enable_x64", False)
+    with pytest.raises(sb.InputError, match="jax_enable_x64"):
+        sb.jax_flow(beam, PATHS, TIMES)
