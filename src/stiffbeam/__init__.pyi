@@ -2,6 +2,7 @@
 
 from .basics.units import Units as Units
 from .basics.validation import InputError as InputError
+from .figures.paper import paper_figure as paper_figure
 from .figures.plots import mode_shapes as mode_shapes
 from .files.cases import Case as Case
 from .files.cases import load_cases as load_cases
@@ -15,6 +16,8 @@ from .measures.amplification import amplification as amplification
 from .measures.comparison import Comparison as Comparison
 from .measures.comparison import compare as compare
 from .measures.errors import stays_within as stays_within
+from .measures.rates import ContactRates as ContactRates
+from .measures.rates import contact_rates as contact_rates
 from .model.contact import Contact as Contact
 from .model.contact import Stops as Stops
 from .model.first_order import FirstOrderSystem as FirstOrderSystem
@@ -30,6 +33,8 @@ from .model.problem import BeamSection as BeamSection
 from .model.problem import DistributedLoad as DistributedLoad
 from .model.problem import PointLoad as PointLoad
 from .model.problem import PolynomialProfile as PolynomialProfile
+from .model.radial import TwoPlanes as TwoPlanes
+from .model.radial import two_planes as two_planes
 from .model.reduction import ReducedModel as ReducedModel
 from .model.reduction import reduce_model as reduce_model
 from .model.sampled import Sampled as Sampled

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 
 import numpy as np
 import pytest
+from doubt_ranks import judged as judged_source
 from judge_scheme import system_of
 from random_systems import _damped, _long, _moving, _plain, _several
 from systems import bouncing_chain
+from typer.testing import CliRunner
 from vibro_march import solve
 
 import stiffbeam as sb
 from stiffbeam.basics.validation import InputError
+from stiffbeam.cli import app
 from stiffbeam.studies import advice
 from stiffbeam.studies.advice import QUANTITIES, WANT, Probe, cheapest, unreached
 from stiffbeam.studies.engine.journal import Journal
@@ -76,6 +80,56 @@ def test_systems_it_has_not_seen(systems):
     for good, words in found:
         print(good, words)
     assert sum(good for good, _ in found) >= 0.9 * systems
+
+
+@pytest.mark.parametrize(
+    "systems",
+    [
+        pytest.param((8,), marks=pytest.mark.slow),  # where the scheme comes first
+        pytest.param(range(20), marks=pytest.mark.campaign),
+    ],
+)
+def test_it_names_the_largest_source_of_uncertainty(systems):
+    """Scheme, mesh or data of random beams with tolerances, ranked by brute force with matrix exponentials."""
+    outcomes = sum((judged_source(1, k) for k in systems), Counter())
+    assert not [name for name in outcomes if name.startswith("wrong")]
+    assert sum(n for name, n in outcomes.items() if name.startswith("right")) >= len(systems)
+
+
+def test_a_case_with_tolerances_has_its_budget_in_the_advice(tmp_path, monkeypatch):
+    """The advice ranks the wanted quantities only; the command writes the same."""
+    (tmp_path / "thrown.toml").write_text(THROWN)
+    case = sb.load_cases(tmp_path / "thrown.toml")["thrown"]
+    want = {"tip": 0.01, "peak_force": 0.01}
+    found = sb.advise(case, want, schemes=[sb.HHT(alpha=-0.1)], members=8)
+    assert found.recommendation is not None
+    assert [x.quantity for x in found.budgets] == ["tip", "largest force"]
+    assert found.budgets[1].dominant == "mesh"
+    assert found.budgets[0].verdict in str(found)
+    alone = sb.doubt(case, found.recommendation.scheme, found.recommendation.dt, 8)
+    assert alone["tip"] == found.budgets[0]
+    monkeypatch.chdir(tmp_path)
+    options = ["--want", "tip=0.01,peak_force=0.01", "--schemes", "hht", "--members", "8", "--json", "-"]
+    written = CliRunner().invoke(app, ["advise", "thrown.toml", *options])
+    assert json.loads(written.stdout)["doubt"] == json.loads(json.dumps(found.to_dict()["doubt"]))
+    refused = CliRunner().invoke(app, ["advise", "thrown.toml", *options, "--form", "hermite"])
+    assert isinstance(refused.exception, InputError)
+
+
+THROWN = """
+[[case]]
+name = "thrown"
+cells = 8
+dt = 1e-3
+t_end = 0.6
+[case.problem]
+stiffness = 3.0
+viscosity = 0.02
+stops = { upper = 0.02, stiffness = 400.0 }
+initial_velocity = [0.0, 0.0, 0.5]
+[case.uncertain]
+stiffness = 0.5
+"""
 
 
 def test_the_advised_run_meets_the_want_and_its_double_step_does_not():

@@ -14,7 +14,7 @@ import stiffbeam as sb
 from stiffbeam.cli import app
 from stiffbeam.files.cases import Case, case_of
 from stiffbeam.references import solve
-from stiffbeam.studies.doubt import agreement_horizon, bootstrap, scatter, shift
+from stiffbeam.studies.doubt import agreement_horizon, bootstrap, dominant, scatter, share, shift
 
 CASES = 300
 LEAST, MOST = 0.91, 0.985  # of 300 intervals of 95 %: three deviations of the count, 1.26 %, and what BCa lacks at 48
@@ -41,8 +41,8 @@ def test_the_interval_of_a_scatter_covers_the_known_one():
         if not seed:
             exact = sb.reference_ensemble(system, 0.2, members)
             np.testing.assert_allclose(exact.peak_force, forces, rtol=1e-9)
-        share = scatter(forces)
-        inside += share.low <= known <= share.high
+        part = share(scatter(forces), float(np.mean(forces)))
+        inside += part.low <= known <= part.high
     assert LEAST <= inside / CASES <= MOST
 
 
@@ -61,12 +61,38 @@ def test_a_shift_is_of_either_sign_and_0_where_it_cannot_be_seen():
     wanted = np.full(30, 4.0)
     noise = np.random.default_rng(3).normal(size=30)
     for sign in (1.0, -1.0):
-        share = shift(wanted + sign * (0.4 + 0.01 * noise), wanted)
-        assert share.low < 0.1 < share.high < 0.11
-        assert share.low > 0.09
-    assert shift(wanted + noise - np.mean(noise), wanted).low == 0.0
-    assert shift(wanted, wanted) == shift(0.0 * wanted, 0.0 * wanted)
-    assert np.isinf(shift(wanted, 0.0 * wanted).value)
+        part = share(shift(wanted + sign * (0.4 + 0.01 * noise), wanted), 4.0)
+        assert part.low < 0.1 < part.high < 0.11
+        assert part.low > 0.09
+    assert share(shift(wanted + noise - np.mean(noise), wanted), 4.0).low == 0.0
+    assert share(shift(wanted, wanted), 4.0) == share(shift(wanted, wanted), 0.0)
+    assert np.isinf(share(shift(wanted, 0.0 * wanted), 0.0).value)
+
+
+def test_the_source_that_is_named_is_the_largest_in_nearly_all_resamples():
+    """Normal errors whose means are apart by many deviations of the mean or by none; data contain rounding."""
+    noise = np.random.default_rng(5).normal(size=(3, 40))
+    small, large = 0.05 + 0.02 * noise[0], 0.08 + 0.02 * noise[1]
+    zero = np.zeros(40)
+    assert dominant({"scheme": shift(small, zero), "mesh": shift(-large, zero)}) == "mesh"
+    assert not dominant({"scheme": shift(small, zero), "mesh": shift(small[::-1], zero)})
+    assert dominant({"scheme": shift(zero, zero), "data": scatter(np.append(zero[1:], 1.0))}) == "data"
+    assert not dominant({"scheme": shift(zero, zero), "data": scatter(zero)})
+    scatters = {"rounding": scatter(noise[0]), "scheme": shift(small, zero), "data": scatter(1.02 * noise[1])}
+    assert dominant(scatters) == "rounding"
+    assert dominant(scatters | {"data": scatter(3.0 * noise[1])}) == "data"
+
+
+def test_the_energy_of_members_that_swing_freely():
+    """E = x k a^2/2 for a factor x of the stiffness, at all times; the trapezoidal rule keeps it."""
+    system = sb.System.from_matrices([[2.0]], [[8.0]], initial_displacement=[0.5], observe=[1.0])
+    case = replace(case_of(system, 0.01, 2.0), uncertain={"stiffness.scale": sb.Uncertain(tolerance=0.1)})
+    energy = sb.doubt(case, sb.Trapezoidal(), members=20)["energy"]
+    factors = sb.uncertain_members(system, case.uncertain, 20).values[:, 0]
+    assert energy.mean == pytest.approx(np.mean(factors))
+    assert energy.shares["data"].value == pytest.approx(np.std(factors, ddof=1) / np.mean(factors), rel=1e-9)
+    assert energy.dominant == "data"
+    assert energy.shares["scheme"].value < 1e-9
 
 
 def test_the_data_horizon_is_where_one_of_twenty_has_left():
@@ -161,7 +187,7 @@ def test_rigid_stops_have_no_largest_force():
     system = sb.System.from_matrices([[2.0]], [[0.0]], contacts=[contact], initial_velocity=[3.0])
     case = replace(case_of(system, 1e-4, 0.2), uncertain={"stops.upper": sb.Uncertain(tolerance=0.1)})
     result = sb.doubt(case, sb.MoreauJean(), members=10)
-    assert [x.quantity for x in result.budgets] == ["tip", "impacts", "impulse", "time in contact"]
+    assert [x.quantity for x in result.budgets] == ["tip", "impacts", "impulse", "time in contact", "energy"]
     assert result["impulse"].mean == pytest.approx(9.0)
     assert result["tip"].dominant == "data"
 

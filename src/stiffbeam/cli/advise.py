@@ -34,6 +34,8 @@ def advise(
 ) -> None:
     """Find the cheapest scheme, contact treatment and time step for given errors, and the errors that no step reaches.
 
+    For a case with [case.uncertain] it also ranks scheme, mesh and data as sources of uncertainty of the advised run.
+
     After every refinement a line on stderr says the least errors so far; a search that was stopped goes on.
     """
     from ..basics.validation import InputError
@@ -52,7 +54,11 @@ def advise(
             raise InputError("--want", item, "read quantity=error", "for example tip=1e-3") from None
     parsed = None if schemes is None else [parse_run(text)[0] for text in split_runs(schemes)]
     check_json(json_file)
-    system, end = chosen.system(form), chosen.t_end if t_end is None else t_end
+    if form is not None and form != chosen.forms[0] and chosen.uncertain:
+        remedy = f"use {chosen.forms[0]}, or stiffbeam doubt"
+        raise InputError("--form", form, "be the case's first to rank its uncertainties", remedy)
+    system = chosen if chosen.uncertain else chosen.system(form)
+    end = chosen.t_end if t_end is None else t_end
     folder = make_folder(out if out is not None else default_folder(chosen.name))
 
     def tell(line: str) -> None:

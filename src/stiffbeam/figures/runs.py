@@ -156,7 +156,7 @@ def line_of(run: Trajectory) -> dict[str, Any]:
     return {"color": "black" if isinstance(run, Reference) else style["color"], "linestyle": style["linestyle"]}
 
 
-def first_contact(reference: Reference, system: System, window: float, contact: int = 0) -> tuple[float, float]:
+def first_contact(reference: Trajectory, system: System, window: float, contact: int = 0) -> tuple[float, float]:
     """A span around the first group of impacts on one stop of a contact: an eighth of the longest time scale, less
     where the group is shorter."""
     length = min(window, scales(system).period / 8.0)
@@ -171,15 +171,17 @@ def first_contact(reference: Reference, system: System, window: float, contact: 
     return start, min(end, last + 0.3 * (last - first) + 0.1 * length)
 
 
-def zoom_on_stop(axis: Axes, reference: Reference, start: float, end: float, contact: int = 0) -> None:
+def zoom_on_stop(axis: Axes, reference: Trajectory, start: float, end: float, contact: int = 0) -> None:
     """Scale the zoom to what happens at the stop of a contact that is hit first."""
     record = reference.contacts[contact]
     if not record.impacts.count:
         return
     side = int(record.impacts.stops[0])
     stop = record.stops.upper_bound if side > 0 else record.stops.lower_bound
-    t = reference.t[(reference.t >= start) & (reference.t <= end)]
-    u, _ = reference.at(np.linspace(start, end, 800) if reference.solution is not None else t, contact)
+    if isinstance(reference, Reference) and reference.solution is not None:
+        u, _ = reference.at(np.linspace(start, end, 800), contact)
+    else:
+        u = record.position[(reference.t >= start) & (reference.t <= end)]
     outside = float(np.max(side * (u - stop)))
     drop = float(np.max(side * (stop - u[len(u) // 10 :])))
     reach = max(2.0 * outside, min(drop, 12.0 * outside), 1e-12 * float(np.max(np.abs(u))))

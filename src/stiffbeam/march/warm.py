@@ -62,7 +62,8 @@ def warm_up(by_law: bool = False) -> None:
 def compile_beside(rehearsal: str, by_law: bool = False) -> None:
     """Begin to compile in a process beside this one, unless that has been done; ``warm_up`` waits for it.
 
-    rehearsal: lines of Python that run once what will be asked, on a small scale; the march is compiled before them.
+    rehearsal: a line of Python that runs once what will be asked, on a small scale; what it leaves of the march is
+    compiled after it.
 
     Not a thread: numba compiles one function at a time and holds the GIL most of that time, so that the
     exact solver and SUNDIALS, which have functions of their own to compile, would wait.
@@ -70,7 +71,7 @@ def compile_beside(rehearsal: str, by_law: bool = False) -> None:
     global _beside
     if _beside is not None or compiled():
         return
-    code = f"from stiffbeam.march.warm import warm_up; warm_up({by_law}); {rehearsal}"
+    code = f"from stiffbeam.march.warm import warm_up\ntry:\n    {rehearsal}\nfinally:\n    warm_up({by_law})"
     paths = os.pathsep.join(path for path in sys.path if path)
     environment = os.environ | {"PYTHONPATH": paths, "STIFFBEAM_CACHE_DIR": str(storage.directory())}
     silent = subprocess.DEVNULL

@@ -6,6 +6,8 @@ import time
 import warnings
 from collections.abc import Callable
 
+import numpy as np
+
 from ..basics.validation import InputError
 from ..model.modes import undamped_modes
 from ..model.sampled import Sampled
@@ -13,7 +15,7 @@ from ..model.system import System
 from ..model.time_functions import parts_of
 from ..trajectory.trajectory import Reference, SolverFailure
 from .registry import EXACT, MULTIPRECISION, REFERENCES
-from .request import Steps
+from .request import OUTPUTS, Steps
 
 MINUTES = 60.0  # seconds from which on it is worth a warning
 PARTS = 64  # a pilot runs over one or two of so many parts of the span
@@ -25,11 +27,12 @@ NEAR = 0.2  # of the seconds asked for: where the registry's come so near, pilot
 
 def expected_seconds(
     system: System, t_end: float, method: str, rtol: float, atol: float | None, steps: Steps,
-    solve: Callable[..., Reference], worth: float, solutions: float | None = None,
+    solve: Callable[..., Reference], worth: float, solutions: float | None = None, outputs: int = OUTPUTS,
 ) -> float:  # fmt: skip
     """Return the estimated seconds of a reference, 0.0 if they are far below ``worth``.
 
-    solutions: how often the method solves; by default as often as a reference with its horizon asks for.
+    solutions: how often the method solves; by default as often as a reference with its horizon asks for. outputs: at
+    how many times; a pilot has its share of them.
 
     The registry's seconds, scaled to the size, the fastest period and the samples of the loads, decide first. Only if
     they come near ``worth`` are there pilot runs. The first pilot over each span compiles its code and is not counted.
@@ -49,7 +52,8 @@ def expected_seconds(
         return 0.0
 
     def pilot(parts: int) -> float:
-        return solve(system, parts * t_end / PARTS, method, None, rtol, atol, "auto", steps).work.march_seconds
+        times = np.linspace(0.0, parts * t_end / PARTS, 2 + parts * outputs // PARTS)
+        return solve(system, float(times[-1]), method, times, rtol, atol, "auto", steps).work.march_seconds
 
     try:
         first = solutions * PARTS * pilot(1)

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from ..model.system import System
 
 RESTART, KEEP = "restart", "through"  # treatment of events by a solver
+OUTPUTS = 2001  # times of a solution, where none are asked for
 
 
 class Steps(NamedTuple):
@@ -54,7 +55,7 @@ def output_times(t_eval: Array | None, t_end: float) -> Array:
     Raises InputError where they are fewer than two, do not increase, or leave [0, t_end].
     """
     if t_eval is None:
-        t = np.linspace(0.0, t_end, 2001)
+        t = np.linspace(0.0, t_end, OUTPUTS)
         if not np.all(np.diff(t) > 0.0):
             raise InputError("t_end", t_end, "be long enough for 2001 output times in float64", "pass t_eval")
         return t

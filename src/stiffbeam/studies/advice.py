@@ -16,12 +16,15 @@ Past the horizon a single motion has no meaning, so the means over perturbed mem
 and the 95 % interval of the difference lie within the admissible error; the tip has no such mean. The members differ by
 a thousandth of the motion, so they diverge as soon as a scheme diverges from the exact motion. Closer members would all
 follow one motion of that scheme first, and their mean would contain no information on the distribution.
+
+For a case with uncertain parameters, ``doubt`` then ranks scheme, mesh and data for every wanted quantity. It begins
+with a few systems drawn within the tolerances, and doubles them while a ranking is open.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from html import escape
 from itertools import takewhile
@@ -37,6 +40,7 @@ from ..basics.progress import Show, silent
 from ..basics.progress import progress as shown
 from ..basics.text import table
 from ..basics.validation import InputError, integer, near, one_of, positive
+from ..files.cases import Case
 from ..march.choice import CONTACTS, takes_contact
 from ..march.ensemble import integrate_ensemble
 from ..march.integrate import integrate
@@ -52,6 +56,8 @@ from ..references.ensemble import reference_ensemble
 from ..schemes import RIGID, SCHEMES, Scheme, make
 from ..trajectory.trajectory import Diverged, Reference, Trajectory
 from .common import label_of
+from .doubt import QUANTITIES as DOUBTED
+from .doubt import Budget, Doubt, doubt
 from .ensemble import difference
 
 if TYPE_CHECKING:
@@ -267,6 +273,7 @@ def unreached(tried: list[Probe], want: dict[str, float], most: int) -> dict[str
 
 WANT = {"tip": 1e-3, "impacts": 0.05, "peak_force": 0.05}
 MOST_STEPS, MOST_DIRECT, MOST_MEMBER = 2**20, 2**14, 2**11  # of a run; marched with matrices, a thousand times slower
+FEW = 12  # drawn systems to begin a ranking with
 PAST = "past the horizon t = {:.4g} no step gives one motion: motions 1e-16 apart have diverged there"
 
 
@@ -295,6 +302,8 @@ class Advice:
         Standard deviation of an exact member over the mean, by quantity.
     remark : str
         States that nothing moves or that nothing touches a stop, else empty.
+    doubt : Doubt, optional
+        Budget of uncertainty of the recommended run, for a case with uncertain parameters.
     """
 
     want: dict[str, float]
@@ -308,6 +317,7 @@ class Advice:
     system: System = field(repr=False)
     scatter: dict[str, float] = field(default_factory=dict)
     remark: str = ""
+    doubt: Doubt | None = None
     chosen: ClassVar = Renamed("recommendation")
     cannot: ClassVar = Renamed("unattainable")
     tried: ClassVar = Renamed("candidates")
@@ -331,8 +341,13 @@ class Advice:
             "measured": ["recommendation.seconds"], "want": self.want, "t_end": self.t_end, "horizon": self.horizon,
             "members": self.members, "recommendation": recommendation, "unattainable": self.unattainable,
             "trusted_until": self.trusted_until, "scatter": self.scatter, "remark": self.remark,
-            "units": str(self.system.units),
+            "units": str(self.system.units), "doubt": self.doubt and self.doubt.to_dict(),
         }  # fmt: skip
+
+    @property
+    def budgets(self) -> list[Budget]:
+        """Budgets of uncertainty of the wanted quantities, at every contact; none without uncertain parameters."""
+        return [] if self.doubt is None else _wanted_budgets(self.doubt, self.want)
 
     def plot(self, ax: Axes | None = None, **kwargs: Any) -> Axes | Figure:
         """Draw the worst error of every run that was tried against its cost; return ``ax``, or the new Figure. kwargs:
@@ -371,6 +386,11 @@ class Advice:
                 lines.append(f"a single motion scatters about its mean by (relative) {single}: run an ensemble")
             until = units.measure(self.trusted_until, "time", ".4g")
             lines.append(f"its tip stays within {self.want.get('tip', WANT['tip']):g} of the exact one to t = {until}")
+        if self.doubt is not None:
+            lines.append(
+                f"sources of uncertainty of this run, from {self.doubt.members} systems within the tolerances:"
+            )
+            lines += [budget.verdict for budget in self.budgets]
         lines += [f"cannot be had: {name} to {self.want[name]:g}: {why}" for name, why in self.unattainable.items()]
         return "\n".join(lines)
 
@@ -385,8 +405,24 @@ class Advice:
         return f"<Advice to t = {self.t_end:g}: {advised}; cannot be had: {', '.join(self.unattainable) or 'none'}>"
 
 
+def _wanted_budgets(budget: Doubt, want: Mapping[str, float]) -> list[Budget]:
+    columns = {"tip": "tip"} | dict(COLUMNS)
+    names = [quantity for quantity, field in DOUBTED.items() if field in [columns[name] for name in want]]
+    names += ["tip"] if "tip" in want else []
+    return [x for x in budget.budgets if x.quantity.partition(" at contact")[0] in names]
+
+
+def _doubt(case: Case, run: Probe, want: Mapping[str, float], members: int, show: Show) -> Doubt:
+    count = min(FEW, max(8, members))
+    while True:
+        found = doubt(case, run.scheme, run.dt, count, progress=show, contact=run.contact)
+        if count >= members or all(x.dominant or not x.uncertain for x in _wanted_budgets(found, want)):
+            return found
+        count = min(2 * count, members)
+
+
 def advise(
-    system: System,
+    system: System | Case,
     want: Mapping[str, float] | None = None,
     t_end: float | None = None,
     schemes: Sequence[Scheme] | None = None,
@@ -405,12 +441,13 @@ def advise(
 
     Parameters
     ----------
-    system : System
-        As for the exact reference.
+    system : System or Case
+        As for the exact reference. For a case with uncertain parameters the advice has a budget of uncertainty.
     want : mapping of str to float, optional
         Admissible error per quantity: tip, impacts, peak_force, impulse. By default 1e-3, 0.05 and 0.05 of the first
         three; of rigid stops impulse in the place of peak_force.
     t_end : float
+        By default that of the case.
     schemes : sequence of Scheme, optional
         By default every registered one.
     contacts : sequence of str
@@ -418,7 +455,7 @@ def advise(
     most_steps : int, optional
         Where the search ends: by default 2^20 steps, 2^14 of a march with matrices, 2^11 for means.
     members : int
-        Perturbed runs behind each mean past the horizon.
+        Perturbed runs behind each mean past the horizon; the most systems that are drawn to rank uncertainties.
     progress : bool or callable
         As in ``reference``.
     tell : callable
@@ -448,6 +485,11 @@ def advise(
         with shown() as show:
             return advise(system, want, t_end, schemes, contacts, most_steps, members, show, tell, journal)
     show = progress or silent
+    case = system if isinstance(system, Case) else None
+    if case is not None:
+        t_end = case.t_end if t_end is None else t_end
+        case = replace(case, t_end=t_end)
+        system = case.system()
     if not isinstance(system, System):
         raise InputError("system", type(system).__name__, "be a System", "make it with semidiscretise or from_matrices")
     if t_end is None:
@@ -488,6 +530,7 @@ def advise(
     return Advice(
         wanted, float(t_end), exact.horizon, criterion.members, chosen, cannot, until, tuple(tried), system,
         dict(criterion.scatter), remark(system, exact),
+        _doubt(case, chosen, wanted, members, show) if case is not None and case.uncertain and chosen else None,
     )  # fmt: skip
 
 

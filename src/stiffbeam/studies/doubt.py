@@ -6,17 +6,19 @@ results.
     mesh        |mean(Q_fine - Q)|/|mean(Q)|, exact on twice as many cells
     data        deviation(Q)/|mean(Q)| over the drawn members
 
-Q: impacts, largest force, impulse and time in contact at each contact; all members have the same random parameters in
-every column. For the tip the columns are rms distances over the largest |u|: from the exact tip of the same member, and
-for data from the median over the members. Past the horizon the scatter of the data contains that of rounding. If both
-are large, the motion is chaotic and only its statistics are meaningful. Intervals hold with 95 %: bootstrap over the
-members (BCa).
+Q: impacts, largest force, impulse and time in contact at each contact, and the energy (kinetic, bending, stops) in the
+mean over time; all members have the same random parameters in every column. For the tip the columns are rms distances
+over the largest |u|: from the exact tip of the same member, and for data from the median over the members. Past the
+horizon the scatter of the data contains that of rounding. If both are large, the motion is chaotic and only its
+statistics are meaningful. Intervals hold with 95 %: bootstrap over the members (BCa). A source is named the largest if
+it is in 97.5 % of the resamples, in each of which all columns have the same members. Rounding need not exceed data.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from statistics import NormalDist
 from typing import Any
 
@@ -25,6 +27,7 @@ import numpy as np
 from ..basics.arrays import Array
 from ..basics.progress import Show, silent
 from ..basics.progress import progress as shown
+from ..basics.resources import cores, over_slices
 from ..basics.text import plain
 from ..basics.units import Units
 from ..basics.validation import InputError, integer, number, positive
@@ -36,11 +39,12 @@ from ..model.uncertain import uncertain_members
 from ..references import best_reference
 from ..references.ensemble import reference_ensemble
 from ..schemes import Scheme
-from ..trajectory.ensemble import Ensemble
+from ..trajectory.ensemble import MEMBERS_PER_SLICE, Ensemble
 from ..trajectory.trajectory import Diverged
 from .engine.study import Answer
 
 RESAMPLES = 2000
+SURE = 0.975  # of the resamples in which the source that is named is the largest
 ROUNDING = 1e-15  # of the motion, between starts that float64 hardly tells apart
 OUTPUTS = 400  # of the tip, at least where there are so many steps
 QUANTITIES = {"impacts": "impact_count", "largest force": "peak_force", "impulse": "impulse",
@@ -70,29 +74,34 @@ NONE = Share(0.0, 0.0, 0.0)
 
 @dataclass(frozen=True)
 class Budget:
-    """Uncertainty of one quantity by its sources. mean: over the exact members; for the tip its largest |u|."""
+    """Uncertainty of one quantity by its sources. mean: over the exact members; for the tip its largest |u|. dominant:
+    the source that exceeds all others in 97.5 % of the resamples, "" if none does."""
 
     quantity: str
     mean: float
     shares: dict[str, Share]
+    dominant: str
 
     @property
-    def dominant(self) -> str:
-        """The source whose interval lies above all others; "" if intervals overlap."""
-        first, *others = sorted(self.shares, key=lambda name: -self.shares[name].value)
-        clear = all(self.shares[first].low > self.shares[name].high for name in others)
-        return first if clear else ""
+    def uncertain(self) -> bool:
+        """True if any source is not 0."""
+        return any(share.high for share in self.shares.values())
 
     @property
     def verdict(self) -> str:
         """Sentence with the largest source and a remedy."""
         first, second, *_ = sorted(self.shares, key=lambda name: -self.shares[name].value)
-        if all(share.high == 0.0 for share in self.shares.values()):
+        if not self.uncertain:
             return f"{self.quantity}: no uncertainty, {self.mean:g} in all members for {', '.join(self.shares)}."
         if not self.dominant:
             large = " and ".join(f"{name} ({percent(self.shares[name].value)})" for name in (first, second))
             return f"{self.quantity}: {large} are too close to rank with so few members."
-        rest = ", ".join(f"{name} {percent(x.value)}" for name, x in self.shares.items() if name != first)
+        first = self.dominant
+        rest = ", ".join(
+            f"{name} {percent(x.value)}"
+            for name, x in self.shares.items()
+            if name not in (first, "data" if first == "rounding" else "")
+        )
         parts = "the step and the mesh are" if "mesh" in self.shares else "the step is"
         cure = CURES[first].format(parts=parts)
         return f"{self.quantity}: {first} ({percent(self.shares[first].value)}) exceeds {rest}: {cure}."
@@ -159,20 +168,27 @@ class Doubt:
         raise KeyError(quantity)
 
 
-def bootstrap(statistic: Callable[[Array], Array], sample: Array, seed: int = 1) -> tuple[float, float]:
-    """Ends of the 95 % BCa interval of a statistic over a sample (M, ...); the statistic works along the second axis.
+Statistic = Callable[[Array], Array]
+
+
+def resampled(statistic: Statistic, sample: Array, seed: int = 1) -> Array:
+    """A statistic of RESAMPLES bootstrap resamples of a sample (M, ...), which has the same rows for every sample of
+    its size; the statistic works along the second axis."""
+    return statistic(sample[np.random.default_rng(seed).integers(0, len(sample), (RESAMPLES, len(sample)))])
+
+
+def bootstrap(statistic: Statistic, sample: Array, seed: int = 1) -> tuple[float, float]:
+    """Ends of the 95 % BCa interval of a statistic over a sample (M, ...), see ``resampled``.
 
     Bias correction and acceleration as in Efron, Better Bootstrap Confidence Intervals (1987), section 2. A sample
     whose values are all equal has an interval without width.
     """
-    count = len(sample)
     estimate = float(statistic(sample[None])[0])
-    rows = np.random.default_rng(seed).integers(0, count, (RESAMPLES, count))
-    drawn = np.sort(statistic(sample[rows]))
+    drawn = np.sort(resampled(statistic, sample, seed))
     below = (np.sum(drawn < estimate) + 0.5 * np.sum(drawn == estimate)) / RESAMPLES
     if drawn[0] == drawn[-1] or not 0.0 < below < 1.0:
         return float(drawn[0]), float(drawn[-1])
-    keep = ~np.eye(count, dtype=bool)
+    keep = ~np.eye(len(sample), dtype=bool)
     left_out = statistic(np.array([sample[row] for row in keep]))
     off = np.mean(left_out) - left_out
     size = float(np.sum(off**2)) ** 1.5
@@ -194,25 +210,39 @@ def _deviations(x: Array) -> Array:
     return np.std(x, axis=1, ddof=1)
 
 
-def shift(values: Array, wanted: Array) -> Share:
-    """|mean(values - wanted)|/|mean(wanted)|, member by member, with its interval."""
-    scale = abs(float(np.mean(wanted)))
-    off = np.asarray(values, float) - np.asarray(wanted, float)
-    low, high = bootstrap(_means, off)
-    least, most = (low, high) if low > 0.0 else (-high, -low) if high < 0.0 else (0.0, max(-low, high))
-    return _relative(abs(float(np.mean(off))), least, most, scale)
+Column = tuple[Statistic, Array]  # a statistic and the members (M,) of which it is one
 
 
-def scatter(values: Array) -> Share:
-    """deviation/|mean| of the values, with its interval."""
-    values = np.asarray(values, float)
-    return _relative(float(np.std(values, ddof=1)), *bootstrap(_deviations, values), scale=abs(float(np.mean(values))))
+def shift(values: Array, wanted: Array) -> Column:
+    """The column of mean(values - wanted), member by member."""
+    return _means, np.asarray(values, float) - np.asarray(wanted, float)
 
 
-def _relative(value: float, low: float, high: float, scale: float) -> Share:
+def scatter(values: Array) -> Column:
+    """The column of the deviation of values."""
+    return _deviations, np.asarray(values, float)
+
+
+def share(column: Column, scale: float) -> Share:
+    """|statistic|/scale with its interval."""
+    statistic, sample = column
+    low, high = bootstrap(statistic, sample)
+    low, high = (low, high) if low > 0.0 else (-high, -low) if high < 0.0 else (0.0, max(-low, high))
     if scale == 0.0:
         return NONE if high == 0.0 else Share(np.inf, np.inf if low else 0.0, np.inf)
-    return Share(value / scale, low / scale, high / scale)
+    return Share(abs(float(statistic(sample[None])[0])) / scale, low / scale, high / scale)
+
+
+def dominant(columns: dict[str, Column]) -> str:
+    """The source that is the largest in a share SURE of the resamples, see ``Budget``; data, which contains the scatter
+    of rounding, does not count against it."""
+    sizes = {name: np.abs(resampled(*column)) for name, column in columns.items()}
+    whole = {name: abs(float(statistic(sample[None])[0])) for name, (statistic, sample) in columns.items()}
+    for name in sorted(whole, key=lambda x: -whole[x]):
+        rivals = [x for other, x in sizes.items() if other not in (name, "data" if name == "rounding" else "")]
+        if whole[name] > 0.0 and np.mean(np.all(sizes[name] >= np.array(rivals), axis=0)) >= SURE:
+            return name
+    return ""
 
 
 def agreement_horizon(t: Array, tips: Array, tolerance: float, share: float = 0.95) -> float:
@@ -235,6 +265,7 @@ def doubt(
     seed: int = 1,
     tolerance: float = 0.05,
     progress: bool | Show = False,
+    contact: str = "implicit",
 ) -> Doubt:
     """Budget of uncertainty of a run: rounding, scheme and step, mesh and data, for every quantity at every contact.
 
@@ -254,6 +285,8 @@ def doubt(
         To which members agree within the data horizon, relative to the largest displacement of the tip.
     progress : bool or callable
         As in ``reference``.
+    contact : str
+        Treatment of contact as in ``integrate``.
 
     Returns
     -------
@@ -277,7 +310,7 @@ def doubt(
     """
     if progress is True:
         with shown() as show:
-            return doubt(case, scheme, dt, members, seed, tolerance, show)
+            return doubt(case, scheme, dt, members, seed, tolerance, show, contact)
     show = progress or silent
     if not case.uncertain:
         remedy = (
@@ -292,7 +325,7 @@ def doubt(
     drawn = uncertain_members(system, case.uncertain, members, seed)
     every = max(1, round(t_end / dt) // OUTPUTS)
     show(f"doubt: {scheme}, {members} members", 0, 0)
-    runs = integrate_ensemble(system, scheme, dt, t_end, drawn, every=every)
+    runs = integrate_ensemble(system, scheme, dt, t_end, drawn, contact, every)
     if np.any(np.isfinite(runs.diverged)):
         raise Diverged(str(scheme), float(np.nanmin(runs.diverged)), "use a smaller dt")
     columns = {"scheme": runs}
@@ -313,31 +346,56 @@ def doubt(
     return Doubt(
         str(scheme), float(dt), float(t_end), members, horizon,
         agreement_horizon(exact.t, exact.tip, tolerance), tolerance, case.units,
-        (_tip(exact, columns, past), *_contacts(exact, columns, past)),
+        (_tip(exact, columns, past), *_contacts(exact, columns, past), *_energy(exact, columns, past)),
     )  # fmt: skip
+
+
+def _budget(quantity: str, mean: float, columns: dict[str, Column], scale: float) -> Budget:
+    return Budget(quantity, mean, {name: share(x, scale) for name, x in columns.items()}, dominant(columns))
 
 
 def _tip(exact: Ensemble, columns: dict[str, Ensemble], past: Ensemble | None) -> Budget:
     size = float(np.max(np.abs(exact.tip)))
 
-    def distance(one: Array, other: Array) -> Share:
-        each = np.sqrt(np.mean((one - other) ** 2, axis=1))
-        return _relative(float(np.mean(each)), *bootstrap(_means, each), scale=size)
+    def distance(one: Array, other: Array) -> Column:
+        return _means, np.sqrt(np.mean((one - other) ** 2, axis=1))
 
-    shares = {"rounding": NONE if past is None else distance(past.tip, np.median(past.tip, axis=0))}
-    shares |= {name: distance(many.tip, exact.tip) for name, many in columns.items()}
-    return Budget("tip", size, shares | {"data": distance(exact.tip, np.median(exact.tip, axis=0))})
+    sources = {"rounding": distance(*(2 * (exact.tip,) if past is None else (past.tip, np.median(past.tip, axis=0))))}
+    sources |= {name: distance(many.tip, exact.tip) for name, many in columns.items()}
+    return _budget("tip", size, sources | {"data": distance(exact.tip, np.median(exact.tip, axis=0))}, size)
+
+
+def _of_members(
+    quantity: str, of: Callable[[Ensemble], Array], exact: Ensemble, columns: dict[str, Ensemble], past: Ensemble | None
+) -> list[Budget]:
+    """The budget of a number of every member; none where it is not finite, as the largest force of rigid stops."""
+    wanted = np.asarray(of(exact), float)
+    if not np.all(np.isfinite(wanted)):
+        return []
+    sources = {"rounding": scatter(np.zeros(len(wanted)) if past is None else of(past))}
+    sources |= {name: shift(of(many), wanted) for name, many in columns.items()}
+    mean = float(np.mean(wanted))
+    return [_budget(quantity, mean, sources | {"data": scatter(wanted)}, abs(mean))]
 
 
 def _contacts(exact: Ensemble, columns: dict[str, Ensemble], past: Ensemble | None) -> list[Budget]:
     budgets = []
-    for i, seen in enumerate(exact.contacts):
+    for i in range(len(exact.contacts)):
         for quantity, field in QUANTITIES.items():
-            wanted = np.asarray(getattr(seen, field), float)
-            if not np.all(np.isfinite(wanted)):  # a rigid stop has impulses, no largest force
-                continue
-            shares = {"rounding": NONE if past is None else scatter(getattr(past.contacts[i], field))}
-            shares |= {name: shift(getattr(many.contacts[i], field), wanted) for name, many in columns.items()}
             place = f" at contact {i + 1}" if len(exact.contacts) > 1 else ""
-            budgets.append(Budget(quantity + place, float(np.mean(wanted)), shares | {"data": scatter(wanted)}))
+            budgets += _of_members(quantity + place, partial(_at_contact, i, field), exact, columns, past)
     return budgets
+
+
+def _at_contact(contact: int, field: str, many: Ensemble) -> Array:
+    return getattr(many.contacts[contact], field)
+
+
+def _energy(exact: Ensemble, columns: dict[str, Ensemble], past: Ensemble | None) -> list[Budget]:
+    def of(many: Ensemble) -> Array:
+        def means(part: Sequence[int]) -> list[float]:
+            return [float(np.mean(many.ledger(i).energy)) for i in part]
+
+        return np.concatenate(list(over_slices(means, range(len(many)), MEMBERS_PER_SLICE, cores(), None)))
+
+    return _of_members("energy", of, exact, columns, past)

@@ -11,12 +11,13 @@ from typing import Any
 import numpy as np
 
 from ..basics.recent import content
-from ..basics.validation import InputError, number, positive
+from ..basics.validation import InputError, integer, number, positive
 from ..files.cases import Case
 from ..model.contact import Stops
 from ..model.drive import Drive
 from ..model.members import value_at, varied_members, with_values
 from ..model.problem import PointLoad
+from ..model.semidiscretisation import semidiscretise
 from ..model.system import System
 from ..model.time_functions import Harmonic
 from ..schemes import Scheme
@@ -44,6 +45,16 @@ def _clearance(system: System, value: float) -> System:
     return _stops(system, move)
 
 
+def _cells(system: System, value: float) -> System:
+    """The beam on another grid, h = L/value."""
+    if system.problem is None:
+        remedy = "vary another parameter, or describe a beam with a number of cells"
+        raise InputError("parameter", "cells", "be asked of a beam", remedy)
+    return semidiscretise(
+        system.problem, integer("cells", int(value) if value == int(value) else value, 1), system.form
+    )
+
+
 PARAMETERS: dict[str, Callable[[System, float], System]] = {
     "frequency": lambda system, value: with_values(system, {"frequency": value}),
     "amplitude": lambda system, value: with_values(system, {"amplitude": value}),
@@ -51,6 +62,7 @@ PARAMETERS: dict[str, Callable[[System, float], System]] = {
     "stop-stiffness": lambda system, value: _stops(system, lambda stops: replace(stops, stiffness=value)),
     "stiffness": lambda system, value: with_values(system, {"stiffness": value}),
     "viscosity": lambda system, value: with_values(system, {"viscosity": value}),
+    "cells": _cells,
 }
 IN_STEP = ("amplitude", "clearance", "stop-stiffness")  # members of one ensemble
 
@@ -228,6 +240,7 @@ def _arithmetic(name: str, text: str) -> Callable[[float], float]:
 NAMES = {
     "frequency": "drive frequency $a$", "amplitude": "drive amplitude $E$", "clearance": "clearance $g$",
     "stop-stiffness": r"stop stiffness $\kappa$", "stiffness": "bending stiffness $k^2$", "viscosity": "viscosity $d$",
+    "cells": "cells $L/h$",
     "dt": r"time step $\Delta t$", "alpha": r"$\alpha$", "gamma": r"$\gamma$", "rho": r"$\rho_\infty$",
 }  # fmt: skip
 PHYSICAL = {"stiffness": "bending stiffness $EI$", "viscosity": r"bending viscosity $\eta$"}

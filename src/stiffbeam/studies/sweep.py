@@ -10,24 +10,32 @@ its numerical dissipation.
 
 A case has no period without a drive, with several frequencies, and if samples drive it. It runs once from 0 to its
 t_end at every value, with impacts per unit of time and without sections.
+
+With ``start="last"`` every value begins with the state in which the motion at the value before ended, through the
+values and back. The drive is in the same phase there, since a run lasts whole periods. Coexisting motions then appear
+as two branches, one for each direction.
 """
 
 from __future__ import annotations
 
 from array import array
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from itertools import product
 from typing import Annotated, Any
 
 import numpy as np
 
 from ..basics.arrays import Array
-from ..basics.validation import InputError, integer, near, number, positive
+from ..basics.validation import InputError, integer, near, number, one_of, positive
 from ..figures import COLOURS, Axis, Curve, Map, Panel, Picture, column, dashed, look, tip_name, tip_symbol
 from ..files.cases import Case
 from ..march.ensemble import integrate_ensemble
+from ..march.integrate import Plan
 from ..model.drive import Drive
 from ..model.members import paths_of
+from ..model.system import System
+from ..references import best_reference
 from ..references.ensemble import reference_ensemble
 from ..schemes.rigid_scheme import RigidScheme
 from ..trajectory.ensemble import Ensemble
@@ -60,6 +68,8 @@ BATCH, SETTING_UP, STEP, EXACT_PERIOD = 1.0, 0.02, (3e-8, 3e-7), (6e-3, 3e-2)
 EXACT_SAMPLE = 3e-4  # of the exact solution, for every sample of a record
 PERIODS, TRANSIENT, BUDGET = 60, 100, 20.0  # by default; as many as about so many seconds allow, LEAST of each
 LEAST = LONGEST + 2
+STARTS = ("case", "last")
+LAST, WAYS = "last", ("there", "back")
 
 
 def points(
@@ -67,7 +77,8 @@ def points(
     *,
     parameter: Annotated[
         str,
-        "frequency, amplitude, clearance, stop-stiffness, stiffness, viscosity, dt, alpha, or a path: stops[0].damping",
+        "frequency, amplitude, clearance, stop-stiffness, stiffness, viscosity, cells, dt, alpha, or a path: "
+        "stops[0].damping",
     ] = "frequency",
     values: Annotated[
         Sequence[float] | None,
@@ -88,6 +99,9 @@ def points(
     periods: Annotated[int | None, "periods of the drive to record; default: 60, fewer if these take long"] = None,
     transient: Annotated[int | None, "periods of the drive before the recorded ones; default: 100, or fewer"] = None,
     count: Annotated[int, "number of drive frequencies if no values are given"] = 200,
+    start: Annotated[
+        str, 'first state at each value: "case", or "last", that of the value before, through the values and back'
+    ] = "case",
 ) -> list[Point]:
     """Batches of values, each a line of the journal; with ``second`` a grid, without sections.
 
@@ -96,8 +110,10 @@ def points(
     first scheme. transient: periods of the drive before the ``periods`` that are looked at; by default 60 after 100, or
     as many as take about 20 s of processor time, at least 10 after 10. Where several
     frequencies drive the system, the period is that of the drive whose parameter is varied.
-    couple: arithmetic of x, the value of ``parameter``, for each parameter that follows it.
+    couple: arithmetic of x, the value of ``parameter``, for each parameter that follows it. start: "last" goes through
+    the values in their order and back in one process.
     """
+    one_of("start", start, STARTS)
     if method is None:
         runs = [label_of(run) for run, *_ in case.runs]
         rigid = any(contact.stops.rigid for contact in system_of(case, form).contacts)
@@ -128,6 +144,9 @@ def points(
     if second is not None and not case.has_stops:
         remedy = "vary one parameter only, or give the case stops"
         raise InputError("case", case.name, "have stops for a grid of two parameters", remedy)
+    if start == LAST and (second is not None or once or parameter == "cells"):
+        rule = "be used with one parameter of a driven case, on one grid"
+        raise InputError("start", start, rule, f"leave it out, or start={STARTS[0]}")
     if second == parameter:
         raise InputError("second", second, "be another parameter", "give the grid two different parameters")
     follow = couplings(couple)
@@ -169,6 +188,8 @@ def points(
         wanted = [whole([x, y]) for y in grid[1] for x in grid[0]]
     else:
         wanted = [whole(value) for value in product(*grid)]
+    if start == LAST:
+        return [{**shared, "values": [*wanted, *wanted[::-1]], "start": LAST}]
     size = max(1, min(int(BATCH / seconds), -(-len(wanted) // BATCHES)))
     return [{**shared, "values": wanted[i : i + size]} for i in range(0, len(wanted), size)]
 
@@ -186,6 +207,8 @@ def evaluate(case: Case, point: Point) -> list[Row]:
     rows: list[Row] = []
     groups: dict[tuple[Any, ...], list[tuple[Row, Setup]]] = {}
     system, scheme = system_of(case, point["form"]), method_of(point)
+    if point.get("start") == LAST:
+        return _continued(system, point)
     for value in point["values"]:
         named = dict(zip(names_of(point), value, strict=True))
         try:
@@ -201,6 +224,38 @@ def evaluate(case: Case, point: Point) -> list[Row]:
             word = "refused" if isinstance(error, InputError) else "failed"
             rows += [named | {word: str(error)} for named, _ in group]
     return rows
+
+
+def _continued(system: System, point: Point) -> list[Row]:
+    """Rows of the values one after the other, each from the last state of the one before."""
+    rows: list[Row] = []
+    state: tuple[Array, Array] | None = None
+    for k, value in enumerate(point["values"]):
+        row: Row = dict(zip(names_of(point), value, strict=True)) | {"direction": WAYS[2 * k >= len(point["values"])]}
+        try:
+            setup = setup_of(system, point, value, method_of(point))
+            if state is not None:
+                setup = replace(setup, system=replace(setup.system, q0=state[0], v0=state[1], origin=None))
+            row |= {"dt": setup.dt} if setup.scheme else {}
+            many = _march(point, [setup])
+            rows += _rows(point, row, many, 0)
+            if np.isnan(many.diverged[0]):
+                state = _last(point, setup, float(many.t[-1]))
+        except (InputError, SolverFailure) as error:
+            rows.append(row | {"refused" if isinstance(error, InputError) else "failed": str(error)})
+    return rows
+
+
+def _last(point: Point, setup: Setup, end: float) -> tuple[Array, Array]:
+    """(q, q') at the end of the run of a setup."""
+    if setup.scheme is None:
+        state_at = best_reference(setup.system, end).state_at
+        assert state_at is not None
+        q, v = state_at(np.array([end]))
+        return q[0], v[0]
+    plan = Plan.of(setup.system, setup.scheme, setup.dt, end, point["contact"], 1, "numba")
+    *_, (_, q, v, _) = plan.states(setup.system)
+    return q[-1], v[-1]
 
 
 def _march(point: Point, setups: list[Setup]) -> Ensemble:
@@ -227,6 +282,12 @@ def _rows(point: Point, named: Row, many: Ensemble, i: int) -> list[Row]:
         section = enumerate(many.tip[i, point["transient"] + 1 :].tolist(), point["transient"] + 1)
         rows += [named | {"kind": "section", "period": n, "tip": tip} for n, tip in section]
     return rows
+
+
+def _ways(rows: Rows) -> Mapping[str, Rows]:
+    """The rows of each direction of a continued sweep; all of them under "" otherwise."""
+    ways = {way: [row for row in rows if row.get("direction") == way] for way in WAYS}
+    return ways if any(ways.values()) else {"": rows}
 
 
 def sections(rows: Rows) -> dict[float, Array]:
@@ -287,6 +348,13 @@ def answer(rows: Rows, case: Case) -> Answer:
 
 def _periodicity(rows: Rows) -> list[str]:
     """Sentence with the number of values at which the tip repeats itself; empty without sections."""
+    if len(ways := _ways(rows)) > 1:
+        up, down = (sections(ways[way]) for way in WAYS)
+        both = [value for value in up if value in down]
+        size = max((float(np.max(np.abs(x))) for x in (*up.values(), *down.values())), default=0.0)
+        apart = sum(_apart(up[value], down[value]) > SAME * size for value in both)
+        words = f"the last periods there and back differ at {apart} of {len(both)} values"
+        return [f"{way}: {text}" for way in WAYS for text in _periodicity(_bare(ways[way]))] + [words]
     by_value = sections(rows)
     if not by_value:
         return []
@@ -300,6 +368,16 @@ def _periodicity(rows: Rows) -> list[str]:
     if short:
         words.append(f"{rows[0]['periods']:g} periods are too few to tell at {short}: {LONGEST + 1} would do")
     return words
+
+
+def _bare(rows: Rows) -> list[Row]:
+    return [{name: x for name, x in row.items() if name != "direction"} for row in rows]
+
+
+def _apart(one: Array, other: Array) -> float:
+    """Largest distance of a point of either section to the nearest of the other."""
+    distance = np.abs(one[:, None] - other)
+    return float(max(np.max(np.min(distance, axis=0)), np.max(np.min(distance, axis=1))))
 
 
 def _rate(rows: Rows, case: Case) -> tuple[str, float]:
@@ -322,19 +400,29 @@ def picture(records: Records) -> Picture:
     # The fainter the more points there are, so that dense bands and single curves can be told apart.
     faint = {"alpha": float(np.clip(2e4 / max(1, len(points)), 0.15, 0.9)), "rasterized": True}
     dots = {"linestyle": "", "marker": ".", "ms": 3.0, "mew": 0.0, "color": colour}
-    section = [Curve.over(points, name, "tip", look=dots | faint)]
+    colours = [colour, *(other for other in COLOURS if other != colour)]
+    section = [
+        Curve.over(group, name, "tip", way, look=dots | faint | {"color": colours[i]})
+        for i, (way, group) in enumerate(_ways(points).items())
+    ]
     tip = Axis(f"{tip_name(case.beam)} {tip_symbol(case.beam, 'nT')}", "length")
     line = 0.7 if len({row[name] for row in contacts}) <= 400 else 0.0  # more points than that are a band
-    colours = [colour, *(other for other in COLOURS if other != colour)]
     once, (counted, over) = "t_end" in rows[0], _rate(rows, case)
-    panels = [] if once else [[Panel("the tip once in every period $T$ of the drive", across, tip, section)]]
+    legend = "inside" if len(section) > 1 else ""
+    title = "the tip once in every period $T$ of the drive"
+    panels = [] if once else [[Panel(title, across, tip, section, legend=legend)]]
     for quantity, label, unit, title in (
         ("count", counted, "", "impacts"),
         *([("fraction", "share of the time", "", "time in contact")] if once else []),
         ("peak_force", r"peak $|\sigma|$", "force", "largest contact force"),
     ):
         marks = []
-        for i, (place, group) in enumerate(by_contact(contacts).items()):
+        lines = [
+            (f"{place} {way}", part)
+            for place, group in by_contact(contacts).items()
+            for way, part in _ways(group).items()
+        ]
+        for i, (place, group) in enumerate(lines):
             group.sort(key=lambda row: row[name])
             style = {"lw": line, "linestyle": dashed(i), "marker": ".", "ms": 3.0 if line else 1.5}
             marks.append(Curve(column(group, name), _measured(group, quantity, over), place.strip(),

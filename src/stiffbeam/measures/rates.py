@@ -1,0 +1,298 @@
+"""Rates of one long run at every contact, among them work rates for wear, with intervals that count its correlation.
+
+    normal work rate     1/(T - s) int_s^T |F| |v| dt      v = velocity of the contact point against its stops
+    sliding work rate    1/(T - s) int_s^T |F| |w| dt      w = tangent . q', the sliding velocity
+
+Archard's law gives the worn volume as a wear coefficient times the sliding work. Limitation: there is no friction. The
+sliding velocity is that of the motion without a tangential force, and F is the normal force.
+
+An interval is mean +- t sqrt(V), V the variance of the mean over n parts of the run and N their effective number,
+
+    V = gamma_0/N,    N = n/tau,    tau = -1 + 2 sum_m (gamma_2m + gamma_2m+1)/gamma_0 over the first positive sums,
+    gamma_k = (autocovariance about the mean of the parts) + (1 - k/n) V
+
+(Geyer, Practical Markov Chain Monte Carlo (1992), section 3.3). V in gamma_k is what the mean of the parts takes from
+them; a few iterations find it. t is Student's for N - 1. A part is as long as two periods of the slowest motion, so
+that its correlation does not swing; there are at most MOST of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..basics.arrays import Array
+from ..basics.text import table
+from ..basics.validation import InputError, numbers
+from ..model.scales import scales
+from ..model.time_functions import offset_rate, offset_values
+from ..piecewise.measures import NODES, WEIGHTS, panels
+from ..trajectory.ensemble import record_from
+from ..trajectory.trajectory import Reference, Trajectory
+
+if TYPE_CHECKING:
+    import pandas
+
+LEAST, MOST = 8, 200  # parts of a run
+ITERATIONS, LEAST_TAU = 6, 0.1  # impacts that keep a distance from each other have tau < 1
+CLOSE, MOST_NODES = 1e-6, 2_000_000  # change of the work between two quadratures, and where the refinement ends
+RATES = {"impact": "rate", "impulse": "force", "contact": "", "normal_work": "power", "sliding_work": "power"}
+# Times (k,), weights (k,) of an integral over time, and at these times F, v and the sliding velocity.
+Nodes = tuple[Array, Array, Array, Array, Array]
+
+
+@dataclass(frozen=True)
+class Mean:
+    """Mean of a stationary series with the ends of its 95 % interval and its effective sample size."""
+
+    value: float
+    low: float
+    high: float
+    effective: float
+
+
+def stationary_mean(series: ArrayLike) -> Mean:
+    """Mean of a stationary series (n,) with its 95 % interval, from the effective sample size of its autocorrelation.
+
+    A series with no more than two independent parts has an infinite interval.
+    """
+    from scipy.stats import t as student
+
+    x = numbers("series", series)
+    n, mean = len(x), float(np.mean(x))
+    off = x - mean
+    if not np.any(off):
+        return Mean(mean, mean, mean, float(n))
+    covariance = np.fft.irfft(np.abs(np.fft.rfft(off, 2 * n)) ** 2)[: n - n % 2] / n
+    lags, effective, variance = np.arange(len(covariance)), float(n), 0.0
+    for _ in range(ITERATIONS):
+        gamma = covariance + (1.0 - lags / n) * variance
+        pairs = (gamma / gamma[0]).reshape(-1, 2).sum(axis=1)[: max(1, n // LEAST)]
+        first = int(np.argmax(np.append(pairs, -1.0) <= 0.0))
+        effective = n / max(LEAST_TAU, 2.0 * float(np.sum(pairs[:first])) - 1.0)
+        variance = gamma[0] / effective
+    half = float(student.ppf(0.975, min(effective, n) - 1.0) * np.sqrt(variance)) if effective > 2.0 else np.inf
+    return Mean(mean, mean - half, mean + half, effective)
+
+
+@dataclass(frozen=True)
+class ContactRates:
+    """Rates at every contact, over the time from ``since`` to ``t_end``.
+
+    Parameters
+    ----------
+    since, t_end : float
+    rates : sequence of dict
+        For each contact the Mean of ``impact`` (impacts per time), ``impulse`` (integral of |sigma| per time),
+        ``contact`` (share of the time), ``normal_work`` and ``sliding_work`` (work per time).
+    impact_work : sequence of array (2, impacts)
+        For each contact normal and sliding work of every impact, in the order of ``Impacts.to_dataframe``.
+    sources : sequence of str
+        For each contact the times at which F and v are known: every step of a scheme, quadrature between the events of
+        a reference, or the output times.
+    """
+
+    since: float
+    t_end: float
+    rates: tuple[Mapping[str, Mean], ...]
+    impact_work: tuple[Array, ...]
+    sources: tuple[str, ...]
+    run: Trajectory = field(repr=False)
+
+    def to_dataframe(self) -> pandas.DataFrame:
+        """Return a row for each contact: ``impact_rate``, ``impact_rate_low``, ``impact_rate_high`` and so on."""
+        columns: dict[str, Any] = {"contact": np.arange(len(self.rates))}
+        for name in RATES:
+            for end, suffix in (("value", ""), ("low", "_low"), ("high", "_high")):
+                columns[f"{name}_rate{suffix}"] = [getattr(each[name], end) for each in self.rates]
+        return table(columns | {"source": list(self.sources)}).set_index("contact")
+
+    def impacts_to_dataframe(self, contact: int = 0) -> pandas.DataFrame:
+        """The impacts of a contact with ``impact_normal_work`` and ``impact_sliding_work``."""
+        frame = self.run.contacts[contact].impacts.to_dataframe()
+        names = ("impact_normal_work", "impact_sliding_work")
+        return frame.assign(**dict(zip(names, self.impact_work[contact], strict=True)))
+
+    def __str__(self) -> str:
+        units, lines = self.run.units, []
+        over = {"power": f" {units.of('energy')}/{units.time}", "": ""} if units.known else {}
+        for i, (each, source) in enumerate(zip(self.rates, self.sources, strict=True), 1):
+            for name, quantity in RATES.items():
+                x = each[name]
+                if np.isfinite(x.value):
+                    unit = over.get(
+                        quantity, f" {units.of(quantity)}" if quantity in ("rate", "force") else ""
+                    ).rstrip()
+                    label = f"contact {i}: {name.replace('_', ' ')} rate"
+                    lines.append(f"{label} {x.value:.4g}{unit} ({x.low:.4g} to {x.high:.4g}), {source}")
+        return "\n".join(lines)
+
+
+def contact_rates(
+    run: Trajectory, since: float = 0.0, tangents: Sequence[ArrayLike | None] | None = None
+) -> ContactRates:
+    """Rates of impacts, impulse, contact, normal work and sliding work at every contact, each with its 95 % interval.
+
+    Parameters
+    ----------
+    run : Trajectory
+        One long run of a scheme, or a reference. A scheme's forces are those of every step, from a second run if the
+        output is thinned; those of a loaded run without its system are those of its output times, see ``sources``.
+    since : float
+        Time after which the motion counts as stationary.
+    tangents : sequence of (n,) arrays, optional
+        For each contact the row of its sliding velocity, tangent . q', or None; for a rotation of the section the row
+        of the slope times the radius. Without it the sliding work is NaN.
+
+    Returns
+    -------
+    ContactRates
+        Works at rigid stops, whose forces are impulses, are NaN.
+
+    Raises
+    ------
+    InputError
+        For a time ``since`` outside the run, and rows that are not of the system.
+
+    Examples
+    --------
+    >>> import stiffbeam as sb
+    >>> spring = sb.Contact([1.0], sb.Stops(upper=0.1, stiffness=400.0))
+    >>> system = sb.System.from_matrices([[1.0]], [[4.0]], contacts=[spring], initial_velocity=[1.0])
+    >>> rates = sb.contact_rates(sb.reference(system, 20.0))
+    >>> round(rates.rates[0]["impact"].value, 2)  # a motion of period 1.75 has one impact each
+    0.55
+    """
+    end = float(run.provenance.get("t_end", run.t[-1]))
+    record_from(since, end)
+    rows = _tangents(run, tangents)
+    edges = _windows(run, since, end)
+    parts, width = len(edges) - 1, edges[1] - edges[0]
+    rates, works, sources = [], [], []
+    for i, contact in enumerate(run.contacts):
+        listed, _ = contact.impacts.listed()
+        window, impact = np.zeros((4, parts)), np.zeros((2, listed.count))
+        source = "impacts"
+        if contact.stops.rigid:
+            window[:] = np.nan
+            impact[:] = np.nan
+            window[:2] = _of_impacts(run, i, edges)
+        else:
+            source, chunks = _nodes(run, i, rows[i])
+            for t, weights, force, v, sliding in chunks:
+                size = weights * np.abs(force)
+                columns = (size, np.where(force != 0.0, weights, 0.0), size * np.abs(v), size * np.abs(sliding))
+                place = np.clip(np.searchsorted(edges, t, "right") - 1, -1, parts - 1)
+                for total, column in zip(window, columns, strict=True):
+                    total += np.bincount(place + 1, column, parts + 1)[1:]
+                row = np.searchsorted(listed.times, t, "right")
+                for total, column in zip(impact, columns[2:], strict=True):
+                    total += np.bincount(row, column, listed.count + 1)[1:]
+        if rows[i] is None:
+            window[3], impact[1] = np.nan, np.nan
+        counts = np.histogram(contact.impacts.times, edges)[0]
+        series = dict(zip(RATES, (counts, *window), strict=True))
+        rates.append({name: _rate(x / width) for name, x in series.items()})
+        works.append(impact)
+        sources.append(source)
+    return ContactRates(float(since), end, tuple(rates), tuple(works), tuple(sources), run)
+
+
+def _windows(run: Trajectory, since: float, end: float) -> Array:
+    parts = MOST if run.system is None else int((end - since) / (2.0 * scales(run.system, end).period))
+    return np.linspace(since, end, min(max(parts, LEAST), MOST) + 1)
+
+
+def _rate(series: Array) -> Mean:
+    """Mean of a series without negative entries, so that its interval ends at zero at the latest."""
+    if not np.all(np.isfinite(series)):
+        return Mean(*4 * (float("nan"),))
+    mean = stationary_mean(series)
+    return replace(mean, low=max(0.0, mean.low))
+
+
+def _tangents(run: Trajectory, tangents: Sequence[ArrayLike | None] | None) -> list[Array | None]:
+    if tangents is None:
+        return [None] * len(run.contacts)
+    if len(tangents) != len(run.contacts):
+        rule = f"have one entry for each of {len(run.contacts)} contacts"
+        raise InputError("tangents", len(tangents), rule, "give None for a contact without sliding")
+    rows = [None if row is None else numbers("tangents", row) for row in tangents]
+    size = run.states[1].shape[1]
+    for row in rows:
+        if row is not None and row.shape != (size,):
+            raise InputError("tangents", row.shape, f"be rows of {size} numbers", "one for each unknown of the system")
+    return rows
+
+
+def _of_impacts(run: Trajectory, i: int, edges: Array) -> Array:
+    """Impulse and time in contact (2, n) from the table of impacts, each at its beginning."""
+    contact = run.contacts[i]
+    listed, _ = contact.impacts.listed()
+    ends = np.where(np.isnan(listed.ends), edges[-1], listed.ends)
+    impulses = listed.impulses.copy()
+    still_open = np.isnan(impulses)
+    if np.sum(still_open) == 1:
+        impulses[still_open] = contact.impulse - np.nansum(impulses)
+    return np.array([np.histogram(listed.times, edges, weights=x)[0] for x in (impulses, ends - listed.times)])
+
+
+def _nodes(run: Trajectory, i: int, tangent: Array | None) -> tuple[str, Iterator[Nodes]]:
+    """Source of the forces of contact i, and the nodes of an integral over time with all that it needs."""
+    contact = run.contacts[i]
+    if isinstance(run, Reference):
+        if run.evaluate is not None and contact.impacts.kind == "event":
+            try:
+                return _between_events(run, i, tangent)
+            except InputError:  # a saved reference that answers at its outputs only
+                pass
+    elif run.pieces is not None and run.system is not None:
+        return "every step", _steps(run, i, tangent)
+    every = int(run.provenance.get("every", 1))
+    source = "every step" if every == 1 and not isinstance(run, Reference) else f"{len(run.t)} output times"
+    sliding = np.full(len(run.t), np.nan) if tangent is None else run.states[1] @ tangent
+    return source, iter([(run.t, _trapezoidal(run.t), contact.force, contact.velocity, sliding)])
+
+
+def _trapezoidal(t: Array) -> Array:
+    steps = np.diff(t)
+    return 0.5 * (np.append(0.0, steps) + np.append(steps, 0.0))
+
+
+def _steps(run: Trajectory, i: int, tangent: Array | None) -> Iterator[Nodes]:
+    assert run.pieces is not None
+    assert run.system is not None
+    row, offset = run.system.channels[i]
+    for t, q, rate, forces in run.pieces():
+        u, v = q @ row + offset_values(offset, t), rate @ row + offset_rate(offset, t)
+        force = np.where(np.isnan(forces[:, i]), run.contacts[i].stops.force(u, v), forces[:, i])
+        yield t, _trapezoidal(t), force, v, np.full(len(t), np.nan) if tangent is None else rate @ tangent
+
+
+def _between_events(run: Reference, i: int, tangent: Array | None) -> tuple[str, Iterator[Nodes]]:
+    """Gauss nodes in every contact, refined until the normal work no longer changes."""
+    listed, _ = run.contacts[i].impacts.listed()
+    starts, ends = listed.times, np.where(np.isnan(listed.ends), float(run.provenance["t_end"]), listed.ends)
+    if not len(starts):
+        return "events", iter(())
+    longest, before, change = 2.0 * float(np.median(ends - starts)), np.nan, np.inf
+    while True:
+        _, left, width = panels(longest, starts, ends)
+        t = (left[:, None] + width[:, None] * (NODES + 1.0) / 2.0).ravel()
+        weights = (width[:, None] * WEIGHTS / 2.0).ravel()
+        u, v = run.at(t, contact=i)
+        force = run.contacts[i].stops.force(u, v)
+        work = float(np.sum(weights * np.abs(force * v)))
+        change = abs(work - before) / work if work else 0.0
+        if change < CLOSE or 2 * len(t) > MOST_NODES:
+            break
+        before, longest = work, 0.5 * longest
+    sliding = np.full(len(t), np.nan)
+    if tangent is not None:
+        assert run.state_at is not None
+        sliding = run.state_at(t)[1] @ tangent
+    return f"events, quadrature to {max(change, 1e-15):.0e}", iter([(t, weights, force, v, sliding)])

@@ -1,0 +1,158 @@
+"""Does ``advise`` name the right source of uncertainty? Random beams, each ranked by brute force with other draws.
+
+    python tests/campaigns/doubt_ranks.py --systems 20 --seed 1
+
+Every beam has two meshes, one uncertain parameter and admissible errors, all random over decades, so that scheme, mesh
+and data all come first somewhere. Brute force draws other members, builds each beam by itself and follows it on both
+meshes by matrix exponentials between events (``tests/oracles/vibro_march.py``). Printed for every quantity: the source
+that the advice names, its rank by brute force, and the sizes. A ranking may stay open only between two sources within
+a factor of 2.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import time
+from collections import Counter
+from dataclasses import replace
+from pathlib import Path
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+sys.path += [str(Path(__file__).parents[1] / folder) for folder in ("", "oracles")]
+
+import numpy as np
+from vibro_impact import Case as Motion
+from vibro_impact import Contact
+from vibro_march import solve
+
+import stiffbeam as sb
+from stiffbeam.files.cases import Case, case_of
+from stiffbeam.studies.advice import Probe
+
+DRAWS = 32
+PARAMETERS = ("stiffness", "stops.stiffness", "stops[0].upper", "loads[0].time.amplitude")
+T_END = 0.9
+
+
+class Beam:
+    """A random beam: ``build(factor, cells)`` with the uncertain parameter times ``factor``."""
+
+    def __init__(self, seed: int, index: int) -> None:
+        rng = np.random.default_rng([seed, index, 37])
+        self.stiffness, self.viscosity = rng.uniform(1.0, 5.0), rng.choice([0.005, 0.03])
+        self.kappa, self.gap = 10 ** rng.uniform(2.0, 3.3), rng.uniform(0.002, 0.01)
+        self.load = (0.3 * rng.uniform(0.5, 1.5), rng.uniform(4.0, 20.0), rng.uniform(0.0, 6.3))
+        self.places = (None,) if rng.random() < 0.6 else (0.5, None)
+        self.cells = int(rng.choice([4, 8, 16, 32]))
+        self.parameter, self.tolerance = str(rng.choice(PARAMETERS)), 10 ** rng.uniform(-4.0, -0.5)
+        self.want = {"tip": 10 ** rng.uniform(-2.5, -0.4), "peak_force": 10 ** rng.uniform(-1.5, -0.3)}
+        self.factors = rng.uniform(1.0 - self.tolerance, 1.0 + self.tolerance, DRAWS)
+
+    def build(self, factor: float, cells: int) -> sb.System:
+        factors = {name: factor if name == self.parameter else 1.0 for name in PARAMETERS}
+        stops = [
+            sb.Stops(
+                -self.gap, self.gap * (1.0 if i else factors["stops[0].upper"]),
+                stiffness=self.kappa * factors["stops.stiffness"], position=place,
+            )
+            for i, place in enumerate(self.places)
+        ]  # fmt: skip
+        amplitude, frequency, phase = self.load
+        load = sb.Harmonic(amplitude * factors["loads[0].time.amplitude"], frequency, phase)
+        problem = sb.BeamProblem(
+            stiffness=self.stiffness * factors["stiffness"], viscosity=self.viscosity, stops=stops,
+            loads=(sb.PointLoad(0.7, load),),
+        )  # fmt: skip
+        return sb.semidiscretise(problem, cells)
+
+    def case(self) -> Case:
+        case = case_of(self.build(1.0, self.cells), T_END / 1000, T_END, "random")
+        return replace(case, uncertain={self.parameter: sb.Uncertain(tolerance=self.tolerance)})
+
+    def exact(self, factor: float, cells: int, t: np.ndarray) -> dict[str, np.ndarray]:
+        """Tip (k,) and largest forces of one beam by matrix exponentials."""
+        s = self.build(factor, cells)
+        ((row, wave),) = s.loads
+        contacts = tuple(Contact(c.row, c.stops.lower, c.stops.upper, c.stops.stiffness) for c in s.contacts)
+        one = solve(Motion(
+            s.mass, s.damping, s.stiffness, s.q0, s.v0,
+            ((row, ("harmonic", wave.amplitude, wave.frequency, wave.phase)),), contacts,
+            s.channels[s.tip_channel][0], T_END,
+        ))  # fmt: skip
+        depths = [max((e.depth for e in one.episodes(i)), default=0.0) for i in range(len(contacts))]
+        return {"tip": one.tip(t), "peak_force": np.array([c.kappa * d for c, d in zip(contacts, depths, strict=True)])}
+
+
+def brute(beam: Beam, run: Probe) -> dict[str, dict[str, float]]:
+    """Sizes of scheme, mesh and data for every quantity."""
+    steps = round(T_END / run.dt)
+    t = np.arange(0, steps + 1, max(1, steps // 400)) * run.dt
+    coarse, fine = ([beam.exact(x, n, t) for x in beam.factors] for n in (beam.cells, 2 * beam.cells))
+    marched = []
+    for x in beam.factors:
+        one = sb.integrate(beam.build(x, beam.cells), run.scheme, run.dt, T_END, run.contact)
+        tip = one.tip[:: max(1, steps // 400)]
+        marched.append({"tip": tip, "peak_force": np.array([c.peak_force for c in one.contacts])})
+    tips = np.array([x["tip"] for x in coarse])
+    size = np.max(np.abs(tips))
+
+    def apart(a: np.ndarray, b: np.ndarray) -> float:
+        return float(np.mean(np.sqrt(np.mean((a - b) ** 2, axis=1))) / size)
+
+    sizes = {"tip": {
+        "scheme": apart(np.array([x["tip"] for x in marched]), tips),
+        "mesh": apart(np.array([x["tip"] for x in fine]), tips),
+        "data": apart(tips, np.median(tips, axis=0)),
+    }}  # fmt: skip
+    peaks, fines, runs = (np.array([x["peak_force"] for x in each]) for each in (coarse, fine, marched))
+    for i in range(peaks.shape[1]):
+        mean = np.mean(peaks[:, i])
+        name = "largest force" + (f" at contact {i + 1}" if peaks.shape[1] > 1 else "")
+        sizes[name] = {
+            "scheme": abs(np.mean(runs[:, i] - peaks[:, i])) / mean,
+            "mesh": abs(np.mean(fines[:, i] - peaks[:, i])) / mean,
+            "data": np.std(peaks[:, i], ddof=1) / mean,
+        }
+    return sizes
+
+
+def judged(seed: int, index: int) -> Counter[str]:
+    """Outcomes of one beam: right, wrong or open, by source."""
+    beam, outcomes = Beam(seed, index), Counter[str]()
+    advice = sb.advise(beam.case(), beam.want, schemes=[sb.HHT(alpha=-0.1), sb.BDF2()], most_steps=2**16)
+    if advice.recommendation is None or advice.horizon < T_END:
+        print(f"{index}: {advice.remark or 'no run, or chaos'}: {'; '.join(advice.unattainable.values())}", flush=True)
+        return Counter(["without a run"])
+    sizes = brute(beam, advice.recommendation)
+    for budget in advice.budgets:
+        if not budget.uncertain:  # a stop that no beam touches
+            assert not any(x > 0.0 for x in sizes[budget.quantity].values())
+            continue
+        first, second, _ = sorted(sizes[budget.quantity], key=lambda x: -sizes[budget.quantity][x])
+        near = sizes[budget.quantity][first] < 2.0 * sizes[budget.quantity][second]
+        outcome = "right" if budget.dominant == first else "wrong" if budget.dominant or not near else "open"
+        outcomes[f"{outcome}, {first}"] += 1
+        words = ", ".join(f"{name} {x:.2g}" for name, x in sizes[budget.quantity].items())
+        print(f"{index} {budget.quantity}: {budget.dominant or 'open'}, {outcome}; {words}", flush=True)
+        if outcome != "right":
+            print(f"    {budget.shares}")
+    return outcomes
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--systems", type=int, default=20)
+    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--seed", type=int, default=1)
+    options = parser.parse_args()
+    begun, outcomes = time.monotonic(), Counter[str]()
+    for index in range(options.first, options.first + options.systems):
+        outcomes += judged(options.seed, index)
+    print(f"{options.systems} systems in {time.monotonic() - begun:.0f} s: {dict(outcomes)}")
+    return int(any(name.startswith("wrong") for name in outcomes))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

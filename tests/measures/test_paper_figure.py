@@ -1,0 +1,65 @@
+"""The paper's panels for any case: every curve against values computed without the figure."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import stiffbeam as sb
+
+CASE = replace(sb.paper_case(10), t_end=1.5)
+TITLES = (
+    "displacement",
+    "phase portrait",
+    "the first contacts",
+    r"shear stress $\sigma$",
+    "delayed portrait",
+    "spectrum",
+)
+
+
+def curves(axis) -> dict[str, np.ndarray]:
+    return {line.get_label(): line.get_xydata() for line in axis.lines if not line.get_label().startswith("_")}
+
+
+def test_every_panel_of_a_case_holds_what_its_runs_hold():
+    figure = sb.paper_figure(CASE)
+    assert tuple(axis.get_title(loc="left").partition(") ")[2] for axis in figure.axes) == TITLES
+    displacement, portrait, contact, shear, delayed, spectrum = map(curves, figure.axes)
+    scheme, form = CASE.runs[0]
+    run = sb.integrate(CASE.system(form), scheme, CASE.dt, CASE.t_end)
+    exact = sb.reference(CASE.system(form), CASE.t_end)
+    label = next(name for name in displacement if name.startswith("HHT"))
+    np.testing.assert_array_equal(displacement[label], np.stack([run.t, run.tip], 1))
+    np.testing.assert_array_equal(portrait[label], np.stack([run.tip, run.tip_velocity], 1))
+    t, sigma = shear[label].T
+    wanted = -5e6 * (np.maximum(run.tip - 0.1, 0.0) - np.maximum(-0.1 - run.tip, 0.0))
+    np.testing.assert_allclose(sigma, wanted, rtol=1e-12, atol=0.0)
+    for name, path in (("exact", lambda t: exact.at(t)[0]), (label, lambda t: np.interp(t, run.t, run.tip))):
+        now, later = delayed[name].T
+        t = np.linspace(0.0, 1.5 - 0.2 * np.pi, len(now))
+        np.testing.assert_allclose(now, path(t), atol=1e-12)
+        np.testing.assert_allclose(later, path(t + 0.2 * np.pi), atol=1e-12)
+    first = exact.impacts.times[0]
+    assert contact["exact"][0, 0] < first < contact["exact"][-1, 0] < 0.1
+    at, amplitude = spectrum[label].T
+    period = round(0.4 * np.pi / CASE.dt)  # two periods of the drive fit
+    np.testing.assert_allclose(at[1], 10.0, rtol=1e-3)
+    wave = run.tip[-period:] * np.exp(-2j * np.pi * 2 * np.arange(period) / period)
+    np.testing.assert_allclose(amplitude[1], 2 * abs(np.mean(wave)), rtol=1e-6)
+
+
+def test_panels_by_name_for_systems_without_drive_or_stops():
+    free = sb.System.from_matrices([[1.0]], [[4.0]], observe=[1.0], initial_velocity=[1.0])
+    run = sb.integrate(free, sb.Trapezoidal(), 0.01, 3.0)
+    assert len(sb.paper_figure(run).axes) == 3
+    assert len(sb.paper_figure([run], ["portrait"], (1.0, 2.0)).axes) == 1
+    for name in ("contact", "delayed", "shears"):
+        with pytest.raises(sb.InputError, match="panels"):
+            sb.paper_figure(run, [name])
+    with pytest.raises(sb.InputError, match="span"):
+        sb.paper_figure(run, span=(0.0, 4.0))
+    with pytest.raises(sb.InputError, match="system"):
+        sb.paper_figure(sb.Trajectory.from_arrays([0.0, 1.0, 2.0], [0.0, 1.0, 0.0]))

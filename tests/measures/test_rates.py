@@ -1,0 +1,159 @@
+"""Rates of a long run: coverage of their intervals on motions with known rates, work against closed forms."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.integrate import quad, solve_ivp
+from scipy.signal import lfilter
+from scipy.stats import norm
+
+import stiffbeam as sb
+from stiffbeam.measures.rates import stationary_mean
+
+CASES = 300
+LEAST, MOST = 0.912, 0.988  # of 300 intervals of 95 %: three deviations of the count, 1.26 %
+
+
+@pytest.mark.parametrize("memory", [0.0, 0.5, 0.9])
+def test_the_interval_of_a_correlated_series_covers_its_mean(memory):
+    """x_k = memory x_k-1 + noise: the effective size of n values is n (1 - memory)/(1 + memory)."""
+    rng, inside, sizes, n = np.random.default_rng(11), 0, [], 600
+    for _ in range(CASES):
+        mean = stationary_mean(3.0 + lfilter([1.0], [1.0, -memory], rng.normal(size=n + 200))[200:])
+        inside += mean.low <= 3.0 <= mean.high
+        sizes.append(mean.effective)
+    assert LEAST <= inside / CASES <= MOST
+    assert np.median(sizes) == pytest.approx(n * (1 - memory) / (1 + memory), rel=0.15)
+
+
+def test_a_constant_series_is_certain_and_a_drifting_one_is_not():
+    assert stationary_mean(np.full(20, 2.0)) == stationary_mean(np.full(20, 2.0))
+    assert stationary_mean(np.full(20, 2.0)).high == 2.0
+    drift = stationary_mean(np.arange(200.0))
+    assert drift.effective < 10.0
+    assert drift.high - drift.low > 80.0
+
+
+@pytest.mark.slow
+def test_the_intervals_of_rates_cover_those_of_a_gaussian_motion():
+    """A stop too soft to be felt counts crossings of an oscillator under noise, whose rate is Rice's:
+    sigma_v/(2 pi sigma_u) exp(-g^2/2 sigma_u^2), and the share of the time beyond it is that of the normal law."""
+    zeta, band, span, gap = 0.05, (0.4, 2.0), 400.0, 1.0
+
+    def moment(power: int) -> float:  # of the response to noise of rms 1, flat in the band
+        def density(w: float) -> float:
+            return w**power / ((1 - w**2) ** 2 + (2 * zeta * w) ** 2)
+
+        return quad(density, *band, points=[1.0], limit=200)[0] / (band[1] - band[0])
+
+    u, v = np.sqrt(moment(0)), np.sqrt(moment(2))
+    known = {
+        "impact": v / u / (2 * np.pi) * np.exp(-0.5 * (gap / u) ** 2),
+        "contact": norm.sf(gap / u),
+    }
+    inside = dict.fromkeys(known, 0)
+    for seed in range(CASES):
+        noise = sb.noise(4 * span, rms=1.0, band=band, seed=seed)
+        contact = sb.Contact([1.0], sb.Stops(upper=gap, stiffness=1e-9))
+        system = sb.System.from_matrices(
+            [[1.0]], [[1.0]], [[2 * zeta]], loads=[([1.0], noise)], contacts=[contact]
+        )  # fmt: skip
+        rates = sb.contact_rates(sb.integrate(system, sb.Trapezoidal(), 0.16, span), since=60.0).rates[0]
+        for name, value in known.items():
+            inside[name] += rates[name].low <= value <= rates[name].high
+    assert all(LEAST <= count / CASES <= MOST for count in inside.values()), inside
+
+
+def pressed(damping: float = 0.0, stiffness: float = 400.0) -> sb.System:
+    """A mass that a prescribed base carries: u = q + 0.3 sin(2 t), q of mass 1e12 at rest, and a second, free mass."""
+    stops = sb.Stops(upper=0.1, stiffness=stiffness, damping=damping)
+    contact = sb.Contact([1.0, 0.0], stops, sb.Harmonic(0.3, 2.0))
+    return sb.System.from_matrices(
+        np.diag([1e12, 1.0]), np.diag([1e12, 9.0]), contacts=[contact], initial_velocity=[0.0, 0.7]
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("damping", [0.0, 15.0])
+def test_work_of_a_prescribed_motion(damping):
+    """u = 0.3 sin(2 t) into a stop at 0.1: F and v in closed form, w = 0.7 cos(3 t), integrated by SciPy."""
+    t_end = 4.0 * np.pi
+
+    def force(t):
+        depth, rate = 0.3 * np.sin(2 * t) - 0.1, 0.6 * np.cos(2 * t)
+        return max(0.0, 400.0 * depth + damping * rate) if depth > 0.0 else 0.0
+
+    first, last = 0.5 * np.arcsin(1 / 3), 0.5 * (np.pi - np.arcsin(1 / 3))
+
+    def work(size, omega):
+        halves = ((first, np.pi / 4), (np.pi / 4, last))
+        spans = [(n * np.pi + a, n * np.pi + b) for n in range(4) for a, b in halves]
+        return sum(quad(lambda t: force(t) * abs(size * np.cos(omega * t)), *span, limit=200)[0] for span in spans)
+
+    works = [work(0.6, 2), work(0.7, 3)]
+    if not damping:  # twice the energy of the deepest point, once in and once out
+        assert works[0] == pytest.approx(4 * 400.0 * 0.2**2, rel=1e-9)
+    system, tangents = pressed(damping), [[0.0, 1.0]]
+    solutions = {
+        "exact": (sb.reference(system, t_end), 1e-5),
+        "scheme": (sb.integrate(system, sb.Trapezoidal(), t_end / 20_000, t_end), 3e-4),
+        "thinned": (sb.integrate(system, sb.Trapezoidal(), t_end / 20_000, t_end, every=100), 3e-4),
+    }
+    for name, (run, tolerance) in solutions.items():
+        result = sb.contact_rates(run, tangents=tangents)
+        rates = [result.rates[0][x].value * t_end for x in ("normal_work", "sliding_work")]
+        np.testing.assert_allclose(rates, works, rtol=tolerance, err_msg=name)
+        frame = result.impacts_to_dataframe()
+        assert len(frame) == 4
+        assert frame["impact_normal_work"].sum() == pytest.approx(rates[0])
+        np.testing.assert_allclose(frame["impact_normal_work"], works[0] / 4, rtol=10 * tolerance)
+        assert result.sources[0].startswith("events" if name == "exact" else "every step")
+    assert "normal work rate" in str(result)
+    assert result.to_dataframe()["sliding_work_rate"].iloc[0] == pytest.approx(works[1] / t_end, rel=1e-3)
+
+
+def test_work_of_a_motion_that_answers_to_its_stop():
+    """Two masses, one on a stop, against DOP853 with the works as further unknowns; cvode and exact alike."""
+    K, C = np.array([[6.0, -2.0], [-2.0, 5.0]]), np.diag([0.1, 0.05])
+    contact = sb.Contact([1.0, 0.0], sb.Stops(-0.3, 0.2, stiffness=150.0))
+    load = sb.Harmonic(2.0, 1.3)
+    system = sb.System.from_matrices(np.eye(2), K, C, loads=[([1.0, 1.0], load)], contacts=[contact])
+
+    def rhs(t, y):
+        q, v = y[:2], y[2:4]
+        force = -150.0 * (max(q[0] - 0.2, 0.0) - max(-0.3 - q[0], 0.0))
+        a = 2.0 * np.sin(1.3 * t) + np.array([force, 0.0]) - K @ q - C @ v
+        return [*v, *a, abs(force * v[0]), abs(force * v[1])]
+
+    own = solve_ivp(rhs, (0.0, 30.0), np.zeros(6), "DOP853", rtol=1e-9, atol=1e-11, max_step=0.05).y[4:, -1]
+    for run, tolerance in (
+        (sb.reference(system, 30.0), 1e-5), (sb.reference(system, 30.0, "cvode"), 1e-5),
+        (sb.integrate(system, sb.HHT(-0.05), 1e-3, 30.0), 2e-3),
+    ):  # fmt: skip
+        rates = sb.contact_rates(run, tangents=[[0.0, 1.0]]).rates[0]
+        works = [30.0 * rates[name].value for name in ("normal_work", "sliding_work")]
+        np.testing.assert_allclose(works, own, rtol=tolerance)
+
+
+def test_what_is_not_known_is_said(tmp_path):
+    system = pressed()
+    run = sb.integrate(system, sb.Trapezoidal(), 1e-3, 6.0, every=10)
+    thin = sb.contact_rates(sb.load(run.save(tmp_path / "run.nc")))
+    assert thin.sources == ("601 output times",)
+    assert np.isnan(thin.rates[0]["sliding_work"].value)
+    assert thin.rates[0]["normal_work"].value == pytest.approx(
+        sb.contact_rates(run).rates[0]["normal_work"].value, rel=0.02
+    )
+    rigid = sb.Contact([1.0], sb.Stops(lower=0.0, stiffness=np.inf, restitution=0.8))
+    ball = sb.System.from_matrices(
+        [[1.0]], [[0.0]], loads=[([1.0], sb.Constant(-9.81))], initial_displacement=[1.0], contacts=[rigid]
+    )  # fmt: skip
+    exact = sb.reference(ball, 2.0)
+    rates = sb.contact_rates(exact).rates[0]
+    assert np.isnan(rates["normal_work"].value)
+    assert rates["impulse"].value * 2.0 == pytest.approx(exact.contacts[0].impulse)
+    for wrong in ([[1.0]], [[1.0, 0.0], None]):
+        with pytest.raises(sb.InputError, match="tangents"):
+            sb.contact_rates(run, tangents=wrong)
+    with pytest.raises(sb.InputError, match="since"):
+        sb.contact_rates(run, since=6.0)
