@@ -423,9 +423,9 @@ def picture(records: Records) -> Picture:
             for way, part in _ways(group).items()
         ]
         for i, (place, group) in enumerate(lines):
-            group.sort(key=lambda row: row[name])
+            ordered = sorted(group, key=lambda row: row[name])
             style = {"lw": line, "linestyle": dashed(i), "marker": ".", "ms": 3.0 if line else 1.5}
-            marks.append(Curve(column(group, name), _measured(group, quantity, over), place.strip(),
+            marks.append(Curve(column(ordered, name), _measured(ordered, quantity, over), place.strip(),
                                style | {"color": colours[i % len(colours)]}))  # fmt: skip
         panels.append([Panel(title, across, Axis(label, unit, limits=(0.0, None)), marks, empty="no contact",
                              legend="inside" if len(marks) > 1 else "")])  # fmt: skip
