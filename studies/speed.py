@@ -1,11 +1,12 @@
 """How fast are a step, a run, an ensemble and a reference, beside programs written by hand and solvers of others?
 
-    python studies/speed.py [steps sizes members references compare] [--quick] [--record]
+    python studies/speed.py [steps whole sizes members references waits compare] [--quick] [--record]
 
 Table 10, M = 25, in one process. All programs of a table take turns. Each number is the least of several in processor
 time, without compilation, so that ratios within a table hold on a busy machine. The programs of a step agree to 1e-9
 before chaos, and every reference states its distance from the exact one. Programs that are not installed are named and
-left out. Last, `stiffbeam compare table10` runs in two fresh processes, with an empty cache and again.
+left out. The table of waits measures what a user waits for beside the time steps: set-up, records, references. Last,
+`stiffbeam compare table10` runs in two fresh processes, with an empty cache and again.
 
 It prints the tables and ends with status 1 if a ratio is worse than the one recorded in speed.json by more than a
 third. ``--record`` writes the measurements to speed.json and, from it, the page speed.md.
@@ -22,7 +23,9 @@ import subprocess
 import sys
 import tempfile
 import time
+import tracemalloc
 from collections.abc import Callable, Generator
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -35,6 +38,7 @@ from hand_written import ALPHA, Timed, in_c, jax_scan, numba_loop, numpy_loop, t
 
 import stiffbeam as sb
 from stiffbeam.basics.resources import cores
+from stiffbeam.files.cases import case_of
 from stiffbeam.march.block_march import March
 from stiffbeam.march.integrate import Plan
 from stiffbeam.references import solve
@@ -208,6 +212,80 @@ def _diffrax(system: sb.System, t: np.ndarray) -> Callable[[], np.ndarray]:
     return lambda: ode.tip(t, np.asarray(run(ode.y0)))
 
 
+YARDSTICK = "HHT by hand: NumPy loop, 1000 steps"  # whose time tells how fast the machine is at the moment
+
+
+def waits(quick: bool, repetitions: int) -> Rows:
+    """Set-up, records and references: the amount of each, its unit, and the goal where there is one.
+
+    Times are processor time.
+    """
+    system, dt = table10()
+    case = sb.paper_case(10)
+    scheme, t_end, values = SCHEMES["HHT"], 0.02 if quick else T_END, 16 if quick else 200
+    whole = sb.integrate(system, scheme, dt, (100 if quick else 20_000) * dt)
+
+    def fresh() -> sb.System:
+        return sb.semidiscretise(case.problem, case.cells)
+
+    def sweep(parameter: str, low: float, high: float) -> Callable[[], object]:
+        grid = np.linspace(low, high, values).tolist()
+        options = {"method": f"{scheme}@displacement", "periods": 1, "transient": 1}
+        return lambda: sb.study("sweep", case, parameter=parameter, values=grid, **options)
+
+    def semidiscretised(cells: int) -> Callable[[], object]:
+        return lambda: sb.semidiscretise(case.problem, cells)
+
+    def modes_of(cells: int) -> Callable[[], object]:
+        return lambda: sb.modes(sb.semidiscretise(case.problem, cells))
+
+    cells = 100 if quick else 1600
+    bar: dict[str, Any] = {"schemes": ["trapezoidal"], "cells": [25], "starts": 2 if quick else 8}
+    works: dict[str, tuple[str, float, Callable[[], object], float | None]] = {
+        "`integrate`, 100 steps": ("ms", 1e3, lambda: sb.integrate(system, scheme, dt, 100 * dt), 0.2),
+        "`integrate`, 100 steps, with `semidiscretise`": (
+            "ms", 1e3, lambda: sb.integrate(fresh(), scheme, dt, 100 * dt), None,
+        ),
+        "energy balance, per step": ("ns", 1e9 / whole.work.steps, lambda: replace(whole).energy, None),
+        f"exact reference to {t_end}": ("ms", 1e3, lambda: solve(system, t_end, "exact", None, RTOL, None), 0.4),
+        f"exact reference to {t_end}, with horizon": ("ms", 1e3, lambda: sb.reference(system, t_end).horizon, 1.2),
+        "sweep of the stiffness of the stops, a value": ("ms", 1e3 / values, sweep("stop-stiffness", 4e6, 6e6), 1.0),
+        "sweep of the scheme's alpha, a value": ("ms", 1e3 / values, sweep("alpha", -0.3, -0.05), 1.0),
+        "sweep of the beam's stiffness, a value": ("ms", 1e3 / values, sweep("stiffness", 290.0, 310.0), 1.0),
+        "sweep of the drive frequency, a value": ("ms", 1e3 / values, sweep("frequency", 8.0, 12.0), 1.0),
+        f"`semidiscretise`, {cells} cells": ("s", 1.0, semidiscretised(cells), None),
+        f"`semidiscretise` and `modes`, {cells} cells": ("s", 1.0, modes_of(cells), None),
+        "multiprecision to 2": (
+            "s", 1.0, lambda: sb.reference(system, 0.1 if quick else 2.0, method="multiprecision"), None,
+        ),
+        "study rigid-bar, trapezoidal, 25 cells": ("s", 1.0, lambda: sb.study("rigid-bar", case, **bar), None),
+    }  # fmt: skip
+    hand, _ = numpy_loop(system, dt, 1000)
+    seconds = least({YARDSTICK: hand} | {name: timed(work) for name, (_, _, work, _) in works.items()}, repetitions)
+    rows: Rows = {YARDSTICK: {"unit": "ms", "amount": 1e3 * seconds[YARDSTICK], "goal": None}}
+    for name, (unit, scale, _, goal) in works.items():
+        rows[name] = {"unit": unit, "amount": scale * seconds[name], "goal": goal}
+    return rows | _records_of_a_sweep(16 if quick else 200)
+
+
+def _records_of_a_sweep(values: int) -> Rows:
+    """Bytes that a value of a sweep with 60 recorded periods takes in memory and in the journal."""
+    system, dt = table10()
+    with tempfile.TemporaryDirectory() as folder:
+        tracemalloc.start()
+        records = sb.study("sweep", case_of(system, dt, 1.0), count=values, periods=60, transient=1, folder=folder)
+        memory, _ = tracemalloc.get_traced_memory()
+        assert records.rows
+        del records
+        memory -= tracemalloc.get_traced_memory()[0]
+        tracemalloc.stop()
+        journal = sum(file.stat().st_size for file in Path(folder).iterdir())
+    return {
+        f"sweep of 60 periods, {what} a value": {"unit": "kB", "amount": 1e-3 * size / values, "goal": 1.5}
+        for what, size in (("memory", memory), ("journal", journal))
+    }
+
+
 def compare_table10() -> Rows:
     """Seconds of the command in a fresh process: of the clock and of the processor."""
     rows: Rows = {}
@@ -233,6 +311,7 @@ def measure(parts: list[str], quick: bool) -> dict[str, Any]:
         "sizes": lambda: sizes(count // 4, repetitions, (10, 25) if quick else (10, 25, 50, 100, 200, 400)),
         "members": lambda: members(8 if quick else 200, count, 1 if quick else 5),
         "references": lambda: references(0.02 if quick else T_END, 1 if quick else 3, missing),
+        "waits": lambda: waits(quick, 1 if quick else 5),
         "compare": lambda: {} if quick else compare_table10(),
     }
     machine = f"{_processor()}, {cores()} threads, Python {platform.python_version()}"
@@ -348,6 +427,22 @@ def _page_of_references(rows: Rows) -> list[str]:
     return lines
 
 
+def _page_of_waits(rows: Rows) -> list[str]:
+    lines = [
+        "## Waits", "", "Work beside the time steps. The ratio divides the first record by today's, both in multiples",
+        "of the first line of their own run, because the speed of the machine changes.", "",
+        "| work | unit | first record | today | ratio | goal |", "|---|---|---|---|---|---|",
+    ]  # fmt: skip
+    speed = rows[YARDSTICK]["amount"] / rows[YARDSTICK].get("first", rows[YARDSTICK]["amount"])
+    for name, row in rows.items():
+        first = row.get("first", row["amount"])
+        pace = 1.0 if row["unit"] == "kB" else speed
+        goal = "" if row["goal"] is None else f"{row['goal']:g}"
+        ratio = first * pace / row["amount"]
+        lines.append(f"| {name} | {row['unit']} | {first:.3g} | {row['amount']:.3g} | {ratio:.3g} | {goal} |")
+    return lines
+
+
 def _page_of_compare(rows: Rows) -> list[str]:
     return [
         "## The first minute", "", "`stiffbeam compare table10`, each time in a fresh process:", "",
@@ -362,6 +457,7 @@ TABLES: dict[str, Callable[[Any], list[str]]] = {
     "sizes": _page_of_sizes,
     "members": _page_of_members,
     "references": _page_of_references,
+    "waits": _page_of_waits,
     "compare": _page_of_compare,
 }
 
@@ -384,8 +480,11 @@ def main() -> int:
     if unknown := set(options.parts) - set(TABLES):
         parser.error(f"no tables: {', '.join(sorted(unknown))}; choose from {', '.join(TABLES)}")
     record = measure(options.parts, options.quick)
-    print(page(record))
     recorded = json.loads(RECORD.read_text(encoding="utf-8")) if RECORD.exists() else {"ratios": {}}
+    for name, row in record.get("waits", {}).items():
+        before = recorded.get("waits", {}).get(name, row)
+        row["first"] = before.get("first", before["amount"])
+    print(page(record))
     failures = [] if options.quick else missed(record["ratios"], recorded["ratios"])
     for line in failures:
         print(f"worse by more than a third: {line}", file=sys.stderr)

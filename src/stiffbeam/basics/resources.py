@@ -84,22 +84,32 @@ def over_slices(
     most: int,
     threads: int,
     progress: Callable[[int], None] | None,
+    least: int = 1,
 ) -> Iterator[Part]:
-    """Results of ``work`` on slices of at most ``most`` items, in order; each result is as long as its slice.
+    """Results of ``work`` on slices of ``least`` to ``most`` items, in order; each result is as long as its slice.
 
-    progress: called with the number of items done. Where a slice fails, those not begun are left out.
+    progress: called with the number of items done. Where a slice fails, those not begun are left out. A single slice
+    starts no thread, which would take as long as hundreds of time steps.
     """
-    size = min(most, max(1, len(items) // (4 * threads))) if threads > 1 else most
+    size = min(most, max(least, 1, len(items) // (4 * threads))) if threads > 1 else most
+    slices = [items[i : i + size] for i in range(0, len(items), size)]
+    done = 0
+
+    def reported(part: Part) -> Part:
+        nonlocal done
+        done += len(part)
+        if progress is not None:
+            progress(done)
+        return part
+
+    if len(slices) < 2 or threads == 1:
+        yield from (reported(work(each)) for each in slices)
+        return
     with ThreadPoolExecutor(threads) as pool:
-        parts: list[Future[Any]] = [pool.submit(work, items[i : i + size]) for i in range(0, len(items), size)]
+        parts: list[Future[Any]] = [pool.submit(work, each) for each in slices]
         try:
-            done = 0
             for part in parts:
-                result = part.result()
-                done += len(result)
-                if progress is not None:
-                    progress(done)
-                yield result
+                yield reported(part.result())
         finally:
             for part in parts:
                 part.cancel()

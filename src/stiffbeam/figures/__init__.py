@@ -31,10 +31,12 @@ from .panels import (
     short,
     tip_name,
     tip_symbol,
+    with_nan,
 )
 
 __all__ = [
     "COLOURS", "EXACT", "MARKERS", "Axis", "Band", "Curve", "Level", "Map", "Mark", "Note", "Panel", "Picture",
     "Ranges", "column", "curves", "dashed", "default_label", "groups", "heading", "look", "new_figure", "numeric",
     "render", "save_figure", "short", "style_of", "tip_name", "tip_symbol",
+    "with_nan",
 ]  # fmt: skip

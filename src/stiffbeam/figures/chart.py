@@ -74,7 +74,7 @@ class Curve:
         cls, rows: Iterable[Mapping[str, Any]], x: str, y: str, label: str = "", look: dict[str, Any] | None = None
     ) -> Curve:
         """Return the curve of column y over column x."""
-        rows = list(rows)
+        rows = rows if isinstance(rows, Sequence) else list(rows)
         return cls(column(rows, x), column(rows, y), label, look or {})
 
     @property

@@ -102,12 +102,17 @@ def new_figure(height: float, title: str = "", width: float = 11.0) -> Figure:
 
 def numeric(rows: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
     """The rows with NaN instead of None."""
-    return [{key: np.nan if value is None else value for key, value in row.items()} for row in rows]
+    return list(map(with_nan, rows))
+
+
+def with_nan(row: Mapping[str, Any]) -> dict[str, Any]:
+    """A row with NaN instead of None."""
+    return {key: np.nan if value is None else value for key, value in row.items()}
 
 
 def column(rows: Iterable[Mapping[str, Any]], name: str) -> Array:
     """One entry of every row as numbers; NaN stands for what is missing."""
-    return np.array([row.get(name, np.nan) for row in rows], float)
+    return np.fromiter((np.nan if (value := row.get(name)) is None else value for row in rows), float)
 
 
 def log_scale(axis: Axes, x: bool = True, y: bool = True) -> None:

@@ -2,21 +2,27 @@
 
 from __future__ import annotations
 
+import pickle
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from ..basics.arrays import Array, aligned
 from ..basics.compiled import clock
+from ..basics.recent import MOST, Recent, content
 from ..model.contact import laws
 from ..model.contact_law import all_laws
 from ..model.contact_law import jumps as force_jumps
 from ..model.members import EnsembleMembers
+from ..model.modes import matrices
 from ..model.stage import AVERAGED, LINEAR
 from ..model.system import System
-from ..model.time_functions import offset_rate, offset_values
+from ..model.time_functions import Constant, Harmonic, LoadFunction, Superposition, offset_rate, offset_values
 from ..schemes import Scheme
+from ..schemes.contract import is_known
 from ..trajectory.ensemble import ContactStatistics, Runs
 from ..trajectory.recorder import events_at_start, forces_at, impacts_of, overflow, record, shares, with_ends
 from ..trajectory.sampling import (
@@ -41,6 +47,8 @@ from .kernels.blocks import Forcing, Kept, Marchers
 from .probe import Coordinates, InModes
 from .propagator import Propagator, build
 
+_RECENT: Recent[Stepper] = Recent(8)
+_LINEAR_PARTS: WeakKeyDictionary[System, tuple[object, ...]] = WeakKeyDictionary()
 BLOCKS, DENSE = "modal blocks", "dense blocks"
 STEPS_PER_CALL = 1 << 16  # between two reports of progress
 STEPS_REPLAYED = 1 << 14  # held in memory at once where states, or sampled loads, are wanted
@@ -52,6 +60,19 @@ def block_length(coordinates: Coordinates, scheme: Scheme) -> int:
     """The largest power of two of steps that have no more force nodes than pay."""
     nodes = len(scheme.nodes) * max(1, len(coordinates.columns))
     return 2 ** max(0, int(np.log2(nodes_per_block(coordinates, scheme) / nodes)))
+
+
+class Launch(NamedTuple):
+    """M members at t = 0, before the first step. A march copies what it changes."""
+
+    law: Array  # (M, m, 6)
+    position: Array  # (M, C)
+    velocity: Array
+    tally: Array  # (M, m, 8)
+    events: Array  # (rows, 7): the contacts that are there
+    start: Array  # (order, M, N): y in the coordinates
+    z: Array  # the packed state of the first propagator
+    jumps: bool  # True where the force of a stop jumps
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,6 +92,7 @@ class Stepper:
     rule: int  # how nodes find their forces, see Block
     run: Callable[..., bool] = kernel.run
     _forcings: dict[Propagator, Forcing] = field(default_factory=dict, repr=False)
+    _launches: Recent[Launch] = field(default_factory=lambda: Recent(8), repr=False)
 
     @classmethod
     def of(
@@ -83,8 +105,24 @@ class Stepper:
         rule: int | None = None,
     ) -> Stepper:
         """Stepper of a scheme on a system. rule: for this kind of stops, by default that of the system."""
-        system, starter = coordinates.system, scheme.starter
+        system = coordinates.system
         rule = rule_of(system.contacts, contact) if rule is None else rule
+        if system.size > MOST or not is_known(scheme) or not coordinates.shared:
+            return cls._built(coordinates, scheme, dt, contact, engine, rule)
+        kind = type(scheme).step, type(scheme).predict, pickle.dumps(scheme), type(coordinates)
+        linear_part = _LINEAR_PARTS.get(system) or _LINEAR_PARTS.setdefault(system, _linear_part(system))
+        key = *kind, dt, contact, engine, rule, *linear_part
+        stepper = _RECENT.get(key, lambda: cls._built(coordinates, scheme, dt, contact, engine, rule))
+        if stepper.system is system:
+            return stepper
+        return replace(stepper, coordinates=coordinates, scheme=scheme)
+
+    @classmethod
+    def _built(
+        cls, coordinates: Coordinates, scheme: Scheme, dt: float, contact: str, engine: str, rule: int
+    ) -> Stepper:
+        """``of``, computed."""
+        starter = scheme.starter
         one = None if starter is None else build(starter, coordinates, dt, 1, contact, reduced=False, rule=rule)
         block = build(scheme, coordinates, dt, block_length(coordinates, scheme), contact, rule=rule)
         for made in (one, block):
@@ -116,6 +154,36 @@ class Stepper:
             self._forcings[propagator] = propagator.forcing([self.system])
         return self._forcings[propagator]
 
+    def launch(self, systems: Sequence[System], q0: Array, v0: Array, since: int, alike: bool) -> Launch:
+        """Members at t = 0 with initial data (M, n); systems: M, or one for all. ``alike``: they have the loads of
+        ``system``, so that a recent member with the same start and the same stops has the same launch."""
+        law = np.repeat([laws(each.contacts) for each in systems], len(q0) // len(systems), axis=0)
+        if len(q0) > 1 or not alike:
+            return self._launched(systems, q0, v0, law, since, alike)
+        key = q0.tobytes(), v0.tobytes(), law.tobytes(), since
+        return self._launches.get(key, lambda: self._launched(systems, q0, v0, law, since, alike))
+
+    def _launched(self, systems: Sequence[System], q0: Array, v0: Array, law: Array, since: int, alike: bool) -> Launch:
+        """``launch``, computed."""
+        first, coordinates, m = self.starter or self.block, self.coordinates, law.shape[1]
+        u, v = initial_channels(systems, q0, v0)
+        tally = new_tally(u[:, :m], v[:, :m], law, since)
+        events = events_at_start(tally, law, self.dt, (u, v), self.contact == "conserving")
+        start = np.stack([coordinates.start(*x) for x in zip(q0, v0, strict=True)], axis=1)
+        force = self.force(systems[:1] if alike else systems, 0.0, (u, v), law)
+        z = first.pack(first.scheme.initial(coordinates.equation, [start], force))
+        return Launch(law, u, v, tally, events, start, z, bool(np.any(force_jumps(all_laws(law)))))
+
+    def force(self, systems: Sequence[System], t: float, motion: tuple[Array, Array], law: Array) -> Array:
+        """Load plus contact force at time t, (members, N); systems: one a member, or one for all."""
+        total = np.zeros((len(law), self.coordinates.rows.shape[1]))
+        total[:] = [self.coordinates.load(each, t) for each in systems]
+        if self.contact != "conserving":  # whose reactions are means over a step, not there at a time
+            forces = forces_at(*motion, law)
+            for c in range(law.shape[1]):
+                total += forces[:, c, None] * self.coordinates.columns[c]
+        return total
+
     def start(self, members: Sequence[System], steps: int, every: int | None, since: int = 0) -> March:
         """The members at t = 0, ready for ``steps`` steps in blocks; contacts are recorded after step ``since``."""
         return March(self, members, steps, every, since)
@@ -146,34 +214,29 @@ class March:
         else:
             self._systems = list(self.members)
             q0, v0 = (np.array([getattr(member, x) for member in self._systems]) for x in ("q0", "v0"))
-        self.law = np.repeat([laws(each.contacts) for each in self._systems], M // len(self._systems), axis=0)
         own = functions(system)
         self._alike = all(functions(each) == own for each in self._systems)
-        self._begun = u, v = initial_channels(self._systems, q0, v0)
-        m = len(system.contacts)
-        tally = new_tally(u[:, :m], v[:, :m], self.law, self.since)
+        self._launch = launch = self.stepper.launch(self._systems, q0, v0, self.since, self._alike)
+        self.law, u, v = launch.law, launch.position, launch.velocity
+        tally = launch.tally.copy()
         self.state = Marchers(np.zeros((M, 0)), u.copy(), v.copy(), tally, np.zeros(M, np.int64))
         kept = 0 if self.every is None else self.steps // self.every + 1
         self.positions, self.velocities = np.zeros((2, M, kept, u.shape[1]))
-        jumps = bool(np.any(force_jumps(all_laws(self.law))))
-        if jumps:
+        if launch.jumps:
             for made in filter(None, (self.stepper.starter, self.stepper.block)):
                 require_moved(made.scheme, made.compliances[0])
-        self.node_forces = np.full((M, kept if jumps else 0, m), np.nan)
+        self.node_forces = np.full((M, kept if launch.jumps else 0, len(system.contacts)), np.nan)
         if kept:
             self.positions[:, 0], self.velocities[:, 0] = u, v
-        begun = events_at_start(tally, self.law, self.stepper.dt, (u, v), self.stepper.contact == "conserving")
-        self._rows, self.events = len(begun), np.concatenate([begun, np.empty((64 * M, EVENT))])
-        self._history = [np.stack([self.stepper.coordinates.start(*x) for x in zip(q0, v0, strict=True)], axis=1)]
+        self._rows, self.events = len(launch.events), np.concatenate([launch.events, np.empty((64 * M, EVENT))])
 
     def advance(self, replayed: Callable[[Segment], None] | None = None) -> Iterator[int]:
         """March to the end; yields the number of steps done after every segment."""
         stepper, scheme, equation = self.stepper, self.stepper.scheme, self.stepper.coordinates.equation
-        history = self._history
+        history = [self._launch.start]
+        self.state = self.state._replace(z=copied(self._launch.z))
         if stepper.starter is not None:
             one = stepper.starter
-            z = one.scheme.initial(equation, history, self._force())
-            self.state = self.state._replace(z=one.pack(z))
             forcing = self.forcing(one)
             for _ in range(min(self.steps, scheme.history - 1)):
                 self._segment(one, forcing, 1, replayed)
@@ -181,8 +244,9 @@ class March:
                 yield self.done
         if self.done < self.steps:
             block = stepper.block
-            z = scheme.initial(equation, history, self._force())
-            self.state = self.state._replace(z=block.pack(z))
+            if self.done:
+                z = scheme.initial(equation, history, self._force())
+                self.state = self.state._replace(z=block.pack(z))
             forcing = self.forcing(block)
             most = STEPS_PER_CALL // min(16, len(self.members))
             if replayed is not None or not block.harmonic:
@@ -223,15 +287,8 @@ class March:
 
     def _force(self) -> Array:
         """Load plus contact force at this time, (members, N)."""
-        coordinates, t = self.stepper.coordinates, self.done * self.stepper.dt
-        total = np.zeros((len(self.members), coordinates.rows.shape[1]))
-        loaded = self._systems[:1] if self._alike else self._systems
-        total[:] = [coordinates.load(each, t) for each in loaded]
-        if self.stepper.contact != "conserving":  # whose reactions are means over a step, not there at a time
-            forces = forces_at(self.state.position, self.state.velocity, self.law)
-            for c in range(self.law.shape[1]):
-                total += forces[:, c, None] * coordinates.columns[c]
-        return total
+        t, motion = self.done * self.stepper.dt, (self.state.position, self.state.velocity)
+        return self.stepper.force(self._systems[:1] if self._alike else self._systems, t, motion, self.law)
 
     def seen(self, member: int) -> Trajectory:
         """The run of a member, at the end."""
@@ -297,7 +354,7 @@ class March:
         events = events[: self._rows]
         self.events = events[np.lexsort((np.arange(len(events)), events[:, CONTACT], events[:, MEMBER]))]
         last, means = (self.state.position, self.state.velocity), self.stepper.contact == "conserving"
-        self.tally = with_ends(tally, self.law, self.stepper.dt, self._begun, last, means)
+        self.tally = with_ends(tally, self.law, self.stepper.dt, self._launch[1:3], last, means)
 
 
 @dataclass(frozen=True, eq=False)
@@ -310,6 +367,40 @@ class Segment:
     steps: int
     starts: Array  # (B, D): the state at the start of each block
     forces: Array  # (B, N)
+
+
+def _linear_part(system: System) -> tuple[object, ...]:
+    """Key of matrices, loads, rows and offsets: equal for systems on which a scheme has the same propagators and
+    forcing. A function that is no formula is equal to itself only."""
+    loads = [(content(vector), _formula(f)) for vector, f in system.loads]
+    channels = [(content(row), _formula(offset)) for row, offset in system.channels]
+    return *matrices(system), tuple(loads), tuple(channels), len(system.contacts), system.tip_channel
+
+
+def _formula(function: LoadFunction | None) -> object:
+    if isinstance(function, Superposition):
+        return tuple((repr(factor), _formula(f)) for factor, f in function.terms)
+    return repr(function) if function is None or isinstance(function, (Harmonic, Constant)) else Identity(function)
+
+
+class Identity:
+    """Key that is equal for one object only, which lives as long as the key."""
+
+    def __init__(self, value: object) -> None:
+        self.value = value
+
+    def __hash__(self) -> int:
+        return id(self.value)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Identity) and other.value is self.value
+
+
+def copied(values: Array) -> Array:
+    """A copy at a 64-byte boundary."""
+    copy = aligned(values.shape)
+    copy[:] = values
+    return copy
 
 
 def functions(system: System) -> list[object]:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from concurrent.futures import Executor
 from functools import partial
 
 import numpy as np
 
 from ..basics.compiled import wall_clock
+from ..basics.executors import on_executor, require_executor
 from ..basics.resources import cores, over_slices
 from ..basics.validation import InputError
 from ..model.members import EnsembleMembers, as_members, march_apart
@@ -17,7 +19,9 @@ from ..trajectory.ensemble import MEMBERS_PER_SLICE, Ensemble, Progress, Runs, g
 from ..trajectory.ledger import Ledger
 from ..trajectory.trajectory import Work
 from .integrate import Plan
-from .warm import wait
+from .warm import any_law, wait, warm_up
+
+SLICE_SECONDS = 1e-3  # of stepping, below which a thread takes longer to start
 
 
 def integrate_ensemble(
@@ -31,6 +35,7 @@ def integrate_ensemble(
     engine: str = "numba",
     progress: Progress | None = None,
     since: float = 0.0,
+    executor: Executor | None = None,
 ) -> Ensemble:
     """Return the runs of all members of an ensemble, on all cores; each is equal to the bit to its single run.
 
@@ -54,6 +59,9 @@ def integrate_ensemble(
     since : float
         Contacts are recorded after this time, a whole number of steps. A contact that is there then is no impact.
         Impulses are the sum of dt F over the steps after it, without half weights at the ends.
+    executor : concurrent.futures.Executor, optional
+        Computes the members in its processes, on this machine or on others, such as a ``ProcessPoolExecutor``. The
+        results are the same. Members that are lost with a process are computed here, with a RuntimeWarning.
 
     Returns
     -------
@@ -84,16 +92,17 @@ def integrate_ensemble(
     if plan.engine == "numba":
         wait()
     report = None if progress is None else lambda done: progress(done * plan.steps)
-
     apart = march_apart(members)
-
-    def march(part: EnsembleMembers) -> Runs:
-        if apart:
-            each = [part[i : i + 1] for i in range(len(part))]
-            return Runs.joined([_alone(plan, one[0]).runs(one, every, passed) for one in each])
-        return plan.runs(part, every, passed)
-
-    parts = list(over_slices(march, members, MEMBERS_PER_SLICE, cores(), report))
+    march = partial(_march, plan, every, passed, apart)
+    member_seconds = plan.steps * plan.step_seconds
+    if executor is None:
+        least = min(int(SLICE_SECONDS / member_seconds), MEMBERS_PER_SLICE)
+        parts = list(over_slices(march, members, MEMBERS_PER_SLICE, cores(), report, least))
+    else:
+        require_executor(executor)
+        if plan.stepper is not None:
+            warm_up(any_law(system, contact))  # here, so that the processes find the kernel on disk
+        parts = list(on_executor(executor, march, members, member_seconds, report))
     seconds = wall_clock() - begun
     return gathered(
         members,
@@ -103,6 +112,14 @@ def integrate_ensemble(
         plan.provenance(every) | {"members": len(members), "parameter": members.parameter},
         partial(_ledger, plan, members, every or plan.steps, apart),
     )
+
+
+def _march(plan: Plan, every: int | None, since: int, apart: bool, part: EnsembleMembers) -> Runs:
+    """Runs of some of the members."""
+    if apart:
+        each = [part[i : i + 1] for i in range(len(part))]
+        return Runs.joined([_alone(plan, one[0]).runs(one, every, since) for one in each])
+    return plan.runs(part, every, since)
 
 
 def _alone(plan: Plan, member: System) -> Plan:

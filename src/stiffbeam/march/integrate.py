@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
@@ -12,6 +12,7 @@ import numpy as np
 from ..basics.arrays import Array
 from ..basics.compiled import clock
 from ..basics.resources import afford
+from ..basics.units import KNOWN
 from ..basics.validation import InputError, integer, itself, one_of, positive, step_count
 from ..model.contact import Contact
 from ..model.first_order import FirstOrderSystem
@@ -128,11 +129,13 @@ class Plan:
         remedy = "give a larger `every`" if every is not None else "take fewer members"
         floats = float(members) * (kept * (2.0 * len(self.system.channels) + contacts + 1.0) + 100.0)
         afford("every", every, remedy, floats=floats)
-        if self.stepper is None:
-            seconds = self.steps * (2e-5 + 3e-9 * self.system.size**2)
-        else:
-            seconds = self.stepper.step_seconds * self.steps * members
+        seconds = self.step_seconds * self.steps * (1 if self.stepper is None else members)
         afford("dt", self.dt, "give a larger dt, or fewer members", seconds=seconds)
+
+    @property
+    def step_seconds(self) -> float:
+        """Rough time of a step of one member on one core."""
+        return 2e-5 + 3e-9 * self.system.size**2 if self.stepper is None else self.stepper.step_seconds
 
     def stepper_for(self, contacts: Sequence[Contact]) -> Stepper:
         """The block march for the contacts of a member. Their law may be of another kind than that of the system."""
@@ -154,7 +157,7 @@ class Plan:
         return {
             "method": str(self.scheme),
             "form": self.form,
-            "units": asdict(self.system.units),
+            "units": {name: getattr(self.system.units, name) for name in KNOWN},
             "contact": self.contact,
             "dt": float(self.dt),
             "t_end": float(self.t_end),

@@ -32,6 +32,11 @@ class Coordinates:
     rows: Array = field(init=False)
     columns: Array = field(init=False)
 
+    @property
+    def shared(self) -> bool:
+        """True where matrices, loads and channels of the system determine everything here."""
+        return True
+
     def start(self, q0: Array, v0: Array) -> Array:
         """y (order, N) at t = 0 from initial data (n,)."""
         raise NotImplementedError
@@ -115,6 +120,11 @@ class Together(Coordinates):
             columns = np.array([c.column for c in given.contacts]).reshape(-1, len(given.y0))
             equation = FirstOrder(given.matrix)
         self._set(equation=equation, parts=1, rows=rows, columns=columns)
+
+    @property
+    def shared(self) -> bool:
+        """True for the unknowns of a System, False for those of a first-order form."""
+        return isinstance(self.given, System)
 
     def start(self, q0: Array, v0: Array) -> Array:
         """y (order, N) at t = 0."""
@@ -218,7 +228,7 @@ class OneStep:
     def read(self, fields: Array) -> Array:
         """(g, batch) of fields (fields, batch, N)."""
         # Row by row and not as a matrix product, whose rounding depends on the size of the batch.
-        read = np.stack([np.sum(fields * row, axis=-1) for row in self.coordinates.rows])
+        read = np.array([np.sum(fields * row, axis=-1) for row in self.coordinates.rows])
         return read[self.readers.channel, self.readers.field]
 
     def shares(self, fields: Array) -> Array:

@@ -129,13 +129,13 @@ class _Rotation:
         basis, A = one.coordinates.basis, one.transition[:, :2, :2]
         self.w = np.where(basis.omega > 0.0, basis.omega, 1.0)
         self.angle = np.arctan2(0.5 * (self.w * A[:, 0, 1] - A[:, 1, 0] / self.w), 0.5 * (A[:, 0, 0] + A[:, 1, 1]))
-        size = np.moveaxis(np.array([[np.ones_like(self.w), 1.0 / self.w], [self.w, np.ones_like(self.w)]]), -1, 0)
+        size = np.array([[np.ones_like(self.w), 1.0 / self.w], [self.w, np.ones_like(self.w)]]).transpose(2, 0, 1)
         turns = (basis.omega > 0.0) & (basis.damping == 0.0)
         self.turns = turns & np.all(np.abs(A - self._by(1)) < 1e-9 * size, axis=(1, 2))
 
     def _by(self, steps: int) -> Array:
         c, s = np.cos(steps * self.angle), np.sin(steps * self.angle)
-        return np.moveaxis(np.array([[c, s / self.w], [-self.w * s, c]]), -1, 0)
+        return np.array([[c, s / self.w], [-self.w * s, c]]).transpose(2, 0, 1)
 
     def put(self, power: Array, steps: int) -> Array:
         exact = power.copy()
@@ -205,7 +205,7 @@ class Propagator:
         mixed = np.einsum("ce,emj->cmj", self.mix, z)
         again = self.used - self.coordinates.parts
         packed = aligned((mixed.shape[1], self.block.reading.shape[1] + again))
-        packed[:, : self.used] = np.moveaxis(mixed, 0, 1).reshape(len(packed), -1)
+        packed[:, : self.used] = mixed.swapaxes(0, 1).reshape(len(packed), -1)
         packed[:, self.used : self.used + again] = packed[:, :again]
         return packed
 
@@ -213,14 +213,14 @@ class Propagator:
         """Packed (members, ...) -> states (a, members, N) that go on as the packed ones do."""
         a, N = self.mix.shape[1], self.coordinates.rows.shape[1]
         z = np.zeros((a, len(packed), N))
-        z[self.keep] = np.moveaxis(packed[:, : self.used].reshape(-1, len(self.keep), N), 1, 0)
+        z[self.keep] = packed[:, : self.used].reshape(-1, len(self.keep), N).swapaxes(0, 1)
         return z
 
     @property
     def compliances(self) -> tuple[Array, Array]:
         """(nodes, m, m) each: how the forces at a node move its contacts and their velocities, see Block.way."""
         (nodes, m), rates = self.block.compliance.shape, self.block.rates
-        S = np.moveaxis(self.block.compliance.reshape(-1, m, m), 1, 2)
+        S = self.block.compliance.reshape(-1, m, m).swapaxes(1, 2)
         of_rates = [self.block.push[np.ix_(here, rates[here])].T for here in np.arange(nodes).reshape(-1, m)]
         return S, self.block.way * np.array(of_rates).reshape(S.shape)
 
@@ -278,15 +278,21 @@ class Propagator:
         if V > 1 and (coordinates.parts == 1 or len(constants) > 1 or len({drive.size for drive in drives}) > 1):
             return _side_by_side([self.forcing([system]) for system in systems])
         frequencies = np.array([(0.0, *drive.frequencies) for drive in drives])  # (V, F), the constant first
-        loads = _amplitudes(np.stack([load for load, _ in bases]))  # (V, F, N)
-        shifts = _amplitudes(np.stack([shift for _, shift in bases]))  # (V, F, C)
+        loads = _amplitudes(np.array([load for load, _ in bases]))  # (V, F, N)
+        shifts = _amplitudes(np.array([shift for _, shift in bases]))  # (V, F, C)
         constant, most = constants == {True}, frequencies.shape[1]
         if not constant and most > 1:  # a load of nothing does nothing
             frequencies, loads, shifts = frequencies[:, 1:], loads[:, 1:], shifts[:, 1:]
         F = frequencies.shape[1]
         turn = np.exp(1j * frequencies * self.dt * np.array(self.scheme.nodes)[:, None, None])  # (S, V, F)
         acting = loads * turn[..., None]
-        state, read = one.from_rest(np.stack([np.real(acting), np.imag(acting)], axis=-2).reshape(len(turn), -1, N))
+        state, read = one.from_rest(
+            np.ascontiguousarray(acting)
+            .view(float)
+            .reshape(*acting.shape, 2)
+            .swapaxes(-1, -2)
+            .reshape(len(turn), -1, N)
+        )
         n, k, _ = state.shape
         phase = np.exp(1j * self.dt * np.multiply.outer(np.arange(K + 1), frequencies)).swapaxes(0, 1)  # (V, K + 1, F)
         path = np.empty((V, n, k, K, F), complex)  # what 1, 2, .. K steps make
@@ -309,9 +315,9 @@ class Propagator:
             moved[:, :, readers.is_rate] *= 1j * frequencies[:, None, None]
             read += moved
         rows = np.zeros((V, F, R + D), complex)
-        rows[..., :R] = self.entries.of_readings(np.moveaxis(read, -1, 1), R)
+        rows[..., :R] = self.entries.of_readings(read.transpose(0, 3, 1, 2), R)
         rows[..., R : R + n * k] = path[..., -1, :].transpose(0, 3, 2, 1).reshape(V, F, n * k)
-        velocity = np.moveaxis(_by_sines(np.moveaxis(read[:, :, readers.end_rates], -1, 1), most), 1, -1)
+        velocity = _by_sines(read[:, :, readers.end_rates].transpose(0, 3, 1, 2), most).transpose(0, 2, 3, 1)
         return Forcing(
             float(constant), frequencies[:, F - most + 1 :], _by_sines(rows, most), np.ascontiguousarray(velocity)
         )
@@ -401,7 +407,7 @@ def build(
     speeds = seen[..., one.readers.end_rates]
 
     reading, transition = aligned((R, D)), aligned((k, D))
-    reading[:, :used] = np.moveaxis(entries.of_readings(np.moveaxis(flat, 2, 0), R), 0, 1)
+    reading[:, :used] = entries.of_readings(flat.transpose(2, 0, 1), R).swapaxes(0, 1)
     component = np.arange(k)
     shifted = powers.last[:, component, (component + component[:, None]) % k]  # cyclic diagonals, (n, e, c)
     transition[:, :used] = shifted.transpose(1, 2, 0).reshape(k, used)

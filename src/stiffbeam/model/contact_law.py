@@ -15,8 +15,6 @@ import math
 from dataclasses import dataclass, field, fields
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from ..basics.arrays import Array
 from ..basics.compiled import compiled, formula, inlined
 
@@ -64,7 +62,7 @@ def law_of(law: Array, c: int) -> Law:
 
 def all_laws(law: Array) -> Law:
     """An array of laws (.., 6) as one Law of arrays (..)."""
-    return Law(*np.moveaxis(law, -1, 0))
+    return Law._make(law[..., i] for i in range(LAW))
 
 
 # ---------------------------------------------------------------- the terms

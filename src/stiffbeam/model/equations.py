@@ -96,7 +96,7 @@ class SecondOrder(Equation):
 
     def rate(self, y: Array, force: Array) -> Array:
         """(q', q'')."""
-        return np.stack([y[1], self.acceleration(y, force)])
+        return np.array([y[1], self.acceleration(y, force)])
 
     def implicit_rate(self, c: float, r: Array, force: Array) -> Array:
         """k = (q', q'') at y = r + c k: one solve with M + c C + c^2 K.
@@ -106,9 +106,9 @@ class SecondOrder(Equation):
         if np.ndim(c):
             rule = "be one number: the stages are solved one after the other"
             raise InputError("implicit_rate: c", f"{np.ndim(c)} dimensions", rule, FULLY_IMPLICIT)
-        ahead = np.stack([r[0] + c * r[1], r[1]])
+        ahead = np.array([r[0] + c * r[1], r[1]])
         acceleration = self.solve(c, c * c, self.net_force(ahead, force))
-        return np.stack([r[1] + c * acceleration, acceleration])
+        return np.array([r[1] + c * acceleration, acceleration])
 
 
 class Matrices(SecondOrder):
@@ -156,7 +156,7 @@ class Matrices(SecondOrder):
         state = np.concatenate([y[0], y[1] / fastest], axis=-1)
         new = state @ E.T + force0 @ P.T + (force1 - force0) @ Q.T
         n = len(self._mass)
-        return np.stack([new[..., :n], new[..., n:] * fastest])
+        return np.array([new[..., :n], new[..., n:] * fastest])
 
 
 LARGE, FEW = 128, 0.125  # unknowns, and the share of a matrix, from which on its zeros are left out
@@ -215,7 +215,7 @@ class Modal(SecondOrder):
         q, v = y
         slope = (force1 - force0) / t
         position = C * q + S * v + V * force0 + X * slope
-        return np.stack([position, rate * v - self._stiffness * S * q + S * force0 + V * slope])
+        return np.array([position, rate * v - self._stiffness * S * q + S * force0 + V * slope])
 
     def recursion(self, t: float) -> tuple[Array, Array]:
         """Raises InputError for a mode that is more than critically damped."""

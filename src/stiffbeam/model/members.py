@@ -174,7 +174,8 @@ def as_members(system: System, members: EnsembleMembers | Sequence[System]) -> E
             if _callables(member.loads, member.contacts) != _callables(system.loads, system.contacts):
                 rule = "share every callable load and offset with the system"
                 raise InputError("members", member.form, rule, "integrate such systems one by one")
-        fields = {name: [getattr(member, name) for member in systems] for name in DIFFERENT}
+        columns = {name: [getattr(member, name) for member in systems] for name in DIFFERENT}
+        fields = {name: x for name, x in columns.items() if any(each is not getattr(system, name) for each in x)}
         members = EnsembleMembers(system, SYSTEMS, np.arange(len(systems)), fields)
     elif members.system.fingerprint != system.fingerprint:
         remedy = "make the members anew from this system, or integrate members.system"

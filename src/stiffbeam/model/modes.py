@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -12,6 +13,7 @@ import scipy.linalg
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array
+from ..basics.recent import MOST, Recent, content
 from ..basics.validation import InputError
 from .equations import Modal
 from .graded import EPS, graded_eigenpairs, uncoupled
@@ -55,7 +57,7 @@ def undamped_modes(system: System, springs: tuple[tuple[Array, float], ...] = ()
     if springs:
         return _undamped(system, springs)
     if system not in _UNDAMPED:
-        _UNDAMPED[system] = _undamped(system)
+        _UNDAMPED[system] = _shared(system, _undamped)
     return _UNDAMPED[system]
 
 
@@ -72,12 +74,65 @@ def modes(system: System, springs: tuple[tuple[Array, float], ...] = ()) -> Mode
     if springs:
         return _damped(system, springs)
     if system not in _DAMPED:
-        _DAMPED[system] = _damped(system)
+        _DAMPED[system] = _shared(system, _damped)
     return _DAMPED[system]
 
 
 _UNDAMPED: WeakKeyDictionary[System, Modes] = WeakKeyDictionary()
 _DAMPED: WeakKeyDictionary[System, Modes | None] = WeakKeyDictionary()
+_RECENT: Recent[Any] = Recent(16)
+
+
+def _shared(system: System, find: Callable[[System], Any]) -> Any:
+    """Modes of ``system``, or of a recent one with the same matrices."""
+    if system.size > MOST:
+        return find(system)
+    return _RECENT.get((find, *matrices(system)), lambda: find(system))
+
+
+def matrices(system: System) -> tuple[bytes, ...]:
+    """Digests of the matrices of ``system`` and of the factor of its stiffness, on which its modes depend."""
+    return tuple(map(content, (system.mass, system.damping, system.stiffness, system.stiffness_factor)))
+
+
+def slowest(system: System, count: int) -> Modes | None:
+    """The slowest modes by Lanczos' method with a sparse factor G of the stiffness, in a fraction of the time of all.
+
+    K^-1 = G^-1 G^-T loses eps w_max/w_1 where the inverse of K itself would lose the square, and omega = |G x| of
+    every shape x. None where there is no such factor, the system can move without strain, or the damping is not
+    alpha M + beta K.
+    """
+    import scipy.sparse.linalg
+
+    G = system.stiffness_factor
+    if G is None or G.shape[0] != G.shape[1]:
+        return None
+    ratio = _multiple(system.damping, system.stiffness)
+    if ratio is None and not _proportional(system):
+        return None
+    factor, mass = scipy.sparse.csc_array(G), scipy.sparse.csc_array(system.mass)
+    try:
+        solve = scipy.sparse.linalg.splu(factor).solve
+    except RuntimeError:  # singular
+        return None
+    shape, start = G.shape, np.random.default_rng(0).normal(size=len(G))
+    operator: Any = scipy.sparse.linalg.LinearOperator  # whose stubs lack the arguments of a plain one
+    inverse = operator(shape, matvec=lambda x: solve(solve(x, "T")))
+    stiffness = scipy.sparse.csc_array(system.stiffness)
+    _, x = scipy.sparse.linalg.eigsh(stiffness, count, mass, sigma=0.0, OPinv=inverse, v0=start)
+    x = x / np.sqrt(np.sum(x * (mass @ x), axis=0))
+    omega = np.linalg.norm(factor @ x, axis=0)
+    order = np.argsort(omega, kind="stable")
+    omega, x = omega[order], _with_signs(x[:, order])
+    damping = np.sum(x * (system.damping @ x), axis=0) if ratio is None else ratio * omega**2
+    return Modes(omega, x, damping, system.mass)
+
+
+def _multiple(a: Array, b: Array) -> float | None:
+    """The factor c of a = c b, to the rounding of every entry; None where there is none."""
+    largest = np.unravel_index(np.argmax(np.abs(a)), a.shape)
+    factor = float(a[largest] / (b[largest] or np.inf))
+    return factor if np.all(np.abs(a - factor * b) <= 4.0 * EPS * np.abs(a)) else None
 
 
 @np.errstate(over="ignore")  # refused by ``_within_float64``
@@ -124,9 +179,12 @@ def _undamped(system: System, springs: tuple[tuple[Array, float], ...] = ()) -> 
             raise InputError("stiffness", f"least eigenvalue {squares[0]:.3g}", "be positive semidefinite", remedy)
         squares, shapes = graded_eigenpairs(system.mass, system.stiffness, springs, squares, back(vectors))
         omega = np.sqrt(np.maximum(squares, 0.0))
-    # One sign per shape, so that equal systems give equal modes.
-    shapes = shapes * np.where(shapes[np.argmax(np.abs(shapes), axis=0), np.arange(shapes.shape[1])] < 0, -1.0, 1.0)
-    return Modes(np.ascontiguousarray(omega), shapes, damping=np.zeros(len(omega)), mass=system.mass)
+    return Modes(np.ascontiguousarray(omega), _with_signs(shapes), damping=np.zeros(len(omega)), mass=system.mass)
+
+
+def _with_signs(shapes: Array) -> Array:
+    """The shapes with one sign each, so that equal systems give equal modes."""
+    return shapes * np.where(shapes[np.argmax(np.abs(shapes), axis=0), np.arange(shapes.shape[1])] < 0, -1.0, 1.0)
 
 
 def _within_float64(name: str, scaled: Array) -> Array:

@@ -10,13 +10,14 @@ import scipy.linalg
 from scipy.optimize import brentq
 
 from ..basics.arrays import Array
-from ..basics.validation import InputError, number
+from ..basics.validation import InputError, integer, number
 from . import modes as decoupled
 from .contact import laws
 from .stage import BY_LAW, solve_stage
 from .system import System, require_system
 from .time_functions import Constant, LoadFunction, evaluate, offset_values
 
+SMALL, FEWER = 200, 10  # unknowns up to which all modes are computed; share of the modes above which all are
 STEPS = 200  # of Newton's method on closed and open stops; a handful for linear stops
 FARTHEST = 2.0**200  # times a step: nothing stops a motion that long
 
@@ -61,12 +62,15 @@ class NaturalModes:
         return "\n".join(lines if len(lines) <= 21 else [*lines[:20], f"    ... {len(self.omega)} modes"])
 
 
-def modes(system: System) -> NaturalModes:
+def modes(system: System, count: int | None = None) -> NaturalModes:
     """Return the natural modes of a system away from its stops, whatever its damping.
 
     Parameters
     ----------
     system : System
+    count : int, optional
+        Number of the slowest modes; by default all. A few modes of a beam of thousands of cells take a second where
+        all take a minute. For models of more unknowns see ``reduce_model``.
 
     Returns
     -------
@@ -75,7 +79,7 @@ def modes(system: System) -> NaturalModes:
     Raises
     ------
     InputError
-        For anything but a System.
+        For anything but a System, and for more modes than there are.
 
     Examples
     --------
@@ -84,12 +88,22 @@ def modes(system: System) -> NaturalModes:
     array([2.])
     """
     require_system(system)
-    basis = decoupled.modes(system)
+    few = count is not None and integer("count", count, 1) <= system.size // FEWER and system.size > SMALL
+    basis = decoupled.slowest(system, count) if few and count is not None else None
+    basis = basis or decoupled.modes(system)
     if basis is not None:
         with np.errstate(invalid="ignore", divide="ignore"):
             ratio = np.where(basis.omega > 0.0, 0.5 * basis.damping / basis.omega, np.nan)
-        return NaturalModes(basis.omega, basis.shapes, ratio, coupled=False)
-    return _complex_modes(system)
+        natural = NaturalModes(basis.omega, basis.shapes, ratio, coupled=False)
+    else:
+        natural = _complex_modes(system)
+    if count is None:
+        return natural
+    if count > len(natural.omega):
+        raise InputError("count", count, f"be at most {len(natural.omega)}, all modes", "leave it out for all")
+    return NaturalModes(
+        natural.omega[:count], natural.shapes[:, :count], natural.damping_ratio[:count], natural.coupled
+    )
 
 
 def _complex_modes(system: System) -> NaturalModes:

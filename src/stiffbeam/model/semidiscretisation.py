@@ -30,7 +30,7 @@ from .field import BENDING, MASS, MEAN, POINTS, ROTARY, SLOPE, WEIGHTS, free_unk
 from .first_order import FirstOrderContact, FirstOrderSystem, interleaved
 from .modes import damping_of, undamped_modes
 from .problem import BeamProblem, DistributedLoad, PointLoad, element_factors
-from .system import Origin, System
+from .system import BANDED, Origin, System
 from .time_functions import LoadFunction, combined, derivative
 
 Row = Callable[[float], Array]
@@ -182,7 +182,13 @@ def _with_origin(system: System, **facts: Any) -> System:
 def bending_stencil(M: int) -> Array:
     """-h^4 D H, whole numbers: 7, -4, 1 at the clamp, 1, -4, 6, -4, 1 inside, 5, -2 and 1 at the tip."""
     curvature = (np.eye(M, k=1) - 2.0 * np.eye(M) + np.eye(M, k=-1))[:-1]
-    stencil = curvature.T @ curvature
+    if M < BANDED:
+        stencil = curvature.T @ curvature
+    else:  # whole numbers, whose sums have no order
+        import scipy.sparse
+
+        sparse = scipy.sparse.csr_array(curvature)
+        stencil = (sparse.T @ sparse).toarray()
     stencil[0, 0] += 2.0
     return stencil
 

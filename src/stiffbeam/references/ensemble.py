@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
 from functools import partial
+from time import perf_counter
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array
 from ..basics.compiled import wall_clock
+from ..basics.executors import on_executor, require_executor
 from ..basics.progress import silent
 from ..basics.resources import cores, over_slices
 from ..basics.validation import InputError, numbers, positive
@@ -34,6 +38,7 @@ def reference_ensemble(
     t_eval: ArrayLike | None = None,
     progress: Progress | None = None,
     since: float = 0.0,
+    executor: Executor | None = None,
 ) -> Ensemble:
     """Return the exact solutions of all members, on all cores; each is equal to the bit to its single solution.
 
@@ -52,6 +57,8 @@ def reference_ensemble(
         Called with the number of members done.
     since : float
         Contacts are recorded after this time, for exact solutions only.
+    executor : concurrent.futures.Executor, optional
+        As in ``integrate_ensemble``. The processes also share the members of an adaptive solver.
 
     Returns
     -------
@@ -77,43 +84,71 @@ def reference_ensemble(
     t_end = positive("t_end", t_end)
     at = np.array([0.0, float(t_end)]) if t_eval is None else times
     record_from(since, t_end)
-    known: Known | None = None if members.separate else {}  # modes, shared between members; the first one finds them
+    begun_with = perf_counter()
     best = best_reference(members[0], t_end, progress=silent)
     method, horizon = str(best.provenance["method"]), best.horizon
     if method != "exact" and since:
         raise InputError("since", since, f"be 0 for members solved by {method}", "record contacts from the start")
     one = _solve if method == "exact" else partial(_adaptive, method)
+    # Modes are shared between members; the first one finds them.
+    known: Known | None = None if members.separate else {}
     first = one(members[0], t_end, at, known, since)
+    solving = Solving(method, t_end, at, since, len(times))
+    report = None if progress is None else lambda done: progress(1 + done)
+    if executor is None:
+        solve = solving.solver(members, known)
+        # SUNDIALS' solvers do not run side by side in one process.
+        threads = cores() if method == "exact" else 1
+        parts = list(over_slices(solve, members[1:], MEMBERS_PER_SLICE, threads, report))
+    else:
+        require_executor(executor)
+        parts = list(on_executor(executor, solving, members[1:], (perf_counter() - begun_with) / 2.0, report))
+    parts = [Runs.of([first], len(times)), *parts]
+    seconds = wall_clock() - begun
+    notes = {"members": len(members), "parameter": members.parameter, "horizon": horizon}
+    ledger = partial(_ledger, one, members, t_end, at)
+    return gathered(members, parts, times, Work(0, seconds, seconds), first.provenance | notes, ledger)
 
-    def solve(part: EnsembleMembers) -> Runs:
-        return Runs.joined([Runs.of([one(member, t_end, at, known, since)], len(times)) for member in part])
 
-    own = members.system
-    exact = method == "exact" and not any(c.stops.rigid for c in own.contacts)
-    if exact and set(members.fields) <= {"q0", "v0"}:
-        tracer = tracer_of(own, known=known, span=t_end)  # one for all
+@dataclass(frozen=True, eq=False)
+class Solving:
+    """The solution of members by a method over [0, t_end], kept at the first ``outputs`` of the times ``at``."""
+
+    method: str
+    t_end: float
+    at: Array
+    since: float
+    outputs: int
+
+    def __call__(self, part: EnsembleMembers) -> Runs:
+        """Runs of some of the members."""
+        return self.solver(part, None if part.separate else {})(part)
+
+    def solver(self, members: EnsembleMembers, known: Known | None) -> Callable[[EnsembleMembers], Runs]:
+        """Function that solves some of the members, with modes that they share."""
+        system, t_end, since = members.system, self.t_end, self.since
+        one = _solve if self.method == "exact" else partial(_adaptive, self.method)
 
         def solve(part: EnsembleMembers) -> Runs:
+            return Runs.joined([Runs.of([one(x, t_end, self.at, known, since)], self.outputs) for x in part])
+
+        exact = self.method == "exact" and not any(c.stops.rigid for c in system.contacts)
+        if not exact or not set(members.fields) <= {"q0", "v0"}:
+            return solve
+        begun, tracer = wall_clock(), tracer_of(system, known=known, span=t_end)  # one for all
+
+        def solve_starts(part: EnsembleMembers) -> Runs:
             runs = []
             for i in range(len(part)):
                 start = part.start(i)
                 with within_float64("exact", t_end):
                     solution = tracer.solve(t_end, start)
-                    audit(own, solution, t_end, start=start)
-                    run = reference_of(own, solution, t_end, at, begun, method, {}, since)
-                runs.append(Runs.of([run], len(times)))
+                    audit(system, solution, t_end, start=start)
+                    run = reference_of(system, solution, t_end, self.at, begun, self.method, {}, since)
+                runs.append(Runs.of([run], self.outputs))
             return Runs.joined(runs)
 
-    rest = None if progress is None else lambda done: progress(1 + done)
-    parts = [
-        Runs.of([first], len(times)),
-        # SUNDIALS' solvers do not run side by side in one process.
-        *over_slices(solve, members[1:], MEMBERS_PER_SLICE, cores() if method == "exact" else 1, rest),
-    ]
-    seconds = wall_clock() - begun
-    notes = {"members": len(members), "parameter": members.parameter, "horizon": horizon}
-    ledger = partial(_ledger, one, members, t_end, at)
-    return gathered(members, parts, times, Work(0, seconds, seconds), first.provenance | notes, ledger)
+        return solve_starts
 
 
 def _solve(system: System, t_end: float, at: Array, known: Known | None, since: float) -> Reference:

@@ -42,7 +42,7 @@ class ContactStabilisedNewmark(RigidScheme):
         q, v, f = z
         put_back = q + dt * v + 0.5 * dt**2 * equation.solve(0.0, 0.0, reactions[0])
         force = 0.5 * (f + loads[1]) + reactions[1]
-        known = equation.net_force(np.stack([0.5 * (q + put_back), v]), force)
+        known = equation.net_force(np.array([0.5 * (q + put_back), v]), force)
         a = equation.solve(0.5 * dt, 0.25 * dt**2, known)
         q_new, v_new = put_back + 0.5 * dt**2 * a, v + dt * a
-        return np.stack([q_new, v_new, loads[1]]), [np.stack([put_back, q]), np.stack([q_new, q])]
+        return np.array([q_new, v_new, loads[1]]), [np.array([put_back, q]), np.array([q_new, q])]

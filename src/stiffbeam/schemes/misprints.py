@@ -32,20 +32,20 @@ class UnweightedHHT(HHT):
 
     def initial(self, equation: Equation, history: list[Array], force: Array) -> Array:
         """(q, v, a) with a from the equation of motion."""
-        return np.stack([*history[0], equation.acceleration(history[0], force)])
+        return np.array([*history[0], equation.acceleration(history[0], force)])
 
     def step(self, equation: Equation, dt: float, z: Array, loads: list[Array], reactions: list[Array]) -> Step:
         """Load and reaction at t_{n+1} enter with weight 1."""
         q, v, a = z
         alpha, beta, gamma = self.alpha, self.beta, self.gamma
-        ahead = np.stack([q + dt * v + dt**2 * (0.5 - beta) * a, v + dt * (1.0 - gamma) * a])
+        ahead = np.array([q + dt * v + dt**2 * (0.5 - beta) * a, v + dt * (1.0 - gamma) * a])
         none = np.zeros_like(q)
         inner = (1.0 + alpha) * equation.net_force(ahead, none) - alpha * equation.net_force(z[:2], none)
         a_new = equation.solve(
             (1.0 + alpha) * gamma * dt, (1.0 + alpha) * beta * dt**2, inner + (loads[0] + reactions[0])
         )
         q_new = ahead[0] + dt**2 * beta * a_new
-        z_new = np.stack([q_new, ahead[1] + dt * gamma * a_new, a_new])
+        z_new = np.array([q_new, ahead[1] + dt * gamma * a_new, a_new])
         return z_new, [z_new[:2]]
 
 
@@ -110,7 +110,7 @@ class PrintedStageMatrix(SDIRK):
         one = np.ones(x.size)
         none = [np.zeros((2, x.size))] * 3
         # dt = 1 and omega = x: the amplification matrix of (q, q').
-        identity = np.stack([np.outer([1.0, 0.0], one), np.outer([0.0, 1.0], one)])
+        identity = np.array([np.outer([1.0, 0.0], one), np.outer([0.0, 1.0], one)])
         z, _ = self.step(Modal(x, 0.0 * x), 1.0, identity, none, none)
         radius = np.max(np.abs(np.linalg.eigvals(np.moveaxis(z, -1, 0))), axis=-1)
         if np.any(radius > 1.0 + GROWTH):

@@ -59,8 +59,8 @@ class MoreauJean(RigidScheme):
         q, v, f = z
         theta = self.theta
         force = (1.0 - theta) * f + theta * loads[0] + reactions[0]
-        ahead = np.stack([q + theta * dt * v, v])
+        ahead = np.array([q + theta * dt * v, v])
         change = equation.solve(theta * dt, (theta * dt) ** 2, dt * equation.net_force(ahead, force))
         v_new = v + change
         q_new = q + dt * v + theta * dt * change
-        return np.stack([q_new, v_new, loads[0]]), [np.stack([v_new, v])]
+        return np.array([q_new, v_new, loads[0]]), [np.array([v_new, v])]

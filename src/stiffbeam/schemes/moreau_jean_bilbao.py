@@ -41,11 +41,11 @@ class MoreauJeanBilbao(RigidScheme):
     def start(self, equation: Equation, dt: float, y: Array, force: Array) -> Array:
         """State at t = 0, with the exact q(-dt) under the load at t = 0."""
         before = equation.backward(dt, y, force)
-        return np.stack([y[0], (y[0] - before) / dt, force])
+        return np.array([y[0], (y[0] - before) / dt, force])
 
     def step(self, equation: Equation, dt: float, z: Array, loads: list[Array], reactions: list[Array]) -> Step:
         """loads[0] is carried to the next step; the load of this one is in the state."""
         q, v, f = z
         kept, phi = equation.recursion(dt)
         v_new = kept * v + dt * phi * (f + reactions[0] - equation.stiffness(q))
-        return np.stack([q + dt * v_new, v_new, loads[0]]), [np.stack([v_new, v])]
+        return np.array([q + dt * v_new, v_new, loads[0]]), [np.array([v_new, v])]

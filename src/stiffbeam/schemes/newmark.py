@@ -31,7 +31,7 @@ class WeightedNewmark(Scheme):
         """(q, v, a, a) with a from the equation of motion."""
         q, v = history[0]
         a = equation.acceleration(history[0], force)
-        return np.stack([q, v, a, a])
+        return np.array([q, v, a, a])
 
     def step(self, equation: Equation, dt: float, z: Array, loads: list[Array], reactions: list[Array]) -> Step:
         """One solve for a^{n+1}; loads and reactions act at t_{n+1}."""
@@ -41,13 +41,13 @@ class WeightedNewmark(Scheme):
         inertia = self.alpha_m / (1.0 - self.alpha_m)
         q_ahead = q + dt * v + dt**2 * (0.5 - beta) * a
         v_ahead = v + dt * (1.0 - gamma) * a
-        known = of_new * equation.net_force(np.stack([q_ahead, v_ahead]), loads[0] + reactions[0])
+        known = of_new * equation.net_force(np.array([q_ahead, v_ahead]), loads[0] + reactions[0])
         known = known + equation.mass(of_old * net - inertia * a)
         a_new = equation.solve(of_new * gamma * dt, of_new * beta * dt**2, known)
         q_new = q_ahead + dt**2 * beta * a_new
         v_new = v_ahead + dt * gamma * a_new
         net_new = (a_new + inertia * a - of_old * net) / of_new
-        z_new = np.stack([q_new, v_new, a_new, net_new])
+        z_new = np.array([q_new, v_new, a_new, net_new])
         return z_new, [z_new[:2]]
 
     def characteristic(self, x: float, xi: float) -> Array:

@@ -63,7 +63,7 @@ class NonsmoothGeneralisedAlpha(RigidScheme):
     def initial(self, equation: Equation, history: list[Array], force: Array) -> Array:
         """(q, v, a, a) with a from the equation of motion under the load alone."""
         a = equation.acceleration(history[0], force)
-        return np.stack([*history[0], a, a])
+        return np.array([*history[0], a, a])
 
     def step(self, equation: Equation, dt: float, z: Array, loads: list[Array], reactions: list[Array]) -> Step:
         """reactions[0] is nu/dt^2 and reactions[1] is P/dt."""
@@ -73,9 +73,9 @@ class NonsmoothGeneralisedAlpha(RigidScheme):
         q_ahead = q + dt * v + dt**2 * ((0.5 - self.beta) * a + self.beta * known)
         q_ahead = q_ahead + dt**2 * equation.solve(0.0, 0.0, reactions[0])
         v_ahead = v + dt * ((1.0 - self.gamma) * a + self.gamma * known)
-        net = equation.net_force(np.stack([q_ahead, v_ahead]), loads[0])
+        net = equation.net_force(np.array([q_ahead, v_ahead]), loads[0])
         s_new = equation.solve(share * self.gamma * dt, share * self.beta * dt**2, net)
         q_new = q_ahead + dt**2 * self.beta * share * s_new
         v_new = v_ahead + dt * self.gamma * share * s_new + dt * equation.solve(0.0, 0.0, reactions[1])
-        z_new = np.stack([q_new, v_new, known + share * s_new, s_new])
-        return z_new, [np.stack([q_new, q]), np.stack([v_new, v])]
+        z_new = np.array([q_new, v_new, known + share * s_new, s_new])
+        return z_new, [np.array([q_new, q]), np.array([v_new, v])]

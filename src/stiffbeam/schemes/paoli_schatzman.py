@@ -57,12 +57,12 @@ class PaoliSchatzman(RigidScheme):
     def start(self, equation: Equation, dt: float, y: Array, force: Array) -> Array:
         """State at t = 0, with q- such that (q+ - q-)/(2 dt) is the initial velocity."""
         bent = equation.solve(0.0, self.beta * dt**2, equation.net_force(y, force))
-        return np.stack([y[0], y[1] - 0.5 * dt * bent, force])
+        return np.array([y[0], y[1] - 0.5 * dt * bent, force])
 
     def step(self, equation: Equation, dt: float, z: Array, loads: list[Array], reactions: list[Array]) -> Step:
         """reactions[0] is P/dt; loads[0] is carried to the next step."""
         q, v, f = z
-        net = equation.net_force(np.stack([q, v]), f + reactions[0])
+        net = equation.net_force(np.array([q, v]), f + reactions[0])
         v_new = v + dt * equation.solve(0.5 * dt, self.beta * dt**2, net)
         q_new = q + dt * v_new
-        return np.stack([q_new, v_new, loads[0]]), [np.stack([q_new, q - dt * v])]
+        return np.array([q_new, v_new, loads[0]]), [np.array([q_new, q - dt * v])]

@@ -130,9 +130,9 @@ class SDIRK(Scheme):
             # Stage values without the stage's own acceleration.
             q_i = q + c * dt * v + dt**2 * sum(w * k for w, k in zip(abar, accelerations, strict=False))
             v_i = v + dt * sum(w * k for w, k in zip(a, accelerations, strict=False))
-            k = equation.solve(implicit, implicit**2, equation.net_force(np.stack([q_i, v_i]), force))
+            k = equation.solve(implicit, implicit**2, equation.net_force(np.array([q_i, v_i]), force))
             accelerations.append(k)
-            stages.append(np.stack([q_i + implicit**2 * k, v_i + implicit * k]))
+            stages.append(np.array([q_i + implicit**2 * k, v_i + implicit * k]))
         q_new = q + dt * v + dt**2 * sum(w * k for w, k in zip(self.b @ self.A, accelerations, strict=True))
         v_new = v + dt * sum(w * k for w, k in zip(self.b, accelerations, strict=True))
-        return np.stack([q_new, v_new]), stages
+        return np.array([q_new, v_new]), stages

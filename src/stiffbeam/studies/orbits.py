@@ -26,7 +26,18 @@ from ..trajectory.trajectory import SolverFailure
 from . import sweep
 from .common import Form, Treatment, system_of
 from .engine.study import Answer, Point, Records, Row, Rows, declared
-from .parameters import EXACT, PARAMETERS, Coupling, couplings, drive_period, is_path, named, quantity_of, setup_of
+from .parameters import (
+    EXACT,
+    PARAMETERS,
+    Coupling,
+    couplings,
+    drive_period,
+    is_path,
+    method_of,
+    named,
+    quantity_of,
+    setup_of,
+)
 
 SETTLE, AGAIN = 60, 7  # periods before an orbit is looked for, and between the starts
 VALUES = 3  # of the parameter at which it is looked for
@@ -113,7 +124,9 @@ def _maker(case: Case, point: Point) -> tuple[Callable[[float], System], Callabl
     shared = {"parameter": point["parameter"], "second": None, "coupled": list(rules), "method": EXACT, "dt": None}
 
     def setup(x: float) -> Any:
-        return setup_of(system, shared, [x, *(number(name, rule(x)) for name, rule in rules.items())])
+        return setup_of(
+            system, shared, [x, *(number(name, rule(x)) for name, rule in rules.items())], method_of(shared)
+        )
 
     low, high = (setup(x).period for x in point["limits"])
     m, (first, last) = point["length"], point["limits"]

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from ..basics.recent import content
 from ..basics.validation import InputError, integer, number, positive
 from ..files.cases import Case
 from ..model.contact import Stops
@@ -81,7 +82,7 @@ class Setup:
         """Key that is equal for setups that can run together."""
         system = self.system
         arrays = system.mass, system.stiffness, system.damping, *(contact.row for contact in system.contacts)
-        return str(self.scheme), self.dt, self.period, *(array.tobytes() for array in arrays)
+        return str(self.scheme), self.dt, self.period, *map(content, arrays)
 
 
 QUANTITIES = {
@@ -130,10 +131,15 @@ def parameters_of(method: str) -> list[str]:
     return [*PARAMETERS, "dt", *(name for name, value in parameters.items() if not isinstance(value, bool))]
 
 
-def setup_of(system: System, point: Point, value: Sequence[float]) -> Setup:
-    """Setup with one value on the case's system. Raises InputError for an impossible value."""
+def method_of(point: Point) -> Scheme | None:
+    """The scheme of a point, None for the exact solution."""
+    return None if point["method"] == EXACT else scheme_of(point["method"])
+
+
+def setup_of(system: System, point: Point, value: Sequence[float], scheme: Scheme | None) -> Setup:
+    """Setup with one value on the case's system; scheme: ``method_of`` the point. Raises InputError for an impossible
+    value."""
     dt = point["dt"]
-    scheme = None if point["method"] == EXACT else scheme_of(point["method"])
     for name, x in zip(names_of(point), value, strict=True):
         if name in PARAMETERS:
             system = PARAMETERS[name](system, x)

@@ -18,6 +18,7 @@ as two branches, one for each direction.
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import product
@@ -41,6 +42,7 @@ from ..trajectory.ensemble import Ensemble
 from ..trajectory.trajectory import Diverged, SolverFailure
 from .common import Form, Treatment, label_of, scheme_of, system_of
 from .engine.study import Answer, Point, Records, Row, Rows, by_contact, declared
+from .engine.table import Selection
 from .parameters import (
     EXACT,
     IN_STEP,
@@ -49,6 +51,7 @@ from .parameters import (
     couplings,
     drive_period,
     is_path,
+    method_of,
     named,
     names_of,
     parameters_of,
@@ -168,7 +171,10 @@ def points(
     def whole(value: Sequence[float]) -> list[float]:
         return [*value, *(number(name, rule(value[0])) for name, rule in follow.items())]
 
-    ends = [setup_of(base, shared, whole(value)) for value in product(*([min(axis), max(axis)] for axis in grid))]
+    scheme = method_of(shared)
+    ends = [
+        setup_of(base, shared, whole(value), scheme) for value in product(*([min(axis), max(axis)] for axis in grid))
+    ]
     together = all(name in IN_STEP for name in names_of(shared))
     whole_cost = len(list(product(*grid))) * max(_seconds(setup, PERIODS + TRANSIENT) for setup in ends)
     share = min(1.0, BUDGET / whole_cost)
@@ -200,13 +206,13 @@ def evaluate(case: Case, point: Point) -> list[Row]:
     """Rows of every value and method of this point; a value that is refused gives a row with the reason."""
     rows: list[Row] = []
     groups: dict[tuple[Any, ...], list[tuple[Row, Setup]]] = {}
-    system = system_of(case, point["form"])
+    system, scheme = system_of(case, point["form"]), method_of(point)
     if point.get("start") == LAST:
         return _continued(system, point)
     for value in point["values"]:
         named = dict(zip(names_of(point), value, strict=True))
         try:
-            setup = setup_of(system, point, value)
+            setup = setup_of(system, point, value, scheme)
             groups.setdefault(setup.kind, []).append((named | ({"dt": setup.dt} if setup.scheme else {}), setup))
         except InputError as error:
             rows.append(named | {"refused": str(error)})
@@ -227,7 +233,7 @@ def _continued(system: System, point: Point) -> list[Row]:
     for k, value in enumerate(point["values"]):
         row: Row = dict(zip(names_of(point), value, strict=True)) | {"direction": WAYS[2 * k >= len(point["values"])]}
         try:
-            setup = setup_of(system, point, value)
+            setup = setup_of(system, point, value, method_of(point))
             if state is not None:
                 setup = replace(setup, system=replace(setup.system, q0=state[0], v0=state[1], origin=None))
             row |= {"dt": setup.dt} if setup.scheme else {}
@@ -278,18 +284,18 @@ def _rows(point: Point, named: Row, many: Ensemble, i: int) -> list[Row]:
     return rows
 
 
-def _ways(rows: Rows) -> dict[str, list[Row]]:
+def _ways(rows: Rows) -> Mapping[str, Rows]:
     """The rows of each direction of a continued sweep; all of them under "" otherwise."""
     ways = {way: [row for row in rows if row.get("direction") == way] for way in WAYS}
-    return ways if any(ways.values()) else {"": list(rows)}
+    return ways if any(ways.values()) else {"": rows}
 
 
 def sections(rows: Rows) -> dict[float, Array]:
     """The section of every value of the parameter, in order of value."""
-    tips: dict[float, list[float]] = {}
+    tips: dict[float, array[float]] = {}
     for row in rows:
         if row["kind"] == "section":
-            tips.setdefault(row[row["parameter"]], []).append(row["tip"])
+            tips.setdefault(row[row["parameter"]], array("d")).append(row["tip"])
     return {value: np.array(tips[value]) for value in sorted(tips)}
 
 
@@ -389,7 +395,7 @@ def picture(records: Records) -> Picture:
         lines = [_maps(group, place, case) for place, group in by_contact(contacts).items()]
         return Picture(lines, 4.4 * len(lines))
     name, colour = rows[0]["parameter"], look(rows[0]["method"])["color"]
-    points = [row for row in rows if row["kind"] == "section"]
+    points = Selection(rows, lambda row: row["kind"] == "section")
     across = Axis(named(case, name), scale=_scale(column(rows, name)))
     # The fainter the more points there are, so that dense bands and single curves can be told apart.
     faint = {"alpha": float(np.clip(2e4 / max(1, len(points)), 0.15, 0.9)), "rasterized": True}
@@ -417,9 +423,9 @@ def picture(records: Records) -> Picture:
             for way, part in _ways(group).items()
         ]
         for i, (place, group) in enumerate(lines):
-            group.sort(key=lambda row: row[name])
+            ordered = sorted(group, key=lambda row: row[name])
             style = {"lw": line, "linestyle": dashed(i), "marker": ".", "ms": 3.0 if line else 1.5}
-            marks.append(Curve(column(group, name), _measured(group, quantity, over), place.strip(),
+            marks.append(Curve(column(ordered, name), _measured(ordered, quantity, over), place.strip(),
                                style | {"color": colours[i % len(colours)]}))  # fmt: skip
         panels.append([Panel(title, across, Axis(label, unit, limits=(0.0, None)), marks, empty="no contact",
                              legend="inside" if len(marks) > 1 else "")])  # fmt: skip

@@ -46,7 +46,8 @@ def impacts_of(events: Array) -> Impacts:
     times, ends, stops, peaks, impulses = columns
     sides = stops.astype(np.int64)
     rows = Impacts(times=times, ends=ends, stops=sides, peaks=peaks, impulses=impulses, kind="sampled")
-    return rows.started(times == AT_START)
+    first = times == AT_START
+    return rows.started(first) if np.any(first) else rows
 
 
 @compiled

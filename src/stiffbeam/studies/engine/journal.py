@@ -21,10 +21,12 @@ from ...files.cases import Case
 from ...references.registry import REFERENCES
 from ...schemes.labels import user_source
 from .study import Point, Row
+from .table import FEW, Batch
 
 
 class Journal:
-    """Journal file with one line per finished point and its checksum, appended and flushed. Lines that are cut short by
+    """Journal file with one line per finished point and its checksum, appended and flushed: its rows, or where they are
+    many their columns. Lines that are cut short by
     a kill or do not match their checksum are ignored. As a context manager it is locked: no other process works on it.
 
     The file's name holds a hash of study, physics, grid, step, span and the package's source: a journal
@@ -33,7 +35,7 @@ class Journal:
 
     def __init__(self, folder: Path | None, study: str, case: Case) -> None:
         self.file = None if folder is None else folder / f"{study}-{_digest(study, case)}.jsonl"
-        self.finished: dict[str, list[Row]] = {}
+        self.finished: dict[str, list[Row] | Batch] = {}
         self._lock: IO[str] | None = None
         if self.file is None:
             return
@@ -51,7 +53,8 @@ class Journal:
                     entry = json.loads(line)
                     if entry.pop("sum") != _sum(entry):
                         continue
-                    point, rows, source = entry["point"], entry["rows"], entry.get("source", "")
+                    point, source = entry["point"], entry.get("source", "")
+                    rows = Batch.from_json(entry["table"]) if "table" in entry else entry["rows"]
                 except (ValueError, KeyError, TypeError):
                     continue  # a damaged line: its point is evaluated again
                 if source != _source(point):
@@ -63,22 +66,33 @@ class Journal:
 
     def rows(self, point: Point) -> list[Row] | None:
         """The rows of a finished point, None if it is not evaluated yet."""
+        rows = self.part(point)
+        return None if rows is None else list(rows)
+
+    def part(self, point: Point) -> list[Row] | Batch | None:
+        """The rows of a finished point as they are kept, None if it is not evaluated yet."""
         return self.finished.get(_key(point))
 
-    def keep(self, point: Point, rows: list[Row]) -> list[Row]:
-        """Record a finished point; returns the rows as a later run will read them."""
-        source = {"source": _source(point)} if _source(point) else {}
-        line = json.dumps({"point": point, **source, "rows": rows}, default=_number)
+    def keep(self, point: Point, rows: list[Row]) -> None:
+        """Record a finished point. Its rows are then those that a later run will read."""
+        entry: dict[str, Any] = {"point": point}
+        if source := _source(point):
+            entry["source"] = source
+        if len(rows) < FEW:
+            entry = json.loads(json.dumps(entry | {"rows": rows}, default=_number))
+            kept = entry["rows"]
+        else:
+            kept = Batch.of(rows)
+            if self.file is not None:
+                entry = json.loads(json.dumps(entry | {"table": kept.to_json()}, default=_number))
         if self.file is not None:
-            entry = json.loads(line)
             try:
                 with self.file.open("a", encoding="utf-8") as stream:
                     stream.write(json.dumps(entry | {"sum": _sum(entry)}) + "\n")
             except OSError as error:
                 remedy = f"{error.strerror}; finished points are kept, run the same command again"
                 raise InputError("journal", str(self.file), "be a file that can be written to", remedy) from None
-        self.finished[_key(point)] = json.loads(line)["rows"]
-        return self.finished[_key(point)]
+        self.finished[_key(point)] = kept
 
     def __enter__(self) -> Journal:
         """Raises InputError where another process holds the journal."""

@@ -26,9 +26,11 @@ from ...testset.integrators import integrator
 from ...trajectory.trajectory import Diverged, SolverFailure, Trajectory, Unfinished
 from .journal import Journal
 from .study import Point, Records, Row, Study
+from .table import Table
 from .workers import processes, starting
 
 Progress = Callable[[str, int, int], None]
+LISTED = 10_000  # rows that records hold as a list; more stay in columns
 DEATHS = 3  # of processes without a point in between, until it is given up
 GO_ON = "finished points are kept, run the same command again"
 _ALONE = threading.Lock()  # a process evaluates one point at a time, whatever executor it belongs to
@@ -66,7 +68,7 @@ def run_study(
     progress(f"{study.command}: planning", 0, 0)
     points = study.plan(case, **options)
     journal = Journal(None if folder is None else Path(folder), study.name, case)
-    missing = [point for point in points if journal.rows(point) is None]
+    missing = [point for point in points if journal.part(point) is None]
     finished = len(points) - len(missing)
     with journal if missing else nullcontext():
         if missing and study.marches and executor is None:
@@ -81,7 +83,8 @@ def run_study(
                 journal.keep(point, rows)
                 finished += 1
                 progress(study.command, finished, len(points))
-    rows = [row for point in points for row in journal.rows(point) or []]
+    table = Table(journal.part(point) or [] for point in points)
+    rows = table if len(table) > LISTED else list(table)
     options = {name: _as_text(value, name == "schemes") for name, value in options.items()}
     return Records(study, case, options, rows, time.perf_counter() - begun)
 

@@ -19,10 +19,11 @@ from ...basics.resources import afford
 from ...basics.storage import write_whole
 from ...basics.text import plain
 from ...basics.validation import InputError, integer, near, positive
-from ...figures import Axis, Panel, Picture, heading, numeric, render, save_figure, short
+from ...figures import Axis, Panel, Picture, heading, render, save_figure, short, with_nan
 from ...model.drive import stays_at_rest
 from ...references import substitute
 from ...references.registry import BEST
+from .table import Row, Selection
 
 if TYPE_CHECKING:
     import pandas
@@ -31,7 +32,6 @@ if TYPE_CHECKING:
     from ...files.cases import Case
 
 Point = dict[str, Any]  # plain numbers, strings and lists: it is a key in the journal
-Row = dict[str, Any]  # likewise; what a line of a DataFrame can take
 Rows = Sequence[Row]
 LEAST = {"cells": 2} | dict.fromkeys(
     ("members", "starts", "halvings", "impacts", "steps", "per_decade", "count", "divide"), 1
@@ -183,14 +183,15 @@ def declared(module: str, question: str, **options: Any) -> Study:
 class Records:
     """The rows of a study and the results from them.
 
-    rows: flat dictionaries. A row with ``failed`` has the reason why its point has no result, one with ``refused`` the
-    reason why the point is impossible.
+    rows: flat dictionaries, a list of up to 10 000. More are a Sequence that keeps them in columns and makes each
+    dictionary when it is asked for. A row with ``failed`` has the reason why its point has no result, one with
+    ``refused`` the reason why the point is impossible.
     """
 
     study: Study
     case: Case
     options: dict[str, Any]
-    rows: list[Row]
+    rows: Rows
     seconds: float
 
     def __repr__(self) -> str:
@@ -233,9 +234,9 @@ class Records:
         return re.sub(r"\bexact\b", short(BEST[1]), text) if self._substitute else text
 
     @property
-    def found(self) -> list[Row]:
+    def found(self) -> Rows:
         """The rows of points that were evaluated."""
-        return [row for row in self.rows if "failed" not in row and "refused" not in row]
+        return self._chosen(lambda row: "failed" not in row and "refused" not in row)
 
     @property
     def failures(self) -> list[Row]:
@@ -248,9 +249,14 @@ class Records:
         return [row for row in self.rows if "refused" in row]
 
     @property
-    def numbers(self) -> list[Row]:
+    def numbers(self) -> Rows:
         """``found`` with NaN where a row has no number."""
-        return numeric(self.found)
+        return self._chosen(lambda row: "failed" not in row and "refused" not in row, with_nan)
+
+    def _chosen(self, keep: Callable[[Row], bool], change: Callable[[Row], Row] | None = None) -> Rows:
+        """The rows that are kept, changed: a list where the rows are one."""
+        chosen = Selection(self.rows, keep, change)
+        return list(chosen) if isinstance(self.rows, list) else chosen
 
     def figure(self) -> Figure:
         """The study's picture under its verdict, a matplotlib Figure."""
@@ -263,7 +269,7 @@ class Records:
         """The rows as a pandas table, units in its attrs; needs pandas."""
         import pandas
 
-        frame = pandas.DataFrame(self.rows)
+        frame = pandas.DataFrame(list(self.rows))
         frame.attrs["units"] = asdict(self.case.units)
         return frame
 
@@ -284,7 +290,7 @@ class Records:
             "answer": str(answer := self.answer),
             "table": answer.table,
             "seconds": round(self.seconds, 3),
-            "rows": plain(self.rows),
+            "rows": [plain(row) for row in self.rows],
         }
 
     def save(self, folder: str | Path, stem: str = "") -> list[Path]:
