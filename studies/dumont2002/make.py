@@ -86,7 +86,7 @@ def make_tables(
     with closing(_run(waiting, jobs, len(found), progress)) as made:  # ends the processes too
         for number, row in made:
             job, journal = missing[number]
-            found[number] = _finished(job, journal.keep(job.point, [row])[0])
+            found[number] = _finished(job, *journal.keep(job.point, [row]))
     return {number: found[number] for number in sorted(found)}
 
 

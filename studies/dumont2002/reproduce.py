@@ -72,7 +72,7 @@ def _across(
         found = journal.rows(options | {"part": part})
         if found is None or again:
             progress(part, 0, 0)
-            found = journal.keep(options | {"part": part}, plain(make()))
+            found = list(journal.keep(options | {"part": part}, plain(make())))
         return found
 
     def errors() -> list[dict[str, Any]]:

@@ -25,9 +25,9 @@ from .table import FEW, Batch
 
 
 class Journal:
-    """Journal file with one line per finished point and its checksum, appended and flushed: its rows, or where they are
-    many their columns. Lines that are cut short by
-    a kill or do not match their checksum are ignored. As a context manager it is locked: no other process works on it.
+    """Journal file with one line per finished point and its checksum, appended and flushed: its rows, or their columns
+    if they are many. Lines that are cut short by a kill or do not match their checksum are ignored. As a context
+    manager it is locked: no other process works on it.
 
     The file's name holds a hash of study, physics, grid, step, span and the package's source: a journal
     of anything else is never read, and never overwritten.
@@ -73,8 +73,8 @@ class Journal:
         """The rows of a finished point as they are kept, None if it is not evaluated yet."""
         return self.finished.get(_key(point))
 
-    def keep(self, point: Point, rows: list[Row]) -> None:
-        """Record a finished point. Its rows are then those that a later run will read."""
+    def keep(self, point: Point, rows: list[Row]) -> list[Row] | Batch:
+        """Record a finished point and return its rows as a later run will read them."""
         entry: dict[str, Any] = {"point": point}
         if source := _source(point):
             entry["source"] = source
@@ -93,6 +93,7 @@ class Journal:
                 remedy = f"{error.strerror}; finished points are kept, run the same command again"
                 raise InputError("journal", str(self.file), "be a file that can be written to", remedy) from None
         self.finished[_key(point)] = kept
+        return kept
 
     def __enter__(self) -> Journal:
         """Raises InputError where another process holds the journal."""
