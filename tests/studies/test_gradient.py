@@ -20,12 +20,14 @@ def small_case() -> sb.Case:
 def test_conserving_contact_keeps_the_order_in_the_derivative():
     records = sb.study("gradient", small_case(), schemes=["trapezoidal"], halvings=8, starts=6, impacts=3, jobs=1)
     lines = {line["method"]: line for line in records.answer.table}
-    assert set(lines) == {"Trapezoidal", "Trapezoidal conserving"}
+    assert set(lines) == {"Trapezoidal", "Trapezoidal averaged", "Trapezoidal conserving"}
     orders = {name: float(line["order of the derivative"].split()[0]) for name, line in lines.items()}
     assert orders["Trapezoidal conserving"] > 1.8
+    assert orders["Trapezoidal averaged"] > 1.8
     assert orders["Trapezoidal"] < 1.4
     errors = {name: float(line["derivative, finest"]) for name, line in lines.items()}
     assert errors["Trapezoidal"] > 100.0 * errors["Trapezoidal conserving"]
+    assert errors["Trapezoidal"] > 100.0 * errors["Trapezoidal averaged"]
     assert all(float(line["order of the value"].split()[0]) > 1.6 for line in lines.values())
 
 
