@@ -47,3 +47,21 @@ def bouncing_chain(**kwargs) -> sb.System:
         initial_velocity=[0.2, 0.0, 1.0],
         **kwargs,
     )
+
+
+def thrown_case(tolerance: float) -> str:
+    """Case file of a beam thrown against one stop, its stiffness uncertain by so much to either side."""
+    return f"""
+[[case]]
+name = "thrown"
+cells = 8
+dt = 1e-3
+t_end = 0.6
+[case.problem]
+stiffness = 3.0
+viscosity = 0.02
+stops = {{ upper = 0.02, stiffness = 400.0 }}
+initial_velocity = [0.0, 0.0, 0.5]
+[case.uncertain]
+stiffness = {tolerance}
+"""

@@ -108,7 +108,7 @@ def brute(beam: Beam, run: Probe) -> dict[str, dict[str, float]]:
     }}  # fmt: skip
     peaks, fines, runs = (np.array([x["peak_force"] for x in each]) for each in (coarse, fine, marched))
     for i in range(peaks.shape[1]):
-        mean = np.mean(peaks[:, i])
+        mean = float(np.mean(peaks[:, i])) or 1.0  # nothing touches this stop, and all sizes are 0
         name = "largest force" + (f" at contact {i + 1}" if peaks.shape[1] > 1 else "")
         sizes[name] = {
             "scheme": abs(np.mean(runs[:, i] - peaks[:, i])) / mean,

@@ -10,7 +10,7 @@ import pytest
 from doubt_ranks import judged as judged_source
 from judge_scheme import system_of
 from random_systems import _damped, _long, _moving, _plain, _several
-from systems import bouncing_chain
+from systems import bouncing_chain, thrown_case
 from typer.testing import CliRunner
 from vibro_march import solve
 
@@ -98,7 +98,7 @@ def test_it_names_the_largest_source_of_uncertainty(systems):
 
 def test_a_case_with_tolerances_has_its_budget_in_the_advice(tmp_path, monkeypatch):
     """The advice ranks the wanted quantities only; the command writes the same."""
-    (tmp_path / "thrown.toml").write_text(THROWN)
+    (tmp_path / "thrown.toml").write_text(thrown_case(0.5))
     case = sb.load_cases(tmp_path / "thrown.toml")["thrown"]
     want = {"tip": 0.01, "peak_force": 0.01}
     found = sb.advise(case, want, schemes=[sb.HHT(alpha=-0.1)], members=8)
@@ -114,22 +114,6 @@ def test_a_case_with_tolerances_has_its_budget_in_the_advice(tmp_path, monkeypat
     assert json.loads(written.stdout)["doubt"] == json.loads(json.dumps(found.to_dict()["doubt"]))
     refused = CliRunner().invoke(app, ["advise", "thrown.toml", *options, "--form", "hermite"])
     assert isinstance(refused.exception, InputError)
-
-
-THROWN = """
-[[case]]
-name = "thrown"
-cells = 8
-dt = 1e-3
-t_end = 0.6
-[case.problem]
-stiffness = 3.0
-viscosity = 0.02
-stops = { upper = 0.02, stiffness = 400.0 }
-initial_velocity = [0.0, 0.0, 0.5]
-[case.uncertain]
-stiffness = 0.5
-"""
 
 
 def test_the_advised_run_meets_the_want_and_its_double_step_does_not():

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from systems import thrown_case
 from typer.testing import CliRunner
 
 import stiffbeam as sb
@@ -192,25 +193,9 @@ def test_rigid_stops_have_no_largest_force():
     assert result["tip"].dominant == "data"
 
 
-CASE = """
-[[case]]
-name = "thrown"
-cells = 8
-dt = 1e-3
-t_end = 0.6
-[case.problem]
-stiffness = 3.0
-viscosity = 0.02
-stops = { upper = 0.02, stiffness = 400.0 }
-initial_velocity = [0.0, 0.0, 0.5]
-[case.uncertain]
-stiffness = 0.2
-"""
-
-
 def test_the_command_says_what_the_function_finds(tmp_path: Path):
     file = tmp_path / "thrown.toml"
-    file.write_text(CASE)
+    file.write_text(thrown_case(0.2))
     options = ["doubt", str(file), "--scheme", "HHT(alpha=-0.1)", "--members", "10"]
     said, text = (CliRunner().invoke(app, [*options, *more]) for more in (["--json", "-"], []))
     assert (said.exit_code, text.exit_code) == (0, 0), said.output
@@ -222,7 +207,7 @@ def test_the_command_says_what_the_function_finds(tmp_path: Path):
         assert line["data"]["low"] == budget.shares["data"].low
     assert " ".join(result["tip"].verdict.split()) in " ".join(text.stdout.split())
     bare = tmp_path / "bare.toml"
-    bare.write_text(CASE.partition("[case.uncertain]")[0])
+    bare.write_text(thrown_case(0.2).partition("[case.uncertain]")[0])
     stated = CliRunner().invoke(
         app, [options[0], str(bare), *options[2:], "--uncertain", "stiffness=0.2", "--json", "-"]
     )
