@@ -6,8 +6,9 @@
 Value: error of the tip at the end over the largest displacement. Gradient: largest relative error of its derivatives in
 the parameters that the problem knows. diffrax: jax.grad through the solve, the contact a penalty force. SciPy: central
 differences of solve_ivp, through the contacts or restarted at events. heyoka: variational equations, restarted at
-events. MJX: jax.jacfwd through MuJoCo's steps; the script has to run where `mujoco-mjx` is installed. Schemes: central
-differences of their runs.
+events. CasADi: forward sensitivities, through the contacts or with its events. MJX: jax.jacfwd through MuJoCo's steps.
+Schemes: central differences of their runs. CasADi and MJX (`pip install casadi mujoco-mjx`) are needed only for
+their records.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ PAGE = Path(__file__).parent / "guide" / "derivatives.md"
 RECORDS = Path(__file__).with_suffix(".json")
 BEGIN, END = "<!-- made by studies/gradients.py -->", "<!-- end -->"
 COMPLIANT = ("bilinear-gap", "two-mass-chain", "hertz")
-LIBRARIES = {"diffrax": "diffrax", "SciPy": "scipy", "heyoka": "heyoka", "MJX": "mujoco-mjx"}
+LIBRARIES = {"diffrax": "diffrax", "SciPy": "scipy", "heyoka": "heyoka", "CasADi": "casadi", "MJX": "mujoco-mjx"}
 RIGID = ("impact-oscillator", "impact-transient")
 HALF_PERIOD = 8.0  # of the spring in the place of a rigid stop of MuJoCo, in steps
 SOLIMP = "0.9999 0.9999 0.001 0.5 2"  # almost all of the force at a limit is that of this spring
@@ -183,6 +184,57 @@ def by_heyoka(problem: Problem) -> Found:
     return float(tip), {path: float(pair[0]) for path, pair in found.items()}
 
 
+def by_casadi(solver: str, rtol: float, events: bool = False) -> Callable[[Problem], Found]:
+    """Forward sensitivities of CasADi's integrators, through the contacts or with its events.
+
+    With events a third state, 0 or 1, tells whether the contact is closed; a rigid stop turns the velocity round.
+    """
+
+    def engine(problem: Problem) -> Found:
+        import casadi as ca
+
+        model, (paths, theta) = Model(problem), tip_by_theta(problem)
+        n, data = model.n, problem.data
+        x, p, t = ca.SX.sym("x", 2 * n + 1), ca.SX.sym("p", len(paths)), ca.SX.sym("t")
+        named = dict(zip(paths, ca.vertsplit(p), strict=True))
+        depth = ca.dot(ca.DM(model.row), x[:n]) - model.law(named, "upper")
+        closed = x[2 * n] if events else ca.if_else(depth > 0.0, 1.0, 0.0)
+        force = -(ca.DM(model.K) @ x[:n])
+        for load in data.get("loads", ()):
+            force += ca.DM(load["vector"]) * load["amplitude"] * ca.sin(load["frequency"] * t + load["phase"])
+        if not problem.rigid:
+            exponent = model.law(named, "exponent")
+            press = depth
+            if exponent != 1.0:  # no power of a negative number, not even where it is multiplied by zero
+                press = ca.if_else(depth > 0.0, ca.if_else(depth > 0.0, depth, 1.0) ** exponent, 0.0)
+            force -= ca.DM(model.row) * closed * model.law(named, "stiffness") * press
+        ode = ca.vertcat(x[n : 2 * n], ca.DM(model.inverse) @ force, 0.0)
+        equations = {"x": x, "p": p, "t": t, "ode": ode}
+        options: dict[str, Any] = {"abstol": rtol * 1e-2 * float(np.max(np.abs(problem.answers["tip"].value)))}
+        options |= {"reltol": rtol, "max_num_steps": 10**7, "enable_reverse": False, "enable_jacobian": False}
+        if events:
+            equations["zero"] = (2.0 * closed - 1.0) * depth
+            after = ca.vertcat(x[: 2 * n], 1.0 - closed)
+            if problem.rigid:
+                after = ca.vertcat(x[:n], -model.law(named, "restitution") * x[n : 2 * n], 0.0)
+            index, z, u = ca.SX.sym("index"), ca.SX(0, 1), ca.SX(0, 1)
+            options["transition"] = ca.Function(
+                "transition", [index, t, x, z, p, u], [after, z], ca.event_in(), ca.event_out()
+            )
+            options["max_events"] = 10_000
+        flow = ca.integrator("flow", solver, equations, 0.0, problem.t_end, options)
+        values = ca.MX.sym("values", len(paths))
+        mixed = dict(zip(paths, ca.vertsplit(values), strict=True))
+        names = [f"{name}0[{i}]" for name in "qv" for i in range(n)]
+        numbers = [*data["initial_displacement"], *data["initial_velocity"]]
+        start = ca.vertcat(*(mixed.get(a, b) for a, b in zip(names, numbers, strict=True)), 0.0)
+        tip = ca.dot(ca.DM(model.row), flow(x0=start, p=values)["xf"][:n])
+        value, gradient = ca.Function("tip", [values], [tip, ca.jacobian(tip, values)])(theta)
+        return float(value), dict(zip(paths, np.asarray(gradient)[0].tolist(), strict=True))
+
+    return engine
+
+
 def by_mjx(steps: int) -> Callable[[Problem], Found]:
     """Forward derivatives through MuJoCo's steps (RK4), with the model of `engines/mujoco_engine.py`.
 
@@ -292,6 +344,10 @@ ENGINES: dict[str, Callable[[Problem], Found]] = {
     "SciPy DOP853, rtol 1e-12, differences": by_scipy(1e-12, events=False),
     "SciPy DOP853, rtol 1e-12, restarted at events": by_scipy(1e-12, events=True),
     "heyoka, variational equations": by_heyoka,
+    "CasADi CVODES, rtol 1e-6, forward sensitivities": by_casadi("cvodes", 1e-6),
+    "CasADi CVODES, rtol 1e-10": by_casadi("cvodes", 1e-10),
+    "CasADi erk, rtol 1e-9": by_casadi("erk", 1e-9),
+    "CasADi erk, rtol 1e-12, with events": by_casadi("erk", 1e-12, events=True),
     "MJX RK4, 1000 steps, jax.jacfwd": by_mjx(1000),
     "MJX RK4, 16 000 steps": by_mjx(16_000),
     "trapezoidal, 16 000 steps, differences": by_scheme(sb.Trapezoidal(), 16_000),
@@ -302,6 +358,7 @@ ENGINES: dict[str, Callable[[Problem], Found]] = {
 OF_RIGID: dict[str, Callable[[Problem], Found]] = {
     "SciPy DOP853, rtol 1e-12, restarted at events, differences": by_scipy(1e-12, events=True),
     "heyoka, variational equations": by_heyoka,
+    "CasADi erk, rtol 1e-12, with events, forward sensitivities": by_casadi("erk", 1e-12, events=True),
     "MJX RK4, 1000 steps, jax.jacfwd": by_mjx(1000),
     "MJX RK4, 16 000 steps": by_mjx(16_000),
     "Moreau-Jean, 16 000 steps, differences": by_scheme(sb.MoreauJean(), 16_000),
