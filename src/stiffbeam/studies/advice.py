@@ -416,7 +416,8 @@ def _doubt(case: Case, run: Probe, want: Mapping[str, float], members: int, show
     count = min(FEW, max(8, members))
     while True:
         found = doubt(case, run.scheme, run.dt, count, progress=show, contact=run.contact)
-        if count >= members or all(x.dominant or not x.uncertain for x in _wanted_budgets(found, want)):
+        ranked = (x.dominant or not x.uncertain or not x.rankable for x in _wanted_budgets(found, want))
+        if count >= members or all(ranked):
             return found
         count = min(2 * count, members)
 

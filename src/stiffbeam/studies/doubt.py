@@ -17,11 +17,17 @@ The first four columns of the rate are those of the impacts, because all members
 distance to the rate of a run without end: it counts the whole run as stationary. A motion without a load or base that
 depends on time has no such rate.
 
-Intervals hold with 95 %: bootstrap over the members (BCa). The mesh has a bracket besides: its interval reaches from
-1/2 to 3/2 of the extrapolated value, because order p is that of smooth motions. ``tests/studies/test_doubt.py`` states
-how often it holds the error against eight times as many cells. A source is named the largest if it is in 97.5 % of the
-resamples, in each of which all columns have the same members and the mesh is at the unfavourable end of its bracket.
-Rounding need not exceed data and span, which contain it.
+Intervals hold with 95 %: bootstrap over the members (BCa). Mesh and span have a bracket besides. That of the mesh
+reaches from 1/2 to 3/2 of the extrapolated value, because order p is that of smooth motions. Of 40 random beams on 8
+cells of the displacement form it holds the error against 64 cells for this share of the exact motions:
+
+    tip 100 %, largest force 95 %, energy 93 %, impulse and time in contact 84 %, impacts 71 %
+
+and of 24 beams of the hermite form for at least 96 %. The bracket of the span reaches from 1/2 to 2: of 100 records of
+each of eight oscillators under noise 84 to 99 % hold the deviation of the rate over the records, 92 % in the mean
+(``tests/studies/test_doubt.py``). A source is named the largest if it is in 97.5 % of the resamples, in each of which
+all columns have the same members and are at the unfavourable ends of their brackets. Rounding need not exceed data and
+span, which contain it.
 """
 
 from __future__ import annotations
@@ -43,14 +49,14 @@ from ..basics.units import Units
 from ..basics.validation import InputError, integer, number, positive
 from ..files.cases import Case
 from ..march.ensemble import integrate_ensemble
-from ..measures.rates import stationary_mean, windows
+from ..measures.rates import Mean, stationary_mean, windows
 from ..measures.report import percent
 from ..model.members import perturbed_members
 from ..model.system import System
 from ..model.time_functions import Constant
 from ..model.uncertain import uncertain_members
 from ..references import best_reference
-from ..references.ensemble import reference_ensemble
+from ..references.ensemble import energies, reference_ensemble
 from ..schemes import Scheme
 from ..trajectory.ensemble import MEMBERS_PER_SLICE, Ensemble
 from ..trajectory.trajectory import Diverged
@@ -65,6 +71,7 @@ QUANTITIES = {"impacts": "impact_count", "largest force": "peak_force", "impulse
 RATE = "impact rate"
 ORDERS = {"displacement": 2, "velocity-curvature": 2, "hermite": 4}  # in h, of smooth motions
 BRACKET = (0.5, 1.5)  # of the extrapolated error of the mesh
+SPAN_BRACKET = (0.5, 2.0)  # of a deviation over the span: all members share their loads, so their scatter lacks it
 CURES = {
     "rounding": "past the horizon only statistics mean something",
     "scheme": "take a smaller step",
@@ -72,7 +79,6 @@ CURES = {
     "data": "{parts} good enough",
     "span": "take a longer time span",
 }
-CONTAINS_ROUNDING = ("data", "span")
 
 
 @dataclass(frozen=True)
@@ -88,6 +94,10 @@ class Share:
 
 
 NONE = Share(0.0, 0.0, 0.0)
+
+
+def _contains(source: str, other: str) -> bool:
+    return other == "rounding" and source in ("data", "span")
 
 
 @dataclass(frozen=True)
@@ -106,6 +116,18 @@ class Budget:
         return any(share.high for share in self.shares.values())
 
     @property
+    def rankable(self) -> bool:
+        """False if more members leave it open which source is the largest: two are nearer than the bracket of the
+        mesh."""
+        least, most = (
+            {name: x.value * (end if name == "mesh" else 1.0) for name, x in self.shares.items()} for end in BRACKET
+        )
+        return any(
+            all(least[name] >= most[other] for other in most if other != name and not _contains(other, name))
+            for name in least
+        )
+
+    @property
     def verdict(self) -> str:
         """Sentence with the largest source and a remedy."""
         first, second, *_ = sorted(self.shares, key=lambda name: -self.shares[name].value)
@@ -113,12 +135,12 @@ class Budget:
             return f"{self.quantity}: no uncertainty, {self.mean:g} in all members for {', '.join(self.shares)}."
         if not self.dominant:
             large = " and ".join(f"{name} ({percent(self.shares[name].value)})" for name in (first, second))
-            return f"{self.quantity}: {large} are too close to rank with so few members."
+            return f"{self.quantity}: {large} are too close to rank."
         first = self.dominant
         rest = ", ".join(
             f"{name} {percent(x.value)}"
             for name, x in self.shares.items()
-            if name not in (first, *(CONTAINS_ROUNDING if first == "rounding" else ()))
+            if name != first and not _contains(name, first)
         )
         parts = "the step and the mesh are" if "mesh" in self.shares else "the step is"
         cure = CURES[first].format(parts=parts)
@@ -268,7 +290,7 @@ def scatter(values: Array) -> Column:
 def share(column: Column, scale: float) -> Share:
     """|statistic|/scale with its interval."""
     low, high = bootstrap(column.statistic, column.sample)
-    low, high = (low, high) if low > 0.0 else (-high, -low) if high < 0.0 else (0.0, max(-low, high))
+    low, high = (low, high) if low > 0.0 else (-high, -low) if high < 0.0 else (0.0, abs(max(-low, high)))
     low, high = column.factors[1] * low, column.factors[2] * high
     if scale == 0.0:
         return NONE if high == 0.0 else Share(np.inf, np.inf if low else 0.0, np.inf)
@@ -280,8 +302,7 @@ def dominant(columns: dict[str, Column]) -> str:
     scatter of rounding, do not count against it."""
     most = {name: column.resampled(column.factors[2]) for name, column in columns.items()}
     for name in sorted(columns, key=lambda x: -columns[x].size):
-        within = CONTAINS_ROUNDING if name == "rounding" else ()
-        rivals = [x for other, x in most.items() if other != name and other not in within]
+        rivals = [x for other, x in most.items() if other != name and not _contains(other, name)]
         least = columns[name].resampled(columns[name].factors[1])
         if columns[name].size > 0.0 and np.mean(np.all(least >= np.array(rivals), axis=0)) >= SURE:
             return name
@@ -359,22 +380,27 @@ def doubt(
     return doubts(case, schemes, dt, members, seed, tolerance, progress or silent, contact)[0]
 
 
-def doubts(
-    case: Case,
-    schemes: Sequence[Scheme],
-    dt: float | None,
-    members: int,
-    seed: int,
-    tolerance: float,
-    show: Show,
-    contact: str,
-) -> list[Doubt]:
-    """The budget of every scheme, see ``doubt``; they share the exact members."""
+def require_uncertain(case: Case) -> None:
+    """Raise InputError for a case without uncertain parameters."""
     if not case.uncertain:
         remedy = (
             'state its tolerances: [case.uncertain] with stiffness = 0.01, or replace(case, uncertain={"...": ...})'
         )
         raise InputError("case", case.name, "have uncertain parameters", remedy)
+
+
+def doubts(
+    case: Case,
+    schemes: Sequence[Scheme],
+    dt: float | None = None,
+    members: int = 48,
+    seed: int = 1,
+    tolerance: float = 0.05,
+    show: Show = silent,
+    contact: str = "implicit",
+) -> list[Doubt]:
+    """The budget of every scheme, see ``doubt``; they share the exact members."""
+    require_uncertain(case)
     integer("members", members, 8)
     positive("tolerance", number("tolerance", tolerance))
     form, t_end, dt = case.forms[0], case.t_end, (case.dt if dt is None else positive("dt", dt))
@@ -480,17 +506,21 @@ def _driven(system: System) -> bool:
 
 
 def _span(exact: Ensemble, contact: int) -> Column:
-    """The column of the deviations of the members' rates over their span."""
     edges = windows(exact.members.system, 0.0, float(exact.provenance["t_end"]))
     width = float(edges[1] - edges[0])
     times = [exact.contacts[contact].impacts_of(k).times for k in range(len(exact))]
-    return Column(_roots, np.array([stationary_mean(np.histogram(x, edges)[0] / width).deviation for x in times]))
+    return of_span([stationary_mean(np.histogram(x, edges)[0] / width) for x in times])
+
+
+def of_span(rates: Sequence[Mean]) -> Column:
+    """The column of the deviations of the members' rates over their span, see SPAN_BRACKET."""
+    return Column(_roots, np.array([each.deviation for each in rates]), (1.0, *SPAN_BRACKET))
 
 
 def _energy(exact: Ensemble, columns: dict[str, Ensemble], past: Ensemble | None) -> list[Budget]:
     def of(many: Ensemble) -> Array:
         def means(part: Sequence[int]) -> list[float]:
-            return [float(np.mean(many.ledger(i).energy)) for i in part]
+            return [float(np.mean(each)) for each in energies(many, part)]
 
         return np.concatenate(list(over_slices(means, range(len(many)), MEMBERS_PER_SLICE, cores(), None)))
 
