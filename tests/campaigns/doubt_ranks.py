@@ -33,6 +33,7 @@ from stiffbeam.files.cases import Case, case_of
 from stiffbeam.studies.advice import Probe
 
 DRAWS = 32
+CLEAR = 4.0  # a largest size so many times the second takes no further draws
 PARAMETERS = ("stiffness", "stops.stiffness", "stops[0].upper", "loads[0].time.amplitude")
 T_END = 0.9
 TRUE = (12, "hermite")  # cells and form that stand for the beam itself
@@ -88,27 +89,38 @@ class Beam:
 
 
 def brute(beam: Beam, run: Probe) -> dict[str, dict[str, float]]:
-    """Sizes of scheme, mesh and data for every quantity."""
+    """Sizes of scheme, mesh and data for every quantity, from as many draws as it takes to rank them."""
     steps = round(T_END / run.dt)
-    t = np.arange(0, steps + 1, max(1, steps // 400)) * run.dt
-    coarse, fine = ([beam.exact(x, t, *mesh) for x in beam.factors] for mesh in ((beam.cells,), TRUE))
-    marched = []
-    for x in beam.factors:
+    every = max(1, steps // 400)
+    t = np.arange(0, steps + 1, every) * run.dt
+    rows: dict[str, list[dict[str, np.ndarray]]] = {"exact": [], "fine": [], "run": []}
+    for number, x in enumerate(beam.factors, 1):
+        rows["exact"].append(beam.exact(x, t, beam.cells))
+        rows["fine"].append(beam.exact(x, t, *TRUE))
         one = sb.integrate(beam.build(x, beam.cells), run.scheme, run.dt, T_END, run.contact)
-        tip = one.tip[:: max(1, steps // 400)]
-        marched.append({"tip": tip, "peak_force": np.array([c.peak_force for c in one.contacts])})
-    tips = np.array([x["tip"] for x in coarse])
+        rows["run"].append({"tip": one.tip[::every], "peak_force": np.array([c.peak_force for c in one.contacts])})
+        if number in (8, 16) and all(ranked(each) for each in sizes_of(rows).values()):
+            break
+    return sizes_of(rows)
+
+
+def ranked(sizes: dict[str, float]) -> bool:
+    """True if the largest exceeds the second CLEAR times, or all are 0."""
+    second, first = sorted(sizes.values())[-2:]
+    return first >= CLEAR * second
+
+
+def sizes_of(rows: dict[str, list[dict[str, np.ndarray]]]) -> dict[str, dict[str, float]]:
+    """Sizes from the draws so far."""
+    tips, fine, marched = (np.array([x["tip"] for x in each]) for each in rows.values())
     size = np.max(np.abs(tips))
 
     def apart(a: np.ndarray, b: np.ndarray) -> float:
         return float(np.mean(np.sqrt(np.mean((a - b) ** 2, axis=1))) / size)
 
-    sizes = {"tip": {
-        "scheme": apart(np.array([x["tip"] for x in marched]), tips),
-        "mesh": apart(np.array([x["tip"] for x in fine]), tips),
-        "data": apart(tips, np.median(tips, axis=0)),
-    }}  # fmt: skip
-    peaks, fines, runs = (np.array([x["peak_force"] for x in each]) for each in (coarse, fine, marched))
+    middle = np.median(tips, axis=0)
+    sizes = {"tip": {"scheme": apart(marched, tips), "mesh": apart(fine, tips), "data": apart(tips, middle)}}
+    peaks, fines, runs = (np.array([x["peak_force"] for x in each]) for each in rows.values())
     for i in range(peaks.shape[1]):
         mean = float(np.mean(peaks[:, i])) or 1.0  # nothing touches this stop, and all sizes are 0
         name = "largest force" + (f" at contact {i + 1}" if peaks.shape[1] > 1 else "")

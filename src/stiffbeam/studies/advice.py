@@ -409,7 +409,7 @@ def _wanted_budgets(budget: Doubt, want: Mapping[str, float]) -> list[Budget]:
     columns = {"tip": "tip"} | dict(COLUMNS)
     names = [quantity for quantity, field in DOUBTED.items() if field in [columns[name] for name in want]]
     names += ["tip"] if "tip" in want else []
-    return [x for x in budget.budgets if x.quantity.partition(" at contact")[0] in names]
+    return [x for x in budget.budgets if x.name in names]
 
 
 def _doubt(case: Case, run: Probe, want: Mapping[str, float], members: int, show: Show) -> Doubt:
