@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
     from ..basics.progress import Show
     from ..files.cases import Case as CaseFile
+    from ..measures.rates import ContactRates
     from ..schemes import Scheme
     from ..studies.comparison import CaseComparison
     from ..studies.doubt import Doubt
@@ -76,6 +77,10 @@ def compare(
             "--doubt", help="add the sources of uncertainty of every scheme; for a case with [case.uncertain]"
         ),
     ] = False,
+    rates: Annotated[
+        bool,
+        typer.Option("--rates", help="add rates of impacts, impulse and work at every stop, and all impacts as CSV"),
+    ] = False,
 ) -> None:
     """Run schemes beside SUNDIALS and the exact solution: table, picture, trajectories."""
     from ..basics.validation import InputError, positive
@@ -114,11 +119,15 @@ def compare(
         show("drawing", 0, 0)
         written += _draw(result, folder)
         budgets = _doubts(result, runs, contact, show) if doubt else []
+        measured = _rates(result) if rates else []
+        written += _rate_tables(measured, folder)
         records = result.to_dict() | {"files": [path.name for path in written]}
         records |= {"doubts": [each.to_dict() for each in budgets]} if doubt else {}
         written.append(write_whole(folder / "comparison.json", json_text("compare", records) + "\n"))
     if not write_json("compare", records, json_file):
         _print_result(result, written, earlier, case)
+        for label, each in measured:
+            say(f"\n{label}, rates with 95 % intervals\n{each}")
         for each in budgets:
             say(f"\n{each}")
     failed_runs = [label for label, _ in result.failures if label.partition("@")[0] not in REFERENCES]
@@ -137,6 +146,29 @@ def _doubts(
     schemes = [one if isinstance(one, Scheme) else one.source for one, of_run in runs if of_run == form]
     schemes = [x for x in schemes if isinstance(x, Scheme) and f"{x}@{form}" not in failed]
     return doubts(result.case, schemes, show=show, contact=contact) if schemes else []
+
+
+def _rates(result: CaseComparison) -> list[tuple[str, ContactRates]]:
+    """Label and rates of the main reference and of every scheme."""
+    from ..measures.rates import contact_rates
+
+    solutions = [*result.references[:1], *result.runs] if result.case.has_stops else []
+    return [(one.label, contact_rates(one)) for one in solutions]
+
+
+def _rate_tables(measured: Sequence[tuple[str, ContactRates]], folder: Path) -> list[Path]:
+    """A table with a line for each run and stop, and one with a line for each impact."""
+    if not measured:
+        return []
+    import pandas
+
+    rates, impacts = [], []
+    for label, each in measured:
+        rates.append(each.to_dataframe().reset_index().assign(run=label))
+        impacts += [each.impacts_to_dataframe(i).assign(run=label, contact=i) for i in range(len(each.rates))]
+    tables = {"comparison-rates.csv": rates, "comparison-impacts.csv": impacts}
+    joined = {name: pandas.concat(x).set_index(["run", "contact"]) for name, x in tables.items()}
+    return [write_whole(folder / name, table.to_csv()) for name, table in joined.items()]
 
 
 def _like_case(run: tuple[Integrator, str], text: str, case: CaseFile) -> tuple[Integrator | Scheme, str]:
