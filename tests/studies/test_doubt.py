@@ -337,6 +337,17 @@ def test_tables_name_the_units_of_the_means():
     assert "t = 0.2 s" in text
 
 
+def test_the_table_of_a_budget_holds_its_shares():
+    result = sb.doubt(replace(beam(4, 1e-3, 0.2), t_end=0.3), sb.HHT(-0.1), members=8)
+    frame = result.to_dataframe()
+    assert list(frame.index) == [x.quantity for x in result.budgets]
+    for x in result.budgets:
+        assert frame.loc[x.quantity, "mean"] == x.mean
+        assert frame.loc[x.quantity, "mesh_low"] == x.shares["mesh"].low
+        assert frame.loc[x.quantity, "data"] == x.shares["data"].value
+        assert str(x.shares["data"]) in result._repr_html_()
+
+
 def test_matrices_have_no_mesh_and_a_case_without_tolerances_is_refused():
     case = case_of(ball(), 1e-4, 0.2)
     with pytest.raises(sb.InputError, match=r"have uncertain parameters.*case.uncertain"):

@@ -35,16 +35,18 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
+from html import escape
 from statistics import NormalDist
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..basics.arrays import Array
+from ..basics.html import html_table
 from ..basics.progress import Show, silent
 from ..basics.progress import progress as shown
 from ..basics.resources import cores, over_slices
-from ..basics.text import plain
+from ..basics.text import plain, table
 from ..basics.units import Units
 from ..basics.validation import InputError, integer, number, positive
 from ..files.cases import Case
@@ -62,6 +64,9 @@ from ..trajectory.ensemble import MEMBERS_PER_SLICE, Ensemble
 from ..trajectory.trajectory import Diverged
 from .engine.study import Answer
 
+if TYPE_CHECKING:
+    import pandas
+
 RESAMPLES = 2000
 SURE = 0.975  # of the resamples in which the source that is named is the largest
 ROUNDING = 1e-15  # of the motion, between starts that float64 hardly tells apart
@@ -71,6 +76,7 @@ QUANTITIES = {"impacts": "impact_count", "largest force": "peak_force", "impulse
 RATE = "impact rate"
 UNITS = {"tip": "length", RATE: "rate", "largest force": "force", "impulse": "impulse", "energy": "energy"}
 ORDERS = {"displacement": 2, "velocity-curvature": 2, "hermite": 4}  # in h, of smooth motions
+ENDS = {"": "value", "_low": "low", "_high": "high"}
 BRACKET = (2 / 3, 3 / 2)  # of the extrapolated error of the mesh
 SPAN_BRACKET = (0.5, 2.0)  # of a deviation over the span: all members share their loads, so their scatter lacks it
 CURES = {
@@ -182,8 +188,8 @@ class Doubt:
     units: Units
     budgets: tuple[Budget, ...]
 
-    def __str__(self) -> str:
-        """The verdicts, then the columns with their intervals."""
+    def _lines(self) -> list[str]:
+        """Run, times to which the motion is certain, and verdicts."""
         values = (self.dt, self.t_end, self.horizon, self.data_horizon)
         dt, end, rounding, data = (self.units.measure(x, "time", ".4g") for x in values)
         head = f"{self.scheme}, dt = {dt}, {self.members} members to t = {end}"
@@ -191,12 +197,36 @@ class Doubt:
             f"Rounding leaves the motion certain to t = {rounding}, data to t = {data} "
             f"(95 % of the members within {percent(self.tolerance)})."
         )
-        table = [
+        return [head, known, *(budget.verdict for budget in self.budgets)]
+
+    def _table(self) -> list[dict[str, str]]:
+        """Means and columns with their intervals, as they are printed."""
+        return [
             {"95 % intervals": x.quantity, "mean": self.units.measure(x.mean, UNITS.get(x.name, ""), ".4g")}
             | {name: str(part) for name, part in x.shares.items()}
             for x in self.budgets
         ]
-        return Answer("\n".join([head, known, *(budget.verdict for budget in self.budgets)]), table).text()
+
+    def __str__(self) -> str:
+        """The verdicts, then the columns with their intervals."""
+        return Answer("\n".join(self._lines()), self._table()).text()
+
+    def _repr_html_(self) -> str:
+        names = list(dict.fromkeys(name for line in self._table() for name in line))
+        rows = [[line.get(name, "") for name in names] for line in self._table()]
+        return "".join(f"<p>{escape(line)}</p>" for line in self._lines()) + html_table(names, rows)
+
+    def to_dataframe(self) -> pandas.DataFrame:
+        """One row for each quantity, the index: ``mean``, ``dominant``, and ``data``, ``data_low``, ``data_high`` for
+        each source; NaN where a quantity lacks it."""
+        rows = {
+            x.quantity: {"mean": x.mean, "dominant": x.dominant}
+            | {f"{name}{end}": getattr(part, field) for name, part in x.shares.items() for end, field in ENDS.items()}
+            for x in self.budgets
+        }
+        names = list(dict.fromkeys(name for row in rows.values() for name in row))
+        columns = {name: [row.get(name, np.nan) for row in rows.values()] for name in names}
+        return table({"quantity": list(rows)} | columns).set_index("quantity")
 
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers and texts."""
