@@ -173,9 +173,13 @@ class Trace:
         inside = (run.t >= start) & (run.t <= end)
         return run.t[inside], u[inside], v[inside]
 
+    def line(self, lw: float) -> dict[str, Any]:
+        """Width and order: an exact motion is broad and lies below."""
+        return {"lw": 1.8 * lw, "zorder": 1} if self.exact else {"lw": lw, "zorder": 2}
+
     def draw(self, axis: Axes, t: Array, x: Array, y: Array, lw: float = 0.9, **changes: Any) -> None:
         """Draw y over x, of which the part past the horizon is dotted and grey."""
-        style = self.style | {"lw": (1.8 if self.exact else 1.0) * lw, "zorder": 1 if self.exact else 2} | changes
+        style: dict[str, Any] = self.style | self.line(lw) | changes
         late = (t > self.horizon) & bool(self.past)
         for here, label, look in ((~late, self.label, {}), (late, self.past, REALISATION)):
             if np.any(here):
@@ -307,7 +311,7 @@ def spectrum(axis: Axes, traces: Sequence[Trace], system: System, drive: float) 
         omega, amplitude = amplitude_spectrum(t, u, drive, v)
         shown = (omega > 0.0) & ((omega <= (MULTIPLES + 0.5) * drive) | (not drive))
         look = {} if trace.whole == trace.label else REALISATION
-        style = trace.style | {"lw": (1.8 if trace.exact else 1.0) * 0.9, "zorder": 1 if trace.exact else 2} | look
+        style: dict[str, Any] = trace.style | trace.line(0.9) | look
         axis.plot(system.units.cycles(omega[shown])[0], amplitude[shown], label=trace.whole, **style)
         top = max(top, float(np.max(amplitude[shown], initial=0.0)))
     axis.set_xlabel(drive_axis(axis, system.units, drive))
