@@ -22,7 +22,7 @@ from ..model.stage import AVERAGED, LINEAR
 from ..model.system import System
 from ..model.time_functions import Constant, Harmonic, LoadFunction, Superposition, offset_rate, offset_values
 from ..schemes import Scheme
-from ..schemes.contract import is_known
+from ..schemes.scheme import is_known
 from ..trajectory.ensemble import ContactStatistics, Runs
 from ..trajectory.recorder import events_at_start, forces_at, impacts_of, overflow, record, shares, with_ends
 from ..trajectory.sampling import (

@@ -16,7 +16,7 @@ from ..model.modes import modes
 from ..model.system import System
 from ..model.time_functions import LoadFunction, evaluate, offset_rate, offset_values
 from ..schemes import RigidScheme, Scheme
-from ..schemes.rigid_scheme import AHEAD, POSITION, RESTITUTED, VELOCITY
+from ..schemes.scheme import AHEAD, POSITION, RESTITUTED, VELOCITY
 from .direct_march import STEPS_PER_PIECE, Piece
 from .kernels.rigid_steps import AT_A_STOP, WHERE_CLOSED, WHERE_PREDICTED, Linear, steps
 

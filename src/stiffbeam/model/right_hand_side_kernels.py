@@ -2,7 +2,7 @@
 
 Every function here reads the numbers of a system from one ``block`` of addresses and shapes, at the places of
 ``Equations``. Python and SUNDIALS therefore call the same machine code, SUNDIALS without Python in between
-(``references.adaptive.sundials_library``). A function takes the arrays that it needs: whole tuples of them take numba
+(``references.adaptive.sundials``). A function takes the arrays that it needs: whole tuples of them take numba
 long to compile.
 """
 

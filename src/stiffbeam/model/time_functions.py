@@ -266,6 +266,15 @@ def in_closed_form(function: LoadFunction | None) -> bool:
     return all(isinstance(part, KNOWN) for part in parts_of(function))
 
 
+def require_closed_form(
+    functions: Iterable[LoadFunction | None], what: str, remedy: str = "use the adaptive solver cvode"
+) -> None:
+    """Raise InputError for a function that is not made of Harmonic, Constant and Sampled; what: needs such ones."""
+    for part in (part for function in functions for part in parts_of(function)):
+        if not isinstance(part, KNOWN):
+            raise InputError("time function", part, f"be made of Harmonic, Constant and Sampled for {what}", remedy)
+
+
 def derivative(function: TimeFunction, order: int) -> LoadFunction:
     """f, f' or f''; in closed form where f is. Raises InputError for a polygon, whose acceleration is impulses."""
     if order == 0:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..basics.validation import InputError
-from .hht import HHT
+from .newmark import HHT
 from .scheme import Array, Equation, Scheme, Step
 from .sdirk import SDIRK
 

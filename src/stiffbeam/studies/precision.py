@@ -16,8 +16,7 @@ from ..measures.impacts import matched_until
 from ..model.right_hand_side import RightHandSide
 from ..model.system import System
 from ..references import solve, takes
-from ..references.registry import MULTIPRECISION, REFERENCES
-from ..references.request import Steps
+from ..references.registry import MULTIPRECISION, REFERENCES, Steps
 from ..testset.integrators import RECORDED, SOLVER
 from ..trajectory.trajectory import Reference, Trajectory
 from . import common

@@ -19,8 +19,7 @@ from ...trajectory.impacts import COLUMNS, ContactRecord, Impacts
 from ...trajectory.ledger import Ledger, in_contact
 from ...trajectory.recorder import contact_spans
 from ...trajectory.trajectory import Reference, Work, versions
-from ..registry import REFERENCES
-from ..request import KEEP, RESTART, Request, output_times
+from ..registry import KEEP, REFERENCES, RESTART, Request, output_times
 from .pieces import Pieces, smooth_pieces
 from .restarts import Contacts, Outcome, Phase, Scales, follow, scales_of
 

@@ -12,13 +12,10 @@ import numpy as np
 
 from ...basics.arrays import Array, float64_on_the_processor
 from ...basics.compiled import stopped_clock
-from ...basics.validation import InputError
-from ...model.right_hand_side import RightHandSide
-from ...model.right_hand_side_jax import Kind, numbers_of, rate_with_integrals
-from ...model.time_functions import in_closed_form
+from ...model.right_hand_side import Kind, RightHandSide, numbers_of, rate_with_integrals
+from ...model.time_functions import require_closed_form
 from ...trajectory.trajectory import Reference
-from ..registry import REFERENCES
-from ..request import RESTART, Request
+from ..registry import REFERENCES, RESTART, Request
 from .adaptive import Solver, in_phases, reference_from
 from .scipy import Cubic, stepping
 
@@ -42,10 +39,7 @@ def solve(request: Request) -> Reference:
     import jax
 
     system, method = request.system, request.method
-    for function in (*(f for _, f in system.loads), *(offset for _, offset in system.channels)):
-        if not in_closed_form(function):
-            rule = f"be made of Harmonic, Constant and Sampled for {method}"
-            raise InputError("time function", function, rule, "use the adaptive solver cvode")
+    require_closed_form(system.time_functions, method)
     name = REFERENCES[method].solver
     assert hasattr(diffrax, name) and jax is not None  # noqa: PT018 - both are named where one is missing
 

@@ -16,9 +16,9 @@ from ...basics.compiled import stopped_clock
 from ...basics.validation import InputError
 from ...model.contact_law import Law, damps, depth_holding, jumps, law_of, pressure
 from ...model.right_hand_side import RightHandSide
-from ...model.time_functions import in_closed_form
+from ...model.time_functions import require_closed_form
 from ...trajectory.trajectory import Reference, SolverFailure
-from ..request import KEEP, RESTART, Request
+from ..registry import KEEP, RESTART, Request
 from .adaptive import Solver, in_phases, reference_from
 from .restarts import Outcome, Phase, Root, refuse_endless
 
@@ -57,10 +57,7 @@ def solve(request: Request) -> Reference:
     system, switches = request.system, request.steps.switches
     if switches == KEEP:
         raise InputError("switches", switches, f"be {RESTART!r} for heyoka", "use the adaptive solver cvode")
-    for function in (*(f for _, f in system.loads), *(offset for _, offset in system.channels)):
-        if not in_closed_form(function):
-            rule = "be made of Harmonic, Constant and Sampled for heyoka"
-            raise InputError("time function", function, rule, "use the adaptive solver cvode")
+    require_closed_form(system.time_functions, "heyoka")
     for contact in system.contacts:
         stops = contact.stops
         if exponent_of(stops.coefficients.p) is None:

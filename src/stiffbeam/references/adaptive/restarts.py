@@ -20,7 +20,7 @@ from ...model.first_order import FirstOrderSystem
 from ...model.right_hand_side import THROUGH, RightHandSide
 from ...model.time_functions import evaluate, offset_values
 from ...trajectory.trajectory import SolverFailure
-from ..request import RESTART
+from ..registry import RESTART
 from .pieces import Piece
 
 SAMPLES = 4097  # of every function of time, for its largest value

@@ -12,8 +12,7 @@ from ...basics.validation import InputError, positive
 from ...model.right_hand_side import RightHandSide
 from ...model.system import System
 from ...trajectory.trajectory import Reference, SolverFailure
-from ..registry import REFERENCES
-from ..request import KEEP, RESTART, Request
+from ..registry import KEEP, REFERENCES, RESTART, Request
 from .adaptive import Solver, in_phases, reference_from
 from .restarts import Outcome, Phase, Root, refuse_endless
 

@@ -337,7 +337,7 @@ def derivative(reference: Reference, wrt: Sequence[str], t: Array) -> Derivative
     """Derivatives of an exact solution, see ``Reference.derivative``."""
     system, solution = reference.system, reference.solution
     assert system is not None
-    rigid = any(contact.stops.rigid for contact in system.contacts)
+    rigid = system.rigid
     if solution is None or rigid != isinstance(solution, RigidMotion):
         rule, remedy = 'be of method "exact" and solved in this process for a derivative', "take stiffbeam.reference"
         raise InputError("reference", reference.provenance["method"], rule, remedy)

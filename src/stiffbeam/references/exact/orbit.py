@@ -38,7 +38,7 @@ from .piecewise import afford_search, refuse, solve_exact
 from .rigid_reference import solve_rigid
 
 if TYPE_CHECKING:
-    from ..proof.orbit_proof import OrbitProof
+    from ..orbit_proof import OrbitProof
 
 NEWTON = 40  # iterations of shooting
 HOPELESS, ASTRAY = 15, 0.1  # iterations after which a larger relative defect is given up
@@ -148,7 +148,7 @@ class Orbit:
         >>> print(proof.event_times[0].str(20))
         [1.1916868494821465711 +/- 2.48e-20]
         """
-        from ..proof.orbit_proof import prove
+        from ..orbit_proof import prove
 
         return prove(self, bits)
 
@@ -157,7 +157,7 @@ class Orbit:
         t_end = positive("periods", periods) * self.period
         system = replace(self.system, q0=self.q, v0=self.v, origin=None)
         times = None if t_eval is None else np.atleast_1d(numbers("t_eval", t_eval))
-        if any(contact.stops.rigid for contact in system.contacts):
+        if system.rigid:
             return solve_rigid(system, t_end, times)
         return solve_exact(system, t_end, times)
 
@@ -169,7 +169,7 @@ class PeriodMap:
         self, system: System, period: float, columns: Sequence[SystemData] = (), known: Known | None = None
     ) -> None:
         self.system, self.period = system, period
-        self.rigid = any(contact.stops.rigid for contact in system.contacts)
+        self.rigid = system.rigid
         self.generators = Generators(system, columns)
         self.tracer: Tracer | None = None if self.rigid else tracer_of(system, known=known, span=period)
 
@@ -278,7 +278,7 @@ def require_periodic(system: System, period: float) -> None:
     require_system(system)
     period = positive("period", period)
     _repeats(system, period)
-    if any(contact.stops.rigid for contact in system.contacts):
+    if system.rigid:
         require_rigid(system, period)
     else:
         refuse(system, period)
@@ -439,7 +439,7 @@ def _jacobian(
 
 def _repeats(system: System, period: float) -> None:
     """Raise InputError for loads and stop motions that do not repeat after a period."""
-    for function in [*(f for _, f in system.loads), *(contact.offset for contact in system.contacts)]:
+    for function in system.time_functions:
         for part in parts_of(function):
             if isinstance(part, Sampled):
                 rule = "be made of Harmonic and Constant for a periodic orbit"

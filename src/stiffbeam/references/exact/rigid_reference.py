@@ -19,9 +19,9 @@ from ...piecewise.touching import EPS
 from ...trajectory.impacts import ContactRecord, Impacts
 from ...trajectory.ledger import Ledger
 from ...trajectory.trajectory import Reference, SolverFailure
-from ..agreement import DISPLACEMENT_TOLERANCE, Watched, agree_until, scales_of, watched
-from ..rigid_stops import at_rest, require_rigid
-from .impacting import RADIANS, REMEDY, Tracer
+from ..horizon import DISPLACEMENT_TOLERANCE, Watched, agree_until, scales_of, watched
+from ..rigid_stops import REMEDY, at_rest, require_rigid
+from .impacting import RADIANS, Tracer
 from .piecewise import reference_of, refuse
 from .rigid_motion import RigidMotion, horner, impacts_of
 

@@ -21,15 +21,15 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from flint import acb, acb_mat, arb, arb_mat, ctx
 
-from ...basics.arrays import Array
-from ...basics.validation import InputError
-from ...model.drive import Drive
-from ...piecewise.events import switched_by_force
-from ..multiprecision.rational import carried
+from ..basics.arrays import Array
+from ..basics.validation import InputError
+from ..model.drive import Drive
+from ..piecewise.events import switched_by_force
 from .ball_flow import BallSystem, ExactPeriod, SignProver, Watched, frame_of, identity, trimmed
+from .multiprecision.rational import carried
 
 if TYPE_CHECKING:
-    from ..exact.orbit import Orbit
+    from .exact.orbit import Orbit
 
 LEAST_BITS, MOST_BITS = 192, 4096
 TRIAL_BITS = 128  # of the evaluation that measures what rounding costs

@@ -23,14 +23,14 @@ import numpy as np
 import scipy.linalg
 from flint import arb, arb_mat
 
-from ...basics.arrays import Array
-from ...basics.exact_float import exact_value
-from ...basics.validation import InputError
-from ...model.drive import Drive
-from ...model.system import System
-from ...piecewise.events import LET_GO
-from ..multiprecision.linear_flow import bernstein
-from ..multiprecision.rational import exact_problem, number
+from ..basics.arrays import Array
+from ..basics.exact_float import exact_value
+from ..basics.validation import InputError
+from ..model.drive import Drive
+from ..model.system import System
+from ..piecewise.events import LET_GO
+from .multiprecision.linear_flow import bernstein
+from .multiprecision.rational import exact_problem, number
 
 THETA = 5.0  # of a Taylor polynomial: length times rate
 LONGEST = 1.5  # times L, of a subinterval that ends at an event
