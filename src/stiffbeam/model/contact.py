@@ -155,6 +155,15 @@ class Stops(Parameters):
         """The upper stop, +inf where that side is free."""
         return math.inf if self.upper is None else float(self.upper)
 
+    def bound(self, side: int) -> float:
+        """The stop on ``side``, +1 the upper one and -1 the lower, infinite where that side is free."""
+        return self.upper_bound if side > 0 else self.lower_bound
+
+    @cached_property
+    def sides(self) -> list[tuple[int, float]]:
+        """(side, stop) of every side that has a stop, the upper one first."""
+        return [(side, self.bound(side)) for side in (1, -1) if math.isfinite(self.bound(side))]
+
     g1: ClassVar = Renamed("lower_bound")
     g2: ClassVar = Renamed("upper_bound")
 
@@ -215,7 +224,7 @@ class Stops(Parameters):
         Raises InputError where the law is not that, or that and -c v'.
         """
         self.require_linear("a closed form between its events", damped=True)
-        gap = self.upper_bound if side > 0 else self.lower_bound
+        gap = self.bound(side)
         return float(self.stiffness), self.stiffness * (gap if math.isfinite(gap) else 0.0)
 
     def require_linear(self, for_what: str, damped: bool = False) -> None:

@@ -182,7 +182,7 @@ class RightHandSide:
         i, side = self.sides[k]
         c = self.first_order.contacts[i]
         u, v = self.first_order.contact_motion(c, self._inside(t), z[: self.states])
-        depth = side * (u - (c.contact.stops.upper_bound if side > 0 else c.contact.stops.lower_bound))
+        depth = side * (u - c.contact.stops.bound(side))
         return max(0.0, pressure(max(0.0, float(depth)), side * float(v), c.contact.stops.coefficients))
 
     @property
@@ -193,11 +193,7 @@ class RightHandSide:
     @cached_property
     def sides(self) -> list[tuple[int, int]]:
         """(contact, +1 upper or -1 lower) of every gap."""
-        sides = []
-        for i, c in enumerate(self.first_order.contacts):
-            sides += [(i, 1)] if np.isfinite(c.contact.stops.upper_bound) else []
-            sides += [(i, -1)] if np.isfinite(c.contact.stops.lower_bound) else []
-        return sides
+        return [(i, side) for i, c in enumerate(self.first_order.contacts) for side, _ in c.contact.stops.sides]
 
     @cached_property
     def bandwidths(self) -> tuple[int, int] | None:

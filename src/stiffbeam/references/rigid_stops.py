@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from fractions import Fraction
 
 import numpy as np
@@ -94,8 +93,8 @@ def on_stops(system: System) -> dict[int, int]:
     for contact, each in enumerate(system.contacts):
         moved = shift_at_start(each)
         u = float(each.row @ system.q0) + moved
-        for side, g in ((1, each.stops.upper_bound), (-1, each.stops.lower_bound)):
-            if math.isfinite(g) and side * (u - g) >= -LEFT * max(abs(g), abs(moved)):
+        for side, g in each.stops.sides:
+            if side * (u - g) >= -LEFT * max(abs(g), abs(moved)):
                 if side * (u - g) > LEFT * max(abs(g), abs(moved)):
                     remedy = "move the stop or the start"
                     raise InputError("initial displacement", u, "lie between rigid stops", remedy)
@@ -123,7 +122,6 @@ def at_rest(system: System) -> list[int]:
     resting = []
     for contact, each in enumerate(system.contacts):
         still = each.offset is None and not np.any(each.row * system.v0)
-        stops = (1, each.stops.upper_bound), (-1, each.stops.lower_bound)
-        if still and any(math.isfinite(g) and not off_stop(system, contact, side) for side, g in stops):
+        if still and not all(off_stop(system, contact, side) for side, _ in each.stops.sides):
             resting.append(contact)
     return resting

@@ -214,8 +214,7 @@ def _depth(rhs: RightHandSide, k: int, t: float, z: Array) -> tuple[float, float
     c, side = rhs.sides[k]
     contact = rhs.first_order.contacts[c]
     u, v = rhs.first_order.contact_motion(contact, float(np.clip(t, *rhs.window)), z[: rhs.states])
-    stops = contact.contact.stops
-    return side * (u - (stops.upper_bound if side > 0 else stops.lower_bound)), side * v
+    return side * (u - contact.contact.stops.bound(side)), side * v
 
 
 def _depth_root(rhs: RightHandSide, phase: Phase, k: int, exponents: Sequence[Fraction]) -> float:

@@ -76,11 +76,10 @@ def distances(tangent: Tangent) -> tuple[float, float]:
     impulses = [abs(x[0]) for of_segment in tangent.impulses.values() for x in of_segment.values()]
     turns = []
     for c, contact in enumerate(generators.system.contacts):
-        for side, stop in ((-1, contact.stops.lower_bound), (1, contact.stops.upper_bound)):
-            if np.isfinite(stop):
-                form = generators.gap(c, side, 0)[0]
-                distance = -side * tangent.values(lambda _, form=form: (form[None], []), t, tangent.segment_at(t))[:, 0]
-                inner = distance[1:-1]
-                lowest = np.flatnonzero((inner < distance[:-2]) & (inner < distance[2:])) + 1
-                turns += [abs(turn(tangent, c, side, float(t[i]))) for i in lowest]
+        for side, _ in contact.stops.sides:
+            form = generators.gap(c, side, 0)[0]
+            distance = -side * tangent.values(lambda _, form=form: (form[None], []), t, tangent.segment_at(t))[:, 0]
+            inner = distance[1:-1]
+            lowest = np.flatnonzero((inner < distance[:-2]) & (inner < distance[2:])) + 1
+            turns += [abs(turn(tangent, c, side, float(t[i]))) for i in lowest]
     return min(impulses, default=np.inf), min(turns, default=np.inf)

@@ -265,9 +265,8 @@ class Tracer:
 
     def _gap(self, contact: int, side: int, u: Array) -> Array:
         """The series of the distance to the stop on that side; u: (terms, m), of ``_positions``."""
-        stops = self.system.contacts[contact].stops
         gap = -side * u[:, contact]
-        gap[0] += side * (stops.upper_bound if side > 0 else stops.lower_bound)
+        gap[0] += side * self.system.contacts[contact].stops.bound(side)
         return gap
 
     def _next(self, C: Array, R: Array, held: tuple[int, ...], longest: float) -> list[tuple[float, int, int, bool]]:
@@ -283,11 +282,8 @@ class Tracer:
         u = self._positions(C)
         ahead = u[1:] * longest ** np.arange(1.0, len(u))[:, None]
         reach = {1: np.sum(np.maximum(ahead, 0.0), axis=0), -1: np.sum(np.maximum(-ahead, 0.0), axis=0)}
-        for contact in range(self.m):
-            stops = self.system.contacts[contact].stops
-            for side, g in ((1, stops.upper_bound), (-1, stops.lower_bound)):
-                if contact in self.held or not math.isfinite(g):
-                    continue
+        for contact in (c for c in range(self.m) if c not in self.held):
+            for side, g in self.system.contacts[contact].stops.sides:
                 if self.fresh.get(contact, (0,))[0] != side and side * (g - u[0, contact]) > reach[side][contact]:
                     continue
                 gap, zeros = self._gap(contact, side, u), 0
