@@ -115,12 +115,8 @@ class PrintedStageMatrix(SDIRK):
         radius = np.max(np.abs(np.linalg.eigvals(np.moveaxis(z, -1, 0))), axis=-1)
         if np.any(radius > 1.0 + GROWTH):
             worst = float(np.min(x[radius > 1.0 + GROWTH]))
-            raise InputError(
-                "dt",
-                dt,
-                f"keep the printed (4.14) from growing by more than {GROWTH:g} a step, omega dt < {worst:.2g}",
-                f"use dt < {worst / omega_max:.3g} or the corrected scheme",
-            )
+            rule = f"keep the printed (4.14) from growing by more than {GROWTH:g} a step, omega dt < {worst:.2g}"
+            raise InputError("dt", dt, rule, f"use dt < {worst / omega_max:.3g} or the corrected scheme")
 
 
 def forms_of(scheme: Scheme) -> list[str]:

@@ -16,7 +16,7 @@ from ...model.right_hand_side import Kind, RightHandSide, numbers_of, rate_with_
 from ...model.time_functions import require_closed_form
 from ...trajectory.trajectory import Reference
 from ..registry import REFERENCES, RESTART, Request
-from .adaptive import Solver, in_phases, reference_from
+from .adaptive import Solver, reference_from
 from .scipy import Cubic, stepping
 
 CAPACITY = 128  # steps per call of a program: bounds its memory and lets an interrupt through
@@ -47,7 +47,7 @@ def solve(request: Request) -> Reference:
         rhs.callbacks = "JAX"
         return stepping(method, partial(Stepper, rhs, name), steps_to_outputs=True)(rhs, rtol, atol)
 
-    return reference_from(request, in_phases(method, solver), RESTART)
+    return reference_from(request, solver, RESTART)
 
 
 class Stepper:

@@ -19,7 +19,7 @@ from ...model.right_hand_side import RightHandSide
 from ...model.time_functions import require_closed_form
 from ...trajectory.trajectory import Reference, SolverFailure
 from ..registry import KEEP, RESTART, Request
-from .adaptive import Solver, in_phases, reference_from
+from .adaptive import Solver, reference_from
 from .restarts import Outcome, Phase, Root, refuse_endless
 
 LARGEST = 16  # numerator and denominator of an exponent: the equations contain powers as high as that
@@ -66,7 +66,7 @@ def solve(request: Request) -> Reference:
         if stops.jumps and fractional(stops.coefficients):
             rule = f"be 0 beside the exponent {float(stops.exponent):g} for heyoka"
             raise InputError("stops.damping", stops.damping, rule, "use dissipation, or the adaptive solver cvode")
-    return reference_from(request, in_phases("heyoka", _solver), RESTART)
+    return reference_from(request, _solver, RESTART)
 
 
 def exponent_of(p: float) -> Fraction | None:

@@ -239,12 +239,14 @@ class Contacts:
 
 class Path(NamedTuple):
     """States (k, size) at the outputs, the contacts' spans, None without events, the counters and the state
-    at the end."""
+    at the end; seconds of solving, and of compiling, apart."""
 
     states: Array
     contacts: Contacts | None
     counters: dict[str, int]
     end: Array
+    seconds: float = 0.0
+    compile_seconds: float = 0.0
 
 
 def follow(

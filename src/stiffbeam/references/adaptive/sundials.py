@@ -28,7 +28,7 @@ from ...model.right_hand_side import RightHandSide
 from ...model.right_hand_side_kernels import event_functions, floats, integers, jacobian, residual, right_hand_side
 from ...trajectory.trajectory import Reference, SolverFailure
 from ..registry import KEEP, RESTART, Request
-from .adaptive import Solver, in_phases, reference_from
+from .adaptive import Solver, reference_from
 from .restarts import Outcome, Phase, Root, refuse_endless
 
 MAX_STEPS = 10_000_000  # to one output; SUNDIALS' default of 500 ends most contact runs
@@ -59,7 +59,7 @@ def solve(request: Request) -> Reference:
             start = CompiledSolver("IDA" if ida else "CVode", rhs, rtol, atol, adams).init_step
         return lambda phase: advance(method, start(phase), phase)
 
-    return reference_from(request, in_phases(method, solver), RESTART if adams else KEEP, mass, right)
+    return reference_from(request, solver, RESTART if adams else KEEP, mass, right)
 
 
 def called_from_python(ida: bool, adams: bool, rhs: RightHandSide, rtol: float, atol: Array) -> Callable[[Phase], Any]:
