@@ -13,7 +13,7 @@ there the observed positions do not start where they should.
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterator
+from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
 from functools import partial
 from typing import TYPE_CHECKING
@@ -55,23 +55,17 @@ def entries(solution: Motion, i: int, t_end: float) -> Impacts:
     return Impacts.at(starts[counted], sides[counted], "event")
 
 
-def contact_record(
-    system: System, solution: Motion, i: int, t: Array, t_end: float, since: float = 0.0
-) -> ContactRecord:
-    """Contact history in [since, t_end] by events. Impacts are the events from free to a stop."""
-    return record_of(system, solution, i, path_of(system, solution, t, i), t_end, since)
-
-
 def contact_between(system: System, solution: Motion, start: float, end: float, i: int) -> ContactRecord:
-    """``contact_record`` of [start, end], a part of the solution's span."""
+    """``record_of`` for [start, end], a part of the solution's span."""
     pieces = solution.first(max(1, int(np.searchsorted(solution.times, end))))
-    return contact_record(system, pieces, i, np.array([start, end]), end, start)
+    return record_of(system, pieces, i, path_of(system, pieces, np.array([start, end]), i), end, start)
 
 
 def record_of(
     system: System, solution: Motion, i: int, seen: tuple[Array, Array], t_end: float, since: float
 ) -> ContactRecord:
-    """``contact_record`` with given position and velocity at the output times."""
+    """Contact history in [since, t_end] by events, with given position and velocity at the output times. Impacts are
+    the events from free to a stop."""
     contact = system.contacts[i]
     starts, ends, sides = _closed(solution, i, t_end)
     late = ends > since
@@ -216,34 +210,47 @@ def panels(longest: float, starts: Array, ends: Array, decay: float = 0.0) -> tu
     return index, left, np.where(last, ends[index], np.append(left[1:], 0.0)) - left
 
 
+def integrated(
+    solution: Motion, edges: Array, densities: Callable[[Array, NDArray[np.int64]], tuple[Array, Array]]
+) -> tuple[Array, Array]:
+    """Integrals of two densities between consecutive edges, which include every event.
+
+    By Gauss-Legendre quadrature, exact to rounding, on panels that are short behind every edge, see ``panels``.
+    densities: at times t (k,) in the given intervals.
+    """
+    owner, left, width = panels(solution.shortest_period, edges[:-1], edges[1:], solution.fastest_decay)
+    totals = np.zeros((2, len(edges) - 1))
+    for part in np.array_split(np.arange(len(left)), max(1, len(left) // 20_000)):
+        t = (left[part][:, None] + width[part][:, None] * (NODES + 1.0) / 2.0).ravel()
+        for total, values in zip(totals, densities(t, owner[part].repeat(len(NODES))), strict=True):
+            np.add.at(total, owner[part], values.reshape(-1, len(NODES)) @ WEIGHTS * width[part] / 2.0)
+    return totals[0], totals[1]
+
+
 def work_of_damping(system: System, solution: Motion, edges: Array) -> tuple[Array, Array]:
     """Work between consecutive edges, which include every event: input of moving stops by -c d', and dissipation of
     stops.
 
         input = -int F_c o' dt, F_c = -c u' where pressed      taken = int c u'^2 dt where pressed, U where let go
-
-    By Gauss-Legendre quadrature, to rounding.
     """
-    given, taken = np.zeros(len(edges) - 1), np.zeros(len(edges) - 1)
     damped = [(i, c) for i, c in enumerate(system.contacts) if c.stops.damping > 0.0]
     if not damped:
-        return given, taken
-    sides = solution.sides[np.maximum(np.searchsorted(solution.times, edges[:-1], "right") - 1, 0)]
-    owner, left, width = panels(solution.shortest_period, edges[:-1], edges[1:], solution.fastest_decay)
-    for part in np.array_split(np.arange(len(left)), max(1, len(left) // 20_000)):
-        t = (left[part][:, None] + width[part][:, None] * (NODES + 1.0) / 2.0).ravel()
+        return np.zeros(len(edges) - 1), np.zeros(len(edges) - 1)
+    sides = solution.sides[solution.piece_at(edges[:-1])]
+
+    def powers(t: Array, owner: NDArray[np.int64]) -> tuple[Array, Array]:
+        given, taken = np.zeros((2, len(t)))
         for i, contact in damped:
-            side = sides[owner[part], i].repeat(len(NODES))
+            side = np.abs(sides[owner, i])
             u, v = solution.observed(t, contact.row)
             o, rate = solution.offset(system, i)(t)
             u, v = u + o, v + rate
-            drag = np.where(np.abs(side) == 1, float(contact.stops.damping) * v, 0.0)
-            spring = np.where(
-                np.abs(side) == LET_GO, -float(contact.stops.stiffness) * contact.stops.penetration(u), 0.0
-            )
-            for total, power in ((given, drag * rate), (taken, (drag + spring) * v)):
-                np.add.at(total, owner[part], power.reshape(-1, len(NODES)) @ WEIGHTS * width[part] / 2.0)
-    return given, taken
+            drag = np.where(side == 1, float(contact.stops.damping) * v, 0.0)
+            spring = np.where(side == LET_GO, -float(contact.stops.stiffness) * contact.stops.penetration(u), 0.0)
+            given, taken = given + drag * rate, taken + (drag + spring) * v
+        return given, taken
+
+    return integrated(solution, edges, powers)
 
 
 def exact_ledger(system: System, solution: Motion, times: Array) -> Ledger:

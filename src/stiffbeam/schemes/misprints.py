@@ -25,11 +25,6 @@ class UnweightedHHT(HHT):
     erratum = "unweighted"
     at_any_step = True
 
-    @classmethod
-    def of(cls, scheme: HHT) -> UnweightedHHT:
-        """The misprint with the alpha of ``scheme``."""
-        return cls(scheme.alpha)
-
     def initial(self, equation: Equation, history: list[Array], force: Array) -> Array:
         """(q, v, a) with a from the equation of motion."""
         return np.array([*history[0], equation.acceleration(history[0], force)])
@@ -55,11 +50,6 @@ class PrintedSigma(SDIRK):
     erratum = "sigma"
     at_any_step = True
 
-    @classmethod
-    def of(cls, scheme: SDIRK) -> PrintedSigma:
-        """The misprint with gamma and form of ``scheme``."""
-        return cls(scheme.gamma, scheme.nystrom)
-
     def __init__(self, gamma: float, nystrom: bool = False) -> None:
         super().__init__(gamma, nystrom)
         self.order = 2
@@ -82,13 +72,8 @@ class PrintedStageMatrix(SDIRK):
 
     erratum = "stage-matrix"
 
-    @classmethod
-    def of(cls, scheme: SDIRK) -> PrintedStageMatrix:
-        """The misprint with the gamma of ``scheme``, always in second-order form."""
-        return cls(scheme.gamma)
-
-    def __init__(self, gamma: float) -> None:
-        super().__init__(gamma, nystrom=True)
+    def __init__(self, gamma: float, nystrom: bool = True) -> None:
+        super().__init__(gamma, nystrom=True)  # always in second-order form
         self.order = 2
 
     @property

@@ -137,9 +137,9 @@ class Scheme(ABC):
         return [] if cls.erratum else [form for form in cls.__subclasses__() if form.erratum]
 
     @classmethod
-    def of(cls, scheme: Any) -> Scheme:
+    def of(cls, scheme: Scheme) -> Scheme:
         """The printed form of ``scheme``."""
-        raise NotImplementedError
+        return cls(**scheme.parameters)
 
     def check(self, omega_max: float, dt: float) -> None:
         """Raise InputError where the scheme cannot be used with this step; omega_max is the top frequency."""

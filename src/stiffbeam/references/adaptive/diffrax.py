@@ -138,7 +138,7 @@ def _march(
     import optimistix
     from jax import lax
 
-    term = diffrax.ODETerm(partial(_field, kind))
+    term = diffrax.ODETerm(partial(rate_with_integrals, kind))
     controller = diffrax.PIDController(rtol=rtol, atol=atol, dtmax=max_step)
     kind_of_solver = getattr(diffrax, name)
     implicit = issubclass(kind_of_solver, diffrax.AbstractImplicitSolver)
@@ -181,10 +181,6 @@ def _march(
         going_on, one, (t, z, dt, memory, control, zero, zero, *buffers)
     )
     return times, states, made, tried, length
-
-
-def _field(kind: Kind, t: Any, z: Any, numbers: Any) -> Any:
-    return rate_with_integrals(kind, t, z, numbers)
 
 
 def _chosen(keep: Any, new: Any, old: Any) -> Any:

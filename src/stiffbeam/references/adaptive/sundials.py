@@ -49,6 +49,7 @@ def solve(request: Request) -> Reference:
 
     with the analytic iteration matrix c_j E - dg/dy, banded where M, C and K are. It steps through the events.
     """
+    import_module("sksundae.cvode")  # a missing library is named before anything is computed
     method, ida, adams = request.method, request.method == "ida", request.method == "cvode-adams"
     mass, right = request.system.descriptor() if ida else (None, None)
 

@@ -4,8 +4,8 @@ piecewise                          compliant stops: refusals, the Reference, per
 lyapunov                           growth of perturbations along the solution
 rigid_reference, rigid_motion      rigid stops with restitution: the Reference; a motion and its series
 impacting                          its solver, from event to event
-derivative, orbit                  derivatives in parameters; periodic orbits
-continuation, grazing              branches of orbits; their touches of a stop that begin or end
+derivative, orbit                  derivatives in parameters; periodic orbits and their distance from a graze
+continuation                       branches of orbits
 """
 
 from __future__ import annotations
