@@ -300,7 +300,7 @@ def covered(functions: Iterable[LoadFunction | None], t_end: float) -> None:
                 part.covers(0.0, t_end)
 
 
-def load_function(field: str, function: Any, remedy: str = "for example Constant(0.1)") -> Any:
+def load_function(field: str, function: Any) -> Any:
     """``function`` if it is one of time: a Harmonic or Constant itself, a TimeFunction, or a callable.
 
     A subclass of Harmonic, Constant, Sampled or Superposition is refused: these are computed with as numbers, and
@@ -310,6 +310,7 @@ def load_function(field: str, function: Any, remedy: str = "for example Constant
         if isinstance(function, known):
             itself(field, function, known)
             return function
+    remedy = "for example Constant(0.1)"
     if not isinstance(function, TimeFunction) and not callable(function):
         raise InputError(field, function, "be a Harmonic, a Constant or a function of time", remedy)
     if isinstance(function, type):

@@ -289,20 +289,13 @@ def within_float64(solver: str, t_end: float) -> Generator[None, None, None]:
         raise SolverFailure(solver, t_end, reason, "use the method multiprecision") from None
 
 
-def audit(
-    system: System,
-    solution: Motion,
-    t_end: float,
-    solver: str = "exact",
-    start: tuple[Array, Array] | None = None,
-) -> None:
+def audit(system: System, solution: Motion, t_end: float, start: tuple[Array, Array] | None = None) -> None:
     """Raise SolverFailure with the first time at which the energy balance of [0, t_end] does not close.
 
     It is open where the sum of its openings exceeds what rounding explains, for every switch ROUNDINGS eps
     (w |q|_M sqrt(2 E) + 2 E) with the fastest frequency w, though not less than SEEN nor more than LOST of
     the energy, and the rounding of the terms of q^T K q, which cancel where a body moves as a whole. Pieces are
-    looked at in the middle. Rigid stops turn velocities: there energies are compared, not velocities. start: q, q' (n,)
-    at t = 0, None for those of the system.
+    looked at in the middle. start: q, q' (n,) at t = 0, None for those of the system.
     """
     q0, v0 = (system.q0, system.v0) if start is None else start
     times, sides = solution.times, solution.sides
@@ -311,8 +304,8 @@ def audit(
     q, v = solution.states_in(when, np.concatenate([pieces, pieces]))
     finite = np.isfinite(q) & np.isfinite(v)
     if not finite.all():
-        raise SolverFailure(solver, float(np.min(when[~finite.all(axis=1)])), "the motion is not finite", REMEDY)
-    _start(system, solution, t_end, solver, q0, (when, q))
+        raise SolverFailure("exact", float(np.min(when[~finite.all(axis=1)])), "the motion is not finite", REMEDY)
+    _start(system, solution, t_end, q0, (when, q))
     after, before = slice(0, count), slice(count, 2 * count - 1)
     # The states, the jumps at the events, and the given start.
     kinetic, elastic = system.free_energies(*(np.vstack([x, x[1:count] - x[before], y]) for x, y in ((q, q0), (v, v0))))
@@ -322,10 +315,8 @@ def audit(
     opening = np.zeros(count + 1)  # at the start, and at the end of every piece
     if times[0] == 0.0:
         opening[0] = abs(energy[0] - free[-1] - system.contact_energy(times[:1], q0[None])[0])
-    opening[1:-1] = np.abs(energy[after][1:] - energy[before])
-    if solver != "rigid":
-        opening[1:-1] += free[2 * count : -1]
-        opening[1:] += inside
+    opening[1:-1] = np.abs(energy[after][1:] - energy[before]) + free[2 * count : -1]
+    opening[1:] += inside
     length = np.sqrt(np.sum(q * (q @ system.mass), axis=1))
     positive = np.maximum(energy, 0.0)
     rounding = 2.0 * np.pi / solution.shortest_period * length * np.sqrt(2.0 * positive) + 2.0 * positive
@@ -341,10 +332,10 @@ def audit(
         k = int(open_at[0])
         share = total[k] / max(largest[k], 1e-300)
         reason = f"the energy balance is open, by {share:.2g} of the energy"
-        raise SolverFailure(solver, float(np.append(0.0, ends)[k]), reason, REMEDY)
+        raise SolverFailure("exact", float(np.append(0.0, ends)[k]), reason, REMEDY)
 
 
-def _start(system: System, solution: Motion, t_end: float, solver: str, q0: Array, ends: tuple[Array, Array]) -> None:
+def _start(system: System, solution: Motion, t_end: float, q0: Array, ends: tuple[Array, Array]) -> None:
     """Raise SolverFailure where an observed position starts off by more than START of its largest value; ends: the
     times (k,) and q (k, n) of the ends of all pieces, the start first."""
     if solution.times[0] != 0.0:
@@ -354,7 +345,7 @@ def _start(system: System, solution: Motion, t_end: float, solver: str, q0: Arra
         positions = _looks(system, solution, t_end, channel, ends)
         if all(abs(u[0] - given) > START * max(abs(given), float(np.max(np.abs(u)))) for u in positions):
             reason = "the motion is smaller than the rounding of the amplitudes it is the difference of"
-            raise SolverFailure(solver, 0.0, reason, "use multiprecision")
+            raise SolverFailure("exact", 0.0, reason, "use multiprecision")
 
 
 def _looks(system: System, solution: Motion, t_end: float, channel: int, ends: tuple[Array, Array]) -> Iterator[Array]:
