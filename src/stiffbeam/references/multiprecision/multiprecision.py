@@ -93,13 +93,8 @@ def solve(request: Request) -> Reference:
         wanted, guard = math.ceil(1.25 * wanted) + 15, math.ceil(1.25 * guard) + 50
 
 
-def march(system: System, t_end: float, digits: int) -> Motion:
-    """The solution carried with ``digits`` at the start, its states rounded to float64."""
-    return carry(system, t_end, digits, GUARD_BITS)[0]
-
-
 def carry(
-    system: System, t_end: float, digits: int, guard: int, known: Known | None = None
+    system: System, t_end: float, digits: int, guard: int = GUARD_BITS, known: Known | None = None
 ) -> tuple[Motion, Sampler, Motion]:
     """Follow the solution with ``digits`` at the start beside the ``guard`` bits that the outputs need: rounded to
     float64, what samples its channels before that, and the first again by sums that do not cancel.
