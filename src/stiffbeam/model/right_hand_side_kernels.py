@@ -61,15 +61,7 @@ class Equations(NamedTuple):
     MASS_ENTRIES, FREQUENCIES, EDGES, RECORDS, LOADS, POWER, PUSHES, POSITION_ROWS, VELOCITY_ROWS, ACCELERATION_ROWS,
     OFFSETS, LAW, LENGTHS, REGIME, SHIFTS, LEVELS, WINDOW,
 ) = range(len(Equations._fields))  # fmt: skip
-INTEGERS = (
-    "row_starts",
-    "columns",
-    "damping_row_starts",
-    "damping_columns",
-    "mass_row_starts",
-    "mass_columns",
-    "regime",
-)
+INTEGERS = {name for name, kind in Equations.__annotations__.items() if "IntArray" in str(kind)}
 MATRICES = (
     "records", "loads", "power", "pushes", "position_rows", "velocity_rows", "acceleration_rows", "offsets", "law",
     "shifts",
