@@ -373,7 +373,7 @@ class System:
     @property
     def units(self) -> Units:
         """The units of t, q, the forces and the energies: the problem's, unknown for matrices."""
-        return self._made.problem.units if self._made else UNKNOWN
+        return self._beam_origin.problem.units if self._beam_origin else UNKNOWN
 
     @property
     def damped(self) -> bool:
@@ -401,19 +401,19 @@ class System:
         return None if self.origin is None else self.origin.problem_of(self)
 
     @cached_property
-    def _made(self) -> Origin | None:
+    def _beam_origin(self) -> Origin | None:
         """The origin, if the system still has its matrices."""
         return self.origin if self.origin and self.origin.has_matrices_of(self) else None
 
     @property
     def form(self) -> str:
         """The space discretisation that made the matrices, "matrices" for anyone's own."""
-        return self._made.form if self._made else "matrices"
+        return self._beam_origin.form if self._beam_origin else "matrices"
 
     @property
     def cells(self) -> int | None:
         """The cells of the beam's grid, None for anyone's own matrices."""
-        return self._made.cells if self._made else None
+        return self._beam_origin.cells if self._beam_origin else None
 
     @cached_property
     def channels(self) -> tuple[tuple[Array, LoadFunction | None], ...]:
@@ -467,7 +467,7 @@ class System:
 
     def first_order(self) -> FirstOrderSystem:
         """y' = A y + ...: the paper's (v_1, v_1', ..., v_M, v_M') (3.5) or (w, s, v_M) (3.12)."""
-        return self._made.paper_form(self, self._made.problem) if self._made else interleaved(self)
+        return self._beam_origin.paper_form(self, self._beam_origin.problem) if self._beam_origin else interleaved(self)
 
     def descriptor(self) -> tuple[Array, FirstOrderSystem]:
         """(E, right) with E y' = right(t, y), y = (q_1, q_1', ..., q_n, q_n'), no mass inverted.
