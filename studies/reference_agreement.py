@@ -23,8 +23,7 @@ import numpy as np
 import stiffbeam as sb
 from stiffbeam.references import solve
 from stiffbeam.references.estimate import expected_seconds
-from stiffbeam.references.registry import ADAPTIVE, COMPARED, EXACT, MULTIPRECISION, REFERENCES, RTOL
-from stiffbeam.references.request import Steps
+from stiffbeam.references.registry import ADAPTIVE, COMPARED, EXACT, MULTIPRECISION, REFERENCES, RTOL, Steps
 
 PAGE = Path(__file__).parents[1] / "reference" / "agreement.md"
 SECONDS = 10.0  # for one reference with its horizon

@@ -22,8 +22,7 @@ import extremes
 import numpy as np
 
 import stiffbeam as sb
-from stiffbeam.references.agreement import agreement
-from stiffbeam.references.horizon import time_tolerance
+from stiffbeam.references.horizon import agreement, time_tolerance
 
 BEYOND = 1.5  # how far past the certified horizon the truth is computed
 DIGITS = 40

@@ -155,9 +155,9 @@ def test_a_damaged_file_is_named_and_remade(method, damage, folder, system):
 
 
 def test_a_run_that_fails_leaves_no_file(folder, system, monkeypatch):
-    from stiffbeam.references.adaptive import sundials_library
+    from stiffbeam.references.adaptive import sundials
 
-    monkeypatch.setattr(sundials_library, "MAX_STEPS", 20)
+    monkeypatch.setattr(sundials, "MAX_STEPS", 20)
     with pytest.raises(sb.SolverFailure):
         sb.cached_reference(system, 0.06, "cvode", TIMES)
     assert not folder.exists()

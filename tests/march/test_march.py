@@ -206,10 +206,10 @@ def test_components_that_only_add_to_others_are_left_out(table10):
     for scheme in SCHEMES:
         reduced, full = (build(scheme, InModes(system, basis), 1e-4, 8, "implicit", reduced=x) for x in (True, False))
         if str(scheme) in kept:
-            assert len(reduced.keep) == kept[str(scheme)]
+            assert len(reduced.one.keep) == kept[str(scheme)]
         rng = np.random.default_rng(2)
-        sizes = np.array([0.1, 1.0, 1e3, 1e3])[: full.mix.shape[1], None, None]
-        z = rng.normal(size=(full.mix.shape[1], 1, 12)) * sizes
+        sizes = np.array([0.1, 1.0, 1e3, 1e3])[: full.one.mix.shape[1], None, None]
+        z = rng.normal(size=(full.one.mix.shape[1], 1, 12)) * sizes
         entries = [reading(x, x.pack(z)) for x in (reduced, full)]
         assert np.allclose(*entries, rtol=0, atol=1e-12 * np.max(np.abs(entries[1])))
         again = full.pack(reduced.unpack(reduced.pack(z)))

@@ -17,7 +17,7 @@ import stiffbeam as sb
 from stiffbeam.basics.validation import InputError
 from stiffbeam.files.cases import find_case
 from stiffbeam.model import contact_law
-from stiffbeam.model.restitution import dissipation_for, restitution_of
+from stiffbeam.model.contact import dissipation_for, restitution_of
 
 pytestmark = pytest.mark.usefixtures("numpy_kernel")
 

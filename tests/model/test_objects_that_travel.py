@@ -12,7 +12,7 @@ from systems import bouncing_chain
 import stiffbeam as sb
 from stiffbeam.basics.validation import InputError
 from stiffbeam.references import estimate
-from stiffbeam.references.request import Steps
+from stiffbeam.references.registry import Steps
 from stiffbeam.studies.comparison import compare_case
 
 SCREEN = 24 * 80  # characters

@@ -18,7 +18,7 @@ from stiffbeam.pytest_plugin import within_reference
 from stiffbeam.references import REFERENCES, solve
 from stiffbeam.references.adaptive import pieces
 from stiffbeam.references.adaptive.pieces import smooth_pieces
-from stiffbeam.references.request import Steps
+from stiffbeam.references.registry import Steps
 
 STIFFNESS = 1e4 * np.array([[2.0, -1.0], [-1.0, 1.0]])
 PHASED = [m.name for m in REFERENCES.values() if m.kind == "adaptive" and m.seconds < 1.0]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import stiffbeam as sb
-from stiffbeam.references.adaptive import sundials, sundials_library
+from stiffbeam.references.adaptive import sundials
 
 METHODS = ("cvode", "cvode-adams", "ida")
 
@@ -83,7 +83,7 @@ SYSTEMS = {
 
 
 def test_this_installation_has_compiled_callbacks():
-    assert sundials_library.available()
+    assert sundials.available()
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -144,13 +144,13 @@ def test_a_damped_stop_beside_a_callable_load():
 
 
 def test_without_the_library_python_takes_its_place(monkeypatch):
-    monkeypatch.setattr(sundials_library, "TESTED", ())
-    sundials_library._libraries.cache_clear()
+    monkeypatch.setattr(sundials, "TESTED", ())
+    sundials._libraries.cache_clear()
     try:
-        assert not sundials_library.available()
+        assert not sundials.available()
         reference = sb.reference(SYSTEMS["Hertz"](), 0.1, method="cvode")
     finally:
-        sundials_library._libraries.cache_clear()
+        sundials._libraries.cache_clear()
     assert reference.provenance["callbacks"] == "Python"
 
 

@@ -39,9 +39,9 @@ def test_a_tolerance_below_float64_is_refused(method, system):
 
 @pytest.mark.parametrize("method", ["cvode", "cvode-adams", "ida"])
 def test_sundials_that_gives_up_says_where_and_what_to_do(method, system, monkeypatch, tmp_path):
-    from stiffbeam.references.adaptive import sundials_library
+    from stiffbeam.references.adaptive import sundials
 
-    monkeypatch.setattr(sundials_library, "MAX_STEPS", 20)
+    monkeypatch.setattr(sundials, "MAX_STEPS", 20)
     with pytest.raises(sb.SolverFailure, match=rf"{method} stopped at t = .*steps.*; loosen rtol"):
         solve(system, 0.1, method, None, 1e-10, None)
     with pytest.raises(sb.SolverFailure, match="loosen"):

@@ -12,7 +12,7 @@ import rigid_witness
 
 import stiffbeam as sb
 from stiffbeam.references import solve
-from stiffbeam.references.agreement import agreement, apart
+from stiffbeam.references.horizon import agreement, apart
 
 
 def slow_and_fast(observed, **law):

@@ -10,10 +10,10 @@ from scipy.integrate import solve_ivp
 
 import stiffbeam as sb
 from stiffbeam import InputError
-from stiffbeam.references.agreement import agreement
 from stiffbeam.references.exact import rigid_reference
 from stiffbeam.references.exact.impacting import Tracer
 from stiffbeam.references.exact.rigid_reference import held_spans
+from stiffbeam.references.horizon import agreement
 
 INF = float("inf")
 

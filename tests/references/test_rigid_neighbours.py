@@ -13,7 +13,7 @@ import stiffbeam as sb
 from stiffbeam.basics.validation import InputError
 from stiffbeam.references.exact import lyapunov as tangent
 from stiffbeam.references.exact.impacting import Tracer
-from stiffbeam.references.exact.taylor import first_zero
+from stiffbeam.references.exact.rigid_motion import first_zero
 
 RESTITUTIONS = (1.0, 0.8, 0.5, 0.3, 0.0, 0.0, 0.5, 0.9)  # of the systems: seed 3 chatters to its end, 4 and 5 stick
 

@@ -11,8 +11,7 @@ from systems import bouncing_chain
 import stiffbeam as sb
 from stiffbeam.references import solve
 from stiffbeam.references.adaptive import diffrax
-from stiffbeam.references.agreement import agreement, impacts_match_until
-from stiffbeam.references.horizon import time_tolerance
+from stiffbeam.references.horizon import agreement, impacts_match_until, time_tolerance
 from stiffbeam.references.registry import REFERENCES
 from stiffbeam.trajectory.impacts import Impacts
 

@@ -12,8 +12,7 @@ from scipy.optimize import brentq
 
 import stiffbeam as sb
 from stiffbeam.model.contact_law import Law
-from stiffbeam.model.discrete_gradient import averaged_force
-from stiffbeam.model.stage import AVERAGED, solve_stage
+from stiffbeam.model.stage import AVERAGED, averaged_force, solve_stage
 
 pytestmark = pytest.mark.usefixtures("numpy_kernel")
 

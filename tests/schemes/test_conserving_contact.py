@@ -11,9 +11,8 @@ import scipy.linalg
 import stiffbeam as sb
 from stiffbeam.basics.validation import InputError
 from stiffbeam.model.contact_law import Law
-from stiffbeam.model.discrete_gradient import mean_force, secant
 from stiffbeam.model.equations import Matrices, Modal
-from stiffbeam.model.stage import MEAN, solve_stage
+from stiffbeam.model.stage import MEAN, mean_force, secant, solve_stage
 
 pytestmark = pytest.mark.usefixtures("numpy_kernel")
 

@@ -9,7 +9,7 @@ import pytest
 
 import stiffbeam as sb
 from stiffbeam.schemes import registered
-from stiffbeam.schemes.contract import check_contract
+from stiffbeam.schemes.scheme import check_contract
 from stiffbeam.studies.common import scheme_labels
 
 

@@ -21,7 +21,7 @@ import pytest
 import scipy.optimize
 
 import stiffbeam as sb
-from stiffbeam.model.restitution import dissipation_for
+from stiffbeam.model.contact import dissipation_for
 from stiffbeam.references.exact.impacting import Tracer
 from stiffbeam.references.exact.lyapunov import Struck
 

@@ -22,7 +22,7 @@ from ..model.stage import AVERAGED, LINEAR
 from ..model.system import System
 from ..model.time_functions import Constant, Harmonic, LoadFunction, Superposition, offset_rate, offset_values
 from ..schemes import Scheme
-from ..schemes.contract import is_known
+from ..schemes.scheme import is_known
 from ..trajectory.ensemble import ContactStatistics, Runs
 from ..trajectory.recorder import events_at_start, forces_at, impacts_of, overflow, record, shares, with_ends
 from ..trajectory.sampling import (
@@ -127,9 +127,9 @@ class Stepper:
         block = build(scheme, coordinates, dt, block_length(coordinates, scheme), contact, rule=rule)
         for made in (one, block):
             if made is not None and len(made.block.rates):
-                require_giving_way(made.scheme, *made.compliances)
+                require_giving_way(made.one.scheme, *made.compliances)
                 if rule == AVERAGED:
-                    require_averages(made.scheme, *made.compliances)
+                    require_averages(made.one.scheme, *made.compliances)
         return cls(coordinates, scheme, dt, contact, one, block, rule, RUNS[engine])
 
     @property
@@ -171,7 +171,7 @@ class Stepper:
         events = events_at_start(tally, law, self.dt, (u, v), self.contact == "conserving")
         start = np.stack([coordinates.start(*x) for x in zip(q0, v0, strict=True)], axis=1)
         force = self.force(systems[:1] if alike else systems, 0.0, (u, v), law)
-        z = first.pack(first.scheme.initial(coordinates.equation, [start], force))
+        z = first.pack(first.one.scheme.initial(coordinates.equation, [start], force))
         return Launch(law, u, v, tally, events, start, z, bool(np.any(force_jumps(all_laws(law)))))
 
     def force(self, systems: Sequence[System], t: float, motion: tuple[Array, Array], law: Array) -> Array:
@@ -224,7 +224,7 @@ class March:
         self.positions, self.velocities = np.zeros((2, M, kept, u.shape[1]))
         if launch.jumps:
             for made in filter(None, (self.stepper.starter, self.stepper.block)):
-                require_moved(made.scheme, made.compliances[0])
+                require_moved(made.one.scheme, made.compliances[0])
         self.node_forces = np.full((M, kept if launch.jumps else 0, len(system.contacts)), np.nan)
         if kept:
             self.positions[:, 0], self.velocities[:, 0] = u, v

@@ -21,8 +21,7 @@ from ..model.modes import modes
 from ..model.system import System
 from ..model.time_functions import covered
 from ..schemes import RigidScheme, Scheme
-from ..schemes.contract import check_contract
-from ..schemes.scheme import require_scheme
+from ..schemes.scheme import check_contract, require_scheme
 from ..trajectory.ensemble import Runs
 from ..trajectory.ledger import Ledger, step_ledger
 from ..trajectory.recorder import Reactions, SampledImpacts, overflow, record
@@ -97,7 +96,7 @@ class Plan:
                 "system", "a FirstOrderSystem that is not its system's", "be what first_order() made", remedy
             )
         parent = system if isinstance(system, System) else system.system
-        covered([*(f for _, f in parent.loads), *(offset for _, offset in parent.channels)], t_end)
+        covered(parent.time_functions, t_end)
         basis = modes(system) if isinstance(system, System) else None
         omega_max = float(basis.omega[-1]) if basis else _omega_max(parent)
         scheme.check(omega_max, dt)
@@ -329,7 +328,7 @@ def integrate(
         "implicit": every stage solves v = r + s F(v, v'), in closed form for one contact and the linear law.
         "extrapolated": the force at a node is F(v*), v* predicted from known values, as in the paper; it can overflow,
         and takes no damped stops. "conserving": the mean force over the step that keeps the sum of kinetic, elastic and
-        stop energy (see ``discrete_gradient``), for schemes that conserve energy without contact; impulses are then
+        stop energy (see ``stage``), for schemes that conserve energy without contact; impulses are then
         those of the mean forces. "averaged": the force averaged over a step around the node, for schemes with one force
         in a step; derivatives of the run in parameters and initial data then have order 2, as the run itself.
     every : int

@@ -15,7 +15,7 @@ from ..model.modes import Modes
 from ..model.system import System
 from ..model.time_functions import LoadFunction, evaluate
 from ..schemes import Scheme
-from ..schemes.contract import is_known
+from ..schemes.scheme import is_known
 
 
 @dataclass(frozen=True, eq=False)

@@ -171,38 +171,18 @@ class Propagator:
     offset_samples: tuple[Term, ...]  # offsets that are sampled at the entries
 
     @property
-    def scheme(self) -> Scheme:
-        """The scheme whose steps these are."""
-        return self.one.scheme
-
-    @property
     def coordinates(self) -> Coordinates:
         """The coordinates of the steps."""
         return self.one.coordinates
 
     @property
-    def dt(self) -> float:
-        """The step."""
-        return self.one.dt
-
-    @property
-    def keep(self) -> NDArray[np.int64]:
-        """The components of the scheme's state that the packed one holds."""
-        return self.one.keep
-
-    @property
-    def mix(self) -> Array:
-        """(len(keep), a): what each of them holds."""
-        return self.one.mix
-
-    @property
     def used(self) -> int:
         """Number of the D numbers that are not padding."""
-        return len(self.keep) * self.coordinates.rows.shape[1]
+        return len(self.one.keep) * self.coordinates.rows.shape[1]
 
     def pack(self, z: Array) -> Array:
         """The scheme's states (a, members, N) -> (members, D + ...), see Block."""
-        mixed = np.einsum("ce,emj->cmj", self.mix, z)
+        mixed = np.einsum("ce,emj->cmj", self.one.mix, z)
         again = self.used - self.coordinates.parts
         packed = aligned((mixed.shape[1], self.block.reading.shape[1] + again))
         packed[:, : self.used] = mixed.swapaxes(0, 1).reshape(len(packed), -1)
@@ -211,9 +191,9 @@ class Propagator:
 
     def unpack(self, packed: Array) -> Array:
         """Packed (members, ...) -> states (a, members, N) that go on as the packed ones do."""
-        a, N = self.mix.shape[1], self.coordinates.rows.shape[1]
+        a, N = self.one.mix.shape[1], self.coordinates.rows.shape[1]
         z = np.zeros((a, len(packed), N))
-        z[self.keep] = packed[:, : self.used].reshape(-1, len(self.keep), N).swapaxes(0, 1)
+        z[self.one.keep] = packed[:, : self.used].reshape(-1, len(self.one.keep), N).swapaxes(0, 1)
         return z
 
     @property
@@ -237,9 +217,9 @@ class Propagator:
         """
         if not self.samples:
             return np.zeros((len(starts), 0))
-        begun = np.add.outer(starts, np.arange(self.steps) * self.dt)[..., None]  # (B, K, 1)
-        surplus = begun > last - 0.5 * self.dt
-        times = np.where(surplus, last, begun + np.array(self.scheme.nodes) * self.dt).reshape(len(starts), -1)
+        begun = np.add.outer(starts, np.arange(self.steps) * self.one.dt)[..., None]  # (B, K, 1)
+        surplus = begun > last - 0.5 * self.one.dt
+        times = np.where(surplus, last, begun + np.array(self.one.scheme.nodes) * self.one.dt).reshape(len(starts), -1)
         return np.concatenate([evaluate(f, times) for _, f in self.samples], axis=1)
 
     def inflow(self, starts: Array, last: float) -> Inflow:
@@ -251,8 +231,8 @@ class Propagator:
         rows = values @ self.sample_rows
         velocity = np.tensordot(values, self.sample_velocity, 1)
         if self.offset_samples:
-            begun = np.add.outer(starts, np.arange(K) * self.dt)[..., None]  # (B, K, 1)
-            times = np.where(begun > last - 0.5 * self.dt, last, begun + readers.when * self.dt)
+            begun = np.add.outer(starts, np.arange(K) * self.one.dt)[..., None]  # (B, K, 1)
+            times = np.where(begun > last - 0.5 * self.one.dt, last, begun + readers.when * self.one.dt)
             moved = np.zeros(times.shape)  # (B, K, g)
             for unit, function in self.offset_samples:
                 for rates, value in ((False, evaluate), (True, offset_rate)):
@@ -284,7 +264,7 @@ class Propagator:
         if not constant and most > 1:  # a load of nothing does nothing
             frequencies, loads, shifts = frequencies[:, 1:], loads[:, 1:], shifts[:, 1:]
         F = frequencies.shape[1]
-        turn = np.exp(1j * frequencies * self.dt * np.array(self.scheme.nodes)[:, None, None])  # (S, V, F)
+        turn = np.exp(1j * frequencies * one.dt * np.array(one.scheme.nodes)[:, None, None])  # (S, V, F)
         acting = loads * turn[..., None]
         state, read = one.from_rest(
             np.ascontiguousarray(acting)
@@ -294,7 +274,7 @@ class Propagator:
             .reshape(len(turn), -1, N)
         )
         n, k, _ = state.shape
-        phase = np.exp(1j * self.dt * np.multiply.outer(np.arange(K + 1), frequencies)).swapaxes(0, 1)  # (V, K + 1, F)
+        phase = np.exp(1j * one.dt * np.multiply.outer(np.arange(K + 1), frequencies)).swapaxes(0, 1)  # (V, K + 1, F)
         path = np.empty((V, n, k, K, F), complex)  # what 1, 2, .. K steps make
         path[..., 0, :] = _complex(state.reshape(n, k, V, F, 2).transpose(2, 0, 1, 3, 4))
         done = 1
@@ -311,7 +291,7 @@ class Propagator:
             read[:, 1:] += _product(one.reading.transpose(1, 0, 2).reshape(-1, n * k), states).swapaxes(1, 2)
         if np.any(shifts):
             moved = shifts[:, :, readers.channel].swapaxes(1, 2)[:, None] * phase[:, :K, None]  # (V, K, g, F)
-            moved = moved * np.exp(1j * self.dt * readers.when[:, None] * frequencies[:, None])[:, None]
+            moved = moved * np.exp(1j * one.dt * readers.when[:, None] * frequencies[:, None])[:, None]
             moved[:, :, readers.is_rate] *= 1j * frequencies[:, None, None]
             read += moved
         rows = np.zeros((V, F, R + D), complex)

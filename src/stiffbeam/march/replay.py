@@ -81,7 +81,7 @@ def step_of(segment: Segment, one: Propagator, apart: int) -> tuple[Step, IntArr
         return out.reshape(*rows.shape[:-1], a * P)
 
     N = one.coordinates.rows.shape[1]
-    place = (block.keep[:, None] * (N // n) + np.arange(N // n)).ravel()
+    place = (block.one.keep[:, None] * (N // n) + np.arange(N // n)).ravel()
     step = Step(
         transition=laid_out(np.pad(one.block.transition, ((0, a % 2), (0, 0)))),
         push=laid_out(np.concatenate([one.block.push[: by_step.shape[1], of_state:], one.sample_rows[:, of_state:]])),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -11,49 +11,26 @@ from ..basics.arrays import Array
 from ..basics.compiled import clock
 from ..basics.validation import InputError
 from ..model.active_set import solve_node
-from ..model.equations import Matrices, Modal
+from ..model.equations import Modal
 from ..model.modes import modes
 from ..model.system import System
 from ..model.time_functions import LoadFunction, evaluate, offset_rate, offset_values
 from ..schemes import RigidScheme, Scheme
-from ..schemes.rigid_scheme import AHEAD, POSITION, RESTITUTED, VELOCITY
+from ..schemes.scheme import AHEAD, POSITION, RESTITUTED, VELOCITY
 from .direct_march import STEPS_PER_PIECE, Piece
 from .kernels.rigid_steps import AT_A_STOP, WHERE_CLOSED, WHERE_PREDICTED, Linear, steps
+from .probe import Coordinates, InModes, Together
 
 FREE = Modal(np.zeros(1), np.zeros(1))  # a free mass
 FREE_STEPS = 200  # after which it has all that one unit force will give it
 GROWTH = 1e-3  # a step, beyond the rounding of a multiple eigenvalue
 
 
-@dataclass(frozen=True, eq=False)
-class _View:
-    """The system in modal coordinates where these decouple, else in its own."""
-
-    equation: Modal | Matrices
-    y0: Array
-    rows: Array  # (channels, n)
-    loads: Array  # (L, n)
-    shapes: Array | None
-
-    @classmethod
-    def of(cls, system: System) -> _View:
-        basis = modes(system)
-        rows, loads = np.array([row for row, _ in system.channels]), np.array([p for p, _ in system.loads])
-        loads = loads.reshape(-1, system.size)
-        if basis is None:
-            equation = Matrices(system.mass, system.damping, system.stiffness)
-            return cls(equation, np.stack([system.q0, system.v0]), rows, loads, None)
-        y0 = np.stack([basis.to_modal(system.q0), basis.to_modal(system.v0)])
-        return cls(basis.equation, y0, basis.force(rows), basis.force(loads), basis.shapes)
-
-    def nodal(self, eta: Array) -> Array:
-        return eta if self.shapes is None else eta @ self.shapes.T
-
-
 def rigid_pieces(system: System, scheme: Scheme, dt: float, count: int) -> Iterator[Piece]:
     """The run in pieces; ``means`` are its reactions over each step, by the momentum that they bring."""
-    view, done, history = _View.of(system), 0, []
-    y = view.y0
+    basis, done, history = modes(system), 0, []
+    view = Together.of(system) if basis is None else InModes(system, basis)
+    y = view.start(system.q0, system.v0)
     if scheme.starter is not None:
         history = [y]
         for piece, z in _march(view, system, scheme.starter, dt, y, [y], 0, min(count, scheme.history - 1)):
@@ -66,18 +43,19 @@ def rigid_pieces(system: System, scheme: Scheme, dt: float, count: int) -> Itera
 
 
 def _march(
-    view: _View, system: System, scheme: Scheme, dt: float, y: Array, history: list[Array], first: int, count: int
+    view: Coordinates, system: System, scheme: Scheme, dt: float, y: Array, history: list[Array], first: int, count: int
 ) -> Iterator[tuple[Piece, Array]]:
-    m, S, channels = len(system.contacts), len(scheme.nodes), len(view.rows)
+    m, S, channels, n = len(system.contacts), len(scheme.nodes), *view.rows.shape
     own = isinstance(scheme, RigidScheme)
     kinds = scheme.conditions if own else (POSITION,) * S
-    linear, pulses, shifts_by_load = _probed(view, scheme, dt, system, kinds)
+    loads = np.array([vector for vector, _ in view.loads(system)]).reshape(-1, n)
+    linear, pulses, shifts_by_load = _probed(view, scheme, dt, loads, kinds)
     weights = _weights(scheme, dt)
-    force = np.array([evaluate(f, np.asarray(first * dt)) for _, f in system.loads]) @ view.loads
+    force = np.array([evaluate(f, np.asarray(first * dt)) for _, f in system.loads]) @ loads
     if own:
         z = scheme.start(view.equation, dt, y, force)
     else:
-        force = force + _first_reactions(view, system, force) if first == 0 else force
+        force = force + _first_reactions(view, y, force) if first == 0 else force
         z = scheme.initial(view.equation, history, force)
     shape, z = z.shape, np.ascontiguousarray(z.reshape(-1))
     offsets = [offset for _, offset in system.channels]
@@ -98,22 +76,18 @@ def _march(
         positions, velocities = (states[:, i] @ view.rows.T for i in (0, 1))
         positions = positions + np.array([offset_values(o, ends) for o in offsets]).reshape(channels, length).T
         velocities = velocities + np.array([offset_rate(o, ends) for o in offsets]).reshape(channels, length).T
-        means = np.einsum("s,ksc->kc", weights, reactions)
-        both = states[:, :2].copy()
-
-        def nodal(x: Array = both) -> tuple[Array, Array]:
-            return view.nodal(x[:, 0]), view.nodal(x[:, 1])
-
-        yield Piece(start, positions, velocities, nodal, seconds, means), states[-1]
+        means, both = np.einsum("s,ksc->kc", weights, reactions), np.moveaxis(states[:, :2], 1, 0).copy()
+        yield Piece(start, positions, velocities, partial(view.states, both), seconds, means), states[-1]
 
 
 def _probed(
-    view: _View, scheme: Scheme, dt: float, system: System, kinds: tuple[str, ...]
+    view: Coordinates, scheme: Scheme, dt: float, pulls: Array, kinds: tuple[str, ...]
 ) -> tuple[Linear, Array, Array]:
-    """The step as arrays, (loads S, D) what a unit load at a node adds to the state, and (loads S, S m) to the
-    arguments. Raises InputError where a reaction does not move its own argument."""
-    equation, n, S, m = view.equation, view.y0.shape[-1], len(scheme.nodes), len(system.contacts)
-    rows, stops = view.rows[:m], [contact.stops for contact in system.contacts]
+    """The step as arrays, (loads S, D) what a unit of a load (loads, n) at a node adds to the state, and (loads S, S m)
+    to the arguments. Raises InputError where a reaction does not move its own argument."""
+    stops = [contact.stops for contact in view.system.contacts]
+    equation, n, S, m = view.equation, view.rows.shape[1], len(scheme.nodes), len(stops)
+    rows = view.columns
     blank = scheme.initial(equation, [np.zeros((2, n))] * scheme.history, np.zeros(n))
     a = len(blank)
     e = np.array([0.0 if s.restitution is None else s.restitution for s in stops])
@@ -142,14 +116,14 @@ def _probed(
     else:
         blocks, matrix = np.zeros((0, 0, n)), np.ascontiguousarray(new.reshape(batch, -1).T)
         reading, predicting = np.einsum("sbcj,cj->scb", read, rows), np.einsum("bj,cj->cb", ahead, rows)
-    every = np.concatenate([view.loads, rows])
+    every = np.concatenate([pulls, rows])
     acting = np.zeros((2, S, len(every) * S, n))  # loads, reactions
     for i, vector in enumerate(every):
         for s in range(S):
-            acting[int(i >= len(view.loads)), s, i * S + s] = vector
+            acting[int(i >= len(pulls)), s, i * S + s] = vector
     new, read, _ = taken(np.zeros((a, len(every) * S, n)), *acting)
     flat, by_row = new.reshape(len(new), a * n), np.einsum("sbcj,cj->bsc", read, rows)
-    at = len(view.loads) * S
+    at = len(pulls) * S
     compliance = by_row[at:].reshape(m, S, S, m).transpose(1, 2, 0, 3)  # [node, later node, reaction, argument]
     if m:
         _require_giving_way(scheme, compliance)
@@ -227,15 +201,15 @@ def _offset_shifts(system: System, kinds: tuple[str, ...], at: Array, nodes: Arr
     return shifts
 
 
-def _first_reactions(view: _View, system: System, force: Array) -> Array:
+def _first_reactions(view: Coordinates, y: Array, force: Array) -> Array:
     """The reactions at t = 0 of contacts at rest on their stops, on the unknowns."""
-    rows = view.rows[: len(system.contacts)]
+    rows, contacts = view.columns, view.system.contacts
     law = np.full((len(rows), 3), np.inf)
     r = np.empty(len(rows))
-    acceleration = view.equation.acceleration(view.y0, force)
-    for c, contact in enumerate(system.contacts):
-        u = float(rows[c] @ view.y0[0] + offset_values(contact.offset, 0.0))
-        rate = float(rows[c] @ view.y0[1] + offset_rate(contact.offset, 0.0))
+    acceleration = view.equation.acceleration(y, force)
+    for c, contact in enumerate(contacts):
+        u = float(rows[c] @ y[0] + offset_values(contact.offset, 0.0))
+        rate = float(rows[c] @ y[1] + offset_rate(contact.offset, 0.0))
         rest = abs(rate) == 0.0
         law[c, 1] = 0.0 if rest and u <= contact.stops.lower_bound else -np.inf
         law[c, 2] = 0.0 if rest and u >= contact.stops.upper_bound else np.inf

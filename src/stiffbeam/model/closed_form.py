@@ -65,9 +65,5 @@ def _papers(problem: BeamProblem) -> None:
     if problem.for_elements or problem.tip_mass or problem.mass_damping:
         description = f"{problem.supports}, tip mass {problem.tip_mass:g}, mass damping {problem.mass_damping:g}"
         description += "".join(f", {name}" for name in problem.for_elements if name != "supports")
-        raise InputError(
-            "problem",
-            description,
-            "be clamped-free without tip mass and mass damping for the closed form",
-            "take stiffbeam.reference for other beams",
-        )
+        rule = "be clamped-free without tip mass and mass damping for the closed form"
+        raise InputError("problem", description, rule, "take stiffbeam.reference for other beams")

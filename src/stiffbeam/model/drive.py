@@ -42,8 +42,7 @@ class Drive:
         """The drive of all loads and all stop motions of ``system``; made once."""
         if system in _KNOWN:
             return _KNOWN[system]
-        functions = [f for _, f in system.loads] + [offset for _, offset in system.channels]
-        leaves = [leaf for function in functions for leaf in parts_of(function)]
+        leaves = [leaf for function in system.time_functions for leaf in parts_of(function)]
         frequencies = {exact_value(f.frequency): f.frequency for f in leaves if isinstance(f, Harmonic)}
         records = dict.fromkeys(f for f in leaves if isinstance(f, Sampled))
         return _KNOWN.setdefault(system, cls(tuple(sorted(frequencies.values())), tuple(records)))

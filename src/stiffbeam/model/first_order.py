@@ -26,7 +26,7 @@ class FirstOrderContact:
     contact: Contact
 
     def __post_init__(self) -> None:
-        _freeze(self, "row", "column")
+        freeze(self, "row", "column")
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
@@ -72,12 +72,11 @@ class FirstOrderSystem:
     system: System
 
     def __post_init__(self) -> None:
-        _freeze(self, "matrix", "observe", "y0", "to_q", "to_v")
-        object.__setattr__(self, "loads", tuple((read_only(vector), f) for vector, f in self.loads))
+        freeze(self, "matrix", "observe", "y0", "to_q", "to_v")
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
-        self.__post_init__()  # a pickled array can be written to again
+        self.__post_init__()
 
     def __repr__(self) -> str:
         return f"<FirstOrderSystem of {self.system!r}>"
@@ -136,11 +135,13 @@ class FirstOrderSystem:
         return int(max(0, np.max(i - j))), int(max(0, np.max(j - i)))
 
 
-def _freeze(owner: object, *names: str) -> None:
-    """Read-only copies of these arrays."""
+def freeze(owner: object, *names: str) -> None:
+    """Read-only copies of these arrays, and of the vectors of ``loads``: a pickled array can be written to again."""
     for name in names:
         values = getattr(owner, name)
         object.__setattr__(owner, name, None if values is None else read_only(values))
+    if loads := getattr(owner, "loads", ()):
+        object.__setattr__(owner, "loads", tuple((read_only(vector), f) for vector, f in loads))
 
 
 def interleaved(system: System, inverse: Callable[[Array], Array] | None = None) -> FirstOrderSystem:

@@ -178,9 +178,8 @@ def static_equilibrium(system: System, t: float | None = None) -> Array:
     array([-0.02])
     """
     require_system(system)
-    functions = [f for _, f in system.loads] + [contact.offset for contact in system.contacts]
     if t is None:
-        for function in functions:
+        for function in system.time_functions:
             _constant(function)
     at = 0.0 if t is None else number("t", t)
     load = sum((p * evaluate(f, at) for p, f in system.loads), np.zeros(system.size))

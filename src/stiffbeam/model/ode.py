@@ -14,8 +14,7 @@ from numpy.typing import ArrayLike
 from ..basics.arrays import Array
 from ..basics.compiled import called_from_c
 from ..basics.validation import InputError, one_of, require_jax_float64
-from .right_hand_side import RightHandSide
-from .right_hand_side_jax import numbers_of, rate_of_state
+from .right_hand_side import RightHandSide, numbers_of, rate_of_state
 from .right_hand_side_kernels import floats, integers, right_hand_side
 from .sampled import Sampled
 from .time_functions import breakpoints_of, parts_of
@@ -128,9 +127,8 @@ class ODE:
     @cached_property
     def breakpoints(self) -> tuple[float, ...]:
         """Times at which a load or an offset is not smooth."""
-        functions = [*(f for _, f in self.system.loads), *(contact.offset for contact in self.system.contacts)]
         times: set[float] = set()
-        for part in (part for function in functions for part in parts_of(function)):
+        for part in (part for function in self.system.time_functions for part in parts_of(function)):
             stated = part.t if isinstance(part, Sampled) else breakpoints_of(part)
             times |= {float(t) for t in (() if stated is None else stated)}
         return tuple(sorted(times))

@@ -105,12 +105,9 @@ def checked(sections: Sequence[BeamSection], length: float) -> tuple[BeamSection
     ordered = tuple(sorted(sections, key=lambda s: s.begin))
     for one, after in pairwise(ordered):
         if after.begin < one.end:
-            raise InputError(
-                "section.begin",
-                after.begin,
-                f"be at or past the end {one.end:g} of the one before",
-                "let sections follow each other, each beginning where the one before ends",
-            )
+            rule = f"be at or past the end {one.end:g} of the one before"
+            remedy = "let sections follow each other, each beginning where the one before ends"
+            raise InputError("section.begin", after.begin, rule, remedy)
     if ordered and ordered[-1].end > length * (1 + 1e-12):
         raise InputError("section.end", ordered[-1].end, f"lie on the beam, to {length:g}", "shorten the section")
     return ordered

@@ -2,7 +2,7 @@
 
 Every function here reads the numbers of a system from one ``block`` of addresses and shapes, at the places of
 ``Equations``. Python and SUNDIALS therefore call the same machine code, SUNDIALS without Python in between
-(``references.adaptive.sundials_library``). A function takes the arrays that it needs: whole tuples of them take numba
+(``references.adaptive.sundials``). A function takes the arrays that it needs: whole tuples of them take numba
 long to compile.
 """
 
@@ -61,15 +61,7 @@ class Equations(NamedTuple):
     MASS_ENTRIES, FREQUENCIES, EDGES, RECORDS, LOADS, POWER, PUSHES, POSITION_ROWS, VELOCITY_ROWS, ACCELERATION_ROWS,
     OFFSETS, LAW, LENGTHS, REGIME, SHIFTS, LEVELS, WINDOW,
 ) = range(len(Equations._fields))  # fmt: skip
-INTEGERS = (
-    "row_starts",
-    "columns",
-    "damping_row_starts",
-    "damping_columns",
-    "mass_row_starts",
-    "mass_columns",
-    "regime",
-)
+INTEGERS = {name for name, kind in Equations.__annotations__.items() if "IntArray" in str(kind)}
 MATRICES = (
     "records", "loads", "power", "pushes", "position_rows", "velocity_rows", "acceleration_rows", "offsets", "law",
     "shifts",

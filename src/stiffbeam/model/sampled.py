@@ -77,12 +77,8 @@ class Sampled:
             raise InputError("sampled.t", float(self.t[at + 1]), f"increase: it follows {self.t[at]:g}", remedy)
         order = self.derivative
         if isinstance(order, bool) or not isinstance(order, int) or not 0 <= order <= KINDS[self.kind]:
-            raise InputError(
-                "derivative",
-                order,
-                f"be an integer from 0 to {KINDS[self.kind]} for kind={self.kind!r}",
-                "0 is the function itself",
-            )
+            rule = f"be an integer from 0 to {KINDS[self.kind]} for kind={self.kind!r}"
+            raise InputError("derivative", order, rule, "0 is the function itself")
         with np.errstate(over="ignore", invalid="ignore"):
             if not np.all(np.isfinite(self.pieces)):
                 remedy = "check the times: two lie so close that slopes overflow"

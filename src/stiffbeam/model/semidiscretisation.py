@@ -228,12 +228,8 @@ def _velocity_curvature(problem: BeamProblem, M: int) -> System:
     the energy is m/2 s^T P s + EI/2 w^T Q w and the form is a symmetric second-order system.
     """
     if problem.viscosity > 0:
-        raise InputError(
-            "viscosity",
-            problem.viscosity,
-            "be 0 in the velocity-curvature form",
-            "(3.12) eliminates the displacement, and eta u_xxxxt has no place in it: use the form displacement",
-        )
+        remedy = "(3.12) eliminates the displacement, and eta u_xxxxt has no place in it: use the form displacement"
+        raise InputError("viscosity", problem.viscosity, "be 0 in the velocity-curvature form", remedy)
     for name in ("tip_mass", "mass_damping"):
         if getattr(problem, name) > 0:
             rule = "be 0 in the velocity-curvature form"

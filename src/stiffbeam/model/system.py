@@ -23,7 +23,7 @@ from ..basics.units import UNKNOWN, Units
 from ..basics.validation import InputError, itself, numbers, sequence
 from .contact import Contact, Stops
 from .field import beam_field, beam_field_rate, beam_stress
-from .first_order import FirstOrderSystem, interleaved
+from .first_order import FirstOrderSystem, freeze, interleaved
 from .problem import BeamProblem
 from .sampled import Sampled
 from .time_functions import (
@@ -168,29 +168,15 @@ class Origin:
     paper_form: Callable[[System, BeamProblem], FirstOrderSystem]
 
     def __post_init__(self) -> None:
-        self.freeze()
-
-    def freeze(self) -> None:
-        """Read-only copies of the arrays."""
-        for name in ("mass", "damping", "stiffness", "tip", "q0", "v0", "stiffness_factor"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
-        object.__setattr__(self, "loads", tuple((read_only(vector), f) for vector, f in self.loads))
+        freeze(self, "mass", "damping", "stiffness", "tip", "q0", "v0", "stiffness_factor")
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
-        self.freeze()  # a pickled array can be written to again
+        self.__post_init__()
 
     def has_matrices_of(self, system: System) -> bool:
         """Return True if mass, damping and stiffness are still those of the origin."""
         return all(same(getattr(self, name), getattr(system, name)) for name in ("mass", "damping", "stiffness"))
-
-    def first_order_of(self, system: System) -> FirstOrderSystem | None:
-        """The paper's own first-order form, where the matrices are these."""
-        return self.paper_form(system, self.problem) if self.has_matrices_of(system) else None
-
-    def form_of(self, system: System) -> str | None:
-        """Name of the form, if the system still has its matrices."""
-        return self.form if self.has_matrices_of(system) else None
 
     def factor_of(self, system: System) -> Array | None:
         """G, where the stiffness is this one; mass and damping have no part in it."""
@@ -321,12 +307,8 @@ class System:
         return {x.name: getattr(self, x.name) for x in fields(self)} | {"fingerprint": self.fingerprint}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """A pickled array can be written to again."""
         self.__dict__.update(state)
-        for name in ("mass", "damping", "stiffness", "q0", "v0"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
-        object.__setattr__(self, "observe", None if self.observe is None else read_only(self.observe))
-        object.__setattr__(self, "loads", tuple((read_only(vector), f) for vector, f in self.loads))
+        freeze(self, "mass", "damping", "stiffness", "q0", "v0", "observe")
 
     @classmethod
     def from_matrices(
@@ -402,6 +384,16 @@ class System:
         """True if any entry of the damping matrix is not zero."""
         return bool(np.any(self.damping))
 
+    @property
+    def rigid(self) -> bool:
+        """True if a stop is rigid."""
+        return any(contact.stops.rigid for contact in self.contacts)
+
+    @property
+    def time_functions(self) -> list[LoadFunction | None]:
+        """The functions of time: those of the loads, then the offsets of the channels."""
+        return [*(function for _, function in self.loads), *(offset for _, offset in self.channels)]
+
     @cached_property
     def stiffness_factor(self) -> Array | None:
         """G with G^T G = K where one is known, from which frequencies lose eps w_max/w_1 rather than its square."""
@@ -413,14 +405,19 @@ class System:
         return None if self.origin is None else self.origin.problem_of(self)
 
     @cached_property
+    def _beam_origin(self) -> Origin | None:
+        """The origin, if the system still has its matrices."""
+        return self.origin if self.origin and self.origin.has_matrices_of(self) else None
+
+    @property
     def form(self) -> str:
         """The space discretisation that made the matrices, "matrices" for anyone's own."""
-        return (self.origin and self.origin.form_of(self)) or "matrices"
+        return self._beam_origin.form if self._beam_origin else "matrices"
 
     @property
     def cells(self) -> int | None:
         """The cells of the beam's grid, None for anyone's own matrices."""
-        return self.origin.cells if self.origin and self.origin.form_of(self) else None
+        return self._beam_origin.cells if self._beam_origin else None
 
     @cached_property
     def channels(self) -> tuple[tuple[Array, LoadFunction | None], ...]:
@@ -474,7 +471,7 @@ class System:
 
     def first_order(self) -> FirstOrderSystem:
         """y' = A y + ...: the paper's (v_1, v_1', ..., v_M, v_M') (3.5) or (w, s, v_M) (3.12)."""
-        return (self.origin and self.origin.first_order_of(self)) or interleaved(self)
+        return self._beam_origin.paper_form(self, self._beam_origin.problem) if self._beam_origin else interleaved(self)
 
     def descriptor(self) -> tuple[Array, FirstOrderSystem]:
         """(E, right) with E y' = right(t, y), y = (q_1, q_1', ..., q_n, q_n'), no mass inverted.

@@ -20,7 +20,7 @@ from ..basics.validation import InputError
 from .members import value_at, with_values
 from .sampled import Sampled
 from .system import System
-from .time_functions import Constant, Harmonic, LoadFunction, parts
+from .time_functions import Constant, Harmonic, LoadFunction, parts, require_closed_form
 
 EXACT = 1e-13  # of the largest entry per width: two differences of a quadratic agree to that
 WIDTHS = tuple(2.0**-k for k in (2, 5, 8, 12, 16))  # of the parameter: the largest at which the system exists
@@ -93,10 +93,7 @@ def data_of(system: System) -> SystemData:
     n, m = system.size, len(system.contacts)
     loads, offsets = load_terms(system), offset_terms(system)
     leaves = [leaf for _, leaf in loads] + [leaf for _, _, leaf in offsets]
-    for leaf in leaves:
-        if not isinstance(leaf, (Harmonic, Constant, Sampled)):
-            rule = "be made of Harmonic, Constant and Sampled for a derivative"
-            raise InputError("time function", leaf, rule, "sample it with stiffbeam.Sampled")
+    require_closed_form(leaves, "a derivative", "sample it with stiffbeam.Sampled")
     stops = [contact.stops for contact in system.contacts]
     finite = lambda g: g if np.isfinite(g) else 0.0  # noqa: E731
     harmonics = [(f.amplitude, f.frequency, f.phase) for f in leaves if isinstance(f, Harmonic)]

@@ -266,6 +266,15 @@ def in_closed_form(function: LoadFunction | None) -> bool:
     return all(isinstance(part, KNOWN) for part in parts_of(function))
 
 
+def require_closed_form(
+    functions: Iterable[LoadFunction | None], what: str, remedy: str = "use the adaptive solver cvode"
+) -> None:
+    """Raise InputError for a function that is not made of Harmonic, Constant and Sampled; what: needs such ones."""
+    for part in (part for function in functions for part in parts_of(function)):
+        if not isinstance(part, KNOWN):
+            raise InputError("time function", part, f"be made of Harmonic, Constant and Sampled for {what}", remedy)
+
+
 def derivative(function: TimeFunction, order: int) -> LoadFunction:
     """f, f' or f''; in closed form where f is. Raises InputError for a polygon, whose acceleration is impulses."""
     if order == 0:
@@ -291,7 +300,7 @@ def covered(functions: Iterable[LoadFunction | None], t_end: float) -> None:
                 part.covers(0.0, t_end)
 
 
-def load_function(field: str, function: Any, remedy: str = "for example Constant(0.1)") -> Any:
+def load_function(field: str, function: Any) -> Any:
     """``function`` if it is one of time: a Harmonic or Constant itself, a TimeFunction, or a callable.
 
     A subclass of Harmonic, Constant, Sampled or Superposition is refused: these are computed with as numbers, and
@@ -301,6 +310,7 @@ def load_function(field: str, function: Any, remedy: str = "for example Constant
         if isinstance(function, known):
             itself(field, function, known)
             return function
+    remedy = "for example Constant(0.1)"
     if not isinstance(function, TimeFunction) and not callable(function):
         raise InputError(field, function, "be a Harmonic, a Constant or a function of time", remedy)
     if isinstance(function, type):

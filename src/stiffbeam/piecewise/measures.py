@@ -13,7 +13,7 @@ there the observed positions do not start where they should.
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterator
+from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
 from functools import partial
 from typing import TYPE_CHECKING
@@ -55,23 +55,17 @@ def entries(solution: Motion, i: int, t_end: float) -> Impacts:
     return Impacts.at(starts[counted], sides[counted], "event")
 
 
-def contact_record(
-    system: System, solution: Motion, i: int, t: Array, t_end: float, since: float = 0.0
-) -> ContactRecord:
-    """Contact history in [since, t_end] by events. Impacts are the events from free to a stop."""
-    return record_of(system, solution, i, path_of(system, solution, t, i), t_end, since)
-
-
 def contact_between(system: System, solution: Motion, start: float, end: float, i: int) -> ContactRecord:
-    """``contact_record`` of [start, end], a part of the solution's span."""
+    """``record_of`` for [start, end], a part of the solution's span."""
     pieces = solution.first(max(1, int(np.searchsorted(solution.times, end))))
-    return contact_record(system, pieces, i, np.array([start, end]), end, start)
+    return record_of(system, pieces, i, path_of(system, pieces, np.array([start, end]), i), end, start)
 
 
 def record_of(
     system: System, solution: Motion, i: int, seen: tuple[Array, Array], t_end: float, since: float
 ) -> ContactRecord:
-    """``contact_record`` with given position and velocity at the output times."""
+    """Contact history in [since, t_end] by events, with given position and velocity at the output times. Impacts are
+    the events from free to a stop."""
     contact = system.contacts[i]
     starts, ends, sides = _closed(solution, i, t_end)
     late = ends > since
@@ -216,34 +210,47 @@ def panels(longest: float, starts: Array, ends: Array, decay: float = 0.0) -> tu
     return index, left, np.where(last, ends[index], np.append(left[1:], 0.0)) - left
 
 
+def integrated(
+    solution: Motion, edges: Array, densities: Callable[[Array, NDArray[np.int64]], tuple[Array, Array]]
+) -> tuple[Array, Array]:
+    """Integrals of two densities between consecutive edges, which include every event.
+
+    By Gauss-Legendre quadrature, exact to rounding, on panels that are short behind every edge, see ``panels``.
+    densities: at times t (k,) in the given intervals.
+    """
+    owner, left, width = panels(solution.shortest_period, edges[:-1], edges[1:], solution.fastest_decay)
+    totals = np.zeros((2, len(edges) - 1))
+    for part in np.array_split(np.arange(len(left)), max(1, len(left) // 20_000)):
+        t = (left[part][:, None] + width[part][:, None] * (NODES + 1.0) / 2.0).ravel()
+        for total, values in zip(totals, densities(t, owner[part].repeat(len(NODES))), strict=True):
+            np.add.at(total, owner[part], values.reshape(-1, len(NODES)) @ WEIGHTS * width[part] / 2.0)
+    return totals[0], totals[1]
+
+
 def work_of_damping(system: System, solution: Motion, edges: Array) -> tuple[Array, Array]:
     """Work between consecutive edges, which include every event: input of moving stops by -c d', and dissipation of
     stops.
 
         input = -int F_c o' dt, F_c = -c u' where pressed      taken = int c u'^2 dt where pressed, U where let go
-
-    By Gauss-Legendre quadrature, to rounding.
     """
-    given, taken = np.zeros(len(edges) - 1), np.zeros(len(edges) - 1)
     damped = [(i, c) for i, c in enumerate(system.contacts) if c.stops.damping > 0.0]
     if not damped:
-        return given, taken
-    sides = solution.sides[np.maximum(np.searchsorted(solution.times, edges[:-1], "right") - 1, 0)]
-    owner, left, width = panels(solution.shortest_period, edges[:-1], edges[1:], solution.fastest_decay)
-    for part in np.array_split(np.arange(len(left)), max(1, len(left) // 20_000)):
-        t = (left[part][:, None] + width[part][:, None] * (NODES + 1.0) / 2.0).ravel()
+        return np.zeros(len(edges) - 1), np.zeros(len(edges) - 1)
+    sides = solution.sides[solution.piece_at(edges[:-1])]
+
+    def powers(t: Array, owner: NDArray[np.int64]) -> tuple[Array, Array]:
+        given, taken = np.zeros((2, len(t)))
         for i, contact in damped:
-            side = sides[owner[part], i].repeat(len(NODES))
+            side = np.abs(sides[owner, i])
             u, v = solution.observed(t, contact.row)
             o, rate = solution.offset(system, i)(t)
             u, v = u + o, v + rate
-            drag = np.where(np.abs(side) == 1, float(contact.stops.damping) * v, 0.0)
-            spring = np.where(
-                np.abs(side) == LET_GO, -float(contact.stops.stiffness) * contact.stops.penetration(u), 0.0
-            )
-            for total, power in ((given, drag * rate), (taken, (drag + spring) * v)):
-                np.add.at(total, owner[part], power.reshape(-1, len(NODES)) @ WEIGHTS * width[part] / 2.0)
-    return given, taken
+            drag = np.where(side == 1, float(contact.stops.damping) * v, 0.0)
+            spring = np.where(side == LET_GO, -float(contact.stops.stiffness) * contact.stops.penetration(u), 0.0)
+            given, taken = given + drag * rate, taken + (drag + spring) * v
+        return given, taken
+
+    return integrated(solution, edges, powers)
 
 
 def exact_ledger(system: System, solution: Motion, times: Array) -> Ledger:
@@ -282,20 +289,13 @@ def within_float64(solver: str, t_end: float) -> Generator[None, None, None]:
         raise SolverFailure(solver, t_end, reason, "use the method multiprecision") from None
 
 
-def audit(
-    system: System,
-    solution: Motion,
-    t_end: float,
-    solver: str = "exact",
-    start: tuple[Array, Array] | None = None,
-) -> None:
+def audit(system: System, solution: Motion, t_end: float, start: tuple[Array, Array] | None = None) -> None:
     """Raise SolverFailure with the first time at which the energy balance of [0, t_end] does not close.
 
     It is open where the sum of its openings exceeds what rounding explains, for every switch ROUNDINGS eps
     (w |q|_M sqrt(2 E) + 2 E) with the fastest frequency w, though not less than SEEN nor more than LOST of
     the energy, and the rounding of the terms of q^T K q, which cancel where a body moves as a whole. Pieces are
-    looked at in the middle. Rigid stops turn velocities: there energies are compared, not velocities. start: q, q' (n,)
-    at t = 0, None for those of the system.
+    looked at in the middle. start: q, q' (n,) at t = 0, None for those of the system.
     """
     q0, v0 = (system.q0, system.v0) if start is None else start
     times, sides = solution.times, solution.sides
@@ -304,8 +304,8 @@ def audit(
     q, v = solution.states_in(when, np.concatenate([pieces, pieces]))
     finite = np.isfinite(q) & np.isfinite(v)
     if not finite.all():
-        raise SolverFailure(solver, float(np.min(when[~finite.all(axis=1)])), "the motion is not finite", REMEDY)
-    _start(system, solution, t_end, solver, q0, (when, q))
+        raise SolverFailure("exact", float(np.min(when[~finite.all(axis=1)])), "the motion is not finite", REMEDY)
+    _start(system, solution, t_end, q0, (when, q))
     after, before = slice(0, count), slice(count, 2 * count - 1)
     # The states, the jumps at the events, and the given start.
     kinetic, elastic = system.free_energies(*(np.vstack([x, x[1:count] - x[before], y]) for x, y in ((q, q0), (v, v0))))
@@ -315,10 +315,8 @@ def audit(
     opening = np.zeros(count + 1)  # at the start, and at the end of every piece
     if times[0] == 0.0:
         opening[0] = abs(energy[0] - free[-1] - system.contact_energy(times[:1], q0[None])[0])
-    opening[1:-1] = np.abs(energy[after][1:] - energy[before])
-    if solver != "rigid":
-        opening[1:-1] += free[2 * count : -1]
-        opening[1:] += inside
+    opening[1:-1] = np.abs(energy[after][1:] - energy[before]) + free[2 * count : -1]
+    opening[1:] += inside
     length = np.sqrt(np.sum(q * (q @ system.mass), axis=1))
     positive = np.maximum(energy, 0.0)
     rounding = 2.0 * np.pi / solution.shortest_period * length * np.sqrt(2.0 * positive) + 2.0 * positive
@@ -334,10 +332,10 @@ def audit(
         k = int(open_at[0])
         share = total[k] / max(largest[k], 1e-300)
         reason = f"the energy balance is open, by {share:.2g} of the energy"
-        raise SolverFailure(solver, float(np.append(0.0, ends)[k]), reason, REMEDY)
+        raise SolverFailure("exact", float(np.append(0.0, ends)[k]), reason, REMEDY)
 
 
-def _start(system: System, solution: Motion, t_end: float, solver: str, q0: Array, ends: tuple[Array, Array]) -> None:
+def _start(system: System, solution: Motion, t_end: float, q0: Array, ends: tuple[Array, Array]) -> None:
     """Raise SolverFailure where an observed position starts off by more than START of its largest value; ends: the
     times (k,) and q (k, n) of the ends of all pieces, the start first."""
     if solution.times[0] != 0.0:
@@ -347,7 +345,7 @@ def _start(system: System, solution: Motion, t_end: float, solver: str, q0: Arra
         positions = _looks(system, solution, t_end, channel, ends)
         if all(abs(u[0] - given) > START * max(abs(given), float(np.max(np.abs(u)))) for u in positions):
             reason = "the motion is smaller than the rounding of the amplitudes it is the difference of"
-            raise SolverFailure(solver, 0.0, reason, "use multiprecision")
+            raise SolverFailure("exact", 0.0, reason, "use multiprecision")
 
 
 def _looks(system: System, solution: Motion, t_end: float, channel: int, ends: tuple[Array, Array]) -> Iterator[Array]:

@@ -18,7 +18,7 @@ from ..model.system import System
 from .events import LET_GO
 from .follow import Table, drive, leave, see, see_close, turn
 from .linear import spin_of
-from .measures import NODES, WEIGHTS, panels, pressed_by
+from .measures import NODES, WEIGHTS, integrated, pressed_by
 from .regimes import Pairs, Regimes
 from .terms import (
     CONSTANT,
@@ -203,18 +203,13 @@ class Motion:
         return self.drive.offset(system, channel)
 
     def work(self, system: System, edges: Array) -> tuple[Array, Array]:
-        """Work of the loads and viscous loss between consecutive edges, which include every event.
-
-        By Gauss-Legendre quadrature, exact to rounding, on panels that are short behind every edge, see ``panels``.
-        """
-        index, left, width = panels(self.shortest_period, edges[:-1], edges[1:], self.fastest_decay)
-        given, taken = np.zeros((2, len(edges) - 1))
+        """Work of the loads and viscous loss between consecutive edges, which include every event."""
         basis, rest = self.drive.split(system.loads, system.size)
         moving = [(i, c, self.offset(system, i)) for i, c in enumerate(system.contacts) if c.offset is not None]
-        for part in np.array_split(np.arange(len(left)), max(1, len(left) // 20_000)):
-            t = (left[part][:, None] + width[part][:, None] * (NODES + 1.0) / 2.0).ravel()
-            piece = self.piece_at(edges[index[part]]).repeat(len(NODES))
-            power, drag = np.zeros((2, t.size))
+        pieces = self.piece_at(edges[:-1])
+
+        def powers(t: Array, owner: NDArray[np.int64]) -> tuple[Array, Array]:
+            piece, (power, drag) = pieces[owner], np.zeros((2, t.size))
             if system.damped or rest:
                 _, v = self.states_in(t, piece)
                 power += np.sum(system.load(t) * v, axis=1)
@@ -225,9 +220,9 @@ class Motion:
                     power += g[:, k] * self.observed(t, basis[k])[1]
             for i, contact, offset in moving:
                 power -= self.force(contact, i, t, piece) * offset(t)[1]
-            for total, values in ((given, power), (taken, drag)):
-                np.add.at(total, index[part], values.reshape(-1, len(NODES)) @ WEIGHTS * width[part] / 2.0)
-        return given, taken
+            return power, drag
+
+        return integrated(self, edges, powers)
 
     def settled(self, system: System, t: Array, channel: int, u: Array, v: Array) -> tuple[Array, Array]:
         """Position u and velocity v of a channel at times t, without the rounding of what a rigid stop holds."""

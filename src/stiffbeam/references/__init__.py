@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any
 from ..basics.progress import Show, silent
 from ..basics.progress import progress as shown
 from ..basics.validation import InputError, numbers, positive
-from .registry import ADAPTIVE, BEST, METHODS, MULTIPRECISION, REFERENCES, RTOL, method_of
-from .request import Request, Steps
+from .registry import ADAPTIVE, BEST, METHODS, MULTIPRECISION, REFERENCES, RTOL, Request, Steps, method_of
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -144,7 +143,7 @@ def substitute(system: System, t_end: float) -> str:
     """Sentence with the best reference of a system that has no exact solution, and the reason; else empty."""
     from .exact.piecewise import refuse
 
-    if any(contact.stops.rigid for contact in system.contacts):
+    if system.rigid:
         return ""
     try:
         refuse(system, t_end)
@@ -157,7 +156,7 @@ def substitute(system: System, t_end: float) -> str:
 def takes(method: str, system: System, t_end: float) -> bool:
     """Return True if ``method`` supports the stops of a system and, for an exact method, its functions of time."""
     if REFERENCES[method].kind == ADAPTIVE:
-        return not any(contact.stops.rigid for contact in system.contacts)
+        return not system.rigid
     return not substitute(system, t_end)
 
 

@@ -132,7 +132,7 @@ class Solving:
         def solve(part: EnsembleMembers) -> Runs:
             return Runs.joined([Runs.of([one(x, t_end, self.at, known, since)], self.outputs) for x in part])
 
-        exact = self.method == "exact" and not any(c.stops.rigid for c in system.contacts)
+        exact = self.method == "exact" and not system.rigid
         if not exact or not set(members.fields) <= {"q0", "v0"}:
             return solve
         begun, tracer = wall_clock(), tracer_of(system, known=known, span=t_end)  # one for all
@@ -152,7 +152,7 @@ class Solving:
 
 
 def _solve(system: System, t_end: float, at: Array, known: Known | None, since: float) -> Reference:
-    if any(contact.stops.rigid for contact in system.contacts):
+    if system.rigid:
         return solve_rigid(system, t_end, at, since, trusted=False)
     return solve_exact(system, t_end, at, known=known, since=since)
 

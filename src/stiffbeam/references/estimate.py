@@ -14,8 +14,7 @@ from ..model.sampled import Sampled
 from ..model.system import System
 from ..model.time_functions import parts_of
 from ..trajectory.trajectory import Reference, SolverFailure
-from .registry import EXACT, MULTIPRECISION, REFERENCES
-from .request import OUTPUTS, Steps
+from .registry import EXACT, MULTIPRECISION, OUTPUTS, REFERENCES, Steps
 
 MINUTES = 60.0  # seconds from which on it is worth a warning
 PARTS = 64  # a pilot runs over one or two of so many parts of the span
@@ -45,8 +44,7 @@ def expected_seconds(
         return 0.0
     if solutions is None:
         solutions = COPIES if entry.kind == EXACT else _judged(system, t_end)
-    functions = [*(f for _, f in system.loads), *(offset for _, offset in system.channels)]
-    samples = sum(len(part.t) for f in functions for part in parts_of(f) if isinstance(part, Sampled))
+    samples = sum(len(part.t) for f in system.time_functions for part in parts_of(f) if isinstance(part, Sampled))
     angle = float(undamped_modes(system).omega[-1]) * t_end + RADIANS_PER_SAMPLE * samples
     scale = angle / FASTEST_TIME * max(1.0, system.size / CELLS) ** 2
     if solutions * entry.seconds * scale < NEAR * worth:

@@ -1,32 +1,132 @@
-"""Horizons: the time to which a reference agrees with another solution or with perturbed copies of itself."""
+"""Horizons: the time to which a reference agrees with another solution or with perturbed copies of itself, at the tip
+and at every contact."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from itertools import islice
-from typing import Any
+from itertools import count, islice
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..basics.arrays import Array
 from ..basics.progress import Show, silent
 from ..basics.validation import InputError
 from ..model.graded import rounding_of_zero
 from ..model.modes import undamped_modes
 from ..model.scales import scales
 from ..model.system import System
+from ..piecewise.measures import entries, path_of, within_float64
+from ..piecewise.regimes import Source
+from ..piecewise.rounding import Perturbation
 from ..piecewise.spectrum import known_until
-from ..trajectory.trajectory import Reference, SolverFailure
-from .agreement import DISPLACEMENT_TOLERANCE, agree_until, agreement, apart, scales_of, watched
-from .exact.piecewise import copies, solve_exact
-from .request import KEEP, Steps
+from ..piecewise.tracer import Tracer
+from ..trajectory.impacts import Impacts
+from ..trajectory.trajectory import Reference, SolverFailure, Trajectory
+from .exact.piecewise import solve_exact
+from .registry import KEEP, Steps
 
 COPIES = 4  # of the exact solution, each perturbed in its own way
 SOON = 40  # powers of two below t_end
 PART = 0.5  # of the tolerances, to which two solutions must agree: each may be off by as much
 FINEST = 1e-11  # rtol of an adaptive solution up to which a tenth of it is compared with
 MARGIN = 4.0  # times the rounding, for the perturbed copies
+DISPLACEMENT_TOLERANCE = 1e-3  # of max |u|
+STILL = 1e-9  # of the motion: that of a point which stands still is rounding
+LOOKS = 64  # output times at which the size of the whole motion is looked at
+
+
+class Watched(NamedTuple):
+    """Data that define the horizon: positions at the times t (k,), of the tip and then of every contact, and the
+    impacts of each contact."""
+
+    t: Array
+    paths: tuple[Array, ...]
+    impacts: tuple[Impacts, ...]
+
+
+def agreement(a: Trajectory, b: Trajectory, tolerance: float, part: float = 1.0) -> float:
+    """The time to which a and b agree: |du| <= 1e-3 max|u| at output times, impact times to ``tolerance``.
+
+    u is the position of the tip and, each by itself, of every contact, see ``scales_of``. Impacts are paired in order,
+    see ``impacts_match_until``, and must differ by less than a twentieth of the mean time between those of their
+    contact too. Both must have the same output times. max|u| is the smaller of the two: past the horizon, one that has
+    diverged may move further than the system does. part: of the tolerances.
+    """
+    return agree_until(watched(a), watched(b), tolerance, list(np.fmin(scales_of(a), scales_of(b))), part)
+
+
+def watched(run: Trajectory) -> Watched:
+    """The data of a run that define the horizon, at its output times."""
+    return Watched(run.t, (run.tip, *(c.position for c in run.contacts)), tuple(c.impacts for c in run.contacts))
+
+
+def scales_of(run: Trajectory) -> list[float]:
+    """Scale of 1e-3 for every path of ``watched``: max|u|, of a contact at least the gap to its nearer stop and STILL
+    of the tip's; of all of them at least STILL of what the whole motion could move the point by."""
+    largest = float(np.max(np.abs(run.tip)))
+    scales = [largest, *(max(c.scale, STILL * largest) for c in run.contacts)]
+    return np.maximum(scales, STILL * _reach(run)).tolist()
+
+
+def _reach(run: Trajectory) -> Array:
+    """sqrt(row M^-1 row) max |q|_M >= max|row q| of the tip's row and every contact's; 0 of a run without states."""
+    system, state_at = run.system, getattr(run, "state_at", None)
+    if system is None or state_at is None:
+        return np.zeros(1 + len(run.contacts))
+    q, _ = state_at(run.t[:: -(-len(run.t) // LOOKS)])
+    length = np.sqrt(np.max(np.sum(q * (q @ system.mass), axis=1)))
+    rows = np.array([system.channels[i][0] for i in (system.tip_channel, *range(len(run.contacts)))])
+    return length * np.sqrt(np.sum(rows * np.linalg.solve(system.mass, rows.T).T, axis=1))
+
+
+def agree_until(
+    a: Watched, b: Watched, tolerance: float, scales: Sequence[float], part: float = 1.0, chatters: bool = False
+) -> float:
+    """See ``agreement``; part: of the tolerances; chatters: see ``impacts_match_until``."""
+    end = float(min(a.t[-1], b.t[-1]))
+    horizon = end
+    for u, other, scale in zip(a.paths, b.paths, scales, strict=True):
+        close = np.abs(u - other) <= part * DISPLACEMENT_TOLERANCE * scale  # NaN is not
+        if not np.all(close):
+            horizon = min(horizon, float(a.t[max(0, int(np.argmin(close)) - 1)]))
+    for c, d in zip(a.impacts, b.impacts, strict=True):
+        least = min(tolerance, apart(max(c.count, d.count), end))
+        horizon = min(horizon, impacts_match_until(c, d, part * least, end, chatters))
+    return horizon
+
+
+def impacts_match_until(a: Impacts, b: Impacts, tolerance: float, end: float, chatters: bool = False) -> float:
+    """The time of the first impact that does not match, else ``end``.
+
+    The i-th impacts of a and b match where they are on the same stop with times that differ by ``tolerance``
+    at most. Impacts within the tolerance of the start do not count: a motion that starts on a stop may enter
+    it or be in it already. Nor do those within the tolerance of ``end``, whose partner may come just after.
+    chatters: nor those without a partner that come at once after the last one with a partner.
+    """
+    a, b = (_after(tolerance, x) for x in (a, b))
+    n = min(a.count, b.count)
+    bad = (a.stops[:n] != b.stops[:n]) | (np.abs(a.times[:n] - b.times[:n]) > tolerance)
+    if np.any(bad):
+        k = int(np.argmax(bad))
+        return float(min(a.times[k], b.times[k]))
+    unpaired = np.concatenate([a.times[n:], b.times[n:]])
+    unpaired = unpaired[unpaired < end - tolerance]
+    if chatters and n:
+        unpaired = unpaired[unpaired > a.times[n - 1] + tolerance]
+    return float(np.min(unpaired)) if len(unpaired) else end
+
+
+def _after(t: float, impacts: Impacts) -> Impacts:
+    return impacts.take(impacts.times > t)
+
+
+def apart(count: int, end: float) -> float:
+    """A twentieth of the mean time between ``count`` impacts in [0, end]: corresponding impacts of two solutions must
+    differ by less, however slow the motion is."""
+    return 0.05 * end / max(1, count)
 
 
 def time_tolerance(system: System, t_end: float = np.inf) -> float:
@@ -35,6 +135,19 @@ def time_tolerance(system: System, t_end: float = np.inf) -> float:
     That is 1.0e-4 time units for the paper's k^2 = 300.
     """
     return 1e-3 * scales(system, t_end).period
+
+
+def copies(system: System, t_end: float, t: Array, size: float) -> Iterator[Watched]:
+    """Perturbed copies of the exact solution, an endless sequence, each by ``size`` in its own way; t: as in
+    ``Watched``."""
+    source = Source(system, span=t_end)
+    for seed in count():
+        with within_float64("exact", t_end):
+            solution = Tracer(source, Perturbation(size, size, seed)).solve(t_end)
+            seen = [path_of(system, solution, t, channel)[0] for channel in range(len(system.channels))]
+            paths = (seen[system.tip_channel], *seen[: len(system.contacts)])
+            impacts = tuple(entries(solution, i, t_end) for i in range(len(system.contacts)))
+        yield Watched(t, paths, impacts)  # outside: what float64 raises inside is not for who goes on with it
 
 
 def exact_horizon(

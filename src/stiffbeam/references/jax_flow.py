@@ -13,7 +13,7 @@ from ..basics.validation import InputError, near, numbers, one_of, require_jax_f
 from ..model.members import paths_of, value_at, with_values
 from ..model.system import System, require_system
 from . import reference
-from .request import output_times
+from .registry import output_times
 
 QUANTITIES = ("tip", "tip_velocity", "state")
 

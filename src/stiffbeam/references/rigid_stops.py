@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from fractions import Fraction
 
 import numpy as np
@@ -12,9 +11,11 @@ from ..basics.exact_float import exact_value
 from ..basics.validation import InputError
 from ..model.active_set import solve_node
 from ..model.contact import Contact
+from ..model.sampled import Sampled
 from ..model.system import System
-from ..model.time_functions import covered, offset_values
+from ..model.time_functions import covered, offset_values, parts_of, require_closed_form
 
+REMEDY = "use a scheme with an impact law"
 MOST_BLOWS = 1000  # of one order; what they have not settled by then is as good as settled, or has no end
 SPENT = 1e-12  # of the fastest approach: a contact so slow is hit no more
 LEFT = 1e-12  # of the distance between a stop and a start, relative: the start is on the stop
@@ -30,12 +31,22 @@ def require_rigid(system: System, t_end: float) -> None:
         if contact.stops.restitution is None:
             remedy = "give the stops a restitution, or take the mass of the contact nodes away (massless_contacts)"
             raise InputError("stops.restitution", None, "be given for rigid stops", remedy)
-    covered([*(f for _, f in system.loads), *(offset for _, offset in system.channels)], t_end)
+    covered(system.time_functions, t_end)
     rows = np.array([contact.row for contact in system.contacts])
     least, most = np.linalg.eigvalsh(rows @ np.linalg.solve(system.mass, rows.T))[[0, -1]]
     if not least > 1e-12 * most:
         rule = "be independent of each other for rigid stops"
         raise InputError("contacts", f"{len(rows)} that follow from each other", rule, "leave one out")
+
+
+def require_smooth(system: System) -> None:
+    """Raise InputError for functions of time other than Harmonic, Constant and Sampled, and for stops that move along a
+    polygon: at its corners the contact point has no velocity."""
+    require_closed_form(system.time_functions, "the exact solution with rigid stops", REMEDY)
+    for part in (x for contact in system.contacts for x in parts_of(contact.offset)):
+        if isinstance(part, Sampled) and part.degree < 2:
+            rule = "have a velocity at its samples, where it moves a rigid stop"
+            raise InputError("contact.offset", part, rule, 'take samples of kind "cubic"')
 
 
 def order_decides(compliance: Array, e: Array, speeds: Array, sides: dict[int, int], pressed: set[int]) -> bool:
@@ -82,8 +93,8 @@ def on_stops(system: System) -> dict[int, int]:
     for contact, each in enumerate(system.contacts):
         moved = shift_at_start(each)
         u = float(each.row @ system.q0) + moved
-        for side, g in ((1, each.stops.upper_bound), (-1, each.stops.lower_bound)):
-            if math.isfinite(g) and side * (u - g) >= -LEFT * max(abs(g), abs(moved)):
+        for side, g in each.stops.sides:
+            if side * (u - g) >= -LEFT * max(abs(g), abs(moved)):
                 if side * (u - g) > LEFT * max(abs(g), abs(moved)):
                     remedy = "move the stop or the start"
                     raise InputError("initial displacement", u, "lie between rigid stops", remedy)
@@ -111,7 +122,6 @@ def at_rest(system: System) -> list[int]:
     resting = []
     for contact, each in enumerate(system.contacts):
         still = each.offset is None and not np.any(each.row * system.v0)
-        stops = (1, each.stops.upper_bound), (-1, each.stops.lower_bound)
-        if still and any(math.isfinite(g) and not off_stop(system, contact, side) for side, g in stops):
+        if still and not all(off_stop(system, contact, side) for side, _ in each.stops.sides):
             resting.append(contact)
     return resting

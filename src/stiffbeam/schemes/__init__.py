@@ -6,5 +6,5 @@ from .labels import registered as registered
 from .registry import *  # noqa: F403
 from .registry import RIGID as RIGID
 from .registry import SCHEMES as SCHEMES
-from .rigid_scheme import takes_stops as takes_stops
+from .scheme import takes_stops as takes_stops
 from .sdirk import GAMMA_THIRD_ORDER as GAMMA_THIRD_ORDER

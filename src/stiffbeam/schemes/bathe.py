@@ -38,16 +38,12 @@ class Bathe(Scheme):
 
     name = "bathe"
     look = (5, 5, 5)
+    arguments = ("split",)
     variants = ({"split": 2.0 - 2.0**0.5},)
 
     def __init__(self, split: float = 0.5) -> None:
         self.split = in_interval("split", split, 0.01, 0.99)
         self.nodes = (self.split, 1.0)
-
-    @property
-    def parameters(self) -> dict[str, float]:
-        """The share ``split`` of the step that the trapezoidal rule takes."""
-        return {"split": self.split}
 
     def initial(self, equation: Equation, history: list[Array], force: Array) -> Array:
         """(y, f) with the rate f of the state and the force given."""

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .rigid_scheme import POSITION, RigidScheme
-from .scheme import Array, Equation, Step
+from .scheme import POSITION, Array, Equation, RigidScheme, Step
 
 
 class ContactStabilisedNewmark(RigidScheme):

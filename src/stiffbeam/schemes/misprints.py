@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..basics.validation import InputError
-from .hht import HHT
+from .newmark import HHT
 from .scheme import Array, Equation, Scheme, Step
 from .sdirk import SDIRK
 
@@ -24,11 +24,6 @@ class UnweightedHHT(HHT):
     order = 1
     erratum = "unweighted"
     at_any_step = True
-
-    @classmethod
-    def of(cls, scheme: HHT) -> UnweightedHHT:
-        """The misprint with the alpha of ``scheme``."""
-        return cls(scheme.alpha)
 
     def initial(self, equation: Equation, history: list[Array], force: Array) -> Array:
         """(q, v, a) with a from the equation of motion."""
@@ -55,11 +50,6 @@ class PrintedSigma(SDIRK):
     erratum = "sigma"
     at_any_step = True
 
-    @classmethod
-    def of(cls, scheme: SDIRK) -> PrintedSigma:
-        """The misprint with gamma and form of ``scheme``."""
-        return cls(scheme.gamma, scheme.nystrom)
-
     def __init__(self, gamma: float, nystrom: bool = False) -> None:
         super().__init__(gamma, nystrom)
         self.order = 2
@@ -82,13 +72,8 @@ class PrintedStageMatrix(SDIRK):
 
     erratum = "stage-matrix"
 
-    @classmethod
-    def of(cls, scheme: SDIRK) -> PrintedStageMatrix:
-        """The misprint with the gamma of ``scheme``, always in second-order form."""
-        return cls(scheme.gamma)
-
-    def __init__(self, gamma: float) -> None:
-        super().__init__(gamma, nystrom=True)
+    def __init__(self, gamma: float, nystrom: bool = True) -> None:
+        super().__init__(gamma, nystrom=True)  # always in second-order form
         self.order = 2
 
     @property
@@ -115,12 +100,8 @@ class PrintedStageMatrix(SDIRK):
         radius = np.max(np.abs(np.linalg.eigvals(np.moveaxis(z, -1, 0))), axis=-1)
         if np.any(radius > 1.0 + GROWTH):
             worst = float(np.min(x[radius > 1.0 + GROWTH]))
-            raise InputError(
-                "dt",
-                dt,
-                f"keep the printed (4.14) from growing by more than {GROWTH:g} a step, omega dt < {worst:.2g}",
-                f"use dt < {worst / omega_max:.3g} or the corrected scheme",
-            )
+            rule = f"keep the printed (4.14) from growing by more than {GROWTH:g} a step, omega dt < {worst:.2g}"
+            raise InputError("dt", dt, rule, f"use dt < {worst / omega_max:.3g} or the corrected scheme")
 
 
 def forms_of(scheme: Scheme) -> list[str]:

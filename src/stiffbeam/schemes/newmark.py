@@ -1,4 +1,4 @@
-"""The step that HHT-alpha and generalised-alpha share: Newmark's updates, weighted forces."""
+"""Newmark's family: HHT-alpha and generalised-alpha take one step, Newmark's updates with weighted forces."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.polynomial import Polynomial
 
-from .scheme import Array, Equation, Scheme, Step
+from .scheme import Array, Equation, Scheme, Step, in_interval
 
 
 class WeightedNewmark(Scheme):
@@ -59,3 +59,93 @@ class WeightedNewmark(Scheme):
         inertia = (self.alpha_m + (1.0 - self.alpha_m) * root) * one**2
         forces = 2.0 * xi * x * one * rate + x**2 * position
         return (inertia + (self.alpha_f + (1.0 - self.alpha_f) * root) * forces).coef[::-1]
+
+
+class HHT(WeightedNewmark):
+    """M a^{n+1} = (1 + alpha) N^{n+1} - alpha N^n,  N = f - C q' - K q (loads and contact included),
+
+        q^{n+1} = q^n + dt v^n + dt^2 [(1/2 - beta) a^n + beta a^{n+1}],    beta = (1 - alpha)^2/4,
+        v^{n+1} = v^n + dt [(1 - gamma) a^n + gamma a^{n+1}],               gamma = 1/2 - alpha.      (4.13)
+
+    The weighted Newmark step with alpha_m = 0 and alpha_f = -alpha. Order 2, A-stable. The contact enters as
+    (1 + alpha) sigma(v^{n+1}) - alpha sigma(v^n). The order drops to 1 where the acceleration is computed again from
+    M a = N in each step, and where a force is left out of the weighting as the paper prints (``Scheme.printed``).
+
+    Parameters
+    ----------
+    alpha : float
+        In [-1/3, 0]; 0 is the trapezoidal rule. Other packages write alpha_H = -alpha in [0, 1/3], or 1 + alpha in
+        [2/3, 1].
+
+    Raises
+    ------
+    InputError
+        For any other alpha.
+
+    References
+    ----------
+    Dumont (2002), (4.13); Hilber, Hughes and Taylor, Earthquake Eng. Struct. Dyn. 5 (1977) 283-292.
+
+    Examples
+    --------
+    >>> import stiffbeam as sb
+    >>> sb.HHT(alpha=-0.1)
+    HHT(alpha=-0.1)
+    """
+
+    name = "hht"
+    paper = "(4.13)"
+    look = (2, 2, 2)
+    arguments = ("alpha",)
+    variants = ({"alpha": 0.0}, {"alpha": -0.3})
+
+    def __init__(self, alpha: float = -0.1) -> None:
+        self.alpha = in_interval(
+            "alpha", alpha, -1.0 / 3.0, 0.0, "if your alpha is in [0, 1/3], pass -alpha; if in [2/3, 1], alpha - 1"
+        )
+        self.alpha_m, self.alpha_f = 0.0, -self.alpha
+        self.beta = (1.0 - self.alpha) ** 2 / 4.0
+        self.gamma = 0.5 - self.alpha
+
+
+class GeneralisedAlpha(WeightedNewmark):
+    """The weighted Newmark step with, for a spectral radius rho at infinite frequency,
+
+        alpha_m = (2 rho - 1)/(rho + 1),    beta  = (1 - alpha_m + alpha_f)^2/4,
+        alpha_f = rho/(rho + 1),            gamma = 1/2 - alpha_m + alpha_f.
+
+    Order 2, A-stable. The weights fall on the old values, as in Chung and Hulbert. HHT is alpha_m = 0 and
+    alpha_f = -alpha.
+
+    Parameters
+    ----------
+    rho : float
+        In [0, 1]: 1 dissipates no energy on a linear system, 0 removes the highest modes in one step.
+
+    Raises
+    ------
+    InputError
+        For any other rho.
+
+    References
+    ----------
+    Chung and Hulbert, J. Appl. Mech. 60 (1993) 371-375, (25)-(27).
+
+    Examples
+    --------
+    >>> import stiffbeam as sb
+    >>> sb.GeneralisedAlpha(rho=0.8)
+    GeneralisedAlpha(rho=0.8)
+    """
+
+    name = "generalised-alpha"
+    look = (3, 3, 3)
+    arguments = ("rho",)
+    variants = ({"rho": 0.0}, {"rho": 1.0})
+
+    def __init__(self, rho: float = 0.8) -> None:
+        self.rho = in_interval("rho", rho, 0.0, 1.0)
+        self.alpha_m = (2.0 * self.rho - 1.0) / (self.rho + 1.0)
+        self.alpha_f = self.rho / (self.rho + 1.0)
+        self.beta = (1.0 - self.alpha_m + self.alpha_f) ** 2 / 4.0
+        self.gamma = 0.5 - self.alpha_m + self.alpha_f

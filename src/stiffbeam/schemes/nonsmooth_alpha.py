@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from .generalised_alpha import GeneralisedAlpha
-from .rigid_scheme import POSITION, WHERE_CLOSED, RigidScheme
-from .scheme import Array, Equation, Step
+from .newmark import GeneralisedAlpha
+from .scheme import POSITION, WHERE_CLOSED, Array, Equation, RigidScheme, Step
 
 
 class NonsmoothGeneralisedAlpha(RigidScheme):
@@ -47,6 +46,7 @@ class NonsmoothGeneralisedAlpha(RigidScheme):
 
     name = "nonsmooth-alpha"
     look = (3, 12, 1)
+    arguments = ("rho",)
     nodes = (1.0, 1.0)
     conditions = (POSITION, WHERE_CLOSED)
 
@@ -54,11 +54,6 @@ class NonsmoothGeneralisedAlpha(RigidScheme):
         smooth = GeneralisedAlpha(rho)
         self.rho, self.alpha_m, self.alpha_f = rho, smooth.alpha_m, smooth.alpha_f
         self.beta, self.gamma = smooth.beta, smooth.gamma
-
-    @property
-    def parameters(self) -> dict[str, float]:
-        """The spectral radius ``rho`` at infinite frequency."""
-        return {"rho": self.rho}
 
     def initial(self, equation: Equation, history: list[Array], force: Array) -> Array:
         """(q, v, a, a) with a from the equation of motion under the load alone."""

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .rigid_scheme import RESTITUTED, RigidScheme
-from .scheme import Array, Equation, Step, in_interval
+from .scheme import RESTITUTED, Array, Equation, RigidScheme, Step, in_interval
 
 
 class PaoliSchatzman(RigidScheme):
@@ -44,15 +43,11 @@ class PaoliSchatzman(RigidScheme):
 
     name = "paoli-schatzman"
     look = (4, 10, 2)
+    arguments = ("beta",)
     conditions = (RESTITUTED,)
 
     def __init__(self, beta: float = 0.25) -> None:
         self.beta = in_interval("beta", beta, 0.25, 0.5)
-
-    @property
-    def parameters(self) -> dict[str, float]:
-        """``beta``, the weight of K q+ and of K q-."""
-        return {"beta": self.beta}
 
     def start(self, equation: Equation, dt: float, y: Array, force: Array) -> Array:
         """State at t = 0, with q- such that (q+ - q-)/(2 dt) is the initial velocity."""

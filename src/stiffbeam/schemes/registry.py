@@ -6,17 +6,17 @@ from .bathe import Bathe as Bathe
 from .bdf2 import BDF2 as BDF2
 from .contact_stabilised import ContactStabilisedNewmark as ContactStabilisedNewmark
 from .exponential_flow import ExponentialFlow as ExponentialFlow
-from .generalised_alpha import GeneralisedAlpha as GeneralisedAlpha
-from .hht import HHT as HHT
 from .moreau_jean import MoreauJean as MoreauJean
-from .moreau_jean_bilbao import MoreauJeanBilbao as MoreauJeanBilbao
+from .moreau_jean import MoreauJeanBilbao as MoreauJeanBilbao
+from .newmark import HHT as HHT
+from .newmark import GeneralisedAlpha as GeneralisedAlpha
 from .nonsmooth_alpha import NonsmoothGeneralisedAlpha as NonsmoothGeneralisedAlpha
 from .paoli_schatzman import PaoliSchatzman as PaoliSchatzman
-from .rigid_scheme import RigidScheme as RigidScheme
+from .scheme import RigidScheme as RigidScheme
 from .scheme import Scheme as Scheme
 from .sdirk import SDIRK as SDIRK
 from .theta import Theta as Theta
-from .trapezoidal import Trapezoidal as Trapezoidal
+from .theta import Trapezoidal as Trapezoidal
 
 SCHEMES: dict[str, type[Scheme]] = {
     scheme.name: scheme for scheme in (BDF2, SDIRK, HHT, GeneralisedAlpha, Trapezoidal, Bathe, Theta, ExponentialFlow)

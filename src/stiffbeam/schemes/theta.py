@@ -1,4 +1,4 @@
-"""The theta-method, which makes BDF2's first step."""
+"""The theta-method, which makes BDF2's first step, and the trapezoidal rule by name."""
 
 from __future__ import annotations
 
@@ -37,15 +37,11 @@ class Theta(Scheme):
     name = "theta"
     paper = "Section 5.2.1"
     look = (7, 8, 6)
+    arguments = ("theta",)
 
     def __init__(self, theta: float = 0.5) -> None:
         self.theta = in_interval("theta", theta, 0.5, 1.0)
         self.order = 2 if self.theta == 0.5 else 1
-
-    @property
-    def parameters(self) -> dict[str, float]:
-        """``theta``, the weight of the new rate."""
-        return {"theta": self.theta}
 
     def initial(self, equation: Equation, history: list[Array], force: Array) -> Array:
         """(y, f) with the rate f of the state and the force given."""
@@ -68,3 +64,27 @@ class Theta(Scheme):
         """Degree 1: the root is (1 + (1 - theta) z)/(1 - theta z)."""
         z = oscillator(x, xi)
         return np.array([1.0 - self.theta * z, -1.0 - (1.0 - self.theta) * z])
+
+
+class Trapezoidal(Theta):
+    """y^{n+1} = y^n + dt/2 (f^n + f^{n+1}): the theta-method with theta = 1/2.
+
+    Order 2, A-stable. It dissipates no energy on a linear system, and does not damp the highest modes.
+
+    References
+    ----------
+    Newmark, J. Eng. Mech. Div. ASCE 85 (1959) 67-94, beta = 1/4, gamma = 1/2.
+
+    Examples
+    --------
+    >>> import stiffbeam as sb
+    >>> sb.Trapezoidal()
+    Trapezoidal()
+    """
+
+    name = "trapezoidal"
+    look = (4, 4, 4)
+    arguments = ()
+
+    def __init__(self) -> None:
+        super().__init__(0.5)

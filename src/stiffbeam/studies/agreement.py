@@ -15,11 +15,9 @@ from ..basics.text import plain
 from ..basics.validation import InputError, positive
 from ..measures.impacts import impact_times
 from ..references import solve
-from ..references.agreement import agreement
 from ..references.estimate import expected_seconds
-from ..references.horizon import time_tolerance
-from ..references.registry import BUDGET, EXACT, METHODS, MULTIPRECISION, REFERENCES, RTOL
-from ..references.request import Steps
+from ..references.horizon import agreement, time_tolerance
+from ..references.registry import BUDGET, EXACT, METHODS, MULTIPRECISION, REFERENCES, RTOL, Steps
 from ..trajectory.trajectory import Reference, SolverFailure
 
 if TYPE_CHECKING:

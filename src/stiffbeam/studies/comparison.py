@@ -26,8 +26,7 @@ from ..model.system import System
 from ..model.time_functions import Harmonic
 from ..references import reference, solve, substitute
 from ..references.estimate import expected_seconds
-from ..references.registry import BUDGET, COMPARED, COMPARED_RIGID, RTOL, method_of
-from ..references.request import OUTPUTS, Steps
+from ..references.registry import BUDGET, COMPARED, COMPARED_RIGID, OUTPUTS, RTOL, Steps, method_of
 from ..schemes import HHT
 from ..testset.integrators import RECORDED, SCHEME, SOLVER, Integrator, integrators
 from ..trajectory.recorder import sampled_impacts

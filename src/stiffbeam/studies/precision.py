@@ -17,8 +17,7 @@ from ..model.right_hand_side import RightHandSide
 from ..model.system import System
 from ..references import solve, takes
 from ..references.estimate import expected_seconds
-from ..references.registry import MULTIPRECISION, REFERENCES
-from ..references.request import Steps
+from ..references.registry import MULTIPRECISION, REFERENCES, Steps
 from ..testset.integrators import RECORDED, SCHEME, SOLVER, Integrator
 from ..trajectory.trajectory import Reference, Trajectory
 from . import common

@@ -23,8 +23,7 @@ import numpy as np
 from ..basics.validation import InputError, number
 from ..figures import Axis, Curve, Panel, Picture, column, groups, style_of
 from ..files.cases import Case
-from ..model.contact import Contact, Stops
-from ..model.restitution import dissipation_for, restitution_of
+from ..model.contact import Contact, Stops, dissipation_for, restitution_of
 from ..model.system import System
 from ..references import solve
 from .common import extremes

@@ -37,7 +37,7 @@ from ..model.members import paths_of
 from ..model.system import System
 from ..references import best_reference
 from ..references.ensemble import reference_ensemble
-from ..schemes.rigid_scheme import RigidScheme
+from ..schemes.scheme import RigidScheme
 from ..trajectory.ensemble import Ensemble
 from ..trajectory.trajectory import Diverged, SolverFailure
 from .common import Form, Treatment, label_of, scheme_of, system_of

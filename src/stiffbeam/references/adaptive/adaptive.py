@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import asdict
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -19,63 +19,24 @@ from ...trajectory.impacts import COLUMNS, ContactRecord, Impacts
 from ...trajectory.ledger import Ledger, in_contact
 from ...trajectory.recorder import contact_spans
 from ...trajectory.trajectory import Reference, Work, versions
-from ..registry import REFERENCES
-from ..request import KEEP, RESTART, Request, output_times
-from .pieces import Pieces, smooth_pieces
-from .restarts import Contacts, Outcome, Phase, Scales, follow, scales_of
+from ..registry import KEEP, REFERENCES, RESTART, Request, output_times
+from .pieces import smooth_pieces
+from .restarts import Contacts, Outcome, Path, Phase, follow, scales_of
 
 LEAST_RTOL = 100.0 * float(np.finfo(float).eps)  # below it steps shrink without end instead of failing
 LEAST_SHARE = 1e-6  # of the default atol: below it an unknown that passes through zero stops the solver
 UNCONTROLLED = 1e200  # the absolute tolerance of the impulses, which follow the motion
 
 
-class Solve(NamedTuple):
-    """states (k, size) at the output times; the contacts' spans, None where no events are asked for;
-    counters; the state at t_end; seconds of solving, and of compiling, apart."""
-
-    states: Array
-    contacts: Contacts | None
-    counters: dict[str, int]
-    end: Array
-    seconds: float
-    compile_seconds: float = 0.0
-
-
-class Task(NamedTuple):
-    """Input of an adaptive solver: outputs t (k,), relative tolerance, and absolute tolerance of every unknown
-    (size,)."""
-
-    rhs: RightHandSide
-    pieces: Pieces
-    t: Array
-    rtol: float
-    atol: Array
-    switches: str
-    scales: Scales
-    events: bool
-
-
 Solver = Callable[[Phase], Outcome]
 
 
-def in_phases(method: str, solver: Callable[[RightHandSide, float, Array], Solver]) -> Callable[[Task], Solve]:
-    """The whole solve of a solver that makes one phase."""
-
-    def solve(task: Task) -> Solve:
-        begun = clock()
-        run = solver(task.rhs, task.rtol, task.atol)
-        path = follow(method, task.rhs, task.pieces.pieces, task.t, task.switches, task.scales, run, task.events)
-        compiling, task.rhs.compile_seconds = task.rhs.compile_seconds, 0.0
-        return Solve(path.states, path.contacts, path.counters, path.end, clock() - begun, compiling)
-
-    return solve
-
-
 def reference_from(
-    request: Request, solve: Callable[[Task], Solve], switches: str, mass: Array | None = None,
-    first_order: FirstOrderSystem | None = None,
+    request: Request, solver: Callable[[RightHandSide, float, Array], Solver], switches: str,
+    mass: Array | None = None, first_order: FirstOrderSystem | None = None,
 ) -> Reference:  # fmt: skip
-    """Run ``solve`` on the first-order system (its own unless given, with its ``mass``) and wrap its output.
+    """The Reference of a solver that makes one phase, on the first-order system (its own unless given, with its
+    ``mass``). solver: takes the right-hand side, the relative tolerance, and the absolute ones of all unknowns.
 
     switches: the method's default. atol defaults to rtol/100 of every unknown's scale (``scales_of``). Without events
     impacts are the sampled ones at the output times, with the peak force and the share of time in contact there.
@@ -114,10 +75,17 @@ def reference_from(
     integrals = np.full(rhs.size - rhs.states, UNCONTROLLED)
     integrals[[0, 1, *([-1] if rhs.damped else [])]] = rtol * scales.energy
     tolerances = np.concatenate([share * tolerances, integrals])
-    task = Task(rhs, pieces, t, share * rtol, tolerances, switches, scales, steps.events)
-    result = solve(task)
+
+    def solve(t: Array) -> Path:
+        begun = clock()
+        run = solver(rhs, share * rtol, tolerances)
+        path = follow(method, rhs, pieces.pieces, t, switches, scales, run, steps.events)
+        compiling, rhs.compile_seconds = rhs.compile_seconds, 0.0
+        return path._replace(seconds=clock() - begun, compile_seconds=compiling)
+
+    result = solve(t)
     y = result.states[:, : rhs.states]
-    answers = Answers(solve, task, y)
+    answers = Answers(solve, rhs, t_end, t, y)
     positions, velocities = rhs.channels(t, y)
     tip = system.tip_channel
     states = (y @ rhs.first_order.to_q.T, y @ rhs.first_order.to_v.T)
@@ -160,8 +128,8 @@ def reference_from(
         ),
         provenance=provenance,
         system=system,
-        evaluate=lambda times, channel: answers.channel(times, channel),
-        state_at=lambda times: answers.states(times),
+        evaluate=answers.channel,
+        state_at=answers.states,
         ledger=ledger,
     )
 
@@ -172,27 +140,26 @@ class Answers:
     The last answer is kept: a comparison asks the same times of the tip and of every contact.
     """
 
-    def __init__(self, solve: Callable[[Task], Solve], task: Task, y: Array) -> None:
-        self.solve, self.task = solve, task
-        self.t, self.y = task.t, y
+    def __init__(self, solve: Callable[[Array], Path], rhs: RightHandSide, t_end: float, t: Array, y: Array) -> None:
+        self.solve, self.rhs, self.t_end = solve, rhs, t_end
+        self.t, self.y = t, y
 
     def at(self, times: Array) -> Array:
         """The states (k, size) at ``times`` (k,), in any order, in [0, t_end]."""
         due = np.unique(times)
         if not np.all(np.isin(due, self.t)):
-            end = self.task.pieces.pieces[-1].end
-            self.t = due if len(due) > 1 else np.unique([0.0, *due, end])
-            self.y = self.solve(self.task._replace(t=self.t)).states[:, : self.task.rhs.states]
+            self.t = due if len(due) > 1 else np.unique([0.0, *due, self.t_end])
+            self.y = self.solve(self.t).states[:, : self.rhs.states]
         return self.y[np.searchsorted(self.t, times)]
 
     def channel(self, times: Array, channel: int) -> tuple[Array, Array]:
         """Position and velocity of a channel at ``times``."""
-        u, v = self.task.rhs.channels(times, self.at(times))
+        u, v = self.rhs.channels(times, self.at(times))
         return u[:, channel], v[:, channel]
 
     def states(self, times: Array) -> tuple[Array, Array]:
         """(q, q') at ``times``."""
-        y, parts = self.at(times), self.task.rhs.first_order
+        y, parts = self.at(times), self.rhs.first_order
         return y @ parts.to_q.T, y @ parts.to_v.T
 
 

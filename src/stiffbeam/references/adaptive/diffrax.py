@@ -12,15 +12,12 @@ import numpy as np
 
 from ...basics.arrays import Array, float64_on_the_processor
 from ...basics.compiled import stopped_clock
-from ...basics.validation import InputError
-from ...model.right_hand_side import RightHandSide
-from ...model.right_hand_side_jax import Kind, numbers_of, rate_with_integrals
+from ...model.right_hand_side import Kind, RightHandSide, numbers_of, rate_with_integrals
 from ...model.right_hand_side_kernels import THROUGH
-from ...model.time_functions import in_closed_form
+from ...model.time_functions import require_closed_form
 from ...trajectory.trajectory import Reference
-from ..registry import REFERENCES
-from ..request import RESTART, Request
-from .adaptive import Solver, in_phases, reference_from
+from ..registry import REFERENCES, RESTART, Request
+from .adaptive import Solver, reference_from
 from .scipy import Cubic, stepping
 
 CAPACITY = 128  # steps per call of a program: bounds its memory and lets an interrupt through
@@ -43,10 +40,7 @@ def solve(request: Request) -> Reference:
     import jax
 
     system, method = request.system, request.method
-    for function in (*(f for _, f in system.loads), *(offset for _, offset in system.channels)):
-        if not in_closed_form(function):
-            rule = f"be made of Harmonic, Constant and Sampled for {method}"
-            raise InputError("time function", function, rule, "use the adaptive solver cvode")
+    require_closed_form(system.time_functions, method)
     name = REFERENCES[method].solver
     assert hasattr(diffrax, name) and jax is not None  # noqa: PT018 - both are named where one is missing
 
@@ -54,7 +48,7 @@ def solve(request: Request) -> Reference:
         rhs.callbacks = "JAX"
         return stepping(method, partial(Stepper, rhs, name), steps_to_outputs=True)(rhs, rtol, atol)
 
-    return reference_from(request, in_phases(method, solver), RESTART)
+    return reference_from(request, solver, RESTART)
 
 
 class Stepper:
@@ -148,7 +142,7 @@ def _march(
     # Between events under a linear law all but the viscous power is linear, and one iteration is exact.
     linear = set(kind.exponents) <= {1.0} and not kind.damped and not numbers.damping.shape[0]
     once = jnp.all(numbers.regime != THROUGH) if linear else False
-    term = diffrax.ODETerm(partial(_field, kind))
+    term = diffrax.ODETerm(partial(rate_with_integrals, kind))
     controller = diffrax.PIDController(rtol=rtol, atol=atol, dtmax=max_step)
     kind_of_solver = getattr(diffrax, name)
     implicit = issubclass(kind_of_solver, diffrax.AbstractImplicitSolver)
@@ -206,10 +200,6 @@ def _chord() -> Any:
             return ended | (self.once & (state.step > 0)), result
 
     return Chord
-
-
-def _field(kind: Kind, t: Any, z: Any, numbers: Any) -> Any:
-    return rate_with_integrals(kind, t, z, numbers)
 
 
 def _chosen(keep: Any, new: Any, old: Any) -> Any:

@@ -16,10 +16,10 @@ from ...basics.compiled import stopped_clock
 from ...basics.validation import InputError
 from ...model.contact_law import Law, damps, depth_holding, jumps, law_of, pressure
 from ...model.right_hand_side import RightHandSide
-from ...model.time_functions import in_closed_form
+from ...model.time_functions import require_closed_form
 from ...trajectory.trajectory import Reference, SolverFailure
-from ..request import KEEP, RESTART, Request
-from .adaptive import Solver, in_phases, reference_from
+from ..registry import KEEP, RESTART, Request
+from .adaptive import Solver, reference_from
 from .restarts import Outcome, Phase, Root, refuse_endless
 
 LARGEST = 16  # numerator and denominator of an exponent: the equations contain powers as high as that
@@ -57,10 +57,7 @@ def solve(request: Request) -> Reference:
     system, switches = request.system, request.steps.switches
     if switches == KEEP:
         raise InputError("switches", switches, f"be {RESTART!r} for heyoka", "use the adaptive solver cvode")
-    for function in (*(f for _, f in system.loads), *(offset for _, offset in system.channels)):
-        if not in_closed_form(function):
-            rule = "be made of Harmonic, Constant and Sampled for heyoka"
-            raise InputError("time function", function, rule, "use the adaptive solver cvode")
+    require_closed_form(system.time_functions, "heyoka")
     for contact in system.contacts:
         stops = contact.stops
         if exponent_of(stops.coefficients.p) is None:
@@ -69,7 +66,7 @@ def solve(request: Request) -> Reference:
         if stops.jumps and fractional(stops.coefficients):
             rule = f"be 0 beside the exponent {float(stops.exponent):g} for heyoka"
             raise InputError("stops.damping", stops.damping, rule, "use dissipation, or the adaptive solver cvode")
-    return reference_from(request, in_phases("heyoka", _solver), RESTART)
+    return reference_from(request, _solver, RESTART)
 
 
 def exponent_of(p: float) -> Fraction | None:
@@ -217,8 +214,7 @@ def _depth(rhs: RightHandSide, k: int, t: float, z: Array) -> tuple[float, float
     c, side = rhs.sides[k]
     contact = rhs.first_order.contacts[c]
     u, v = rhs.first_order.contact_motion(contact, float(np.clip(t, *rhs.window)), z[: rhs.states])
-    stops = contact.contact.stops
-    return side * (u - (stops.upper_bound if side > 0 else stops.lower_bound)), side * v
+    return side * (u - contact.contact.stops.bound(side)), side * v
 
 
 def _depth_root(rhs: RightHandSide, phase: Phase, k: int, exponents: Sequence[Fraction]) -> float:

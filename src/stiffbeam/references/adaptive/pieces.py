@@ -26,7 +26,7 @@ from ...model.time_functions import (
     parts_of,
     times_of,
 )
-from ..request import Steps
+from ..registry import Steps
 
 POINTS = 2**18  # of the first scan of a bare callable: a feature shorter than t_end/2^18 can be missed
 MOST_POINTS = 2**22  # where the shortest natural period asks for more
@@ -61,9 +61,8 @@ class Pieces(NamedTuple):
 
 def smooth_pieces(system: System, t_end: float, steps: Steps) -> Pieces:
     """Cut [0, t_end] for the loads and contact offsets of ``system``."""
-    given = [f for _, f in system.loads] + [c.offset for c in system.contacts]
-    covered(given, t_end)
-    functions = {id(part): part for function in given for part in parts_of(function)}
+    covered(system.time_functions, t_end)
+    functions = {id(part): part for function in system.time_functions for part in parts_of(function)}
     harmonics = [f.frequency for f in functions.values() if isinstance(f, Harmonic) and f.amplitude]
     bare = [f for f in functions.values() if not in_closed_form(f)]
     records = [f for f in functions.values() if isinstance(f, Sampled)]  # polynomials between their samples

@@ -20,7 +20,7 @@ from ...model.first_order import FirstOrderSystem
 from ...model.right_hand_side import THROUGH, RightHandSide
 from ...model.time_functions import evaluate, offset_values
 from ...trajectory.trajectory import SolverFailure
-from ..request import RESTART
+from ..registry import RESTART
 from .pieces import Piece
 
 SAMPLES = 4097  # of every function of time, for its largest value
@@ -239,12 +239,14 @@ class Contacts:
 
 class Path(NamedTuple):
     """States (k, size) at the outputs, the contacts' spans, None without events, the counters and the state
-    at the end."""
+    at the end; seconds of solving, and of compiling, apart."""
 
     states: Array
     contacts: Contacts | None
     counters: dict[str, int]
     end: Array
+    seconds: float = 0.0
+    compile_seconds: float = 0.0
 
 
 def follow(

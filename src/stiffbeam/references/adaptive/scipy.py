@@ -12,9 +12,8 @@ from ...basics.validation import InputError, positive
 from ...model.right_hand_side import RightHandSide
 from ...model.system import System
 from ...trajectory.trajectory import Reference, SolverFailure
-from ..registry import REFERENCES
-from ..request import KEEP, RESTART, Request
-from .adaptive import Solver, in_phases, reference_from
+from ..registry import KEEP, REFERENCES, RESTART, Request
+from .adaptive import Solver, reference_from
 from .restarts import Outcome, Phase, Root, refuse_endless
 
 STABLE = 6.8  # |z| of the farthest z with Re z <= 0 and |R(z)| <= 1 of DOP853's stability function R
@@ -45,7 +44,7 @@ def solve(request: Request) -> Reference:
     if name == "DOP853":
         refuse_stiff(request.system, request.t_end)
     library = getattr(scipy.integrate, name)
-    return reference_from(request, in_phases(method, stepping(method, library)), KEEP if name == "Radau" else RESTART)
+    return reference_from(request, stepping(method, library), KEEP if name == "Radau" else RESTART)
 
 
 def stepping(

@@ -2,10 +2,10 @@
 
 piecewise                          compliant stops: refusals, the Reference, perturbed copies
 lyapunov                           growth of perturbations along the solution
-rigid_reference, rigid_motion      rigid stops with restitution: the Reference, and what is read of a motion
-impacting, taylor                  its solver, from event to event, and the first zero of a series
-derivative, orbit                  derivatives in parameters; periodic orbits
-continuation, grazing              branches of orbits; their touches of a stop that begin or end
+rigid_reference, rigid_motion      rigid stops with restitution: the Reference; a motion and its series
+impacting                          its solver, from event to event
+derivative, orbit                  derivatives in parameters; periodic orbits and their distance from a graze
+continuation                       branches of orbits
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from ...trajectory.trajectory import Reference
-    from ..request import Request
+    from ..registry import Request
 
 
 def solve(request: Request) -> Reference:
@@ -22,5 +22,5 @@ def solve(request: Request) -> Reference:
     from .piecewise import solve_exact
     from .rigid_reference import solve_rigid
 
-    rigid = any(contact.stops.rigid for contact in request.system.contacts)
+    rigid = request.system.rigid
     return (solve_rigid if rigid else solve_exact)(request.system, request.t_end, request.t_eval)

@@ -35,8 +35,17 @@ from ...piecewise.measures import within_float64
 from ...piecewise.regimes import Known
 from ...piecewise.tangent import Path, Tangent
 from ...trajectory.trajectory import SolverFailure
-from .grazing import distances, events, rigid_grazing, shallowest, turn
-from .orbit import ALONE, Orbit, PeriodMap, periodic_orbit
+from .orbit import (
+    ALONE,
+    Orbit,
+    PeriodMap,
+    distances,
+    events,
+    periodic_orbit,
+    rigid_grazing,
+    shallowest,
+    turn,
+)  # fmt: skip
 
 CORRECTIONS = 8  # iterations of the corrector
 CLOSED = 1e-11  # relative defect at which a point counts

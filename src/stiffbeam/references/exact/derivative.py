@@ -114,7 +114,7 @@ class Derivative:
         for i, contact in enumerate(system.contacts):
             if contact.stops.rigid:
                 continue
-            for side in sides_of(system, i):
+            for side, _ in contact.stops.sides:
                 depth, slope = self.tangent.read(gap_forms(self.tangent, i, side), t)
                 depth = np.maximum(depth[:, 0], 0.0)
                 total += float(contact.stops.stiffness) * depth[:, None] * slope[:, 0]
@@ -279,12 +279,6 @@ class Derivative:
         return min(known, self.reference.horizon) if np.isfinite(self.reference.horizon) else known
 
 
-def sides_of(system: System, contact: int) -> list[int]:
-    """The sides on which a contact has a stop."""
-    stops = system.contacts[contact].stops
-    return [side for side, g in ((-1, stops.lower_bound), (1, stops.upper_bound)) if np.isfinite(g)]
-
-
 def gap_forms(tangent: Tangent, contact: int, side: int) -> Forms:
     """The depth of a contact beyond its stop, < 0 before it, as a form for every segment."""
 
@@ -337,7 +331,7 @@ def derivative(reference: Reference, wrt: Sequence[str], t: Array) -> Derivative
     """Derivatives of an exact solution, see ``Reference.derivative``."""
     system, solution = reference.system, reference.solution
     assert system is not None
-    rigid = any(contact.stops.rigid for contact in system.contacts)
+    rigid = system.rigid
     if solution is None or rigid != isinstance(solution, RigidMotion):
         rule, remedy = 'be of method "exact" and solved in this process for a derivative', "take stiffbeam.reference"
         raise InputError("reference", reference.provenance["method"], rule, remedy)
@@ -366,7 +360,7 @@ def ends_of(system: System, solution: Any, tangent: Tangent) -> list[tuple[float
             ends.append((0.0, "an impact at the start"))
     for contact, stops in enumerate(x.stops for x in system.contacts):
         if stops.rigid or stops.damping > 0.0:
-            for side in sides_of(system, contact):
+            for side, _ in stops.sides:
                 ends += [(t, "a contact grazes its stop") for t in near_misses(system, tangent, contact, side)]
                 if starts_on_stop(tangent, contact, side):
                     ends.append((0.0, "a contact starts on its stop, which the parameter moves away or into it"))

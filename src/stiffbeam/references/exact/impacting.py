@@ -24,9 +24,7 @@ import numpy as np
 from ...basics.arrays import Array
 from ...basics.validation import InputError
 from ...model.active_set import solve_node
-from ...model.sampled import Sampled
 from ...model.system import System
-from ...model.time_functions import Constant, Harmonic, parts, parts_of
 from ...piecewise.follow import DONE
 from ...piecewise.generator import Generators
 from ...piecewise.motion import Motion
@@ -35,11 +33,9 @@ from ...piecewise.rounding import Perturbation
 from ...piecewise.touching import EPS
 from ...piecewise.tracer import Tracer as FreeTracer
 from ...trajectory.trajectory import SolverFailure
-from ..rigid_stops import on_stops, order_decides, together_but_for_rounding
-from .rigid_motion import LOCAL, Event, RigidMotion
-from .taylor import first_zero, stays, value
+from ..rigid_stops import REMEDY, on_stops, order_decides, require_smooth, together_but_for_rounding
+from .rigid_motion import LOCAL, Event, RigidMotion, first_zero, stays, value
 
-REMEDY = "use a scheme with an impact law"
 RADIANS = 1.0  # of the fastest motion, in one stretch
 CHATTER = 1e-6
 NEAR = 1e-9  # of the motion: the distance to a stop at which a flight ends
@@ -51,20 +47,6 @@ TOGETHER = 16.0  # roundings of the time: which of two contacts closes first is 
 SLOW = 1e-12  # of the fastest impact: of two that are so slow it does not matter which comes first
 ROUNDINGS = 4.0  # of a velocity
 RELEASED = 3  # zeros of the gap of a contact that presses no more
-
-
-def require_smooth(system: System) -> None:
-    """Raise InputError for functions of time other than Harmonic, Constant and Sampled, and for stops that move along a
-    polygon: at its corners the contact point has no velocity."""
-    for function in [*(f for _, f in system.loads), *(contact.offset for contact in system.contacts)]:
-        for _, part in parts(function):
-            if not isinstance(part, (Harmonic, Constant, Sampled)):
-                rule = "be made of Harmonic, Constant and Sampled for the exact solution with rigid stops"
-                raise InputError("time function", part, rule, REMEDY)
-    for part in (x for contact in system.contacts for x in parts_of(contact.offset)):
-        if isinstance(part, Sampled) and part.degree < 2:
-            rule = "have a velocity at its samples, where it moves a rigid stop"
-            raise InputError("contact.offset", part, rule, 'take samples of kind "cubic"')
 
 
 class Flights(FreeTracer):
@@ -283,9 +265,8 @@ class Tracer:
 
     def _gap(self, contact: int, side: int, u: Array) -> Array:
         """The series of the distance to the stop on that side; u: (terms, m), of ``_positions``."""
-        stops = self.system.contacts[contact].stops
         gap = -side * u[:, contact]
-        gap[0] += side * (stops.upper_bound if side > 0 else stops.lower_bound)
+        gap[0] += side * self.system.contacts[contact].stops.bound(side)
         return gap
 
     def _next(self, C: Array, R: Array, held: tuple[int, ...], longest: float) -> list[tuple[float, int, int, bool]]:
@@ -301,11 +282,8 @@ class Tracer:
         u = self._positions(C)
         ahead = u[1:] * longest ** np.arange(1.0, len(u))[:, None]
         reach = {1: np.sum(np.maximum(ahead, 0.0), axis=0), -1: np.sum(np.maximum(-ahead, 0.0), axis=0)}
-        for contact in range(self.m):
-            stops = self.system.contacts[contact].stops
-            for side, g in ((1, stops.upper_bound), (-1, stops.lower_bound)):
-                if contact in self.held or not math.isfinite(g):
-                    continue
+        for contact in (c for c in range(self.m) if c not in self.held):
+            for side, g in self.system.contacts[contact].stops.sides:
                 if self.fresh.get(contact, (0,))[0] != side and side * (g - u[0, contact]) > reach[side][contact]:
                     continue
                 gap, zeros = self._gap(contact, side, u), 0

@@ -109,7 +109,7 @@ def lyapunov(system: System, t_end: float, seed: int = 0) -> PerturbationGrowth:
     require_system(system)
     t_end = positive("t_end", t_end)
     integer("seed", seed, 0)
-    rigid = any(contact.stops.rigid for contact in system.contacts)
+    rigid = system.rigid
     if rigid:
         require_rigid(system, t_end)
         with within_float64("lyapunov", t_end):

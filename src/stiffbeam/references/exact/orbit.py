@@ -1,4 +1,5 @@
-"""Periodic orbits of exact motions, stable or not: shooting, then the event times as unknowns; Floquet multipliers.
+"""Periodic orbits of exact motions, stable or not: shooting, then the event times as unknowns; Floquet multipliers; and
+how far an orbit is from the graze of a stop.
 
     shooting        P(z) = z, z <- z - (D - I)^-1 (P(z) - z), D the derivative of the exact flow over a period
     event times     (I - E_k ... E_1) z = c for given times t_1 .. t_k,   h_i(z(t_i), t_i) = 0
@@ -13,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -38,7 +40,7 @@ from .piecewise import afford_search, refuse, solve_exact
 from .rigid_reference import solve_rigid
 
 if TYPE_CHECKING:
-    from ..proof.orbit_proof import OrbitProof
+    from ..orbit_proof import OrbitProof
 
 NEWTON = 40  # iterations of shooting
 HOPELESS, ASTRAY = 15, 0.1  # iterations after which a larger relative defect is given up
@@ -148,7 +150,7 @@ class Orbit:
         >>> print(proof.event_times[0].str(20))
         [1.1916868494821465711 +/- 2.48e-20]
         """
-        from ..proof.orbit_proof import prove
+        from ..orbit_proof import prove
 
         return prove(self, bits)
 
@@ -157,7 +159,7 @@ class Orbit:
         t_end = positive("periods", periods) * self.period
         system = replace(self.system, q0=self.q, v0=self.v, origin=None)
         times = None if t_eval is None else np.atleast_1d(numbers("t_eval", t_eval))
-        if any(contact.stops.rigid for contact in system.contacts):
+        if system.rigid:
             return solve_rigid(system, t_end, times)
         return solve_exact(system, t_end, times)
 
@@ -169,7 +171,7 @@ class PeriodMap:
         self, system: System, period: float, columns: Sequence[SystemData] = (), known: Known | None = None
     ) -> None:
         self.system, self.period = system, period
-        self.rigid = any(contact.stops.rigid for contact in system.contacts)
+        self.rigid = system.rigid
         self.generators = Generators(system, columns)
         self.tracer: Tracer | None = None if self.rigid else tracer_of(system, known=known, span=period)
 
@@ -278,7 +280,7 @@ def require_periodic(system: System, period: float) -> None:
     require_system(system)
     period = positive("period", period)
     _repeats(system, period)
-    if any(contact.stops.rigid for contact in system.contacts):
+    if system.rigid:
         require_rigid(system, period)
     else:
         refuse(system, period)
@@ -439,7 +441,7 @@ def _jacobian(
 
 def _repeats(system: System, period: float) -> None:
     """Raise InputError for loads and stop motions that do not repeat after a period."""
-    for function in [*(f for _, f in system.loads), *(contact.offset for contact in system.contacts)]:
+    for function in system.time_functions:
         for part in parts_of(function):
             if isinstance(part, Sampled):
                 rule = "be made of Harmonic and Constant for a periodic orbit"
@@ -476,3 +478,81 @@ def _guessed(mapping: PeriodMap, guess: Any) -> Array:
         rule = f"be an Orbit, a Trajectory, or a pair (q, v) of {n} finite numbers each"
         raise InputError("guess", guess, rule, "leave it out for the state after 60 periods")
     return z
+
+
+# ---------------------------------------------------------------- grazings: touches that are born or die along a branch
+
+FAR = 0.1  # of the distance between two points: how far from the second one goes on
+SAMPLES = 401  # of a period, among which gaps turn
+TURNS = 12  # iterations of the time at which a gap turns
+
+
+def events(tangent: Tangent) -> list[tuple[float, int, int, int]]:
+    """(time, contact, side before, side after) of every event of a period."""
+    path = tangent.path
+    steps = np.argwhere(path.sides[1:] != path.sides[:-1]).tolist()
+    return [(float(path.times[i + 1]), c, int(path.sides[i, c]), int(path.sides[i + 1, c])) for i, c in steps]
+
+
+def shallowest(tangent: Tangent, contact: int) -> list[tuple[float, int]]:
+    """The middles and stops of the short touches and gaps of a contact, the shallowest first."""
+    touches = [event for event in events(tangent) if event[1] == contact]
+    touched = []
+    for (t, _, before, during), (later, _, _, after) in pairwise(touches):
+        if before == after and 0 in (before, during):
+            side = during or before
+            touched.append((abs(_gap(tangent, contact, side, 0.5 * (t + later))[0]), 0.5 * (t + later), side))
+    return [(t, side) for _, t, side in sorted(touched)]
+
+
+def _gap(tangent: Tangent, contact: int, side: int, t: float) -> tuple[float, float, float]:
+    """A gap with its first and second derivatives at a time."""
+    form = tangent.generators.gap(contact, int(np.sign(side)), 0)[0]
+    i = int(tangent.segment_at(np.array([t]))[0])
+    Z = tangent.regimes[i].ahead(tangent.Z[i][:, None], t - float(tangent.path.times[i]))[:, 0]
+    rate = tangent.regimes[i].A @ Z
+    return float(form @ Z), float(form @ rate), float(form @ (tangent.regimes[i].A @ rate))
+
+
+def turn(tangent: Tangent, contact: int, side: int, t: float) -> float:
+    """The gap where it turns near a time."""
+    gap, rate, bend = _gap(tangent, contact, side, t)
+    for _ in range(TURNS):
+        if not bend:
+            break
+        t = float(np.clip(t - rate / bend, 0.0, tangent.path.t_end))
+        gap, rate, bend = _gap(tangent, contact, side, t)
+        if rate * rate <= 1e-24 * abs(bend * gap):
+            break
+    return gap
+
+
+def rigid_grazing(values: Sequence[float], seen: Sequence[tuple[float, float]], near: float) -> float | None:
+    """The parameter, ``near`` the last point, at which the weakest impact or the smallest distance from a stop vanishes
+    if it goes on along the points. seen: both at each, see ``distances``. Close points have only rounding."""
+    for which in (0, 1):
+        b = seen[-1][which]
+        for value, a in ((x, y[which]) for x, y in zip(values[-2::-1], seen[-2::-1], strict=True)):
+            if not (np.isfinite(a) and b < a):
+                continue
+            ahead = b * (values[-1] - value) / (a - b)
+            if abs(ahead) < FAR * abs(values[-1] - value):
+                if abs(ahead) < near:
+                    return values[-1] + ahead
+                break
+    return None
+
+
+def distances(tangent: Tangent) -> tuple[float, float]:
+    """The impulse of the weakest impact, and the smallest distance from a stop where a gap turns."""
+    generators, t = tangent.generators, np.linspace(0.0, tangent.path.t_end, SAMPLES)
+    impulses = [abs(x[0]) for of_segment in tangent.impulses.values() for x in of_segment.values()]
+    turns = []
+    for c, contact in enumerate(generators.system.contacts):
+        for side, _ in contact.stops.sides:
+            form = generators.gap(c, side, 0)[0]
+            distance = -side * tangent.values(lambda _, form=form: (form[None], []), t, tangent.segment_at(t))[:, 0]
+            inner = distance[1:-1]
+            lowest = np.flatnonzero((inner < distance[:-2]) & (inner < distance[2:])) + 1
+            turns += [abs(turn(tangent, c, side, float(t[i]))) for i in lowest]
+    return min(impulses, default=np.inf), min(turns, default=np.inf)

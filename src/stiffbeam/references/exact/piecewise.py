@@ -7,10 +7,9 @@ system with a solution in closed form. The search for the next event uses steps 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import asdict
 from functools import partial
-from itertools import count
 from typing import Any
 
 from ...basics.arrays import Array
@@ -21,16 +20,14 @@ from ...model.drive import Drive
 from ...model.modes import undamped_modes
 from ...model.sampled import Sampled
 from ...model.system import System
-from ...model.time_functions import covered, parts_of
-from ...piecewise.measures import audit, contact_between, entries, exact_ledger, path_of, record_of, within_float64
+from ...model.time_functions import covered, parts_of, require_closed_form
+from ...piecewise.measures import audit, contact_between, exact_ledger, path_of, record_of, within_float64
 from ...piecewise.motion import Motion
-from ...piecewise.regimes import Known, Source
-from ...piecewise.rounding import Perturbation
-from ...piecewise.tracer import Tracer, tracer_of
+from ...piecewise.regimes import Known
+from ...piecewise.tracer import tracer_of
 from ...trajectory.impacts import ContactRecord
 from ...trajectory.trajectory import Reference, Work, versions
-from ..agreement import Watched
-from ..request import output_times
+from ..registry import output_times
 from .derivative import derivative
 
 
@@ -76,19 +73,6 @@ def observations(
     seen = [path_of(system, solution, t, channel) for channel in range(len(system.channels))]
     contacts = (record_of(system, solution, i, seen[i], t_end, since) for i in range(len(system.contacts)))
     return *seen[system.tip_channel], tuple(contacts)
-
-
-def copies(system: System, t_end: float, t: Array, size: float) -> Iterator[Watched]:
-    """Perturbed copies of the exact solution, an endless sequence, each by ``size`` in its own way; t: as in
-    ``Watched``."""
-    source = Source(system, span=t_end)
-    for seed in count():
-        with within_float64("exact", t_end):
-            solution = Tracer(source, Perturbation(size, size, seed)).solve(t_end)
-            seen = [path_of(system, solution, t, channel)[0] for channel in range(len(system.channels))]
-            paths = (seen[system.tip_channel], *seen[: len(system.contacts)])
-            impacts = tuple(entries(solution, i, t_end) for i in range(len(system.contacts)))
-        yield Watched(t, paths, impacts)  # outside: what float64 raises inside is not for who goes on with it
 
 
 def reference_of(
@@ -150,7 +134,5 @@ def refuse(system: System, t_end: float) -> None:
         if contact.stops.damping > 0.0 and any(isinstance(part, Sampled) for part in parts_of(contact.offset)):
             rule, remedy = "be made of Harmonic and Constant where the stop is damped", "use the adaptive solver cvode"
             raise InputError("contact.offset", contact.offset, rule, remedy)
-    drive = Drive.of(system)
-    drive.recorded(drive.split(system.loads, system.size)[1], system.size)
-    drive.recorded(drive.offsets(system)[1], len(system.channels))
-    covered([*(f for _, f in system.loads), *(offset for _, offset in system.channels)], t_end)
+    require_closed_form(system.time_functions, "a closed form")
+    covered(system.time_functions, t_end)

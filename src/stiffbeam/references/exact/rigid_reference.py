@@ -19,9 +19,9 @@ from ...piecewise.touching import EPS
 from ...trajectory.impacts import ContactRecord, Impacts
 from ...trajectory.ledger import Ledger
 from ...trajectory.trajectory import Reference, SolverFailure
-from ..agreement import DISPLACEMENT_TOLERANCE, Watched, agree_until, scales_of, watched
-from ..rigid_stops import at_rest, require_rigid
-from .impacting import RADIANS, REMEDY, Tracer
+from ..horizon import DISPLACEMENT_TOLERANCE, Watched, agree_until, scales_of, watched
+from ..rigid_stops import REMEDY, at_rest, require_rigid
+from .impacting import RADIANS, Tracer
 from .piecewise import reference_of, refuse
 from .rigid_motion import RigidMotion, horner, impacts_of
 
@@ -246,19 +246,13 @@ def rigid_limit(system: System, t_end: float, t_eval: Array | None = None) -> Re
     t_eval = None if t_eval is None else numbers("t_eval", t_eval)
     refuse(system, t_end)
     if len(system.contacts) != 1 or system.damped:
-        raise InputError(
-            "system",
-            "a damped one, or not one contact",
-            "be undamped with one contact for rigid stops",
-            "take stiffbeam.reference, or a scheme for rigid stops",
-        )
+        rule = "be undamped with one contact for rigid stops"
+        remedy = "take stiffbeam.reference, or a scheme for rigid stops"
+        raise InputError("system", "a damped one, or not one contact", rule, remedy)
     if Drive.of(system).records:
-        raise InputError(
-            "time function",
-            Drive.of(system).records[0],
-            "be Harmonic or Constant for rigid stops",
-            "take stiffbeam.reference, or a scheme for rigid stops",
-        )
+        rule = "be Harmonic or Constant for rigid stops"
+        remedy = "take stiffbeam.reference, or a scheme for rigid stops"
+        raise InputError("time function", Drive.of(system).records[0], rule, remedy)
     if system.contacts[0].offset is not None:
         remedy = "take stiffbeam.reference, or a scheme for rigid stops"
         raise InputError("contact.offset", system.contacts[0].offset, "be None for rigid stops", remedy)

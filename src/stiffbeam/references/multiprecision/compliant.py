@@ -74,9 +74,7 @@ class PreciseRegime:
         """Rows of u - g of a contact, or of u - g + (c/kappa) u', and of its rate on y (2, N)."""
         key = contact, side, lagging
         if key not in self._rows:
-            form = self.flow.beyond(contact, side)
-            if lagging:
-                form += self.flow.rates[contact] * self.flow.problem.contacts[contact].lag
+            form = self.flow.gap(contact, side, lagging)
             self._rows[key] = self._seen(form, form * self.G)
         return self._rows[key]
 
@@ -369,9 +367,7 @@ def _turns(system: System, solution: Motion, contact: int, t_end: float) -> Iter
         u, v = path(t)
         size = float(np.max(np.abs(u)))
         moves = np.maximum(np.abs(v[:-1]), np.abs(v[1:])) > MOVES * np.max(np.abs(v))
-        for which, stop in ((1, stops.upper_bound), (-1, stops.lower_bound)):
-            if math.isinf(stop):
-                continue
+        for which, stop in stops.sides:
             looked_at = (side == LET_GO * which) | ((side == which) & (stops.damping == 0.0))
             sign = np.where(side == 0, -which, np.where(looked_at, which, 0))
             near = CLOSE * (size + abs(stop))

@@ -98,11 +98,13 @@ class LinearFlow:
     """Data that every regime of ``system`` shares, at the current precision, with ``bits`` correct bits.
 
     forms: the positions of all channels, (1, N) each, the contacts first. back: M^-1 row^T (N, m), what a unit of
-    impulse on each contact does to z. compliance: row M^-1 row^T (m, m).
+    impulse on each contact does to z. compliance: row M^-1 row^T (m, m). frame: (N, N), columns of other coordinates
+    than z, a matrix that is one in the time functions; all balls then keep their radii.
     """
 
-    def __init__(self, system: System, bits: int) -> None:
+    def __init__(self, system: System, bits: int, frame: Any = None) -> None:
         self.system, self.bits, self.drive = system, bits, Drive.of(system)
+        self._kept = kept = arb_mat.mid if frame is None else (lambda x: x)
         self.problem = problem = exact_problem(system, self.drive)
         n, d, records = system.size, self.drive.size, len(self.drive.records)
         self.n, self.N = n, 2 * n + d + DERIVATIVES * records
@@ -110,8 +112,8 @@ class LinearFlow:
         rows = arb_mat(m, n, [x for contact in problem.contacts for x in contact.row])
         inverse = problem.mass.inv()
         back = inverse * rows.transpose()
-        self.compliance = (rows * back).mid()
-        self.back = arb_mat([[arb(0)] * m for _ in range(n)] + back.mid().tolist() + [[arb(0)] * m] * (self.N - 2 * n))
+        self.compliance = kept(rows * back)
+        self.back = arb_mat([[arb(0)] * m for _ in range(n)] + kept(back).tolist() + [[arb(0)] * m] * (self.N - 2 * n))
         self.forms = [
             self._form(row, offset, recorded) for row, offset, recorded in channels(system, problem, self.drive)
         ]
@@ -131,13 +133,17 @@ class LinearFlow:
         for at in range(2 * n + d, self.N):
             if (at - 2 * n - d) % DERIVATIVES < DERIVATIVES - 1:
                 G[at][at + 1] = arb(1)
-        self.G = arb_mat(G).mid()
-        self.rates = [(form * self.G).mid() for form in self.forms]
+        self.G = kept(arb_mat(G))
+        if frame is not None:
+            inverse = frame.inv()
+            self.G, self.back = inverse * self.G * frame, inverse * self.back
+            self.forms = [form * frame for form in self.forms]
+        self.rates = [kept(form * self.G) for form in self.forms]
         self._regimes: dict[tuple[int, ...], Regime] = {}
 
     def _form(self, row: list[Any], offset: list[Any], recorded: list[Any]) -> Any:
         tail = [x for weight in recorded for x in (weight, *[0] * (DERIVATIVES - 1))]
-        return arb_mat([[arb(x) for x in (*row, *[0] * self.n, *offset, *tail)]]).mid()
+        return self._kept(arb_mat([[arb(x) for x in (*row, *[0] * self.n, *offset, *tail)]]))
 
     def start(self) -> Any:
         """z (N, 1) at t = 0."""
@@ -181,15 +187,20 @@ class LinearFlow:
         G = self.G
         for c, (contact, side) in enumerate(zip(self.problem.contacts, sides, strict=True)):
             if side:
-                force = self.beyond(c, side) * -contact.kappa - self.rates[c] * contact.damping
-                G = (G + arb_mat([[line[c]] for line in self.back.tolist()]) * force).mid()
+                force = self.gap(c, side) * -contact.kappa - self.rates[c] * contact.damping
+                G = self._kept(G + self.push(c) * force)
         return G
 
-    def beyond(self, contact: int, side: int) -> Any:
-        """u - g of a contact, a form."""
+    def gap(self, contact: int, side: int, lagging: bool = False) -> Any:
+        """u - g of a contact, or u - g + (c/kappa) u', a form."""
         entries = self.forms[contact].entries()
         entries[2 * self.n] -= self.problem.contacts[contact].stop(side)
-        return arb_mat([entries]).mid()
+        form = self._kept(arb_mat([entries]))
+        return form + self.rates[contact] * self.problem.contacts[contact].lag if lagging else form
+
+    def push(self, contact: int) -> Any:
+        """M^-1 row^T of a contact as a change of z, (N, 1)."""
+        return arb_mat([[line[contact]] for line in self.back.tolist()])
 
     def among(self, held: tuple[int, ...]) -> Any:
         """The compliance of these contacts (h, h)."""

@@ -23,7 +23,7 @@ from ...piecewise.motion import Motion
 from ...trajectory.trajectory import Reference, SolverFailure
 from ..exact.lyapunov import lyapunov
 from ..exact.piecewise import reference_of, refuse
-from ..request import Request
+from ..registry import Request
 from .compliant import GUARD_BITS, MOST, Known, Sampler, Switch, follow, grazes_of, passed_over
 
 BITS = math.log2(10.0)
@@ -55,7 +55,7 @@ def solve(request: Request) -> Reference:
     positive("t_end", t_end)
     if digits != "auto" and (isinstance(digits, bool) or not isinstance(digits, int) or not 20 <= digits <= MAX_DIGITS):
         raise InputError("digits", digits, f"be 'auto' or an integer from 20 to {MAX_DIGITS}", "auto decides by itself")
-    if any(contact.stops.rigid for contact in system.contacts):
+    if system.rigid:
         from .rigid import solve_rigid
 
         return solve_rigid(request)
@@ -93,13 +93,8 @@ def solve(request: Request) -> Reference:
         wanted, guard = math.ceil(1.25 * wanted) + 15, math.ceil(1.25 * guard) + 50
 
 
-def march(system: System, t_end: float, digits: int) -> Motion:
-    """The solution carried with ``digits`` at the start, its states rounded to float64."""
-    return carry(system, t_end, digits, GUARD_BITS)[0]
-
-
 def carry(
-    system: System, t_end: float, digits: int, guard: int, known: Known | None = None
+    system: System, t_end: float, digits: int, guard: int = GUARD_BITS, known: Known | None = None
 ) -> tuple[Motion, Sampler, Motion]:
     """Follow the solution with ``digits`` at the start beside the ``guard`` bits that the outputs need: rounded to
     float64, what samples its channels before that, and the first again by sums that do not cancel.

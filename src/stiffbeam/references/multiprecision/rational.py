@@ -19,8 +19,8 @@ from ...basics.exact_float import exact_value
 from ...model.contact import Stops
 from ...model.drive import Drive
 from ...model.problem import BeamProblem, PointLoad, PolynomialProfile, Profile
-from ...model.sampled import Sampled
-from ...model.semidiscretisation import bending_stencil, semidiscretise
+from ...model.sampled import Sampled, moved
+from ...model.semidiscretisation import bending_stencil, curvature_stencil, semidiscretise
 from ...model.system import System
 from ...model.time_functions import Constant, Harmonic, parts
 
@@ -91,7 +91,7 @@ def exact_problem(system: System, drive: Drive) -> Exact:
         else semidiscretise(problem, system.cells or system.size, system.form)
     )
     q0, v0 = ([number(x) for x in values] for values in (system.q0, system.v0))
-    places = [([number(x) for x in contact.row], *offset_of(contact.offset, drive)) for contact in system.contacts]
+    places = [([number(x) for x in contact.row], *offset_of(drive, (1, contact.offset))) for contact in system.contacts]
     # A system that its problem makes, but perhaps for initial data of its own, as a perturbed member has.
     own = system.fingerprint
     if made and problem and replace(made, q0=system.q0, v0=system.v0).fingerprint == own:
@@ -129,14 +129,15 @@ def channels(system: System, problem: Exact, drive: Drive) -> list[tuple[list[An
     the observed row."""
     channels = [(contact.row, contact.offset, contact.recorded) for contact in problem.contacts]
     for row, offset in system.channels[len(channels) :]:
-        channels.append(([arb(number(x)) for x in row], *offset_of(offset, drive)))
+        channels.append(([arb(number(x)) for x in row], *offset_of(drive, (1, offset))))
     return channels
 
 
-def offset_of(function: Any, drive: Drive) -> tuple[list[Any], list[Any]]:
-    """An offset, None for none, in the drive coefficients (d,) and in the records (R,)."""
+def offset_of(drive: Drive, *terms: tuple[Any, Any]) -> tuple[list[Any], list[Any]]:
+    """A sum of (factor, function), None for none, in the drive coefficients (d,) and in the records (R,)."""
     offset = _Loads(drive, 1)
-    offset.add([fmpq(1)], function)
+    for factor, function in terms:
+        offset.add([fmpq(1)], function, factor)
     return [line[0] for line in offset.basis], [line[0] for line in offset.records]
 
 
@@ -144,12 +145,7 @@ def _place(problem: BeamProblem, stops: Stops, M: int, drive: Drive) -> tuple[li
     """Row of stops on a beam by linear interpolation; phi (1 - (x/L)^2) - m(t) as ``offset_of``."""
     position = problem.length if stops.position is None else stops.position
     share = number(position) / number(problem.length)
-    offset = _Loads(drive, 1)
-    if problem.base is not None:
-        offset.add([fmpq(1)], problem.base, 1 - share * share)
-    if stops.motion is not None:
-        offset.add([fmpq(-1)], stops.motion)
-    return _hat(share, M), [line[0] for line in offset.basis], [line[0] for line in offset.records]
+    return _hat(share, M), *offset_of(drive, (1 - share * share, problem.base), (-1, stops.motion))
 
 
 def _hat(share: Any, M: int) -> list[Any]:
@@ -196,23 +192,12 @@ def _beam(system: System, problem: BeamProblem, loads: _Loads) -> tuple[Any, Any
     M = system.size
     bending, viscosity = number(problem.stiffness), number(problem.viscosity)
     length, m = number(problem.length), number(problem.mass_per_length)
-    if system.form == "displacement":
-        weights = [[fmpq(0)] * M for _ in range(M)]
-        for i in range(M):
-            weights[i][i] = length / (M if i < M - 1 else 2 * M)
-        stencil = [[int(x) * (M / length) ** 3 for x in line] for line in bending_stencil(M)]
-        damping, stiffness = (_scaled(k, stencil) for k in (viscosity, bending))
-        clamp = [fmpq(0)] * (M - 2) + [-2 * M / length**3, 2 * M / length**3]
-    else:
-        weights = _scaled(length, _weights(M, last=True))
-        Q = _scaled(length, _weights(M, last=False))
-        L = _scaled(1 / length**2, _curvature(M))
-        QL = [[sum((Q[i][k] * L[k][j] for k in range(M)), fmpq(0)) for j in range(M)] for i in range(M)]
-        strain = [[sum((L[k][i] * QL[k][j] for k in range(M)), fmpq(0)) for j in range(M)] for i in range(M)]
-        stiffness = _scaled(bending, strain)
-        damping = [[fmpq(0)] * M for _ in range(M)]  # the form exists for viscosity 0 only
-        moment = [fmpq(0)] * (M - 2) + [fmpq(-2 * M**2) / length**4, fmpq(7 * M**2) / length**4]
-        clamp = [sum((a * b for a, b in zip(line, moment, strict=True)), fmpq(0)) for line in weights]
+    paper = system.form == "displacement"
+    weights = _scaled(length, _weights(M, paper))
+    stencil, over = (bending_stencil(M), 1) if paper else (curvature_stencil(M), 24)
+    strain = [[int(x) * (M / length) ** 3 / over for x in line] for line in stencil]
+    damping, stiffness = (_scaled(k, strain) for k in (viscosity, bending))
+    clamp = [fmpq(0)] * (M - 2) + [-2 * M / length**3, 2 * M / length**3]
     mass, drag = _scaled(m, weights), number(problem.mass_damping)
     mass[-1][-1] += number(problem.tip_mass)
     damping = [[c + drag * b for c, b in zip(*lines, strict=True)] for lines in zip(damping, mass, strict=True)]
@@ -221,6 +206,8 @@ def _beam(system: System, problem: BeamProblem, loads: _Loads) -> tuple[Any, Any
     def weighted(values: list[Any]) -> list[Any]:
         return [sum((a * b for a, b in zip(line, values, strict=True)), fmpq(0)) for line in weights]
 
+    if not paper:
+        clamp = weighted([fmpq(0)] * (M - 2) + [fmpq(-2 * M**2) / length**4, fmpq(7 * M**2) / length**4])
     phi = problem.base
     phi0 = rate0 = arb(0)
     for factor, part in parts(phi):
@@ -266,28 +253,14 @@ def _scaled(factor: Any, matrix: list[list[Any]]) -> list[list[Any]]:
     return [[factor * x for x in line] for line in matrix]
 
 
-def _weights(M: int, last: bool) -> list[list[Any]]:
-    """P (last) and Q of (3.12): h times tridiag(-1/6, 4/3, -1/6) and 1/3 at the last or the first place."""
-    matrix = [[fmpq(0)] * M for _ in range(M)]
-    first = 0 if last else 1
-    for i in range(first, first + M - 1):
-        matrix[i][i] = fmpq(4, 3 * M)
-        if i + 1 < first + M - 1:
-            matrix[i][i + 1] = matrix[i + 1][i] = fmpq(-1, 6 * M)
-    end = M - 1 if last else 0
-    matrix[end][end] = fmpq(1, 3 * M)
-    return matrix
-
-
-def _curvature(M: int) -> list[list[Any]]:
-    """L of (3.12), w = L x."""
-    matrix = [[fmpq(0)] * M for _ in range(M)]
-    matrix[0][0], matrix[0][1] = fmpq(4 * M**2), fmpq(-(M**2), 2)
-    for i in range(1, M):
-        matrix[i][i] = fmpq(M**2)
-        matrix[i][i - 1] = fmpq(-2 * M**2)
-        if i >= 2:
-            matrix[i][i - 2] = fmpq(M**2)
+def _weights(M: int, lumped: bool) -> list[list[Any]]:
+    """The weights of the nodes over L: 1/M and half of it at the tip; or P of (3.12), h times tridiag(-1/6, 4/3, -1/6)
+    and 1/3 at the tip."""
+    diagonal = fmpq(1, M) if lumped else fmpq(4, 3 * M)
+    matrix = [[diagonal if i == j else fmpq(0) for j in range(M)] for i in range(M)]
+    matrix[-1][-1] = fmpq(1, 2 * M) if lumped else fmpq(1, 3 * M)
+    for i in range(0 if lumped else M - 2):
+        matrix[i][i + 1] = matrix[i + 1][i] = fmpq(-1, 6 * M)
     return matrix
 
 
@@ -296,7 +269,8 @@ def taylor(record: Sampled, t: Any) -> list[Any]:
     i = int(np.clip(np.searchsorted(record.t, float(t), side="right") - 1, 0, len(record.t) - 2))
     if t < arb(_double(record.t[i])) and i > 0:  # the double next to t is the sample after it
         i -= 1
-    return _moved([arb(c) for c in _piece(record, i)], t - arb(_double(record.t[i])))
+    c = np.array([arb(c) for c in _piece(record, i)])
+    return [x.mid() for x in moved(c, t - arb(_double(record.t[i])))]
 
 
 def _piece(record: Sampled, i: int) -> list[Any]:
@@ -311,15 +285,6 @@ def _piece(record: Sampled, i: int) -> list[Any]:
     for _ in range(record.derivative):
         c = [k * c[k] for k in range(1, len(c))]
     return c
-
-
-def _moved(c: list[Any], s: Any) -> list[Any]:
-    """The coefficients of p(s + .) from those of p."""
-    c = list(c)
-    for first in range(len(c) - 1):
-        for k in range(len(c) - 2, first - 1, -1):
-            c[k] += s * c[k + 1]
-    return [x.mid() for x in c]
 
 
 def _double(x: float) -> Any:

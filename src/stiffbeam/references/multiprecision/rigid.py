@@ -13,16 +13,13 @@ from flint import arb, arb_mat
 
 from ...basics.arrays import Array
 from ...basics.compiled import clock
-from ...basics.validation import InputError
-from ...model.drive import Drive
-from ...model.sampled import Sampled
 from ...model.system import System
-from ...model.time_functions import evaluate, offset_rate, parts_of
+from ...model.time_functions import evaluate, offset_rate
 from ...trajectory.impacts import ContactRecord, Impacts
 from ...trajectory.ledger import Ledger
 from ...trajectory.trajectory import Reference, SolverFailure, Work, versions
-from ..request import Request, output_times
-from ..rigid_stops import require_rigid
+from ..registry import Request, output_times
+from ..rigid_stops import require_rigid, require_smooth
 from .impacting import Impact, March, Motion
 from .linear_flow import Undecided
 from .rational import carried
@@ -45,12 +42,13 @@ def solve_rigid(request: Request) -> Reference:
     accumulate are followed until their series leaves out less than the digits hold, at most
     provenance["chatter_left_out"] of the time at which they end. The horizon ends before blows at one
     time of which the order decides what follows, and at t = 0 where rounding of the start decides it.
-    Raises InputError as ``_require_known``, for more than
-    200 000 impacts, and where outputs are not in order; SolverFailure where a stop is touched so closely that even
-    four times the digits do not tell whether it is hit.
+    Raises InputError as ``require_rigid`` and ``require_smooth``, for more than 200 000 impacts, and where outputs are
+    not in order; SolverFailure where a stop is touched so closely that even four times the digits do not tell whether
+    it is hit.
     """
     system, t_end, digits = request.system, request.t_end, request.digits
-    _require_known(system, t_end)
+    require_rigid(system, t_end)
+    require_smooth(system)
     t = output_times(request.t_eval, t_end)
     begun, wanted, tries = clock(), FIRST if digits == "auto" else int(digits), TRIES
     previous: tuple[Solved, Reference] | None = None
@@ -82,18 +80,6 @@ def solve_rigid(request: Request) -> Reference:
                 return replace(run, horizon=horizon, provenance=run.provenance | notes)
             wanted = max(wanted, math.ceil(wanted * t_end / max(horizon, 0.1 * t_end)))
         previous, wanted = (solved, run), math.ceil(1.25 * wanted) + 15
-
-
-def _require_known(system: System, t_end: float) -> None:
-    """Raise InputError unless stops are rigid and move smoothly, and time functions are known."""
-    require_rigid(system, t_end)
-    for contact in system.contacts:
-        if any(isinstance(part, Sampled) and part.degree < 2 for part in parts_of(contact.offset)):
-            rule = "have a velocity at its samples, where it moves a rigid stop"
-            raise InputError("contact.offset", contact.offset, rule, 'take samples of kind "cubic"')
-    drive = Drive.of(system)
-    drive.recorded(drive.split(system.loads, system.size)[1], system.size)
-    drive.recorded(drive.offsets(system)[1], len(system.channels))
 
 
 @dataclass(frozen=True, eq=False)

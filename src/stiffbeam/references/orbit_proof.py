@@ -21,15 +21,15 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from flint import acb, acb_mat, arb, arb_mat, ctx
 
-from ...basics.arrays import Array
-from ...basics.validation import InputError
-from ...model.drive import Drive
-from ...piecewise.events import switched_by_force
-from ..multiprecision.rational import carried
+from ..basics.arrays import Array
+from ..basics.validation import InputError
+from ..model.drive import Drive
+from ..piecewise.events import switched_by_force
 from .ball_flow import BallSystem, ExactPeriod, SignProver, Watched, frame_of, identity, trimmed
+from .multiprecision.rational import carried
 
 if TYPE_CHECKING:
-    from ..exact.orbit import Orbit
+    from .exact.orbit import Orbit
 
 LEAST_BITS, MOST_BITS = 192, 4096
 TRIAL_BITS = 128  # of the evaluation that measures what rounding costs
@@ -144,7 +144,7 @@ class ProvedMotion:
             if any(not (t > start or t < start) for start in self.starts[1:]):
                 raise InputError("count", count, "leave the events out", f"the time {k}/{count} of the period is one")
             i = sum(bool(t > start) for start in self.starts[1:])
-            Z = (self.balls.regime(self.sides[i]) * (t - self.starts[i])).exp() * self.initial_states[i]
+            Z = (self.balls.closed(self.sides[i]) * (t - self.starts[i])).exp() * self.initial_states[i]
             values = (self.balls.frame * Z).entries()
             positions.append(tuple(values[:n]))
             velocities.append(tuple(values[n : 2 * n]))
@@ -351,13 +351,13 @@ def _refined(plan: Itinerary, balls: BallSystem, period: Any) -> list[Any]:
 def _flows(balls: BallSystem, plan: Itinerary, times: Sequence[Any], period: Any) -> list[Any]:
     """Flows (N, N) of the segments."""
     edges = [arb(0), *times, period]
-    return [(balls.regime(sides) * (edges[i + 1] - edges[i])).exp() for i, sides in enumerate(plan.sides)]
+    return [(balls.closed(sides) * (edges[i + 1] - edges[i])).exp() for i, sides in enumerate(plan.sides)]
 
 
 def _widened(balls: BallSystem, plan: Itinerary, flows: Sequence[Any], radius: Any) -> list[Any]:
     """The flows where both ends of each segment may move by ``radius``."""
     spread = arb(0, 2 * radius)
-    return [flow * (balls.regime(sides) * spread).exp() for flow, sides in zip(flows, plan.sides, strict=True)]
+    return [flow * (balls.closed(sides) * spread).exp() for flow, sides in zip(flows, plan.sides, strict=True)]
 
 
 def linked(balls: BallSystem, plan: Itinerary, flows: list[Any], approximate: bool = False) -> Chain:
@@ -382,7 +382,7 @@ def linked(balls: BallSystem, plan: Itinerary, flows: list[Any], approximate: bo
     before = [flow * Z for flow, Z in zip(flows[:-1], after, strict=False)]
     forms = [balls.form(*event.quantity.form) for event in plan.events]
     F = [(form * Z)[0, 0] for form, Z in zip(forms, before, strict=True)]
-    rates = [(forms[j] * (balls.regime(plan.sides[j]) * before[j]))[0, 0] for j in range(k)]
+    rates = [(forms[j] * (balls.closed(plan.sides[j]) * before[j]))[0, 0] for j in range(k)]
     return Chain(before, after, flows, maps, F, rates, solve)
 
 
@@ -406,11 +406,11 @@ def slopes_of(balls: BallSystem, plan: Itinerary, chain: Chain) -> Any:
     for i, event in enumerate(plan.events):
         moved = tops[i] * moved
         ahead.append(moved)
-        rate = balls.regime(plan.sides[i]) * chain.before[i]
+        rate = balls.closed(plan.sides[i]) * chain.before[i]
         if event.hit:
             J = balls.impact(event.quantity.contact)
             moved, rate = _top(J, n2) * moved, J * rate
-        jump = (rate - balls.regime(plan.sides[i + 1]) * chain.after[i + 1]).entries()
+        jump = (rate - balls.closed(plan.sides[i + 1]) * chain.after[i + 1]).entries()
         columns = moved.tolist()
         for a in range(n2):
             columns[a][i] += jump[a]
@@ -433,8 +433,8 @@ def monodromy_of(balls: BallSystem, plan: Itinerary, chain: Chain) -> Any:
         if event.hit or damped:
             form = balls.form(*event.quantity.form)
             J = balls.impact(event.quantity.contact) if event.hit else balls.identity
-            rate = balls.regime(plan.sides[j]) * chain.before[j]
-            jump = balls.regime(plan.sides[j + 1]) * chain.after[j + 1] - J * rate
+            rate = balls.closed(plan.sides[j]) * chain.before[j]
+            jump = balls.closed(plan.sides[j + 1]) * chain.after[j + 1] - J * rate
             steps.append(_top(J + jump * form * (1 / (form * rate)[0, 0]), n2))
         steps.append(_top(chain.flows[j + 1], n2))
     return prefixes(steps)[-1]

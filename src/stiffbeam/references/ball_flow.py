@@ -16,21 +16,20 @@ Source: Tucker, Validated Numerics (2011); Johansson, Arb, IEEE Trans. Comput. 6
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.linalg
-from flint import arb, arb_mat
+from flint import arb, arb_mat, ctx
 
-from ...basics.arrays import Array
-from ...basics.exact_float import exact_value
-from ...basics.validation import InputError
-from ...model.drive import Drive
-from ...model.system import System
-from ...piecewise.events import LET_GO
-from ..multiprecision.linear_flow import bernstein
-from ..multiprecision.rational import exact_problem, number
+from ..basics.arrays import Array
+from ..basics.exact_float import exact_value
+from ..basics.validation import InputError
+from ..model.drive import Drive
+from ..model.system import System
+from ..piecewise.events import LET_GO
+from .multiprecision.linear_flow import LinearFlow, bernstein
+from .multiprecision.rational import number
 
 THETA = 5.0  # of a Taylor polynomial: length times rate
 LONGEST = 1.5  # times L, of a subinterval that ends at an event
@@ -86,100 +85,47 @@ class ExactPeriod:
         return f"{2 * self.turns} pi/{float(self.frequency)!r}"
 
 
-class BallSystem:
-    """The exact numbers of a system at the current precision, in modal coordinates.
+class BallSystem(LinearFlow):
+    """The exact numbers of a system as balls at the current precision, in modal coordinates.
 
-    frame: (N, N), columns of the coordinates, from ``frame_of``. All forms (1, N) and matrices belong to them.
+    columns: (N, N), of the coordinates, from ``frame_of``. All forms (1, N) and matrices belong to them.
     """
 
-    def __init__(self, system: System, frame: Array) -> None:
-        self.system, drive = system, Drive.of(system)
-        self.problem = problem = exact_problem(system, drive)
-        n, d, m = system.size, drive.size, len(system.contacts)
-        self.n, self.N = n, 2 * n + d
-        self.frame = arb_mat([[arb(x) for x in line] for line in frame.tolist()])
-        self.inverse = self.frame.inv()
-        compliance = problem.mass.inv()
-        rows = arb_mat([contact.row for contact in problem.contacts]) if m else None
-        pushed = (compliance * rows.transpose()).tolist() if rows is not None else [[]] * n
-        zero = [arb(0)] * m
-        self._back = (self.inverse * arb_mat([zero] * n + pushed + [zero] * d)).tolist() if m else []
-        self._compliances = [
-            sum((a * line[c] for a, line in zip(contact.row, pushed, strict=True)), arb(0))
-            for c, contact in enumerate(problem.contacts)
-        ]
-        G = [[arb(0)] * self.N for _ in range(self.N)]
-        pulls = zip(
-            (compliance * problem.stiffness).tolist(),
-            (compliance * problem.damping).tolist(),
-            (compliance * problem.basis.transpose()).tolist(),
-            strict=True,
-        )
-        for i, (stiff, damped, load) in enumerate(pulls):
-            G[i][n + i] = arb(1)
-            G[n + i] = [*(-x for x in (*stiff, *damped)), *load]
-        for k, frequency in enumerate(drive.frequencies):
-            at, w = 2 * n + 1 + 2 * k, arb(number(frequency))
-            G[at][at + 1], G[at + 1][at] = w, -w
-        self.G = self.inverse * arb_mat(G) * self.frame
-        self.clock = [arb(1), *[arb(0), arb(1)] * len(drive.frequencies)]  # at t = 0
-        self._positions = [
-            arb_mat([[*contact.row, *[arb(0)] * n, *contact.offset]]) * self.frame for contact in problem.contacts
-        ]
-        self._rates = [form * self.G for form in self._positions]
-        self._stop = {
-            (c, side): arb_mat([[arb(0)] * (2 * n) + [gap] + [arb(0)] * (d - 1)]) * self.frame
-            for c, contact in enumerate(problem.contacts)
-            for side, gap in ((-1, contact.g1), (1, contact.g2))
-            if gap is not None
-        }
-        self._forms: dict[tuple[int, int, bool], Any] = {}
-        self._regimes: dict[tuple[int, ...], Any] = {}
+    def __init__(self, system: System, columns: Array) -> None:
+        self.frame = arb_mat([[arb(x) for x in line] for line in columns.tolist()])
+        super().__init__(system, ctx.prec, self.frame)
+        self.clock = self.start().entries()[2 * self.n :]  # at t = 0
+        self.identity = identity(self.N)
+        self._gaps: dict[tuple[int, int, bool], Any] = {}
+        self._generators: dict[tuple[int, ...], Any] = {}
 
     def form(self, contact: int, side: int, lagging: bool) -> Any:
         """u - g, or u - g + (c/kappa) u', times the side: positive into the stop, (1, N)."""
         key = contact, side, lagging
-        if key not in self._forms:
-            form = self._positions[contact] - self._stop[contact, side]
-            if lagging:
-                form += self._rates[contact] * self.problem.contacts[contact].lag
-            self._forms[key] = form * side
-        return self._forms[key]
+        if key not in self._gaps:
+            self._gaps[key] = self.gap(*key) * side
+        return self._gaps[key]
 
-    def regime(self, sides: Sequence[int]) -> Any:
+    def closed(self, sides: Sequence[int]) -> Any:
         """G (N, N) with the contacts on the given sides, 0 and LET_GO free."""
         key = tuple(side if abs(side) == 1 else 0 for side in sides)
-        if key not in self._regimes:
-            G = self.G
-            for c, side in enumerate(key):
-                if side:
-                    contact = self.problem.contacts[c]
-                    force = self.form(c, side, False) * (-side * contact.kappa) - self._rates[c] * contact.damping
-                    G = G + self._column(c) * force
-            self._regimes[key] = G
-        return self._regimes[key]
+        if key not in self._generators:
+            self._generators[key] = super().closed(key)
+        return self._generators[key]
 
     def impact(self, contact: int) -> Any:
         """J (N, N) of an impact on a rigid stop: u'+ = -e u'-."""
         e = arb(number(self.system.contacts[contact].stops.restitution or 0.0))
-        return self.identity - self._column(contact) * self._rates[contact] * ((1 + e) / self._compliances[contact])
-
-    @cached_property
-    def identity(self) -> Any:
-        """(N, N)."""
-        return identity(self.N)
-
-    def _column(self, contact: int) -> Any:
-        """M^-1 row^T as a change of Z, (N, 1)."""
-        return arb_mat([[line[contact]] for line in self._back])
+        return self.identity - self.push(contact) * self.rates[contact] * ((1 + e) / self.compliance[contact, contact])
 
     def watched(self, sides: Sequence[int]) -> list[Watched]:
         """Quantities that are positive for as long as the contacts stay on these sides."""
         quantities = []
         for c, side in enumerate(sides):
-            stop = 1 if side > 0 else -1
+            stop, contact = 1 if side > 0 else -1, self.problem.contacts[c]
             if side == 0:
-                quantities += [Watched(c, stop, False, -1) for stop in (-1, 1) if (c, stop) in self._stop]
+                stops = (-1, contact.g1), (1, contact.g2)
+                quantities += [Watched(c, stop, False, -1) for stop, g in stops if g is not None]
             elif abs(side) == LET_GO:
                 quantities += [Watched(c, stop, False, 1), Watched(c, stop, True, -1)]
             else:
@@ -200,7 +146,7 @@ class SignProver:
         """L, L G, weights w and theta of a regime."""
         key = tuple(side if abs(side) == 1 else 0 for side in sides)
         if key not in self._scales:
-            G = self.balls.regime(key)
+            G = self.balls.closed(key)
             sizes = np.array([[float(x.abs_upper()) for x in line] for line in G.tolist()])
             sizes *= 1.0 + 1e-12  # for the float64 sums below
             w = np.ones(len(sizes))
@@ -219,7 +165,7 @@ class SignProver:
         while count >> power:
             if count >> power & 1:
                 if (key, power) not in self._jumps:
-                    self._jumps[key, power] = (self.balls.regime(key) * (length * 2**power)).exp()
+                    self._jumps[key, power] = (self.balls.closed(key) * (length * 2**power)).exp()
                 Z = self._jumps[key, power] * Z
             power += 1
         return Z
