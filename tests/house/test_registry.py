@@ -61,7 +61,7 @@ def test_the_rooms_of_references_part():
 def test_a_method_that_is_added_needs_its_file_and_its_line_only(monkeypatch):
     """Seen by the call, the horizon, the cache's key, the picture and the study of agreement."""
     from stiffbeam.figures import look, short
-    from stiffbeam.studies.agreement import agree
+    from stiffbeam.studies.references import agree
 
     added = Method("bulirsch", "adaptive.sundials", "Bulirsch", 99, 0.2, libraries={"numpy": "numpy"})
     monkeypatch.setitem(registry.REFERENCES, "bulirsch", added)

@@ -32,10 +32,9 @@ from ..piecewise.tracer import tracer_of
 from ..references import solve
 from ..references.exact.piecewise import reference_of
 from ..schemes.labels import parse_run, run_label
-from ..trajectory.dataset import HASHED
 from ..trajectory.impacts import ContactRecord, Impacts
 from ..trajectory.ledger import Ledger
-from ..trajectory.schema import FORMAT, IMPACT_FIELDS, LEDGER_FIELDS, renamed
+from ..trajectory.schema import FORMAT, HASHED, IMPACT_FIELDS, LEDGER_FIELDS, renamed
 from ..trajectory.trajectory import Pieces, Reference, Trajectory, Work, output_index
 from .cases import parse_case
 

@@ -13,7 +13,7 @@ from scipy.interpolate import CubicHermiteSpline
 from scipy.optimize import minimize_scalar
 
 from ..basics.arrays import Array, step_lengths
-from ..basics.pictures import DRAW
+from ..basics.notebook import DRAW
 from ..basics.text import plain, table
 from ..basics.units import Units
 from ..basics.validation import InputError

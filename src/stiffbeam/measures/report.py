@@ -13,7 +13,7 @@ from rich.console import Console, Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from ..basics.html import html_table
+from ..basics.notebook import html_table
 from ..references.registry import REFERENCES
 from ..schemes.labels import short_label
 from ..trajectory.trajectory import Reference

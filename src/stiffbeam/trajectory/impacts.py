@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..basics.arrays import Array, BoolArray
-from ..basics.html import html_table
-from ..basics.pictures import DRAW
+from ..basics.notebook import DRAW, html_table
 from ..basics.validation import bound
 from ..model.contact import Stops
 from .schema import IMPACT_FIELDS, frame_of

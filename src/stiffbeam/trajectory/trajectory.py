@@ -16,17 +16,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..basics.arrays import Array
 from ..basics.deprecation import Renamed
-from ..basics.html import html_facts
-from ..basics.pictures import DRAW
+from ..basics.notebook import DRAW, html_facts
 from ..basics.resources import afford
 from ..basics.text import sentence
 from ..basics.units import UNKNOWN, Units
 from ..basics.validation import InputError, integer, numbers, positive
-from .dataset import arrays_of, save
 from .from_arrays import NO_REACTIONS, NO_STATES, run_fields
 from .impacts import ContactRecord, Impacts
 from .recorder import as_it_starts, sampled_impacts
-from .schema import frame_of, named, values_of
+from .schema import arrays_of, frame_of, named, save, values_of
 
 if TYPE_CHECKING:
     import pandas

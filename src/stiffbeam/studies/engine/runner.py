@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from ...basics.progress import Show, silent
 from ...basics.resources import cores
 from ...basics.validation import InputError, integer
 from ...files.cases import Case, case_of, find_case
@@ -27,12 +28,10 @@ from ...trajectory.trajectory import Diverged, SolverFailure, Trajectory, Unfini
 from .journal import Journal
 from .study import Point, Records, Row, Study
 from .table import Table
-from .workers import processes, starting
+from .workers import GO_ON, processes, starting
 
-Progress = Callable[[str, int, int], None]
 LISTED = 10_000  # rows that records hold as a list; more stay in columns
 DEATHS = 3  # of processes without a point in between, until it is given up
-GO_ON = "finished points are kept, run the same command again"
 _ALONE = threading.Lock()  # a process evaluates one point at a time, whatever executor it belongs to
 
 
@@ -42,7 +41,7 @@ def run_study(
     folder: str | Path | None = None,
     jobs: int = 1,
     executor: Executor | None = None,
-    progress: Progress = lambda what, done, total: None,
+    progress: Show = silent,
     **options: Any,
 ) -> Records:
     """Evaluate every point of ``study`` on ``case``; with a System ``dt`` and ``t_end`` have to be given.

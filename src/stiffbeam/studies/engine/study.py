@@ -14,7 +14,7 @@ from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ...basics.html import html_table
+from ...basics.notebook import html_table
 from ...basics.resources import afford
 from ...basics.storage import write_whole
 from ...basics.text import plain
