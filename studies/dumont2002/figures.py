@@ -15,7 +15,7 @@ from stiffbeam.basics.storage import write_whole
 from stiffbeam.figures.animation import animate
 from stiffbeam.figures.panels import COLOURS, DASHES, look_of_name, new_figure
 from stiffbeam.figures.runs import draw_stops, first_contact, zoom_on_stop
-from stiffbeam.measures.spectrum import amplitude_spectrum
+from stiffbeam.measures.frequencies import amplitude_spectrum
 from stiffbeam.references import reference
 from stiffbeam.trajectory.trajectory import Reference, Trajectory
 

@@ -282,7 +282,7 @@ def test_the_problems_are_listed_shown_and_set_in_latex(command):
 
 
 def test_every_problem_can_be_set_in_latex():
-    from stiffbeam.testset.latex import latex_table
+    from stiffbeam.testset.scorecard import latex_table
 
     for problem in sb.problems().values():
         text = latex_table(problem)

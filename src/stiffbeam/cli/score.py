@@ -38,11 +38,11 @@ def score(
     Exit status 0: nothing is flagged; 1: an error does not fall with the step, or too slowly, or a run failed.
     """
     from ..schemes.labels import split_runs
+    from ..testset.measure import read_trajectory
     from ..testset.problem import folder, problems
     from ..testset.problem import problem as find
     from ..testset.score import score as score_all
     from ..testset.score import score_trajectories
-    from ..testset.trajectory_file import read_trajectory
 
     # What writes one thing takes no option that would be passed over.
     alone = "--list" if show else "--latex" if latex else "--trajectory" if trajectory else None
@@ -63,7 +63,7 @@ def score(
         option = "--latex" if latex else "--trajectory"
         raise InputError("--problem", problem, f"name one problem for {option}", ", ".join(problems()))
     if latex:
-        from ..testset.latex import latex_table
+        from ..testset.scorecard import latex_table
 
         say(latex_table(find(names[0])))  # type: ignore[index]
         return

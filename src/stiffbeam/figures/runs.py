@@ -15,9 +15,8 @@ import numpy as np
 from ..basics.arrays import Array
 from ..basics.validation import InputError, integer
 from ..measures.comparison import Comparison, compare
+from ..measures.frequencies import amplitude_spectrum, drive_frequency
 from ..measures.report import percent
-from ..measures.smooth_motion import drive_frequency
-from ..measures.spectrum import amplitude_spectrum
 from ..model.contact import Stops
 from ..model.natural_modes import modes
 from ..model.problem import BeamProblem

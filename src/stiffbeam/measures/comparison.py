@@ -24,8 +24,8 @@ from ..trajectory.impacts import Impacts
 from ..trajectory.recorder import sampled_impacts
 from ..trajectory.trajectory import Reference, Trajectory
 from .errors import relative_error, rms, run_of
+from .frequencies import drive_frequency
 from .impacts import ContactMeasures, Matching, longest_delay, match
-from .smooth_motion import drive_frequency
 
 if TYPE_CHECKING:
     import pandas

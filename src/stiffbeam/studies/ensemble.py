@@ -31,9 +31,8 @@ from ..figures import (
 )
 from ..files.cases import Case
 from ..march.ensemble import integrate_ensemble
+from ..measures.frequencies import amplitude_spectrum, drive_amplitude, drive_frequency
 from ..measures.report import DASH, percent
-from ..measures.smooth_motion import drive_frequency
-from ..measures.spectrum import amplitude_spectrum, drive_amplitude
 from ..model.members import SPREAD, EnsembleMembers, perturbed_members
 from ..model.system import System
 from ..model.uncertain import uncertain_members

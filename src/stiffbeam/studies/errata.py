@@ -11,8 +11,8 @@ from ..figures import MARKERS, Axis, Curve, Level, Mark, Panel, Picture, column,
 from ..files.cases import Case
 from ..march.integrate import integrate
 from ..measures.errors import observed_order, tip_error
+from ..measures.frequencies import smooth_motion
 from ..measures.report import DASH
-from ..measures.smooth_motion import smooth_motion
 from ..model.system import System
 from ..schemes import SCHEMES, Scheme, make
 from ..schemes.misprints import forms_of

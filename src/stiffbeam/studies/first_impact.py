@@ -29,8 +29,8 @@ from ..basics.validation import InputError, one_of
 from ..figures import Axis, Curve, Level, Mark, Panel, Picture, column, dashed, groups, numeric, style_of
 from ..files.cases import Case
 from ..measures.errors import Order, observed_order
+from ..measures.frequencies import without_contact
 from ..measures.report import percent
-from ..measures.smooth_motion import without_contact
 from ..model.closed_form import natural_frequencies, roots
 from ..model.problem import BeamProblem
 from ..model.semidiscretisation import semidiscretise

@@ -18,8 +18,8 @@ from ..basics.validation import positive
 from ..figures import COLOURS, Axis, Curve, Mark, Panel, Picture, Ranges, column, groups, look, short
 from ..files.cases import Case
 from ..march.integrate import integrate
+from ..measures.frequencies import without_contact
 from ..measures.report import percent
-from ..measures.smooth_motion import without_contact
 from ..model.semidiscretisation import semidiscretise
 from ..references import solve
 from ..references.exact.rigid_reference import solve_rigid
