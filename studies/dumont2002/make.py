@@ -11,7 +11,7 @@ from typing import Any
 
 from stiffbeam.basics.resources import cores
 from stiffbeam.basics.storage import source_hash
-from stiffbeam.figures import save_figure
+from stiffbeam.figures.panels import save_figure
 from stiffbeam.files.cases import paper_cases
 from stiffbeam.march.integrate import integrate
 from stiffbeam.studies.engine.journal import Journal

@@ -152,7 +152,7 @@ def _draw(result: CaseComparison, folder: Path) -> list[Path]:
     units = result.case.units
     forms = list(dict.fromkeys(r.provenance["form"] for r in result.references))
     for form in forms:
-        from ..figures import save_figure
+        from ..figures.panels import save_figure
         from ..figures.runs import four_panels, verdict
 
         runs = [run for run in result.runs if run.provenance["form"] == form]

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..basics.progress import TALK
-from ..basics.text import cut, plain
+from ..basics.text import cells_of, cut, plain
 from ..basics.validation import InputError, file_path
 
 if TYPE_CHECKING:
@@ -34,15 +34,15 @@ def table_of(lines: Sequence[Mapping[str, str]]) -> Table:
     from rich import box
     from rich.table import Table
 
-    headings = list(dict.fromkeys(key for line in lines for key in line))
+    headings, rows = cells_of(lines)
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=0)
     for i, name in enumerate(headings):
         cells = [line.get(name, "") for line in lines]
         number = any(cell[:1] in "+-0123456789" for cell in cells if cell)
         whole = not i and max(map(len, cells)) <= NAME
         table.add_column(name, justify="right" if number else "left", overflow="fold", no_wrap=whole)
-    for line in lines:
-        table.add_row(*(line.get(name, "–") for name in headings))
+    for row in rows:
+        table.add_row(*row)
     return table
 
 

@@ -87,12 +87,20 @@ def freeze(reference: Reference, case: str, file: str | Path) -> dict[str, Any]:
         "t_end": t_end,
         "digits": reference.provenance["digits"],
         "confirmed_with": reference.provenance["digits_confirmed_with"],
-        "impacts": sum(contact.impacts.count for contact in reference.contacts),
-        "contact_fraction": max((contact.fraction for contact in reference.contacts), default=0.0),
-        "peak_force": max((contact.peak_force for contact in reference.contacts), default=0.0),
+        **contact_facts(reference),
         "bound": BOUND,
         "seconds": round(reference.work.seconds, 1),
         "hash": dataset.attrs["hash"],
+    }
+
+
+def contact_facts(run: Trajectory) -> dict[str, float]:
+    """Impacts of all contacts, the largest share of contact and force among them, for a manifest."""
+    contacts = run.contacts
+    return {
+        "impacts": sum(contact.impacts.count for contact in contacts),
+        "contact_fraction": max((contact.fraction for contact in contacts), default=0.0),
+        "peak_force": max((contact.peak_force for contact in contacts), default=0.0),
     }
 
 

@@ -11,7 +11,8 @@ from typing import Annotated
 import numpy as np
 
 from ..basics.validation import InputError
-from ..figures import Axis, Curve, Panel, Picture, groups, look, short
+from ..figures.chart import Axis, Curve, Panel, Picture, groups
+from ..figures.panels import look, short
 from ..files.cases import Case
 from ..measures.errors import Order, observed_order, tip_error
 from ..measures.frequencies import slowest_period, smooth_motion, without_contact

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 
 from ..basics.validation import InputError
-from ..figures import MARKERS, Axis, Curve, Level, Mark, Panel, Picture, column, dashed, groups, look, short
+from ..figures.chart import Axis, Curve, Level, Mark, Panel, Picture, groups
+from ..figures.panels import MARKERS, column, dashed, look, short
 from ..files.cases import Case
 from ..march.integrate import integrate
 from ..measures.errors import observed_order, tip_error

@@ -15,7 +15,8 @@ import numpy as np
 
 from ..basics.arrays import Array
 from ..basics.units import Units
-from ..figures import Axis, Band, Curve, Level, Mark, Panel, Picture, column, curves, look, numeric, short, style_of
+from ..figures.chart import Axis, Band, Curve, Level, Mark, Panel, Picture, curves, style_of
+from ..figures.panels import column, look, numeric, short
 from ..files.cases import Case
 from ..march.integrate import integrate
 from ..measures.impacts import longest_delay, match

@@ -8,7 +8,8 @@ from typing import Annotated
 import numpy as np
 
 from ..basics.arrays import Array
-from ..figures import Axis, Curve, Mark, Panel, Picture, column, groups, look, short
+from ..figures.chart import Axis, Curve, Mark, Panel, Picture, groups
+from ..figures.panels import column, look, short
 from ..files.cases import Case
 from ..march.integrate import integrate
 from ..measures.amplification import amplification, free_mode_errors

@@ -18,7 +18,7 @@ from ..basics.storage import write_whole
 from ..basics.text import plain
 from ..basics.validation import InputError, positive
 from ..files.cases import Case, case_text, paper_cases
-from ..files.store import load
+from ..files.store import contact_facts, freeze, load
 from ..measures.impacts import impact_times
 from ..references import reference, solve
 from ..references.agreement import agreement
@@ -76,13 +76,10 @@ def _contradicted(file: Path, solution: Trajectory, entry: dict[str, Any]) -> st
 
     with xr.open_dataset(file, engine="h5netcdf", decode_times=False) as data:
         written = data.attrs.get("hash"), data.attrs.get("bound")
-    notes, contacts = solution.provenance, solution.contacts
-    facts = {
-        "impacts": sum(contact.impacts.count for contact in contacts), "t_end": notes["t_end"], "form": notes["form"],
-        "digits": notes.get("digits"), "confirmed_with": notes.get("digits_confirmed_with"),
-        "contact_fraction": max((contact.fraction for contact in contacts), default=0.0),
-        "peak_force": max((contact.peak_force for contact in contacts), default=0.0),
-        "hash": written[0], "bound": written[1],
+    notes = solution.provenance
+    facts: dict[str, Any] = contact_facts(solution) | {
+        "t_end": notes["t_end"], "form": notes["form"], "digits": notes.get("digits"),
+        "confirmed_with": notes.get("digits_confirmed_with"), "hash": written[0], "bound": written[1],
     }  # fmt: skip
     for name, fact in facts.items():
         said = entry.get(name)
@@ -160,8 +157,6 @@ def remake(folder: Path, only: list[str] | None = None, progress: Show = silent)
     stopped, and a deleted file is computed again. ``only``: names of tables. All of them take about a quarter of an
     hour.
     """
-    from ..files.store import freeze
-
     jobs = [job for job in wanted() if only is None or set(only) & set(job[2])]
     if not jobs:
         raise InputError("only", only, "name tables of the paper", "for example table10")
