@@ -21,7 +21,6 @@ def labels(text: str | None) -> list[str] | None:
 
 def numbers(text: str | None, kind: Callable[[str], Any]) -> list[Any] | None:
     """Numbers with commas between them."""
-
     try:
         return None if text is None else [kind(part) for part in text.split(",")]
     except ValueError:

@@ -65,7 +65,6 @@ def file_name(label: str) -> str:
 
 def make_folder(folder: Path, option: str = "--out") -> Path:
     """``folder``, created if necessary; InputError if that is impossible or nothing can be written there."""
-
     file_path(option, folder)
     try:
         folder.mkdir(parents=True, exist_ok=True)

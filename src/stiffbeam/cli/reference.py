@@ -34,7 +34,6 @@ def reference_command(
     json_file: Json = None,
 ) -> None:
     """Make, compare and check reference solutions."""
-
     if sum(x is not None for x in (case, check, remake)) != 1:
         remedy = "give exactly one of them"
         raise InputError("reference", "its arguments", "be one of CASE, --check PATH and --remake DIR", remedy)

@@ -13,7 +13,7 @@ from typing import Annotated, Any
 import typer
 
 from ..basics.progress import progress
-from ..basics.validation import InputError
+from ..basics.validation import InputError, integer
 from .application import app
 from .options import Jobs, Json, References, option
 from .output import check_json, console, make_folder, say, table_of, write_json
@@ -41,10 +41,14 @@ def reproduce(
 
     tables = _tables(what, number)
     paper = _paper()
-    _check(out, jobs, json_file)
+    if jobs is not None:
+        integer("--jobs", jobs, 1)
+    check_json(json_file)
+    make_folder(out)
     chosen = paper.reading(contact, printed, references)
     with progress() as show:
-        page, results = paper.reproduce(tables, chosen, out, jobs or cores(), progress=show, command=_command())
+        typed = shlex.join(["stiffbeam", *sys.argv[1:]])  # without the folder of the program
+        page, results = paper.reproduce(tables, chosen, out, jobs or cores(), progress=show, command=typed)
     written = [page]
     if what == "figure":
         drawn = out / chosen.name / f"table{number}" / f"figure{number}.png"
@@ -62,7 +66,6 @@ def _paper() -> Any:
 
     Its processes find it by the path as well. InputError where an installed package has no checkout around it.
     """
-
     package = Path(__file__).parents[1]
     studies = package.parents[1] / "studies"
     if not (studies / "dumont2002" / "__init__.py").is_file():
@@ -74,26 +77,12 @@ def _paper() -> Any:
 
 
 def _tables(what: str, number: int | None) -> list[int] | None:
-
     if what == "all" and number is None:
         return None
     if what not in ("table", "figure") or number is None:
         words = what if number is None else f"{what} {number}"
         raise InputError("reproduce", words, "be all, table N or figure N", "for example: stiffbeam reproduce table 10")
     return [number]
-
-
-def _check(out: Path, jobs: int | None, json_file: Path | None) -> None:
-
-    if jobs is not None and jobs < 1:
-        raise InputError("--jobs", jobs, "be >= 1", "for example 2, or leave it out")
-    check_json(json_file)
-    make_folder(out)
-
-
-def _command() -> str:
-    """The command line as typed, without the folder of the program."""
-    return shlex.join(["stiffbeam", *sys.argv[1:]])
 
 
 def _print(records: dict[str, Any], exact_name: Callable[[str, dict[str, Any]], str]) -> None:

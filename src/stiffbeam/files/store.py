@@ -34,7 +34,7 @@ from ..references.exact.piecewise import reference_of
 from ..schemes.labels import parse_run, run_label
 from ..trajectory.impacts import ContactRecord, Impacts
 from ..trajectory.ledger import Ledger
-from ..trajectory.schema import FORMAT, HASHED, IMPACT_FIELDS, LEDGER_FIELDS, renamed
+from ..trajectory.schema import BEFORE, FORMAT, HASHED, IMPACT_FIELDS, LEDGER_FIELDS
 from ..trajectory.trajectory import Pieces, Reference, Trajectory, Work, output_index
 from .cases import parse_case
 
@@ -341,7 +341,7 @@ def _from_dataset(data: xr.Dataset, path: Path, system: System | None) -> Trajec
         raise InputError("file", str(path), "hold what its hash says", "it is damaged: save the run again")
     if system is not None and system.fingerprint != data.attrs["fingerprint"]:
         raise InputError("file", str(path), "be of the system it is read with", "it is of another one")
-    data = data.rename(renamed(data.variables))
+    data = data.rename({name: BEFORE[name] for name in map(str, data.variables) if name in BEFORE})
     contacts, kinds = [], data.attrs["impact_kind"].split(",")  # one for all contacts, or one for each
     for i, stops_data in enumerate(json.loads(data.attrs["stops"])):
         mine = data["impact_contact"].values == i

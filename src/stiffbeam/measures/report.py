@@ -60,15 +60,6 @@ def _names(comparisons: Sequence[Comparison]) -> list[str]:
     ]
 
 
-def _count(impacts: int) -> str:
-    """The number of impacts, a dash where it is not known."""
-    return DASH if impacts < 0 else str(impacts)
-
-
-def _whole_number(value: float) -> str:
-    return f"{value:.0f}" if np.isfinite(value) else DASH
-
-
 def _lag(comparison: Comparison) -> str:
     """The phase lag, or in brackets the median impact delay of a single contact where it is undefined."""
     if not comparison.phase.undefined:
@@ -189,7 +180,8 @@ def _impacts(comparison: Comparison, whose: str, events: bool = False, forces: b
 
 def _counts(statistics: ContactMeasures, events: bool = False, forces: bool = False) -> tuple[str, ...]:
     """Impacts, with ``events`` those of the trajectory itself in brackets; share; peak force and impulse."""
-    count = f"{statistics.impacts} [{statistics.event_impacts}]" if events else _count(statistics.impacts)
+    count = f"{statistics.impacts}" if statistics.impacts >= 0 else DASH
+    count += f" [{statistics.event_impacts}]" if events else ""
     columns = (count, percent(statistics.fraction))
     return (*columns, number(statistics.peak_force, 4), number(statistics.impulse, 4)) if forces else columns
 
@@ -223,7 +215,12 @@ def _whole(comparisons: Sequence[Comparison], truth: Reference | None) -> Table:
     for name, c in zip(_names(comparisons), comparisons, strict=True):
         if c.steps:
             totals = _impacts(c, "run_totals", forces=True)
-            table.add_row(name, _whole_number(c.ns_per_step), *totals, percent(c.totals_energy_lost))
+            table.add_row(
+                name,
+                f"{c.ns_per_step:.0f}" if np.isfinite(c.ns_per_step) else DASH,
+                *totals,
+                percent(c.totals_energy_lost),
+            )
             for contact in _several(c):
                 table.add_row(f"  {contact.place}", "", *_counts(contact.run_totals, forces=True), "")
     return table

@@ -205,8 +205,10 @@ class Agreement:
             "skipped": self.skipped,
             "seconds": {name: r.work.march_seconds for name, r in self.references.items()},
             "work": {name: r.work.counters for name, r in self.references.items()},
-            "differences": plain(_by_name(self.differences, names)),
-            "impact_differences": plain(_by_name(self.impact_differences, names)),
+            **{
+                name: plain({a: dict(zip(names, row, strict=True)) for a, row in zip(names, matrix, strict=True)})
+                for name, matrix in (("differences", self.differences), ("impact_differences", self.impact_differences))
+            },
         }
 
 
@@ -230,7 +232,8 @@ def agree(
     references: dict[str, Reference] = {}
     skipped: dict[str, str] = {}
     left = budget
-    for done, method in enumerate(sorted(methods, key=_cost)):
+    cheap_first = sorted(methods, key=lambda method: REFERENCES[method].seconds if method in REFERENCES else math.inf)
+    for done, method in enumerate(cheap_first):
         progress(method, done, len(methods))
         begun = time.perf_counter()
         try:
@@ -267,11 +270,6 @@ def agree(
     )
 
 
-def _cost(method: str) -> float:
-    """Cheap ones first, what is not registered last."""
-    return REFERENCES[method].seconds if method in REFERENCES else math.inf
-
-
 def _impact_difference(a: Reference, b: Reference, end: float) -> float:
     """Largest difference of paired impact times to ``end``; NaN where one of them does not find impacts as events."""
     largest = 0.0
@@ -297,7 +295,3 @@ def _inconsistent(references: dict[str, Reference], baseline: str, rtol: float) 
         if not error <= claim:
             inconsistent[name] = f"{error:.1e} off before the first impact, claimed {claim:.0e}"
     return inconsistent
-
-
-def _by_name(matrix: Array, names: list[str]) -> dict[str, dict[str, float]]:
-    return {a: dict(zip(names, row, strict=True)) for a, row in zip(names, matrix, strict=True)}

@@ -171,11 +171,10 @@ def _past(runner: Integrator, each: Problem) -> tuple[dict[str, float], ...]:
         impacts = impacts_of(each, motion, known.t_end)
         if impacts is None or motion.position is None:
             return ()
-        peaks = impacts.peaks[np.isfinite(impacts.peaks)]
         seen = {
             "impacts": float(impacts.count),
             "contact_fraction": float(np.mean(stops.state(motion.position, motion.velocity) != 0)),
-            "median_peak": float(np.median(peaks)) if len(peaks) else float("nan"),
+            "median_peak": impacts.median_peak,
         }
         off = {name: (seen[name] - mean) / deviation for name, (mean, deviation) in known.values.items()}
         rows.append({"steps": float(steps), **off})

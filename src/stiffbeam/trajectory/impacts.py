@@ -78,6 +78,12 @@ class Impacts:
         """Durations of the contacts, from entry to exit, (count,)."""
         return self.ends - self.times
 
+    @property
+    def median_peak(self) -> float:
+        """Median of the peaks that are known, NaN for none."""
+        peaks = self.peaks[np.isfinite(self.peaks)]
+        return float(np.median(peaks)) if len(peaks) else float("nan")
+
     def take(self, rows: Any) -> Impacts:
         """The impacts of these rows: a slice, numbers, or a mask (count,)."""
         return replace(self, **{name: getattr(self, name)[rows] for name in COLUMNS})

@@ -252,11 +252,6 @@ def frame_of(values: Values, index: str, units: Units | None = None, **attribute
     return frame.set_index(index) if index in columns else frame.rename_axis(index)
 
 
-def renamed(variables: Iterable[Any]) -> dict[str, str]:
-    """The new names of the variables of an older file, by their names in the file."""
-    return {name: BEFORE[name] for name in variables if name in BEFORE}
-
-
 SUFFIXES = (".nc", ".nc4", ".h5", ".csv", ".mat", ".json")
 HASHED = ("stiffbeam_format", "kind", "fingerprint", "provenance", "work", "stops", "impact_kind", "horizon")
 
